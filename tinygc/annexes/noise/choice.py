@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tinygc.annexes.noise.likelihood import Fitted, cost, fit, fit_with_time, unit_covariance
+from tinygc.annexes.noise.likelihood import Fitted, Stacked, cost, fit, fit_with_time, stacked, stacks_of, unit_covariance
 from tinygc.annexes.noise.scales import Group
 
 #: terms that may be added to N, and lines
@@ -28,6 +28,8 @@ TIMES_PER_DECADE, FOLLOWED = 5, 2
 SHORTEST_MEANS, LONGEST_SHARE = 10.0, 0.1
 #: of the shortest time: a shorter one is no term of the sensor but what its filter makes of the finest level
 AT_BOUND = 1.1
+#: share of a line's power that means of the finest scale pass, below which they do not show it
+PASSED = 0.01
 #: rise of -2 log L at a one-sided limit of 95 %
 AT_LIMIT = 1.645**2
 
@@ -46,12 +48,9 @@ class Chosen:
 
     def log_sigma(self, name: str) -> float:
         """Sigma of ln s."""
-        return float(np.sqrt(self.fitted.covariance[(k := self.names.index(name)), k]) / 2)
-
-    @property
-    def time_log_sigma(self) -> float:
-        """Sigma of ln T of a Gauss-Markov term."""
-        return float(np.sqrt(self.fitted.covariance[-1, -1]))
+        k = self.names.index(name)
+        alone = float(self.fitted.information[k, k])  # a term without any information has no part in the pseudo-inverse
+        return float(np.sqrt(max(self.fitted.covariance[k, k], 1 / alone)) / 2) if alone > 1e-12 else float("inf")
 
 
 @dataclass(eq=False)
@@ -65,6 +64,9 @@ class Search:
     tried: dict[frozenset[str], Chosen | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self.stacks = stacks_of(self.groups)
+        finest_s = min(group.size for group in self.groups) * self.period_s
+        self.lines_hz = tuple(hz for hz in self.lines_hz if np.sinc(hz * finest_s) ** 2 > PASSED)
         names = [name for name in ("N", *self.candidates) if name != "G"]
         self.V = {name: self.unit(name) for name in names}
         self.always = ("N", *(f"line{k}" for k in range(len(self.lines_hz))))
@@ -72,9 +74,9 @@ class Search:
             self.V[name] = self.unit("line", hz=hz)
         self.bounds_s = self.bounds()
 
-    def unit(self, name: str, correlation_s: float = 1.0, hz: float = 0.0) -> list[np.ndarray]:
-        """Return the covariance of each group's contrasts for a term of size 1."""
-        return unit_covariance(name, self.groups, self.period_s, correlation_s, hz)
+    def unit(self, name: str, correlation_s: float = 1.0, hz: float = 0.0) -> Stacked:
+        """Return the covariance of all contrasts for a term of size 1."""
+        return stacked(unit_covariance(name, self.groups, self.period_s, correlation_s, hz), self.stacks)
 
     def bounds(self) -> tuple[float, float]:
         """Shortest and longest correlation time of a Gauss-Markov term, s."""
@@ -113,19 +115,22 @@ class Search:
         names = (*self.always, *(name for name in self.candidates if name in terms and name != "G"))
         at = [(near.variance(name) if near is not None else 0.0) or 0.3 * self.most(self.V[name]) for name in names]
         if "G" not in terms:
-            return self._judged(names, fit(names, self.V, self.groups, np.array(at)))
+            return self._judged(names, fit(names, self.V, self.stacks, np.array(at)))
         names = (*names, "G")
         if near is not None and "G" in near.names:
             starts = [(near.variance("G"), near.fitted.correlation_s)]
         else:
             starts = self._times(names[:-1], np.array(at))
-        fits = [fit_with_time(names, self.V, self.groups, np.array([*at, x]), time, self.bounds_s, self.unit) for x, time in starts]
+        fits = [fit_with_time(names, self.V, self.stacks, np.array([*at, x]), time, self.bounds_s, self.unit) for x, time in starts]
         return self._judged(names, min(fits, key=lambda each: each.value)) if fits else None
 
-    def most(self, V: list[np.ndarray]) -> float:
+    def most(self, V: Stacked) -> float:
         """Largest variance that a term may have: at some scale it would be all that is there."""
-        shares = [np.trace(group.S) / (group.count * np.trace(v)) for group, v in zip(self.groups, V, strict=True) if np.trace(v) > 0]
-        return float(min(shares, default=1.0)) or 1e-30
+        shares = []
+        for stack, own in zip(self.stacks, V, strict=True):
+            size = stack.count * np.trace(own, axis1=1, axis2=2)
+            shares += [float(s) for s in (np.trace(stack.S, axis1=1, axis2=2)[size > 0] / size[size > 0])]
+        return min(shares, default=1.0) or 1e-30
 
     def _times(self, names: Sequence[str], x: np.ndarray) -> list[tuple[float, float]]:
         """Return variances and correlation times of a Gauss-Markov term at which the likelihood rises most, to first order."""
@@ -135,7 +140,7 @@ class Search:
         gains = []
         for time in times:
             V = self.unit("G", time)
-            _, slope, curvature = cost(x, [*own, V], self.groups)
+            _, slope, curvature = cost(x, [*own, V], self.stacks)
             left = curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(curvature[:-1, :-1], curvature[:-1, -1], rcond=None)[0]
             size = max(-slope[-1] / max(left, 1e-300), 0.0)
             gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
@@ -150,9 +155,10 @@ class Search:
             return None
         if "G" in names and fitted.correlation_s < AT_BOUND * self.bounds_s[0]:
             return None
-        count = len(names) + ("G" in names)
-        log_width = count / 2 * np.log(2 * np.pi) + np.linalg.slogdet(fitted.covariance)[1] / 2
-        log_prior = -len(names) * np.log(2 * DECADES * np.log(10)) + len(terms) * np.log(ODDS)
+        # Lines are in every set: what they add to the evidence is the same for all.
+        own = [k for k, name in enumerate(names) if not name.startswith("line")] + ([len(names)] if "G" in names else [])
+        log_width = len(own) / 2 * np.log(2 * np.pi) + np.linalg.slogdet(fitted.covariance[np.ix_(own, own)])[1] / 2
+        log_prior = -(len(terms) + 1) * np.log(2 * DECADES * np.log(10)) + len(terms) * np.log(ODDS)
         if "G" in names:
             log_prior -= float(np.log(np.log(self.bounds_s[1] / self.bounds_s[0])))
         return replace(chosen, log_evidence=float(-fitted.value / 2 + log_width + log_prior))
@@ -170,7 +176,7 @@ class Search:
             z = start.copy()
             best = np.inf
             for _ in range(6):
-                value, slope, curvature = cost(np.append(np.exp(z), np.exp(log_x)), [*own, V], self.groups)
+                value, slope, curvature = cost(np.append(np.exp(z), np.exp(log_x)), [*own, V], self.stacks)
                 if not value < best - 1e-3:
                     break
                 best, x = value, np.exp(z)
@@ -178,7 +184,7 @@ class Search:
             return best - chosen.fitted.value, z
 
         z = np.log(chosen.fitted.x)
-        _, slope, curvature = cost(chosen.fitted.x, [*own, V], self.groups)
+        _, slope, curvature = cost(chosen.fitted.x, [*own, V], self.stacks)
         inner = curvature[:-1, :-1]
         left = float(curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(inner, curvature[:-1, -1], rcond=None)[0])
         peak = max(-float(slope[-1]) / max(left, 1e-300), 0.0)
@@ -199,6 +205,11 @@ class Search:
                 at = at + 0.7 if np.isinf(high) else at - 0.7
         return float(np.exp(at / 2))
 
-    def matrices(self, chosen: Chosen, name: str) -> list[np.ndarray]:
-        """Return the covariance of each group's contrasts for a term of size 1."""
+    def covariance(self, chosen: Chosen) -> Stacked:
+        """Return the covariance of all contrasts."""
+        every = [self.matrices(chosen, name) for name in chosen.names]
+        return [np.tensordot(chosen.fitted.x, np.stack([own[s] for own in every]), axes=1) for s in range(len(self.stacks))]
+
+    def matrices(self, chosen: Chosen, name: str) -> Stacked:
+        """Return the covariance of all contrasts for a term of size 1."""
         return self.unit("G", chosen.fitted.correlation_s) if name == "G" else self.V[name]

@@ -12,6 +12,7 @@ import numpy as np
 from session.io.errors import DataError
 from tinygc.annexes.noise.choice import Search
 from tinygc.annexes.noise.estimate import MISFIT, described, goodness
+from tinygc.annexes.noise.likelihood import Stacked
 from tinygc.annexes.noise.scales import Group
 from tinygc.noise.figures import AxisNoise, unit_allan_variance
 
@@ -31,9 +32,9 @@ class CurveSearch(Search):
         ]
         super().__init__(groups, 1.0)
 
-    def unit(self, name: str, correlation_s: float = 1.0, hz: float = 0.0) -> list[np.ndarray]:
+    def unit(self, name: str, correlation_s: float = 1.0, hz: float = 0.0) -> Stacked:
         """Return the Allan variance of a term of size 1 at each averaging time."""
-        return [np.array([[v]]) for v in unit_allan_variance(name, self.tau_s, correlation_s)]
+        return [unit_allan_variance(name, self.tau_s, correlation_s)[:, None, None]]
 
     def bounds(self) -> tuple[float, float]:
         """Correlation times that the curve shows by both their sides."""

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 from scipy.stats import chi2
 
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from session.io.errors import DataError
-from tinygc.annexes.noise.choice import Chosen, Search
-from tinygc.annexes.noise.likelihood import cost, unit_covariance
+from tinygc.annexes.noise.choice import UNSEEN, Chosen, Search
+from tinygc.annexes.noise.dependence import sandwich
+from tinygc.annexes.noise.likelihood import cost, stacked, stacks_of, unit_covariance
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
-from tinygc.annexes.noise.scales import TOP, Group, groups_of, rest_of
+from tinygc.annexes.noise.scales import TOP, Group, groups_of, rest_of, unsteady
 from tinygc.annexes.noise.summary import SECTION, RestSums, contrasts, ratios_of
 from tinygc.noise.figures import TERMS, AxisNoise, Line, NoiseFigures, SensorNoise, Term
 
@@ -23,12 +25,14 @@ Progress = Callable[[str, int, int], None]
 SAME_RATE = 0.02
 #: probability of the model's misfit below which its finest level is left out, in which the sensor's filter or a vibration shapes the noise
 MISFIT = 0.01
+#: sigmas of a change of N that chance does not make
+SHIFTED = 3.0
+#: sigma of ln N without the finest level, above which nothing is learned from it
+SEEN_WITHOUT = 0.3
 #: levels that are kept
 LEAST_LEVELS = 3
 #: lines of a channel that are described, the strongest
 MOST_LINES = 4
-#: periods of a line in a mean: a faster one is averaged away
-PASSED = 0.5
 #: bins of the spectrum within which two lines are one
 NEAR = 4
 #: windows per contrast from which a group's whole covariance is tested, else its chi-square alone
@@ -84,9 +88,10 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
             axes.append(None)
             bands.append([])
             continue
-        found, own, search = _axis(groups, period_s, _lines_hz(sections[:, :, channel // 3 * 3 :][:, :, :3], channel % 3, period_s))
+        found = _axis(groups, period_s, _lines_hz(sections[:, :, channel // 3 * 3 :][:, :, :3], channel % 3, period_s))
         axes.append(found)
-        bands.append(allan_points(search.groups if own is None else groups, period_s, found))
+        bands.append(allan_points(groups, period_s, found))
+        said += [f"{kind} {axis}: {line}" for line in unsteady(rests, channel, part.residuals, period_s)]
         if part.order:
             said.append(f"{kind} {axis}: temperature moves it by {_shown(part.rms, kind)} rms; taken off")
     if any(axis is None for axis in axes[:3]):
@@ -115,20 +120,42 @@ def _shown(size: float, kind: str) -> str:
 # One axis.
 
 
-def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> tuple[AxisNoise, Chosen, Search]:
-    """Estimate the terms from all scales that the model describes: a finest level that it does not is left out, and the next is tried."""
+def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> AxisNoise:
+    """Estimate the terms from all scales that the model describes.
+
+    The finest level is left out, and the next is tried, where the model misfits, or where N changes without it by more than chance (Hausman
+    1978): a misfit too small for chi-square may still shift N.  Where N changes at each, the finest level without a misfit counts, and the
+    sigma of N contains the change.
+    """
     sizes = sorted({group.size for group in groups})
-    for start in sizes[: max(len(sizes) - LEAST_LEVELS, 0) + 1]:
-        left = [group for group in groups if group.size >= start]
-        search = Search(left, period_s, tuple(hz for hz in lines_hz if hz * start * period_s < PASSED))
-        last = start == sizes[max(len(sizes) - LEAST_LEVELS, 0)]
-        if not last and _misfit_of_rich(search) < MISFIT:
+    starts = sizes[: max(len(sizes) - LEAST_LEVELS, 0) + 1]
+
+    def search_from(start: int) -> Search:
+        return Search([group for group in groups if group.size >= start], period_s, lines_hz)
+
+    fits: list[tuple[float, AxisNoise]] = []
+    for start, following in zip_longest(starts, starts[1:]):
+        search = search_from(start)
+        if following is not None and _misfit_of_rich(search) < MISFIT:
             continue
         chosen = search.best()
         p_value, excess = goodness(search, chosen)
-        if p_value >= MISFIT or last:
-            break
-    return described(search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0), chosen, search
+        change, sigma = (0.0, 0.0) if following is None else _change(chosen, search_from(following))
+        found = described(search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0, change)
+        fits.append((p_value, found))
+        if p_value >= MISFIT and abs(change) <= SHIFTED * sigma:
+            return replace(found, terms={**found.terms, "N": described(search, chosen, p_value, excess, 0.0).terms["N"]})
+    return next((found for p_value, found in fits if p_value >= MISFIT), max(fits, key=lambda fit: fit[0])[1])
+
+
+def _change(chosen: Chosen, without: Search) -> tuple[float, float]:
+    """Return the change of ln N where the finest level is left out, and its sigma by chance; none where N is not seen without it."""
+    terms = frozenset(chosen.names) & frozenset(without.candidates)
+    other = without.of(terms, chosen) or without.of(terms - {"Q"}, chosen)
+    if other is None or other.log_sigma("N") > SEEN_WITHOUT:
+        return 0.0, 0.0
+    change = float(np.log(other.variance("N") / chosen.variance("N"))) / 2
+    return change, float(np.sqrt(max(other.log_sigma("N") ** 2 - chosen.log_sigma("N") ** 2, 0.0)))
 
 
 def _misfit_of_rich(search: Search) -> float:
@@ -149,54 +176,63 @@ def goodness(search: Search, chosen: Chosen) -> tuple[float, float]:
     windows by its chi-square alone.
     """
     total, freedom = 0.0, 0.0
-    for g, group in enumerate(search.groups):
-        C = sum(x * search.matrices(chosen, name)[g] for name, x in zip(chosen.names, chosen.fitted.x, strict=True))
-        R = np.linalg.solve(C, group.S)
-        d, n = len(R), group.count
-        if n >= ENOUGH * d:
-            bartlett = 1 - (2 * d + 1 - 2 / (d + 1)) / (6 * n)
-            total += bartlett * n * (float(np.trace(R)) / n - float(np.linalg.slogdet(R / n)[1]) - d)
-            freedom += d * (d + 1) / 2
-        else:
-            total += float(np.trace(R))
-            freedom += n * d
+    for stack, C in zip(search.stacks, search.covariance(chosen), strict=True):
+        R = np.linalg.solve(C, stack.S)
+        d, n = R.shape[1], stack.count
+        trace = np.trace(R, axis1=1, axis2=2)
+        many = n >= ENOUGH * d
+        bartlett = 1 - (2 * d + 1 - 2 / (d + 1)) / (6 * n[many])
+        log_size = np.linalg.slogdet(R[many] / n[many, None, None])[1]
+        total += float(np.sum(bartlett * (trace[many] - n[many] * (log_size + d))) + np.sum(trace[~many]))
+        freedom += d * (d + 1) / 2 * np.count_nonzero(many) + float(np.sum(n[~many])) * d
     freedom = max(freedom - len(chosen.names) - ("G" in chosen.names), 1.0)
     return float(chi2.sf(total, freedom)), max(total / freedom, 1.0)
 
 
-def described(search: Search, chosen: Chosen, p_value: float, excess: float, from_s: float) -> AxisNoise:
-    """Return an axis' record: sizes, sigmas, wider where the model does not describe the data, limits and probabilities."""
+def described(search: Search, chosen: Chosen, p_value: float, excess: float, from_s: float, change: float = 0.0) -> AxisNoise:
+    """Return an axis' record: sizes, sigmas, wider where the model does not describe the data, limits and probabilities.
+
+    change: of ln N, beyond chance, where the finest level is left out.
+    """
     wider = np.sqrt(excess) if p_value < MISFIT else 1.0
+    of_rests = any(group.top for group in search.groups)
+    covariance = sandwich(search, chosen) if of_rests else chosen.fitted.covariance
+    log_sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / 2
     terms = {}
     for name in TERMS:
         probability = 1.0 if name == "N" else search.probability(name)
         if name not in chosen.names:
             terms[name] = Term(0.0, None, probability, None if name == "G" else search.limit(chosen, name))
             continue
-        value, sigma = float(np.sqrt(chosen.variance(name))), chosen.log_sigma(name) * float(np.sqrt(chosen.variance(name)))
-        if name == "R" and any(group.top for group in search.groups):
+        value = float(np.sqrt(chosen.variance(name)))
+        sigma = value * float(log_sigma[chosen.names.index(name)])
+        if name == "R" and of_rests:
             value, sigma = _slope(search, chosen)
-        terms[name] = Term(value, sigma * wider, probability)
+        sigma = float(np.hypot(sigma * wider, value * change if name == "N" else 0.0))
+        terms[name] = Term(value, sigma, probability)
         if name == "G":
             time = chosen.fitted.correlation_s
-            terms[name] = Term(value, sigma * wider, probability, None, time, time * chosen.time_log_sigma * wider)
-    lines = [Line(hz, float(np.sqrt(chosen.variance(f"line{k}")))) for k, hz in enumerate(search.lines_hz)]
-    return AxisNoise(terms, tuple(line for line in lines if line.rms > 0), p_value, excess, from_s)
+            terms[name] = Term(value, sigma, probability, None, time, time * 2 * float(log_sigma[-1]) * wider)
+    lines = [(f"line{k}", hz) for k, hz in enumerate(search.lines_hz)]
+    seen = tuple(Line(hz, float(np.sqrt(chosen.variance(name)))) for name, hz in lines if chosen.log_sigma(name) < UNSEEN)
+    return AxisNoise(terms, seen, p_value, excess, from_s)
 
 
 def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
     """Return the size of a ramp and its sigma, by least squares in the coarsest vectors with the noise of the other terms."""
     square, information = 0.0, 0.0
-    for g, group in enumerate(search.groups):
-        if not group.top:
-            continue
-        C = sum(x * search.matrices(chosen, name)[g] for name, x in zip(chosen.names, chosen.fitted.x, strict=True) if name != "R")
-        t = group.basis.T @ (group.at * group.size * search.period_s)
-        w = np.linalg.solve(C, t)
-        information += float(t @ w)
-        square += float(w @ group.S @ w)
+    without = replace(chosen.fitted, x=chosen.fitted.x * (np.array(chosen.names) != "R"))
+    covariance = search.covariance(replace(chosen, fitted=without))
+    for stack, C in zip(search.stacks, covariance, strict=True):
+        for which, S, own in zip(stack.which, stack.S, C, strict=True):
+            group = search.groups[which]
+            if group.top:
+                t = group.basis.T @ (group.at * group.size * search.period_s)
+                w = np.linalg.solve(own, t)
+                information += group.count * float(t @ w)
+                square += float(w @ S @ w)
     # of several rests, each with a slope of its own: their weighted rms
-    return float(np.sqrt(square / information**2)), float(1 / np.sqrt(information))
+    return float(np.sqrt(square * sum(group.count for group in search.groups if group.top)) / information), float(1 / np.sqrt(information))
 
 
 # Lines.
@@ -332,9 +368,10 @@ def _relative(terms: dict[str, tuple[float, float | None]], name: str, duration_
     groups = [Group(s, np.arange(r), contrasts(r), np.zeros((r - 1, r - 1)), n) for s, r, n in shapes if s * period_s >= from_s * 0.99]
     groups.append(Group(size, np.arange(count), contrasts(count), np.zeros((count - 1,) * 2), 1.0, top=True))
     names = list(terms)
-    V = [unit_covariance(key, groups, period_s, terms[key][1] or 1.0) for key in names]
+    stacks = stacks_of(groups)
+    V = [stacked(unit_covariance(key, groups, period_s, terms[key][1] or 1.0), stacks) for key in names]
     x = np.array([terms[key][0] ** 2 for key in names])
-    _, _, curvature = cost(x, V, groups)
+    _, _, curvature = cost(x, V, stacks)
     information = curvature * np.outer(x, x) / 2
     variance = np.linalg.pinv(information, hermitian=True)[names.index(name), names.index(name)]
     seen = information[names.index(name), names.index(name)]

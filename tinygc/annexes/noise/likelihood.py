@@ -5,9 +5,8 @@ Contrasts z of windows are Gaussian with covariance C = sum s_k^2 V_k, V_k that 
     -2 log L = sum over groups  n log|C| + tr(C^-1 S),    S = sum of z z' over the n windows.
 
 The contrasts of a window do not contain its mean, nor do those of the coarsest vector contain the mean of the rest (restricted likelihood,
-Patterson & Thompson 1971).  Windows and levels are taken as independent.  For white noise and quantisation within windows that is exact;
-for flicker and walks neighbours correlate weakly, as wavelet coefficients do: with a coarsest vector of 64 the sigmas are right within
-their own error (benchmarks/noise_terms.py).
+Patterson & Thompson 1971).  Windows and levels are taken as independent, which
+they are for white noise.  For walks and flicker they are nearly so, like wavelet coefficients; ``dependence`` has what that does to sigmas.
 """
 
 from __future__ import annotations
@@ -77,6 +76,34 @@ def unit_covariance(name: str, groups: Sequence[Group], period_s: float, correla
     return found
 
 
+#: covariances of all groups for one term, by stacks of groups with equally many contrasts: (g, d, d) each
+Stacked = list[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Groups with d contrasts each: S (g, d, d); count (g,); which: places of the groups."""
+
+    S: np.ndarray
+    count: np.ndarray
+    which: list[int]
+
+
+def stacks_of(groups: Sequence[Group]) -> list[Stack]:
+    """Put groups of the same shape together: their small matrices are inverted in one call."""
+    width = np.array([len(group.S) for group in groups])
+    found = []
+    for d in np.unique(width):
+        which = np.flatnonzero(width == d).tolist()
+        found.append(Stack(np.stack([groups[k].S for k in which]), np.array([groups[k].count for k in which]), which))
+    return found
+
+
+def stacked(V: Sequence[np.ndarray], stacks: Sequence[Stack]) -> Stacked:
+    """Stack the covariances of all groups like the groups."""
+    return [np.stack([V[k] for k in stack.which]) for stack in stacks]
+
+
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """x (K,): variances s^2; value: -2 log L; information (K + f, K + f): of ln s^2, and of ln T of a Gauss-Markov term last."""
@@ -92,61 +119,62 @@ class Fitted:
         return np.asarray(np.linalg.pinv(self.information, hermitian=True))
 
 
-def cost(x: np.ndarray, V: list[list[np.ndarray]], groups: Sequence[Group]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return -2 log L of variances x (K,), and its derivatives by each matrix of V (K', groups): slope (K',), expected curvature (K', K').
+def cost(x: np.ndarray, V: Sequence[Stacked], stacks: Sequence[Stack]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return -2 log L of variances x (K,), and its derivatives by each matrix of V (K', …): slope (K',), expected curvature (K', K').
 
     Matrices beyond the first K count in the derivatives alone.  Infinite where C is not positive.
     """
-    count = len(V)
-    value, slope, curvature = 0.0, np.zeros(count), np.zeros((count, count))
-    for g, group in enumerate(groups):
-        stack = np.stack([own[g] for own in V])
-        C = np.tensordot(x, stack[: len(x)], axes=1)
+    terms = len(V)
+    value, slope, curvature = 0.0, np.zeros(terms), np.zeros((terms, terms))
+    for s, stack in enumerate(stacks):
+        every = np.stack([own[s] for own in V])
+        C = np.tensordot(x, every[: len(x)], axes=1)
         try:
             factor = np.linalg.cholesky(C)
         except np.linalg.LinAlgError:
             return np.inf, slope, curvature
         inverse = np.linalg.inv(factor)
-        inverse = inverse.T @ inverse
-        A = inverse @ stack
-        seen = inverse @ group.S
-        value += 2 * group.count * float(np.sum(np.log(np.diag(factor)))) + float(np.trace(seen))
-        slope += group.count * np.trace(A, axis1=1, axis2=2) - np.tensordot(A, seen.T, axes=((1, 2), (0, 1)))
-        flat = A.reshape(count, -1)
-        curvature += group.count * (flat @ A.transpose(0, 2, 1).reshape(count, -1).T)
+        inverse = np.swapaxes(inverse, 1, 2) @ inverse
+        A = inverse @ every
+        seen = inverse @ stack.S
+        log_size = 2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+        value += float(stack.count @ log_size + np.trace(seen, axis1=1, axis2=2).sum())
+        turned = np.ascontiguousarray(np.swapaxes(A, 2, 3)).reshape(terms, -1)
+        slope += np.trace(A, axis1=2, axis2=3) @ stack.count - turned @ seen.ravel()
+        curvature += (A * stack.count[:, None, None]).reshape(terms, -1) @ turned.T
     return value, slope, curvature
 
 
-def fit(names: Sequence[str], V: dict[str, list[np.ndarray]], groups: Sequence[Group], start: np.ndarray) -> Fitted:
-    """Maximise the likelihood over the variances (K,) of terms by Fisher scoring in their logarithms; V: by name, each with all groups."""
+def fit(names: Sequence[str], V: dict[str, Stacked], stacks: Sequence[Stack], start: np.ndarray) -> Fitted:
+    """Maximise the likelihood over the variances (K,) of terms by Fisher scoring in their logarithms."""
     own = [V[name] for name in names]
-    return _scored(np.log(start), lambda z: own, groups)
+    return _scored(np.log(start), lambda z: own, stacks)
 
 
 def fit_with_time(
     names: Sequence[str],
-    V: dict[str, list[np.ndarray]],
-    groups: Sequence[Group],
+    V: dict[str, Stacked],
+    stacks: Sequence[Stack],
     start: np.ndarray,
     correlation_s: float,
     bounds_s: tuple[float, float],
-    unit: Callable[[str, float], list[np.ndarray]],
+    unit: Callable[[str, float], Stacked],
 ) -> Fitted:
     """Maximise it also over the correlation time of a Gauss-Markov term, the last of ``names``; start (K,): variances; unit: returns its
     covariances for a time."""
 
-    def matrices(z: np.ndarray) -> list[list[np.ndarray]]:
+    def matrices(z: np.ndarray) -> list[Stacked]:
         here, later = (unit("G", float(np.exp(z[-1] + step))) for step in (0.0, LOG_STEP))
         change = [np.exp(z[-2]) * (b - a) / LOG_STEP for a, b in zip(here, later, strict=True)]
         return [*(V[name] for name in names[:-1]), here, change]
 
-    return _scored(np.append(np.log(start), np.log(correlation_s)), matrices, groups, np.log(bounds_s))
+    return _scored(np.append(np.log(start), np.log(correlation_s)), matrices, stacks, np.log(bounds_s))
 
 
 def _scored(
     z: np.ndarray,
-    matrices: Callable[[np.ndarray], list[list[np.ndarray]]],
-    groups: Sequence[Group],
+    matrices: Callable[[np.ndarray], list[Stacked]],
+    stacks: Sequence[Stack],
     time_bounds: np.ndarray | None = None,
 ) -> Fitted:
     """Fisher scoring over z: ln s^2 (K,), then ln T where ``time_bounds`` are given."""
@@ -154,7 +182,7 @@ def _scored(
 
     def at(z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         x = np.exp(z[:sizes])
-        value, slope, curvature = cost(x, matrices(z), groups)
+        value, slope, curvature = cost(x, matrices(z), stacks)
         scale = np.append(x, 1.0) if time_bounds is not None else x
         return value, slope * scale, curvature * np.outer(scale, scale)
 

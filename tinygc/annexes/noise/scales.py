@@ -7,9 +7,10 @@ a register that stands still.  Limits are the recording's own: chance reaches th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri, fdtrc
 
 from tinygc.annexes.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums, contrasts
 
@@ -22,6 +23,10 @@ BY_CHANCE = 1e-3
 NOISIER = 0.25
 #: of a recording: more noisy spells than this are its noise, not spells
 MOST_LEFT_OUT = 0.2
+#: probability of a difference between halves as large by chance, below which it is said; windows of a half
+STEADY, FEWEST_WINDOWS = 1e-4, 8
+#: times by which the halves differ where it is worth a sentence
+WORTH_SAYING = 1.25
 #: of a block's readings that repeat all six before them: it stands still
 STUCK = 0.9
 #: of a window's means that must be there for the mean of the window
@@ -138,9 +143,11 @@ def _noisy_chunks(sums: np.ndarray, windows: np.ndarray, out: np.ndarray) -> np.
         usual = float(np.median(own[whole]))
         if not np.isfinite(usual) or usual <= 0:
             continue
-        spread = float(np.median(np.abs(own[whole] - usual))) / 0.6745
-        limit = max(NOISIER * usual, np.sqrt(2 * np.log(len(windows) / BY_CHANCE)) * spread)
-        found |= (windows > 0) & (own - usual > limit)
+        spread = float(np.median(np.abs(own[whole] / usual - 1))) / 0.6745
+        # A variance scatters as chi-square; one that scatters more, as chi-square of fewer degrees of freedom.
+        freedom = np.minimum(windows * sums.shape[2], 2 / max(spread, 1e-6) ** 2)
+        chance = chdtri(np.maximum(freedom, 1e-3), BY_CHANCE / len(variance) / len(windows)) / np.maximum(freedom, 1e-3)
+        found |= (windows > 0) & (own > np.maximum(1 + NOISIER, chance) * usual)
     return found & ~out
 
 
@@ -171,7 +178,12 @@ def groups_of(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarra
     for (size, ratio), parts in coarse.items():
         z = np.concatenate(parts)
         found.append(Group(size, np.arange(ratio), contrasts(ratio), z.T @ z, len(z)))
-    return found + tops
+    pooled: dict[tuple[int, bytes, bytes], Group] = {}
+    for top in tops:  # stills of one length are windows of one scale
+        shape = (top.size, top.at.tobytes(), top.basis.tobytes())
+        before = pooled.get(shape)
+        pooled[shape] = top if before is None else replace(before, S=before.S + top.S, count=before.count + 1)
+    return found + list(pooled.values())
 
 
 def _sizes(block: int) -> list[tuple[int, int]]:
@@ -205,6 +217,32 @@ def _coarse(rest: Rest, means: np.ndarray, columns: np.ndarray) -> tuple[list[tu
         return found, None
     z = basis.T @ y
     return found, Group(size, number - number[0], basis, np.outer(z, z), 1.0, top=True)
+
+
+def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray], period_s: float) -> list[str]:
+    """Say of each rest where its slow noise differs between its halves by more than chance: a warming sensor, a spell of draught."""
+    said = []
+    for rest, means in zip(rests, residuals, strict=True):
+        levels, _ = _coarse(rest, means, np.zeros((len(means), 0)))
+        worst = (STEADY, "")
+        for (size, ratio), z in levels:
+            half, freedom = len(z) // 2, len(z) // 2 * z.shape[1]
+            if half < FEWEST_WINDOWS:
+                continue
+            share = float(np.sum(z[:half] ** 2) / np.sum(z[-half:] ** 2))
+            if max(share, 1 / share) < WORTH_SAYING**2:
+                continue
+            p_value = 2 * float(fdtrc(freedom, freedom, max(share, 1 / share)))
+            if p_value * len(levels) < worst[0]:
+                which, times = ("first", share) if share > 1 else ("second", 1 / share)
+                over_s = size * ratio / 2 * period_s
+                worst = (
+                    p_value * len(levels),
+                    f"its {which} half wanders {np.sqrt(times):.2g} times as far over {over_s:.3g} s; the figures are the mean",
+                )
+        if worst[1]:
+            said.append(worst[1])
+    return said
 
 
 def _without(columns: np.ndarray) -> np.ndarray:

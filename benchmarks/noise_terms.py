@@ -1,0 +1,166 @@
+"""Noise terms at rest: are they chosen rightly, are their sigmas right, and what is said of those that are not there.
+
+``python benchmarks/noise_terms.py`` simulates rests of 2 minutes to 20 hours with every subset of the terms beside N, in sizes about what such
+a rest can show.  A subset can be seen if the evidence of its expected data ("Asimov" data: each sum of products at its expectation)
+exceeds that of every other subset by ``SEEN``; there the choice is to be right in 95 of 100.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+from collections import Counter
+
+import numpy as np
+from common import markdown
+from scipy.signal import fftconvolve, lfilter
+
+from session.io.samples import Samples
+from session.io.units import NS_PER_S
+from tinygc.annexes.noise.choice import CANDIDATES, Search
+from tinygc.annexes.noise.estimate import estimate_noise
+from tinygc.annexes.noise.likelihood import unit_covariance
+from tinygc.annexes.noise.scales import Group, groups_of, rest_of
+from tinygc.annexes.noise.summary import RestSums
+from tinygc.noise.figures import unit_allan_variance
+
+RATE_HZ = 25.0
+DURATIONS_S = {"2 min": 120.0, "20 min": 1200.0, "3 h": 10_800.0, "20 h": 72_000.0}
+#: steps of a period in which terms without a closed form are simulated, to be averaged like a reading
+FINER = 8
+#: ln: odds of the true subset over every other one, in data at their expectation, from which it can be seen
+SEEN = 5.0
+
+
+def simulated(sizes: dict[str, float], time_s: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Readings (count,) with terms of these sizes, a mean over each period; none of the estimator's code."""
+    dt = 1 / RATE_HZ
+    x = np.zeros(count)
+    for name, size in sizes.items():
+        if name == "N":
+            x += size / np.sqrt(dt) * rng.standard_normal(count)
+        if name == "Q":
+            x += size / dt * np.diff(rng.standard_normal(count + 1))
+        if name == "K":
+            steps = np.sqrt(dt) * rng.standard_normal(count)  # the mean of a walk over a period: its begin, half the step, and its bridge
+            x += size * (np.cumsum(steps) - steps / 2 + np.sqrt(dt / 12) * rng.standard_normal(count))
+        if name == "R":
+            x += size * dt * np.arange(count) * rng.choice([-1, 1])
+        if name == "G":
+            keep = np.exp(-dt / FINER / time_s)
+            steps = size * np.sqrt(1 - keep**2) * rng.standard_normal(FINER * count)
+            steps[0] = size * rng.standard_normal()
+            x += lfilter([1.0], [1.0, -keep], steps).reshape(count, FINER).mean(axis=1)
+        if name == "B":  # fractional differences of order one half (Kasdin 1995): density B^2 dt / (2 sin(pi f dt)), at low f B^2 / (2 pi f)
+            many = 2 * FINER * count
+            k = np.arange(1, many)
+            response = np.concatenate([[1.0], np.cumprod((k - 0.5) / k)])
+            fine = fftconvolve(rng.standard_normal(many), response)[many // 2 : many]
+            x += size * fine.reshape(count, FINER).mean(axis=1)
+    return x
+
+
+def drawn(terms: tuple[str, ...], duration_s: float, rng: np.random.Generator) -> tuple[dict[str, float], float]:
+    """Sizes beside N = 1 that cross it within the rest: the Allan variance of each is 1 to 10 times that of N at some averaging time."""
+    sizes, time_s = {"N": 1.0}, 10 ** rng.uniform(np.log10(20 / RATE_HZ), np.log10(duration_s / 30))
+    for name in terms:
+        low, high = (0.0, np.log10(4)) if name == "Q" else (1.0, np.log10(duration_s * RATE_HZ / 20))
+        tau_s = time_s if name == "G" else 10 ** rng.uniform(low, high) / RATE_HZ
+        share = 10 ** rng.uniform(0, 1)
+        sizes[name] = float(np.sqrt(share / tau_s / unit_allan_variance(name, np.array([tau_s]), time_s)[0]))
+    return sizes, float(time_s)
+
+
+def rest(values: np.ndarray) -> RestSums:
+    """Sums of readings (n, 6)."""
+    sums = RestSums(RATE_HZ)
+    t_ns = np.round(np.arange(len(values)) * (NS_PER_S / RATE_HZ)).astype(np.int64)
+    sums.add(Samples(t_ns, values[:, :3], values[:, 3:], None))
+    return sums
+
+
+def margin(sizes: dict[str, float], time_s: float, like: RestSums) -> float:
+    """ln of the odds of the true subset over the best other one, in data at their expectation."""
+    ready = rest_of(like)
+    groups = groups_of([ready], 0, [ready.blocks.mean[:, 0]], [np.zeros((len(ready.blocks), 0))])
+    expected = []
+    for group in groups:
+        C = sum(size**2 * unit_covariance(name, [group], 1 / RATE_HZ, time_s)[0] for name, size in sizes.items())
+        expected.append(Group(group.size, group.at, group.basis, C * group.count, group.count, group.top))
+    search = Search(expected, 1 / RATE_HZ)
+    best = search.best()
+    true = search.of(frozenset(sizes) - {"N"}, best)
+    if true is None:
+        return -np.inf
+    others = [each.log_evidence for each in search.tried.values() if each is not None and each.names != true.names]
+    return true.log_evidence - max(others, default=-np.inf)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--durations", nargs="*", default=list(DURATIONS_S))
+    args = parser.parse_args()
+    subsets = [terms for n in range(len(CANDIDATES) + 1) for terms in itertools.combinations(CANDIDATES, n)]
+    rows = []
+    for label in args.durations:
+        counts: Counter[str] = Counter()
+        wrong: Counter[str] = Counter()
+        inside: dict[str, list[bool]] = {name: [] for name in ("N", *CANDIDATES)}
+        began = time.perf_counter()
+        for number, terms in enumerate(subsets):
+            for seed in range(args.seeds):
+                rng = np.random.default_rng([seed, number, round(DURATIONS_S[label])])
+                sizes, time_s = drawn(terms, DURATIONS_S[label], rng)
+                count = round(DURATIONS_S[label] * RATE_HZ)
+                sums = rest(np.column_stack([simulated(sizes, time_s, count, rng) for _ in range(6)]))
+                can_be_seen = margin(sizes, time_s, sums) > SEEN
+                figures = estimate_noise([sums]).figures
+                for axis in (axis for sensor in figures.sensors().values() for axis in sensor.axes):
+                    chosen = {name for name, term in axis.terms.items() if term.chosen}
+                    right = chosen == set(sizes)
+                    counts["axes"] += 1
+                    counts["seen"] += can_be_seen
+                    counts["right of seen"] += can_be_seen and right
+                    if can_be_seen and not right:
+                        wrong["".join(sorted(sizes)) + ">" + "".join(sorted(chosen))] += 1
+                    if len(sizes) == 1:
+                        counts["nothing"] += 1
+                        counts["named of nothing"] += not right
+                    for name in set(CANDIDATES) - set(sizes):
+                        if can_be_seen:
+                            counts["absent"] += 1
+                            counts["named of absent"] += name in chosen
+                        limit = axis.terms[name].at_most
+                        counts["limits"] += 0
+                    for name in set(sizes) - chosen:
+                        limit = axis.terms[name].at_most
+                        if limit is not None and can_be_seen:
+                            counts["limits"] += 1
+                            counts["within limit"] += sizes[name] <= limit
+                    for name in set(sizes) if can_be_seen and right else ():
+                        term = axis.terms[name]
+                        inside[name].append(abs(term.value - sizes[name]) < (term.sigma or 0))
+        every = [one for own in inside.values() for one in own]
+        rows.append(
+            [
+                label,
+                counts["axes"],
+                counts["seen"],
+                f"{100 * counts['right of seen'] / max(counts['seen'], 1):.1f} %",
+                f"{100 * counts['named of absent'] / max(counts['absent'], 1):.2f} %",
+                f"{counts['named of nothing']} of {counts['nothing']}",
+                f"{100 * np.mean(every):.1f} %" if every else "-",
+                ", ".join(f"{name} {100 * np.mean(own):.0f}" for name, own in inside.items() if own),
+                f"{time.perf_counter() - began:.0f} s",
+            ]
+        )
+        print(rows[-1], dict(wrong.most_common(12)), flush=True)
+    head = ["rest", "axes", "can be seen", "all terms right", "an absent term named", "white alone: more named", "within 1 sigma", "by term", "time"]
+    print(markdown(head, rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -215,7 +215,7 @@ def test_what_a_cubic_cannot_carry_is_said_with_its_size(name, read, zero):
     assert any("has no lag (100, 0, 0 s)" in line and "0.057 dps" in line for line in said)
 
 
-@pytest.mark.parametrize("name", ["kalibr", "ros", "xio"])
+@pytest.mark.parametrize("name", ["kalibr", "openvins", "ros", "xio"])
 def test_formats_of_one_matrix_refuse_it(name):
     with pytest.raises(ExportError, match="cannot carry a calibration over temperature"):
         exporter(name).export(MODEL, context())

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -307,6 +308,16 @@ def test_inflation_is_a_factor_of_each_axis():
     assert table["gyroscope_noise_density"] == pytest.approx(max(4e-4 * 2, 5e-4 * 3, 3e-4 * 4))
     assert table["gyroscope_random_walk"] == pytest.approx(max(2e-5 * 5, 1e-5 * 6, 1.5e-5 * 7))
     assert table["accelerometer_noise_density"] == 5e-3
+
+
+def test_the_walk_of_a_motion_takes_the_place_of_a_factor():
+    """Where no K shows there is nothing to multiply: the motion states the walk that it needs, of the axes that have one."""
+    walking = replace(WALKING, walk_density=np.array([3e-5, 4e-5, 0.0]))
+    table, text = imu(figures(sensor(axis({"K": 1e-5}, N=4e-4)), inflations=(walking,)), inflation=walking)
+    assert table["gyroscope_random_walk"] == 4e-5
+    assert "# rad/s^2/sqrt(Hz), with the slow terms, in motion" in text
+    assert "7e-05 UPPER LIMIT" in text  # of z, times 7
+    assert "walking (two walks): N x 2, 3, 4, K 3e-05, 4e-05, 0: IN THE VALUES BELOW" in text
 
 
 # Autopilots

@@ -19,7 +19,7 @@ from session.io.units import DEG_PER_HOUR
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import words
-from tinygc.noise.figures import NAMES, TERMS, AxisNoise
+from tinygc.noise.figures import NAMES, TERMS, AxisNoise, Inflation
 
 #: s: the walk that stands for a flicker floor has the floor's Allan deviation at this averaging time.  A choice: the time over which a
 #: filter that is corrected by vision or satellites follows a bias; a longer one gives a smaller walk
@@ -32,6 +32,7 @@ MEASURED = "measured"
 FROM_FLOOR = f"from the flicker floor at {WALK_S:g} s"
 LIMIT = "UPPER LIMIT (95 %), NOT MEASURED"
 GUESSED = "GUESSED, NOT MEASURED"
+INFLATED = "with the slow terms, in motion"
 UNKNOWN = "not known"
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 UNITS = {"gyro": ("rad/s/sqrt(Hz)", "rad/s^2/sqrt(Hz)"), "accel": ("m/s^2/sqrt(Hz)", "m/s^3/sqrt(Hz)")}
@@ -53,7 +54,7 @@ class Density:
     @property
     def worst(self) -> int:
         """The axis with the largest value, of those that show one; an upper limit counts where no axis does."""
-        shown = [source in (MEASURED, FROM_FLOOR) for source in self.sources]
+        shown = [source in (MEASURED, FROM_FLOOR, INFLATED) for source in self.sources]
         return int(np.nanargmax(np.where(shown, self.values, np.nan) if any(shown) else self.values))
 
     @property
@@ -113,9 +114,18 @@ def densities(context: Context, name: str, needed: Iterable[str] = tuple(SENSORS
                 "give sensor.gyro_bias_instability_dph in session.toml, or a longer log at rest to `calibrate noise`"
             )
     if context.inflation is not None:
-        plain = found["gyro"]
-        found["gyro"] = Densities(plain.white.times(context.inflation.white), plain.walk.times(context.inflation.walk))
+        found["gyro"] = _inflated(found["gyro"], context.inflation)
     return found
+
+
+def _inflated(plain: Densities, motion: Inflation) -> Densities:
+    """The gyroscope's densities on a kind of motion: times its factors; the walk is the motion's own, where it has one."""
+    white, walk = plain.white.times(motion.white), plain.walk.times(motion.walk)
+    if motion.walk_density is None or not walk.known:
+        return Densities(white, walk)
+    own = motion.walk_density > 0
+    sources = tuple(INFLATED if is_own else source for is_own, source in zip(own, walk.sources, strict=True))
+    return Densities(white, Density(np.where(own, motion.walk_density, walk.values), np.where(own, np.nan, walk.sigmas), sources))
 
 
 def _density(context: Context, kind: str, term: str) -> Density | None:
@@ -212,7 +222,8 @@ def _inflations(context: Context) -> list[str]:
     for each in context.noise.inflations:
         used = "IN THE VALUES BELOW" if each is context.inflation else f"not in them; --inflation {each.motion} puts them in"
         source = f" ({each.source})" if each.source else ""
-        lines.append(f"{each.motion}{source}: N x {_factors(each.white)}, K x {_factors(each.walk)}: {used}")
+        walk = f"K x {_factors(each.walk)}" if each.walk_density is None else f"K {_factors(each.walk_density)}"
+        lines.append(f"{each.motion}{source}: N x {_factors(each.white)}, {walk}: {used}")
     return lines
 
 

@@ -269,6 +269,7 @@ def test_an_accelerometer_that_the_figures_lack_is_the_stills_or_refused():
     without = figures(accel=None)
     made = exporter("kalibr").export(LINEAR, context(noise=without))
     assert yaml.safe_load(made["imu.yaml"])["accelerometer_noise_density"] == pytest.approx(6e-5 * G / np.sqrt(2))
+    assert "# m/s^2/sqrt(Hz), measured in the stills" in made["imu.yaml"]
     with pytest.raises(ExportError, match="kalibr needs the noise of the accelerometer: run `calibrate noise`"):
         imu(without)
     said = []
@@ -285,6 +286,16 @@ def test_without_figures_nothing_has_changed():
     assert "guesses" in said[0]
     for name in ("px4", "ardupilot"):
         assert list(exporter(name).export(LINEAR, context())) == [exporter(name).FILE]
+
+
+def test_an_axis_of_which_nothing_is_known_is_taken_for_the_worst():
+    known = figures(sensor(axis(N=1e-4, K=2e-6), axis(N=3e-4, K=1e-6), axis(N=2e-4)))
+    made = files("gtsam", known)
+    covariances = json.loads(made["gtsam_imu.json"])["covariances"]
+    np.testing.assert_allclose(np.diag(covariances["biasOmegaCovariance"]), np.square([2e-6, 1e-6, 2e-6]))
+    assert "gyroscope K 2e-06 +- 1e-07 measured; 1e-06 +- 5e-08 measured; not known [rad/s^2/sqrt(Hz)]" in made["gtsam_imu.py"]
+    _, text = imu(figures(sensor(axis(N=1e-4, K=2e-6), axis({"N": 3e-4}, K=1e-6), axis({"N": 2e-4}))))
+    assert "gyroscope_noise_density: 0.0001  # rad/s/sqrt(Hz), measured" in text
 
 
 # Motion

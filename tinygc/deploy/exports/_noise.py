@@ -29,6 +29,7 @@ FLOOR = 0.664
 #: m/s^2, assumed for a MEMS accelerometer of this class: not measured
 ACCEL_INSTABILITY_MPS2 = 4e-4
 MEASURED = "measured"
+OF_STILLS = "measured in the stills"
 FROM_FLOOR = f"from the flicker floor at {WALK_S:g} s"
 LIMIT = "UPPER LIMIT (95 %), NOT MEASURED"
 GUESSED = "GUESSED, NOT MEASURED"
@@ -54,7 +55,7 @@ class Density:
     @property
     def worst(self) -> int:
         """The axis with the largest value, of those that show one; an upper limit counts where no axis does."""
-        shown = [source in (MEASURED, FROM_FLOOR, INFLATED) for source in self.sources]
+        shown = [source in (MEASURED, OF_STILLS, FROM_FLOOR, INFLATED) for source in self.sources]
         return int(np.nanargmax(np.where(shown, self.values, np.nan) if any(shown) else self.values))
 
     @property
@@ -138,7 +139,7 @@ def _density(context: Context, kind: str, term: str) -> Density | None:
     unknown = np.full(3, np.nan)
     if term == "N":
         one_sided = {"gyro": context.gyro_noise, "accel": context.accel_noise}[kind]
-        return None if one_sided is None else Density(one_sided / np.sqrt(2), unknown, (MEASURED,) * 3)
+        return None if one_sided is None else Density(one_sided / np.sqrt(2), unknown, (OF_STILLS,) * 3)
     guess = context.gyro_instability if kind == "gyro" else (ACCEL_INSTABILITY_MPS2, "")
     return None if guess is None else Density(np.full(3, np.sqrt(3 / WALK_S) * FLOOR * guess[0]), unknown, (GUESSED,) * 3)
 
@@ -153,7 +154,7 @@ def _of_axis(axis: AxisNoise, name: str) -> tuple[float, float, str]:
         floor = sum(float(axis.allan_variance(at, 1.0, only=slow)[0]) for slow in "BG")
         if floor > 0:
             return float(np.sqrt(3 * floor / WALK_S)), np.nan, FROM_FLOOR
-    if term.sigma is None and term.at_most:
+    if term.at_most:
         return term.at_most, np.nan, LIMIT
     return np.nan, np.nan, UNKNOWN
 

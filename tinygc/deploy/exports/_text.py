@@ -116,6 +116,7 @@ FRAME = (
     "where they are so mounted).  If your driver turns the axes before this is applied (REP 103: forward, left, up), turn it too:",
     "E' = R E R^T, B' = R B with R from logged to driver's axes.",
 )
+FRAME_OF_NOISE = ("Frame: the sensor's own axes x, y, z, right-handed, exactly as in the log at rest.",)
 
 
 def remarks(context: Context, *lines: str, mark: str = "#", longest: int | None = None) -> str:
@@ -125,7 +126,7 @@ def remarks(context: Context, *lines: str, mark: str = "#", longest: int | None 
     head = (
         f"TinyGC {what}: {sensor.model} {sensor.serial}".rstrip(": "),
         *(f"sha256 {digest}  {name}" for name, digest in context.hashes.items()),
-        *FRAME,
+        *(FRAME if context.method else FRAME_OF_NOISE),
         *lines,
     )
     written = [comment(line) for line in head]

@@ -73,6 +73,7 @@ def export_noise(context: Context) -> dict[str, str]:
         "gyroscopeCovariance = N^2, accelerometerCovariance = N^2, biasOmegaCovariance = K^2, biasAccCovariance = K^2: squares of",
         "continuous densities on each axis, which GTSAM itself divides by dt (N) or multiplies by dt (K).",
         f"integrationCovariance = {INTEGRATION:g} I is no noise of the sensor; GTSAM's default, I, would drown all else.",
+        "If your driver turns the axes by R, a covariance C becomes R C R^T.",
         "GTSAM calibrates nothing of the sensor but its biases: give it calibrated readings.",
         *noise_remarks(context, found),
     )

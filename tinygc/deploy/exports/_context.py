@@ -46,10 +46,10 @@ class Context:
     """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
     hashes: SHA-256 of the model file, session.toml and every log, by file name; say: function that shows a line to the operator;
     temperatures: function that gives those of each calibration log, degC, None of a log without; noise: figures of the unit at rest;
-    inflation: the one of ``noise`` that the densities are to have.  Of noise without a model, method is empty."""
+    inflation: the one of ``noise`` that the densities are to have.  Of noise without a model, method is None."""
 
     session: str
-    method: str
+    method: str | None
     config: Config
     table: dict
     fit: dict
@@ -165,7 +165,7 @@ def read_context(
     source = beside if noise is None and beside.exists() else noise
     if source is not None and method is None and not any((folder / "fit").glob("model_*.json")):
         hashes = {"session.toml": sha256_of(folder / "session.toml")}
-        context = Context(printable(folder.resolve().name), "", config, {}, {}, hashes, say)
+        context = Context(printable(folder.resolve().name), None, config, {}, {}, hashes, say)
         return None, _with_noise(context, source, inflation)
     path = _model_path(folder, method)
     there = {name for name in ("physics", f"physics{AT_END}") if (folder / "fit" / f"model_{name}.json").exists()}
@@ -241,7 +241,7 @@ def _context_of_noise(source: Path, inflation: str | None, say: Callable[[str], 
     found = figures.read_figures(path)
     sensor = Sensor(found.sensor, found.serial, found.rate_hz, float("nan"), float("nan"))
     config = Config(sensor, Accelerometer(source="none"), Site(), Protocol())
-    return _with_noise(Context(printable(path.resolve().name), "", config, {}, {}, {}, say), path, inflation)
+    return _with_noise(Context(printable(path.resolve().name), None, config, {}, {}, {}, say), path, inflation)
 
 
 def _with_noise(context: Context, source: NoiseSource, inflation: str | None) -> Context:

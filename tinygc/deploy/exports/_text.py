@@ -122,11 +122,15 @@ FRAME_OF_NOISE = ("Frame: the sensor's own axes x, y, z, right-handed, exactly a
 def remarks(context: Context, *lines: str, mark: str = "#", longest: int | None = None) -> str:
     """Return source and frame, then the format's own lines, as comments; longest: bytes of a line, where a reader splits longer ones."""
     sensor = context.config.sensor
-    what = f"calibration of session {context.session}, method {context.method}" if context.method else f"noise at rest of {context.session}"
+    what = (
+        f"calibration of session {context.session}, method {context.method}"
+        if context.method is not None
+        else f"noise at rest of {context.session}"
+    )
     head = (
         f"TinyGC {what}: {sensor.model} {sensor.serial}".rstrip(": "),
         *(f"sha256 {digest}  {name}" for name, digest in context.hashes.items()),
-        *(FRAME if context.method else FRAME_OF_NOISE),
+        *(FRAME_OF_NOISE if context.method is None else FRAME),
         *lines,
     )
     written = [comment(line) for line in head]

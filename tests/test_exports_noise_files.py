@@ -121,6 +121,13 @@ def test_what_is_not_there_is_named(words, says, rests, run):
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize("name", [name for name in FORMATS if name not in NOISE_FORMATS])
+def test_a_format_without_densities_refuses_to_inflate_them(name, rests, run):
+    code, _, err = run("export", rests, "--to", name, "--inflation", "walking")
+    assert code == 2
+    assert f"{name} has no noise densities to inflate; --inflation goes with kalibr" in err
+
+
 def test_no_figures_and_no_model_is_refused_as_before(rests, run):
     (rests / "fit" / "noise.json").unlink()
     code, _, err = run("export", rests, "--to", "kalibr")

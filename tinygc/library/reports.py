@@ -180,6 +180,8 @@ class Exported:
         """
         name = _format(to)
         module, (model, context) = exports.exporter(name), source(name)
+        if context.inflation is not None and name not in NOISE_FORMATS:
+            raise ExportError(f"{name} has no noise densities to inflate; --inflation goes with {', '.join(NOISE_FORMATS)}")
         if model is None:
             if name not in NOISE_FORMATS:
                 raise ExportError(f"{name} carries a model, and there are noise figures alone; these go to {', '.join(NOISE_FORMATS)}")

@@ -5,8 +5,8 @@ readings by dt, and multiplies those of the biases by dt:
 
     gyroscopeCovariance = N^2, accelerometerCovariance = N^2, biasOmegaCovariance = K^2, biasAccCovariance = K^2.
 
-``integrationCovariance`` is no noise of the sensor, but the error of integration: m^2/s.  Releases before 4.3 also have the covariance of
-the bias at which one preintegrates, which the prior of the graph has; its default there, the identity, would drown all noise.
+``integrationCovariance`` is no noise of the sensor, but the error of integration: m^2/s.  Older releases also have the covariance of the
+bias at which one preintegrates, which the prior of the graph has; its default there, the identity, would drown all noise.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def preintegration_params(n_gravity, path=Path(__file__).with_name("gtsam_imu.js
     params.setIntegrationCovariance(covariances["integrationCovariance"])
     params.setBiasOmegaCovariance(covariances["biasOmegaCovariance"])
     params.setBiasAccCovariance(covariances["biasAccCovariance"])
-    if hasattr(params, "setBiasAccOmegaInit"):  # before 4.3: of the bias at which one preintegrates, which is the prior's
+    if hasattr(params, "setBiasAccOmegaInit"):  # older releases: of the bias at which one preintegrates, which is the prior's
         params.setBiasAccOmegaInit(np.zeros((6, 6)))
     return params
 '''

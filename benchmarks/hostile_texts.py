@@ -8,6 +8,7 @@ injected.  Prints a table, and each text that did.
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import re
 import tomllib
@@ -31,6 +32,7 @@ from session.io.texts import comment, printable, unicode_text
 from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
 from tinygc.models.linear import LinearModel
+from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
 from tinygc.reporting.html.markup import code, css_text, escape, facts, table
 
 HARMLESS = "unit 7"
@@ -142,6 +144,11 @@ def c_statements(text: str) -> list[str]:
     return [line.strip() for line in text.splitlines() if line.strip()]
 
 
+def python_code(text: str) -> list[str]:
+    """By Python's own parser, and by lines."""
+    return [ast.dump(ast.parse(text)), *lines_but_comments(text)]
+
+
 def terminal(text: str) -> list[str]:
     """Lines, and control characters that reach the terminal, each as one more."""
     return ["line" for _ in text.splitlines()] + ["control" for c in text if c != "\n" and not c.isprintable()]
@@ -195,7 +202,12 @@ def context(text: str) -> Context:
     table = {"session": text, "method": text, "covariance": np.eye(12).tolist()}
     fit = {"noise": NOISE | {"gyro_bias_instability_source": text}, "accelerometer": {"unobserved": [text]}}
     known = replace(config(text), sensor=replace(config(text).sensor, model=f"ASM330LHH {text}"))
-    return Context(text, text, known, table, fit, {text: "0" * 64, f"{text}.csv": "1" * 64})
+    silent = dict.fromkeys(TERMS, Term(0.0, None, 0.0))
+    axis = AxisNoise(silent | {"N": Term(1e-4, 1e-6, 1.0), "K": Term(1e-6, 1e-7, 1.0)})
+    sensor = SensorNoise((axis, axis, axis))
+    motion = Inflation(text, np.ones(3), np.ones(3), {text: np.ones(3)}, text)
+    noise = NoiseFigures(sensor, sensor, 208.0, 3600.0, 748_800, (text,), text, text, (motion,))
+    return Context(text, text, known, table, fit, {text: "0" * 64, f"{text}.csv": "1" * 64}, noise=noise)
 
 
 def file_of(format_name: str, ending: str = "") -> Callable[[str], str]:
@@ -255,9 +267,15 @@ def toml_lines(written: str) -> list[str]:
 
 PLACES = {
     "px4": Place(file_of("px4"), lines_but_comments),
+    "px4 noise": Place(file_of("px4", "noise.params"), lines_but_comments),
     "ardupilot": Place(file_of("ardupilot"), ardupilot),
+    "ardupilot noise": Place(file_of("ardupilot", "noise.param"), ardupilot),
     "kalibr imu.yaml": Place(file_of("kalibr", "imu.yaml"), yaml_table),
     "kalibr intrinsics": Place(file_of("kalibr", "intrinsics.yaml"), yaml_table),
+    "openvins": Place(file_of("openvins"), lambda written: yaml_table(written.removeprefix("%YAML:1.0\n"))),
+    "vins": Place(file_of("vins"), yaml_table),
+    "gtsam JSON": Place(file_of("gtsam", ".json"), lambda written: [*json.loads(written), *("line" for _ in written.splitlines())]),
+    "gtsam Python": Place(file_of("gtsam", ".py"), python_code),
     "ros": Place(file_of("ros"), yaml_table),
     "xio header": Place(file_of("xio", ".h"), c_statements),
     "xio JSON": Place(file_of("xio", ".json"), lambda written: [*json.loads(written), *("line" for _ in written.splitlines())]),

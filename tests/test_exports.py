@@ -230,7 +230,7 @@ def test_autopilots_say_that_they_hold_no_scale(name):
     assert np.abs(left).max() > 0.5 * worst * np.abs(MEASURED).max()
 
 
-@pytest.mark.parametrize("name", ["kalibr", "ros", "xio", "px4", "ardupilot"])
+@pytest.mark.parametrize("name", ["kalibr", "openvins", "ros", "xio", "px4", "ardupilot"])
 @pytest.mark.parametrize(
     ("model", "words"),
     [

@@ -59,6 +59,7 @@ def test_command_refuses_what_is_not_there(fitted, tmp_path, capsys):
         ([str(tmp_path), "--to", "json"], "session.toml"),
         ([str(fitted), "--to", "json", "--model", "pso"], "no model_pso.json"),
         ([str(fitted), "--to", "json", "--model", str(tmp_path / "none.json")], "none.json"),
+        ([str(fitted), "--to", "kalibr", "--inflation", "walking"], "its factors stand in noise.json, and there is none"),
     ):
         assert calibrate.main(["export", *arguments]) == 2
         said = capsys.readouterr().err.strip()
@@ -84,3 +85,46 @@ def test_a_fitted_net_that_found_nothing_to_bend_for_is_carried(fitted, exported
     (text,) = exported("ros", "--model", "tinygc").values()
     gyro = yaml.safe_load(text)["/**"]["ros__parameters"]["gyroscope"]
     agree(MEASURED @ np.reshape(gyro["matrix"], (3, 3)).T + gyro["offset"], net)
+
+
+# Noise figures beside a fit
+
+
+@pytest.fixture
+def with_figures(fitted, tmp_path):
+    """The fitted session with ``noise.json`` in its ``fit``."""
+    import shutil
+
+    from noise_records import WALKING, figures
+
+    from tinygc.noise.figures import to_json
+
+    folder = tmp_path / "with figures"
+    shutil.copytree(fitted, folder, ignore=shutil.ignore_patterns("export"))
+    (folder / "fit" / "noise.json").write_text(json.dumps(to_json(figures(inflations=(WALKING,)))), encoding="utf-8")
+    return folder
+
+
+def test_figures_beside_the_model_are_exported_with_it(with_figures, tmp_path):
+    import calibrate
+
+    for words, density in (((), 5e-4), (("--inflation", "walking"), 1.5e-3)):
+        out = tmp_path / f"out {len(words)}"
+        assert calibrate.main(["export", str(with_figures), "--quiet", "--out", str(out), "--to", "openvins", *words]) == 0
+        text = (out / "kalibr_imu_chain.yaml").read_text(encoding="utf-8")
+        table = yaml.safe_load(text.removeprefix("%YAML:1.0\n"))["imu0"]
+        assert table["gyroscope_noise_density"] == pytest.approx(density)
+        assert "NOT CALIBRATED" not in text
+        E = models.load(with_figures / "fit" / "model_least_squares.json").E
+        np.testing.assert_allclose(np.transpose(table["R_IMUtoGYRO"]) @ np.linalg.inv(table["Tw"]), E, atol=1e-12)
+
+
+def test_a_fit_in_python_takes_figures_as_well(with_figures):
+    import tinygc
+
+    fit = tinygc.fit(with_figures, methods=("least_squares",))
+    known = with_figures / "fit" / "noise.json"
+    (plain,), (made,) = (fit.export("vins", noise=given).files.values() for given in (None, str(known)))
+    assert yaml.safe_load(made)["gyr_n"] == pytest.approx(5e-4 * np.sqrt(2 * fit.result.session.config.sensor.odr_hz))
+    assert "GUESSED" in plain
+    assert made == tinygc.export(fit, "vins", noise=known).files["vins_imu.yaml"]

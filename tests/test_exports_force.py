@@ -162,7 +162,7 @@ def test_c_calibrates_force_of_floats_and_of_registers(name, with_registers, tmp
 
 def test_what_the_session_did_not_observe_is_said():
     made = told("triad", fit={**context().fit, "accelerometer": {"unobserved": ["scale z"]}})
-    for name in ("kalibr", "ros", "xio", "px4", "ardupilot", "c"):
+    for name in ("kalibr", "openvins", "ros", "xio", "px4", "ardupilot", "c"):
         assert "not observed: scale z" in "".join(exporter(name).export(LINEAR, made).values()), name
 
 

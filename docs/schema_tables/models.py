@@ -116,6 +116,7 @@ _MODEL = {
     "sensor?": _SENSOR,
     "frame?": TEXT,
     "noise?": {"gyro_dps_rthz": maybe(VECTOR), "accel_g_rthz": maybe(VECTOR)},
+    "noise_figures?": {"schema": words("tinygc-noise/1")},
     "self_test?": {
         "rate_hz": SIZE,
         "measured_rps": array(NUMBER, None, 3),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import DEG
 from exports_read_back import LINEAR, context
+from noise_records import figures
 from test_export_c import SENSOR, Compiled, needs_compiler
 
 from session.io.errors import FormatError
@@ -18,6 +19,7 @@ from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.embedded.stages import Inputs
 from tinygc.deploy.exports import ExportError, exporter
+from tinygc.library.reports import Exported
 
 RNG = np.random.default_rng(5)
 RATE_HZ = 104.0
@@ -213,10 +215,23 @@ def test_what_a_cubic_cannot_carry_is_said_with_its_size(name, read, zero):
     assert any("has no lag (100, 0, 0 s)" in line and "0.057 dps" in line for line in said)
 
 
-@pytest.mark.parametrize("name", ["kalibr", "ros", "xio"])
+@pytest.mark.parametrize("name", ["kalibr", "openvins", "ros", "xio"])
 def test_formats_of_one_matrix_refuse_it(name):
     with pytest.raises(ExportError, match="cannot carry a calibration over temperature"):
         exporter(name).export(MODEL, context())
+
+
+def test_rest_logs_leave_as_noise_where_their_model_cannot():
+    """``fit`` of rest logs makes a model over temperature; noise figures beside it go where it does not, and the command says so."""
+    said: list[str] = []
+    of_rests = context(said, method="thermal", noise=figures())
+    made = Exported.of("kalibr", lambda name: (MODEL, of_rests), said)
+    assert list(made.files) == ["imu.yaml"]
+    assert any("cannot carry a calibration over temperature" in line and "the noise alone is exported" in line for line in said)
+    assert list(Exported.of("px4", lambda name: (MODEL, of_rests), said).files) == ["px4.params", "px4-noise.params"]
+    for other in (replace(of_rests, method="least_squares"), replace(of_rests, noise=None)):
+        with pytest.raises(ExportError, match="cannot carry a calibration over temperature"):
+            Exported.of("kalibr", lambda name, other=other: (MODEL, other), said)
 
 
 def test_json_carries_it_with_its_own_test():

@@ -12,14 +12,18 @@ if TYPE_CHECKING:
     from tinygc.models.model import Model
 
 #: formats of ``export``, each a module of ``tinygc.deploy.exports``
-FORMATS = ("json", "kalibr", "ros", "xio", "px4", "ardupilot", "c")
+FORMATS = ("json", "kalibr", "openvins", "vins", "gtsam", "ros", "xio", "px4", "ardupilot", "c")
+#: those that noise figures alone go to, without a model
+NOISE_FORMATS = ("kalibr", "openvins", "vins", "gtsam", "ros", "px4", "ardupilot")
 #: what people call a format besides, in small letters and digits alone
 ALSO_CALLED = {
     **dict.fromkeys(("ros1", "ros2", "rosyaml", "imutools"), "ros"),
     **dict.fromkeys(("fusion", "xiofusion", "ximu", "ximu3", "xiotechnologies"), "xio"),
     **dict.fromkeys(("apm", "ardu", "arducopter", "ardurover", "arduplane"), "ardupilot"),
     **dict.fromkeys(("c99", "cheader", "h", "firmware"), "c"),
-    **dict.fromkeys(("px4autopilot", "pixhawk"), "px4"),
+    **dict.fromkeys(("px4autopilot", "pixhawk", "ekf2"), "px4"),
+    **dict.fromkeys(("vinsfusion", "vinsmono"), "vins"),
+    **dict.fromkeys(("ovmsckf", "openvin"), "openvins"),
 }
 #: kind of model -> service of the annex that exports it
 ANNEX_KINDS = {"thermal": "exports over temperature"}

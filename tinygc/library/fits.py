@@ -24,6 +24,7 @@ from tinygc.estimation.verdict import Acceptance
 from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import COVERAGE_FACTOR, NAMES
+from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.fit_screen import verdict_text
 from tinygc.reporting.fit_text import fit_report, sensor_errors
 from tinygc.reporting.terminal import Group
@@ -174,13 +175,27 @@ class Fit(Shown):
         return made
 
     @public()
-    def export(self, to: str, folder: Path | str | None = None, *, model: str | None = None, anyway: bool = False) -> Exported:
+    def export(
+        self,
+        to: str,
+        folder: Path | str | None = None,
+        *,
+        model: str | None = None,
+        anyway: bool = False,
+        noise: NoiseFigures | Path | str | None = None,
+        inflation: str | None = None,
+    ) -> Exported:
         """Make the files of a calibration for another program, and write them if a folder is given; as ``tinygc.export`` of this fit."""
         from tinygc.deploy.exports._context import context_of_fit
-        from tinygc.library.reports import Exported
+        from tinygc.library.reports import Exported, noise_source
 
         remarks: list[str] = []
-        made = Exported.of(to, lambda name: context_of_fit(self.result, model, remarks.append, anyway=anyway), remarks)
+        figures = noise_source(noise)
+        made = Exported.of(
+            to,
+            lambda name: context_of_fit(self.result, model, remarks.append, anyway=anyway, noise=figures, inflation=inflation),
+            remarks,
+        )
         if folder is not None:
             made.save(folder)
         return made

@@ -15,14 +15,15 @@ from session.io.files import result_folder
 from session.io.folder import Session
 from session.io.names import is_array
 from session.io.results import write_text_whole
-from tinygc.deploy import FORMATS, exports, format_named
-from tinygc.deploy.exports._context import Context, read_context
+from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, exports, format_named
+from tinygc.deploy.exports._context import ONLY, Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.verdict import Acceptance
 from tinygc.library.arguments import Progress, chosen, is_fit, public, session_or_folder
 from tinygc.library.records import Shown
 from tinygc.models.files import is_array_model
 from tinygc.models.model import Model
+from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.terminal import Group, one_line
 
 if TYPE_CHECKING:
@@ -172,13 +173,27 @@ class Exported:
         return f"<Exported to {self.to}: {', '.join(self.files)}>"
 
     @classmethod
-    def of(cls, to: str, source: Callable[[str], tuple[Model, Context]], remarks: Sequence[str]) -> Exported:
-        """Export in a format, by any of its names; source: of the format's name gives the model with its context.
+    def of(cls, to: str, source: Callable[[str], tuple[Model | None, Context]], remarks: Sequence[str]) -> Exported:
+        """Export in a format, by any of its names; source: of the format's name gives the model with its context, None for noise alone.
 
         Raises CalibrationError for an unknown format, and ExportError for a model that the format cannot carry.
         """
         name = _format(to)
-        return cls(name, exports.exporter(name).export(*source(name)), remarks)
+        module, (model, context) = exports.exporter(name), source(name)
+        if context.inflation is not None and name not in NOISE_FORMATS:
+            raise ExportError(f"{name} has no noise densities to inflate; --inflation goes with {', '.join(NOISE_FORMATS)}")
+        if model is None:
+            if name not in NOISE_FORMATS:
+                raise ExportError(f"{name} carries a model, and there are noise figures alone; these go to {', '.join(NOISE_FORMATS)}")
+            context.say(f"{name}: there is no model: the noise alone is exported, no calibration")
+            return cls(name, module.export_noise(context), remarks)
+        try:
+            return cls(name, module.export(model, context), remarks)
+        except ExportError as error:  # rest logs have a model over temperature, which few formats carry, and noise, which many do
+            if context.noise is None or context.method != ONLY or name not in NOISE_FORMATS:
+                raise
+            context.say(f"{error}: the noise alone is exported, no calibration")
+            return cls(name, module.export_noise(context), remarks)
 
     def save(self, folder: Path | str) -> list[Path]:
         """Write the files into a folder, each whole or not at all; returns their paths."""
@@ -193,8 +208,16 @@ class Exported:
         return {"schema": "tinygc-export/2", "format": self.to, "files": [*map(str, written)], "remarks": [*self.remarks]}
 
 
-def exported(source: Path, to: str, model: str | None, anyway: bool, say: Callable[[str], None]) -> Exported:
-    """Export a fitted session folder, or an array's model file; say: is called with each remark as it comes up.
+def exported(
+    source: Path,
+    to: str,
+    model: str | None,
+    anyway: bool,
+    say: Callable[[str], None],
+    noise: NoiseSource = None,
+    inflation: str | None = None,
+) -> Exported:
+    """Export a fitted session folder, noise figures, or an array's model file; say: is called with each remark as it comes up.
 
     Raises CalibrationError for an array's folder, and ExportError as ``read_context``.
     """
@@ -207,11 +230,22 @@ def exported(source: Path, to: str, model: str | None, anyway: bool, say: Callab
     if is_array_model(source):
         if model is not None:
             raise CalibrationError(f"--model goes with a session folder; {source} is an array's model itself")
+        if noise is not None or inflation is not None:
+            raise CalibrationError(f"--noise and --inflation go with one sensor; {source} is an array's model, which has its own noise")
         name = _format(to)
         return Exported(name, need("calibrations of arrays").export(source, name))
     if model is None and is_array(source):
         raise CalibrationError(f"{source}: an array; give its model, {source / 'fit' / 'model_array.json'}, which its fit writes")
-    return Exported.of(to, lambda name: read_context(source, model, noted, anyway=anyway), remarks)
+    return Exported.of(to, lambda name: read_context(source, model, noted, anyway=anyway, noise=noise, inflation=inflation), remarks)
+
+
+def noise_source(noise: Any) -> NoiseSource:
+    """Return noise figures, or the path to them, of an argument.  Raises CalibrationError for anything else."""
+    if isinstance(noise, str | os.PathLike):
+        return Path(noise)
+    if noise is None or isinstance(noise, NoiseFigures):
+        return noise
+    raise CalibrationError(f"noise is of type {type(noise).__name__}, expected NoiseFigures, noise.json or its folder")
 
 
 def _format(to: str) -> str:
@@ -222,21 +256,34 @@ def _format(to: str) -> str:
 
 
 @public()
-def export(source: Any, to: str, folder: Path | str | None = None, *, model: str | None = None, anyway: bool = False) -> Exported:
-    """Make the files of a calibration for another program.
+def export(
+    source: Any,
+    to: str,
+    folder: Path | str | None = None,
+    *,
+    model: str | None = None,
+    anyway: bool = False,
+    noise: NoiseFigures | Path | str | None = None,
+    inflation: str | None = None,
+) -> Exported:
+    """Make the files of a calibration, or of noise figures, for another program.
 
     Parameters
     ----------
     source : Fit, str or Path
-        A fit, the folder of a fitted session, or an array's model file.
+        A fit, the folder of a fitted session or of noise figures, ``noise.json``, or an array's model file.
     to : str
-        ``json``, ``kalibr``, ``ros``, ``xio``, ``px4``, ``ardupilot`` or ``c``.
+        ``json``, ``kalibr``, ``openvins``, ``vins``, ``gtsam``, ``ros``, ``xio``, ``px4``, ``ardupilot`` or ``c``.
     folder : str or Path, optional
         Where the files are written; without it ``save`` writes them.
     model : str, optional
         Method of the fit, or a model file; least squares by default.
     anyway : bool, optional
         Export a model that closes held-out segments worse than raw rates, too.
+    noise : NoiseFigures, str or Path, optional
+        Noise figures of this unit: ``noise.json``, or a folder that holds it; those in the folder's ``fit`` by default.
+    inflation : str, optional
+        The kind of motion, of those in the figures, whose factors the densities are to have.
 
     Returns
     -------
@@ -257,10 +304,10 @@ def export(source: Any, to: str, folder: Path | str | None = None, *, model: str
 
     """
     if is_fit(source):
-        return source.export(to, folder, model=model, anyway=anyway)
+        return source.export(to, folder, model=model, anyway=anyway, noise=noise, inflation=inflation)
     if not isinstance(source, str | os.PathLike):
         raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or an array's model file")
-    made = exported(Path(source), to, model, anyway, lambda line: None)
+    made = exported(Path(source), to, model, anyway, lambda line: None, noise_source(noise), inflation)
     if folder is not None:
         made.save(folder)
     return made

@@ -5,6 +5,7 @@ An exporter's file is named below.  It has
     NAME                       its name for ``--to``
     SUMMARY                    one line for ``--help``
     export(model, context)     -> dict of file name -> text, without writing to disk
+    export_noise(context)      -> the same of what needs no model, only ``context.noise``; a format may lack it
 
 ``model`` is the result of ``tinygc.models.load``; ``context`` (``Context``) is what is known about its origin.  An exporter that cannot
 carry the model raises ``ExportError`` with one line: what cannot be carried, and which format can.  It reports partial losses by

@@ -1,21 +1,22 @@
-"""The context of a model: the session, the fit, the covariance, and their origin."""
+"""The context of a model: the session, the fit, the covariance, the noise figures, and their origin."""
 
 from __future__ import annotations
 
 import hashlib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isinf
 from pathlib import Path
 
 import numpy as np
 
-from session.io.config import Accelerometer, Config, read_config
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.io.errors import FormatError
 from session.io.folder import file_key, input_hashes, sha256_of
 from session.io.logfile import read_log
 from session.io.names import log_paths
-from session.io.results import json_text, read_json_text
+from session.io.results import json_text, read_json, read_json_text
 from session.io.texts import command_line, printable
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc import models
@@ -26,28 +27,37 @@ from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.results import AT_END, FitResult, model_tables, read_judged, to_json
 from tinygc.models.model import Model, accelerometer_of
+from tinygc.noise import figures
+from tinygc.noise.figures import Inflation, NoiseFigures
 
 #: the default method
 PREFERRED = "least_squares"
 #: the only method of a folder of rest logs
 ONLY = "thermal"
 LONGEST_NAME = 80
+#: what gives noise figures: a file, a folder that holds one, or the record
+NoiseSource = Path | NoiseFigures | None
+#: relative difference of two data rates above which they are two settings of the sensor
+SAME_RATE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Context:
     """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
     hashes: SHA-256 of the model file, session.toml and every log, by file name; say: function that shows a line to the operator;
-    temperatures: function that gives those of each calibration log, degC, None of a log without."""
+    temperatures: function that gives those of each calibration log, degC, None of a log without; noise: figures of the unit at rest;
+    inflation: the one of ``noise`` that the densities are to have.  Of noise without a model, method is None."""
 
     session: str
-    method: str
+    method: str | None
     config: Config
     table: dict
     fit: dict
     hashes: dict[str, str]
     say: Callable[[str], None] = field(default=lambda line: None)
     temperatures: Callable[[], list[np.ndarray | None]] = list
+    noise: NoiseFigures | None = None
+    inflation: Inflation | None = None
 
     @property
     def stem(self) -> str:
@@ -129,15 +139,34 @@ class Context:
 
 
 def read_context(
-    folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None, *, anyway: bool = False
-) -> tuple[Model, Context]:
-    """Return ``(model, Context)`` of a fitted session.
+    folder: Path,
+    method: str | None = None,
+    say: Callable[[str], None] = lambda line: None,
+    *,
+    anyway: bool = False,
+    noise: NoiseSource = None,
+    inflation: str | None = None,
+) -> tuple[Model | None, Context]:
+    """Return ``(model, Context)`` of a fitted session, of a folder with noise figures alone, or of a file of noise figures; model: None
+    where there are only figures.
 
     ``method`` names one of the fit's models, or is a model file; the default is least squares.  anyway: report, instead of refusing, a
-    model that closes held-out segments worse than the raw rates do.
-    Raises ExportError where there is no fit, and for a refused model; FormatError for files that cannot be read.
+    model that closes held-out segments worse than the raw rates do.  noise: the unit's figures; those beside the model by default.
+    inflation: the kind of motion whose factors the densities are to have.
+    Raises ExportError where there is neither fit nor figures, for figures of another sensor, and for a refused model; FormatError for
+    files that cannot be read.
     """
+    if _holds_noise_alone(folder):
+        if method is not None or noise is not None:
+            raise ExportError(f"{folder} holds noise figures alone: --model and --noise go with a session folder")
+        return None, _context_of_noise(folder, inflation, say)
     config = read_config(folder / "session.toml")
+    beside = folder / "fit" / figures.FILE
+    source = beside if noise is None and beside.exists() else noise
+    if source is not None and method is None and not any((folder / "fit").glob("model_*.json")):
+        hashes = {"session.toml": sha256_of(folder / "session.toml")}
+        context = Context(printable(folder.resolve().name), None, config, {}, {}, hashes, say)
+        return None, _with_noise(context, source, inflation)
     path = _model_path(folder, method)
     there = {name for name in ("physics", f"physics{AT_END}") if (folder / "fit" / f"model_{name}.json").exists()}
     _say_of_physics(there if method is None else set(), say)
@@ -150,15 +179,20 @@ def read_context(
     judged = named.removesuffix(AT_END)
     fit = _fit_beside(path, judged, f"run `{command_line('fit', folder)}` again")
     _judge(path.name, fit, judged, say, anyway)
-    return model, Context(
-        name, named, config, table, fit, hashes, say, lambda: [read_log(log, config.sensor).samples.temp_c for log in logs]
-    )
+    context = Context(name, named, config, table, fit, hashes, say, lambda: [read_log(log, config.sensor).samples.temp_c for log in logs])
+    return model, _with_noise(context, source, inflation)
 
 
 def context_of_fit(
-    result: FitResult, method: str | None = None, say: Callable[[str], None] = lambda line: None, *, anyway: bool = False
+    result: FitResult,
+    method: str | None = None,
+    say: Callable[[str], None] = lambda line: None,
+    *,
+    anyway: bool = False,
+    noise: NoiseSource = None,
+    inflation: str | None = None,
 ) -> tuple[Model, Context]:
-    """Return the same of a fit that need not lie in a folder; method: one of its models, least squares by default.
+    """Return the same of a fit that need not lie in a folder; method: one of its models, least squares by default; noise: none by default.
 
     Raises ExportError for a model that was not fitted, and as ``read_context``.
     """
@@ -176,7 +210,68 @@ def context_of_fit(
     text = json_text(tables[name]) + "\n"  # as ``save_models`` writes it
     hashes = {path.name: hashlib.sha256(text.encode()).hexdigest(), **input_hashes(session)}
     temperatures = [log.samples.temp_c for log in session.logs]
-    return model, Context(session.name, name, session.config, tables[name], fit, hashes, say, lambda: temperatures)
+    context = Context(session.name, name, session.config, tables[name], fit, hashes, say, lambda: temperatures)
+    return model, _with_noise(context, noise, inflation)
+
+
+# Noise figures: from a file, a folder or a record; those of another sensor are refused.
+
+
+def _holds_noise_alone(source: Path) -> bool:
+    """Whether the source of an export is a file of noise figures, or a folder with one and without ``session.toml``."""
+    if not source.is_file():
+        return not (source / "session.toml").exists() and _noise_file(source) is not None
+    try:
+        table = read_json(source)
+    except (FormatError, OSError):
+        return False
+    return isinstance(table, dict) and str(table.get("schema")).startswith(figures.SCHEMA.partition("/")[0])
+
+
+def _noise_file(source: Path) -> Path | None:
+    """The file of noise figures in a folder or in its ``fit``; a file is itself; None where there is none."""
+    if source.is_file():
+        return source
+    return next((path for path in (source / "fit" / figures.FILE, source / figures.FILE) if path.exists()), None)
+
+
+def _context_of_noise(source: Path, inflation: str | None, say: Callable[[str], None]) -> Context:
+    """Context of noise figures without a session: sensor, serial and data rate are those of the file."""
+    path = _noise_file(source) or source
+    found = figures.read_figures(path)
+    sensor = Sensor(found.sensor, found.serial, found.rate_hz, float("nan"), float("nan"))
+    config = Config(sensor, Accelerometer(source="none"), Site(), Protocol())
+    return _with_noise(Context(printable(path.resolve().name), None, config, {}, {}, {}, say), path, inflation)
+
+
+def _with_noise(context: Context, source: NoiseSource, inflation: str | None) -> Context:
+    """Return the context with noise figures.  Raises ExportError for those of another sensor, and for a motion that they do not have."""
+    if source is None:
+        if inflation is not None:
+            raise ExportError(f"--inflation {inflation}: its factors stand in {figures.FILE}, and there is none; run `calibrate noise`")
+        return context
+    hashes = context.hashes
+    if isinstance(source, NoiseFigures):
+        found, where = source, "the noise figures"
+    else:
+        path = _noise_file(source)
+        if path is None:
+            raise ExportError(f"{source}: no {figures.FILE} there; run `calibrate noise` first, or give the file itself")
+        found, where, hashes = figures.read_figures(path), str(path), hashes | {file_key(path): sha256_of(path)}
+    sensor = context.config.sensor
+    for what, theirs, ours in (("sensor", found.sensor, sensor.model), ("serial number", found.serial, sensor.serial)):
+        if theirs.strip() and ours.strip() and theirs.strip().casefold() != ours.strip().casefold():
+            raise ExportError(f"{where}: noise of {what} {theirs}, but the session's is {ours}; give that of this unit with --noise")
+    if abs(found.rate_hz - sensor.odr_hz) > SAME_RATE * sensor.odr_hz:
+        context.say(f"the noise was recorded at {found.rate_hz:.4g} Hz, the session at {sensor.odr_hz:.4g} Hz: another filter may shape it")
+    motions = {each.motion: each for each in found.inflations}
+    if inflation is not None and inflation not in motions:
+        known = f"there are {', '.join(motions)}" if motions else "it has none"
+        raise ExportError(f"{where}: no inflation for motion {inflation}; {known}")
+    return replace(context, noise=found, inflation=motions.get(inflation) if inflation is not None else None, hashes=hashes)
+
+
+# A model that may leave.
 
 
 def _say_of_physics(there: set[str], say: Callable[[str], None], option: str = "--model {}") -> None:

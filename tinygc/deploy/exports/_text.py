@@ -89,6 +89,13 @@ def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> Linea
     return LinearPart(np.asarray(linear.E, dtype=float), np.asarray(linear.B, dtype=float), K, k, float(first_c))
 
 
+def lower(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(M, C): matrix = M C, M lower-triangular with a positive diagonal, C a rotation."""
+    Q, R = np.linalg.qr(matrix.T)
+    signs = np.sign(np.diag(R))
+    return np.tril((signs[:, None] * R).T), (Q * signs).T
+
+
 def words(numbers: ArrayLike) -> str:
     """Format numbers for YAML and JSON with every digit."""
     array = np.asarray(numbers, dtype=float)
@@ -109,15 +116,21 @@ FRAME = (
     "where they are so mounted).  If your driver turns the axes before this is applied (REP 103: forward, left, up), turn it too:",
     "E' = R E R^T, B' = R B with R from logged to driver's axes.",
 )
+FRAME_OF_NOISE = ("Frame: the sensor's own axes x, y, z, right-handed, exactly as in the log at rest.",)
 
 
 def remarks(context: Context, *lines: str, mark: str = "#", longest: int | None = None) -> str:
     """Return source and frame, then the format's own lines, as comments; longest: bytes of a line, where a reader splits longer ones."""
     sensor = context.config.sensor
+    what = (
+        f"calibration of session {context.session}, method {context.method}"
+        if context.method is not None
+        else f"noise at rest of {context.session}"
+    )
     head = (
-        f"TinyGC calibration of session {context.session}, method {context.method}: {sensor.model} {sensor.serial}".rstrip(),
+        f"TinyGC {what}: {sensor.model} {sensor.serial}".rstrip(": "),
         *(f"sha256 {digest}  {name}" for name, digest in context.hashes.items()),
-        *FRAME,
+        *(FRAME_OF_NOISE if context.method is None else FRAME),
         *lines,
     )
     written = [comment(line) for line in head]
@@ -173,7 +186,10 @@ def yaml_text(table: Mapping[str, Any], remarks: Mapping[str, str] | None = None
     import yaml
 
     class Writer(yaml.SafeDumper):
-        """A writer that never puts a table on one line."""
+        """A writer that never puts a table on one line, and indents the rows of a matrix, without which OpenCV cannot read them."""
+
+        def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+            super().increase_indent(flow, False)
 
     Writer.add_representer(dict, lambda writer, value: writer.represent_mapping("tag:yaml.org,2002:map", value.items(), flow_style=False))
     lines = []

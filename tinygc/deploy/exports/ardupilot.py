@@ -2,6 +2,10 @@
 
 Its temperature polynomial is about 35 degC and is subtracted twice (AP_InertialSensor_tempcal): at the present temperature, and, with
 the opposite sign, at INS_GYR1_CALTEMP, where the offsets hold.  For a straight line the 35 degC cancel.
+
+The noise of EKF3 is a file of its own.  EK3_GYRO_P_NSE and EK3_ACC_P_NSE are of one step of the filter (rad/s, m/s^2), no densities: its
+covariance grows by (dt p)^2 a step (AP_NavEKF3_core, CovariancePrediction).  The biases are those of an angle and a velocity of one step,
+which grow by (dt^2 p)^2; as rates they grow by (dt p)^2, too, with EK3_GBIAS_P_NSE and EK3_ABIAS_P_NSE.
 """
 
 from __future__ import annotations
@@ -10,23 +14,33 @@ import numpy as np
 
 from tinygc.deploy import annex_exports
 from tinygc.deploy.exports._context import Context
+from tinygc.deploy.exports._noise import StepParameter, step_parameters
 from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
 from tinygc.models.model import Model
 
 NAME = "ardupilot"
-SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales"
-FILE = "ardupilot.param"
+SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales; noise of EKF3"
+FILE, NOISE_FILE = "ardupilot.param", "ardupilot-noise.param"
 ABOUT_C = 35.0  #: reference of its polynomial
 SCALE = 1e6  #: factor of the polynomial's coefficients
 #: bytes of a line: ArduPilot reads its own file (defaults.parm) 98 at a time, and takes the rest of a long comment for a parameter
 LONGEST = 96
 LEAST_C = 10.0  #: INS_TCAL1_TMAX must exceed INS_TCAL1_TMIN by this much
+STEP_S = 0.012  #: of the filter: EKF_TARGET_DT
+#: defaults and ranges of ArduPilot's AP_NavEKF3.cpp
+NOISE = (
+    StepParameter("EK3_GYRO_P_NSE", ("gyro", "N"), 0.015, 1e-4, 0.1),
+    StepParameter("EK3_ACC_P_NSE", ("accel", "N"), 0.35, 0.01, 1.0),
+    StepParameter("EK3_GBIAS_P_NSE", ("gyro", "K"), 0.001, 1e-5, 0.001),
+    StepParameter("EK3_ABIAS_P_NSE", ("accel", "K"), 0.02, 1e-5, 0.02),
+)
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """Export the zero of linear models, also with thermal bias or over temperature."""
+    """Export the zero of linear models, also with thermal bias or over temperature; the noise where figures are known."""
+    noise = export_noise(context) if context.noise is not None else {}
     if (annex := annex_exports(model)) is not None:
-        return {FILE: annex.ardupilot(model, context)}
+        return {FILE: annex.ardupilot(model, context)} | noise
     part, celsius = offsets(model, context, NAME)
     values = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:
@@ -48,7 +62,13 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "INS_GYR_CAL is 0.",
         longest=LONGEST,
     )
-    return {FILE: head + table(values)}
+    return {FILE: head + table(values)} | noise
+
+
+def export_noise(context: Context) -> dict[str, str]:
+    """Export the parameters of EKF3's noise, which need no model."""
+    values, lines = step_parameters(context, NAME, NOISE, STEP_S, f"{STEP_S:g} s, EKF_TARGET_DT")
+    return {NOISE_FILE: remarks(context, *lines, longest=LONGEST) + table(values)}
 
 
 def table(values: dict[str, float]) -> str:

@@ -9,6 +9,7 @@ from tinygc.deploy.exports._text import self_test
 from tinygc.estimation.results import versions
 from tinygc.models import linear
 from tinygc.models.model import Model, accelerometer_table, sensor_table
+from tinygc.noise.figures import to_json
 
 NAME = "json"
 UNITS = "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters' units"
@@ -36,6 +37,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "sensor": sensor_table(context.config.sensor),
         "accelerometer": accelerometer_table(context.accelerometer),
         "noise": {key: context.fit.get("noise", {}).get(key) for key in ("gyro_dps_rthz", "accel_g_rthz")},
+        **({} if context.noise is None else {"noise_figures": to_json(context.noise)}),
         "sha256": context.hashes,
         "self_test": self_test(model, context.config.sensor),
     }

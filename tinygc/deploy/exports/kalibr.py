@@ -10,76 +10,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.texts import command_line
-from session.io.units import DEG_PER_HOUR
-from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._text import LinearPart, linear_part, remarks, words, yaml_text
+from tinygc.deploy.exports._noise import densities, kalibr_keys, noise_remarks, say_of_noise
+from tinygc.deploy.exports._text import LinearPart, linear_part, lower, remarks, yaml_text
 from tinygc.models.model import Model
 
 NAME = "kalibr"
 SUMMARY = "imu.yaml and the intrinsics block of Kalibr's scale-misalignment model"
-#: the random walk has the Allan deviation of the flicker floor at this averaging time
-WALK_S = 100.0
-FLOOR = 0.664
-#: m/s^2, assumed for a MEMS accelerometer of this class: not measured
-ACCEL_INSTABILITY_MPS2 = 4e-4
-UNITS = {
-    "gyroscope_noise_density": "rad/s/sqrt(Hz)",
-    "gyroscope_random_walk": "rad/s^2/sqrt(Hz)",
-    "accelerometer_noise_density": "m/s^2/sqrt(Hz)",
-    "accelerometer_random_walk": "m/s^3/sqrt(Hz)",
-}
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
-    noise, accel_noise, instability = context.gyro_noise, context.accel_noise, context.gyro_instability
-    if noise is None or accel_noise is None:
-        raise ExportError(f"kalibr needs the noise that `{command_line('fit')}` measured (fit.json beside the model)")
-    if instability is None:
-        raise ExportError("kalibr needs a bias instability: give sensor.gyro_bias_instability_dph in session.toml")
-    context.say("kalibr: the random walks in imu.yaml are guesses from bias instability; minutes of recording do not show them")
-    return {"imu.yaml": _imu(context, noise, accel_noise, *instability), "imu-intrinsics.yaml": _intrinsics(part, context)}
+    return export_noise(context) | {"imu-intrinsics.yaml": _intrinsics(part, context)}
+
+
+def export_noise(context: Context) -> dict[str, str]:
+    """Export ``imu.yaml`` alone, which needs no model."""
+    found = densities(context, NAME)
+    say_of_noise(context, NAME, found)
+    values, sources = kalibr_keys(found)
+    table = {"rostopic": "/imu0", "update_rate": context.config.sensor.odr_hz} | values
+    return {"imu.yaml": remarks(context, *noise_remarks(context, found)) + yaml_text(table, sources)}
 
 
 def factor(part: LinearPart) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(M, C, A): M lower-triangular with a positive diagonal, C a rotation, A (rad/s)/(m/s^2)."""
     M, C = lower(part.M)
     return M, C, part.M @ part.K @ C.T
-
-
-def lower(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(M, C): matrix = M C, M lower-triangular with a positive diagonal, C a rotation."""
-    Q, R = np.linalg.qr(matrix.T)
-    signs = np.sign(np.diag(R))
-    return np.tril((signs[:, None] * R).T), (Q * signs).T
-
-
-def _imu(context: Context, gyro_noise: np.ndarray, accel_noise: np.ndarray, instability: float, source: str) -> str:
-    # Kalibr's densities are two-sided, as in IEEE 952: one-sided densities of the stills divided by sqrt 2.
-    gyro, accel = gyro_noise / np.sqrt(2), accel_noise / np.sqrt(2)
-    walk = np.sqrt(3 / WALK_S) * FLOOR
-    said = f" (the gyroscope's: {source})" if not source.startswith("typical") else ""
-    return remarks(
-        context,
-        "Densities are sigma_continuous = sigma_sample * sqrt(dt), measured in the stills; the worst axis is given:",
-        f"gyroscope {words(gyro)}, accelerometer {words(accel)} (x, y, z).",
-        f"Random walks are NOT MEASURED: they have the Allan deviation at {WALK_S:g} s of bias instabilities of "
-        f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{said}.  Replace them by an hour's recording.",
-        "Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
-    ) + yaml_text(
-        {
-            "rostopic": "/imu0",
-            "update_rate": context.config.sensor.odr_hz,
-            "gyroscope_noise_density": gyro.max(),
-            "gyroscope_random_walk": walk * instability,
-            "accelerometer_noise_density": accel.max(),
-            "accelerometer_random_walk": walk * ACCEL_INSTABILITY_MPS2,
-        },
-        UNITS,
-    )
 
 
 def _intrinsics(part: LinearPart, context: Context) -> str:

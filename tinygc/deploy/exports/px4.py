@@ -1,4 +1,8 @@
-"""PX4: CAL_GYRO0_* offsets, TC_G0_* temperature terms, CAL_ACC0_* offsets and scales, as a parameter file of QGroundControl."""
+"""PX4: CAL_GYRO0_* offsets, TC_G0_* temperature terms, CAL_ACC0_* offsets and scales, as a parameter file of QGroundControl.
+
+The noise of EKF2 is a file of its own.  EKF2_GYR_NOISE and EKF2_ACC_NOISE are of one step of the filter (rad/s, m/s^2), no densities: its
+covariance grows by (dt p)^2 a step (ekf2, covariance.cpp), and so does that of a bias with EKF2_GYR_B_NOISE and EKF2_ACC_B_NOISE.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +10,29 @@ import numpy as np
 
 from tinygc.deploy import annex_exports
 from tinygc.deploy.exports._context import Context
+from tinygc.deploy.exports._noise import StepParameter, step_parameters
 from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
 from tinygc.models.model import Model
 
 NAME = "px4"
-SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales"
-FILE = "px4.params"
+SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales; noise of EKF2"
+FILE, NOISE_FILE = "px4.params", "px4-noise.params"
 INT32, FLOAT = 6, 9  #: MAVLink's parameter types
+STEP_S = 0.01  #: of the filter: EKF2_PREDICT_US
+#: defaults and ranges of PX4's module.yaml of ekf2
+NOISE = (
+    StepParameter("EKF2_GYR_NOISE", ("gyro", "N"), 0.015, 1e-4, 0.1),
+    StepParameter("EKF2_ACC_NOISE", ("accel", "N"), 0.35, 0.01, 1.0),
+    StepParameter("EKF2_GYR_B_NOISE", ("gyro", "K"), 0.001, 0.0, 0.01),
+    StepParameter("EKF2_ACC_B_NOISE", ("accel", "K"), 0.003, 0.0, 0.01),
+)
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """Export the zero of linear models, also with thermal bias or over temperature."""
+    """Export the zero of linear models, also with thermal bias or over temperature; the noise where figures are known."""
+    noise = export_noise(context) if context.noise is not None else {}
     if (annex := annex_exports(model)) is not None:
-        return {FILE: annex.px4(model, context)}
+        return {FILE: annex.px4(model, context)} | noise
     part, celsius = offsets(model, context, NAME)
     rates = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:
@@ -38,7 +52,14 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID, CAL_ACC0_ID (and TC_G0_ID) must hold its id:",
         "they are not known here, and PX4 takes no offset without them.  Change the 0 if it is another instance.",
     )
-    return {FILE: head + table(rates, ("G",) if celsius is not None else ())}
+    return {FILE: head + table(rates, ("G",) if celsius is not None else ())} | noise
+
+
+def export_noise(context: Context) -> dict[str, str]:
+    """Export the parameters of EKF2's noise, which need no model."""
+    values, lines = step_parameters(context, NAME, NOISE, STEP_S, f"{STEP_S:g} s, EKF2_PREDICT_US")
+    lines += ("EKF2 stops adding to the variance of a bias where it reaches the square of EKF2_GYR_NOISE or EKF2_ACC_NOISE.",)
+    return {NOISE_FILE: remarks(context, *lines) + table(values, ())}
 
 
 def table(values: dict[str, float], switches: tuple[str, ...]) -> str:

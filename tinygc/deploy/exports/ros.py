@@ -6,34 +6,29 @@ from typing import Any
 
 import numpy as np
 
-from session.io.texts import command_line
-from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
+from tinygc.deploy.exports._noise import Densities, densities, noise_remarks, say_of_noise
 from tinygc.deploy.exports._text import linear_part, remarks, yaml_text
 from tinygc.models.linear import NAMES
 from tinygc.models.model import Model
 
 NAME = "ros"
+FILE = "imu_calibration.yaml"
 SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
-    if context.gyro_noise is None or context.accel_noise is None:
-        raise ExportError(f"ros needs the noise that `{command_line('fit')}` measured (fit.json beside the model)")
+    found = densities(context, NAME, walks=False)
     accelerometer = context.accelerometer
-    half_rate = context.config.sensor.odr_hz / 2
-    gyro = part.E @ np.diag(context.gyro_noise**2 * half_rate) @ part.E.T
-    accel = accelerometer.matrix @ np.diag(context.accel_noise**2 * half_rate) @ accelerometer.matrix.T
     head = remarks(
         context,
         "omega = gyroscope.matrix m + gyroscope.offset - gyroscope.g_sensitivity a        rad/s; a: calibrated specific force, m/s^2",
         "a = accelerometer.matrix (a_measured - accelerometer.bias)        m/s^2, specific force: at rest +g on the axis that points up",
         f"    {context.accelerometer_words}",
         "Matrices are row-major.  Publish what is measured on imu/data_raw, what is calibrated on imu/data (REP 145).",
-        "*_covariance are the three of sensor_msgs/Imu: white noise of one sample, up to half the data rate, and nothing else;",
-        "orientation_covariance begins with -1: there is no estimate of it.",
+        *_of_covariances(context, found),
         "calibration_covariance is apart, since it does not average out: 12 x 12, of " + ", ".join(NAMES) + " (E: 1, B: rad/s);",
         "the rate's own is J P J^T with J = [kron(I, m^T), I].  Without it the method has none.",
         "It holds for the session that was fitted: nothing tells how the bias differs from session to session."
@@ -47,16 +42,41 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "gyroscope.g_sensitivity": part.K.ravel(),
         "accelerometer.matrix": accelerometer.matrix.ravel(),
         "accelerometer.bias": accelerometer.bias_mps2,
-        "orientation_covariance": np.array([-1.0] + [0.0] * 8),
-        "angular_velocity_covariance": gyro.ravel(),
-        "linear_acceleration_covariance": accel.ravel(),
-    }
+    } | _covariances(context, found, part.E, accelerometer.matrix)
     if context.covariance is None:
         context.say(f"ros: method {context.method} has no covariance: calibration_covariance is left out")
     else:
         other = context.any_session_covariance
         values["calibration_covariance"] = (context.covariance if other is None else other).ravel()
-    return {"imu_calibration.yaml": head + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
+    return {FILE: head + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
+
+
+def export_noise(context: Context) -> dict[str, str]:
+    """Export the covariances alone, of the readings as they are measured, which needs no model."""
+    found = densities(context, NAME, walks=False)
+    say_of_noise(context, NAME, found)
+    values = _covariances(context, found, np.eye(3), np.eye(3))
+    return {FILE: remarks(context, *_of_covariances(context, found)) + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
+
+
+def _covariances(context: Context, found: dict[str, Densities], gyro: np.ndarray, accel: np.ndarray) -> dict[str, np.ndarray]:
+    """The three of sensor_msgs/Imu, row by row: N^2 times the data rate, through the matrices (3, 3) that calibrate a reading."""
+    rate_hz = context.config.sensor.odr_hz
+    of_sample = {kind: np.diag(both.white.each**2 * rate_hz) for kind, both in found.items()}
+    return {
+        "orientation_covariance": np.array([-1.0] + [0.0] * 8),
+        "angular_velocity_covariance": (gyro @ of_sample["gyro"] @ gyro.T).ravel(),
+        "linear_acceleration_covariance": (accel @ of_sample["accel"] @ accel.T).ravel(),
+    }
+
+
+def _of_covariances(context: Context, found: dict[str, Densities]) -> tuple[str, ...]:
+    return (
+        "*_covariance are the three of sensor_msgs/Imu: white noise of one sample, up to half the data rate, and nothing else:",
+        f"covariance = N^2 rate, N the two-sided density, rate = {context.config.sensor.odr_hz:g} Hz.  It grows with the rate;",
+        "orientation_covariance begins with -1: there is no estimate of it.",
+        *(() if context.noise is None else noise_remarks(context, found)),
+    )
 
 
 def _nested(values: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -1,0 +1,36 @@
+"""Noise figures that are made by hand, for tests of what reads them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
+
+SIGMA = 0.05  #: relative, of each term that is chosen
+
+
+def axis(limits=(), **sizes) -> AxisNoise:
+    """``axis(N=1e-4, K=2e-6)``; limits: of terms that are not chosen, by name; ``tau_s``: of G."""
+    tau_s = sizes.pop("tau_s", None)
+    limits = dict(limits)
+    terms = {name: Term(0.0, None, 0.01, limits.get(name)) for name in TERMS}
+    terms |= {name: Term(value, SIGMA * value, 0.999, tau_s=tau_s if name == "G" else None) for name, value in sizes.items()}
+    return AxisNoise(terms)
+
+
+def sensor(*axes: AxisNoise) -> SensorNoise:
+    """Of one axis three times, or of three."""
+    x, y, z = axes * (3 // len(axes))
+    return SensorNoise((x, y, z))
+
+
+#: within the ranges that autopilots document
+GYRO = sensor(axis(N=4e-4, K=2e-5), axis(N=5e-4, K=1e-5), axis(N=3e-4, K=1.5e-5))
+ACCEL = sensor(axis(N=5e-3, K=2e-4), axis(N=4e-3, K=1e-4), axis(N=3e-3, K=1e-4))
+WALKING = Inflation("walking", np.array([2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.0]), source="two walks")
+
+
+def figures(gyro=GYRO, accel=ACCEL, **changes) -> NoiseFigures:
+    """Of ten hours at 208 Hz."""
+    known = {"rate_hz": 208.0, "duration_s": 36_000.0, "samples": 7_488_000} | changes
+    return NoiseFigures(gyro, accel, **known)

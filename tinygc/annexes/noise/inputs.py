@@ -50,6 +50,10 @@ UNKNOWN = "unknown"
 TURNING_DPS = 60.0
 #: degrees of gravity's direction within one log: more than an accelerometer's zero can do by temperature (100 mg)
 TURNED_DEG = 6.0
+#: a movement scatters so many times as much as the quieter blocks, where a second of noise alone scatters twice as much at most
+RESTLESS = 5.0
+#: share of a log that may be moved before it is no rest with knocks
+MOVED_SHARE = 0.2
 #: s, a rest between two movements that says anything of the noise beyond white
 SHORTEST_S = 1.0
 #: bytes up to which two files of one size are compared
@@ -205,13 +209,13 @@ def _of_session(path: Path, sensor: Sensor) -> _Part:
 
 def _refuse_same(paths: Sequence[Path]) -> None:
     """Raise DataError where two logs are the same recording: it would count twice, and narrow every sigma."""
-    seen: dict[object, Path] = {}
+    seen: dict[str, int] = {}
     sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
-    for path, size in zip(paths, sizes, strict=True):
+    for number, (path, size) in enumerate(zip(paths, sizes, strict=True)):
         compared = sizes.count(size) > 1 and 0 <= size <= MOST_COMPARED
-        first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), path)
-        if first is not path:
-            raise DataError(f"{first} and {path} are the same recording, which would count twice; leave one of them out")
+        first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), number)
+        if first != number:
+            raise DataError(f"{paths[first]} and {path} are the same recording, which would count twice; leave one of them out")
 
 
 # One log: piece by piece where it is text with stamps, else whole.
@@ -337,7 +341,8 @@ def _add_whole(samples: Samples, name: str, sensor: str, rests: Rests) -> None:
 
 def _add_stills(samples: Samples, name: str, rests: Rests, moves: str = "") -> None:
     """Add the stills of a log that moves, each for itself."""
-    stills = [still for still in references(find_stills(samples)[0]) if still.duration_s >= SHORTEST_S]
+    found = references(find_stills(samples)[0])
+    stills = [still for still in found if still.duration_s >= SHORTEST_S and np.linalg.norm(still.gyro_mean) <= TURNING_DPS * DEG]
     said = f"{name}: {moves}; " if moves else f"{name}: "
     if not stills:
         rests.remarks.append(f"{said}it never lies still: left out")
@@ -380,5 +385,8 @@ def _movement(log: RestLog) -> str | None:
         turned_deg = float(np.percentile(angles, 95))
         if turned_deg > TURNED_DEG:
             return f"it was turned by {turned_deg:.0f}° within the log"
-    restless = next((each for each in check_rest(log) if each.what == "stillness" and each.level == "error"), None)
-    return None if restless is None else restless.says
+    scatter = np.linalg.norm(log.gyro_sd, axis=1)
+    if not (there := scatter[scatter > 0]).size:
+        return None
+    share = float(np.mean(scatter > RESTLESS * np.percentile(there, 25)))
+    return f"it is moved for {100 * share:.0f} % of the time" if share > MOVED_SHARE else None

@@ -9,6 +9,7 @@ from math import ceil
 import numpy as np
 
 from session.io.registers import profile_of
+from session.io.texts import printable
 from tinygc.annexes.noise.estimate import NoiseEstimate, known_after_s
 from tinygc.annexes.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
 from tinygc.noise.figures import NoiseFigures, SensorNoise, Term
@@ -70,7 +71,7 @@ def headline(figures: NoiseFigures) -> str:
     """Which recording the figures are of."""
     of = " ".join(filter(None, (figures.sensor, figures.serial))) or "sensor not named"
     logs = f"{len(figures.logs)} log{'s' * (len(figures.logs) != 1)}, " if figures.logs else ""
-    return f"Noise at rest, {of}: {logs}{duration_words(figures.duration_s)}, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
+    return f"Noise at rest, {printable(of)}: {logs}{duration_words(figures.duration_s)}, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
 
 
 # The table of a sensor.

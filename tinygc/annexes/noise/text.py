@@ -71,7 +71,9 @@ def headline(figures: NoiseFigures) -> str:
     """Which recording the figures are of."""
     of = " ".join(filter(None, (figures.sensor, figures.serial))) or "sensor not named"
     logs = f"{len(figures.logs)} log{'s' * (len(figures.logs) != 1)}, " if figures.logs else ""
-    return f"Noise at rest, {printable(of)}: {logs}{duration_words(figures.duration_s)}, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
+    return (
+        f"Noise at rest, {printable(of)}: {logs}{duration_words(figures.duration_s)}, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
+    )
 
 
 # The table of a sensor.
@@ -122,8 +124,8 @@ def kalibr_line(figures: NoiseFigures) -> str:
         for name, word in (("N", "noise_density"), ("K", "random_walk")):
             value, most = found[f"{CALLED[kind]}_{word}"], float(sensor.at_most(name).max())
             words.append(f"{value:.3g}" if value is not None else f"< {most:.2g}" if np.isfinite(most) else NONE)
-        parts.append(f"{CALLED[kind]} density {words[0]}, walk {words[1]}")
-    return f"Kalibr, SI, worst axis: {'; '.join(parts)}"
+        parts.append(f"{CALLED[kind]} {', '.join(words)}")
+    return f"Kalibr density, walk (SI): {'; '.join(parts)}"
 
 
 # What is still open, and when it will be known.

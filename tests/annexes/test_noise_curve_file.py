@@ -112,7 +112,7 @@ def test_a_curve_is_fitted_sensor_by_sensor(fitted, tmp_path):
 
 def test_what_a_curve_does_not_say_is_assumed_and_said(fitted, tmp_path):
     found = tinygc.estimate_noise(curve=written(tmp_path / "c.csv", 1, "(deg/h)"))
-    assert fitted[0][2:] == (2000.0, None)
+    assert fitted[0][2:] == (10_000.0, None)
     assert found.figures.accel is None
     assert any("--duration" in remark for remark in found.remarks)
     assert any("stands for all three" in remark for remark in found.remarks)

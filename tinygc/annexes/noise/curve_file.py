@@ -23,6 +23,8 @@ from tinygc.noise.figures import AxisNoise, NoiseFigures, SensorNoise
 MOST_BYTES, MOST_ROWS = 16 * MB, 100_000
 #: fewest averaging times that hold a shape
 LEAST_ROWS = 6
+#: a recording over the longest averaging time of its curve, as tools choose it, where nobody says how long it was
+USUAL_LENGTH = 10.0
 #: further units of such curves, SI
 OF_CURVES = {
     "gyro": {"deg/h": DEG_PER_HOUR, "deg/hr": DEG_PER_HOUR, "°/h": DEG_PER_HOUR, "dph": DEG_PER_HOUR},
@@ -121,8 +123,8 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         raise DataError(f"{path.name}: it holds no gyroscope, of which the noise figures are; give its curve as well")
     said = []
     if duration_s is None:
-        duration_s = 2 * float(curve.tau_s[-1])
-        said.append(f"The recording is taken to be as short as its curve allows, {duration_s:.4g} s: --duration says how long it was.")
+        duration_s = USUAL_LENGTH * float(curve.tau_s[-1])
+        said.append(f"The recording is taken to be {USUAL_LENGTH:g} times its longest averaging time, {duration_s:.4g} s (--duration).")
     elif duration_s < 2 * curve.tau_s[-1]:
         raise DataError(
             f"{path.name}: it goes to {curve.tau_s[-1]:.4g} s, which a recording of {duration_s:.4g} s cannot; give --duration in s"

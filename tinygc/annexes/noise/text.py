@@ -80,7 +80,7 @@ def headline(figures: NoiseFigures) -> str:
 
 
 def _terms_table(kind: str, sensor: SensorNoise, verbose: bool) -> Table:
-    table = plain_table("", f"{CALLED[kind]} (± one sigma, < 95 %)", "x", "y", "z", right=True)
+    table = plain_table("", f"{CALLED[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
     for name, unit in TERM_UNITS[kind].items():
         if not (verbose or name in ALWAYS or sensor.measured(name)):
             continue

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 SHOWN = {"gyro": ("°/h", DEG_PER_HOUR), "accel": ("µg", UG)}
 #: how far terms are drawn below the lowest deviation
 BELOW = 3.0
+#: averaging times that are drawn, at most
+POINTS = 60
 #: most that the panel of ratios shows
 MOST_RATIO = 2.0
 
@@ -35,12 +37,19 @@ def figure_of(estimate: NoiseEstimate) -> Figure:
             curve.axis("off")
             ratio.axis("off")
             continue
-        band, period_s = estimate.allan[kind], 1 / estimate.figures.rate_hz
+        band, period_s = _thinned(estimate.allan[kind]), 1 / estimate.figures.rate_hz
         _deviations(kind, sensors[kind], band, period_s, curve)
         _ratios(sensors[kind], band, period_s, ratio)
         ratio.set_xlim(curve.get_xlim())
         curve.tick_params(labelbottom=False)
     return figure
+
+
+def _thinned(band: AllanBand) -> AllanBand:
+    """The points nearest to ``POINTS`` averaging times in geometric steps, so that none hides another."""
+    wanted = np.geomspace(band.tau_s[0], band.tau_s[-1], POINTS)
+    kept = np.unique(np.abs(np.log(wanted[:, None] / band.tau_s)).argmin(axis=1))
+    return AllanBand(band.tau_s[kept], band.deviation[kept], band.low[kept], band.high[kept])
 
 
 def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, period_s: float, axes: Axes) -> None:
@@ -52,7 +61,8 @@ def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, period_s: float
         own, colour = sensor.axes[i], AXES[name]
         axes.fill_between(band.tau_s, band.low[:, i] / si, band.high[:, i] / si, color=colour, alpha=0.2, lw=0)
         axes.loglog(band.tau_s, band.deviation[:, i] / si, "o", ms=3, mfc="none", mew=0.8, color=colour, label=name)
-        axes.loglog(tau_s, np.sqrt(own.allan_variance(tau_s, period_s)) / si, "-", lw=1.6, color=colour)
+        described = tau_s[tau_s >= own.from_s]
+        axes.loglog(described, np.sqrt(own.allan_variance(described, period_s)) / si, "-", lw=1.6, color=colour)
         for term in filter(own.value, TERMS):
             line = np.sqrt(own.allan_variance(tau_s, period_s, term)) / si
             axes.loglog(tau_s, line, "--", lw=0.7, alpha=0.7, color=colour)
@@ -76,7 +86,7 @@ def _label(term: str, tau_s: np.ndarray, lines: dict[str, np.ndarray], low: floa
         if not len(inside):
             continue
         share = 0.94 if line[-1] < 0.5 * line[0] else 0.06
-        at = int(line.argmax()) if term == "G" else inside[int(share * (len(inside) - 1))]
+        at = inside[int(share * (len(inside) - 1))]
         if all(abs(np.log10(tau_s[at] / there)) > 0.15 or abs(np.log10(line[at] / height)) > 0.06 for _, there, height in named):
             named.append((axis, float(tau_s[at]), float(line[at])))
     for axis, there, height in named:

@@ -36,13 +36,14 @@ MARKED_P = 0.01
 def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool = False) -> Group:
     """The screen; read: remarks on the inputs; verbose: with every term and all remarks, however long."""
     figures = estimate.figures
-    parts: list[RenderableType] = [one_line(headline(figures), "bold")]
-    lines = 1
+    misfit = misfit_lines(figures)
+    parts: list[RenderableType] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
+    lines = 1 + len(misfit)
     for kind, sensor in figures.sensors().items():
         table = _terms_table(kind, sensor, verbose)
         parts.append(table)
         lines += 1 + table.row_count
-    below = [kalibr_line(figures), *open_lines(figures), *misfit_lines(figures), *sheet_lines(figures)]
+    below = [kalibr_line(figures), *open_lines(figures), *sheet_lines(figures)]
     parts += [one_line(line) for line in below]
     left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
     remarks = [*left, *estimate.said, *read]
@@ -180,13 +181,15 @@ def _axes(times: dict[str, list[str]]) -> list[tuple[str, str]]:
 
 
 def misfit_lines(figures: NoiseFigures) -> list[str]:
-    """Axes that the model does not describe."""
-    return [
-        f"The terms do not describe {CALLED[kind]} {axis} (p = {own.p_value:.2g}): its variance is {own.excess:.3g} times theirs."
-        for kind, sensor in figures.sensors().items()
-        for axis, own in zip("xyz", sensor.axes, strict=True)
-        if own.p_value is not None and own.p_value < MARKED_P
-    ]
+    """A sentence for each sensor with axes that the terms do not describe: their numbers are then no noise figures."""
+    lines = []
+    for kind, sensor in figures.sensors().items():
+        bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if own.p_value is not None and own.p_value < MARKED_P}
+        if bad:
+            worst = max(bad.values(), key=lambda own: own.excess)
+            what = f"p = {worst.p_value:.2g}, {worst.excess:.3g} times their variance"
+            lines.append(f"NOT DESCRIBED by these terms: {CALLED[kind]} {' '.join(bad)} ({what})")
+    return lines
 
 
 # Against the data sheet, whose densities are one-sided.

@@ -40,6 +40,7 @@ TABLES = {
                 "term": words("N", "B"),
                 "unit": TEXT,
                 "value": maybe(SIZE),
+                "at_most": maybe(SIZE),
                 "sheet": SIZE,
                 "source": TEXT,
                 "verdict": words("within", "above", "below", "open", "not judged"),

@@ -198,8 +198,8 @@ def test_open_terms_say_when_they_will_be_known():
         **{("accel", "xyz"[place], "K"): AFTER[place] for place in range(3)},
     }
     assert open_lines(figures()) == [
-        "Gyroscope known to 20 %: N, B; after so much rest: K 3.1 h (x)",
-        "Accelerometer known to 20 %: N, B; after so much rest: K 3.1 h (x), 15 min (y), never (z)",
+        "Gyroscope known to 20 %: N, B; after one rest of: K 3.1 h (x)",
+        "Accelerometer known to 20 %: N, B; after one rest of: K 3.1 h (x), 15 min (y), never (z)",
     ]
     vague = SensorNoise(tuple(axis(N=shown(N, 0.001), B=shown(H, 0.21), K=shown(H / 60, 0.19)) for _ in "xyz"))
     assert {each.term for each in open_terms(figures(gyro=vague, accel=None))} == {"B"}
@@ -232,7 +232,9 @@ def test_a_term_that_does_not_show_is_held_against_the_sheet_by_its_limit():
     for most, verdict in ((2.0, "below"), (4.0, "open"), (None, "open")):
         gyro = SensorNoise(tuple(axis(N=shown(N, 0.01), B=hidden(None if most is None else most * H)) for _ in "xyz"))
         rows = against_data_sheet(figures(gyro=gyro, accel=None, sensor="ASM330LHH"))
-        assert [row.verdict for row in rows if row.term == "B"] == [verdict]
+        (row,) = (row for row in rows if row.term == "B")
+        assert row.verdict == verdict
+        assert (f"B {'–' if most is None else f'< {most:g}'} °/h, data sheet 3: {verdict}") in row.words
 
 
 def test_terms_that_do_not_describe_the_data_are_said():

@@ -74,7 +74,7 @@ def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, period_s: float
     axes.loglog([], [], "k--", lw=0.7, label="its terms")
     axes.set_ylim(low, np.nanmax([band.deviation, band.high]) / si * 2)
     axes.grid(True, which="major", color=PALE, lw=0.4, alpha=0.6)
-    axes.set(ylabel=f"Allan deviation ({unit})", title=f"{CALLED[kind].capitalize()}, with 68 % bounds")
+    axes.set(ylabel=f"Allan deviation ({unit})", title=CALLED[kind].capitalize() + ", with 68 % bounds" * bool(np.isfinite(band.low).any()))
     axes.legend(fontsize=8, ncols=5, loc="upper right")
 
 

@@ -162,7 +162,7 @@ def _is_known(term: Term) -> bool:
 
 
 def open_lines(figures: NoiseFigures) -> list[str]:
-    """One sentence for each sensor: which terms are known to 20 %, and after how much rest the others will be."""
+    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be."""
     lines, terms = [], open_terms(figures)
     for kind in figures.sensors():
         after: dict[str, dict[str, list[str]]] = {}  # term -> duration -> axes
@@ -171,7 +171,7 @@ def open_lines(figures: NoiseFigures) -> list[str]:
                 after.setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
         waiting = [f"{name} {', '.join(f'{when} ({axes})' for when, axes in _axes(times))}" for name, times in after.items()]
         known = [name for name in ALWAYS if name not in after]
-        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known) + [f"after so much rest: {'; '.join(waiting)}"] * bool(waiting)
+        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known) + [f"after one rest of: {'; '.join(waiting)}"] * bool(waiting)
         lines.append(f"{CALLED[kind].capitalize()} {'; '.join(parts)}")
     return lines
 
@@ -199,7 +199,8 @@ def misfit_lines(figures: NoiseFigures) -> list[str]:
 class SheetFigure:
     """A figure of the data sheet beside the worst axis.
 
-    sensor: ``gyro`` or ``accel``; term; unit; value: None where no axis shows it; sheet; source; verdict: ``within`` 10 %, ``above``,
+    sensor: ``gyro`` or ``accel``; term; unit; value: None where no axis shows it; at_most: upper limit (95 %), None where there is none;
+    sheet; source; verdict: ``within`` 10 %, ``above``,
     ``below``, ``open`` where the term is not known, ``not judged`` where nobody has read the figure in its source.
     """
 
@@ -207,6 +208,7 @@ class SheetFigure:
     term: str
     unit: str
     value: float | None
+    at_most: float | None
     sheet: float
     source: str
     verdict: str
@@ -218,7 +220,8 @@ class SheetFigure:
     @property
     def words(self) -> str:
         """``gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %``."""
-        value = NONE if self.value is None else f"{self.value:.3g}"
+        limit = NONE if self.at_most is None else f"< {self.at_most:.3g}"
+        value = limit if self.value is None else f"{self.value:.3g}"
         ratio = None if self.value is None or self.verdict not in ("above", "below") else self.value / self.sheet
         by = "" if ratio is None else f" by {100 * abs(ratio - 1):.0f} %" if ratio < TIMES else f", {ratio:.2g} times"
         judged = "remembered, not judged" if self.verdict == "not judged" else f"{self.verdict}{by}"
@@ -243,14 +246,16 @@ def against_data_sheet(figures: NoiseFigures) -> list[SheetFigure]:
         if sensor is None or figure is None:
             continue
         value = float(sensor.values(name).max()) / unit.si if sensor.measured(name) else None
-        verdict = _verdict(value, float(sensor.at_most(name).max()) / unit.si, figure.value) if figure.read else "not judged"
-        rows.append(SheetFigure(kind, name, unit.words, value, figure.value, figure.source, verdict))
+        limit = float(sensor.at_most(name).max()) / unit.si
+        at_most = limit if np.isfinite(limit) else None
+        verdict = _verdict(value, at_most, figure.value) if figure.read else "not judged"
+        rows.append(SheetFigure(kind, name, unit.words, value, at_most, figure.value, figure.source, verdict))
     return rows
 
 
-def _verdict(value: float | None, at_most: float, sheet: float) -> str:
+def _verdict(value: float | None, at_most: float | None, sheet: float) -> str:
     if value is None:
-        return "below" if at_most < sheet else "open"
+        return "below" if at_most is not None and at_most < sheet else "open"
     if abs(value / sheet - 1) <= SHEET_WITHIN:
         return "within"
     return "above" if value > sheet else "below"

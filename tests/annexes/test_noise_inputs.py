@@ -229,6 +229,8 @@ def test_units_and_files_that_cannot_be(tmp_path):
     assert "neither a rest log nor a log" in refused(tmp_path / "none")
     write_session(tmp_path / "other", still)
     assert "leave --sensor out" in refused(tmp_path / "other", sensor="MPU-9250")
+    write_session(tmp_path / "alone", still, toml=SESSION_TOML + '[protocol]\nreference = "turns"\n')
+    assert "a gyroscope alone" in refused(tmp_path / "alone")
 
 
 def test_adis_as_its_owner_has_it_needs_no_option(shared):

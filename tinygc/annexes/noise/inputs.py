@@ -24,7 +24,7 @@ from session.io.errors import DataError, FormatError
 from session.io.files import MB
 from session.io.folder import Session, sha256_of
 from session.io.logfile import read_log
-from session.io.names import has_recorded_name, log_paths, refuse_array
+from session.io.names import TURNS, has_recorded_name, log_paths, refuse_array
 from session.io.reader import Reader
 from session.io.registers import RegisterUnits, profile_of
 from session.io.rests import RestLog, read_rest, rest_from_samples
@@ -145,7 +145,7 @@ def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) ->
         elif each.is_dir():
             yield from _of_folder(each, answers, columns)
         elif (config := _session_of(each)) is not None:
-            yield _of_session(each, config.sensor)
+            yield _of_session(each, config)
         else:
             yield _Part(each.name, each, partial(_read_log, [each], answers, own[each]))
 
@@ -173,13 +173,13 @@ def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterat
     """The logs of a folder.  FormatError where it holds none."""
     refuse_array(folder)
     if (folder / "session.toml").exists():
-        sensor = read_config(folder / "session.toml").sensor
-        if answers.sensor and profile_of(answers.sensor) is not profile_of(sensor.model):
-            raise FormatError(f"{folder}: --sensor is {answers.sensor}, but the session's is {sensor.model}; leave --sensor out")
+        config = read_config(folder / "session.toml")
+        if answers.sensor and profile_of(answers.sensor) is not profile_of(config.sensor.model):
+            raise FormatError(f"{folder}: --sensor is {answers.sensor}, but the session's is {config.sensor.model}; leave --sensor out")
         paths = [*log_paths(folder, "rest"), *log_paths(folder, "log")]
         if not paths:
             raise FormatError(f"{folder}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
-        yield from (_of_session(path, sensor) for path in paths)
+        yield from (_of_session(path, config) for path in paths)
         return
     registry = find("binary logs")
     if registry is not None and registry.reader_of(folder, b"") is not None:  # a bag is a folder
@@ -200,8 +200,13 @@ def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterat
     yield from (_Part(path.name, path, partial(_read_log, [path], answers, columns)) for path in sorted({*text, *binary, *packed}))
 
 
-def _of_session(path: Path, sensor: Sensor) -> _Part:
-    """A log in a session folder: a rest log is read piece by piece, of any other the stills."""
+def _of_session(path: Path, config: Config) -> _Part:
+    """A log in a session folder: a rest log is read piece by piece, of any other the stills.  FormatError of a gyroscope alone."""
+    sensor = config.sensor
+    if config.protocol.reference == TURNS:
+        raise FormatError(
+            f"{path}: a gyroscope alone, whose stills gravity does not show; give a log of it at rest, outside of the session"
+        )
     if path.name.lower().startswith("rest"):
         return _Part(path.name, path, partial(_stream, path, sensor, None))
     return _Part(path.name, path, partial(_read_session_log, path, sensor))

@@ -54,10 +54,10 @@ def seeds() -> list[bytes]:
     """Good ones of each kind."""
     tau = "\n".join(f"{2**k} {1 / 2**k} 1 1" for k in range(8))
     term = {"value": 1e-4, "sigma": 1e-6, "probability": 1.0, "at_most": None, "tau_s": 3.0}
-    sensor = dict.fromkeys("xyz", {"terms": dict.fromkeys(TERMS, term), "lines": [{"hz": 1.0, "rms": 1e-3}], "p_value": 0.5})
+    sensor = {axis: {"terms": dict.fromkeys(TERMS, term), "lines": [{"hz": 1.0, "rms": 1e-3}], "p_value": 0.5} for axis in "xyz"}
     figures = {"schema": "tinygc-noise/1", "gyro": sensor, "accel": None, "rate_hz": 100.0, "duration_s": 10.0}
     rng = np.random.default_rng(1)
-    rows = np.column_stack([np.arange(400) / 100, rng.normal(0, 0.1, (400, 3)), rng.normal(0, 0.01, (400, 3)) + [0, 0, -1]])
+    rows = np.column_stack([np.arange(400) / 100, rng.normal(0, 0.1, (400, 3)), rng.normal((0, 0, -1), 0.01, (400, 3))])
     log = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n" + "\n".join(",".join(f"{value:.3f}" for value in row) for row in rows)
     return [
         b"\0" + f"# tau x y z (deg/s)\n{tau}\n".encode(),

@@ -204,9 +204,7 @@ def _of_session(path: Path, config: Config) -> _Part:
     """A log in a session folder: a rest log is read piece by piece, of any other the stills.  FormatError of a gyroscope alone."""
     sensor = config.sensor
     if config.protocol.reference == TURNS:
-        raise FormatError(
-            f"{path}: a gyroscope alone, whose stills gravity does not show; give a log of it at rest, outside of the session"
-        )
+        raise FormatError(f"{path}: a gyroscope alone, whose stills gravity does not show; give its log at rest, outside of the session")
     if path.name.lower().startswith("rest"):
         return _Part(path.name, path, partial(_stream, path, sensor, None))
     return _Part(path.name, path, partial(_read_session_log, path, sensor))

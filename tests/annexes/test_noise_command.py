@@ -18,7 +18,7 @@ from tinygc.annexes.noise import library, text
 from tinygc.annexes.noise.library import Noise
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, open_lines, open_terms
 from tinygc.annexes.noise.units import TERM_UNITS, duration_words
-from tinygc.noise.figures import TERMS, SensorNoise, read_figures
+from tinygc.noise.figures import TERMS, Line, SensorNoise, read_figures
 from tinygc.reporting.terminal import PlainConsole, as_text
 
 #: s, after which a term of each axis is known
@@ -243,6 +243,12 @@ def test_terms_that_do_not_describe_the_data_are_said():
     lines = Noise(estimate(figures(gyro=gyro))).summary().splitlines()
     assert lines[1] == "NOT DESCRIBED by these terms: gyroscope y (p = 0.0001, 1.7 times their variance)"
     assert not any("NOT DESCRIBED" in line for line in lines[2:])
+
+
+def test_lines_of_the_spectrum_are_said():
+    shaken = dataclasses.replace(figures().accel.axes[2], lines=(Line(50.0, 30 * UG), Line(0.63, 512 * UG)))
+    accel = SensorNoise((*figures().accel.axes[:2], shaken))
+    assert "Lines of the accelerometer, the strongest: z 0.63 Hz (512 µg rms)." in Noise(estimate(figures(accel=accel))).summary()
 
 
 def test_the_picture_has_data_model_terms_and_ratio():

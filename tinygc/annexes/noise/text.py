@@ -46,7 +46,7 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
     below = [kalibr_line(figures), *open_lines(figures), *sheet_lines(figures)]
     parts += [one_line(line) for line in below]
     left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
-    remarks = [*left, *estimate.said, *read]
+    remarks = [*spectral_lines(figures), *left, *estimate.said, *read]
     room = SCREEN - lines - sum(map(_height, below))
     kept = len(remarks) if verbose else _fitting(remarks, room)
     parts += [one_line(remark) for remark in remarks[:kept]]
@@ -190,6 +190,18 @@ def misfit_lines(figures: NoiseFigures) -> list[str]:
             what = f"p = {worst.p_value:.2g}, {worst.excess:.3g} times their variance"
             lines.append(f"NOT DESCRIBED by these terms: {CALLED[kind]} {' '.join(bad)} ({what})")
     return lines
+
+
+def spectral_lines(figures: NoiseFigures) -> list[str]:
+    """One sentence for each sensor whose spectrum has lines: frequency and rms of each axis' strongest."""
+    sentences = []
+    for kind, sensor in figures.sensors().items():
+        unit = TERM_UNITS[kind]["B"]
+        strongest = {axis: max(own.lines, key=lambda line: line.rms) for axis, own in zip("xyz", sensor.axes, strict=True) if own.lines}
+        found = ", ".join(f"{axis} {line.hz:.3g} Hz ({line.rms / unit.si:.3g} {unit.words} rms)" for axis, line in strongest.items())
+        if found:
+            sentences.append(f"Lines of the {CALLED[kind]}, the strongest: {found}.")
+    return sentences
 
 
 # Against the data sheet, whose densities are one-sided.

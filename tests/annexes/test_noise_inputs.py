@@ -200,6 +200,19 @@ def test_two_units_are_refused(change, says, tmp_path):
     assert says in refused(tmp_path / "a", tmp_path / "b")
 
 
+def test_what_is_told_of_a_unit_is_held_against_its_logs(tmp_path):
+    write_session(tmp_path, rest(), "rest0001.csv")
+    assert "the sensor is ASM330LHH, and you say MPU-9250" in refused(tmp_path / "rest0001.csv", sensor="MPU-9250")
+    with pytest.raises(CalibrationError, match="the serial number is 42, and you say 7; give the logs of one unit"):
+        read_inputs([tmp_path], Answers(), serial="7")
+
+
+def test_logs_of_one_name_are_told_by_their_folders(tmp_path):
+    for day in ("monday", "tuesday"):
+        write_session(tmp_path / day, rest(seed=len(day)), "rest0001.csv")
+    assert read(tmp_path / "monday", tmp_path / "tuesday").logs == ["monday/rest0001.csv", "tuesday/rest0001.csv"]
+
+
 def test_two_data_rates_are_refused_and_two_clocks_are_not(tmp_path):
     write_session(tmp_path / "a", rest(), "rest0001.csv")
     write_session(tmp_path / "b", rest(seed=1, odr_hz=104.0), "rest0002.csv")

@@ -81,7 +81,8 @@ class Rests:
         for what, mine, first in (("sensor", sensor, self.sensor), ("serial number", serial, self.serial)):
             same = mine == first or (what == "sensor" and (known := profile_of(mine)) is not None and known is profile_of(first))
             if mine and first and not same:
-                raise DataError(f"{name}: the {what} is {mine}, and of {self.logs[0]} it is {first}; give the logs of one unit")
+                before = f"of {self.logs[0]} it is" if self.logs else "you say"
+                raise DataError(f"{name}: the {what} is {mine}, and {before} {first}; give the logs of one unit")
         if self.rate_hz and abs(rate_hz / self.rate_hz - 1) > CLOCK_WITHIN.value:
             raise DataError(
                 f"{name}: it has {rate_hz:.4g} Hz, and {self.logs[0]} has {self.rate_hz:.4g} Hz; give logs of one data rate, since "
@@ -107,11 +108,12 @@ def read_inputs(
     rests = Rests([], [], [], answers.sensor or "", serial)
     parts = list(_parts(inputs, answers, columns))
     _refuse_same([part.path for part in parts if part.path is not None])
+    names = [part.name for part in parts]
     for number, part in enumerate(parts):
         progress(f"reading {part.name}", number, len(parts))
         part.read(rests)
-        if part.name not in rests.logs:
-            rests.logs.append(part.name)
+        folder = f"{printable(part.path.resolve().parent.name)}/" if part.path is not None and names.count(part.name) > 1 else ""
+        rests.logs.append(f"{folder}{part.name}")
     if not rests.sums:
         raise DataError(f"{', '.join(rests.logs)}: nothing lies still in it; expected a rest of minutes ({'; '.join(rests.remarks[:3])})")
     return rests

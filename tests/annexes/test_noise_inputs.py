@@ -234,7 +234,7 @@ def test_units_and_files_that_cannot_be(tmp_path):
     assert "1.998 g at rest" in refused(written(tmp_path / "doubled.csv", doubled))
     assert "--gyro-unit" in refused(written(tmp_path / "asked.csv", still, "t_s,gx,gy,gz,ax_g,ay_g,az_g"))
     (tmp_path / "empty").mkdir()
-    assert "no log in it" in refused(tmp_path / "empty")
+    assert "it holds no log" in refused(tmp_path / "empty")
     (tmp_path / "bytes.csv").write_bytes(bytes(range(256)) * 40)
     assert "bytes.csv" in refused(tmp_path / "bytes.csv")
     assert "nothing.csv: cannot be read" in refused(tmp_path / "nothing.csv")

@@ -21,7 +21,7 @@ from session.io.annexes import find
 from session.io.config import Config, Sensor, read_config
 from session.io.dialects import Answers
 from session.io.errors import DataError, FormatError
-from session.io.files import MB
+from session.io.files import MB, require_file
 from session.io.folder import Session, sha256_of
 from session.io.logfile import read_log
 from session.io.names import TURNS, has_recorded_name, log_paths, refuse_array
@@ -198,12 +198,13 @@ def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterat
             yield _Part(folder.name, None, partial(_read_log, [folder], answers, columns))
             return
     if not text and not binary and not packed:
-        raise FormatError(f"{folder}: no log in it; expected session.toml with rest*.csv or log*.csv, or the logs of one unit")
+        raise FormatError(f"{folder}: cannot be read (it holds no log); expected session.toml with rest*.csv or log*.csv, or the logs of one unit")
     yield from (_Part(path.name, path, partial(_read_log, [path], answers, columns)) for path in sorted({*text, *binary, *packed}))
 
 
 def _of_session(path: Path, config: Config) -> _Part:
     """A log in a session folder: a rest log is read piece by piece, of any other the stills.  FormatError of a gyroscope alone."""
+    require_file(path)
     sensor = config.sensor
     if config.protocol.reference == TURNS:
         raise FormatError(f"{path}: a gyroscope alone, whose stills gravity does not show; give its log at rest, outside of the session")

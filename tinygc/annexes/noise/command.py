@@ -35,8 +35,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Estimate the noise of one unit, print it, and write noise.json and noise.png."""
+    from session.io.annexes import need
     from session.io.names import is_session
-    from tinygc.annexes.noise.library import PICTURE, noise_of, noise_of_curve
     from tinygc.noise.figures import FILE
     from tinygc.reporting.terminal import progress_bar
 
@@ -48,16 +48,17 @@ def run(args: argparse.Namespace) -> int:
     folder: Path | None = args.out or (None if session is None else session / "fit")
     if folder is not None:
         try_destinations(argparse.Namespace(out=folder, json=args.json), "fit")
+    library = need("noise figures")  # it stands on another annex, which may have been removed
     with progress_bar(args.quiet) as progress:
         if args.curve is not None:
-            found = noise_of_curve(args.curve, args.curve_units, args.duration, args.odr, args.sensor or "", args.serial)
+            found = library.noise_of_curve(args.curve, args.curve_units, args.duration, args.odr, args.sensor or "", args.serial)
         else:
             columns = args.columns if args.columns and len(args.columns) > 1 else ()
-            found = noise_of(args.logs, answers_of(args, len(args.logs)), columns, args.serial, progress)
+            found = library.noise_of(args.logs, answers_of(args, len(args.logs)), columns, args.serial, progress)
     output(args).print(found.pages(args.verbose))
     if folder is not None:
         found.save(folder, pictures=not args.no_pictures)
-        picture = folder / PICTURE
+        picture = folder / library.PICTURE
         files = [folder / FILE, *([picture] if picture.exists() and not args.no_pictures else [])]
         output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True, markup=False)
     elif args.json is None:

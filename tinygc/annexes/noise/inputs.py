@@ -198,7 +198,7 @@ def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterat
             yield _Part(folder.name, None, partial(_read_log, [folder], answers, columns))
             return
     if not text and not binary and not packed:
-        raise FormatError(f"{folder}: cannot be read (it holds no log); expected session.toml with rest*.csv or log*.csv, or the logs of one unit")
+        raise FormatError(f"{folder}: cannot be read (it holds no log); expected a session, or the logs of one unit")
     yield from (_Part(path.name, path, partial(_read_log, [path], answers, columns)) for path in sorted({*text, *binary, *packed}))
 
 

@@ -175,15 +175,18 @@ SESSION_READERS = [
     "accelerometer {S} --out {O}", "fleet {S} --out {O} --jobs 1", "board {S} --link {O}", "challenge --on {S} --out {O}",
 ]  # fmt: skip
 READERS = {
-    "log": [*SESSION_READERS, "import {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}"],
+    "log": [
+        *SESSION_READERS, "import {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}", "noise {S} --out {O}",
+        "noise {B} --out {O}",
+    ],
     "truth": SESSION_READERS,
     "turns": SESSION_READERS,
     "attitudes": SESSION_READERS,
     "session": [
         *SESSION_READERS, "import {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
-        "record --port {O} --like {S} --out {O}", "list {S}",
+        "record --port {O} --like {S} --out {O}", "list {S}", "noise {S} --out {O}",
     ],
-    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}"],
+    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}"],
     "raw": ["import {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip
 

@@ -59,6 +59,7 @@ STANDS_FOR = {
     "<case>": lambda word: re.fullmatch(r"case\d+", word),
     "<quantity>": lambda word: re.fullmatch(r"(gyro|accel)_\w+_(ppm|mrad|mdps|mg)", word),
     "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
+    "<cause>": lambda word: re.fullmatch(r"[a-z][a-z0-9 _-]*", word),
     "<constant>": lambda word: re.fullmatch(r"[a-z][a-z0-9_]*", word),
     "<follows>": lambda word: word in annex("tinygc.annexes.discovery.quantities").QUANTITIES,
     "<full scale>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),

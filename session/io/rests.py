@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from session.io.config import Sensor
+from session.io.dialects import Answers
 from session.io.errors import DataError, FormatError
 from session.io.reader import Reader
 from session.io.samples import Samples
-from session.io.stamps import fresh
+from session.io.stamps import counted, fresh
 from session.io.units import NS_PER_S
 
 #: a block is a second, or so many samples where a second holds fewer: the scatter within it must mean something
@@ -77,12 +78,14 @@ class RestLog:
         return RestLog(self.path, block_s=self.block_s, samples=self.samples, period_s=self.period_s, notes=self.notes, **parts)
 
 
-def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -> RestLog:
+def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, answers: Answers | None = None) -> RestLog:
     """Read one rest log; ``watch`` is called with each piece of samples (SI), so that nothing is read twice.
 
-    Raises FormatError (what cannot be read: line and column are named) or DataError (too short to mean anything).
+    answers: options for a text log of another program, which holds a gyroscope and an accelerometer; without stamps its samples are
+    counted at ``sensor.odr_hz``.  Raises FormatError (what cannot be read: line and column are named) or DataError (too short to mean
+    anything).
     """
-    reader = Reader(path, None, sensor.wanted)
+    reader = Reader(path, answers, sensor.wanted if answers is None else None)
     blocks = BlockMeans(max(BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
     repeated, steps_s, has_temperature = 0, [], False
     for samples, left_out in _pieces(reader, sensor):
@@ -115,20 +118,21 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
 
 def _pieces(reader: Reader, sensor: Sensor) -> Iterator[tuple[Samples, int]]:
     """Samples in SI, and how many rows of each piece repeated a stamp."""
-    layout, last = reader.layout, None
+    layout, last, count = reader.layout, None, 0
     units = sensor.register_units
     try:
         gyro_si, accel_si = layout.gyro_si(units), layout.accel_si(units)
     except FormatError as error:
         raise FormatError(f"{reader.path.name} holds registers: {error}") from None
     for rows in reader.pieces():
-        assert rows.t_ns is not None  # a standard log without one of these three was refused
-        assert rows.gyro is not None
+        assert rows.gyro is not None  # a log without one of these two was refused
         assert rows.accel is not None
-        kept = fresh(rows.t_ns) if last is None else np.diff(rows.t_ns, prepend=last) > 0
-        last = rows.t_ns[-1]
+        t_ns = counted(len(rows.gyro), sensor.odr_hz, count) if rows.t_ns is None else rows.t_ns
+        count += len(t_ns)
+        kept = fresh(t_ns) if last is None else np.diff(t_ns, prepend=last) > 0
+        last = t_ns[-1]
         temp = None if rows.temp is None else layout.temperature_c(rows.temp, units)
-        samples = Samples(rows.t_ns, rows.gyro * gyro_si, rows.accel * accel_si, temp)
+        samples = Samples(t_ns, rows.gyro * gyro_si, rows.accel * accel_si, temp)
         left_out = int(np.count_nonzero(~kept))
         if left_out:
             temp = None if temp is None else temp[kept]

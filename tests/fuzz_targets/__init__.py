@@ -17,6 +17,8 @@ if annex("session.annexes.public"):
     NAMES.append("public")
 if annex("session.annexes.logs"):
     NAMES.append("binary_logs")
+if annex("tinygc.annexes.noise.inputs"):
+    NAMES.append("noise")
 
 
 def target(name: str) -> ModuleType:

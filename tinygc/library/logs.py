@@ -108,7 +108,7 @@ KEYWORDS = {"--gyro-fs": "gyro_fs_dps", "--accel-fs": "accel_fs_g", "--odr": "od
 
 
 @contextmanager
-def _asking_for_keywords() -> Iterator[None]:
+def asking_for_keywords() -> Iterator[None]:
     """Let questions name keywords instead of the command's options."""
     try:
         yield
@@ -119,7 +119,8 @@ def _asking_for_keywords() -> Iterator[None]:
         raise QuestionsError(asked.file, asked.dialect, questions) from None
 
 
-def _columns(columns: Sequence[str] | None) -> tuple[str, ...]:
+def columns_of(columns: Sequence[str] | None) -> tuple[str, ...]:
+    """Return what a list of columns, one for each file, says; none where it is left out."""
     return () if columns is None else (columns,) if isinstance(columns, str) else tuple(columns)
 
 
@@ -181,14 +182,14 @@ def import_log(
     500.0
 
     """
-    with _asking_for_keywords():
+    with asking_for_keywords():
         made = import_files(
             _paths(paths),
             None if out is None else Path(out),
             answers_of(answers),
             add=add,
             serial=serial,
-            columns=_columns(columns),
+            columns=columns_of(columns),
             header=header,
             array_by=array_by,
             turns=None if turns is None else Path(turns),
@@ -228,9 +229,9 @@ def read_log(paths: Paths, *, columns: Sequence[str] | None = None, **answers: A
     True
 
     """
-    with _asking_for_keywords(), TemporaryDirectory(prefix="read-log-") as folder:
+    with asking_for_keywords(), TemporaryDirectory(prefix="read-log-") as folder:
         try:
-            made = import_files(_paths(paths), Path(folder) / "log", answers_of(answers), columns=_columns(columns))
+            made = import_files(_paths(paths), Path(folder) / "log", answers_of(answers), columns=columns_of(columns))
             session = read_session(made.folder)
         except CalibrationError as error:
             if folder not in str(error):

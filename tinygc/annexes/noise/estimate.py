@@ -136,8 +136,6 @@ def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> 
     fits: list[tuple[float, AxisNoise]] = []
     for start, following in zip_longest(starts, starts[1:]):
         search = search_from(start)
-        if following is not None and _misfit_of_rich(search) < MISFIT:
-            continue
         chosen = search.best()
         p_value, excess = goodness(search, chosen)
         change, sigma = (0.0, 0.0) if following is None else _change(chosen, search_from(following))
@@ -156,17 +154,6 @@ def _change(chosen: Chosen, without: Search) -> tuple[float, float]:
         return 0.0, 0.0
     change = float(np.log(other.variance("N") / chosen.variance("N"))) / 2
     return change, float(np.sqrt(max(other.log_sigma("N") ** 2 - chosen.log_sigma("N") ** 2, 0.0)))
-
-
-def _misfit_of_rich(search: Search) -> float:
-    """Best probability of the fit of sets with many terms: where they fail, smaller sets do."""
-    best, tried = 0.0, 0
-    for terms in (("Q", "B"), ("Q", "B", "K"), ("B", "K"), ("G", "B")):
-        if (chosen := search.of(frozenset(terms))) is not None:
-            best, tried = max(best, goodness(search, chosen)[0]), tried + 1
-        if best >= MISFIT:
-            break
-    return best if tried else 1.0
 
 
 def goodness(search: Search, chosen: Chosen) -> tuple[float, float]:

@@ -27,6 +27,7 @@ COMMANDS = {
     "list": "tinygc.cli.commands.list",
     "check": "tinygc.cli.commands.check",
     "accelerometer": "tinygc.cli.commands.accelerometer",
+    "noise": SERVICES["noise"],
     "fit": "tinygc.cli.commands.fit",
     "explain": "tinygc.cli.commands.explain",
     "report": "tinygc.cli.commands.report",

@@ -5,9 +5,11 @@ from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
 
-from session.io.annexes import SERVICES, find
+from session.io.annexes import find
 
-#: module names in this folder, or the service of an annex; its section is omitted if the annex is
+#: the service of an annex that makes a section; the section is omitted if the annex is
+DISCOVERIES = "discoveries in a calibration report"
+#: module names in this folder, and that service
 SECTIONS = (
     "answer",
     "front",
@@ -22,7 +24,7 @@ SECTIONS = (
     "denoising",
     "explanation",
     "explanation_by_truth",
-    "discoveries in a calibration report",
+    DISCOVERIES,
     "application",
     "provenance",
 )
@@ -31,6 +33,6 @@ SECTIONS = (
 def modules() -> Iterator[ModuleType]:
     """Yield the module of each section, in the order of the page."""
     for name in SECTIONS:
-        module = find(name) if name in SERVICES else import_module(f"{__name__}.{name}")
+        module = find(name) if name == DISCOVERIES else import_module(f"{__name__}.{name}")
         if module is not None:
             yield module

@@ -1,0 +1,258 @@
+"""What lies at rest in the inputs of ``noise``: every reading at rest comes once, in SI, whatever the file; what is no rest is refused."""
+
+import shutil
+import zipfile
+
+import numpy as np
+import pytest
+from conftest import DEG, SESSION_TOML, Table, write_session
+
+import tinygc
+from session.io.dialects import Answers
+from session.io.errors import CalibrationError
+from session.io.samples import Samples, joined
+from session.io.units import G
+from tinygc.annexes.noise import inputs
+from tinygc.annexes.noise.inputs import read_inputs
+
+
+class Kept:
+    """Keeps what the statistics would sum."""
+
+    def __init__(self, rate_hz: float):
+        self.rate_hz, self.parts = rate_hz, []
+
+    def add(self, samples: Samples) -> None:
+        self.parts.append(samples)
+
+    @property
+    def samples(self) -> Samples:
+        return joined(self.parts)
+
+
+@pytest.fixture(autouse=True)
+def kept(monkeypatch):
+    monkeypatch.setattr(inputs, "RestSums", Kept)
+
+
+def read(*given, **told):
+    return read_inputs(given, Answers(**told))
+
+
+def rest(seconds: float = 20.0, seed: int = 0, **more) -> Samples:
+    return Table().rest(seconds).samples(seed=seed, **more)
+
+
+def written(path, samples: Samples, header="t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", t_s=None):
+    """A text log in the units of a telephone's program."""
+    rows = np.column_stack([samples.t_ns * 1e-9 if t_s is None else t_s, samples.gyro / DEG, samples.accel / G])
+    columns = rows if header.startswith("t_s") else rows[:, 1:]
+    np.savetxt(path, columns, fmt="%.9f", delimiter=",", header=header, comments="")
+    return path
+
+
+def assert_same(found: Samples, true: Samples):
+    assert len(found) == len(true)
+    assert np.diff(found.t_ns) == pytest.approx(np.diff(true.t_ns), abs=2)
+    assert found.gyro[:] == pytest.approx(true.gyro, abs=1e-7)
+    assert found.accel[:] == pytest.approx(true.accel, abs=1e-5)
+
+
+def test_a_session_gives_its_rest_logs_whole_and_the_stills_of_its_log(tmp_path):
+    table = Table().tumble(4, rest_s=3.0, seed=2)
+    write_session(tmp_path, table.samples())
+    still = rest(seed=5)
+    write_session(tmp_path, still, "rest0001.csv")
+    found = read(tmp_path)
+    assert found.logs == ["rest0001.csv", "log0001.csv"]
+    assert (found.sensor, found.serial) == ("ASM330LHH", "42")
+    assert_same(found.sums[0].samples, still)
+    assert len(found.sums) == 6  # and five stills
+    for sums, (start, stop) in zip(found.sums[1:], table.rests, strict=True):
+        times = sums.samples.t_ns * 1e-9
+        assert start - 0.2 < times[0]
+        assert times[-1] < stop + 0.2
+        assert len(times) > 0.7 * 208 * (stop - start)
+    assert any("5 stills" in remark for remark in found.remarks)
+
+
+def test_a_log_in_a_session_folder_is_read_by_its_settings(tmp_path):
+    write_session(tmp_path, rest(), "rest0001.csv")
+    found = read(tmp_path / "rest0001.csv")
+    assert_same(found.sums[0].samples, rest())
+    assert found.sensor == "ASM330LHH"
+
+
+@pytest.mark.parametrize("size", [2_000, 1 << 20])
+def test_a_text_log_comes_in_pieces_and_each_reading_once(tmp_path, monkeypatch, size):
+    monkeypatch.setattr(inputs.Reader.pieces, "__defaults__", (size,))
+    still = rest(registers=False)
+    found = read(written(tmp_path / "phone.csv", still))
+    (sums,) = found.sums
+    assert (len(sums.parts) > 1) == (size < 10_000)
+    assert_same(sums.samples, still)
+    assert sums.rate_hz == pytest.approx(208, rel=1e-3)
+
+
+def test_samples_without_stamps_are_counted_across_pieces(tmp_path, monkeypatch):
+    monkeypatch.setattr(inputs.Reader.pieces, "__defaults__", (2_000,))
+    still = rest(registers=False, odr_hz=200.0)
+    path = written(tmp_path / "counted.csv", still, "gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g")
+    (sums,) = read(path, odr_hz=200.0).sums
+    assert len(sums.parts) > 1
+    assert_same(sums.samples, still)
+
+
+def test_stamps_coarser_than_the_samples_lose_none(tmp_path):
+    """Whole milliseconds at 3200 Hz: three samples in four share a stamp, which a rest log of ours would leave out."""
+    still = rest(4.0, registers=False, odr_hz=3200.0)
+    found = read(written(tmp_path / "coarse.csv", still, t_s=np.floor(still.t_ns * 1e-6) * 1e-3))
+    (sums,) = found.sums
+    assert len(sums.samples) == len(still)
+    assert sums.rate_hz == pytest.approx(3200, rel=1e-3)
+    assert any("share a stamp" in remark for remark in found.remarks)
+
+
+def test_arrays_in_a_file_with_a_rate_need_no_option(tmp_path):
+    still = rest(registers=False, odr_hz=100.0)
+    np.savez(tmp_path / "unit.npz", gyro_dps=still.gyro / DEG, accel_g=still.accel / G, rate_hz=100.0)
+    (sums,) = read(tmp_path / "unit.npz").sums
+    assert_same(sums.samples, still)
+    assert sums.rate_hz == 100.0
+
+
+def test_several_logs_are_one_estimate_of_one_unit(tmp_path):
+    paths = [written(tmp_path / f"day{day}.csv", rest(seed=day, registers=False)) for day in range(3)]
+    assert [len(sums.samples) for sums in read(*paths).sums] == [4160] * 3
+    assert read(tmp_path).logs == ["day0.csv", "day1.csv", "day2.csv"]  # the folder of the three
+
+
+def test_a_telephones_two_files_are_one_log(tmp_path):
+    still = rest(registers=False)
+    rows = np.column_stack([still.t_ns * 1e-9, still.gyro / DEG, still.accel / G])
+    np.savetxt(tmp_path / "gyro.csv", rows[:, :4], fmt="%.9f", delimiter=",", header="t_s,gx_dps,gy_dps,gz_dps", comments="")
+    np.savetxt(tmp_path / "accel.csv", rows[:, [0, 4, 5, 6]], fmt="%.9f", delimiter=",", header="t_s,ax_g,ay_g,az_g", comments="")
+    with zipfile.ZipFile(tmp_path / "export.zip", "w") as archive:
+        for name in ("gyro.csv", "accel.csv"):
+            archive.write(tmp_path / name, name)
+    (tmp_path / "folder").mkdir()
+    for name in ("gyro.csv", "accel.csv"):
+        shutil.copy(tmp_path / name, tmp_path / "folder")
+    for given in ([tmp_path / "gyro.csv", tmp_path / "accel.csv"], [tmp_path / "export.zip"], [tmp_path / "folder"]):
+        (sums,) = read(*given).sums
+        assert_same(sums.samples, still)
+    (alone,) = read(tmp_path / "gyro.csv").sums
+    assert np.isnan(alone.samples.accel).all()
+    assert alone.samples.gyro == pytest.approx(still.gyro, abs=1e-7)
+
+
+def test_of_a_log_that_moves_the_stills_are_taken(tmp_path):
+    table = Table().tumble(4, rest_s=4.0, seed=2)
+    found = read(written(tmp_path / "moves.csv", table.samples(registers=False)))
+    assert len(found.sums) == 5
+    assert max(np.ptp(sums.samples.t_ns) for sums in found.sums) < 4.5e9
+    assert any("turned by" in remark for remark in found.remarks)
+
+
+def test_a_knock_alone_is_no_movement(tmp_path):
+    still = rest(120.0, registers=False)
+    still.gyro[5000:5050] += 20 * DEG
+    (sums,) = read(written(tmp_path / "knock.csv", still)).sums
+    assert len(sums.samples) == len(still)
+
+
+@pytest.mark.parametrize("plan", [Table().steady(90, (0, 0, 1), 20.0), Table().steady(8, (1, 0, 0), 20.0)], ids=["level", "tumbling"])
+def test_what_turns_throughout_is_refused_in_one_line(plan, tmp_path):
+    path = written(tmp_path / "turns.csv", plan.samples(registers=False))
+    with pytest.raises(CalibrationError, match=r"turns\.csv: nothing lies still") as refused:
+        read(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_sessions_and_arrays_are_taken_as_they_are(tmp_path):
+    still = rest(registers=False)
+    given = (still.t_ns * 1e-9, still.gyro, still.accel)
+    assert_same(read(given).sums[0].samples, still)
+    (sums,) = read(tinygc.Session.from_arrays(*given)).sums
+    assert len(sums.samples) > 0.95 * len(still)
+
+
+# What is refused
+
+
+def refused(*given, **told) -> str:
+    with pytest.raises(CalibrationError) as error:
+        read(*given, **told)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("ASM330LHH", "MPU-9250"), "the sensor is MPU-9250, and of rest0001.csv it is ASM330LHH"),
+        (('"42"', '"43"'), "the serial number is 43, and of rest0001.csv it is 42"),
+    ],
+)
+def test_two_units_are_refused(change, says, tmp_path):
+    write_session(tmp_path / "a", rest(), "rest0001.csv")
+    write_session(tmp_path / "b", rest(seed=1), "rest0002.csv", SESSION_TOML.replace(*change))
+    assert says in refused(tmp_path / "a", tmp_path / "b")
+
+
+def test_what_is_told_of_a_unit_is_held_against_its_logs(tmp_path):
+    write_session(tmp_path, rest(), "rest0001.csv")
+    assert "the sensor is ASM330LHH, and you say MPU-9250" in refused(tmp_path / "rest0001.csv", sensor="MPU-9250")
+    with pytest.raises(CalibrationError, match="the serial number is 42, and you say 7; give the logs of one unit"):
+        read_inputs([tmp_path], Answers(), serial="7")
+
+
+def test_logs_of_one_name_are_told_by_their_folders(tmp_path):
+    for day in ("monday", "tuesday"):
+        write_session(tmp_path / day, rest(seed=len(day)), "rest0001.csv")
+    assert read(tmp_path / "monday", tmp_path / "tuesday").logs == ["monday/rest0001.csv", "tuesday/rest0001.csv"]
+
+
+def test_two_data_rates_are_refused_and_two_clocks_are_not(tmp_path):
+    write_session(tmp_path / "a", rest(), "rest0001.csv")
+    write_session(tmp_path / "b", rest(seed=1, odr_hz=104.0), "rest0002.csv")
+    write_session(tmp_path / "c", rest(seed=1, odr_hz=210.0), "rest0003.csv")
+    assert "it has 104 Hz, and rest0001.csv has 208 Hz" in refused(tmp_path / "a", tmp_path / "b")
+    assert len(read(tmp_path / "a", tmp_path / "c").sums) == 2
+
+
+def test_a_recording_that_comes_twice_is_refused(tmp_path):
+    path = written(tmp_path / "a.csv", rest(registers=False))
+    shutil.copy(path, tmp_path / "b.csv")
+    assert "are the same recording" in refused(path, tmp_path / "b.csv")
+    assert "are the same recording" in refused(path, path)
+
+
+def test_units_and_files_that_cannot_be(tmp_path):
+    still = rest(registers=False)
+    doubled = Samples(still.t_ns, still.gyro, 2 * still.accel)
+    assert "1.998 g at rest" in refused(written(tmp_path / "doubled.csv", doubled))
+    assert "--gyro-unit" in refused(written(tmp_path / "asked.csv", still, "t_s,gx,gy,gz,ax_g,ay_g,az_g"))
+    (tmp_path / "empty").mkdir()
+    assert "it holds no log" in refused(tmp_path / "empty")
+    (tmp_path / "bytes.csv").write_bytes(bytes(range(256)) * 40)
+    assert "bytes.csv" in refused(tmp_path / "bytes.csv")
+    assert "nothing.csv: cannot be read" in refused(tmp_path / "nothing.csv")
+    write_session(tmp_path / "none", still).joinpath("log0001.csv").unlink()
+    assert "neither a rest log nor a log" in refused(tmp_path / "none")
+    write_session(tmp_path / "other", still)
+    assert "leave --sensor out" in refused(tmp_path / "other", sensor="MPU-9250")
+    write_session(tmp_path / "alone", still, toml=SESSION_TOML + '[protocol]\nreference = "turns"\n')
+    assert "a gyroscope alone" in refused(tmp_path / "alone")
+
+
+def test_adis_as_its_owner_has_it_needs_no_option(shared):
+    path = shared / "wild" / "adis16405_imu1.npz"
+    if not path.is_file():
+        pytest.skip(f"no public recordings: {path} is not there")
+    (sums,) = read(path).sums
+    assert len(sums.samples) == 1_000_000
+    assert sums.rate_hz == 100.0
+    # at rest it reads gravity and a zero of tenths of a degree per second
+    assert np.linalg.norm(sums.samples.accel.mean(axis=0)) == pytest.approx(G, rel=0.03)
+    assert np.abs(sums.samples.gyro.mean(axis=0)).max() < 2 * DEG

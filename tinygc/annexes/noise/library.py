@@ -1,0 +1,115 @@
+"""Python interface of ``noise``: the noise figures of one unit, of logs, sessions and arrays, or of an Allan curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from session import VERSION
+from session.io.dialects import Answers
+from session.io.files import result_folder
+from session.io.results import write_whole
+from tinygc.annexes.noise.curve_file import estimate_of_curve
+from tinygc.annexes.noise.estimate import AllanBand, NoiseEstimate, estimate_noise
+from tinygc.annexes.noise.inputs import Input, read_inputs
+from tinygc.annexes.noise.picture import figure_of
+from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
+from tinygc.library.arguments import Progress
+from tinygc.library.records import Shown
+from tinygc.noise.figures import FILE, NoiseFigures, to_json
+from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
+from tinygc.reporting.terminal import Group
+
+if TYPE_CHECKING:
+    from tinygc.reporting.pictures.canvas import Figure
+
+PICTURE = "noise.png"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Noise(Shown):
+    """Result of ``tinygc.estimate_noise``: ``figures`` in SI, ``allan`` with the Allan deviation of ``gyro`` and ``accel``, ``remarks``."""
+
+    estimate: NoiseEstimate
+    #: what was repaired, assumed or left out of the inputs, one sentence each
+    read: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Noise of {self.figures.sensor or 'a sensor'}: {self.figures.duration_s:.0f} s of rest>"
+
+    @property
+    def figures(self) -> NoiseFigures:
+        """The terms of each axis with their sigmas, SI."""
+        return self.estimate.figures
+
+    @property
+    def allan(self) -> dict[str, AllanBand]:
+        """Allan deviation with 68 % bounds, SI."""
+        return self.estimate.allan
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out, assumed or is to be known."""
+        return (*self.estimate.said, *self.read)
+
+    @property
+    def page(self) -> Group:
+        """The command's first screen, as a rich renderable."""
+        return self.pages()
+
+    def pages(self, verbose: bool = False) -> Group:
+        """The command's output; verbose: with every term, and all remarks."""
+        return noise_page(self.estimate, self.read, verbose)
+
+    def to_json(self) -> dict:
+        """``tinygc-noise/1`` (docs/formats/noise.md)."""
+        figures = self.figures
+        return {
+            **to_json(figures),
+            "version": VERSION,
+            "left_out_s": self.estimate.left_out_s,
+            "remarks": list(self.remarks),
+            "kalibr": kalibr_figures(figures),
+            "open_terms": [each.to_json() for each in open_terms(figures)],
+            "data_sheet": [each.to_json() for each in against_data_sheet(figures)],
+            "allan": {kind: _band_json(band) for kind, band in self.allan.items()},
+        }
+
+    def save(self, folder: Path | str, pictures: bool = True) -> Path:
+        """Write ``noise.json`` and, where matplotlib is installed, ``noise.png`` into a folder, and return it.
+
+        Raises StorageError for files that cannot be written.
+        """
+        folder = Path(folder)
+        with result_folder(folder):
+            write_whole(folder / FILE, self.to_json())
+            if pictures and has_matplotlib():
+                save(figure_of(self.estimate), folder / PICTURE)
+        return folder
+
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """Draw Allan deviation, model, terms and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
+        figure = figure_of(self.estimate)
+        return figure if path is None else saved(figure, Path(path))
+
+
+def _band_json(band: AllanBand) -> dict:
+    """Rows of the curve; null for what is not known."""
+    rows = {name: getattr(band, name) for name in ("tau_s", "deviation", "low", "high")}
+    return {name: values.tolist() for name, values in rows.items()}
+
+
+def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], serial: str, progress: Progress) -> Noise:
+    """Estimate the noise of one unit.  Raises CalibrationError, in one line, for inputs that cannot be read or are of several units."""
+    rests = read_inputs(inputs, answers, columns, serial, progress)
+    estimate = estimate_noise(rests.sums, progress)
+    figures = replace(estimate.figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
+    return Noise(replace(estimate, figures=figures), tuple(rests.remarks))
+
+
+def noise_of_curve(path: Path, units: str | None, duration_s: float | None, rate_hz: float | None, sensor: str, serial: str) -> Noise:
+    """Estimate the terms of an Allan curve in a file.  Raises CalibrationError, in one line."""
+    estimate = estimate_of_curve(path, units, duration_s, rate_hz)
+    return Noise(replace(estimate, figures=replace(estimate.figures, sensor=sensor, serial=serial)))

@@ -1,0 +1,283 @@
+"""The first screen of ``noise``: the terms of each axis, Kalibr's numbers, what is still open, the data sheet, and remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from math import ceil
+
+import numpy as np
+
+from session.io.registers import profile_of
+from session.io.texts import printable
+from tinygc.annexes.noise.estimate import NoiseEstimate, known_after_s
+from tinygc.annexes.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
+from tinygc.noise.figures import NoiseFigures, SensorNoise, Term
+from tinygc.reporting.pictures.canvas import plain
+from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
+
+NONE = "–"
+#: lines and columns of the first screen
+SCREEN, WIDTH = 24, 100
+#: terms that are always shown; the others where an axis shows them
+ALWAYS = ("N", "B", "K")
+#: probabilities between these are stated
+UNCLEAR = (0.05, 0.95)
+#: relative sigma at which a term is known
+KNOWN = 0.2
+#: of a data sheet's typical figure, which has one or two digits
+SHEET_WITHIN = 0.1
+#: of a data sheet's figure, from which on a ratio reads better than per cent
+TIMES = 2.0
+#: p-value below which the model does not describe the data
+MARKED_P = 0.01
+
+
+def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool = False) -> Group:
+    """The screen; read: remarks on the inputs; verbose: with every term and all remarks, however long."""
+    figures = estimate.figures
+    misfit = misfit_lines(figures)
+    parts: list[RenderableType] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
+    lines = 1 + len(misfit)
+    for kind, sensor in figures.sensors().items():
+        table = _terms_table(kind, sensor, verbose)
+        parts.append(table)
+        lines += 1 + table.row_count
+    below = [kalibr_line(figures), *open_lines(figures), *sheet_lines(figures)]
+    parts += [one_line(line) for line in below]
+    left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
+    remarks = [*spectral_lines(figures), *left, *estimate.said, *read]
+    room = SCREEN - lines - sum(map(_height, below))
+    kept = len(remarks) if verbose else _fitting(remarks, room)
+    parts += [one_line(remark) for remark in remarks[:kept]]
+    if kept < len(remarks):
+        count = len(remarks) - kept
+        parts.append(one_line(f"{count} {'more ' * bool(kept)}remark{'s' * (count != 1)}: --verbose"))
+    return Group(*parts)
+
+
+def _height(line: str) -> int:
+    return ceil(len(line) / WIDTH)
+
+
+def _fitting(remarks: Sequence[str], room: int) -> int:
+    """How many remarks the room, in lines, holds, with the line that counts the others."""
+    heights = np.cumsum([_height(remark) for remark in remarks])
+    if not len(heights) or heights[-1] <= room:
+        return len(heights)
+    return int(np.searchsorted(heights, room - 1, side="right"))
+
+
+def headline(figures: NoiseFigures) -> str:
+    """Which recording the figures are of."""
+    of = " ".join(filter(None, (figures.sensor, figures.serial))) or "sensor not named"
+    logs = f"{len(figures.logs)} log{'s' * (len(figures.logs) != 1)}, " if figures.logs else ""
+    return (
+        f"Noise at rest, {printable(of)}: {logs}{duration_words(figures.duration_s)}, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
+    )
+
+
+# The table of a sensor.
+
+
+def _terms_table(kind: str, sensor: SensorNoise, verbose: bool) -> Table:
+    table = plain_table("", f"{CALLED[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
+    for name, unit in TERM_UNITS[kind].items():
+        if not (verbose or name in ALWAYS or sensor.measured(name)):
+            continue
+        table.add_row(f"{name}  {unit.words}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], unit) for axis in sensor.axes))
+        if name == "N":
+            one_sided = ONE_SIDED[kind]
+            table.add_row(f"   {one_sided.words}, one-sided", *(term_cell(axis.terms[name], one_sided, False) for axis in sensor.axes))
+    return table
+
+
+def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:
+    """``119.3 ± 8.2 (83 %)``, ``< 9.1``, the upper limit of 95 %, or a dash; with the probability where it is not clear."""
+    if term.sigma is not None:
+        text = plain(term.value / unit.si, term.sigma / unit.si)
+        if term.tau_s is not None:
+            text += f", τ {duration_words(term.tau_s)}"
+    else:
+        text = NONE if term.at_most is None else f"< {term.at_most / unit.si:.3g}"
+    unclear = probability and UNCLEAR[0] < term.probability < UNCLEAR[1]
+    return f"{text} ({100 * term.probability:.0f} %)" if unclear else text
+
+
+# Kalibr's four numbers.
+
+
+def kalibr_figures(figures: NoiseFigures) -> dict[str, float | None]:
+    """Kalibr's imu.yaml, SI, two-sided as it takes them: of the worst axis; None where no axis shows the term."""
+    found: dict[str, float | None] = {}
+    for kind, called in CALLED.items():
+        sensor = figures.sensors().get(kind)
+        for name, word in (("N", "noise_density"), ("K", "random_walk")):
+            found[f"{called}_{word}"] = float(sensor.values(name).max()) if sensor is not None and sensor.measured(name) else None
+    return found
+
+
+def kalibr_line(figures: NoiseFigures) -> str:
+    """The numbers in one line; an upper limit where no axis shows the walk."""
+    found, parts = kalibr_figures(figures), []
+    for kind, sensor in figures.sensors().items():
+        words = []
+        for name, word in (("N", "noise_density"), ("K", "random_walk")):
+            value, most = found[f"{CALLED[kind]}_{word}"], float(sensor.at_most(name).max())
+            words.append(f"{value:.3g}" if value is not None else f"< {most:.2g}" if np.isfinite(most) else NONE)
+        parts.append(f"{CALLED[kind]} {', '.join(words)}")
+    return f"Kalibr density, walk (SI): {'; '.join(parts)}"
+
+
+# What is still open, and when it will be known.
+
+
+@dataclass(frozen=True)
+class OpenTerm:
+    """A term that is not known to 20 %: of ``gyro`` or ``accel``, axis ``x``, ``y`` or ``z``; known_after_s: rest after which it is."""
+
+    sensor: str
+    axis: str
+    term: str
+    known_after_s: float
+
+    def to_json(self) -> dict:
+        """An entry of ``open_terms``; null where no rest is long enough."""
+        return asdict(self)
+
+
+def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
+    """N, B and K of each axis, as far as they are not known to 20 %."""
+    return [
+        OpenTerm(kind, "xyz"[axis], name, known_after_s(figures, kind, axis, name, KNOWN))
+        for kind, sensor in figures.sensors().items()
+        for name in ALWAYS
+        for axis in range(3)
+        if not _is_known(sensor.axes[axis].terms[name])
+    ]
+
+
+def _is_known(term: Term) -> bool:
+    return term.sigma is not None and term.sigma <= KNOWN * term.value
+
+
+def open_lines(figures: NoiseFigures) -> list[str]:
+    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be."""
+    lines, terms = [], open_terms(figures)
+    for kind in figures.sensors():
+        after: dict[str, dict[str, list[str]]] = {}  # term -> duration -> axes
+        for each in terms:
+            if each.sensor == kind:
+                after.setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
+        waiting = [f"{name} {', '.join(f'{when} ({axes})' for when, axes in _axes(times))}" for name, times in after.items()]
+        known = [name for name in ALWAYS if name not in after]
+        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known) + [f"after one rest of: {'; '.join(waiting)}"] * bool(waiting)
+        lines.append(f"{CALLED[kind].capitalize()} {'; '.join(parts)}")
+    return lines
+
+
+def _axes(times: dict[str, list[str]]) -> list[tuple[str, str]]:
+    return [(when, " ".join(axes)) for when, axes in times.items()]
+
+
+def misfit_lines(figures: NoiseFigures) -> list[str]:
+    """A sentence for each sensor with axes that the terms do not describe: their numbers are then no noise figures."""
+    lines = []
+    for kind, sensor in figures.sensors().items():
+        bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if own.p_value is not None and own.p_value < MARKED_P}
+        if bad:
+            worst = max(bad.values(), key=lambda own: own.excess)
+            what = f"p = {worst.p_value:.2g}, {worst.excess:.3g} times their variance"
+            lines.append(f"NOT DESCRIBED by these terms: {CALLED[kind]} {' '.join(bad)} ({what})")
+    return lines
+
+
+def spectral_lines(figures: NoiseFigures) -> list[str]:
+    """One sentence for each sensor whose spectrum has lines: frequency and rms of each axis' strongest."""
+    sentences = []
+    for kind, sensor in figures.sensors().items():
+        unit = TERM_UNITS[kind]["B"]
+        strongest = {axis: max(own.lines, key=lambda line: line.rms) for axis, own in zip("xyz", sensor.axes, strict=True) if own.lines}
+        found = ", ".join(f"{axis} {line.hz:.3g} Hz ({line.rms / unit.si:.3g} {unit.words} rms)" for axis, line in strongest.items())
+        if found:
+            sentences.append(f"Lines of the {CALLED[kind]}, the strongest: {found}.")
+    return sentences
+
+
+# Against the data sheet, whose densities are one-sided.
+
+
+@dataclass(frozen=True)
+class SheetFigure:
+    """A figure of the data sheet beside the worst axis.
+
+    sensor: ``gyro`` or ``accel``; term; unit; value: None where no axis shows it; at_most: upper limit (95 %), None where there is none;
+    sheet; source; verdict: ``within`` 10 %, ``above``,
+    ``below``, ``open`` where the term is not known, ``not judged`` where nobody has read the figure in its source.
+    """
+
+    sensor: str
+    term: str
+    unit: str
+    value: float | None
+    at_most: float | None
+    sheet: float
+    source: str
+    verdict: str
+
+    def to_json(self) -> dict:
+        """An entry of ``data_sheet``."""
+        return asdict(self)
+
+    @property
+    def words(self) -> str:
+        """``gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %``."""
+        limit = NONE if self.at_most is None else f"< {self.at_most:.3g}"
+        value = limit if self.value is None else f"{self.value:.3g}"
+        ratio = None if self.value is None or self.verdict not in ("above", "below") else self.value / self.sheet
+        by = "" if ratio is None else f" by {100 * abs(ratio - 1):.0f} %" if ratio < TIMES else f", {ratio:.2g} times"
+        judged = "remembered, not judged" if self.verdict == "not judged" else f"{self.verdict}{by}"
+        return f"{CALLED[self.sensor]} {self.term} {value} {self.unit}, data sheet {self.sheet:g}: {judged}"
+
+
+#: figure of a profile -> its sensor, term and unit
+OF_SHEETS = {
+    "gyro_noise_mdps_rthz": ("gyro", "N", ONE_SIDED["gyro"]),
+    "gyro_bias_instability_dph": ("gyro", "B", TERM_UNITS["gyro"]["B"]),
+    "accel_noise_ug_rthz": ("accel", "N", ONE_SIDED["accel"]),
+}
+
+
+def against_data_sheet(figures: NoiseFigures) -> list[SheetFigure]:
+    """The figures of the sensor's data sheet that are known; none of a sensor that is not."""
+    profile = profile_of(figures.sensor)
+    known = {} if profile is None else profile.figures
+    rows = []
+    for key, (kind, name, unit) in OF_SHEETS.items():
+        sensor, figure = figures.sensors().get(kind), known.get(key)
+        if sensor is None or figure is None:
+            continue
+        value = float(sensor.values(name).max()) / unit.si if sensor.measured(name) else None
+        limit = float(sensor.at_most(name).max()) / unit.si
+        at_most = limit if np.isfinite(limit) else None
+        verdict = _verdict(value, at_most, figure.value) if figure.read else "not judged"
+        rows.append(SheetFigure(kind, name, unit.words, value, at_most, figure.value, figure.source, verdict))
+    return rows
+
+
+def _verdict(value: float | None, at_most: float | None, sheet: float) -> str:
+    if value is None:
+        return "below" if at_most is not None and at_most < sheet else "open"
+    if abs(value / sheet - 1) <= SHEET_WITHIN:
+        return "within"
+    return "above" if value > sheet else "below"
+
+
+def sheet_lines(figures: NoiseFigures) -> list[str]:
+    """One line for each figure of the data sheet; one where no sheet is known."""
+    rows = against_data_sheet(figures)
+    if rows:
+        return [f"{row.words[0].upper()}{row.words[1:]}" for row in rows]
+    if not figures.sensor:
+        return ["--sensor MODEL compares with the data sheet."]
+    return [f"No data sheet of {figures.sensor} is known to compare with."]

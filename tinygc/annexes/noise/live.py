@@ -16,6 +16,7 @@ import numpy as np
 from session.bench.rest_guide import RestAnswer, in_words
 from session.io.errors import CalibrationError
 from session.io.samples import Samples, joined
+from session.io.texts import significant
 from tinygc.annexes.noise.estimate import estimate_noise, known_after_s
 from tinygc.annexes.noise.summary import RestSums
 from tinygc.noise.figures import NoiseFigures
@@ -158,6 +159,6 @@ def _value(figures: NoiseFigures, kind: str, name: str) -> str:
     words = []
     for axis in figures.sensors()[kind].axes:
         term = axis.terms[name]
-        limit = "?" if term.at_most is None else f"< {term.at_most / si:.2g}"
-        words.append(f"{term.value / si:.3g}" if term.chosen else limit)
+        limit = "?" if term.at_most is None else f"< {significant(term.at_most / si, 2)}"
+        words.append(significant(term.value / si) if term.chosen else limit)
     return f"{name} {' '.join(words)} {unit}"

@@ -24,8 +24,8 @@ from tinygc.noise.figures import SensorNoise, to_json
 from tinygc.noise.measured import (
     LIMIT_SPREAD,
     allan_variance_of,
-    at_rest,
     drift_comparison,
+    measured_noise,
     session_instability,
     white_comparisons,
 )
@@ -274,14 +274,14 @@ def test_figures_of_another_unit_and_of_the_session_itself(folder, tmp_path):
     problem = SimpleNamespace(
         session=SimpleNamespace(in_memory=False, folder=folder, config=config(), logs=[SimpleNamespace(path=folder / "log0001.csv")])
     )
-    assert at_rest()(problem) is None
+    assert measured_noise()(problem) is None
     path = with_figures(folder, serial="another")
     with pytest.raises(FormatError, match=r"noise\.json: of the unit another, and the session is of test; give this unit's"):
-        at_rest()(problem)
+        measured_noise()(problem)
     with_figures(folder, logs=("log0001.csv",))
-    assert at_rest()(problem) is None  # the session's own stills
+    assert measured_noise()(problem) is None  # the session's own stills
     with pytest.raises(FormatError, match=r"none\.json"):
-        at_rest(tmp_path / "none.json")(problem)
+        measured_noise(tmp_path / "none.json")(problem)
     path.write_text("{}")
     with pytest.raises(FormatError, match="schema"):
-        at_rest()(problem)
+        measured_noise()(problem)

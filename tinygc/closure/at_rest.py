@@ -5,16 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from session.detect.findings import Finding
 from session.io.texts import significant
 from tinygc.closure.floor import BiasInstability
-
-if TYPE_CHECKING:
-    from tinygc.closure.problem import Problem
 
 #: a session contradicts the figures at rest where chance makes as much of a difference in one of a thousand, and it is this large: a
 #: session's temperature, range and data rate are not those of the rest
@@ -96,9 +91,6 @@ class MeasuredNoise:
             "drift": None if self.drift is None else self.drift.to_json(),
         }
 
-
-#: makes these figures of a problem; None where there are none
-AtRest = Callable[["Problem"], MeasuredNoise | None]
 
 SHAKES = "does the table shake? put it on a quiet floor"
 DRIFTS = "let the board warm up, fasten it and its cable, and hold it still for longer"

@@ -18,11 +18,10 @@ from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.units import DEG_PER_HOUR
 from tinygc.attitude.earth import vertical_only, vertical_rate
-from tinygc.closure.at_rest import AtRest
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
 from tinygc.closure.prior import PriorOf
-from tinygc.closure.problem import JointFit, Problem
+from tinygc.closure.problem import AtRest, JointFit, Problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel

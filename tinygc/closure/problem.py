@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -354,6 +354,10 @@ class Problem:
         weights = weights if any(weights) else [1.0] * len(weights)
         power = (np.average([getattr(log.noise, name) ** 2 for log in self.logs], axis=0, weights=weights) for name in ("gyro", "accel"))
         return Noise(*map(np.sqrt, power))
+
+
+#: puts noise figures at rest beside a problem; None where there are none
+AtRest = Callable[[Problem], MeasuredNoise | None]
 
 
 # Reference conditions of effects for a whole session.

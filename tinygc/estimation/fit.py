@@ -37,7 +37,7 @@ from tinygc.estimation.stated_noise import (
 from tinygc.estimation.systematic import systematic_of
 from tinygc.estimation.verdict import require_plausible
 from tinygc.models.linear import LinearModel
-from tinygc.noise.measured import at_rest
+from tinygc.noise.measured import measured_noise
 
 #: callback with the current task, the number of steps done, and their total
 Progress = Callable[[str, int, int], None]
@@ -75,7 +75,7 @@ def fit_session(
             exclude=options.exclude,
             accelerometer=options.accelerometer,
             prior=None if given is None else given.prior,
-            at_rest=at_rest(options.noise),
+            at_rest=measured_noise(options.noise),
             progress=lambda what: progress(what, 0, 1),
         )
     problem = prepared.problem

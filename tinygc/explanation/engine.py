@@ -24,7 +24,7 @@ from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import SessionNoise
-from tinygc.noise.measured import at_rest
+from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
@@ -116,11 +116,11 @@ def explain_session(
     noise: Path | None = None,
 ) -> Explanation:
     """Explain a session's mismatch.  prepared: the session, if it has been prepared already; known: effects that its kind may have; noise:
-    figures at rest of the unit (``noise.measured.at_rest``). Raises what ``prepare`` raises.
+    figures at rest of the unit (``noise.measured.measured_noise``). Raises what ``prepare`` raises.
 
     A given calibration of the accelerometer is not changed: whether it is correct is one of the hypotheses.
     """
-    prepared = prepared or prepare(session, use_earth=use_earth, at_rest=at_rest(noise), progress=lambda what: progress(what, 0, 6))
+    prepared = prepared or prepare(session, use_earth=use_earth, at_rest=measured_noise(noise), progress=lambda what: progress(what, 0, 6))
     fitted = prepared.problem
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem

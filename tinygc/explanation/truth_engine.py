@@ -42,7 +42,7 @@ from tinygc.explanation.truth_names import (
     outages,
     wrong_moments,
 )
-from tinygc.noise.measured import at_rest
+from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import refit
 
 # Single wrong attitudes of a truth file: the segments before and after miss by opposite rotations.
@@ -184,7 +184,7 @@ def explain_truth(
 ) -> TruthExplanation:
     """Explain a session with a truth file.  prepared: the session, if it has been prepared already; noise: figures at rest of the unit.
     Raises what ``prepare`` raises."""
-    prepared = prepared or prepare(session, use_earth=use_earth, at_rest=at_rest(noise), progress=lambda what: progress(what, 0, 5))
+    prepared = prepared or prepare(session, use_earth=use_earth, at_rest=measured_noise(noise), progress=lambda what: progress(what, 0, 5))
     problem = prepared.problem
     progress("moments of truth", 1, 5)
     sound, jumps, jumps_p = without_wrong_moments(problem)

@@ -16,7 +16,7 @@ from session.detect.rounding import lsb_of
 from session.io.errors import FormatError
 from session.io.folder import sha256_of
 from session.io.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, G
-from tinygc.closure.at_rest import AtRest, MeasuredNoise, NoiseComparison
+from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import (
     END_S,
     FLOOR_FREEDOM,
@@ -28,7 +28,7 @@ from tinygc.closure.floor import (
     curve_of,
     likelihood_of_instability,
 )
-from tinygc.closure.problem import Problem
+from tinygc.closure.problem import AtRest, Problem
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.noise.figures import FILE, AxisNoise, NoiseFigures, SensorNoise, Term, read_figures, unit_allan_variance
 
@@ -198,7 +198,7 @@ def drift_comparison(known: BiasInstability, likelihood: np.ndarray | None, limi
 # What a command makes of a file.
 
 
-def at_rest(noise: Path | None = None) -> AtRest:
+def measured_noise(noise: Path | None = None) -> AtRest:
     """Noise figures for ``prepare``: those of ``noise``, else ``fit/noise.json`` of the session's folder, else none.
 
     Figures that were made of nothing but the session's own stills are none: they say nothing that the session does not say itself.

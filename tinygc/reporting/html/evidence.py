@@ -37,7 +37,7 @@ from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quant
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import known_whitener
-from tinygc.noise.measured import at_rest
+from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import refit
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
@@ -314,7 +314,7 @@ def gather(
             use_earth=options.earth,
             exclude=options.exclude,
             accelerometer=options.accelerometer,
-            at_rest=at_rest(options.noise),
+            at_rest=measured_noise(options.noise),
             progress=lambda what: progress(what, 0, 1),
         )
     folder = session if isinstance(session, Path) else None if session.in_memory else session.folder

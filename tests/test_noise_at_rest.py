@@ -15,12 +15,13 @@ from noise_records import axis_of, figures_of
 from scipy.stats import chi2, norm
 
 from session.detect.stills import Still
+from session.io.annexes import SERVICES
 from session.io.errors import FormatError
 from session.io.samples import Samples
 from tinygc import check, explain, fit
 from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import GRID_RPS, BiasInstability
-from tinygc.noise.figures import SensorNoise, to_json
+from tinygc.noise.figures import AllanBand, SensorNoise, read_figures, to_json
 from tinygc.noise.measured import (
     LIMIT_SPREAD,
     allan_variance_of,
@@ -29,6 +30,7 @@ from tinygc.noise.measured import (
     session_instability,
     white_comparisons,
 )
+from tinygc.reporting.html import sections
 
 DPH = DEG / 3600
 FLICKER = 2 * np.log(2) / np.pi
@@ -194,18 +196,18 @@ def test_a_figure_is_never_confirmed():
         "0.20 to 3.1 times as large (95 %)",
         "at most 1.7 times as large (95 %)",
     )
-    (note,) = MeasuredNoise("noise.json", "", None, (near, near, near), far).findings("s")
+    (note,) = MeasuredNoise(Path("fit/noise.json"), "", None, (near, near, near), far).findings("s")
     assert (note.level, note.what) == ("note", "noise at rest")
     assert note.says.startswith("Noise at rest (noise.json), not contradicted by this session: white noise within 8.0 %")
-    warning, second = MeasuredNoise("noise.json", "", None, (near, near, more), more).findings("s")
+    warning, second = MeasuredNoise(Path("fit/noise.json"), "", None, (near, near, more), more).findings("s")
     assert warning.level == second.level == "warning"
     assert warning.says == "white noise of the stills on z: 1.42 times that of noise.json (95 %: 1.30 to 1.55; p = 1e-08)"
     assert second.says.endswith("no prior of this session")
     assert "quiet floor" in warning.do
-    less = MeasuredNoise("noise.json", "", None, (), replace(more, ratio=0.5)).findings("s")
+    less = MeasuredNoise(Path("fit/noise.json"), "", None, (), replace(more, ratio=0.5)).findings("s")
     assert "warm up" in second.do
     assert "warm up" not in less[0].do
-    assert MeasuredNoise("noise.json", "", None).findings("s") == []
+    assert MeasuredNoise(Path("fit/noise.json"), "", None).findings("s") == []
 
 
 # Through the library.
@@ -262,6 +264,32 @@ def test_a_drift_that_the_session_contradicts_is_no_prior(folder):
 
 
 @pytest.mark.broad
+def test_the_report_shows_them_beside_the_stills(folder):
+    path = with_figures(folder)
+    figures = read_figures(path)
+    tau_s = np.array([1.0, 10.0, 100.0])
+    band = AllanBand(tau_s, *(np.full((3, 3), value * DPH) for value in (10, 8, np.nan)))
+    band.high[:2] = 12 * DPH
+    path.write_text(json.dumps(to_json(replace(figures, allan={"gyro": band}, accel=sensor(axis_of(N=(1e-3, 1e-5)))))))
+    kept = read_figures(path).allan["gyro"]
+    for name in ("tau_s", "deviation", "low", "high"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(band, name))
+    html = fit(folder, methods="least_squares").report(explain=False).html
+    part = html[html.index("<h3>Measured at rest") :]
+    part = part[: part.index("</section>")]
+    white = 5e-3 * DEG / np.sqrt(2) / (DEG / 60)
+    assert f"<td>{white:.4f} ± {0.04 * white:.4f}</td>" in part
+    assert "<td>3.0 ± 1.2</td>" in part  # k = 2
+    assert "random walk of the velocity" in part
+    assert "over that of the rest" in part
+    assert "not contradicted by this session" in part
+    assert part.count('class="area') == 2 * 3  # of each axis, on both widths
+    path.write_text(path.read_text().replace('"tau_s": [1.0', '"tau_s": [5.0, 1.0'))
+    with pytest.raises(FormatError, match=r"noise\.json: allan\.gyro\.deviation: expected a row of three numbers for each of tau_s"):
+        read_figures(path)
+
+
+@pytest.mark.broad
 def test_explain_takes_them_as_well(folder):
     with_figures(folder)
     why = explain(folder)
@@ -285,3 +313,9 @@ def test_figures_of_another_unit_and_of_the_session_itself(folder, tmp_path):
     path.write_text("{}")
     with pytest.raises(FormatError, match="schema"):
         measured_noise()(problem)
+
+
+def test_a_section_of_the_report_bears_no_service_s_name():
+    """Its module would be looked for in the annex, and the section be gone."""
+    own = {path.stem for path in Path(sections.__file__).parent.glob("*.py")}
+    assert [name for name in sections.SECTIONS if (name in own) == (name in SERVICES)] == []

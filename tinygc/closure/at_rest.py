@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from session.detect.findings import Finding
 from session.io.texts import significant
@@ -51,15 +52,20 @@ class NoiseComparison:
 class MeasuredNoise:
     """Noise figures at rest, in use for a session.
 
-    file, sha256 of it; instability: prior of the session's bias drift, None where the figures set none or are contradicted; white: of each
-    axis, empty where the session shows none; drift: of all axes together, None where the session or the figures show none.
+    path of the file, sha256 of it; instability: prior of the session's bias drift, None where the figures set none or are contradicted;
+    white: of each axis, empty where the session shows none; drift: of all axes together, None where the session or the figures show none.
     """
 
-    file: str
+    path: Path
     sha256: str
     instability: BiasInstability | None
     white: tuple[NoiseComparison, ...] = ()
     drift: NoiseComparison | None = None
+
+    @property
+    def file(self) -> str:
+        """Name of the file."""
+        return self.path.name
 
     @property
     def words(self) -> str:

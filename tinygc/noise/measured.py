@@ -231,4 +231,4 @@ def compared(problem: Problem, figures: NoiseFigures, path: Path) -> MeasuredNoi
     limit = not any(_shown(axis.terms[name]) for axis in figures.gyro.axes for name in WALKS)
     drift = None if known is None else drift_comparison(known, likelihood_of_instability(problem.logs, problem.earths), limit)
     prior = None if drift is not None and drift.contradicted else known
-    return MeasuredNoise(path.name, sha256_of(path), prior, white_comparisons(problem, figures.gyro, figures.rate_hz), drift)
+    return MeasuredNoise(path, sha256_of(path), prior, white_comparisons(problem, figures.gyro, figures.rate_hz), drift)

@@ -18,7 +18,7 @@ SECTIONS = (
     "parameters",
     "accelerometer",
     "correlations",
-    "noise",
+    "noise_at_rest",
     "denoising",
     "explanation",
     "explanation_by_truth",

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG, config
+from formats_page import strangers
 from noise_records import axis_of, figures_of
 from scipy.stats import chi2, norm
 
@@ -230,6 +231,7 @@ def with_figures(folder: Path, **more) -> Path:
 def test_a_fit_takes_the_figures_beside_it_and_says_so(folder):
     with_figures(folder)
     after = fit(folder, methods="least_squares")
+    assert strangers(after.to_json()) == []
     noise = after.to_json()["noise"]
     assert noise["gyro_bias_instability_source"] == "measured at rest (noise.json)"
     assert noise["gyro_bias_instability_dph"] == pytest.approx(3.0, rel=1e-9)
@@ -294,6 +296,7 @@ def test_explain_takes_them_as_well(folder):
     with_figures(folder)
     why = explain(folder)
     assert why.verdict == "no_mismatch"
+    assert strangers(why.table) == []
     assert why.table["noise"]["at_rest"]["file"] == "noise.json"
     assert "Noise at rest (noise.json), not contradicted" in " ".join(why.summary().split())
 

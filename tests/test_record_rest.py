@@ -9,6 +9,7 @@ import signal
 import numpy as np
 import pytest
 from conftest import Table, config
+from formats_page import strangers
 from processes import CALIBRATE, PATIENCE_S, PIPE, heard, started
 from recording_wires import caught_up, make_wire, record, replayed, virtual_boards
 from streams import frame_list, sent
@@ -243,6 +244,7 @@ def test_from_the_board_to_the_rest_log(tmp_path, run):
         code, told, said = run(*words, "--rest", "0.01", "--resume", "--json", "-")
     assert code == 0, said
     table = json.loads(told)
+    assert strangers(table) == []
     assert table["done"]
     assert table["rest"]["wanted_s"] == 36.0
     assert table["rest"]["recorded_s"] >= 36.0

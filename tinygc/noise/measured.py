@@ -52,6 +52,20 @@ def relative_sigma(term: Term) -> float:
     return (term.sigma or 0.0) / term.value
 
 
+def rms_of_axes(sensor: SensorNoise, name: str) -> tuple[float, float] | None:
+    """Size of a term, rms over the axes that show it, SI, and its relative sigma; None where no axis does."""
+    shown = [term for axis in sensor.axes if _shown(term := axis.terms[name])]
+    if not shown:
+        return None
+    return _rms(np.array([term.value**2 for term in shown]), np.array([relative_sigma(term) for term in shown]), len(shown))
+
+
+def _rms(squares: np.ndarray, relative: np.ndarray, count: int) -> tuple[float, float]:
+    """Root of the sum of squares (n,) over count, and its relative sigma, of the relative sigmas (n,) of their roots."""
+    total = squares.sum()
+    return float(np.sqrt(total / count)), float(np.sqrt(np.sum((squares / total * relative) ** 2)))
+
+
 # The bias drift of a session, from figures at rest.
 #
 # A session's drift is modelled as flicker noise of one instability B (``closure.floor``).  A unit at rest may show a random walk of the
@@ -89,9 +103,8 @@ def session_instability(sensor: SensorNoise, session_s: float, file: str = FILE)
         for axis in sensor.axes
     ]
     if shown := [own for own in parts if own]:
-        variance, relative = (np.array(column) for column in zip(*(part for own in shown for part in own), strict=True))
-        rps = float(np.sqrt(variance.sum() / len(shown)))
-        spread = float(np.sqrt(np.sum((variance / variance.sum() * relative) ** 2)))
+        squares, relative = (np.array(column) for column in zip(*(part for own in shown for part in own), strict=True))
+        rps, spread = _rms(squares, relative, len(shown))
         return BiasInstability(rps, f"measured at rest ({file})", rps * spread, rps * float(np.exp(1.645 * spread)))
     limits = [max(sensor.at_most(name)[axis] ** 2 * mean_of(name, None) for name in ("B", "K")) for axis in range(3)]
     most_rps = float(np.sqrt(np.mean(limits)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from recording_wires import caught_up, make_wire, record, replayed, virtual_boar
 from streams import frame_list, sent
 from test_guided import INFO, Port, Said, chunks, pulled
 
+from session.bench import live
 from session.bench.events import Trouble
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
@@ -23,7 +25,7 @@ from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.bench.rest_guide import RestAnswer, RestGuide, in_words
 from session.bench.screen import view
-from tinygc.cli.recording import counted
+from tinygc.cli.recording import counted, rest_guide
 from tinygc.reporting.terminal import as_text
 
 wire = pytest.fixture(make_wire, name="wire")
@@ -131,6 +133,17 @@ def test_what_moves_is_counted_and_said_once(monkeypatch):
     assert guide.moved_s == pytest.approx(2.0, abs=0.5)
 
 
+def test_a_memory_that_is_full_is_looked_at_every_tenth_block(monkeypatch):
+    """Else a night of rest takes hours to replay."""
+    calls, real = [], live.noise_variance
+    monkeypatch.setattr(live, "noise_variance", lambda values: calls.append(len(values)) or real(values))
+    stillness, samples = live.Stillness(1 / 208, memory=60), Table().rest(30).samples()
+    for start in range(0, 200 * stillness.size, stillness.size):
+        stillness.feed(samples.between(start, start + stillness.size))
+    assert len(calls) == 2 * (49 + 16)  # of gyroscope and accelerometer: each of the first, then 50, 60, …
+    assert max(calls) == 60
+
+
 def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
     """What the port still held of the turns goes to no log; the rest's log begins with the new connection."""
     turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
@@ -221,6 +234,19 @@ def test_what_cannot_be_is_one_line(run, tmp_path, words, says):
     assert code == 2
     assert says in said
     assert not (tmp_path / "s").exists()
+
+
+def test_without_the_annex_it_records_and_cannot_know_what_is_enough(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("tinygc.cli.recording.find", lambda service: None)
+    monkeypatch.setattr("tinygc.cli.recording.is_present", lambda service: False)
+    guide = rest_guide(SimpleNamespace(known_to=20.0, rest=0.5, stop_at_target=False), config().protocol)
+    assert guide.rest_s == 1800.0
+    with pytest.raises(KeyboardInterrupt):
+        led(Script([INFO, *chunks(REST)]), guide, interrupted=lambda: guide.rested_s > 3)
+    assert not guide.answer.lines
+    code, _, said = run("record", "--port", tmp_path / "no-port", "--out", tmp_path / "s", "--rest", "--stop-at-target")
+    assert code == 2
+    assert "--stop-at-target needs the annex noise" in said
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(0, "0 s"), (119.4, "119 s"), (120, "2 min"), (7199, "120 min"), (11160, "3.1 h")])

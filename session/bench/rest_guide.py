@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol as Interface
 
 from session.bench.guide import REST, Guide
-from session.bench.live import CEILING_S, MotionBlock
+from session.bench.live import CEILING_S, MotionBlock, Stillness
 from session.bench.messages import GuideMessage, Instruction, Kind, Stage
 from session.bench.rawfile import RecordingDecision
 from session.io.config import Protocol
@@ -19,6 +19,8 @@ from session.io.samples import Samples
 BEGIN_REST = RecordingDecision("begin", REST)
 #: between two warnings that the board moves: a table that trembles all night makes a page of them, not a hundred
 WARN_EVERY_S = 600.0
+#: blocks, 2 min, that show the sensor's noise: of a rest nearly all are calm, and a night of it is to be replayed within minutes
+MEMORY_BLOCKS = 1200
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,12 @@ class RestGuide(Guide):
         asked = "" if self.rest_s is None else f" of {in_words(self.rest_s)}"
         moved = f"; it moved for {in_words(self.moved_s)}" if self.moved_s else ""
         return [("rest", f"{in_words(self.rested_s)}{asked}{moved}"), *(("noise", line) for line in self.answer.lines)]
+
+    def _stream_is_good(self) -> bool:
+        good = super()._stream_is_good()
+        if good:
+            self.here.stillness = Stillness(self.here.pending.period_s, MEMORY_BLOCKS)
+        return good
 
     def _more(self) -> None:
         """Samples come after the operator had finished: the rest was resumed."""

@@ -160,6 +160,24 @@ def test_what_fails_is_said_once_and_ends_nothing(error, says, again):
     assert len(runs) == 1 + again
 
 
+def test_blocks_of_a_tenth_of_a_second_are_added_by_the_second_and_none_is_lost():
+    added = []
+
+    class Counted(Sums):
+        def add(self, samples):
+            added.append(len(samples))
+            super().add(samples)
+
+    noise = LiveNoise(0.2, lambda sums: KNOWN, after, Counted)
+    whole = samples(12.0)
+    for start in range(0, 600, 5):
+        noise.add(whole.between(start, start + 5))
+    assert added[0] == 105  # 2 s, and the block in which they end
+    assert set(added[1:]) == {55}
+    assert sum(added) >= 600 - 55
+    assert noise._sums.rate_hz == pytest.approx(50.0, rel=1e-6)
+
+
 def test_sums_that_fail_end_nothing():
     class Broken(Sums):
         def add(self, samples):

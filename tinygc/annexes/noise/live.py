@@ -17,13 +17,14 @@ from session.bench.rest_guide import RestAnswer, in_words
 from session.io.errors import CalibrationError
 from session.io.samples import Samples, joined
 from session.io.texts import significant
+from session.io.units import NS
 from tinygc.annexes.noise.estimate import estimate_noise, known_after_s
 from tinygc.annexes.noise.summary import RestSums
 from tinygc.noise.figures import NoiseFigures
 from tinygc.noise.measured import SENSORS, SHOWN, WALKS
 
-#: of samples, whose stamps give the data rate
-RATE_S = 2.0
+#: of samples, whose stamps give the data rate; of samples that are added at once
+RATE_S, PIECE_S = 2.0, 1.0
 #: of rest between two estimates, and its share of the whole rest; of the time that estimates may take
 EVERY_S, LATER, SHARE = 60.0, 0.1, 0.1
 #: of a log that counts: a board that resets again and again would make thousands of short ones
@@ -44,7 +45,7 @@ class LiveNoise:
         sums: Callable[[float], RestSums] = RestSums,
     ) -> None:
         self._relative, self._estimate, self._known_after, self._new_sums = relative, estimate, known_after, sums
-        self._early: list[Samples] = []  # of a log whose data rate is not known yet
+        self._waiting: list[Samples] = []  # not added yet: the guide's blocks of 0.1 s are short for that
         self._logs: list[tuple[RestSums, float]] = []  # of earlier logs, with their durations
         self._sums: RestSums | None = None
         self._here_s = 0.0
@@ -69,20 +70,20 @@ class LiveNoise:
             self._fail(error)
 
     def _add(self, samples: Samples) -> None:
+        self._waiting.append(samples)
+        if (samples.t_ns[-1] - self._waiting[0].t_ns[0]) * NS < (RATE_S if self._sums is None else PIECE_S):
+            return
+        piece, self._waiting = joined(self._waiting), []
         if self._sums is None:
-            self._early.append(samples)
-            samples = joined(self._early)
-            if samples.duration_s < RATE_S:
-                return
-            self._sums, self._early = self._new_sums((len(samples) - 1) / samples.duration_s), []
-        self._sums.add(samples)
-        self._here_s += len(samples) / self._sums.rate_hz
+            self._sums = self._new_sums((len(piece) - 1) / piece.duration_s)
+        self._sums.add(piece)
+        self._here_s += len(piece) / self._sums.rate_hz
 
     def new_log(self) -> None:
         """The samples that follow do not continue those before."""
         if self._sums is not None and self._here_s >= SHORTEST_S:
             self._logs.append((self._sums, self._here_s))
-        self._sums, self._early, self._here_s = None, [], 0.0
+        self._sums, self._waiting, self._here_s = None, [], 0.0
 
     def answer(self) -> RestAnswer | None:
         """Return a new answer; None where nothing has changed.  Starts the next estimate where it is due."""

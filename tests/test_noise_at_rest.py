@@ -292,6 +292,17 @@ def test_the_report_shows_them_beside_the_stills(folder):
 
 
 @pytest.mark.broad
+@pytest.mark.parametrize(("limit_dph", "source"), [(20.0, "typical of ASM330LHH"), (2.0, "half its limit at rest (noise.json)")])
+def test_a_limit_is_a_prior_where_it_is_below_what_is_typical(folder, limit_dph, source):
+    """3 °/h is typical, and is drawn."""
+    path, white = with_figures(folder), 5e-3 * DEG / np.sqrt(2)
+    path.write_text(json.dumps(to_json(figures_of(sensor(axis_of(N=(white, 0.01 * white), limits={"B": limit_dph * DPH, "K": 1e-12}))))))
+    noise = fit(folder, methods="least_squares").to_json()["noise"]
+    assert noise["gyro_bias_instability_source"] == source
+    assert not noise["at_rest"]["drift"]["contradicted"]
+
+
+@pytest.mark.broad
 def test_explain_takes_them_as_well(folder):
     with_figures(folder)
     why = explain(folder)

@@ -239,9 +239,16 @@ def measured_noise(noise: Path | None = None) -> AtRest:
 
 
 def compared(problem: Problem, figures: NoiseFigures, path: Path) -> MeasuredNoise:
-    """Put figures beside a session.  A drift that the session contradicts is no prior of it."""
+    """Put figures beside a session.
+
+    A drift that the session contradicts is no prior of it, and a mere limit is none where a smaller drift is given or typical.  Figures of
+    the session's own stills and of hours of rest are taken as if the stills were not in them, whose share is small.
+    """
     known = session_instability(figures.gyro, float(problem.began_s[-1]), path.name)
     limit = not any(_shown(axis.terms[name]) for axis in figures.gyro.axes for name in WALKS)
     drift = None if known is None else drift_comparison(known, likelihood_of_instability(problem.logs, problem.earths), limit)
     prior = None if drift is not None and drift.contradicted else known
+    if limit and prior is not None and prior.most_rps is not None:
+        other = problem.instability
+        prior = None if 0 < other.rps <= prior.most_rps and not other.of_unit else prior
     return MeasuredNoise(path, sha256_of(path), prior, white_comparisons(problem, figures.gyro, figures.rate_hz), drift)

@@ -66,7 +66,7 @@ class LiveNoise:
             return
         try:
             self._add(samples)
-        except Exception as error:  # no failure of the figures may end a recording
+        except Exception as error:
             self._fail(error)
 
     def _add(self, samples: Samples) -> None:
@@ -97,7 +97,11 @@ class LiveNoise:
         if self._failed or rested_s < self._next_s or time.monotonic() < self._next_at:
             return None
         self._next_s = rested_s + max(EVERY_S, LATER * rested_s)
-        sums = copy.deepcopy([each for each, _ in self._logs] + ([] if self._sums is None else [self._sums]))
+        try:
+            sums = copy.deepcopy([each for each, _ in self._logs] + ([] if self._sums is None else [self._sums]))
+        except Exception as error:
+            self._fail(error)
+            return None
         # A daemon: an estimate in progress must not keep a recording from its end.
         self._thread = threading.Thread(target=self._run, args=(sums, rested_s), name="noise", daemon=True)
         self._thread.start()
@@ -115,6 +119,7 @@ class LiveNoise:
         self._next_at = now_s + (now_s - began_s) / SHARE
 
     def _fail(self, error: Exception) -> None:
+        """No failure of the figures may end a recording."""
         self._failed = True
         self._found = RestAnswer((f"the noise figures have failed ({type(error).__name__}: {error}); the rest is recorded without them",))
 

@@ -52,7 +52,9 @@ def simulated(sizes: dict[str, float], time_s: float, count: int, rng: np.random
             steps = size * np.sqrt(1 - keep**2) * rng.standard_normal(FINER * count)
             steps[0] = size * rng.standard_normal()
             x += lfilter([1.0], [1.0, -keep], steps).reshape(count, FINER).mean(axis=1)
-        if name == "B":  # fractional differences of order one half (Kasdin 1995): density B^2 dt / (2 sin(pi f dt)), at low f B^2 / (2 pi f)
+        if (
+            name == "B"
+        ):  # fractional differences of order one half (Kasdin 1995): density B^2 dt / (2 sin(pi f dt)), at low f B^2 / (2 pi f)
             many = 2 * FINER * count
             k = np.arange(1, many)
             response = np.concatenate([[1.0], np.cumprod((k - 0.5) / k)])
@@ -158,7 +160,17 @@ def main() -> None:
             ]
         )
         print(rows[-1], dict(wrong.most_common(12)), flush=True)
-    head = ["rest", "axes", "can be seen", "all terms right", "an absent term named", "white alone: more named", "within 1 sigma", "by term", "time"]
+    head = [
+        "rest",
+        "axes",
+        "can be seen",
+        "all terms right",
+        "an absent term named",
+        "white alone: more named",
+        "within 1 sigma",
+        "by term",
+        "time",
+    ]
     print(markdown(head, rows))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
@@ -34,3 +36,21 @@ def figures(gyro=GYRO, accel=ACCEL, **changes) -> NoiseFigures:
     """Of ten hours at 208 Hz."""
     known = {"rate_hz": 208.0, "duration_s": 36_000.0, "samples": 7_488_000} | changes
     return NoiseFigures(gyro, accel, **known)
+
+
+def axis_of(limits: Mapping[str, float] | None = None, tau_s: float | None = None, **terms: tuple[float, float]) -> AxisNoise:
+    """Terms by name, each with its value and sigma, SI; limits of terms that are not shown; tau_s of G."""
+    found = {}
+    for name in TERMS:
+        if name in terms:
+            found[name] = Term(*terms[name], 1.0, None, tau_s if name == "G" else None, None if name != "G" else 0.0)
+        else:
+            found[name] = Term(0.0, None, 0.0, (limits or {}).get(name))
+    return AxisNoise(found)
+
+
+def figures_of(
+    gyro: SensorNoise, accel: SensorNoise | None = None, serial: str = "", logs: tuple[str, ...] = ("rest0001.csv",)
+) -> NoiseFigures:
+    """Figures of a rest of ten hours at 104 Hz."""
+    return NoiseFigures(gyro, accel, 104.0, 36_000.0, 3_744_000, logs, "ASM330LHH", serial)

@@ -143,6 +143,8 @@ def test_flicker_in_a_flip_is_the_double_integral_over_all_its_readings():
     [
         (BiasInstability(20 * DPH, "given"), False, (20, 0.1)),
         (BiasInstability(20 * DPH, "typical of some"), False, (20, 0.5)),
+        (BiasInstability(20 * DPH, "measured at rest (noise.json)", 4 * DPH, 28 * DPH), False, (20, np.hypot(0.1, 0.2))),
+        (BiasInstability(20 * DPH, "estimated", 4 * DPH, 28 * DPH, of_unit=True), False, None),
         (BiasInstability(20 * DPH, "estimated", of_unit=True), False, None),
         (BiasInstability(0.0, "nothing"), False, None),
         (BiasInstability(20 * DPH, "given"), True, (20, 0.1)),

@@ -176,6 +176,7 @@ _RECORD = {
     "odr_by_host_hz": maybe(SIZE),
     "logs": [TEXT],
     "missing": maybe([TEXT]),
+    "rest?": {"wanted_s": maybe(SIZE), "recorded_s": SIZE, "moved_s": SIZE, "known": FLAG, "remarks": [TEXT]},
     "defaults?": _PERSONAL,
 }
 _FIGURE = named("figure", {"value": NUMBER, "source": TEXT, "read": FLAG})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .commands import FINDING
-from .fit import ALIGNMENT, COMPONENT, EVENT, INSTABILITY, LEFT_OUT, LOT, SPLIT
+from .fit import ALIGNMENT, AT_REST, COMPONENT, EVENT, INSTABILITY, LEFT_OUT, LOT, SPLIT
 from .shapes import (
     COUNT,
     FLAG,
@@ -149,7 +149,7 @@ _EXPLAIN = _HEAD | {
     "fit": {"holdout_closure_rms_deg": _HELD_OUT, "excess_removed": maybe(NUMBER), "segments_after": COUNT},
     "channels": dict.fromkeys(("closure", "still", "length"), _CHANNEL),
     "turn_gravity": {"lever_m": VECTOR, "offset_s": NUMBER, "offset_std_s": SIZE, "rms_mg": _CHANGE},
-    "noise": INSTABILITY | {"components": [COMPONENT]},
+    "noise": INSTABILITY | AT_REST | {"components": [COMPONENT]},
     "within_stills": {"slope_rms_sigmas": maybe(SIZE), "scatter_rms_sigmas": maybe(SIZE)},
     "detection_limits": {"<id>": {"size": maybe(SIZE), "unit": TEXT}},
     "warnings": [FINDING],
@@ -166,7 +166,7 @@ _TRUTH = _HEAD | {
     "refused": [named("refused", _CLAIM | {"share?": maybe(NUMBER)})],
     "considered": [{"id": TEXT, "probability": SHARE}],
     "fit": {"holdout_closure_rms_deg": _HELD_OUT, "closure_rms_deg": _CHANGE},
-    "noise": INSTABILITY | {"components": [COMPONENT]},
+    "noise": INSTABILITY | AT_REST | {"components": [COMPONENT]},
     "truth": {
         "wrong_moments": [{"log": COUNT, "at_s": NUMBER}],
         "outages": [

@@ -34,6 +34,8 @@ INSTABILITY = {
     "gyro_bias_instability_sigma_dph": maybe(SIZE),
     "gyro_bias_instability_source": maybe(TEXT),
 }
+_COMPARED = named("noise_compared", {"ratio": SIZE, "low": SIZE, "high": SIZE, "p_value": SHARE, "contradicted": FLAG})
+AT_REST = {"at_rest?": {"file": TEXT, "sha256": HASH, "white": [_COMPARED], "drift": maybe(_COMPARED)}}
 COMPONENT = named("component", {"name": TEXT, "size": SIZE, "sigma": maybe(SIZE), "unit": TEXT, "description": TEXT})
 ACCELEROMETER = {
     "mode": words("given", "fit", "prior"),
@@ -104,7 +106,7 @@ _FIT = {
             "why": TEXT,
         }
     ],
-    "noise": _NOISE | {"closure_all_rms_deg": maybe(SIZE), "components": [COMPONENT], "closure_floor_repaired_rms_deg?": SIZE},
+    "noise": _NOISE | AT_REST | {"closure_all_rms_deg": maybe(SIZE), "components": [COMPONENT], "closure_floor_repaired_rms_deg?": SIZE},
     "accelerometer": ACCELEROMETER | {"effects": [{"id": TEXT, "equation": TEXT, "parameters": PARAMETERS, "std": PARAMETERS}]},
     "goodness": GOODNESS,
     "bias_any_session": maybe({"spread_dps": VECTOR, "source": TEXT}),

@@ -55,6 +55,7 @@ EXAMINE_EVERY_S = 0.2
 NEARLY = 0.85  #: of a rotation: behind it the next one counts, on the page as well (path.js)
 FINISH_WORDS = "f finishes"
 STIR_DEG = 2.0  #: a smaller movement is no turn
+REST = "rest"  #: stem of the logs of a rest (``session.bench.rest_guide``), in which no turn is looked for
 
 
 class Guide:
@@ -63,6 +64,8 @@ class Guide:
     stop_at_target ends the segments as soon as the coach requests nothing more.  The guide is driven by samples, in blocks of 0.1 s, and
     by messages about the port; how the samples are divided into portions changes nothing.  It never waits without stating for what.
     """
+
+    stem = "log"  #: of the logs that it asks for
 
     def __init__(self, protocol: Protocol, segments: int = 40, stop_at_target: bool = False, closure_s: float = 0.0):
         self.protocol, self.segments, self.stop_at_target, self.closure_s = protocol, segments, stop_at_target, closure_s
@@ -74,6 +77,7 @@ class Guide:
         self.coached = False  #: whether advice is expected after each accepted segment
         self.rejected = self.dropped = self.log = 0  #: rejected segments; segments that the operator took back; number of the log
         self._before_s = 0.0  # duration of earlier logs
+        self.at_rest = False  #: whether the samples go to a rest log
         self.board_faults: Mapping[str, int] = {}  #: what the board has reported of itself, by name
         self.keys, self._remark = "", ""  # the screen's last line; the coach's remark on the whole session
         self.waits_for = ""  # what the port or the stream lacks
@@ -135,7 +139,11 @@ class Guide:
     def decided(self, decision: RecordingDecision) -> list[GuideMessage]:
         """Take a decision of the operator, or of the guide itself (``wants``), that the files already hold."""
         self._messages = []
-        if decision.word == "pause":
+        if decision.word == "begin":
+            self.at_rest = decision.rest == REST
+        if self.at_rest and decision.word in ("begin", "finish"):  # of a rest that was recorded into this session: nothing is examined
+            self.stage = self.stage if self.stage is Stage.DONE else Stage.PAUSED
+        elif decision.word == "pause":
             self.stage = Stage.PAUSED
             self._say(Kind.STAGE, "paused: samples are stored, not examined")
         elif self.stage is Stage.PAUSED and decision.word == "begin":
@@ -174,6 +182,15 @@ class Guide:
     def accepted(self) -> int:
         """Number of segments that count."""
         return len(self.taken.turns)
+
+    @property
+    def so_far(self) -> str:
+        """What is recorded, in words."""
+        return f"{self.accepted} segments"
+
+    def resumes(self) -> bool:
+        """Whether a resumed recording goes on."""
+        return self.stage is not Stage.DONE
 
     @property
     def to_drop(self) -> tuple[int | None, str]:

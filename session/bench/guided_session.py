@@ -27,7 +27,7 @@ from session.bench.events import (
     Trouble,
     starts_log,
 )
-from session.bench.guide import Guide, View, joined_chunks, samples_of
+from session.bench.guide import REST, Guide, View, joined_chunks, samples_of
 from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
 from session.bench.operator import BrowserCommands, OperatorInput
@@ -280,10 +280,14 @@ class GuidedRecording:
         try:
             if not self._catch_up(stopped):
                 self._live = True
-            elif self.guide.stage is not Stage.DONE:
+                if (decision := self.guide.wants) is not None:  # a rest's log, before its first sample
+                    self._operator.decide(decision)
+            elif self.guide.resumes():
                 self._resuming = True
                 self.guide.new_log()
-                self._say(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far")
+                if self.guide.at_rest != (self.guide.stem == REST):  # its own log begins with the new connection
+                    self._operator.decide(RecordingDecision("pause"))
+                self._say(Kind.STAGE, f"resumed: {self.guide.so_far} so far")
             while self.guide.stage is not Stage.DONE:
                 if stopped():
                     raise KeyboardInterrupt

@@ -49,13 +49,14 @@ class MotionBlock:
 
 
 class Stillness:
-    """Classifies one block after the other.  period_s: the usual sample interval."""
+    """Classifies one block after the other.  period_s: the usual sample interval; memory: blocks whose calmest show the noise."""
 
-    def __init__(self, period_s: float):
+    def __init__(self, period_s: float, memory: int = MEMORY_BLOCKS):
         self._period_s = period_s
         self.size = block_size(period_s)
-        self._gyro_var: deque[np.ndarray] = deque(maxlen=MEMORY_BLOCKS)
-        self._accel_var: deque[np.ndarray] = deque(maxlen=MEMORY_BLOCKS)
+        self._gyro_var: deque[np.ndarray] = deque(maxlen=memory)
+        self._accel_var: deque[np.ndarray] = deque(maxlen=memory)
+        self._blocks = 0
         self._steps: deque[np.ndarray] = deque(maxlen=200)
         self._noise: tuple[np.ndarray, np.ndarray] | None = None
         self._run: list[np.ndarray] = []
@@ -68,6 +69,7 @@ class Stillness:
         gyro_mean, gyro_var, accel_var = moments.gyro_mean[0], moments.gyro_var[0], moments.accel_var[0]
         self._gyro_var.append(gyro_var)
         self._accel_var.append(accel_var)
+        self._blocks += 1  # a memory that is full grows no more
         why = self._why_not_quiet(gyro_mean, gyro_var, accel_var)
         if why:
             self._run = []
@@ -98,7 +100,7 @@ class Stillness:
 
     def _noise_now(self) -> tuple[np.ndarray, np.ndarray]:
         """Variances (3,) of the sensor's noise."""
-        if self._noise is None or len(self._gyro_var) % NOISE_EVERY == 0 or len(self._gyro_var) < 50:
+        if self._noise is None or self._blocks % NOISE_EVERY == 0 or self._blocks < 50:
             gyro, accel = noise_variance(np.array(self._gyro_var)), noise_variance(np.array(self._accel_var))
             if self.zero_rps is None and len(self._gyro_var) * self._block_s < CEILING_S:
                 band_hz = 0.5 / self._period_s

@@ -156,12 +156,13 @@ class TypingLine:
                 self.note += sign
         return commands
 
-    def words(self, closure: bool, enough: bool = False) -> str:
-        """The last line of the screen.  closure: whether the closure run is on; enough: whether the operator may finish."""
+    def words(self, closure: bool, enough: bool = False, turns: bool = True) -> str:
+        """The last line of the screen.  closure: whether the closure run is on; enough: whether the operator may finish; turns: whether
+        there are any."""
         if self.note is not None:
             return f"note: {self.note}_   (Enter keeps it, Esc does not)"
-        last = "d the closure run again   Enter it is on its mark" if closure else "d drop the last turn"
-        return f"keys: p pause   {last}   n note{'   f finish' if enough else ''}"
+        last = "d the closure run again   Enter it is on its mark   " if closure else "d drop the last turn   " if turns else ""
+        return f"keys: p pause   {last}n note{'   f finish' if enough else ''}"
 
 
 MOST = 8  #: waiting browser commands; a recording takes them ten times a second, and refuses more
@@ -248,7 +249,7 @@ class OperatorInput:
     @property
     def after_pause(self) -> RecordingDecision:
         """The decision that ends a pause: a log before the closure run, in the run no log until the table is on its mark."""
-        return RecordingDecision("begin", "log") if self._guide.closure is None else BEGIN
+        return RecordingDecision("begin", self._guide.stem) if self._guide.closure is None else BEGIN
 
     def decide(self, decision: RecordingDecision) -> None:
         """Apply a decision to the files and the guide."""
@@ -275,7 +276,7 @@ class OperatorInput:
             except CalibrationError as error:  # no command may end a recording
                 self._say(Kind.WARNING, str(error))
         if self._keys is not None:
-            self._guide.keys = self._typing.words(self._guide.closure is not None, self._guide.enough)
+            self._guide.keys = self._typing.words(self._guide.closure is not None, self._guide.enough, not self._guide.at_rest)
 
     def _do(self, command: OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide

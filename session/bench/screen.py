@@ -18,6 +18,7 @@ from session.bench.console import PlainConsole
 from session.bench.guide import Guide
 from session.bench.live import StreamHealth
 from session.bench.messages import GuideMessage, Kind, Stage
+from session.bench.rest_guide import RestGuide
 from session.io.texts import printable
 
 BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
@@ -125,6 +126,13 @@ def _state(guide: Guide) -> Table:
     health, table = guide.health, Table.grid(padding=(0, 2))
     table.add_column(style="dim")
     table.add_column(overflow="fold")
+    if isinstance(guide, RestGuide):
+        for name, text in guide.rows:
+            table.add_row(name, text)
+        table.add_row("stream", _stream(health))
+        table.add_row("faults", _faults(health))
+        table.add_row("warmth", _warmth(guide))
+        return table
     table.add_row("segments", _segments(guide))
     table.add_row("coach", _coach(guide))
     if guide.taken.own is not None:

@@ -37,6 +37,7 @@ SERVICES = {
     "exports over temperature": "tinygc.annexes.temperature.deploy",
     "noise": "tinygc.annexes.noise.command",
     "noise figures": "tinygc.annexes.noise.library",
+    "noise while a rest is recorded (record --rest)": "tinygc.annexes.noise.live",
     "the emulated board": "tinygc.annexes.emulated.command",
     "fleet": "tinygc.annexes.lots.fleet_command",
     "lot": "tinygc.annexes.lots.command",

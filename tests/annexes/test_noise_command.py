@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import Table, write_session
 from formats_page import strangers
-from noise_records import UG, H, N, axis, estimate, figures, hidden, shown
+from noise_made import UG, H, N, axis, estimate, figures, hidden, shown
 
 import tinygc
 from session.io.errors import CalibrationError

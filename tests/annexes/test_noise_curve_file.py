@@ -85,7 +85,7 @@ def test_units_that_are_none(tmp_path):
 @pytest.fixture
 def fitted(monkeypatch):
     """Fits nothing; keeps what it was given."""
-    from noise_records import figures
+    from noise_made import figures
 
     calls = []
 

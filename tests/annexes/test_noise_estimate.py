@@ -186,7 +186,7 @@ def test_three_units_at_rest_agree_with_a_separate_analysis(unit, shared):
 def test_a_published_curve_gives_the_published_densities(shared):
     table = np.loadtxt(shared / "wild" / "d455_allan.csv")
     deviation = table[:, 1:] * np.array([1, 1, 1, DEG, DEG, DEG])
-    axes = fit_curve(table[:, 0], deviation, 20.5 * 3600, 400.0)
+    axes = fit_curve(table[:, 0], deviation, 20.5 * 3600)
     white, walk = (np.mean([axis.value(name) for axis in axes[3:]]) for name in "NK")
     assert white == pytest.approx(1.0272e-4, rel=0.15)
     equivalent = [max(axis.value("K"), axis.value("G") * np.sqrt(2 / (axis.terms["G"].tau_s or 1))) for axis in axes[3:]]

@@ -16,7 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from session.io.annexes import need
+from session.io.annexes import find, is_present, need
+from session.io.errors import CalibrationError
 from session.io.texts import command_line, printable
 from tinygc.cli.defaults import defaults_json
 from tinygc.cli.results import Interruption, complain, output, print_commands, write_json
@@ -27,8 +28,9 @@ if TYPE_CHECKING:
     from session.bench.messages import Advice, Progress
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
+    from session.bench.rest_guide import RestGuide
     from session.bench.session_file import BoardSeries
-    from session.io.config import Config, Site
+    from session.io.config import Config, Protocol, Site
     from tinygc.planning.coach import Coach
 
 
@@ -84,7 +86,6 @@ def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
         yield None
         return
     from session.bench.page.server import PageServer
-    from session.io.errors import CalibrationError
 
     server = PageServer(*args.view)
     server.start()
@@ -116,6 +117,35 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
         yield page, page.watch
 
 
+# A rest: its guide, with what the annex of the noise makes of it while it goes on.
+
+#: services of the annexes that a rest and its log are for
+LIVE_NOISE, NOISE = "noise while a rest is recorded (record --rest)", "noise"
+KNOWN_TO = 20.0  #: per cent
+
+
+def rest_guide(args: argparse.Namespace, protocol: Protocol) -> RestGuide:
+    """Return the guide of ``--rest``; without the annex it records all the same, and says nothing of the noise."""
+    from session.bench.rest_guide import RestGuide
+
+    live = find(LIVE_NOISE)
+    figures = None if live is None else live.LiveNoise(args.known_to / 100)
+    return RestGuide(protocol, args.rest * 3600 if args.rest else None, figures, args.stop_at_target)
+
+
+def refuse_with_rest(args: argparse.Namespace) -> None:
+    """CalibrationError for options of turns that a rest does not have, and for options of a rest without one."""
+    if args.rest is None:
+        if args.known_to != KNOWN_TO:
+            raise CalibrationError("--known-to says how well the noise of a rest is to be known; add --rest")
+        return
+    turns = {"--series": args.series, "--lot": args.lot, "--closure": args.closure, "--view": args.view}
+    if given := next((name for name, value in turns.items() if value), None):
+        raise CalibrationError(f"{given} is of turns, and with --rest nothing is turned; leave one of them out")
+    if args.stop_at_target and not is_present(LIVE_NOISE):
+        raise CalibrationError("--stop-at-target needs the annex noise, which is not there; give --rest HOURS instead")
+
+
 # The recorded data, in lines and as JSON.
 
 MOST_NAMED = 3  #: most logs that are named
@@ -123,15 +153,16 @@ NUMBERED = re.compile(r"(?P<stem>[a-z]+)(?P<number>[0-9]{4})\.csv")
 
 
 def so_far(guide: Guide, recorder: Recorder) -> str:
-    """Count segments and files."""
+    """Count segments, or the time of a rest, and files."""
     names = [path.name for path in recorder.logs.paths] or ["no log yet"]
     logs = ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} and {len(names) - 1} more"
     return f"{counted(guide, recorder)} ({recorder.raw.path.name}, {logs})"
 
 
 def counted(guide: Guide, recorder: Recorder) -> str:
-    """Count segments and samples."""
-    return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples"
+    """Count segments, or the time of a rest, and samples."""
+    segments = f"{guide.accepted} of {guide.segments} segments" if guide.segments else guide.so_far
+    return f"{segments}, {recorder.samples} samples"
 
 
 def files_left(folder: Path) -> str:
@@ -200,12 +231,23 @@ def table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
         "odr_by_host_hz": health.odr_by_host_hz,
         "logs": [path.name for path in recorder.logs.paths],
         "missing": list(guide.advice.missing) if guide.advice else None,
+        **_rest(guide),
     }
+
+
+def _rest(guide: Guide) -> dict:
+    """Return the key of a rest, which other recordings do not have."""
+    from session.bench.rest_guide import RestGuide
+
+    if not isinstance(guide, RestGuide):
+        return {}
+    seconds = {"wanted_s": guide.rest_s, "recorded_s": guide.rested_s, "moved_s": guide.moved_s}
+    return {"rest": seconds | {"known": guide.answer.known, "remarks": list(guide.answer.lines)}}
 
 
 def _accelerometer(guide: Guide) -> dict | None:
     """Return the state of an uncalibrated accelerometer's calibration from the stills."""
-    if guide.taken.own is None:
+    if guide.taken.own is None or guide.stem == "rest":
         return None
     before, after = guide.taken.own.spread_mg
     stills = len(guide.taken.own.stills)
@@ -302,7 +344,7 @@ def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
     """Record board after board until Ctrl-C, which keeps all; ``series.json`` lists them, as does the JSON.  130: a board interrupted."""
     from session.bench.session_file import SERIES_SCHEMA as SCHEMA
     from session.bench.session_file import BoardListener, BoardSeries
-    from session.io.errors import CalibrationError, StorageError
+    from session.io.errors import StorageError
 
     if args.resume:
         raise CalibrationError(
@@ -392,9 +434,6 @@ def _say(args: argparse.Namespace, words: str, ring: bool = False) -> None:
 
 def lot_of(args: argparse.Namespace) -> Any:
     """Read the lot before the port is opened, so that an invalid lot stops the recording early."""
-    from session.io.annexes import need
-    from session.io.errors import CalibrationError
-
     if args.no_coach:
         raise CalibrationError("--lot tells the coach how many turns are enough; leave it or --no-coach out")
     lots = need("a lot as prior (--lot)")
@@ -405,8 +444,6 @@ def lot_of(args: argparse.Namespace) -> Any:
 
 def of_lot_model(args: argparse.Namespace, config: Config) -> Config:
     """Return the configuration of a board of the lot's model.  Raises CalibrationError for another model."""
-    from session.io.errors import CalibrationError
-
     if config.sensor.model != args.lot_read.sensor:
         raise CalibrationError(f"{args.lot}: a lot of {args.lot_read.sensor}, and the board is {config.sensor.model}; leave --lot out")
     return config

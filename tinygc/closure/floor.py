@@ -34,7 +34,7 @@ class BiasInstability:
     """A sensor's bias instability.
 
     rps: rad/s; sigma_rps: its sigma if it was estimated, else None; most_rps: 95 % upper limit of an estimate; source: its origin;
-    of_unit: whether it belongs to this unit rather than to a data sheet.
+    of_unit: whether the recording itself gives it: it is then no prior of what is estimated from the same recording.
     """
 
     rps: float
@@ -402,9 +402,15 @@ def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, 
 
 def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstability:
     """Estimate the bias instability from the stills alone."""
+    likelihood = likelihood_of_instability(logs, earths)
+    return BiasInstability(0.0, UNKNOWN) if likelihood is None else posterior_of_instability(likelihood)
+
+
+def likelihood_of_instability(logs: list[StillSet], earths: dict[int, EarthRate]) -> np.ndarray | None:
+    """(B,) restricted log-likelihood of the stills of all logs and axes at each of ``GRID_RPS``; None for too few stills."""
     pieces = [piece for number, log in enumerate(logs) for piece in pieces_at_rest(number, logs)]
     if not pieces:
-        return BiasInstability(0.0, UNKNOWN)
+        return None
     rate, log, t_s, span_s, walk, down, q_tb, group, temp_c = (np.array(column) for column in zip(*pieces, strict=True))
     for g in np.unique(group):
         rate[group == g] -= earths[int(g)].in_body(q_tb[group == g])
@@ -415,14 +421,13 @@ def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstabi
     for _ in range(MOST_STEPS + 1):
         columns = [other_causes(log, t_s, down, side, temp_c, steps) for side in sideways]
         if sum(len(t_s) - each.shape[1] for each in columns) < LEAST_STILL_FREEDOM:
-            return BiasInstability(0.0, UNKNOWN)
-        likelihood = [restricted_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)]
-        found = posterior_of_instability(np.sum(likelihood, axis=0))
-        step = step_of_bias(rate, columns, white, found.rps**2 * flicker)
+            return None
+        likelihood = np.sum([restricted_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)], axis=0)
+        step = step_of_bias(rate, columns, white, posterior_of_instability(likelihood).rps ** 2 * flicker)
         if step is None:
             break
         steps = np.concatenate([steps, step[:, None]], axis=1)
-    return found
+    return np.asarray(likelihood)
 
 
 def posterior_of_instability(likelihood: np.ndarray) -> BiasInstability:

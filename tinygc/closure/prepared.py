@@ -21,7 +21,7 @@ from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
 from tinygc.closure.prior import PriorOf
-from tinygc.closure.problem import JointFit, Problem
+from tinygc.closure.problem import AtRest, JointFit, Problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel
@@ -60,10 +60,11 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
     return [Finding("warning", where, GRAVITY_SIGN, says, do)]
 
 
-def first_look_at_fit(session: Session, found: SessionStills) -> list[Finding]:
-    """Build the problem that ``fit`` solves, for a session without errors: what ``fit`` would refuse is an error; and the sign of gravity.
+def first_look_at_fit(session: Session, found: SessionStills, at_rest: AtRest | None = None) -> list[Finding]:
+    """Build the problem that ``fit`` solves, for a session without errors: what ``fit`` would refuse is an error; the sign of gravity; and
+    what contradicts the noise figures of the unit.
 
-    found: the session's stills, as the first check detected them.
+    found: the session's stills, as the first check detected them; at_rest: the noise figures.
     """
     whole = with_bridges(session)
     try:
@@ -71,7 +72,8 @@ def first_look_at_fit(session: Session, found: SessionStills) -> list[Finding]:
         read_closure_runs(problem)
     except CalibrationError as error:
         return [Finding("error", session.name, "fit", str(error).removeprefix(f"{session.folder}: "))]
-    return check_gravity_sign(problem)
+    measured = None if at_rest is None else at_rest(problem)
+    return check_gravity_sign(problem) + ([] if measured is None else measured.findings(session.name))
 
 
 def _vertical(logs: list[StillSet], model: LinearModel) -> tuple[float, float] | None:
@@ -148,12 +150,13 @@ def prepare(
     known: SessionStills | None = None,
     near: LinearModel | None = None,
     prior: PriorOf | None = None,
+    at_rest: AtRest | None = None,
 ) -> Prepared:
     """Build the problem of a session or session folder.
 
     accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; it is fitted if session.toml has no calibration.
     known: the stills of this session, if already detected; near: a model near the gyroscope's; prior: of the unit, which reduces the number
-    of turns needed.
+    of turns needed; at_rest: noise figures of the unit.
     Raises DataError for the first error of the first check, CalibrationError for ``given`` without a calibration, and the errors of
     ``read_session`` and ``build_problem``.
     """
@@ -182,6 +185,9 @@ def prepare(
     problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, prior=prior, progress=progress)
     if use_earth:
         findings = findings + check_gravity_sign(problem)
+    if at_rest is not None and (measured := at_rest(problem)) is not None:
+        problem = problem.changed(at_rest=measured)
+        findings = findings + measured.findings(session.name)
     if accelerometer == "given" or source not in ("given", "none"):  # or an earlier estimate
         return Prepared(findings, problem)
     progress("accelerometer")
@@ -204,6 +210,7 @@ def prepare(
         known=looked_at,
         near=problem.first,
         prior=prior,
+        at_rest=at_rest,
     )
     return Prepared(said + free.findings, free.problem, problem)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -24,6 +24,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.attitude.rotation import Array
+from tinygc.closure.at_rest import MeasuredNoise
 from tinygc.closure.floor import BiasInstability, BiasWander, Floor, bias_instability_of
 from tinygc.closure.least_squares import OBSERVED_BELOW, StillRates
 from tinygc.closure.prior import GaussianPrior
@@ -271,7 +272,7 @@ class Problem:
     for its closure runs; rest_rps: the mean bias (3,) rad/s, in measured units, if the bias of each turn is fixed from its stills
     (``build.with_still_bias``), else None; joint: the joint estimate behind the references, if any; known_turns: those of ``turns.csv``,
     used or with the reason for rejection; widened: used segments that are less certain than their noise, with causes; prior: of the
-    gyroscope, None for the weak default prior.
+    gyroscope, None for the weak default prior; at_rest: noise figures of the unit, None where none were measured.
     """
 
     session: Session
@@ -288,6 +289,7 @@ class Problem:
     known_turns: tuple[FoundTurn, ...] = ()
     widened: tuple[Widening, ...] = ()
     prior: GaussianPrior | None = None
+    at_rest: MeasuredNoise | None = None
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"
@@ -316,13 +318,15 @@ class Problem:
 
     @cached_property
     def instability(self) -> BiasInstability:
-        """Bias instability of the gyro: given, typical of the sensor model, or estimated from the stills."""
+        """Bias instability of the gyro: measured at rest, given, typical of the sensor model, or estimated from the stills."""
+        if self.at_rest is not None and self.at_rest.instability is not None:
+            return self.at_rest.instability
         return bias_instability_of(self.session.config.sensor, self.logs, self.earths)
 
     def changed(self, **fields: Any) -> Problem:
         """Replace fields; a bias instability that is already computed is kept."""
         other = replace(self, **fields)
-        if "instability" in self.__dict__:
+        if "instability" in self.__dict__ and "at_rest" not in fields:
             other.__dict__["instability"] = self.instability
         return other
 
@@ -350,6 +354,10 @@ class Problem:
         weights = weights if any(weights) else [1.0] * len(weights)
         power = (np.average([getattr(log.noise, name) ** 2 for log in self.logs], axis=0, weights=weights) for name in ("gyro", "accel"))
         return Noise(*map(np.sqrt, power))
+
+
+#: puts noise figures at rest beside a problem; None where there are none
+AtRest = Callable[[Problem], MeasuredNoise | None]
 
 
 # Reference conditions of effects for a whole session.

@@ -12,7 +12,7 @@ import numpy as np
 
 from session.io.annexes import need
 from session.io.errors import DataError, FitError, SegmentError
-from session.io.folder import Session, input_hashes, read_session
+from session.io.folder import Session, read_session
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.residual import closure_angles
@@ -37,6 +37,7 @@ from tinygc.estimation.stated_noise import (
 from tinygc.estimation.systematic import systematic_of
 from tinygc.estimation.verdict import require_plausible
 from tinygc.models.linear import LinearModel
+from tinygc.noise.measured import measured_noise
 
 #: callback with the current task, the number of steps done, and their total
 Progress = Callable[[str, int, int], None]
@@ -74,6 +75,7 @@ def fit_session(
             exclude=options.exclude,
             accelerometer=options.accelerometer,
             prior=None if given is None else given.prior,
+            at_rest=measured_noise(options.noise),
             progress=lambda what: progress(what, 0, 1),
         )
     problem = prepared.problem
@@ -181,7 +183,7 @@ def _run_methods(
 
     Raises the error of the last one where none can run.
     """
-    known = {} if saved is None else results.saved_methods(saved, level, options, input_hashes(problem.session))
+    known = {} if saved is None else results.saved_methods(saved, level, options, results.inputs_of(problem))
     known.setdefault("least_squares", linear)
     fits: dict[str, MethodFit] = {}
     not_run: dict[str, str] = {}

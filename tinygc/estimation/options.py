@@ -174,6 +174,8 @@ class FitOptions:
         File of a production lot, the prior of least squares; other methods are fitted without it.
     history : tuple of Path, optional
         Fitted session folders of the same unit, whose spread of the bias is that between sessions.
+    noise : Path, optional
+        Noise figures of the unit, measured at rest; ``fit/noise.json`` of the session's folder by default.
 
     Raises
     ------
@@ -213,6 +215,7 @@ class FitOptions:
     accelerometer: str = "auto"
     lot: Path | None = None
     history: tuple[Path, ...] = ()
+    noise: Path | None = None
 
     def __post_init__(self) -> None:
         for name in ("methods", "physics", "conditions"):

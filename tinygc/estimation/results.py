@@ -298,6 +298,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
             **problem.instability.to_json(),
+            **({} if problem.at_rest is None else {"at_rest": problem.at_rest.to_json()}),
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
             "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
             "components": [] if result.noise is None else result.noise.to_json(),
@@ -422,7 +423,7 @@ def read_fit(path: Path, do: str = "fit again") -> dict:
 
 SAVED_NAME, SAVED_SCHEMA = "fitted.json", "tinygc-fitted/1"
 #: options that do not affect the numbers of a method
-IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume", "history")
+IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume", "history", "noise")
 _ANGLES = Array((None, None))
 _METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
 SAVED_SHAPE = Keys({"schema": Text((SAVED_SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD)})
@@ -436,6 +437,11 @@ def key(options: FitOptions, hashes: dict[str, str]) -> dict:
         if name not in IRRELEVANT
     }
     return {"options": chosen, "inputs": hashes, "version": VERSION}
+
+
+def inputs_of(problem: Problem) -> dict[str, str]:
+    """Return file -> SHA-256 of what a method's numbers follow from: the session's files, and noise figures at rest if there are any."""
+    return input_hashes(problem.session) | ({} if problem.at_rest is None else {problem.at_rest.file: problem.at_rest.sha256})
 
 
 def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> dict:
@@ -485,7 +491,7 @@ def save_models(result: FitResult, folder: Path | None = None, limit_deg: float 
             write_whole(folder / f"model_{name}.json", table)
             if name + AT_END not in tables:  # from an earlier fit, whose physics followed time
                 (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
-        made = made_from(result.options, input_hashes(result.session), result.methods)
+        made = made_from(result.options, inputs_of(result.problem), result.methods)
         write_whole(folder / "fit.json", to_json(result, limit_deg))
         write_whole(folder / SAVED_NAME, made)
     return folder

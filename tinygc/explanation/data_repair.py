@@ -531,7 +531,9 @@ def rebuilt(
         out = {why: [new for new in segments if any(is_inside(old, new) for old in gone)] for why, gone in out.items()}
     asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
     use_earth = problem.earth.source != "none"
-    return build_problem(session, use_earth=use_earth, exclude=asked + left_out, clipped=clipped + at_level, moving=moving, found=found)
+    exclude, clipped = asked + left_out, clipped + at_level
+    built = build_problem(session, use_earth=use_earth, exclude=exclude, clipped=clipped, moving=moving, found=found)
+    return built.changed(at_rest=problem.at_rest)
 
 
 def is_inside(old: Segment, new: Segment) -> bool:

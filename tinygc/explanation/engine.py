@@ -24,6 +24,7 @@ from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import SessionNoise
+from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
@@ -112,13 +113,14 @@ def explain_session(
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     prepared: Prepared | None = None,
     known: KnownEffects | None = None,
+    noise: Path | None = None,
 ) -> Explanation:
-    """Explain a session's mismatch.  prepared: the session, if it has been prepared already; known: effects that its kind may have. Raises
-    what ``prepare`` raises.
+    """Explain a session's mismatch.  prepared: the session, if it has been prepared already; known: effects that its kind may have; noise:
+    figures at rest of the unit (``noise.measured.measured_noise``). Raises what ``prepare`` raises.
 
     A given calibration of the accelerometer is not changed: whether it is correct is one of the hypotheses.
     """
-    prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 6))
+    prepared = prepared or prepare(session, use_earth=use_earth, at_rest=measured_noise(noise), progress=lambda what: progress(what, 0, 6))
     fitted = prepared.problem
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem

@@ -13,6 +13,7 @@ from session.detect.truth_alignment import alignment_table
 from session.io.folder import file_key, hash_of_log
 from session.io.samples import pieces, start_times
 from session.io.units import DEG, MG, G
+from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
 from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, measured, p_entry, theta_of
@@ -327,6 +328,11 @@ def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: f
     return head | {"effects": [claim.to_json() for claim in claims]}
 
 
+def _at_rest(problem: Problem) -> dict:
+    """The entry of noise figures at rest; empty without them."""
+    return {} if problem.at_rest is None else {"at_rest": problem.at_rest.to_json()}
+
+
 def to_json(e: Explanation) -> dict:
     """The complete result, JSON-ready."""
     assert e.within is not None  # an explanation that is reported is complete
@@ -355,7 +361,7 @@ def to_json(e: Explanation) -> dict:
             "offset_std_s": e.gravity.whole_sigma_s,
             "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
         },
-        "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},
+        "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
         "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
         "detection_limits": {
             name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
@@ -381,7 +387,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
             "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
             "closure_rms_deg": _before_after(e.closure_rms),
         },
-        "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},
+        "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
         "truth": {
             "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
             "outages": [

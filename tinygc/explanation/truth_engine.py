@@ -42,6 +42,7 @@ from tinygc.explanation.truth_names import (
     outages,
     wrong_moments,
 )
+from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import refit
 
 # Single wrong attitudes of a truth file: the segments before and after miss by opposite rotations.
@@ -179,9 +180,11 @@ def explain_truth(
     use_earth: bool = True,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     prepared: Prepared | None = None,
+    noise: Path | None = None,
 ) -> TruthExplanation:
-    """Explain a session with a truth file.  prepared: the session, if it has been prepared already.  Raises what ``prepare`` raises."""
-    prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 5))
+    """Explain a session with a truth file.  prepared: the session, if it has been prepared already; noise: figures at rest of the unit.
+    Raises what ``prepare`` raises."""
+    prepared = prepared or prepare(session, use_earth=use_earth, at_rest=measured_noise(noise), progress=lambda what: progress(what, 0, 5))
     problem = prepared.problem
     progress("moments of truth", 1, 5)
     sound, jumps, jumps_p = without_wrong_moments(problem)

@@ -178,6 +178,7 @@ def explain(
     lot: Any = None,
     discover: bool = False,
     check_on: Sequence[Session | Path | str] = (),
+    noise: Path | str | None = None,
     progress: Progress | None = None,
 ) -> Why:
     """Explain the mismatch of a session against its reference: gravity in the stills, table dials, or a truth file.
@@ -196,6 +197,8 @@ def explain(
         Search for an equation outside the catalogue (docs/discover.md).
     check_on : sequence of Session, str or Path, optional
         Other recordings of the unit, or folders of them, on which each effect is checked with the size that it has here.
+    noise : str or Path, optional
+        Noise figures of the unit, measured at rest; ``fit/noise.json`` of the session's folder by default.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -220,11 +223,12 @@ def explain(
     progress = progress or nothing
     where = session_or_folder(session)
     others = _others(where, check_on)
-    why = _explained(where, seed, use_earth, lot, discover, progress)
+    figures = None if noise is None else Path(noise)
+    why = _explained(where, seed, use_earth, lot, discover, figures, progress)
     checked = []
     for other in others:
         try:
-            explained = _explained(other, seed, use_earth, None, False, progress).explanation
+            explained = _explained(other, seed, use_earth, None, False, figures, progress).explanation
             checked.append(check(why.explanation, explained, seed))
         except CalibrationError as error:  # of the other recording: the first one's result stands
             checked.append(Checked(other, None, error=str(error)))
@@ -245,7 +249,7 @@ def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> li
     return list(found.values())
 
 
-def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, discover: bool, progress: Progress) -> Why:
+def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, discover: bool, noise: Path | None, progress: Progress) -> Why:
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     if config.protocol.reference == "truth":
         if discover:
@@ -255,10 +259,10 @@ def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, disc
             )
         if lot is not None:
             raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
-        return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress))
+        return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise))
     search = need("a search beyond the catalogue (--discover)") if discover else None
     known = None if lot is None else need("what a lot knows of one unit (--lot)").known_effects(lot, config.sensor.model)
-    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known)
+    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known, noise=noise)
     if search is None:
         return Why(explanation)
     return Why(explanation, search.discover(explanation, seed=seed, progress=progress))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from tinygc.effects.movement import vibration
 from tinygc.estimation.accelerometer import AccelerometerFit, of_lengths
 from tinygc.library.arguments import chosen, public, session_or_folder
 from tinygc.library.records import Estimate, Listed, Named, Shown, accelerometer_estimates
+from tinygc.noise.measured import measured_noise
 from tinygc.planning.proposals import Proposal, RecordingPlan, propose
 from tinygc.reporting.fit_text import lengths_page
 from tinygc.reporting.terminal import Group, one_line
@@ -70,11 +71,11 @@ def check(session: Any) -> list[Finding]:
     if isinstance(session, Session):
         found = SessionStills(session)
         findings = check_session(session, found)
-        return findings if worst(findings) == "error" else findings + first_look_at_fit(session, found)
+        return findings if worst(findings) == "error" else findings + first_look_at_fit(session, found, measured_noise())
     if isinstance(session, str | PathLike):
         folder = Path(session)
         if not is_array(folder):
-            return check_folder(folder, first_look_at_fit)
+            return check_folder(folder, partial(first_look_at_fit, at_rest=measured_noise()))
         read_array = need("recordings of arrays").read_array
         try:
             session = read_array(folder)

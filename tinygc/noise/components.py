@@ -127,7 +127,7 @@ WANDER, STILL_RATE, REFERENCE, TRUTH, TRUTH_RATE, TRUTH_ACCELERATION, TURNED, TU
     "noise.turn",
     "motion.undersampled",
 )
-#: ln: spread of a unit's bias instability about the typical one of its model, and about the given one
+#: ln: spread of a unit's bias instability about the typical one of its model, and about the given one, or the one of another day
 TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
 #: s: the bias' drift within turns is summed over pieces of half the shortest correlation time, or longer ones where the turns together
 #: would have more pieces than this
@@ -199,6 +199,8 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     known = twin.problem.instability
     white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * UNKNOWN_WANDER_RPS
     spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
+    if known.sigma_rps is not None and not known.of_unit:  # measured at rest, on another day
+        spread = float(np.hypot(GIVEN_SPREAD, known.sigma_rps / known.rps))
     prior = Prior(known.rps, spread) if known.rps > 0 and not known.of_unit else None
     if not q and prior is None:  # such a twin has no rows of the rates at rest behind an estimate
         prior = Prior(known.rps, TYPICAL_SPREAD) if known.rps > 0 else Prior(UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)

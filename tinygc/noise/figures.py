@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.io.errors import FormatError
 from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required
 
 SCHEMA = "tinygc-noise/1"
@@ -160,11 +161,22 @@ class Inflation:
 
 
 @dataclass(frozen=True, eq=False)
+class AllanBand:
+    """Allan deviation of one sensor: tau_s (K,); deviation, low, high (K, 3) SI, with 68 % bounds; NaN where an axis has none."""
+
+    tau_s: np.ndarray
+    deviation: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class NoiseFigures:
     """Noise figures of one unit.
 
     gyro (rad/s), accel (m/s^2; None: the logs held none); rate_hz of the samples; duration_s and samples that were used; logs: names of the
-    files; sensor: its model; serial; inflations: of the gyroscope, by kind of motion.
+    files; sensor: its model; serial; inflations: of the gyroscope, by kind of motion; allan: curves of ``gyro`` and ``accel``,
+    those that are kept for pictures.
     """
 
     gyro: SensorNoise
@@ -176,6 +188,7 @@ class NoiseFigures:
     sensor: str = ""
     serial: str = ""
     inflations: tuple[Inflation, ...] = ()
+    allan: Mapping[str, AllanBand] = field(default_factory=dict)
 
     def sensors(self) -> dict[str, SensorNoise]:
         """By ``gyro`` and ``accel``, those that are there."""
@@ -202,6 +215,8 @@ _SENSOR = Keys(dict.fromkeys("xyz", _AXIS))
 _FACTORS = Array((3,), _SIZE)
 #: keys of an inflation that may be null
 _MORE = ("white_sigma", "at_most", "white_density", "walk_density")
+_CURVE = ListOf(ListOf(Maybe(_SIZE)))
+_BAND = Keys({"tau_s": ListOf(Number(0, above=True)), "deviation": _CURVE, "low": _CURVE, "high": _CURVE})
 SHAPE = Keys(
     {"schema": Text((SCHEMA,)), "gyro": _SENSOR, "accel": Maybe(_SENSOR), "rate_hz": Number(0, above=True), "duration_s": _SIZE},
     {
@@ -209,6 +224,7 @@ SHAPE = Keys(
         "logs": ListOf(Text()),
         "sensor": Text(),
         "serial": Text(),
+        "allan": Keys({}, {"gyro": _BAND, "accel": _BAND}),
         "inflations": ListOf(
             Keys(
                 {"motion": Text(), "white": _FACTORS, "walk": _FACTORS},
@@ -248,7 +264,18 @@ def read_figures(path: Path) -> NoiseFigures:
             )
             for each in table.get("inflations", ())
         ),
+        allan={kind: _band(band, f"{path}: allan.{kind}") for kind, band in table.get("allan", {}).items() if kind in UNITS},
     )
+
+
+def _band(table: dict, where: str) -> AllanBand:
+    """A curve.  Raises FormatError for columns of another shape."""
+    tau_s = np.array(table["tau_s"], dtype=float)
+    for name in ("deviation", "low", "high"):
+        if len(table[name]) != len(tau_s) or any(len(row) != 3 for row in table[name]):
+            raise FormatError(f"{where}.{name}: expected a row of three numbers for each of tau_s; {AGAIN}")
+    deviation, low, high = (np.array(table[name], dtype=float).reshape(-1, 3) for name in ("deviation", "low", "high"))
+    return AllanBand(tau_s, deviation, low, high)
 
 
 def _sensor(table: dict) -> SensorNoise:
@@ -290,6 +317,14 @@ def to_json(figures: NoiseFigures) -> dict:
             }
             for each in figures.inflations
         ],
+        **({} if not figures.allan else {"allan": {kind: _band_json(band) for kind, band in figures.allan.items()}}),
+    }
+
+
+def _band_json(band: AllanBand) -> dict:
+    columns = {name: getattr(band, name) for name in ("deviation", "low", "high")}
+    return {"tau_s": band.tau_s.tolist()} | {
+        name: [[float(value) if np.isfinite(value) else None for value in row] for row in rows] for name, rows in columns.items()
     }
 
 

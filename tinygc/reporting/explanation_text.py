@@ -92,6 +92,8 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
+    if e.problem.at_rest is not None and e.problem.at_rest.words:
+        parts.append(one_line(e.problem.at_rest.words))
     parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.detection_limits)]

@@ -134,6 +134,8 @@ def _noise_words(result: FitResult) -> list[Text]:
     else:
         words.append(one_line(f"Bias instability: {result.problem.instability.words}."))
         words.append(one_line(f"Non-white noise included in the sigmas: {result.noise.words}."))
+    if result.problem.at_rest is not None and result.problem.at_rest.words:
+        words.append(one_line(result.problem.at_rest.words))
     return words
 
 

@@ -25,6 +25,7 @@ from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult
 from tinygc.models import linear
+from tinygc.noise.figures import FILE as NOISE
 
 # Lists and tables in one cell of a fleet's table: JSON on one line.
 
@@ -118,6 +119,8 @@ def key_of(folder: Path, options: FleetOptions) -> str:
     digest = hashlib.sha256(f"{KEY}\n{VERSION}\n{options.text}\n".encode())
     for path in input_paths(folder):
         digest.update(f"{file_key(path)}\0{sha256_of(path)}\n".encode())
+    if (noise := folder / "fit" / NOISE).is_file():
+        digest.update(f"fit/{NOISE}\0{sha256_of(noise)}\n".encode())
     return digest.hexdigest()
 
 

@@ -26,6 +26,7 @@ from tinygc.estimation.fit import fit_session
 from tinygc.estimation.listing import date_of
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
+from tinygc.noise.measured import measured_noise
 
 #: length limits of an error message, and of the findings in a row: a hundred thousand of them are stored
 MOST_ERROR, MOST_FINDINGS = 500, 20
@@ -97,7 +98,7 @@ def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
             raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "description")))
         return
     session = read_session(folder)
-    prepared = prepare(session, use_earth=options.earth, accelerometer=options.accelerometer)
+    prepared = prepare(session, use_earth=options.earth, accelerometer=options.accelerometer, at_rest=measured_noise())
     if "check" in options.steps:
         _kept_findings(row, folder, prepared.findings + check_rests(session.rests, session.config.sensor))
     if "fit" in options.steps:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from tinygc.annexes.lots.fleet_table import open_table, read_table
 from tinygc.annexes.lots.page import lot_sections
 from tinygc.annexes.lots.page import save as save_lot_page
 from tinygc.annexes.lots.report import LotReport, save, to_json
+from tinygc.annexes.lots.rest_noise import UnitNoise, noise_section, unit_noises
 from tinygc.annexes.lots.text import fleet_page, lot_page
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group
@@ -85,7 +86,8 @@ def summed_up(out: Path, tally: Tally | None, limit_deg: float | None, seed: int
     """Sum up the table in ``out``, and write its page, and the lot's file where there is a lot."""
     with read_table(out) as table:
         summary, offered, lot = summarise(table, limit_deg), to_check(table), lot_if_any(table, seed)
-    save_fleet_page(summary, out / PAGE, lot_sections(lot) if lot else ())
+        noise = noise_section(unit_noises(table))
+    save_fleet_page(summary, out / PAGE, [*(lot_sections(lot) if lot else ()), *([] if noise is None else [noise])])
     if lot:
         save(lot, out / LOT)
     return Fleet(out, tally, summary, lot, offered)
@@ -122,9 +124,10 @@ def no_session(places: Iterable[Path]) -> CalibrationError:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LotStatistics(Shown):
-    """Result of ``tinygc.lot``; ``result`` holds all numbers."""
+    """Result of ``tinygc.lot``; ``result`` holds all numbers; noise: figures at rest of the units that have any."""
 
     result: LotReport
+    noise: Sequence[UnitNoise] = ()
 
     def __repr__(self) -> str:
         return f"<LotStatistics: {len(self.result.outliers)} outliers>"
@@ -145,7 +148,8 @@ class LotStatistics(Shown):
 
     def save_page(self, path: Path | str) -> Path:
         """Write a page with control charts; returns the path."""
-        return save_lot_page(self.result, Path(path))
+        noise = noise_section(self.noise)
+        return save_lot_page(self.result, Path(path), [] if noise is None else [noise])
 
 
 def lot(table: Path, *, model: str | None, limits: Path | Mapping[str, tuple[float, float]] | None, seed: int) -> LotStatistics:
@@ -153,4 +157,4 @@ def lot(table: Path, *, model: str | None, limits: Path | Mapping[str, tuple[flo
     folder = table.parent if table.name == TABLE else table
     known = read_limits(limits) if isinstance(limits, Path) else None if limits is None else dict(limits)
     with read_table(folder) as opened:
-        return LotStatistics(lot_of_table(opened, model, known, seed))
+        return LotStatistics(lot_of_table(opened, model, known, seed), unit_noises(opened))

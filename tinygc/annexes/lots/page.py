@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -229,16 +230,16 @@ def _capabilities(report: LotReport) -> Section | None:
 # The page of ``calibrate.py lot``.
 
 
-def page(report: LotReport) -> str:
-    """Return the page as one HTML document."""
+def page(report: LotReport, more: Sequence[Section] = ()) -> str:
+    """Return the page as one HTML document; more: sections at its end."""
     name = escape(report.lot.sensor or "sensors")
     head = f'<header><p class="kicker">Lot statistics</p><h1>{name}: {report.lot.units} units</h1></header>'
     foot = f"<footer>Statistics of a lot's calibrations. TinyGC {escape(VERSION)}.</footer>"
-    return document(f"Lot: {report.lot.units} units", head, lot_sections(report), foot)
+    return document(f"Lot: {report.lot.units} units", head, [*lot_sections(report), *more], foot)
 
 
-def save(report: LotReport, path: Path) -> Path:
+def save(report: LotReport, path: Path, more: Sequence[Section] = ()) -> Path:
     """Write the page atomically; return its path."""
     with result_folder(path.parent):
-        write_text_whole(path, page(report))
+        write_text_whole(path, page(report, more))
     return path

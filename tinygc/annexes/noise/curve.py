@@ -41,31 +41,25 @@ class CurveSearch(Search):
         return float(2 * self.tau_s[0]), float(self.tau_s[-1] / 2)
 
 
-def fit_curve(tau_s: np.ndarray, deviation: np.ndarray, duration_s: float | None = None, rate_hz: float | None = None) -> list[AxisNoise]:
-    """Fit the terms to Allan deviations (K, A) at averaging times tau_s (K,), SI, of a log of a duration; without one, it is taken to be
-    as short as the longest averaging time allows, ten times that.
+def fit_curve(tau_s: np.ndarray, deviation: np.ndarray, duration_s: float) -> list[AxisNoise]:
+    """Fit the terms to Allan deviations (K, A) at averaging times tau_s (K,), SI, of a log of a duration.
 
-    Returns a record for each of the A axes; Q counts only where the rate is known.  Raises DataError for a curve of less than four octaves.
+    Returns a record for each of the A axes.  Raises DataError for a curve of less than four octaves.
     """
     order = np.argsort(tau_s)
     tau_s, deviation = np.asarray(tau_s, dtype=float)[order], np.asarray(deviation, dtype=float)[order]
-    length_s = duration_s or SHORTEST_LOG * float(tau_s[-1])
     octaves = np.arange(np.log2(tau_s[0]), np.log2(tau_s[-1]) + 1e-9)
     at = np.unique([int(np.argmin(np.abs(np.log2(tau_s) - octave))) for octave in octaves])
-    points = length_s / tau_s[at]
+    points = duration_s / tau_s[at]
     freedom = np.maximum(points - 2, 0) * (1 - 3 / points + 4 / points**2)
     used = at[freedom >= LEAST_FREEDOM]
     freedom = freedom[freedom >= LEAST_FREEDOM]
     if len(used) < LEAST_OCTAVES:
         raise DataError(f"the curve has {len(used)} octaves of averaging times that mean something, expected {LEAST_OCTAVES} or more")
-    return [_axis(tau_s[used], column**2, freedom, rate_hz) for column in deviation[used].T]
+    return [_axis(tau_s[used], column**2, freedom) for column in deviation[used].T]
 
 
-#: a log over its longest averaging time, at least, where its duration is not known
-SHORTEST_LOG = 10.0
-
-
-def _axis(tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray, rate_hz: float | None) -> AxisNoise:
+def _axis(tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> AxisNoise:
     """Fit one axis; the finest averaging times, which the sensor's filter shapes, are left out while the model does not describe them."""
     for start in range(max(len(tau_s) - KEPT_OCTAVES, 0) + 1):
         search = CurveSearch(tau_s[start:], variance[start:], freedom[start:])

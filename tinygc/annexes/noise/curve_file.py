@@ -16,8 +16,8 @@ from session.io.errors import DataError, FormatError
 from session.io.files import MB, read_text
 from session.io.units import DEG_PER_HOUR, MG, known, parse_unit
 from tinygc.annexes.noise.curve import fit_curve
-from tinygc.annexes.noise.estimate import AllanBand, NoiseEstimate
-from tinygc.noise.figures import AxisNoise, NoiseFigures, SensorNoise
+from tinygc.annexes.noise.estimate import NoiseEstimate
+from tinygc.noise.figures import AllanBand, AxisNoise, NoiseFigures, SensorNoise
 
 #: of a file, bytes; and rows, far beyond any curve
 MOST_BYTES, MOST_ROWS = 16 * MB, 100_000
@@ -131,13 +131,16 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         )
     axes: dict[str, SensorNoise] = {}
     for kind, deviation in curve.deviation.items():
-        found = fit_curve(curve.tau_s, deviation, duration_s, rate_hz)
+        found = fit_curve(curve.tau_s, deviation, duration_s)
         if len(found) == 1:
             called = "gyroscope" if kind == "gyro" else "accelerometer"
             said.append(f"The curve of the {called} is of one axis, which stands for all three.")
         axes[kind] = SensorNoise(_three(found))
     rate = rate_hz or 1 / float(curve.tau_s[0])
+    nothing = np.full((len(curve.tau_s), 3), np.nan)
+    bands = {kind: AllanBand(curve.tau_s, np.broadcast_to(part, nothing.shape), nothing, nothing) for kind, part in curve.deviation.items()}
     figures = NoiseFigures(
+        allan=bands,
         gyro=axes["gyro"],
         accel=axes.get("accel"),
         rate_hz=rate,
@@ -145,9 +148,7 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         samples=round(duration_s * rate),
         logs=(path.name,),
     )
-    nothing = np.full((len(curve.tau_s), 3), np.nan)
-    bands = {kind: AllanBand(curve.tau_s, np.broadcast_to(part, nothing.shape), nothing, nothing) for kind, part in curve.deviation.items()}
-    return NoiseEstimate(figures, bands, tuple(said), 0.0)
+    return NoiseEstimate(figures, tuple(said), 0.0)
 
 
 def _three(axes: list[AxisNoise]) -> tuple[AxisNoise, AxisNoise, AxisNoise]:

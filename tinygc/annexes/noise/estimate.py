@@ -17,7 +17,7 @@ from tinygc.annexes.noise.likelihood import cost, stacked, stacks_of, unit_covar
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
 from tinygc.annexes.noise.scales import TOP, Group, groups_of, rest_of, unsteady
 from tinygc.annexes.noise.summary import SECTION, RestSums, contrasts, ratios_of
-from tinygc.noise.figures import TERMS, AxisNoise, Line, NoiseFigures, SensorNoise, Term
+from tinygc.noise.figures import TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term
 
 #: callback for progress: the current step, steps done, and their total
 Progress = Callable[[str, int, int], None]
@@ -40,22 +40,11 @@ ENOUGH = 3
 
 
 @dataclass(frozen=True, eq=False)
-class AllanBand:
-    """Allan deviation of one sensor: tau_s (K,); deviation, low, high (K, 3) SI, with 68 % bounds; NaN where an axis has none."""
-
-    tau_s: np.ndarray
-    deviation: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """figures; allan: of ``gyro`` and ``accel``, of the same data; said: what was left out or is to be known, one sentence each;
-    left_out_s: time that is not used."""
+    """figures, with the Allan deviations of the same data; said: what was left out or is to be known, one sentence each; left_out_s: time
+    that is not used."""
 
     figures: NoiseFigures
-    allan: dict[str, AllanBand]
     said: tuple[str, ...]
     left_out_s: float
 
@@ -98,14 +87,14 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         raise DataError("too few readings at rest, or readings that do not change; expected seconds of a sensor's noise")
     has_accel = all(axis is not None for axis in axes[3:])
     figures = NoiseFigures(
+        allan={"gyro": _band(bands[:3])} | ({"accel": _band(bands[3:])} if has_accel else {}),
         gyro=_sensor(axes[:3]),
         accel=_sensor(axes[3:]) if has_accel else None,
         rate_hz=1 / period_s,
         duration_s=sum(each.duration_s for each in sums),
         samples=sum(each.samples for each in sums),
     )
-    allan = {"gyro": _band(bands[:3])} | ({"accel": _band(bands[3:])} if has_accel else {})
-    return NoiseEstimate(figures, allan, tuple(said), sum(rest.left_out_s for rest in rests))
+    return NoiseEstimate(figures, tuple(said), sum(rest.left_out_s for rest in rests))
 
 
 def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:

@@ -12,13 +12,13 @@ from session.io.dialects import Answers
 from session.io.files import result_folder
 from session.io.results import write_whole
 from tinygc.annexes.noise.curve_file import estimate_of_curve
-from tinygc.annexes.noise.estimate import AllanBand, NoiseEstimate, estimate_noise
+from tinygc.annexes.noise.estimate import NoiseEstimate, estimate_noise
 from tinygc.annexes.noise.inputs import Input, read_inputs
 from tinygc.annexes.noise.picture import figure_of
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
 from tinygc.library.arguments import Progress
 from tinygc.library.records import Shown
-from tinygc.noise.figures import FILE, NoiseFigures, to_json
+from tinygc.noise.figures import FILE, AllanBand, NoiseFigures, to_json
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
@@ -47,7 +47,7 @@ class Noise(Shown):
     @property
     def allan(self) -> dict[str, AllanBand]:
         """Allan deviation with 68 % bounds, SI."""
-        return self.estimate.allan
+        return dict(self.figures.allan)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -74,7 +74,6 @@ class Noise(Shown):
             "kalibr": kalibr_figures(figures),
             "open_terms": [each.to_json() for each in open_terms(figures)],
             "data_sheet": [each.to_json() for each in against_data_sheet(figures)],
-            "allan": {kind: _band_json(band) for kind, band in self.allan.items()},
         }
 
     def save(self, folder: Path | str, pictures: bool = True) -> Path:
@@ -93,12 +92,6 @@ class Noise(Shown):
         """Draw Allan deviation, model, terms and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
         figure = figure_of(self.estimate)
         return figure if path is None else saved(figure, Path(path))
-
-
-def _band_json(band: AllanBand) -> dict:
-    """Rows of the curve; null for what is not known."""
-    rows = {name: getattr(band, name) for name in ("tau_s", "deviation", "low", "high")}
-    return {name: values.tolist() for name, values in rows.items()}
 
 
 def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], serial: str, progress: Progress) -> Noise:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.io.units import DEG_PER_HOUR
-from tinygc.annexes.noise.estimate import AllanBand, NoiseEstimate
+from tinygc.annexes.noise.estimate import NoiseEstimate
 from tinygc.annexes.noise.text import headline
 from tinygc.annexes.noise.units import CALLED, UG
-from tinygc.noise.figures import TERMS, SensorNoise
+from tinygc.noise.figures import TERMS, AllanBand, SensorNoise
 from tinygc.reporting.pictures.canvas import AXES, FLOOR, PALE, canvas
 
 if TYPE_CHECKING:
@@ -33,11 +33,11 @@ def figure_of(estimate: NoiseEstimate) -> Figure:
     sensors = estimate.figures.sensors()
     for column, kind in enumerate(CALLED):
         curve, ratio = grid[:, column]
-        if kind not in sensors or kind not in estimate.allan:
+        if kind not in sensors or kind not in estimate.figures.allan:
             curve.axis("off")
             ratio.axis("off")
             continue
-        band, period_s = _thinned(estimate.allan[kind]), 1 / estimate.figures.rate_hz
+        band, period_s = _thinned(estimate.figures.allan[kind]), 1 / estimate.figures.rate_hz
         _deviations(kind, sensors[kind], band, period_s, curve)
         _ratios(sensors[kind], band, period_s, ratio)
         ratio.set_xlim(curve.get_xlim())

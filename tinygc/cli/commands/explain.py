@@ -32,6 +32,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--discover", action="store_true", help=search)
     on = "other recordings of the unit, or a folder of them: each effect is checked there with the size that it has here"
     command.add_argument("--check-on", type=path_read, nargs="+", metavar="DIR", default=[], help=on)
+    noise = (
+        "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)"
+    )
+    command.add_argument("--noise", type=path_read, metavar="FILE", help=noise)
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
@@ -55,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
             lot=args.lot,
             discover=args.discover,
             check_on=args.check_on,
+            noise=args.noise,
             progress=progress,
         )
     folder = why.save(args.out, pictures=_with_pictures(args))

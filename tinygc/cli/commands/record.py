@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from session.io.annexes import is_present
 from session.io.texts import command_line, printable
 from tinygc.cli.arguments import (
     accel_full_scale,
@@ -19,12 +20,15 @@ from tinygc.cli.arguments import (
     note,
     path_read,
     stream_header,
+    within,
 )
 from tinygc.cli.defaults import defaults_json
 from tinygc.cli.extensions import help_if_present
 from tinygc.cli.recording import (
     DEFAULTS,
+    KNOWN_TO,
     LOOPBACK,
+    NOISE,
     bench,
     coach_of,
     counted,
@@ -36,6 +40,8 @@ from tinygc.cli.recording import (
     of_lot_model,
     page_address,
     page_server,
+    refuse_with_rest,
+    rest_guide,
     so_far,
     table,
     takes,
@@ -55,9 +61,10 @@ if TYPE_CHECKING:
 SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
 USUAL_SEGMENTS = 40
+LONGEST_H = 1000.0
 EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
 (its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
-and Enter says that the table stands on its index mark.  Where standard input is no terminal there are no keys."""
+and Enter says that the table stands on its index mark; in a rest f ends it.  Where standard input is no terminal there are no keys."""
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -82,6 +89,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         metavar="S",
         help="then lead through a closure run with S seconds of turning (60)",
     )
+    rest = "turn nothing: record a rest log, until it is stopped or for so many hours, and show how long is enough for the noise"
+    command.add_argument("--rest", type=within(0, LONGEST_H, "time", " h"), nargs="?", const=0.0, metavar="HOURS", help=rest)
+    known = "with --rest: how well N, and B or K, are to be known (%(default)g %%); --stop-at-target stops there"
+    command.add_argument("--known-to", type=within(1, 100, "share", " %"), default=KNOWN_TO, metavar="PERCENT", help=known)
     command.add_argument(
         "--note", type=note, action="append", default=[], metavar="KEY=TEXT", help="for [notes] of session.toml, such as operator=…"
     )
@@ -108,6 +119,7 @@ def run(args: argparse.Namespace) -> int:
     """Guide the operator at the table through a session, without losing data."""
     from session.bench.port import only_candidate
 
+    refuse_with_rest(args)
     if args.lot is not None:
         args.lot_read = lot_of(args)
     if args.series:
@@ -143,6 +155,9 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     """Return the command that resumes the recording."""
     words: list[object] = ["record", "--resume", "--out", folder, "--port", port]
     words += [] if args.segments == USUAL_SEGMENTS else ["--segments", args.segments]
+    words += [] if args.rest is None else ["--rest", *([f"{args.rest:g}"] if args.rest else [])]
+    words += ["--stop-at-target"] if args.rest is not None and args.stop_at_target else []
+    words += [] if args.known_to == KNOWN_TO else ["--known-to", f"{args.known_to:g}"]
     words += [] if args.view is None else ["--view"]
     words += [] if args.lot is None else ["--lot", args.lot]
     words += ["--closure", f"{args.closure:g}"] if args.closure else []
@@ -166,7 +181,7 @@ def _tell(
     for path in recorder.logs.paths:
         if not path.exists():
             console.print(f"{path}: was removed meanwhile; --resume makes it again of {recorder.raw.path.name}", soft_wrap=True)
-    if guide.taken.own is not None:
+    if guide.taken.own is not None and args.rest is None:
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
     if session_file.assumed:
         console.print(ASSUMED, soft_wrap=True)
@@ -175,8 +190,10 @@ def _tell(
     if interrupted:
         complain("interrupted; everything received is kept. To go on:")
         print(f"  {_again(args, folder, port)}", file=sys.stderr, flush=True)
-    else:
+    elif args.rest is None:
         print_commands(args, "next:", command_line("check", folder), command_line("fit", folder))
+    elif is_present(NOISE):
+        print_commands(args, "next:", command_line("noise", folder))
     if not args.series:
         write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
@@ -195,14 +212,17 @@ def _led(
     from session.io.errors import CalibrationError, OtherSensor
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), bench(args))
-    if announce:
+    if announce and args.rest is None:
         _say_what_was_asked(args, folder)
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.raw.cut:
         print(recorder.raw.cut, file=sys.stderr)
     if recorder.setting.said and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
-    guide = Guide(session_file.protocol, args.segments, args.stop_at_target or args.lot is not None, args.closure)
+    if args.rest is None:
+        guide = Guide(session_file.protocol, args.segments, args.stop_at_target or args.lot is not None, args.closure)
+    else:
+        guide = rest_guide(args, session_file.protocol)
     failed, problem, guided, interrupted = None, None, None, False
     try:
         with Keyboard() as keys, views(args, f"{folder} · {port}", page) as (view, watch):
@@ -213,7 +233,7 @@ def _led(
                 return config if config is None or args.lot is None else of_lot_model(args, config)
 
             coach, wished = (
-                None if args.no_coach else coach_of(None if args.lot is None else args.lot_read),
+                None if args.no_coach or args.rest is not None else coach_of(None if args.lot is None else args.lot_read),
                 None if page is None else page.wishes,
             )
             guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished)

@@ -37,6 +37,7 @@ from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quant
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import known_whitener
+from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import refit
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
@@ -313,6 +314,7 @@ def gather(
             use_earth=options.earth,
             exclude=options.exclude,
             accelerometer=options.accelerometer,
+            at_rest=measured_noise(options.noise),
             progress=lambda what: progress(what, 0, 1),
         )
     folder = session if isinstance(session, Path) else None if session.in_memory else session.folder
@@ -325,7 +327,7 @@ def gather(
     if options.exclude and prepared is not None and explain:  # segments excluded from the fit are explained all the same
         prepared = prepared.as_given()
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
-        prepared = replace(prepared, problem=problem)
+        prepared = replace(prepared, problem=problem.changed(at_rest=prepared.problem.at_rest))
     how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
     explanation = explain_session(session, **how) if explain and not truth else None
     against_truth = explain_truth(session, **how) if explain and truth else None

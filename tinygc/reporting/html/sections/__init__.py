@@ -20,7 +20,7 @@ SECTIONS = (
     "parameters",
     "accelerometer",
     "correlations",
-    "noise",
+    "noise_at_rest",
     "denoising",
     "explanation",
     "explanation_by_truth",

@@ -12,7 +12,7 @@ from tinygc.models.denoiser import DenoisedNet
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.evidence import ReportData, density
 from tinygc.reporting.html.markup import Section, render
-from tinygc.reporting.html.sections.noise import still_pieces
+from tinygc.reporting.html.sections.noise_at_rest import still_pieces
 
 NAME = "tinygc_denoised"
 #: length drawn around one turn

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from session.io.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MG
-from tinygc.annexes.noise.estimate import AllanBand, NoiseEstimate
-from tinygc.noise.figures import TERMS, AxisNoise, NoiseFigures, SensorNoise, Term
+from tinygc.annexes.noise.estimate import NoiseEstimate
+from tinygc.noise.figures import TERMS, AllanBand, AxisNoise, NoiseFigures, SensorNoise, Term
 
 #: a term that no log shows
 ABSENT = Term(0.0, None, 0.01)
@@ -55,4 +55,4 @@ def estimate(of: NoiseFigures | None = None, said: tuple[str, ...] = (), seed: i
         sigma = np.sqrt(tau_s / of.duration_s / 2)[:, None]
         seen = true * np.exp(sigma * rng.normal(size=true.shape))
         bands[kind] = AllanBand(tau_s, seen, seen * np.exp(-sigma), seen * np.exp(sigma))
-    return NoiseEstimate(of, bands, said, 12.0)
+    return NoiseEstimate(dataclasses.replace(of, allan=bands), said, 12.0)

@@ -1,0 +1,131 @@
+"""Noise at rest: overlapping Allan deviation of the stills, and their spectrum; and the unit's figures of a rest log beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.io.texts import fixed, significant
+from session.io.units import DEG, DEG_PER_HOUR
+from tinygc.closure.at_rest import MeasuredNoise
+from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import RateMap
+from tinygc.models.linear import COVERAGE_FACTOR
+from tinygc.noise.figures import NAMES, TERMS, NoiseFigures, Term, read_figures
+from tinygc.noise.measured import SHOWN
+from tinygc.reporting.html.chart import Axis, Chart, log_axis
+from tinygc.reporting.html.evidence import ReportData, density
+from tinygc.reporting.html.markup import Section, decimals_for, render
+
+
+def section(evidence: ReportData) -> Section | None:
+    """Section on noise; None if the stills are too short for either plot, and no figures were measured at rest."""
+    curve, problem = evidence.allan, evidence.problem
+    if curve is None:
+        return None if problem.at_rest is None else Section("noise", "Noise at rest", _at_rest(problem.at_rest, problem))
+    walks = [angle_random_walk(curve, axis) for axis in range(3)]
+    white = ", ".join(f"{axis} {significant(n / DEG * 1e3, 2)}" for axis, n in zip("xyz", problem.noise.gyro, strict=True))
+    found = density(still_pieces(problem, problem.first), problem.logs[0].samples.period_s)
+    html = render(
+        "noise.html",
+        white=white,
+        total_s=sum(still.duration_s for still in problem.stills if still.problem is None and still.bumps == 0),
+        longest_s=curve.longest_s,
+        allan=lambda width: _allan(curve, walks, width),
+        spectrum=found and (lambda width: _spectrum(*found, width)),
+    )
+    return Section("noise", "Noise at rest", html + ("" if problem.at_rest is None else _at_rest(problem.at_rest, problem)))
+
+
+def _at_rest(measured: MeasuredNoise, problem: Problem) -> str:
+    """The unit's figures at rest: table, Allan deviation of the model, and whether this session contradicts them."""
+    figures = read_figures(measured.path)
+    return render(
+        "noise_at_rest.html",
+        file=measured.file,
+        hours=figures.duration_s / 3600,
+        is_prior=measured.instability is not None,
+        rows=[
+            (meaning(kind, name), name, unit, [_value(axis.terms[name], si) for axis in sensor.axes])
+            for kind, sensor in figures.sensors().items()
+            for name, (unit, si) in SHOWN[kind].items()
+        ],
+        said=[finding.says for finding in measured.findings(problem.session.name)],
+        allan=lambda width: _model(figures, float(problem.began_s[-1]), width),
+        has_data="gyro" in figures.allan,
+    )
+
+
+def meaning(kind: str, name: str) -> str:
+    """Name of a term of the gyroscope or of the accelerometer, whose integral is another."""
+    return NAMES[name] if kind == "gyro" else NAMES[name].replace("angle", "velocity").replace("rate", "force")
+
+
+def _value(term: Term, si: float) -> str:
+    """``0.281 ± 0.004`` (k = 2), ``< 4.0`` or a dash, in units of si."""
+    if term.sigma is None:
+        return "–" if term.at_most is None else f"< {significant(term.at_most / si, 2)}"
+    expanded = COVERAGE_FACTOR * term.sigma / si
+    decimals = decimals_for(expanded)
+    return f"{fixed(term.value / si, decimals)} ± {fixed(expanded, decimals)}"
+
+
+def _model(figures: NoiseFigures, session_s: float, width: int) -> str:
+    """Allan deviation of the gyroscope's model on each axis, over its data where they are kept, and of its terms (rms of the axes)."""
+    sensor, period_s, data = figures.gyro, 1 / figures.rate_hz, figures.allan.get("gyro")
+    shortest_s = max([period_s, *(axis.from_s for axis in sensor.axes)])
+    tau_s = np.geomspace(shortest_s, max(figures.duration_s / 2, 2 * shortest_s), 120)
+    lines = [np.sqrt(axis.allan_variance(tau_s, period_s)) / DEG_PER_HOUR for axis in sensor.axes]
+    terms = {
+        name: np.sqrt(np.mean([axis.allan_variance(tau_s, period_s, name) for axis in sensor.axes], axis=0)) / DEG_PER_HOUR
+        for name in TERMS
+        if sensor.measured(name)
+    }
+    y = log_axis(np.concatenate(lines), "Allan deviation, °/h", margin=1.3)
+    chart = Chart(width, 280, log_axis(tau_s, "averaging time, s", margin=1.05), y, "Allan deviation of the model at rest")
+    if data is not None:
+        for i, axis in enumerate("xyz"):
+            known = np.isfinite(data.low[:, i]) & np.isfinite(data.high[:, i])
+            chart.area(data.tau_s[known], data.low[known, i] / DEG_PER_HOUR, data.high[known, i] / DEG_PER_HOUR, axis)
+    for term in terms.values():
+        chart.line(tau_s, np.where(term > y.lo, term, np.nan), "floor", "dash")
+    for line, axis in zip(lines, "xyz", strict=True):
+        chart.line(tau_s, line, axis)
+    if tau_s[0] < session_s < tau_s[-1]:
+        chart.upright(session_s, "after")
+    return chart.svg()
+
+
+def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
+    """Calibrated rates (N, 3) rad/s of each undisturbed still, from the logs with the first log's data rate."""
+    period_s = problem.logs[0].samples.period_s
+    return [
+        rates[still.start : still.stop]
+        for log in problem.logs
+        if abs(log.samples.period_s / period_s - 1) < 0.01
+        for rates in [model(log.samples.gyro)]
+        for still in log.stills
+        if still.problem is None and still.bumps == 0
+    ]
+
+
+def _allan(curve: AllanCurve, walks: list[Reading], width: int) -> str:
+    tau, deviation = curve.tau_s, curve.deviation / DEG_PER_HOUR
+    spread = curve.relative_sigma[:, None]
+    y = log_axis([*deviation.ravel(), *(deviation * (1 - np.minimum(spread, 0.6)))[-1]], "Allan deviation, °/h", margin=1.15)
+    chart = Chart(width, 280, log_axis(tau, "averaging time, s", margin=1.05), y, "Allan deviation of the three axes")
+    mean = float(np.mean([walk.value for walk in walks])) / DEG_PER_HOUR
+    chart.line(tau, mean / np.sqrt(tau), "floor", "dash")
+    for i, axis in enumerate("xyz"):
+        chart.area(tau, deviation[:, i] * (1 - np.minimum(spread[:, 0], 0.9)), deviation[:, i] * (1 + spread[:, 0]), axis)
+        chart.line(tau, deviation[:, i], axis)
+    return chart.svg()
+
+
+def _spectrum(frequency: np.ndarray, amplitude: np.ndarray, width: int) -> str:
+    shown = amplitude / DEG * 1e3
+    y = log_axis(shown, "mdps/√Hz", margin=1.2)
+    chart = Chart(width, 230, Axis(0, frequency[-1], "frequency, Hz"), y, "Spectrum of the three axes at rest")
+    for i, axis in enumerate("xyz"):
+        chart.line(frequency, shown[:, i], axis)
+    return chart.svg()

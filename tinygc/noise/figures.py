@@ -142,8 +142,10 @@ def _limit(term: Term) -> float:
 class Inflation:
     """By what a filter's densities are to be larger than N and K on one kind of motion.
 
-    motion: the kind; white, walk (3,): factors on the white and on the walk density of each axis; parts: name of a cause -> its own factor
-    on the white density (3,); source: what it was measured on.
+    motion: the kind; white, walk (3,): factors on the white and on the walk density of each axis, the latter 1 where K is 0; parts: name of
+    a cause -> the factor (3,) on the white density that it alone would need; squares less one add up; source: what it was measured on.
+    white_sigma (3,): of the white factor; at_most (3,): its upper limit (95 %), with what the recording cannot exclude; white_density,
+    walk_density (3,) SI: the densities themselves.  Those four are None where they are not known.
     """
 
     motion: str
@@ -151,6 +153,10 @@ class Inflation:
     walk: np.ndarray
     parts: Mapping[str, np.ndarray] = field(default_factory=dict)
     source: str = ""
+    white_sigma: np.ndarray | None = None
+    at_most: np.ndarray | None = None
+    white_density: np.ndarray | None = None
+    walk_density: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +200,8 @@ _AXIS = Keys(
 )
 _SENSOR = Keys(dict.fromkeys("xyz", _AXIS))
 _FACTORS = Array((3,), _SIZE)
+#: keys of an inflation that may be null
+_MORE = ("white_sigma", "at_most", "white_density", "walk_density")
 SHAPE = Keys(
     {"schema": Text((SCHEMA,)), "gyro": _SENSOR, "accel": Maybe(_SENSOR), "rate_hz": Number(0, above=True), "duration_s": _SIZE},
     {
@@ -202,7 +210,10 @@ SHAPE = Keys(
         "sensor": Text(),
         "serial": Text(),
         "inflations": ListOf(
-            Keys({"motion": Text(), "white": _FACTORS, "walk": _FACTORS}, {"parts": MapOf(_FACTORS), "source": Text()}),
+            Keys(
+                {"motion": Text(), "white": _FACTORS, "walk": _FACTORS},
+                {"parts": MapOf(_FACTORS), "source": Text(), **dict.fromkeys(_MORE, Maybe(_FACTORS))},
+            ),
         ),
     },
 )
@@ -233,6 +244,7 @@ def read_figures(path: Path) -> NoiseFigures:
                 np.array(each["walk"], dtype=float),
                 {name: np.array(part, dtype=float) for name, part in each.get("parts", {}).items()},
                 each.get("source", ""),
+                **{name: None if each.get(name) is None else np.array(each[name], dtype=float) for name in _MORE},
             )
             for each in table.get("inflations", ())
         ),
@@ -274,6 +286,7 @@ def to_json(figures: NoiseFigures) -> dict:
                 "walk": each.walk.tolist(),
                 "parts": {name: part.tolist() for name, part in each.parts.items()},
                 "source": each.source,
+                **{name: None if (value := getattr(each, name)) is None else value.tolist() for name in _MORE},
             }
             for each in figures.inflations
         ],

@@ -12,15 +12,17 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown, simulated
+from scipy.linalg import block_diag
 
 from session.annexes.public.broad import RATE, read_hdf5
 from session.io.errors import DataError
 from session.io.units import DEG, DEG_PER_HOUR, NS
-from tinygc.annexes.noise.inflation import Inflation, TruthDensities, inflations, truth_inflation
+from tinygc.annexes.noise.inflation import Inflation, Wander, inflations, truth_inflation
 from tinygc.attitude import rotation
 from tinygc.closure.floor import allan_curve
 from tinygc.closure.least_squares import fit_least_squares
@@ -54,23 +56,51 @@ def figures_of(N: np.ndarray, K: np.ndarray, instability: float = 0.0) -> NoiseF
 
 @dataclass(frozen=True)
 class Reference:
-    """Error of the attitudes that correct a filter, (3,) each: sigma_rad of each alone; wander_rad within wander_s."""
+    """Error of the attitudes that correct a filter: sigma_rad (3,) of each alone, and what wanders."""
 
     sigma_rad: np.ndarray
-    wander_rad: np.ndarray
-    wander_s: np.ndarray
+    wanders: tuple[Wander, ...] = ()
+
+    @property
+    def states(self) -> int:
+        """How many numbers the wanders have: three each, and three rates where one is smooth."""
+        return sum(3 + 3 * each.smooth for each in self.wanders)
+
+    def step(self, span_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """F (W, W) over a span, and the stationary covariance P (W, W): the wanders one after the other, rates behind the angles."""
+        F, P = [], []
+        for each in self.wanders:
+            fade, slope = np.exp(-span_s / each.time_s), 1 / each.time_s
+            square = np.diag(each.sigma_rad**2)
+            if not each.smooth:
+                F.append(fade * np.eye(3))
+                P.append(square)
+                continue
+            x = span_s * slope
+            F.append(fade * np.kron([[1 + x, span_s], [-x * slope, 1 - x]], np.eye(3)))
+            P.append(np.kron(np.diag([1.0, slope**2]), square))
+        return block_diag(*F), block_diag(*P)
+
+    @property
+    def shown(self) -> np.ndarray:
+        """(3, W): the wanders' part of an attitude."""
+        parts = [np.hstack([np.eye(3), np.zeros((3, 3))]) if each.smooth else np.eye(3) for each in self.wanders]
+        return np.hstack(parts) if parts else np.zeros((3, 0))
 
 
 class AttitudeFilter:
     """Attitude, bias of the gyroscope, and the reference's wander: an error-state Kalman filter in body axes.
 
-    q: attitude q_wb (4,); bias (3,) rad/s; P (9, 9) of the attitude's error (rad, body), of the bias and of the wander.
+    q: attitude q_wb (4,); bias (3,) rad/s; P (6 + W, 6 + W) of the attitude's error (rad, body), of the bias and of the wanders.
     """
 
     def __init__(self, q: np.ndarray, white: np.ndarray, walk: np.ndarray, reference: Reference, sigma_rad: np.ndarray, bias_rps: float):
-        self.q, self.bias, self._wander = q, np.zeros(3), np.zeros(3)
-        self._white, self._walk, self._reference = white**2, walk**2, reference
-        self.P = np.diag(np.concatenate([sigma_rad**2, np.full(3, bias_rps**2), reference.wander_rad**2]))
+        self.q, self.bias, self._wander = q, np.zeros(3), np.zeros(reference.states)
+        self.white2, self.walk2, self._reference = white**2, walk**2, reference
+        self.P = np.zeros((6 + reference.states, 6 + reference.states))
+        self.P[:6, :6] = np.diag(np.concatenate([sigma_rad**2, np.full(3, bias_rps**2)]))
+        if reference.states:
+            self.P[6:, 6:] = reference.step(0.0)[1]
 
     def turn(self, rate: np.ndarray, dt: np.ndarray) -> None:
         """Integrate calibrated rates (M, 3) rad/s over steps dt (M-1,) s."""
@@ -83,17 +113,17 @@ class AttitudeFilter:
         self.q = rotation.multiply(self.q, turned[-1])
         to_end = rotation.matrix(rotation.multiply(rotation.conjugate(turned[-1]), turned))
         span = float(dt.sum())
-        F, Q = np.eye(9), np.zeros((9, 9))
+        F, Q = np.eye(len(self.P)), np.zeros(self.P.shape)
         F[:3, :3] = rotation.matrix(turned[-1]).T
         F[:3, 3:6] = -np.einsum("tij,t->ij", to_end, dt)
-        fade = np.exp(-span / self._reference.wander_s)
-        F[6:, 6:] = np.diag(fade)
-        Q[:3, :3] = np.einsum("tij,j,tkj,t->ik", to_end, self._white, to_end, dt) + np.diag(self._walk) * span**3 / 3
-        Q[:3, 3:6] = Q[3:6, :3] = -np.diag(self._walk) * span**2 / 2
-        Q[3:6, 3:6] = np.diag(self._walk) * span
-        Q[6:, 6:] = np.diag(self._reference.wander_rad**2 * (1 - fade**2))
+        Q[:3, :3] = np.einsum("tij,j,tkj,t->ik", to_end, self.white2, to_end, dt) + np.diag(self.walk2) * span**3 / 3
+        Q[:3, 3:6] = Q[3:6, :3] = -np.diag(self.walk2) * span**2 / 2
+        Q[3:6, 3:6] = np.diag(self.walk2) * span
+        if self._reference.states:
+            F[6:, 6:], stationary = self._reference.step(span)
+            Q[6:, 6:] = stationary - F[6:, 6:] @ stationary @ F[6:, 6:].T
+            self._wander = F[6:, 6:] @ self._wander
         self.P = F @ self.P @ F.T + Q
-        self._wander = fade * self._wander
 
     def error(self, q_wb: np.ndarray) -> np.ndarray:
         """(3,) rad: rotation vector from the estimate to an attitude, body axes."""
@@ -101,15 +131,15 @@ class AttitudeFilter:
 
     def correct(self, q_wb: np.ndarray) -> float:
         """Correct by an attitude; returns the innovation's square over its covariance, per degree of freedom."""
-        H = np.hstack([np.eye(3), np.zeros((3, 3)), np.eye(3)])
-        innovation = self.error(q_wb) - self._wander
+        H = np.hstack([np.eye(3), np.zeros((3, 3)), self._reference.shown])
+        innovation = self.error(q_wb) - self._reference.shown @ self._wander
         S = H @ self.P @ H.T + np.diag(self._reference.sigma_rad**2)
         gain = np.linalg.solve(S, H @ self.P).T
         change = gain @ innovation
         self.q = rotation.multiply(self.q, rotation.exp(change[:3]))
         self.bias = self.bias + change[3:6]
         self._wander = self._wander + change[6:]
-        keep = np.eye(9) - gain @ H
+        keep = np.eye(len(self.P)) - gain @ H
         self.P = keep @ self.P @ keep.T + gain @ np.diag(self._reference.sigma_rad**2) @ gain.T
         return float(innovation @ np.linalg.solve(S, innovation)) / 3
 
@@ -119,11 +149,16 @@ def nees(error: np.ndarray, covariance: np.ndarray) -> float:
     return float(error @ np.linalg.solve(covariance, error)) / len(error)
 
 
+#: densities: those of the figures; with the walk that all slow terms need; ten times the first; inflated
+FILTERS = ("N and K", "N, walk", "× 10", "inflated")
+
+
 def choices(figures: NoiseFigures, found: Inflation) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Densities of the filters: name -> white (3,), walk (3,)."""
     N, K = figures.gyro.values("N"), figures.gyro.values("K")
-    assert found.white_density is not None and found.walk_density is not None
-    return {"N and K": (N, K), "× 10": (10 * N, 10 * K), "inflated": (found.white_density, found.walk_density)}
+    assert found.white_density is not None
+    assert found.walk_density is not None
+    return dict(zip(FILTERS, ((N, K), (N, found.walk_density), (10 * N, 10 * K), (found.white_density, found.walk_density)), strict=True))
 
 
 # Simulated units: fitted on one day, judged on another.
@@ -176,12 +211,12 @@ def judged(job: tuple[str, int]) -> dict[str, dict[str, list[float]]]:
     rests_s = [start - 0.4 for start, _ in plan.turns] + [plan.closure[0] - 0.4, plan.closure[1] + 0.4]
     rows = np.searchsorted(t_s, rests_s)
     stop = rotation.exp(STOP_RAD * rng.standard_normal((len(rows), 3)))
-    reference = Reference(np.full(3, STOP_RAD), np.zeros(3), np.ones(3))
+    reference = Reference(np.full(3, STOP_RAD))
     found: dict[str, dict[str, list[float]]] = {"factor": {"turns": [float(np.sqrt(np.mean(turns.white**2)))]}}
     for name, (white, walk) in choices(figures, turns).items():
         flight = AttitudeFilter(truth[rows[0]], white, walk, reference, np.full(3, STOP_RAD), BIAS_RPS)
         after = []
-        for i, (first, last) in enumerate(zip(rows[:-2], rows[1:-1], strict=True)):
+        for i, (first, last) in enumerate(pairwise(rows[:-1])):
             flight.turn(rate[first : last + 1], dt[first:last])
             after.append(nees(flight.error(truth[last]), flight.P[:3, :3]))
             flight.correct(rotation.multiply(truth[last], stop[i]))
@@ -190,8 +225,9 @@ def judged(job: tuple[str, int]) -> dict[str, dict[str, list[float]]]:
         own = np.full(3, np.square(N[0]) / (len(rest) * float(np.median(dt))))
         bias = nees(rest.mean(axis=0) - flight.bias, flight.P[3:6, 3:6] + np.diag(own))
         if name == "inflated":
-            assert both.white_density is not None and both.walk_density is not None
-            flight._white, flight._walk = both.white_density**2, both.walk_density**2
+            assert both.white_density is not None
+            assert both.walk_density is not None
+            flight.white2, flight.walk2 = both.white_density**2, both.walk_density**2
         flight.turn(rate[rows[-2] : rows[-1] + 1], dt[rows[-2] : rows[-1]])
         end = nees(flight.error(truth[rows[-1]]), flight.P[:3, :3])
         found[name] = {"turns": after[3:], "closure run": [end], "bias": [bias]}
@@ -210,10 +246,10 @@ def simulated_table(seeds: int) -> str:
             means = [
                 f"{np.mean([np.mean(result[name][where]) for result in mine]):.2f} ± "
                 f"{np.std([np.mean(result[name][where]) for result in mine]) / np.sqrt(len(mine)):.2f}"
-                for name in ("N and K", "× 10", "inflated")
+                for name in FILTERS
             ]
             rows.append([kind, where, f"{np.median(factor):.2f}" if where == "turns" else "", *means])
-    return markdown(["what calibration leaves", "judged", "factor", "N and K", "× 10", "inflated"], rows)
+    return markdown(["what calibration leaves", "judged", "factor", *FILTERS], rows)
 
 
 # Real recordings with a truth.
@@ -237,10 +273,12 @@ BROAD_EARLY_S = 4.165e-3
 QUIET = 2.0
 #: published of EuRoC's ADIS16448: rad/s/sqrt(Hz), rad/s/sqrt(s)
 EUROC_N, EUROC_K = 1.6968e-4, 1.9393e-5
-#: longest gap over which a truth that is not there is bridged
+#: windows of the inflation, s
 WINDOWS_S = np.geomspace(0.02, 32.0, 18)
 #: intervals at which the truth corrects the filter, s
 GAPS_S = (1.0, 5.0, 20.0)
+#: innovations that a mean is stated of
+LEAST = 5
 
 
 def broad(trial: str) -> Flight:
@@ -264,16 +302,15 @@ def broad(trial: str) -> Flight:
     moves = np.flatnonzero(arrays["movement"])
     rows = np.arange(moves[0], moves[-1] + 1)
     known = np.isfinite(truth).all(axis=1)
-    filled = truth[np.flatnonzero(known)[np.clip(np.searchsorted(np.flatnonzero(known), rows), 0, known.sum() - 1)]]
-    known = known[rows] & known[rows - 1]
-    # The truth at a moment lies between the row before and this one.
-    back = rotation.log(rotation.multiply(rotation.conjugate(filled[1:]), filled[:-1]))
-    shifted = rotation.multiply(filled[1:], rotation.exp(back * BROAD_EARLY_S * rate_hz))
-    whole = int(np.floor(BROAD_EARLY_S * rate_hz))
-    assert whole == 1, "the offset is one row and a part"
-    shifted = rotation.multiply(filled[1:-1], rotation.exp(back[:-1] * (BROAD_EARLY_S * rate_hz - 1)))
-    rate = rate[rows][2:]
-    return Flight(f"BROAD {trial}", rate, np.full(len(rate) - 1, 1 / rate_hz), shifted, known[2:] & known[1:-1], figures_of(N, K))
+    seen = np.flatnonzero(known)
+    filled = truth[seen[np.clip(np.searchsorted(seen, np.arange(len(truth))), 0, len(seen) - 1)]]
+    # A row of the truth belongs to a moment this much later than its own: take it from between two earlier rows.
+    whole, part = divmod(BROAD_EARLY_S * rate_hz, 1)
+    before, after = filled[rows - int(whole) - 1], filled[rows - int(whole)]
+    back = rotation.log(rotation.multiply(rotation.conjugate(after), before))
+    moved = rotation.multiply(after, rotation.exp(part * back))
+    known = known[rows - int(whole)] & known[rows - int(whole) - 1]
+    return Flight(f"BROAD {trial}", rate[rows], np.full(len(rows) - 1, 1 / rate_hz), moved, known, figures_of(N, K))
 
 
 def euroc(sequence: str) -> Flight:
@@ -299,17 +336,15 @@ def calibrated(flight: Flight, window_s: float = 2.0) -> LinearModel:
     return fit_least_squares(batch, np.full(len(batch), 3e-3), start).model
 
 
-def innovations(
-    flight: Flight, model: LinearModel, white: np.ndarray, walk: np.ndarray, reference: Reference, gap_s: float
-) -> list[float]:
+def innovations(flight: Flight, model: LinearModel, white: np.ndarray, walk: np.ndarray, reference: Reference, gap_s: float) -> list[float]:
     """NIS of a filter that the truth corrects every ``gap_s`` seconds, after it has learnt its bias."""
     rate, size = model(flight.rate), round(gap_s / float(np.median(flight.dt)))
     rows = np.arange(0, len(rate), size)
     rows = rows[flight.known[rows]]
-    total = np.hypot(reference.sigma_rad, reference.wander_rad)
+    total = np.sqrt(reference.sigma_rad**2 + sum((each.sigma_rad**2 for each in reference.wanders), np.zeros(3)))
     filtered = AttitudeFilter(flight.truth[rows[0]], white, walk, reference, total, 0.5 * DEG)
     found = []
-    for first, last in zip(rows[:-1], rows[1:], strict=True):
+    for first, last in pairwise(rows):
         filtered.turn(rate[first : last + 1], flight.dt[first:last])
         found.append(filtered.correct(flight.truth[last]))
     return found[max(2, len(found) // 10) :]
@@ -324,38 +359,51 @@ def truth_rows(trained: Flight, others: list[Flight], left: bool) -> list[list[s
     try:
         found, densities = truth_inflation(own(trained.rate), trained.dt, trained.truth, trained.figures, windows, name, trained.known)
     except DataError as error:
-        return [[name, "", "", "", str(error), "", ""]]
-    reference = reference_of(densities)
+        return [[name, str(error), "", "", *[""] * len(FILTERS)]]
+    reference = Reference(densities.truth_rad, densities.wanders)
     rows = []
     for other in others:
         for gap_s in GAPS_S:
             cells = []
             for white, walk in choices(trained.figures, found).values():
                 each = innovations(other, own, white, walk, reference, gap_s)
-                cells.append(f"{np.mean(each):.2f} ± {np.std(each) / np.sqrt(len(each)):.2f}")
+                cells.append(f"{np.mean(each):.2f} ± {np.std(each) / np.sqrt(len(each)):.2f}" if len(each) >= LEAST else "–")
             factor = " ".join(f"{white:.1f}" for white in found.white)
             rows.append([name, other.name, factor, f"{gap_s:g}", *cells])
     return rows
 
 
-def reference_of(found: TruthDensities) -> Reference:
-    """The truth's own error."""
-    return Reference(found.truth_rad, found.wander_rad, found.wander_s)
-
-
-TRUTH_HEADER = ["inflated on", "judged on", "factor x y z", "corrected every, s", "N and K", "× 10", "inflated"]
+TRUTH_HEADER = ["inflated on", "judged on", "factor x y z", "corrected every, s", *FILTERS]
 
 
 def broad_table() -> str:
-    """Each trial of BROAD judged by the other."""
+    """Each trial of BROAD judged by the other, and each half of one by its other half, which is the same kind of motion."""
     trials = [broad("05"), broad("09")]
     rows = [row for a, b in ((0, 1), (1, 0)) for left in (True, False) for row in truth_rows(trials[a], [trials[b]], left)]
+    for trial in trials:
+        first, second = halves(trial)
+        rows += truth_rows(first, [second], True) + truth_rows(second, [first], True)
     return markdown(TRUTH_HEADER, rows)
+
+
+def halves(whole: Flight) -> list[Flight]:
+    """Its first and its second half."""
+    middle = len(whole.rate) // 2
+    t_s = np.concatenate([[0.0], np.cumsum(whole.dt)])
+    parts = (("first half", slice(0, middle)), ("second half", slice(middle, len(whole.rate))))
+    return [
+        Flight(f"{whole.name} {name}", whole.rate[own], np.diff(t_s[own]), whole.truth[own], whole.known[own], whole.figures)
+        for name, own in parts
+    ]
 
 
 def euroc_table() -> str:
     """Sequences of EuRoC judged by others of the same room."""
-    pairs = {"V1_02_medium": ("V1_03_difficult", "V2_02_medium"), "V2_01_easy": ("V2_02_medium",), "MH_03_medium": ("MH_05_difficult",)}
+    pairs = {
+        "V1_02_medium": ("V1_03_difficult", "V2_02_medium"),
+        "V1_03_difficult": ("V1_02_medium", "V2_02_medium"),
+        "MH_03_medium": ("MH_05_difficult",),
+    }
     rows = [row for one, others in pairs.items() for row in truth_rows(euroc(one), [euroc(other) for other in others], True)]
     return markdown(TRUTH_HEADER, rows)
 

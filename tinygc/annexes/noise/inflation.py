@@ -20,6 +20,8 @@ accelerometer and undersampling, with the calibration estimated beside it.  A tu
 this is s^2 / T.  Whether it goes with the angle, the time or the vibration of a turn cannot be told from one session, so it has no other
 name, and on slower motion it is an upper bound.
 
+**Stills.**  The session's stills may be noisier than the rest log, in another temperature or on a table that trembles.
+
 **Vibration.**  A gyroscope measures vibration, and that is no error.  What vibration leaves is undersampling (``motion.undersampled``), or
 it is in the unnamed.
 
@@ -33,13 +35,15 @@ that it alone would need, sqrt(1 + part_i); squares less one add up.
 **With a truth.**  The integrated rate is compared with the truth over adjacent windows of tau.  The difference of the two errors, in body
 axes at the moment that they share, has the Allan variance of the rate error
 
-    3 r^2 / tau^2                                             each moment of truth errs by r, apart from all others
-    s^2 (3 - 4 exp(-tau / c) + exp(-2 tau / c)) / tau^2       the truth's error wanders by s within c
-    n^2 / tau                                                 the gyroscope's white noise, whose angle has no bound
-    k^2 tau / 3                                               its bias walk
+    3 r^2 / tau^2                                     each moment of truth errs by r, apart from all others
+    s^2 (3 - 4 rho(tau) + rho(2 tau)) / tau^2         the truth's error wanders by s with the autocorrelation rho
+    n^2 / tau                                         the gyroscope's white noise, whose angle has no bound
+    k^2 tau / 3                                       its bias walk
 
-A truth errs by a bounded angle and the gyroscope by one that grows, so windows of several lengths tell them apart.  For windows below c a
-wandering truth is white noise of density s sqrt(2 / c), and nothing tells it from the gyroscope: then the sigma of n says so.
+with rho = exp(-t / c) or, where it is smooth, (1 + t / c) exp(-t / c), for times c an octave apart.  A truth errs by a bounded angle and
+the gyroscope by one that grows, so windows of several lengths tell them apart.  Below c nothing does: a wandering truth is then white noise
+of density s sqrt(2 / c).  What the windows do not tell apart, at 95 %, is put on the gyroscope: a filter that trusts it too little loses
+less than one that trusts it too much.  The most probable n is stated beside it.
 """
 
 from __future__ import annotations
@@ -118,7 +122,7 @@ SLOW_RPS = 10 * DEG
 #: back and forth: correlation time of the rate, s
 RETURN_S = 0.5
 REST, SLOWLY = "at rest", "slow turning"
-SCALE, MISALIGNMENT, UNDERSAMPLING, UNNAMED = "scale", "misalignment", "undersampling", "unnamed"
+SCALE, MISALIGNMENT, STILLS, UNDERSAMPLING, UNNAMED, MOTION = "scale", "misalignment", "stills", "undersampling", "unnamed", "motion"
 #: rows (9,) of a linear model's matrix that are scale factors
 DIAGONAL = np.eye(3, dtype=bool).ravel()
 
@@ -147,11 +151,12 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
         return (rest,)
     problem, model, noise = result.problem, result.linear.model, result.noise.noise
     assert isinstance(model, LinearModel)
+    N = figures.gyro.values("N")
     turns, spread = _of_turns(result, model, noise)
+    turns[STILLS] = np.maximum(problem.noise.angle_random_walk**2 - N**2, 0.0)
     window_s = float(np.mean(problem.batch.duration_s))
     # The steps' lengths add up: an angle turned back counts twice.
     angle = float(np.mean(np.sum(np.linalg.norm(rotation.step_vectors(model(problem.batch.rate), problem.batch.dt), axis=-1), axis=1)))
-    N = figures.gyro.values("N")
     drift = noise.size(WANDER)
     walk = np.array([walk_density(axis, white, drift) for axis, white in zip(figures.gyro.axes, N, strict=True)])
     # Row j of E errs by dE_j . omega: for a rate in any direction, a third of its square times the row's variances.
@@ -185,8 +190,8 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
                 source,
             )
             for motion, square, kept in (
-                (f"{SLOWLY} ({SLOW_RPS / DEG:.0f} °/s, corrected every {window_s:.2g} s)", slow, (UNNAMED,)),
-                (f"back and forth ({said})", both, (UNDERSAMPLING, UNNAMED)),
+                (f"{SLOWLY} ({SLOW_RPS / DEG:.0f} °/s, corrected every {window_s:.2g} s)", slow, (STILLS, UNNAMED)),
+                (f"back and forth ({said})", both, (STILLS, UNDERSAMPLING, UNNAMED)),
             )
         ),
     )
@@ -311,24 +316,45 @@ def end_differences(rate: np.ndarray, dt: np.ndarray, truth: np.ndarray, window:
 
 
 @dataclass(frozen=True, eq=False)
+class Wander:
+    """A wandering error of a truth: its correlation time; whether it is smooth (rho = (1 + t / c) exp(-t / c)) or not (exp(-t / c));
+    sigma_rad (3,)."""
+
+    time_s: float
+    smooth: bool
+    sigma_rad: np.ndarray
+
+    def unit_allan_variance(self, tau_s: np.ndarray) -> np.ndarray:
+        """Allan variance (K,) 1/s^2 of the rate, for an angle of 1 rad rms."""
+        x = tau_s / self.time_s
+        more = x if self.smooth else 0 * x
+        return (3 - 4 * (1 + more) * np.exp(-x) + (1 + 2 * more) * np.exp(-2 * x)) / tau_s**2
+
+
+@dataclass(frozen=True, eq=False)
 class TruthDensities:
     """What the rate error against a truth is made of, for each axis.
 
-    white (3,) rad/s/sqrt(Hz), N or more, white_sigma2 (3,) the sigma of its square, walk (3,) rad/s/sqrt(s); truth_rad (3,): error of each
-    moment; wander_rad, wander_s (3,): of the wandering truth, 0 and 1 where there is none; tau_s (K,), allan, model (K, 3) (rad/s)^2;
-    follows: whether the Allan variance is below N^2 / tau, so that the truth follows the gyroscope and is none.
+    white2 (3,) rad^2/s: square of the gyroscope's white density beyond N, the largest that the windows allow (95 %), and with it walk (3,)
+    rad/s/sqrt(s), truth_rad (3,), the error of each moment, and wanders, those that the truth then has; probable2 (3,): the most probable
+    square; tau_s (K,); allan, model (K, 3) (rad/s)^2; follows: whether the Allan variance is below N^2 / tau, so that the truth follows the
+    gyroscope and is none.
     """
 
-    white: np.ndarray
-    white_sigma2: np.ndarray
+    white2: np.ndarray
+    probable2: np.ndarray
     walk: np.ndarray
     truth_rad: np.ndarray
-    wander_rad: np.ndarray
-    wander_s: np.ndarray
+    wanders: tuple[Wander, ...]
     tau_s: np.ndarray
     allan: np.ndarray
     model: np.ndarray
     follows: bool
+
+    @property
+    def misfit(self) -> float:
+        """Largest relative difference of a deviation from the model."""
+        return float(np.max(np.abs(np.sqrt(self.allan / self.model) - 1)))
 
 
 #: sigmas by which the Allan variance is below that of N alone where the truth follows the gyroscope
@@ -336,58 +362,60 @@ FOLLOWS_SIGMAS = 4.0
 #: a wandering truth's correlation time is at most this share of the longest window: beyond it nothing tells it from white noise
 LONGEST_SHARE = 1 / 3
 #: rounds of reweighting; the weights are those of the model's own Allan variances
-ROUNDS = 8
+ROUNDS = 12
 
 
 def truth_densities(tau_s: np.ndarray, allan: np.ndarray, freedom: np.ndarray, white: np.ndarray) -> TruthDensities:
     """Densities from Allan variances (K, 3) (rad/s)^2 of the rate error at tau_s (K,) s, each with ``freedom`` (K,) degrees of freedom.
 
-    white (3,): N at rest, which the gyroscope has in any case.  A likelihood of gamma-distributed variances; those of different windows are
-    taken as independent, so the sigmas are optimistic by less than a factor of two.
+    white (3,): N at rest, which the gyroscope has in any case.  The likelihood is that of independent gamma-distributed variances; those of
+    neighbouring windows are not, so the limit is somewhat low.
     """
-    times = np.concatenate([[0.0], np.geomspace(tau_s[0], LONGEST_SHARE * tau_s[-1], 24)])
-    axes = [_truth_axis(tau_s, allan[:, axis], freedom, float(white[axis]), times) for axis in range(3)]
-    squares, wander_s, sigma2, model = (np.array(each) for each in zip(*axes, strict=True))
+    times = np.exp(np.arange(np.log(tau_s[0]), np.log(LONGEST_SHARE * tau_s[-1]), np.log(2)))
+    bank = [Wander(float(time), smooth, np.ones(3)) for time in times for smooth in (False, True)]
+    columns = np.column_stack([3 / tau_s**2, tau_s / 3, *(each.unit_allan_variance(tau_s) for each in bank)])
     known = white**2 / tau_s[:, None]
+    squares, model = np.zeros((3, columns.shape[1])), np.zeros(allan.shape)
+    white2, probable2 = np.zeros(3), np.zeros(3)
+    for axis in range(3):
+        data = allan[:, axis]
+        best, _, least = _variances(np.column_stack([1 / tau_s, columns]), data, freedom, known[:, axis])
+        # The profile's upper limit: more white noise, all else estimated anew.
+        low = probable2[axis] = best[0]
+        high = float(np.max(data * tau_s))
+        for _ in range(30):
+            middle = (low + high) / 2
+            above = 2 * (_variances(columns, data, freedom, known[:, axis] + middle / tau_s)[2] - least) > ONE_SIDED_95**2
+            low, high = (low, middle) if above else (middle, high)
+        white2[axis] = low
+        squares[axis], model[:, axis], _ = _variances(columns, data, freedom, known[:, axis] + low / tau_s)
+    shown = [i for i in range(len(bank)) if squares[:, 2 + i].any()]
     return TruthDensities(
-        np.sqrt(white**2 + squares[:, 2]),
-        sigma2,
-        np.sqrt(squares[:, 3]),
-        np.sqrt(squares[:, 0]),
+        white2,
+        probable2,
         np.sqrt(squares[:, 1]),
-        wander_s,
+        np.sqrt(squares[:, 0]),
+        tuple(Wander(bank[i].time_s, bank[i].smooth, np.sqrt(squares[:, 2 + i])) for i in shown),
         tau_s,
         allan,
-        model.T,
+        model,
         bool(np.any(allan < known * (1 - FOLLOWS_SIGMAS * np.sqrt(2 / freedom[:, None])))),
     )
 
 
-def _truth_axis(
-    tau_s: np.ndarray, allan: np.ndarray, freedom: np.ndarray, white: float, times: np.ndarray
-) -> tuple[np.ndarray, float, float, np.ndarray]:
-    """Squares (4,) of truth, wander, further white and walk; the wander's time, s; sigma of the further white; model (K,)."""
-    best: tuple[float, np.ndarray, float, np.ndarray, np.ndarray] | None = None
-    known = white**2 / tau_s
-    for time in times:
-        wander = (3 - 4 * np.exp(-tau_s / time) + np.exp(-2 * tau_s / time)) / tau_s**2 if time else np.zeros(len(tau_s))
-        columns = np.column_stack([3 / tau_s**2, wander, 1 / tau_s, tau_s / 3])
-        model = np.maximum(allan, known)
-        for _ in range(ROUNDS):
-            weight = np.sqrt(freedom / 2) / model
-            size = np.maximum(np.linalg.norm(columns * weight[:, None], axis=0), 1e-300)
-            squares = nnls(columns * weight[:, None] / size, (allan - known) * weight)[0] / size
-            model = known + columns @ squares
-        loss = float(np.sum(freedom / 2 * (np.log(model) + allan / model)))
-        # The wander has two numbers more than none.
-        loss += 2.0 if time else 0.0
-        if best is None or loss < best[0]:
-            best = loss, squares, time or 1.0, model, columns[:, [0, 1, 2, 3] if time else [0, 2, 3]]
-    assert best is not None
-    _, squares, time, model, columns = best
-    scaled = columns * (np.sqrt(freedom / 2) / model)[:, None]
-    covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-15, hermitian=True)
-    return squares, time, float(np.sqrt(covariance[-2, -2])), model
+def _variances(columns: np.ndarray, data: np.ndarray, freedom: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Variances (C,), 0 or more, of columns (K, C) beside known ones (K,); the model (K,); minus the logarithm of its likelihood."""
+    best, model = (np.zeros(columns.shape[1]), known, np.inf), np.maximum(data, known)
+    for _ in range(ROUNDS):
+        weight = np.sqrt(freedom / 2) / model
+        scaled = columns * weight[:, None]
+        size = np.linalg.norm(scaled, axis=0)
+        found = nnls(scaled / size, (data - known) * weight)[0] / size
+        model = known + columns @ found
+        loss = float(np.sum(freedom / 2 * (np.log(model) + data / model)))
+        if loss < best[2]:
+            best = found, model, loss
+    return best
 
 
 def truth_inflation(
@@ -420,6 +448,6 @@ def truth_inflation(
     if found.follows:
         raise DataError(f"{motion}: the truth follows the gyroscope closer than its noise at rest allows; give one of another sensor")
     walk = np.maximum(found.walk, rest.walk_density)
-    source = f"a truth of {len(rate) * period_s:.0f} s, windows {tau_s[0]:.2g} to {tau_s[-1]:.2g} s"
-    part = {"motion": found.white**2 - N**2}
-    return _inflation(figures, motion, part, found.white_sigma2, np.zeros(3), walk, source), found
+    probable = _rms(np.sqrt(1 + found.probable2 / N**2))
+    source = f"a truth of {len(rate) * period_s:.0f} s, windows {tau_s[0]:.2g} to {tau_s[-1]:.2g} s; most probable {probable:.2f}"
+    return _inflation(figures, motion, {MOTION: found.white2}, np.zeros(3), np.zeros(3), walk, source), found

@@ -43,7 +43,7 @@ axes at the moment that they share, has the Allan variance of the rate error
 with rho = exp(-t / c) or, where it is smooth, (1 + t / c) exp(-t / c), for times c an octave apart.  A truth errs by a bounded angle and
 the gyroscope by one that grows, so windows of several lengths tell them apart.  Below c nothing does: a wandering truth is then white noise
 of density s sqrt(2 / c).  What the windows do not tell apart, at 95 %, is put on the gyroscope: a filter that trusts it too little loses
-less than one that trusts it too much.  The most probable n is stated beside it.
+less than one that trusts it too much.  The smallest n that they allow is stated beside it.
 """
 
 from __future__ import annotations
@@ -336,13 +336,13 @@ class TruthDensities:
     """What the rate error against a truth is made of, for each axis.
 
     white2 (3,) rad^2/s: square of the gyroscope's white density beyond N, the largest that the windows allow (95 %), and with it walk (3,)
-    rad/s/sqrt(s), truth_rad (3,), the error of each moment, and wanders, those that the truth then has; probable2 (3,): the most probable
-    square; tau_s (K,); allan, model (K, 3) (rad/s)^2; follows: whether the Allan variance is below N^2 / tau, so that the truth follows the
-    gyroscope and is none.
+    rad/s/sqrt(s), truth_rad (3,), the error of each moment, and wanders, those that the truth then has; least2 (3,): the smallest square
+    that they allow (95 %); tau_s (K,); allan, model (K, 3) (rad/s)^2; follows: whether the Allan variance is below N^2 / tau, so that the
+    truth follows the gyroscope and is none.
     """
 
     white2: np.ndarray
-    probable2: np.ndarray
+    least2: np.ndarray
     walk: np.ndarray
     truth_rad: np.ndarray
     wanders: tuple[Wander, ...]
@@ -351,11 +351,6 @@ class TruthDensities:
     model: np.ndarray
     follows: bool
 
-    @property
-    def misfit(self) -> float:
-        """Largest relative difference of a deviation from the model."""
-        return float(np.max(np.abs(np.sqrt(self.allan / self.model) - 1)))
-
 
 #: sigmas by which the Allan variance is below that of N alone where the truth follows the gyroscope
 FOLLOWS_SIGMAS = 4.0
@@ -363,6 +358,8 @@ FOLLOWS_SIGMAS = 4.0
 LONGEST_SHARE = 1 / 3
 #: rounds of reweighting; the weights are those of the model's own Allan variances
 ROUNDS = 12
+#: of the interval that holds a limit
+HALVINGS = 20
 
 
 def truth_densities(tau_s: np.ndarray, allan: np.ndarray, freedom: np.ndarray, white: np.ndarray) -> TruthDensities:
@@ -376,23 +373,25 @@ def truth_densities(tau_s: np.ndarray, allan: np.ndarray, freedom: np.ndarray, w
     columns = np.column_stack([3 / tau_s**2, tau_s / 3, *(each.unit_allan_variance(tau_s) for each in bank)])
     known = white**2 / tau_s[:, None]
     squares, model = np.zeros((3, columns.shape[1])), np.zeros(allan.shape)
-    white2, probable2 = np.zeros(3), np.zeros(3)
+    white2, least2 = np.zeros(3), np.zeros(3)
     for axis in range(3):
         data = allan[:, axis]
         best, _, least = _variances(np.column_stack([1 / tau_s, columns]), data, freedom, known[:, axis])
-        # The profile's upper limit: more white noise, all else estimated anew.
-        low = probable2[axis] = best[0]
-        high = float(np.max(data * tau_s))
-        for _ in range(30):
-            middle = (low + high) / 2
-            above = 2 * (_variances(columns, data, freedom, known[:, axis] + middle / tau_s)[2] - least) > ONE_SIDED_95**2
-            low, high = (low, middle) if above else (middle, high)
-        white2[axis] = low
-        squares[axis], model[:, axis], _ = _variances(columns, data, freedom, known[:, axis] + low / tau_s)
+        # The profile's limits: more white noise or less, all else estimated anew.
+        limits = []
+        for outside in (float(np.max(data * tau_s)), 0.0):
+            inside = best[0]
+            for _ in range(HALVINGS):
+                middle = (inside + outside) / 2
+                loss = _variances(columns, data, freedom, known[:, axis] + middle / tau_s)[2]
+                inside, outside = (inside, middle) if 2 * (loss - least) > ONE_SIDED_95**2 else (middle, outside)
+            limits.append(inside)
+        white2[axis], least2[axis] = limits
+        squares[axis], model[:, axis], _ = _variances(columns, data, freedom, known[:, axis] + white2[axis] / tau_s)
     shown = [i for i in range(len(bank)) if squares[:, 2 + i].any()]
     return TruthDensities(
         white2,
-        probable2,
+        least2,
         np.sqrt(squares[:, 1]),
         np.sqrt(squares[:, 0]),
         tuple(Wander(bank[i].time_s, bank[i].smooth, np.sqrt(squares[:, 2 + i])) for i in shown),
@@ -448,6 +447,6 @@ def truth_inflation(
     if found.follows:
         raise DataError(f"{motion}: the truth follows the gyroscope closer than its noise at rest allows; give one of another sensor")
     walk = np.maximum(found.walk, rest.walk_density)
-    probable = _rms(np.sqrt(1 + found.probable2 / N**2))
-    source = f"a truth of {len(rate) * period_s:.0f} s, windows {tau_s[0]:.2g} to {tau_s[-1]:.2g} s; most probable {probable:.2f}"
+    least = _rms(np.sqrt(1 + found.least2 / N**2))
+    source = f"a truth of {len(rate) * period_s:.0f} s, windows {tau_s[0]:.2g} to {tau_s[-1]:.2g} s; no less than {least:.2f}"
     return _inflation(figures, motion, {MOTION: found.white2}, np.zeros(3), np.zeros(3), walk, source), found

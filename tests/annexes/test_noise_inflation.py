@@ -393,7 +393,7 @@ def test_a_truth_closer_than_the_noise_follows_the_gyroscope():
 
 def test_a_known_scale_error_of_motion_back_and_forth_gives_the_factor_predicted_by_hand():
     """Rate about x with an rms of 1 rad/s and a correlation of 0.2 s, a scale error of 1000 ppm; the truth errs by 0.1 mrad."""
-    rng, period_s, count = np.random.default_rng(4), 0.02, 150_000
+    rng, period_s, count = np.random.default_rng(4), 0.02, 75_000
     keep = np.exp(-period_s / 0.2)
     drive = np.sqrt(1 - keep**2) * rng.standard_normal(count)
     rate = np.zeros((count, 3))
@@ -402,14 +402,14 @@ def test_a_known_scale_error_of_motion_back_and_forth_gives_the_factor_predicted
     angle = np.concatenate([[0.0], np.cumsum(rotation.step_vectors(rate, dt)[:, 0])])
     truth = rotation.multiply(rotation.exp(angle[:, None] * [1.0, 0, 0]), rotation.exp(1e-4 * rng.standard_normal((count, 3))))
     measured = rate * 1.001 + N / np.sqrt(period_s) * rng.standard_normal((count, 3))
-    windows = [round(tau / period_s) for tau in np.geomspace(2.0, 60.0, 10)]
+    windows = [round(tau / period_s) for tau in np.geomspace(2.0, 40.0, 8)]
     found, densities = truth_inflation(measured, dt, truth, figures_of(axis_of(N=N)), windows, "back and forth")
     by_hand = np.sqrt(1 + 1e-3**2 * 2 * 0.2 / N**2)  # 6.4
     assert np.sqrt(1 + densities.least2[0] / N**2) < by_hand
     assert found.white[0] == pytest.approx(by_hand, rel=0.15)
     assert np.all(found.white[1:] < 1.6)
     assert found.parts["motion"] == pytest.approx(found.white)
-    assert "a truth of 3000 s, windows 2 to 60 s" in found.source
+    assert "a truth of 1500 s, windows 2 to 40 s" in found.source
 
 
 def test_a_truth_that_is_too_short_or_follows_is_refused_in_one_line():

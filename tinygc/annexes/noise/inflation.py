@@ -117,13 +117,13 @@ def back_and_forth(rate_rps: float, correlation_s: float, window_s: float) -> fl
 
 # The inflations of a session.
 
-#: turning slowly, one way, rad/s; a tenth of a hand's
+#: turning slowly, one way, rad/s
 SLOW_RPS = 10 * DEG
 #: back and forth: correlation time of the rate, s
 RETURN_S = 0.5
-REST, SLOWLY = "at rest", "slow turning"
+REST = "at rest"
 SCALE, MISALIGNMENT, STILLS, UNDERSAMPLING, UNNAMED, MOTION = "scale", "misalignment", "stills", "undersampling", "unnamed", "motion"
-#: rows (9,) of a linear model's matrix that are scale factors
+#: elements (9,) of a linear model's matrix, row by row, that are scale factors
 DIAGONAL = np.eye(3, dtype=bool).ravel()
 
 
@@ -149,81 +149,64 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
     rest = at_rest(figures, f"rest of {figures.duration_s:.0f} s")
     if result.noise is None:
         return (rest,)
-    problem, model, noise = result.problem, result.linear.model, result.noise.noise
+    batch, model, noise, N = result.problem.batch, result.linear.model, result.noise.noise, figures.gyro.values("N")
     assert isinstance(model, LinearModel)
-    N = figures.gyro.values("N")
-    turns, spread = _of_turns(result, model, noise)
-    turns[STILLS] = np.maximum(problem.noise.angle_random_walk**2 - N**2, 0.0)
-    window_s = float(np.mean(problem.batch.duration_s))
-    # The steps' lengths add up: an angle turned back counts twice.
-    angle = float(np.mean(np.sum(np.linalg.norm(rotation.step_vectors(model(problem.batch.rate), problem.batch.dt), axis=-1), axis=1)))
-    drift = noise.size(WANDER)
-    walk = np.array([walk_density(axis, white, drift) for axis, white in zip(figures.gyro.axes, N, strict=True)])
-    # Row j of E errs by dE_j . omega: for a rate in any direction, a third of its square times the row's variances.
-    rows = np.diag(result.covariance)[:9].reshape(3, 3) / 3
-    named = {SCALE: np.diag(rows), MISALIGNMENT: rows.sum(axis=1) - np.diag(rows)}
-    allowed = np.zeros(3)
-    wide = np.zeros((3, 3))
-    if result.allowed is not None:
-        design = _design(result, model)
-        allowed = np.max([_shares(design, square[:9, :9], np.ones(9, dtype=bool)) for square in result.allowed.by_effect.values()], axis=0)
-        allowed /= window_s
-        wide = np.max([np.diag(square)[:9].reshape(3, 3) for square in result.allowed.by_effect.values()], axis=0) / 3
-    held_out = np.sqrt(np.mean(np.sum(result.linear.held_out[:, :2] ** 2, axis=1))) / DEG
-    expected = result.noise.tilt_rms / DEG
-    source = f"{len(problem.batch)} turns, held out {held_out:.3g}° where {expected:.3g}° are expected"
-    slow = one_way(SLOW_RPS, window_s)
-    rate = float(np.sqrt(np.mean(np.sum(model(problem.batch.rate) ** 2, axis=-1)[:, :-1][problem.batch.dt > 0])))
-    both = back_and_forth(rate, RETURN_S, window_s)
-    said = f"{rate / DEG:.0f} °/s rms, {RETURN_S:g} s"
-    return (
+    window_s, rate = float(np.mean(batch.duration_s)), model(batch.rate)
+    walk = np.array([walk_density(axis, white, noise.size(WANDER)) for axis, white in zip(figures.gyro.axes, N, strict=True)])
+    held_out, expected = np.sqrt(np.mean(np.sum(result.linear.held_out[:, :2] ** 2, axis=1))), result.noise.tilt_rms
+    source = f"{len(batch)} turns, held out {held_out / DEG:.3g}° where {expected / DEG:.3g}° are expected"
+    own, variance = _of_noise(noise, window_s)
+    own[STILLS] = np.maximum(result.problem.noise.angle_random_walk**2 - N**2, 0.0)
+    spread = np.full(3, np.sqrt(variance))
+
+    # On turns as in the session: the error of each turn's end for a unit error of each element of E, (S, 3, 9) rad.
+    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[..., :9]
+    square = result.covariance[:9, :9]
+    turns = {name: _of_ends(design, square, which) / window_s for name, which in ((SCALE, DIAGONAL), (MISALIGNMENT, ~DIAGONAL))}
+    allowed = [] if result.allowed is None else [each[:9, :9] for each in result.allowed.by_effect.values()]
+    limit = np.max([_of_ends(design, each, DIAGONAL | ~DIAGONAL) / window_s for each in allowed], axis=0, initial=0.0) + np.zeros(3)
+    # The steps' lengths add up: an angle that is turned back counts twice.
+    angle = np.mean(np.sum(np.linalg.norm(rotation.step_vectors(rate, batch.dt), axis=-1), axis=1))
+    found = [
         rest,
-        _inflation(figures, f"turns ({angle / DEG:.0f}° in {window_s:.2g} s)", turns, spread, allowed, walk, source),
-        *(
-            _inflation(
-                figures,
-                motion,
-                {name: share * square for name, share in named.items()} | {name: turns[name] for name in kept if name in turns},
-                spread,
-                wide.sum(axis=1) * square,
-                walk,
-                source,
-            )
-            for motion, square, kept in (
-                (f"{SLOWLY} ({SLOW_RPS / DEG:.0f} °/s, corrected every {window_s:.2g} s)", slow, (STILLS, UNNAMED)),
-                (f"back and forth ({said})", both, (STILLS, UNDERSAMPLING, UNNAMED)),
-            )
-        ),
-    )
+        _inflation(figures, f"hand turns ({angle / DEG:.0f}° in {window_s:.2g} s)", turns | own, spread, limit, walk, source),
+    ]
+
+    # On other motion: row j of E errs by dE_j . omega, for a rate in any direction a third of its square times the row's variances.
+    rows = np.diag(square).reshape(3, 3) / 3
+    named = {SCALE: np.diag(rows), MISALIGNMENT: rows.sum(axis=1) - np.diag(rows)}
+    limit = np.max([np.diag(each).reshape(3, 3).sum(axis=1) / 3 for each in allowed], axis=0, initial=0.0) + np.zeros(3)
+    turning = float(np.sqrt(np.mean(np.sum(rate[:, :-1] ** 2, axis=-1)[batch.dt > 0])))
+    slowly = f"slow turning ({SLOW_RPS / DEG:.0f} °/s, corrected every {window_s:.2g} s)"
+    both = f"back and forth ({turning / DEG:.0f} °/s rms, {RETURN_S:g} s)"
+    for motion, grows, kept in (
+        (slowly, one_way(SLOW_RPS, window_s), (STILLS, UNNAMED)),
+        (both, back_and_forth(turning, RETURN_S, window_s), (STILLS, UNNAMED, UNDERSAMPLING)),
+    ):
+        parts = {name: share * grows for name, share in named.items()} | {name: own[name] for name in kept if name in own}
+        found.append(_inflation(figures, motion, parts, spread, limit * grows, walk, source))
+    return tuple(found)
 
 
-def _design(result: FitResult, model: LinearModel) -> np.ndarray:
-    """(S, 3, 9) rad: error of each turn's end for a unit error of each element of E."""
-    batch = result.problem.batch
-    return linear.columns(closure.sensitivity(batch, model(batch.rate)), batch.rate)[..., :9]
-
-
-def _shares(design: np.ndarray, square: np.ndarray, which: np.ndarray) -> np.ndarray:
+def _of_ends(design: np.ndarray, square: np.ndarray, which: np.ndarray) -> np.ndarray:
     """(3,) rad^2: mean square of a turn's error from the elements ``which`` (9,) of each row of E, whose squares and products are
     ``square`` (9, 9).  Errors of one row are errors of one axis' rate."""
     rows = [np.flatnonzero(which[3 * axis : 3 * axis + 3]) + 3 * axis for axis in range(3)]
     return np.array([np.einsum("sap,pq,saq->", design[..., row], square[np.ix_(row, row)], design[..., row]) for row in rows]) / len(design)
 
 
-def _of_turns(result: FitResult, model: LinearModel, noise: SessionNoise) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Parts of the square of the white density on turns as in the session, by cause, (3,) rad^2/s each, and the sigma of their sum."""
-    batch = result.problem.batch
-    window_s, design = float(np.mean(batch.duration_s)), _design(result, model)
-    parts = {name: _shares(design, result.covariance[:9, :9], which) for name, which in ((SCALE, DIAGONAL), (MISALIGNMENT, ~DIAGONAL))}
-    variance = 0.0
+def _of_noise(noise: SessionNoise, window_s: float) -> tuple[dict[str, np.ndarray], float]:
+    """What the noise components add to the square of the white density, by cause, (3,) rad^2/s each, and the variance of their sum."""
+    parts, variance = {}, 0.0
     for size, sigma, component in zip(noise.s, noise.sigma, noise.components, strict=True):
         if component.name not in (TURN, UNDERSAMPLED):
             continue
         unit = 1.0 if component.name == TURN else float(np.mean(noise.missed.predicted_rad**2))
-        parts[UNNAMED if component.name == TURN else UNDERSAMPLING] = np.full(3, unit * size**2)
+        parts[UNNAMED if component.name == TURN else UNDERSAMPLING] = np.full(3, unit * size**2 / window_s)
         if np.isfinite(sigma):
-            variance += unit**2 * (4 * size**2 * sigma**2 + 2 * sigma**4)  # of the square of a normal variable
-    return {name: part / window_s for name, part in parts.items()}, np.full(3, np.sqrt(variance) / window_s)
+            # That of the square of a normal variable.
+            variance += (unit / window_s) ** 2 * (4 * size**2 * sigma**2 + 2 * sigma**4)
+    return parts, variance
 
 
 def _inflation(

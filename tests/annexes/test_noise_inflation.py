@@ -238,16 +238,18 @@ def test_undersampling_is_its_factor_times_what_is_predicted(result, figures):
     assert np.all(turns.white_sigma == 0)
 
 
-def test_what_the_recording_allows_is_in_the_limit_alone(result, figures):
+def test_what_the_recording_allows_is_in_the_limit_alone_as_much_as_if_it_were_named(result, figures):
     bare = with_noise(result)
     square = np.zeros((12, 12))
-    square[8, 8] = 1e-6
+    square[7, 7], square[8, 8] = 4e-6, 1e-6
     allowed = replace(result.allowed, by_effect={"one": square, "less": square / 2})
-    _, without, _, _ = inflations(bare, figures)
-    _, turns, _, _ = inflations(replace(bare, allowed=allowed), figures)
-    _, named, _, _ = inflations(replace(bare, covariance=square), figures)
-    assert turns.white == pytest.approx(without.white)
-    assert turns.at_most**2 - turns.white**2 == pytest.approx(named.parts[SCALE] ** 2 - 1)
+    kinds = zip(
+        *(inflations(each, figures)[1:] for each in (bare, replace(bare, allowed=allowed), replace(bare, covariance=square))), strict=True
+    )
+    for without, found, named in kinds:
+        assert found.white == pytest.approx(without.white)
+        assert found.at_most**2 - found.white**2 == pytest.approx(named.white**2 - without.white**2)
+        assert found.at_most[2] > 1.5 * found.white[2]
 
 
 def test_without_estimated_noise_only_the_rest_is_stated(result, figures):
@@ -371,6 +373,13 @@ def test_white_noise_and_an_erring_truth_are_told_apart_by_their_windows():
     assert not found.follows
 
 
+def test_the_limit_is_where_the_likelihood_has_fallen_by_that_of_one_number_at_95_percent():
+    curve = (5 * N) ** 2 / TAU_S + 3 * 1e-3**2 / TAU_S**2
+    model = densities_of(curve).model[:, 0]
+    fallen = np.sum(400.0 / 2 * (np.log(model) + curve / model - np.log(curve) - 1))
+    assert 2 * fallen == pytest.approx(1.645**2, rel=0.02)
+
+
 def test_more_windows_make_the_limit_narrower():
     curve = (5 * N) ** 2 / TAU_S + 3 * 1e-3**2 / TAU_S**2
     few, many = densities_of(curve, 40.0), densities_of(curve, 4000.0)
@@ -384,6 +393,12 @@ def test_a_truth_that_wanders_is_not_taken_for_the_gyroscope_where_windows_are_l
     # For windows below its time it is a white noise of this density.
     assert 2e-3 * np.sqrt(2 / 0.4) > 40 * N
     assert np.all(np.sqrt(found.white2 + N**2) < 6 * N)
+
+
+def test_a_walk_of_the_bias_is_told_from_a_truth_that_wanders():
+    walk = 3e-5
+    found = densities_of(N**2 / TAU_S + walk**2 * TAU_S / 3 + 3 * 1e-3**2 / TAU_S**2, 4000.0)
+    assert found.walk == pytest.approx(walk, rel=0.05)
 
 
 def test_a_truth_closer_than_the_noise_follows_the_gyroscope():
@@ -403,13 +418,28 @@ def test_a_known_scale_error_of_motion_back_and_forth_gives_the_factor_predicted
     truth = rotation.multiply(rotation.exp(angle[:, None] * [1.0, 0, 0]), rotation.exp(1e-4 * rng.standard_normal((count, 3))))
     measured = rate * 1.001 + N / np.sqrt(period_s) * rng.standard_normal((count, 3))
     windows = [round(tau / period_s) for tau in np.geomspace(2.0, 40.0, 8)]
-    found, densities = truth_inflation(measured, dt, truth, figures_of(axis_of(N=N)), windows, "back and forth")
+    found, densities = truth_inflation(measured, dt, truth, figures_of(axis_of(N=N, K=1e-3)), windows, "back and forth")
     by_hand = np.sqrt(1 + 1e-3**2 * 2 * 0.2 / N**2)  # 6.4
     assert np.sqrt(1 + densities.least2[0] / N**2) < by_hand
     assert found.white[0] == pytest.approx(by_hand, rel=0.15)
     assert np.all(found.white[1:] < 1.6)
     assert found.parts["motion"] == pytest.approx(found.white)
+    assert found.walk == pytest.approx(1.0)  # no less than at rest
     assert "a truth of 1500 s, windows 2 to 40 s" in found.source
+
+
+def test_a_walk_on_the_motion_is_stated_and_windows_that_overlap_count_once():
+    rng, count, walk = np.random.default_rng(8), 20_000, 2e-4
+    period_s, level = 0.1, np.tile([1.0, 0, 0, 0], (20_000, 1))
+    rate = np.cumsum(walk * np.sqrt(period_s) * rng.standard_normal((count, 3)), axis=0)
+    rate += N / np.sqrt(period_s) * rng.standard_normal((count, 3))
+    windows = [5, 10, 20, 40, 80, 160, 320]
+    found, densities = truth_inflation(rate, np.full(count - 1, period_s), level, figures_of(axis_of(N=N, K=1e-6)), windows, "a walk")
+    assert found.walk_density == pytest.approx(walk, rel=0.15)
+    assert found.walk == pytest.approx(found.walk_density / 1e-6)
+    freedom = [np.mean([(count - 1 - first) // window - 1 for first in range(0, window, max(1, window // 4))]) for window in windows]
+    again = truth_densities(densities.tau_s, densities.allan, np.array(freedom), np.full(3, N))
+    assert again.white2 == pytest.approx(densities.white2)
 
 
 def test_a_truth_that_is_too_short_or_follows_is_refused_in_one_line():

@@ -97,7 +97,7 @@ def test_a_dead_accelerometer_leaves_the_gyroscope():
     values[:, 3:] = np.nan
     estimate = estimate_noise([sums_of(values, DT)])
     assert estimate.figures.accel is None
-    assert set(estimate.allan) == {"gyro"}
+    assert set(estimate.figures.allan) == {"gyro"}
 
 
 def test_a_line_is_no_flicker():

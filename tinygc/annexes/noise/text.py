@@ -107,13 +107,21 @@ def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:
 # Kalibr's four numbers.
 
 
+#: keys of Kalibr's imu.yaml
+KALIBR = {
+    ("gyro", "N"): "gyroscope_noise_density",
+    ("gyro", "K"): "gyroscope_random_walk",
+    ("accel", "N"): "accelerometer_noise_density",
+    ("accel", "K"): "accelerometer_random_walk",
+}
+
+
 def kalibr_figures(figures: NoiseFigures) -> dict[str, float | None]:
     """Kalibr's imu.yaml, SI, two-sided as it takes them: of the worst axis; None where no axis shows the term."""
     found: dict[str, float | None] = {}
-    for kind, called in CALLED.items():
+    for (kind, name), key in KALIBR.items():
         sensor = figures.sensors().get(kind)
-        for name, word in (("N", "noise_density"), ("K", "random_walk")):
-            found[f"{called}_{word}"] = float(sensor.values(name).max()) if sensor is not None and sensor.measured(name) else None
+        found[key] = float(sensor.values(name).max()) if sensor is not None and sensor.measured(name) else None
     return found
 
 
@@ -122,8 +130,8 @@ def kalibr_line(figures: NoiseFigures) -> str:
     found, parts = kalibr_figures(figures), []
     for kind, sensor in figures.sensors().items():
         words = []
-        for name, word in (("N", "noise_density"), ("K", "random_walk")):
-            value, most = found[f"{CALLED[kind]}_{word}"], float(sensor.at_most(name).max())
+        for name in "NK":
+            value, most = found[KALIBR[kind, name]], float(sensor.at_most(name).max())
             words.append(f"{value:.3g}" if value is not None else f"< {most:.2g}" if np.isfinite(most) else NONE)
         parts.append(f"{CALLED[kind]} {', '.join(words)}")
     return f"Kalibr density, walk (SI): {'; '.join(parts)}"

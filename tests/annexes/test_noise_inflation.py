@@ -1,0 +1,453 @@
+"""By how much a filter's densities are to be inflated: each term against its formula, and factors injected and recovered."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from session.io.errors import DataError, FormatError
+from session.io.units import DEG, DEG_PER_HOUR
+from tinygc import closure
+from tinygc.annexes.noise.inflation import (
+    LONGEST_S,
+    MISALIGNMENT,
+    SCALE,
+    STILLS,
+    UNDERSAMPLING,
+    UNNAMED,
+    Wander,
+    at_rest,
+    back_and_forth,
+    end_differences,
+    inflation_lines,
+    inflations,
+    inflations_of_folder,
+    one_way,
+    truth_densities,
+    truth_inflation,
+    walk_density,
+)
+from tinygc.attitude import rotation
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import save_models
+from tinygc.models.linear import LinearModel
+from tinygc.noise.figures import FILE, TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term, read_figures, to_json
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+N = 1e-4
+OPTIONS = SimulationOptions(segments=14, closure_s=0.0, seed=3)
+
+
+def axis_of(tau_s=None, **values):
+    """An axis with terms of these sizes; tau_s: of G."""
+    return AxisNoise({name: Term(values.get(name, 0.0), 0.0 if name in values else None, 1.0, tau_s=tau_s) for name in TERMS})
+
+
+def figures_of(*axes):
+    return NoiseFigures(SensorNoise(axes if len(axes) == 3 else axes * 3), None, 100.0, 3600.0, 360_000)
+
+
+# The walk at rest.
+
+
+@pytest.mark.parametrize("K", [1e-7, 1e-5, 1e-3])
+def test_the_walk_of_a_random_walk_is_its_own(K):
+    assert walk_density(axis_of(K=K), N) == pytest.approx(K, rel=1e-9)
+
+
+@pytest.mark.parametrize("B", [1e-5, 1e-4])
+def test_the_walk_of_flicker_has_its_allan_variance_where_white_noise_ceases_to_hide_it(B):
+    assert walk_density(axis_of(B=B), N) == pytest.approx(2 * np.log(2) / np.pi * np.sqrt(3) * B**2 / N, rel=1e-9)
+
+
+def test_a_larger_bias_drift_replaces_the_flicker():
+    assert walk_density(axis_of(B=1e-5), N, 3e-5) == walk_density(axis_of(B=3e-5), N)
+    assert walk_density(axis_of(B=3e-5), N, 1e-5) == walk_density(axis_of(B=3e-5), N)
+
+
+def test_the_walk_of_a_ramp_holds_to_the_longest_averaging_time():
+    assert walk_density(axis_of(R=1e-7), N) == pytest.approx(1e-7 * np.sqrt(1.5 * LONGEST_S), rel=1e-9)
+
+
+def test_without_slow_terms_there_is_no_walk():
+    assert walk_density(axis_of(Q=1e-6), N) == 0.0
+
+
+@pytest.mark.parametrize("terms", [{"K": 1e-6, "B": 2e-5}, {"G": 3e-4, "tau_s": 20.0}, {"G": 1e-5, "B": 1e-6, "R": 1e-8, "tau_s": 0.3}])
+def test_the_walk_covers_all_slow_terms_that_are_seen_and_no_more(terms):
+    axis = axis_of(**terms)
+    tau_s = np.geomspace(0.02, LONGEST_S, 5000)
+    slow = sum(axis.allan_variance(tau_s, 0.01, only=name) for name in "GBKR")
+    seen = np.maximum.accumulate(slow * tau_s >= N**2)
+    seen[-1] = True
+    covered = walk_density(axis, N) ** 2 * tau_s[seen] / 3 / slow[seen]
+    assert covered.min() == pytest.approx(1.0, abs=2e-3)
+
+
+# Coherent errors.
+
+
+def test_an_angle_one_way_grows_with_the_window():
+    assert one_way(0.5, 4.0) * 4.0 == pytest.approx((0.5 * 4.0) ** 2)
+
+
+@pytest.mark.parametrize("window_s", [0.05, 0.7, 9.0])
+def test_the_angle_of_motion_back_and_forth_is_the_integral_of_its_autocorrelation(window_s):
+    rate, c = 1.3, 0.4
+    t = (np.arange(2000) + 0.5) * window_s / 2000
+    # The mean square of the integral: lags t from -T to T, each T - |t| long.
+    expected = 2 * rate**2 * np.mean((window_s - t) * np.exp(-t / c)) * window_s
+    assert back_and_forth(rate, c, window_s) * window_s == pytest.approx(expected, rel=1e-5)
+
+
+def test_back_and_forth_is_one_way_for_a_short_window_and_white_for_a_long_one():
+    assert back_and_forth(1.0, 100.0, 0.01) == pytest.approx(one_way(1.0, 0.01), rel=1e-4)
+    assert back_and_forth(2.0, 0.01, 100.0) == pytest.approx(2 * 2.0**2 * 0.01, rel=1e-3)
+
+
+# At rest.
+
+
+def test_at_rest_nothing_is_inflated_but_the_walk():
+    found = at_rest(figures_of(axis_of(N=N, K=1e-6), axis_of(N=N, B=1e-5), axis_of(N=N)))
+    assert found.white.tolist() == [1.0, 1.0, 1.0]
+    assert found.walk.tolist() == pytest.approx([1.0, 1.0, 1.0])  # no factor without a K
+    assert found.walk_density.tolist() == pytest.approx([1e-6, 2 * np.log(2) / np.pi * np.sqrt(3) * 1e-10 / N, 0.0])
+    assert found.parts == {}
+
+
+def test_without_white_noise_there_is_nothing_to_inflate():
+    with pytest.raises(DataError, match=r"no N on gyroscope axis y.*record a longer rest"):
+        at_rest(figures_of(axis_of(N=N), axis_of(Q=1e-6), axis_of(N=N)))
+
+
+# A session.
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_session(OPTIONS, tmp_path_factory.mktemp("session") / "unit")
+
+
+@pytest.fixture(scope="module")
+def result(folder):
+    return fit_session(folder, FitOptions(methods=("least_squares",)))
+
+
+@pytest.fixture(scope="module")
+def figures():
+    return figures_of(axis_of(N=OPTIONS.gyro_noise_dps_rthz * DEG / np.sqrt(2), B=3 * DEG_PER_HOUR))
+
+
+@pytest.mark.parametrize("part", [SCALE, MISALIGNMENT])
+def test_a_part_of_the_matrix_is_the_square_of_the_turns_errors_that_it_makes(result, figures, part):
+    sigma = 2e-3
+    i, j = (1, 1) if part == SCALE else (1, 2)
+    covariance = np.zeros((12, 12))
+    covariance[3 * i + j, 3 * i + j] = sigma**2
+    # The same by integration: the turn's end with and without the error.
+    batch, model = result.problem.batch, result.linear.model
+    step = 1e-5
+    wrong = model.E.copy()
+    wrong[i, j] += step
+    ends = [closure.end_attitude(batch, each(batch.rate)) for each in (model, LinearModel(wrong, model.B))]
+    apart = rotation.log(rotation.multiply(rotation.conjugate(ends[0]), ends[1])) / step
+    added = sigma**2 * np.mean(np.sum(apart**2, axis=1)) / np.mean(batch.duration_s)
+    _, turns, _, _ = inflations(replace(result, covariance=covariance, allowed=None), figures)
+    expected = np.ones(3)
+    expected[i] = np.sqrt(1 + added / figures.gyro.values("N")[i] ** 2)
+    assert turns.parts[part] == pytest.approx(expected, rel=1e-3)
+    assert expected[i] > 3
+
+
+def test_a_scale_factor_on_other_motion_by_hand(result, figures):
+    covariance = np.zeros((12, 12))
+    covariance[0, 0], covariance[1, 1] = 1e-6, 4e-6  # E_xx, E_xy: both are of axis x
+    _, _, slow, both = inflations(replace(result, covariance=covariance, allowed=None), figures)
+    window_s, white = np.mean(result.problem.batch.duration_s), figures.gyro.values("N")[0]
+    third = (10 * DEG) ** 2 * window_s / 3
+    assert slow.parts[SCALE][0] == pytest.approx(np.sqrt(1 + 1e-6 * third / white**2))
+    assert slow.parts[MISALIGNMENT][0] == pytest.approx(np.sqrt(1 + 4e-6 * third / white**2))
+    assert slow.parts[SCALE][1:].tolist() == [1.0, 1.0]
+    # The rate over the turns, and half a second.
+    model, batch = result.linear.model, result.problem.batch
+    squares = np.concatenate([np.sum(model(rate[:-1][dt > 0]) ** 2, axis=1) for rate, dt in zip(batch.rate, batch.dt, strict=True)])
+    third = np.mean(squares) / 3 * 2 * 0.5 * (1 - 0.5 / window_s * (1 - np.exp(-window_s / 0.5)))
+    assert both.parts[SCALE][0] == pytest.approx(np.sqrt(1 + 1e-6 * third / white**2), rel=1e-6)
+
+
+def test_parts_add_up_in_squares_and_the_limit_lies_above(result, figures):
+    for found in inflations(result, figures):
+        total = 1 + sum((part**2 - 1 for part in found.parts.values()), np.zeros(3))
+        assert found.white**2 == pytest.approx(total)
+        assert np.all(found.at_most >= found.white)
+        assert found.white_density == pytest.approx(found.white * figures.gyro.values("N"))
+
+
+def with_noise(result, **sizes):
+    """The fit with noise components of these sizes (size, sigma), SI."""
+    noise = result.noise.noise
+    names = [component.name.partition(".")[2] for component in noise.components]
+    s, sigma = (np.array([sizes.get(name, (0.0, 0.0))[k] for name in names]) for k in (0, 1))
+    return replace(result, noise=replace(result.noise, noise=replace(noise, s=s, sigma=sigma)), allowed=None, covariance=np.zeros((12, 12)))
+
+
+def test_the_unnamed_is_what_each_turn_errs_by_over_its_duration(result, figures):
+    size, sigma = 4e-4, 1e-4
+    _, turns, slow, _ = inflations(with_noise(result, turn=(size, sigma)), figures)
+    white, window_s = figures.gyro.values("N"), np.mean(result.problem.batch.duration_s)
+    expected = np.sqrt(1 + size**2 / window_s / white**2)
+    assert turns.parts[UNNAMED] == pytest.approx(expected)
+    assert slow.parts[UNNAMED] == pytest.approx(expected)
+    # A square of a normal variable: its variance is 4 m^2 s^2 + 2 s^4.
+    of_square = np.sqrt(4 * size**2 * sigma**2 + 2 * sigma**4) / window_s / white**2
+    assert turns.white_sigma == pytest.approx(of_square / (2 * turns.white))
+    assert turns.at_most**2 - turns.white**2 == pytest.approx(1.645 * of_square)
+
+
+def test_the_drift_of_the_session_replaces_the_flicker_at_rest(result, figures):
+    rest, turns, _, _ = inflations(with_noise(result, bias_wander=(30 * DEG_PER_HOUR, 0.0)), figures)
+    assert turns.walk_density == pytest.approx(100 * rest.walk_density)
+
+
+def test_noisier_stills_are_a_part(result):
+    quiet = figures_of(axis_of(N=1e-5))
+    _, turns, slow, _ = inflations(with_noise(result), quiet)
+    expected = result.problem.noise.angle_random_walk / 1e-5
+    assert turns.parts[STILLS] == pytest.approx(expected)
+    assert slow.white == pytest.approx(expected)
+
+
+def test_undersampling_is_its_factor_times_what_is_predicted(result, figures):
+    noise = result.noise.noise
+    missed = replace(noise.missed, predicted_rad=np.full(len(result.problem.batch), 2e-4))
+    kind = next(c for c in noise.components if c.name == "noise.turn")
+    component = replace(kind, name="motion.undersampled")
+    changed = replace(noise, components=(component,), s=np.array([1.5]), sigma=np.array([np.nan]), missed=missed)
+    bare = replace(result, noise=replace(result.noise, noise=changed), allowed=None, covariance=np.zeros((12, 12)))
+    _, turns, slow, both = inflations(bare, figures)
+    window_s = np.mean(result.problem.batch.duration_s)
+    expected = np.sqrt(1 + (1.5 * 2e-4) ** 2 / window_s / figures.gyro.values("N") ** 2)
+    assert turns.parts[UNDERSAMPLING] == pytest.approx(expected)
+    assert both.parts[UNDERSAMPLING] == pytest.approx(expected)
+    assert UNDERSAMPLING not in slow.parts  # slow motion is not faster than the samples
+    assert np.all(turns.white_sigma == 0)
+
+
+def test_what_the_recording_allows_is_in_the_limit_alone_as_much_as_if_it_were_named(result, figures):
+    bare = with_noise(result)
+    square = np.zeros((12, 12))
+    square[7, 7], square[8, 8] = 4e-6, 1e-6
+    allowed = replace(result.allowed, by_effect={"one": square, "less": square / 2})
+    kinds = zip(
+        *(inflations(each, figures)[1:] for each in (bare, replace(bare, allowed=allowed), replace(bare, covariance=square))), strict=True
+    )
+    for without, found, named in kinds:
+        assert found.white == pytest.approx(without.white)
+        assert found.at_most**2 - found.white**2 == pytest.approx(named.white**2 - without.white**2)
+        assert found.at_most[2] > 1.5 * found.white[2]
+
+
+def test_without_estimated_noise_only_the_rest_is_stated(result, figures):
+    assert len(inflations(replace(result, noise=None), figures)) == 1
+
+
+@pytest.mark.slow
+def test_an_error_of_each_turn_is_recovered(tmp_path, figures):
+    """Each turn has a bias of its own, drawn for each session."""
+    sigma, found, expected = 5e-4, [], []
+    for seed in range(8):
+        biases = sigma * np.random.default_rng([seed, 9]).standard_normal((1000, 3))
+
+        def distort(t_s, rate, force, temp_c, biases=biases):
+            turning = np.linalg.norm(rate, axis=1) > 0.1 * DEG
+            return rate + turning[:, None] * biases[np.cumsum(np.diff(turning.astype(int), prepend=0) > 0)]
+
+        options = replace(OPTIONS, segments=30, seed=seed)
+        result = fit_session(write_session(options, tmp_path / str(seed), distort=distort), FitOptions(methods=("least_squares",)))
+        _, turns, _, _ = inflations(result, figures)
+        # By hand: the turn's end for each bias, in the two horizontal angles.
+        batch, rate = result.problem.batch, result.linear.model(result.problem.batch.rate)
+        turning = np.linalg.norm(rate - batch.earth, axis=2) > 1 * DEG
+        ends = np.einsum("stij,st->sij", closure.sensitivity(batch, rate), turning)[:, :2]
+        expected.append(sigma**2 * np.mean(np.sum(ends**2, axis=2)) / np.mean(batch.duration_s))
+        found.append((turns.parts[UNNAMED][0] ** 2 - 1) * figures.gyro.values("N")[0] ** 2)
+    assert np.mean(found) == pytest.approx(np.mean(expected), rel=0.2)
+
+
+def test_the_inflations_of_a_folder_are_those_of_its_fit(folder, result, figures, tmp_path):
+    assert inflations_of_folder(folder, figures) == ()
+    save_models(result, folder / "fit")
+    found, expected = inflations_of_folder(folder, figures), inflations(result, figures)
+    assert [each.motion for each in found] == [each.motion for each in expected]
+    assert found[1].white == pytest.approx(expected[1].white)
+    (folder / "fit" / "fit.json").write_text("{}")
+    with pytest.raises(FormatError, match=r"fit\.json"):
+        inflations_of_folder(folder, figures)
+
+
+def test_each_kind_of_motion_is_one_line_with_its_largest_part_first():
+    parts = {"scale": np.full(3, 1.5), "unnamed": np.full(3, 2.0), "misalignment": np.ones(3)}
+    white = np.full(3, np.sqrt(1 + 1.25 + 3.0))
+    found = Inflation("turns (90° in 3 s)", white, np.ones(3), parts, "", np.full(3, 0.2), np.full(3, 3.0), white * N, np.full(3, 2e-6))
+    (line,) = inflation_lines([found])
+    assert line == "Inflate by 2.29 ± 0.20 (at most 3.00) on turns (90° in 3 s): unnamed 2.00, scale 1.50; walk 2e-06 rad/s/√s"
+    assert inflation_lines([at_rest(figures_of(axis_of(N=N)))]) == ["At rest N holds (1.00); walk 0 rad/s/√s"]
+
+
+def test_inflations_are_kept_in_the_file(tmp_path):
+    figures = figures_of(axis_of(N=N, K=1e-6))
+    whole = at_rest(figures, "a rest")
+    bare = Inflation("other", np.full(3, 2.0), np.ones(3))
+    path = tmp_path / FILE
+    path.write_text(json.dumps(to_json(replace(figures, inflations=(whole, bare)))))
+    first, second = read_figures(path).inflations
+    for name in ("white", "walk", "white_sigma", "at_most", "white_density", "walk_density"):
+        assert getattr(first, name).tolist() == getattr(whole, name).tolist()
+    assert second.at_most is None
+    assert second.white.tolist() == [2.0, 2.0, 2.0]
+
+
+# A truth.
+
+
+def test_a_bias_cancels_and_a_ramp_leaves_its_size_times_the_window_squared():
+    t_s = np.arange(401) * 0.01
+    level = np.tile([1.0, 0, 0, 0], (401, 1))
+    constant = np.tile([1e-3, -2e-3, 3e-3], (401, 1))
+    assert np.abs(end_differences(constant, np.full(400, 0.01), level, 40)).max() < 1e-12
+    ramp = np.outer(t_s, [1e-3, 0.0, -2e-3])
+    assert end_differences(ramp, np.full(400, 0.01), level, 40) == pytest.approx(
+        np.tile([1.0, 0.0, -2.0], (33, 1)) * 1e-3 * 0.4**2, rel=1e-3, abs=1e-8
+    )
+
+
+def test_errors_of_two_windows_are_compared_where_the_body_is_then():
+    """A truth that errs at one moment, by a vector fixed in the body: twice its size, with the sign of the later window's start."""
+    count, dt = 9, np.full(8, 0.1)
+    rate = np.tile([0.3, -2.0, 1.0], (count, 1))
+    truth = np.concatenate([[[1.0, 0, 0, 0]], rotation.accumulate(rotation.steps(rate, dt))])
+    assert np.abs(end_differences(rate, dt, truth, 4)).max() < 1e-12
+    off = np.array([1e-4, 2e-4, -3e-4])
+    truth[4] = rotation.multiply(truth[4], rotation.exp(off))
+    assert end_differences(rate, dt, truth, 4) == pytest.approx(2 * off[None], abs=1e-7)
+
+
+def test_windows_with_an_unknown_truth_are_left_out():
+    rate, level, known = np.zeros((41, 3)), np.tile([1.0, 0, 0, 0], (41, 1)), np.ones(41, dtype=bool)
+    assert len(end_differences(rate, np.full(40, 0.1), level, 4, known)) == 9 + 8 + 8 + 8
+    known[0] = False
+    assert len(end_differences(rate, np.full(40, 0.1), level, 4, known)) == 8 + 8 + 8 + 8
+    assert len(end_differences(rate, np.full(40, 0.1), level, 30, known)) == 0
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_allan_variance_of_a_wander_follows_from_its_autocorrelation(smooth):
+    tau_s, c = np.geomspace(0.01, 50, 20), 0.7
+
+    def rho(t):
+        return (1 + t / c * smooth) * np.exp(-t / c)
+
+    # Half the mean square of x(0) - 2 x(tau) + x(2 tau), over tau^2.
+    expected = (6 * rho(0 * tau_s) - 8 * rho(tau_s) + 2 * rho(2 * tau_s)) / (2 * tau_s**2)
+    assert Wander(c, smooth, np.ones(3)).unit_allan_variance(tau_s) == pytest.approx(expected, rel=1e-6)
+
+
+TAU_S = np.geomspace(0.1, 60.0, 20)
+
+
+def densities_of(curve, freedom=400.0):
+    return truth_densities(TAU_S, np.repeat(curve[:, None], 3, axis=1), np.full(len(TAU_S), freedom), np.full(3, N))
+
+
+def test_white_noise_and_an_erring_truth_are_told_apart_by_their_windows():
+    found = densities_of((5 * N) ** 2 / TAU_S + 3 * 1e-3**2 / TAU_S**2)
+    assert np.all(np.sqrt(found.least2 + N**2) < 5 * N)
+    assert np.all(np.sqrt(found.white2 + N**2) > 5 * N)
+    assert np.sqrt(found.white2 + N**2) == pytest.approx(5 * N, rel=0.15)
+    assert found.truth_rad == pytest.approx(1e-3, rel=0.02)
+    assert not found.follows
+
+
+def test_the_limit_is_where_the_likelihood_has_fallen_by_that_of_one_number_at_95_percent():
+    curve = (5 * N) ** 2 / TAU_S + 3 * 1e-3**2 / TAU_S**2
+    model = densities_of(curve).model[:, 0]
+    fallen = np.sum(400.0 / 2 * (np.log(model) + curve / model - np.log(curve) - 1))
+    assert 2 * fallen == pytest.approx(1.645**2, rel=0.02)
+
+
+def test_more_windows_make_the_limit_narrower():
+    curve = (5 * N) ** 2 / TAU_S + 3 * 1e-3**2 / TAU_S**2
+    few, many = densities_of(curve, 40.0), densities_of(curve, 4000.0)
+    assert np.all(few.white2 - (5 * N) ** 2 > 3 * (many.white2 - (5 * N) ** 2))
+    assert np.all(few.least2 <= many.least2)
+
+
+def test_a_truth_that_wanders_is_not_taken_for_the_gyroscope_where_windows_are_longer_than_its_wander():
+    wander = Wander(0.4, False, np.full(3, 2e-3))
+    found = densities_of(N**2 / TAU_S + 2e-3**2 * wander.unit_allan_variance(TAU_S), 4000.0)
+    # For windows below its time it is a white noise of this density.
+    assert 2e-3 * np.sqrt(2 / 0.4) > 40 * N
+    assert np.all(np.sqrt(found.white2 + N**2) < 6 * N)
+
+
+def test_a_walk_of_the_bias_is_told_from_a_truth_that_wanders():
+    walk = 3e-5
+    found = densities_of(N**2 / TAU_S + walk**2 * TAU_S / 3 + 3 * 1e-3**2 / TAU_S**2, 4000.0)
+    assert found.walk == pytest.approx(walk, rel=0.05)
+
+
+def test_a_truth_closer_than_the_noise_follows_the_gyroscope():
+    assert densities_of(0.3 * N**2 / TAU_S).follows
+    assert not densities_of(0.9 * N**2 / TAU_S).follows  # 400 degrees of freedom: within 7 % x 4
+
+
+def test_a_known_scale_error_of_motion_back_and_forth_gives_the_factor_predicted_by_hand():
+    """Rate about x with an rms of 1 rad/s and a correlation of 0.2 s, a scale error of 1000 ppm; the truth errs by 0.1 mrad."""
+    rng, period_s, count = np.random.default_rng(4), 0.02, 75_000
+    keep = np.exp(-period_s / 0.2)
+    drive = np.sqrt(1 - keep**2) * rng.standard_normal(count)
+    rate = np.zeros((count, 3))
+    rate[:, 0] = lfilter([1.0], [1.0, -keep], drive)
+    dt = np.full(count - 1, period_s)
+    angle = np.concatenate([[0.0], np.cumsum(rotation.step_vectors(rate, dt)[:, 0])])
+    truth = rotation.multiply(rotation.exp(angle[:, None] * [1.0, 0, 0]), rotation.exp(1e-4 * rng.standard_normal((count, 3))))
+    measured = rate * 1.001 + N / np.sqrt(period_s) * rng.standard_normal((count, 3))
+    windows = [round(tau / period_s) for tau in np.geomspace(2.0, 40.0, 8)]
+    found, densities = truth_inflation(measured, dt, truth, figures_of(axis_of(N=N, K=1e-3)), windows, "back and forth")
+    by_hand = np.sqrt(1 + 1e-3**2 * 2 * 0.2 / N**2)  # 6.4
+    assert np.sqrt(1 + densities.least2[0] / N**2) < by_hand
+    assert found.white[0] == pytest.approx(by_hand, rel=0.15)
+    assert np.all(found.white[1:] < 1.6)
+    assert found.parts["motion"] == pytest.approx(found.white)
+    assert found.walk == pytest.approx(1.0)  # no less than at rest
+    assert "a truth of 1500 s, windows 2 to 40 s" in found.source
+
+
+def test_a_walk_on_the_motion_is_stated_and_windows_that_overlap_count_once():
+    rng, count, walk = np.random.default_rng(8), 20_000, 2e-4
+    period_s, level = 0.1, np.tile([1.0, 0, 0, 0], (20_000, 1))
+    rate = np.cumsum(walk * np.sqrt(period_s) * rng.standard_normal((count, 3)), axis=0)
+    rate += N / np.sqrt(period_s) * rng.standard_normal((count, 3))
+    windows = [5, 10, 20, 40, 80, 160, 320]
+    found, densities = truth_inflation(rate, np.full(count - 1, period_s), level, figures_of(axis_of(N=N, K=1e-6)), windows, "a walk")
+    assert found.walk_density == pytest.approx(walk, rel=0.15)
+    assert found.walk == pytest.approx(found.walk_density / 1e-6)
+    freedom = [np.mean([(count - 1 - first) // window - 1 for first in range(0, window, max(1, window // 4))]) for window in windows]
+    again = truth_densities(densities.tau_s, densities.allan, np.array(freedom), np.full(3, N))
+    assert again.white2 == pytest.approx(densities.white2)
+
+
+def test_a_truth_that_is_too_short_or_follows_is_refused_in_one_line():
+    rate, level, dt = np.zeros((101, 3)), np.tile([1.0, 0, 0, 0], (101, 1)), np.full(100, 0.1)
+    figures = figures_of(axis_of(N=N))
+    with pytest.raises(DataError, match=r"a walk: 0 window lengths .* give a longer truth"):
+        truth_inflation(rate, dt, level, figures, [80, 90], "a walk")
+    rng = np.random.default_rng(1)
+    quiet = 1e-6 * rng.standard_normal((1001, 3))
+    with pytest.raises(DataError, match="a walk: the truth follows the gyroscope"):
+        truth_inflation(quiet, np.full(1000, 0.1), np.tile([1.0, 0, 0, 0], (1001, 1)), figures, [2, 4, 8, 16], "a walk")

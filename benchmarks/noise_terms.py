@@ -1,8 +1,8 @@
 """Noise terms at rest: are they chosen rightly, are their sigmas right, and what is said of those that are not there.
 
 ``python benchmarks/noise_terms.py`` simulates rests of 2 minutes to 20 hours with every subset of the terms beside N, in sizes
-about what such a rest can show.  A subset can be seen if the evidence of its expected data ("Asimov" data: each sum of products at its expectation)
-exceeds that of every other subset by ``SEEN``; there the choice is to be right in 95 of 100.
+about what such a rest can show.  A subset can be seen if the evidence of its expected data ("Asimov" data: each sum of
+products at its expectation) exceeds that of every other subset by ``SEEN``; there the choice is to be right in 95 of 100.
 """
 
 from __future__ import annotations

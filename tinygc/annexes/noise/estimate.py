@@ -29,8 +29,6 @@ MISFIT = 0.01
 SHIFTED = 3.0
 #: sigma of ln N without the finest level, above which nothing is learned from it
 SEEN_WITHOUT = 0.3
-#: levels that are kept
-LEAST_LEVELS = 3
 #: lines of a channel that are described, the strongest
 MOST_LINES = 4
 #: bins of the spectrum within which two lines are one
@@ -117,15 +115,16 @@ def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> 
     sigma of N contains the change.
     """
     sizes = sorted({group.size for group in groups})
-    starts = sizes[: max(len(sizes) - LEAST_LEVELS, 0) + 1]
 
     def search_from(start: int) -> Search:
         return Search([group for group in groups if group.size >= start], period_s, lines_hz)
 
     fits: list[tuple[float, AxisNoise]] = []
-    for start, following in zip_longest(starts, starts[1:]):
+    for start, following in zip_longest(sizes, sizes[1:]):
         search = search_from(start)
         chosen = search.best()
+        if fits and chosen.log_sigma("N") > SEEN_WITHOUT:
+            break
         p_value, excess = goodness(search, chosen)
         change, sigma = (0.0, 0.0) if following is None else _change(chosen, search_from(following))
         found = described(search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0, change)

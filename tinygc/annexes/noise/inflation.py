@@ -51,12 +51,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.optimize import nnls
 
 from session.io.errors import DataError
 from session.io.folder import read_session
+from session.io.results import write_whole
 from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -66,7 +68,7 @@ from tinygc.estimation.results import FitResult, read_fit
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise
-from tinygc.noise.figures import AxisNoise, Inflation, NoiseFigures, unit_allan_variance
+from tinygc.noise.figures import FILE, AxisNoise, Inflation, NoiseFigures, to_json, unit_allan_variance
 
 #: one-sided 95 % of a normal distribution, in sigmas
 ONE_SIDED_95 = 1.645
@@ -237,14 +239,19 @@ def _inflation(
 def inflations_of_folder(folder: Path, figures: NoiseFigures) -> tuple[Inflation, ...]:
     """The inflations of a fitted session folder; none where it has no ``fit/fit.json``.
 
-    Least squares is fitted once more, with default options.  Raises FormatError for a fit or a session that is not as documented, the
+    Least squares is fitted once more, with default options, and with these figures as prior rather than those of an earlier
+    ``noise.json``, so that the same logs give the same factors.  Raises FormatError for a fit or a session that is not as documented, the
     errors of ``fit_session``, and DataError as ``at_rest``.
     """
     path = folder / "fit" / "fit.json"
     if not path.exists():
         return ()
     read_fit(path)
-    return inflations(fit_session(read_session(folder), FitOptions(methods=("least_squares",))), figures)
+    with TemporaryDirectory() as place:
+        prior = Path(place) / FILE
+        write_whole(prior, to_json(figures))
+        options = FitOptions(methods=("least_squares",), noise=prior)
+        return inflations(fit_session(read_session(folder), options), figures)
 
 
 def inflation_lines(found: Sequence[Inflation]) -> list[str]:

@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING
 
 from session import VERSION
 from session.io.dialects import Answers
+from session.io.errors import CalibrationError
 from session.io.files import result_folder
 from session.io.results import write_whole
 from tinygc.annexes.noise.curve_file import estimate_of_curve
 from tinygc.annexes.noise.estimate import NoiseEstimate, estimate_noise
+from tinygc.annexes.noise.inflation import inflations_of_folder
 from tinygc.annexes.noise.inputs import Input, read_inputs
 from tinygc.annexes.noise.picture import figure_of
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
 from tinygc.library.arguments import Progress
 from tinygc.library.records import Shown
-from tinygc.noise.figures import FILE, AllanBand, NoiseFigures, to_json
+from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures, to_json
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from tinygc.reporting.pictures.canvas import Figure
 
 PICTURE = "noise.png"
+#: in a session's folder, where it was fitted
+FITTED = "fit/fit.json"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,7 +103,18 @@ def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], 
     rests = read_inputs(inputs, answers, columns, serial, progress)
     estimate = estimate_noise(rests.sums, progress)
     figures = replace(estimate.figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
-    return Noise(replace(estimate, figures=figures), tuple(rests.remarks))
+    remarks = list(rests.remarks)
+    found: list[Inflation] = []
+    folders = [Path(each) for each in inputs if isinstance(each, Path | str) and (Path(each) / FITTED).is_file()]
+    for number, folder in enumerate(folders):
+        progress("what filters need", number, len(folders))
+        try:
+            found += inflations_of_folder(folder, figures)
+        except CalibrationError as error:
+            remarks.append(f"No inflation of {folder.name}: {error}")
+    # Each session says the same of rest.
+    figures = replace(figures, inflations=tuple({each.motion: each for each in found}.values()))
+    return Noise(replace(estimate, figures=figures), tuple(remarks))
 
 
 def noise_of_curve(path: Path, units: str | None, duration_s: float | None, rate_hz: float | None, sensor: str, serial: str) -> Noise:

@@ -11,6 +11,7 @@ import numpy as np
 from session.io.registers import profile_of
 from session.io.texts import printable
 from tinygc.annexes.noise.estimate import NoiseEstimate, known_after_s
+from tinygc.annexes.noise.inflation import inflation_lines
 from tinygc.annexes.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
 from tinygc.noise.figures import NoiseFigures, SensorNoise, Term
 from tinygc.reporting.pictures.canvas import plain
@@ -43,7 +44,7 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
         table = _terms_table(kind, sensor, verbose)
         parts.append(table)
         lines += 1 + table.row_count
-    below = [kalibr_line(figures), *open_lines(figures), *sheet_lines(figures)]
+    below = [kalibr_line(figures), *inflation_lines(figures.inflations), *open_lines(figures), *sheet_lines(figures)]
     parts += [one_line(line) for line in below]
     left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
     remarks = [*spectral_lines(figures), *left, *estimate.said, *read]

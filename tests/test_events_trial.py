@@ -538,15 +538,16 @@ def test_a_problem_is_rebuilt_with_what_was_left_out_before(monkeypatch):
     def build(session, **options):
         asked.append(options)
         return SimpleNamespace(
-            segments=[SimpleNamespace(log=0, start=0, stop=60, number=1), SimpleNamespace(log=0, start=60, stop=90, number=2)]
+            segments=[SimpleNamespace(log=0, start=0, stop=60, number=1), SimpleNamespace(log=0, start=60, stop=90, number=2)],
+            changed=lambda **fields: fields,
         )
 
     monkeypatch.setattr(data_repair, "build_problem", build)
     old = [
         SimpleNamespace(log=0, start=30 * i, stop=30 * i + 30, number=i + 1, problem=why) for i, why in enumerate((LEFT_OUT, None, CLIPPED))
     ]
-    problem = SimpleNamespace(segments=old, found=None, earth=SimpleNamespace(source="none"))
-    data_repair.rebuilt(problem, None, left_out=(2,))
+    problem = SimpleNamespace(segments=old, found=None, earth=SimpleNamespace(source="none"), at_rest="noise figures")
+    assert data_repair.rebuilt(problem, None, left_out=(2,)) == {"at_rest": "noise figures"}
     assert asked[-1] == {"use_earth": False, "exclude": (1, 2), "clipped": (3,), "moving": (), "found": "stills"}
     problem.earth.source = "given"
     data_repair.rebuilt(problem, None, moving=(5,), clipped=(9,))

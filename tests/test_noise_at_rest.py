@@ -322,6 +322,10 @@ def test_figures_of_another_unit_and_of_the_session_itself(folder, tmp_path):
         measured_noise()(problem)
     with_figures(folder, logs=("log0001.csv",))
     assert measured_noise()(problem) is None  # the session's own stills
+    (folder / "log0001.unit0.csv").touch()
+    with_figures(folder, serial="another")
+    assert measured_noise()(problem) is None  # of which unit?
+    (folder / "log0001.unit0.csv").unlink()
     with pytest.raises(FormatError, match=r"none\.json"):
         measured_noise(tmp_path / "none.json")(problem)
     path.write_text("{}")

@@ -15,6 +15,7 @@ from session.bench.events import NO_SERIAL
 from session.detect.rounding import lsb_of
 from session.io.errors import FormatError
 from session.io.folder import sha256_of
+from session.io.names import is_array
 from session.io.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, G
 from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import (
@@ -220,7 +221,8 @@ def measured_noise(noise: Path | None = None) -> AtRest:
 
     def of(problem: Problem) -> MeasuredNoise | None:
         session = problem.session
-        path = noise or (None if session.in_memory else session.folder / "fit" / FILE)
+        # A folder that several units share has no figures of one of them.
+        path = noise or (None if session.in_memory or is_array(session.folder) else session.folder / "fit" / FILE)
         if path is None or (noise is None and not path.is_file()):
             return None
         figures = read_figures(path)

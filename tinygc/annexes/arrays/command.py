@@ -91,8 +91,11 @@ def explain(args: argparse.Namespace) -> int:
     from tinygc.annexes.arrays.explanation import array_verdict_line
     from tinygc.reporting.terminal import progress_bar
 
-    if args.lot is not None:
-        raise CalibrationError(f"--lot: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own")
+    for option in ("lot", "noise"):
+        if getattr(args, option) is not None:
+            raise CalibrationError(
+                f"--{option}: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own"
+            )
     if args.discover:
         raise CalibrationError(
             f"--discover: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own and search there"

@@ -67,4 +67,4 @@ def _axis(tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> AxisN
         p_value, excess = goodness(search, chosen)
         if p_value >= MISFIT:
             break
-    return described(search, chosen, p_value, excess, float(tau_s[start]) if start else 0.0)
+    return described(search, chosen, p_value, excess, float(tau_s[start]) if start else 0.0, 0.0)

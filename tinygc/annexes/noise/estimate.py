@@ -119,7 +119,7 @@ def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> 
     def search_from(start: int) -> Search:
         return Search([group for group in groups if group.size >= start], period_s, lines_hz)
 
-    fits: list[tuple[float, AxisNoise]] = []
+    fits: list[tuple[Search, Chosen, float, float, float, float]] = []
     for start, following in zip_longest(sizes, sizes[1:]):
         search = search_from(start)
         chosen = search.best()
@@ -127,11 +127,11 @@ def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> 
             break
         p_value, excess = goodness(search, chosen)
         change, sigma = (0.0, 0.0) if following is None else _change(chosen, search_from(following))
-        found = described(search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0, change)
-        fits.append((p_value, found))
-        if p_value >= MISFIT and abs(change) <= SHIFTED * sigma:
-            return replace(found, terms={**found.terms, "N": described(search, chosen, p_value, excess, 0.0).terms["N"]})
-    return next((found for p_value, found in fits if p_value >= MISFIT), max(fits, key=lambda fit: fit[0])[1])
+        steady = abs(change) <= SHIFTED * sigma
+        fits.append((search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0, 0.0 if steady else change))
+        if p_value >= MISFIT and steady:
+            return described(*fits[-1])
+    return described(*next((each for each in fits if each[2] >= MISFIT), max(fits, key=lambda each: each[2])))
 
 
 def _change(chosen: Chosen, without: Search) -> tuple[float, float]:
@@ -164,7 +164,7 @@ def goodness(search: Search, chosen: Chosen) -> tuple[float, float]:
     return float(chi2.sf(total, freedom)), max(total / freedom, 1.0)
 
 
-def described(search: Search, chosen: Chosen, p_value: float, excess: float, from_s: float, change: float = 0.0) -> AxisNoise:
+def described(search: Search, chosen: Chosen, p_value: float, excess: float, from_s: float, change: float) -> AxisNoise:
     """Return an axis' record: sizes, sigmas, wider where the model does not describe the data, limits and probabilities.
 
     change: of ln N, beyond chance, where the finest level is left out.

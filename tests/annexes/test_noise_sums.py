@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from resting import samples_of, six, sums_of
+from scipy.special import ndtri
 
 from session.io.errors import DataError
 from session.io.samples import Samples
 from tinygc.annexes.noise import summary
-from tinygc.annexes.noise.scales import TOP, groups_of, rest_of, unsteady
+from tinygc.annexes.noise.scales import TOP, above_chance, groups_of, left_out, rest_of, unsteady
 from tinygc.annexes.noise.summary import RestSums, contrasts, ratios_of
 
 DT = 0.01
@@ -99,6 +100,17 @@ def test_white_noise_leaves_nothing_out():
     assert sum(left) <= 1
 
 
+def test_the_limit_of_a_peak_is_that_of_gaussian_noise():
+    rng = np.random.default_rng(11)
+    peaks = np.abs(rng.standard_normal((40_000, 32))).max(axis=1)
+    none = np.zeros(len(peaks), bool)
+    assert not above_chance(peaks, none, 32).any()
+    far = -ndtri(1e-3 / (2 * 32 * len(peaks)))
+    assert far == pytest.approx(6.15, abs=0.01)
+    peaks[:2] = 1.2 * far, 1.3 * far
+    assert above_chance(peaks, none, 32)[:2].tolist() == [False, True]
+
+
 def test_a_knock_a_stuck_register_and_a_noisy_spell_are_left_out():
     values = six(60_000, DT, 7, N=1.0)
     values[10_000:10_008] += 200.0
@@ -110,7 +122,9 @@ def test_a_knock_a_stuck_register_and_a_noisy_spell_are_left_out():
     assert np.count_nonzero((number >= 30_016) & (number < 30_368)) == 11
     assert np.count_nonzero((number >= 45_000) & (number < 46_960)) >= 60
     assert len(number) < 140
-    assert [line.split(":")[0] for line in rest.said] == ["readings stand still", "knocks", "noisier than the rest"]
+    assert [line.split(":")[0] for line in left_out([rest])] == ["Readings stand still", "Knocks", "Spells noisier than the rest"]
+    assert "(from 99.52 s on)" in left_out([rest])[1]
+    assert sum(rest.seconds.values()) == pytest.approx(len(number) * rest.block_s)
     clean = groups(sums_of(values, DT), 4)[0]
     assert np.trace(clean.S) / clean.count / len(clean.S) * DT == pytest.approx(1, abs=0.03)
 

@@ -15,7 +15,7 @@ from tinygc.annexes.noise.choice import UNSEEN, Chosen, Search
 from tinygc.annexes.noise.dependence import sandwich
 from tinygc.annexes.noise.likelihood import cost, stacked, stacks_of, unit_covariance
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
-from tinygc.annexes.noise.scales import TOP, Group, groups_of, rest_of, unsteady
+from tinygc.annexes.noise.scales import TOP, Group, groups_of, left_out, rest_of, unsteady
 from tinygc.annexes.noise.summary import SECTION, RestSums, contrasts, ratios_of
 from tinygc.noise.figures import TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term
 
@@ -62,7 +62,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
     period_s = sum(each.duration_s for each in sums) / steps if steps else 1 / sums[0].rate_hz
     rests = [rest_of(each) for each in sums]
     knots = knots_of([rest for rest in rests if len(rest.blocks) >= TOP]) if all(len(rest.blocks) >= TOP for rest in rests) else None
-    said = list(dict.fromkeys(line for rest in rests for line in rest.said))
+    said = left_out(rests)
     axes: list[AxisNoise | None] = []
     bands: list[list[tuple[float, float, float, float]]] = []
     sections = np.concatenate([each.sections for each in sums])
@@ -181,7 +181,7 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
             continue
         value = float(np.sqrt(chosen.variance(name)))
         sigma = value * float(log_sigma[chosen.names.index(name)])
-        if name == "R" and of_rests:
+        if name == "R" and sum(group.count for group in search.groups if group.top) == 1:
             value, sigma = _slope(search, chosen)
         sigma = float(np.hypot(sigma * wider, value * change if name == "N" else 0.0))
         terms[name] = Term(value, sigma, probability)
@@ -194,7 +194,8 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
 
 
 def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
-    """Return the size of a ramp and its sigma, by least squares in the coarsest vectors with the noise of the other terms."""
+    """Return the size of a ramp and its sigma, by least squares in the coarsest vector with the noise of the other terms: one slope has no
+    variance."""
     square, information = 0.0, 0.0
     without = replace(chosen.fitted, x=chosen.fitted.x * (np.array(chosen.names) != "R"))
     covariance = search.covariance(replace(chosen, fitted=without))
@@ -204,10 +205,9 @@ def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
             if group.top:
                 t = group.basis.T @ (group.at * group.size * search.period_s)
                 w = np.linalg.solve(own, t)
-                information += group.count * float(t @ w)
+                information += float(t @ w)
                 square += float(w @ S @ w)
-    # of several rests, each with a slope of its own: their weighted rms
-    return float(np.sqrt(square * sum(group.count for group in search.groups if group.top)) / information), float(1 / np.sqrt(information))
+    return float(np.sqrt(square)) / information, float(1 / np.sqrt(information))
 
 
 # Lines.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri, fdtrc
+from scipy.special import chdtri, fdtrc, ndtri
 
 from tinygc.annexes.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums, contrasts
 
@@ -19,6 +19,8 @@ from tinygc.annexes.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums
 TOP = 64
 #: probability of a limit that chance exceeds somewhere in a recording
 BY_CHANCE = 1e-3
+#: on the limit of a peak: the noise of a real sensor has heavier tails (a tenth of a percent of the blocks of ADIS16405 at rest exceed 1)
+HEAVIER = 1.25
 #: a spell is noisier than the rest if its variance exceeds it by this share; less is said by the excess of the fit
 NOISIER = 0.25
 #: of a recording: more noisy spells than this are its noise, not spells
@@ -51,14 +53,18 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """One rest, ready: blocks; bad (B,): left out; sums and counts by chunk, without the bad ones; left_out_s; said: sentences."""
+    """One rest, ready: blocks; bad (B,): left out; counted (B,): whose readings are in the sums; sums and counts by chunk, of these;
+    seconds: left out, by kind; first_s: when that began; unsteady: whether its noise differs between spells."""
 
     blocks: Blocks
     bad: np.ndarray
+    counted: np.ndarray
     sums: list[np.ndarray]
     counts: np.ndarray
     block_s: float
-    said: tuple[str, ...]
+    seconds: dict[str, float]
+    first_s: dict[str, float]
+    unsteady: bool
 
     @property
     def left_out_s(self) -> float:
@@ -75,7 +81,7 @@ def rest_of(sums: RestSums) -> Rest:
         kinds["stuck"] = blocks.stuck >= STUCK * (blocks.size - 1)
         peak = np.zeros(len(blocks), bool)
         for channel in range(CHANNELS):
-            peak |= above_chance(blocks.peak[:, channel].astype(float), kinds["stuck"])
+            peak |= above_chance(blocks.peak[:, channel].astype(float), kinds["stuck"], blocks.size)
         kinds["knock"] = (peak | _leaps(blocks, kinds["stuck"])) & ~kinds["stuck"]
     bad = np.logical_or.reduce([*kinds.values()]) if kinds else np.zeros(0, bool)
     out = np.zeros(len(counts), bool)
@@ -86,30 +92,40 @@ def rest_of(sums: RestSums) -> Rest:
         if counts[noisy].sum() <= MOST_LEFT_OUT * counts.sum():
             kinds["noisier"] = spell & ~bad
             bad, out = bad | spell, out | noisy
-    words = {"stuck": "readings stand still", "knock": "knocks", "noisier": "noisier than the rest"}
-    said = [
-        f"{words[kind]}: {np.count_nonzero(mask) * block_s:.3g} s left out{_when(blocks, mask, block_s)}"
-        for kind, mask in kinds.items()
-        if mask.any()
-    ]
-    if noisy.any() and "noisier" not in kinds:
-        said.append("the noise is not steady: it differs between spells by more than chance; the figures are their mean")
-    return Rest(blocks, bad, [level[:, ~out] for level in by_level], counts[~out], block_s, tuple(said))
+    seconds = {kind: float(np.count_nonzero(mask)) * block_s for kind, mask in kinds.items() if mask.any()}
+    first_s = {kind: float(blocks.number[np.argmax(kinds[kind])]) * block_s for kind in seconds}
+    unsteady = bool(noisy.any()) and "noisier" not in kinds
+    return Rest(blocks, bad, ~out[blocks.chunk], [level[:, ~out] for level in by_level], counts[~out], block_s, seconds, first_s, unsteady)
 
 
-def _when(blocks: Blocks, mask: np.ndarray, block_s: float) -> str:
-    at = np.flatnonzero(mask)
-    first = [f"{blocks.number[k] * block_s:.4g} s" for k in at[np.diff(at, prepend=-9) > 1][:4].tolist()]
-    return f" (at {', '.join(first)}{', …' if np.count_nonzero(np.diff(at) > 1) > 3 else ''})"
+#: what is left out, in words
+WORDS = {"stuck": "Readings stand still", "knock": "Knocks", "noisier": "Spells noisier than the rest"}
 
 
-def above_chance(values: np.ndarray, but: np.ndarray) -> np.ndarray:
-    """Return which (n,) exceed what a Gumbel distribution with their median and quartiles reaches in one recording of 1000."""
-    if np.count_nonzero(~but) < 8 or not np.isfinite(values).all():
-        return np.zeros(len(values), bool)
-    low, middle, high = np.quantile(values[~but], (0.25, 0.5, 0.75))
-    scale = (high - low) / 1.5725  # Gumbel's quartiles: ln(ln 4 / ln(4/3))
-    return np.asarray(values > middle + scale * (np.log(len(values) / BY_CHANCE) + np.log(np.log(2))) + 1e-12 * middle)
+def left_out(rests: Sequence[Rest]) -> list[str]:
+    """Say what was left out of all rests together, and when it began where there is one rest."""
+    said = []
+    for kind, words in WORDS.items():
+        if seconds := sum(rest.seconds.get(kind, 0.0) for rest in rests):
+            when = f" (from {rests[0].first_s[kind]:.4g} s on)" if len(rests) == 1 else ""
+            said.append(f"{words}: {seconds:.3g} s left out{when}.")
+    if any(rest.unsteady for rest in rests):
+        said.append("The noise is not steady: it differs between spells by more than chance, and the figures are its mean.")
+    return said
+
+
+def above_chance(peaks: np.ndarray, but: np.ndarray, size: int) -> np.ndarray:
+    """Return which largest deviations (n,) of blocks of ``size`` readings are larger than Gaussian noise reaches in one recording of 1000.
+
+    The scale, and an excess of the spread, are the recording's own: by the median and the upper quartile of the peaks.
+    """
+    if np.count_nonzero(~but) < 8 or not np.isfinite(peaks).all():
+        return np.zeros(len(peaks), bool)
+    middle, high = np.quantile(peaks[~but], (0.5, 0.75))
+    sigmas = {p: -ndtri((1 - p ** (1 / size)) / 2) for p in (0.5, 0.75)}
+    far = -ndtri(BY_CHANCE / (2 * size * len(peaks)))
+    limit = middle + (high - middle) * (far - sigmas[0.5]) / (sigmas[0.75] - sigmas[0.5])
+    return np.asarray(peaks > HEAVIER * limit)
 
 
 def _leaps(blocks: Blocks, but: np.ndarray) -> np.ndarray:
@@ -167,7 +183,13 @@ def groups_of(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarra
         )
         for level, (size, ratio) in enumerate(sizes)
     ]
-    found = [Group(size, np.arange(ratio), contrasts(ratio), np.asarray(S), count) for size, ratio, S, count in fine if count]
+    slopes = sum(_slopes_within(rest, channel, means) for rest, means in zip(rests, residuals, strict=True))
+    found = []
+    for size, ratio, S, count in fine:
+        if count:
+            ramp = contrasts(ratio).T @ (np.arange(ratio) * size)
+            windows = rests[0].blocks.size / (size * ratio)
+            found.append(Group(size, np.arange(ratio), contrasts(ratio), S - slopes * windows * np.outer(ramp, ramp), count))
     coarse: dict[tuple[int, int], list[np.ndarray]] = {}
     tops = []
     for rest, means, columns in zip(rests, residuals, regressors, strict=True):
@@ -184,6 +206,18 @@ def groups_of(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarra
         before = pooled.get(shape)
         pooled[shape] = top if before is None else replace(before, S=before.S + top.S, count=before.count + 1)
     return found + list(pooled.values())
+
+
+def _slopes_within(rest: Rest, channel: int, residual: np.ndarray) -> float:
+    """Sum over the counted blocks of the square of what temperature adds from one sample to the next: it is in their windows, too."""
+    explained = rest.blocks.mean[:, channel] - residual
+    if not explained.any():
+        return 0.0
+    good = ~rest.bad
+    slope = np.interp(
+        rest.blocks.number, rest.blocks.number[good], np.gradient(explained[good], rest.blocks.number[good] * rest.blocks.size)
+    )
+    return float(np.sum(slope[rest.counted] ** 2))
 
 
 def _sizes(block: int) -> list[tuple[int, int]]:

@@ -1,0 +1,119 @@
+"""Evidence of sets of noise terms, limits, and what dependence between scales adds to sigmas."""
+
+import numpy as np
+import pytest
+from resting import six, sums_of
+from scipy.optimize import minimize
+
+from tinygc.annexes.noise import choice
+from tinygc.annexes.noise.choice import DECADES, ODDS, Search
+from tinygc.annexes.noise.dependence import sandwich
+from tinygc.annexes.noise.likelihood import cost
+from tinygc.annexes.noise.scales import groups_of, rest_of
+
+DT = 0.01
+
+
+def search_of(seed, count=2**13, candidates=("B", "K", "R"), lines_hz=(), **sizes):
+    rest = rest_of(sums_of(six(count, DT, seed, **sizes), DT))
+    groups = groups_of([rest], 0, [rest.blocks.mean[:, 0]], [np.zeros((len(rest.blocks), 0))])
+    return Search(groups, DT, lines_hz, candidates)
+
+
+def value_at(search, names, z):
+    return cost(np.exp(np.asarray(z)), [search.V[name] for name in names], search.stacks)[0]
+
+
+def test_the_evidence_of_white_noise_is_its_integral():
+    search = search_of(1, N=1.0)
+    chosen = search.of(frozenset())
+    z = np.log(chosen.fitted.x[0]) + np.linspace(-0.3, 0.3, 2001)
+    values = np.array([value_at(search, ("N",), [each]) for each in z])
+    integral = np.trapezoid(np.exp(-(values - values.min()) / 2), z)
+    by_hand = np.log(integral) - values.min() / 2 - np.log(2 * DECADES * np.log(10))
+    assert chosen.log_evidence == pytest.approx(by_hand, abs=0.01)
+
+
+def test_the_evidence_of_a_further_term_is_its_integral_times_its_odds():
+    search = search_of(2, N=1.0, K=2.0)
+    chosen = search.of(frozenset("K"))
+    n, k = (np.log(chosen.fitted.x[j]) + np.linspace(-w, w, 61) for j, w in ((0, 0.25), (1, 1.5)))
+    values = np.array([[value_at(search, ("N", "K"), [a, b]) for b in k] for a in n])
+    inner = np.trapezoid(np.exp(-(values - values.min()) / 2), k, axis=1)
+    by_hand = np.log(np.trapezoid(inner, n)) - values.min() / 2 - 2 * np.log(2 * DECADES * np.log(10)) + np.log(ODDS)
+    assert chosen.log_evidence == pytest.approx(by_hand, abs=0.1)  # Laplace's: the peak in K is not quite Gaussian
+
+
+def test_probabilities_are_shares_of_the_evidence():
+    search = search_of(3, N=1.0, K=1.0)
+    best = search.best()
+    assert best.names == ("N", "K")
+    sets = [each for each in search.tried.values() if each is not None]
+    weight = np.exp([each.log_evidence - best.log_evidence for each in sets])
+    with_k = sum(w for w, each in zip(weight, sets, strict=True) if "K" in each.names)
+    assert search.probability("K") == pytest.approx(with_k / weight.sum(), rel=1e-12)
+    assert best.log_evidence == max(each.log_evidence for each in sets)
+
+
+def test_a_limit_is_where_the_likelihood_has_dropped_by_95_percent():
+    search = search_of(4, N=1.0)
+    chosen = search.best()
+    limit = search.limit(chosen, "B")
+
+    def profile(size):
+        names = (*chosen.names, "B")
+        found = minimize(lambda z: value_at(search, names, [*z, 2 * np.log(size)]), np.log(chosen.fitted.x), method="Nelder-Mead")
+        return found.fun
+
+    lowest = min(chosen.fitted.value, *(profile(size) for size in np.geomspace(limit / 100, limit, 12)))
+    assert profile(0.9 * limit) - lowest < 1.645**2 < profile(1.1 * limit) - lowest
+
+
+def test_terms_that_are_not_seen_are_no_set(monkeypatch):
+    search = search_of(5, N=1.0)
+    monkeypatch.setattr(choice, "UNSEEN", 0.0)
+    assert search.of(frozenset("K")) is None
+
+
+def test_a_correlation_time_at_the_finest_scale_is_the_filters():
+    search = search_of(6, candidates=("G",), N=1.0)
+    shortest, longest = search.bounds()
+    assert shortest == pytest.approx(choice.SHORTEST_MEANS * DT)
+    assert longest >= 4 * shortest
+    values = six(2**13, DT, 6, N=1.0) + 3 * six(2**13, DT, 7, N=1.0, G=8.0, T=0.01)
+    rest = rest_of(sums_of(values, DT))
+    groups = groups_of([rest], 0, [rest.blocks.mean[:, 0]], [np.zeros((len(rest.blocks), 0))])
+    assert Search(groups, DT, (), ("G",)).of(frozenset("G")) is None
+
+
+def test_a_line_that_means_do_not_show_is_left_out():
+    search = search_of(7, lines_hz=(2.0, 100.0), N=1.0)
+    assert search.lines_hz == (2.0,)
+    assert search.always == ("N", "line0")
+
+
+def test_white_noise_has_no_dependence_between_scales():
+    search = search_of(8, N=1.0)
+    chosen = search.of(frozenset())
+    assert np.allclose(sandwich(search, chosen), chosen.fitted.covariance, rtol=1e-9)
+
+
+def test_dependence_between_scales_is_that_of_the_slope():
+    """The sandwich, against the scatter of the likelihood's slope over many rests at the true sizes."""
+    sizes, slopes = {"N": 1.0, "K": 10.0}, []
+    for seed in range(150):
+        rest = rest_of(sums_of(six(2**10, DT, seed, **sizes), DT))
+        for channel in range(6):
+            groups = groups_of([rest], channel, [rest.blocks.mean[:, channel]], [np.zeros((len(rest.blocks), 0))])
+            search = Search(groups, DT, (), ("K",))
+            x = np.array([1.0, 100.0])
+            _, slope, curvature = cost(x, [search.V["N"], search.V["K"]], search.stacks)
+            slopes.append(slope * x)
+    bread = np.linalg.inv(curvature * np.outer(x, x) / 2)
+    true = bread @ np.cov(np.array(slopes).T) @ bread / 4
+    search.tried.clear()
+    chosen = search.of(frozenset("K"))
+    fixed = choice.replace(chosen, fitted=choice.replace(chosen.fitted, x=x, information=curvature * np.outer(x, x) / 2))
+    stated = sandwich(search, fixed)
+    assert stated[1, 1] / bread[1, 1] > 1.2
+    assert np.sqrt(stated[1, 1] / true[1, 1]) == pytest.approx(1, abs=0.06)  # 900 rests: 2.4 % of a sigma, and its neglected ends

@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from session.io.errors import DataError, FormatError
+from session.io.folder import read_session
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import closure
 from tinygc.annexes.noise.inflation import (
@@ -282,9 +283,15 @@ def test_an_error_of_each_turn_is_recovered(tmp_path, figures):
 def test_the_inflations_of_a_folder_are_those_of_its_fit(folder, result, figures, tmp_path):
     assert inflations_of_folder(folder, figures) == ()
     save_models(result, folder / "fit")
-    found, expected = inflations_of_folder(folder, figures), inflations(result, figures)
-    assert [each.motion for each in found] == [each.motion for each in expected]
-    assert found[1].white == pytest.approx(expected[1].white)
+    found = inflations_of_folder(folder, figures)
+    assert [each.motion for each in found] == [each.motion for each in inflations(result, figures)]
+    prior = tmp_path / "prior.json"
+    prior.write_text(json.dumps(to_json(figures)))
+    with_prior = fit_session(read_session(folder), FitOptions(methods=("least_squares",), noise=prior))
+    assert found[1].white == pytest.approx(inflations(with_prior, figures)[1].white)
+    other = replace(figures, gyro=SensorNoise((axis_of(N=N, B=1e-3),) * 3))
+    (folder / "fit" / FILE).write_text(json.dumps(to_json(other)))
+    assert inflations_of_folder(folder, figures)[1].white == pytest.approx(found[1].white, rel=1e-12)  # not by what an earlier run left
     (folder / "fit" / "fit.json").write_text("{}")
     with pytest.raises(FormatError, match=r"fit\.json"):
         inflations_of_folder(folder, figures)

@@ -27,7 +27,10 @@ TABLES = {
         "samples": COUNT,
         "gyro": _SENSOR,
         "accel": maybe(_SENSOR),
-        "inflations": [{"motion": TEXT, "white": VECTOR, "walk": VECTOR, "parts": {"<cause>": VECTOR}, "source": TEXT}],
+        "inflations": [
+            {"motion": TEXT, "white": VECTOR, "walk": VECTOR, "parts": {"<cause>": VECTOR}, "source": TEXT}
+            | dict.fromkeys(("white_sigma?", "at_most?", "white_density?", "walk_density?"), maybe(VECTOR))
+        ],
         "left_out_s?": SIZE,
         "remarks?": [TEXT],
         "kalibr?": {

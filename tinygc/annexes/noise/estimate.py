@@ -253,7 +253,8 @@ def allan_points(groups: Sequence[Group], period_s: float, axis: AxisNoise) -> l
             mean = float(np.sum(A * group.S)) / group.count
             C = group.S / group.count if group.count >= ENOUGH * len(group.S) else _model(group, period_s, axis)
             AC = A @ C
-            sigma = np.sqrt(2 * float(np.sum(AC * AC.T)) / group.count) / max(float(np.trace(AC)), 1e-300)
+            # The trace of AC AC is positive but for rounding.
+            sigma = np.sqrt(max(2 * float(np.sum(AC * AC.T)) / group.count, 1e-30)) / max(float(np.trace(AC)), 1e-300)
             tau_s = group.size * int(k) * period_s
             weight = 1 / sigma**2
             before = found.get(tau_s, (0.0, 0.0, 0.0))

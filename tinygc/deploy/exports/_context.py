@@ -265,6 +265,9 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
     if abs(found.rate_hz - sensor.odr_hz) > SAME_RATE * sensor.odr_hz:
         context.say(f"the noise was recorded at {found.rate_hz:.4g} Hz, the session at {sensor.odr_hz:.4g} Hz: another filter may shape it")
     motions = {each.motion: each for each in found.inflations}
+    begun = [motion for motion in motions if inflation and motion.startswith(inflation)]
+    if len(begun) == 1:  # its first words are enough
+        inflation = begun[0]
     if inflation is not None and inflation not in motions:
         known = f"there are {', '.join(motions)}" if motions else "it has none"
         raise ExportError(f"{where}: no inflation for motion {inflation}; {known}")

@@ -29,8 +29,9 @@ RATE_HZ = 25.0
 DURATIONS_S = {"2 min": 120.0, "20 min": 1200.0, "3 h": 10_800.0, "20 h": 72_000.0}
 #: steps of a period in which terms without a closed form are simulated, to be averaged like a reading
 FINER = 8
-#: ln: odds of the true subset over every other one, in data at their expectation, from which it can be seen
-SEEN = 5.0
+#: ln: odds of the true subset over every other one, in data at their expectation, from which it can be seen: the logarithm of the odds m
+#: scatters by the root of 2 m, so that at 8 it falls below 0 in 2 of 100
+SEEN = 8.0
 
 
 def simulated(sizes: dict[str, float], time_s: float, count: int, rng: np.random.Generator) -> np.ndarray:

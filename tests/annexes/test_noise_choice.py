@@ -6,9 +6,9 @@ from resting import six, sums_of
 from scipy.optimize import minimize
 
 from tinygc.annexes.noise import choice
-from tinygc.annexes.noise.choice import DECADES, ODDS, Search
+from tinygc.annexes.noise.choice import ODDS, Search
 from tinygc.annexes.noise.dependence import sandwich
-from tinygc.annexes.noise.likelihood import cost
+from tinygc.annexes.noise.likelihood import DECADES, PRIOR_VARIANCE, cost
 from tinygc.annexes.noise.scales import groups_of, rest_of
 
 DT = 0.01
@@ -109,7 +109,7 @@ def test_dependence_between_scales_is_that_of_the_slope():
             x = np.array([1.0, 100.0])
             _, slope, curvature = cost(x, [search.V["N"], search.V["K"]], search.stacks)
             slopes.append(slope * x)
-    bread = np.linalg.inv(curvature * np.outer(x, x) / 2)
+    bread = np.linalg.inv(curvature * np.outer(x, x) / 2 + np.eye(2) / PRIOR_VARIANCE)
     true = bread @ np.cov(np.array(slopes).T) @ bread / 4
     search.tried.clear()
     chosen = search.of(frozenset("K"))

@@ -8,8 +8,8 @@ from session.io.errors import DataError
 from session.io.results import write_whole
 from session.io.units import DEG, G
 from tinygc.annexes.noise.curve import fit_curve
-from tinygc.annexes.noise.estimate import _relative, estimate_noise, known_after_s
-from tinygc.annexes.noise.summary import RestSums
+from tinygc.annexes.noise.estimate import _bands, _relative, estimate_noise, known_after_s
+from tinygc.annexes.noise.summary import RestSums, contrasts
 from tinygc.noise.figures import FILE, TERMS, read_figures, to_json, unit_allan_variance
 
 DT = 0.01
@@ -117,10 +117,33 @@ def test_what_goes_with_temperature_is_not_called_noise():
     values = six(count, DT, 4, N=1.0)
     with_it = estimate_noise([sums_of(values + follows, DT, temp_c)])
     blind = estimate_noise([sums_of(values + follows, DT)])
+    stills = [sums_of(six(150, DT, 200 + k, N=1.0), DT, np.full(150, 25.0)) for k in range(5)]
+    assert estimate_noise([*stills, sums_of(values + follows, DT, temp_c)]).said[:3] == with_it.said[:3]
     assert all("temperature moves it by" in line for line in with_it.said[:3])
     for axis, unseen in zip(with_it.figures.gyro.axes, blind.figures.gyro.axes, strict=True):
         assert [name for name in TERMS if axis.terms[name].chosen] == ["N"]
         assert {name for name in TERMS if unseen.terms[name].chosen} != {"N"}
+
+
+def test_what_is_no_noise_is_not_called_white():
+    """A slow swing of the rate without its temperature: no set describes it, and N is what the fine scales say."""
+    values = six(2**15, DT, 4, N=1.0) + 50 * np.cos(2 * np.pi * np.arange(2**15) / 2**14)[:, None]
+    for axis in estimate_noise([sums_of(values, DT)]).figures.gyro.axes:
+        assert not axis.is_described
+        assert axis.value("N") == pytest.approx(1, abs=0.05)
+
+
+def test_bands_of_a_right_model_have_power_one_and_of_a_wrong_one_do_not():
+    rng = np.random.default_rng(0)
+    basis = contrasts(64)
+    walk = np.cumsum(rng.standard_normal((2000, 64)), axis=1) @ basis
+    S = walk.T @ walk / len(walk)
+    lag = np.minimum(np.arange(64)[:, None], np.arange(64)[None]) + 1.0
+    right = _bands(basis, S, basis.T @ lag @ basis)
+    assert [len(band) for band in right] == [32, 16, 8, 7]
+    assert np.concatenate(right) == pytest.approx(1, abs=0.15)
+    wrong = _bands(basis, S, np.eye(63))
+    assert wrong[-1].mean() > 50 * wrong[0].mean()
 
 
 def test_how_long_to_record_is_what_that_length_gives():

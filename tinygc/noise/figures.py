@@ -40,6 +40,15 @@ NAMES = {
 AGAIN = "write it again with `calibrate noise`"
 
 
+#: p-value of a misfit by chance; chi-square over its degrees of freedom up to which a misfit widens the sigmas, by a fifth, and no more
+MISFIT, TOLERATED = 0.01, 1.5
+
+
+def fits_data(p_value: float, excess: float) -> bool:
+    """Whether terms describe their data: up to chance, or so nearly that wider sigmas say it."""
+    return p_value >= MISFIT or excess <= TOLERATED
+
+
 @dataclass(frozen=True)
 class Term:
     """One term of one axis, SI.
@@ -80,6 +89,11 @@ class AxisNoise:
     p_value: float | None = None
     excess: float = 1.0
     from_s: float = 0.0
+
+    @property
+    def is_described(self) -> bool:
+        """Whether its terms describe the data."""
+        return self.p_value is None or fits_data(self.p_value, self.excess)
 
     def value(self, name: str) -> float:
         """Size of a term, SI; 0 where it is not chosen."""

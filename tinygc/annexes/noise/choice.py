@@ -12,14 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tinygc.annexes.noise.likelihood import Fitted, Stacked, cost, fit, fit_with_time, stacked, stacks_of, unit_covariance
+from tinygc.annexes.noise.likelihood import DECADES, Fitted, Stacked, cost, fit, fit_with_time, stacked, stacks_of, unit_covariance
 from tinygc.annexes.noise.scales import Group
 
 #: terms that may be added to N, and lines
 CANDIDATES = ("Q", "G", "B", "K", "R")
-#: of the prior of a size, and prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100
-#: (benchmarks/noise_terms.py)
-DECADES, ODDS = 3.0, 0.2
+#: prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100 (benchmarks/noise_terms.py)
+ODDS = 0.2
 #: ln: a size whose logarithm has a larger sigma is not seen
 UNSEEN = 1.0
 #: times of a Gauss-Markov term that are tried, per decade; those that are followed up
@@ -48,9 +47,7 @@ class Chosen:
 
     def log_sigma(self, name: str) -> float:
         """Sigma of ln s."""
-        k = self.names.index(name)
-        alone = float(self.fitted.information[k, k])  # a term without any information has no part in the pseudo-inverse
-        return float(np.sqrt(max(self.fitted.covariance[k, k], 1 / alone)) / 2) if alone > 1e-12 else float("inf")
+        return float(np.sqrt(self.fitted.covariance[(k := self.names.index(name)), k]) / 2)
 
 
 @dataclass(eq=False)

@@ -11,10 +11,10 @@ import numpy as np
 
 from session.io.errors import DataError
 from tinygc.annexes.noise.choice import Search
-from tinygc.annexes.noise.estimate import MISFIT, described, goodness
+from tinygc.annexes.noise.estimate import described, goodness
 from tinygc.annexes.noise.likelihood import Stacked
 from tinygc.annexes.noise.scales import Group
-from tinygc.noise.figures import AxisNoise, unit_allan_variance
+from tinygc.noise.figures import AxisNoise, fits_data, unit_allan_variance
 
 #: octaves that a curve needs, and those that are kept where the finest are left out
 LEAST_OCTAVES, KEPT_OCTAVES = 4, 6
@@ -65,6 +65,6 @@ def _axis(tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> AxisN
         search = CurveSearch(tau_s[start:], variance[start:], freedom[start:])
         chosen = search.best()
         p_value, excess = goodness(search, chosen)
-        if p_value >= MISFIT:
+        if fits_data(p_value, excess):
             break
     return described(search, chosen, p_value, excess, float(tau_s[start]) if start else 0.0, 0.0)

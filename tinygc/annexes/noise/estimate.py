@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 
 import numpy as np
 from scipy.stats import chi2
@@ -17,14 +17,12 @@ from tinygc.annexes.noise.likelihood import cost, stacked, stacks_of, unit_covar
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
 from tinygc.annexes.noise.scales import TOP, Group, groups_of, left_out, rest_of, unsteady
 from tinygc.annexes.noise.summary import SECTION, RestSums, contrasts, ratios_of
-from tinygc.noise.figures import TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term
+from tinygc.noise.figures import MISFIT, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
 
 #: callback for progress: the current step, steps done, and their total
 Progress = Callable[[str, int, int], None]
 #: rates of logs of one unit agree to this share
 SAME_RATE = 0.02
-#: probability of the model's misfit below which its finest level is left out, in which the sensor's filter or a vibration shapes the noise
-MISFIT = 0.01
 #: sigmas of a change of N that chance does not make
 SHIFTED = 3.0
 #: sigma of ln N without the finest level, above which nothing is learned from it
@@ -33,7 +31,9 @@ SEEN_WITHOUT = 0.3
 MOST_LINES = 4
 #: bins of the spectrum within which two lines are one
 NEAR = 4
-#: windows per contrast from which a group's whole covariance is tested, else its chi-square alone
+#: frequencies of a band
+LEAST_BAND = 4
+#: windows per contrast from which a group's whole covariance is tested, else its bands of frequency
 ENOUGH = 3
 
 
@@ -61,7 +61,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
     steps = sum(each.duration_s / each.period_s for each in sums)
     period_s = sum(each.duration_s for each in sums) / steps if steps else 1 / sums[0].rate_hz
     rests = [rest_of(each) for each in sums]
-    knots = knots_of([rest for rest in rests if len(rest.blocks) >= TOP]) if all(len(rest.blocks) >= TOP for rest in rests) else None
+    knots = knots_of(rests)
     said = left_out(rests)
     axes: list[AxisNoise | None] = []
     bands: list[list[tuple[float, float, float, float]]] = []
@@ -129,9 +129,9 @@ def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> 
         change, sigma = (0.0, 0.0) if following is None else _change(chosen, search_from(following))
         steady = abs(change) <= SHIFTED * sigma
         fits.append((search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0, 0.0 if steady else change))
-        if p_value >= MISFIT and steady:
+        if fits_data(p_value, excess) and steady:
             return described(*fits[-1])
-    return described(*next((each for each in fits if each[2] >= MISFIT), max(fits, key=lambda each: each[2])))
+    return described(*next((each for each in fits if fits_data(*each[2:4])), min(fits, key=lambda each: each[3])))
 
 
 def _change(chosen: Chosen, without: Search) -> tuple[float, float]:
@@ -147,21 +147,35 @@ def _change(chosen: Chosen, without: Search) -> tuple[float, float]:
 def goodness(search: Search, chosen: Chosen) -> tuple[float, float]:
     """Return the probability of a misfit as large by chance, and chi-square over its degrees of freedom, 1 at least.
 
-    A group's covariance is tested against the model's by the likelihood ratio with Bartlett's factor (Anderson 2003, 10.8); one of too few
-    windows by its chi-square alone.
+    A group's covariance is tested against the model's by the likelihood ratio with Bartlett's factor (Anderson 2003, 10.8).  The coarsest
+    vector is one draw: the variances of its bands of frequency are tested against the model's.
     """
     total, freedom = 0.0, 0.0
     for stack, C in zip(search.stacks, search.covariance(chosen), strict=True):
-        R = np.linalg.solve(C, stack.S)
-        d, n = R.shape[1], stack.count
-        trace = np.trace(R, axis1=1, axis2=2)
-        many = n >= ENOUGH * d
-        bartlett = 1 - (2 * d + 1 - 2 / (d + 1)) / (6 * n[many])
-        log_size = np.linalg.slogdet(R[many] / n[many, None, None])[1]
-        total += float(np.sum(bartlett * (trace[many] - n[many] * (log_size + d))) + np.sum(trace[~many]))
-        freedom += d * (d + 1) / 2 * np.count_nonzero(many) + float(np.sum(n[~many])) * d
+        for which, S, n, own in zip(stack.which, stack.S, stack.count, C, strict=True):
+            d = len(S)
+            if n >= ENOUGH * d:
+                R = np.linalg.solve(own, S) / n
+                bartlett = 1 - (2 * d + 1 - 2 / (d + 1)) / (6 * n)
+                total += bartlett * n * (float(np.trace(R)) - float(np.linalg.slogdet(R)[1]) - d)
+                freedom += d * (d + 1) / 2
+            else:
+                bands = _bands(search.groups[which].basis, S, own)
+                total += sum(n * len(band) * (band.mean() / n - 1 - np.log(band.mean() / n)) for band in bands)
+                freedom += len(bands)
     freedom = max(freedom - len(chosen.names) - ("G" in chosen.names), 1.0)
     return float(chi2.sf(total, freedom)), max(total / freedom, 1.0)
+
+
+def _bands(basis: np.ndarray, S: np.ndarray, C: np.ndarray) -> list[np.ndarray]:
+    """Return the powers of a whitened vector, 1 being expected of each, in bands of frequency: octaves, the highest first."""
+    values, vectors = np.linalg.eigh(C)
+    whitened = basis @ (vectors / np.sqrt(np.maximum(values, 1e-300 + 1e-12 * values[-1]))) @ vectors.T
+    power = np.einsum("ki,ij,kj->k", *(rows := contrasts(len(basis)).T @ whitened, S, rows))
+    edges = [len(power)]
+    while edges[-1] >= 2 * LEAST_BAND:
+        edges.append(max(edges[-1] // 2, LEAST_BAND))
+    return [power[low:high] for high, low in pairwise([*edges, 0])]
 
 
 def described(search: Search, chosen: Chosen, p_value: float, excess: float, from_s: float, change: float) -> AxisNoise:

@@ -20,8 +20,9 @@ from tinygc.annexes.noise.scales import Group
 
 #: steps of Fisher scoring in ln s^2; change of -2 log L at which it ends
 STEPS, ENDS = 40, 1e-4
-#: of the term's largest possible variance: a smaller one is absent
-NOTHING = 1e-12
+#: of a size: its logarithm is flat over so many decades; and the variance of ln s^2 over them
+DECADES = 3.0
+PRIOR_VARIANCE = (2 * DECADES * np.log(10)) ** 2 / 12
 #: step of ln T for the derivative of the covariance of a Gauss-Markov term
 LOG_STEP = 1e-3
 
@@ -115,8 +116,8 @@ class Fitted:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of ln s^2 (and ln T), from the expected information."""
-        return np.asarray(np.linalg.pinv(self.information, hermitian=True))
+        """Covariance of ln s^2 (and ln T), from the expected information and the width of the prior."""
+        return np.asarray(np.linalg.inv(self.information + np.eye(len(self.information)) / PRIOR_VARIANCE))
 
 
 def cost(x: np.ndarray, V: Sequence[Stacked], stacks: Sequence[Stack]) -> tuple[float, np.ndarray, np.ndarray]:

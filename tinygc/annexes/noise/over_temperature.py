@@ -15,7 +15,7 @@ from tinygc.annexes.temperature.rest_fit import zero_of_blocks
 
 #: degC: a smaller range has nothing to tell, and the self-heating of a switched-on sensor is larger
 LEAST_RANGE_C = 1.0
-#: blocks of a rest, at least
+#: blocks of a long rest, at least
 LEAST_BLOCKS = 100
 
 
@@ -31,12 +31,17 @@ class TemperaturePart:
     lag_s: float = 0.0
 
 
+def is_long(rest: Rest) -> bool:
+    """Whether a rest is long enough to be moved by temperature: a still is not."""
+    return int(np.count_nonzero(~rest.bad)) >= LEAST_BLOCKS
+
+
 def knots_of(rests: Sequence[Rest]) -> Knots | None:
-    """Return the rests' good blocks over temperature; None where a rest has no temperature, or where it hardly changes."""
+    """Return the long rests' good blocks over temperature; None where one has no temperature, or where it hardly changes."""
     logs = []
-    for rest in rests:
+    for rest in filter(is_long, rests):
         good, blocks = ~rest.bad, rest.blocks
-        if np.count_nonzero(good) < LEAST_BLOCKS or not np.isfinite(blocks.temp_c[good]).all():
+        if not np.isfinite(blocks.temp_c[good]).all():
             return None
         none = np.zeros((int(np.count_nonzero(good)), 3))
         means = blocks.mean[good]
@@ -57,19 +62,20 @@ def temperature_part(rests: Sequence[Rest], channel: int, knots: Knots | None) -
     none = TemperaturePart(raw, [np.zeros((len(own), 0)) for own in raw])
     if knots is None:
         return none
-    means = np.concatenate([own[~rest.bad] for own, rest in zip(raw, rests, strict=True)])
+    kept = [~rest.bad if is_long(rest) else np.zeros(len(rest.bad), bool) for rest in rests]
+    means = np.concatenate([own[mask] for own, mask in zip(raw, kept, strict=True)])
     found = fit_axis(knots, means)
     if not found.order:
         return none
     zero = zero_of_blocks(knots, found)
     element = knots.element_c(found.tau_s) - knots.reference_c
     powers = element[:, None] ** np.arange(1, found.order + 1)
-    edges = np.cumsum([np.count_nonzero(~rest.bad) for rest in rests])[:-1]
+    edges = np.cumsum([np.count_nonzero(mask) for mask in kept])[:-1]
     residuals, columns = [], []
-    for own, rest, of_zero, of_powers in zip(raw, rests, np.split(zero, edges), np.split(powers, edges), strict=True):
+    for own, mask, of_zero, of_powers in zip(raw, kept, np.split(zero, edges), np.split(powers, edges), strict=True):
         less, wide = own.copy(), np.zeros((len(own), found.order))
-        less[~rest.bad] -= of_zero
-        wide[~rest.bad] = of_powers
+        less[mask] -= of_zero
+        wide[mask] = of_powers
         residuals.append(less)
         columns.append(wide)
     return TemperaturePart(residuals, columns, float(np.std(zero)), found.order, found.tau_s)

@@ -30,8 +30,6 @@ KNOWN = 0.2
 SHEET_WITHIN = 0.1
 #: of a data sheet's figure, from which on a ratio reads better than per cent
 TIMES = 2.0
-#: p-value below which the model does not describe the data
-MARKED_P = 0.01
 
 
 def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool = False) -> Group:
@@ -193,7 +191,7 @@ def misfit_lines(figures: NoiseFigures) -> list[str]:
     """A sentence for each sensor with axes that the terms do not describe: their numbers are then no noise figures."""
     lines = []
     for kind, sensor in figures.sensors().items():
-        bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if own.p_value is not None and own.p_value < MARKED_P}
+        bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if not own.is_described}
         if bad:
             worst = max(bad.values(), key=lambda own: own.excess)
             what = f"p = {worst.p_value:.2g}, {worst.excess:.3g} times their variance"

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from tinygc.annexes.noise import choice
 from tinygc.annexes.noise.choice import ODDS, Search
 from tinygc.annexes.noise.dependence import sandwich
-from tinygc.annexes.noise.likelihood import DECADES, PRIOR_VARIANCE, cost
+from tinygc.annexes.noise.likelihood import DECADES, PRIOR_VARIANCE, autocovariance, cost
 from tinygc.annexes.noise.scales import groups_of, rest_of
 
 DT = 0.01
@@ -44,6 +44,42 @@ def test_the_evidence_of_a_further_term_is_its_integral_times_its_odds():
     assert chosen.log_evidence == pytest.approx(by_hand, abs=0.1)  # Laplace's: the peak in K is not quite Gaussian
 
 
+def test_prior_odds_are_one_to_five_and_even_for_a_filter():
+    assert (choice.ODDS, choice.ODDS_OF_FILTER) == (0.2, 1.0)
+    search = search_of(9, candidates=("F", "Q"), N=1.0)
+    assert search.of(frozenset("FQ")) is None
+
+
+def test_n_is_the_mean_over_sets_and_its_sigma_contains_their_difference():
+    search = search_of(10, candidates=("F", "Q", "K"), N=1.0)
+    search.best()
+    sets = [each for each in search.tried.values() if each is not None]
+    assert len(sets) > 1
+    weight = np.exp(np.array([each.log_evidence for each in sets]) - max(each.log_evidence for each in sets))
+    weight /= weight.sum()
+    log_n = np.array([np.log(each.variance("N")) / 2 for each in sets])
+    mean, sigma = search.average("N")
+    assert mean == pytest.approx(weight @ log_n, abs=1e-12)
+    square = weight @ (np.array([each.log_sigma("N") for each in sets]) ** 2 + log_n**2) - mean**2
+    assert sigma == pytest.approx(np.sqrt(square), rel=1e-9)
+
+
+def test_the_trace_of_a_filter_is_that_of_any_filter():
+    """Means of filtered white noise, longer than the filter's memory: their covariance is that of N and of F = N^2 times the moment."""
+    taps = np.array([0.5, 0.3, 0.2])
+    size = 50
+    spread = np.convolve(taps, taps[::-1])  # autocovariance of the filtered noise, in N^2 / dt
+    moment = np.sum(np.abs(np.arange(-2, 3)) * spread) * DT
+    lag = np.arange(3)
+    within = sum(spread[2 + d] * (size - abs(d)) for d in range(-2, 3)) / size**2 / DT
+    across = sum(spread[2 - d] * d for d in (1, 2)) / size**2 / DT
+    mean_s = size * DT
+    model = autocovariance("N", lag, mean_s) + moment / 2 * autocovariance("F", lag, mean_s)
+    assert model[0] == pytest.approx(within, rel=1e-9)
+    assert model[1] == pytest.approx(across, rel=1e-9)
+    assert model[2] == 0
+
+
 def test_probabilities_are_shares_of_the_evidence():
     search = search_of(3, N=1.0, K=1.0)
     best = search.best()
@@ -55,7 +91,7 @@ def test_probabilities_are_shares_of_the_evidence():
     assert best.log_evidence == max(each.log_evidence for each in sets)
 
 
-def test_a_limit_is_where_the_likelihood_has_dropped_by_95_percent():
+def test_a_limit_is_where_the_likelihood_has_dropped_by_two_sigma():
     search = search_of(4, N=1.0)
     chosen = search.best()
     limit = search.limit(chosen, "B")
@@ -66,7 +102,7 @@ def test_a_limit_is_where_the_likelihood_has_dropped_by_95_percent():
         return found.fun
 
     lowest = min(chosen.fitted.value, *(profile(size) for size in np.geomspace(limit / 100, limit, 12)))
-    assert profile(0.9 * limit) - lowest < 1.645**2 < profile(1.1 * limit) - lowest
+    assert profile(0.93 * limit) - lowest < 4 < profile(1.07 * limit) - lowest
 
 
 def test_terms_that_are_not_seen_are_no_set(monkeypatch):

@@ -3,12 +3,18 @@
 import numpy as np
 import pytest
 from resting import noisy, samples_of, six, sums_of
+from scipy.signal import butter, lfilter
 
 from session.io.errors import DataError
 from session.io.results import write_whole
+from session.io.samples import Samples
 from session.io.units import DEG, G
+from tinygc.annexes.noise.choice import Search
 from tinygc.annexes.noise.curve import fit_curve
-from tinygc.annexes.noise.estimate import _bands, _relative, estimate_noise, known_after_s
+from tinygc.annexes.noise.dependence import sandwich
+from tinygc.annexes.noise.estimate import _bands, _relative, described, estimate_noise, known_after_s
+from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
+from tinygc.annexes.noise.scales import groups_of, rest_of
 from tinygc.annexes.noise.summary import RestSums, contrasts
 from tinygc.noise.figures import FILE, TERMS, read_figures, to_json, unit_allan_variance
 
@@ -160,6 +166,118 @@ def test_figures_come_back_from_their_file(tmp_path):
     figures = estimate_noise([sums_of(six(2**14, DT, 8, N=1.0, G=1.5, T=3.0), DT)]).figures
     write_whole(tmp_path / FILE, to_json(figures))
     assert to_json(read_figures(tmp_path / FILE)) == to_json(figures)
+
+
+# What is found out and said.
+
+
+def test_readings_that_are_missing_do_not_make_n_larger():
+    values = six(2**15, DT, 12, N=1.0)
+    kept = np.random.default_rng(0).random(2**15) > 0.1
+    whole = samples_of(values, DT)
+    sums = RestSums(90.0)
+    sums.add(Samples(whole.t_ns[kept], whole.gyro[kept], whole.accel[kept], None))
+    estimate = estimate_noise([sums])
+    assert sums.lost == pytest.approx(0.11, abs=0.01)
+    assert sums.period_s == pytest.approx(DT, rel=1e-9)
+    assert estimate.said[0].startswith("10 % of the readings are missing")
+    for axis in estimate.figures.gyro.axes:
+        assert abs(axis.value("N") - 1) < 3.5 * axis.terms["N"].sigma
+    jittered = RestSums(100.0)  # stamps that are no multiples of one period tell nothing of losses
+    jitter = np.random.default_rng(1).integers(-4_000_000, 4_000_000, 2**15)
+    jittered.add(Samples(whole.t_ns + jitter, whole.gyro, whole.accel, None))
+    assert jittered.lost == 0
+
+
+def test_what_is_wrong_with_a_rest_is_said():
+    values = six(2**15, DT, 13, N=1.0)
+    still = values.copy()
+    still[8000:16_000, 1] = still[8000, 1]
+    assert any(line.startswith("Readings stand still: 80 s") for line in estimate_noise([sums_of(still, DT)]).said)
+    louder = values.copy()
+    louder[20_000:] *= 1.5
+    assert any("not steady" in line for line in estimate_noise([sums_of(louder, DT)]).said)
+    coarse = np.round(values / 30) * 30
+    assert any("moves over 3 steps" in line for line in estimate_noise([sums_of(coarse, DT)]).said)
+    dead = values.copy()
+    dead[:, 4] = 9.81
+    estimate = estimate_noise([sums_of(dead, DT)])
+    assert estimate.figures.accel is None
+    assert any(line.startswith("accel y: its readings do not change") for line in estimate.said)
+    dead[:, 1] = 0.0
+    with pytest.raises(DataError, match="axis y"):
+        estimate_noise([sums_of(dead, DT)])
+    both = estimate_noise([sums_of(values, DT), sums_of(1.3 * six(2**15, DT, 14, N=1.0), DT)])
+    assert any("log 2 is 1.3 times as noisy as log 1" in line for line in both.said)
+    assert estimate_noise([sums_of(values, DT)]).said == ()
+
+
+@pytest.mark.broad
+@pytest.mark.parametrize(("order", "of_rate"), [(2, 0.25), (2, 0.1), (1, 0.1), (2, 0.025)])
+def test_a_sensors_filter_leaves_n_right_within_its_sigma(order, of_rate):
+    off = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        white = rng.standard_normal((64_000, 6)) / np.sqrt(DT)
+        values = lfilter(*butter(order, 2 * of_rate), white, axis=0)[4000:]
+        figures = estimate_noise([sums_of(values, DT)]).figures
+        off += [(axis.value("N") - 1) / axis.terms["N"].sigma for sensor in figures.sensors().values() for axis in sensor.axes]
+    assert abs(np.mean(off)) < 0.55  # three sigmas of the mean of thirty
+    assert np.mean(np.abs(off) < 1) == pytest.approx(0.68, abs=0.22)
+    assert max(map(abs, off)) < 4.5
+
+
+def test_a_misfit_widens_sigmas_and_a_change_of_n_is_in_its_sigma():
+    rest = rest_of(sums_of(six(2**13, DT, 15, N=1.0, G=3.0, T=2.0), DT))
+    groups = groups_of([rest], 0, [rest.blocks.mean[:, 0]], [np.zeros((len(rest.blocks), 0))])
+    search = Search(groups, DT)
+    chosen = search.of(frozenset("G"))
+    plain, wide = (described(search, chosen, p, 1.44, 0.0, 0.0) for p in (0.5, 1e-4))
+    for name in "NG":
+        assert wide.terms[name].sigma == pytest.approx(1.2 * plain.terms[name].sigma, rel=1e-9)
+    assert wide.terms["G"].tau_sigma_s == pytest.approx(1.2 * plain.terms["G"].tau_sigma_s)
+    log_sigma = np.sqrt(np.diag(sandwich(search, chosen)))
+    assert plain.terms["G"].tau_sigma_s == pytest.approx(plain.terms["G"].tau_s * log_sigma[-1], rel=1e-9)
+    changed = described(search, chosen, 0.5, 1.0, 0.0, 0.3)
+    assert changed.terms["N"].sigma == pytest.approx(np.hypot(plain.terms["N"].sigma, 0.3 * plain.value("N")), rel=1e-9)
+    assert changed.terms["G"].sigma == plain.terms["G"].sigma
+
+
+def test_a_ramp_is_a_slope_with_the_sigma_of_least_squares():
+    values = six(2**12, DT, 16, N=1.0) + 0.5 * DT * np.arange(2**12)[:, None]
+    t = DT * np.arange(2**12)
+    by_hand = 1 / np.sqrt(DT * np.sum((t - t.mean()) ** 2))
+    for k, axis in enumerate(estimate_noise([sums_of(values, DT)]).figures.gyro.axes):
+        slope = np.polyfit(t, values[:, k], 1)[0]
+        assert axis.value("R") == pytest.approx(slope, abs=0.1 * by_hand)
+        assert axis.terms["R"].sigma == pytest.approx(by_hand, rel=0.05)
+
+
+def test_temperature_is_taken_out_of_fine_scales_and_costs_the_coarsest_its_columns():
+    count = 2**15
+    temp_c = 30 + 20 * np.sin(2 * np.pi * np.arange(count) / count)
+    fast = 40.0 * (temp_c - 30)[:, None]
+    sums = sums_of(six(count, DT, 17, N=1.0) + fast, DT, temp_c)
+    rest = rest_of(sums)
+    part = temperature_part([rest], 0, knots_of([rest]))
+    assert part.order >= 1
+    raw, less = (
+        groups_of([rest], 0, [means], [columns])
+        for means, columns in (
+            (rest.blocks.mean[:, 0], np.zeros((len(rest.blocks), 0))),
+            (part.residuals[0], part.columns[0]),
+        )
+    )
+    assert less[-1].basis.shape[1] == raw[-1].basis.shape[1] - part.order
+    level = {group.size: group for group in less}
+    before = {group.size: group for group in raw}
+    size = sorted(level)[1]
+    white = level[size].count * len(level[size].S) / (size * DT)
+    assert np.trace(before[size].S) > 1.1 * white
+    assert np.trace(level[size].S) == pytest.approx(white, rel=0.04)
+    assert knots_of([rest_of(sums_of(six(2000, DT, 1, N=1.0), DT, np.full(2000, 25.0)))]) is None
+    assert knots_of([rest_of(sums_of(six(2**13, DT, 1, N=1.0), DT, np.linspace(25, 25.9, 2**13)))]) is None
+    assert knots_of([rest_of(sums_of(six(2**13, DT, 1, N=1.0), DT, np.linspace(25, 26.2, 2**13)))]) is not None
 
 
 # A curve that somebody else made.

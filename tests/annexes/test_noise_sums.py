@@ -134,7 +134,7 @@ def test_halves_that_differ_are_said():
     loud += quiet[-1] - loud[0]
     rest = rest_of(sums_of(np.concatenate([quiet, loud]), DT))
     (line,) = unsteady([rest], 0, [rest.blocks.mean[:, 0]], DT)
-    assert line.startswith("its second half wanders")
+    assert "the noise of its second half is" in line
     same = rest_of(sums_of(six(60_000, DT, 10, N=1.0, K=1.0), DT))
     assert unsteady([same], 0, [same.blocks.mean[:, 0]], DT) == []
 

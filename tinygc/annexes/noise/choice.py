@@ -12,13 +12,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tinygc.annexes.noise.likelihood import DECADES, Fitted, Stacked, cost, fit, fit_with_time, stacked, stacks_of, unit_covariance
+from tinygc.annexes.noise.likelihood import DECADES, FILTER, Fitted, Stacked, cost, fit, fit_with_time, stacked, stacks_of, unit_covariance
 from tinygc.annexes.noise.scales import Group
 
-#: terms that may be added to N, and lines
-CANDIDATES = ("Q", "G", "B", "K", "R")
+#: terms that may be added to N; the trace of a filter is none of the sensor's noise, but N is wrong without it
+CANDIDATES = (FILTER, "Q", "G", "B", "K", "R")
 #: prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100 (benchmarks/noise_terms.py)
 ODDS = 0.2
+#: prior odds of a filter: most sensors have one
+ODDS_OF_FILTER = 1.0
+#: of the variance of a mean of the finest scale: where the search for a filter's trace begins
+FILTERED = 0.02
 #: ln: a size whose logarithm has a larger sigma is not seen
 UNSEEN = 1.0
 #: times of a Gauss-Markov term that are tried, per decade; those that are followed up
@@ -29,8 +33,9 @@ SHORTEST_MEANS, LONGEST_SHARE = 10.0, 0.1
 AT_BOUND = 1.1
 #: share of a line's power that means of the finest scale pass, below which they do not show it
 PASSED = 0.01
-#: rise of -2 log L at a one-sided limit of 95 %
-AT_LIMIT = 1.645**2
+#: rise of -2 log L at an upper limit: 1.645 sigma would be 95 % of a term that is looked for alone; one that is not chosen has been drawn
+#: low, and with 2 sigma the limits hold in 95 of 100 (tests/annexes/test_noise_estimate.py)
+AT_LIMIT = 2.0**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +67,7 @@ class Search:
 
     def __post_init__(self) -> None:
         self.stacks = stacks_of(self.groups)
-        finest_s = min(group.size for group in self.groups) * self.period_s
-        self.lines_hz = tuple(hz for hz in self.lines_hz if np.sinc(hz * finest_s) ** 2 > PASSED)
+        self.lines_hz = tuple(hz for hz in self.lines_hz if np.sinc(hz * self.finest_s()) ** 2 > PASSED)
         names = [name for name in ("N", *self.candidates) if name != "G"]
         self.V = {name: self.unit(name) for name in names}
         self.always = ("N", *(f"line{k}" for k in range(len(self.lines_hz))))
@@ -75,9 +79,13 @@ class Search:
         """Return the covariance of all contrasts for a term of size 1."""
         return stacked(unit_covariance(name, self.groups, self.period_s, correlation_s, hz), self.stacks)
 
+    def finest_s(self) -> float:
+        """Return the length of a mean of the finest scale, s."""
+        return min(group.size for group in self.groups) * self.period_s
+
     def bounds(self) -> tuple[float, float]:
         """Shortest and longest correlation time of a Gauss-Markov term, s."""
-        shortest = SHORTEST_MEANS * min(group.size for group in self.groups) * self.period_s
+        shortest = SHORTEST_MEANS * self.finest_s()
         longest = max((group.at[-1] + 1) * group.size for group in self.groups) * self.period_s
         return shortest, max(LONGEST_SHARE * longest, 4 * shortest)
 
@@ -102,6 +110,14 @@ class Search:
         weight = np.exp([chosen.log_evidence - max(each.log_evidence for each in sets) for chosen in sets])
         return float(sum(w for w, chosen in zip(weight, sets, strict=True) if name in chosen.names) / weight.sum())
 
+    def average(self, name: str) -> tuple[float, float]:
+        """Return ln s of a term over all sets that have it, by their probabilities, and its sigma, which contains how the sets differ."""
+        sets = [chosen for chosen in self.tried.values() if chosen is not None and name in chosen.names]
+        weight = np.exp([chosen.log_evidence - max(each.log_evidence for each in sets) for chosen in sets])
+        log_s, sigma = (np.array(column) for column in zip(*((np.log(c.variance(name)) / 2, c.log_sigma(name)) for c in sets), strict=True))
+        mean = float(weight @ log_s / weight.sum())
+        return mean, float(np.sqrt(weight @ (sigma**2 + (log_s - mean) ** 2) / weight.sum()))
+
     def of(self, terms: frozenset[str], near: Chosen | None = None) -> Chosen | None:
         """Return a set with its evidence; near: another set, where its search starts; None where a term is not seen."""
         if terms not in self.tried:
@@ -110,7 +126,9 @@ class Search:
 
     def _fit(self, terms: frozenset[str], near: Chosen | None) -> Chosen | None:
         names = (*self.always, *(name for name in self.candidates if name in terms and name != "G"))
-        at = [(near.variance(name) if near is not None else 0.0) or 0.3 * self.most(self.V[name]) for name in names]
+        if {FILTER, "Q"} <= terms:  # one is the other's negative
+            return None
+        at = [(near.variance(name) if near is not None else 0.0) or self._start(name, near) for name in names]
         if "G" not in terms:
             return self._judged(names, fit(names, self.V, self.stacks, np.array(at)))
         names = (*names, "G")
@@ -128,6 +146,12 @@ class Search:
             size = stack.count * np.trace(own, axis1=1, axis2=2)
             shares += [float(s) for s in (np.trace(stack.S, axis1=1, axis2=2)[size > 0] / size[size > 0])]
         return min(shares, default=1.0) or 1e-30
+
+    def _start(self, name: str, near: Chosen | None) -> float:
+        """Variance of a term that is not in the set near by."""
+        if name == FILTER and near is not None:
+            return FILTERED * near.variance("N") * self.finest_s()
+        return 0.3 * self.most(self.V[name])
 
     def _times(self, names: Sequence[str], x: np.ndarray) -> list[tuple[float, float]]:
         """Return variances and correlation times of a Gauss-Markov term at which the likelihood rises most, to first order."""
@@ -155,7 +179,9 @@ class Search:
         # Lines are in every set: what they add to the evidence is the same for all.
         own = [k for k, name in enumerate(names) if not name.startswith("line")] + ([len(names)] if "G" in names else [])
         log_width = len(own) / 2 * np.log(2 * np.pi) + np.linalg.slogdet(fitted.covariance[np.ix_(own, own)])[1] / 2
-        log_prior = -(len(terms) + 1) * np.log(2 * DECADES * np.log(10)) + len(terms) * np.log(ODDS)
+        log_prior = -(len(terms) + 1) * np.log(2 * DECADES * np.log(10)) + sum(
+            np.log(ODDS_OF_FILTER if name == FILTER else ODDS) for name in terms
+        )
         if "G" in names:
             log_prior -= float(np.log(np.log(self.bounds_s[1] / self.bounds_s[0])))
         return replace(chosen, log_evidence=float(-fitted.value / 2 + log_width + log_prior))

@@ -12,7 +12,7 @@ import numpy as np
 from session.io.errors import DataError
 from tinygc.annexes.noise.choice import Search
 from tinygc.annexes.noise.estimate import described, goodness
-from tinygc.annexes.noise.likelihood import Stacked
+from tinygc.annexes.noise.likelihood import FILTER, Stacked
 from tinygc.annexes.noise.scales import Group
 from tinygc.noise.figures import AxisNoise, fits_data, unit_allan_variance
 
@@ -34,7 +34,12 @@ class CurveSearch(Search):
 
     def unit(self, name: str, correlation_s: float = 1.0, hz: float = 0.0) -> Stacked:
         """Return the Allan variance of a term of size 1 at each averaging time."""
-        return [unit_allan_variance(name, self.tau_s, correlation_s)[:, None, None]]
+        sign = -1 if name == FILTER else 1
+        return [sign * unit_allan_variance("Q" if name == FILTER else name, self.tau_s, correlation_s)[:, None, None]]
+
+    def finest_s(self) -> float:
+        """Return the shortest averaging time, s."""
+        return float(self.tau_s[0])
 
     def bounds(self) -> tuple[float, float]:
         """Correlation times that the curve shows by both their sides."""

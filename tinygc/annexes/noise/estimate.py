@@ -13,9 +13,9 @@ from session.detect.rest_noise import FEWEST, lines_of, spectra
 from session.io.errors import DataError
 from tinygc.annexes.noise.choice import UNSEEN, Chosen, Search
 from tinygc.annexes.noise.dependence import sandwich
-from tinygc.annexes.noise.likelihood import cost, stacked, stacks_of, unit_covariance
+from tinygc.annexes.noise.likelihood import FILTER, cost, stacked, stacks_of, unit_covariance
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
-from tinygc.annexes.noise.scales import TOP, Group, groups_of, left_out, rest_of, unsteady
+from tinygc.annexes.noise.scales import TOP, Group, groups_of, left_out, of_log_and_log, rest_of, unsteady
 from tinygc.annexes.noise.summary import SECTION, RestSums, contrasts, ratios_of
 from tinygc.noise.figures import MISFIT, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
 
@@ -29,6 +29,8 @@ SHIFTED = 3.0
 SEEN_WITHOUT = 0.3
 #: lines of a channel that are described, the strongest
 MOST_LINES = 4
+#: share of missing readings that is said; values of a register in a section up to which its steps are as large as the noise
+WORTH_SAYING_LOST, FEW_CODES = 1e-3, 6
 #: bins of the spectrum within which two lines are one
 NEAR = 4
 #: frequencies of a band
@@ -62,9 +64,11 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
     period_s = sum(each.duration_s for each in sums) / steps if steps else 1 / sums[0].rate_hz
     rests = [rest_of(each) for each in sums]
     knots = knots_of(rests)
-    said = left_out(rests)
+    said = [*_missing(sums), *left_out(rests)]
+    of_axes: dict[str, list[str]] = {}
     axes: list[AxisNoise | None] = []
     bands: list[list[tuple[float, float, float, float]]] = []
+    dead: dict[str, list[str]] = {"gyro": [], "accel": []}
     sections = np.concatenate([each.sections for each in sums])
     for channel in range(6):
         kind, axis = ("gyro", "accel")[channel // 3], "xyz"[channel % 3]
@@ -72,18 +76,26 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         part = temperature_part(rests, channel, knots)
         groups = groups_of(rests, channel, part.residuals, part.columns)
         if not groups or not all(np.isfinite(group.S).all() for group in groups) or not any(group.S.any() for group in groups):
+            dead[kind].append(axis)
             axes.append(None)
             bands.append([])
             continue
-        found = _axis(groups, period_s, _lines_hz(sections[:, :, channel // 3 * 3 :][:, :, :3], channel % 3, period_s))
+        remarks = [*of_log_and_log(rests, channel), *_coarse_steps(sections[:, :, channel])]
+        found = _axis(groups, period_s, _lines_hz(sections[:, :, channel], period_s))
         axes.append(found)
         bands.append(allan_points(groups, period_s, found))
-        said += [f"{kind} {axis}: {line}" for line in unsteady(rests, channel, part.residuals, period_s)]
+        remarks += unsteady(rests, channel, part.residuals, period_s)
         if part.order:
-            said.append(f"{kind} {axis}: temperature moves it by {_shown(part.rms, kind)} rms; taken off")
-    if any(axis is None for axis in axes[:3]):
-        raise DataError("too few readings at rest, or readings that do not change; expected seconds of a sensor's noise")
-    has_accel = all(axis is not None for axis in axes[3:])
+            remarks.append(f"temperature moves it by {_shown(part.rms, kind)} rms, which is taken off.")
+        for remark in remarks:
+            of_axes.setdefault(remark, []).append(f"{kind} {axis}")
+    said += [f"{', '.join(names)}: {remark}" for remark, names in of_axes.items()]
+    if dead["gyro"]:
+        which = "" if len(dead["gyro"]) == 3 else f" of gyroscope axis {' '.join(dead['gyro'])}"
+        raise DataError(f"too few readings at rest{which}, or readings that do not change; expected seconds of a sensor's noise")
+    has_accel = not dead["accel"]
+    if dead["accel"] and len(dead["accel"]) < 3:
+        said.append(f"accel {' '.join(dead['accel'])}: its readings do not change; there are no figures of the accelerometer.")
     figures = NoiseFigures(
         allan={"gyro": _band(bands[:3])} | ({"accel": _band(bands[3:])} if has_accel else {}),
         gyro=_sensor(axes[:3]),
@@ -98,6 +110,23 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
 def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:
     x, y, z = (axis for axis in axes if axis is not None)
     return SensorNoise((x, y, z))
+
+
+def _missing(sums: Sequence[RestSums]) -> list[str]:
+    lost = max(each.lost for each in sums)
+    if lost < WORTH_SAYING_LOST:
+        return []
+    return [f"{100 * lost / (1 + lost):.2g} % of the readings are missing between the stamps; slow times come out that much too short."]
+
+
+def _coarse_steps(sections: np.ndarray) -> list[str]:
+    """Say where a register has few steps: rounding to them is then noise of its own, as large as the zero between two steps makes it."""
+    codes = int(np.median([len(np.unique(section)) for section in sections])) if len(sections) else FEW_CODES + 1
+    return (
+        [f"its register moves over {codes} steps alone: N is that of the rounding, and changes with the zero."]
+        if codes <= FEW_CODES
+        else []
+    )
 
 
 def _shown(size: float, kind: str) -> str:
@@ -124,7 +153,7 @@ def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> 
         search = search_from(start)
         chosen = search.best()
         if fits and chosen.log_sigma("N") > SEEN_WITHOUT:
-            break
+            continue
         p_value, excess = goodness(search, chosen)
         change, sigma = (0.0, 0.0) if following is None else _change(chosen, search_from(following))
         steady = abs(change) <= SHIFTED * sigma
@@ -191,10 +220,14 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
     for name in TERMS:
         probability = 1.0 if name == "N" else search.probability(name)
         if name not in chosen.names:
-            terms[name] = Term(0.0, None, probability, None if name == "G" else search.limit(chosen, name))
+            none = name == "G" or (name == "Q" and FILTER in chosen.names)  # a filter hides any quantisation
+            terms[name] = Term(0.0, None, probability, None if none else search.limit(chosen, name))
             continue
         value = float(np.sqrt(chosen.variance(name)))
         sigma = value * float(log_sigma[chosen.names.index(name)])
+        if name == "N":  # with or without the trace of a filter, N is another
+            log_value, of_sets = search.average("N")
+            value, sigma = float(np.exp(log_value)), float(np.exp(log_value)) * max(of_sets, float(log_sigma[0]))
         if name == "R" and sum(group.count for group in search.groups if group.top) == 1:
             value, sigma = _slope(search, chosen)
         sigma = float(np.hypot(sigma * wider, value * change if name == "N" else 0.0))
@@ -227,19 +260,20 @@ def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
 # Lines.
 
 
-def _lines_hz(sections: np.ndarray, axis: int, period_s: float) -> tuple[float, ...]:
-    """Frequencies of the strongest lines of an axis, of sections (K, SECTION, 3)."""
-    if len(sections) < FEWEST or not np.isfinite(sections).all():
+def _lines_hz(sections: np.ndarray, period_s: float) -> tuple[float, ...]:
+    """Frequencies of the strongest lines of an axis, of sections (K, SECTION)."""
+    moving = sections[np.ptp(sections, axis=1) > 0]
+    if len(moving) < FEWEST:
         return ()
-    x = spectra(sections.astype(float))
+    x = spectra(moving[:, :, None].astype(float))
     hz = np.fft.rfftfreq(SECTION, period_s)
     power = np.mean(np.abs(x) ** 2, axis=0)
     apart: list[int] = []
-    for one in lines_of(x, hz, power)[axis].hz:
+    for one in lines_of(x, hz, power)[0].hz:
         at = round(one / hz[1])
         if all(abs(at - other) > NEAR for other in apart):
             apart.append(at)
-    size = np.sqrt(power[:, axis])
+    size = np.sqrt(power[:, 0])
     found = []
     for at in apart[:MOST_LINES]:  # between two bins, by the ratio of their amplitudes in Hann's window
         side = 1 if size[at + 1] > size[at - 1] else -1

@@ -23,6 +23,9 @@ STEPS, ENDS = 40, 1e-4
 #: of a size: its logarithm is flat over so many decades; and the variance of ln s^2 over them
 DECADES = 3.0
 PRIOR_VARIANCE = (2 * DECADES * np.log(10)) ** 2 / 12
+#: the trace of the sensor's filter in means that are longer than its memory.  It takes from the ends of a mean what it adds to the next
+#: mean, whatever its order: white noise loses like a quantisation of negative variance, N^2 times the filter's time
+FILTER = "F"
 #: step of ln T for the derivative of the covariance of a Gauss-Markov term
 LOG_STEP = 1e-3
 
@@ -37,8 +40,8 @@ def autocovariance(name: str, lag: np.ndarray, mean_s: float, correlation_s: flo
     h = np.abs(np.asarray(lag, dtype=float))
     if name == "N":
         return np.where(h == 0, 1 / mean_s, 0.0)
-    if name == "Q":  # white angle at each sample: a mean is the difference of its ends
-        return np.select([h == 0, h == 1], [2 / mean_s**2, -1 / mean_s**2], 0.0)
+    if name in ("Q", FILTER):  # white angle at each sample: a mean is the difference of its ends
+        return np.select([h == 0, h == 1], [2 / mean_s**2, -1 / mean_s**2], 0.0) * (1 if name == "Q" else -1)
 
     def twice(x: np.ndarray) -> np.ndarray:
         x = np.abs(x)
@@ -195,7 +198,7 @@ def _scored(
         tried = z + step
         if time_bounds is not None:
             tried[-1] = np.clip(tried[-1], *time_bounds)
-        tried[:sizes] = np.maximum(tried[:sizes], -300)
+        tried[:sizes] = np.clip(tried[:sizes], -300, 100)
         new = at(tried)
         if new[0] <= value + 1e-9:
             gained = value - new[0]

@@ -27,10 +27,14 @@ NOISIER = 0.25
 MOST_LEFT_OUT = 0.2
 #: probability of a difference between halves as large by chance, below which it is said; windows of a half
 STEADY, FEWEST_WINDOWS = 1e-4, 8
+#: windows of the finest scale in a rest that is compared with another
+MANY_WINDOWS = 1000
 #: times by which the halves differ where it is worth a sentence
 WORTH_SAYING = 1.25
 #: of a block's readings that repeat all six before them: it stands still
 STUCK = 0.9
+#: blocks in a row in which one channel's readings are all equal; share of a rest above which its register has but few steps
+STILL_BLOCKS, MOST_STILL = 10, 0.5
 #: of a window's means that must be there for the mean of the window
 PRESENT = 0.75
 
@@ -78,7 +82,7 @@ def rest_of(sums: RestSums) -> Rest:
     block_s = blocks.size * sums.period_s
     kinds: dict[str, np.ndarray] = {}
     if len(blocks):
-        kinds["stuck"] = blocks.stuck >= STUCK * (blocks.size - 1)
+        kinds["stuck"] = (blocks.stuck >= STUCK * (blocks.size - 1)) | _one_stands_still(blocks)
         peak = np.zeros(len(blocks), bool)
         for channel in range(CHANNELS):
             peak |= above_chance(blocks.peak[:, channel].astype(float), kinds["stuck"], blocks.size)
@@ -94,7 +98,7 @@ def rest_of(sums: RestSums) -> Rest:
             bad, out = bad | spell, out | noisy
     seconds = {kind: float(np.count_nonzero(mask)) * block_s for kind, mask in kinds.items() if mask.any()}
     first_s = {kind: float(blocks.number[np.argmax(kinds[kind])]) * block_s for kind in seconds}
-    unsteady = bool(noisy.any()) and "noisier" not in kinds
+    unsteady = (bool(noisy.any()) and "noisier" not in kinds) or _halves_differ(by_level[0][:, ~out], counts[~out, 0])
     return Rest(blocks, bad, ~out[blocks.chunk], [level[:, ~out] for level in by_level], counts[~out], block_s, seconds, first_s, unsteady)
 
 
@@ -112,6 +116,20 @@ def left_out(rests: Sequence[Rest]) -> list[str]:
     if any(rest.unsteady for rest in rests):
         said.append("The noise is not steady: it differs between spells by more than chance, and the figures are its mean.")
     return said
+
+
+def _one_stands_still(blocks: Blocks) -> np.ndarray:
+    """Return blocks of spells in which one channel, which moves elsewhere, does not."""
+    found = np.zeros(len(blocks), bool)
+    for channel in range(CHANNELS):
+        still = blocks.peak[:, channel] == 0
+        if not still.any() or np.mean(still) > MOST_STILL:
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            if stop - start >= STILL_BLOCKS:
+                found[start:stop] = True
+    return found
 
 
 def above_chance(peaks: np.ndarray, but: np.ndarray, size: int) -> np.ndarray:
@@ -146,6 +164,44 @@ def _leaps(blocks: Blocks, but: np.ndarray) -> np.ndarray:
         if np.isfinite(sigma) and sigma > 0:
             found |= joined & (size > limit * sigma)
     return found
+
+
+def _halves_differ(sums: np.ndarray, windows: np.ndarray) -> bool:
+    """Whether the variance at the finest scale differs between the halves of a rest by more than chance, and so that it matters."""
+    half = len(windows) // 2
+    if half < FEWEST_WINDOWS:
+        return False
+    first, second = (
+        np.trace(part, axis1=2, axis2=3).sum(axis=1) / max(count, 1)
+        for part, count in (
+            (sums[:, :half], windows[:half].sum()),
+            (sums[:, half:], windows[half:].sum()),
+        )
+    )
+    freedom = [float(part.sum()) * sums.shape[2] for part in (windows[:half], windows[half:])]
+    return any(differ(float(a), float(b), *freedom) for a, b in zip(first, second, strict=True) if a > 0 and b > 0)
+
+
+def differ(first: float, second: float, *freedom: float) -> bool:
+    """Whether two variances differ by more than chance, and their roots by ``WORTH_SAYING``."""
+    share = max(first, second) / min(first, second)
+    freedom = freedom if first > second else freedom[::-1]
+    return share > WORTH_SAYING**2 and 2 * float(fdtrc(*freedom, share)) < STEADY
+
+
+def of_log_and_log(rests: Sequence[Rest], channel: int) -> list[str]:
+    """Say where the white noise of two long rests differs: they are one estimate all the same."""
+    long = [rest for rest in rests if rest.counts[:, 0].sum() >= MANY_WINDOWS]
+    said = []
+    if len(long) > 1:
+        size = [float(np.trace(rest.sums[0][channel].sum(axis=0)) / rest.counts[:, 0].sum()) for rest in long]
+        if np.isfinite(size).all() and min(size) > 0:
+            low, high = int(np.argmin(size)), int(np.argmax(size))
+            freedom = [float(long[k].counts[:, 0].sum()) * long[k].sums[0].shape[2] for k in (high, low)]
+            if differ(size[high], size[low], *freedom):
+                times = np.sqrt(size[high] / size[low])
+                said.append(f"log {high + 1} is {times:.2g} times as noisy as log {low + 1}; the figures are their mean.")
+    return said
 
 
 def _noisy_chunks(sums: np.ndarray, windows: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -270,10 +326,8 @@ def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray
             if p_value * len(levels) < worst[0]:
                 which, times = ("first", share) if share > 1 else ("second", 1 / share)
                 over_s = size * ratio / 2 * period_s
-                worst = (
-                    p_value * len(levels),
-                    f"its {which} half wanders {np.sqrt(times):.2g} times as far over {over_s:.3g} s; the figures are the mean",
-                )
+                said_of = f"over {over_s:.3g} s, the noise of its {which} half is {np.sqrt(times):.2g} times that of the other"
+                worst = (p_value * len(levels), f"{said_of}; the figures are their mean.")
         if worst[1]:
             said.append(worst[1])
     return said

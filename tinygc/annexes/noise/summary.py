@@ -26,6 +26,8 @@ BLOCK_S = 0.5
 LEAST_BLOCK, MOST_WINDOW = 16, 16
 #: periods without a reading that end a run; fewer missing rows shift the noise by no more than their own time
 GAP_PERIODS = 4.5
+#: stamps are multiples of one period to this share of it, nearly all of them, in pieces of so many steps or more
+EVEN, MOSTLY, FEWEST_STEPS = 0.2, 0.98, 64
 #: of sums in memory at once: 30 MB; beyond, neighbours are joined
 MOST_CHUNKS = 1024
 #: samples of a section whose spectrum is looked at for lines; sections, at most
@@ -98,11 +100,19 @@ class RestSums:
         self._sections: list[np.ndarray] = []  # (SECTION, 6), every ``_stride``-th
         self._seen, self._stride = 0, 1
         self._in_runs_ns, self._steps = 0, 0
+        self._pieces: list[tuple[float, int]] = []  # readings that are missing and that are there
 
     @property
     def period_s(self) -> float:
-        """Mean time between two readings of a run, s."""
-        return self._in_runs_ns * NS / self._steps if self._steps else 1 / self.rate_hz
+        """Time between two readings, s: the usual one where readings are missing between even stamps, else the mean."""
+        mean_s = self._in_runs_ns * NS / self._steps if self._steps else 1 / self.rate_hz
+        return mean_s / (1 + self.lost)
+
+    @property
+    def lost(self) -> float:
+        """Readings that are missing within runs, as a share of those that are there; 0 where stamps are too uneven to tell."""
+        there = sum(count for _, count in self._pieces)
+        return sum(lost for lost, _ in self._pieces) / there if there else 0.0
 
     @property
     def duration_s(self) -> float:
@@ -131,6 +141,7 @@ class RestSums:
         self._last_ns = int(t_ns[-1])
         is_gap = steps > GAP_PERIODS / self.rate_hz / NS
         self._in_runs_ns += int(steps[~is_gap].sum())
+        self._count_lost(steps[~is_gap][is_first:])
         self._steps += int(np.count_nonzero(~is_gap)) - is_first
         edges = [0, *(k for k in np.flatnonzero(is_gap).tolist() if k), len(t_ns)]
         for start, stop in pairwise(edges):
@@ -138,6 +149,16 @@ class RestSums:
                 self._end_run()
                 self._next += round(steps[start] * NS * self.rate_hz / self.size)
             self._add_run(values[:, start:stop])
+
+    def _count_lost(self, steps: np.ndarray) -> None:
+        """Count the readings that are missing between stamps, where these are multiples of one period."""
+        if len(steps) < FEWEST_STEPS:
+            return
+        period = float(np.median(steps))
+        times = steps / period if period > 0 else np.zeros(len(steps))
+        even = np.abs(times - np.round(times)) < EVEN
+        lost = float(np.sum(np.maximum(np.round(times) - 1, 0))) if np.mean(even & (times > 0.5)) > MOSTLY else 0.0
+        self._pieces.append((lost, len(steps)))
 
     def _end_run(self) -> None:
         """Count what waits at the levels that it fills; the next block belongs to another run."""

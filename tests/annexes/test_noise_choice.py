@@ -44,10 +44,15 @@ def test_the_evidence_of_a_further_term_is_its_integral_times_its_odds():
     assert chosen.log_evidence == pytest.approx(by_hand, abs=0.1)  # Laplace's: the peak in K is not quite Gaussian
 
 
-def test_prior_odds_are_one_to_five_and_even_for_a_filter():
-    assert (choice.ODDS, choice.ODDS_OF_FILTER) == (0.2, 1.0)
+def test_prior_odds_are_one_to_five_and_those_of_a_filter_even_or_high():
+    assert (choice.ODDS, choice.ODDS_OF_FILTER, choice.ODDS_BEHIND_FILTER) == (0.2, 1.0, 100.0)
     search = search_of(9, candidates=("F", "Q"), N=1.0)
     assert search.of(frozenset("FQ")) is None
+    plain = search_of(11, candidates=("F",), N=1.0)
+    behind = Search(plain.groups, DT, (), ("F",), is_behind_filter=True)
+    without, filtered = (each.of(frozenset("F")) for each in (plain, behind))
+    if without is not None:
+        assert filtered.log_evidence - without.log_evidence == pytest.approx(np.log(100), abs=1e-6)
 
 
 def test_n_is_the_mean_over_sets_and_its_sigma_contains_their_difference():

@@ -19,8 +19,8 @@ from tinygc.annexes.noise.scales import Group
 CANDIDATES = (FILTER, "Q", "G", "B", "K", "R")
 #: prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100 (benchmarks/noise_terms.py)
 ODDS = 0.2
-#: prior odds of a filter: most sensors have one
-ODDS_OF_FILTER = 1.0
+#: prior odds of a filter's trace at all scales, and where a finer one was left out, which the filter has shaped
+ODDS_OF_FILTER, ODDS_BEHIND_FILTER = 1.0, 100.0
 #: of the variance of a mean of the finest scale: where the search for a filter's trace begins
 FILTERED = 0.02
 #: ln: a size whose logarithm has a larger sigma is not seen
@@ -57,12 +57,14 @@ class Chosen:
 
 @dataclass(eq=False)
 class Search:
-    """All that is tried on the groups of one channel; lines_hz: of lines, each a term ``line0``, ``line1``, … of every set."""
+    """All that is tried on the groups of one channel; lines_hz: of lines, each a term ``line0``, ``line1``, … of every set;
+    is_behind_filter: whether a finer scale was left out."""
 
     groups: Sequence[Group]
     period_s: float
     lines_hz: tuple[float, ...] = ()
     candidates: tuple[str, ...] = CANDIDATES
+    is_behind_filter: bool = False
     tried: dict[frozenset[str], Chosen | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -179,8 +181,9 @@ class Search:
         # Lines are in every set: what they add to the evidence is the same for all.
         own = [k for k, name in enumerate(names) if not name.startswith("line")] + ([len(names)] if "G" in names else [])
         log_width = len(own) / 2 * np.log(2 * np.pi) + np.linalg.slogdet(fitted.covariance[np.ix_(own, own)])[1] / 2
+        of_filter = ODDS_BEHIND_FILTER if self.is_behind_filter else ODDS_OF_FILTER
         log_prior = -(len(terms) + 1) * np.log(2 * DECADES * np.log(10)) + sum(
-            np.log(ODDS_OF_FILTER if name == FILTER else ODDS) for name in terms
+            np.log(of_filter if name == FILTER else ODDS) for name in terms
         )
         if "G" in names:
             log_prior -= float(np.log(np.log(self.bounds_s[1] / self.bounds_s[0])))

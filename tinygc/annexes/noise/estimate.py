@@ -146,7 +146,7 @@ def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> 
     sizes = sorted({group.size for group in groups})
 
     def search_from(start: int) -> Search:
-        return Search([group for group in groups if group.size >= start], period_s, lines_hz)
+        return Search([group for group in groups if group.size >= start], period_s, lines_hz, is_behind_filter=start > sizes[0])
 
     fits: list[tuple[Search, Chosen, float, float, float, float]] = []
     for start, following in zip_longest(sizes, sizes[1:]):

@@ -298,6 +298,73 @@ def test_an_axis_of_which_nothing_is_known_is_taken_for_the_worst():
     assert "gyroscope_noise_density: 0.0001  # rad/s/sqrt(Hz), measured" in text
 
 
+# Axes that the terms do not describe
+
+
+def misfit(axis):
+    """The axis, with data that its terms do not describe."""
+    return replace(axis, p_value=1e-5, excess=9.0)
+
+
+#: x is the worst axis of both terms
+SHAKEN = sensor(misfit(axis(N=9e-4, K=9e-5)), axis(N=5e-4, K=1e-5), axis(N=3e-4, K=1.5e-5))
+LEFT_OUT = "gyroscope x: the terms do not describe its data (p = 1e-05): left out"
+
+
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_an_axis_that_is_not_described_is_left_out_and_said(name):
+    said = []
+    made = files(name, figures(SHAKEN), said)
+    assert f"{name}: {LEFT_OUT}" in said
+    for text in made.values():
+        assert LEFT_OUT in " ".join(line.removeprefix("#").strip() for line in text.splitlines())
+    for white in ("9e-04", "0.0009", "9e-05"):
+        assert all(white not in text for text in made.values())
+    quiet = []
+    files(name, figures(), quiet)
+    assert not any("left out" in line for line in quiet)
+
+
+def test_the_worst_of_the_others_stands_for_an_axis_that_is_left_out():
+    table, text = imu(figures(SHAKEN))
+    assert (table["gyroscope_noise_density"], table["gyroscope_random_walk"]) == (5e-4, 1.5e-5)
+    assert "gyroscope N NOT DESCRIBED: the worst axis stands for it; 0.0005 +- 2.5e-05 measured; " in text
+    written = json.loads(files("gtsam", figures(SHAKEN))["gtsam_imu.json"])
+    np.testing.assert_allclose(np.diag(written["covariances"]["gyroscopeCovariance"]), np.square([5e-4, 5e-4, 3e-4]))
+    np.testing.assert_allclose(np.diag(written["covariances"]["biasOmegaCovariance"]), np.square([1.5e-5, 1e-5, 1.5e-5]))
+    assert written["sources"]["biasOmegaCovariance"] == "NOT DESCRIBED: the worst axis stands for it; measured; measured"
+    (text,) = files("ros", figures(SHAKEN)).values()
+    covariance = yaml.safe_load(text)["/**"]["ros__parameters"]["angular_velocity_covariance"]
+    np.testing.assert_allclose(covariance[::4], np.square([5e-4, 5e-4, 3e-4]) * 208)
+
+
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_a_gyroscope_without_a_described_axis_is_refused_whatever_the_stills_say(name):
+    none = figures(sensor(misfit(axis(N=9e-4, K=9e-5))))
+    expected = rf"^{name} needs the noise of the gyroscope, and the terms describe none of its axes \(p = 1e-05, 1e-05, 1e-05\): "
+    with pytest.raises(ExportError, match=expected + "record again .*`calibrate noise`$"):
+        files(name, none)
+    with pytest.raises(ExportError, match=r"or move noise\.json away to export the noise of the stills$"):
+        exporter(name).export(LINEAR, context(noise=none))
+
+
+def test_an_accelerometer_without_a_described_axis_is_left_out_where_one_may_be_missing():
+    none = figures(accel=sensor(misfit(axis(N=5e-3, K=2e-4))))
+    said = []
+    text = files("px4", none, said)["px4-noise.params"]
+    assert not any("EKF2_ACC" in line for line in text.splitlines() if line[0] != "#")
+    assert "px4: the accelerometer's noise is not known: its parameters are left out" in said
+    assert "px4: accelerometer z: the terms do not describe its data (p = 1e-05): left out" in said
+    with pytest.raises(ExportError, match="kalibr needs the noise of the accelerometer, and the terms describe none"):
+        imu(none)
+
+
+def test_factors_for_motion_on_an_axis_that_is_not_described_are_not_stated():
+    _, text = imu(figures(SHAKEN, inflations=(WALKING,)))
+    assert "The factors of the figures for motion are not used" in text
+    assert "walking" not in text
+
+
 # Motion
 
 

@@ -14,7 +14,7 @@ from session.bench.session_file import toml_text
 from session.io.errors import CalibrationError
 from tinygc.deploy import FORMATS, NOISE_FORMATS
 from tinygc.deploy.exports import exporter
-from tinygc.noise.figures import to_json
+from tinygc.noise.figures import SensorNoise, to_json
 
 KNOWN = figures(inflations=(WALKING,), sensor="asm330lhh", serial="test")
 
@@ -119,6 +119,15 @@ def test_what_is_not_there_is_named(words, says, rests, run):
     assert code == 2
     assert says in err
     assert err.count("\n") == 1
+
+
+def test_factors_on_an_axis_that_is_not_described_are_refused(rests, run):
+    x, *others = KNOWN.gyro.axes
+    written(rests / "fit" / "noise.json", replace(KNOWN, gyro=SensorNoise((replace(x, p_value=1e-6, excess=3.0), *others))))
+    assert run("export", rests, "--to", "kalibr")[0] == 0
+    code, _, err = run("export", rests, "--to", "kalibr", "--inflation", "walking")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "the terms do not describe the gyroscope at rest, to which the factors for walking are; record again" in err
 
 
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in NOISE_FORMATS])

@@ -134,6 +134,11 @@ class SensorNoise:
 
     axes: tuple[AxisNoise, AxisNoise, AxisNoise]
 
+    @property
+    def is_described(self) -> bool:
+        """Whether the terms describe the data of each axis."""
+        return all(axis.is_described for axis in self.axes)
+
     def values(self, name: str) -> np.ndarray:
         """(3,) SI: size of a term on each axis, 0 where it is not chosen."""
         return np.array([axis.value(name) for axis in self.axes])

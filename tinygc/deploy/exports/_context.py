@@ -271,6 +271,11 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
     if inflation is not None and inflation not in motions:
         known = f"there are {', '.join(motions)}" if motions else "it has none"
         raise ExportError(f"{where}: no inflation for motion {inflation}; {known}")
+    if inflation is not None and not found.gyro.is_described:
+        raise ExportError(
+            f"{where}: the terms do not describe the gyroscope at rest, to which the factors for {inflation} are; record again away from "
+            "what shakes or warms it, or export without --inflation"
+        )
     return replace(context, noise=found, inflation=motions.get(inflation) if inflation is not None else None, hashes=hashes)
 
 

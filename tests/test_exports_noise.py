@@ -390,12 +390,51 @@ def test_inflation_is_a_factor_of_each_axis():
 
 def test_the_walk_of_a_motion_takes_the_place_of_a_factor():
     """Where no K shows there is nothing to multiply: the motion states the walk that it needs, of the axes that have one."""
-    walking = replace(WALKING, walk_density=np.array([3e-5, 4e-5, 0.0]))
-    table, text = imu(figures(sensor(axis({"K": 1e-5}, N=4e-4)), inflations=(walking,)), inflation=walking)
+    walking = replace(WALKING, motion="a walk (2 km)", walk_density=np.array([3e-5, 4e-5, 0.0]))
+    known = figures(sensor(axis({"K": 1e-5}, N=4e-4)), inflations=(walking,))
+    assert "--inflation 'a walk (2 km)' puts them in" in imu(known)[1]  # as a shell takes it
+    table, text = imu(known, inflation=walking)
     assert table["gyroscope_random_walk"] == 4e-5
     assert "# rad/s^2/sqrt(Hz), with the slow terms, in motion" in text
-    assert "7e-05 UPPER LIMIT" in text  # of z, times 7
-    assert "walking (two walks): N x 2, 3, 4, K 3e-05, 4e-05, 0: IN THE VALUES BELOW" in text
+    assert "1e-05 UPPER LIMIT" in text  # of z
+    assert "a walk (2 km) (two walks): N x 2, 3, 4, K 3e-05, 4e-05, 0: IN THE VALUES BELOW" in text
+
+
+@pytest.mark.parametrize(
+    ("axes", "walk", "expected"),
+    [
+        ((axis(N=4e-4, K=2e-5),), 1e-5, [(2e-5, "measured")] * 3),
+        ((axis(N=4e-4, K=2e-5),), 5e-5, [(5e-5, "with the slow terms, in motion")] * 3),
+        ((axis(N=4e-4, B=1e-4),), 1e-7, [(0.664 * 1e-4 * np.sqrt(0.03), "from the flicker floor at 100 s")] * 3),
+        ((axis({"K": 2e-5}, N=4e-4),), 1e-7, [(2e-5, "UPPER LIMIT (95 %), NOT MEASURED")] * 3),
+        (
+            (axis({"K": 1e-6}, N=4e-4), axis({"K": 9e-6}, N=4e-4), axis({"K": 2e-6}, N=4e-4)),
+            3e-6,
+            [
+                (3e-6, "with the slow terms, in motion; no log at rest shows it"),
+                (9e-6, "UPPER LIMIT (95 %), NOT MEASURED"),
+                (3e-6, "with the slow terms, in motion; no log at rest shows it"),
+            ],
+        ),
+        (
+            (axis({"K": 9e-6}, N=4e-4), axis(N=4e-4, K=2e-6), axis(N=4e-4)),
+            3e-6,
+            [(9e-6, "UPPER LIMIT (95 %), NOT MEASURED"), *[(3e-6, "with the slow terms, in motion")] * 2],
+        ),
+    ],
+)
+def test_no_walk_becomes_smaller_by_an_inflation(axes, walk, expected):
+    walking = replace(WALKING, walk=np.array([0.5, 1.0, 1.0]), walk_density=np.full(3, walk))
+    known = figures(sensor(*axes), inflations=(walking,))
+    plain, _ = imu(known)
+    table, _ = imu(known, inflation=walking)
+    assert table["gyroscope_random_walk"] >= plain["gyroscope_random_walk"]
+    written = json.loads(files("gtsam", known, inflation=walking)["gtsam_imu.json"])
+    found = np.sqrt(np.diag(written["covariances"]["biasOmegaCovariance"]))
+    np.testing.assert_allclose(found, [value for value, _ in expected], rtol=1e-3)
+    assert written["sources"]["biasOmegaCovariance"] == "; ".join(source for _, source in expected)
+    factor = replace(walking, walk_density=None)
+    assert imu(known, inflation=factor)[0]["gyroscope_random_walk"] == plain["gyroscope_random_walk"]
 
 
 # Autopilots

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.texts import command_line
+from session.io.texts import command_line, shell_word
 from session.io.units import DEG_PER_HOUR
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
@@ -36,7 +36,10 @@ FROM_FLOOR = f"from the flicker floor at {WALK_S:g} s"
 LIMIT = "UPPER LIMIT (95 %), NOT MEASURED"
 GUESSED = "GUESSED, NOT MEASURED"
 INFLATED = "with the slow terms, in motion"
+IN_MOTION_ALONE = f"{INFLATED}; no log at rest shows it"
 UNKNOWN = "not known"
+#: sources of what a log shows
+SHOWN = (MEASURED, OF_STILLS, FROM_FLOOR, INFLATED)
 REPLACED = "NOT DESCRIBED: the worst axis stands for it"
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 UNITS = {"gyro": ("rad/s/sqrt(Hz)", "rad/s^2/sqrt(Hz)"), "accel": ("m/s^2/sqrt(Hz)", "m/s^3/sqrt(Hz)")}
@@ -58,7 +61,7 @@ class Density:
     @property
     def worst(self) -> int:
         """The axis with the largest value, of those that show one; an upper limit counts where no axis does."""
-        shown = [source in (MEASURED, OF_STILLS, FROM_FLOOR, INFLATED) for source in self.sources]
+        shown = [source in SHOWN for source in self.sources]
         return int(np.nanargmax(np.where(shown, self.values, np.nan) if any(shown) else self.values))
 
     @property
@@ -133,12 +136,17 @@ def densities(context: Context, name: str, needed: Iterable[str] = tuple(SENSORS
 
 
 def _inflated(plain: Densities, motion: Inflation) -> Densities:
-    """The gyroscope's densities on a kind of motion: times its factors; the walk is the motion's own, where it has one."""
-    white, walk = plain.white.times(motion.white), plain.walk.times(motion.walk)
+    """The gyroscope's densities on a kind of motion: N and K times its factors; K is the motion's own walk where that is larger.
+
+    No K becomes smaller, be it a limit.
+    """
+    white, walk = plain.white.times(motion.white), plain.walk
     if motion.walk_density is None or not walk.known:
-        return Densities(white, walk)
-    own = motion.walk_density > 0
-    sources = tuple(INFLATED if is_own else source for is_own, source in zip(own, walk.sources, strict=True))
+        return Densities(white, walk.times(np.maximum(motion.walk, 1.0)))
+    own = motion.walk_density > np.nan_to_num(walk.values)
+    # Beside limits alone it outweighs none of them as what a log shows would.
+    named = INFLATED if walk.source in SHOWN else IN_MOTION_ALONE
+    sources = tuple(named if is_own else source for is_own, source in zip(own, walk.sources, strict=True))
     return Densities(white, Density(np.where(own, motion.walk_density, walk.values), np.where(own, np.nan, walk.sigmas), sources))
 
 
@@ -253,9 +261,11 @@ def _inflations(context: Context) -> list[str]:
         return ["The factors of the figures for motion are not used: they are to N at rest, and an axis of it is not described."]
     lines = ["In motion the gyroscope's densities are to be larger (x, y, z); the accelerometer's factors are not known:"]
     for each in context.noise.inflations:
-        used = "IN THE VALUES BELOW" if each is context.inflation else f"not in them; --inflation {each.motion} puts them in"
+        used = "IN THE VALUES BELOW" if each is context.inflation else f"not in them; --inflation {shell_word(each.motion)} puts them in"
         source = f" ({each.source})" if each.source else ""
-        walk = f"K x {_factors(each.walk)}" if each.walk_density is None else f"K {_factors(each.walk_density)}"
+        walk = f"K x {_factors(each.walk)}"
+        if each.walk_density is not None:
+            walk = f"K {_factors(each.walk_density)}" if each.walk_density.any() else "K as at rest"
         lines.append(f"{each.motion}{source}: N x {_factors(each.white)}, {walk}: {used}")
     return lines
 

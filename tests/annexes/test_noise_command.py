@@ -18,7 +18,7 @@ from tinygc.annexes.noise import library, text
 from tinygc.annexes.noise.library import Noise
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, open_lines, open_terms
 from tinygc.annexes.noise.units import TERM_UNITS, duration_words
-from tinygc.noise.figures import TERMS, Line, SensorNoise, read_figures
+from tinygc.noise.figures import TERMS, Inflation, Line, SensorNoise, read_figures
 from tinygc.reporting.terminal import PlainConsole, as_text
 
 #: s, after which a term of each axis is known
@@ -243,6 +243,55 @@ def test_terms_that_do_not_describe_the_data_are_said():
     lines = Noise(estimate(figures(gyro=gyro))).summary().splitlines()
     assert lines[1] == "NOT DESCRIBED by these terms: gyroscope y (p = 0.0001, 1.7 times their variance)"
     assert not any("NOT DESCRIBED" in line for line in lines[2:])
+
+
+def misfit(of, *axes):
+    """The sensor with axes that its terms do not describe."""
+    return SensorNoise(
+        tuple(dataclasses.replace(own, p_value=1e-9, excess=7.0) if number in axes else own for number, own in enumerate(of.axes))
+    )
+
+
+def test_an_axis_that_is_not_described_gives_no_number():
+    of = figures(sensor="ASM330LHH")
+    part = dataclasses.replace(of, gyro=misfit(of.gyro, 1), accel=misfit(of.accel, 2))
+    found = kalibr_figures(part)
+    assert found["gyroscope_noise_density"] == pytest.approx(2.41 * N)  # of x; y, the worst, is left out
+    assert found["accelerometer_noise_density"] == pytest.approx(0.18 / 60)
+    assert {(each.sensor, each.axis) for each in open_terms(part)} == {("gyro", "x"), ("accel", "x"), ("accel", "y")}
+    (b,) = (row for row in against_data_sheet(part) if row.term == "B")
+    assert b.value == pytest.approx(28.7)
+    lines = Noise(estimate(part)).summary().splitlines()
+    assert "Kalibr density, walk (SI): gyroscope 0.000701, 1.44e-05 (without y); accelerometer 0.003, < 8.2e-05 (without z)" in lines
+    assert "Gyroscope (without y) known to 20 %: N, B; after one rest of: K 3.1 h (x)" in lines
+    assert any(line.startswith("Gyroscope B 28.7 °/h, data sheet 3: above, 9.6 times (without y)") for line in lines)
+
+
+def test_of_a_unit_of_which_no_axis_is_described_nothing_is_stated():
+    of = figures(sensor="ASM330LHH")
+    none = dataclasses.replace(of, gyro=misfit(of.gyro, 0, 1, 2), accel=misfit(of.accel, 0, 1, 2))
+    assert set(kalibr_figures(none).values()) == {None}
+    assert open_terms(none) == against_data_sheet(none) == []
+    out = Noise(estimate(none)).summary()
+    assert "Kalibr density, walk (SI): gyroscope –, – (without x y z); accelerometer –, – (without x y z)" in out
+    assert not any(words in out for words in ("known to 20 %", "data sheet", "Inflate"))
+
+
+@pytest.mark.parametrize("described", [True, False])
+def test_a_session_that_fails_or_a_gyroscope_without_description_is_a_remark_on_its_inflation(described, rests, monkeypatch):
+    monkeypatch.setattr(library, "inflations_of_folder", lambda folder, figures: (Inflation("a turn", np.ones(3), np.ones(3)),))
+    of = figures() if described else dataclasses.replace(figures(), gyro=misfit(figures().gyro, 0, 2))
+    monkeypatch.setattr(library, "estimate_noise", lambda sums, progress=None: estimate(of))
+    (rests / "fit").mkdir()
+    fit = {"schema": "tinygc-fit/2", "verdict": {"answer": "fail", "headline": "FAIL: held-out turns close to 0.9°"}}
+    (rests / "fit" / "fit.json").write_text(json.dumps(fit))
+    found = tinygc.estimate_noise(rests)
+    assert len(found.figures.inflations) == described
+    failed = "rests: fit says FAIL: held-out turns close to 0.9°; the inflation holds what it lacks."
+    assert (failed in found.remarks) == described
+    assert ("No inflation: it is to N at rest, and the terms do not describe gyroscope x z." in found.remarks) != described
+    (rests / "fit" / "fit.json").write_text(json.dumps(fit | {"verdict": {"answer": "pass", "headline": "PASS: 0.01°"}}))
+    assert not any("fit says" in each for each in tinygc.estimate_noise(rests).remarks)
 
 
 def test_lines_of_the_spectrum_are_said():

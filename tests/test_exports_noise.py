@@ -365,6 +365,16 @@ def test_factors_for_motion_on_an_axis_that_is_not_described_are_not_stated():
     assert "walking" not in text
 
 
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_an_averaging_time_of_seconds_from_which_an_axis_is_described_is_one_comment(name):
+    x, *others = GYRO.axes
+    for from_s, is_said in ((26.0, True), (0.5, False)):
+        made = files(name, figures(sensor(replace(x, from_s=from_s), *others)))
+        for text in made.values():
+            words = " ".join(line.removeprefix("#").strip() for line in text.splitlines())
+            assert ("Described from: gyroscope x 26 s on; faster, a filter or a vibration shapes it." in words) == is_said
+
+
 # Motion
 
 

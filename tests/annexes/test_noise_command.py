@@ -195,14 +195,28 @@ def test_open_terms_say_when_they_will_be_known():
     found = {(each.sensor, each.axis, each.term): each.known_after_s for each in open_terms(figures())}
     assert found == {
         ("gyro", "x", "K"): AFTER[0],
-        **{("accel", "xyz"[place], "K"): AFTER[place] for place in range(3)},
+        ("accel", "x", "K"): AFTER[0],
+        ("accel", "y", "K"): 10_000.0,  # what was recorded has not shown it
+        ("accel", "z", "K"): AFTER[2],
     }
-    assert open_lines(figures()) == [
-        "Gyroscope known to 20 %: N, B; after one rest of: K 3.1 h (x)",
-        "Accelerometer known to 20 %: N, B; after one rest of: K 3.1 h (x), 15 min (y), never (z)",
+    assert open_lines(figures()) == [  # of limits: a smaller term needs a longer rest
+        "Gyroscope known to 20 %: N, B; not before one rest of: K 3.1 h (x)",
+        "Accelerometer known to 20 %: N, B; after one rest of: K never (z); not before one rest of: K 3.1 h (x), 2.8 h (y)",
     ]
     vague = SensorNoise(tuple(axis(N=shown(N, 0.001), B=shown(H, 0.21), K=shown(H / 60, 0.19)) for _ in "xyz"))
     assert {each.term for each in open_terms(figures(gyro=vague, accel=None))} == {"B"}
+    assert open_lines(figures(gyro=vague, accel=None)) == [
+        "Gyroscope known to 20 %: N, K; after one rest of: B 3.1 h (x), 2.8 h (y), never (z)"
+    ]
+
+
+def test_an_averaging_time_of_seconds_from_which_an_axis_is_described_is_one_line():
+    of = figures()
+    late = SensorNoise(tuple(dataclasses.replace(axis, from_s=from_s) for axis, from_s in zip(of.gyro.axes, (0.9, 26.2, 1.0), strict=True)))
+    out = Noise(estimate(dataclasses.replace(of, gyro=late))).summary()
+    assert "Described from: gyroscope y 26 s on, gyroscope z 1 s on; faster, a filter or a vibration shapes it." in out
+    assert "Described from" not in Noise(estimate()).summary()
+    assert "Described from" not in Noise(estimate(dataclasses.replace(of, gyro=misfit(late, 1, 2)))).summary()
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(4.2, "4.2 s"), (59, "59 s"), (900, "15 min"), (11160, "3.1 h"), (5e5, "5.8 days")])
@@ -263,7 +277,7 @@ def test_an_axis_that_is_not_described_gives_no_number():
     assert b.value == pytest.approx(28.7)
     lines = Noise(estimate(part)).summary().splitlines()
     assert "Kalibr density, walk (SI): gyroscope 0.000701, 1.44e-05 (without y); accelerometer 0.003, < 8.2e-05 (without z)" in lines
-    assert "Gyroscope (without y) known to 20 %: N, B; after one rest of: K 3.1 h (x)" in lines
+    assert "Gyroscope (without y) known to 20 %: N, B; not before one rest of: K 3.1 h (x)" in lines
     assert any(line.startswith("Gyroscope B 28.7 °/h, data sheet 3: above, 9.6 times (without y)") for line in lines)
 
 

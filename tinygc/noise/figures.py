@@ -37,6 +37,7 @@ NAMES = {
     "K": "random walk of the rate",
     "R": "ramp",
 }
+SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 AGAIN = "write it again with `calibrate noise`"
 
 
@@ -81,8 +82,8 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class AxisNoise:
-    """terms: by name, a key for each of ``TERMS``; lines; p_value: of the model; excess: variance of the data over its own, 1
-    for a model that is right; from_s: shortest averaging time that the model describes; below it the sensor's filter shapes the noise."""
+    """terms: by name, a key for each of ``TERMS``; lines; p_value: of the model; excess: variance of the data over its own, 1 for a model
+    that is right; from_s: shortest averaging time that the model describes; below it a filter or a vibration shapes the noise."""
 
     terms: Mapping[str, Term]
     lines: tuple[Line, ...] = ()
@@ -212,6 +213,21 @@ class NoiseFigures:
     def sensors(self) -> dict[str, SensorNoise]:
         """By ``gyro`` and ``accel``, those that are there."""
         return {"gyro": self.gyro} | ({} if self.accel is None else {"accel": self.accel})
+
+
+#: s: what the terms do not describe below it is usual, of a sensor's own filter, and is not said
+LATE_S = 1.0
+
+
+def described_from(figures: NoiseFigures) -> list[str]:
+    """One line on the axes that the terms describe only from an averaging time of ``LATE_S`` or more; none where there is none."""
+    late = [
+        f"{SENSORS[kind]} {name} {axis.from_s:.2g} s on"
+        for kind, sensor in figures.sensors().items()
+        for name, axis in zip("xyz", sensor.axes, strict=True)
+        if axis.is_described and axis.from_s >= LATE_S
+    ]
+    return [f"Described from: {', '.join(late)}; faster, a filter or a vibration shapes it."] if late else []
 
 
 # The file.

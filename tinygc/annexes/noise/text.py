@@ -13,7 +13,7 @@ from session.io.texts import printable
 from tinygc.annexes.noise.estimate import NoiseEstimate, known_after_s
 from tinygc.annexes.noise.inflation import inflation_lines
 from tinygc.annexes.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
-from tinygc.noise.figures import NoiseFigures, SensorNoise, Term
+from tinygc.noise.figures import NoiseFigures, SensorNoise, Term, described_from
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
 
@@ -42,7 +42,8 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
         table = _terms_table(kind, sensor, verbose)
         parts.append(table)
         lines += 1 + table.row_count
-    below = [kalibr_line(figures), *inflation_lines(figures.inflations, figures.gyro), *open_lines(figures), *sheet_lines(figures)]
+    below = [kalibr_line(figures), *described_from(figures), *inflation_lines(figures.inflations, figures.gyro)]
+    below += [*open_lines(figures), *sheet_lines(figures)]
     parts += [one_line(line) for line in below]
     left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
     remarks = [*spectral_lines(figures), *left, *estimate.said, *read]
@@ -152,7 +153,8 @@ def _without(sensor: SensorNoise) -> str:
 
 @dataclass(frozen=True)
 class OpenTerm:
-    """A term that is not known to 20 %: of ``gyro`` or ``accel``, axis ``x``, ``y`` or ``z``; known_after_s: rest after which it is."""
+    """A term that is not known to 20 %: of ``gyro`` or ``accel``, axis ``x``, ``y`` or ``z``; known_after_s: rest after which it is, and
+    before which it is not where the term does not show: it may be smaller than its limit."""
 
     sensor: str
     axis: str
@@ -167,7 +169,7 @@ class OpenTerm:
 def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
     """N, B and K of each axis that the terms describe, as far as they are not known to 20 %."""
     return [
-        OpenTerm(kind, "xyz"[axis], name, known_after_s(figures, kind, axis, name, KNOWN))
+        OpenTerm(kind, "xyz"[axis], name, max(known_after_s(figures, kind, axis, name, KNOWN), figures.duration_s))
         for kind, sensor in figures.sensors().items()
         for name in ALWAYS
         for axis in range(3)
@@ -180,18 +182,22 @@ def _is_known(term: Term) -> bool:
 
 
 def open_lines(figures: NoiseFigures) -> list[str]:
-    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be."""
+    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be, or at the earliest."""
     lines, terms = [], open_terms(figures)
     for kind, sensor in figures.sensors().items():
         if not any(axis.is_described for axis in sensor.axes):
             continue
-        after: dict[str, dict[str, list[str]]] = {}  # term -> duration -> axes
+        waiting: dict[str, dict[str, dict[str, list[str]]]] = {"after": {}, "not before": {}}  # ... -> term -> duration -> axes
         for each in terms:
             if each.sensor == kind:
-                after.setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
-        waiting = [f"{name} {', '.join(f'{when} ({axes})' for when, axes in _axes(times))}" for name, times in after.items()]
-        known = [name for name in ALWAYS if name not in after]
-        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known) + [f"after one rest of: {'; '.join(waiting)}"] * bool(waiting)
+                is_shown = sensor.axes["xyz".index(each.axis)].terms[each.term].chosen
+                when = "after" if is_shown or each.known_after_s == float("inf") else "not before"
+                waiting[when].setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
+        known = [name for name in ALWAYS if not any(name in after for after in waiting.values())]
+        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known)
+        for when, after in waiting.items():
+            words = [f"{name} {', '.join(f'{last} ({axes})' for last, axes in _axes(times))}" for name, times in after.items()]
+            parts += [f"{when} one rest of: {'; '.join(words)}"] * bool(words)
         lines.append(f"{CALLED[kind].capitalize()}{_without(sensor)} {'; '.join(parts)}")
     return lines
 

@@ -21,7 +21,7 @@ from session.io.units import DEG_PER_HOUR
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import words
-from tinygc.noise.figures import FILE, NAMES, TERMS, AxisNoise, Inflation
+from tinygc.noise.figures import FILE, NAMES, SENSORS, TERMS, AxisNoise, Inflation, described_from
 
 #: s: the walk that stands for a flicker floor has the floor's Allan deviation at this averaging time.  A choice: the time over which a
 #: filter that is corrected by vision or satellites follows a bias; a longer one gives a smaller walk
@@ -41,7 +41,6 @@ UNKNOWN = "not known"
 #: sources of what a log shows
 SHOWN = (MEASURED, OF_STILLS, FROM_FLOOR, INFLATED)
 REPLACED = "NOT DESCRIBED: the worst axis stands for it"
-SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 UNITS = {"gyro": ("rad/s/sqrt(Hz)", "rad/s^2/sqrt(Hz)"), "accel": ("m/s^2/sqrt(Hz)", "m/s^3/sqrt(Hz)")}
 
 
@@ -231,7 +230,7 @@ def noise_remarks(context: Context, found: Mapping[str, Densities]) -> tuple[str
         lines.append("An upper limit is what the log does not exclude.  The true value may be zero: a longer log at rest says more.")
     if GUESSED in sources:
         lines.append("What is guessed has no log behind it: replace it by a log at rest.")
-    lines += _left_out(context)
+    lines += [*_left_out(context), *described_from(figures)]
     axes = [axis for sensor in figures.sensors().values() for axis in sensor.axes if axis.is_described]
     apart = [f"{name} ({NAMES[name]})" for name in TERMS if name not in "NK" and any(axis.terms[name].chosen for axis in axes)]
     apart += ["lines of the spectrum"] * any(axis.lines for axis in axes)

@@ -152,6 +152,23 @@ def test_figures_of_no_named_sensor_are_taken_and_another_rate_is_said(rests):
     assert yaml.safe_load(made.files["imu.yaml"])["update_rate"] == 208.0
 
 
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_a_data_rate_that_is_a_guess_is_said_by_formats_that_depend_on_it(name, tmp_path):
+    path = written(tmp_path / "noise.json", replace(KNOWN, rate_known=False))
+    made = tinygc.export(path, name)
+    said = [line for line in made.remarks if "is a guess, 1 over the shortest averaging time of a curve" in line]
+    assert len(said) == (name in ("kalibr", "openvins", "vins", "ros"))
+    assert all(line.startswith(f"{name}: its data rate, 208 Hz,") for line in said)
+    assert not any("guess" in line for line in tinygc.export(written(path), name).remarks)
+
+
+def test_a_guessed_data_rate_is_not_held_against_the_sessions(rests):
+    written(rests / "fit" / "noise.json", replace(KNOWN, rate_hz=10.0, rate_known=False))
+    made = tinygc.export(rests, "vins")
+    assert not any("Hz" in line for line in made.remarks)  # the session's own is taken
+    assert "rate = 208 Hz" in made.files["vins_imu.yaml"]
+
+
 def test_a_wrong_kind_of_noise_is_refused(rests):
     with pytest.raises(CalibrationError, match=r"export: noise is 3|noise is of type int"):
         tinygc.export(rests, "kalibr", noise=3)

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.errors import FormatError
-from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required
+from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_required
 
 SCHEMA = "tinygc-noise/1"
 #: file of a unit's noise figures, beside ``fit.json``
@@ -196,7 +196,7 @@ class NoiseFigures:
 
     gyro (rad/s), accel (m/s^2; None: the logs held none); rate_hz of the samples; duration_s and samples that were used; logs: names of the
     files; sensor: its model; serial; inflations: of the gyroscope, by kind of motion; allan: curves of ``gyro`` and ``accel``,
-    those that are kept for pictures.
+    those that are kept for pictures; rate_known: whether rate_hz was measured or stated, and is no guess.
     """
 
     gyro: SensorNoise
@@ -209,6 +209,7 @@ class NoiseFigures:
     serial: str = ""
     inflations: tuple[Inflation, ...] = ()
     allan: Mapping[str, AllanBand] = field(default_factory=dict)
+    rate_known: bool = True
 
     def sensors(self) -> dict[str, SensorNoise]:
         """By ``gyro`` and ``accel``, those that are there."""
@@ -255,6 +256,7 @@ _BAND = Keys({"tau_s": ListOf(Number(0, above=True)), "deviation": _CURVE, "low"
 SHAPE = Keys(
     {"schema": Text((SCHEMA,)), "gyro": _SENSOR, "accel": Maybe(_SENSOR), "rate_hz": Number(0, above=True), "duration_s": _SIZE},
     {
+        "rate_known": Flag(),
         "samples": Number(0, whole=True),
         "logs": ListOf(Text()),
         "sensor": Text(),
@@ -300,6 +302,7 @@ def read_figures(path: Path) -> NoiseFigures:
             for each in table.get("inflations", ())
         ),
         allan={kind: _band(band, f"{path}: allan.{kind}") for kind, band in table.get("allan", {}).items() if kind in UNITS},
+        rate_known=table.get("rate_known", True),
     )
 
 
@@ -337,6 +340,7 @@ def to_json(figures: NoiseFigures) -> dict:
         "serial": figures.serial,
         "logs": list(figures.logs),
         "rate_hz": figures.rate_hz,
+        "rate_known": figures.rate_known,
         "duration_s": figures.duration_s,
         "samples": figures.samples,
         "gyro": _sensor_json(figures.gyro, "gyro"),

@@ -211,8 +211,9 @@ def noise_remarks(context: Context, found: Mapping[str, Densities]) -> tuple[str
     figures = context.noise
     if figures is None:
         return _remarks_of_stills(context, found)
+    rate = f"{figures.rate_hz:.6g} Hz{'' if figures.rate_known else ' (a guess)'}"
     lines = [
-        f"Noise at rest, {figures.duration_s / 3600:.3g} h at {figures.rate_hz:.6g} Hz, of x; y; z:",
+        f"Noise at rest, {figures.duration_s / 3600:.3g} h at {rate}, of x; y; z:",
         "two-sided densities, whose Allan deviation is sigma(tau) = N / sqrt(tau) and K sqrt(tau / 3).",
     ]
     for kind, both in found.items():
@@ -283,6 +284,14 @@ def say_of_noise(context: Context, name: str, found: Mapping[str, Densities]) ->
             if density.known and density.source in (LIMIT, GUESSED):
                 known = "an upper limit (95 %)" if density.source == LIMIT else "guessed"
                 context.say(f"{name}: the {SENSORS[kind]}'s {what} is {known}: the log at rest does not show it")
+
+
+def say_of_rate(context: Context, name: str) -> None:
+    """Report a data rate that nobody has said, of a format that depends on it."""
+    if not context.rate_known:
+        rate = f"{context.config.sensor.odr_hz:.6g} Hz"
+        guess = "is a guess, 1 over the shortest averaging time of a curve"
+        context.say(f"{name}: its data rate, {rate}, {guess}; give --odr to `calibrate noise --curve`")
 
 
 # The autopilots' filters: parameters of one step of the filter, each with a documented range.

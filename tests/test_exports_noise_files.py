@@ -85,6 +85,13 @@ def test_figures_from_elsewhere_take_the_place_of_those_beside(name, rests, tmp_
 # What is refused, in one line
 
 
+def in_unit(kind, name, unit):
+    """A sensor's table of which one term of y has a unit."""
+    table = to_json(KNOWN)[kind]
+    table["y"]["terms"][name]["unit"] = unit
+    return table
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -94,6 +101,11 @@ def test_figures_from_elsewhere_take_the_place_of_those_beside(name, rests, tmp_
         ({"schema": "tinygc-fit/2"}, "schema"),
         ({"gyro": None}, "gyro"),
         ({"rate_hz": "fast"}, "rate_hz"),
+        (
+            {"gyro": in_unit("gyro", "N", "deg/s/sqrt(Hz)")},
+            'gyro.y.terms.N.unit is "deg/s/sqrt(Hz)", expected one of rad/s/sqrt(Hz); write',
+        ),
+        ({"accel": in_unit("accel", "B", "mg")}, 'accel.y.terms.B.unit is "mg", expected one of m/s^2'),
     ],
 )
 def test_figures_of_another_sensor_or_file_are_refused(changes, says, rests, run):

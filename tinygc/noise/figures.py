@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.errors import FormatError
-from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_required
+from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
 
 SCHEMA = "tinygc-noise/1"
 #: file of a unit's noise figures, beside ``fit.json``
@@ -233,28 +233,37 @@ def described_from(figures: NoiseFigures) -> list[str]:
 
 # The file.
 
+#: units of each term's value, of the gyroscope and of the accelerometer
+UNITS = {
+    "gyro": {"Q": "rad", "N": "rad/s/sqrt(Hz)", "G": "rad/s", "B": "rad/s", "K": "rad/s/sqrt(s)", "R": "rad/s^2"},
+    "accel": {"Q": "m/s", "N": "m/s^2/sqrt(Hz)", "G": "m/s^2", "B": "m/s^2", "K": "m/s^2/sqrt(s)", "R": "m/s^3"},
+}
 _SIZE = Number(0)
-_TERM = Keys(
-    {"value": _SIZE, "sigma": Maybe(_SIZE), "probability": Number(0, 1)},
-    {"at_most": Maybe(_SIZE), "tau_s": Maybe(Number(0, above=True)), "tau_sigma_s": Maybe(_SIZE), "unit": Text()},
-)
-_AXIS = Keys(
-    {"terms": Keys(dict.fromkeys(TERMS, _TERM))},
-    {
-        "lines": ListOf(Keys({"hz": Number(0, above=True), "rms": _SIZE})),
-        "p_value": Maybe(Number(0, 1)),
-        "excess": _SIZE,
-        "from_s": _SIZE,
-    },
-)
-_SENSOR = Keys(dict.fromkeys("xyz", _AXIS))
+
+
+def _shape_of(units: Mapping[str, str]) -> Keys:
+    """Shape of a sensor whose terms have these units, and no others: nothing is converted."""
+    must: dict[str, Shape] = {"value": _SIZE, "sigma": Maybe(_SIZE), "probability": Number(0, 1)}
+    may: dict[str, Shape] = {"at_most": Maybe(_SIZE), "tau_s": Maybe(Number(0, above=True)), "tau_sigma_s": Maybe(_SIZE)}
+    terms = {name: Keys(must, may | {"unit": Text((unit,))}) for name, unit in units.items()}
+    line = Keys({"hz": Number(0, above=True), "rms": _SIZE})
+    axis = Keys({"terms": Keys(terms)}, {"lines": ListOf(line), "p_value": Maybe(Number(0, 1)), "excess": _SIZE, "from_s": _SIZE})
+    return Keys(dict.fromkeys("xyz", axis))
+
+
 _FACTORS = Array((3,), _SIZE)
 #: keys of an inflation that may be null
 _MORE = ("white_sigma", "at_most", "white_density", "walk_density")
 _CURVE = ListOf(ListOf(Maybe(_SIZE)))
 _BAND = Keys({"tau_s": ListOf(Number(0, above=True)), "deviation": _CURVE, "low": _CURVE, "high": _CURVE})
 SHAPE = Keys(
-    {"schema": Text((SCHEMA,)), "gyro": _SENSOR, "accel": Maybe(_SENSOR), "rate_hz": Number(0, above=True), "duration_s": _SIZE},
+    {
+        "schema": Text((SCHEMA,)),
+        "gyro": _shape_of(UNITS["gyro"]),
+        "accel": Maybe(_shape_of(UNITS["accel"])),
+        "rate_hz": Number(0, above=True),
+        "duration_s": _SIZE,
+    },
     {
         "rate_known": Flag(),
         "samples": Number(0, whole=True),
@@ -270,11 +279,6 @@ SHAPE = Keys(
         ),
     },
 )
-#: units of each term's value, of the gyroscope and of the accelerometer
-UNITS = {
-    "gyro": {"Q": "rad", "N": "rad/s/sqrt(Hz)", "G": "rad/s", "B": "rad/s", "K": "rad/s/sqrt(s)", "R": "rad/s^2"},
-    "accel": {"Q": "m/s", "N": "m/s^2/sqrt(Hz)", "G": "m/s^2", "B": "m/s^2", "K": "m/s^2/sqrt(s)", "R": "m/s^3"},
-}
 
 
 def read_figures(path: Path) -> NoiseFigures:

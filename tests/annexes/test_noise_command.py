@@ -96,12 +96,17 @@ def test_a_bare_log_leaves_no_file(rests, run, tmp_path, monkeypatch):
         (["a.csv", "--curve", "b.csv"], "and not both"),
         (["a.csv", "--duration", "3"], "are of --curve FILE"),
         (["a.csv"], "a.csv: cannot be read"),
+        (["a.csv", "--json", "nowhere/x.json"], "nowhere/x.json"),  # before the log is looked at
+        (["curve.csv"], "curve.csv: its first column is an averaging time, as of an Allan curve, and no log; run `"),
+        (["curve.csv"], "noise --curve curve.csv`"),
+        (["curve.csv", "a.csv"], "noise --curve curve.csv`"),
         (["--curve", "b.csv"], "b.csv"),
         (["a.csv", "--like", "nothing"], "--like is 'nothing'"),
     ],
 )
 def test_what_is_refused_in_one_line(words, says, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "curve.csv").write_text("# tau_s, deviation of the gyroscope x y z (deg/s)\n0.1 1 1 1\n")
     code, out, err = run("noise", *words, "--quiet")
     assert (code, out) == (2, "")
     assert says in err
@@ -121,6 +126,8 @@ def test_paths_sessions_and_arrays(rests, estimator, tmp_path):
     assert len(estimator[2]) == 4
     with pytest.raises(CalibrationError, match="logs is of type int"):
         tinygc.estimate_noise(3)
+    with pytest.raises(CalibrationError, match="no log is given; give at least one log, session folder or tuple of arrays"):
+        tinygc.estimate_noise([])
     with pytest.raises(CalibrationError, match="give logs or curve"):
         tinygc.estimate_noise(rests, curve="c.csv")
     np.savetxt(tmp_path / "u.csv", np.column_stack(arrays), delimiter=",", header="t_s,gx,gy,gz,ax,ay,az", comments="")

@@ -298,6 +298,83 @@ def test_an_axis_of_which_nothing_is_known_is_taken_for_the_worst():
     assert "gyroscope_noise_density: 0.0001  # rad/s/sqrt(Hz), measured" in text
 
 
+# Axes that the terms do not describe
+
+
+def misfit(axis):
+    """The axis, with data that its terms do not describe."""
+    return replace(axis, p_value=1e-5, excess=9.0)
+
+
+#: x is the worst axis of both terms
+SHAKEN = sensor(misfit(axis(N=9e-4, K=9e-5)), axis(N=5e-4, K=1e-5), axis(N=3e-4, K=1.5e-5))
+LEFT_OUT = "gyroscope x: the terms do not describe its data (p = 1e-05): left out"
+
+
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_an_axis_that_is_not_described_is_left_out_and_said(name):
+    said = []
+    made = files(name, figures(SHAKEN), said)
+    assert f"{name}: {LEFT_OUT}" in said
+    for text in made.values():
+        assert LEFT_OUT in " ".join(line.removeprefix("#").strip() for line in text.splitlines())
+    for white in ("9e-04", "0.0009", "9e-05"):
+        assert all(white not in text for text in made.values())
+    quiet = []
+    files(name, figures(), quiet)
+    assert not any("left out" in line for line in quiet)
+
+
+def test_the_worst_of_the_others_stands_for_an_axis_that_is_left_out():
+    table, text = imu(figures(SHAKEN))
+    assert (table["gyroscope_noise_density"], table["gyroscope_random_walk"]) == (5e-4, 1.5e-5)
+    assert "gyroscope N NOT DESCRIBED: the worst axis stands for it; 0.0005 +- 2.5e-05 measured; " in text
+    written = json.loads(files("gtsam", figures(SHAKEN))["gtsam_imu.json"])
+    np.testing.assert_allclose(np.diag(written["covariances"]["gyroscopeCovariance"]), np.square([5e-4, 5e-4, 3e-4]))
+    np.testing.assert_allclose(np.diag(written["covariances"]["biasOmegaCovariance"]), np.square([1.5e-5, 1e-5, 1.5e-5]))
+    assert written["sources"]["biasOmegaCovariance"] == "NOT DESCRIBED: the worst axis stands for it; measured; measured"
+    (text,) = files("ros", figures(SHAKEN)).values()
+    covariance = yaml.safe_load(text)["/**"]["ros__parameters"]["angular_velocity_covariance"]
+    np.testing.assert_allclose(covariance[::4], np.square([5e-4, 5e-4, 3e-4]) * 208)
+
+
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_a_gyroscope_without_a_described_axis_is_refused_whatever_the_stills_say(name):
+    none = figures(sensor(misfit(axis(N=9e-4, K=9e-5))))
+    expected = rf"^{name} needs the noise of the gyroscope, and the terms describe none of its axes \(p = 1e-05, 1e-05, 1e-05\): "
+    with pytest.raises(ExportError, match=expected + "record again .*`calibrate noise`$"):
+        files(name, none)
+    with pytest.raises(ExportError, match=r"or move noise\.json away to export the noise of the stills$"):
+        exporter(name).export(LINEAR, context(noise=none))
+
+
+def test_an_accelerometer_without_a_described_axis_is_left_out_where_one_may_be_missing():
+    none = figures(accel=sensor(misfit(axis(N=5e-3, K=2e-4))))
+    said = []
+    text = files("px4", none, said)["px4-noise.params"]
+    assert not any("EKF2_ACC" in line for line in text.splitlines() if line[0] != "#")
+    assert "px4: the accelerometer's noise is not known: its parameters are left out" in said
+    assert "px4: accelerometer z: the terms do not describe its data (p = 1e-05): left out" in said
+    with pytest.raises(ExportError, match="kalibr needs the noise of the accelerometer, and the terms describe none"):
+        imu(none)
+
+
+def test_factors_for_motion_on_an_axis_that_is_not_described_are_not_stated():
+    _, text = imu(figures(SHAKEN, inflations=(WALKING,)))
+    assert "The factors of the figures for motion are not used" in text
+    assert "walking" not in text
+
+
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_an_averaging_time_of_seconds_from_which_an_axis_is_described_is_one_comment(name):
+    x, *others = GYRO.axes
+    for from_s, is_said in ((26.0, True), (0.5, False)):
+        made = files(name, figures(sensor(replace(x, from_s=from_s), *others)))
+        for text in made.values():
+            words = " ".join(line.removeprefix("#").strip() for line in text.splitlines())
+            assert ("Described from: gyroscope x 26 s on; faster, a filter or a vibration shapes it." in words) == is_said
+
+
 # Motion
 
 
@@ -323,12 +400,51 @@ def test_inflation_is_a_factor_of_each_axis():
 
 def test_the_walk_of_a_motion_takes_the_place_of_a_factor():
     """Where no K shows there is nothing to multiply: the motion states the walk that it needs, of the axes that have one."""
-    walking = replace(WALKING, walk_density=np.array([3e-5, 4e-5, 0.0]))
-    table, text = imu(figures(sensor(axis({"K": 1e-5}, N=4e-4)), inflations=(walking,)), inflation=walking)
+    walking = replace(WALKING, motion="a walk (2 km)", walk_density=np.array([3e-5, 4e-5, 0.0]))
+    known = figures(sensor(axis({"K": 1e-5}, N=4e-4)), inflations=(walking,))
+    assert "--inflation 'a walk (2 km)' puts them in" in imu(known)[1]  # as a shell takes it
+    table, text = imu(known, inflation=walking)
     assert table["gyroscope_random_walk"] == 4e-5
     assert "# rad/s^2/sqrt(Hz), with the slow terms, in motion" in text
-    assert "7e-05 UPPER LIMIT" in text  # of z, times 7
-    assert "walking (two walks): N x 2, 3, 4, K 3e-05, 4e-05, 0: IN THE VALUES BELOW" in text
+    assert "1e-05 UPPER LIMIT" in text  # of z
+    assert "a walk (2 km) (two walks): N x 2, 3, 4, K 3e-05, 4e-05, 0: IN THE VALUES BELOW" in text
+
+
+@pytest.mark.parametrize(
+    ("axes", "walk", "expected"),
+    [
+        ((axis(N=4e-4, K=2e-5),), 1e-5, [(2e-5, "measured")] * 3),
+        ((axis(N=4e-4, K=2e-5),), 5e-5, [(5e-5, "with the slow terms, in motion")] * 3),
+        ((axis(N=4e-4, B=1e-4),), 1e-7, [(0.664 * 1e-4 * np.sqrt(0.03), "from the flicker floor at 100 s")] * 3),
+        ((axis({"K": 2e-5}, N=4e-4),), 1e-7, [(2e-5, "UPPER LIMIT (95 %), NOT MEASURED")] * 3),
+        (
+            (axis({"K": 1e-6}, N=4e-4), axis({"K": 9e-6}, N=4e-4), axis({"K": 2e-6}, N=4e-4)),
+            3e-6,
+            [
+                (3e-6, "with the slow terms, in motion; no log at rest shows it"),
+                (9e-6, "UPPER LIMIT (95 %), NOT MEASURED"),
+                (3e-6, "with the slow terms, in motion; no log at rest shows it"),
+            ],
+        ),
+        (
+            (axis({"K": 9e-6}, N=4e-4), axis(N=4e-4, K=2e-6), axis(N=4e-4)),
+            3e-6,
+            [(9e-6, "UPPER LIMIT (95 %), NOT MEASURED"), *[(3e-6, "with the slow terms, in motion")] * 2],
+        ),
+    ],
+)
+def test_no_walk_becomes_smaller_by_an_inflation(axes, walk, expected):
+    walking = replace(WALKING, walk=np.array([0.5, 1.0, 1.0]), walk_density=np.full(3, walk))
+    known = figures(sensor(*axes), inflations=(walking,))
+    plain, _ = imu(known)
+    table, _ = imu(known, inflation=walking)
+    assert table["gyroscope_random_walk"] >= plain["gyroscope_random_walk"]
+    written = json.loads(files("gtsam", known, inflation=walking)["gtsam_imu.json"])
+    found = np.sqrt(np.diag(written["covariances"]["biasOmegaCovariance"]))
+    np.testing.assert_allclose(found, [value for value, _ in expected], rtol=1e-3)
+    assert written["sources"]["biasOmegaCovariance"] == "; ".join(source for _, source in expected)
+    factor = replace(walking, walk_density=None)
+    assert imu(known, inflation=factor)[0]["gyroscope_random_walk"] == plain["gyroscope_random_walk"]
 
 
 # Autopilots

@@ -14,7 +14,7 @@ from session.bench.session_file import toml_text
 from session.io.errors import CalibrationError
 from tinygc.deploy import FORMATS, NOISE_FORMATS
 from tinygc.deploy.exports import exporter
-from tinygc.noise.figures import to_json
+from tinygc.noise.figures import SensorNoise, to_json
 
 KNOWN = figures(inflations=(WALKING,), sensor="asm330lhh", serial="test")
 
@@ -85,6 +85,13 @@ def test_figures_from_elsewhere_take_the_place_of_those_beside(name, rests, tmp_
 # What is refused, in one line
 
 
+def in_unit(kind, name, unit):
+    """A sensor's table of which one term of y has a unit."""
+    table = to_json(KNOWN)[kind]
+    table["y"]["terms"][name]["unit"] = unit
+    return table
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -94,6 +101,11 @@ def test_figures_from_elsewhere_take_the_place_of_those_beside(name, rests, tmp_
         ({"schema": "tinygc-fit/2"}, "schema"),
         ({"gyro": None}, "gyro"),
         ({"rate_hz": "fast"}, "rate_hz"),
+        (
+            {"gyro": in_unit("gyro", "N", "deg/s/sqrt(Hz)")},
+            'gyro.y.terms.N.unit is "deg/s/sqrt(Hz)", expected one of rad/s/sqrt(Hz); write',
+        ),
+        ({"accel": in_unit("accel", "B", "mg")}, 'accel.y.terms.B.unit is "mg", expected one of m/s^2'),
     ],
 )
 def test_figures_of_another_sensor_or_file_are_refused(changes, says, rests, run):
@@ -121,6 +133,15 @@ def test_what_is_not_there_is_named(words, says, rests, run):
     assert err.count("\n") == 1
 
 
+def test_factors_on_an_axis_that_is_not_described_are_refused(rests, run):
+    x, *others = KNOWN.gyro.axes
+    written(rests / "fit" / "noise.json", replace(KNOWN, gyro=SensorNoise((replace(x, p_value=1e-6, excess=3.0), *others))))
+    assert run("export", rests, "--to", "kalibr")[0] == 0
+    code, _, err = run("export", rests, "--to", "kalibr", "--inflation", "walking")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "the terms do not describe the gyroscope at rest, to which the factors for walking are; record again" in err
+
+
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in NOISE_FORMATS])
 def test_a_format_without_densities_refuses_to_inflate_them(name, rests, run):
     code, _, err = run("export", rests, "--to", name, "--inflation", "walking")
@@ -141,6 +162,23 @@ def test_figures_of_no_named_sensor_are_taken_and_another_rate_is_said(rests):
     made = tinygc.export(rests, "kalibr")
     assert "the noise was recorded at 104 Hz, the session at 208 Hz: another filter may shape it" in made.remarks
     assert yaml.safe_load(made.files["imu.yaml"])["update_rate"] == 208.0
+
+
+@pytest.mark.parametrize("name", NOISE_FORMATS)
+def test_a_data_rate_that_is_a_guess_is_said_by_formats_that_depend_on_it(name, tmp_path):
+    path = written(tmp_path / "noise.json", replace(KNOWN, rate_known=False))
+    made = tinygc.export(path, name)
+    said = [line for line in made.remarks if "is a guess, 1 over the shortest averaging time of a curve" in line]
+    assert len(said) == (name in ("kalibr", "openvins", "vins", "ros"))
+    assert all(line.startswith(f"{name}: its data rate, 208 Hz,") for line in said)
+    assert not any("guess" in line for line in tinygc.export(written(path), name).remarks)
+
+
+def test_a_guessed_data_rate_is_not_held_against_the_sessions(rests):
+    written(rests / "fit" / "noise.json", replace(KNOWN, rate_hz=10.0, rate_known=False))
+    made = tinygc.export(rests, "vins")
+    assert not any("Hz" in line for line in made.remarks)  # the session's own is taken
+    assert "rate = 208 Hz" in made.files["vins_imu.yaml"]
 
 
 def test_a_wrong_kind_of_noise_is_refused(rests):

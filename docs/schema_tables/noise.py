@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .shapes import COUNT, NUMBER, SHARE, SIZE, TEXT, VECTOR, array, maybe, named, words
+from .shapes import COUNT, FLAG, NUMBER, SHARE, SIZE, TEXT, VECTOR, array, maybe, named, words
 
 _TERM = {"value": SIZE, "sigma": maybe(SIZE), "unit": TEXT, "probability": SHARE, "at_most": maybe(SIZE)}
 _AXIS = {
@@ -23,6 +23,7 @@ TABLES = {
         "serial": TEXT,
         "logs": [TEXT],
         "rate_hz": SIZE,
+        "rate_known?": FLAG,
         "duration_s": SIZE,
         "samples": COUNT,
         "gyro": _SENSOR,

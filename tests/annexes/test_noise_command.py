@@ -18,7 +18,7 @@ from tinygc.annexes.noise import library, text
 from tinygc.annexes.noise.library import Noise
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, open_lines, open_terms
 from tinygc.annexes.noise.units import TERM_UNITS, duration_words
-from tinygc.noise.figures import TERMS, Line, SensorNoise, read_figures
+from tinygc.noise.figures import TERMS, Inflation, Line, SensorNoise, read_figures
 from tinygc.reporting.terminal import PlainConsole, as_text
 
 #: s, after which a term of each axis is known
@@ -96,12 +96,17 @@ def test_a_bare_log_leaves_no_file(rests, run, tmp_path, monkeypatch):
         (["a.csv", "--curve", "b.csv"], "and not both"),
         (["a.csv", "--duration", "3"], "are of --curve FILE"),
         (["a.csv"], "a.csv: cannot be read"),
+        (["a.csv", "--json", "nowhere/x.json"], "nowhere/x.json"),  # before the log is looked at
+        (["curve.csv"], "curve.csv: its first column is an averaging time, as of an Allan curve, and no log; run `"),
+        (["curve.csv"], "noise --curve curve.csv`"),
+        (["curve.csv", "a.csv"], "noise --curve curve.csv`"),
         (["--curve", "b.csv"], "b.csv"),
         (["a.csv", "--like", "nothing"], "--like is 'nothing'"),
     ],
 )
 def test_what_is_refused_in_one_line(words, says, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "curve.csv").write_text("# tau_s, deviation of the gyroscope x y z (deg/s)\n0.1 1 1 1\n")
     code, out, err = run("noise", *words, "--quiet")
     assert (code, out) == (2, "")
     assert says in err
@@ -121,6 +126,8 @@ def test_paths_sessions_and_arrays(rests, estimator, tmp_path):
     assert len(estimator[2]) == 4
     with pytest.raises(CalibrationError, match="logs is of type int"):
         tinygc.estimate_noise(3)
+    with pytest.raises(CalibrationError, match="no log is given; give at least one log, session folder or tuple of arrays"):
+        tinygc.estimate_noise([])
     with pytest.raises(CalibrationError, match="give logs or curve"):
         tinygc.estimate_noise(rests, curve="c.csv")
     np.savetxt(tmp_path / "u.csv", np.column_stack(arrays), delimiter=",", header="t_s,gx,gy,gz,ax,ay,az", comments="")
@@ -195,14 +202,28 @@ def test_open_terms_say_when_they_will_be_known():
     found = {(each.sensor, each.axis, each.term): each.known_after_s for each in open_terms(figures())}
     assert found == {
         ("gyro", "x", "K"): AFTER[0],
-        **{("accel", "xyz"[place], "K"): AFTER[place] for place in range(3)},
+        ("accel", "x", "K"): AFTER[0],
+        ("accel", "y", "K"): 10_000.0,  # what was recorded has not shown it
+        ("accel", "z", "K"): AFTER[2],
     }
-    assert open_lines(figures()) == [
-        "Gyroscope known to 20 %: N, B; after one rest of: K 3.1 h (x)",
-        "Accelerometer known to 20 %: N, B; after one rest of: K 3.1 h (x), 15 min (y), never (z)",
+    assert open_lines(figures()) == [  # of limits: a smaller term needs a longer rest
+        "Gyroscope known to 20 %: N, B; not before one rest of: K 3.1 h (x)",
+        "Accelerometer known to 20 %: N, B; after one rest of: K never (z); not before one rest of: K 3.1 h (x), 2.8 h (y)",
     ]
     vague = SensorNoise(tuple(axis(N=shown(N, 0.001), B=shown(H, 0.21), K=shown(H / 60, 0.19)) for _ in "xyz"))
     assert {each.term for each in open_terms(figures(gyro=vague, accel=None))} == {"B"}
+    assert open_lines(figures(gyro=vague, accel=None)) == [
+        "Gyroscope known to 20 %: N, K; after one rest of: B 3.1 h (x), 2.8 h (y), never (z)"
+    ]
+
+
+def test_an_averaging_time_of_seconds_from_which_an_axis_is_described_is_one_line():
+    of = figures()
+    late = SensorNoise(tuple(dataclasses.replace(axis, from_s=from_s) for axis, from_s in zip(of.gyro.axes, (0.9, 26.2, 1.0), strict=True)))
+    out = Noise(estimate(dataclasses.replace(of, gyro=late))).summary()
+    assert "Described from: gyroscope y 26 s on, gyroscope z 1 s on; faster, a filter or a vibration shapes it." in out
+    assert "Described from" not in Noise(estimate()).summary()
+    assert "Described from" not in Noise(estimate(dataclasses.replace(of, gyro=misfit(late, 1, 2)))).summary()
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(4.2, "4.2 s"), (59, "59 s"), (900, "15 min"), (11160, "3.1 h"), (5e5, "5.8 days")])
@@ -243,6 +264,55 @@ def test_terms_that_do_not_describe_the_data_are_said():
     lines = Noise(estimate(figures(gyro=gyro))).summary().splitlines()
     assert lines[1] == "NOT DESCRIBED by these terms: gyroscope y (p = 0.0001, 1.7 times their variance)"
     assert not any("NOT DESCRIBED" in line for line in lines[2:])
+
+
+def misfit(of, *axes):
+    """The sensor with axes that its terms do not describe."""
+    return SensorNoise(
+        tuple(dataclasses.replace(own, p_value=1e-9, excess=7.0) if number in axes else own for number, own in enumerate(of.axes))
+    )
+
+
+def test_an_axis_that_is_not_described_gives_no_number():
+    of = figures(sensor="ASM330LHH")
+    part = dataclasses.replace(of, gyro=misfit(of.gyro, 1), accel=misfit(of.accel, 2))
+    found = kalibr_figures(part)
+    assert found["gyroscope_noise_density"] == pytest.approx(2.41 * N)  # of x; y, the worst, is left out
+    assert found["accelerometer_noise_density"] == pytest.approx(0.18 / 60)
+    assert {(each.sensor, each.axis) for each in open_terms(part)} == {("gyro", "x"), ("accel", "x"), ("accel", "y")}
+    (b,) = (row for row in against_data_sheet(part) if row.term == "B")
+    assert b.value == pytest.approx(28.7)
+    lines = Noise(estimate(part)).summary().splitlines()
+    assert "Kalibr density, walk (SI): gyroscope 0.000701, 1.44e-05 (without y); accelerometer 0.003, < 8.2e-05 (without z)" in lines
+    assert "Gyroscope (without y) known to 20 %: N, B; not before one rest of: K 3.1 h (x)" in lines
+    assert any(line.startswith("Gyroscope B 28.7 °/h, data sheet 3: above, 9.6 times (without y)") for line in lines)
+
+
+def test_of_a_unit_of_which_no_axis_is_described_nothing_is_stated():
+    of = figures(sensor="ASM330LHH")
+    none = dataclasses.replace(of, gyro=misfit(of.gyro, 0, 1, 2), accel=misfit(of.accel, 0, 1, 2))
+    assert set(kalibr_figures(none).values()) == {None}
+    assert open_terms(none) == against_data_sheet(none) == []
+    out = Noise(estimate(none)).summary()
+    assert "Kalibr density, walk (SI): gyroscope –, – (without x y z); accelerometer –, – (without x y z)" in out
+    assert not any(words in out for words in ("known to 20 %", "data sheet", "Inflate"))
+
+
+@pytest.mark.parametrize("described", [True, False])
+def test_a_session_that_fails_or_a_gyroscope_without_description_is_a_remark_on_its_inflation(described, rests, monkeypatch):
+    monkeypatch.setattr(library, "inflations_of_folder", lambda folder, figures: (Inflation("a turn", np.ones(3), np.ones(3)),))
+    of = figures() if described else dataclasses.replace(figures(), gyro=misfit(figures().gyro, 0, 2))
+    monkeypatch.setattr(library, "estimate_noise", lambda sums, progress=None: estimate(of))
+    (rests / "fit").mkdir()
+    fit = {"schema": "tinygc-fit/2", "verdict": {"answer": "fail", "headline": "FAIL: held-out turns close to 0.9°"}}
+    (rests / "fit" / "fit.json").write_text(json.dumps(fit))
+    found = tinygc.estimate_noise(rests)
+    assert len(found.figures.inflations) == described
+    failed = "rests: fit says FAIL: held-out turns close to 0.9°; the inflation holds what it lacks."
+    assert (failed in found.remarks) == described
+    assert ("No inflation: it is to N at rest, and the terms do not describe gyroscope x z." in found.remarks) != described
+    (rests / "fit" / "fit.json").write_text(json.dumps(fit | {"verdict": {"answer": "pass", "headline": "PASS: 0.01°"}}))
+    assert not any("fit says" in each for each in tinygc.estimate_noise(rests).remarks)
 
 
 def test_lines_of_the_spectrum_are_said():

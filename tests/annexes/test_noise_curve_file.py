@@ -106,6 +106,11 @@ def test_a_curve_is_fitted_sensor_by_sensor(fitted, tmp_path):
     assert accel[:, 0] == pytest.approx(1 / np.sqrt(TAU))
     assert gyro[:, 0] == pytest.approx(4 * DEG / np.sqrt(TAU))
     assert (found.figures.sensor, found.figures.serial, found.figures.rate_hz) == ("BMI055", "7", 400)
+    assert found.figures.rate_known
+    assert not any("data rate" in each for each in found.remarks)
+    guessed = tinygc.estimate_noise(curve=path, duration_s=73_800)
+    assert "The data rate is not known: 1 over the shortest averaging time, 10 Hz, stands for it (--odr)." in guessed.remarks
+    assert guessed.to_json()["rate_known"] is False
     assert found.allan["gyro"].deviation == pytest.approx(gyro)
     assert np.isnan(found.allan["gyro"].low).all()
 

@@ -301,9 +301,26 @@ def test_each_kind_of_motion_is_one_line_with_its_largest_part_first():
     parts = {"scale": np.full(3, 1.5), "unnamed": np.full(3, 2.0), "misalignment": np.ones(3)}
     white = np.full(3, np.sqrt(1 + 1.25 + 3.0))
     found = Inflation("turns (90° in 3 s)", white, np.ones(3), parts, "", np.full(3, 0.2), np.full(3, 3.0), white * N, np.full(3, 2e-6))
-    (line,) = inflation_lines([found])
+    slow, limited = SensorNoise((axis_of(N=N, K=1e-7),) * 3), SensorNoise((axis_of(N=N),) * 3)
+    (line,) = inflation_lines([found], slow)
     assert line == "Inflate by 2.29 ± 0.20 (at most 3.00) on turns (90° in 3 s): unnamed 2.00, scale 1.50; walk 2e-06 rad/s/√s"
-    assert inflation_lines([at_rest(figures_of(axis_of(N=N)))]) == ["At rest N holds (1.00); walk 0 rad/s/√s"]
+    assert inflation_lines([at_rest(figures_of(axis_of(N=N)))], limited) == ["At rest N holds (1.00); walk not known"]
+    bad = SensorNoise((*slow.axes[:2], replace(slow.axes[2], p_value=1e-9, excess=3.0)))
+    assert inflation_lines([found], bad) == []
+    # What each turn errs by need not grow with the time of a slower turn.
+    (line,) = inflation_lines([replace(found, motion="slow turning (10 °/s, corrected every 3 s)")], slow)
+    assert "scale 1.50" in line
+    assert "unnamed at most 2.00" in line
+
+
+@pytest.mark.parametrize(("walk", "words"), [(0.0, "not known, below 5e-06"), (4e-6, "not known, below 5e-06"), (6e-6, "6e-06")])
+def test_a_walk_that_no_rest_shows_is_its_limit_unless_the_session_has_a_larger_one(walk, words):
+    hidden = axis_of(N=N)
+    hidden = replace(hidden, terms={**hidden.terms, "K": Term(0.0, None, 0.1, 5e-6)})
+    rest = replace(at_rest(figures_of(axis_of(N=N))), walk_density=np.full(3, walk))
+    assert inflation_lines([rest], SensorNoise((hidden,) * 3)) == [f"At rest N holds (1.00); walk {words} rad/s/√s"]
+    shown = SensorNoise((hidden, hidden, axis_of(N=N, B=1e-9)))
+    assert inflation_lines([rest], shown) == [f"At rest N holds (1.00); walk {walk:.2g} rad/s/√s"]
 
 
 def test_inflations_are_kept_in_the_file(tmp_path):

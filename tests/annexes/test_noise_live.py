@@ -80,9 +80,11 @@ def test_a_drift_that_does_not_show_yet_is_awaited():
     figures = figures_of(sensor(shown, shown, plain), sensor(axis_of(N=(G * 1e-4, G * 1e-6), K=(G * 1e-7, G * 1e-8))))
     found = answer_of(figures, 720.0, 0.2, after)
     assert not found.known
-    assert found.lines[0] == "12 min, gyroscope: B known to 20 %; N will be after 12 min; B or K will be after 3.1 h"
+    assert found.lines[0] == "12 min, gyroscope: B known to 20 %; N will be after 12 min; B or K not before 3.1 h"
     assert found.lines[1].endswith("B 3.00 3.00 < 4.0 °/h; K < 1.0 < 1.0 ? °/h/√h")
     assert found.lines[2] == "12 min, accelerometer: N and K known to 20 %"
+    hidden = axis_of(B=(3 * B, 0.3 * B), limits={"N": N})
+    assert answer_of(figures_of(sensor(hidden)), 300.0, 0.2, after).lines[0] == "5 min, gyroscope: B known to 20 %; N not before 10 min"
     never = answer_of(figures, 720.0, 0.2, lambda *of: np.inf)
     assert "B or K will not be, however long it rests" in never.lines[0]
 

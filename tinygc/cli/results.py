@@ -160,8 +160,7 @@ def _try_folder(folder: Path, args: argparse.Namespace, instead: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-        if args.json is not None and not is_standard_output(args.json):
-            _try_json(args.json)
+        try_json(args.json)
     except OSError as error:
         raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out {instead}") from None
     finally:
@@ -187,8 +186,9 @@ def write_json(path: Path | None, table: dict) -> None:
         raise _no_json(path, error) from None
 
 
-def _try_json(path: Path) -> None:
-    if is_stream(path) or _is_the_systems(path):  # a stream of the system is not opened twice
+def try_json(path: Path | None) -> None:
+    """Fail early if the JSON cannot be written where ``--json`` says."""
+    if path is None or is_standard_output(path) or is_stream(path) or _is_the_systems(path):  # the system's is not opened twice
         return
     try:
         if path.is_dir():

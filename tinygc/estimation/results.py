@@ -389,6 +389,7 @@ FILE_SHAPE = Keys(
         "goodness": Maybe(Keys({"p_value": Number(0, 1)})),
         "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
         "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
+        "verdict": Maybe(Keys(may={"answer": Text(), "headline": Text()})),
         "use": Maybe(Keys(may={"method": Maybe(Text()), "model": Maybe(Text()), "why": Maybe(Text())})),
     },
 )

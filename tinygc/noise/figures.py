@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.errors import FormatError
-from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required
+from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
 
 SCHEMA = "tinygc-noise/1"
 #: file of a unit's noise figures, beside ``fit.json``
@@ -37,6 +37,7 @@ NAMES = {
     "K": "random walk of the rate",
     "R": "ramp",
 }
+SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 AGAIN = "write it again with `calibrate noise`"
 
 
@@ -81,8 +82,8 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class AxisNoise:
-    """terms: by name, a key for each of ``TERMS``; lines; p_value: of the model; excess: variance of the data over its own, 1
-    for a model that is right; from_s: shortest averaging time that the model describes; below it the sensor's filter shapes the noise."""
+    """terms: by name, a key for each of ``TERMS``; lines; p_value: of the model; excess: variance of the data over its own, 1 for a model
+    that is right; from_s: shortest averaging time that the model describes; below it a filter or a vibration shapes the noise."""
 
     terms: Mapping[str, Term]
     lines: tuple[Line, ...] = ()
@@ -133,6 +134,11 @@ class SensorNoise:
     """Noise of the gyroscope or of the accelerometer: a record for each axis x, y, z of the log."""
 
     axes: tuple[AxisNoise, AxisNoise, AxisNoise]
+
+    @property
+    def is_described(self) -> bool:
+        """Whether the terms describe the data of each axis."""
+        return all(axis.is_described for axis in self.axes)
 
     def values(self, name: str) -> np.ndarray:
         """(3,) SI: size of a term on each axis, 0 where it is not chosen."""
@@ -190,7 +196,7 @@ class NoiseFigures:
 
     gyro (rad/s), accel (m/s^2; None: the logs held none); rate_hz of the samples; duration_s and samples that were used; logs: names of the
     files; sensor: its model; serial; inflations: of the gyroscope, by kind of motion; allan: curves of ``gyro`` and ``accel``,
-    those that are kept for pictures.
+    those that are kept for pictures; rate_known: whether rate_hz was measured or stated, and is no guess.
     """
 
     gyro: SensorNoise
@@ -203,37 +209,63 @@ class NoiseFigures:
     serial: str = ""
     inflations: tuple[Inflation, ...] = ()
     allan: Mapping[str, AllanBand] = field(default_factory=dict)
+    rate_known: bool = True
 
     def sensors(self) -> dict[str, SensorNoise]:
         """By ``gyro`` and ``accel``, those that are there."""
         return {"gyro": self.gyro} | ({} if self.accel is None else {"accel": self.accel})
 
 
+#: s: what the terms do not describe below it is usual, of a sensor's own filter, and is not said
+LATE_S = 1.0
+
+
+def described_from(figures: NoiseFigures) -> list[str]:
+    """One line on the axes that the terms describe only from an averaging time of ``LATE_S`` or more; none where there is none."""
+    late = [
+        f"{SENSORS[kind]} {name} {axis.from_s:.2g} s on"
+        for kind, sensor in figures.sensors().items()
+        for name, axis in zip("xyz", sensor.axes, strict=True)
+        if axis.is_described and axis.from_s >= LATE_S
+    ]
+    return [f"Described from: {', '.join(late)}; faster, a filter or a vibration shapes it."] if late else []
+
+
 # The file.
 
+#: units of each term's value, of the gyroscope and of the accelerometer
+UNITS = {
+    "gyro": {"Q": "rad", "N": "rad/s/sqrt(Hz)", "G": "rad/s", "B": "rad/s", "K": "rad/s/sqrt(s)", "R": "rad/s^2"},
+    "accel": {"Q": "m/s", "N": "m/s^2/sqrt(Hz)", "G": "m/s^2", "B": "m/s^2", "K": "m/s^2/sqrt(s)", "R": "m/s^3"},
+}
 _SIZE = Number(0)
-_TERM = Keys(
-    {"value": _SIZE, "sigma": Maybe(_SIZE), "probability": Number(0, 1)},
-    {"at_most": Maybe(_SIZE), "tau_s": Maybe(Number(0, above=True)), "tau_sigma_s": Maybe(_SIZE), "unit": Text()},
-)
-_AXIS = Keys(
-    {"terms": Keys(dict.fromkeys(TERMS, _TERM))},
-    {
-        "lines": ListOf(Keys({"hz": Number(0, above=True), "rms": _SIZE})),
-        "p_value": Maybe(Number(0, 1)),
-        "excess": _SIZE,
-        "from_s": _SIZE,
-    },
-)
-_SENSOR = Keys(dict.fromkeys("xyz", _AXIS))
+
+
+def _shape_of(units: Mapping[str, str]) -> Keys:
+    """Shape of a sensor whose terms have these units, and no others: nothing is converted."""
+    must: dict[str, Shape] = {"value": _SIZE, "sigma": Maybe(_SIZE), "probability": Number(0, 1)}
+    may: dict[str, Shape] = {"at_most": Maybe(_SIZE), "tau_s": Maybe(Number(0, above=True)), "tau_sigma_s": Maybe(_SIZE)}
+    terms = {name: Keys(must, may | {"unit": Text((unit,))}) for name, unit in units.items()}
+    line = Keys({"hz": Number(0, above=True), "rms": _SIZE})
+    axis = Keys({"terms": Keys(terms)}, {"lines": ListOf(line), "p_value": Maybe(Number(0, 1)), "excess": _SIZE, "from_s": _SIZE})
+    return Keys(dict.fromkeys("xyz", axis))
+
+
 _FACTORS = Array((3,), _SIZE)
 #: keys of an inflation that may be null
 _MORE = ("white_sigma", "at_most", "white_density", "walk_density")
 _CURVE = ListOf(ListOf(Maybe(_SIZE)))
 _BAND = Keys({"tau_s": ListOf(Number(0, above=True)), "deviation": _CURVE, "low": _CURVE, "high": _CURVE})
 SHAPE = Keys(
-    {"schema": Text((SCHEMA,)), "gyro": _SENSOR, "accel": Maybe(_SENSOR), "rate_hz": Number(0, above=True), "duration_s": _SIZE},
     {
+        "schema": Text((SCHEMA,)),
+        "gyro": _shape_of(UNITS["gyro"]),
+        "accel": Maybe(_shape_of(UNITS["accel"])),
+        "rate_hz": Number(0, above=True),
+        "duration_s": _SIZE,
+    },
+    {
+        "rate_known": Flag(),
         "samples": Number(0, whole=True),
         "logs": ListOf(Text()),
         "sensor": Text(),
@@ -247,11 +279,6 @@ SHAPE = Keys(
         ),
     },
 )
-#: units of each term's value, of the gyroscope and of the accelerometer
-UNITS = {
-    "gyro": {"Q": "rad", "N": "rad/s/sqrt(Hz)", "G": "rad/s", "B": "rad/s", "K": "rad/s/sqrt(s)", "R": "rad/s^2"},
-    "accel": {"Q": "m/s", "N": "m/s^2/sqrt(Hz)", "G": "m/s^2", "B": "m/s^2", "K": "m/s^2/sqrt(s)", "R": "m/s^3"},
-}
 
 
 def read_figures(path: Path) -> NoiseFigures:
@@ -279,6 +306,7 @@ def read_figures(path: Path) -> NoiseFigures:
             for each in table.get("inflations", ())
         ),
         allan={kind: _band(band, f"{path}: allan.{kind}") for kind, band in table.get("allan", {}).items() if kind in UNITS},
+        rate_known=table.get("rate_known", True),
     )
 
 
@@ -316,6 +344,7 @@ def to_json(figures: NoiseFigures) -> dict:
         "serial": figures.serial,
         "logs": list(figures.logs),
         "rate_hz": figures.rate_hz,
+        "rate_known": figures.rate_known,
         "duration_s": figures.duration_s,
         "samples": figures.samples,
         "gyro": _sensor_json(figures.gyro, "gyro"),

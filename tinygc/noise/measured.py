@@ -35,7 +35,6 @@ from tinygc.noise.figures import FILE, AxisNoise, NoiseFigures, SensorNoise, Ter
 
 #: terms that make a bias drift at random; a ramp is none: a steady drift is taken out of the stills before their drift is estimated
 WALKS = ("G", "B", "K")
-SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 #: units in which people read N, B and K, and their SI values
 SHOWN = {
     "gyro": {"N": ("°/√h", DEG_PER_SQRT_HOUR), "B": ("°/h", DEG_PER_HOUR), "K": ("°/h/√h", DEG_PER_HOUR / 60)},

@@ -8,7 +8,7 @@ from pathlib import Path
 from session.io.errors import CalibrationError
 from tinygc.cli.arguments import folder_written, path_read, seconds
 from tinygc.cli.options import add_log_options, answers_of
-from tinygc.cli.results import output, try_destinations, write_json
+from tinygc.cli.results import output, try_destinations, try_json, write_json
 
 SUMMARY = "the noise of a sensor at rest, from milliseconds to hours: each term with its sigma, and when the others will be known"
 
@@ -48,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
     folder: Path | None = args.out or (None if session is None else session / "fit")
     if folder is not None:
         try_destinations(argparse.Namespace(out=folder, json=args.json), "fit")
+    else:
+        try_json(args.json)
     library = need("noise figures")  # it stands on another annex, which may have been removed
     with progress_bar(args.quiet) as progress:
         if args.curve is not None:

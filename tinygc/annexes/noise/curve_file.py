@@ -137,6 +137,8 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
             said.append(f"The curve of the {called} is of one axis, which stands for all three.")
         axes[kind] = SensorNoise(_three(found))
     rate = rate_hz or 1 / float(curve.tau_s[0])
+    if rate_hz is None:
+        said.append(f"The data rate is not known: 1 over the shortest averaging time, {rate:.4g} Hz, stands for it (--odr).")
     nothing = np.full((len(curve.tau_s), 3), np.nan)
     bands = {kind: AllanBand(curve.tau_s, np.broadcast_to(part, nothing.shape), nothing, nothing) for kind, part in curve.deviation.items()}
     figures = NoiseFigures(
@@ -147,6 +149,7 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         duration_s=duration_s,
         samples=round(duration_s * rate),
         logs=(path.name,),
+        rate_known=rate_hz is not None,
     )
     return NoiseEstimate(figures, tuple(said), 0.0)
 

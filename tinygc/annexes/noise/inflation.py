@@ -68,7 +68,7 @@ from tinygc.estimation.results import FitResult, read_fit
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise
-from tinygc.noise.figures import FILE, AxisNoise, Inflation, NoiseFigures, to_json, unit_allan_variance
+from tinygc.noise.figures import FILE, AxisNoise, Inflation, NoiseFigures, SensorNoise, to_json, unit_allan_variance
 
 #: one-sided 95 % of a normal distribution, in sigmas
 ONE_SIDED_95 = 1.645
@@ -123,7 +123,7 @@ def back_and_forth(rate_rps: float, correlation_s: float, window_s: float) -> fl
 SLOW_RPS = 10 * DEG
 #: back and forth: correlation time of the rate, s
 RETURN_S = 0.5
-REST = "at rest"
+REST, SLOWLY = "at rest", "slow turning"
 SCALE, MISALIGNMENT, STILLS, UNDERSAMPLING, UNNAMED, MOTION = "scale", "misalignment", "stills", "undersampling", "unnamed", "motion"
 #: elements (9,) of a linear model's matrix, row by row, that are scale factors
 DIAGONAL = np.eye(3, dtype=bool).ravel()
@@ -179,7 +179,7 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
     named = {SCALE: np.diag(rows), MISALIGNMENT: rows.sum(axis=1) - np.diag(rows)}
     limit = np.max([np.diag(each).reshape(3, 3).sum(axis=1) / 3 for each in allowed], axis=0, initial=0.0) + np.zeros(3)
     turning = float(np.sqrt(np.mean(np.sum(rate[:, :-1] ** 2, axis=-1)[batch.dt > 0])))
-    slowly = f"slow turning ({SLOW_RPS / DEG:.0f} °/s, corrected every {window_s:.2g} s)"
+    slowly = f"{SLOWLY} ({SLOW_RPS / DEG:.0f} °/s, corrected every {window_s:.2g} s)"
     both = f"back and forth ({turning / DEG:.0f} °/s rms, {RETURN_S:g} s)"
     for motion, grows, kept in (
         (slowly, one_way(SLOW_RPS, window_s), (STILLS, UNNAMED)),
@@ -254,8 +254,16 @@ def inflations_of_folder(folder: Path, figures: NoiseFigures) -> tuple[Inflation
         return inflations(fit_session(read_session(folder), options), figures)
 
 
-def inflation_lines(found: Sequence[Inflation]) -> list[str]:
-    """One line for each kind of motion: the factor, rms over the axes, with its sigma, its upper limit and its parts, and the walk."""
+def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise) -> list[str]:
+    """One line for each kind of motion: the factor, rms over the axes, with its sigma, its upper limit and its parts, and the walk.
+
+    gyro: its noise at rest.  Where it shows no slow term and the limit of K is above the walk, the limit stands in its place.  No lines
+    where an axis of it is not described.
+    """
+    if not gyro.is_described:
+        return []
+    is_hidden, limit = not any(gyro.measured(name) for name in SLOW), float(gyro.at_most("K").max())
+    below = f", below {limit:.2g} rad/s/√s" if np.isfinite(limit) else ""
     lines = []
     for each in found:
         factor = _rms(each.white)
@@ -265,11 +273,14 @@ def inflation_lines(found: Sequence[Inflation]) -> list[str]:
         if each.at_most is not None and _rms(each.at_most) > 1.005 * factor:
             much += f" (at most {_rms(each.at_most):.2f})"
         causes = sorted(((_rms(part), name) for name, part in each.parts.items()), reverse=True)
-        why = ", ".join(f"{name} {part:.2f}" for part, name in causes if part > 1.005)
+        # An error of each turn need not grow with a slower turn's time.
+        bound = {UNNAMED: "at most "} if each.motion.startswith(SLOWLY) else {}
+        why = ", ".join(f"{name} {bound.get(name, '')}{part:.2f}" for part, name in causes if part > 1.005)
         line = f"Inflate by {much} on {each.motion}" if each.motion != REST else f"At rest N holds ({much})"
         line += f": {why}" if why else ""
         if each.walk_density is not None:
-            line += f"; walk {_rms(each.walk_density):.2g} rad/s/√s"
+            known = each.walk_density.any() and not (below and np.all(each.walk_density < limit))
+            line += f"; walk not known{below}" if is_hidden and not known else f"; walk {_rms(each.walk_density):.2g} rad/s/√s"
         lines.append(line)
     return lines
 

@@ -7,6 +7,7 @@ moves gives the rests between its movements, each for itself, since nothing is k
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,7 +32,7 @@ from session.io.rests import RestLog, read_rest, rest_from_samples
 from session.io.samples import TOGETHER, Samples, joined
 from session.io.sensors.profile import CLOCK_WITHIN
 from session.io.stamps import evenly
-from session.io.texts import printable
+from session.io.texts import command_line, printable
 from session.io.units import DEG
 from session.replay.answers import with_comments, with_sensor
 from session.replay.convert import FASTEST_HZ, SLOWEST_HZ
@@ -56,6 +57,8 @@ RESTLESS = 5.0
 MOVED_SHARE = 0.2
 #: s, a rest between two movements that says anything of the noise beyond white
 SHORTEST_S = 1.0
+#: how a file begins whose first column is called tau
+FIRST_OF_CURVE = re.compile(rb"\W*(\xcf\x84|(taus?|averaging[ _]?times?)(_?s)?\W)", re.IGNORECASE)
 #: bytes up to which two files of one size are compared
 MOST_COMPARED = 20_000 * MB
 
@@ -129,7 +132,11 @@ class _Part:
 
 
 def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) -> Iterator[_Part]:
+    if not inputs:
+        raise DataError("no log is given; give at least one log, session folder or tuple of arrays")
     bare = [each for each in inputs if isinstance(each, Path) and not each.is_dir() and _session_of(each) is None]
+    for path in bare:
+        _refuse_curve(path)
     if len(inputs) == 2 == len(bare) and _is_a_pair(bare, answers, columns):
         yield _Part(" and ".join(path.name for path in bare), None, partial(_read_log, bare, answers, columns))
         return
@@ -150,6 +157,13 @@ def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) ->
             yield _of_session(each, config)
         else:
             yield _Part(each.name, each, partial(_read_log, [each], answers, own[each]))
+
+
+def _refuse_curve(path: Path) -> None:
+    """Raise FormatError for an Allan curve, which is no log: its columns would be asked for in vain."""
+    if path.is_file() and FIRST_OF_CURVE.match(head_of(path)):
+        do = command_line("noise", "--curve", path)
+        raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
 
 
 def _session_of(path: Path) -> Config | None:

@@ -18,6 +18,7 @@ from tinygc.annexes.noise.inflation import inflations_of_folder
 from tinygc.annexes.noise.inputs import Input, read_inputs
 from tinygc.annexes.noise.picture import figure_of
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
+from tinygc.estimation.results import read_fit
 from tinygc.library.arguments import Progress
 from tinygc.library.records import Shown
 from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures, to_json
@@ -106,10 +107,17 @@ def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], 
     remarks = list(rests.remarks)
     found: list[Inflation] = []
     folders = [Path(each) for each in inputs if isinstance(each, Path | str) and (Path(each) / FITTED).is_file()]
+    if folders and not figures.gyro.is_described:
+        axes = " ".join(name for name, axis in zip("xyz", figures.gyro.axes, strict=True) if not axis.is_described)
+        remarks.append(f"No inflation: it is to N at rest, and the terms do not describe gyroscope {axes}.")
+        folders = []
     for number, folder in enumerate(folders):
         progress("what filters need", number, len(folders))
         try:
             found += inflations_of_folder(folder, figures)
+            verdict = read_fit(folder / FITTED).get("verdict") or {}
+            if verdict.get("answer") == "fail":
+                remarks.append(f"{folder.name}: fit says {verdict.get('headline', 'FAIL')}; the inflation holds what it lacks.")
         except CalibrationError as error:
             remarks.append(f"No inflation of {folder.name}: {error}")
     # Each session says the same of rest.

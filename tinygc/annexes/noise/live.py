@@ -20,8 +20,8 @@ from session.io.texts import significant
 from session.io.units import NS
 from tinygc.annexes.noise.estimate import estimate_noise, known_after_s
 from tinygc.annexes.noise.summary import RestSums
-from tinygc.noise.figures import NoiseFigures
-from tinygc.noise.measured import SENSORS, SHOWN, WALKS
+from tinygc.noise.figures import SENSORS, NoiseFigures
+from tinygc.noise.measured import SHOWN, WALKS
 
 #: of samples, whose stamps give the data rate; of samples that are added at once
 RATE_S, PIECE_S = 2.0, 1.0
@@ -133,6 +133,7 @@ def answer_of(figures: NoiseFigures, rested_s: float, relative: float, known_aft
     lines, known = [], True
     for kind, sensor in figures.sensors().items():
         waits: dict[str, float] = {}
+        hidden = {"B or K"}  # of which there are limits alone: they may be smaller, and known later
         for number, axis in enumerate(sensor.axes):
 
             def wait_s(name: str, kind: str = kind, number: int = number) -> float:
@@ -144,12 +145,16 @@ def answer_of(figures: NoiseFigures, rested_s: float, relative: float, known_aft
             shown = [name for name in WALKS if axis.terms[name].chosen]
             for name in ("N", *shown):
                 waits[name] = max(waits.get(name, 0.0), wait_s(name))
+            if not axis.terms["N"].chosen:
+                hidden.add("N")
             if not shown:
                 waits["B or K"] = max(waits.get("B or K", 0.0), min(wait_s(name) for name in ("B", "K")))
         done = [name for name, seconds in waits.items() if seconds == 0]
         parts = [f"{' and '.join(done)} known to {100 * relative:g} %"] if done else []
         parts += [
-            f"{name} will be after {in_words(seconds)}" if np.isfinite(seconds) else f"{name} will not be, however long it rests"
+            f"{name} will not be, however long it rests"
+            if not np.isfinite(seconds)
+            else f"{name} {'not before' if name in hidden else 'will be after'} {in_words(seconds)}"
             for name, seconds in waits.items()
             if seconds > 0
         ]

@@ -13,7 +13,7 @@ from session.io.texts import printable
 from tinygc.annexes.noise.estimate import NoiseEstimate, known_after_s
 from tinygc.annexes.noise.inflation import inflation_lines
 from tinygc.annexes.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
-from tinygc.noise.figures import NoiseFigures, SensorNoise, Term
+from tinygc.noise.figures import NoiseFigures, SensorNoise, Term, described_from
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
 
@@ -42,7 +42,8 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
         table = _terms_table(kind, sensor, verbose)
         parts.append(table)
         lines += 1 + table.row_count
-    below = [kalibr_line(figures), *inflation_lines(figures.inflations), *open_lines(figures), *sheet_lines(figures)]
+    below = [kalibr_line(figures), *described_from(figures), *inflation_lines(figures.inflations, figures.gyro)]
+    below += [*open_lines(figures), *sheet_lines(figures)]
     parts += [one_line(line) for line in below]
     left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
     remarks = [*spectral_lines(figures), *left, *estimate.said, *read]
@@ -106,6 +107,14 @@ def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:
 # Kalibr's four numbers.
 
 
+def _worst(sensor: SensorNoise, name: str) -> tuple[float | None, float | None]:
+    """Largest value of a term and largest upper limit (95 %), SI, of the axes whose data the terms describe; None where there is none."""
+    which = [axis.is_described for axis in sensor.axes]
+    shown = [axis.value(name) for axis in sensor.axes if axis.is_described and axis.terms[name].chosen]
+    limit = float(max(sensor.at_most(name)[which], default=np.inf))
+    return max(shown, default=None), limit if np.isfinite(limit) else None
+
+
 #: keys of Kalibr's imu.yaml
 KALIBR = {
     ("gyro", "N"): "gyroscope_noise_density",
@@ -116,24 +125,27 @@ KALIBR = {
 
 
 def kalibr_figures(figures: NoiseFigures) -> dict[str, float | None]:
-    """Kalibr's imu.yaml, SI, two-sided as it takes them: of the worst axis; None where no axis shows the term."""
-    found: dict[str, float | None] = {}
-    for (kind, name), key in KALIBR.items():
-        sensor = figures.sensors().get(kind)
-        found[key] = float(sensor.values(name).max()) if sensor is not None and sensor.measured(name) else None
-    return found
+    """Kalibr's imu.yaml, SI, two-sided as it takes them: of the worst axis that is described; None where none shows the term."""
+    sensors = figures.sensors()
+    return {key: _worst(sensors[kind], name)[0] if kind in sensors else None for (kind, name), key in KALIBR.items()}
 
 
 def kalibr_line(figures: NoiseFigures) -> str:
-    """The numbers in one line; an upper limit where no axis shows the walk."""
-    found, parts = kalibr_figures(figures), []
+    """The numbers in one line; an upper limit where no axis shows the walk; without which axes, where some are not described."""
+    parts = []
     for kind, sensor in figures.sensors().items():
         words = []
         for name in "NK":
-            value, most = found[KALIBR[kind, name]], float(sensor.at_most(name).max())
-            words.append(f"{value:.3g}" if value is not None else f"< {most:.2g}" if np.isfinite(most) else NONE)
-        parts.append(f"{CALLED[kind]} {', '.join(words)}")
+            value, most = _worst(sensor, name)
+            words.append(f"{value:.3g}" if value is not None else NONE if most is None else f"< {most:.2g}")
+        parts.append(f"{CALLED[kind]} {', '.join(words)}{_without(sensor)}")
     return f"Kalibr density, walk (SI): {'; '.join(parts)}"
+
+
+def _without(sensor: SensorNoise) -> str:
+    """`` (without x y)``, the axes that the terms do not describe; empty where they describe all."""
+    bad = [axis for axis, own in zip("xyz", sensor.axes, strict=True) if not own.is_described]
+    return f" (without {' '.join(bad)})" if bad else ""
 
 
 # What is still open, and when it will be known.
@@ -141,7 +153,8 @@ def kalibr_line(figures: NoiseFigures) -> str:
 
 @dataclass(frozen=True)
 class OpenTerm:
-    """A term that is not known to 20 %: of ``gyro`` or ``accel``, axis ``x``, ``y`` or ``z``; known_after_s: rest after which it is."""
+    """A term that is not known to 20 %: of ``gyro`` or ``accel``, axis ``x``, ``y`` or ``z``; known_after_s: rest after which it is, and
+    before which it is not where the term does not show: it may be smaller than its limit."""
 
     sensor: str
     axis: str
@@ -154,13 +167,13 @@ class OpenTerm:
 
 
 def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
-    """N, B and K of each axis, as far as they are not known to 20 %."""
+    """N, B and K of each axis that the terms describe, as far as they are not known to 20 %."""
     return [
-        OpenTerm(kind, "xyz"[axis], name, known_after_s(figures, kind, axis, name, KNOWN))
+        OpenTerm(kind, "xyz"[axis], name, max(known_after_s(figures, kind, axis, name, KNOWN), figures.duration_s))
         for kind, sensor in figures.sensors().items()
         for name in ALWAYS
         for axis in range(3)
-        if not _is_known(sensor.axes[axis].terms[name])
+        if sensor.axes[axis].is_described and not _is_known(sensor.axes[axis].terms[name])
     ]
 
 
@@ -169,17 +182,23 @@ def _is_known(term: Term) -> bool:
 
 
 def open_lines(figures: NoiseFigures) -> list[str]:
-    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be."""
+    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be, or at the earliest."""
     lines, terms = [], open_terms(figures)
-    for kind in figures.sensors():
-        after: dict[str, dict[str, list[str]]] = {}  # term -> duration -> axes
+    for kind, sensor in figures.sensors().items():
+        if not any(axis.is_described for axis in sensor.axes):
+            continue
+        waiting: dict[str, dict[str, dict[str, list[str]]]] = {"after": {}, "not before": {}}  # ... -> term -> duration -> axes
         for each in terms:
             if each.sensor == kind:
-                after.setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
-        waiting = [f"{name} {', '.join(f'{when} ({axes})' for when, axes in _axes(times))}" for name, times in after.items()]
-        known = [name for name in ALWAYS if name not in after]
-        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known) + [f"after one rest of: {'; '.join(waiting)}"] * bool(waiting)
-        lines.append(f"{CALLED[kind].capitalize()} {'; '.join(parts)}")
+                is_shown = sensor.axes["xyz".index(each.axis)].terms[each.term].chosen
+                when = "after" if is_shown or each.known_after_s == float("inf") else "not before"
+                waiting[when].setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
+        known = [name for name in ALWAYS if not any(name in after for after in waiting.values())]
+        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known)
+        for when, after in waiting.items():
+            words = [f"{name} {', '.join(f'{last} ({axes})' for last, axes in _axes(times))}" for name, times in after.items()]
+            parts += [f"{when} one rest of: {'; '.join(words)}"] * bool(words)
+        lines.append(f"{CALLED[kind].capitalize()}{_without(sensor)} {'; '.join(parts)}")
     return lines
 
 
@@ -216,7 +235,7 @@ def spectral_lines(figures: NoiseFigures) -> list[str]:
 
 @dataclass(frozen=True)
 class SheetFigure:
-    """A figure of the data sheet beside the worst axis.
+    """A figure of the data sheet beside the worst axis that is described.
 
     sensor: ``gyro`` or ``accel``; term; unit; value: None where no axis shows it; at_most: upper limit (95 %), None where there is none;
     sheet; source; verdict: ``within`` 10 %, ``above``,
@@ -256,17 +275,15 @@ OF_SHEETS = {
 
 
 def against_data_sheet(figures: NoiseFigures) -> list[SheetFigure]:
-    """The figures of the sensor's data sheet that are known; none of a sensor that is not."""
+    """The figures of the sensor's data sheet that are known; none of a sensor that is not, or of which the terms describe no axis."""
     profile = profile_of(figures.sensor)
     known = {} if profile is None else profile.figures
     rows = []
     for key, (kind, name, unit) in OF_SHEETS.items():
         sensor, figure = figures.sensors().get(kind), known.get(key)
-        if sensor is None or figure is None:
+        if sensor is None or figure is None or not any(axis.is_described for axis in sensor.axes):
             continue
-        value = float(sensor.values(name).max()) / unit.si if sensor.measured(name) else None
-        limit = float(sensor.at_most(name).max()) / unit.si
-        at_most = limit if np.isfinite(limit) else None
+        value, at_most = (None if size is None else size / unit.si for size in _worst(sensor, name))
         verdict = _verdict(value, at_most, figure.value) if figure.read else "not judged"
         rows.append(SheetFigure(kind, name, unit.words, value, at_most, figure.value, figure.source, verdict))
     return rows
@@ -284,7 +301,9 @@ def sheet_lines(figures: NoiseFigures) -> list[str]:
     """One line for each figure of the data sheet; one where no sheet is known."""
     rows = against_data_sheet(figures)
     if rows:
-        return [f"{row.words[0].upper()}{row.words[1:]}" for row in rows]
+        return [f"{row.words[0].upper()}{row.words[1:]}{_without(figures.sensors()[row.sensor])}" for row in rows]
+    if not any(axis.is_described for sensor in figures.sensors().values() for axis in sensor.axes):
+        return []
     if not figures.sensor:
         return ["--sensor MODEL compares with the data sheet."]
     return [f"No data sheet of {figures.sensor} is known to compare with."]

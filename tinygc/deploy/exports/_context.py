@@ -46,7 +46,8 @@ class Context:
     """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
     hashes: SHA-256 of the model file, session.toml and every log, by file name; say: function that shows a line to the operator;
     temperatures: function that gives those of each calibration log, degC, None of a log without; noise: figures of the unit at rest;
-    inflation: the one of ``noise`` that the densities are to have.  Of noise without a model, method is None."""
+    inflation: the one of ``noise`` that the densities are to have; rate_known: whether the data rate of the sensor is, or a guess.  Of
+    noise without a model, method is None."""
 
     session: str
     method: str | None
@@ -58,6 +59,7 @@ class Context:
     temperatures: Callable[[], list[np.ndarray | None]] = list
     noise: NoiseFigures | None = None
     inflation: Inflation | None = None
+    rate_known: bool = True
 
     @property
     def stem(self) -> str:
@@ -241,7 +243,8 @@ def _context_of_noise(source: Path, inflation: str | None, say: Callable[[str], 
     found = figures.read_figures(path)
     sensor = Sensor(found.sensor, found.serial, found.rate_hz, float("nan"), float("nan"))
     config = Config(sensor, Accelerometer(source="none"), Site(), Protocol())
-    return _with_noise(Context(printable(path.resolve().name), None, config, {}, {}, {}, say), path, inflation)
+    context = Context(printable(path.resolve().name), None, config, {}, {}, {}, say, rate_known=found.rate_known)
+    return _with_noise(context, path, inflation)
 
 
 def _with_noise(context: Context, source: NoiseSource, inflation: str | None) -> Context:
@@ -262,7 +265,7 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
     for what, theirs, ours in (("sensor", found.sensor, sensor.model), ("serial number", found.serial, sensor.serial)):
         if theirs.strip() and ours.strip() and theirs.strip().casefold() != ours.strip().casefold():
             raise ExportError(f"{where}: noise of {what} {theirs}, but the session's is {ours}; give that of this unit with --noise")
-    if abs(found.rate_hz - sensor.odr_hz) > SAME_RATE * sensor.odr_hz:
+    if found.rate_known and abs(found.rate_hz - sensor.odr_hz) > SAME_RATE * sensor.odr_hz:
         context.say(f"the noise was recorded at {found.rate_hz:.4g} Hz, the session at {sensor.odr_hz:.4g} Hz: another filter may shape it")
     motions = {each.motion: each for each in found.inflations}
     begun = [motion for motion in motions if inflation and motion.startswith(inflation)]
@@ -271,6 +274,11 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
     if inflation is not None and inflation not in motions:
         known = f"there are {', '.join(motions)}" if motions else "it has none"
         raise ExportError(f"{where}: no inflation for motion {inflation}; {known}")
+    if inflation is not None and not found.gyro.is_described:
+        raise ExportError(
+            f"{where}: the terms do not describe the gyroscope at rest, to which the factors for {inflation} are; record again away from "
+            "what shakes or warms it, or export without --inflation"
+        )
     return replace(context, noise=found, inflation=motions.get(inflation) if inflation is not None else None, hashes=hashes)
 
 

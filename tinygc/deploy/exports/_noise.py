@@ -5,6 +5,8 @@ of density K has K sqrt(tau / 3).  A step of dt seconds adds N^2 dt to the varia
 
 K of an axis is, in this order: the measured one; where B or G show and K does not, the walk that has their Allan deviation at ``WALK_S``;
 the upper limit that the log sets.  Without figures N is that of the stills, and K is guessed from a bias instability.
+
+An axis whose data the terms do not describe has no density: the worst of the others stands for it.
 """
 
 from __future__ import annotations
@@ -14,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.texts import command_line
+from session.io.texts import command_line, shell_word
 from session.io.units import DEG_PER_HOUR
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import words
-from tinygc.noise.figures import NAMES, TERMS, AxisNoise, Inflation
+from tinygc.noise.figures import FILE, NAMES, SENSORS, TERMS, AxisNoise, Inflation, described_from
 
 #: s: the walk that stands for a flicker floor has the floor's Allan deviation at this averaging time.  A choice: the time over which a
 #: filter that is corrected by vision or satellites follows a bias; a longer one gives a smaller walk
@@ -34,8 +36,11 @@ FROM_FLOOR = f"from the flicker floor at {WALK_S:g} s"
 LIMIT = "UPPER LIMIT (95 %), NOT MEASURED"
 GUESSED = "GUESSED, NOT MEASURED"
 INFLATED = "with the slow terms, in motion"
+IN_MOTION_ALONE = f"{INFLATED}; no log at rest shows it"
 UNKNOWN = "not known"
-SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
+#: sources of what a log shows
+SHOWN = (MEASURED, OF_STILLS, FROM_FLOOR, INFLATED)
+REPLACED = "NOT DESCRIBED: the worst axis stands for it"
 UNITS = {"gyro": ("rad/s/sqrt(Hz)", "rad/s^2/sqrt(Hz)"), "accel": ("m/s^2/sqrt(Hz)", "m/s^3/sqrt(Hz)")}
 
 
@@ -55,7 +60,7 @@ class Density:
     @property
     def worst(self) -> int:
         """The axis with the largest value, of those that show one; an upper limit counts where no axis does."""
-        shown = [source in (MEASURED, OF_STILLS, FROM_FLOOR, INFLATED) for source in self.sources]
+        shown = [source in SHOWN for source in self.sources]
         return int(np.nanargmax(np.where(shown, self.values, np.nan) if any(shown) else self.values))
 
     @property
@@ -79,8 +84,8 @@ class Density:
 
     def __str__(self) -> str:
         sigmas = ["" if np.isnan(sigma) else f" +- {sigma:.2g}" for sigma in self.sigmas]
-        known = [f"{value:.4g}{sigma} {source}" for value, sigma, source in zip(self.values, sigmas, self.sources, strict=True)]
-        return "; ".join(UNKNOWN if source == UNKNOWN else text for text, source in zip(known, self.sources, strict=True))
+        known = zip(self.values, sigmas, self.sources, strict=True)
+        return "; ".join(source if np.isnan(value) else f"{value:.4g}{sigma} {source}" for value, sigma, source in known)
 
 
 NOTHING = Density(np.full(3, np.nan), np.full(3, np.nan), (UNKNOWN,) * 3)
@@ -97,13 +102,23 @@ class Densities:
 def densities(context: Context, name: str, needed: Iterable[str] = tuple(SENSORS), walks: bool = True) -> dict[str, Densities]:
     """Densities by ``gyro`` and ``accel``, with the inflation of the context; name: of the format; walks: whether it has random walks.
 
-    Raises ExportError where a sensor that is needed has none.
+    Reports the axes that are left out.  Raises ExportError where a sensor that is needed has none.
     """
+    for line in _left_out(context):
+        context.say(f"{name}: {line}")
     found = {}
+    measured = {} if context.noise is None else context.noise.sensors()
     for kind in SENSORS:
         white, walk = _density(context, kind, "N"), _density(context, kind, "K") if walks else NOTHING
         if white is not None and walk is not None:
             found[kind] = Densities(white, walk)
+        elif kind in needed and kind in measured and not any(axis.is_described for axis in measured[kind].axes):
+            chances = ", ".join(f"{axis.p_value:.2g}" for axis in measured[kind].axes)
+            stills = f", or move {FILE} away to export the noise of the stills" if context.fit.get("noise") else ""
+            raise ExportError(
+                f"{name} needs the noise of the {SENSORS[kind]}, and the terms describe none of its axes (p = {chances}): record "
+                f"again away from what shakes or warms it, or see `calibrate noise`{stills}"
+            )
         elif kind in needed and white is None:
             raise ExportError(
                 f"{name} needs the noise of the {SENSORS[kind]}: run `calibrate noise` on a log at rest, or `{command_line('fit')}`, whose "
@@ -120,22 +135,30 @@ def densities(context: Context, name: str, needed: Iterable[str] = tuple(SENSORS
 
 
 def _inflated(plain: Densities, motion: Inflation) -> Densities:
-    """The gyroscope's densities on a kind of motion: times its factors; the walk is the motion's own, where it has one."""
-    white, walk = plain.white.times(motion.white), plain.walk.times(motion.walk)
+    """The gyroscope's densities on a kind of motion: N and K times its factors; K is the motion's own walk where that is larger.
+
+    No K becomes smaller, be it a limit.
+    """
+    white, walk = plain.white.times(motion.white), plain.walk
     if motion.walk_density is None or not walk.known:
-        return Densities(white, walk)
-    own = motion.walk_density > 0
-    sources = tuple(INFLATED if is_own else source for is_own, source in zip(own, walk.sources, strict=True))
+        return Densities(white, walk.times(np.maximum(motion.walk, 1.0)))
+    own = motion.walk_density > np.nan_to_num(walk.values)
+    # Beside limits alone it outweighs none of them as what a log shows would.
+    named = INFLATED if walk.source in SHOWN else IN_MOTION_ALONE
+    sources = tuple(named if is_own else source for is_own, source in zip(own, walk.sources, strict=True))
     return Densities(white, Density(np.where(own, motion.walk_density, walk.values), np.where(own, np.nan, walk.sigmas), sources))
 
 
 def _density(context: Context, kind: str, term: str) -> Density | None:
-    """N or K of a sensor: from the figures, else of the fit's stills and of a bias instability; None where nothing is known."""
+    """N or K of a sensor: from the figures, else of the fit's stills and of a bias instability; None where nothing is known, and where the
+    figures describe no axis."""
     sensor = None if context.noise is None else context.noise.sensors().get(kind)
     if sensor is not None:
         values, sigmas, sources = zip(*(_of_axis(axis, term) for axis in sensor.axes), strict=True)
-        if any(source != UNKNOWN for source in sources):
+        if np.isfinite(values).any():
             return Density(np.array(values), np.array(sigmas), sources)
+        if not any(axis.is_described for axis in sensor.axes):
+            return None
     unknown = np.full(3, np.nan)
     if term == "N":
         one_sided = {"gyro": context.gyro_noise, "accel": context.accel_noise}[kind]
@@ -146,6 +169,8 @@ def _density(context: Context, kind: str, term: str) -> Density | None:
 
 def _of_axis(axis: AxisNoise, name: str) -> tuple[float, float, str]:
     """Value, sigma and source of N or K of one axis."""
+    if not axis.is_described:
+        return np.nan, np.nan, REPLACED
     term = axis.terms[name]
     if term.sigma is not None and term.value > 0:
         return term.value, term.sigma, MEASURED
@@ -157,6 +182,17 @@ def _of_axis(axis: AxisNoise, name: str) -> tuple[float, float, str]:
     if term.at_most:
         return term.at_most, np.nan, LIMIT
     return np.nan, np.nan, UNKNOWN
+
+
+def _left_out(context: Context) -> list[str]:
+    """One line for each axis whose data the terms do not describe."""
+    sensors = {} if context.noise is None else context.noise.sensors()
+    return [
+        f"{SENSORS[kind]} {name}: the terms do not describe its data (p = {axis.p_value:.2g}): left out"
+        for kind, sensor in sensors.items()
+        for name, axis in zip("xyz", sensor.axes, strict=True)
+        if not axis.is_described
+    ]
 
 
 def kalibr_keys(found: Mapping[str, Densities]) -> tuple[dict[str, float], dict[str, str]]:
@@ -175,8 +211,9 @@ def noise_remarks(context: Context, found: Mapping[str, Densities]) -> tuple[str
     figures = context.noise
     if figures is None:
         return _remarks_of_stills(context, found)
+    rate = f"{figures.rate_hz:.6g} Hz{'' if figures.rate_known else ' (a guess)'}"
     lines = [
-        f"Noise at rest, {figures.duration_s / 3600:.3g} h at {figures.rate_hz:.6g} Hz, of x; y; z:",
+        f"Noise at rest, {figures.duration_s / 3600:.3g} h at {rate}, of x; y; z:",
         "two-sided densities, whose Allan deviation is sigma(tau) = N / sqrt(tau) and K sqrt(tau / 3).",
     ]
     for kind, both in found.items():
@@ -194,9 +231,10 @@ def noise_remarks(context: Context, found: Mapping[str, Densities]) -> tuple[str
         lines.append("An upper limit is what the log does not exclude.  The true value may be zero: a longer log at rest says more.")
     if GUESSED in sources:
         lines.append("What is guessed has no log behind it: replace it by a log at rest.")
-    sensors = figures.sensors().values()
-    apart = [f"{name} ({NAMES[name]})" for name in TERMS if name not in "NK" and any(sensor.measured(name) for sensor in sensors)]
-    apart += ["lines of the spectrum"] * any(axis.lines for sensor in sensors for axis in sensor.axes)
+    lines += [*_left_out(context), *described_from(figures)]
+    axes = [axis for sensor in figures.sensors().values() for axis in sensor.axes if axis.is_described]
+    apart = [f"{name} ({NAMES[name]})" for name in TERMS if name not in "NK" and any(axis.terms[name].chosen for axis in axes)]
+    apart += ["lines of the spectrum"] * any(axis.lines for axis in axes)
     if apart:
         lines.append(f"Measured, and not in this format: {', '.join(apart)}.")
     return (*lines, *_inflations(context))
@@ -219,11 +257,15 @@ def _inflations(context: Context) -> list[str]:
     """Lines on the factors that motion asks for, and whether they are in the densities."""
     if context.noise is None or not context.noise.inflations:
         return ["Vibration, temperature and scale error in motion are in none of these: users inflate them 5 to 10 times."]
+    if not context.noise.gyro.is_described:
+        return ["The factors of the figures for motion are not used: they are to N at rest, and an axis of it is not described."]
     lines = ["In motion the gyroscope's densities are to be larger (x, y, z); the accelerometer's factors are not known:"]
     for each in context.noise.inflations:
-        used = "IN THE VALUES BELOW" if each is context.inflation else f"not in them; --inflation {each.motion} puts them in"
+        used = "IN THE VALUES BELOW" if each is context.inflation else f"not in them; --inflation {shell_word(each.motion)} puts them in"
         source = f" ({each.source})" if each.source else ""
-        walk = f"K x {_factors(each.walk)}" if each.walk_density is None else f"K {_factors(each.walk_density)}"
+        walk = f"K x {_factors(each.walk)}"
+        if each.walk_density is not None:
+            walk = f"K {_factors(each.walk_density)}" if each.walk_density.any() else "K as at rest"
         lines.append(f"{each.motion}{source}: N x {_factors(each.white)}, {walk}: {used}")
     return lines
 
@@ -242,6 +284,14 @@ def say_of_noise(context: Context, name: str, found: Mapping[str, Densities]) ->
             if density.known and density.source in (LIMIT, GUESSED):
                 known = "an upper limit (95 %)" if density.source == LIMIT else "guessed"
                 context.say(f"{name}: the {SENSORS[kind]}'s {what} is {known}: the log at rest does not show it")
+
+
+def say_of_rate(context: Context, name: str) -> None:
+    """Report a data rate that nobody has said, of a format that depends on it."""
+    if not context.rate_known:
+        rate = f"{context.config.sensor.odr_hz:.6g} Hz"
+        guess = "is a guess, 1 over the shortest averaging time of a curve"
+        context.say(f"{name}: its data rate, {rate}, {guess}; give --odr to `calibrate noise --curve`")
 
 
 # The autopilots' filters: parameters of one step of the filter, each with a documented range.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import Densities, densities, noise_remarks, say_of_noise
+from tinygc.deploy.exports._noise import Densities, densities, noise_remarks, say_of_noise, say_of_rate
 from tinygc.deploy.exports._text import linear_part, remarks, yaml_text
 from tinygc.models.linear import NAMES
 from tinygc.models.model import Model
@@ -55,6 +55,7 @@ def export_noise(context: Context) -> dict[str, str]:
     """Export the covariances alone, of the readings as they are measured, which needs no model."""
     found = densities(context, NAME, walks=False)
     say_of_noise(context, NAME, found)
+    say_of_rate(context, NAME)
     values = _covariances(context, found, np.eye(3), np.eye(3))
     return {FILE: remarks(context, *_of_covariances(context, found)) + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
 

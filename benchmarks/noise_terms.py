@@ -18,12 +18,12 @@ from scipy.signal import fftconvolve, lfilter
 
 from session.io.samples import Samples
 from session.io.units import NS_PER_S
-from tinygc.annexes.noise.choice import CANDIDATES, Search
+from tinygc.annexes.noise.choice import Search
 from tinygc.annexes.noise.estimate import estimate_noise
 from tinygc.annexes.noise.likelihood import unit_covariance
 from tinygc.annexes.noise.scales import Group, groups_of, rest_of
 from tinygc.annexes.noise.summary import RestSums
-from tinygc.noise.figures import unit_allan_variance
+from tinygc.noise.figures import TERMS, unit_allan_variance
 
 RATE_HZ = 25.0
 DURATIONS_S = {"2 min": 120.0, "20 min": 1200.0, "3 h": 10_800.0, "20 h": 72_000.0}
@@ -106,12 +106,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--durations", nargs="*", default=list(DURATIONS_S))
     args = parser.parse_args()
-    subsets = [terms for n in range(len(CANDIDATES) + 1) for terms in itertools.combinations(CANDIDATES, n)]
+    beside = [name for name in TERMS if name != "N"]
+    subsets = [terms for n in range(len(beside) + 1) for terms in itertools.combinations(beside, n)]
     rows = []
     for label in args.durations:
         counts: Counter[str] = Counter()
         wrong: Counter[str] = Counter()
-        inside: dict[str, list[bool]] = {name: [] for name in ("N", *CANDIDATES)}
+        inside: dict[str, list[bool]] = {name: [] for name in TERMS}
         began = time.perf_counter()
         for number, terms in enumerate(subsets):
             for seed in range(args.seeds):
@@ -132,15 +133,12 @@ def main() -> None:
                     if len(sizes) == 1:
                         counts["nothing"] += 1
                         counts["named of nothing"] += not right
-                    for name in set(CANDIDATES) - set(sizes):
-                        if can_be_seen:
-                            counts["absent"] += 1
-                            counts["named of absent"] += name in chosen
-                        limit = axis.terms[name].at_most
-                        counts["limits"] += 0
+                    for name in set(TERMS) - set(sizes) if can_be_seen else ():
+                        counts["absent"] += 1
+                        counts["named of absent"] += name in chosen
                     for name in set(sizes) - chosen:
                         limit = axis.terms[name].at_most
-                        if limit is not None and can_be_seen:
+                        if limit is not None:
                             counts["limits"] += 1
                             counts["within limit"] += sizes[name] <= limit
                     for name in set(sizes) if can_be_seen and right else ():
@@ -155,6 +153,7 @@ def main() -> None:
                 f"{100 * counts['right of seen'] / max(counts['seen'], 1):.1f} %",
                 f"{100 * counts['named of absent'] / max(counts['absent'], 1):.2f} %",
                 f"{counts['named of nothing']} of {counts['nothing']}",
+                f"{100 * counts['within limit'] / max(counts['limits'], 1):.0f} % of {counts['limits']}",
                 f"{100 * np.mean(every):.1f} %" if every else "-",
                 ", ".join(f"{name} {100 * np.mean(own):.0f}" for name, own in inside.items() if own),
                 f"{time.perf_counter() - began:.0f} s",
@@ -168,6 +167,7 @@ def main() -> None:
         "all terms right",
         "an absent term named",
         "white alone: more named",
+        "limits of terms not named hold",
         "within 1 sigma",
         "by term",
         "time",

@@ -44,19 +44,20 @@ def test_the_evidence_of_a_further_term_is_its_integral_times_its_odds():
     assert chosen.log_evidence == pytest.approx(by_hand, abs=0.1)  # Laplace's: the peak in K is not quite Gaussian
 
 
-def test_prior_odds_are_one_to_five_and_those_of_a_filter_even_or_high():
-    assert (choice.ODDS, choice.ODDS_OF_FILTER, choice.ODDS_BEHIND_FILTER) == (0.2, 1.0, 100.0)
-    search = search_of(9, candidates=("F", "Q"), N=1.0)
-    assert search.of(frozenset("FQ")) is None
-    plain = search_of(11, candidates=("F",), N=1.0)
-    behind = Search(plain.groups, DT, (), ("F",), is_behind_filter=True)
-    without, filtered = (each.of(frozenset("F")) for each in (plain, behind))
-    if without is not None:
-        assert filtered.log_evidence - without.log_evidence == pytest.approx(np.log(100), abs=1e-6)
+def test_a_filter_is_likely_behind_a_scale_that_was_left_out_and_no_term_of_the_finest():
+    assert (choice.ODDS, choice.ODDS_OF_FILTER) == (0.2, 100.0)
+    plain = search_of(9, N=1.0)
+    assert "F" not in Search(plain.groups, DT).candidates
+    behind = Search(plain.groups, DT, (), ("F", "Q"), is_behind_filter=True)
+    assert behind.of(frozenset("FQ")) is None  # one is the other's negative
+    filtered = behind.of(frozenset("F"))
+    if filtered is not None:
+        by_hand = -filtered.fitted.value / 2 + np.log(2 * np.pi) + np.linalg.slogdet(filtered.fitted.covariance)[1] / 2
+        assert filtered.log_evidence == pytest.approx(by_hand - 2 * np.log(2 * DECADES * np.log(10)) + np.log(100), abs=1e-6)
 
 
 def test_n_is_the_mean_over_sets_and_its_sigma_contains_their_difference():
-    search = search_of(10, candidates=("F", "Q", "K"), N=1.0)
+    search = Search(search_of(10, N=1.0).groups, DT, (), ("F", "Q", "K"), is_behind_filter=True)
     search.best()
     sets = [each for each in search.tried.values() if each is not None]
     assert len(sets) > 1

@@ -19,8 +19,9 @@ from tinygc.annexes.noise.scales import Group
 CANDIDATES = (FILTER, "Q", "G", "B", "K", "R")
 #: prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100 (benchmarks/noise_terms.py)
 ODDS = 0.2
-#: prior odds of a filter's trace at all scales, and where a finer one was left out, which the filter has shaped
-ODDS_OF_FILTER, ODDS_BEHIND_FILTER = 1.0, 100.0
+#: prior odds of a filter's trace where a finer scale was left out, which the filter has shaped; at the finest scale there is none: means of
+#: one sample are not longer than the filter's memory
+ODDS_OF_FILTER = 100.0
 #: of the variance of a mean of the finest scale: where the search for a filter's trace begins
 FILTERED = 0.02
 #: ln: a size whose logarithm has a larger sigma is not seen
@@ -69,6 +70,8 @@ class Search:
 
     def __post_init__(self) -> None:
         self.stacks = stacks_of(self.groups)
+        if not self.is_behind_filter:
+            self.candidates = tuple(name for name in self.candidates if name != FILTER)
         self.lines_hz = tuple(hz for hz in self.lines_hz if np.sinc(hz * self.finest_s()) ** 2 > PASSED)
         names = [name for name in ("N", *self.candidates) if name != "G"]
         self.V = {name: self.unit(name) for name in names}
@@ -181,9 +184,8 @@ class Search:
         # Lines are in every set: what they add to the evidence is the same for all.
         own = [k for k, name in enumerate(names) if not name.startswith("line")] + ([len(names)] if "G" in names else [])
         log_width = len(own) / 2 * np.log(2 * np.pi) + np.linalg.slogdet(fitted.covariance[np.ix_(own, own)])[1] / 2
-        of_filter = ODDS_BEHIND_FILTER if self.is_behind_filter else ODDS_OF_FILTER
         log_prior = -(len(terms) + 1) * np.log(2 * DECADES * np.log(10)) + sum(
-            np.log(of_filter if name == FILTER else ODDS) for name in terms
+            np.log(ODDS_OF_FILTER if name == FILTER else ODDS) for name in terms
         )
         if "G" in names:
             log_prior -= float(np.log(np.log(self.bounds_s[1] / self.bounds_s[0])))

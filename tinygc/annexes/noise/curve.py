@@ -25,12 +25,12 @@ LEAST_FREEDOM = 2.0
 class CurveSearch(Search):
     """The same search, with one Allan variance for each group: sizes of groups are indices of averaging times."""
 
-    def __init__(self, tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray):
+    def __init__(self, tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray, is_behind_filter: bool):
         self.tau_s = tau_s
         groups = [
             Group(k, np.arange(2), np.eye(1), np.array([[f * v]]), float(f)) for k, (v, f) in enumerate(zip(variance, freedom, strict=True))
         ]
-        super().__init__(groups, 1.0)
+        super().__init__(groups, 1.0, is_behind_filter=is_behind_filter)
 
     def unit(self, name: str, correlation_s: float = 1.0, hz: float = 0.0) -> Stacked:
         """Return the Allan variance of a term of size 1 at each averaging time."""
@@ -67,7 +67,7 @@ def fit_curve(tau_s: np.ndarray, deviation: np.ndarray, duration_s: float) -> li
 def _axis(tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> AxisNoise:
     """Fit one axis; the finest averaging times, which the sensor's filter shapes, are left out while the model does not describe them."""
     for start in range(max(len(tau_s) - KEPT_OCTAVES, 0) + 1):
-        search = CurveSearch(tau_s[start:], variance[start:], freedom[start:])
+        search = CurveSearch(tau_s[start:], variance[start:], freedom[start:], start > 0)
         chosen = search.best()
         p_value, excess = goodness(search, chosen)
         if fits_data(p_value, excess):

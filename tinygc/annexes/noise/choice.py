@@ -29,8 +29,8 @@ UNSEEN = 1.0
 #: times of a Gauss-Markov term that are tried, per decade; those that are followed up
 TIMES_PER_DECADE, FOLLOWED = 5, 2
 #: means of the finest scale, and share of the longest rest, within which a correlation time shows by both its sides
-SHORTEST_MEANS, LONGEST_SHARE = 10.0, 0.1
-#: of the shortest time: a shorter one is no term of the sensor but what its filter makes of the finest level
+SHORTEST_MEANS, LONGEST_SHARE = 10.0, 1 / 30
+#: of the shortest and the longest time: a shorter one is what a filter makes of the finest level, a longer one is a random walk
 AT_BOUND = 1.1
 #: share of a line's power that means of the finest scale pass, below which they do not show it
 PASSED = 0.01
@@ -179,7 +179,7 @@ class Search:
         terms = [name for name in names if name not in self.always]
         if not np.isfinite(fitted.value) or any(chosen.log_sigma(name) > UNSEEN for name in terms):
             return None
-        if "G" in names and fitted.correlation_s < AT_BOUND * self.bounds_s[0]:
+        if "G" in names and not AT_BOUND * self.bounds_s[0] < fitted.correlation_s < self.bounds_s[1] / AT_BOUND:
             return None
         # Lines are in every set: what they add to the evidence is the same for all.
         own = [k for k, name in enumerate(names) if not name.startswith("line")] + ([len(names)] if "G" in names else [])

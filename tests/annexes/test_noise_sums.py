@@ -79,6 +79,16 @@ def test_no_window_spans_a_gap_and_the_coarsest_vector_keeps_its_time():
     assert sums.duration_s == pytest.approx(128, abs=0.05)
 
 
+def test_a_ramp_is_exact_where_the_last_mean_lacks_a_part():
+    count = 32 * 1023  # the last of the coarsest means has 15 of its 16 blocks
+    values = np.repeat((np.arange(count) * 0.01)[:, None], 6, axis=1) + 1e-6 * six(count, DT, 1, N=1.0)
+    top = groups(sums_of(values, DT))[-1]
+    assert top.top
+    t = top.t() * top.size * 0.01
+    assert top.middle[-1] == pytest.approx(top.at[-1] - 1 / 64, abs=1e-9)
+    assert np.sqrt(np.trace(top.S)) == pytest.approx(np.linalg.norm(t), rel=1e-6)
+
+
 def test_what_is_shorter_than_a_block_counts_at_the_levels_that_it_fills():
     sums = sums_of(six(40, DT, 5, N=1.0), DT)
     assert sums.size == 32

@@ -250,7 +250,7 @@ def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
         for which, S, own in zip(stack.which, stack.S, C, strict=True):
             group = search.groups[which]
             if group.top:
-                t = group.basis.T @ (group.at * group.size * search.period_s)
+                t = group.t() * group.size * search.period_s
                 w = np.linalg.solve(own, t)
                 information += float(t @ w)
                 square += float(w @ S @ w)

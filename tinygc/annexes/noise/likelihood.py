@@ -70,7 +70,7 @@ def unit_covariance(name: str, groups: Sequence[Group], period_s: float, correla
     for group in groups:
         mean_s = group.size * period_s
         if name == "R":
-            t = group.basis.T @ (group.at * mean_s)
+            t = group.t() * mean_s
             found.append(np.outer(t, t))
             continue
         lag = np.abs(group.at[:, None] - group.at[None])

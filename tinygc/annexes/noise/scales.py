@@ -43,8 +43,9 @@ PRESENT = 0.75
 class Group:
     """Windows of one scale.
 
-    size: samples of each mean; at (M,): places of the means in a window, in their own lengths; basis (M, d): contrasts; S (d, d): sum
-    of products over the windows; count: how many; top: whether it is a rest's coarsest vector.
+    size: samples of each mean; at (M,): places of the means in a window, in their own lengths; basis (M, d): contrasts; S (d, d): sum of
+    products over the windows; count: how many; top: whether it is a rest's coarsest vector; middle (M,): times of its means, in their own
+    lengths, of which some lack a part.
     """
 
     size: int
@@ -53,6 +54,11 @@ class Group:
     S: np.ndarray
     count: float
     top: bool = False
+    middle: np.ndarray | None = None
+
+    def t(self) -> np.ndarray:
+        """Return the contrasts (d,) of a ramp of 1 from one mean to the next."""
+        return np.asarray(self.basis.T @ (self.at if self.middle is None else self.middle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,6 +296,7 @@ def _coarse(rest: Rest, means: np.ndarray, columns: np.ndarray) -> tuple[list[tu
     """Return the levels above a block, (size, ratio) and contrasts (n, M - 1), and the coarsest vector; None for less than two means."""
     size, good = rest.blocks.size, ~rest.bad
     number, y, X = rest.blocks.number[good], means[good], columns[good]
+    middle = number.astype(float)
     found = []
     while len(y) > TOP:
         ratio = min(MOST_WINDOW // 2, 2 ** int(np.ceil(np.log2(len(y) / TOP))))
@@ -299,6 +306,7 @@ def _coarse(rest: Rest, means: np.ndarray, columns: np.ndarray) -> tuple[list[tu
         kept = counts >= PRESENT * ratio
         y = (np.add.reduceat(y, starts) / counts)[kept]
         X = (np.add.reduceat(X, starts, axis=0) / counts[:, None])[kept]
+        middle = ((np.add.reduceat(middle, starts) / counts - (ratio - 1) / 2) / ratio)[kept]
         number, size = window[kept], size * ratio
     if len(y) < 2:
         return found, None
@@ -306,7 +314,7 @@ def _coarse(rest: Rest, means: np.ndarray, columns: np.ndarray) -> tuple[list[tu
     if not basis.shape[1]:
         return found, None
     z = basis.T @ y
-    return found, Group(size, number - number[0], basis, np.outer(z, z), 1.0, top=True)
+    return found, Group(size, number - number[0], basis, np.outer(z, z), 1.0, top=True, middle=middle - number[0])
 
 
 def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray], period_s: float) -> list[str]:

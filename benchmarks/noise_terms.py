@@ -105,7 +105,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--durations", nargs="*", default=list(DURATIONS_S))
+    parser.add_argument("--rate-hz", type=float, default=RATE_HZ)
     args = parser.parse_args()
+    globals()["RATE_HZ"] = args.rate_hz
     beside = [name for name in TERMS if name != "N"]
     subsets = [terms for n in range(len(beside) + 1) for terms in itertools.combinations(beside, n)]
     rows = []

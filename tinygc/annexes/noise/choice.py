@@ -26,8 +26,8 @@ ODDS_OF_FILTER = 100.0
 FILTERED = 0.02
 #: ln: a size whose logarithm has a larger sigma is not seen
 UNSEEN = 1.0
-#: times of a Gauss-Markov term that are tried, per decade; those that are followed up
-TIMES_PER_DECADE, FOLLOWED = 5, 2
+#: times of a Gauss-Markov term that are tried, per decade; those that are followed up: a second one changed no set on three real sensors
+TIMES_PER_DECADE, FOLLOWED = 5, 1
 #: means of the finest scale, and share of the longest rest, within which a correlation time shows by both its sides
 SHORTEST_MEANS, LONGEST_SHARE = 10.0, 1 / 30
 #: of the shortest and the longest time: a shorter one is what a filter makes of the finest level, a longer one is a random walk

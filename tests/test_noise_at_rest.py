@@ -28,6 +28,7 @@ from tinygc.noise.measured import (
     allan_variance_of,
     drift_comparison,
     measured_noise,
+    rms_of_axes,
     session_instability,
     white_comparisons,
 )
@@ -337,3 +338,11 @@ def test_a_section_of_the_report_bears_no_service_s_name():
     """Its module would be looked for in the annex, and the section be gone."""
     own = {path.stem for path in Path(sections.__file__).parent.glob("*.py")}
     assert [name for name in sections.SECTIONS if (name in own) == (name in SERVICES)] == []
+
+
+def test_an_axis_that_is_not_described_is_no_prior_and_is_compared_with_nothing():
+    good, bad = axis_of(N=(1e-4, 1e-6), B=(5 * DPH, 0.1 * DPH)), replace(axis_of(B=(500 * DPH, 1.0 * DPH)), p_value=1e-9, excess=4.0)
+    alone, beside = (session_instability(SensorNoise(axes), 300.0) for axes in ((good,) * 3, (good, good, bad)))
+    assert beside.rps == pytest.approx(alone.rps, rel=1e-12)
+    assert session_instability(SensorNoise((bad,) * 3), 300.0) is None
+    assert rms_of_axes(SensorNoise((good, good, bad)), "B")[0] == pytest.approx(5 * DPH)

@@ -54,7 +54,7 @@ def relative_sigma(term: Term) -> float:
 
 def rms_of_axes(sensor: SensorNoise, name: str) -> tuple[float, float] | None:
     """Size of a term, rms over the axes that show it, SI, and its relative sigma; None where no axis does."""
-    shown = [term for axis in sensor.axes if _shown(term := axis.terms[name])]
+    shown = [term for axis in sensor.axes if axis.is_described and _shown(term := axis.terms[name])]
     if not shown:
         return None
     return _rms(np.array([term.value**2 for term in shown]), np.array([relative_sigma(term) for term in shown]), len(shown))
@@ -86,8 +86,8 @@ LIMIT_SPREAD = float(np.log(2) / 1.645)
 def session_instability(sensor: SensorNoise, session_s: float, file: str = FILE) -> BiasInstability | None:
     """Bias instability of a session of session_s s, from the gyroscope's figures at rest; None where they set none.
 
-    The rms over the axes that show a drift.  Its relative sigma is that of the terms, each weighed by its share of the variance.  Where no
-    axis shows one, it is half the upper limit.
+    The rms over the axes that show a drift; an axis whose data the terms do not describe counts for nothing.  Its relative sigma is that of
+    the terms, each weighed by its share of the variance.  Where no axis shows one, it is half the upper limit.
     """
     tau_s = np.geomspace(SHORTEST_S, max(session_s, 2 * SHORTEST_S), TIMES)
     step = np.full(TIMES, 1.0)
@@ -101,13 +101,15 @@ def session_instability(sensor: SensorNoise, session_s: float, file: str = FILE)
     parts = [
         [(term.value**2 * mean_of(name, term.tau_s), relative_sigma(term)) for name in WALKS if _shown(term := axis.terms[name])]
         for axis in sensor.axes
+        if axis.is_described
     ]
     if shown := [own for own in parts if own]:
         squares, relative = (np.array(column) for column in zip(*(part for own in shown for part in own), strict=True))
         rps, spread = _rms(squares, relative, len(shown))
         return BiasInstability(rps, f"measured at rest ({file})", rps * spread, rps * float(np.exp(1.645 * spread)))
-    limits = [max(sensor.at_most(name)[axis] ** 2 * mean_of(name, None) for name in ("B", "K")) for axis in range(3)]
-    most_rps = float(np.sqrt(np.mean(limits)))
+    known = [axis for axis in range(3) if sensor.axes[axis].is_described]
+    limits = [max(sensor.at_most(name)[axis] ** 2 * mean_of(name, None) for name in ("B", "K")) for axis in known]
+    most_rps = float(np.sqrt(np.mean(limits))) if limits else np.inf
     if not np.isfinite(most_rps) or most_rps <= 0:
         return None
     return BiasInstability(most_rps / 2, f"half its limit at rest ({file})", most_rps / 2 * LIMIT_SPREAD, most_rps)
@@ -125,8 +127,11 @@ def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> 
     rate_hz: data rate of the rest.  Both are Allan variances at one averaging time of the stills, so that the data rate of either does not
     matter, nor what the figures hold besides white noise.  Their ratio follows F: the stills have the degrees of freedom of the Allan
     variance, the figures those of its sigma.  Rounding to the register's steps is white noise whose density depends on range and data rate;
-    up to as much as the session's own steps would make in both, a difference is none.
+    up to as much as the session's own steps would make in both, a difference is none.  Figures that do not describe an axis are compared
+    with nothing.
     """
+    if not all(axis.is_described for axis in sensor.axes):
+        return ()
     from scipy.stats import f as law
 
     period_s = problem.logs[0].samples.period_s

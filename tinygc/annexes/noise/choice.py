@@ -26,8 +26,8 @@ ODDS_OF_FILTER = 100.0
 FILTERED = 0.02
 #: ln: a size whose logarithm has a larger sigma is not seen
 UNSEEN = 1.0
-#: times of a Gauss-Markov term that are tried, per decade; those that are followed up: a second one changed no set on three real sensors
-TIMES_PER_DECADE, FOLLOWED = 5, 1
+#: times of a Gauss-Markov term that are tried, per decade
+TIMES_PER_DECADE = 5
 #: means of the finest scale, and share of the longest rest, within which a correlation time shows by both its sides
 SHORTEST_MEANS, LONGEST_SHARE = 10.0, 1 / 30
 #: of the shortest and the longest time: a shorter one is what a filter makes of the finest level, a longer one is a random walk
@@ -138,11 +138,10 @@ class Search:
             return self._judged(names, fit(names, self.V, self.stacks, np.array(at)))
         names = (*names, "G")
         if near is not None and "G" in near.names:
-            starts = [(near.variance("G"), near.fitted.correlation_s)]
+            x, time = near.variance("G"), near.fitted.correlation_s
         else:
-            starts = self._times(names[:-1], np.array(at))
-        fits = [fit_with_time(names, self.V, self.stacks, np.array([*at, x]), time, self.bounds_s, self.unit) for x, time in starts]
-        return self._judged(names, min(fits, key=lambda each: each.value)) if fits else None
+            x, time = self._most_likely_time(names[:-1], np.array(at))
+        return self._judged(names, fit_with_time(names, self.V, self.stacks, np.array([*at, x]), time, self.bounds_s, self.unit))
 
     def most(self, V: Stacked) -> float:
         """Largest variance that a term may have: at some scale it would be all that is there."""
@@ -158,8 +157,8 @@ class Search:
             return FILTERED * near.variance("N") * self.finest_s()
         return 0.3 * self.most(self.V[name])
 
-    def _times(self, names: Sequence[str], x: np.ndarray) -> list[tuple[float, float]]:
-        """Return variances and correlation times of a Gauss-Markov term at which the likelihood rises most, to first order."""
+    def _most_likely_time(self, names: Sequence[str], x: np.ndarray) -> tuple[float, float]:
+        """Return the variance and the correlation time of a Gauss-Markov term at which the likelihood rises most, to first order."""
         low, high = np.log10(self.bounds_s)
         times = np.logspace(low, high, max(round((high - low) * TIMES_PER_DECADE), 2) + 1)
         own = [self.V[name] for name in names]
@@ -170,8 +169,8 @@ class Search:
             left = curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(curvature[:-1, :-1], curvature[:-1, -1], rcond=None)[0]
             size = max(-slope[-1] / max(left, 1e-300), 0.0)
             gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
-        gains.sort(reverse=True)
-        return [(size or 1e-3 * self.most(self.unit("G", time)), time) for _, size, time in gains[:FOLLOWED]]
+        _, size, time = max(gains)
+        return size or 1e-3 * self.most(self.unit("G", time)), time
 
     def _judged(self, names: tuple[str, ...], fitted: Fitted) -> Chosen | None:
         """Return a set with its evidence; None where a term of it is not seen."""
@@ -199,19 +198,17 @@ class Search:
         V, names = self.V[name], chosen.names
         own = [self.matrices(chosen, each) for each in names]
 
-        def rise(log_x: float, start: np.ndarray) -> tuple[float, np.ndarray]:
+        def rise(log_x: float) -> float:
             """-2 log L at a fixed variance above that without the term, the others by scoring."""
-            z = start.copy()
-            best = np.inf
+            z, best = np.log(chosen.fitted.x), np.inf
             for _ in range(6):
                 value, slope, curvature = cost(np.append(np.exp(z), np.exp(log_x)), [*own, V], self.stacks)
                 if not value < best - 1e-3:
                     break
                 best, x = value, np.exp(z)
                 z = z + np.clip(-np.linalg.lstsq(curvature[:-1, :-1] * np.outer(x, x), slope[:-1] * x, rcond=None)[0], -2, 2)
-            return best - chosen.fitted.value, z
+            return float(best) - chosen.fitted.value
 
-        z = np.log(chosen.fitted.x)
         _, slope, curvature = cost(chosen.fitted.x, [*own, V], self.stacks)
         inner = curvature[:-1, :-1]
         left = float(curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(inner, curvature[:-1, -1], rcond=None)[0])
@@ -219,7 +216,7 @@ class Search:
         at = np.log(peak + np.sqrt(2 * AT_LIMIT / max(left, 1e-300)))  # of the parabola in the variance
         low, high, lowest = -np.inf, np.inf, 0.0
         for _ in range(10):
-            up, _ = rise(at, z)
+            up = rise(at)
             lowest = min(lowest, up)
             if up - lowest > AT_LIMIT:
                 high = at

@@ -59,7 +59,6 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         raise DataError("no readings at rest; expected a rest log or the stills of a session")
     if (lowest := min(each.rate_hz for each in sums)) * (1 + SAME_RATE) < (highest := max(each.rate_hz for each in sums)):
         raise DataError(f"the data rates differ, {lowest:g} and {highest:g} Hz; one estimate takes the logs of one unit at one rate")
-    sums = [each for each in sums if each.size == sums[0].size]
     steps = sum(each.duration_s / each.period_s for each in sums)
     period_s = sum(each.duration_s for each in sums) / steps if steps else 1 / sums[0].rate_hz
     rests = [rest_of(each) for each in sums]
@@ -291,7 +290,7 @@ def allan_points(groups: Sequence[Group], period_s: float, axis: AxisNoise) -> l
     Differences of neighbouring means overlap within a window and do not cross its ends.  The variance of their mean square is that of a
     quadratic form in Gaussian contrasts, with the data's own covariance where windows are many, else the fitted one.
     """
-    found: dict[float, tuple[float, float, float]] = {}
+    found: dict[float, tuple[float, float]] = {}
     for group in groups:
         count = len(group.at)
         for k in 2 ** np.arange(int(np.log2(count))):
@@ -305,10 +304,10 @@ def allan_points(groups: Sequence[Group], period_s: float, axis: AxisNoise) -> l
             sigma = np.sqrt(max(2 * float(np.sum(AC * AC.T)) / group.count, 1e-30)) / max(float(np.trace(AC)), 1e-300)
             tau_s = group.size * int(k) * period_s
             weight = 1 / sigma**2
-            before = found.get(tau_s, (0.0, 0.0, 0.0))
-            found[tau_s] = (before[0] + weight * mean, before[1] + weight, 0.0)
+            before = found.get(tau_s, (0.0, 0.0))
+            found[tau_s] = (before[0] + weight * mean, before[1] + weight)
     points = []
-    for tau_s, (total, weight, _) in sorted(found.items()):
+    for tau_s, (total, weight) in sorted(found.items()):
         square, relative = total / weight, 1 / np.sqrt(weight)
         freedom = 2 / relative**2  # of a chi-square with this relative sigma
         low, high = (np.sqrt(square * freedom / chi2.ppf(p, freedom)) for p in (0.84, 0.16))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri, fdtrc, ndtri
 
-from tinygc.annexes.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums, contrasts
+from tinygc.annexes.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums, contrasts, ratios_of
 
 #: means of the coarsest level, which is one vector: the likelihood's cost goes with its cube, what more would give is below 3 %
 #: (benchmarks/noise_terms.py)
@@ -200,7 +200,8 @@ def of_log_and_log(rests: Sequence[Rest], channel: int) -> list[str]:
     long = [rest for rest in rests if rest.counts[:, 0].sum() >= MANY_WINDOWS]
     said = []
     if len(long) > 1:
-        size = [float(np.trace(rest.sums[0][channel].sum(axis=0)) / rest.counts[:, 0].sum()) for rest in long]
+        each = [rest.sums[0][channel].sum(axis=0) for rest in long]
+        size = [float(np.trace(S) / len(S) / rest.counts[:, 0].sum()) for S, rest in zip(each, long, strict=True)]
         if np.isfinite(size).all() and min(size) > 0:
             low, high = int(np.argmin(size)), int(np.argmax(size))
             freedom = [float(long[k].counts[:, 0].sum()) * long[k].sums[0].shape[2] for k in (high, low)]
@@ -235,23 +236,22 @@ def groups_of(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarra
     residuals: of each rest, its block means (B,) less what temperature explains; regressors: of each rest, columns (B, p) whose
     coefficients were estimated: they are projected out of the coarsest vector.
     """
-    sizes = _sizes(rests[0].blocks.size)
-    fine = [
-        (
-            size,
-            ratio,
-            sum(rest.sums[level][channel].sum(axis=0) for rest in rests),
-            sum(float(rest.counts[:, level].sum()) for rest in rests),
-        )
-        for level, (size, ratio) in enumerate(sizes)
-    ]
-    slopes = sum(_slopes_within(rest, channel, means) for rest, means in zip(rests, residuals, strict=True))
-    found = []
-    for size, ratio, S, count in fine:
-        if count:
+    fine: dict[tuple[int, int], Group] = {}
+    for rest, means in zip(rests, residuals, strict=True):
+        slopes = _slopes_within(rest, channel, means)
+        for level, (size, ratio) in enumerate(_sizes(rest.blocks.size)):
+            if not (count := float(rest.counts[:, level].sum())):
+                continue
             ramp = contrasts(ratio).T @ (np.arange(ratio) * size)
-            windows = rests[0].blocks.size / (size * ratio)
-            found.append(Group(size, np.arange(ratio), contrasts(ratio), S - slopes * windows * np.outer(ramp, ramp), count))
+            windows = rest.blocks.size / (size * ratio)
+            S = rest.sums[level][channel].sum(axis=0) - slopes * windows * np.outer(ramp, ramp)
+            before = fine.get((size, ratio))
+            fine[size, ratio] = (
+                Group(size, np.arange(ratio), contrasts(ratio), S, count)
+                if before is None
+                else replace(before, S=before.S + S, count=before.count + count)
+            )
+    found = list(fine.values())
     coarse: dict[tuple[int, int], list[np.ndarray]] = {}
     tops = []
     for rest, means, columns in zip(rests, residuals, regressors, strict=True):
@@ -283,8 +283,6 @@ def _slopes_within(rest: Rest, channel: int, residual: np.ndarray) -> float:
 
 
 def _sizes(block: int) -> list[tuple[int, int]]:
-    from tinygc.annexes.noise.summary import ratios_of
-
     sizes, size = [], 1
     for ratio in ratios_of(block):
         sizes.append((size, ratio))

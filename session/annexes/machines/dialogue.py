@@ -7,6 +7,7 @@ thread, and a motion whose requests are half sent ends there.
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Mapping
 from typing import Any
@@ -209,21 +210,7 @@ class Dialogue:
                     self._await(step, self.make.done, self._text(step, number, angle_rad, rate_rps))
 
     def _text(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> str:
-        settings, decimals = self._settings, int(self._settings["decimals"])
-        word = self.description.axes[axis].word
-        signed = rate_rps / DEG * settings["rate_per_dps"]
-        text = step.raw or step.send
-        values = {
-            "{word}": word,
-            "{axis}": str(axis + 1),
-            "{angle}": f"{angle_rad / DEG * settings['per_deg']:.{decimals}f}",
-            "{rate}": f"{abs(signed):.{decimals}f}",
-            "{signed_rate}": f"{signed * np.sign(settings['per_deg']):.{decimals}f}",
-            **{f"{{{name}}}": str(value) for name, value in settings.items()},
-        }
-        for name, value in values.items() if step.send else ():
-            text = text.replace(name, value)
-        return text
+        return request_text(step, self._settings, self.description.axes[axis].word, axis, angle_rad, rate_rps)
 
     def _write(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> None:
         text = self._text(step, axis, angle_rad, rate_rps)
@@ -385,3 +372,35 @@ class Dialogue:
             self._before = (now_s, angles)
             return True
         return now_s - self._before[0] < self._settings["same_s"]
+
+
+def request_text(step: Step, settings: Mapping[str, Any], word: str, axis: int, angle_rad: float, rate_rps: float) -> str:
+    """A request with its values filled in, without the end of its line."""
+    if step.raw:
+        return step.raw
+    decimals, signed = int(settings["decimals"]), rate_rps / DEG * settings["rate_per_dps"]
+    values = {
+        "word": word,
+        "axis": axis + 1,
+        "angle": f"{angle_rad / DEG * settings['per_deg']:.{decimals}f}",
+        "rate": f"{abs(signed):.{decimals}f}",
+        "signed_rate": f"{signed * np.sign(settings['per_deg']):.{decimals}f}",
+    }
+    return re.sub(r"\{(\w+)\}", lambda found: str(values.get(found[1], settings.get(found[1]))), step.send)
+
+
+def example(table: Description, make: Make) -> list[tuple[str, str]]:
+    """What would be sent for a turn of each axis, a rate and a stop: to compare with a manual before anything moves."""
+    settings = {**make.settings, **table.settings}
+    require_settings(table.settings, f"{table.name}: settings", make.settings)
+    rows = []
+    for number, axis in enumerate(table.axes):
+        angle = min(30 * DEG, axis.most_rad if axis.most_rad is not None else np.inf)
+        rate = min(10 * DEG, axis.fastest_rps)
+        said = f"{axis.name} to {angle / DEG:g} deg at {rate / DEG:g} dps"
+        for what, steps in ((said, make.turn_to), (f"{axis.name} at {rate / DEG:g} dps", make.turn_at)):
+            if steps:
+                rows.append((what, "; ".join(request_text(step, settings, axis.word, number, angle, rate) for step in steps)))
+    for harder, steps in zip(("stop", "stop, harder"), make.stop, strict=False):
+        rows.append((harder, "; ".join(repr(request_text(step, settings, table.axes[0].word, 0, 0.0, 0.0)) for step in steps)))
+    return rows

@@ -268,15 +268,15 @@ def read_make(path: Path) -> Make:
         errors=errors[0] if errors else None,
         none=tuple(table.get("errors", {}).get("none", ["0"])),
     )
-    told = {name for step in make.where for pattern in step.answers for name in re.findall(r"\{(\w+)\}", pattern.text)}
-    if not told & {"angle", "angles", "count"} or not make.stop or not make.turn_to:
+    fields = {name for step in make.where for pattern in step.answers for name in re.findall(r"\{(\w+)\}", pattern.text)}
+    if not fields & {"angle", "angles", "count"} or not make.stop or not make.turn_to:
         raise FormatError(
             f"{path}: requests needs stop, turn_to, and a where whose answers hold {{angle}}, {{angles}} or {{count}}; {AGAIN}"
         )
-    for step in make.where:
-        if make.most_axes > 1 and not step.each and any(set(re.findall(r"\{(\w+)\}", p.text)) & {"angle", "count"} for p in step.answers):
-            if not all(pattern.names_an_axis for pattern in step.answers):
-                raise FormatError(f"{path}: {step.send!r} is answered with one angle: add each = true, or {{word}} to its answers; {AGAIN}")
+    for step in make.where if make.most_axes > 1 else ():
+        one_angle = any("{angle}" in pattern.text or "{count}" in pattern.text for pattern in step.answers)
+        if one_angle and not step.each and not all(pattern.names_an_axis for pattern in step.answers):
+            raise FormatError(f"{path}: {step.send!r} is answered with one angle: add each = true, or {{word}} to its answers; {AGAIN}")
     return make
 
 

@@ -273,6 +273,12 @@ class Guarded:
         why = failed if PRESS in failed else f"{failed}; {PRESS}" if failed else PRESS
         raise TableFault(f"{self.description.name}: it was told to stop and was not seen at rest; {why}")
 
+    def clear(self) -> None:
+        """Clear an alarm: only where a person has said so.  TableFault where the machine cannot, or does not."""
+        if (clear := getattr(self._table, "clear", None)) is None:
+            raise TableFault(f"{self.description.name}: an alarm of a {self.description.make} is cleared at the machine")
+        clear()
+
     def close(self) -> None:
         """Let go of the port."""
         if not self._closed:

@@ -365,7 +365,7 @@ class Acutronic(Firmware):
 
 
 class Drive(Firmware):
-    """A servo drive with words on a line, one axis: ``EN``, ``OPMODE``, ``J 10.0`` (rpm), ``MA``, ``PFB``, ``STOPPED``; a prompt ``-->``."""
+    """A servo drive with words on a line, one axis: ``EN``, ``OPMODE``, ``J 10.0`` (rpm), ``MA``, ``PFB``, ``STOPPED``; prompt ``-->``."""
 
     def __init__(self, mechanics: Mechanics):
         super().__init__(mechanics)

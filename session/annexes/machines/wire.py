@@ -12,6 +12,8 @@ from session.annexes.machines.virtual import VirtualTable
 from session.bench.port import UNPLUGGED, open_serial
 from session.io.texts import command_line
 
+#: errors of a port that cannot be opened
+UNOPENED: tuple[type[Exception], ...] = (*UNPLUGGED, ValueError)
 #: s between two looks for bytes
 POLL_S = 0.01
 #: s after which a port that takes no bytes counts as lost
@@ -44,7 +46,7 @@ class SerialLink:
         try:
             self._port = open_serial(name, baud)
             self._port.timeout, self._port.write_timeout = 0, WRITE_S
-        except (*UNPLUGGED, ValueError) as error:
+        except UNOPENED as error:
             raise LineLost(f"{name}: the table's port cannot be opened ({error}); see {command_line('ports')}") from None
 
     def write(self, data: bytes) -> None:
@@ -89,7 +91,7 @@ class VisaLink:
         except ImportError:
             raise TableFault(f"{name}: a VISA name needs PyVISA; python -m pip install pyvisa pyvisa-py") from None
         self._name, self._lock = name, threading.Lock()
-        self._errors: tuple[type[Exception], ...] = (pyvisa.errors.Error, OSError, ValueError)
+        self._errors: tuple[Any, ...] = (pyvisa.errors.Error, OSError, ValueError)
         self._timeout = pyvisa.constants.StatusCode.error_timeout
         try:
             self._manager = pyvisa.ResourceManager(library)

@@ -26,12 +26,14 @@ def makes() -> dict[str, str]:
 
 def make_of(table: Description, folder: Path | None = None) -> Make:
     """The make's file of a table; ``make = "./mine.toml"`` is one of the user's, beside table.toml in ``folder``.  Raises FormatError."""
-    name = table.make
-    if name.endswith(".toml"):
-        return read_make((folder or Path()) / name)
+    return read_make((folder or Path()) / table.make) if table.make.endswith(".toml") else make_of_name(table.make)
+
+
+def make_of_name(name: str) -> Make:
+    """A make that comes with the tool.  FormatError where it is none, or no file."""
     if name not in make_names():
         known = ", ".join([*make_names(), *MODULES])
-        raise FormatError(f"{table.name}: no make {name[:40]!r}; it is one of {known}, or a file of your own such as ./mine.toml; {AGAIN}")
+        raise FormatError(f"no make {name[:40]!r}; it is one of {known}, or a file of your own such as ./mine.toml; {AGAIN}")
     return read_make(FOLDER / f"{name}.toml")
 
 

@@ -1,7 +1,7 @@
 """Rotary stages on 8SMC controllers through libximc: a controller for each axis, whose ``word`` is its device name.
 
-The library is an extra (``pip install 'tinygc[tables]'``).  ``xi-emu:///PATH`` is its own virtual controller.  [settings]: ``steps_per_deg``,
-full steps of the motor to a degree of the stage.
+The library is an extra (``pip install 'tinygc[tables]'``).  ``xi-emu:///PATH`` is its own virtual controller.  [settings]:
+``steps_per_deg``, full steps of the motor to a degree of the stage.
 """
 
 from __future__ import annotations
@@ -129,6 +129,7 @@ def open_table(description: Description, clock: Clock) -> Ximc:
         import libximc.highlevel as library
     except ImportError as error:
         raise TableFault(
-            f"{description.name}: the make ximc needs libximc ({error}); python -m pip install 'libximc>=3.0.2,!=3.1.2' (3.1.2 is for Windows alone)"
+            f"{description.name}: the make ximc needs libximc ({error}); "
+            "python -m pip install 'libximc>=3.0.2,!=3.1.2' (3.1.2 runs on Windows alone)"
         ) from None
     return Ximc(description, library)

@@ -29,7 +29,7 @@ LONGEST_PATTERN, MOST_WILDCARDS = 120, 3
 MOST_PATTERNS = 20
 _NUMBER = r"[-+]?\d{1,15}(?:\.\d{0,15})?(?:[eE][-+]?\d{1,3})?"
 FIELDS = {
-    **dict.fromkeys(("angle", "count", "rate", "clock"), _NUMBER),
+    **dict.fromkeys(("angle", "count", "rate", "clock", "temperature"), _NUMBER),
     "angles": rf"{_NUMBER}(?:,{_NUMBER}){{0,5}}",
     **dict.fromkeys(("state", "code", "fault"), r"[-+A-Za-z0-9_:.]{1,40}"),
     "word": r"[A-Za-z0-9_]{1,20}",
@@ -153,13 +153,13 @@ class Make:
     none: tuple[str, ...]  #: codes and faults that mean no error
 
 
-_PATTERNS = _Patterns()
+PATTERNS = _Patterns()
 _STEP = Keys(
     {},
     {
         "send": Text(),
         "raw": Text(),
-        "answers": _PATTERNS,
+        "answers": PATTERNS,
         "later": Flag(),
         "each": Flag(),
         "pause_s": Number(0, 10),
@@ -182,7 +182,7 @@ class _Steps(Shape):
                 raise Mismatch(f"{where}[{number}] needs send or raw, and not both")
 
 
-_MESSAGES = Keys({}, {"lines": _PATTERNS, "words": MapOf(Text())})
+_MESSAGES = Keys({}, {"lines": PATTERNS, "words": MapOf(Text())})
 SHAPE = Keys(
     {
         "schema": Text((SCHEMA,)),
@@ -198,7 +198,7 @@ SHAPE = Keys(
         "baud": Number(1, 1e8, whole=True),
         "most_axes": Number(1, 3, whole=True),
         "settings": Keys(),
-        "line": Keys({}, {"end": Text(), "prompt": Text(), "done": _PATTERNS, "greeting": _PATTERNS, "busy": _PATTERNS}),
+        "line": Keys({}, {"end": Text(), "prompt": Text(), "done": PATTERNS, "greeting": PATTERNS, "busy": PATTERNS}),
         "states": Keys({}, {"order": Text(), "moving": ListOf(Text()), "rest": ListOf(Text()), "faults": MapOf(Text())}),
         "refused": _MESSAGES,
         "alarms": _MESSAGES,

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 from session.annexes.machines.clocks import Clock
 from session.annexes.machines.verbs import TableFault
-from session.annexes.machines.virtual import VirtualTable
 from session.bench.port import UNPLUGGED, open_serial
 from session.io.texts import command_line
 
@@ -127,11 +126,24 @@ class VisaLink:
             self._manager.close()
 
 
-class VirtualLink:
-    """A virtual table in this process: what is sent is answered at once, and waiting turns its clock on."""
+class Device(Protocol):
+    """A virtual device: a ``VirtualTable`` or a ``VirtualChamber``."""
 
-    def __init__(self, table: VirtualTable, clock: Clock):
-        self.table, self._clock = table, clock
+    @property
+    def is_connected(self) -> bool:
+        """Whether the cable is in."""
+        ...
+
+    def feed(self, data: bytes = b"") -> bytes:
+        """Take what was sent; what is received by now."""
+        ...
+
+
+class VirtualLink:
+    """A virtual device in this process: what is sent is answered at once, and waiting turns its clock on."""
+
+    def __init__(self, device: Device, clock: Clock):
+        self.device, self._clock = device, clock
         self._lock, self._received = threading.Lock(), b""
         #: everything that was sent, for tests
         self.sent = b""
@@ -157,6 +169,6 @@ class VirtualLink:
     def _feed(self, data: bytes) -> None:
         with self._lock:
             self.sent += data
-            self._received += self.table.feed(data)
-        if not self.table.is_connected:
+            self._received += self.device.feed(data)
+        if not self.device.is_connected:
             raise LineLost(f"the line to the table is lost (virtual cable); is the cable in? {PRESS}")

@@ -107,7 +107,8 @@ class Dialogue:
         with self._exchange:
             self._refuse_alarm()
             if self._awaited_home is not None and any(step.later and not self.make.where[0].raw for step in self.make.home):
-                return self._where_while_busy()
+                if (busy := self._where_while_busy()) is not None:
+                    return busy
             for number in range(TRIES):
                 found = self._ask_where()
                 if found is not None:
@@ -190,7 +191,7 @@ class Dialogue:
         if found is None:
             raise TableFault(self._complaint("does not say whether it takes the request", ask, ask.answers))
         if (code := found["code"]) not in self.make.none:
-            words = self.make.refused.words.get(code, "a code that the make's file does not know")
+            words = {**self.make.alarms.words, **self.make.refused.words}.get(code, "a code that the make's file does not know")
             raise TableFault(f"{self.description.name}: it refuses with {code} ({words}); nothing more was sent")
 
     def _requests(self, steps: tuple[Step, ...], axis: int | None, angle_rad: float, rate_rps: float) -> None:
@@ -206,6 +207,8 @@ class Dialogue:
                     self._write(step, number, angle_rad, rate_rps)
                 if step.pause_s:
                     self._clock.sleep(step.pause_s)
+                if step.answers and self._await(step, step.answers, self._text(step, number, angle_rad, rate_rps)) is None:
+                    raise TableFault(self._complaint("answers something else", step, step.answers))
                 if not (step.later or step.unanswered or step.raw) and self.make.done:
                     self._await(step, self.make.done, self._text(step, number, angle_rad, rate_rps))
 
@@ -300,8 +303,8 @@ class Dialogue:
 
     # Where it is.
 
-    def _where_while_busy(self) -> Where:
-        """While homing keeps it from answering: the last angles, until its acknowledgement comes."""
+    def _where_while_busy(self) -> Where | None:
+        """While homing keeps it from answering: the last angles; None once its acknowledgement came."""
         self._receive(0.05)
         self._drain()
         now_s = self._clock.now_s()
@@ -309,7 +312,7 @@ class Dialogue:
             raise TableFault(f"{self.description.name}: homing does not end within {self._settings['home_s']:g} s")
         if self._awaited_home is not None and now_s - self._heard_s > BUSY_S:
             raise TableFault(f"{self.description.name}: silent for {BUSY_S:g} s while it homes")
-        return Where(self._angles, self._awaited_home is not None)
+        return None if self._awaited_home is None else Where(self._angles, True)
 
     def _ask_where(self) -> Where | None:
         """One round of questions; None where an answer cannot be read."""

@@ -123,6 +123,7 @@ class Guarded:
         self._last: tuple[float, np.ndarray] | None = None
         self._target: tuple[int, float] | None = None  # axis and angle of the present move
         self._sense = 0.0
+        self._turns, self._turns_by_s = False, 0.0  # whether it turns at a rate without an end, and s by which it surely does
         self._begin_s, self._due_s, self._computed_s = 0.0, np.inf, 0.0
         self._looked_s = self._clock.now_s()
         self._closed = False
@@ -232,6 +233,7 @@ class Guarded:
             self._begin((axis, limit), abs(limit - here) / abs(rate_rps) + abs(rate_rps) / of.acceleration_rps2)
             return self._guard(lambda: self._table.turn_to(axis, limit, abs(rate_rps)))
         self._begin(None, np.inf)
+        self._turns, self._turns_by_s = True, 2 * of.fastest_rps / of.acceleration_rps2 + START_S + 0.5
         return self._guard(lambda: self._table.turn_at(axis, rate_rps))
 
     def where(self) -> Where:
@@ -239,10 +241,13 @@ class Guarded:
         asked_s = self._clock.now_s()
         found = self._guard(self._table.where)
         now_s = self._looked_s = self._clock.now_s()
-        if not self._rest.is_set() and now_s - self._begin_s < START_S:
-            found = Where(found.angles, True, found.table_s, found.fault)
+        if not self._rest.is_set() and not found.moving and now_s - self._begin_s < (self._turns_by_s if self._turns else START_S):
+            found = Where(found.angles, True, found.table_s, found.fault)  # not begun yet, or between two senses
         self._compare(asked_s, now_s, found)
         if not found.moving and not self._rest.is_set():
+            if self._turns:
+                self._stop_for("it says that it rests, asked for was a turn at a rate")
+            found = self._guard(self._table.where)  # the angle may be older than the word that it rests
             self._arrived(found)
         if found.moving and now_s > self._due_s:
             self._stop_for(f"it still moves {now_s - self._begin_s:.1f} s after its move began; computed were {self._computed_s:.1f} s")
@@ -308,6 +313,7 @@ class Guarded:
 
     def _begin(self, target: tuple[int, float] | None, computed_s: float) -> None:
         self._rest.clear()
+        self._turns = False
         self._target, self._computed_s = target, computed_s
         self._looked_s = self._begin_s = self._clock.now_s()
         self._due_s = self._begin_s + SLOWER * computed_s + LATER_S

@@ -139,7 +139,7 @@ class Grbl(Firmware):
     def _home(self) -> list[str]:
         if not self._has_homing:
             return ["error:5"]
-        if self.mechanics.stopped_by == "estop":
+        if not self.mechanics.clear():
             return ["error:13"]
         if self._state() not in ("Idle", "Alarm"):
             return ["error:8"]

@@ -76,7 +76,7 @@ class Mechanics:
         self.tracks = tuple(AxisTrack(backlash=of.backlash) for of in errors.axes)
         self.unknown = [0.0] * len(self.tracks)  #: rad, said minus true
         self.stopped_by, self.restarts, self.is_homed = "", 0, False
-        self._moves = 0
+        self._moves, self._is_pressed = 0, False
         self._homing_until_s: float | None = None
         self._waiting = list(faults)
         self._since_s: dict[str, float] = {}
@@ -162,7 +162,7 @@ class Mechanics:
             if track.busy_until_s > now_s:
                 track.turn_at(now_s, 0.0, self._acceleration(axis))
             track.turn_to(track.busy_until_s if track.busy_until_s > now_s else now_s, 0.0, HOMING_RPS, self._acceleration(axis))
-        self._homing_until_s = max(now_s + 1.0, *(track.busy_until_s for track in self.tracks))
+        self._homing_until_s = max(now_s, *(track.busy_until_s for track in self.tracks))
         self._expect(now_s, self._homing_until_s)
         return True
 
@@ -172,15 +172,14 @@ class Mechanics:
 
     def clear(self) -> bool:
         """Forget an alarm; False while the emergency stop is pressed."""
-        if self.stopped_by == "estop":
+        if self._is_pressed:
             return False
         self.stopped_by = ""
         return True
 
     def release(self) -> None:
         """Somebody releases the emergency stop; the alarm remains until it is cleared."""
-        if self.stopped_by == "estop":
-            self.stopped_by = "limit"
+        self._is_pressed = False
 
     def restart(self, t_s: float | None = None) -> None:
         """Reset the controller: at rest, no alarm, and its angles are 0 where it stands."""
@@ -188,8 +187,7 @@ class Mechanics:
         self._stop(now_s, BRAKE)
         self.restarts += 1
         self.is_homed = False
-        if self.stopped_by != "estop":
-            self.stopped_by = ""
+        self.clear()
         self.unknown = [-track.state(now_s)[0] for track in self.tracks]
 
     def _stop(self, now_s: float, brake: float) -> None:
@@ -200,7 +198,7 @@ class Mechanics:
 
     def _strike(self, kind: str, t_s: float) -> None:
         if kind in ("estop", "limit"):
-            self.stopped_by = kind
+            self.stopped_by, self._is_pressed = kind, kind == "estop"
             self._stop(t_s, BRAKE)
         elif kind == "restart":
             self.restart(t_s)

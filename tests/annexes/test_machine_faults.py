@@ -1,0 +1,129 @@
+"""Fifteen kinds of faults on every make: the table ends at rest, within its limits, and one line says what happened (exit code 3)."""
+
+import re
+
+import numpy as np
+import pytest
+from virtual_tables import MAKES, Bench, description
+
+from session.annexes.machines.verbs import TableFault
+from session.annexes.machines.virtual_motion import FAULTS, LOST_RAD, Fault
+from session.io.errors import CalibrationError
+from session.io.units import DEG
+
+#: faults that the machine does not know of, and that a driver can live with
+HARMLESS = ("late", "doubled", "lost_steps")
+#: what the line names, on any make; a controller that restarts without a word is seen by its angle
+NAMED = {
+    "estop": "emergency stop|ALARM:3|kill|FLT 23|FAULT 1|ALARM 1",
+    "limit": "limit|endstops|ALARM",
+    "cable": "line to the table is lost",
+    "silence": "does not (answer|say)",
+    "garbled": "does not (answer|say)|refuse|reports|turned by|beyond|state|rests at",
+    "stall": r"rests at 0\.\d+ deg, asked for was 90",
+    "wrong_angle": "turned by|rests at 120",
+    "home_fails": "home|homing|Homing",
+    "disabled": "amplifier|error:7|stepper|motors|interlock",
+    "endless": r"beyond the 90\.00 that it was sent to",
+    "restart": "restarted|turned by",
+    "unknown_error": "the make's file does not know|4711",
+}
+
+
+def session(make, faults):
+    """Home, a turn to 90 deg (the second move), a turn at a rate; the bench behind it, and what was said."""
+    bench = Bench(description(make), faults)
+    bench.confirm()
+    try:
+        with bench.guarded as table:
+            table.home()
+            table.settle()
+            table.turn_to(0, 90 * DEG, 30 * DEG)
+            table.settle()
+            table.turn_at(0, -20 * DEG)
+            for _ in range(20):
+                table.where()
+                bench.clock.sleep(0.1)
+            table.stop()
+    except TableFault as fault:
+        return bench, fault
+    return bench, None
+
+
+@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize("kind", FAULTS)
+def test_each_fault_ends_safe(kind, make):
+    bench, fault = session(make, f"{kind}@move{1 if kind == 'home_fails' else 2}")
+    said_rest = bench.guarded.is_at_rest
+    assert said_rest <= (bench.motor()[1] == 0)  # what is said to rest does
+    assert bench.comes_to_rest()  # without anybody: also where nothing could be sent any more
+    of = bench.table.axes[0]
+    assert of.least_rad - DEG <= bench.motor()[0] <= of.most_rad + DEG
+    assert (fault is None) == (kind in HARMLESS)
+    if fault is not None:
+        assert fault.exit_code == 3
+        assert "\n" not in str(fault)
+        assert re.search(NAMED[kind], str(fault)), str(fault)
+        assert said_rest or "not seen at rest" in str(fault)
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_a_cable_that_drops_says_to_press_the_stop(make):
+    _, fault = session(make, "cable@move2")
+    assert "press its own emergency stop" in str(fault)
+
+
+def test_silence_stops_it_though_nothing_is_heard():
+    """The controller still hears: the stop arrives, and the motor rests before the move would have ended."""
+    bench = Bench(description("line"), "silence@move1")
+    bench.confirm()
+    bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
+    with pytest.raises(TableFault, match="not seen at rest"):
+        bench.guarded.settle()
+    assert bench.motor()[1] == 0
+    assert 100 * DEG < bench.motor()[0] < 125 * DEG  # silent from 100 deg on, for 2 s
+
+
+def test_lost_steps_are_the_sensor_s_to_see():
+    bench, fault = session("grbl", "lost_steps@move2")
+    assert fault is None
+    assert bench.virtual.mechanics.said(0) - bench.motor()[0] == pytest.approx(LOST_RAD)
+
+
+def test_a_turn_at_a_rate_that_stalls_is_seen():
+    bench = Bench(description("line", limits=None), "stall@move1")
+    bench.confirm()
+    bench.guarded.turn_at(0, 20 * DEG)
+    with pytest.raises(TableFault, match="says that it rests, asked for was a turn at a rate"):
+        for _ in range(100):
+            bench.guarded.where()
+            bench.clock.sleep(0.1)
+
+
+def test_the_same_seed_garbles_the_same_bytes():
+    said = {bytes(Bench(description("grbl"), "garbled@0").virtual.feed(b"?")) for _ in range(3)}
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("text", ["estop", "estop@3", "stall@move2,cable@1.5", ""])
+def test_faults_are_parsed(text):
+    assert len(Fault.parse(text)) == len(list(filter(None, text.split(","))))
+
+
+@pytest.mark.parametrize("text", ["nothing", "estop@", "estop@x", "estop@move", "estop@-1", "ESTOP@1"])
+def test_a_wrong_fault_is_named(text):
+    with pytest.raises(CalibrationError, match="expected NAME@SECONDS or NAME@moveN"):
+        Fault.parse(text)
+
+
+def test_errors_of_the_table_are_in_its_tracks():
+    """Play of an axis is that of its track."""
+    from session.annexes.machines.mechanics import AxisErrors, TableErrors
+
+    bench = Bench(description("line"), errors=TableErrors((AxisErrors(backlash=0.5 * DEG),)))
+    bench.driver.turn_to(0, DEG, DEG)
+    bench.clock.sleep(5)
+    bench.driver.turn_to(0, 0.8 * DEG, DEG)
+    bench.clock.sleep(5)
+    _, sense = bench.virtual.tracks[0].said_and_sense(np.array([4.5, 10.0]))
+    assert sense.tolist() == pytest.approx([1.0, 0.2])

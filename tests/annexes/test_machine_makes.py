@@ -1,0 +1,392 @@
+"""Each make against its virtual table, whose side of the dialogue was written from the make's documentation: the five verbs, bytes, units."""
+
+import re
+
+import numpy as np
+import pytest
+from virtual_tables import MAKES, SINGLE, Bench, description
+
+from session.annexes.machines.clocks import SimulatedClock
+from session.annexes.machines.description import read_description
+from session.annexes.machines.dialogue import example
+from session.annexes.machines.makes import MODULES, make_of, makes, open_table
+from session.annexes.machines.makes.hand import Hand
+from session.annexes.machines.safety import Guarded, Move
+from session.annexes.machines.template import template
+from session.annexes.machines.verbs import TableFault
+from session.io.errors import CalibrationError, FormatError
+from session.io.units import DEG
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_the_five_verbs(make):
+    bench = Bench(description(make))
+    bench.confirm()
+    with bench.guarded as table:
+        table.home()
+        assert table.where().moving
+        assert table.settle().angles[0] == pytest.approx(0, abs=0.02 * DEG)
+        begin_s = bench.clock.now_s()
+        table.turn_to(0, 90 * DEG, 30 * DEG)
+        assert table.settle().angles[0] == pytest.approx(90 * DEG, abs=0.02 * DEG)
+        assert bench.motor()[0] == pytest.approx(90 * DEG, abs=0.02 * DEG)
+        assert 3.25 <= bench.clock.now_s() - begin_s < 4.5  # 90 deg at 30 dps with 0.3 s of ramp: the rate has the right unit
+        table.turn_at(0, -20 * DEG)
+        bench.clock.sleep(2.0)
+        assert bench.motor()[1] == pytest.approx(-20 * DEG, rel=1e-3)
+        assert table.where().moving
+        table.stop()
+        assert bench.motor()[1] == 0
+        angle = table.where().angles[0]
+        assert angle == pytest.approx(bench.motor()[0], abs=0.02 * DEG)
+        assert 40 * DEG < angle < 55 * DEG
+        assert not table.settle().moving
+
+
+@pytest.mark.parametrize("make", [make for make in MAKES if make not in SINGLE])
+def test_two_axes_move_by_themselves(make):
+    bench = Bench(description(make, axes=2))
+    bench.confirm()
+    with bench.guarded as table:
+        table.home()
+        table.settle()
+        table.turn_to(1, -45 * DEG, 60 * DEG)
+        table.settle()
+        table.turn_to(0, 120 * DEG, 60 * DEG)
+        assert table.settle().angles == pytest.approx(np.array([120, -45]) * DEG, abs=0.02 * DEG)
+    assert [bench.motor(number)[0] / DEG for number in (0, 1)] == pytest.approx([120, -45], abs=0.02)
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_an_axis_without_limits_turns_on(make):
+    bench = Bench(description(make, limits=None))
+    bench.confirm()
+    with bench.guarded as table:
+        table.home()
+        table.settle()
+        for rate in (50, -25):
+            before = table.where().angles[0]
+            table.turn_at(0, rate * DEG)
+            for _ in range(100):
+                assert table.where().moving
+                bench.clock.sleep(0.1)
+            assert bench.motor()[1] == pytest.approx(rate * DEG, rel=1e-3)
+            assert abs(table.where().angles[0] - before) > 8 * abs(rate) * DEG
+        table.turn_at(0, 0.0)
+        assert not table.settle().moving
+        assert bench.motor()[1] == 0
+
+
+def test_grbl_hears_its_documented_grammar_and_nothing_else():
+    """Jogs of at most 80 characters, real-time characters, and $H: interface and jogging pages of GRBL 1.1."""
+    bench = Bench(description("grbl"))
+    bench.confirm()
+    with bench.guarded as table:
+        table.home()
+        table.settle()
+        table.turn_to(0, -12.3456 * DEG, 10 * DEG)
+        table.settle()
+        table.turn_at(0, 7.5 * DEG)
+        bench.clock.sleep(1)
+        table.stop()
+    said = bench.link.sent.replace(b"?", b"")
+    assert said == b"$H\n$J=G53 G90 G21 X-12.346 F600.000\n$J=G53 G90 G21 X270.000 F450.000\n\x85"
+    jog = rb"\$J=(?:G53 )?G9[01] G2[01] [XYZABC]-?\d+\.\d+ F\d+(?:\.\d+)?"
+    assert all(len(line) < 80 and re.fullmatch(rb"\$H|" + jog, line) for line in said.rstrip(b"\x85").splitlines())
+
+
+def test_a_grbl_jog_that_is_not_cancelled_is_held_and_reset():
+    bench = Bench(description("grbl"))
+    bench.driver.stop()
+    bench.driver.stop()
+    bench.driver.stop()
+    assert bench.link.sent == b"\x85!\x18!\x18"
+
+
+def test_units_of_the_make_and_its_sense():
+    """A table whose motor turns the other way, with ten units to a degree."""
+    bench = Bench(description("line", per_deg=-10.0, rate_per_dps=10.0), virtual=description("line", (-1e4, 1e4)))
+    bench.driver.turn_to(0, 3 * DEG, 5 * DEG)
+    bench.clock.sleep(30)
+    assert bench.driver.where().angles[0] == pytest.approx(3 * DEG)
+    bench.driver.turn_at(0, 2 * DEG)
+    assert bench.link.sent.endswith(b"RATE outer -20.0000\n")
+    assert b"TURN outer -30.0000 50.0000\n" in bench.link.sent
+
+
+@pytest.mark.parametrize("make", ["scpi", "line"])
+def test_the_own_clock_is_read(make):
+    bench = Bench(description(make))
+    bench.clock.sleep(12.5)
+    assert bench.driver.where().table_s == pytest.approx(bench.clock.now_s() - bench.virtual.begin_s, abs=0.1)
+
+
+def test_a_locked_grbl_says_so_and_is_homed():
+    bench = Bench(description("grbl"))
+    with pytest.raises(TableFault, match=r"state Alarm: locked.*home it"):
+        bench.driver.where()
+    with pytest.raises(TableFault, match=r"error:9.*home it first"):
+        bench.driver.turn_to(0, DEG, DEG)
+    bench.driver.home()
+    bench.clock.sleep(5)
+    assert not bench.driver.where().moving
+
+
+def test_an_emergency_stop_is_cleared_by_a_person_alone():
+    bench = Bench(description("grbl"), "estop@3")
+    bench.confirm()
+    table = bench.guarded
+    table.home()
+    table.settle()
+    table.turn_to(0, 200 * DEG, 30 * DEG)
+    with pytest.raises(TableFault, match="ALARM:3"):
+        table.settle()
+    for verb in (table.home, lambda: table.turn_to(0, 0.0, DEG), table.where):
+        with pytest.raises(TableFault, match="ALARM:3"):
+            verb()
+    assert not bench.link.sent.endswith((b"$X\n", b"$H\n"))
+    with pytest.raises(TableFault, match="error:13"):
+        table.clear()  # it is still pressed
+    bench.virtual.mechanics.release()
+    table.clear()
+    table.home()
+    assert table.settle().angles[0] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("make", sorted(makes()))
+def test_each_make_has_a_first_description(make, tmp_path):
+    (tmp_path / "table.toml").write_text(template(make))
+    table = read_description(tmp_path / "table.toml")
+    assert table.make == make
+    if make not in MODULES:
+        sent = dict(example(table, make_of(table)))
+        assert any(what.startswith("outer to 30 deg") for what in sent)
+        assert all("{" not in text for text in sent.values())
+
+
+def test_a_make_of_ones_own(tmp_path):
+    """A file beside table.toml; a copy of a shipped one with another word."""
+    text = (make_file := template("line")) and make_of(description("line")).name
+    assert text == "line"
+    from session.annexes.machines.makefile import FOLDER
+
+    (tmp_path / "mine.toml").write_text((FOLDER / "line.toml").read_text().replace('"HOME"', '"HOME", "HOME"'))
+    table = read_description(_written(tmp_path / "table.toml", make_file.replace('make = "line"', 'make = "./mine.toml"')))
+    bench = Bench(table, folder=tmp_path, virtual=description("line"))
+    bench.driver.home()
+    assert bench.link.sent == b"HOME\nHOME\n"
+
+
+def _written(path, text):
+    path.write_text(text)
+    return path
+
+
+GOOD = """schema = "tinygc-make/1"
+title = "t"
+[requests]
+turn_to = ["GO {angle}"]
+stop = [["STOP"]]
+where = [{ send = "W", answers = ["{angles}"] }]
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("{angle}", "{angel}", "{angel}"),
+        ('"{angles}"', '"{angels}"', "expected fields among"),
+        ('"{angles}"', '"{state}"', "needs stop, turn_to, and a where"),
+        ('"{angles}"', '"****{angles}"', "at most 3 *"),
+        ('"{angles}"', '"{angle} {angle}"', "each once"),
+        ('"{angles}"', '"{angle}"', "answered with one angle"),
+        ('"{angles}"', '"{angles"', "expected fields among"),
+        ('send = "W"', 'send = "W", raw = "W"', "needs send or raw, and not both"),
+        ("[requests]", "[settings]\nanswer_s = 0\n[requests]", "settings.answer_s is 0"),
+        ("[requests]", "[settings]\ndecimals = 12\n[requests]", "settings.decimals is 12"),
+        ("[requests]", "[settings]\nx = []\n[requests]", "settings.x is a list of 0"),
+        ('[["STOP"]]', "[]", "needs stop"),
+        ("GO", "\u2192", "more than one byte"),
+        ("tinygc-make/1", "tinygc-make/2", "tinygc-make/1"),
+        ("title", "titel", "title is missing"),
+    ],
+)
+def test_a_wrong_make_file_is_refused_in_one_line(before, after, expected, tmp_path):
+    from session.annexes.machines.makefile import read_make
+
+    assert read_make(_written(tmp_path / "good.toml", GOOD)).where
+    with pytest.raises(FormatError) as error:
+        read_make(_written(tmp_path / "bad.toml", GOOD.replace(before, after)))
+    assert expected in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_no_pattern_makes_a_reader_wait():
+    """The worst that a file may hold, on the longest line."""
+    from session.annexes.machines.makefile import LONGEST_LINE, Pattern
+
+    for line in ("a" * 10_000, "1," * 5000, "1.1e1 " * 2000, ":" * 10_000):
+        assert Pattern("*{state}*{angles}*{code}!").match(line) is None
+        assert Pattern("*a*a*b").match(line) is None
+    assert LONGEST_LINE <= 200
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        (description("grbl", steps=3.0), "no such setting"),
+        (description("aerosmith", axes=2), "at most 1"),
+        (description("nothing"), "no make 'nothing'"),
+        (description("marlin", count_per_deg=0), "expected a number that is not 0"),
+    ],
+)
+def test_a_description_that_does_not_fit_its_make(table, expected):
+    with pytest.raises(FormatError, match=re.escape(expected)):
+        open_table(table, link=Bench(description("line")).link, clock=SimulatedClock())
+
+
+def test_words_of_axes_are_those_of_the_controller():
+    from virtual_tables import axis
+
+    from session.annexes.machines.description import Description
+
+    with pytest.raises(FormatError, match="expected words of their own among X, Y, Z"):
+        open_table(Description("t", "grbl", (axis("outer", "Q"),)), link=Bench(description("line")).link, clock=SimulatedClock())
+
+
+def test_a_port_that_is_not_there(tmp_path):
+    from dataclasses import replace
+
+    table = replace(description("grbl"), port=str(tmp_path / "none"))
+    with pytest.raises(TableFault, match=r"cannot be opened"):
+        open_table(table)
+    with pytest.raises(FormatError, match="has no port"):
+        open_table(description("grbl"))
+
+
+def test_a_hand_confirms_each_verb():
+    """The same verbs; what is typed is the dial's reading, Enter alone the angle that was asked for."""
+    asked, typed = [], iter(["", "44.5", "", "31", "oops"])
+
+    def ask(text):
+        asked.append(text)
+        return next(typed)
+
+    table = description("hand")
+    hand = Hand(table, ask)
+    guarded = Guarded(hand)  # a person's clock is the host's
+    guarded.confirm([Move.home(), Move.anywhere(table, 0, 60 * DEG)], None, lambda line: None)
+    guarded.home()
+    assert not guarded.settle().moving
+    hand.turn_to(0, 45 * DEG, 30 * DEG)
+    hand._thread.join()
+    assert hand.where().angles[0] == pytest.approx(44.5 * DEG)
+    hand.turn_to(0, 30 * DEG, 30 * DEG)
+    hand._thread.join()
+    assert hand.where().angles[0] == pytest.approx(30 * DEG)
+    hand.turn_at(0, -10 * DEG)
+    hand._thread.join()
+    assert hand.where().angles[0] == pytest.approx(31 * DEG)
+    hand.turn_to(0, 0.0, DEG)
+    hand._thread.join()
+    with pytest.raises(CalibrationError, match="no angle in degrees"):
+        hand.where()
+    assert "turn outer to 45 deg, at most at 30 dps" in asked[1]
+
+
+def test_nobody_at_the_keyboard_is_said():
+    def ask(text):
+        raise EOFError
+
+    hand = Hand(description("hand"), ask)
+    hand.home()
+    hand._thread.join()
+    with pytest.raises(TableFault, match="nobody answers"):
+        hand.where()
+
+
+def test_a_stage_behind_libximc(tmp_path):
+    """Its own virtual controller; real time, since the library keeps it."""
+    pytest.importorskip("libximc.highlevel", exc_type=ImportError, reason="libximc is not installed, or not for this system")
+    from virtual_tables import axis
+
+    from session.annexes.machines.description import Description
+
+    of = axis("outer", f"xi-emu:///{tmp_path / 'stage.bin'}", fastest_rps=1000 * DEG, acceleration_rps2=5000 * DEG)
+    table = Description("stage", "ximc", (of,), settings={"steps_per_deg": 10.0})
+    guarded = Guarded(open_table(table))
+    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG)], None, lambda line: None)
+    with guarded:
+        guarded.turn_to(0, 60 * DEG, 500 * DEG)
+        assert guarded.settle().angles[0] == pytest.approx(60 * DEG, abs=0.1 * DEG)
+        guarded.turn_at(0, -300 * DEG)
+        assert guarded.where().moving
+        guarded.stop()
+        assert not guarded.where().moving
+
+
+def test_libximc_that_is_missing_is_one_line(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "libximc", None)
+    monkeypatch.setitem(sys.modules, "libximc.highlevel", None)
+    with pytest.raises(TableFault, match=r"pip install 'libximc"):
+        open_table(description("ximc", steps_per_deg=10.0))
+
+
+VISA_DEVICE = """spec: "1.1"
+devices:
+  table:
+    eom:
+      ASRL INSTR: {q: "\\n", r: "\\n"}
+    dialogues:
+      - {q: "*IDN?", r: "virtual,table,0,1"}
+      - {q: "AXIS1:MOV?", r: "0"}
+      - {q: "STAT:STOP?", r: "0"}
+      - {q: "SYST:ERR?", r: "0,No error"}
+      - {q: "SYST:TIME?", r: "3.5"}
+      - {q: "ABOR"}
+      - {q: "HOME"}
+    properties:
+      position:
+        default: 0.0
+        getter: {q: "AXIS1:POS?", r: "{:.5f}"}
+        setter: {q: "AXIS1:POS {:.5f}"}
+        specs: {min: -360, max: 360, type: float}
+      rate:
+        default: 1.0
+        getter: {q: "AXIS1:VEL?", r: "{:.5f}"}
+        setter: {q: "AXIS1:VEL {:.5f}"}
+        specs: {min: 0, max: 360, type: float}
+resources:
+  ASRL1::INSTR: {device: table}
+"""
+
+
+def test_an_instrument_behind_visa(tmp_path):
+    """PyVISA's simulated instruments: no motion, but its real interface."""
+    pytest.importorskip("pyvisa_sim", reason="pyvisa-sim is not installed")
+    from dataclasses import replace
+
+    library = f"{_written(tmp_path / 'device.yaml', VISA_DEVICE)}@sim"
+    table = replace(description("scpi", visa=library), port="ASRL1::INSTR")
+    driver = open_table(table)
+    try:
+        driver.turn_to(0, 33 * DEG, 20 * DEG)
+        found = driver.where()
+        assert found.angles[0] == pytest.approx(33 * DEG)
+        assert (found.moving, found.table_s) == (False, 3.5)
+        driver.stop()
+    finally:
+        driver.close()
+    with pytest.raises(TableFault, match=r"lost|does not answer"):
+        open_table(replace(table, port="ASRL7::INSTR"))
+
+
+def test_pyvisa_that_is_missing_is_one_line(monkeypatch):
+    import sys
+    from dataclasses import replace
+
+    monkeypatch.setitem(sys.modules, "pyvisa", None)
+    with pytest.raises(TableFault, match="pip install pyvisa"):
+        open_table(replace(description("scpi"), port="GPIB0::5::INSTR"))

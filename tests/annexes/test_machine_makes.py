@@ -1,4 +1,4 @@
-"""Each make against its virtual table, whose side of the dialogue was written from the make's documentation: the five verbs, bytes, units."""
+"""Each make against its virtual table, whose side was written from the make's documentation: the five verbs, bytes, units."""
 
 import re
 

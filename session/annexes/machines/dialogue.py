@@ -106,9 +106,9 @@ class Dialogue:
         """Ask for angles and state.  TableFault for an alarm, a restart, a state that is a fault, and where no answer can be read."""
         with self._exchange:
             self._refuse_alarm()
-            if self._awaited_home is not None and any(step.later and not self.make.where[0].raw for step in self.make.home):
-                if (busy := self._where_while_busy()) is not None:
-                    return busy
+            waits = self._awaited_home is not None and not self.make.where[0].raw  # a line waits behind the homing, a character does not
+            if waits and (busy := self._where_while_busy()) is not None:
+                return busy
             for number in range(TRIES):
                 found = self._ask_where()
                 if found is not None:

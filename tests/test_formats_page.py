@@ -22,7 +22,15 @@ from tinygc.effects import catalogue
 
 ROOT = Path(__file__).resolve().parent.parent
 #: what is no JSON
-TOML_AND_FRAMES = {"tinygc-session/1", "tinygc-frame/1", "tinygc-defaults/1", "tinygc-limits/1"}
+TOML_AND_FRAMES = {
+    "tinygc-session/1",
+    "tinygc-frame/1",
+    "tinygc-defaults/1",
+    "tinygc-limits/1",
+    "tinygc-table/1",
+    "tinygc-make/1",
+    "tinygc-chamber/1",
+}
 
 
 def told(*words) -> dict:

@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 import pytest
-from processes import CALIBRATE, PIPE, calibrate, heard, started, until
+from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
 from virtual_tables import MAKES, Bench, description
 
 from session.annexes.machines.clocks import HostClock
@@ -211,7 +211,7 @@ def fill_in(tmp_path, link):
 def test_a_signal_stops_the_table(number, tmp_path):
     """The command is interrupted while the table turns; afterwards it rests, far from where it was going."""
     table = fill_in(tmp_path, tmp_path / "port")
-    with started([*CALIBRATE, "table", "virtual", table, "--link", tmp_path / "port"], stdout=PIPE, text=True) as virtual:
+    with started([*CALIBRATE, "table", "virtual", table, "--link", tmp_path / "port"], stdout=PIPE, stderr=DEVNULL, text=True) as virtual:
         heard(virtual.stdout, lambda line: "port" in line)
         with started(
             [*CALIBRATE, "table", "turn", "outer", "180", "--rate", "10", "--yes", "--table", table], stderr=PIPE, text=True
@@ -231,7 +231,7 @@ def test_a_signal_stops_the_table(number, tmp_path):
 def test_a_cable_that_drops_at_a_port(tmp_path):
     table = fill_in(tmp_path, tmp_path / "port")
     words = [*CALIBRATE, "table", "virtual", table, "--link", tmp_path / "port", "--faults", "cable@move1"]
-    with started(words, stdout=PIPE, text=True) as virtual:
+    with started(words, stdout=PIPE, stderr=DEVNULL, text=True) as virtual:
         heard(virtual.stdout, lambda line: "port" in line)
         run = calibrate("table", "turn", "outer", "60", "--rate", "20", "--yes", "--table", table)
     assert run.returncode == 3

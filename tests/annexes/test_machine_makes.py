@@ -390,3 +390,40 @@ def test_pyvisa_that_is_missing_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvisa", None)
     with pytest.raises(TableFault, match="pip install pyvisa"):
         open_table(replace(description("scpi"), port="GPIB0::5::INSTR"))
+
+
+@pytest.mark.parametrize("make", ["grbl", "marlin"])
+def test_a_controller_that_says_nothing_while_it_homes(make):
+    """GRBL answers no report and Marlin no line before the marks are found; the acknowledgement of each axis is waited for."""
+    bench = Bench(description(make, axes=1 if make == "grbl" else 2))
+    bench.confirm()
+    with bench.guarded as table:
+        table.home()
+        table.settle()
+        for number in range(len(bench.table.axes)):
+            table.turn_to(number, 180 * DEG, 60 * DEG)
+            table.settle()
+        begin_s = bench.clock.now_s()
+        table.home()
+        assert table.settle().angles == pytest.approx(0, abs=0.02 * DEG)
+        assert bench.clock.now_s() - begin_s > 9.0  # 180 deg at 20 dps
+        assert [bench.motor(number)[0] for number in range(len(bench.table.axes))] == pytest.approx([0] * len(bench.table.axes))
+
+
+@pytest.mark.parametrize(("make", "stop"), [("grbl", b"!\x18"), ("marlin", b"M112\n")])
+def test_homing_is_stopped_the_hard_way(make, stop):
+    bench = Bench(description(make))
+    bench.confirm()
+    table = bench.guarded
+    table.home()
+    table.settle()
+    table.turn_to(0, 180 * DEG, 60 * DEG)
+    table.settle()
+    table.home()
+    bench.clock.sleep(3)
+    assert bench.motor()[1] != 0
+    bench.driver.stop()
+    bench.clock.sleep(1)
+    assert bench.link.sent.endswith(stop)
+    assert bench.motor()[1] == 0
+    assert bench.motor()[0] > 100 * DEG

@@ -30,6 +30,8 @@ BUSY_S = 10.0
 LONGEST_BUFFER = 4096
 #: behind a line that is no answer, one is waited for so long
 AGAIN_S = 0.25
+#: behind an answer, its acknowledgement comes within so long
+ACKNOWLEDGED_S = 0.5
 #: how long the acknowledgement of a stop is waited for: for the line to be free, and for its bytes
 STOP_S, POLL_STOP_S = 0.3, 0.05
 
@@ -56,7 +58,8 @@ class Dialogue:
         self._exchange, self._writing = threading.RLock(), threading.Lock()
         self._buffer, self._lines = b"", list[str]()
         self._stops, self._harder = 0, 0
-        self._awaited_home: float | None = None  # when homing counts as failed
+        self._awaited_home: float | None = None  # when homing counts as failed, where its acknowledgements come at its end
+        self._owed = 0  # of these
         self._alarm, self._restarted, self._only_looks = "", False, False
         self._answered, self._unread = "", ""  # the last lines that were an answer, and none
         self._heard_s = clock.now_s()
@@ -76,8 +79,9 @@ class Dialogue:
                 self._alarm, self._restarted = "", False
             self._refuse_alarm()
             self._harder = 0
-            if any(step.later for step in self.make.home):
-                self._awaited_home = self._clock.now_s() + self._settings["home_s"]
+            count = len(self.description.axes)
+            if owed := sum(count if step.each else 1 for step in self.make.home if step.later):
+                self._awaited_home, self._owed = self._clock.now_s() + self._settings["home_s"], owed
             self._motion(self.make.home)
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
@@ -106,8 +110,7 @@ class Dialogue:
         """Ask for angles and state.  TableFault for an alarm, a restart, a state that is a fault, and where no answer can be read."""
         with self._exchange:
             self._refuse_alarm()
-            waits = self._awaited_home is not None and not self.make.where[0].raw  # a line waits behind the homing, a character does not
-            if waits and (busy := self._where_while_busy()) is not None:
+            if self._awaited_home is not None and (busy := self._where_while_busy()) is not None:
                 return busy
             for number in range(TRIES):
                 found = self._ask_where()
@@ -131,7 +134,10 @@ class Dialogue:
 
     def stop(self) -> None:
         """Bring all axes to rest.  Called again before another motion, it asks harder, where the make has a harder way."""
-        steps = self.make.stop[min(self._harder, len(self.make.stop) - 1)]
+        hardest = len(self.make.stop) - 1
+        if self._awaited_home is not None:  # while it homes a controller may hear nothing else
+            self._harder = hardest
+        steps = self.make.stop[min(self._harder, hardest)]
         with self._writing:
             self._stops += 1
             self._harder += 1
@@ -255,15 +261,21 @@ class Dialogue:
                 self._awaited_home = None
                 self._alarm = f"{name}: homing was refused with {line!r} ({meaning})"
             elif any(pattern.match(line) is not None for pattern in make.done):
-                self._awaited_home = None
+                self._owed -= 1
+                self._awaited_home = self._awaited_home if self._owed else None
 
     def _refuse_alarm(self) -> None:
         if self._alarm and not self._only_looks:
             raise TableFault(self._alarm)
 
-    def _await(self, step: Step, wanted: tuple[Pattern, ...], sent: str, word: str = "") -> dict[str, str] | None:
-        """The fields of the first line that is wanted; None where only other lines came.  TableFault for errors, and for silence."""
-        end_s, seen = self._clock.now_s() + self._settings["answer_s"], list[str]()
+    def _await(
+        self, step: Step, wanted: tuple[Pattern, ...], sent: str, word: str = "", longest_s: float | None = None
+    ) -> dict[str, str] | None:
+        """The fields of the first line that is wanted; None where only other lines came, and behind longest_s.
+
+        TableFault for errors, and for silence of ``answer_s``.
+        """
+        end_s, seen = self._clock.now_s() + (self._settings["answer_s"] if longest_s is None else longest_s), list[str]()
         while True:
             while self._lines:
                 line = self._lines.pop(0)
@@ -282,7 +294,7 @@ class Dialogue:
                 seen.append(line)
                 self._unread = line
             if (left_s := end_s - self._clock.now_s()) <= 0:
-                if step.answers and seen:
+                if longest_s is not None or (step.answers and seen):
                     return None
                 raise TableFault(self._complaint("does not answer", step, wanted, sent, seen))
             self._receive(min(left_s, 0.1))
@@ -299,18 +311,24 @@ class Dialogue:
         self._drain()
         with self._writing:
             self._write(step, axis, 0.0, 0.0)
-        return self._await(step, step.answers, self._text(step, axis, 0.0, 0.0), self.description.axes[axis].word) or {}
+        text = self._text(step, axis, 0.0, 0.0)
+        found = self._await(step, step.answers, text, self.description.axes[axis].word) or {}
+        if found and self.make.done and not (step.raw or step.unanswered):
+            answered = self._answered
+            self._await(step, self.make.done, text, longest_s=ACKNOWLEDGED_S)  # else it would be taken for the next request's
+            self._answered = answered
+        return found
 
     # Where it is.
 
     def _where_while_busy(self) -> Where | None:
-        """While homing keeps it from answering: the last angles; None once its acknowledgement came."""
+        """While homing keeps it from answering (GRBL, Marlin): the last angles; None once its acknowledgements came."""
         self._receive(0.05)
         self._drain()
         now_s = self._clock.now_s()
         if self._awaited_home is not None and now_s > self._awaited_home:
             raise TableFault(f"{self.description.name}: homing does not end within {self._settings['home_s']:g} s")
-        if self._awaited_home is not None and now_s - self._heard_s > BUSY_S:
+        if self._awaited_home is not None and self.make.busy and now_s - self._heard_s > BUSY_S:
             raise TableFault(f"{self.description.name}: silent for {BUSY_S:g} s while it homes")
         return None if self._awaited_home is None else Where(self._angles, True)
 
@@ -354,10 +372,6 @@ class Dialogue:
         now_s = self._clock.now_s()
         if moving is None:
             moving = self._is_changing(now_s, angles)
-        if self._awaited_home is not None:
-            if now_s > self._awaited_home:
-                raise TableFault(f"{self.description.name}: homing does not end within {settings['home_s']:g} s")
-            moving = True
         self._angles = angles
         return Where(angles, moving, table_s)
 

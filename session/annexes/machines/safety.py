@@ -332,7 +332,7 @@ class Guarded:
                 over = (angle - self._target[1]) * self._sense
                 if over > BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:
                     self._stop_for(f"{axis.name} is at {angle / DEG:.2f} deg, beyond the {self._target[1] / DEG:.2f} that it was sent to")
-            if self._last is not None:
+            if self._last is not None and (self._target is not None or self._turns or self._rest.is_set()):  # homing changes angles
                 most = FASTER * axis.fastest_rps * (now_s - self._last[0]) + JUMP_RAD + 5 * axis.sigma_rad
                 if (change := abs(angle - self._last[1][number])) > most:
                     self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - self._last[0]:.2f} s")

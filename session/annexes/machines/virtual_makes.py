@@ -79,11 +79,19 @@ class Grbl(Firmware):
         self._has_homing = bool(mechanics.description.settings.get("homing", True))
         self._is_locked = self._has_homing
         self._is_held = False
-        self._reset = False
+        self._is_asked = False
 
     def greeting(self) -> bytes:
         """The start-up message, and the lock where homing is enabled."""
         return self.lines(["", "Grbl 1.1h ['$' for help]", *(["[MSG:'$H'|'$X' to unlock]"] if self._is_locked else [])])
+
+    def events(self) -> bytes:
+        """Behind the homing, the report that was asked for meanwhile."""
+        said = super().events()
+        if self._is_asked and not self.mechanics.is_homing:
+            self._is_asked = False
+            said += self.lines([self._status()])
+        return said
 
     def alarm(self, problem: str) -> list[str]:
         """A hard limit, an abort by the emergency stop, or homing that failed."""
@@ -93,6 +101,9 @@ class Grbl(Firmware):
     def take(self, byte: bytes) -> bytes:
         """Real-time characters act at once, wherever they stand."""
         mechanics = self.mechanics
+        if byte == b"?" and mechanics.is_homing:
+            self._is_asked = True  # it has no time for reports, and sends one afterwards
+            return b""
         if byte == b"?":
             return self.lines([self._status()])
         if byte == b"!":
@@ -201,6 +212,7 @@ class Marlin(Firmware):
         self._feed_dps = 10.0
         self._is_killed = False
         self._busy_s = 0.0
+        self._queue: list[str] = []
 
     def greeting(self) -> bytes:
         """The start-up message."""
@@ -216,15 +228,17 @@ class Marlin(Firmware):
         return ["Error:Printer halted. kill() called!" if problem == "estop" else "Error:Homing Failed, Printer halted. kill() called!"]
 
     def events(self) -> bytes:
-        """While it is busy it says so every two seconds."""
+        """While it is busy it says so every two seconds; then it takes the lines that came meanwhile."""
         said = super().events()
+        while self._queue and not self.later:
+            said += self.lines(self.answer(self._queue.pop(0)))
         if self.later and self.mechanics.now_s() >= self._busy_s:
             self._busy_s = self.mechanics.now_s() + 2.0
             said += self.lines(["echo:busy: processing"])
         return said
 
     def answer(self, line: str) -> list[str]:
-        """G-code.  ``M410`` and ``M112`` act at once (EMERGENCY_PARSER); while it homes, the others wait, which nobody here does."""
+        """G-code.  ``M410`` and ``M112`` act at once (EMERGENCY_PARSER); while it homes, the others wait."""
         mechanics = self.mechanics
         code, *words = line.upper().split()
         if code == "M112":
@@ -237,6 +251,7 @@ class Marlin(Firmware):
             mechanics.stop(BRAKE)
             return ["ok"]
         if self.later:
+            self._queue.append(line)
             return []
         if mechanics.once("unknown_error"):
             return ["Error:Code 4711", "ok"]

@@ -23,6 +23,7 @@ FOLDERS = {
     "discovery": ("tinygc/annexes/discovery",),
     "emulated": ("tinygc/annexes/emulated",),
     "challenge": ("tinygc/annexes/challenge",),
+    "machines": ("session/annexes/machines", "tinygc/annexes/machines"),
     "turntable": ("session/annexes/turntable", "tinygc/annexes/turntable"),
 }
 #: annex -> commands that need it
@@ -51,6 +52,7 @@ GONE = {
     "discovery": (["explain", "data/session1", "--discover"],),
     "emulated": (["board", "--firmware", "board.elf"],),
     "challenge": (["challenge", "--cases", "1", "--out", "c"],),
+    "machines": (["table", "list"],),
     "turntable": (["fit", "phone"],),
 }
 #: options that an annex serves

@@ -369,6 +369,8 @@ class Dialogue:
                     meaning = make.alarms.words.get(fault, "a code that the make's file does not know")
                     self._alarm = f"{self.description.name}: the table reports {fault}: {meaning}; see why, then `table clear`"
                     raise TableFault(self._alarm)
+        if not np.isfinite(angles).all():
+            return None
         now_s = self._clock.now_s()
         if moving is None:
             moving = self._is_changing(now_s, angles)

@@ -153,6 +153,39 @@ def test_an_emergency_stop_is_cleared_by_a_person_alone():
     assert table.settle().angles[0] == pytest.approx(0, abs=1e-9)
 
 
+def test_a_restart_does_not_end_an_emergency_stop():
+    """A stop that is wired to the reset: the alarm, then the start-up message."""
+    bench = Bench(description("grbl", homing=False))
+    assert not bench.driver.where().moving
+    bench.link._received += b"ALARM:3\r\n\r\nGrbl 1.1h ['$' for help]\r\n"
+    for verb in (bench.driver.where, bench.driver.home):
+        with pytest.raises(TableFault, match="ALARM:3"):
+            verb()
+    assert b"$H" not in bench.link.sent
+
+
+def test_a_controller_that_restarted_is_homed_again():
+    bench = Bench(description("grbl"), "restart@5")
+    bench.confirm()
+    bench.guarded.home()
+    bench.guarded.settle()
+    bench.clock.sleep(6)
+    for verb in (bench.guarded.where, lambda: bench.guarded.turn_to(0, DEG, DEG)):
+        with pytest.raises(TableFault, match=r"has restarted.*home it"):
+            verb()
+    bench.guarded.home()
+    assert bench.guarded.settle().angles[0] == pytest.approx(0)
+
+
+def test_an_axis_that_was_left_beyond_its_limits_comes_back():
+    bench = Bench(description("line"), virtual=description("line", (-1e4, 1e4)))
+    bench.virtual.tracks[0].turn_to(0.0, 300 * DEG, 60 * DEG, 100 * DEG)
+    bench.clock.sleep(10)
+    bench.confirm()
+    bench.guarded.turn_to(0, 100 * DEG, 60 * DEG)
+    assert bench.guarded.settle().angles[0] == pytest.approx(100 * DEG)
+
+
 @pytest.mark.parametrize("make", sorted(makes()))
 def test_each_make_has_a_first_description(make, tmp_path):
     (tmp_path / "table.toml").write_text(template(make))
@@ -278,12 +311,10 @@ def test_a_hand_confirms_each_verb():
     guarded.confirm([Move.home(), Move.anywhere(table, 0, 60 * DEG)], None, lambda line: None)
     guarded.home()
     assert not guarded.settle().moving
-    hand.turn_to(0, 45 * DEG, 30 * DEG)
-    hand._thread.join()
-    assert hand.where().angles[0] == pytest.approx(44.5 * DEG)
-    hand.turn_to(0, 30 * DEG, 30 * DEG)
-    hand._thread.join()
-    assert hand.where().angles[0] == pytest.approx(30 * DEG)
+    guarded.turn_to(0, 45 * DEG, 30 * DEG)
+    assert guarded.settle().angles[0] == pytest.approx(44.5 * DEG)
+    guarded.turn_to(0, 30 * DEG, 30 * DEG)
+    assert guarded.settle().angles[0] == pytest.approx(30 * DEG)
     hand.turn_at(0, -10 * DEG)
     hand._thread.join()
     assert hand.where().angles[0] == pytest.approx(31 * DEG)
@@ -369,7 +400,7 @@ def test_an_instrument_behind_visa(tmp_path):
     from dataclasses import replace
 
     library = f"{_written(tmp_path / 'device.yaml', VISA_DEVICE)}@sim"
-    table = replace(description("scpi", visa=library), port="ASRL1::INSTR")
+    table = replace(description("scpi", visa=library, answer_s=0.2), port="ASRL1::INSTR")
     driver = open_table(table)
     try:
         driver.turn_to(0, 33 * DEG, 20 * DEG)

@@ -128,6 +128,21 @@ def test_a_second_move_waits_for_the_first():
         bench.guarded.turn_to(0, 0.0, 10 * DEG)
 
 
+@pytest.mark.parametrize("make", MAKES)
+def test_a_table_that_somebody_else_moves_is_left_alone(make):
+    bench = Bench(description(make, limits=None))
+    if bench.driver.make.clear:
+        bench.driver.clear()
+    bench.confirm()
+    bench.virtual.mechanics.turn_at(0, 10 * DEG)
+    bench.clock.sleep(0.5)
+    with pytest.raises(TableLimit, match="it moves, and not from here"):
+        bench.guarded.turn_to(0, 0.0, 10 * DEG)
+    bench.guarded.stop()
+    bench.guarded.turn_to(0, 5 * DEG, 10 * DEG)
+    assert bench.guarded.settle().angles[0] == pytest.approx(5 * DEG, abs=0.02 * DEG)
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_an_exception_stops_the_table(error):
     bench = Bench(TABLE)

@@ -150,6 +150,8 @@ class Dialogue:
         if self._exchange.acquire(timeout=STOP_S):
             try:
                 self._receive(POLL_STOP_S)
+                for line in self._lines:
+                    self._notice(line)
                 self._lines.clear()
             finally:
                 self._exchange.release()
@@ -254,6 +256,8 @@ class Dialogue:
         if (meaning := make.alarms.meaning(line)) is not None:
             self._alarm = f"{name}: the table says {line!r}: {meaning or 'it has stopped'}; see why, then `table clear` or `table home`"
         elif any(pattern.match(line) is not None for pattern in make.greeting):
+            if self._alarm and not self._restarted:  # a restart does not end an emergency stop
+                return
             self._restarted = True
             self._alarm = f"{name}: the controller has restarted ({line!r}): its angles are lost; home it"
         elif self._awaited_home is not None:

@@ -117,6 +117,7 @@ class Guarded:
     def __init__(self, table: Table, clock: Clock | None = None):
         self.description = table.description
         self._table, self._clock = table, clock or HostClock()
+        self._by_hand = bool(getattr(table, "by_hand", False))  # a person takes his time, and reads a dial
         self._allowed: list[Move] = []
         self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
         self._rest.set()
@@ -142,6 +143,7 @@ class Guarded:
         try:
             with _undisturbed():
                 if not self._rest.is_set():
+                    print(f"{self.description.name}: stopping it", file=sys.stderr, flush=True)
                     try:
                         self.stop()
                     except TableFault as fault:
@@ -203,7 +205,7 @@ class Guarded:
         )
         self._require_confirmed(allowed, f"{of.name} to {angle_rad / DEG:g} deg at {rate_rps / DEG:g} dps")
         self._require_rest()
-        here = self.where().angles[axis]
+        here = self._resting_angles()[axis]
         self._sense = float(np.sign(angle_rad - here))
         self._begin((axis, angle_rad), abs(angle_rad - here) / rate_rps + rate_rps / of.acceleration_rps2 if np.isfinite(here) else np.inf)
         self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
@@ -222,7 +224,7 @@ class Guarded:
         self._require_confirmed(allowed, f"{of.name} at {rate_rps / DEG:g} dps")
         if not direct and not self.is_at_rest:
             self.stop()
-        here = self.where().angles[axis]
+        here = (self.where().angles if direct else self._resting_angles())[axis]
         if of.least_rad is not None and of.most_rad is not None:
             limit = of.most_rad if rate_rps > 0 else of.least_rad
             if not np.isfinite(here):
@@ -316,17 +318,20 @@ class Guarded:
         self._turns = False
         self._target, self._computed_s = target, computed_s
         self._looked_s = self._begin_s = self._clock.now_s()
-        self._due_s = self._begin_s + SLOWER * computed_s + LATER_S
+        self._due_s = np.inf if self._by_hand else self._begin_s + SLOWER * computed_s + LATER_S
         self._last = None
 
     def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
         """An answer says where it was between the question and the answer."""
-        if not np.isfinite(found.angles).all():
+        if not np.isfinite(found.angles).all() or self._by_hand:
             return
         for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):
             if not self._rest.is_set() and self._target is not None and axis.least_rad is not None and axis.most_rad is not None:
                 over = max(axis.least_rad - angle, angle - axis.most_rad)
-                if over > BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:
+                before = (
+                    np.inf if self._last is None else max(axis.least_rad - self._last[1][number], self._last[1][number] - axis.most_rad)
+                )
+                if over > BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad and over > before + RESTS_RAD:  # back from beyond it may come
                     self._stop_for(f"{axis.name} says {angle / DEG:.2f} deg, beyond its limits")
             if self._target is not None and self._target[0] == number and self._last is not None:
                 over = (angle - self._target[1]) * self._sense
@@ -342,7 +347,7 @@ class Guarded:
         """It says that the motion has ended: is it where it should be?"""
         target, self._target, self._due_s = self._target, None, np.inf
         self._rest.set()
-        if target is None:
+        if target is None or self._by_hand:
             self._last = None  # homing changes angles at once
             return
         axis = self.description.axes[target[0]]
@@ -360,6 +365,15 @@ class Guarded:
     def _require_rest(self) -> None:
         if not self._rest.is_set():
             raise TableLimit(f"{self.description.name}: it still moves; wait for it, or stop it first")
+
+    def _resting_angles(self) -> np.ndarray:
+        """Angles (K,) rad; TableLimit where it moves though nothing was asked of it: somebody else has."""
+        end_s = self._clock.now_s() + REST_S
+        while (found := self.where()).moving:
+            if self._clock.now_s() > end_s:
+                raise TableLimit(f"{self.description.name}: it moves, and not from here; stop it first")
+            self._clock.sleep(0.05)
+        return found.angles
 
     def _is_seen_at_rest(self) -> bool:
         """Whether two looks see the same angles within the time that braking takes."""
@@ -399,10 +413,10 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Ctrl-C and SIGTERM wait while a table is being stopped."""
+    """Ctrl-C, SIGTERM and SIGHUP wait while a table is being stopped."""
     before = {}
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in filter(None, (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", None))):
             before[number] = signal.signal(number, signal.SIG_IGN)
     try:
         yield

@@ -22,7 +22,7 @@ class Hand:
     A verb asks in a thread of its own, as a machine moves by itself: ``where`` says moving until Enter, or another angle, was typed.
     """
 
-    has_rate_mode = True
+    has_rate_mode = by_hand = True
 
     def __init__(self, description: Description, ask: Callable[[str], str]):
         self.description, self._ask = description, ask

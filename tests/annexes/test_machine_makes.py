@@ -1,6 +1,7 @@
 """Each make against its virtual table, whose side was written from the make's documentation: the five verbs, bytes, units."""
 
 import re
+import time
 
 import numpy as np
 import pytest
@@ -147,10 +148,41 @@ def test_an_emergency_stop_is_cleared_by_a_person_alone():
     assert not bench.link.sent.endswith((b"$X\n", b"$H\n"))
     with pytest.raises(TableFault, match="error:13"):
         table.clear()  # it is still pressed
+    with pytest.raises(TableFault, match="ALARM:3"):
+        table.where()
     bench.virtual.mechanics.release()
     table.clear()
     table.home()
     assert table.settle().angles[0] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [
+        ("Run", True),
+        ("Hold:1", True),
+        ("Idle", False),
+        ("Hold:0", "feed hold"),
+        ("Door:1", "safety door is open"),
+        ("Sleep", "asleep"),
+        ("Foo", "heard '<Foo"),
+    ],
+)
+def test_states_of_grbl(state, expected, monkeypatch):
+    bench = Bench(description("grbl"))
+    monkeypatch.setattr(bench.virtual._firmware, "_state", lambda: state)
+    if isinstance(expected, bool):
+        assert bench.driver.where().moving is expected
+    else:
+        with pytest.raises(TableFault, match=expected):
+            bench.driver.where()
+
+
+def test_an_acknowledgement_that_is_left_over_is_not_the_next_one_s():
+    bench = Bench(description("line"), "disabled@0")
+    bench.link._received += b"OK\nOK\n"
+    with pytest.raises(TableFault, match="ERROR 3"):
+        bench.driver.turn_to(0, DEG, DEG)
 
 
 def test_a_restart_does_not_end_an_emergency_stop():
@@ -258,9 +290,12 @@ def test_no_pattern_makes_a_reader_wait():
     """The worst that a file may hold, on the longest line."""
     from session.annexes.machines.makefile import LONGEST_LINE, Pattern
 
-    for line in ("a" * 10_000, "1," * 5000, "1.1e1 " * 2000, ":" * 10_000):
+    begin_s = time.process_time()
+    for line in ("a" * 10_000, "1," * 5000, "1.1e1" * 2000, "1" * 10_000, ":" * 10_000):
         assert Pattern("*{state}*{angles}*{code}!").match(line) is None
+        assert Pattern("*{angles}*{state}{code}{fault}!").match(line) is None
         assert Pattern("*a*a*b").match(line) is None
+    assert time.process_time() - begin_s < 5  # with numbers that may be split at any digit: minutes
     assert LONGEST_LINE <= 200
 
 
@@ -437,7 +472,7 @@ def test_a_controller_that_says_nothing_while_it_homes(make):
         begin_s = bench.clock.now_s()
         table.home()
         assert table.settle().angles == pytest.approx(0, abs=0.02 * DEG)
-        assert bench.clock.now_s() - begin_s > 9.0  # 180 deg at 20 dps
+        assert bench.clock.now_s() - begin_s > 9.0 * len(bench.table.axes)  # 180 deg at 20 dps, one after the other
         assert [bench.motor(number)[0] for number in range(len(bench.table.axes))] == pytest.approx([0] * len(bench.table.axes))
 
 

@@ -3,6 +3,7 @@
 import signal
 import sys
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,6 +142,49 @@ def test_a_table_that_somebody_else_moves_is_left_alone(make):
     bench.guarded.stop()
     bench.guarded.turn_to(0, 5 * DEG, 10 * DEG)
     assert bench.guarded.settle().angles[0] == pytest.approx(5 * DEG, abs=0.02 * DEG)
+
+
+def test_a_motor_slower_than_described_is_stopped():
+    """The controller has a lower rate of its own: the move would take six times as long as computed."""
+    table = description("grbl", homing=False)
+    slow = replace(table, axes=(replace(table.axes[0], fastest_rps=5 * DEG),))
+    bench = Bench(table, virtual=slow)
+    bench.confirm()
+    bench.guarded.turn_to(0, 150 * DEG, 30 * DEG)
+    with pytest.raises(TableFault, match=r"still moves 1\d\.\d s after its move began; computed were 5\.3 s; it was stopped, and rests"):
+        bench.guarded.settle()
+    assert bench.motor()[1] == 0
+
+
+def test_a_stop_that_is_not_heard_is_asked_for_harder():
+    """The first byte is lost on the way."""
+    bench = Bench(description("grbl", homing=False))
+    bench.confirm()
+    bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
+    bench.clock.sleep(1)
+    write = bench.link.write
+    bench.link.write = lambda data: None if data == b"\x85" else write(data)
+    bench.guarded.stop()
+    assert b"!\x18" in bench.link.sent
+    assert bench.motor()[1] == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_does_not_break_the_stop(number):
+    bench = Bench(TABLE)
+    bench.confirm()
+    bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
+    bench.clock.sleep(1)
+    stop = bench.driver.stop
+
+    def disturbed():
+        signal.raise_signal(number)
+        stop()
+
+    bench.driver.stop = disturbed
+    with pytest.raises(KeyboardInterrupt), bench.guarded:
+        raise KeyboardInterrupt
+    assert bench.motor()[1] == 0
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])

@@ -365,6 +365,7 @@ class Dialogue:
                     moving = bool(moving) or abs(float(once["rate"]) / settings["rate_per_dps"]) > settings["rest_dps"]
                 if "state" in once and not self._only_looks:
                     if (state := self._is_moving(once["state"])) is None:
+                        self._unread = self._answered
                         return None
                     moving = bool(moving) or state
                 if "clock" in once:

@@ -30,6 +30,7 @@ from session.annexes.machines.clocks import Clock, HostClock
 from session.annexes.machines.description import Description
 from session.annexes.machines.verbs import Table, TableFault, TableLimit, Where, require_allowed, require_rate
 from session.annexes.machines.wire import PRESS
+from session.io.texts import printable
 from session.io.units import DEG
 
 T = TypeVar("T")
@@ -143,7 +144,7 @@ class Guarded:
         try:
             with _undisturbed():
                 if not self._rest.is_set():
-                    print(f"{self.description.name}: stopping it", file=sys.stderr, flush=True)
+                    print(printable(f"{self.description.name}: stopping it"), file=sys.stderr, flush=True)
                     try:
                         self.stop()
                     except TableFault as fault:

@@ -256,7 +256,7 @@ class Marlin(Firmware):
         if mechanics.once("unknown_error"):
             return ["Error:Code 4711", "ok"]
         if code == "G28":
-            if mechanics.home():
+            if mechanics.home([self.words.index(word) for word in words if word in self.words] or None):
                 self.later, self._busy_s = ["X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0", "ok"], mechanics.now_s() + 2.0
             return []
         if code == "M114":

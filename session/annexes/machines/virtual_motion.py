@@ -78,6 +78,7 @@ class Mechanics:
         self.stopped_by, self.restarts, self.is_homed = "", 0, False
         self._moves, self._is_pressed = 0, False
         self._homing_until_s: float | None = None
+        self._homing: Sequence[int] = ()
         self._waiting = list(faults)
         self._since_s: dict[str, float] = {}
 
@@ -89,7 +90,9 @@ class Mechanics:
             self._since_s[fault.kind] = fault.at_s
             self._strike(fault.kind, fault.at_s)
         if self._homing_until_s is not None and now_s >= self._homing_until_s:
-            self._homing_until_s, self.is_homed, self.unknown = None, True, [0.0] * len(self.tracks)
+            self._homing_until_s, self.is_homed = None, True
+            for axis in self._homing:
+                self.unknown[axis] = 0.0
         return now_s
 
     def suffers(self, kind: str) -> bool:
@@ -151,14 +154,16 @@ class Mechanics:
         self.tracks[axis].turn_at(now_s, rate_rps, self._acceleration(axis))
         self._expect(now_s, now_s + 2.0)
 
-    def home(self) -> bool:
-        """Begin to search the reference marks, which are at angles of zero; False where it fails."""
+    def home(self, axes: Sequence[int] | None = None) -> bool:
+        """Begin to search the reference marks of all or some axes, which are at angles of zero; False where it fails."""
         self._count()
         now_s = self.now_s()
         if self.once("home_fails"):
             self.stopped_by = "home_fails"
             return False
-        for axis, track in enumerate(self.tracks):
+        self._homing = range(len(self.tracks)) if axes is None else axes
+        for axis in self._homing:
+            track = self.tracks[axis]
             if track.busy_until_s > now_s:
                 track.turn_at(now_s, 0.0, self._acceleration(axis))
             track.turn_to(track.busy_until_s if track.busy_until_s > now_s else now_s, 0.0, HOMING_RPS, self._acceleration(axis))

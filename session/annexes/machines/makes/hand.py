@@ -11,6 +11,7 @@ import numpy as np
 from session.annexes.machines.clocks import Clock
 from session.annexes.machines.description import Description
 from session.annexes.machines.verbs import TableFault, Where
+from session.io.texts import printable
 from session.io.units import DEG
 
 TITLE = "turned by hand: each verb asks you, Enter confirms the angle"
@@ -63,7 +64,7 @@ class Hand:
 
     def stop(self) -> None:
         """Say it."""
-        print(f"{self.description.name}: stop turning", file=sys.stderr, flush=True)
+        print(printable(f"{self.description.name}: stop turning"), file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Nothing is held."""
@@ -88,7 +89,7 @@ def open_table(description: Description, clock: Clock) -> Hand:
     """A person at this terminal."""
 
     def ask(text: str) -> str:
-        print(text, end="", file=sys.stderr, flush=True)
+        print(printable(text), end="", file=sys.stderr, flush=True)
         if not (line := sys.stdin.readline()):
             raise EOFError
         return line

@@ -109,6 +109,11 @@ class LogWriter:
         """Whether another board's samples are written."""
         return self.stem == FOREIGN
 
+    @property
+    def present(self) -> str:
+        """Name of the log that is being written; empty while there is none."""
+        return self.paths[-1].name if self._file is not None and not self.is_apart else ""
+
     def apart(self) -> None:
         """Events from here on are another board's, until ``back``."""
         if not self.is_apart:

@@ -10,6 +10,7 @@ import numpy as np
 
 from session.detect.accelerometer import PARAMETERS, UPPER, length_columns
 from session.detect.stills import Noise, Still
+from session.bench.messages import AxisMove
 from session.io.config import Accelerometer
 from session.io.numeric import sigma_of
 from session.io.units import DEG, MG, G
@@ -129,21 +130,30 @@ LEVEL = 0.1  #: cosine, on sides and edges: below it an axis is level
 
 @dataclass(frozen=True, eq=False)
 class TurnPart:
-    """A movement about one axis (3,), a unit vector of the body; words: what to do, and what is up then; up (3,): in body axes."""
+    """A movement about one axis (3,), a unit vector of the body; words: what to do, and what is up then; up (3,): in body axes; ramp_s: of
+    a machine's constant accelerations at both ends, 0 of a hand's smooth movement."""
 
     axis: np.ndarray
     angle_rad: float
     seconds: float
     words: str
     up: np.ndarray
+    ramp_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A turn between two stills.  straightened: the movement that sets the board straight first; up (3,) unit: what points up then."""
+    """A turn between two stills.  straightened: the movement that sets the board straight first; up (3,) unit: what points up then.
+
+    cost_s: the time by which its gain is divided, from still to still; 1 of a hand, whose time does not count.  moves: the parts for a
+    machine, and its angles (K,) rad after them.
+    """
 
     straightened: TurnPart
     parts: tuple[TurnPart, ...]
+    cost_s: float = 1.0
+    moves: tuple[AxisMove, ...] = ()
+    angles: np.ndarray | None = None
 
     @property
     def up(self) -> np.ndarray:
@@ -194,8 +204,11 @@ def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
     rate = np.zeros((len(turns), len(t), 3))
     began = np.full((len(turns), 1), STILL_S)
     for parts in _abreast(movements):
-        angle, seconds = (np.array([getattr(part, name) for part in parts])[:, None] for name in ("angle_rad", "seconds"))
-        speed = angle / seconds * PEAK * np.sin(np.pi * np.clip((t - began) / seconds, 0, 1)) ** 2
+        angle, seconds, ramp = (np.array([getattr(part, name) for part in parts])[:, None] for name in ("angle_rad", "seconds", "ramp_s"))
+        smooth = PEAK / seconds * np.sin(np.pi * np.clip((t - began) / seconds, 0, 1)) ** 2
+        to_end = np.minimum(t - began, began + seconds - t)
+        even = np.clip(to_end / np.where(ramp > 0, ramp, 1.0), 0, 1) / np.maximum(seconds - ramp, 1e-9)
+        speed = angle * np.where(ramp > 0, even, smooth)
         rate += speed[..., None] * np.array([part.axis for part in parts])[:, None]
         began = began + seconds
     dt = (t[1:] <= lengths) / RATE_HZ

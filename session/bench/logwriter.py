@@ -95,6 +95,7 @@ class LogWriter:
         self._short = 0  # starts in a row that lasted less than SHORT_US
         self._held: list[Event] = []  # since the last start, while it may be short
         self.not_logged = self.not_logged_starts = 0  #: samples of short starts without a log, and those starts
+        self.renamed: dict[str, str] = {}  #: logs that ``keep`` has named: first name -> last name
         self._own_stem = stem  # while another board's samples are written
 
     def begin(self, stem: str) -> None:
@@ -156,6 +157,7 @@ class LogWriter:
             put_aside(target)
             path.rename(target)
             self.paths[-1] = target
+            self.renamed[path.name] = target.name
 
     def write(self, events: Iterable[Event]) -> None:
         """Append; StorageError where that fails."""

@@ -284,7 +284,9 @@ class OperatorInput:
             except CalibrationError as error:  # no command may end a recording
                 self._say(Kind.WARNING, str(error))
         if self._keys is not None:
-            self._guide.keys = self._typing.words(self._guide.closure is not None, self._guide.enough, not self._guide.at_rest, self._stop is not None)
+            self._guide.keys = self._typing.words(
+                self._guide.closure is not None, self._guide.enough, not self._guide.at_rest, self._stop is not None
+            )
 
     def _do(self, command: OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide

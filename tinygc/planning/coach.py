@@ -110,7 +110,7 @@ class Coach:
         worst = np.argsort(-sigma)
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if missing and not (sigma[self._seen_by_machine] > 1).any():
-            never = ", ".join(_name(i) for i in worst if sigma[i] > 1)
+            never = ", ".join(parameter_name(i) for i in worst if sigma[i] > 1)
             reason = f"all that this table can show has reached its target; it shows nothing of {never}"
             return Advice("", reason, True, missing, sigmas=_named(sigma))
         if not missing:
@@ -299,13 +299,14 @@ def _vector(vector: np.ndarray) -> tuple[float, float, float]:
 def _said(parameter: int, sigma: float) -> str:
     """Describe a parameter and how far it is from its target."""
     far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
-    return f"{_name(parameter)} ({far})"
+    return f"{parameter_name(parameter)} ({far})"
 
 
-def _name(parameter: int) -> str:
+def parameter_name(parameter: int) -> str:
+    """Return the display name of a parameter: the gyroscope's 12, then the accelerometer's nine."""
     gyro = parameter < linear.PARAMETERS
     return parameter_words(linear.NAMES[parameter]) if gyro else JOINT_NAMES[parameter - linear.PARAMETERS]
 
 
 def _named(sigma: np.ndarray) -> tuple[tuple[str, float], ...]:
-    return tuple((_name(i), float(each)) for i, each in enumerate(sigma))
+    return tuple((parameter_name(i), float(each)) for i, each in enumerate(sigma))

@@ -8,9 +8,9 @@ from itertools import product
 
 import numpy as np
 
+from session.bench.messages import AxisMove
 from session.detect.accelerometer import PARAMETERS, UPPER, length_columns
 from session.detect.stills import Noise, Still
-from session.bench.messages import AxisMove
 from session.io.config import Accelerometer
 from session.io.numeric import sigma_of
 from session.io.units import DEG, MG, G

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from session.annexes.machines.angles import header, row
+from session.annexes.machines.description import Description
 from session.annexes.machines.verbs import Table, TableFault, Where, require_allowed, require_rate
 from session.bench.messages import AxisMove
 from session.bench.mover import Moment
@@ -64,17 +65,17 @@ class DeviceTime:
 class AngleFile:
     """``table.csv``, appended to row by row; a line that a crash has cut is taken off.  Raises StorageError."""
 
-    def __init__(self, path: Path, table: Table):
+    def __init__(self, path: Path, table: Description):
         self._path, self._last = path, ("", -1)
         try:
             if path.exists() and path.stat().st_size:
                 text = path.read_bytes()
                 path.write_bytes(text[: text.rfind(b"\n") + 1])
-                if not text.startswith(header(table.description).encode() + b"\n"):
+                if not text.startswith(header(table).encode() + b"\n"):
                     raise StorageError(f"{path}: is of a table with other axes; give another --out")
             else:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(header(table.description) + "\n")
+                path.write_text(header(table) + "\n")
             self._file = path.open("a", buffering=1)
         except OSError as error:
             raise StorageError(f"{path}: cannot be written ({error.strerror or error})") from None
@@ -117,7 +118,7 @@ class TableDriver:
         self._queue: deque[AxisMove] = deque()
         self._sent: tuple[AxisMove, float, float] | None = None  # a move, when it was sent, when it is to end
         self._rate: tuple[int, float] | None = None  # an axis that turns at a rate, or was told to stop
-        self._halted = False
+        self._halted, self._asked_s = False, -EVERY_S
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="table", daemon=True) if in_thread else None
@@ -143,7 +144,7 @@ class TableDriver:
                 self._file.rename(old, new)
 
     def make(self, moves: Sequence[AxisMove]) -> None:
-        """Make these moves one after the other, each once the one before has ended.  TableLimit, and none is made, for one beyond limits."""
+        """Make these moves one after the other, each once the one before has ended.  TableLimit for one beyond limits; none is made."""
         for move in moves:
             require_allowed(self.table.description, move.axis, move.angle_rad, move.rate_rps)
         with self._lock:
@@ -182,7 +183,8 @@ class TableDriver:
 
     def tick_if_alone(self) -> None:
         """The round of a driver without a thread."""
-        if self._thread is None:
+        if self._thread is None and self.now_s() - self._asked_s >= EVERY_S:
+            self._asked_s = self.now_s()
             self.tick()
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
 """A table in the place of the operator: it makes the turn that the coach requests, leads the closure run, and is compared with the sensor.
 
-The guide finds stills and turns in the samples, as of a hand's turns.  The machine's word only says when it has arrived; what it says of its
-angles is held against gyroscope and gravity in each still.
+The guide finds stills and turns in the samples, as of a hand's turns.  The machine's word only says when it has arrived.  What it says of
+its angles is held against gyroscope and gravity in each still.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ class Moves(Protocol):
 class TableMover:
     """The mover of a recording (``session.bench.mover``)."""
 
-    def __init__(self, driver: TableDriver, moves: Moves, raw: bool = False):
+    def __init__(self, driver: TableDriver, moves: Moves):
         self.driver, self._moves = driver, moves
         self.wants: RecordingDecision | None = None
-        self._word = WordAgainstSensor(driver.table.description, raw)
+        self._word = WordAgainstSensor(driver.table.description)
         self._stills: int | None = None  # of the guide, that were compared
         self._log = ""  # of the last still
         self._contradictions = 0  # in a row
@@ -139,7 +139,8 @@ class TableMover:
         turned = None
         if followed and last is not None:
             turned = angle_read(last.samples, replace(last.segment, start=0, stop=len(last.samples)))
-        found = self._word.still(driver.where.angles, guide.taken.coverage.corrected(stills[-1].accel_mean), turned)
+        force, raw = guide.taken.coverage.corrected(stills[-1].accel_mean), guide.taken.own is not None
+        found = self._word.still(driver.where.angles, force, turned, raw)
         self._contradictions = self._contradictions + 1 if found else 0
         for words in found:
             self._say(words)
@@ -201,5 +202,9 @@ class TableMover:
             whole = [2 * np.pi * round(each / (2 * np.pi)) if axis.is_endless else 0.0 for each, axis in zip(away, axes, strict=True)]
             back = [each - turns for each, turns in zip(away, whole, strict=True)]
             self.driver.make(
-                [AxisMove(k, float(angles[k] + each), min(rate, axes[k].fastest_rps)) for k, each in enumerate(back) if abs(each) > 0.01 * DEG]
+                [
+                    AxisMove(k, float(angles[k] + each), min(rate, axes[k].fastest_rps))
+                    for k, each in enumerate(back)
+                    if abs(each) > 0.01 * DEG
+                ]
             )

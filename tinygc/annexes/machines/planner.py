@@ -16,7 +16,7 @@ from session.annexes.machines.kinematics import attitudes, body_axes
 from session.bench.messages import AxisMove
 from session.io.errors import CalibrationError
 from session.io.units import DEG
-from tinygc.planning.coach import Coach, Rehearsal
+from tinygc.planning.coach import Coach, Rehearsal, parameter_name
 from tinygc.planning.turns import Turn, TurnPart
 
 #: changes of one axis alone, and of each of two
@@ -26,9 +26,11 @@ PAIRS_DEG = (90, 180, 270)
 SHARES = (0.0, 0.5, 1.0)
 #: a turn that the guide counts, with some room for scale and play
 LEAST_TURN_RAD = 35 * DEG
+#: rad that an axis without limits may turn either way from where it began: a cable may hang on it
+MOST_WOUND_RAD = 4 * np.pi
 #: s from the end of a move to a still that counts, beyond its length: play and tremor die away, and the answer comes at 20 Hz
 SETTLE_S = 0.6
-_NOTHING_S = 1e-3
+_NOTHING_S, ROUNDING_RAD = 1e-3, 1e-9
 
 
 def seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) -> tuple[float, float]:
@@ -39,21 +41,29 @@ def seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class TablePlan:
-    """What a session on a table will be: its rehearsal, the largest rate, rad/s, and largest change of each axis, the time, s, and names of
-    parameters that none of its turns shows."""
+    """What a session on a table will be, if all goes well: its rehearsal, and its time, s, without a closure run."""
 
     rehearsal: Rehearsal
-    rates_rps: tuple[float, ...]
-    least_rad: tuple[float, ...]
-    most_rad: tuple[float, ...]
     seconds: float
+
+    @property
+    def unseen(self) -> list[str]:
+        """Names of the parameters that none of its turns shows."""
+        return [parameter_name(number) for number in np.flatnonzero(self.rehearsal.unseen)]
 
 
 class TableMoves:
-    """The moves from ``angles`` (K,) rad, which whoever turns the table keeps up to date.  hold_s: length of a still between two turns."""
+    """The moves from ``angles`` (K,) rad, which whoever turns the table keeps up to date.  hold_s: length of a still between two turns;
+    limits: least and most angle of each axis, rad, that any of them goes to."""
 
     def __init__(self, table: Description, angles: np.ndarray, hold_s: float, seed: int = 0):
-        self.table, self.angles, self._hold_s = table, np.array(angles, dtype=float), hold_s
+        self.table, self.angles, self.hold_s = table, np.array(angles, dtype=float), hold_s
+        self.limits = [
+            (at - MOST_WOUND_RAD, at + MOST_WOUND_RAD)
+            if axis.least_rad is None or axis.most_rad is None
+            else (axis.least_rad, axis.most_rad)
+            for axis, at in zip(table.axes, self.angles.tolist(), strict=True)
+        ]
         self._rng = np.random.default_rng(seed)
 
     def turns_from(self, angles: np.ndarray | None, most_rps: float) -> list[Turn]:
@@ -61,7 +71,9 @@ class TableMoves:
         start = self.angles if angles is None else angles
         found = [self._turn(start, changes, most_rps) for changes in self._changes(start)]
         if not found:
-            raise CalibrationError(f"{self.table.name}: no turn of {LEAST_TURN_RAD / DEG:.0f} deg or more lies within the limits of its axes")
+            raise CalibrationError(
+                f"{self.table.name}: no turn of {LEAST_TURN_RAD / DEG:.0f} deg or more lies within the limits of its axes"
+            )
         return found
 
     def choose(self, most_rps: float) -> tuple[AxisMove, ...]:
@@ -78,11 +90,12 @@ class TableMoves:
 
     def _of_axis(self, axis: int, at_rad: float, usual_deg: tuple[int, ...]) -> list[float]:
         """Changes of an axis that its limits allow: the usual ones, and to places between its limits."""
-        of = self.table.axes[axis]
+        least, most = self.limits[axis]
         changes = [sign * degrees * DEG for degrees in usual_deg for sign in (1.0, -1.0)]
-        if of.least_rad is not None and of.most_rad is not None:
-            changes += [of.least_rad + share * (of.most_rad - of.least_rad) - at_rad for share in SHARES]
-        return [change for change in dict.fromkeys(changes) if abs(change) >= LEAST_TURN_RAD and of.allows(at_rad + change)]
+        if not self.table.axes[axis].is_endless:
+            changes += [least + share * (most - least) - at_rad for share in SHARES]
+        within = [change for change in changes if least - ROUNDING_RAD <= at_rad + change <= most + ROUNDING_RAD]
+        return [change for change in dict.fromkeys(within) if abs(change) >= LEAST_TURN_RAD]
 
     def _turn(self, start: np.ndarray, changes: tuple[tuple[int, float], ...], most_rps: float) -> Turn:
         at, parts, moves = np.array(start, dtype=float), list[TurnPart](), list[AxisMove]()
@@ -97,7 +110,7 @@ class TableMoves:
             words = f"{of.name} to {at[axis] / DEG:.0f}°"
             parts.append(TurnPart(about * np.sign(change), abs(change), seconds, words, self._up(at), ramp_s))
             moves.append(AxisMove(axis, float(at[axis]), rate))
-        cost_s = sum(part.seconds for part in parts) + SETTLE_S + self._hold_s
+        cost_s = sum(part.seconds for part in parts) + SETTLE_S + self.hold_s
         return Turn(nothing, tuple(parts), cost_s, tuple(moves), at)
 
     def _up(self, angles: np.ndarray) -> np.ndarray:
@@ -112,7 +125,4 @@ def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -
     do not.
     """
     rehearsal = Coach(machine=moves).rehearse(own, segments, stop_at_target)
-    angles = np.array([moves.angles, *(turn.angles for turn in rehearsal.turns)], dtype=float)
-    rates = [max((move.rate_rps for turn in rehearsal.turns for move in turn.moves if move.axis == k), default=0.0) for k in range(angles.shape[1])]
-    seconds = float(sum(turn.cost_s for turn in rehearsal.turns))
-    return TablePlan(rehearsal, tuple(rates), tuple(angles.min(axis=0)), tuple(angles.max(axis=0)), seconds)
+    return TablePlan(rehearsal, float(sum(turn.cost_s for turn in rehearsal.turns)))

@@ -58,12 +58,11 @@ class TableMoves:
 
     def __init__(self, table: Description, angles: np.ndarray, hold_s: float, seed: int = 0):
         self.table, self.angles, self.hold_s = table, np.array(angles, dtype=float), hold_s
-        self.limits = [
-            (at - MOST_WOUND_RAD, at + MOST_WOUND_RAD)
-            if axis.least_rad is None or axis.most_rad is None
-            else (axis.least_rad, axis.most_rad)
-            for axis, at in zip(table.axes, self.angles.tolist(), strict=True)
+        least = [
+            at - MOST_WOUND_RAD if axis.least_rad is None else axis.least_rad for axis, at in zip(table.axes, self.angles, strict=True)
         ]
+        most = [at + MOST_WOUND_RAD if axis.most_rad is None else axis.most_rad for axis, at in zip(table.axes, self.angles, strict=True)]
+        self.limits = list(zip(least, most, strict=True))
         self._rng = np.random.default_rng(seed)
 
     def turns_from(self, angles: np.ndarray | None, most_rps: float) -> list[Turn]:

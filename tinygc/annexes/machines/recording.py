@@ -21,7 +21,6 @@ from session.io.files import read_text
 from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.machines.planner import TableMoves, TablePlan, plan_of
-from tinygc.planning.coach import Coach
 
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
@@ -29,7 +28,7 @@ UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
 
 
 class TurnedRecording:
-    """A table for the recordings of one command.  ``confirmed`` before the first; ``mover`` and ``coach`` for each; ``finish`` at the end.
+    """A table for the recordings of one command.  ``confirmed`` before the first; ``mover`` for each; ``finish`` at the end.
 
     file: table.toml; port: instead of its own; opened: opens a description in a folder.  Raises FormatError and TableFault.
     """
@@ -86,10 +85,6 @@ class TurnedRecording:
         table, self._table = self._table or self._opened(self.file, self._port), None
         self.moves.hold_s = guide.hold_s
         return TableMover(TableDriver(table, AngleFile(folder / angles.NAME, self._described)), self.moves)
-
-    def coach(self, beforehand: Callable | None = None) -> Coach:
-        """The coach, which chooses among the table's moves."""
-        return Coach(beforehand=beforehand, machine=self.moves)
 
     def finish(self, folder: Path, renamed: Mapping[str, str]) -> str:
         """Name the logs in ``table.csv`` as they are named now, and write ``attitudes.csv``; returns what was written, in words."""

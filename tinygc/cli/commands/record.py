@@ -28,6 +28,7 @@ from tinygc.cli.recording import (
     DEFAULTS,
     KNOWN_TO,
     LOOPBACK,
+    MACHINE,
     NOISE,
     bench,
     coach_of,
@@ -45,6 +46,7 @@ from tinygc.cli.recording import (
     so_far,
     table,
     takes,
+    turned,
     views,
 )
 from tinygc.cli.results import Interruption, complain, output, print_commands, write_json
@@ -104,6 +106,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, likewise")
     command.add_argument("--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, likewise")
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
+    turned = "a machine turns: its table.toml; the plan is printed, and confirmed once (docs/table-sessions.md)"
+    command.add_argument("--table", type=path_read, metavar="FILE", help=help_if_present(MACHINE, turned))
+    command.add_argument("--table-port", metavar="PORT", help="with --table: instead of the port in the file")
+    command.add_argument("--yes", action="store_true", help="with --table: the plan is confirmed, for those who know their table")
     command.add_argument("--mute", action="store_true", help="no bell")
     command.add_argument(
         "--view",
@@ -120,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
     from session.bench.port import only_candidate
 
     refuse_with_rest(args)
+    args.machine = None
     if args.lot is not None:
         args.lot_read = lot_of(args)
     if args.series:
@@ -129,7 +136,7 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
-    with page_server(args) as page:
+    with page_server(args) as page, turned(args, folder) as args.machine:
         with Interruption() as wanted:
             announce = True
             while (led := _led(args, folder, port, wanted, page, announce)) is None:
@@ -161,6 +168,8 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     words += [] if args.view is None else ["--view"]
     words += [] if args.lot is None else ["--lot", args.lot]
     words += ["--closure", f"{args.closure:g}"] if args.closure else []
+    words += [] if args.table is None else ["--table", args.table]
+    words += [] if args.table_port is None else ["--table-port", args.table_port]
     return command_line(*words)
 
 
@@ -185,6 +194,8 @@ def _tell(
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
     if session_file.assumed:
         console.print(ASSUMED, soft_wrap=True)
+    if args.table is not None and (words := args.machine.finish(folder, recorder.logs.renamed)):
+        console.print(words, soft_wrap=True)
     if words := missing(guide):
         console.print(words, soft_wrap=True)
     if interrupted:
@@ -233,10 +244,11 @@ def _led(
                 return config if config is None or args.lot is None else of_lot_model(args, config)
 
             coach, wished = (
-                None if args.no_coach or args.rest is not None else coach_of(None if args.lot is None else args.lot_read),
+                None if args.no_coach or args.rest is not None else coach_of(None if args.lot is None else args.lot_read, args.machine),
                 None if page is None else page.wishes,
             )
-            guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished)
+            mover = None if args.machine is None else args.machine.mover(folder, guide)
+            guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished, mover)
             guided.lead(wanted)
     except KeyboardInterrupt:
         interrupted = True

@@ -1,0 +1,551 @@
+"""Controllers of virtual tables: what each make answers to which bytes, written from its documentation and not from its dialogue file.
+
+So a mistake in a file of ``makes`` is found by its virtual table.  What of a make is documented and what is only recalled stands in that
+file; its virtual table knows no more.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from session.annexes.machines.virtual_motion import BRAKE, Mechanics
+from session.io.errors import CalibrationError
+from session.io.units import DEG
+
+LONGEST_LINE = 256
+NUMBER = r"[-+]?\d+(?:\.\d*)?"
+
+
+class Firmware:
+    """A controller that takes lines.  ``answer`` of a line; ``later``: answers to a request that ends with a motion."""
+
+    END = "\r\n"
+
+    def __init__(self, mechanics: Mechanics):
+        self.mechanics = mechanics
+        self.words = [axis.word for axis in mechanics.description.axes]
+        self._line = b""
+        self._alarm = ""
+        self.later: list[str] = []
+
+    def greeting(self) -> bytes:
+        """What it says when it is switched on."""
+        return b""
+
+    def events(self) -> bytes:
+        """What it says by itself by now."""
+        said = []
+        if (problem := self.mechanics.stopped_by) != self._alarm:
+            self._alarm = problem
+            said += self.alarm(problem) if problem else []
+            self.later = []
+        if self.later and not self.mechanics.is_homing:
+            said, self.later = said + self.later, []
+        return self.lines(said)
+
+    def alarm(self, problem: str) -> list[str]:
+        """What it says by itself when it is stopped."""
+        return []
+
+    def take(self, byte: bytes) -> bytes:
+        """One byte from the host; the answer."""
+        if byte not in b"\r\n":
+            self._line = (self._line + byte)[-LONGEST_LINE:]
+            return b""
+        line, self._line = self._line.decode("latin-1").strip(), b""
+        return self.lines(self.answer(line)) if line else b""
+
+    def lines(self, texts: list[str]) -> bytes:
+        """Lines as they are sent."""
+        return "".join(text + self.END for text in texts).encode("latin-1")
+
+    def answer(self, line: str) -> list[str]:
+        """The answer to a line."""
+        raise NotImplementedError
+
+    def deg(self, axis: int) -> float:
+        """The angle that is said."""
+        return self.mechanics.said(axis) / DEG
+
+
+class Grbl(Firmware):
+    """GRBL 1.1 (its wiki: interface, jogging, commands); angles as mm, rates as mm/min."""
+
+    REFUSED_JOG = "error:16"
+
+    def __init__(self, mechanics: Mechanics):
+        super().__init__(mechanics)
+        self._has_homing = bool(mechanics.description.settings.get("homing", True))
+        self._is_locked = self._has_homing
+        self._is_held = False
+        self._reset = False
+
+    def greeting(self) -> bytes:
+        """The start-up message, and the lock where homing is enabled."""
+        return self.lines(["", "Grbl 1.1h ['$' for help]", *(["[MSG:'$H'|'$X' to unlock]"] if self._is_locked else [])])
+
+    def alarm(self, problem: str) -> list[str]:
+        """A hard limit, an abort by the emergency stop, or homing that failed."""
+        self._is_locked = True
+        return [{"limit": "ALARM:1", "estop": "ALARM:3", "home_fails": "ALARM:9"}[problem]]
+
+    def take(self, byte: bytes) -> bytes:
+        """Real-time characters act at once, wherever they stand."""
+        mechanics = self.mechanics
+        if byte == b"?":
+            return self.lines([self._status()])
+        if byte == b"!":
+            if self._state() == "Jog":
+                mechanics.stop()
+            elif self._state() == "Idle":
+                self._is_held = True
+        elif byte == b"~":
+            self._is_held = False
+        elif byte == b"\x85":
+            if self._state() == "Jog":
+                mechanics.stop()
+        elif byte == b"\x18":
+            moving = mechanics.is_moving()
+            homing = mechanics.is_homing
+            mechanics.stop(BRAKE)
+            self.later, self._line, self._is_held = [], b"", False
+            self._is_locked = self._is_locked or moving
+            alarm = ["ALARM:6" if homing else "ALARM:3"] if moving else []
+            return self.lines([*alarm, "", "Grbl 1.1h ['$' for help]", *(["[MSG:'$H'|'$X' to unlock]"] if self._is_locked else [])])
+        else:
+            return super().take(byte)
+        return b""
+
+    def answer(self, line: str) -> list[str]:
+        """A line of ``$`` commands or G-code."""
+        mechanics = self.mechanics
+        text = line.replace(" ", "").upper()
+        if mechanics.once("unknown_error"):
+            return ["error:99"]
+        if text == "$H":
+            return self._home()
+        if text == "$X":
+            if not mechanics.clear():
+                return ["error:13"]
+            was, self._is_locked = self._is_locked, False
+            return [*(["[MSG:Caution: Unlocked]"] if was else []), "ok"]
+        if self._is_locked or self._state() == "Home":
+            return ["error:9"]
+        if text.startswith("$J="):
+            return [self._jog(text[3:])]
+        return ["ok" if text in ("G21", "G90", "G94", "$I") else "error:20"]
+
+    def _home(self) -> list[str]:
+        if not self._has_homing:
+            return ["error:5"]
+        if self.mechanics.stopped_by == "estop":
+            return ["error:13"]
+        if self._state() not in ("Idle", "Alarm"):
+            return ["error:8"]
+        self.mechanics.clear()
+        self._is_locked = False
+        if self.mechanics.home():
+            self.later = ["ok"]
+        return []
+
+    def _jog(self, text: str) -> str:
+        words = re.findall(rf"([A-Z])({NUMBER})", text)
+        if "".join(letter + number for letter, number in words) != text:
+            return "error:2"
+        if self._state() not in ("Idle", "Jog"):
+            return "error:8"
+        codes = [number for letter, number in words if letter == "G"]
+        if set(codes) - {"20", "21", "53", "90", "91"}:
+            return self.REFUSED_JOG
+        moves = {letter: float(number) for letter, number in words if letter not in "GF"}
+        feed = [float(number) for letter, number in words if letter == "F"]
+        if not feed or feed[0] <= 0:
+            return "error:22"
+        if not moves or set(moves) - set("XYZABC") or "91" in codes or "20" in codes:
+            return self.REFUSED_JOG
+        if self.mechanics.suffers("disabled"):
+            return "error:7"  # GRBL knows nothing of an amplifier; a failed read of its settings stands for it
+        for letter, number in moves.items():
+            if letter in self.words:
+                axis = self.words.index(letter)
+                fastest = self.mechanics.description.axes[axis].fastest_rps
+                self.mechanics.turn_to(axis, number * DEG, min(feed[0] / 60 * DEG, fastest))
+        return "ok"
+
+    def _state(self) -> str:
+        if self.mechanics.is_homing:
+            return "Home"
+        if self._is_locked or self.mechanics.stopped_by:
+            return "Alarm"
+        if self.mechanics.is_moving():
+            return "Jog"
+        return "Hold:0" if self._is_held else "Idle"
+
+    def _status(self) -> str:
+        places = [0.0] * max(3, *(1 + "XYZABC".find(word) for word in self.words))
+        for axis, word in enumerate(self.words):
+            if len(word) == 1 and word in "XYZABC":
+                places["XYZABC".index(word)] = self.deg(axis)
+        return f"<{self._state()}|MPos:{','.join(f'{place:.3f}' for place in places)}|FS:0,0>"
+
+
+class Marlin(Firmware):
+    """Marlin 2 (marlinfw.org: G1, G28, M114, M410, M112); angles as mm, counts in steps."""
+
+    END = "\n"
+
+    def __init__(self, mechanics: Mechanics):
+        super().__init__(mechanics)
+        self._steps_per_deg = float(str(mechanics.description.settings.get("count_per_deg", 80)))
+        self._feed_dps = 10.0
+        self._is_killed = False
+        self._busy_s = 0.0
+
+    def greeting(self) -> bytes:
+        """The start-up message."""
+        return self.lines(["start", "echo:Marlin 2.1.2", "echo: Free Memory: 5061  PlannerBufferBytes: 1200"])
+
+    def alarm(self, problem: str) -> list[str]:
+        """Killed by its emergency stop, or an endstop that was hit."""
+        if problem == "limit":
+            self.mechanics.clear()
+            self._alarm = ""
+            return [f"echo:endstops hit:  {self.words[0]}:{self.deg(0):.2f}"]
+        self._is_killed = True
+        return ["Error:Printer halted. kill() called!" if problem == "estop" else "Error:Homing Failed, Printer halted. kill() called!"]
+
+    def events(self) -> bytes:
+        """While it is busy it says so every two seconds."""
+        said = super().events()
+        if self.later and self.mechanics.now_s() >= self._busy_s:
+            self._busy_s = self.mechanics.now_s() + 2.0
+            said += self.lines(["echo:busy: processing"])
+        return said
+
+    def answer(self, line: str) -> list[str]:
+        """G-code.  ``M410`` and ``M112`` act at once (EMERGENCY_PARSER); while it homes, the others wait, which nobody here does."""
+        mechanics = self.mechanics
+        code, *words = line.upper().split()
+        if code == "M112":
+            mechanics.stop(BRAKE)
+            self._is_killed, self.later = True, []
+            return ["Error:Printer halted. kill() called!"]
+        if self._is_killed:
+            return []
+        if code == "M410":
+            mechanics.stop(BRAKE)
+            return ["ok"]
+        if self.later:
+            return []
+        if mechanics.once("unknown_error"):
+            return ["Error:Code 4711", "ok"]
+        if code == "G28":
+            if mechanics.home():
+                self.later, self._busy_s = ["X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0", "ok"], mechanics.now_s() + 2.0
+            return []
+        if code == "M114":
+            return [self._where(), "ok"]
+        if code == "G1":
+            return self._move(words)
+        return ["ok"] if code in ("G21", "G90", "M17") else [f'echo:Unknown command: "{line}"', "ok"]
+
+    def _move(self, words: list[str]) -> list[str]:
+        if self.mechanics.suffers("disabled"):
+            return ["Error:stepper driver fault", "ok"]
+        values = {word[0]: float(word[1:]) for word in words if re.fullmatch(rf"[A-Z]{NUMBER}", word)}
+        self._feed_dps = values.pop("F", self._feed_dps * 60) / 60
+        for letter, value in values.items():
+            if letter in self.words:
+                self.mechanics.turn_to(self.words.index(letter), value * DEG, self._feed_dps * DEG)
+        return ["ok"]
+
+    def _where(self) -> str:
+        angles = {word: self.deg(axis) for axis, word in enumerate(self.words)}
+        said = " ".join(f"{letter}:{angles.get(letter, 0.0):.2f}" for letter in "XYZE")
+        return f"{said} Count " + " ".join(f"{letter}:{round(angles.get(letter, 0.0) * self._steps_per_deg)}" for letter in "XYZ")
+
+
+class Aerosmith(Firmware):
+    """A table language of three-letter words, one axis: ``HOM``, ``ACL``, ``JOG``, ``POS``, ``STO``, ``SRV``; a prompt ends an answer."""
+
+    END = "\r"
+
+    def lines(self, texts: list[str]) -> bytes:
+        """Lines, and the prompt where a request is answered."""
+        return "".join(text if text == ">" else text + self.END for text in texts).encode("latin-1")
+
+    def alarm(self, problem: str) -> list[str]:
+        """What it says by itself."""
+        return [{"estop": "FAULT 1", "limit": "FAULT 2", "home_fails": "FAULT 3"}[problem]]
+
+    def answer(self, line: str) -> list[str]:
+        """A word, and its number or a question mark."""
+        return [*self._answer(*line.upper().split()), ">"]
+
+    def _answer(self, word: str, number: str = "") -> list[str]:
+        mechanics = self.mechanics
+        if word == "STO":
+            mechanics.stop()
+            return []
+        if word in ("PPO?", "PVE?"):
+            return [f"{self.deg(0) if word == 'PPO?' else mechanics.tracks[0].state(mechanics.now_s())[1] / DEG:.4f}"]
+        if word == "FLT?":
+            return [{"": "0", "estop": "1", "limit": "2", "home_fails": "3"}[mechanics.stopped_by]]
+        if mechanics.once("unknown_error"):
+            return ["ERR 77"]
+        if word == "CLR":
+            return [] if mechanics.clear() else ["ERR 5"]
+        if word not in ("HOM", "ACL", "VEL", "JOG", "POS", "SRV") or (word != "HOM" and not re.fullmatch(NUMBER, number)):
+            return ["ERR 1"]
+        if word in ("HOM", "JOG", "POS") and (mechanics.stopped_by or mechanics.suffers("disabled")):
+            return ["ERR 5" if mechanics.stopped_by else "ERR 4"]
+        if word == "HOM":
+            mechanics.home()
+        elif word == "VEL":
+            self._rate_dps = float(number)
+        elif word == "JOG":
+            mechanics.turn_at(0, float(number) * DEG)
+        elif word == "POS":
+            mechanics.turn_to(0, float(number) * DEG, getattr(self, "_rate_dps", 10.0) * DEG)
+        return []
+
+
+class Acutronic(Firmware):
+    """Commands of several words behind colons, axes by number: ``:DEM:POS 1,30.0``, ``:MODE:POS 1``; no answer but to ``:READ``."""
+
+    def __init__(self, mechanics: Mechanics):
+        super().__init__(mechanics)
+        count = len(mechanics.tracks)
+        self._demand, self._rate_dps, self._closed = [0.0] * count, [10.0] * count, [False] * count
+        self._error = 0
+
+    def answer(self, line: str) -> list[str]:
+        """A command; errors are kept for ``:READ:ERR``."""
+        mechanics = self.mechanics
+        match = re.fullmatch(rf"(:[A-Z]+:[A-Z]+)(?: (\d))?(?:,({NUMBER}))?", line.upper())
+        command, axis, number = (match[1], int(match[2] or 1) - 1, float(match[3] or 0)) if match else ("", 0, 0.0)
+        if command == ":READ:ERR":
+            said, self._error = self._error, 0
+            stopped = {"": said, "estop": 901, "limit": 902, "home_fails": 903}[mechanics.stopped_by]
+            return [str(stopped)]
+        if axis >= len(mechanics.tracks):
+            self._error = 2
+        elif command == ":READ:POS":
+            return [f"{self.deg(axis):.5f}"]
+        elif command == ":MODE:ABORT":
+            if mechanics.is_moving(axis):
+                mechanics.tracks[axis].turn_at(mechanics.now_s(), 0.0, mechanics.description.axes[axis].acceleration_rps2)
+        elif command in (":INT:CLOSE", ":INT:OPEN"):
+            self._closed[axis] = command == ":INT:CLOSE"
+        elif command in (":DEM:POS", ":DEM:RATE"):
+            self._demand[axis] = number
+        elif command == ":LIM:RATE":
+            self._rate_dps[axis] = number
+        elif command == ":ERR:CLEAR":
+            self._error = 0 if mechanics.clear() else 901
+        elif command in (":MODE:POS", ":MODE:RATE", ":MODE:HOME"):
+            self._mode(command[6:], axis)
+        else:
+            self._error = 1
+        return []
+
+    def _mode(self, mode: str, axis: int) -> None:
+        mechanics = self.mechanics
+        if mechanics.once("unknown_error"):
+            self._error = 777
+        elif mechanics.stopped_by or mechanics.suffers("disabled") or not self._closed[axis]:
+            self._error = 30
+        elif mode == "POS":
+            mechanics.turn_to(axis, self._demand[axis] * DEG, self._rate_dps[axis] * DEG)
+        elif mode == "RATE":
+            mechanics.turn_at(axis, self._demand[axis] * DEG)
+        elif axis == 0:  # all axes are homed with the first
+            mechanics.home()
+
+
+class Drive(Firmware):
+    """A servo drive with words of a line, one axis: ``EN``, ``OPMODE``, ``J 10.0`` (rpm), ``MA``, ``PFB``, ``STOPPED``; answers end ``-->``."""
+
+    def __init__(self, mechanics: Mechanics):
+        super().__init__(mechanics)
+        self._is_enabled, self._mode, self._homed = False, 0, False
+
+    def lines(self, texts: list[str]) -> bytes:
+        """Lines, and the prompt behind an answer."""
+        return "".join(text if text == "-->" else text + self.END for text in texts).encode("latin-1")
+
+    def alarm(self, problem: str) -> list[str]:
+        """What it says by itself."""
+        self._is_enabled = False
+        return [{"estop": "FLT 23 emergency stop", "limit": "FLT 12 limit switch", "home_fails": "FLT 31 home not found"}[problem]]
+
+    def answer(self, line: str) -> list[str]:
+        """A word and its numbers."""
+        return [*self._answer(*line.upper().split()), "-->"]
+
+    def _answer(self, word: str, *numbers: str) -> list[str]:
+        mechanics = self.mechanics
+        known: dict[str, Callable[[], str]] = {
+            "PFB": lambda: f"{self.deg(0):.4f}",
+            "STOPPED": lambda: "0" if mechanics.is_moving() else "2",
+            "ACTIVE": lambda: str(int(self._is_enabled)),
+        }
+        if word in known and not numbers:
+            return [known[word]()]
+        if word in ("STOP", "K"):
+            mechanics.stop(BRAKE if word == "K" else 1.0)
+            self._is_enabled = self._is_enabled and word != "K"
+            return []
+        if mechanics.once("unknown_error"):
+            return ["ERR 7070"]
+        if word == "CLRFAULT":
+            return [] if mechanics.clear() else ["ERR 23"]
+        if word == "EN":
+            if mechanics.stopped_by or mechanics.suffers("disabled"):
+                return ["ERR 6"]
+            self._is_enabled = True
+            return []
+        if word == "OPMODE" and len(numbers) == 1:
+            self._mode = int(numbers[0])
+            return []
+        if word not in ("J", "MA", "MH"):
+            return ["ERR 1"]
+        if not self._is_enabled or mechanics.stopped_by or mechanics.suffers("disabled"):
+            return ["ERR 6"]
+        if (word == "J") != (self._mode == 0):
+            return ["ERR 20"]
+        if word == "MH":
+            mechanics.home()
+        elif word == "J" and len(numbers) == 1:
+            mechanics.turn_at(0, float(numbers[0]) * 6 * DEG)
+        elif word == "MA" and len(numbers) == 2:
+            mechanics.turn_to(0, float(numbers[0]) * DEG, float(numbers[1]) * 6 * DEG)
+        else:
+            return ["ERR 2"]
+        return []
+
+
+class Scpi(Firmware):
+    """Commands as of SCPI with a subsystem for each axis: ``AXIS1:POS 30``, ``AXIS1:VEL 10``, ``AXIS1:MOV?``, ``SYST:ERR?``."""
+
+    END = "\n"
+
+    def __init__(self, mechanics: Mechanics):
+        super().__init__(mechanics)
+        self._rate_dps = [10.0] * len(mechanics.tracks)
+        self._errors: list[str] = []
+
+    def alarm(self, problem: str) -> list[str]:
+        """An instrument says nothing by itself: it is in the queue."""
+        self._errors.append({"estop": '-310,"emergency stop"', "limit": '-311,"limit switch"', "home_fails": '-312,"no home"'}[problem])
+        return []
+
+    def answer(self, line: str) -> list[str]:
+        """Only queries are answered; errors queue."""
+        mechanics = self.mechanics
+        if line == "*IDN?":
+            return ["TinyGC,virtual table,0,1"]
+        if line == "SYST:ERR?":
+            return [self._errors.pop(0) if self._errors else '0,"No error"']
+        if line == "SYST:TIME?":
+            return [f"{mechanics.now_s():.4f}"]
+        if line == "STAT:STOP?":
+            return [{"": "0", "estop": "1", "limit": "2", "home_fails": "3"}[mechanics.stopped_by]]
+        if line == "ABOR":
+            mechanics.stop()
+            return []
+        if line == "STAT:CLE":
+            self._errors += [] if mechanics.clear() else ['-310,"emergency stop"']
+            return []
+        if line == "HOME":
+            self._motion(0, "HOME", 0.0)
+            return []
+        match = re.fullmatch(rf"(\w+):(POS|VEL|RATE)(?: ({NUMBER})|(\?))|(\w+):MOV\?", line)
+        word = (match[1] or match[5]) if match else ""
+        if match is None or word not in self.words:
+            self._errors.append('-113,"Undefined header"')
+            return []
+        axis = self.words.index(word)
+        if match[5]:
+            return [str(int(mechanics.is_moving(axis)))]
+        if match[4]:
+            return [f"{self._rate_dps[axis] if match[2] == 'VEL' else self.deg(axis):.5f}"]
+        if match[2] == "VEL":
+            self._rate_dps[axis] = float(match[3])
+        else:
+            self._motion(axis, match[2], float(match[3]))
+        return []
+
+    def _motion(self, axis: int, kind: str, number: float) -> None:
+        mechanics = self.mechanics
+        if mechanics.once("unknown_error"):
+            self._errors.append('-999,"?"')
+        elif mechanics.stopped_by or mechanics.suffers("disabled"):
+            self._errors.append('-200,"Execution error"')
+        elif kind == "HOME":
+            mechanics.home()
+        elif kind == "POS":
+            mechanics.turn_to(axis, number * DEG, self._rate_dps[axis] * DEG)
+        else:
+            mechanics.turn_at(axis, number * DEG)
+
+
+class Line(Firmware):
+    """The protocol for firmware of one's own (docs/tables.md): ``HOME``, ``TURN``, ``RATE``, ``WHERE``, ``STOP``, ``CLEAR``."""
+
+    END = "\n"
+
+    def greeting(self) -> bytes:
+        """Its name and number."""
+        return self.lines(["TABLE 1"])
+
+    def alarm(self, problem: str) -> list[str]:
+        """What it says by itself."""
+        return [{"estop": "ALARM 1", "limit": "ALARM 2", "home_fails": "ALARM 3"}[problem]]
+
+    def answer(self, line: str) -> list[str]:
+        """A word and its arguments."""
+        mechanics = self.mechanics
+        word, *rest = line.split()
+        if word == "WHERE" and not rest:
+            angles = " ".join(f"{self.deg(axis):.4f}" for axis in range(len(self.words)))
+            state = "ALARM" if mechanics.stopped_by else "MOVING" if mechanics.is_moving() or mechanics.is_homing else "REST"
+            return [f"AT {mechanics.now_s():.4f} {state} {angles}"]
+        if word == "STOP" and not rest:
+            mechanics.stop()
+            return ["OK"]
+        if mechanics.once("unknown_error"):
+            return ["ERROR 99"]
+        if word == "CLEAR":
+            return ["OK" if mechanics.clear() else "ERROR 4"]
+        numbers = [float(text) for text in rest[1:] if re.fullmatch(NUMBER, text)]
+        if (word, len(rest), len(numbers)) not in (("HOME", 0, 0), ("TURN", 3, 2), ("RATE", 2, 1)) or (rest and rest[0] not in self.words):
+            return ["ERROR 1"]
+        if mechanics.stopped_by or mechanics.suffers("disabled"):
+            return ["ERROR 4" if mechanics.stopped_by else "ERROR 3"]
+        if word == "HOME":
+            mechanics.home()
+        elif word == "TURN":
+            mechanics.turn_to(self.words.index(rest[0]), numbers[0] * DEG, numbers[1] * DEG)
+        else:
+            mechanics.turn_at(self.words.index(rest[0]), numbers[0] * DEG)
+        return ["OK"]
+
+
+FIRMWARE: dict[str, type[Firmware]] = {
+    "grbl": Grbl,
+    "marlin": Marlin,
+    "aerosmith": Aerosmith,
+    "acutronic": Acutronic,
+    "drive": Drive,
+    "scpi": Scpi,
+    "line": Line,
+}
+
+
+def firmware_of(make: str) -> type[Firmware]:
+    """The controller of a make.  CalibrationError where there is no virtual one."""
+    if make not in FIRMWARE:
+        raise CalibrationError(f"no virtual table of the make {make[:40]!r}; there is one of {', '.join(FIRMWARE)}")
+    return FIRMWARE[make]

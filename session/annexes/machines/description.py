@@ -69,7 +69,7 @@ class Description:
     axes: tuple[Axis, ...]
     mounting: np.ndarray = field(default_factory=lambda: np.eye(3))
     port: str = ""
-    baud: int = 115200
+    baud: int = 0  #: 0: that of the make
     settings: Mapping[str, object] = field(default_factory=dict)
 
     def axis(self, name: str) -> int:
@@ -115,7 +115,7 @@ def read_description(path: Path) -> Description:
         axes,
         u @ v,
         table.get("port", ""),
-        table.get("baud", 115200),
+        table.get("baud", 0),
         table.get("settings", {}),
     )
 

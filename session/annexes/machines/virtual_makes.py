@@ -365,7 +365,7 @@ class Acutronic(Firmware):
 
 
 class Drive(Firmware):
-    """A servo drive with words of a line, one axis: ``EN``, ``OPMODE``, ``J 10.0`` (rpm), ``MA``, ``PFB``, ``STOPPED``; answers end ``-->``."""
+    """A servo drive with words on a line, one axis: ``EN``, ``OPMODE``, ``J 10.0`` (rpm), ``MA``, ``PFB``, ``STOPPED``; a prompt ``-->``."""
 
     def __init__(self, mechanics: Mechanics):
         super().__init__(mechanics)
@@ -509,7 +509,7 @@ class Line(Firmware):
         mechanics = self.mechanics
         word, *rest = line.split()
         if word == "WHERE" and not rest:
-            angles = " ".join(f"{self.deg(axis):.4f}" for axis in range(len(self.words)))
+            angles = ",".join(f"{self.deg(axis):.4f}" for axis in range(len(self.words)))
             state = "ALARM" if mechanics.stopped_by else "MOVING" if mechanics.is_moving() or mechanics.is_homing else "REST"
             return [f"AT {mechanics.now_s():.4f} {state} {angles}"]
         if word == "STOP" and not rest:

@@ -33,7 +33,9 @@ FAULTS = {
     "restart": "the controller restarts: at rest, its angles are 0 where it stands",
     "unknown_error": "a request is refused with a code that no manual lists",
 }
-AT_ONCE = ("lost_steps", "stall", "disabled", "endless", "unknown_error", "home_fails")
+AT_ONCE = ("lost_steps", "stall", "endless", "home_fails")
+#: those of the request itself, which does not become a move
+REFUSED = ("disabled", "unknown_error")
 #: s that a fault of the line lasts
 LASTS_S = {"garbled": 2.0, "late": 5.0, "doubled": 5.0}
 LOST_RAD, JUMP_RAD = 5 * DEG, 30 * DEG
@@ -93,6 +95,9 @@ class Mechanics:
     def suffers(self, kind: str) -> bool:
         """Whether a fault is present."""
         now_s = self.now_s()
+        if kind in REFUSED and (fault := next((f for f in self._waiting if (f.kind, f.move) == (kind, self._moves + 1)), None)):
+            self._waiting.remove(fault)
+            self._since_s[kind] = now_s
         return kind in self._since_s and now_s < self._since_s[kind] + LASTS_S.get(kind, float("inf"))
 
     def once(self, kind: str) -> bool:
@@ -106,9 +111,11 @@ class Mechanics:
         return self._homing_until_s is not None
 
     def is_moving(self, axis: int | None = None) -> bool:
-        """Whether an axis, or any, is in motion."""
+        """Whether an axis, or any, is in motion; while homing all are."""
         now_s = self.now_s()
-        return any(track.busy_until_s > now_s for track in (self.tracks if axis is None else (self.tracks[axis],)))
+        return self._homing_until_s is not None or any(
+            track.busy_until_s > now_s for track in (self.tracks if axis is None else (self.tracks[axis],))
+        )
 
     def said(self, axis: int) -> float:
         """The angle that the controller says, rad."""

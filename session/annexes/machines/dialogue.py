@@ -1,0 +1,387 @@
+"""A table of a make that is data: requests, answers, and all that a line does to them, behind the five verbs.
+
+A request is sent whole, then its acknowledgement is awaited; what else comes meanwhile is looked at: an alarm, a restart, an error.  Bytes
+that are left from earlier answers (late, doubled) are thrown away before a request.  ``stop`` waits for nobody: it writes at once, from any
+thread, and a motion whose requests are half sent ends there.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from session.annexes.machines.clocks import Clock
+from session.annexes.machines.description import Description
+from session.annexes.machines.makefile import AGAIN, LONGEST_LINE, Make, Pattern, Step, require_settings
+from session.annexes.machines.verbs import TableFault, Where
+from session.annexes.machines.wire import Link
+from session.io.errors import FormatError
+from session.io.units import DEG
+
+#: how often ``where`` asks again where an answer is missing or garbled
+TRIES = 3
+#: a busy machine that says nothing for so long is silent
+BUSY_S = 10.0
+#: bytes of a line that has no end
+LONGEST_BUFFER = 4096
+#: behind a line that is no answer, one is waited for so long
+AGAIN_S = 0.25
+#: how long the acknowledgement of a stop is waited for: for the line to be free, and for its bytes
+STOP_S, POLL_STOP_S = 0.3, 0.05
+
+
+class Dialogue:
+    """``Table`` over a link.  FormatError for settings or axes that the make does not have, TableFault where nothing answers.
+
+    has_rate_mode: whether it turns at a rate by itself; else a rate is a turn to an angle that is far away, or to the axis's limit.
+    """
+
+    def __init__(self, description: Description, make: Make, link: Link, clock: Clock):
+        self.description, self.make, self._link, self._clock = description, make, link, clock
+        self.has_rate_mode = bool(make.turn_at)
+        require_settings(description.settings, f"{description.name}: settings", make.settings)
+        if len(description.axes) > make.most_axes:
+            raise FormatError(f"{description.name}: {len(description.axes)} axes, and a {make.name} has at most {make.most_axes}; {AGAIN}")
+        words = [axis.word for axis in description.axes]
+        if len(set(words)) < len(words) or (make.order and not all(len(word) == 1 and word in make.order for word in words)):
+            allowed = f" among {', '.join(make.order)}" if make.order else ""
+            raise FormatError(
+                f"{description.name}: words of the axes are {', '.join(words)}, expected words of their own{allowed}; {AGAIN}"
+            )
+        self._settings: Mapping[str, Any] = {**make.settings, **description.settings}
+        self._exchange, self._writing = threading.RLock(), threading.Lock()
+        self._buffer, self._lines = b"", list[str]()
+        self._stops, self._harder = 0, 0
+        self._awaited_home: float | None = None  # when homing counts as failed
+        self._alarm, self._restarted, self._only_looks = "", False, False
+        self._answered, self._unread = "", ""  # the last lines that were an answer, and none
+        self._heard_s = clock.now_s()
+        self._angles = np.full(len(words), np.nan)
+        self._before: tuple[float, np.ndarray] | None = None
+        with self._exchange:
+            self._open()
+
+    # The five verbs.
+
+    def home(self) -> None:
+        """Begin to search the reference marks."""
+        if not self.make.home:
+            raise TableFault(f"{self.description.name}: a {self.make.name} has no homing; turn it to its zero by hand")
+        with self._exchange:
+            if self._restarted:  # nothing but its angles is lost
+                self._alarm, self._restarted = "", False
+            self._refuse_alarm()
+            self._harder = 0
+            if any(step.later for step in self.make.home):
+                self._awaited_home = self._clock.now_s() + self._settings["home_s"]
+            self._motion(self.make.home)
+
+    def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
+        """Begin to turn one axis to an angle."""
+        with self._exchange:
+            self._refuse_alarm()
+            self._harder = 0
+            self._motion(self.make.turn_to, axis, angle_rad, rate_rps)
+
+    def turn_at(self, axis: int, rate_rps: float) -> None:
+        """Begin to turn one axis at a rate; without a rate mode it turns to its limit, or so far that it is not reached."""
+        if not rate_rps and not self.has_rate_mode:
+            return self.stop()
+        with self._exchange:
+            self._refuse_alarm()
+            self._harder = 0
+            if self.has_rate_mode:
+                return self._motion(self.make.turn_at, axis, 0.0, rate_rps)
+            of = self.description.axes[axis]
+            limit = of.most_rad if rate_rps > 0 else of.least_rad
+            if limit is None:
+                limit = self.where().angles[axis] + np.copysign(self._settings["far_deg"] * DEG, rate_rps)
+            self._motion(self.make.turn_to, axis, limit, abs(rate_rps))
+
+    def where(self) -> Where:
+        """Ask for angles and state.  TableFault for an alarm, a restart, a state that is a fault, and where no answer can be read."""
+        with self._exchange:
+            self._refuse_alarm()
+            if self._awaited_home is not None and any(step.later and not self.make.where[0].raw for step in self.make.home):
+                return self._where_while_busy()
+            for number in range(TRIES):
+                found = self._ask_where()
+                if found is not None:
+                    return found
+                if number + 1 < TRIES:
+                    self._clock.sleep(0.05)
+            raise TableFault(self._complaint("does not say where it is", self.make.where[0], self.make.where[0].answers))
+
+    def look(self) -> np.ndarray:
+        """Angles (K,) rad, whatever else it reports: to see whether it rests after a fault.  TableFault where it says none."""
+        with self._exchange:
+            self._only_looks = True
+            try:
+                for _ in range(TRIES):
+                    if (found := self._ask_where()) is not None:
+                        return found.angles
+            finally:
+                self._only_looks = False
+        raise TableFault(f"{self.description.name}: does not say where it is")
+
+    def stop(self) -> None:
+        """Bring all axes to rest.  Called again before another motion, it asks harder, where the make has a harder way."""
+        steps = self.make.stop[min(self._harder, len(self.make.stop) - 1)]
+        with self._writing:
+            self._stops += 1
+            self._harder += 1
+            for step in steps:
+                for axis in range(len(self.description.axes)) if step.each else (0,):
+                    self._write(step, axis, 0.0, 0.0)
+                self._clock.sleep(step.pause_s)
+        self._awaited_home = None
+        self._before = None
+        if self._exchange.acquire(timeout=STOP_S):
+            try:
+                self._receive(POLL_STOP_S)
+                self._lines.clear()
+            finally:
+                self._exchange.release()
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._link.close()
+
+    def clear(self) -> None:
+        """Clear an alarm, where a program can: only when a person has said so.  TableFault where it stays."""
+        if not self.make.clear:
+            raise TableFault(f"{self.description.name}: an alarm of a {self.make.name} is cleared at the machine, not from here")
+        with self._exchange:
+            alarm, self._alarm = self._alarm, ""
+            try:
+                self._requests(self.make.clear, None, 0.0, 0.0)
+                self._require_accepted()
+            except TableFault:
+                self._alarm = alarm
+                raise
+
+    # Requests.
+
+    def _open(self) -> None:
+        make = self.make
+        end_s = self._clock.now_s() + self._settings["open_s"]
+        while self._clock.now_s() < end_s:
+            self._receive(min(0.1, end_s - self._clock.now_s()))
+            if any(pattern.match(line) is not None for line in self._lines for pattern in make.greeting):
+                break
+        self._receive(0.05)
+        self._lines.clear()
+        self._requests(make.begin, None, 0.0, 0.0)
+
+    def _motion(self, steps: tuple[Step, ...], axis: int | None = None, angle_rad: float = 0.0, rate_rps: float = 0.0) -> None:
+        self._before = None
+        self._requests(steps, axis, angle_rad, rate_rps)
+        self._require_accepted()
+
+    def _require_accepted(self) -> None:
+        """TableFault where the make keeps errors until it is asked, and has one."""
+        if (ask := self.make.errors) is None:
+            return
+        found = next((found for _ in range(TRIES) if (found := self._ask(ask, 0))), None)
+        if found is None:
+            raise TableFault(self._complaint("does not say whether it takes the request", ask, ask.answers))
+        if (code := found["code"]) not in self.make.none:
+            words = self.make.refused.words.get(code, "a code that the make's file does not know")
+            raise TableFault(f"{self.description.name}: it refuses with {code} ({words}); nothing more was sent")
+
+    def _requests(self, steps: tuple[Step, ...], axis: int | None, angle_rad: float, rate_rps: float) -> None:
+        stops = self._stops
+        for step in steps:
+            for number in range(len(self.description.axes)) if step.each else [axis or 0]:
+                self._drain()
+                with self._writing:
+                    if self._stops != stops:
+                        raise TableFault(
+                            f"{self.description.name}: stopped before {self._text(step, number, angle_rad, rate_rps)!r} was sent"
+                        )
+                    self._write(step, number, angle_rad, rate_rps)
+                if step.pause_s:
+                    self._clock.sleep(step.pause_s)
+                if not (step.later or step.unanswered or step.raw) and self.make.done:
+                    self._await(step, self.make.done, self._text(step, number, angle_rad, rate_rps))
+
+    def _text(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> str:
+        settings, decimals = self._settings, int(self._settings["decimals"])
+        word = self.description.axes[axis].word
+        signed = rate_rps / DEG * settings["rate_per_dps"]
+        text = step.raw or step.send
+        values = {
+            "{word}": word,
+            "{axis}": str(axis + 1),
+            "{angle}": f"{angle_rad / DEG * settings['per_deg']:.{decimals}f}",
+            "{rate}": f"{abs(signed):.{decimals}f}",
+            "{signed_rate}": f"{signed * np.sign(settings['per_deg']):.{decimals}f}",
+            **{f"{{{name}}}": str(value) for name, value in settings.items()},
+        }
+        for name, value in values.items() if step.send else ():
+            text = text.replace(name, value)
+        return text
+
+    def _write(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> None:
+        text = self._text(step, axis, angle_rad, rate_rps)
+        self._link.write((text if step.raw else text + self.make.end).encode("latin-1"))
+
+    # Answers.
+
+    def _receive(self, longest_s: float) -> None:
+        """Take what has come, and keep its whole lines."""
+        self._buffer += self._link.read(longest_s)
+        text = self._buffer.replace(b"\r", b"\n")
+        if prompt := self.make.prompt.encode("latin-1"):
+            text = text.replace(prompt, b"\n" + prompt + b"\n")
+        *lines, self._buffer = text.split(b"\n")
+        self._buffer = self._buffer[-LONGEST_BUFFER:]
+        for line in lines:
+            if said := line.decode("latin-1").strip()[:LONGEST_LINE]:
+                self._heard_s = self._clock.now_s()
+                self._lines.append(said)
+
+    def _drain(self) -> None:
+        """Throw away what is left of earlier answers, except what says that something is wrong."""
+        self._receive(0.0)
+        for line in self._lines:
+            self._notice(line)
+        self._lines.clear()
+        self._refuse_alarm()
+
+    def _notice(self, line: str) -> None:
+        """What a line says by itself: an alarm, a restart, the end of homing."""
+        make, name = self.make, self.description.name
+        if (meaning := make.alarms.meaning(line)) is not None:
+            self._alarm = f"{name}: the table says {line!r}: {meaning or 'it has stopped'}; see why, then `table clear` or `table home`"
+        elif any(pattern.match(line) is not None for pattern in make.greeting):
+            self._restarted = True
+            self._alarm = f"{name}: the controller has restarted ({line!r}): its angles are lost; home it"
+        elif self._awaited_home is not None:
+            if (meaning := make.refused.meaning(line)) is not None:
+                self._awaited_home = None
+                self._alarm = f"{name}: homing was refused with {line!r} ({meaning})"
+            elif any(pattern.match(line) is not None for pattern in make.done):
+                self._awaited_home = None
+
+    def _refuse_alarm(self) -> None:
+        if self._alarm and not self._only_looks:
+            raise TableFault(self._alarm)
+
+    def _await(self, step: Step, wanted: tuple[Pattern, ...], sent: str, word: str = "") -> dict[str, str] | None:
+        """The fields of the first line that is wanted; None where only other lines came.  TableFault for errors, and for silence."""
+        end_s, seen = self._clock.now_s() + self._settings["answer_s"], list[str]()
+        while True:
+            while self._lines:
+                line = self._lines.pop(0)
+                for pattern in wanted:
+                    if (found := pattern.match(line, word)) is not None:
+                        self._answered = line
+                        return found
+                self._notice(line)
+                self._refuse_alarm()
+                if (meaning := self.make.refused.meaning(line)) is not None:
+                    raise TableFault(f"{self.description.name}: {sent!r} was refused with {line!r} ({meaning})")
+                if any(pattern.match(line) is not None for pattern in self.make.busy):
+                    end_s = self._clock.now_s() + self._settings["answer_s"]
+                elif step.answers:  # an answer that is garbled: ask again soon
+                    end_s = min(end_s, self._clock.now_s() + AGAIN_S)
+                seen.append(line)
+                self._unread = line
+            if (left_s := end_s - self._clock.now_s()) <= 0:
+                if step.answers and seen:
+                    return None
+                raise TableFault(self._complaint("does not answer", step, wanted, sent, seen))
+            self._receive(min(left_s, 0.1))
+
+    def _complaint(self, what: str, step: Step, wanted: tuple[Pattern, ...], sent: str = "", seen: list[str] | None = None) -> str:
+        expected = " or ".join(repr(pattern.text) for pattern in wanted[:2])
+        line = seen[-1] if seen else self._unread
+        heard = f"heard {line[:60]!r}" if line else "heard nothing that can be read"
+        settings = f"within {self._settings['answer_s']:g} s"
+        return f"{self.description.name}: it {what}: sent {sent or step.send or step.raw!r}, {heard}, expected {expected} {settings}"
+
+    def _ask(self, step: Step, axis: int) -> dict[str, str]:
+        """A query's fields; empty where its answer cannot be read."""
+        self._drain()
+        with self._writing:
+            self._write(step, axis, 0.0, 0.0)
+        return self._await(step, step.answers, self._text(step, axis, 0.0, 0.0), self.description.axes[axis].word) or {}
+
+    # Where it is.
+
+    def _where_while_busy(self) -> Where:
+        """While homing keeps it from answering: the last angles, until its acknowledgement comes."""
+        self._receive(0.05)
+        self._drain()
+        now_s = self._clock.now_s()
+        if self._awaited_home is not None and now_s > self._awaited_home:
+            raise TableFault(f"{self.description.name}: homing does not end within {self._settings['home_s']:g} s")
+        if self._awaited_home is not None and now_s - self._heard_s > BUSY_S:
+            raise TableFault(f"{self.description.name}: silent for {BUSY_S:g} s while it homes")
+        return Where(self._angles, self._awaited_home is not None)
+
+    def _ask_where(self) -> Where | None:
+        """One round of questions; None where an answer cannot be read."""
+        make, axes, settings = self.make, self.description.axes, self._settings
+        angles, table_s = np.full(len(axes), np.nan), None
+        moving: bool | None = None
+        for step in make.where:
+            once = None
+            for axis, of in enumerate(axes):
+                if step.each or once is None:
+                    once = self._ask(step, axis)
+                    answered = self._answered
+                elif any(pattern.names_an_axis for pattern in step.answers):
+                    once = next((found for pattern in step.answers if (found := pattern.match(answered, of.word)) is not None), {})
+                if not once:
+                    return None
+                if "angles" in once:
+                    values = once["angles"].split(",")
+                    place = make.order.index(of.word) if make.order else axis
+                    if place >= len(values):
+                        raise TableFault(f"{self.description.name}: it says {len(values)} angles, and no {of.word}; {AGAIN}")
+                    angles[axis] = float(values[place]) / settings["per_deg"] * DEG
+                elif "angle" in once:
+                    angles[axis] = float(once["angle"]) / settings["per_deg"] * DEG
+                elif "count" in once:
+                    angles[axis] = float(once["count"]) / settings["count_per_deg"] * DEG
+                if "rate" in once:
+                    moving = bool(moving) or abs(float(once["rate"]) / settings["rate_per_dps"]) > settings["rest_dps"]
+                if "state" in once and not self._only_looks:
+                    if (state := self._is_moving(once["state"])) is None:
+                        return None
+                    moving = bool(moving) or state
+                if "clock" in once:
+                    table_s = float(once["clock"]) / settings["clock_per_s"]
+                if (fault := once.get("fault", make.none[0])) not in make.none and not self._only_looks:
+                    meaning = make.alarms.words.get(fault, "a code that the make's file does not know")
+                    self._alarm = f"{self.description.name}: the table reports {fault}: {meaning}; see why, then `table clear`"
+                    raise TableFault(self._alarm)
+        now_s = self._clock.now_s()
+        if moving is None:
+            moving = self._is_changing(now_s, angles)
+        if self._awaited_home is not None:
+            if now_s > self._awaited_home:
+                raise TableFault(f"{self.description.name}: homing does not end within {settings['home_s']:g} s")
+            moving = True
+        self._angles = angles
+        return Where(angles, moving, table_s)
+
+    def _is_moving(self, state: str) -> bool | None:
+        """Whether a state is motion; None of one that the make's file does not know.  TableFault of one that is a fault."""
+        make = self.make
+        if state in make.states:
+            raise TableFault(f"{self.description.name}: the table is in state {state}: {make.states[state]}")
+        return state in make.moving if state in (*make.moving, *make.rest) else None
+
+    def _is_changing(self, now_s: float, angles: np.ndarray) -> bool:
+        """Where nothing else says it: whether angles have stayed for ``same_s``."""
+        resolution = DEG * max(1.5 / abs(self._settings["count_per_deg"]), 1e-3)
+        if self._before is None or np.abs(angles - self._before[1]).max() > resolution:
+            self._before = (now_s, angles)
+            return True
+        return now_s - self._before[0] < self._settings["same_s"]

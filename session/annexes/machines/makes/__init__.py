@@ -1,0 +1,57 @@
+"""Makes of tables: a file of dialogues each, or a module for what speaks no lines.  ``open_table`` opens any of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from session.annexes.machines.clocks import Clock, HostClock
+from session.annexes.machines.description import Description
+from session.annexes.machines.dialogue import Dialogue
+from session.annexes.machines.makefile import AGAIN, FOLDER, Make, make_names, read_make
+from session.annexes.machines.makes import hand, ximc
+from session.annexes.machines.verbs import Table
+from session.annexes.machines.wire import Link, SerialLink, VisaLink
+from session.io.errors import FormatError
+
+#: makes that are code
+MODULES = {"hand": hand, "ximc": ximc}
+
+
+def makes() -> dict[str, str]:
+    """Name -> title of each make."""
+    return {name: read_make(FOLDER / f"{name}.toml").title for name in make_names()} | {
+        name: module.TITLE for name, module in MODULES.items()
+    }
+
+
+def make_of(table: Description, folder: Path | None = None) -> Make:
+    """The make's file of a table; ``make = "./mine.toml"`` is one of the user's, beside table.toml in ``folder``.  Raises FormatError."""
+    name = table.make
+    if name.endswith(".toml"):
+        return read_make((folder or Path()) / name)
+    if name not in make_names():
+        known = ", ".join([*make_names(), *MODULES])
+        raise FormatError(f"{table.name}: no make {name[:40]!r}; it is one of {known}, or a file of your own such as ./mine.toml; {AGAIN}")
+    return read_make(FOLDER / f"{name}.toml")
+
+
+def open_table(table: Description, folder: Path | None = None, link: Link | None = None, clock: Clock | None = None) -> Table:
+    """Open the machine of a description; link: instead of its port.  It moves only through ``safety.Guarded``.
+
+    Raises FormatError for a description that the make does not fit, TableFault where nothing answers.
+    """
+    clock = clock or HostClock()
+    if table.make in MODULES:
+        return MODULES[table.make].open_table(table, clock)
+    make = make_of(table, folder)
+    if link is None and not table.port:
+        raise FormatError(f'{table.name}: has no port; give it one, such as port = "/dev/ttyUSB0"; {AGAIN}')
+    if link is None:
+        is_visa = "::" in table.port
+        baud = table.baud or make.baud
+        link = VisaLink(table.port, baud, str(table.settings.get("visa", ""))) if is_visa else SerialLink(table.port, baud, clock)
+    try:
+        return Dialogue(table, make, link, clock)
+    except BaseException:
+        link.close()
+        raise

@@ -1,0 +1,399 @@
+"""The one way to move a table: ``Guarded``.  What a program can do against a wrong move; no safety function in a standard's sense.
+
+- Nothing moves that no person has confirmed: the plan of all moves is shown before the first.
+- Limits are checked before each move.  A turn at a rate on an axis with limits is sent as a turn to its limit: the machine brakes there
+  by itself, whatever becomes of this program.
+- Each answer is compared with what can be: an angle beyond the limits, faster than the axis turns, a motion that does not end, that ends
+  elsewhere, and silence stop the table.
+- Ctrl-C, SIGTERM, an exception and the end of the program stop it, and it is looked whether it rests.
+- A reported alarm is never cleared from here.
+
+A program that is killed (SIGKILL), a computer that freezes and a cable that is pulled can stop nothing.  The table's own emergency stop
+is master: it must be within reach.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from types import FrameType
+from typing import TypeVar
+
+import numpy as np
+
+from session.annexes.machines.clocks import Clock, HostClock
+from session.annexes.machines.description import Description
+from session.annexes.machines.verbs import Table, TableFault, TableLimit, Where, require_allowed, require_rate
+from session.annexes.machines.wire import PRESS
+from session.io.units import DEG
+
+T = TypeVar("T")
+#: s that a machine may take from the acknowledgement of a move to its begin
+START_S = 0.3
+#: a motion may take so many times as long as computed, and so many s besides
+SLOWER, LATER_S = 1.5, 5.0
+#: s that homing may take
+HOME_S = 300.0
+#: rad beyond its declared accuracy and play that a move may end beside its angle, and a limit be passed
+BESIDE_RAD = 0.2 * DEG
+#: of two answers, how much faster than the axis they may say that it turned, and rad besides
+FASTER, JUMP_RAD = 1.3, 2 * DEG
+#: s between two looks whether it rests, rad that it may turn between them, and s after which it should rest beyond its braking time
+LOOK_S, RESTS_RAD, REST_S = 0.15, 0.02 * DEG, 2.0
+#: s without a look at a moving table after which a program counts as hung
+HUNG_S = 15.0
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move that a person is asked for: one axis, between which angles it may go and how fast; axis None: homing; at_rate: it turns at a
+    rate (either sense) until it is stopped."""
+
+    axis: int | None
+    least_rad: float = 0.0
+    most_rad: float = 0.0
+    fastest_rps: float = 0.0
+    at_rate: bool = False
+
+    @classmethod
+    def home(cls) -> Move:
+        """All axes search their reference marks."""
+        return cls(None)
+
+    @classmethod
+    def to(cls, axis: int, angle_rad: float, rate_rps: float) -> Move:
+        """One axis to an angle."""
+        return cls(axis, angle_rad, angle_rad, rate_rps)
+
+    @classmethod
+    def at(cls, axis: int, rate_rps: float) -> Move:
+        """One axis at a rate, in either sense."""
+        return cls(axis, -np.inf, np.inf, abs(rate_rps), True)
+
+    @classmethod
+    def anywhere(cls, table: Description, axis: int, fastest_rps: float) -> Move:
+        """Any angle within an axis's limits: of moves that are computed on the way."""
+        of = table.axes[axis]
+        return cls(axis, -np.inf if of.least_rad is None else of.least_rad, np.inf if of.most_rad is None else of.most_rad, fastest_rps)
+
+    def text(self, table: Description) -> str:
+        """One line of the plan."""
+        if self.axis is None:
+            return f"all axes ({', '.join(axis.name for axis in table.axes)}) search their reference marks, at the machine's own rate"
+        of = table.axes[self.axis]
+        limits = (
+            "without limits"
+            if of.least_rad is None or of.most_rad is None
+            else f"limits {of.least_rad / DEG:g} to {of.most_rad / DEG:g} deg"
+        )
+        rate = f"{self.fastest_rps / DEG:g} dps"
+        if self.at_rate:
+            return f"{of.name} turns at {rate}, in either sense, until it is stopped ({limits})"
+        if self.least_rad == self.most_rad:
+            return f"{of.name} to {self.most_rad / DEG:g} deg at up to {rate} ({limits})"
+        if not np.isfinite(self.least_rad):
+            return f"{of.name} to any angle at up to {rate}, turn after turn ({limits})"
+        return f"{of.name} to any angle from {self.least_rad / DEG:g} to {self.most_rad / DEG:g} deg at up to {rate} ({limits})"
+
+
+def plan_lines(table: Description, moves: Sequence[Move]) -> list[str]:
+    """The plan as a person reads it before anything moves."""
+    rows = [f"  {number}. {move.text(table)}" for number, move in enumerate(moves, 1)]
+    return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
+
+
+class Guarded:
+    """A ``Table`` that does nothing which was not confirmed, and stops for everything that looks wrong.  Use it as a context.
+
+    ``confirm`` first.  ``where`` is to be called some times a second while it moves; ``settle`` does that.  ``stop`` may be called from any
+    thread.  TableLimit for what is not allowed (nothing is sent), TableFault for what went wrong (the table was stopped).
+    """
+
+    def __init__(self, table: Table, clock: Clock | None = None):
+        self.description = table.description
+        self._table, self._clock = table, clock or HostClock()
+        self._allowed: list[Move] = []
+        self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
+        self._rest.set()
+        self._last: tuple[float, np.ndarray] | None = None
+        self._target: tuple[int, float] | None = None  # axis and angle of the present move
+        self._sense = 0.0
+        self._begin_s, self._due_s, self._computed_s = 0.0, np.inf, 0.0
+        self._looked_s = self._clock.now_s()
+        self._closed = False
+        self._handlers = contextlib.ExitStack()
+
+    def __enter__(self) -> Guarded:
+        atexit.register(self._at_exit)
+        if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, _interrupt)
+            self._handlers.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
+        if isinstance(self._clock, HostClock):
+            threading.Thread(target=self._watch, name="table-watch", daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        try:
+            with _undisturbed():
+                if not self._rest.is_set():
+                    try:
+                        self.stop()
+                    except TableFault as fault:
+                        if error[0] is None:
+                            raise
+                        if not isinstance(error[1], TableFault):  # which says it already
+                            print(fault, file=sys.stderr)
+                self.close()
+        finally:
+            self._handlers.close()
+            atexit.unregister(self._at_exit)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether it was seen at rest, and nothing was asked to move since."""
+        return self._rest.is_set()
+
+    @property
+    def has_rate_mode(self) -> bool:
+        """Whether the machine turns at a rate by itself."""
+        return bool(getattr(self._table, "has_rate_mode", False))
+
+    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
+        """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
+
+        Raises TableLimit for a plan beyond the limits, and where nobody confirms it.  It takes the place of an earlier plan.
+        """
+        for move in moves:
+            if move.axis is not None:
+                require_rate(self.description, move.axis, move.fastest_rps)
+                for angle in {move.least_rad, move.most_rad} if not move.at_rate else ():
+                    if np.isfinite(angle):
+                        require_allowed(self.description, move.axis, angle, move.fastest_rps)
+        for line in plan_lines(self.description, moves):
+            say(line)
+        if ask is not None and not ask("Move it?"):
+            raise TableLimit(f"{self.description.name}: the plan was not confirmed; nothing was moved")
+        self._allowed = list(moves)
+
+    # The five verbs.
+
+    def home(self) -> None:
+        """Begin to search the reference marks."""
+        self._require_confirmed(any(move.axis is None for move in self._allowed), "home")
+        self._require_rest()
+        self._begin(None, HOME_S)
+        self._guard(self._table.home)
+
+    def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
+        """Begin to turn one axis to an angle; it rests before."""
+        require_allowed(self.description, axis, angle_rad, rate_rps)
+        of = self.description.axes[axis]
+        allowed = any(
+            move.axis == axis
+            and not move.at_rate
+            and move.least_rad - 1e-9 <= angle_rad <= move.most_rad + 1e-9
+            and rate_rps <= move.fastest_rps * (1 + 1e-9)
+            for move in self._allowed
+        )
+        self._require_confirmed(allowed, f"{of.name} to {angle_rad / DEG:g} deg at {rate_rps / DEG:g} dps")
+        self._require_rest()
+        here = self.where().angles[axis]
+        self._sense = float(np.sign(angle_rad - here))
+        self._begin((axis, angle_rad), abs(angle_rad - here) / rate_rps + rate_rps / of.acceleration_rps2 if np.isfinite(here) else np.inf)
+        self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
+
+    def turn_at(self, axis: int, rate_rps: float) -> None:
+        """Begin to turn one axis at a rate; through rest, where the machine has no rate mode or the axis has limits; 0 ends in rest."""
+        of = self.description.axes[axis]
+        direct = self.has_rate_mode and of.is_endless
+        if not rate_rps:
+            if direct:
+                self._begin(None, of.fastest_rps / of.acceleration_rps2)
+                return self._guard(lambda: self._table.turn_at(axis, 0.0))
+            return self.stop()
+        require_rate(self.description, axis, rate_rps)
+        allowed = any(move.axis == axis and move.at_rate and abs(rate_rps) <= move.fastest_rps * (1 + 1e-9) for move in self._allowed)
+        self._require_confirmed(allowed, f"{of.name} at {rate_rps / DEG:g} dps")
+        if not direct and not self.is_at_rest:
+            self.stop()
+        here = self.where().angles[axis]
+        if of.least_rad is not None and of.most_rad is not None:
+            limit = of.most_rad if rate_rps > 0 else of.least_rad
+            if not np.isfinite(here):
+                raise TableLimit(f"{self.description.name}: {of.name} has limits and does not say where it is: home it; nothing was moved")
+            if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
+                raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
+            self._sense = float(np.sign(rate_rps))
+            self._begin((axis, limit), abs(limit - here) / abs(rate_rps) + abs(rate_rps) / of.acceleration_rps2)
+            return self._guard(lambda: self._table.turn_to(axis, limit, abs(rate_rps)))
+        self._begin(None, np.inf)
+        return self._guard(lambda: self._table.turn_at(axis, rate_rps))
+
+    def where(self) -> Where:
+        """Angles and state, compared with what can be."""
+        asked_s = self._clock.now_s()
+        found = self._guard(self._table.where)
+        now_s = self._looked_s = self._clock.now_s()
+        if not self._rest.is_set() and now_s - self._begin_s < START_S:
+            found = Where(found.angles, True, found.table_s, found.fault)
+        self._compare(asked_s, now_s, found)
+        if not found.moving and not self._rest.is_set():
+            self._arrived(found)
+        if found.moving and now_s > self._due_s:
+            self._stop_for(f"it still moves {now_s - self._begin_s:.1f} s after its move began; computed were {self._computed_s:.1f} s")
+        return found
+
+    def settle(self) -> Where:
+        """Wait until the present motion has ended."""
+        while True:
+            if not (found := self.where()).moving:
+                return found
+            self._clock.sleep(0.05)
+
+    def stop(self) -> None:
+        """Bring all axes to rest, harder the second time, and see that they are.  TableFault where they are not seen at rest."""
+        failed = ""
+        for _ in range(2):
+            try:
+                self._table.stop()
+            except TableFault as fault:
+                failed = str(fault)
+                continue
+            if self._is_seen_at_rest():
+                self._target, self._due_s = None, np.inf
+                self._last = None
+                self._rest.set()
+                return
+        failed = failed.removeprefix(f"{self.description.name}: ")
+        why = failed if PRESS in failed else f"{failed}; {PRESS}" if failed else PRESS
+        raise TableFault(f"{self.description.name}: it was told to stop and was not seen at rest; {why}")
+
+    def close(self) -> None:
+        """Let go of the port."""
+        if not self._closed:
+            self._closed = True
+            self._table.close()
+
+    # What may not be.
+
+    def _guard(self, verb: Callable[[], T]) -> T:
+        """Do it; whatever fails, the table is stopped."""
+        try:
+            return verb()
+        except TableFault as fault:
+            if not self._rest.is_set():
+                self._stop_for(str(fault).removeprefix(f"{self.description.name}: "))
+            raise
+
+    def _stop_for(self, why: str) -> None:
+        """Stop it, and raise why."""
+        try:
+            self.stop()
+            end = "it was stopped, and rests"
+        except TableFault as fault:
+            end = str(fault).removeprefix(f"{self.description.name}: ")
+            why = why.removesuffix(f" {PRESS}").removesuffix(";")
+        raise TableFault(f"{self.description.name}: {why}; {end}") from None
+
+    def _begin(self, target: tuple[int, float] | None, computed_s: float) -> None:
+        self._rest.clear()
+        self._target, self._computed_s = target, computed_s
+        self._looked_s = self._begin_s = self._clock.now_s()
+        self._due_s = self._begin_s + SLOWER * computed_s + LATER_S
+        self._last = None
+
+    def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
+        """An answer says where it was between the question and the answer."""
+        if not np.isfinite(found.angles).all():
+            return
+        for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):
+            if not self._rest.is_set() and self._target is not None and axis.least_rad is not None and axis.most_rad is not None:
+                over = max(axis.least_rad - angle, angle - axis.most_rad)
+                if over > BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:
+                    self._stop_for(f"{axis.name} says {angle / DEG:.2f} deg, beyond its limits")
+            if self._target is not None and self._target[0] == number and self._last is not None:
+                over = (angle - self._target[1]) * self._sense
+                if over > BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:
+                    self._stop_for(f"{axis.name} is at {angle / DEG:.2f} deg, beyond the {self._target[1] / DEG:.2f} that it was sent to")
+            if self._last is not None:
+                most = FASTER * axis.fastest_rps * (now_s - self._last[0]) + JUMP_RAD + 5 * axis.sigma_rad
+                if (change := abs(angle - self._last[1][number])) > most:
+                    self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - self._last[0]:.2f} s")
+        self._last = (asked_s, found.angles)
+
+    def _arrived(self, found: Where) -> None:
+        """It says that the motion has ended: is it where it should be?"""
+        target, self._target, self._due_s = self._target, None, np.inf
+        self._rest.set()
+        if target is None:
+            self._last = None  # homing changes angles at once
+            return
+        axis = self.description.axes[target[0]]
+        beside = abs(found.angles[target[0]] - target[1])
+        if not beside <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:
+            said, asked = found.angles[target[0]] / DEG, target[1] / DEG
+            raise TableFault(
+                f"{self.description.name}: {axis.name} says that it rests at {said:.2f} deg, asked for was {asked:.2f}; it stands still"
+            )
+
+    def _require_confirmed(self, allowed: bool, what: str) -> None:
+        if not allowed:
+            raise TableLimit(f"{self.description.name}: {what} is in no plan that was confirmed; nothing was moved")
+
+    def _require_rest(self) -> None:
+        if not self._rest.is_set():
+            raise TableLimit(f"{self.description.name}: it still moves; wait for it, or stop it first")
+
+    def _is_seen_at_rest(self) -> bool:
+        """Whether two looks see the same angles within the time that braking takes."""
+        braking_s = max(axis.fastest_rps / axis.acceleration_rps2 for axis in self.description.axes)
+        end_s = self._clock.now_s() + braking_s + REST_S
+        look = getattr(self._table, "look", None) or (lambda: self._table.where().angles)
+        before: np.ndarray | None = None
+        while self._clock.now_s() <= end_s:
+            try:
+                angles = look()
+            except TableFault:
+                return False
+            if before is not None and np.abs(angles - before).max() < RESTS_RAD:
+                return True
+            before = angles
+            self._clock.sleep(LOOK_S)
+        return False
+
+    def _watch(self) -> None:
+        """A thread: a program that does not look at a moving table any more has hung."""
+        while not self._closed:
+            if not self._rest.is_set() and self._clock.now_s() - self._looked_s > HUNG_S:
+                with contextlib.suppress(TableFault):
+                    self._table.stop()
+                self._looked_s = self._clock.now_s()
+            self._clock.sleep(0.5)
+
+    def _at_exit(self) -> None:
+        if not self._rest.is_set() and not self._closed:
+            with contextlib.suppress(TableFault):
+                self._table.stop()
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C and SIGTERM wait while a table is being stopped."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)

@@ -230,12 +230,13 @@ class Coach:
             turns = self._machine.turns_from(angles, most_rps)
         rows = self._rows(force, turns) * self.targets
         both = np.concatenate([information[None], information + rows.swapaxes(-1, -2) @ rows])  # without a turn, and with each
-        left = np.diagonal(np.linalg.inv(both), axis1=-2, axis2=-1)
+        covariance = np.linalg.inv(both)
+        left = np.diagonal(covariance, axis1=-2, axis2=-1)
         # What no turn of a machine shows would keep it D-optimal for ever.
         shown = np.flatnonzero(~self._unseen.get(len(information), np.zeros(len(information), dtype=bool)))
         sigma = np.sqrt(left[0])
         if sigma[shown].max() > UNKNOWN:
-            criterion = -np.linalg.slogdet(both)[1]
+            criterion = np.linalg.slogdet(covariance[:, shown[:, None], shown])[1]
         elif shown[sigma[shown].argmax()] >= linear.PARAMETERS:
             # The accelerometer is least certain: choose the attitude for its worst parameter.
             criterion = np.log(left[:, shown[shown >= linear.PARAMETERS]].max(-1))

@@ -16,22 +16,13 @@ import numpy as np
 
 from session.annexes.machines.angles import header, row
 from session.annexes.machines.description import Description
-from session.annexes.machines.verbs import Table, TableFault, Where, require_allowed, require_rate
+from session.annexes.machines.verbs import Table, TableFault, TableLimit, Where, require_allowed, require_rate
 from session.bench.messages import AxisMove
 from session.bench.mover import Moment
 from session.io.errors import CalibrationError, StorageError
-from session.io.results import write_text_whole
-from session.io.units import DEG, NS
+from session.io.units import NS
 
 EVERY_S = 0.05  #: between two questions: 20 Hz
-#: s that a machine may take from a verb to its motion, and from its end to the last angle
-BEGINS_S = 1.5
-#: a move that takes more than so many times its computed duration, and so many s, does not end
-LATE, LATE_S = 2.0, 5.0
-#: rad from the target at which a move has arrived, beyond what the axis declares
-ARRIVED_RAD = 0.2 * DEG
-#: declared sigmas, and parts of a play, that are no miss
-SIGMAS = 5.0
 #: arrivals that the device's time is taken from, s; bytes are late by some ms and never early
 ARRIVALS_S = 20.0
 
@@ -94,7 +85,9 @@ class AngleFile:
         """A log has another name now."""
         self._file.close()
         lines = self._path.read_text().splitlines(keepends=True)
-        write_text_whole(self._path, "".join(new + line.removeprefix(old) if line.startswith(f"{old},") else line for line in lines))
+        partial = self._path.with_name(f"{self._path.name}.partial")
+        partial.write_text("".join(new + line.removeprefix(old) if line.startswith(f"{old},") else line for line in lines))
+        partial.replace(self._path)
         self._file = self._path.open("a", buffering=1)
         self._last = (new, self._last[1]) if self._last[0] == old else self._last
 
@@ -104,7 +97,9 @@ class AngleFile:
 
 
 class TableDriver:
-    """Moves a table and follows it.  now_s: monotonic clock of the host; in_thread: ``tick`` runs in a thread, else the caller calls it.
+    """Moves a table, which is ``safety.Guarded``, and follows it.
+
+    now_s: monotonic clock of the host; in_thread: ``tick`` runs in a thread, else the caller calls it.
 
     where: the last answer, None before the first; fault: why nothing moves, empty if nothing is wrong; done: number of finished moves.
     """
@@ -116,7 +111,7 @@ class TableDriver:
         self.trouble: CalibrationError | None = None  #: what ended the thread
         self._log, self._device = "", DeviceTime()
         self._queue: deque[AxisMove] = deque()
-        self._sent: tuple[AxisMove, float, float] | None = None  # a move, when it was sent, when it is to end
+        self._sent: AxisMove | None = None
         self._rate: tuple[int, float] | None = None  # an axis that turns at a rate, or was told to stop
         self._halted, self._asked_s = False, -EVERY_S
         self._lock = threading.RLock()
@@ -129,7 +124,8 @@ class TableDriver:
     def busy(self) -> bool:
         """Whether moves are under way or to come, by what was sent and by what the table answers."""
         with self._lock:
-            return bool(self._queue) or self._sent is not None or self._rate is not None or (self.where is not None and self.where.moving)
+            where = self.where
+            return bool(self._queue) or self._sent is not None or self._rate is not None or (where is not None and where.moving)
 
     def heard(self, moment: Moment) -> None:
         """Samples have arrived, and which log they went to."""
@@ -165,6 +161,7 @@ class TableDriver:
         self._halted = True  # without the lock, which a late answer may hold
         self._queue.clear()
         self._sent = self._rate = None
+        self.where = None  # the last answer was of a motion
         try:
             self.table.stop()
         except TableFault as error:
@@ -208,7 +205,7 @@ class TableDriver:
     def _ask(self, verb: Callable[[], None]) -> None:
         try:
             verb()
-        except TableFault as error:
+        except (TableFault, TableLimit) as error:
             self._failed(str(error))
 
     def _failed(self, why: str) -> None:
@@ -226,18 +223,11 @@ class TableDriver:
         if self._rate is not None:
             if not self._rate[1] and not where.moving:
                 self._rate, self.done = None, self.done + 1
-        elif self._sent is not None:
-            self._followed(where, *self._sent)
+        elif self._sent is not None and not where.moving:
+            self._sent, self.done = None, self.done + 1
         if self._queue and self._sent is None and self._rate is None and not where.moving:
-            self._send(self._queue.popleft(), where)
-
-    def _send(self, move: AxisMove, where: Where) -> None:
-        axis = self.table.description.axes[move.axis]
-        require_allowed(self.table.description, move.axis, move.angle_rad, move.rate_rps)
-        lasts_s = abs(move.angle_rad - where.angles[move.axis]) / move.rate_rps + 2 * move.rate_rps / axis.acceleration_rps2
-        now_s = self.now_s()
-        self._sent = move, now_s, now_s + LATE * lasts_s + LATE_S
-        self._tell(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
+            self._sent = move = self._queue.popleft()
+            self._tell(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
 
     def _tell(self, verb: Callable[[], None]) -> None:
         """A verb that moves; a stop that comes meanwhile is the last word."""
@@ -246,14 +236,3 @@ class TableDriver:
         if self._halted:
             self._sent = self._rate = None
             self.table.stop()
-
-    def _followed(self, where: Where, move: AxisMove, since_s: float, until_s: float) -> None:
-        axis, now_s = self.table.description.axes[move.axis], self.now_s()
-        missed = abs(float(where.angles[move.axis]) - move.angle_rad)
-        where_to = f"{axis.name} to {move.angle_rad / DEG:.1f} deg"
-        if not where.moving and missed <= ARRIVED_RAD + SIGMAS * axis.sigma_rad + axis.backlash_rad:
-            self._sent, self.done = None, self.done + 1
-        elif not where.moving and now_s - since_s > BEGINS_S:
-            self._failed(f"{where_to}: it stands at {where.angles[move.axis] / DEG:.1f} deg and moves no more")
-        elif now_s > until_s:
-            self._failed(f"{where_to}: it still moves after {now_s - since_s:.0f} s, at {where.angles[move.axis] / DEG:.1f} deg")

@@ -20,7 +20,7 @@ from session.bench.messages import AxisMove, GuideMessage, Kind, Stage
 from session.bench.mover import Moment
 from session.bench.rawfile import RecordingDecision
 from session.detect.segments import angle_read
-from session.io.units import DEG
+from session.io.units import DEG, NS
 
 #: without samples while the table moves, s: nobody sees what it does
 BLIND_S = 2.0
@@ -56,7 +56,6 @@ class TableMover:
         self._contradictions = 0  # in a row
         self._stopped = False  # by the operator, a fault, or contradictions: until the recording goes on
         self._was_paused = False
-        self._last_t_us, self._heard_s = -1, driver.now_s()
         self._made_s: float | None = None  # when the last move had ended, and no still has followed
         self._mark: np.ndarray | None = None  # angles of the closure run's mark
         self._messages: list[GuideMessage] = []
@@ -71,8 +70,7 @@ class TableMover:
             raise driver.trouble
         if moment is not None:
             driver.heard(moment)
-            if moment.t_us != self._last_t_us:
-                self._last_t_us, self._heard_s = moment.t_us, driver.now_s()
+            self._blind(guide, moment)
         driver.tick_if_alone()
         if driver.busy:
             self._made_s = None if self._made_s is None else driver.now_s()
@@ -108,18 +106,20 @@ class TableMover:
         self._was_paused = paused
         if driver.fault and not self._stopped:
             self._halt(f"the table is stopped: {driver.fault}")
-        if driver.busy and driver.now_s() - self._heard_s > BLIND_S and not self._stopped:
-            driver.stop()
+
+    def _blind(self, guide: Guide, moment: Moment) -> None:
+        """Nobody sees what the table does: it goes on when the guide has seen a still."""
+        if self.driver.busy and self.driver.now_s() - moment.host_ns * NS > BLIND_S and not self._stopped:
+            self.driver.stop()
             self._word.interrupted()
-            if guide.stage not in (Stage.FIND_PORT, Stage.CHECK_STREAM):  # the guide knows it within a second or so
-                guide.waits(Stage.CHECK_STREAM, "no samples while the table moves")
+            guide.waits(Stage.CHECK_STREAM, "no samples while the table moves")
             self._say(f"no samples for {BLIND_S:g} s while the table moves: it is stopped, and goes on with them")
 
     def _halt(self, why: str) -> None:
         """Stop, and pause until somebody has looked at it."""
         self.stop()
         self.wants = PAUSE
-        self._say(f"{why}; look at the table, put it right, then p goes on")
+        self._say(f"{why}; look at the table, put it right, then p goes on (Ctrl-C, `table home` and --resume where its angles are lost)")
 
     def _say(self, text: str) -> None:
         self._messages.append(GuideMessage(Kind.WARNING, text, self._now_s))

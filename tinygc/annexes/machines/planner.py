@@ -49,12 +49,12 @@ class TablePlan:
     @property
     def unseen(self) -> list[str]:
         """Names of the parameters that none of its turns shows."""
-        return [parameter_name(number) for number in np.flatnonzero(self.rehearsal.unseen)]
+        return [parameter_name(int(number)) for number in np.flatnonzero(self.rehearsal.unseen)]
 
 
 class TableMoves:
     """The moves from ``angles`` (K,) rad, which whoever turns the table keeps up to date.  hold_s: length of a still between two turns;
-    limits: least and most angle of each axis, rad, that any of them goes to."""
+    limits: least and most angle of each axis, rad, that any of them goes to; first: the moves to begin with, before there is advice."""
 
     def __init__(self, table: Description, angles: np.ndarray, hold_s: float, seed: int = 0):
         self.table, self.angles, self.hold_s = table, np.array(angles, dtype=float), hold_s
@@ -63,6 +63,7 @@ class TableMoves:
         ]
         most = [at + MOST_WOUND_RAD if axis.most_rad is None else axis.most_rad for axis, at in zip(table.axes, self.angles, strict=True)]
         self.limits = list(zip(least, most, strict=True))
+        self.first: tuple[AxisMove, ...] = ()
         self._rng = np.random.default_rng(seed)
 
     def turns_from(self, angles: np.ndarray | None, most_rps: float) -> list[Turn]:
@@ -77,6 +78,9 @@ class TableMoves:
 
     def choose(self, most_rps: float) -> tuple[AxisMove, ...]:
         """Return any turn from the present angles, where nothing is requested."""
+        planned, self.first = self.first, ()
+        if planned and all(move.rate_rps <= most_rps for move in planned):
+            return planned
         turns = self.turns_from(None, most_rps)
         return turns[int(self._rng.integers(len(turns)))].moves
 

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import shutil
 import sys
+import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from session.annexes.machines import angles, description
-from session.annexes.machines.description import Axis, read_description
+from session.annexes.machines.description import Axis, Description, read_description
 from session.annexes.machines.dials import write_attitudes
 from session.annexes.machines.driver import AngleFile, TableDriver
+from session.annexes.machines.makes import open_table
 from session.annexes.machines.mover import MOST_OF_SCALE, TableMover
-from session.annexes.machines.verbs import Table, TableFault
+from session.annexes.machines.safety import Guarded, Move
+from session.annexes.machines.verbs import TableFault
 from session.bench.guide import HOLD_STILLS, Guide
 from session.io.config import Protocol, read_config
 from session.io.errors import CalibrationError, FormatError
@@ -27,25 +33,32 @@ MASTER = "its own emergency stop stays master: keep it in reach; s stops the tab
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
 
 
+Opened = Callable[[Description, Path], Guarded]
+
+
+def _opened(table: Description, folder: Path) -> Guarded:
+    return Guarded(open_table(table, folder))
+
+
 class TurnedRecording:
     """A table for the recordings of one command.  ``confirmed`` before the first; ``mover`` for each; ``finish`` at the end.
 
-    file: table.toml; port: instead of its own; opened: opens a description in a folder.  Raises FormatError and TableFault.
+    file: table.toml; port: instead of its own; opened: opens the description in its folder; now_s: of a clock that is not the host's, and
+    then the table has no thread of its own.  Raises FormatError and TableFault.
     """
 
-    def __init__(self, file: Path, port: str | None, opened: Callable[[Path, str | None], Table] | None = None):
-        self.file, self._port, self._opened = file, port, opened or open_machine
-        self._described = read_description(file)
-        self._table: Table | None = self._opened(file, port)
-        try:
-            where = self._table.where()
-        except BaseException:
-            self._table.close()
-            raise
-        if where.fault:
-            self._table.close()
-            raise TableFault(f"{self._described.name}: {where.fault}; put it right, then begin again")
-        self.moves = TableMoves(self._described, where.angles, HOLD_STILLS * Protocol().still_s)
+    def __init__(self, file: Path, port: str | None = None, opened: Opened = _opened, now_s: Callable[[], float] | None = None):
+        self.file, self._opened, self._now_s = file, opened, now_s
+        described = read_description(file)
+        self.description = described if port is None else replace(described, port=port)
+        self._guards = ExitStack()
+        self._plan: list[Move] = []
+        self._table: Guarded | None = self._open()
+        where = self._table.where()
+        if where.fault or not np.isfinite(where.angles).all():
+            self.close()
+            raise TableFault(f"{described.name}: {where.fault or 'it does not know its angles: home it (table home)'}; then begin again")
+        self.moves = TableMoves(self.description, where.angles, HOLD_STILLS * Protocol().still_s)
 
     def confirmed(self, own: bool, segments: int, stop_at_target: bool, closure_s: float, yes: bool, quiet: bool = False) -> None:
         """Print the plan, and have it confirmed.  CalibrationError where nobody does, or where the table can make no turn.
@@ -55,17 +68,21 @@ class TurnedRecording:
         plan = plan_of(self.moves, own, segments, stop_at_target)
         if not (quiet and yes):
             print(printable_lines(self.plan_lines(plan, segments, closure_s)), file=sys.stderr, flush=True)
-        if yes:
-            return
-        if not sys.stdin.isatty():
-            raise CalibrationError(f"{UNCONFIRMED}: standard input is no terminal; --yes where you know the table")
-        print("turn? (yes) ", end="", file=sys.stderr, flush=True)
-        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-            raise CalibrationError(UNCONFIRMED)
+        self.moves.first = plan.rehearsal.turns[0].moves
+        if not yes:
+            if not sys.stdin.isatty():
+                raise CalibrationError(f"{UNCONFIRMED}: standard input is no terminal; --yes where you know the table")
+            print("turn? (yes) ", end="", file=sys.stderr, flush=True)
+            if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+                raise CalibrationError(UNCONFIRMED)
+        self._plan = [
+            Move(k, *limits, axis.fastest_rps)
+            for k, (axis, limits) in enumerate(zip(self.description.axes, self.moves.limits, strict=True))
+        ]
 
     def plan_lines(self, plan: TablePlan, segments: int, closure_s: float) -> list[str]:
         """The plan: axes with the largest angle and rate that will be used, the number of turns and the time, what will not be seen."""
-        table, count = self._described, len(plan.rehearsal.turns)
+        table, count = self.description, len(plan.rehearsal.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
         lines += [_axis_line(axis, limits) for axis, limits in zip(table.axes, self.moves.limits, strict=True)]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
@@ -82,15 +99,17 @@ class TurnedRecording:
         if not copy.exists():
             folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(self.file, copy)
-        table, self._table = self._table or self._opened(self.file, self._port), None
+        table, self._table = self._table or self._open(), None
+        table.confirm(self._plan, None, lambda line: None)  # it was shown by ``confirmed``
         self.moves.hold_s = guide.hold_s
-        return TableMover(TableDriver(table, AngleFile(folder / angles.NAME, self._described)), self.moves)
+        file, alone = AngleFile(folder / angles.NAME, self.description), self._now_s is None
+        return TableMover(TableDriver(table, file, self._now_s or time.monotonic, in_thread=alone), self.moves)
 
     def finish(self, folder: Path, renamed: Mapping[str, str]) -> str:
         """Name the logs in ``table.csv`` as they are named now, and write ``attitudes.csv``; returns what was written, in words."""
         if not (folder / angles.NAME).exists():
             return ""
-        file = AngleFile(folder / angles.NAME, self._described)
+        file = AngleFile(folder / angles.NAME, self.description)
         for old, new in renamed.items():
             file.rename(old, new)
         file.close()
@@ -98,17 +117,11 @@ class TurnedRecording:
         return f"attitudes.csv: the machine's angles in {count} stills"
 
     def close(self) -> None:
-        """Let go of a table that no recording took over."""
-        if self._table is not None:
-            self._table.close()
+        """Bring the table to rest, and let go of it."""
+        self._guards.close()
 
-
-def open_machine(file: Path, port: str | None) -> Table:
-    """Open the machine of a table.toml."""
-    from session.annexes.machines.makes import open_table
-
-    table = read_description(file)
-    return open_table(table if port is None else replace(table, port=port), file.parent)
+    def _open(self) -> Guarded:
+        return self._guards.enter_context(self._opened(self.description, self.file.parent))
 
 
 def printable_lines(lines: list[str]) -> str:

@@ -8,21 +8,26 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import Description
-from session.annexes.machines.mechanics import AxisTrack, TableErrors
-from session.annexes.machines.verbs import Where
+from session.annexes.machines.makes import open_table
+from session.annexes.machines.mechanics import TableErrors
+from session.annexes.machines.safety import Guarded, Move
+from session.annexes.machines.virtual import VirtualTable
+from session.annexes.machines.virtual_motion import Fault
+from session.annexes.machines.wire import VirtualLink
 from session.bench import frames
 from session.bench.events import Info
 from session.bench.port import Closed, Opened, Received
 from session.io.units import NS
 from tinygc.annexes.machines.sensor_on_table import SensorOnTable
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions, draw_unit
-from tinygc.simulation.simulator import Distort
+from tinygc.simulation.simulator import Distort, RegisterLog
 
 PORT = "virtual-bench"
 #: s of samples in each arrival
@@ -30,60 +35,11 @@ EVERY_S = 0.1
 HOLD_S = 0.002  #: of the host's time
 
 
-class BenchClock:
-    """Time that passes only where somebody waits."""
-
-    def __init__(self) -> None:
-        self._now_s = 0.0
-
-    def now_s(self) -> float:
-        """Seconds so far."""
-        return self._now_s
-
-    def sleep(self, seconds: float) -> None:
-        """Let a time pass at once."""
-        self._now_s += seconds
-
-
-class BenchTable:
-    """A table whose controller does what it is told, over the mechanics of ``tracks``.  A test may change what it does."""
-
-    def __init__(self, description: Description, errors: TableErrors, now_s: Callable[[], float]):
-        self.description, self._now_s, self._latency_s = description, now_s, errors.latency_s
-        self.tracks = tuple(AxisTrack(backlash=of.backlash) for of in errors.axes)
-
-    def home(self) -> None:
-        """Turn all axes to 0."""
-        for axis, of in enumerate(self.description.axes):
-            self.turn_to(axis, 0.0, of.fastest_rps)
-
-    def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
-        """Begin to turn an axis to an angle."""
-        self.tracks[axis].turn_to(self._now_s(), angle_rad, rate_rps, self.description.axes[axis].acceleration_rps2)
-
-    def turn_at(self, axis: int, rate_rps: float) -> None:
-        """Begin to turn an axis at a rate."""
-        self.tracks[axis].turn_at(self._now_s(), rate_rps, self.description.axes[axis].acceleration_rps2)
-
-    def where(self) -> Where:
-        """Angles of a moment before, by the table's latency."""
-        now_s = self._now_s()
-        angles = np.array([track.state(now_s - self._latency_s)[0] for track in self.tracks])
-        return Where(angles, any(track.busy_until_s > now_s for track in self.tracks), now_s)
-
-    def stop(self) -> None:
-        """Brake all axes."""
-        for axis in range(len(self.tracks)):
-            self.turn_at(axis, 0.0)
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
 class VirtualBench:
-    """Table, board and clock.  options: of the sensor; errors: of the table; distort: hidden physics of the gyroscope.
+    """Table, board and clock.  options: of the sensor; errors: of the table; distort: hidden physics of the gyroscope; faults: of the
+    table's controller and its line.
 
-    silent: whether the board sends nothing; holds: asked before time passes, it waits while that is true.
+    virtual: the table's device; silent: whether the board sends nothing; holds: asked before time passes, it waits while that is true.
     """
 
     def __init__(
@@ -93,9 +49,11 @@ class VirtualBench:
         errors: TableErrors | None = None,
         distort: Distort | None = None,
         unit: SimulatedUnit | None = None,
+        faults: Sequence[Fault] = (),
     ):
-        self.clock, self.options, self.errors = BenchClock(), options, errors or TableErrors.none(description)
-        self.table = BenchTable(description, self.errors, self.clock.now_s)
+        self.clock, self.options, self.errors = SimulatedClock(), options, errors or TableErrors.none(description)
+        self.description = description
+        self.virtual = VirtualTable(description, self.errors, self.clock, faults)
         rng = np.random.default_rng(options.unit_drawn_from).spawn(1)[0]
         self.unit = unit or draw_unit(options, rng)
         self._sensor = SensorOnTable(description, self.errors, options, self.unit, distort)
@@ -104,6 +62,21 @@ class VirtualBench:
         self.holds: Callable[[], bool] = lambda: False
         self.sent = 0
 
+    def opened(self, description: Description, folder: Path | None = None) -> Guarded:
+        """The host's side of the table, as from ``open_table``."""
+        return Guarded(open_table(description, folder, VirtualLink(self.virtual, self.clock), self.clock), self.clock)
+
+    def home(self) -> None:
+        """Search the reference marks, before the board is switched on."""
+        with self.opened(self.description) as table:
+            table.confirm([Move.home()], None, lambda line: None)
+            table.home()
+            table.settle()
+
+    def skip(self) -> None:
+        """Nobody has heard what the board has sent by now."""
+        self._take()
+
     def port(self, name: str, baudrate: int, keep: Callable[[object], None], setup: object) -> BenchPort:
         """The port of the board, for ``Recorder(port=…)``."""
         return BenchPort(self, keep)
@@ -111,14 +84,22 @@ class VirtualBench:
     def arrival(self) -> bytes:
         """Let time pass, and return the frames that the board has sent meanwhile."""
         self.clock.sleep(EVERY_S)
-        count = int(self.clock.now_s() * self.unit.odr_hz) - self.sent
-        log = self._sensor.take(self.table.tracks, count)
+        before, log = self.sent, self._take()
+        text = b"" if before and before // self._every == self.sent // self._every else frames.encode_info(before, self.info)
         rows = np.column_stack([log.gyro, log.accel, log.temp])
-        every = round(self.unit.odr_hz)  # an info once a second
-        text = b"" if self.sent // every == (self.sent + count) // every and self.sent else frames.encode_info(self.sent, self.info)
-        text += frames.encode_samples(self.sent + np.arange(count) + 1, log.t_us, rows).tobytes()
-        self.sent += count
+        text += frames.encode_samples(np.arange(before, self.sent) + 1, log.t_us, rows).tobytes()
         return b"" if self.silent else text
+
+    @property
+    def _every(self) -> int:
+        """Samples between two infos: one a second."""
+        return round(self.unit.odr_hz)
+
+    def _take(self) -> RegisterLog:
+        """The samples since the last ones."""
+        count = int(self.clock.now_s() * self.unit.odr_hz) - self.sent
+        self.sent += count
+        return self._sensor.take(self.virtual.tracks, count)
 
 
 class BenchPort:
@@ -136,6 +117,7 @@ class BenchPort:
             raise queue.Empty
         if not self._opened:
             self._opened = True
+            self._bench.skip()
             return self._kept(Opened(self._host_ns, self.name))
         text = self._bench.arrival()
         if not text:
@@ -165,8 +147,3 @@ class BenchPort:
     def _kept(self, item: object) -> object:
         self._keep(item)
         return item
-
-
-def perfect(unit: SimulatedUnit) -> SimulatedUnit:
-    """The same unit without errors of its gyroscope."""
-    return replace(unit, E=np.eye(3), B=np.zeros(3))

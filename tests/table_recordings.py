@@ -92,6 +92,7 @@ class Bench:
         mechanics.clear()
         mechanics._waiting.clear()
         mechanics._since_s.clear()
+        mechanics.unknown = [0.0] * len(mechanics.unknown)  # whoever homes it sees no jump of its angles
         self.bench.home()
 
     def record(self, segments=4, stop_at_target=False, closure_s=0.0, at=None, interrupted=None, each=None):

@@ -39,6 +39,10 @@ SHARPNESS = 6  #: afterwards: power of the sigmas in the criterion: 2 weighs all
 MOVED = np.cos(0.5 * DEG)  #: attitudes that the updated accelerometer changed by more are recomputed
 STILL_S = 2.0  #: duration of the still at the end of a proposed turn
 MOST_TO_GO = 40  #: longest plan for the number of turns to go
+#: what is left of a sigma after twice as many turns: of one that turns no longer show; at least, where turns of the same kind repeat (0.7)
+STALLED, FALLS = 0.9, 0.6
+MOST_WORTH = 400  #: turns of the same kind
+FEWEST_STUCK = 16  #: turns before which a machine's session has not been everywhere
 #: rad, of a turn's angle, and m/s^2, of a still's length, before any turn was seen: the data sheet's noise over 5 s and ``STILL_S``
 PLANNED_SIGMA_RAD, PLANNED_SIGMA_MPS2 = 2e-4, 0.05 * MG
 
@@ -78,8 +82,8 @@ class Rehearsal:
 
     @property
     def unseen(self) -> np.ndarray:
-        """(P,) whether no turn of it shows a parameter."""
-        return np.asarray(self.sigmas[-1] > UNSEEN)
+        """(P,) whether no turn of it shows a parameter: it is above its target, and more turns change nothing."""
+        return _stalled(self.sigmas[len(self.sigmas) // 2], self.sigmas[-1], len(self.sigmas))
 
 
 class Coach:
@@ -97,11 +101,11 @@ class Coach:
         machine: Turnable | None = None,
     ):
         self._gyro_targets, self._beforehand, self._machine = targets, beforehand, machine
-        self._unseen: dict[int, np.ndarray] = {}  # of a machine, by the number of parameters
         self._board = BoardPrior(None, "")
         self._seen: dict[int, _Seen] = {}
         self._progress = Progress(())
         self._own: OwnAccelerometer | None = None
+        self._zero_rps = np.zeros(3)  # of a machine's session: what the gyroscope reads at rest, which its scales multiply
 
     def __call__(self, progress: Progress) -> Advice:
         """Return advice from all segments so far (at least one)."""
@@ -109,9 +113,9 @@ class Coach:
         sigma = self.sigma
         worst = np.argsort(-sigma)
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
-        if missing and not (sigma[self._seen_by_machine] > 1).any():
+        if missing and not (sigma[~self._stuck] > 1).any():
             never = ", ".join(parameter_name(i) for i in worst if sigma[i] > 1)
-            reason = f"all that this table can show has reached its target; it shows nothing of {never}"
+            reason = f"all that this table can show has reached its target, or changes no more; it cannot show {never}"
             return Advice("", reason, True, missing, sigmas=_named(sigma))
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
@@ -126,20 +130,18 @@ class Coach:
         return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), says, turn.moves)
 
     @property
-    def _seen_by_machine(self) -> np.ndarray:
-        """(P,) whether the machine has turns that show a parameter; all where an operator turns."""
-        count = len(self.targets)
-        if self._machine is None:
-            return np.ones(count, dtype=bool)
-        if count not in self._unseen:
-            self._unseen[count] = self.rehearse(self._own is not None).unseen
-        return ~self._unseen[count]
+    def _stuck(self) -> np.ndarray:
+        """(P,) whether a machine's turns show no more of a parameter: the second half of them has changed next to nothing of its sigma."""
+        count = len(self._seen)
+        if self._machine is None or count < FEWEST_STUCK:
+            return np.zeros(len(self.targets), dtype=bool)
+        return _stalled(self._sigma_of(count // 2), self.sigma, count)
 
     def rehearse(self, own: bool, most: int = MOST_TO_GO, enough: bool = False) -> Rehearsal:
         """Choose turn after turn of the machine, before any was made; own: whether the accelerometer is not calibrated; enough: end where
         every target is met."""
         alone = Coach(self._gyro_targets, machine=self._machine)
-        alone._own = as_known(None, ()) if own else None
+        alone._own, alone._zero_rps = as_known(None, ()) if own else None, self._zero_rps
         prior = np.concatenate([linear.PRIOR_SIGMA, accel.PRIOR_SIGMA]) if own else linear.PRIOR_SIGMA
         information = np.diag((alone.targets / prior) ** 2)
         turns, sigmas, force, angles = list[Turn](), list[np.ndarray](), np.array([0.0, 0.0, -G]), None
@@ -174,6 +176,8 @@ class Coach:
         """Update the columns and the prior from the session so far."""
         self._progress = progress
         self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
+        if self._machine is not None and progress.turns:
+            self._zero_rps = progress.turns[-1].segment.stills[1].gyro_mean
         before, self._seen = self._seen, {}
         for turn in progress.turns:
             found = before.get(id(turn))
@@ -195,7 +199,11 @@ class Coach:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance (P, P) as from ``uncertainty.parameter_covariance``, without errors shared by neighbours and the Earth's heading."""
-        seen = list(self._seen.values())
+        return self._covariance_of(len(self._seen))
+
+    def _covariance_of(self, count: int) -> np.ndarray:
+        """The same of the first turns alone."""
+        seen = list(self._seen.values())[:count]
         own = np.array([each.own for each in seen])
         floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
         middle_s = np.array([each.turn.middle_s for each in seen])
@@ -210,7 +218,10 @@ class Coach:
     @property
     def sigma(self) -> np.ndarray:
         """One sigma (P,) of each parameter in units of its target."""
-        return np.sqrt(np.diag(self.covariance)) / self.targets
+        return self._sigma_of(len(self._seen))
+
+    def _sigma_of(self, count: int) -> np.ndarray:
+        return np.sqrt(np.diag(self._covariance_of(count))) / self.targets
 
     def best_turn(self, measured: np.ndarray) -> Turn:
         """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
@@ -233,7 +244,7 @@ class Coach:
         covariance = np.linalg.inv(both)
         left = np.diagonal(covariance, axis1=-2, axis2=-1)
         # What no turn of a machine shows would keep it D-optimal for ever.
-        shown = np.flatnonzero(~self._unseen.get(len(information), np.zeros(len(information), dtype=bool)))
+        shown = np.flatnonzero(~self._stuck if (~self._stuck).any() else np.ones(len(information), dtype=bool))
         sigma = np.sqrt(left[0])
         if sigma[shown].max() > UNKNOWN:
             criterion = np.linalg.slogdet(covariance[:, shown[:, None], shown])[1]
@@ -249,7 +260,7 @@ class Coach:
         """Return rows (M, 2 or 3, P) of each turn over its noise: its two angles, and the length of gravity in the still after it."""
         seen = list(self._seen.values())
         angle = float(np.sqrt(np.mean([np.trace(each.own) / 2 for each in seen]))) if seen else PLANNED_SIGMA_RAD
-        gyro = columns(force, turns) / angle
+        gyro = columns(force, turns, self._zero_rps) / angle
         if self._own is None:
             return gyro
         q_first, q_last = ends(force, turns)
@@ -286,6 +297,12 @@ class Coach:
             at_ends = self._own.tilt_rows(there[:1], there[1:], attitudes[:, 0], attitudes[:, -1])[0]
             design = np.concatenate([design, at_ends], axis=1)
         return _Seen(turn, force, design, own + tilt * np.eye(2))
+
+
+def _stalled(before: np.ndarray, sigma: np.ndarray, count: int) -> np.ndarray:
+    """(P,) whether a sigma after so many turns is above its target, and falls too slowly to reach it."""
+    white = (sigma > FALLS * before) & (count * sigma**2 > MOST_WORTH)
+    return np.asarray((sigma > 1) & (white | (sigma > STALLED * before)))
 
 
 def _turns(count: int, one: str, many: str) -> str:

@@ -196,8 +196,11 @@ def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_
     return singles + pairs
 
 
-def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
-    """Return columns (M, 2, 12) rad per unit of each parameter, of turns begun where the accelerometer reads accel (3,)."""
+def columns(accel: np.ndarray, turns: list[Turn], zero_rps: np.ndarray | float = 0.0) -> np.ndarray:
+    """Return columns (M, 2, 12) rad per unit of each parameter, of turns begun where the accelerometer reads accel (3,).
+
+    zero_rps (3,): what the gyroscope reads at rest.
+    """
     movements = [(turn.straightened, *turn.parts) for turn in turns]
     lengths = np.array([sum(part.seconds for part in parts) for parts in movements])[:, None] + 2 * STILL_S
     t = np.arange(0, lengths.max(), 1 / RATE_HZ)
@@ -214,7 +217,7 @@ def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
     dt = (t[1:] <= lengths) / RATE_HZ
     start = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
     batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
-    return linear.columns(closure.sensitivity(batch, rate), rate)[:, :2]
+    return linear.columns(closure.sensitivity(batch, rate), rate + zero_rps)[:, :2]
 
 
 def ends(accel: np.ndarray, turns: list[Turn]) -> tuple[np.ndarray, np.ndarray]:

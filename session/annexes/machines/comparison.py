@@ -19,7 +19,7 @@ from session.io.units import DEG
 #: one sigma of what a gyroscope reads of a turn before it is calibrated, of its angle; of an axis, rad
 SCALE_SIGMA, AXIS_SIGMA_RAD = 0.02, 2 * DEG
 #: rad, of gravity's direction: before any still has shown the mounting; with it; more with an accelerometer that is not calibrated
-MOUNTING_SIGMA_RAD, TILT_SIGMA_RAD, RAW_TILT_SIGMA_RAD = 2.5 * DEG, 0.25 * DEG, 1.2 * DEG
+MOUNTING_SIGMA_RAD, TILT_SIGMA_RAD, RAW_TILT_SIGMA_RAD = 2.5 * DEG, 0.5 * DEG, 1.2 * DEG
 SIGMAS = 4.0  #: beyond so many a contradiction is no chance
 FEWEST = 3  #: stills that show the mounting
 STALLED = 0.1  #: of the angle: less is no turn

@@ -36,6 +36,8 @@ PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 #: peak of a requested turn as a share of full scale: ``record`` warns at 0.85, and a hand may be 1.4 times quicker than requested
 PLANNED_FULL_SCALE = 0.6
 SHARPNESS = 6  #: afterwards: power of the sigmas in the criterion: 2 weighs all equally, a large one only the worst
+#: the same of a machine, whose gain counts by its time: they reach all targets soonest on tables of two and three axes (``table_moves.py``)
+MACHINE_UNKNOWN, MACHINE_SHARPNESS = 3.0, 4
 MOVED = np.cos(0.5 * DEG)  #: attitudes that the updated accelerometer changed by more are recomputed
 STILL_S = 2.0  #: duration of the still at the end of a proposed turn
 MOST_TO_GO = 40  #: longest plan for the number of turns to go
@@ -246,13 +248,14 @@ class Coach:
         # What no turn of a machine shows would keep it D-optimal for ever.
         shown = np.flatnonzero(~self._stuck if (~self._stuck).any() else np.ones(len(information), dtype=bool))
         sigma = np.sqrt(left[0])
-        if sigma[shown].max() > UNKNOWN:
+        unknown, sharpness = (UNKNOWN, SHARPNESS) if self._machine is None else (MACHINE_UNKNOWN, MACHINE_SHARPNESS)
+        if sigma[shown].max() > unknown:
             criterion = np.linalg.slogdet(covariance[:, shown[:, None], shown])[1]
         elif shown[sigma[shown].argmax()] >= linear.PARAMETERS:
             # The accelerometer is least certain: choose the attitude for its worst parameter.
             criterion = np.log(left[:, shown[shown >= linear.PARAMETERS]].max(-1))
         else:
-            criterion = np.log((left[:, shown] ** (SHARPNESS / 2)).sum(-1))
+            criterion = np.log((left[:, shown] ** (sharpness / 2)).sum(-1))
         best = int(np.argmax((criterion[0] - criterion[1:]) / np.array([turn.cost_s for turn in turns])))
         return turns[best], rows[best]
 

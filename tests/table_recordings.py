@@ -95,17 +95,23 @@ class Bench:
         mechanics.unknown = [0.0] * len(mechanics.unknown)  # whoever homes it sees no jump of its angles
         self.bench.home()
 
-    def record(self, segments=4, stop_at_target=False, closure_s=0.0, at=None, interrupted=None, each=None):
+    def record(self, segments=4, stop_at_target=False, closure_s=0.0, at=None, interrupted=None, each=None, rates=None, dwell_s=4.0):
         """Guide and messages of a recording into the folder, which may hold one already.
 
-        at: words -> what to do when they are said; each: called in every round with guide and mover; interrupted(guide): Ctrl-C.
+        at: words -> what to do when they are said; each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates:
+        dps, of rate steps instead of turns.
         ``closed_with``: the error with which the table was let go of.
         """
         bench, said = self.bench, Said(at)
         session_file = SessionFile(self.folder, None, None, None, None)
         recorder = Recorder(self.folder, PORT, port=bench.port)
-        guide = Guide(session_file.protocol, segments, stop_at_target, closure_s)
         machine = TurnedRecording(self.file, opened=bench.opened, now_s=bench.clock.now_s)
+        if rates is None:
+            guide = Guide(session_file.protocol, segments, stop_at_target, closure_s)
+            machine.confirmed(False, segments, stop_at_target, closure_s, yes=True, quiet=True)
+        else:
+            machine.confirmed_rates(rates, dwell_s, None, yes=True, quiet=True)
+            guide = machine.guide(session_file.protocol)
         self.closed_with, self.mover = None, None
 
         def configure(info, waited_s):
@@ -117,9 +123,8 @@ class Bench:
             return interrupted is not None and interrupted(guide)
 
         try:
-            machine.confirmed(False, segments, stop_at_target, closure_s, yes=True, quiet=True)
             self.mover = mover = machine.mover(self.folder, guide)
-            coach = Coach(machine=machine.moves)
+            coach = Coach(machine=machine.moves) if rates is None else None
             guided = GuidedRecording(guide, recorder, configure, coach, said, session_file, self.typed, mover=mover)
             bench.holds = lambda: guided.coaching
             guided.lead(stopped)

@@ -155,8 +155,8 @@ MACHINE = "sessions turned by a machine (--table)"
 def turned(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
     """Yield the table of ``--table``, its plan confirmed; None where the operator turns."""
     if args.table is None:
-        if args.yes or args.table_port is not None:
-            raise CalibrationError("--yes and --table-port are of a table; add --table FILE")
+        if args.yes or args.table_port is not None or args.rates is not None or args.axis is not None:
+            raise CalibrationError("--yes, --table-port, --rates and --axis are of a table; add --table FILE")
         yield None
         return
     if args.series or args.rest is not None:
@@ -165,7 +165,10 @@ def turned(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
     machine = recording.TurnedRecording(args.table, args.table_port)
     try:
         stops = args.stop_at_target or args.lot is not None
-        machine.confirmed(recording.is_raw(folder, args.like), args.segments, stops, args.closure, args.yes, args.quiet)
+        if args.rates is not None:
+            machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet)
+        else:
+            machine.confirmed(recording.is_raw(folder, args.like), args.segments, stops, args.closure, args.yes, args.quiet)
         yield machine
     finally:
         machine.close()

@@ -221,7 +221,7 @@ class TableDriver:
             self._failed(where.fault)
             return
         if self._rate is not None:
-            if not self._rate[1] and not where.moving:
+            if not where.moving:  # it was told to stop, or its limit ended it
                 self._rate, self.done = None, self.done + 1
         elif self._sent is not None and not where.moving:
             self._sent, self.done = None, self.done + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -18,18 +18,22 @@ from session.annexes.machines.dials import write_attitudes
 from session.annexes.machines.driver import AngleFile, TableDriver
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.mover import MOST_OF_SCALE, TableMover
+from session.annexes.machines.rates import RateMover, RatesGuide, RateStep, steps_of
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.verbs import TableFault
 from session.bench.guide import HOLD_STILLS, Guide
+from session.bench.mover import Mover
 from session.io.config import Protocol, read_config
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import read_text
+from session.io.names import log_paths
 from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.machines.planner import TableMoves, TablePlan, plan_of
 
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
+WAY_FREE = "is the way free, and does the table stand where its angles say (table home)?"
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
 
 
@@ -53,6 +57,7 @@ class TurnedRecording:
         self.description = described if port is None else replace(described, port=port)
         self._guards = ExitStack()
         self._plan: list[Move] = []
+        self._steps: list[RateStep] = []
         self._table: Guarded | None = self._open()
         where = self._table.where()
         if where.fault or not np.isfinite(where.angles).all():
@@ -66,19 +71,43 @@ class TurnedRecording:
         own: whether the accelerometer is not calibrated.
         """
         plan = plan_of(self.moves, own, segments, stop_at_target)
-        if not (quiet and yes):
-            print(printable_lines(self.plan_lines(plan, segments, closure_s)), file=sys.stderr, flush=True)
         self.moves.first = plan.rehearsal.turns[0].moves
-        if not yes:
-            if not sys.stdin.isatty():
-                raise CalibrationError(f"{UNCONFIRMED}: standard input is no terminal; --yes where you know the table")
-            print("turn? (yes) ", end="", file=sys.stderr, flush=True)
-            if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-                raise CalibrationError(UNCONFIRMED)
+        self._ask(self.plan_lines(plan, segments, closure_s), yes, quiet)
         self._plan = [
             Move(k, *limits, axis.fastest_rps)
             for k, (axis, limits) in enumerate(zip(self.description.axes, self.moves.limits, strict=True))
         ]
+
+    def confirmed_rates(self, rates_dps: Sequence[float], dwell_s: float, axis: str | None, yes: bool, quiet: bool = False) -> None:
+        """Print the plan of rate steps, and have it confirmed.  axis: its name, None: the innermost one."""
+        table = self.description
+        number = len(table.axes) - 1 if axis is None else table.axis(axis)
+        self._steps = steps_of(table, number, [rate * DEG for rate in rates_dps], dwell_s)
+        of, minutes = table.axes[number], sum(step.seconds(table) for step in self._steps) / 60
+        rates = ", ".join(f"{step.rate_rps / DEG:+g}" for step in self._steps)
+        lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
+        lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {minutes:.0f} min")
+        limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
+        self._ask([*lines, f"  {limits}", f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
+        fastest = max(abs(step.rate_rps) for step in self._steps)
+        back = [] if of.is_endless else [Move.anywhere(table, number, of.fastest_rps)]
+        self._plan = [Move.at(number, fastest), *back]
+
+    @staticmethod
+    def _ask(lines: list[str], yes: bool, quiet: bool) -> None:
+        if not (quiet and yes):
+            print("\n".join(map(printable, lines)), file=sys.stderr, flush=True)
+        if yes:
+            return
+        if not sys.stdin.isatty():
+            raise CalibrationError(f"{UNCONFIRMED}: standard input is no terminal; --yes where you know the table")
+        print("turn? (yes) ", end="", file=sys.stderr, flush=True)
+        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+            raise CalibrationError(UNCONFIRMED)
+
+    def guide(self, protocol: Protocol) -> RatesGuide:
+        """The guide of the rate steps that were confirmed."""
+        return RatesGuide(protocol, len(self._steps))
 
     def plan_lines(self, plan: TablePlan, segments: int, closure_s: float) -> list[str]:
         """The plan: axes with the largest angle and rate that will be used, the number of turns and the time, what will not be seen."""
@@ -89,9 +118,9 @@ class TurnedRecording:
         lines.append(f"  {segments} turns at most; {count} in {plan.seconds / 60:.0f} min if all goes well{closing}")
         if plan.unseen:
             lines.append(f"  this table shows nothing of {', '.join(plan.unseen)}: set the sensor on it in another way too")
-        return [*lines, f"  {MASTER}", "  is the way free, and does the table stand where its angles say (table home)?"]
+        return [*lines, f"  {MASTER}", f"  {WAY_FREE}"]
 
-    def mover(self, folder: Path, guide: Guide) -> TableMover:
+    def mover(self, folder: Path, guide: Guide) -> Mover:
         """The mover of a recording in a folder, which gets a copy of table.toml.  FormatError where it is of another table."""
         text, copy = read_text(self.file, MOST_BYTES), folder / description.NAME
         if copy.exists() and read_text(copy, MOST_BYTES) != text:
@@ -103,11 +132,12 @@ class TurnedRecording:
         table.confirm(self._plan, None, lambda line: None)  # it was shown by ``confirmed``
         self.moves.hold_s = guide.hold_s
         file, alone = AngleFile(folder / angles.NAME, self.description), self._now_s is None
-        return TableMover(TableDriver(table, file, self._now_s or time.monotonic, in_thread=alone), self.moves)
+        driver = TableDriver(table, file, self._now_s or time.monotonic, in_thread=alone)
+        return RateMover(driver, self._steps) if self._steps else TableMover(driver, self.moves)
 
     def finish(self, folder: Path, renamed: Mapping[str, str]) -> str:
         """Name the logs in ``table.csv`` as they are named now, and write ``attitudes.csv``; returns what was written, in words."""
-        if not (folder / angles.NAME).exists():
+        if not (folder / angles.NAME).exists() or not log_paths(folder, "log"):
             return ""
         file = AngleFile(folder / angles.NAME, self.description)
         for old, new in renamed.items():
@@ -122,11 +152,6 @@ class TurnedRecording:
 
     def _open(self) -> Guarded:
         return self._guards.enter_context(self._opened(self.description, self.file.parent))
-
-
-def printable_lines(lines: list[str]) -> str:
-    """Lines for a terminal."""
-    return "\n".join(map(printable, lines))
 
 
 def _axis_line(axis: Axis, limits: tuple[float, float]) -> str:

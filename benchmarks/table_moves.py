@@ -145,7 +145,7 @@ def record(folder: Path, strategy: str, directions: tuple[str, ...], seed: int, 
     if strategy == "computed":
         coach = Coach(machine=moves)
     elif strategy == "best fixed":
-        mover._moves = Scripted(unwound([turn.moves for turn in plan_of(moves, False, segments, False).rehearsal.turns]), moves.angles)
+        mover._moves = Scripted(unwound([turn.moves for turn in plan_of(moves, False, segments, True).turns]), moves.angles)
     elif strategy == "tumble":
         mover._moves = Scripted(tumble(len(directions)), moves.angles)
     else:

@@ -16,7 +16,7 @@ from session.annexes.machines.kinematics import attitudes, body_axes
 from session.bench.messages import AxisMove
 from session.io.errors import CalibrationError
 from session.io.units import DEG
-from tinygc.planning.coach import Coach, Rehearsal, parameter_name
+from tinygc.planning.coach import MOST_TO_GO, Coach, parameter_name
 from tinygc.planning.turns import Turn, TurnPart
 
 #: changes of one axis alone, and of each of two
@@ -41,15 +41,12 @@ def seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class TablePlan:
-    """What a session on a table will be, if all goes well: its rehearsal, and its time, s, without a closure run."""
+    """What a session on a table will be, if all goes well: its turns, their time, s, and names of parameters that no turn of this table shows,
+    however many."""
 
-    rehearsal: Rehearsal
+    turns: tuple[Turn, ...]
     seconds: float
-
-    @property
-    def unseen(self) -> list[str]:
-        """Names of the parameters that none of its turns shows."""
-        return [parameter_name(int(number)) for number in np.flatnonzero(self.rehearsal.unseen)]
+    unseen: tuple[str, ...]
 
 
 class TableMoves:
@@ -127,5 +124,9 @@ def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -
     own: whether the accelerometer is not calibrated.  The session itself chooses by what it has seen, so its turns may differ; their limits
     do not.
     """
-    rehearsal = Coach(machine=moves).rehearse(own, segments, stop_at_target)
-    return TablePlan(rehearsal, float(sum(turn.cost_s for turn in rehearsal.turns)))
+    rehearsal = Coach(machine=moves).rehearse(own, max(segments, MOST_TO_GO), enough=True)
+    turns = rehearsal.turns[:segments]
+    if not stop_at_target and len(turns) < segments:  # every target is met: further turns are like those before
+        turns = tuple(turns[number % len(turns)] for number in range(segments))
+    unseen = [] if len(rehearsal.turns) < MOST_TO_GO else np.flatnonzero(rehearsal.unseen).tolist()
+    return TablePlan(turns, sum(turn.cost_s for turn in turns), tuple(map(parameter_name, unseen)))

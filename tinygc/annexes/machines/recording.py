@@ -23,6 +23,7 @@ from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.verbs import TableFault
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
+from session.bench.rest_guide import in_words
 from session.io.config import Protocol, read_config
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import read_text
@@ -71,7 +72,7 @@ class TurnedRecording:
         own: whether the accelerometer is not calibrated.
         """
         plan = plan_of(self.moves, own, segments, stop_at_target)
-        self.moves.first = plan.rehearsal.turns[0].moves
+        self.moves.first = plan.turns[0].moves
         self._ask(self.plan_lines(plan, segments, closure_s), yes, quiet)
         self._plan = [
             Move(k, *limits, axis.fastest_rps)
@@ -83,10 +84,10 @@ class TurnedRecording:
         table = self.description
         number = len(table.axes) - 1 if axis is None else table.axis(axis)
         self._steps = steps_of(table, number, [rate * DEG for rate in rates_dps], dwell_s)
-        of, minutes = table.axes[number], sum(step.seconds(table) for step in self._steps) / 60
+        of, seconds = table.axes[number], sum(step.seconds(table) for step in self._steps)
         rates = ", ".join(f"{step.rate_rps / DEG:+g}" for step in self._steps)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
-        lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {minutes:.0f} min")
+        lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {in_words(seconds)}")
         limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
         self._ask([*lines, f"  {limits}", f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
         fastest = max(abs(step.rate_rps) for step in self._steps)
@@ -111,11 +112,11 @@ class TurnedRecording:
 
     def plan_lines(self, plan: TablePlan, segments: int, closure_s: float) -> list[str]:
         """The plan: axes with the largest angle and rate that will be used, the number of turns and the time, what will not be seen."""
-        table, count = self.description, len(plan.rehearsal.turns)
+        table, count = self.description, len(plan.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
         lines += [_axis_line(axis, limits) for axis, limits in zip(table.axes, self.moves.limits, strict=True)]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
-        lines.append(f"  {segments} turns at most; {count} in {plan.seconds / 60:.0f} min if all goes well{closing}")
+        lines.append(f"  {segments} turns at most; {count} in {in_words(plan.seconds)} if all goes well{closing}")
         if plan.unseen:
             lines.append(f"  this table shows nothing of {', '.join(plan.unseen)}: set the sensor on it in another way too")
         return [*lines, f"  {MASTER}", f"  {WAY_FREE}"]

@@ -44,15 +44,13 @@ def table_toml(*names: str, make: str = "grbl", limits: dict | None = None, fast
 
 
 class Said:
-    """Stands for a screen; does something at a message that contains some words."""
+    """Stands for a screen."""
 
-    def __init__(self, at: dict | None = None):
-        self.changes, self._at = [], dict(at or {})
+    def __init__(self):
+        self.changes = []
 
     def change(self, change):
         self.changes.append(change)
-        for words in [words for words in self._at if words in change.text]:
-            self._at.pop(words)()
 
     def show(self, guide):
         pass
@@ -65,16 +63,15 @@ class Said:
 class Bench:
     """A table.toml and its virtual bench; ``record`` leads a recording to its end, again and again into the same folder."""
 
-    def __init__(
-        self, folder: Path, toml: str, options=OPTIONS, errors: TableErrors | None = None, faults: str = "", calibrated: bool = True
-    ):
+    def __init__(self, folder: Path, toml: str, options=OPTIONS, errors: TableErrors | None = None, faults: str = "", homed: bool = True):
         self.folder, self.file, self.options = folder / "session", folder / "table.toml", options
         self.file.write_text(toml)
         self.description = read_description(self.file)
         self.bench = VirtualBench(self.description, options, errors, faults=Fault.parse(faults))
-        self.bench.home()
+        if homed:
+            self.bench.home()
         self.folder.mkdir()
-        text = config_text(SimpleNamespace(options=options, unit=self.bench.unit), concealed=False, calibrated=calibrated)
+        text = config_text(SimpleNamespace(options=options, unit=self.bench.unit), concealed=False)
         (self.folder / "session.toml").write_text(text.replace("SIM-", ""))
         self.keys = ""
 
@@ -95,23 +92,22 @@ class Bench:
         mechanics.unknown = [0.0] * len(mechanics.unknown)  # whoever homes it sees no jump of its angles
         self.bench.home()
 
-    def record(self, segments=4, stop_at_target=False, closure_s=0.0, at=None, interrupted=None, each=None, rates=None, dwell_s=4.0):
+    def record(self, segments=4, stop_at_target=False, closure_s=0.0, interrupted=None, each=None, rates=None, dwell_s=4.0, home=False):
         """Guide and messages of a recording into the folder, which may hold one already.
 
-        at: words -> what to do when they are said; each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates:
-        dps, of rate steps instead of turns.
+        each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates: dps, of rate steps instead of turns.
         ``closed_with``: the error with which the table was let go of.
         """
-        bench, said = self.bench, Said(at)
+        bench, said = self.bench, Said()
         session_file = SessionFile(self.folder, None, None, None, None)
-        recorder = Recorder(self.folder, PORT, port=bench.port)
-        machine = TurnedRecording(self.file, opened=bench.opened, now_s=bench.clock.now_s)
+        machine = TurnedRecording(self.file, home=home, opened=bench.opened, now_s=bench.clock.now_s)
         if rates is None:
             guide = Guide(session_file.protocol, segments, stop_at_target, closure_s)
             machine.confirmed(False, segments, stop_at_target, closure_s, yes=True, quiet=True)
         else:
             machine.confirmed_rates(rates, dwell_s, None, yes=True, quiet=True)
             guide = machine.guide(session_file.protocol)
+        recorder = Recorder(self.folder, PORT, port=bench.port)
         self.closed_with, self.mover = None, None
 
         def configure(info, waited_s):

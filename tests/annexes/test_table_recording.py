@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from processes import PATIENCE_S
@@ -10,10 +12,14 @@ from table_recordings import OPTIONS, Bench, table_toml
 from session.annexes.machines.angles import read_angles
 from session.annexes.machines.kinematics import attitudes
 from session.annexes.machines.mechanics import AxisErrors, TableErrors
+from session.annexes.machines.verbs import TableFault, TableLimit
+from session.bench.guide import Guide
 from session.bench.messages import Kind, Stage
 from session.detect.stills import SessionStills
+from session.io.config import Protocol
 from session.io.units import DEG
-from tinygc import read_session
+from tinygc import CalibrationError, read_session
+from tinygc.annexes.machines.recording import TurnedRecording
 
 
 @pytest.fixture(autouse=True)
@@ -185,3 +191,32 @@ def test_small_errors_of_a_good_table_contradict_nothing(tmp_path):
     guide, said = bench.record(segments=8)
     assert guide.accepted == 8
     assert not warnings(said)
+
+
+def test_a_table_that_does_not_know_its_angles_is_homed_first(tmp_path):
+    """GRBL is locked when it is switched on: it is said what to do; with --home the plan begins with it."""
+    bench = Bench(tmp_path, table_toml("middle", "inner"), homed=False)
+    with pytest.raises(TableFault, match="home it"):
+        bench.record(segments=1)
+    guide, said = bench.record(segments=1, home=True)
+    assert guide.accepted == 1
+    assert not warnings(said)
+
+
+def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys):
+    bench = Bench(tmp_path, table_toml("middle", "inner", limits={"middle": (-90, 270)}))
+    machine = TurnedRecording(bench.file, opened=bench.bench.opened, now_s=bench.bench.clock.now_s)
+    for answer in ("", "no\n"):
+        monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda known=bool(answer): known, readline=lambda answer=answer: answer))
+        with pytest.raises(CalibrationError, match="the plan is not confirmed, and nothing was moved"):
+            machine.confirmed(False, 7, False, 60.0, yes=False)
+        plan = capsys.readouterr().err
+        assert "middle   -90 to 270 deg, at most 90 dps" in plan
+        assert "inner    -720 to 720 deg (it has no limits; a cable may)" in plan
+        assert "7 turns at most; 7 in " in plan
+        mover = machine.mover(bench.folder, Guide(Protocol()))
+        with pytest.raises(TableLimit, match="in no plan that was confirmed"):
+            mover.driver.table.turn_to(0, 1.0, 1.0)
+        mover.close()
+    machine.close()
+    assert [track.state(bench.bench.clock.now_s())[0] for track in bench.bench.virtual.tracks] == [0.0, 0.0]

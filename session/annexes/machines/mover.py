@@ -119,7 +119,7 @@ class TableMover:
         """Stop, and pause until somebody has looked at it."""
         self.stop()
         self.wants = PAUSE
-        self._say(f"{why}; look at the table, put it right, then p goes on (Ctrl-C, `table home` and --resume where its angles are lost)")
+        self._say(f"{why}; look at the table, put it right, then p goes on (where its angles are lost: Ctrl-C, then --resume with --home)")
 
     def _say(self, text: str) -> None:
         self._messages.append(GuideMessage(Kind.WARNING, text, self._now_s))

@@ -41,8 +41,10 @@ def seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class TablePlan:
-    """What a session on a table will be, if all goes well: its turns, their time, s, and names of parameters that no turn of this table shows,
-    however many."""
+    """What a session on a table will be, if all goes well.
+
+    turns; seconds: their time; unseen: names of the parameters that no turns of this table show, however many.
+    """
 
     turns: tuple[Turn, ...]
     seconds: float

@@ -20,7 +20,7 @@ from session.annexes.machines.makes import open_table
 from session.annexes.machines.mover import MOST_OF_SCALE, TableMover
 from session.annexes.machines.rates import RateMover, RatesGuide, RateStep, steps_of
 from session.annexes.machines.safety import Guarded, Move
-from session.annexes.machines.verbs import TableFault
+from session.annexes.machines.verbs import TableFault, Where
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
 from session.bench.rest_guide import in_words
@@ -34,7 +34,8 @@ from tinygc.annexes.machines.planner import TableMoves, TablePlan, plan_of
 
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
-WAY_FREE = "is the way free, and does the table stand where its angles say (table home)?"
+HOME = "first all axes search their reference marks, at the machine's own rate"
+WAY_FREE = "is the way free, and does the table stand where its angles say (--home)?"
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
 
 
@@ -48,23 +49,33 @@ def _opened(table: Description, folder: Path) -> Guarded:
 class TurnedRecording:
     """A table for the recordings of one command.  ``confirmed`` before the first; ``mover`` for each; ``finish`` at the end.
 
-    file: table.toml; port: instead of its own; opened: opens the description in its folder; now_s: of a clock that is not the host's, and
-    then the table has no thread of its own.  Raises FormatError and TableFault.
+    file: table.toml; port: instead of its own; home: search the reference marks once the plan is confirmed; opened: opens the description
+    in its folder; now_s: of a clock that is not the host's, and then the table has no thread.  Raises FormatError and TableFault.
     """
 
-    def __init__(self, file: Path, port: str | None = None, opened: Opened = _opened, now_s: Callable[[], float] | None = None):
-        self.file, self._opened, self._now_s = file, opened, now_s
+    def __init__(
+        self,
+        file: Path,
+        port: str | None = None,
+        home: bool = False,
+        opened: Opened = _opened,
+        now_s: Callable[[], float] | None = None,
+    ):
+        self.file, self._home, self._opened, self._now_s = file, home, opened, now_s
         described = read_description(file)
         self.description = described if port is None else replace(described, port=port)
         self._guards = ExitStack()
         self._plan: list[Move] = []
         self._steps: list[RateStep] = []
-        self._table: Guarded | None = self._open()
-        where = self._table.where()
-        if where.fault or not np.isfinite(where.angles).all():
+        angles = np.zeros(len(described.axes))
+        try:
+            self._table: Guarded | None = self._open()
+            if not home:
+                angles = self._angles(self._table.where())
+        except BaseException:
             self.close()
-            raise TableFault(f"{described.name}: {where.fault or 'it does not know its angles: home it (table home)'}; then begin again")
-        self.moves = TableMoves(self.description, where.angles, HOLD_STILLS * Protocol().still_s)
+            raise
+        self.moves = TableMoves(self.description, angles, HOLD_STILLS * Protocol().still_s)
 
     def confirmed(self, own: bool, segments: int, stop_at_target: bool, closure_s: float, yes: bool, quiet: bool = False) -> None:
         """Print the plan, and have it confirmed.  CalibrationError where nobody does, or where the table can make no turn.
@@ -72,12 +83,13 @@ class TurnedRecording:
         own: whether the accelerometer is not calibrated.
         """
         plan = plan_of(self.moves, own, segments, stop_at_target)
-        self.moves.first = plan.turns[0].moves
         self._ask(self.plan_lines(plan, segments, closure_s), yes, quiet)
+        self.moves.first = plan.turns[0].moves
         self._plan = [
             Move(k, *limits, axis.fastest_rps)
             for k, (axis, limits) in enumerate(zip(self.description.axes, self.moves.limits, strict=True))
         ]
+        self._homed()
 
     def confirmed_rates(self, rates_dps: Sequence[float], dwell_s: float, axis: str | None, yes: bool, quiet: bool = False) -> None:
         """Print the plan of rate steps, and have it confirmed.  axis: its name, None: the innermost one."""
@@ -87,12 +99,14 @@ class TurnedRecording:
         of, seconds = table.axes[number], sum(step.seconds(table) for step in self._steps)
         rates = ", ".join(f"{step.rate_rps / DEG:+g}" for step in self._steps)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
+        lines += [f"  {HOME}"] if self._home else []
         lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {in_words(seconds)}")
         limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
         self._ask([*lines, f"  {limits}", f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
         fastest = max(abs(step.rate_rps) for step in self._steps)
         back = [] if of.is_endless else [Move.anywhere(table, number, of.fastest_rps)]
         self._plan = [Move.at(number, fastest), *back]
+        self._homed()
 
     @staticmethod
     def _ask(lines: list[str], yes: bool, quiet: bool) -> None:
@@ -114,6 +128,7 @@ class TurnedRecording:
         """The plan: axes with the largest angle and rate that will be used, the number of turns and the time, what will not be seen."""
         table, count = self.description, len(plan.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
+        lines += [f"  {HOME}"] if self._home else []
         lines += [_axis_line(axis, limits) for axis, limits in zip(table.axes, self.moves.limits, strict=True)]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
         lines.append(f"  {segments} turns at most; {count} in {in_words(plan.seconds)} if all goes well{closing}")
@@ -150,6 +165,21 @@ class TurnedRecording:
     def close(self) -> None:
         """Bring the table to rest, and let go of it."""
         self._guards.close()
+
+    def _angles(self, where: Where) -> np.ndarray:
+        """Angles (K,) rad of a table that knows them."""
+        if where.fault or not np.isfinite(where.angles).all():
+            why = where.fault or "it does not know its angles"
+            raise TableFault(f"{self.description.name}: {why}; --home, or `table home`, then begin again")
+        return where.angles
+
+    def _homed(self) -> None:
+        """Search the reference marks, where that was asked for: it is part of the plan that was confirmed."""
+        if not self._home or self._table is None:
+            return
+        self._table.confirm([Move.home()], None, lambda line: None)
+        self._table.home()
+        self.moves.angles = self._angles(self._table.settle())
 
     def _open(self) -> Guarded:
         return self._guards.enter_context(self._opened(self.description, self.file.parent))

@@ -115,6 +115,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--rates", type=rates_dps, metavar="DPS,…", help=rates)
     command.add_argument("--dwell", type=within(0, 3600, "time", " s"), default=USUAL_DWELL_S, metavar="S", help="of a rate (%(default)g)")
     command.add_argument("--axis", metavar="NAME", help="of --rates: the axis that turns (the innermost one)")
+    homing = "with --table: it searches its reference marks first, once the plan is confirmed"
+    command.add_argument("--home", action="store_true", help=homing)
     command.add_argument("--yes", action="store_true", help="with --table: the plan is confirmed, for those who know their table")
     command.add_argument("--mute", action="store_true", help="no bell")
     command.add_argument(
@@ -174,7 +176,7 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     words += [] if args.view is None else ["--view"]
     words += [] if args.lot is None else ["--lot", args.lot]
     words += ["--closure", f"{args.closure:g}"] if args.closure else []
-    words += [] if args.table is None else ["--table", args.table]
+    words += [] if args.table is None else ["--table", args.table, *(["--home"] if args.home else [])]
     words += [] if args.rates is None else ["--rates", ",".join(f"{rate:g}" for rate in args.rates), "--dwell", f"{args.dwell:g}"]
     words += [] if args.axis is None else ["--axis", args.axis]
     words += [] if args.table_port is None else ["--table-port", args.table_port]

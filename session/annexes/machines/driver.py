@@ -6,10 +6,11 @@ round: a question, a row, and the next verb where the one before has ended.  A f
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,21 +33,24 @@ class DeviceTime:
 
     def __init__(self) -> None:
         self._arrivals: deque[tuple[float, float]] = deque()  # host s, device s
+        self._lock = threading.Lock()
 
     def add(self, host_s: float, device_s: float) -> None:
         """Samples arrived; device time that goes backward has restarted."""
-        if self._arrivals and device_s < self._arrivals[-1][1]:
-            self._arrivals.clear()
-        if not self._arrivals or host_s > self._arrivals[-1][0]:
-            self._arrivals.append((host_s, device_s))
-        while self._arrivals[-1][0] - self._arrivals[0][0] > ARRIVALS_S:
-            self._arrivals.popleft()
+        with self._lock:
+            if self._arrivals and device_s < self._arrivals[-1][1]:
+                self._arrivals.clear()
+            if not self._arrivals or host_s > self._arrivals[-1][0]:
+                self._arrivals.append((host_s, device_s))
+            while self._arrivals[-1][0] - self._arrivals[0][0] > ARRIVALS_S:
+                self._arrivals.popleft()
 
     def at(self, host_s: float) -> float | None:
         """Device time, s, at host_s; None before the first arrival."""
-        if not self._arrivals:
+        with self._lock:
+            arrivals = np.array(self._arrivals)
+        if not len(arrivals):
             return None
-        arrivals = np.array(self._arrivals)
         since = arrivals - arrivals[-1]
         spans = -since[0]
         rate = spans[1] / spans[0] if spans[0] > 2.0 else 1.0  # a virtual board may run faster than the host
@@ -122,22 +126,14 @@ class TableDriver:
 
     @property
     def busy(self) -> bool:
-        """Whether moves are under way or to come, by what was sent and by what the table answers."""
-        with self._lock:
-            where = self.where
-            return bool(self._queue) or self._sent is not None or self._rate is not None or (where is not None and where.moving)
+        """Whether moves are under way or to come, by what was sent and by what the table answers.  It never waits for an answer."""
+        where = self.where
+        return bool(self._queue) or self._sent is not None or self._rate is not None or (where is not None and where.moving)
 
     def heard(self, moment: Moment) -> None:
-        """Samples have arrived, and which log they went to."""
-        with self._lock:
-            self._log = moment.log
-            self._device.add(moment.host_ns * NS, moment.t_us * 1e-6)
-
-    def renamed(self, names: Mapping[str, str]) -> None:
-        """Logs have other names now: old name -> new name."""
-        with self._lock:
-            for old, new in names.items():
-                self._file.rename(old, new)
+        """Samples have arrived, and which log they went to.  It never waits for an answer."""
+        self._log = moment.log
+        self._device.add(moment.host_ns * NS, moment.t_us * 1e-6)
 
     def make(self, moves: Sequence[AxisMove]) -> None:
         """Make these moves one after the other, each once the one before has ended.  TableLimit for one beyond limits; none is made."""
@@ -186,8 +182,9 @@ class TableDriver:
 
     def close(self) -> None:
         """Bring the table to rest, and let go of thread, port and file."""
-        self.stop()
         self._ended.set()
+        if self.busy:  # a table at rest is not stopped: some lose their angles by it
+            self.stop()
         if self._thread is not None:
             self._thread.join()
         self.table.close()
@@ -226,8 +223,10 @@ class TableDriver:
         elif self._sent is not None and not where.moving:
             self._sent, self.done = None, self.done + 1
         if self._queue and self._sent is None and self._rate is None and not where.moving:
-            self._sent = move = self._queue.popleft()
-            self._tell(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
+            with contextlib.suppress(IndexError):  # stopped meanwhile
+                self._sent = move = self._queue[0]  # before it leaves the queue: ``busy`` sees it in either place
+                self._queue.popleft()
+                self._tell(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
 
     def _tell(self, verb: Callable[[], None]) -> None:
         """A verb that moves; a stop that comes meanwhile is the last word."""

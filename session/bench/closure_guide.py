@@ -93,7 +93,7 @@ class ClosureGuide:
             why = f"the run's first still: {self._rested_s:.1f} of {self.hold_s:.1f} s"
             return Instruction(Stage.CLOSURE, "on the mark: hands off the table", why, left, 1 - left / self.hold_s)
         went = f"{self._moved_s:.0f} of {self.planned_s:.0f} s"
-        if not self._enough:
+        if not self.enough:
             left, part = max(self.planned_s - self._moved_s, 0.0), min(self._moved_s / self.planned_s, 1.0)
             return Instruction(
                 Stage.CLOSURE, "turn freely, through many attitudes, about all axes", f"{went}; rests do no harm", left, part
@@ -106,7 +106,8 @@ class ClosureGuide:
         return Instruction(Stage.CLOSURE, "back on the mark: hands off the table", why, left, held / self.hold_s, not self._missing)
 
     @property
-    def _enough(self) -> bool:
+    def enough(self) -> bool:
+        """Whether there was so much turning that the table may go back onto its mark."""
         return self._moved_s >= ENOUGH_PART * self.planned_s
 
     def _to_the_mark(self) -> None:
@@ -151,7 +152,7 @@ class ClosureGuide:
             self.says.append((Kind.REJECTED, f"this closure run is not complete: {ends.broken}; it restarts from here"))
             self._to_the_mark()
             self._here_s = WAIT_S
-        elif ends is None or not self._enough:
+        elif ends is None or not self.enough:
             self.says.append((Kind.STAGE, f"{self._moved_s:.0f} of {self.planned_s:.0f} s: turn on"))
         elif not ends.returned:
             self._missing = f"{ends.away_rad / DEG:.1f}° from where the run began, {RETURN_RAD / DEG:g}° at most: set it back onto the mark"

@@ -75,6 +75,7 @@ class Guide:
         self.advice: Advice | None = None  #: the last
         self.asked_for = CoachRequest()
         self.coached = False  #: whether advice is expected after each accepted segment
+        self.any_turn = ANY_TURN  #: what to do where the coach requests nothing
         self.rejected = self.dropped = self.log = 0  #: rejected segments; segments that the operator took back; number of the log
         self._before_s = 0.0  # duration of earlier logs
         self.at_rest = False  #: whether the samples go to a rest log
@@ -133,7 +134,7 @@ class Guide:
         if stills in (None, len(self.taken.stills)) and self.turn.path_rad < STIR_DEG * DEG:
             self.asked_for.answered(advice)
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:
-            self._segments_done("every parameter has reached its target")
+            self._segments_done(advice.reason if advice.missing else "every parameter has reached its target")
         return self._messages
 
     def decided(self, decision: RecordingDecision) -> list[GuideMessage]:
@@ -268,7 +269,7 @@ class Guide:
             return Instruction(self.stage, "one moment: the coach evaluates the last turn", "for some 2 s at most")
         if self.enough and not turn.moving:
             return Instruction(self.stage, "enough: finish now", f"every target is met; {FINISH_WORDS}, or turn on")
-        do = advice.words if advice else ANY_TURN
+        do = advice.words if advice else self.any_turn
         if not turn.moving:
             waits = f"waiting for the turn; segment {self.accepted + 1} of {self.segments}"
             return Instruction(self.stage, do, advice.reason if advice and advice.reason else waits)

@@ -30,6 +30,7 @@ from session.bench.events import (
 from session.bench.guide import REST, Guide, View, joined_chunks, samples_of
 from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
+from session.bench.mover import Moment, Mover
 from session.bench.operator import BrowserCommands, OperatorInput
 from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
@@ -235,7 +236,8 @@ class GuidedRecording:
 
     configure(info or None, seconds of samples without one) returns the session's configuration, or None while that is not enough; it raises
     CalibrationError where the board contradicts what is known.  keys returns the characters typed since the last call; None: there are no
-    keys.  watch gets all samples, after the guide; page: the commands from a browser.
+    keys.  watch gets all samples, after the guide; page: the commands from a browser; mover: a machine that turns the table, None: the
+    operator does.
     """
 
     def __init__(
@@ -249,9 +251,11 @@ class GuidedRecording:
         keys: Callable[[], str] | None = None,
         watch: Watch | None = None,
         page: BrowserCommands | None = None,
+        mover: Mover | None = None,
     ):
         self.guide, self.recorder, self._configure, self._view, self._watch = guide, recorder, configure, view, watch
-        self._operator = OperatorInput(guide, recorder, self._tell, notebook, keys, page)
+        self._mover = mover
+        self._operator = OperatorInput(guide, recorder, self._tell, notebook, keys, page, None if mover is None else mover.stop)
         self.config: Config | None = None
         guide.coached, self._coach = coach is not None, CoachThread(coach)
         self._early: list[SampleChunk] = []  # samples whose ranges are not known yet
@@ -298,6 +302,7 @@ class GuidedRecording:
                 self._check_port()
                 self._check_clock()
                 self._tell(self._coach.hear(self.guide))
+                self._move()
                 self._show()
             until_s = time.monotonic() + LAST_WORD_S
             while self._coach.busy(self.guide) and time.monotonic() < until_s:
@@ -306,9 +311,26 @@ class GuidedRecording:
             self._operator.page.end()
             self._operator.obey(self.config is not None)
         finally:
+            if self._mover is not None:
+                self._mover.close()
             self._operator.page.end()
             self._coach.close()
             self._view.show(self.guide)
+
+    @property
+    def coaching(self) -> bool:
+        """Whether advice on the present state is still to come."""
+        return self._coach.busy(self.guide)
+
+    def _move(self) -> None:
+        """Let the machine do what the guide waits for."""
+        if self._mover is None:
+            return
+        heard = self.recorder.heard
+        moment = None if heard is None else Moment(self.recorder.logs.present, heard[1], heard[0])
+        self._tell(self._mover.step(self.guide, moment, self.coaching))
+        if (decision := self._mover.wants) is not None:
+            self._operator.decide(decision)
 
     def _catch_up(self, stopped: Callable[[], bool]) -> bool:
         """Take in an earlier recording, piece by piece; returns whether there was one."""

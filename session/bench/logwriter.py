@@ -95,6 +95,7 @@ class LogWriter:
         self._short = 0  # starts in a row that lasted less than SHORT_US
         self._held: list[Event] = []  # since the last start, while it may be short
         self.not_logged = self.not_logged_starts = 0  #: samples of short starts without a log, and those starts
+        self.renamed: dict[str, str] = {}  #: logs that ``keep`` has named: first name -> last name
         self._own_stem = stem  # while another board's samples are written
 
     def begin(self, stem: str) -> None:
@@ -108,6 +109,11 @@ class LogWriter:
     def is_apart(self) -> bool:
         """Whether another board's samples are written."""
         return self.stem == FOREIGN
+
+    @property
+    def present(self) -> str:
+        """Name of the log that is being written; empty while there is none."""
+        return self.paths[-1].name if self._file is not None and not self.is_apart else ""
 
     def apart(self) -> None:
         """Events from here on are another board's, until ``back``."""
@@ -151,6 +157,7 @@ class LogWriter:
             put_aside(target)
             path.rename(target)
             self.paths[-1] = target
+            self.renamed[path.name] = target.name
 
     def write(self, events: Iterable[Event]) -> None:
         """Append; StorageError where that fails."""

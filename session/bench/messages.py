@@ -99,6 +99,15 @@ class RequestedTurn:
 
 
 @dataclass(frozen=True)
+class AxisMove:
+    """One axis of a machine to an angle, rad, at most at a rate, rad/s."""
+
+    axis: int
+    angle_rad: float
+    rate_rps: float
+
+
+@dataclass(frozen=True)
 class Advice:
     """The coach's advice after a segment."""
 
@@ -110,6 +119,7 @@ class Advice:
     sigmas: tuple[tuple[str, float], ...] = ()  #: name of each parameter, and its sigma divided by its target
     up: tuple[float, float, float] | None = None  #: unit vector in the board's frame that is vertical where the movements begin
     says: str = ""  #: remark on the whole session, such as the number of turns that is enough
+    moves: tuple[AxisMove, ...] = ()  #: the rotations of ``words`` for a machine that turns the table, one after the other
 
 
 COACH_S = 2.0  #: how long to wait for the coach before any turn is accepted

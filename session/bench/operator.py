@@ -125,6 +125,11 @@ class OperatorCommand(Enum):
     NOTE = "n"
     HERE = "Enter"
     FINISH = "f"
+    STOP = "s"
+
+
+#: keys of commands without a text
+PLAIN = tuple(each.value for each in (OperatorCommand.PAUSE, OperatorCommand.DROP, OperatorCommand.FINISH, OperatorCommand.STOP))
 
 
 class TypingLine:
@@ -142,7 +147,7 @@ class TypingLine:
                     commands.append((OperatorCommand.HERE, ""))
                 elif sign.lower() == OperatorCommand.NOTE.value:
                     self.note = ""
-                elif sign.lower() in (OperatorCommand.PAUSE.value, OperatorCommand.DROP.value, OperatorCommand.FINISH.value):
+                elif sign.lower() in PLAIN:
                     commands.append((OperatorCommand(sign.lower()), ""))
             elif sign in ENTER:
                 if text := " ".join(self.note.split()):
@@ -156,13 +161,14 @@ class TypingLine:
                 self.note += sign
         return commands
 
-    def words(self, closure: bool, enough: bool = False, turns: bool = True) -> str:
+    def words(self, closure: bool, enough: bool = False, turns: bool = True, machine: bool = False) -> str:
         """The last line of the screen.  closure: whether the closure run is on; enough: whether the operator may finish; turns: whether
-        there are any."""
+        there are any; machine: whether one turns the table."""
         if self.note is not None:
             return f"note: {self.note}_   (Enter keeps it, Esc does not)"
         last = "d the closure run again   Enter it is on its mark   " if closure else "d drop the last turn   " if turns else ""
-        return f"keys: p pause   {last}n note{'   f finish' if enough else ''}"
+        stop = "s stop the table   " if machine else ""
+        return f"keys: {stop}p pause   {last}n note{'   f finish' if enough else ''}"
 
 
 MOST = 8  #: waiting browser commands; a recording takes them ten times a second, and refuses more
@@ -230,7 +236,7 @@ class OperatorInput:
     """Carries out the operator's commands, and writes down decisions.
 
     tell shows messages; notebook is the session.toml that takes notes and dropped turns; keys returns typed characters, None: there are
-    no keys; page: the commands from a browser.
+    no keys; page: the commands from a browser; stop: stops the machine that turns the table, None: there is none.
     """
 
     def __init__(
@@ -241,7 +247,9 @@ class OperatorInput:
         notebook: SessionFile | None,
         keys: Callable[[], str] | None,
         page: BrowserCommands | None = None,
+        stop: Callable[[], None] | None = None,
     ):
+        self._stop = stop
         self._guide, self._recorder, self._tell, self._notebook, self._keys = guide, recorder, tell, notebook, keys
         self.page = page or BrowserCommands()
         self._typing = TypingLine()
@@ -276,7 +284,9 @@ class OperatorInput:
             except CalibrationError as error:  # no command may end a recording
                 self._say(Kind.WARNING, str(error))
         if self._keys is not None:
-            self._guide.keys = self._typing.words(self._guide.closure is not None, self._guide.enough, not self._guide.at_rest)
+            self._guide.keys = self._typing.words(
+                self._guide.closure is not None, self._guide.enough, not self._guide.at_rest, self._stop is not None
+            )
 
     def _do(self, command: OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide
@@ -286,6 +296,11 @@ class OperatorInput:
             self._say(Kind.STAGE, f"noted: {text}")
         elif command is OperatorCommand.HERE and guide.closure is not None:
             guide.closure.on_the_mark()
+        elif command is OperatorCommand.STOP and self._stop is not None:
+            self._stop()
+            if begun and guide.stage not in (Stage.PAUSED, Stage.DONE):
+                self.decide(RecordingDecision("pause"))
+            self._say(Kind.WARNING, "the table is stopped; p goes on with the next move")
         elif not begun or guide.stage is Stage.DONE:
             return
         elif command is OperatorCommand.FINISH:

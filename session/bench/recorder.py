@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import queue
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -71,12 +71,22 @@ class Recorder:
     """``catch_up``, ``poll`` until done, then ``close``.
 
     Where the folder holds a raw file already, the recording continues behind it, and ``catch_up`` gives the events of what is in it.
+    port: makes the port; heard: host_ns and device time t_us of the last samples of this connection, None before the first.
     """
 
-    def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None, wanted: RequestedSettings | None = None):
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        baudrate: int = 921600,
+        header: str | None = None,
+        wanted: RequestedSettings | None = None,
+        port: Callable[..., Port] = Port,
+    ):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
         self._router = BoardRouter(self.decoder, self.logs)
         self.clock = ClockComparison()
+        self.heard: tuple[int, int] | None = None
         self.raw = RawFile(folder)  # locked against other writers from now on
         self._past: Iterator[Piece] | None = None
         self._decoded = self.raw.size  # bytes; the reader thread is ahead of it
@@ -86,7 +96,7 @@ class Recorder:
             if self.raw.size:
                 self._past = stream(folder / RAW, self.decoder, self.logs, self._router)
             self.setting = BoardSetup(wanted or RequestedSettings())
-            self.port = Port(name, baudrate, self._keep, self.setting)
+            self.port = port(name, baudrate, self._keep, self.setting)
             self._has_clock = not is_virtual(name)  # a virtual board may run slower or faster than real time
         except BaseException:
             self.raw.discard()
@@ -180,10 +190,13 @@ class Recorder:
                 data = b"".join(item.data for item in arrivals)
                 self._decoded += len(data)
                 fresh = self.decoder.feed(data)
+                chunks = [event for event in fresh if isinstance(event, SampleChunk)]
                 if any(map(starts_log, fresh)):
                     self.clock.restart()
-                elif self._has_clock and (chunks := [event for event in fresh if isinstance(event, SampleChunk)]):
+                elif self._has_clock and chunks:
                     self.clock.add(arrivals[-1].host_ns, int(chunks[-1].t_us[-1]))
+                if chunks:
+                    self.heard = arrivals[-1].host_ns, int(chunks[-1].t_us[-1])
                 events += self._router.take(fresh)
             else:
                 events += [event for item in group for event in self._take_state(item)]
@@ -202,4 +215,5 @@ class Recorder:
         if not self.connected:
             return []
         self.clock.restart()
+        self.heard = None
         return new_connection(self.decoder, self._router, self._decoded)

@@ -40,6 +40,7 @@ SERVICES = {
     "noise while a rest is recorded (record --rest)": "tinygc.annexes.noise.live",
     "table": "tinygc.annexes.machines.command",
     "sessions turned by a machine (--table)": "tinygc.annexes.machines.recording",
+    "a virtual board on a virtual table (board --table)": "tinygc.annexes.machines.board",
     "the table's own errors": "tinygc.annexes.machines.explanation",
     "rates": "tinygc.annexes.rates.command",
     "the emulated board": "tinygc.annexes.emulated.command",

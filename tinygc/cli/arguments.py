@@ -406,3 +406,14 @@ def _version() -> str:
     from session import VERSION
 
     return f"TinyGC {VERSION}"
+
+
+def rates_dps(text: str) -> tuple[float, ...]:
+    """Parse rates such as ``50,100,200``, dps; ArgumentTypeError for one that is no rate above zero."""
+    try:
+        rates = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        rates = ()
+    if not rates or not all(0 < rate < 1e5 for rate in rates):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r}: expected rates above 0 in dps, such as 50,100,200")
+    return rates

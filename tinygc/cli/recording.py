@@ -146,6 +146,34 @@ def refuse_with_rest(args: argparse.Namespace) -> None:
         raise CalibrationError("--stop-at-target needs the annex noise, which is not there; give --rest HOURS instead")
 
 
+# A machine that turns the table.
+
+MACHINE = "sessions turned by a machine (--table)"
+
+
+@contextlib.contextmanager
+def turned(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
+    """Yield the table of ``--table``, its plan confirmed; None where the operator turns."""
+    if args.table is None:
+        if args.yes or args.home or args.table_port is not None or args.rates is not None or args.axis is not None:
+            raise CalibrationError("--yes, --home, --table-port, --rates and --axis are of a table; add --table FILE")
+        yield None
+        return
+    if args.series or args.rest is not None:
+        raise CalibrationError("--table turns one board; leave --series and --rest out")
+    recording = need(MACHINE, "--table")
+    machine = recording.TurnedRecording(args.table, args.table_port, args.home)
+    try:
+        stops = args.stop_at_target or args.lot is not None
+        if args.rates is not None:
+            machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet)
+        else:
+            machine.confirmed(recording.is_raw(folder, args.like), args.segments, stops, args.closure, args.yes, args.quiet)
+        yield machine
+    finally:
+        machine.close()
+
+
 # The recorded data, in lines and as JSON.
 
 MOST_NAMED = 3  #: most logs that are named
@@ -449,8 +477,8 @@ def of_lot_model(args: argparse.Namespace, config: Config) -> Config:
     return config
 
 
-def coach_of(lot: Any) -> Callable[[Progress], Advice]:
-    """Return the coach; its modules are loaded in its own thread, not before the recording starts."""
+def coach_of(lot: Any, machine: Any = None) -> Callable[[Progress], Advice]:
+    """Return the coach; its modules are loaded in its own thread, not before the recording starts.  machine: what turns the table."""
     coach: Coach | None = None
 
     def advise(progress: Progress) -> Advice:
@@ -458,7 +486,8 @@ def coach_of(lot: Any) -> Callable[[Progress], Advice]:
         if coach is None:
             from tinygc.planning.coach import Coach
 
-            coach = Coach(beforehand=None if lot is None else partial(need("what a lot knows of one unit (--lot)").board_prior, lot))
+            beforehand = None if lot is None else partial(need("what a lot knows of one unit (--lot)").board_prior, lot)
+            coach = Coach(beforehand=beforehand, machine=None if machine is None else machine.moves)
         return coach(progress)
 
     return advise

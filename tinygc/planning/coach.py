@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from session.bench.messages import AcceptedTurn, Advice, Progress, RequestedTurn
-from session.io.units import DEG, DEG_PER_HOUR
+from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
@@ -35,9 +36,17 @@ PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 #: peak of a requested turn as a share of full scale: ``record`` warns at 0.85, and a hand may be 1.4 times quicker than requested
 PLANNED_FULL_SCALE = 0.6
 SHARPNESS = 6  #: afterwards: power of the sigmas in the criterion: 2 weighs all equally, a large one only the worst
+#: the same of a machine, whose gain counts by its time: they reach all targets soonest on tables of two and three axes (``table_moves.py``)
+MACHINE_UNKNOWN, MACHINE_SHARPNESS = 3.0, 4
 MOVED = np.cos(0.5 * DEG)  #: attitudes that the updated accelerometer changed by more are recomputed
 STILL_S = 2.0  #: duration of the still at the end of a proposed turn
 MOST_TO_GO = 40  #: longest plan for the number of turns to go
+#: what is left of a sigma after twice as many turns: of one that turns no longer show; at least, where turns of the same kind repeat (0.7)
+STALLED, FALLS = 0.9, 0.6
+MOST_WORTH = 400  #: turns of the same kind
+FEWEST_STUCK = 16  #: turns before which a machine's session has not been everywhere
+#: rad, of a turn's angle, and m/s^2, of a still's length, before any turn was seen: the data sheet's noise over 5 s and ``STILL_S``
+PLANNED_SIGMA_RAD, PLANNED_SIGMA_MPS2 = 2e-4, 0.05 * MG
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +67,47 @@ class BoardPrior:
     says: str
 
 
+class Turnable(Protocol):
+    """A machine whose moves the coach chooses from, instead of the turns that an operator can make."""
+
+    def turns_from(self, angles: np.ndarray | None, most_rps: float) -> list[Turn]:
+        """Return its turns from angles (K,) rad, None: the present ones; most_rps: largest rate."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """The session that a machine would make from now on: its turns, and the sigmas (P,) after each, in units of their targets."""
+
+    turns: tuple[Turn, ...]
+    sigmas: tuple[np.ndarray, ...]
+
+    @property
+    def unseen(self) -> np.ndarray:
+        """(P,) whether no turn of it shows a parameter: it is above its target, and more turns change nothing."""
+        return _stalled(self.sigmas[len(self.sigmas) // 2], self.sigmas[-1], len(self.sigmas))
+
+
 class Coach:
     """A callable that returns ``Advice`` for the session so far.
 
     targets (12,) of the gyroscope's parameters.  beforehand: function that returns the prior of boards of this kind from the turns so far,
     their columns (S, 2, 12), noise (S, 2, 2) and the attitudes (S, 2, 4) of their ends, and whether the turns' closure may be used.
+    machine: what turns the table, None: an operator.  Of a machine the gain per time counts, and what none of its turns shows does not.
     """
 
-    def __init__(self, targets: np.ndarray = TARGETS, beforehand: Callable[..., BoardPrior] | None = None):
-        self._gyro_targets, self._beforehand = targets, beforehand
+    def __init__(
+        self,
+        targets: np.ndarray = TARGETS,
+        beforehand: Callable[..., BoardPrior] | None = None,
+        machine: Turnable | None = None,
+    ):
+        self._gyro_targets, self._beforehand, self._machine = targets, beforehand, machine
         self._board = BoardPrior(None, "")
         self._seen: dict[int, _Seen] = {}
         self._progress = Progress(())
         self._own: OwnAccelerometer | None = None
+        self._zero_rps = np.zeros(3)  # of a machine's session: what the gyroscope reads at rest, which its scales multiply
 
     def __call__(self, progress: Progress) -> Advice:
         """Return advice from all segments so far (at least one)."""
@@ -78,6 +115,10 @@ class Coach:
         sigma = self.sigma
         worst = np.argsort(-sigma)
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
+        if missing and not (sigma[~self._stuck] > 1).any():
+            never = ", ".join(parameter_name(i) for i in worst if sigma[i] > 1)
+            reason = f"all that this table can show has reached its target, or changes no more; it cannot show {never}"
+            return Advice("", reason, True, missing, sigmas=_named(sigma))
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
             says = self._board.says or ("" if self._beforehand is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
@@ -87,7 +128,31 @@ class Coach:
         turn = self.best_turn(lies.accel_mean)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
         moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad, words) for part, words in zip(turn.parts, turn.steps, strict=True))
-        return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
+        says = self._says(lies.accel_mean)
+        return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), says, turn.moves)
+
+    @property
+    def _stuck(self) -> np.ndarray:
+        """(P,) whether a machine's turns show no more of a parameter: the second half of them has changed next to nothing of its sigma."""
+        count = len(self._seen)
+        if self._machine is None or count < FEWEST_STUCK:
+            return np.zeros(len(self.targets), dtype=bool)
+        return _stalled(self._sigma_of(count // 2), self.sigma, count)
+
+    def rehearse(self, own: bool, most: int = MOST_TO_GO, enough: bool = False) -> Rehearsal:
+        """Choose turn after turn of the machine, before any was made; own: whether the accelerometer is not calibrated; enough: end where
+        every target is met."""
+        alone = Coach(self._gyro_targets, machine=self._machine)
+        alone._own, alone._zero_rps = as_known(None, ()) if own else None, self._zero_rps
+        prior = np.concatenate([linear.PRIOR_SIGMA, accel.PRIOR_SIGMA]) if own else linear.PRIOR_SIGMA
+        information = np.diag((alone.targets / prior) ** 2)
+        turns, sigmas, force, angles = list[Turn](), list[np.ndarray](), np.array([0.0, 0.0, -G]), None
+        while len(turns) < most and not (enough and sigmas and sigmas[-1].max() <= 1):
+            turn, rows = alone._best(information, force, angles)
+            information, force, angles = information + rows.T @ rows, turn.carries(force), turn.angles
+            turns.append(turn)
+            sigmas.append(np.sqrt(np.diag(np.linalg.inv(information))))
+        return Rehearsal(tuple(turns), tuple(sigmas))
 
     def _says(self, measured: np.ndarray) -> str:
         """Describe, for a board with a prior, how many turns are enough, or why the prior is rejected."""
@@ -101,17 +166,20 @@ class Coach:
         ``MOST_TO_GO``."""
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
         information = np.linalg.inv(self.covariance / np.outer(self.targets, self.targets))
+        angles = None
         for count in range(MOST_TO_GO):
             if np.diag(np.linalg.inv(information)).max() <= 1:
                 return count
-            turn, rows = self._best(information, force)
-            information, force = information + rows.T @ rows, turn.carries(force)
+            turn, rows = self._best(information, force, angles)
+            information, force, angles = information + rows.T @ rows, turn.carries(force), turn.angles
         return None
 
     def look(self, progress: Progress) -> None:
         """Update the columns and the prior from the session so far."""
         self._progress = progress
         self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
+        if self._machine is not None and progress.turns:
+            self._zero_rps = progress.turns[-1].segment.stills[1].gyro_mean
         before, self._seen = self._seen, {}
         for turn in progress.turns:
             found = before.get(id(turn))
@@ -133,7 +201,11 @@ class Coach:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance (P, P) as from ``uncertainty.parameter_covariance``, without errors shared by neighbours and the Earth's heading."""
-        seen = list(self._seen.values())
+        return self._covariance_of(len(self._seen))
+
+    def _covariance_of(self, count: int) -> np.ndarray:
+        """The same of the first turns alone."""
+        seen = list(self._seen.values())[:count]
         own = np.array([each.own for each in seen])
         floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
         middle_s = np.array([each.turn.middle_s for each in seen])
@@ -148,41 +220,56 @@ class Coach:
     @property
     def sigma(self) -> np.ndarray:
         """One sigma (P,) of each parameter in units of its target."""
-        return np.sqrt(np.diag(self.covariance)) / self.targets
+        return self._sigma_of(len(self._seen))
+
+    def _sigma_of(self, count: int) -> np.ndarray:
+        return np.sqrt(np.diag(self._covariance_of(count))) / self.targets
 
     def best_turn(self, measured: np.ndarray) -> Turn:
         """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
         return self._best(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force)[0]
 
-    def _best(self, information: np.ndarray, force: np.ndarray) -> tuple[Turn, np.ndarray]:
+    def _best(self, information: np.ndarray, force: np.ndarray, angles: np.ndarray | None = None) -> tuple[Turn, np.ndarray]:
         """Return the best turn given an information (P, P), in units of the targets, from an attitude with force (3,), and its rows
-        (2 or 3, P)."""
-        sigma = np.sqrt(np.diag(np.linalg.inv(information)))
-        turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, PLANNED_FULL_SCALE * self._progress.gyro_fs_rps)
-        rows = self._rows(force, turns) * self.targets
-        after = information + rows.swapaxes(-1, -2) @ rows
-        if sigma.max() > UNKNOWN:
-            best = int(np.argmax(np.linalg.slogdet(after)[1]))
+        (2 or 3, P).  angles (K,): those of the machine there, None: the present ones.
+
+        The gain of a turn is the logarithm of what it makes of the criterion, and counts by its time.
+        """
+        most_rps = PLANNED_FULL_SCALE * self._progress.gyro_fs_rps
+        if self._machine is None:
+            turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, most_rps)
         else:
-            left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
-            if sigma.argmax() >= linear.PARAMETERS:  # the accelerometer is least certain: choose the attitude for its worst parameter
-                best = int(np.argmin(left[:, linear.PARAMETERS :].max(-1)))
-            else:
-                best = int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))
+            turns = self._machine.turns_from(angles, most_rps)
+        rows = self._rows(force, turns) * self.targets
+        both = np.concatenate([information[None], information + rows.swapaxes(-1, -2) @ rows])  # without a turn, and with each
+        covariance = np.linalg.inv(both)
+        left = np.diagonal(covariance, axis1=-2, axis2=-1)
+        # What no turn of a machine shows would keep it D-optimal for ever.
+        shown = np.flatnonzero(~self._stuck if (~self._stuck).any() else np.ones(len(information), dtype=bool))
+        sigma = np.sqrt(left[0])
+        unknown, sharpness = (UNKNOWN, SHARPNESS) if self._machine is None else (MACHINE_UNKNOWN, MACHINE_SHARPNESS)
+        if sigma[shown].max() > unknown:
+            criterion = np.linalg.slogdet(covariance[:, shown[:, None], shown])[1]
+        elif shown[sigma[shown].argmax()] >= linear.PARAMETERS:
+            # The accelerometer is least certain: choose the attitude for its worst parameter.
+            criterion = np.log(left[:, shown[shown >= linear.PARAMETERS]].max(-1))
+        else:
+            criterion = np.log((left[:, shown] ** (sharpness / 2)).sum(-1))
+        best = int(np.argmax((criterion[0] - criterion[1:]) / np.array([turn.cost_s for turn in turns])))
         return turns[best], rows[best]
 
     def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
         """Return rows (M, 2 or 3, P) of each turn over its noise: its two angles, and the length of gravity in the still after it."""
-        angle = float(np.sqrt(np.mean([np.trace(each.own) / 2 for each in self._seen.values()])))
-        gyro = columns(force, turns) / angle
+        seen = list(self._seen.values())
+        angle = float(np.sqrt(np.mean([np.trace(each.own) / 2 for each in seen]))) if seen else PLANNED_SIGMA_RAD
+        gyro = columns(force, turns, self._zero_rps) / angle
         if self._own is None:
             return gyro
         q_first, q_last = ends(force, turns)
         last = np.array([turn.carries(force) for turn in turns])
         tilt = self._own.tilt_rows(np.broadcast_to(force, last.shape), last, q_first, q_last) / angle
-        noise = next(reversed(self._seen.values())).turn.noise
-        white = float(np.mean(noise.velocity_random_walk**2)) / STILL_S
+        white = float(np.mean(seen[-1].turn.noise.velocity_random_walk ** 2)) / STILL_S if seen else PLANNED_SIGMA_MPS2**2
         length = self._own.length_rows(last)[:, None] / np.sqrt(white + self._own.sigma_mps2**2)
         nothing = np.zeros((len(turns), 1, linear.PARAMETERS))
         return np.concatenate([np.concatenate([gyro, tilt], axis=-1), np.concatenate([nothing, length], axis=-1)], axis=1)
@@ -215,6 +302,12 @@ class Coach:
         return _Seen(turn, force, design, own + tilt * np.eye(2))
 
 
+def _stalled(before: np.ndarray, sigma: np.ndarray, count: int) -> np.ndarray:
+    """(P,) whether a sigma after so many turns is above its target, and falls too slowly to reach it."""
+    white = (sigma > FALLS * before) & (count * sigma**2 > MOST_WORTH)
+    return np.asarray((sigma > 1) & (white | (sigma > STALLED * before)))
+
+
 def _turns(count: int, one: str, many: str) -> str:
     return f"{count} turn {one}" if count == 1 else f"{count} turns {many}"
 
@@ -227,13 +320,14 @@ def _vector(vector: np.ndarray) -> tuple[float, float, float]:
 def _said(parameter: int, sigma: float) -> str:
     """Describe a parameter and how far it is from its target."""
     far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
-    return f"{_name(parameter)} ({far})"
+    return f"{parameter_name(parameter)} ({far})"
 
 
-def _name(parameter: int) -> str:
+def parameter_name(parameter: int) -> str:
+    """Return the display name of a parameter: the gyroscope's 12, then the accelerometer's nine."""
     gyro = parameter < linear.PARAMETERS
     return parameter_words(linear.NAMES[parameter]) if gyro else JOINT_NAMES[parameter - linear.PARAMETERS]
 
 
 def _named(sigma: np.ndarray) -> tuple[tuple[str, float], ...]:
-    return tuple((_name(i), float(each)) for i, each in enumerate(sigma))
+    return tuple((parameter_name(i), float(each)) for i, each in enumerate(sigma))

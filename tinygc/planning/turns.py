@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from session.bench.messages import AxisMove
 from session.detect.accelerometer import PARAMETERS, UPPER, length_columns
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer
@@ -129,21 +130,30 @@ LEVEL = 0.1  #: cosine, on sides and edges: below it an axis is level
 
 @dataclass(frozen=True, eq=False)
 class TurnPart:
-    """A movement about one axis (3,), a unit vector of the body; words: what to do, and what is up then; up (3,): in body axes."""
+    """A movement about one axis (3,), a unit vector of the body; words: what to do, and what is up then; up (3,): in body axes; ramp_s: of
+    a machine's constant accelerations at both ends, 0 of a hand's smooth movement."""
 
     axis: np.ndarray
     angle_rad: float
     seconds: float
     words: str
     up: np.ndarray
+    ramp_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A turn between two stills.  straightened: the movement that sets the board straight first; up (3,) unit: what points up then."""
+    """A turn between two stills.  straightened: the movement that sets the board straight first; up (3,) unit: what points up then.
+
+    cost_s: the time by which its gain is divided, from still to still; 1 of a hand, whose time does not count.  moves: the parts for a
+    machine, and its angles (K,) rad after them.
+    """
 
     straightened: TurnPart
     parts: tuple[TurnPart, ...]
+    cost_s: float = 1.0
+    moves: tuple[AxisMove, ...] = ()
+    angles: np.ndarray | None = None
 
     @property
     def up(self) -> np.ndarray:
@@ -186,22 +196,28 @@ def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_
     return singles + pairs
 
 
-def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
-    """Return columns (M, 2, 12) rad per unit of each parameter, of turns begun where the accelerometer reads accel (3,)."""
+def columns(accel: np.ndarray, turns: list[Turn], zero_rps: np.ndarray | float = 0.0) -> np.ndarray:
+    """Return columns (M, 2, 12) rad per unit of each parameter, of turns begun where the accelerometer reads accel (3,).
+
+    zero_rps (3,): what the gyroscope reads at rest.
+    """
     movements = [(turn.straightened, *turn.parts) for turn in turns]
     lengths = np.array([sum(part.seconds for part in parts) for parts in movements])[:, None] + 2 * STILL_S
     t = np.arange(0, lengths.max(), 1 / RATE_HZ)
     rate = np.zeros((len(turns), len(t), 3))
     began = np.full((len(turns), 1), STILL_S)
     for parts in _abreast(movements):
-        angle, seconds = (np.array([getattr(part, name) for part in parts])[:, None] for name in ("angle_rad", "seconds"))
-        speed = angle / seconds * PEAK * np.sin(np.pi * np.clip((t - began) / seconds, 0, 1)) ** 2
+        angle, seconds, ramp = (np.array([getattr(part, name) for part in parts])[:, None] for name in ("angle_rad", "seconds", "ramp_s"))
+        smooth = PEAK / seconds * np.sin(np.pi * np.clip((t - began) / seconds, 0, 1)) ** 2
+        to_end = np.minimum(t - began, began + seconds - t)
+        even = np.clip(to_end / np.where(ramp > 0, ramp, 1.0), 0, 1) / np.maximum(seconds - ramp, 1e-9)
+        speed = angle * np.where(ramp > 0, even, smooth)
         rate += speed[..., None] * np.array([part.axis for part in parts])[:, None]
         began = began + seconds
     dt = (t[1:] <= lengths) / RATE_HZ
     start = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
     batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
-    return linear.columns(closure.sensitivity(batch, rate), rate)[:, :2]
+    return linear.columns(closure.sensitivity(batch, rate), rate + zero_rps)[:, :2]
 
 
 def ends(accel: np.ndarray, turns: list[Turn]) -> tuple[np.ndarray, np.ndarray]:

@@ -46,7 +46,16 @@ class SensorOnTable:
         accel_noise = options.accel_noise_ug_rthz * 1e-6 * G
         self._accel = LowPass(ACCEL_BANDWIDTH_ODR * odr_hz, accel_noise, odr_hz, self._factor, accel_rng)
         self._walk = np.zeros(3)
-        self._taken = 0
+        self._taken = self._first = 0
+
+    @property
+    def taken(self) -> int:
+        """Samples so far."""
+        return self._taken - self._first
+
+    def skip_to(self, t_s: float) -> None:
+        """The next sample is the one at that time of the tracks: the board was switched on later than the table."""
+        self._taken = self._first = round(t_s * self._unit.odr_hz)
 
     def take(self, tracks: Sequence[AxisTrack], count: int) -> RegisterLog:
         """The next ``count`` samples; time counts from the first, in seconds of the tracks."""

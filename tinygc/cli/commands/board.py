@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,11 +25,14 @@ from tinygc.cli.arguments import (
     positive,
     seconds,
 )
+from tinygc.cli.extensions import help_if_present
 from tinygc.cli.results import ended_by_signals, write_json
 
 if TYPE_CHECKING:
+    from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.virtual_board import BoardSource
 
+ON_TABLE = "a virtual board on a virtual table (board --table)"
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
 
@@ -74,6 +78,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         help="what it holds back while its reader is busy (65536, times --speed if that is above 1)",
     )
     command.add_argument("--link", type=file_written, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
+    on_table = "it lies on the virtual table of this table.toml, which has a port of its own, and turns with it"
+    command.add_argument("--table", type=path_read, metavar="FILE", help=help_if_present(ON_TABLE, on_table))
+    command.add_argument("--table-link", type=file_written, metavar="PATH", help="name of the table's port")
+    command.add_argument("--table-faults", default="", metavar="NAME@S,…", help="what goes wrong with the table (docs/table-sessions.md)")
     command.add_argument("--config", type=file_written, metavar="FILE", help="write the session.toml that belongs to the stream")
 
 
@@ -99,7 +107,7 @@ def _board(args: argparse.Namespace) -> int:
             "everything else runs here, record with a real port too"
         ) from None
     from session.io.results import write_text_whole
-    from tinygc.simulation.virtual_board import LineFaults, VirtualBoard
+    from tinygc.simulation.virtual_board import HostClock, LineFaults, VirtualBoard
 
     def say(what: str) -> None:
         if not args.quiet:
@@ -109,6 +117,10 @@ def _board(args: argparse.Namespace) -> int:
         raise CalibrationError("board: frames hold registers; leave --frames or --physical out")
     if args.folder and args.take:
         raise CalibrationError("board: a folder is streamed as it was recorded; leave --take out")
+    if args.table and (args.folder or args.firmware or args.speed != 1):
+        raise CalibrationError("board: --table is a board of its own, in real time; leave the folder, --firmware and --speed out")
+    if not args.table and (args.table_link or args.table_faults):
+        raise CalibrationError("board: --table-link and --table-faults are of a table; add --table FILE")
     if args.firmware:
         need("the emulated board").check_options(args)
     elif args.speed == math.inf:
@@ -117,14 +129,20 @@ def _board(args: argparse.Namespace) -> int:
     # A faster board needs a larger buffer, because the host is no faster.
     hurry = max(1.0, args.speed) if args.speed < math.inf else 1.0
     terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * hurry))
+    table = None
     try:
-        source = _source(args, terminal.name, say)
+        if args.table:
+            bench = need(ON_TABLE, "--table")
+            table = bench.TableUnderBoard(args.table, args.table_link, _options(args), not args.raw_accelerometer, args.table_faults)
+        source = table.source if table else _source(args, terminal.name, say)
         if args.config and source.config:
             write_text_whole(args.config, source.config)
     except BaseException:
         terminal.let_go()
         raise
-    with terminal:
+    with terminal, table or nullcontext():
+        if table:
+            say(f"the table is at {table.name}")
         if args.firmware:
             return need("the emulated board").run(args, source, terminal, say)
         board = VirtualBoard(
@@ -139,6 +157,7 @@ def _board(args: argparse.Namespace) -> int:
             faults=faults,
             seed=args.seed,
             say=say,
+            clock=table.clock if table else HostClock(),
         )
         try:
             if not args.quiet and not is_standard_output(args.json):
@@ -152,18 +171,23 @@ def _board(args: argparse.Namespace) -> int:
     return 0
 
 
+def _options(args: argparse.Namespace) -> SimulationOptions:
+    from tinygc.simulation.options import SimulationOptions
+
+    odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
+    ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
+    options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
+    # A raw accelerometer's scale and axes have typical errors, but the session.toml contains no calibration.
+    return replace(options, accel_bias_mg=args.raw_accelerometer) if args.raw_accelerometer else options
+
+
 def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) -> BoardSource:
     """Return the sensor's data: the folder's session, or a simulated one that no board at this link has streamed yet."""
-    from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.virtual_board import next_take, recorded, remember, simulated, taken
 
     if args.folder:
         return recorded(args.folder)
-    odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
-    ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
-    options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
-    if raw := args.raw_accelerometer:  # its scale and axes have typical errors, but the session.toml contains no calibration
-        options = replace(options, accel_bias_mg=raw)
+    options, raw = _options(args), args.raw_accelerometer
     take = args.take or next_take(link, args.seed)
     again = "" if take == 1 else " (the same sensor, turned anew; --take 1 streams the first again)"
     say(f"simulating a session, take {take} of seed {args.seed}{again} …")

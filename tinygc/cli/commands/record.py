@@ -19,6 +19,7 @@ from tinygc.cli.arguments import (
     gyro_full_scale,
     note,
     path_read,
+    rates_dps,
     stream_header,
     within,
 )
@@ -28,6 +29,7 @@ from tinygc.cli.recording import (
     DEFAULTS,
     KNOWN_TO,
     LOOPBACK,
+    MACHINE,
     NOISE,
     bench,
     coach_of,
@@ -45,6 +47,7 @@ from tinygc.cli.recording import (
     so_far,
     table,
     takes,
+    turned,
     views,
 )
 from tinygc.cli.results import Interruption, complain, output, print_commands, write_json
@@ -62,9 +65,10 @@ SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
 USUAL_SEGMENTS = 40
 LONGEST_H = 1000.0
+USUAL_DWELL_S = 10.0
 EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
 (its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
-and Enter says that the table stands on its index mark; in a rest f ends it.  Where standard input is no terminal there are no keys."""
+and Enter says that the table stands on its index mark; in a rest f ends it; with --table s stops the table at once.  Where standard input is no terminal there are no keys."""
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -104,6 +108,16 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, likewise")
     command.add_argument("--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, likewise")
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
+    turned = "a machine turns: its table.toml; the plan is printed, and confirmed once (docs/table-sessions.md)"
+    command.add_argument("--table", type=path_read, metavar="FILE", help=help_if_present(MACHINE, turned))
+    command.add_argument("--table-port", metavar="PORT", help="with --table: instead of the port in the file")
+    rates = "with --table: no turns, but steps of these rates in both senses, dps; their log is rates0001.csv"
+    command.add_argument("--rates", type=rates_dps, metavar="DPS,…", help=rates)
+    command.add_argument("--dwell", type=within(0, 3600, "time", " s"), default=USUAL_DWELL_S, metavar="S", help="of a rate (%(default)g)")
+    command.add_argument("--axis", metavar="NAME", help="of --rates: the axis that turns (the innermost one)")
+    homing = "with --table: it searches its reference marks first, once the plan is confirmed"
+    command.add_argument("--home", action="store_true", help=homing)
+    command.add_argument("--yes", action="store_true", help="with --table: the plan is confirmed, for those who know their table")
     command.add_argument("--mute", action="store_true", help="no bell")
     command.add_argument(
         "--view",
@@ -120,6 +134,7 @@ def run(args: argparse.Namespace) -> int:
     from session.bench.port import only_candidate
 
     refuse_with_rest(args)
+    args.machine = None
     if args.lot is not None:
         args.lot_read = lot_of(args)
     if args.series:
@@ -129,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
-    with page_server(args) as page:
+    with page_server(args) as page, turned(args, folder) as args.machine:
         with Interruption() as wanted:
             announce = True
             while (led := _led(args, folder, port, wanted, page, announce)) is None:
@@ -161,6 +176,10 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     words += [] if args.view is None else ["--view"]
     words += [] if args.lot is None else ["--lot", args.lot]
     words += ["--closure", f"{args.closure:g}"] if args.closure else []
+    words += [] if args.table is None else ["--table", args.table, *(["--home"] if args.home else [])]
+    words += [] if args.rates is None else ["--rates", ",".join(f"{rate:g}" for rate in args.rates), "--dwell", f"{args.dwell:g}"]
+    words += [] if args.axis is None else ["--axis", args.axis]
+    words += [] if args.table_port is None else ["--table-port", args.table_port]
     return command_line(*words)
 
 
@@ -185,11 +204,15 @@ def _tell(
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
     if session_file.assumed:
         console.print(ASSUMED, soft_wrap=True)
+    if args.table is not None and (words := args.machine.finish(folder, recorder.logs.renamed)):
+        console.print(words, soft_wrap=True)
     if words := missing(guide):
         console.print(words, soft_wrap=True)
     if interrupted:
         complain("interrupted; everything received is kept. To go on:")
         print(f"  {_again(args, folder, port)}", file=sys.stderr, flush=True)
+    elif args.rates is not None:
+        print_commands(args, "next:", command_line("rates", folder))
     elif args.rest is None:
         print_commands(args, "next:", command_line("check", folder), command_line("fit", folder))
     elif is_present(NOISE):
@@ -212,14 +235,16 @@ def _led(
     from session.io.errors import CalibrationError, OtherSensor
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), bench(args))
-    if announce and args.rest is None:
+    if announce and args.rest is None and args.rates is None:
         _say_what_was_asked(args, folder)
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.raw.cut:
         print(recorder.raw.cut, file=sys.stderr)
     if recorder.setting.said and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
-    if args.rest is None:
+    if args.rates is not None:
+        guide: Guide = args.machine.guide(session_file.protocol)
+    elif args.rest is None:
         guide = Guide(session_file.protocol, args.segments, args.stop_at_target or args.lot is not None, args.closure)
     else:
         guide = rest_guide(args, session_file.protocol)
@@ -232,11 +257,11 @@ def _led(
                 config = session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, recorder.setting.speaks)
                 return config if config is None or args.lot is None else of_lot_model(args, config)
 
-            coach, wished = (
-                None if args.no_coach or args.rest is not None else coach_of(None if args.lot is None else args.lot_read),
-                None if page is None else page.wishes,
-            )
-            guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished)
+            turns = args.rest is None and args.rates is None
+            lot = None if args.lot is None else args.lot_read
+            coach, wished = coach_of(lot, args.machine) if turns and not args.no_coach else None, None if page is None else page.wishes
+            mover = None if args.machine is None else args.machine.mover(folder, guide)
+            guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished, mover)
             guided.lead(wanted)
     except KeyboardInterrupt:
         interrupted = True

@@ -1,0 +1,102 @@
+"""The machine's word: device time of its answers, its file, and where gyroscope and gravity contradict it."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from table_recordings import table_toml
+
+from session.annexes.machines.angles import header, read_angles
+from session.annexes.machines.comparison import WordAgainstSensor
+from session.annexes.machines.description import read_description
+from session.annexes.machines.driver import AngleFile, DeviceTime
+from session.annexes.machines.kinematics import attitudes, body_axes
+from session.annexes.machines.verbs import Where
+from session.io.errors import StorageError
+from session.io.units import DEG
+
+
+@pytest.fixture
+def table(tmp_path):
+    (tmp_path / "table.toml").write_text(table_toml("middle", "inner"))
+    return read_description(tmp_path / "table.toml")
+
+
+def test_device_time_is_that_of_the_least_late_arrival():
+    """Arrivals are late by 2 to 30 ms; the line through the earliest is right to 2 ms, at a ratio of the clocks of 1.002."""
+    rng, time = np.random.default_rng(3), DeviceTime()
+    assert time.at(5.0) is None
+    for host_s in np.arange(100, 120, 0.1):
+        time.add(host_s, 1.002 * (host_s - 100 - rng.uniform(0.002, 0.03)))
+    assert time.at(120.5) == pytest.approx(1.002 * 20.5 - 0.002, abs=0.003)
+    time.add(121.0, 0.5)  # the board was reset
+    assert time.at(121.2) == pytest.approx(0.7)
+
+
+def test_a_file_that_a_crash_has_cut_goes_on(tmp_path, table):
+    path = tmp_path / "table.csv"
+    file = AngleFile(path, table)
+    file.add("log0001.csv", 1000, Where(np.array([0.1, 0.2]), False))
+    file.add("", 1500, Where(np.array([0.1, 0.2]), False))  # no log is written
+    file.add("log0001.csv", 900, Where(np.array([0.1, 0.2]), False))  # before the last one
+    file.close()
+    with path.open("a") as cut:
+        cut.write("log0001.csv,20")
+    file = AngleFile(path, table)
+    file.add("unclosed0001.csv", 10, Where(np.array([0.3, 0.2]), True))
+    file.rename("unclosed0001.csv", "closure0001.csv")
+    file.add("closure0001.csv", 20, Where(np.array([0.4, 0.2]), True))
+    file.close()
+    found = read_angles(path, table)
+    assert {log: each.t_ns.tolist() for log, each in found.items()} == {"log0001.csv": [1_000_000], "closure0001.csv": [10_000, 20_000]}
+    path.write_text(header(table).replace("inner", "outer") + "\n")
+    with pytest.raises(StorageError, match="is of a table with other axes"):
+        AngleFile(path, table)
+
+
+def stills(table, angles_deg, true_deg=None):
+    """What the sensor sees of stills at these angles: up, and the turn from the still before about the body's axes."""
+    said, true = np.array(angles_deg, float) * DEG, np.array(angles_deg if true_deg is None else true_deg, float) * DEG
+    up = -attitudes(table, true)[:, 2] * 9.8
+    turned = [None] + [body_axes(table, after[None])[0].T @ (after - before) for before, after in itertools.pairwise(true)]
+    return list(zip(said, up, turned, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("true_deg", "says"),
+    [
+        ([(0, 0), (90, 0), (90, 90), (0, 90), (0, 0)], []),
+        ([(0, 0), (0, 0)], ["middle: the machine says 90 deg, the gyroscope saw 0.0: it is stalled", "gravity lies 90.0 deg"]),
+        ([(0, 0), (-90, 0)], ["middle: the gyroscope turned the other way round", "gravity lies 180.0 deg"]),
+        ([(0, 0), (0, 90)], ["middle: the gyroscope turned about another axis", "gravity lies 90.0 deg"]),
+        ([(0, 0), (75, 0)], ["middle: the machine says 90.0 deg, the gyroscope saw 75.0: lost steps?", "gravity lies 15.0 deg"]),
+        ([(0, 0), (90, 0), (90, 90), (0, 90), (3, 0)], ["gravity lies 3.0 deg from where the machine's angles put it (2.0 at most): lost"]),
+    ],
+)
+def test_what_contradicts_the_machine_is_named(table, true_deg, says):
+    said_deg = [(0, 0), (90, 0), (90, 90), (0, 90), (0, 0)][: len(true_deg)]
+    word, found = WordAgainstSensor(table), []
+    for each in stills(table, said_deg, true_deg):
+        found += word.still(*each)
+    assert len(found) == len(says)
+    for line, begins in zip(found, says, strict=True):
+        assert line.startswith(begins), line
+
+
+def test_a_mounting_that_is_some_degrees_off_contradicts_nothing_later(table):
+    """Nobody sets a sensor on a table to a degree: the first stills show how it lies."""
+    from scipy.spatial.transform import Rotation
+
+    word = WordAgainstSensor(table)
+    off = Rotation.from_rotvec([4 * DEG, -3 * DEG, 2 * DEG])
+    said = [(0, 0), (90, 0), (90, 90), (0, 90), (0, 0), (45, 180)]
+    assert [line for angles, force, _ in stills(table, said) for line in word.still(angles, off.apply(force), None)] == []
+
+
+def test_a_table_that_says_it_rested_while_it_was_turned(table):
+    word = WordAgainstSensor(table)
+    word.still(np.zeros(2), np.array([0, 0, -9.8]), None)
+    (line,) = word.still(np.zeros(2), np.array([0, 0, -9.8]), np.array([0, 0, 1.5]))
+    assert line == "the gyroscope turned by 86 deg, and the machine says that it rested"

@@ -1,0 +1,82 @@
+"""``board --table FILE``: a virtual board on a virtual table, behind a port each, in real time.
+
+What the board streams follows what the table is told through its own port.  The table's device is asked whenever the board waits, so that
+one thread serves both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from session.annexes.machines.clocks import HostClock
+from session.annexes.machines.description import read_description
+from session.annexes.machines.mechanics import TableErrors
+from session.annexes.machines.virtual import VirtualTable
+from session.annexes.machines.virtual_motion import Fault
+from session.bench.events import Info
+from tinygc.annexes.machines.sensor_on_table import SensorOnTable
+from tinygc.simulation.options import SimulationOptions, draw_unit
+from tinygc.simulation.terminal import Terminal
+from tinygc.simulation.virtual_board import BoardSource
+from tinygc.simulation.write import config_text
+
+
+@dataclass(frozen=True, eq=False)
+class SensorSource(BoardSource):
+    """A board's source without an end: its sensor is turned by a virtual table."""
+
+    sensor: SensorOnTable | None = None
+    table: VirtualTable | None = None
+
+    def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
+        """The next samples, up to now."""
+        assert self.sensor is not None
+        assert self.table is not None
+        if not self.sensor.taken:
+            self.sensor.skip_to(self.table.mechanics.now_s())
+        log = self.sensor.take(self.table.tracks, stop - start)
+        return np.column_stack([log.gyro, log.accel, log.temp])
+
+
+class TableClock(HostClock):
+    """The board's clock: while it waits, the table answers."""
+
+    def __init__(self, table: VirtualTable, terminal: Terminal):
+        self._table, self._terminal = table, terminal
+
+    def sleep(self, seconds: float) -> None:
+        """Answer the table's host, then wait."""
+        answer = self._table.feed(self._terminal.read())
+        if answer:
+            self._terminal.write(answer)
+        super().sleep(seconds)
+
+
+class TableUnderBoard:
+    """A context: ``source`` and ``clock`` of the board, ``name`` of the table's port.
+
+    file: table.toml; link: of the table's port; faults: as ``table virtual`` takes them.
+    """
+
+    def __init__(self, file: Path, link: Path | None, options: SimulationOptions, calibrated: bool = True, faults: str = ""):
+        description = read_description(file)
+        errors = TableErrors.none(description)
+        table = VirtualTable(description, errors, HostClock(), Fault.parse(faults), options.seed)
+        unit = draw_unit(options, np.random.default_rng(options.unit_drawn_from).spawn(1)[0])
+        info = Info(options.gyro_fs_dps, options.accel_fs_g, unit.odr_hz, str(options.unit_drawn_from), options.sensor)
+        text = config_text(SimpleNamespace(options=options, unit=unit), concealed=False, calibrated=calibrated)  # type: ignore[arg-type]
+        sensor = SensorOnTable(description, errors, options, unit)
+        self.source = SensorSource(np.zeros((0, 7), np.int16), info, text.replace("SIM-", ""), sensor=sensor, table=table)
+        self._terminal = Terminal(link)
+        self.clock, self.name = TableClock(table, self._terminal), self._terminal.name
+
+    def __enter__(self) -> TableUnderBoard:
+        self._terminal.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._terminal.__exit__(*error)

@@ -102,6 +102,7 @@ if TYPE_CHECKING:
     from tinygc.library.many import fleet as fleet
     from tinygc.library.many import lot as lot
     from tinygc.library.noise import estimate_noise as estimate_noise
+    from tinygc.library.rates import estimate_rates as estimate_rates
     from tinygc.library.records import Estimate as Estimate
     from tinygc.library.records import to_frame as to_frame
     from tinygc.library.reports import Exported as Exported
@@ -138,6 +139,7 @@ _HOMES = {
     "tinygc.library.logs": ("Imported", "LogArrays", "import_log", "read_log"),
     "tinygc.library.many": ("Array", "array", "fleet", "lot"),
     "tinygc.library.noise": ("estimate_noise",),
+    "tinygc.library.rates": ("estimate_rates",),
     "tinygc.library.records": ("Estimate", "to_frame"),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
     "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),

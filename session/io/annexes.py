@@ -42,6 +42,7 @@ SERVICES = {
     "sessions turned by a machine (--table)": "tinygc.annexes.machines.recording",
     "the table's own errors": "tinygc.annexes.machines.explanation",
     "rates": "tinygc.annexes.rates.command",
+    "rates of a table": "tinygc.annexes.rates.library",
     "the emulated board": "tinygc.annexes.emulated.command",
     "fleet": "tinygc.annexes.lots.fleet_command",
     "lot": "tinygc.annexes.lots.command",

@@ -28,6 +28,7 @@ COMMANDS = {
     "check": "tinygc.cli.commands.check",
     "accelerometer": "tinygc.cli.commands.accelerometer",
     "noise": SERVICES["noise"],
+    "rates": SERVICES["rates"],
     "fit": "tinygc.cli.commands.fit",
     "explain": "tinygc.cli.commands.explain",
     "report": "tinygc.cli.commands.report",

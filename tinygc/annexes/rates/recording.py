@@ -1,0 +1,266 @@
+"""A recording on a machine that steps its rate or swings: ``rates*.csv``, ``table.toml``, ``table.csv`` (docs/formats/rates.md).
+
+The machine's angles give each dwell: a stretch in which one axis turns at one rate.  The rate is the slope of what the machine says; the
+output is the sensor's mean over the settled part, over whole turns where there is one, so that the Earth's rate and gravity cancel about a
+tilted axis.  Its sigma is that of means of blocks, which holds for noise of any colour that is shorter than a block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.annexes.machines.angles import NAME as ANGLES
+from session.annexes.machines.angles import AngleLog, read_angles
+from session.annexes.machines.description import NAME as TABLE
+from session.annexes.machines.description import Description, read_description
+from session.annexes.machines.kinematics import body_axes
+from session.io.config import read_config
+from session.io.errors import DataError, FormatError
+from session.io.files import require_file
+from session.io.logfile import read_log
+from session.io.names import log_paths
+from session.io.samples import Samples
+from session.io.texts import printable
+from session.io.units import DEG, NS
+from tinygc.annexes.rates.points import Points, points_of
+from tinygc.annexes.rates.sweep import LEAST, Response
+from tinygc.library.arguments import Progress
+
+STEM = "rates"
+#: key of ``[settings]`` in table.toml: how late the machine's angles are, s
+LATENCY = "latency_s"
+#: s: shortest dwell; left out at both of its ends, as the machine and the sensor's filter settle and the angles are late
+LEAST_DWELL_S, SETTLE_S = 1.0, 0.3
+#: share of a dwell that settles at most
+MOST_SETTLING = 0.25
+#: answers over which a rate is taken, and by how much it may vary within a dwell, of itself and °/s
+ANSWERS, RATE_WITHIN, RATE_WITHIN_DPS = 3, 0.05, 0.2
+#: means that give the sigma of a dwell's mean
+BLOCKS = 16
+#: a swing: least number of cycles, and by how much its half periods may differ
+LEAST_CYCLES, PERIOD_WITHIN = 3, 0.15
+#: least share of an axis' rate that a gyroscope axis must see
+LEAST_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Points of each gyroscope axis that the table turned, responses of its sweeps, and remarks."""
+
+    points: tuple[Points, ...]
+    responses: tuple[Response, ...]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Dwell:
+    """A stretch of one log at one rate: axis of the table; answers ``start`` to ``stop`` of its angles; rate rad/s of that axis."""
+
+    axis: int
+    start: int
+    stop: int
+    rate: float
+
+
+def read_recording(folder: Path, progress: Progress) -> Recording:
+    """Read a folder of rate steps and sweeps.  Raises FormatError or DataError, which say what is missing or wrong."""
+    for path in (folder / TABLE, folder / ANGLES):
+        if not path.exists():
+            raise FormatError(f"{path}: not found; a recording of rates has {STEM}*.csv, {TABLE} and {ANGLES} (docs/formats/rates.md)")
+        require_file(path)
+    paths = log_paths(folder, STEM)
+    if not paths:
+        raise FormatError(f"{folder}: no log; expected {STEM}0001.csv and so on beside {TABLE}")
+    config, table = read_config(folder / "session.toml"), read_description(folder / TABLE)
+    angles = read_angles(folder / ANGLES, table)
+    steps: dict[int, list[tuple[str, float, float, float]]] = {}
+    swings: list[Response] = []
+    remarks: list[str] = []
+    for number, path in enumerate(paths):
+        progress(path.name, number, len(paths))
+        name = path.name.removesuffix(".gz")
+        own = angles.get(name) or angles.get(path.name)
+        if own is None:
+            raise FormatError(f"{folder / ANGLES}: no angle of {name}; expected rows whose first column is {name}")
+        samples = read_log(path, config.sensor).samples
+        found = list(_steps(name, samples, own, table))
+        for axis, rate, mean, sigma in found:
+            steps.setdefault(axis, []).append((name, rate, mean, sigma))
+        response = _sweep(name, samples, own, table)
+        if response is not None:
+            swings.append(response)
+        if not found and response is None:
+            remarks.append(f"{name}: no dwell of {LEAST_DWELL_S:g} s at one rate, and no swing at {LEAST} frequencies: left out.")
+    if not steps and not swings:
+        raise DataError(f"{folder}: no rate step and no sweep in {len(paths)} logs; expected dwells of some seconds, or swings")
+    points = []
+    for axis, rows in sorted(steps.items()):
+        columns = np.array([row[1:] for row in rows])
+        if len(np.unique(np.round(columns[:, 0], 3))) < LEAST:
+            remarks.append(f"gyroscope {'xyz'[axis]}: fewer than {LEAST} rates: left out.")
+            continue
+        columns[:, 0] = _one_rate(columns[:, 0])
+        points.append(points_of(f"gyroscope {'xyz'[axis]}", "°/s", columns[:, 0], columns[:, 1], [row[0] for row in rows], columns[:, 2]))
+    if points:
+        remarks.append("The table's mounting is taken as declared: a tilt of 1° against its axis is 150 ppm of the scale.")
+    return Recording(tuple(points), tuple(swings), tuple(remarks))
+
+
+def _one_rate(rate_dps: np.ndarray) -> np.ndarray:
+    """Rates whose slopes differ by less than the angles' noise, made one: rest is rest, and a rate reached twice is the same rate."""
+    found = rate_dps.copy()
+    found[np.abs(found) < 1e-3] = 0.0
+    for first in range(len(found)):
+        close = np.abs(found - found[first]) < 1e-3 * np.abs(found[first]) + 1e-6
+        found[close] = found[close].mean()
+    return found
+
+
+def dwells(own: AngleLog) -> list[Dwell]:
+    """Stretches in which at most one axis turns, at one rate, by what the machine said."""
+    t_s = (own.t_ns - own.t_ns[0]) * NS
+    if len(t_s) < 2 * ANSWERS or t_s[-1] < LEAST_DWELL_S:
+        return []
+    unwrapped = np.unwrap(own.angles, axis=0)
+    span_s = np.maximum(t_s[ANSWERS:] - t_s[:-ANSWERS], 1e-6)
+    rates = (unwrapped[ANSWERS:] - unwrapped[:-ANSWERS]) / span_s[:, None]  # (M, K), over answers i to i + ANSWERS
+    found: list[Dwell] = []
+    start = 0
+    for stop in range(1, len(rates) + 1):
+        if stop < len(rates) and _steady(rates[start : stop + 1]):
+            continue
+        if t_s[stop - 1 + ANSWERS] - t_s[start] >= LEAST_DWELL_S and stop - start >= ANSWERS:
+            axis = int(np.argmax(np.abs(np.median(rates[start:stop], axis=0))))
+            rows = slice(start, stop + ANSWERS)
+            slope = float(np.polyfit(t_s[rows] - t_s[rows].mean(), unwrapped[rows, axis], 1)[0])
+            others = np.delete(np.abs(np.median(rates[start:stop], axis=0)), axis)
+            if not (others > RATE_WITHIN_DPS * DEG).any():
+                found.append(Dwell(axis, start, stop - 1 + ANSWERS, slope))
+        start = stop
+    return found
+
+
+def _steady(rates: np.ndarray) -> bool:
+    """Whether rates (M, K) stay at one."""
+    middle = np.median(rates[-40:], axis=0)
+    return bool((np.abs(rates[-1] - middle) <= RATE_WITHIN * np.abs(middle) + RATE_WITHIN_DPS * DEG).all())
+
+
+def _steps(name: str, samples: Samples, own: AngleLog, table: Description) -> Iterator[tuple[int, float, float, float]]:
+    """Gyroscope axis, rate °/s, mean °/s and its sigma of each dwell of a log."""
+    found = dwells(own)
+    turned = [dwell.axis for dwell in found if abs(dwell.rate) > RATE_WITHIN_DPS * DEG]
+    if not turned:
+        return
+    for dwell in found:
+        table_axis = dwell.axis if abs(dwell.rate) > RATE_WITHIN_DPS * DEG else max(set(turned), key=turned.count)
+        seen = body_axes(table, own.angles[dwell.start : dwell.start + 1])[0, table_axis]  # (3,) of the body per rate of the axis
+        axis = int(np.argmax(np.abs(seen)))
+        if abs(seen[axis]) < LEAST_SHARE:
+            raise DataError(
+                f"{printable(name)}: the axis {table.axes[table_axis].name} lies across all axes of the gyroscope; mount one along it"
+            )
+        mean = _mean(samples, own, dwell)
+        if mean is not None:
+            yield axis, dwell.rate * float(seen[axis]) / DEG, mean[axis, 0] / DEG, mean[axis, 1] / DEG
+
+
+def _mean(samples: Samples, own: AngleLog, dwell: Dwell) -> np.ndarray | None:
+    """(3, 2) mean of the gyroscope and its sigma over the settled part of a dwell, rad/s; None where it is too short."""
+    begin, end = own.t_ns[dwell.start] * NS, own.t_ns[dwell.stop] * NS
+    guard = min(SETTLE_S, MOST_SETTLING * (end - begin))
+    begin, end = begin + guard, end - guard
+    turn_s = 2 * np.pi / abs(dwell.rate) if dwell.rate else np.inf
+    if end - begin >= turn_s:
+        begin = end - turn_s * np.floor((end - begin) / turn_s)
+    inside = slice(*np.searchsorted(samples.t_ns, [int(begin / NS), int(end / NS)]))
+    gyro = np.asarray(samples.gyro[inside])
+    if len(gyro) < 2 * BLOCKS:
+        return None
+    means = np.stack([part.mean(axis=0) for part in np.array_split(gyro, BLOCKS)])
+    return np.stack([gyro.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(BLOCKS)], axis=1)
+
+
+# Sweeps: stretches in which an axis swings at one frequency.
+
+
+def _sweep(name: str, samples: Samples, own: AngleLog, table: Description) -> Response | None:
+    """Gain and phase of the gyroscope at each frequency of a log; None where it swings at fewer than four."""
+    found = [row for axis in range(len(table.axes)) for row in _swings(samples, own, table, axis)]
+    rows = np.array([row for row in found if np.isfinite(row).all()])
+    if len(rows) < LEAST or len(np.unique(np.round(rows[:, 0], 2))) < LEAST:
+        return None
+    declared = table.settings.get(LATENCY)
+    latency_s = float(declared) if isinstance(declared, int | float) and not isinstance(declared, bool) else None
+    f, gain, phase, gain_sigma, phase_sigma = rows[np.argsort(rows[:, 0])].T
+    if latency_s is not None:  # the angle is that of latency_s before
+        phase = phase - 2 * np.pi * f * latency_s
+    return Response(name, f, gain, phase, gain_sigma, phase_sigma, latency_s)
+
+
+def _swings(samples: Samples, own: AngleLog, table: Description, axis: int) -> Iterator[tuple[float, float, float, float, float]]:
+    """Frequency Hz, gain, phase, and the sigmas of both, of each stretch in which an axis swings."""
+    t_s, angle = (own.t_ns - samples.t_ns[0]) * NS, np.unwrap(own.angles[:, axis])
+    for start, stop, guess in _stretches(t_s, angle):
+        rows = slice(start, stop)
+        f = _frequency(t_s[rows], angle[rows], guess)
+        said, said_cov = _phasor(t_s[rows], angle[rows], f)
+        inside = slice(*np.searchsorted(samples.t_s, [t_s[start], t_s[stop - 1]]))
+        seen = body_axes(table, own.angles[start : start + 1])[0, axis]
+        of = int(np.argmax(np.abs(seen)))
+        if abs(said) < 1e-9 or abs(seen[of]) < LEAST_SHARE or inside.stop - inside.start < 8:
+            continue
+        rate, rate_cov = _phasor(samples.t_s[inside], np.asarray(samples.gyro[inside])[:, of] / seen[of], f)
+        ratio = rate / (2j * np.pi * f * said)
+        relative = np.sqrt(rate_cov / abs(rate) ** 2 + said_cov / abs(said) ** 2)
+        yield f, float(abs(ratio)), float(np.angle(ratio)), float(abs(ratio) * relative), float(relative)
+
+
+def _stretches(t_s: np.ndarray, angle: np.ndarray) -> Iterator[tuple[int, int, float]]:
+    """First and last answer, and frequency, of stretches whose turning points are evenly spaced."""
+    rate = np.gradient(angle, np.maximum(t_s, np.arange(len(t_s)) * 1e-9)) if len(t_s) > 2 else np.zeros(len(t_s))
+    size = np.abs(rate).max(initial=0.0)
+    signs = np.where(np.abs(rate) > 1e-3 * size, np.sign(rate), 0.0)
+    moving = np.flatnonzero(signs)
+    turns = moving[1:][np.diff(signs[moving]) != 0]
+    if len(turns) < 2 * LEAST_CYCLES:
+        return
+    halves = np.diff(t_s[turns])
+    start = 0
+    for stop in range(1, len(halves) + 1):
+        if stop < len(halves) and abs(halves[stop] / np.median(halves[start:stop]) - 1) < PERIOD_WITHIN:
+            continue
+        if stop - start >= 2 * LEAST_CYCLES:
+            yield int(turns[start]), int(turns[stop]) + 1, 1 / (2 * float(np.mean(halves[start:stop])))
+        start = stop
+
+
+def _frequency(t_s: np.ndarray, angle: np.ndarray, guess: float) -> float:
+    """The frequency, Hz, at which a sinusoid leaves least of the angles."""
+    from scipy.optimize import minimize_scalar
+
+    within = min(0.5 / max(float(np.ptp(t_s)), 1e-9), 0.2 * guess)
+
+    def left(f: float) -> float:
+        columns = _columns(t_s, f)
+        return float(np.sum((angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]) ** 2))
+
+    return float(minimize_scalar(left, bounds=(guess - within, guess + within), method="bounded", options={"xatol": 1e-7 * guess}).x)
+
+
+def _columns(t_s: np.ndarray, f: float) -> np.ndarray:
+    since = t_s - t_s.mean()
+    return np.stack([np.cos(2 * np.pi * f * t_s), np.sin(2 * np.pi * f * t_s), np.ones(len(t_s)), since], axis=1)
+
+
+def _phasor(t_s: np.ndarray, values: np.ndarray, f: float) -> tuple[complex, float]:
+    """Complex amplitude of ``exp(2 pi i f t)`` in values, and the variance of each of its parts."""
+    columns = _columns(t_s, f)
+    found = np.linalg.lstsq(columns, values, rcond=None)[0]
+    left = values - columns @ found
+    variance = float(left @ left) / max(len(values) - columns.shape[1], 1)
+    return complex(found[0], -found[1]), float(variance * 2 / len(values))

@@ -1,0 +1,71 @@
+"""``tinygc.estimate_rates``: a sensor on a rate table, of an annex."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from session.io.annexes import need
+from session.io.errors import CalibrationError
+from tinygc.library.arguments import Progress, is_path, nothing, public
+
+
+@public()
+def estimate_rates(
+    source: Any,
+    *,
+    sigma: Any = None,
+    unit: str = "",
+    rate_column: str = "",
+    output_column: str = "",
+    readings: int | None = None,
+    discover: bool = False,
+    progress: Progress | None = None,
+) -> Any:
+    """Choose the law of a sensor's output over the rate of a table, with the terms of IEEE 1431; bandwidth and delay of a sweep.
+
+    Parameters
+    ----------
+    source : str, Path, or tuple of arrays
+        A CSV of rates and outputs, or of frequencies, gains and phases; a folder with ``rates*.csv``, ``table.toml`` and ``table.csv``; or
+        ``(rate_dps, output)``: (N,) °/s and (N,), in the order in which they were taken.
+    sigma : array_like, optional
+        (N,) sigma of each output, where it is known, of arrays.
+    unit : str, optional
+        Unit of the output, where the CSV does not say it.
+    rate_column, output_column : str, optional
+        Names of the columns of a CSV.
+    readings : int, optional
+        Readings behind each mean, where the CSV has their std.
+    discover : bool, optional
+        Whether to search the equation of each curve, beyond the laws that are known.
+    progress : callable, optional
+        Called with what is done, how far, and of how much.
+
+    Returns
+    -------
+    Rates
+        ``choices``, ``sweeps``, ``discoveries``, ``remarks``, ``summary()``, ``html()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
+
+    Raises
+    ------
+    CalibrationError
+        For what cannot be read, for too few rates, and if the rates annex was removed; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> found = tinygc.estimate_rates(([-60, -30, 0, 30, 60, 90], [-1.2, -0.6, 0.0, 0.6, 1.2, 1.8]), unit="V")  # doctest: +SKIP
+    >>> found.choices[0].fit.hypothesis.name  # doctest: +SKIP
+    'line'
+
+    """
+    annex = need("rates of a table")
+    if is_path(source):
+        if sigma is not None:
+            raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
+        columns = annex.Columns(rate_column, output_column, unit, readings)
+        return annex.rates_of(Path(source), columns, discover, progress or nothing)
+    if not (isinstance(source, tuple) and len(source) == 2):
+        raise CalibrationError(f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)")
+    return annex.rates_of_arrays(*source, sigma, unit or "units", discover, progress or nothing)

@@ -29,7 +29,7 @@ from tinygc.annexes.rates.points import Points
 #: probability of giving up a straight line that is true (tests/annexes/test_rates_choice.py; docs/measured/rate-table.md)
 FALSE_ALARM = 0.05
 #: tables of pure noise, and their seed
-TABLES, SEED = 2000, 1
+TABLES, SEED = 10_000, 1
 #: a law this much less probable than the best is no rival
 RIVAL = 0.05
 #: -2 log evidence that a further extra must gain, besides its price

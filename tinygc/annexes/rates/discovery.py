@@ -2,9 +2,10 @@
 
     output = V0 + K w + c1 f1(w) [+ c2 f2(w)]
 
-f: any function of a rate that ``explain --discover`` knows, with its constant on the grid and then refined.  The rules are the same: a
-description costs its bits; a curve must be found less crooked by chance (``choice.chance``); a third of the points that the search never
-saw must be predicted better with the equation than with a straight line; rivals that fit as well are named.
+f: any function of a rate that ``explain --discover`` knows, with its constant on the grid and then refined.  Points at a limit of the
+output are left out, and the limits stand in the equation.  The rules are those of that search: a description costs its bits; a curve must
+be more crooked than chance (``choice.chance``); a third of the points that the search never saw must be predicted better with the equation
+than with a straight line; rivals that fit as well are named.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from session.io.texts import probability, significant
 from tinygc.annexes.discovery.enumeration import ALONE, bits, constant_at, places
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import FUNCTIONS
-from tinygc.annexes.rates.choice import FALSE_ALARM, Choice
+from tinygc.annexes.rates.choice import FALSE_ALARM, Choice, chance
 from tinygc.annexes.rates.fitting import floor, weight_sigma
 from tinygc.annexes.rates.points import Points
 
@@ -28,8 +29,12 @@ THIRD = 3
 MOST_LEFT = 0.7
 #: -2 log evidence within which another equation is a rival
 NEAR = 6.0
+#: equations of one term that a second one is added to
+MOST_FIRST = 3
 #: rivals that are named
 MOST_RIVALS = 3
+#: of a curve besides: where one of two straight pieces begins; periods of a sine of which a table shows a part, places as ``constant_at``
+BESIDES, LONG_WAVES = ("hinge",), (0.15, 0.25, 0.4, 0.6, 0.8)
 #: functions that look back at earlier samples, or write steps of a register
 NOT_OF_POINTS = ("play", "latch", "saw")
 
@@ -56,7 +61,9 @@ class Equation:
             own, left = left[:count], left[count:]
             shown = f"{significant(constant)}" if constant is not None else ""
             if name == "wave":
-                parts.append(f"{_number(float(np.hypot(own[0], own[1])))} sin(2π w / {shown} {_number(float(np.arctan2(*own[:2])), True)})")
+                parts.append(
+                    f"{_number(float(np.hypot(own[0], own[1])))} sin(2π w / {shown} {_number(float(np.arctan2(own[0], own[1])), True)})"
+                )
             else:
                 parts.append(f"{_number(own[0])} {FUNCTIONS[name].shown.format(x='w', c=shown)}")
         return "V = " + " + ".join(parts).replace("+ −", "− ")
@@ -108,26 +115,29 @@ class Discovery:
 
 def discover(choice: Choice) -> Discovery:
     """Search the equation of a sensor's points."""
-    points = choice.points
-    if choice.p_value > FALSE_ALARM:
-        return Discovery(None, None, "", float("nan"), (), choice.p_value)
+    limited = choice.fit.hypothesis.lower or choice.fit.hypothesis.upper
+    points = choice.points.part(~choice.fit.is_limited) if limited else choice.points
+    p_value = chance(points) if limited else choice.p_value
+    if p_value > FALSE_ALARM:
+        straight = _fitted(points, (), True) if limited else None
+        text = "" if straight is None else _limited(choice, straight.text(len(points.curves)))
+        return Discovery(straight, straight, text, float("nan"), (), p_value)
     kept = np.zeros(len(points), dtype=bool)
     kept[np.argsort(points.rate_dps, kind="stable")[1::THIRD]] = True
     seen = points.part(~kept)
-    names = [name for name in ALONE["rate"].split() if name not in ("itself", *NOT_OF_POINTS)]
+    names = [name for name in (*ALONE["rate"].split(), *BESIDES) if name not in ("itself", *NOT_OF_POINTS)]
     largest = float(np.abs(points.rate_dps).max())
     line = _fitted(seen, (), True)
     if line is None:
-        return Discovery(None, None, "", float("nan"), (), choice.p_value)
-    found = [each for name in names if (each := _best_place(seen, (), name, largest)) is not None]
+        return Discovery(None, None, "", float("nan"), (), p_value)
+    found = [each for name in names for straight in (True, False) if (each := _best_place(seen, (), name, largest, straight)) is not None]
     found.sort(key=lambda each: each.score)
-    for first in found[:3]:
-        found += [each for name in names if (each := _best_place(seen, first.functions, name, largest)) is not None]
-    found += [each for have in found if (each := _fitted(seen, have.functions, False)) is not None]
+    for first in found[:MOST_FIRST]:
+        found += [each for name in names if (each := _best_place(seen, first.functions, name, largest, first.straight)) is not None]
     found.sort(key=lambda each: each.score)
     best = found[0] if found else None
     if best is None or best.score > line.score:
-        return Discovery(None, best, "", float("nan"), (), choice.p_value)
+        return Discovery(None, best, "", float("nan"), (), p_value)
     untouched = _left(points, kept, best) / max(_left(points, kept, line), 1e-300)
     curves = len(points.curves)
     whole = _fitted(points, best.functions, best.straight) or best
@@ -136,9 +146,18 @@ def discover(choice: Choice) -> Discovery:
     for each in found[1:]:
         if each.score < best.score + NEAR and _kinds(each) not in seen_kinds and len(rivals) < MOST_RIVALS:
             seen_kinds.add(_kinds(each))
-            rivals.append((_fitted(points, each.functions, each.straight) or each).text(curves))
+            rivals.append(_limited(choice, (_fitted(points, each.functions, each.straight) or each).text(curves)))
     accepted = whole if untouched < MOST_LEFT else None
-    return Discovery(accepted, best, whole.text(curves), float(untouched), tuple(rivals), choice.p_value)
+    return Discovery(accepted, best, _limited(choice, whole.text(curves)), float(untouched), tuple(rivals), p_value)
+
+
+def _limited(choice: Choice, text: str) -> str:
+    """An equation with the limits of the output that the choice found."""
+    of, (low, high) = choice.fit.hypothesis, choice.fit.limits
+    if not (of.lower or of.upper):
+        return text
+    ends = [_number(limit) if there else f"{sign}∞" for limit, there, sign in ((low, of.lower, "−"), (high, of.upper, ""))]
+    return f"V = clip({text.removeprefix('V = ')}, {ends[0]}, {ends[1]})"
 
 
 def _kinds(equation: Equation) -> tuple[str, ...]:
@@ -177,14 +196,15 @@ def _fitted(points: Points, functions: tuple[tuple[str, float | None], ...], str
     return Equation(functions, tuple((solved / size).tolist()), float(score), straight)
 
 
-def _best_place(points: Points, before: tuple[tuple[str, float | None], ...], name: str, largest: float) -> Equation | None:
+def _best_place(points: Points, before: tuple[tuple[str, float | None], ...], name: str, largest: float, straight: bool) -> Equation | None:
     """The best equation with one more function, its constant on the grid and then refined between the neighbours."""
     from scipy.optimize import minimize_scalar
 
     if FUNCTIONS[name].constant is None:
-        return None if (name, None) in before else _fitted(points, (*before, (name, None)), True)
-    grid = [constant_at("rate", name, place, 1.0) * largest for place in places("rate", name)]
-    tried = [each for constant in grid if (each := _fitted(points, (*before, (name, constant)), True)) is not None]
+        return None if (name, None) in before else _fitted(points, (*before, (name, None)), straight)
+    on_grid = (*LONG_WAVES, *places("rate", name)) if name == "wave" else places("rate", name)
+    grid = [constant_at("rate", name, place, 1.0) * largest for place in on_grid]
+    tried = [each for constant in grid if (each := _fitted(points, (*before, (name, constant)), straight)) is not None]
     if not tried:
         return None
     best = min(tried, key=lambda each: each.score)
@@ -192,11 +212,11 @@ def _best_place(points: Points, before: tuple[tuple[str, float | None], ...], na
     assert constant is not None  # of a function with one
 
     def score(log: float) -> float:
-        each = _fitted(points, (*before, (name, float(np.exp(log)))), True)
+        each = _fitted(points, (*before, (name, float(np.exp(log)))), straight)
         return 1e9 if each is None else each.score
 
     refined = minimize_scalar(score, bounds=(np.log(constant / 1.6), np.log(constant * 1.6)), method="bounded", options={"xatol": 1e-6})
-    better = _fitted(points, (*before, (name, float(np.exp(refined.x)))), True)
+    better = _fitted(points, (*before, (name, float(np.exp(refined.x)))), straight)
     return best if better is None or better.score > best.score else better
 
 

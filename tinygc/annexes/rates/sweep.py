@@ -139,7 +139,12 @@ def _fit(response: Response, model: str) -> tuple[str, np.ndarray, np.ndarray, f
 
     gain = float(response.gain[np.argmin(f)])
     found = None
-    starts: list[list[float]] = {"flat": [[]], "first": [[top], [top / 4]], "second": [[top, 0.7], [top / 3, 0.7], [2 * top, 0.3]]}[model]
+    starts_of: dict[str, list[tuple[float, ...]]] = {
+        "flat": [()],
+        "first": [(top,), (top / 4,)],
+        "second": [(top, 0.7), (top / 3, 0.7), (2 * top, 0.3)],
+    }
+    starts = starts_of[model]
     slope_s = -float(np.polyfit(2 * np.pi * f, np.unwrap(response.phase[np.argsort(f)])[np.argsort(np.argsort(f))], 1)[0])
     low = [0.0, -10.0, 1e-6, 0.01][: 2 + MODELS[model][1]]
     for start in starts:

@@ -44,6 +44,7 @@ TRUTHS = {
     "sine, clipped": (lambda w: np.clip(_sine(w), -4.1, 4.3), {"sine, clipped below and above"}),
     "sine, phase at rest": (lambda w: SCALE * 250 * (np.sin(w / 250 + 0.1) - np.sin(0.1)), {"sine_of_any_phase"}),
     "normalised sine": (lambda w: SCALE * 250 * np.sin(w / 250) / (1 + 0.25 * np.cos(w / 250)), {"normalised_sine"}),
+    "overloaded sine": (lambda w: SCALE * 190 * np.sin(w / 190) / (1 + np.abs(np.sin(w / 190) / 1.05) ** 8), {"overloaded_sine"}),
     "two pieces": (lambda w: SCALE * (w - 0.02 * np.maximum(w - 120, 0)), {"pieces"}),
     "hysteresis": (None, {"line, hysteresis"}),
 }
@@ -124,9 +125,8 @@ def coverage(tables: int) -> None:
         errors = [abs(v - truths[law, key]) / s for v, s, _ in have if v is not None and s]
         limits = [truths[law, key] <= m for v, _, m in have if m is not None]
         within = [f"{100 * np.mean(np.array(errors) < k):.0f} %" if errors else "–" for k in (1, 2)]
-        print(
-            f"| {law} | {key} | {truths[law, key]:g} | {within[0]} | {within[1]} | {f'{np.mean(limits):.0%} of {len(limits)}' if limits else '–'} |"
-        )
+        held = f"{np.mean(limits):.0%} of {len(limits)}" if limits else "–"
+        print(f"| {law} | {key} | {truths[law, key]:g} | {within[0]} | {within[1]} | {held} |")
 
 
 def real() -> None:

@@ -162,8 +162,14 @@ class Fit:
 
 
 def over_rate(unit: str, power: int) -> str:
-    """A unit over a power of °/s."""
-    return unit if not power else f"{unit}/(°/s){['', '²', '³', '⁴', '⁵'][power - 1]}"
+    """A unit over a power of °/s; of an output in °/s what is left of both."""
+    if unit == "°/s" and power:
+        return "1" if power == 1 else f"1/{_power(power - 1)}"
+    return f"{unit}/{_power(power)}" if power else unit
+
+
+def _power(power: int) -> str:
+    return f"(°/s){['', '²', '³', '⁴', '⁵'][power - 1]}"
 
 
 def span(points: Points) -> float:

@@ -39,10 +39,12 @@ LEAST_DWELL_S, SETTLE_S = 1.0, 0.3
 MOST_SETTLING = 0.25
 #: answers over which a rate is taken, and by how much it may vary within a dwell, of itself and °/s
 ANSWERS, RATE_WITHIN, RATE_WITHIN_DPS = 3, 0.05, 0.2
+#: angle over a dwell, in declared sigmas, that is none
+AT_REST = 3.0
 #: means that give the sigma of a dwell's mean
 BLOCKS = 16
-#: a swing: least number of cycles, and by how much its half periods may differ
-LEAST_CYCLES, PERIOD_WITHIN = 3, 0.15
+#: a swing: least number of cycles, by how much its half periods may differ, and the share of the largest rate that is no noise
+LEAST_CYCLES, PERIOD_WITHIN, LEAST_SWING = 3, 0.15, 0.05
 #: least share of an axis' rate that a gyroscope axis must see
 LEAST_SHARE = 0.5
 
@@ -58,7 +60,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Dwell:
-    """A stretch of one log at one rate: axis of the table; answers ``start`` to ``stop`` of its angles; rate rad/s of that axis."""
+    """A stretch of one log at one rate: axis of the table; answers ``start`` to ``stop`` of its angles; its rate, rad/s, roughly."""
 
     axis: int
     start: int
@@ -113,7 +115,6 @@ def read_recording(folder: Path, progress: Progress) -> Recording:
 def _one_rate(rate_dps: np.ndarray) -> np.ndarray:
     """Rates whose slopes differ by less than the angles' noise, made one: rest is rest, and a rate reached twice is the same rate."""
     found = rate_dps.copy()
-    found[np.abs(found) < 1e-3] = 0.0
     for first in range(len(found)):
         close = np.abs(found - found[first]) < 1e-3 * np.abs(found[first]) + 1e-6
         found[close] = found[close].mean()
@@ -136,7 +137,7 @@ def dwells(own: AngleLog) -> list[Dwell]:
         if t_s[stop - 1 + ANSWERS] - t_s[start] >= LEAST_DWELL_S and stop - start >= ANSWERS:
             axis = int(np.argmax(np.abs(np.median(rates[start:stop], axis=0))))
             rows = slice(start, stop + ANSWERS)
-            slope = float(np.polyfit(t_s[rows] - t_s[rows].mean(), unwrapped[rows, axis], 1)[0])
+            slope = float(unwrapped[rows, axis][-1] - unwrapped[rows, axis][0]) / float(t_s[rows][-1] - t_s[rows][0])
             others = np.delete(np.abs(np.median(rates[start:stop], axis=0)), axis)
             if not (others > RATE_WITHIN_DPS * DEG).any():
                 found.append(Dwell(axis, start, stop - 1 + ANSWERS, slope))
@@ -164,13 +165,14 @@ def _steps(name: str, samples: Samples, own: AngleLog, table: Description) -> It
             raise DataError(
                 f"{printable(name)}: the axis {table.axes[table_axis].name} lies across all axes of the gyroscope; mount one along it"
             )
-        mean = _mean(samples, own, dwell)
-        if mean is not None:
-            yield axis, dwell.rate * float(seen[axis]) / DEG, mean[axis, 0] / DEG, mean[axis, 1] / DEG
+        settled = _settled(samples, own, dwell, table.axes[dwell.axis].sigma_rad)
+        if settled is not None:
+            rate, mean, sigma = settled
+            yield axis, rate * float(seen[axis]) / DEG, float(mean[axis]) / DEG, float(sigma[axis]) / DEG
 
 
-def _mean(samples: Samples, own: AngleLog, dwell: Dwell) -> np.ndarray | None:
-    """(3, 2) mean of the gyroscope and its sigma over the settled part of a dwell, rad/s; None where it is too short."""
+def _settled(samples: Samples, own: AngleLog, dwell: Dwell, sigma_rad: float) -> tuple[float, np.ndarray, np.ndarray] | None:
+    """Over the settled part of a dwell: the table's rate, mean (3,) of the gyroscope and its sigma (3,), rad/s; None where it is short."""
     begin, end = own.t_ns[dwell.start] * NS, own.t_ns[dwell.stop] * NS
     guard = min(SETTLE_S, MOST_SETTLING * (end - begin))
     begin, end = begin + guard, end - guard
@@ -179,10 +181,15 @@ def _mean(samples: Samples, own: AngleLog, dwell: Dwell) -> np.ndarray | None:
         begin = end - turn_s * np.floor((end - begin) / turn_s)
     inside = slice(*np.searchsorted(samples.t_ns, [int(begin / NS), int(end / NS)]))
     gyro = np.asarray(samples.gyro[inside])
-    if len(gyro) < 2 * BLOCKS:
+    answers = slice(*np.searchsorted(own.t_ns, [int(begin / NS), int(end / NS) + 1]))
+    if len(gyro) < 2 * BLOCKS or answers.stop - answers.start < 2:
         return None
+    t_s = (own.t_ns[answers] - own.t_ns[answers][0]) * NS
+    rate = float(np.polyfit(t_s - t_s.mean(), np.unwrap(own.angles[answers, dwell.axis]), 1)[0])
+    if abs(rate) * (end - begin) < AT_REST * sigma_rad:
+        rate = 0.0
     means = np.stack([part.mean(axis=0) for part in np.array_split(gyro, BLOCKS)])
-    return np.stack([gyro.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(BLOCKS)], axis=1)
+    return rate, gyro.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(BLOCKS)
 
 
 # Sweeps: stretches in which an axis swings at one frequency.
@@ -205,49 +212,52 @@ def _sweep(name: str, samples: Samples, own: AngleLog, table: Description) -> Re
 def _swings(samples: Samples, own: AngleLog, table: Description, axis: int) -> Iterator[tuple[float, float, float, float, float]]:
     """Frequency Hz, gain, phase, and the sigmas of both, of each stretch in which an axis swings."""
     t_s, angle = (own.t_ns - samples.t_ns[0]) * NS, np.unwrap(own.angles[:, axis])
-    for start, stop, guess in _stretches(t_s, angle):
-        rows = slice(start, stop)
-        f = _frequency(t_s[rows], angle[rows], guess)
-        said, said_cov = _phasor(t_s[rows], angle[rows], f)
-        inside = slice(*np.searchsorted(samples.t_s, [t_s[start], t_s[stop - 1]]))
-        seen = body_axes(table, own.angles[start : start + 1])[0, axis]
-        of = int(np.argmax(np.abs(seen)))
-        if abs(said) < 1e-9 or abs(seen[of]) < LEAST_SHARE or inside.stop - inside.start < 8:
+    seen = body_axes(table, own.angles[:1])[0, axis]
+    of = int(np.argmax(np.abs(seen)))
+    if abs(seen[of]) < LEAST_SHARE or np.ptp(angle) < 1e-6:
+        return
+    sample_s, gyro = samples.t_s, np.asarray(samples.gyro)[:, of] / seen[of]
+    for begin_s, end_s, guess in _stretches(sample_s, gyro - np.median(gyro)):
+        rows, inside = (slice(*np.searchsorted(of_s, [begin_s, end_s])) for of_s in (t_s, sample_s))
+        if min(rows.stop - rows.start, inside.stop - inside.start) < 8:
             continue
-        rate, rate_cov = _phasor(samples.t_s[inside], np.asarray(samples.gyro[inside])[:, of] / seen[of], f)
+        f = _frequency(sample_s[inside], gyro[inside], guess)
+        said, said_variance = _phasor(t_s[rows], angle[rows], f)
+        rate, rate_variance = _phasor(sample_s[inside], gyro[inside], f)
+        if not abs(said) > 0 or not abs(rate) > 0:
+            continue
         ratio = rate / (2j * np.pi * f * said)
-        relative = np.sqrt(rate_cov / abs(rate) ** 2 + said_cov / abs(said) ** 2)
+        relative = np.sqrt(rate_variance / abs(rate) ** 2 + said_variance / abs(said) ** 2)
         yield f, float(abs(ratio)), float(np.angle(ratio)), float(abs(ratio) * relative), float(relative)
 
 
-def _stretches(t_s: np.ndarray, angle: np.ndarray) -> Iterator[tuple[int, int, float]]:
-    """First and last answer, and frequency, of stretches whose turning points are evenly spaced."""
-    rate = np.gradient(angle, np.maximum(t_s, np.arange(len(t_s)) * 1e-9)) if len(t_s) > 2 else np.zeros(len(t_s))
-    size = np.abs(rate).max(initial=0.0)
-    signs = np.where(np.abs(rate) > 1e-3 * size, np.sign(rate), 0.0)
-    moving = np.flatnonzero(signs)
-    turns = moving[1:][np.diff(signs[moving]) != 0]
-    if len(turns) < 2 * LEAST_CYCLES:
-        return
-    halves = np.diff(t_s[turns])
+def _stretches(t_s: np.ndarray, rate: np.ndarray) -> Iterator[tuple[float, float, float]]:
+    """Begin and end, s, and frequency, Hz, of stretches in which a rate crosses zero at even intervals."""
+    moving = np.flatnonzero(np.abs(rate) > LEAST_SWING * np.abs(rate).max(initial=0.0))
+    before, after = moving[:-1], moving[1:]
+    crossing = np.sign(rate[before]) != np.sign(rate[after])
+    before, after = before[crossing], after[crossing]
+    at_s = t_s[before] + (t_s[after] - t_s[before]) * rate[before] / (rate[before] - rate[after])
+    halves = np.diff(at_s)
     start = 0
     for stop in range(1, len(halves) + 1):
-        if stop < len(halves) and abs(halves[stop] / np.median(halves[start:stop]) - 1) < PERIOD_WITHIN:
+        usual_s = float(np.median(halves[start:stop]))
+        if stop < len(halves) and abs(halves[stop] - usual_s) < PERIOD_WITHIN * usual_s:
             continue
         if stop - start >= 2 * LEAST_CYCLES:
-            yield int(turns[start]), int(turns[stop]) + 1, 1 / (2 * float(np.mean(halves[start:stop])))
+            yield float(at_s[start]), float(at_s[stop]), 1 / (2 * float(np.mean(halves[start:stop])))
         start = stop
 
 
-def _frequency(t_s: np.ndarray, angle: np.ndarray, guess: float) -> float:
-    """The frequency, Hz, at which a sinusoid leaves least of the angles."""
+def _frequency(t_s: np.ndarray, rate: np.ndarray, guess: float) -> float:
+    """The frequency, Hz, at which a sinusoid leaves least of the rates."""
     from scipy.optimize import minimize_scalar
 
     within = min(0.5 / max(float(np.ptp(t_s)), 1e-9), 0.2 * guess)
 
     def left(f: float) -> float:
         columns = _columns(t_s, f)
-        return float(np.sum((angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]) ** 2))
+        return float(np.sum((rate - columns @ np.linalg.lstsq(columns, rate, rcond=None)[0]) ** 2))
 
     return float(minimize_scalar(left, bounds=(guess - within, guess + within), method="bounded", options={"xatol": 1e-7 * guess}).x)
 

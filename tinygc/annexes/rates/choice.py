@@ -22,7 +22,7 @@ import numpy as np
 
 from session.io.errors import DataError
 from session.io.texts import printable
-from tinygc.annexes.rates.fitting import STATED_FREEDOM, Fit, fit, floor, weight_sigma
+from tinygc.annexes.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, fit, floor, span, weight_sigma
 from tinygc.annexes.rates.laws import COMPETING, LAWS, LIMITS, Hypothesis
 from tinygc.annexes.rates.points import Points
 
@@ -90,7 +90,13 @@ def choose(points: Points) -> Choice:
             "measure more rates on each curve"
         )
     unit = np.sqrt(max(line.chi_square, floor(points)) / len(points))
-    hypotheses = [Hypothesis(law, *limits) for law in LAWS for limits in LIMITS]
+    ends = [_may_be_limited(points, side) for side in (-1.0, 1.0)]
+    hypotheses = [
+        Hypothesis(law, *limits)
+        for law in LAWS
+        for limits in LIMITS
+        if law == LINE.law or all(may or not there for may, there in zip(ends, limits, strict=True))
+    ]
     hypotheses += [Hypothesis("line", extras=(name,)) for name in COMPETING if name not in LAWS]
     fits = [found for each in hypotheses if (found := fit(points, each)) is not None]
     scored = sorted(((found, score(found, unit)) for found in fits), key=lambda each: each[1])
@@ -106,6 +112,14 @@ def choose(points: Points) -> Choice:
     rivals = [(found, float(share)) for (found, _), share in zip(scored[1:], shares[1:], strict=True) if share > RIVAL * shares[0]]
     rivals.sort(key=lambda each: -each[1])
     return Choice(points, best[0], line, p_value, tuple(rivals), float(shares[0]), tuple(scored))
+
+
+def _may_be_limited(points: Points, side: float) -> bool:
+    """Whether the output may have a limit at one end that a law which bends does not need: a plateau, or an extreme at no extreme rate."""
+    output = side * points.output
+    highest = output >= output.max() - PLATEAUS[-1] * span(points)
+    rates = np.unique(points.rate_dps[highest])
+    return len(rates) > 1 or rates[0] not in (points.rate_dps.min(), points.rate_dps.max())
 
 
 def _with_extras(points: Points, scored: list[tuple[Fit, float]], unit: float) -> list[tuple[Fit, float]]:
@@ -177,21 +191,19 @@ def chance(points: Points) -> float:
 
 
 def _clearest(spaces: Sequence[np.ndarray], residuals: np.ndarray, stated: np.ndarray) -> np.ndarray:
-    """(T,) of tables (T, M): the largest gain of -2 log likelihood, for each column that it costs, over all departures."""
+    """(T,) of tables (T, M): the clearest departure of each, as a normal deviate."""
     total = np.sum(residuals**2, axis=1) + stated
-    best = np.zeros(len(residuals))
-    for space in spaces:
-        taken = np.sum((residuals @ space) ** 2, axis=1)
-        freedom = residuals.shape[1] - space.shape[1]
-        if freedom < 1:
-            continue
-        left = np.maximum(total - taken, 1e-15 * total)
-        # an F ratio as the chi-square of one column that is as improbable, by Wilson and Hilferty
-        best = np.maximum(best, _as_normal(taken / space.shape[1] / (left / freedom), space.shape[1], freedom))
-    return best
+    sizes = np.array([space.shape[1] for space in spaces])
+    squares = (residuals @ np.concatenate(spaces, axis=1)) ** 2
+    taken = np.add.reduceat(squares, np.concatenate([[0], np.cumsum(sizes)[:-1]]), axis=1)  # (T, spaces)
+    freedom = residuals.shape[1] - sizes + (STATED_FREEDOM if stated.any() else 0.0)
+    left = np.maximum(total[:, None] - taken, 1e-15 * total[:, None])
+    deviates = _as_normal(taken / sizes / (left / np.maximum(freedom, 1.0)), sizes, np.maximum(freedom, 1.0))
+    clearest: np.ndarray = np.where(freedom >= 1, deviates, -np.inf).max(axis=1)
+    return clearest
 
 
-def _as_normal(ratio: np.ndarray, above: int, below: int) -> np.ndarray:
+def _as_normal(ratio: np.ndarray, above: np.ndarray, below: np.ndarray) -> np.ndarray:
     """F ratios as normal deviates, so that departures of one and of two columns compare (Paulson 1942)."""
     a, b, cube = 2 / (9 * above), 2 / (9 * below), np.cbrt(np.maximum(ratio, 0.0))
     deviate: np.ndarray = ((1 - b) * cube - (1 - a)) / np.sqrt(b * cube**2 + a)

@@ -22,8 +22,8 @@ PASSES = 6
 ROUNDING = 1e-7
 #: step of a central difference, of the parameter's size
 STEP = 1e-5
-#: fits of one hypothesis, from different starts, that are refined
-REFINED = 2
+#: fits of one hypothesis, from different starts, that are refined; steps of each; residuals, in those of its start, where it is no fit
+REFINED, MOST_STEPS, WORSE = 2, 60, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,20 +247,23 @@ def _linear(points: Points, hypothesis: Hypothesis, shape: tuple[float, ...], fr
 
 
 def _refined(start: Fit) -> Fit | None:
-    """All numbers together; None where a limit holds no point."""
+    """The shape parameters at their optimum, all other numbers following them; None where a limit holds no point."""
     from scipy.optimize import least_squares
 
     hypothesis, points = start.hypothesis, start.points
-    found = start
-    if hypothesis.of.shapes or hypothesis.lower or hypothesis.upper:
-        low, high = np.full(len(start.vector), -np.inf), np.full(len(start.vector), np.inf)
-        shapes = slice(len(start.offsets) + len(start.coefficients), len(start.offsets) + len(start.coefficients) + len(start.shape))
-        low[shapes], high[shapes] = hypothesis.of.bounds(float(np.abs(points.rate_dps).max()))
-        scale = np.array([max(abs(value), start._scale(number)) for number, value in enumerate(start.vector)])
-        sigma = weight_sigma(points) * (1.0 if points.is_known else span(points))
-        begin = np.clip(start.vector, low + 1e-9 * scale, high - 1e-9 * scale)
-        solved = least_squares(lambda x: start.moved(x).residuals / sigma, begin, bounds=(low, high), x_scale=scale, max_nfev=200)
-        found = min((start, start.moved(solved.x)), key=lambda each: each.chi_square)
+    found, low, high = start, start.predicted <= start.limits[0], start.predicted >= start.limits[1]
+
+    def residuals(shape: np.ndarray) -> np.ndarray:
+        trial = _from(points, hypothesis, tuple(shape.tolist()), low, high)
+        return (start.residuals * WORSE if trial is None else trial.residuals) / scale
+
+    if hypothesis.of.shapes:
+        scale = weight_sigma(points) * (1.0 if points.is_known else span(points))
+        least, most = hypothesis.of.bounds(float(np.abs(points.rate_dps).max()))
+        begin = np.clip(start.shape, least + 1e-9 * (most - least), most - 1e-9 * (most - least))
+        solved = least_squares(residuals, begin, bounds=(least, most), x_scale=np.maximum(np.abs(begin), 0.1 * most), max_nfev=MOST_STEPS)
+        trial = _from(points, hypothesis, tuple(solved.x.tolist()), low, high)
+        found = min((start, trial or start), key=lambda each: each.chi_square)
     predicted = found.predicted
     if (hypothesis.lower and not (predicted <= found.limits[0]).any()) or (hypothesis.upper and not (predicted >= found.limits[1]).any()):
         return None

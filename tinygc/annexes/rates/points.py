@@ -152,7 +152,7 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
 
 def read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Header and rows of a CSV, each with the number of its line.  Raises FormatError."""
-    text = read_text(path, MOST_BYTES, mark=True)
+    text = read_text(path, MOST_BYTES)
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if len(lines) < 2:
         raise FormatError(f"{path}: empty; expected a header with a rate and an output, as rate_dps,mean_v, and a row for each rate")

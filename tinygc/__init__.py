@@ -21,6 +21,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     compare, plan     fits -> Compared; Session -> Plan
     rebias, apply     Calibration and another recording -> Rebias; calibrated rates, samples, or a log
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
+    estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
     array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated

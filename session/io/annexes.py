@@ -43,6 +43,8 @@ SERVICES = {
     "the table's own errors": "tinygc.annexes.machines.explanation",
     "rates": "tinygc.annexes.rates.command",
     "rates of a table": "tinygc.annexes.rates.library",
+    "rate steps recorded with a machine": "tinygc.annexes.rates.recording",
+    "equations of curves (rates --discover)": "tinygc.annexes.rates.discovery",
     "the emulated board": "tinygc.annexes.emulated.command",
     "fleet": "tinygc.annexes.lots.fleet_command",
     "lot": "tinygc.annexes.lots.command",

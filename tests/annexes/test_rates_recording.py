@@ -129,7 +129,7 @@ def test_what_a_recording_lacks(tmp_path, stepped):
         read(tmp_path)
     for name in ("table.toml", "table.csv", "session.toml"):
         (tmp_path / name).write_bytes((stepped / name).read_bytes())
-    with pytest.raises(FormatError, match="no log; expected rates0001.csv"):
+    with pytest.raises(FormatError, match=r"no log; expected rates0001\.csv"):
         read(tmp_path)
     (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
     with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session import VERSION
+from session.io.annexes import need
 from session.io.errors import FormatError
 from session.io.files import result_folder
 from session.io.results import write_text_whole, write_whole
 from tinygc.annexes.rates.choice import Choice, choose
-from tinygc.annexes.rates.discovery import Discovery, discover
 from tinygc.annexes.rates.page import page
 from tinygc.annexes.rates.picture import figure_of
 from tinygc.annexes.rates.points import Columns, Points, points_of, read_points, read_table
-from tinygc.annexes.rates.recording import read_recording
 from tinygc.annexes.rates.sweep import Sweep, fit_response, is_response, read_response
 from tinygc.annexes.rates.terms import terms
 from tinygc.annexes.rates.text import rates_page
@@ -28,6 +27,7 @@ from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
 if TYPE_CHECKING:
+    from tinygc.annexes.rates.discovery import Discovery
     from tinygc.reporting.pictures.canvas import Figure
 
 SCHEMA = "tinygc-rates/1"
@@ -141,7 +141,7 @@ def rates_of(path: Path, columns: Columns, discovering: bool, progress: Progress
     points: list[Points] = []
     sweeps: list[Sweep] = []
     if path.is_dir():
-        recording = read_recording(path, progress)
+        recording = need("rate steps recorded with a machine").read_recording(path, progress)
         points, remarks = list(recording.points), list(recording.remarks)
         sweeps = [fit_response(response) for response in recording.responses]
     elif is_response(read_table(path)[0]):
@@ -168,9 +168,10 @@ def rates_of_arrays(
 def _chosen(
     name: str, points: Sequence[Points], sweeps: Sequence[Sweep], remarks: Sequence[str], discovering: bool, progress: Progress
 ) -> Rates:
+    search = need("equations of curves (rates --discover)") if discovering else None
     choices = []
     for number, own in enumerate(points):
         progress(f"laws of {own.sensor}", number, len(points))
         choices.append(choose(own))
-    find: Callable[[Choice], Discovery | None] = discover if discovering else lambda choice: None
-    return Rates(name, tuple(choices), tuple(sweeps), tuple(find(choice) for choice in choices), tuple(remarks))
+    discoveries = tuple(None if search is None else search.discover(choice) for choice in choices)
+    return Rates(name, tuple(choices), tuple(sweeps), discoveries, tuple(remarks))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session import VERSION
 from session.io.texts import significant
 from tinygc.annexes.rates.choice import Choice
-from tinygc.annexes.rates.discovery import Discovery
 from tinygc.annexes.rates.sweep import Sweep
 from tinygc.annexes.rates.terms import terms
 from tinygc.annexes.rates.text import cells, curve_words, headline, held_out_cell, lines
@@ -17,6 +17,9 @@ from tinygc.reporting.html.chart import Axis, Chart, linear_axis
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
 from tinygc.reporting.pictures.canvas import plain
+
+if TYPE_CHECKING:
+    from tinygc.annexes.rates.discovery import Discovery
 
 #: rates at which a law is drawn
 DRAWN = 401

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from session.io.texts import NONE, printable, probability, significant
 from tinygc.annexes.rates.choice import Choice, HeldOut
-from tinygc.annexes.rates.discovery import Discovery
 from tinygc.annexes.rates.sweep import Sweep
 from tinygc.annexes.rates.terms import TermRow, terms
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
+
+if TYPE_CHECKING:
+    from tinygc.annexes.rates.discovery import Discovery
 
 
 def rates_page(

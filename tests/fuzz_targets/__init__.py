@@ -19,6 +19,8 @@ if annex("session.annexes.logs"):
     NAMES.append("binary_logs")
 if annex("tinygc.annexes.noise.inputs"):
     NAMES.append("noise")
+if annex("tinygc.annexes.rates.points"):
+    NAMES.append("rates")
 
 
 def target(name: str) -> ModuleType:

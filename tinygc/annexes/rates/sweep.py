@@ -26,6 +26,8 @@ LEAST = 4
 FREQUENCY, GAIN, PHASE = ("frequency_hz", "frequency", "f_hz", "freq_hz", "freq"), ("gain", "magnitude", "ratio"), ("phase_deg", "phase")
 #: models: name, words, shape parameters, and where their fit begins (of the largest frequency; damping)
 MODELS: dict[str, tuple[str, int]] = {"flat": ("flat", 0), "first": ("first order", 1), "second": ("second order", 2)}
+#: beyond any table and any sensor
+MOST_HZ, MOST_GAIN, MOST_DELAY_S = 1e5, 1e6, 10.0
 #: power at the end of the band
 HALF_POWER = 1 / np.sqrt(2)
 
@@ -146,12 +148,12 @@ def _fit(response: Response, model: str) -> tuple[str, np.ndarray, np.ndarray, f
     }
     starts = starts_of[model]
     slope_s = -float(np.polyfit(2 * np.pi * f, np.unwrap(response.phase[np.argsort(f)])[np.argsort(np.argsort(f))], 1)[0])
-    low = [0.0, -10.0, 1e-6, 0.01][: 2 + MODELS[model][1]]
+    size = 2 + MODELS[model][1]
+    bounds = [0.0, -MOST_DELAY_S, 1e-6, 0.01][:size], [np.inf, MOST_DELAY_S, 10 * MOST_HZ, 10.0][:size]
     for start in starts:
-        for delay_s in (0.0, slope_s):
-            begin = np.array([gain, delay_s, *start])
-            scale = np.array([gain, 1 / (2 * np.pi * top), top, 1.0][: len(begin)])
-            solved = least_squares(residuals, begin, bounds=(low, [np.inf, 10.0, 1e6, 10.0][: len(begin)]), x_scale=scale, max_nfev=300)
+        for delay_s in (0.0, float(np.clip(slope_s, -MOST_DELAY_S / 2, MOST_DELAY_S / 2))):
+            scale = np.array([gain, 1 / (2 * np.pi * top), top, 1.0][:size])
+            solved = least_squares(residuals, np.array([gain, delay_s, *start]), bounds=bounds, x_scale=scale, max_nfev=300)
             if found is None or solved.cost < found.cost:
                 found = solved
     assert found is not None  # every model has starts
@@ -213,8 +215,9 @@ def read_response(path: Path) -> Response:
         return np.array(found)
 
     f, gain, phase = (values(column(wanted)) for wanted in (FREQUENCY, GAIN, PHASE))
-    if (f <= 0).any() or (gain <= 0).any():
-        raise FormatError(f"{path}: a frequency or a gain is not above zero")
+    for what, numbers, most in (("frequency", f, MOST_HZ), ("gain", gain, MOST_GAIN)):
+        if ((numbers <= 0) | (numbers > most)).any():
+            raise FormatError(f"{path}: a {what} is not above zero, or beyond {most:g}; correct the row, or leave it out")
     sigmas = [
         values(names.index(name)) if name in names else np.full(len(f), default)
         for name, default in (("gain_sigma", 0.0), ("phase_sigma_deg", 0.0))

@@ -14,7 +14,7 @@ _TERM = {
     "unit": TEXT,
     "condition": TEXT,
 }
-_HELD_OUT = {"hypothesis": TEXT, "curve": TEXT, "points": COUNT, "rms": SIZE, "beyond": COUNT, "within_rms": maybe(SIZE)}
+_HELD_OUT = {"hypothesis": TEXT, "curve": TEXT, "fitted_to": TEXT, "points": COUNT, "rms": SIZE, "beyond": COUNT, "within_rms": maybe(SIZE)}
 _SENSOR = {
     "sensor": TEXT,
     "unit": TEXT,

@@ -34,6 +34,8 @@ TABLES, SEED = 10_000, 1
 RIVAL = 0.05
 #: -2 log evidence that a further extra must gain, besides its price
 EXTRA_GAIN = 2 * np.log(len(COMPETING) / FALSE_ALARM)
+#: passes between the offset of a curve and which of its points lie at a limit
+OFFSET_PASSES = 20
 LINE = Hypothesis("line")
 #: laws that a held-out table shows beside the chosen one
 COMPARED = (LINE, Hypothesis("cubic"), Hypothesis("line", True, True), Hypothesis("sine"), Hypothesis("sine", True, True))
@@ -41,10 +43,12 @@ COMPARED = (LINE, Hypothesis("cubic"), Hypothesis("line", True, True), Hypothesi
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A curve that a law was not fitted to: hypothesis; curve; rms of what it leaves there, and of the rates within those fitted."""
+    """A curve that a law was not fitted to: hypothesis; curve; what it was fitted to, empty for all other curves; rms of what it leaves
+    there; how many rates lie beyond those fitted, and rms of the others."""
 
     hypothesis: str
     curve: str
+    fitted_to: str
     points: int
     rms: float
     beyond: int
@@ -74,11 +78,15 @@ class Choice:
 
     @cached_property
     def held_out(self) -> tuple[HeldOut, ...]:
-        """Each curve of the sensor predicted from its other curves, by the chosen law and by simpler ones; empty for one curve."""
+        """Each curve predicted from the other curves, and from the widest one alone, by the chosen law and by simpler ones."""
         if len(self.points.curves) < 2:
             return ()
+        points, count = self.points, len(self.points.curves)
         hypotheses = list(dict.fromkeys([*COMPARED, self.fit.hypothesis]))
-        return tuple(one for which in hypotheses for n in range(len(self.points.curves)) if (one := held_out(self.points, which, n)))
+        widest = int(points.curve[np.argmax(np.abs(points.rate_dps))])
+        found = [held_out(points, which, n) for which in hypotheses for n in range(count)]
+        found += [held_out(points, which, n, [widest]) for which in hypotheses for n in range(count) if n != widest and count > 2]
+        return tuple(one for one in found if one is not None)
 
 
 def choose(points: Points) -> Choice:
@@ -213,28 +221,29 @@ def _as_normal(ratio: np.ndarray, above: np.ndarray, below: np.ndarray) -> np.nd
 # The other curves.
 
 
-def held_out(points: Points, hypothesis: Hypothesis, curve: int) -> HeldOut | None:
-    """A law fitted to all curves but one, on that one, whose offset alone is free; None where the others do not determine it."""
-    own = points.curve == curve
-    others = points.part(~own)
-    names = [name for n, name in enumerate(points.curves) if n != curve]
-    numbers = np.searchsorted(np.delete(np.arange(len(points.curves)), curve), others.curve)
-    others = replace(others, curve=numbers, curves=tuple(names))
-    # no curve but this one may reach the limits
+def held_out(points: Points, hypothesis: Hypothesis, curve: int, fitted: Sequence[int] | None = None) -> HeldOut | None:
+    """A law fitted to other curves (all but this one by default), on this one, whose offset alone is free, by the rates within theirs.
+
+    None where the others do not determine the law; without its limits where none of them reaches these.
+    """
+    numbers = [n for n in range(len(points.curves)) if n != curve] if fitted is None else list(fitted)
+    others = points.part(np.isin(points.curve, numbers))
+    places = np.searchsorted(numbers, others.curve)
+    others = replace(others, curve=places, curves=tuple(points.curves[n] for n in numbers))
     found = fit(others, hypothesis) or fit(others, replace(hypothesis, lower=False, upper=False))
     if found is None:
         return None
-    here = points.part(own)
-    free = found.unlimited(here.rate_dps, here.direction)
-    offset = found.offset
-    for _ in range(20):
+    here = points.part(points.curve == curve)
+    beyond = np.abs(here.rate_dps) > np.abs(others.rate_dps).max()
+    free, offset = found.unlimited(here.rate_dps, here.direction), found.offset
+    for _ in range(OFFSET_PASSES):
         predicted = np.clip(free + offset, *found.limits)
-        inside = (predicted > found.limits[0]) & (predicted < found.limits[1])
+        inside = (predicted > found.limits[0]) & (predicted < found.limits[1]) & ~beyond
         if not inside.any():
             break
         offset += float(np.mean((here.output - predicted)[inside]))
     residuals = here.output - np.clip(free + offset, *found.limits)
-    beyond = np.abs(here.rate_dps) > np.abs(others.rate_dps).max()
     within = float(np.sqrt(np.mean(residuals[~beyond] ** 2))) if (~beyond).any() else float("nan")
     rms = float(np.sqrt(np.mean(residuals**2)))
-    return HeldOut(hypothesis.name, points.curves[curve], len(here), rms, int(beyond.sum()), within)
+    words = "" if fitted is None else "the widest curve alone"
+    return HeldOut(hypothesis.name, points.curves[curve], words, len(here), rms, int(beyond.sum()), within)

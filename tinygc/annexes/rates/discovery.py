@@ -96,7 +96,9 @@ class Discovery:
         if self.equation is None:
             if self.p_value > FALSE_ALARM:
                 return (f"discover: a straight line; as crooked by chance: {probability(self.p_value)}",)
-            return ("discover: not a straight line, and no equation that predicts the points that were kept from the search",)
+            return ("discover: not a straight line within its limits, and no equation predicts the points that were kept from the search",)
+        if not self.equation.functions:
+            return (f"discover: {self.text}: a straight line within its limits, as crooked by chance: {probability(self.p_value)}",)
         said = [
             f"discover: {self.text}",
             f"it leaves {100 * self.untouched:.2g} % of a line's mean square on points that the search never saw",

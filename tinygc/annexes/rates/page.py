@@ -12,7 +12,7 @@ from session.io.texts import significant
 from tinygc.annexes.rates.choice import Choice
 from tinygc.annexes.rates.sweep import Sweep
 from tinygc.annexes.rates.terms import terms
-from tinygc.annexes.rates.text import cells, curve_words, headline, held_out_cell, lines
+from tinygc.annexes.rates.text import cells, curve_words, headline, held_out_rows, lines
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
@@ -56,11 +56,7 @@ def _sensor(choice: Choice, discovery: Discovery | None, number: int) -> Section
 
 def _held_out(choice: Choice) -> str:
     curves = choice.points.curves
-    rows = []
-    for law in dict.fromkeys(one.hypothesis for one in choice.held_out):
-        by_curve = {one.curve: one for one in choice.held_out if one.hypothesis == law}
-        found = [by_curve.get(curve) for curve in curves]
-        rows.append([escape(law), *map(held_out_cell, found)])
+    rows = [[escape(law), *found] for law, found in held_out_rows(choice)]
     words = (
         f"Rms, {escape(choice.points.unit)}, on a curve that was not fitted; its offset alone is free. "
         "In brackets: with the rates that lie beyond those that were fitted."

@@ -23,6 +23,8 @@ from session.io.units import DEG
 
 #: a table of points that a person measured
 MOST_BYTES, MOST_POINTS = 16 * MB, 20_000
+#: of the largest output: a stated sigma below is none
+LEAST_SIGMA = 1e-9
 #: names of columns, before their units
 RATES = ("rate", "table_rate", "input_rate", "commanded_rate", "omega", "speed", "input")
 OUTPUTS = ("mean", "output", "average", "value", "voltage", "reading", "out", "signal")
@@ -79,8 +81,8 @@ class Points:
 
     @property
     def is_known(self) -> bool:
-        """Whether the sigma of every mean is known."""
-        return bool(np.isfinite(self.sigma).all() and (self.sigma > 0).all())
+        """Whether the sigma of every mean is known, and not as small as its rounding."""
+        return bool(np.isfinite(self.sigma).all() and (self.sigma > LEAST_SIGMA * max(np.abs(self.output).max(), 1e-300)).all())
 
     def part(self, which: np.ndarray) -> Points:
         """The points (N,) bool that are chosen, the curves keeping their numbers."""

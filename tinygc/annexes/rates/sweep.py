@@ -216,8 +216,8 @@ def read_response(path: Path) -> Response:
 
     f, gain, phase = (values(column(wanted)) for wanted in (FREQUENCY, GAIN, PHASE))
     for what, numbers, most in (("frequency", f, MOST_HZ), ("gain", gain, MOST_GAIN)):
-        if ((numbers <= 0) | (numbers > most)).any():
-            raise FormatError(f"{path}: a {what} is not above zero, or beyond {most:g}; correct the row, or leave it out")
+        if ((numbers < 1 / most) | (numbers > most)).any():
+            raise FormatError(f"{path}: a {what} is not between {1 / most:g} and {most:g}; correct the row, or leave it out")
     sigmas = [
         values(names.index(name)) if name in names else np.full(len(f), default)
         for name, default in (("gain_sigma", 0.0), ("phase_sigma_deg", 0.0))

@@ -98,17 +98,20 @@ def size(value: float, digits: int = 3) -> str:
     return significant(value, digits).replace("\u202f", "") if abs(value) >= 1e-6 or not value else f"{value:.{digits - 1}e}"
 
 
+def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:
+    """A law, and what it was fitted to; what it leaves on each curve."""
+    found: dict[str, dict[str, HeldOut]] = {}
+    for one in choice.held_out:
+        found.setdefault(", ".join(filter(None, (one.hypothesis, one.fitted_to and f"fitted to {one.fitted_to}"))), {})[one.curve] = one
+    return [(law, [held_out_cell(by_curve.get(curve)) for curve in choice.points.curves]) for law, by_curve in found.items()]
+
+
 def _held_out(choice: Choice) -> Table:
     """Rms that each law leaves on a curve that it was not fitted to."""
-    laws = list(dict.fromkeys(one.hypothesis for one in choice.held_out))
-    unit = choice.points.unit
-    table = plain_table(
-        "", f"left on the curve that was not fitted, {unit} rms (beyond its rates)", *map(curve_words, choice.points.curves), right=True
-    )
-    for law in laws:
-        by_curve = {one.curve: one for one in choice.held_out if one.hypothesis == law}
-        found = [by_curve.get(curve) for curve in choice.points.curves]
-        table.add_row(law, *map(held_out_cell, found))
+    first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
+    table = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
+    for law, cells_of_law in held_out_rows(choice):
+        table.add_row(law, *cells_of_law)
     return table
 
 

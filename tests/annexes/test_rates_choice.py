@@ -7,7 +7,7 @@ import pytest
 from conftest import broad
 
 from session.io.errors import DataError, FormatError
-from tinygc.annexes.rates.choice import FALSE_ALARM, LINE, chance, choose, held_out, score
+from tinygc.annexes.rates.choice import FALSE_ALARM, LINE, Choice, chance, choose, held_out, score
 from tinygc.annexes.rates.fitting import fit
 from tinygc.annexes.rates.laws import LAWS, Hypothesis
 from tinygc.annexes.rates.points import points_of
@@ -210,16 +210,26 @@ def test_a_wild_point_of_large_sigma_does_not_count():
     assert fit(points_of("s", "V", rate, output, ["one"] * 11, sigma), LINE).coefficients[0] == pytest.approx(0.02, rel=1e-5)
 
 
-@pytest.mark.broad
 def test_sigmas_of_the_terms_hold():
     errors = []
     for seed in range(60):
-        choice = choose(measured(ONE_OF["clip"][0], seed=seed))
+        points = measured(ONE_OF["clip"][0], seed=seed)
+        clip = fit(points, Hypothesis("line", True, True))
+        found = rows_of(Choice(points, clip, fit(points, LINE), 0.0, (), 1.0, ()))
         for key, truth in (("scale", SCALE), ("linear_high", 4.3 / SCALE), ("saturation_low", REST - 4.1)):
-            found = row(choice, key)
-            errors.append((found.value - truth) / found.sigma)
+            errors.append((found[key].value - truth) / found[key].sigma)
     assert 0.58 < np.mean(np.abs(errors) < 1) < 0.78
     assert np.mean(np.abs(errors) < 2) > 0.90
+
+
+def test_the_limit_of_a_term_that_does_not_show_holds():
+    """A hundred tables whose slopes differ by too little to be seen."""
+    below = []
+    for seed in range(100):
+        points = measured(lambda w: SCALE * np.where(w > 0, 1 + 1e-4, 1 - 1e-4) * w, seed=seed)
+        line = fit(points, LINE)
+        below.append(rows_of(Choice(points, line, line, 1.0, (), 1.0, ()))["asymmetry"].at_most > 200)
+    assert np.mean(below) > 0.92
 
 
 # Several curves.

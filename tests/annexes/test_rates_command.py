@@ -21,9 +21,7 @@ def clipped(tmp_path_factory):
 
 
 def test_the_screen_and_the_files(clipped, tmp_path, run):
-    code, out, _ = run("rates", clipped, "--out", tmp_path / "out", "--quiet")
-    assert code == 0
-    code, out, _ = run("rates", clipped)
+    code, out, _ = run("rates", clipped, "--out", tmp_path / "out", "--no-pictures")
     assert code == 0
     for words in (
         "a straight line, clipped below and above",
@@ -31,13 +29,22 @@ def test_the_screen_and_the_files(clipped, tmp_path, run):
         "less than",
         "hysteresis",
         "a straight line would say",
-        "nothing is written",
+        "written:",
     ):
         assert words in out
-    assert {path.name for path in (tmp_path / "out").iterdir()} <= {FILE, PAGE, PICTURE}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {FILE, PAGE}
     html = (tmp_path / "out" / PAGE).read_text()
     assert "dead band" in html
     assert "<svg" in html
+
+
+@pytest.mark.broad
+def test_the_picture(clipped, tmp_path, run):
+    pytest.importorskip("matplotlib")
+    code, out, _ = run("rates", clipped, "--out", tmp_path)
+    assert code == 0
+    assert (tmp_path / PICTURE).read_bytes().startswith(b"\x89PNG")
+    assert PICTURE in out
 
 
 def test_the_json_is_as_its_page_says(clipped, run):
@@ -67,13 +74,27 @@ def test_a_sweep_as_json(tmp_path, run):
     assert table["sweeps"][0]["bandwidth_hz"] == pytest.approx(20, rel=1e-4)
 
 
+def test_names_from_a_csv_are_text_wherever_they_go(tmp_path, run):
+    path = tmp_path / "table.csv"
+    rng = np.random.default_rng(3)
+    cells = [f'"<b>[bold]s","<i>{curve}",{rate},{0.02 * rate + 1e-3 * rng.normal()}' for curve in "ab" for rate in range(-40, 50, 10)]
+    path.write_text("sensor,condition,rate_dps,mean_v\n" + "\n".join(cells) + "\n")
+    code, out, _ = run("rates", path, "--out", tmp_path / "out", "--no-pictures")
+    assert code == 0
+    assert "<b>[bold]s: 18 points on 2 curves" in out
+    html = (tmp_path / "out" / PAGE).read_text()
+    assert "&lt;b&gt;[bold]s" in html
+    assert "<b>" not in html
+    assert "&amp;lt;" not in html
+
+
 def test_arrays_in_python(tmp_path):
     rate = np.linspace(-100, 100, 11)
     found = tinygc.estimate_rates((rate, 0.02 * rate + 1e-4 * np.cos(40 * rate)), unit="V")
     assert found.choices[0].is_line
     assert "arrays" in found.summary()
     assert found.to_json()["sensors"][0]["unit"] == "V"
-    assert (found.save(tmp_path / "r") / FILE).exists()
+    assert (found.save(tmp_path / "r", pictures=False) / FILE).exists()
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ from tinygc.annexes.rates.choice import choose
 from tinygc.annexes.rates.points import read_points
 from tinygc.annexes.rates.terms import terms
 
+pytestmark = pytest.mark.broad
+
 
 @pytest.fixture(scope="module")
 def sensors(shared):

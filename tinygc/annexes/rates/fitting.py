@@ -218,32 +218,29 @@ def _plateaus(points: Points, there: bool, upper: bool) -> Iterator[np.ndarray]:
 
 
 def _from(points: Points, hypothesis: Hypothesis, shape: tuple[float, ...], low: np.ndarray, high: np.ndarray) -> Fit | None:
-    """A fit with the shape parameters where they start, and points at the limits where a guess begins."""
-    trial = None
+    """Offsets, coefficients and limits for given shape parameters, by least squares over the points that lie at no limit.
+
+    low, high (N,) bool: points at the limits, where a guess begins.  None where the points do not determine it.
+    """
+    sigma, count = weight_sigma(points), len(points.curves)
+    columns = np.column_stack([np.eye(count)[points.curve], hypothesis.columns(points.rate_dps, points.direction, shape)])
+    if not np.isfinite(columns).all():
+        return None
+    size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    columns, output = columns / size, points.output
+    solved, limits = np.zeros(len(size)), (-np.inf, np.inf)
     for _ in range(PASSES):
-        limits = [float(points.output[which].mean()) if which.any() else side * np.inf for which, side in ((low, -1.0), (high, 1.0))]
-        trial = _linear(points, hypothesis, shape, ~(low | high), (limits[0], limits[1]))
-        if trial is None or (hypothesis.lower and not low.any()) or (hypothesis.upper and not high.any()):
+        free = ~(low | high)
+        if (hypothesis.lower and not low.any()) or (hypothesis.upper and not high.any()) or free.sum() < len(size):
             return None
-        free = trial.offsets[points.curve] + trial.unlimited(points.rate_dps, points.direction)
-        now = (free <= limits[0]) & hypothesis.lower, (free >= limits[1]) & hypothesis.upper
+        limits = (float(output[low].mean()) if hypothesis.lower else -np.inf, float(output[high].mean()) if hypothesis.upper else np.inf)
+        solved = np.linalg.lstsq(columns[free] / sigma[free, None], output[free] / sigma[free], rcond=None)[0]
+        unlimited = columns @ solved
+        now = (unlimited <= limits[0]) & hypothesis.lower, (unlimited >= limits[1]) & hypothesis.upper
         if (now[0] == low).all() and (now[1] == high).all():
             break
         low, high = now
-    return trial
-
-
-def _linear(points: Points, hypothesis: Hypothesis, shape: tuple[float, ...], free: np.ndarray, limits: tuple[float, float]) -> Fit | None:
-    """Offsets and coefficients by least squares over the points that lie at no limit."""
-    curves = np.eye(len(points.curves))[points.curve]
-    columns = np.column_stack([curves, hypothesis.columns(points.rate_dps, points.direction, shape)])
-    if free.sum() < columns.shape[1] or not np.isfinite(columns).all():
-        return None
-    sigma = weight_sigma(points)[free]
-    size = np.maximum(np.abs(columns[free]).max(axis=0), 1e-300)
-    solved = np.linalg.lstsq(columns[free] / size / sigma[:, None], points.output[free] / sigma, rcond=None)[0] / size
-    count = len(points.curves)
-    return Fit(points, hypothesis, solved[:count], solved[count:], shape, limits)
+    return Fit(points, hypothesis, solved[:count] / size[:count], solved[count:] / size[count:], shape, limits)
 
 
 def _refined(start: Fit) -> Fit | None:

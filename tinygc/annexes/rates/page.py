@@ -51,7 +51,7 @@ def _sensor(choice: Choice, discovery: Discovery | None, number: int) -> Section
     html += figure(lambda width: _residuals(choice, width), "What the chosen law leaves.")
     if choice.held_out:
         html += _held_out(choice)
-    return Section(f"sensor-{number}", escape(choice.points.sensor), html)
+    return Section(f"sensor-{number}", choice.points.sensor, html)
 
 
 def _held_out(choice: Choice) -> str:
@@ -95,4 +95,4 @@ def _titles(choice: Choice) -> list[str]:
 def _sweep(sweep: Sweep, number: int) -> Section:
     rows = [[significant(f), plain(gain, gs), plain(phase, ps)] for f, gain, gs, phase, ps in sweep.rows_deg]
     said = "".join(paragraph(escape(line)) for line in (sweep.headline, *sweep.lines))
-    return Section(f"sweep-{number}", f"Sweep {escape(sweep.response.name)}", said + table(("frequency, Hz", "gain", "phase, °"), rows))
+    return Section(f"sweep-{number}", f"Sweep {sweep.response.name}", said + table(("frequency, Hz", "gain", "phase, °"), rows))

@@ -37,6 +37,8 @@ EXTRA_GAIN = 2 * np.log(len(COMPETING) / FALSE_ALARM)
 #: passes between the offset of a curve and which of its points lie at a limit
 OFFSET_PASSES = 20
 LINE = Hypothesis("line")
+#: rates at which a departure may begin
+MOST_PLACES = 60
 #: laws that a held-out table shows beside the chosen one
 COMPARED = (LINE, Hypothesis("cubic"), Hypothesis("line", True, True), Hypothesis("sine"), Hypothesis("sine", True, True))
 
@@ -126,8 +128,8 @@ def _may_be_limited(points: Points, side: float) -> bool:
     """Whether the output may have a limit at one end that a law which bends does not need: a plateau, or an extreme at no extreme rate."""
     output = side * points.output
     highest = output >= output.max() - PLATEAUS[-1] * span(points)
-    rates = np.unique(points.rate_dps[highest])
-    return len(rates) > 1 or rates[0] not in (points.rate_dps.min(), points.rate_dps.max())
+    rates = np.unique(points.distinct[highest])
+    return len(rates) > 1 or rates[0] not in (points.distinct.min(), points.distinct.max())
 
 
 def _with_extras(points: Points, scored: list[tuple[Fit, float]], unit: float) -> list[tuple[Fit, float]]:
@@ -169,13 +171,21 @@ def departures(points: Points) -> list[np.ndarray]:
     """(N, 1 or 2) columns of every kind of departure from a line that the laws can make, at places of their own."""
     rate, direction = points.rate_dps, points.direction
     u = rate / np.abs(rate).max()
-    sizes, places = np.unique(np.abs(u)), np.unique(u)
+    sizes, places = (
+        _thinned(np.unique(np.abs(points.distinct) / np.abs(rate).max())),
+        _thinned(np.unique(points.distinct) / np.abs(rate).max()),
+    )
     found = [u**2, u**3, np.abs(u), (rate != 0).astype(float), direction, np.sign(u)]
     found += [np.maximum(u - place, 0.0) for place in places[1:-1]]
     found += [np.clip(u, -size, size) for size in sizes[:-1] if size]
     pairs = [np.stack([u**2, u**3], axis=1), np.stack([u**3, u**5], axis=1)]
     pairs += [np.stack([np.maximum(u - size, 0.0), np.maximum(-u - size, 0.0)], axis=1) for size in sizes[:-1] if size]
     return [column[:, None] for column in found] + pairs
+
+
+def _thinned(places: np.ndarray) -> np.ndarray:
+    """At most ``MOST_PLACES`` of them, the ends included."""
+    return places[np.unique(np.linspace(0, len(places) - 1, min(len(places), MOST_PLACES)).round().astype(int))]
 
 
 def chance(points: Points) -> float:

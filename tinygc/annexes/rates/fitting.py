@@ -190,7 +190,7 @@ def floor(points: Points) -> float:
 def fit(points: Points, hypothesis: Hypothesis) -> Fit | None:
     """The best fit of a hypothesis; None where the points do not determine it."""
     width = len(points.curves) + len(hypothesis.of.coefficients) + len(hypothesis.extras) + len(hypothesis.of.shapes)
-    if len(points) < width + hypothesis.lower + hypothesis.upper + 2 or len(np.unique(points.rate_dps)) < width - len(points.curves) + 2:
+    if len(points) < width + hypothesis.lower + hypothesis.upper + 2 or len(np.unique(points.distinct)) < width - len(points.curves) + 2:
         return None
     found: list[Fit] = []
     for low, high in product(_plateaus(points, hypothesis.lower, False), _plateaus(points, hypothesis.upper, True)):

@@ -22,7 +22,9 @@ from session.io.texts import printable
 from session.io.units import DEG
 
 #: a table of points that a person measured
-MOST_BYTES, MOST_POINTS = 16 * MB, 20_000
+MOST_BYTES, MOST_POINTS = 16 * MB, 2000
+#: least number of rates
+LEAST_RATES = 4
 #: of the largest output: a stated sigma below is none
 LEAST_SIGMA = 1e-9
 #: names of columns, before their units
@@ -84,6 +86,13 @@ class Points:
         """Whether the sigma of every mean is known, and not as small as its rounding."""
         return bool(np.isfinite(self.sigma).all() and (self.sigma > LEAST_SIGMA * max(np.abs(self.output).max(), 1e-300)).all())
 
+    @property
+    def distinct(self) -> np.ndarray:
+        """(N,) rates of which those that a table takes for one are equal: to a thousandth of the largest."""
+        step = 1e-3 * max(float(np.abs(self.rate_dps).max()), 1e-300)
+        found: np.ndarray = np.round(self.rate_dps / step) * step
+        return found
+
     def part(self, which: np.ndarray) -> Points:
         """The points (N,) bool that are chosen, the curves keeping their numbers."""
         rows = (self.rate_dps, self.output, self.sigma, self.curve, self.direction)
@@ -110,7 +119,7 @@ def points_of(
     which = np.array([names.index(name) for name in curve])
     if not (np.isfinite(rate_dps).all() and np.isfinite(output).all()):
         raise FormatError(f"{printable(sensor)}: a rate or an output is not finite; leave its row out")
-    if len(np.unique(rate_dps)) < 4:
+    if len(np.unique(rate_dps)) < LEAST_RATES:
         raise FormatError(f"{printable(sensor)}: {len(np.unique(rate_dps))} rates, expected at least four, in both senses")
     step = np.concatenate([[0.0], np.sign(np.diff(rate_dps))])
     step[1:][np.diff(which) != 0] = 0.0  # a curve begins

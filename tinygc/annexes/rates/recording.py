@@ -105,20 +105,10 @@ def read_recording(folder: Path, progress: Progress) -> Recording:
         if len(np.unique(np.round(columns[:, 0], 3))) < LEAST:
             remarks.append(f"gyroscope {'xyz'[axis]}: fewer than {LEAST} rates: left out.")
             continue
-        columns[:, 0] = _one_rate(columns[:, 0])
         points.append(points_of(f"gyroscope {'xyz'[axis]}", "°/s", columns[:, 0], columns[:, 1], [row[0] for row in rows], columns[:, 2]))
     if points:
         remarks.append("The table's mounting is taken as declared: a tilt of 1° against its axis is 150 ppm of the scale.")
     return Recording(tuple(points), tuple(swings), tuple(remarks))
-
-
-def _one_rate(rate_dps: np.ndarray) -> np.ndarray:
-    """Rates whose slopes differ by less than the angles' noise, made one: rest is rest, and a rate reached twice is the same rate."""
-    found = rate_dps.copy()
-    for first in range(len(found)):
-        close = np.abs(found - found[first]) < 1e-3 * np.abs(found[first]) + 1e-6
-        found[close] = found[close].mean()
-    return found
 
 
 def dwells(own: AngleLog) -> list[Dwell]:

@@ -58,7 +58,7 @@ def terms(choice: Choice) -> list[TermRow]:
     """The rows of one sensor."""
     found, points = choice.fit, choice.points
     within = linear_range(found)
-    tested = f"{len(np.unique(points.rate_dps))} rates from {fixed(points.rate_dps.min(), 0)} to {fixed(points.rate_dps.max(), 0)} °/s"
+    tested = f"{len(np.unique(points.distinct))} rates from {fixed(points.rate_dps.min(), 0)} to {fixed(points.rate_dps.max(), 0)} °/s"
     unit = points.unit
     scale, scale_sigma = derived(found, lambda have: best_line(have, within)[0])
     rows = [
@@ -179,7 +179,8 @@ def _range_rows(found: Fit, within: Range) -> list[TermRow]:
             "rates tested end there" if not reached else "limit of the output" if _is_limit(found, end) else "departs by 1 % from its slope"
         )
         sigma = derived(found, lambda have, end=end: _end(have, 1.5 * end)[0])[1] if reached else None  # type: ignore[misc]
-        rows.append(TermRow(f"linear_{key}", f"linear range, {name} end", end, sigma, None, "°/s", why))
+        what = f"input limit, {name}" if why.startswith("limit") else f"linear range, {name} end"
+        rows.append(TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why))
     return rows
 
 
@@ -255,7 +256,7 @@ def _hysteresis(choice: Choice, scale: float, tested: str) -> TermRow:
     """Output on the way up less output on the way down at one rate, as a rate."""
     points = choice.points
     key, name = "hysteresis", "hysteresis"
-    ups, downs = ({float(rate) for rate in points.rate_dps[points.direction == sign]} for sign in (1, -1))
+    ups, downs = (set(points.distinct[points.direction == sign].tolist()) for sign in (1, -1))
     if len(ups & downs) < 2:
         return TermRow(key, name, None, None, None, "°/s", "not measured: the rates go one way; step up and down again")
     condition = f"{len(ups & downs)} rates reached from both sides"

@@ -158,6 +158,7 @@ def test_terms_of_two_slopes_and_of_a_clip():
     high = row(clip, "linear_high")
     assert high.value == pytest.approx(4.3 / SCALE, abs=4 * high.sigma)
     assert high.condition == "limit of the output"
+    assert row(clip, "saturation_high").condition == "the output's limit, reached at 215 °/s"
     # what a line over everything says is no nonlinearity of the sensor
     assert row(clip, "straight_line").value > 10
     assert row(clip, "nonlinearity").at_most < 1000

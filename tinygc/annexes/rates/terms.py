@@ -13,7 +13,7 @@ import numpy as np
 
 from session.io.texts import fixed, significant
 from tinygc.annexes.rates.choice import Choice
-from tinygc.annexes.rates.fitting import Fit, fit, over_rate
+from tinygc.annexes.rates.fitting import Fit, fit, over_rate, span
 from tinygc.annexes.rates.points import Points
 
 #: departure from the slope at rest that ends the linear range of a law that bends
@@ -280,6 +280,14 @@ def _dead_band(choice: Choice, tested: str) -> TermRow:
     return _limited("dead_band", "dead band, ±", _probe(choice, "sense"), 1 / slope, "°/s", f"smallest rate {significant(smallest)} °/s")
 
 
+def _reached(found: Fit, limit: float) -> str:
+    """At which rate the output comes to a limit."""
+    rates = found.points.rate_dps
+    places = [at for end in (rates.min(), rates.max()) if end and (at := input_limit(found, float(end))) is not None]
+    of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - limit) < 1e-3 * span(found.points)]
+    return "the output's limit" + "".join(f", reached at {significant(at)} °/s" for at in of_limit)
+
+
 def _saturation(found: Fit) -> list[TermRow]:
     rows = []
     tops = found.points.output
@@ -290,7 +298,7 @@ def _saturation(found: Fit) -> list[TermRow]:
         if there:
             number = found.names.index("V+" if key == "saturation_high" else "V−")
             value, sigma = float(found.vector[number]), float(np.sqrt(found.covariance[number, number]))
-            rows.append(TermRow(key, f"{name} (saturation)", value, sigma, None, found.points.unit, "the output's limit"))
+            rows.append(TermRow(key, f"{name} (saturation)", value, sigma, None, found.points.unit, _reached(found, value)))
         else:
             rows.append(TermRow(key, f"{name} seen", extreme, None, None, found.points.unit, "no limit is seen"))
     return rows

@@ -55,8 +55,9 @@ def estimate_rates(
     Examples
     --------
     >>> import tinygc
-    >>> found = tinygc.estimate_rates(([-60, -30, 0, 30, 60, 90], [-1.2, -0.6, 0.0, 0.6, 1.2, 1.8]), unit="V")  # doctest: +SKIP
-    >>> found.choices[0].fit.hypothesis.name  # doctest: +SKIP
+    >>> rates = [-60, -40, -20, 0, 20, 40, 60]
+    >>> found = tinygc.estimate_rates((rates, [-1.2001, -0.7998, -0.4001, 0.0002, 0.3999, 0.8001, 1.1999]), unit="V")
+    >>> found.choices[0].fit.hypothesis.name
     'line'
 
     """

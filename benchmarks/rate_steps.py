@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tinygc.annexes.rates.choice import FALSE_ALARM, chance, choose
+from tinygc.annexes.rates.choice import FALSE_ALARM, LINE, Choice, chance, choose
 from tinygc.annexes.rates.discovery import discover
+from tinygc.annexes.rates.fitting import fit
+from tinygc.annexes.rates.laws import Hypothesis
 from tinygc.annexes.rates.points import Points, points_of, read_points
 from tinygc.annexes.rates.terms import terms
 
@@ -104,8 +106,17 @@ def laws(tables: int) -> None:
         )
 
 
+#: laws whose terms are asked for; of the others a straight line's
+GIVEN = {
+    "two slopes": Hypothesis("asymmetry"),
+    "dead band": Hypothesis("dead_band"),
+    "clip, two sided": Hypothesis("line", True, True),
+    "hysteresis": Hypothesis("line", extras=("hysteresis",)),
+}
+
+
 def coverage(tables: int) -> None:
-    """Rows: a term of a known size, how often its sigma and its limit hold."""
+    """Rows: a term of a known size, the law given; how often its sigma and its limit hold."""
     truths = {
         ("two slopes", "asymmetry"): 1e4,
         ("two slopes", "scale"): SCALE,
@@ -124,7 +135,12 @@ def coverage(tables: int) -> None:
     for law in dict.fromkeys(law for law, _ in truths):
         rng = np.random.default_rng(5)
         for _ in range(tables):
-            found = {row.key: row for row in terms(choose(table(law, rng)))}
+            points = table(law, rng)
+            line = fit(points, LINE)
+            given = fit(points, GIVEN.get(law, LINE))
+            assert line is not None  # of 41 points
+            assert given is not None
+            found = {row.key: row for row in terms(Choice(points, given, line, 0.0, (), 1.0, ()))}
             for of, key in truths:
                 if of == law:
                     rows[of, key].append((found[key].value, found[key].sigma, found[key].at_most))

@@ -27,6 +27,7 @@ HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0
 EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare", "explain", "export", "fit", "fit_temperature", "fit_turns"]
 EXAMPLES += [
     "estimate_noise",
+    "estimate_rates",
     "fleet",
     "import_log",
     "list_sessions",

@@ -21,6 +21,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     compare, plan     fits -> Compared; Session -> Plan
     rebias, apply     Calibration and another recording -> Rebias; calibrated rates, samples, or a log
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
+    estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
     array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
@@ -102,6 +103,7 @@ if TYPE_CHECKING:
     from tinygc.library.many import fleet as fleet
     from tinygc.library.many import lot as lot
     from tinygc.library.noise import estimate_noise as estimate_noise
+    from tinygc.library.rates import estimate_rates as estimate_rates
     from tinygc.library.records import Estimate as Estimate
     from tinygc.library.records import to_frame as to_frame
     from tinygc.library.reports import Exported as Exported
@@ -138,6 +140,7 @@ _HOMES = {
     "tinygc.library.logs": ("Imported", "LogArrays", "import_log", "read_log"),
     "tinygc.library.many": ("Array", "array", "fleet", "lot"),
     "tinygc.library.noise": ("estimate_noise",),
+    "tinygc.library.rates": ("estimate_rates",),
     "tinygc.library.records": ("Estimate", "to_frame"),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
     "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),

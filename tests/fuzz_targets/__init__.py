@@ -21,6 +21,8 @@ if annex("tinygc.annexes.noise.inputs"):
     NAMES.append("noise")
 if annex("session.annexes.machines.makes"):
     NAMES.append("machines")
+if annex("tinygc.annexes.rates.points"):
+    NAMES.append("rates")
 
 
 def target(name: str) -> ModuleType:

@@ -31,7 +31,7 @@ STANDARD_OUTPUT = (STANDARD, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 #: files in an input folder that are not recorded, but that other commands read
 DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
 #: command -> the one of these files that it writes itself, with the content of its JSON
-OWN = {"fit": "fit.json", "explain": "explain.json", "noise": "noise.json"}
+OWN = {"fit": "fit.json", "explain": "explain.json", "noise": "noise.json", "rates": "rates.json"}
 
 
 def path_read(text: str) -> Path:

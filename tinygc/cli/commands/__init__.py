@@ -29,6 +29,7 @@ COMMANDS = {
     "accelerometer": "tinygc.cli.commands.accelerometer",
     "noise": SERVICES["noise"],
     "table": SERVICES["table"],
+    "rates": SERVICES["rates"],
     "fit": "tinygc.cli.commands.fit",
     "explain": "tinygc.cli.commands.explain",
     "report": "tinygc.cli.commands.report",

@@ -1,0 +1,258 @@
+"""Which law the points of a rate table follow, and the terms of it: exact cases, injected terms and their sigmas, chance."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import broad
+
+from session.io.errors import DataError, FormatError
+from tinygc.annexes.rates.choice import FALSE_ALARM, LINE, Choice, chance, choose, held_out, score
+from tinygc.annexes.rates.fitting import fit
+from tinygc.annexes.rates.laws import LAWS, Hypothesis
+from tinygc.annexes.rates.points import points_of
+from tinygc.annexes.rates.terms import input_limit, linear_range, terms
+
+UP = np.linspace(-300.0, 300.0, 21)
+BOTH_WAYS = np.concatenate([UP, UP[-2::-1]])
+SCALE, REST, NOISE = 0.02, 0.15, 1e-3
+
+
+def measured(of, rate=BOTH_WAYS, noise=NOISE, seed=1, **more):
+    rng = np.random.default_rng(seed)
+    return points_of("sensor", "V", rate, REST + of(rate) + noise * rng.normal(size=len(rate)), ["one"] * len(rate), **more)
+
+
+def rows_of(choice):
+    return {each.key: each for each in terms(choice)}
+
+
+def row(choice, key):
+    return rows_of(choice)[key]
+
+
+# Exact cases, without noise.
+
+
+def test_a_line_without_noise_is_a_line():
+    found = fit(measured(lambda w: SCALE * w, noise=0.0), LINE)
+    assert found.coefficients[0] == pytest.approx(SCALE, rel=1e-12)
+    assert found.offset == pytest.approx(REST, rel=1e-12)
+    assert found.rms < 1e-12
+
+
+def test_a_clip_is_where_the_line_meets_the_limit():
+    found = fit(measured(lambda w: np.clip(SCALE * w, -4.1, 4.3), noise=0.0), Hypothesis("line", True, True))
+    assert found.limits == (pytest.approx(REST - 4.1), pytest.approx(REST + 4.3))
+    assert input_limit(found, 300.0) == pytest.approx(4.3 / SCALE, rel=1e-9)
+    assert input_limit(found, -300.0) == pytest.approx(-4.1 / SCALE, rel=1e-9)
+    assert found.is_limited.sum() == np.sum(np.abs(BOTH_WAYS) > 4.3 / SCALE) + np.sum(
+        (BOTH_WAYS < -4.1 / SCALE) & (BOTH_WAYS > -4.3 / SCALE)
+    )
+
+
+def test_a_point_on_the_slope_is_not_taken_for_the_limit():
+    rate = np.array([-60.0, -50, -40, -30, -20, -10, 0, 10, 20, 30, 40, 50, 60])
+    found = fit(measured(lambda w: np.minimum(SCALE * w, 0.801), rate, noise=0.0), Hypothesis("line", upper=True))
+    assert found.limits[1] == pytest.approx(REST + 0.801)  # 40 °/s gives 0.800, just below
+    assert found.is_limited.sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("law", "of", "shape"),
+    [
+        ("sine", lambda w: 5 * np.sin(w / 250), (250,)),
+        ("tanh", lambda w: 8 * np.tanh(w / 400), (400,)),
+        ("dead_band", lambda w: SCALE * np.sign(w) * np.maximum(np.abs(w) - 40, 0), (40,)),
+        ("pieces", lambda w: SCALE * (w - 0.1 * np.maximum(w - 130, 0)), (130,)),
+        ("normalised_sine", lambda w: 5 * np.sin(w / 200) / (1 + 0.3 * np.cos(w / 200)), (200, 0.3)),
+        ("overloaded_sine", lambda w: 5 * np.sin(w / 190) / (1 + np.abs(np.sin(w / 190) / 1.05) ** 8), (190, 1.05, 8)),
+    ],
+)
+def test_shape_parameters_are_recovered_without_noise(law, of, shape):
+    assert fit(measured(of, noise=0.0), Hypothesis(law)).shape == pytest.approx(shape, rel=2e-3)
+
+
+def test_the_first_harmonic_of_a_demodulator_is_the_bessel_function():
+    from scipy.special import j1
+
+    rate, depth = np.array([0.0, 10.0, 100.0, 200.0]), 1.8
+    columns = LAWS["demodulator"].columns(rate, (150.0, depth, 1e9))[:, 0]
+    x = rate / 150.0
+    t = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    signal = np.cos(x[:, None] + depth * np.cos(t))
+    rms = (signal - signal.mean(axis=1, keepdims=True)).std(axis=1)
+    assert columns == pytest.approx(2 * j1(depth) * np.sin(x) / rms, abs=1e-9)
+
+
+def test_scale_and_unit_do_not_change_the_choice():
+    points = measured(lambda w: 5 * np.sin(w / 250))
+    milli = points_of("sensor", "mV", -points.rate_dps, 1e3 * points.output, ["one"] * len(points))
+    one, other = choose(points), choose(milli)
+    assert one.fit.hypothesis == other.fit.hypothesis == Hypothesis("sine")
+    assert other.probability == pytest.approx(one.probability, rel=1e-3)
+    assert other.fit.coefficients[0] == pytest.approx(-1e3 * one.fit.coefficients[0], rel=1e-6)
+
+
+def test_evidence_prices_each_number_and_each_law():
+    points = measured(lambda w: SCALE * w)
+    unit = fit(points, LINE).rms
+    line, cubic, clipped = (score(fit(points, each), unit) for each in (LINE, Hypothesis("cubic"), Hypothesis("quintic")))
+    assert line < cubic < clipped
+
+
+# Which law.
+
+ONE_OF = {
+    "line": (lambda w: SCALE * w, "line"),
+    "clip": (lambda w: np.clip(SCALE * w, -4.1, 4.3), "line, clipped below and above"),
+    "one-sided clip": (lambda w: np.minimum(SCALE * w, 4.2), "line, clipped above"),
+    "sine": (lambda w: 5 * np.sin(w / 250), "sine"),
+    "cubic": (lambda w: SCALE * (w - 1e-6 * w**3), "cubic"),
+    "two slopes": (lambda w: SCALE * np.where(w > 0, 1.005, 0.995) * w, "asymmetry"),
+}
+MORE = {
+    "tanh": (lambda w: 8 * np.tanh(w / 400), "tanh"),
+    "arctan": (lambda w: 6 * np.arctan(w / 300), "arctan"),
+    "parabola": (lambda w: SCALE * (w + 5e-5 * w**2), "quadratic"),
+    "dead band": (lambda w: SCALE * np.sign(w) * np.maximum(np.abs(w) - 4, 0), "dead_band"),
+    "clipped sine": (lambda w: np.clip(5 * np.sin(w / 250), -4.1, 4.3), "sine, clipped below and above"),
+    "two pieces": (lambda w: SCALE * (w - 0.02 * np.maximum(w - 120, 0)), "pieces"),
+}
+
+
+@pytest.mark.parametrize("name", [*ONE_OF, *map(broad, MORE)])
+def test_the_law_is_found(name):
+    of, expected = (ONE_OF | MORE)[name]
+    assert choose(measured(of)).fit.hypothesis.name == expected
+
+
+def test_hysteresis_is_found_where_the_rates_go_both_ways():
+    points = measured(lambda w: SCALE * w)
+    late = dataclasses.replace(points, output=points.output + 5e-3 * points.direction / 2)
+    choice = choose(late)
+    assert choice.fit.hypothesis.name == "line, hysteresis"
+    found = row(choice, "hysteresis")
+    assert found.value == pytest.approx(5e-3 / SCALE, abs=4 * found.sigma)
+    one_way = choose(measured(lambda w: SCALE * w, UP))
+    assert row(one_way, "hysteresis").value is row(one_way, "hysteresis").at_most is None
+    assert "one way" in row(one_way, "hysteresis").condition
+
+
+def test_a_straight_line_has_limits_instead_of_terms():
+    choice = choose(measured(lambda w: SCALE * w))
+    assert choice.is_line
+    for key in ("nonlinearity", "asymmetry", "hysteresis", "dead_band"):
+        assert row(choice, key).value is None
+        assert row(choice, key).at_most > 0
+    assert row(choice, "scale").value == pytest.approx(SCALE, abs=4 * row(choice, "scale").sigma)
+    assert row(choice, "linear_high").value == 300.0
+    assert "tested" in row(choice, "linear_high").condition
+
+
+def test_terms_of_two_slopes_and_of_a_clip():
+    slopes = choose(measured(ONE_OF["two slopes"][0]))
+    found = row(slopes, "asymmetry")
+    assert found.value == pytest.approx(1e4, abs=4 * found.sigma)  # 0.5 % up, 0.5 % down: ppm
+    clip = choose(measured(ONE_OF["clip"][0]))
+    high = row(clip, "linear_high")
+    assert high.value == pytest.approx(4.3 / SCALE, abs=4 * high.sigma)
+    assert high.condition == "limit of the output"
+    assert row(clip, "saturation_high").condition == "the output's limit, reached at 215 °/s"
+    # what a line over everything says is no nonlinearity of the sensor
+    assert row(clip, "straight_line").value > 10
+    assert row(clip, "nonlinearity").at_most < 1000
+
+
+def test_the_linear_range_of_a_sine_ends_where_it_departs_by_one_per_cent():
+    found = fit(measured(lambda w: 5 * np.sin(w / 250), noise=0.0), Hypothesis("sine"))
+    within = linear_range(found)
+    u = within.high / 250
+    assert np.sin(u) / u == pytest.approx(0.99, abs=1e-5)
+    assert within.low == pytest.approx(-within.high, rel=1e-6)
+
+
+def test_nonlinearity_of_a_cubic_against_its_best_line():
+    c = 1e-7
+    choice = choose(measured(lambda w: SCALE * (w - c * w**3)))
+    assert choice.fit.hypothesis.law == "cubic"
+    grid = np.linspace(-300, 300, 2001)
+    departure = np.abs(np.polyval(np.polyfit(grid, grid**3, 1), grid) - grid**3).max() * c
+    found = row(choice, "nonlinearity")
+    assert found.value == pytest.approx(1e6 * departure / 300, rel=0.05)
+
+
+# Chance, and stated sigmas.
+
+
+@pytest.mark.broad
+def test_true_lines_are_called_crooked_in_five_of_a_hundred():
+    rng = np.random.default_rng(3)
+    rate = np.linspace(-100, 100, 11)
+    tables = [points_of("s", "V", rate, rate + rng.normal(size=11), ["one"] * 11) for _ in range(400)]
+    share = np.mean([chance(points) <= FALSE_ALARM for points in tables])
+    assert 0.02 < share < 0.08
+
+
+def test_stated_sigmas_are_weights_and_freedom():
+    rate = np.linspace(-100, 100, 7)
+    output = 0.02 * rate + 1e-3 * np.array([1, -1, 0, 1, 0, -1, 1])
+    known = points_of("s", "V", rate, output, ["one"] * 7, np.full(7, 1e-4))
+    guessed = points_of("s", "V", rate, output, ["one"] * 7)
+    assert chance(known) < chance(guessed)
+    assert fit(known, LINE).freedom == fit(guessed, LINE).freedom + 20
+
+
+def test_a_wild_point_of_large_sigma_does_not_count():
+    rate = np.linspace(-100, 100, 11)
+    output, sigma = 0.02 * rate, np.full(11, 1e-4)
+    output[3] += 1.0
+    sigma[3] = 1.0
+    assert fit(points_of("s", "V", rate, output, ["one"] * 11, sigma), LINE).coefficients[0] == pytest.approx(0.02, rel=1e-5)
+
+
+def test_sigmas_of_the_terms_hold():
+    errors = []
+    for seed in range(60):
+        points = measured(ONE_OF["clip"][0], seed=seed)
+        clip = fit(points, Hypothesis("line", True, True))
+        found = rows_of(Choice(points, clip, fit(points, LINE), 0.0, (), 1.0, ()))
+        for key, truth in (("scale", SCALE), ("linear_high", 4.3 / SCALE), ("saturation_low", REST - 4.1)):
+            errors.append((found[key].value - truth) / found[key].sigma)
+    assert 0.58 < np.mean(np.abs(errors) < 1) < 0.78
+    assert np.mean(np.abs(errors) < 2) > 0.90
+
+
+def test_the_limit_of_a_term_that_does_not_show_holds():
+    """A hundred tables whose slopes differ by too little to be seen."""
+    below = []
+    for seed in range(100):
+        points = measured(lambda w: SCALE * np.where(w > 0, 1 + 1e-4, 1 - 1e-4) * w, seed=seed)
+        line = fit(points, LINE)
+        below.append(rows_of(Choice(points, line, line, 1.0, (), 1.0, ()))["asymmetry"].at_most > 200)
+    assert np.mean(below) > 0.92
+
+
+# Several curves.
+
+
+def test_a_curve_is_predicted_from_the_others_with_its_own_offset():
+    rng = np.random.default_rng(2)
+    rate = np.concatenate([np.linspace(-r, r, 11) for r in (50, 100, 200)])
+    curve = np.repeat(["a", "b", "c"], 11)
+    offset = np.repeat([0.0, 0.02, -0.03], 11)
+    points = points_of("s", "V", rate, offset + 5 * np.sin(rate / 250) + 1e-4 * rng.normal(size=33), curve.tolist())
+    one = held_out(points, Hypothesis("sine"), 1)
+    assert one.rms < 3e-4
+    assert one.beyond == 0
+    far = held_out(points, Hypothesis("cubic"), 2)
+    assert far.beyond == 6  # 120, 160 and 200 in both senses
+    assert far.rms > 10 * far.within_rms
+    assert choose(points).fit.offsets - choose(points).fit.offsets[0] == pytest.approx([0, 0.02, -0.03], abs=3e-4)
+
+
+def test_too_few_points_are_refused_in_one_line():
+    with pytest.raises(FormatError, match="3 rates, expected at least four"):
+        points_of("s", "V", [0, 1, 2], [0, 1, 2], ["one"] * 3)
+    with pytest.raises(DataError, match="do not determine a line"):
+        choose(points_of("s", "V", [0, 1, 2, 3], [0, 1, 2, 3], ["a", "b", "c", "d"]))

@@ -1,0 +1,104 @@
+"""Points of a rate table from a CSV: columns and units, sensors and curves, and what is refused."""
+
+import numpy as np
+import pytest
+
+from session.io.errors import FormatError
+from tinygc.annexes.rates.points import Columns, read_points
+
+RATES = (-20, -10, 0, 10, 20)
+
+
+def csv(path, header, rows):
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def plain(path, header="rate_dps,mean_v", mark=","):
+    return csv(path, header, [f"{rate}{mark}{0.1 * rate}" for rate in RATES])
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "unit"),
+    [
+        ("rate_dps,mean_v", 1.0, "V"),
+        ("Rate (deg/s),Output (mV)", 1.0, "mV"),
+        ("rate_rad_s,output_lsb", 180 / np.pi, "LSB"),
+        ("speed_rpm,voltage_v", 6.0, "V"),
+        ("rate [°/s],mean [V]", 1.0, "V"),
+    ],
+)
+def test_columns_and_units_by_their_names(tmp_path, header, factor, unit):
+    (points,), _ = read_points(plain(tmp_path / "t.csv", header))
+    assert points.rate_dps == pytest.approx(factor * np.array(RATES))
+    assert points.output == pytest.approx(0.1 * np.array(RATES))
+    assert points.unit == unit
+    assert points.sensor == "t"
+
+
+def test_semicolons_comments_and_a_mark_of_utf8(tmp_path):
+    path = plain(tmp_path / "t.csv", "# bench 3\nrate_dps;mean_v", mark=";")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_points(path)[0][0]) == 5
+
+
+def test_options_name_columns_unit_and_readings(tmp_path):
+    path = csv(tmp_path / "t.csv", "r_dps,y,std", [f"{rate},{rate},0.2" for rate in RATES])
+    (points,), remarks = read_points(path, Columns("r_dps", "y", "V", 100))
+    assert points.unit == "V"
+    assert points.sigma == pytest.approx(np.full(5, 0.02))
+    assert not remarks
+    assert "--readings" in read_points(path, Columns("r_dps", "y", "V"))[1][0]
+    assert "--output-unit" in read_points(path, Columns("r_dps", "y", "", 100))[1][0]
+
+
+def test_sensors_and_curves_are_told_apart(tmp_path):
+    rows = [
+        f"{sensor},{top},{k},{top * share},{share}" for sensor in "AB" for top in (50, 100) for k, share in enumerate((-1, -0.5, 0, 0.5, 1))
+    ]
+    found, _ = read_points(csv(tmp_path / "t.csv", "sensor,rate_max_dps,number,rate_dps,mean_v", rows[:10] + rows[10:]))
+    assert [points.sensor for points in found] == ["A", "B"]
+    assert len(found[0].curves) == 10  # the number repeats, and so tells curves apart
+    found, _ = read_points(
+        csv(tmp_path / "u.csv", "sensor,rate_max_dps,rate_dps,mean_v", [",".join(np.delete(r.split(","), 2)) for r in rows])
+    )
+    assert found[0].curves == ("rate_max_dps 50", "rate_max_dps 100")
+    assert found[0].curve.tolist() == [0] * 5 + [1] * 5
+    assert found[0].direction.tolist() == [0, 1, 1, 1, 1] * 2
+
+
+def test_a_column_that_never_repeats_is_no_curve(tmp_path):
+    rows = [f"{n},{rate},{rate}" for n, rate in enumerate(RATES)]
+    assert len(read_points(csv(tmp_path / "t.csv", "time_s,rate_dps,mean_v", rows))[0][0].curves) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "empty; expected a header"),
+        ("rate_dps,mean_v\n", "empty; expected a header"),
+        ("speed,volts\n1,2\n", "no column of output"),
+        ("rate,mean_v\n1,2\n2,3\n3,4\n4,5\n", "'rate' states no unit"),
+        ("rate_dps,mean_v\n1,2\n2\n", "line 3: 1 columns, expected the 2"),
+        ("rate_dps,mean_v\n1,2\n2,abc\n", "line 3: mean_v is 'abc', expected a number"),
+        ("rate_dps,mean_v\n1,2\n2,nan\n", "line 3: mean_v is 'nan', expected a number"),
+        ("rate_dps,mean_v\n1,2\n2,3\n3,4\n", "3 rates, expected at least four"),
+    ],
+)
+def test_what_is_refused(tmp_path, text, said):
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_points(path)
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_bytes(b"\xff\xfe\x00rate")
+    with pytest.raises(FormatError):
+        read_points(path)
+
+
+def test_a_column_that_is_not_there_is_named_with_those_that_are(tmp_path):
+    with pytest.raises(FormatError, match=r"no column 'volts' \(--output-column\); it has rate_dps, mean_v"):
+        read_points(plain(tmp_path / "t.csv"), Columns(output="volts"))

@@ -1,0 +1,149 @@
+"""Rate steps and swings recorded with a machine's angles: rates, settled means, their sigmas; bandwidth and delay."""
+
+import numpy as np
+import pytest
+from rate_tables import ODR_HZ, TABLE, Swings, record, steps
+
+import tinygc
+from session.annexes.machines.angles import read_angles
+from session.io.errors import DataError, FormatError
+from tinygc.annexes.rates.recording import dwells, read_recording
+from tinygc.annexes.rates.sweep import Response, fit_response, read_response, transfer
+
+RATES = (-120, -60, 0, 60, 120)
+
+
+def read(folder):
+    return read_recording(folder, lambda *what: None)
+
+
+@pytest.fixture(scope="module")
+def stepped(tmp_path_factory):
+    track, ends_s = steps([*RATES, *RATES[-2::-1]], 4.0)
+    return record(tmp_path_factory.mktemp("stepped"), track, ends_s, scale=1.01)
+
+
+def test_dwells_are_those_that_the_table_made(stepped):
+    own = read_angles(stepped / "table.csv", TABLE)["rates0001.csv"]
+    found = dwells(own)
+    long = [dwell for dwell in found if own.t_ns[dwell.stop] - own.t_ns[dwell.start] > 2e9]
+    assert np.rad2deg([dwell.rate for dwell in long]) == pytest.approx([*RATES, *RATES[-2::-1]], abs=2)
+
+
+def test_rates_and_means_of_settled_dwells(stepped):
+    (points,) = read(stepped).points
+    moved = np.abs(points.rate_dps) > 1
+    assert points.rate_dps[moved] == pytest.approx([r for r in (*RATES, *RATES[-2::-1]) if r], abs=2e-3)
+    errors = (points.output - points.output[~moved].mean() - 1.01 * points.rate_dps) / points.sigma
+    assert np.sqrt(np.mean(errors**2)) < 2
+    assert (points.sigma < 5e-3).all()
+    assert points.sensor == "gyroscope z"
+    assert set(points.direction) == {-1, 0, 1}
+
+
+def test_the_scale_of_a_recording(stepped):
+    (choice,) = tinygc.estimate_rates(stepped).choices
+    assert choice.is_line
+    scale = choice.fit.coefficients[0]
+    assert scale == pytest.approx(1.01, abs=4 * np.sqrt(choice.fit.covariance[1, 1]))
+
+
+def test_a_law_that_is_hidden_in_the_sensor_is_found(tmp_path):
+    def distort(t_s, rate, force, temp_c):
+        return np.deg2rad(90) * np.sin(rate / np.deg2rad(90))
+
+    track, ends_s = steps([-120, -90, -60, -30, 0, 30, 60, 90, 120], 2.5)
+    record(tmp_path, track, ends_s, distort=distort)
+    (choice,) = tinygc.estimate_rates(tmp_path).choices
+    assert choice.fit.hypothesis.law == "sine"
+    assert choice.fit.shape[0] == pytest.approx(90, rel=1e-3)
+
+
+@pytest.mark.parametrize("declared", [False, True])
+def test_bandwidth_and_delay_of_a_swing(tmp_path, declared):
+    track = Swings([1.0, 2.0, 4.0, 8.0, 12.0], 4.0)
+    settings = "[settings]\nlatency_s = 0.02\n" if declared else ""
+    record(tmp_path, track, track.ends_s, latency_s=0.02, settings=settings)
+    (sweep,) = tinygc.estimate_rates(tmp_path).sweeps
+    assert sweep.response.frequency_hz == pytest.approx([1, 2, 4, 8, 12], rel=1e-3)
+    assert sweep.bandwidth_hz == pytest.approx(33.0, abs=4 * sweep.bandwidth_sigma_hz)  # the simulated sensor's filter
+    delay_s, sigma_s = sweep.delay_s
+    assert delay_s == pytest.approx(0.0 if declared else -0.02, abs=4 * sigma_s)
+    assert sigma_s < 1e-3
+    assert ("not declared" in sweep.lines[0]) != declared
+
+
+# A response by itself.
+
+
+def response(model, vector, seed=1, sigma=1e-3, f=None):
+    f = np.geomspace(0.5, 60, 14) if f is None else f
+    rng = np.random.default_rng(seed)
+    h = transfer(model, f, np.array(vector)) * (1 + sigma * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))))
+    return Response("r", f, np.abs(h), np.angle(h), sigma * np.abs(h), np.full(len(f), sigma))
+
+
+@pytest.mark.parametrize(
+    ("model", "vector", "band"),
+    [("first", [1.02, 0.003, 20.0], 20.0), ("second", [0.98, 0.001, 30.0, np.sqrt(0.5)], 30.0), ("second", [1, 0, 25.0, 0.3], 36.30)],
+)
+def test_models_compete_and_give_the_bandwidth(model, vector, band):
+    sweep = fit_response(response(model, vector))
+    assert sweep.model == model
+    assert np.abs(sweep.vector - vector) == pytest.approx(0, abs=4 * np.sqrt(np.diag(sweep.covariance)).max())
+    assert sweep.bandwidth_hz == pytest.approx(band, abs=max(4 * sweep.bandwidth_sigma_hz, 1e-2))
+
+
+def test_a_flat_response_has_a_lower_limit():
+    sweep = fit_response(response("flat", [1.0, 0.005]))
+    assert sweep.model == "flat"
+    assert sweep.bandwidth_hz is None
+    assert sweep.bandwidth_at_least_hz == pytest.approx(60)
+    assert sweep.delay_s[0] == pytest.approx(0.005, abs=4 * sweep.delay_s[1])
+
+
+@pytest.mark.broad
+def test_sigmas_of_bandwidth_and_delay_hold():
+    errors = []
+    for seed in range(60):
+        sweep = fit_response(response("first", [1.0, 0.003, 20.0], seed))
+        errors += [(sweep.bandwidth_hz - 20) / sweep.bandwidth_sigma_hz, (sweep.delay_s[0] - 0.003) / sweep.delay_s[1]]
+    assert 0.58 < np.mean(np.abs(errors) < 1) < 0.80
+    assert np.mean(np.abs(errors) < 2) > 0.90
+
+
+def test_a_response_of_a_csv(tmp_path):
+    want = response("first", [1.0, 0.0, 20.0], sigma=1e-6)
+    path = tmp_path / "sweep.csv"
+    rows = [f"{f:.9g},{g:.9g},{np.rad2deg(p):.9g}" for f, g, p in zip(want.frequency_hz, want.gain, want.phase, strict=True)]
+    path.write_text("frequency_hz,gain,phase_deg\n" + "\n".join(rows))
+    assert read_response(path).phase == pytest.approx(want.phase)
+    assert tinygc.estimate_rates(path).sweeps[0].bandwidth_hz == pytest.approx(20.0, rel=1e-3)
+
+
+# What is refused.
+
+
+def test_what_a_recording_lacks(tmp_path, stepped):
+    with pytest.raises(FormatError, match=r"table.toml: not found; a recording of rates"):
+        read(tmp_path)
+    for name in ("table.toml", "table.csv", "session.toml"):
+        (tmp_path / name).write_bytes((stepped / name).read_bytes())
+    with pytest.raises(FormatError, match=r"no log; expected rates0001\.csv"):
+        read(tmp_path)
+    (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
+    with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):
+        read(tmp_path)
+
+
+def test_a_table_that_stands_still_is_refused(tmp_path):
+    track, _ = steps([], 1.0)
+    record(tmp_path, track, 5.0)
+    assert ODR_HZ
+    with pytest.raises(DataError, match="no rate step and no sweep"):
+        read(tmp_path)
+
+
+def test_too_few_frequencies_are_refused():
+    with pytest.raises(DataError, match="3 frequencies, expected at least 4"):
+        fit_response(response("flat", [1, 0], f=np.array([1.0, 2.0, 3.0])))

@@ -1,0 +1,235 @@
+"""Points of a rate table: at each rate the mean of the output; of a CSV (docs/rate-steps.md), sensor by sensor, curve by curve.
+
+    sensor, unit, …, rate_dps, mean_v, std_v, readings
+
+One row is one rate.  The columns of rate and output are known by their names, units stand in these, or options name both.  Columns
+``sensor``, ``unit``, ``serial`` or ``axis`` tell sensors apart; any other column that repeats tells the curves of one sensor apart.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.io.errors import FormatError
+from session.io.files import MB, read_text
+from session.io.texts import printable
+from session.io.units import DEG
+
+#: a table of points that a person measured
+MOST_BYTES, MOST_POINTS = 16 * MB, 2000
+#: least number of rates
+LEAST_RATES = 4
+#: of the largest output: a stated sigma below is none
+LEAST_SIGMA = 1e-9
+#: names of columns, before their units
+RATES = ("rate", "table_rate", "input_rate", "commanded_rate", "omega", "speed", "input")
+OUTPUTS = ("mean", "output", "average", "value", "voltage", "reading", "out", "signal")
+STDS = ("std", "sigma", "stdev", "sd", "noise")
+READINGS = ("readings", "n", "count", "samples", "n_readings")
+SENSORS = ("sensor", "unit", "serial", "axis", "device", "name")
+#: units of rate -> °/s
+RATE_UNITS = {
+    "dps": 1.0,
+    "deg/s": 1.0,
+    "°/s": 1.0,
+    "deg_s": 1.0,
+    "deg_per_s": 1.0,
+    "rad/s": 1 / DEG,
+    "rps": 1 / DEG,
+    "rad_s": 1 / DEG,
+    "rpm": 6.0,
+}
+#: units of outputs as they are shown
+OUTPUT_UNITS = {
+    "v": "V",
+    "mv": "mV",
+    "uv": "µV",
+    "lsb": "LSB",
+    "counts": "counts",
+    "dps": "°/s",
+    "deg/s": "°/s",
+    "°/s": "°/s",
+    "ma": "mA",
+    "hz": "Hz",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """All points of one sensor, in the order in which they were taken.
+
+    rate_dps (N,): of the table, °/s; output (N,) in ``unit``; sigma (N,): of the output's mean, NaN where it is not known; curve (N,):
+    which curve each is of, of ``curves``, their names; direction (N,): +1 where the rate rose to this point, -1 where it fell, 0 for the
+    first; cells: of the sensor's own columns, for its name.
+    """
+
+    sensor: str
+    unit: str
+    rate_dps: np.ndarray
+    output: np.ndarray
+    sigma: np.ndarray
+    curve: np.ndarray
+    curves: tuple[str, ...]
+    direction: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.rate_dps)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the sigma of every mean is known, and not as small as its rounding."""
+        return bool(np.isfinite(self.sigma).all() and (self.sigma > LEAST_SIGMA * max(np.abs(self.output).max(), 1e-300)).all())
+
+    @property
+    def distinct(self) -> np.ndarray:
+        """(N,) rates of which those that a table takes for one are equal: to a thousandth of the largest."""
+        step = 1e-3 * max(float(np.abs(self.rate_dps).max()), 1e-300)
+        found: np.ndarray = np.round(self.rate_dps / step) * step
+        return found
+
+    def part(self, which: np.ndarray) -> Points:
+        """The points (N,) bool that are chosen, the curves keeping their numbers."""
+        rows = (self.rate_dps, self.output, self.sigma, self.curve, self.direction)
+        rate, output, sigma, curve, direction = (row[which] for row in rows)
+        return replace(self, rate_dps=rate, output=output, sigma=sigma, curve=curve, direction=direction)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What a person says of a CSV: names of the columns of rate and output, unit of the output, readings behind each mean."""
+
+    rate: str = ""
+    output: str = ""
+    unit: str = ""
+    readings: int | None = None
+
+
+def points_of(
+    sensor: str, unit: str, rate_dps: np.ndarray, output: np.ndarray, curve: Sequence[str], sigma: np.ndarray | None = None
+) -> Points:
+    """Points of arrays (N,); curve: the name of each point's curve.  FormatError for fewer than four rates."""
+    rate_dps, output = np.asarray(rate_dps, dtype=float), np.asarray(output, dtype=float)
+    names = tuple(dict.fromkeys(curve))
+    which = np.array([names.index(name) for name in curve])
+    if not (np.isfinite(rate_dps).all() and np.isfinite(output).all()):
+        raise FormatError(f"{printable(sensor)}: a rate or an output is not finite; leave its row out")
+    if len(np.unique(rate_dps)) < LEAST_RATES:
+        raise FormatError(f"{printable(sensor)}: {len(np.unique(rate_dps))} rates, expected at least four, in both senses")
+    step = np.concatenate([[0.0], np.sign(np.diff(rate_dps))])
+    step[1:][np.diff(which) != 0] = 0.0  # a curve begins
+    known = np.full(len(rate_dps), np.nan) if sigma is None else np.asarray(sigma, dtype=float)
+    return Points(sensor, unit, rate_dps, output, known, which, names, step)
+
+
+def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points], list[str]]:
+    """Points of each sensor of a CSV, and remarks.  Raises FormatError, which names the line and what was expected."""
+    columns = columns or Columns()
+    header, rows = read_table(path)
+    rate = _column(path, header, columns.rate, RATES, "rate", "--rate-column")
+    output = _column(path, header, columns.output, OUTPUTS, "output", "--output-column")
+    std, readings = (_found(header, names) for names in (STDS, READINGS))
+    factor = _rate_factor(path, header[rate])
+    own = [n for n, name in enumerate(header) if n not in (rate, output, std, readings)]
+    names = [n for n in own if header[n].strip().lower() in SENSORS]
+    others = [n for n in own if n not in names and 1 < len({row[n] for _, row in rows}) <= len(rows) / 2]
+    remarks = []
+    unit = columns.unit or _unit(header[output])
+    if not unit:
+        unit = "units"
+        remarks.append(f"The column {printable(header[output])!r} states no unit; --output-unit V gives one.")
+    sensors: dict[str, list[tuple[str, float, float, float]]] = {}
+    for line, row in rows:
+        n = columns.readings or (None if readings is None else _number(path, line, header[readings], row[readings]))
+        spread = None if std is None else _number(path, line, header[std], row[std])
+        sigma = np.nan if n is None or spread is None or n < 2 else spread / np.sqrt(n)
+        where = [_number(path, line, header[n], row[n]) for n in (rate, output)]
+        curve = ", ".join(f"{header[n]} {row[n]}" for n in others)
+        sensors.setdefault(" ".join(row[n] for n in names) or path.stem, []).append((curve, where[0] * factor, where[1], sigma))
+    if std is not None and readings is None and columns.readings is None:
+        remarks.append("How many readings are behind each std is not stated, so the noise comes from repeats and residuals (--readings N).")
+    found = []
+    for sensor, own_rows in sensors.items():
+        curve_names = [each[0] for each in own_rows]
+        table = np.array([each[1:] for each in own_rows])
+        found.append(points_of(sensor, unit, table[:, 0], table[:, 1], curve_names, table[:, 2]))
+    return found, remarks
+
+
+def read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Header and rows of a CSV, each with the number of its line.  Raises FormatError."""
+    text = read_text(path, MOST_BYTES)
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    if len(lines) < 2:
+        raise FormatError(f"{path}: empty; expected a header with a rate and an output, as rate_dps,mean_v, and a row for each rate")
+    mark = ";" if lines[0][1].count(";") > lines[0][1].count(",") else ","
+    try:
+        cells = [next(csv.reader([line], delimiter=mark)) for _, line in lines]
+    except csv.Error as error:
+        raise FormatError(f"{path}: no table of text: {error}; expected a CSV with a header such as rate_dps,mean_v") from None
+    header = [cell.strip() for cell in cells[0]]
+    rows = [(number, row) for (number, _), row in zip(lines[1:], cells[1:], strict=True)]
+    for number, row in rows:
+        if len(row) != len(header):
+            raise FormatError(f"{path} line {number}: {len(row)} columns, expected the {len(header)} of the header")
+    if len(rows) > MOST_POINTS:
+        raise FormatError(f"{path}: {len(rows)} points, expected at most {MOST_POINTS}; is it a log? give one row for each rate")
+    return header, rows
+
+
+def _found(header: Sequence[str], names: Sequence[str]) -> int | None:
+    """The column with the first of these names, by itself or before a unit."""
+    plain = [re.sub(r"[\s(\[].*", "", name.strip().lower()) for name in header]
+    for wanted in names:
+        for number, name in enumerate(plain):
+            tail = name.removeprefix(wanted)
+            if name == wanted or (tail != name and tail.startswith("_") and (tail[1:] in RATE_UNITS or tail[1:] in OUTPUT_UNITS)):
+                return number
+    return None
+
+
+def _column(path: Path, header: Sequence[str], wanted: str, names: Sequence[str], what: str, option: str) -> int:
+    if wanted:
+        if wanted not in header:
+            raise FormatError(f"{path}: no column {printable(wanted)!r} ({option}); it has {', '.join(map(printable, header))[:200]}")
+        return header.index(wanted)
+    found = _found(header, names)
+    if found is None:
+        raise FormatError(
+            f"{path}: no column of {what}, such as {names[0]}_dps, among {', '.join(map(printable, header))[:200]}; name it with {option}"
+        )
+    return found
+
+
+def _suffix(name: str) -> str:
+    """The unit that a column's name ends with, in brackets or after its last underscore; small letters."""
+    bracket = re.search(r"[(\[]([^)\]]*)[)\]]\s*$", name)
+    return (bracket[1] if bracket else name.rpartition("_")[2] if "_" in name else "").strip().lower()
+
+
+def _rate_factor(path: Path, name: str) -> float:
+    for unit, factor in RATE_UNITS.items():
+        if name.strip().lower().endswith(f"_{unit}") or _suffix(name) == unit:
+            return factor
+    raise FormatError(f"{path}: the column {printable(name)!r} states no unit; call it rate_dps, rate_rad_s or rate_rpm")
+
+
+def _unit(name: str) -> str:
+    return OUTPUT_UNITS.get(_suffix(name), "")
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value) or abs(value) > 1e12:
+        raise FormatError(
+            f"{path} line {line}: {printable(name)} is {printable(text)[:40]!r}, expected a number; correct it, or leave the row out"
+        )
+    return value

@@ -1,0 +1,304 @@
+"""The terms of IEEE 1431 (12.9 to 12.11) as rows: value, sigma, and the condition under which they hold; of what does not show, a limit.
+
+A term that the chosen law has is a function of its numbers, with the sigma of these.  A term that it does not have is fitted beside the
+law: its size and sigma then say what would have been seen, and 95 % of the probability lies below the limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.io.texts import fixed, significant
+from tinygc.annexes.rates.choice import Choice
+from tinygc.annexes.rates.fitting import Fit, fit, over_rate, span
+from tinygc.annexes.rates.points import Points
+
+#: departure from the slope at rest that ends the linear range of a law that bends
+LINEAR_WITHIN = 0.01
+#: normal quantile of an upper limit (95 %) on a term whose sign is not known
+LIMIT_95 = 1.96
+#: rates at which a law is looked at
+GRID = 2001
+#: step of a difference quotient, in sigmas
+STEP = 0.1
+
+
+@dataclass(frozen=True)
+class TermRow:
+    """One row of the report: key and name; value and sigma in ``unit``, None where it does not show; at_most: its upper limit (95 %), None
+    where there is a value or the rates do not show the term; condition."""
+
+    key: str
+    name: str
+    value: float | None
+    sigma: float | None
+    at_most: float | None
+    unit: str
+    condition: str
+
+
+@dataclass(frozen=True)
+class Range:
+    """The linear range, °/s, and whether each end is the output's: a limit, or a bend of 1 %; else the rates tested end there."""
+
+    low: float
+    high: float
+    ends: tuple[bool, bool]
+
+    @property
+    def words(self) -> str:
+        """``−120 to 120 °/s``."""
+        return f"{significant(self.low)} to {significant(self.high)} °/s"
+
+
+def terms(choice: Choice) -> list[TermRow]:
+    """The rows of one sensor."""
+    found, points = choice.fit, choice.points
+    within = linear_range(found)
+    tested = f"{len(np.unique(points.distinct))} rates from {fixed(points.rate_dps.min(), 0)} to {fixed(points.rate_dps.max(), 0)} °/s"
+    unit = points.unit
+    scale, scale_sigma = derived(found, lambda have: best_line(have, within)[0])
+    rows = [
+        TermRow("scale", "scale factor", scale, scale_sigma, None, over_rate(unit, 1), f"best line within {within.words}"),
+        _value("offset", "output at rest", found, lambda have: have.offset, unit, _curves_words(points)),
+        _value("offset_rate", "… as a rate", found, lambda have: have.offset / best_line(have, within)[0], "°/s", _curves_words(points)),
+    ]
+    if len(points.curves) > 1:
+        rows.append(_drift(found))
+    rows += _range_rows(found, within)
+    rows.append(_nonlinearity(choice, within))
+    rows += _over_all(found, within)
+    rows.append(_asymmetry(choice, within, tested))
+    rows.append(_hysteresis(choice, scale, tested))
+    rows.append(_dead_band(choice, tested))
+    rows += _saturation(found)
+    line = choice.line
+    share = 100 * float(np.abs(line.residuals).max() / max(abs(line.coefficients[0]) * np.abs(points.rate_dps).max(), 1e-300))
+    rows.append(TermRow("straight_line", "a straight line would say: nonlinearity", share, None, None, "% of full scale", tested))
+    return rows
+
+
+def derived(found: Fit, function: Callable[[Fit], float]) -> tuple[float, float]:
+    """A function of a fit's numbers, and its sigma by their covariance."""
+    value = function(found)
+    sigmas = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    slopes = np.zeros(len(sigmas))
+    for number, sigma in enumerate(sigmas):
+        if sigma > 0:
+            sides = []
+            for sign in (1, -1):
+                other = found.vector.copy()
+                other[number] += sign * STEP * sigma
+                sides.append(function(found.moved(other)))
+            slopes[number] = (sides[0] - sides[1]) / (2 * STEP * sigma)
+    return value, float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
+
+
+def _value(key: str, name: str, found: Fit, function: Callable[[Fit], float], unit: str, condition: str) -> TermRow:
+    value, sigma = derived(found, function)
+    return TermRow(key, name, value, sigma, None, unit, condition)
+
+
+def _curves_words(points: Points) -> str:
+    return "one curve" if len(points.curves) == 1 else f"mean of {len(points.curves)} curves"
+
+
+def _drift(found: Fit) -> TermRow:
+    """Spread of the offsets of several curves, about their mean."""
+    count = len(found.offsets)
+    value = float(found.offsets.std(ddof=1))
+    sigma = float(np.sqrt(np.mean(np.diag(found.covariance)[:count])))
+    if value > LIMIT_95 * sigma:
+        return TermRow(
+            "drift", "spread of the output at rest", value, sigma / np.sqrt(2 * (count - 1)), None, found.points.unit, f"{count} curves"
+        )
+    return TermRow("drift", "spread of the output at rest", None, None, value + LIMIT_95 * sigma, found.points.unit, f"{count} curves")
+
+
+# The linear range, and the best line within it.
+
+
+def linear_range(found: Fit) -> Range:
+    """From rest outwards until the output reaches a limit, or departs by 1 % from its slope at rest; at most the rates tested."""
+    rates = found.points.rate_dps
+    ends, sides = [], []
+    for end in (min(rates.min(), 0.0), max(rates.max(), 0.0)):
+        at, reached = _end(found, float(end))
+        sides.append(at)
+        ends.append(reached)
+    return Range(sides[0], sides[1], (ends[0], ends[1]))
+
+
+def _end(found: Fit, end: float) -> tuple[float, bool]:
+    """Where the linear range ends towards a rate, and whether it does before it."""
+    if not end:
+        return 0.0, False
+    limit = input_limit(found, end)
+    grid = np.linspace(0.0, end, GRID)[1:]
+    step = 1e-3 * end
+    free = found.unlimited(np.array([0.0, step, 2 * step]))
+    slope = (free[2] - free[1]) / step  # beyond a step at rest
+    curve = found.unlimited(grid)
+    bent = np.abs(curve - (free[1] - slope * step) - slope * grid) - LINEAR_WITHIN * np.abs(slope * grid)
+    bend = _crossing(grid, bent)
+    reached = [abs(each) for each in (limit, bend) if each is not None]
+    return (float(np.copysign(min(reached), end)), True) if reached else (end, False)
+
+
+def input_limit(found: Fit, end: float) -> float | None:
+    """The rate towards ``end`` at which the output first reaches a limit; None where it does not."""
+    grid = np.linspace(0.0, end, GRID)
+    free = found.unlimited(grid) + found.offset
+    return _crossing(grid, np.maximum(free - found.limits[1], found.limits[0] - free))
+
+
+def _crossing(grid: np.ndarray, beyond: np.ndarray) -> float | None:
+    """Where values on a grid first exceed zero, between two of its places; None where they do not, or do from the first on."""
+    if beyond[0] >= 0 or not (beyond > 0).any():
+        return None
+    at = int(np.argmax(beyond > 0))
+    share = -beyond[at - 1] / (beyond[at] - beyond[at - 1])
+    return float(grid[at - 1] + share * (grid[at] - grid[at - 1]))
+
+
+def best_line(found: Fit, within: Range) -> tuple[float, float]:
+    """Slope of the best line over the range, and the largest departure of the law from it, in the output's unit."""
+    grid = np.linspace(within.low, within.high, GRID)
+    free = found.unlimited(grid)
+    slope, constant = np.polyfit(grid, free, 1)
+    return float(slope), float(np.abs(free - slope * grid - constant).max())
+
+
+def _range_rows(found: Fit, within: Range) -> list[TermRow]:
+    rows = []
+    for key, name, end, reached in (("low", "lower", within.low, within.ends[0]), ("high", "upper", within.high, within.ends[1])):
+        why = (
+            "rates tested end there" if not reached else "limit of the output" if _is_limit(found, end) else "departs by 1 % from its slope"
+        )
+        sigma = derived(found, lambda have, end=end: _end(have, 1.5 * end)[0])[1] if reached else None  # type: ignore[misc]
+        what = f"input limit, {name}" if why.startswith("limit") else f"linear range, {name} end"
+        rows.append(TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why))
+    return rows
+
+
+def _is_limit(found: Fit, end: float) -> bool:
+    limit = input_limit(found, 1.01 * end)
+    return limit is not None and abs(limit - end) < 0.01 * abs(end)
+
+
+# Terms that a law has or has not.
+
+
+def _probe(choice: Choice, extra: str) -> tuple[float, float] | None:
+    """Coefficient and sigma of a column beside the chosen law; None where the points do not determine it."""
+    of = choice.fit.hypothesis
+    if extra not in of.extras:
+        of = replace(of, extras=(*of.extras, extra))
+    found = choice.fit if of == choice.fit.hypothesis else fit(choice.points, of)
+    if found is None:
+        return None
+    number = len(found.offsets) + len(found.hypothesis.of.coefficients) + of.extras.index(extra)
+    sigma = float(np.sqrt(found.covariance[number, number]))
+    return (float(found.vector[number]), sigma) if np.isfinite(sigma) and sigma > 0 else None
+
+
+def _limited(key: str, name: str, value: tuple[float, float] | None, factor: float, unit: str, condition: str) -> TermRow:
+    """A row of what does not show: less than x."""
+    if value is None:
+        return TermRow(key, name, None, None, None, unit, f"{condition}: too few points")
+    return TermRow(key, name, None, None, abs(factor) * (abs(value[0]) + LIMIT_95 * value[1]), unit, condition)
+
+
+def _nonlinearity(choice: Choice, within: Range) -> TermRow:
+    """Largest departure from the best line within the linear range, ppm of its larger end."""
+    found = choice.fit
+    full = abs(best_line(found, within)[0]) * max(abs(within.low), abs(within.high))
+    condition = f"of {significant(full)} {choice.points.unit}, within {within.words}"
+    if _bends(found):
+        return _value("nonlinearity", "nonlinearity", found, lambda have: 1e6 * best_line(have, within)[1] / full, "ppm", condition)
+    grid = np.linspace(within.low, within.high, GRID)
+    departure = np.abs(grid**3 - np.polyval(np.polyfit(grid, grid**3, 1), grid)).max()
+    return _limited("nonlinearity", "nonlinearity", _probe(choice, "bend"), 1e6 * departure / full, "ppm", f"{condition}, as a cubic")
+
+
+def _over_all(found: Fit, within: Range) -> list[TermRow]:
+    """Departure of a law that bends from its best line over all rates tested, ppm of the larger end; limits of the output aside."""
+    rates = found.points.rate_dps
+    tested = Range(float(rates.min()), float(rates.max()), (False, False))
+    if not _bends(found) or (tested.low, tested.high) == (within.low, within.high):
+        return []
+    full = abs(best_line(found, tested)[0]) * float(np.abs(rates).max())
+    name, condition = "… over all rates tested", f"of {significant(full)} {found.points.unit}, {tested.words}"
+    return [_value("nonlinearity_tested", name, found, lambda have: 1e6 * best_line(have, tested)[1] / full, "ppm", condition)]
+
+
+def _bends(found: Fit) -> bool:
+    return found.hypothesis.law not in ("line", "asymmetry", "dead_band")
+
+
+def _asymmetry(choice: Choice, within: Range, tested: str) -> TermRow:
+    """Slope of positive less slope of negative rates, ppm of their mean."""
+    found = choice.fit
+    key, name, condition = "asymmetry", "asymmetry of the scale", f"both senses, within {within.words}"
+    if not (choice.points.rate_dps.min() < 0 < choice.points.rate_dps.max()):
+        return TermRow(key, name, None, None, None, "ppm", f"not measured: one sense only, {tested}")
+    scale = best_line(found, within)[0]
+    names = dict(zip(found.names, range(len(found.names)), strict=True))
+    if "a" in names:
+        return _value(key, name, found, lambda have: 2e6 * have.vector[names["a"]] / scale, "ppm", condition)
+    return _limited(key, name, _probe(choice, "asymmetry"), 2e6 / scale, "ppm", condition)
+
+
+def _hysteresis(choice: Choice, scale: float, tested: str) -> TermRow:
+    """Output on the way up less output on the way down at one rate, as a rate."""
+    points = choice.points
+    key, name = "hysteresis", "hysteresis"
+    ups, downs = (set(points.distinct[points.direction == sign].tolist()) for sign in (1, -1))
+    if len(ups & downs) < 2:
+        return TermRow(key, name, None, None, None, "°/s", "not measured: the rates go one way; step up and down again")
+    condition = f"{len(ups & downs)} rates reached from both sides"
+    probed = _probe(choice, "hysteresis")
+    if "hysteresis" in choice.fit.hypothesis.extras and probed is not None:
+        return TermRow(key, name, probed[0] / scale, probed[1] / abs(scale), None, "°/s", condition)
+    return _limited(key, name, probed, 1 / scale, "°/s", condition)
+
+
+def _dead_band(choice: Choice, tested: str) -> TermRow:
+    """Half the width about rest in which the output stays."""
+    found, points = choice.fit, choice.points
+    if found.hypothesis.law == "dead_band":
+        number = found.names.index("d")
+        return _value("dead_band", "dead band, ±", found, lambda have: have.vector[number], "°/s", tested)
+    slope = float(np.diff(found.unlimited(np.array([0.0, 1e-3 * np.abs(points.rate_dps).max()])))[0] * 1e3 / np.abs(points.rate_dps).max())
+    if "turning" in found.hypothesis.extras:
+        number = found.names.index("t")
+        slope -= float(found.vector[number]) * 1e3 / np.abs(points.rate_dps).max()
+    smallest = float(np.abs(points.rate_dps[points.rate_dps != 0]).min())
+    return _limited("dead_band", "dead band, ±", _probe(choice, "sense"), 1 / slope, "°/s", f"smallest rate {significant(smallest)} °/s")
+
+
+def _reached(found: Fit, limit: float) -> str:
+    """At which rate the output comes to a limit."""
+    rates = found.points.rate_dps
+    places = [at for end in (rates.min(), rates.max()) if end and (at := input_limit(found, float(end))) is not None]
+    of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - limit) < 1e-3 * span(found.points)]
+    return "the output's limit" + "".join(f", reached at {significant(at)} °/s" for at in of_limit)
+
+
+def _saturation(found: Fit) -> list[TermRow]:
+    rows = []
+    tops = found.points.output
+    for key, name, there, extreme in (
+        ("saturation_high", "largest output", found.hypothesis.upper, float(tops.max())),
+        ("saturation_low", "smallest output", found.hypothesis.lower, float(tops.min())),
+    ):
+        if there:
+            number = found.names.index("V+" if key == "saturation_high" else "V−")
+            value, sigma = float(found.vector[number]), float(np.sqrt(found.covariance[number, number]))
+            rows.append(TermRow(key, f"{name} (saturation)", value, sigma, None, found.points.unit, _reached(found, value)))
+        else:
+            rows.append(TermRow(key, f"{name} seen", extreme, None, None, found.points.unit, "no limit is seen"))
+    return rows

@@ -1,0 +1,134 @@
+"""The screen of ``rates``: for each sensor the law, the terms of IEEE 1431, what was predicted of curves that were left out, remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from session.io.texts import NONE, printable, probability, significant
+from tinygc.annexes.rates.choice import Choice, HeldOut
+from tinygc.annexes.rates.sweep import Sweep
+from tinygc.annexes.rates.terms import TermRow, terms
+from tinygc.reporting.pictures.canvas import plain
+from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
+
+if TYPE_CHECKING:
+    from tinygc.annexes.rates.discovery import Discovery
+
+
+def rates_page(
+    choices: Sequence[Choice], sweeps: Sequence[Sweep], discoveries: Sequence[Discovery | None], remarks: Sequence[str]
+) -> Group:
+    """The screen."""
+    parts: list[RenderableType] = []
+    for choice, discovery in zip(choices, discoveries, strict=True):
+        parts += [*_sensor(choice), *([] if discovery is None else map(one_line, discovery.lines)), ""]
+    for sweep in sweeps:
+        parts += [one_line(sweep.headline, "bold"), _sweep_table(sweep), *map(one_line, sweep.lines), ""]
+    return Group(*(parts[:-1] if parts else parts), *map(one_line, remarks))
+
+
+def headline(choice: Choice) -> str:
+    """Which sensor, and what its points follow."""
+    found, points = choice.fit, choice.points
+    curves = f" on {len(points.curves)} curves" if len(points.curves) > 1 else ""
+    return f"{printable(points.sensor)}: {len(points)} points{curves}: {law_words(choice)}; it leaves {size(found.rms)} {points.unit} rms"
+
+
+def law_words(choice: Choice) -> str:
+    """``a straight line, clipped below and above``."""
+    _, *rest = choice.fit.hypothesis.name.split(", ")
+    extras = {"turning": "with an offset while the table turns", "hysteresis": "with hysteresis", "asymmetry": "with asymmetry"}
+    return ", ".join([choice.fit.hypothesis.of.words, *(extras.get(each, each) for each in rest)])
+
+
+def lines(choice: Choice) -> list[str]:
+    """What stands between headline and terms: the equation, its numbers, chance and rivals."""
+    found, points = choice.fit, choice.points
+    sigmas = found.covariance.diagonal() ** 0.5
+    skip = len(found.offsets) if len(found.offsets) > 1 else 0
+    shown = list(zip(found.names, found.vector, sigmas, found.units, strict=True))[skip:]
+    numbers = ", ".join(f"{name} {number(value, sigma)} {'' if unit == '1' else unit}".strip() for name, value, sigma, unit in shown)
+    said = [found.hypothesis.equation, numbers]
+    if choice.is_line:
+        said.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
+    else:
+        said.append(f"a straight line leaves {size(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})")
+    if choice.rivals:
+        others = ", ".join(
+            f"{rival.hypothesis.name} ({100 * share:.0f} %, {size(rival.rms)} {points.unit})" for rival, share in choice.rivals
+        )
+        said.append(f"not excluded besides ({100 * choice.probability:.0f} %): {others}")
+    return said
+
+
+def _sensor(choice: Choice) -> list[RenderableType]:
+    parts: list[RenderableType] = [one_line(headline(choice), "bold"), *map(one_line, lines(choice))]
+    table = plain_table("", "", "value", "± σ", "unit", "condition")
+    for column in (1, 2):
+        table.columns[column].justify = "right"
+    for row in terms(choice):
+        table.add_row(row.name, *cells(row), row.unit, row.condition)
+    parts.append(table)
+    if choice.held_out:
+        parts.append(_held_out(choice))
+    return parts
+
+
+def cells(row: TermRow) -> tuple[str, str]:
+    """Value and sigma, ``less than x``, or a dash."""
+    if row.value is None:
+        return (NONE, "") if row.at_most is None else (f"less than {size(row.at_most, 2)}", "")
+    if row.sigma is None or not row.sigma > 0:
+        return size(row.value), ""
+    value, _, sigma = number(row.value, row.sigma).partition(" ± ")
+    return value, sigma
+
+
+def number(value: float, sigma: float) -> str:
+    """``−0.019864 ± 0.000013``, or with a power of ten where it is small; to the sigma's first digits."""
+    if value and 0 < abs(value) < 1e-4 and sigma > 0:
+        exponent = f"{value:e}".partition("e")[2]
+        return f"({plain(value / 10.0 ** int(exponent), sigma / 10.0 ** int(exponent))}) × 10^{int(exponent)}".replace("^-", "^−")
+    return plain(value, sigma)
+
+
+def size(value: float, digits: int = 3) -> str:
+    """A size with a few digits, without thin spaces, which no terminal has."""
+    return significant(value, digits).replace("\u202f", "") if abs(value) >= 1e-6 or not value else f"{value:.{digits - 1}e}"
+
+
+def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:
+    """A law, and what it was fitted to; what it leaves on each curve."""
+    found: dict[str, dict[str, HeldOut]] = {}
+    for one in choice.held_out:
+        found.setdefault(", ".join(filter(None, (one.hypothesis, one.fitted_to and f"fitted to {one.fitted_to}"))), {})[one.curve] = one
+    return [(law, [held_out_cell(by_curve.get(curve)) for curve in choice.points.curves]) for law, by_curve in found.items()]
+
+
+def _held_out(choice: Choice) -> Table:
+    """Rms that each law leaves on a curve that it was not fitted to."""
+    first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
+    table = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
+    for law, cells_of_law in held_out_rows(choice):
+        table.add_row(law, *cells_of_law)
+    return table
+
+
+def held_out_cell(one: HeldOut | None) -> str:
+    """``0.0415 (1.79)``: rms over the rates within those that were fitted, and over all where some lie beyond."""
+    if one is None:
+        return NONE
+    return f"{size(one.within_rms)} ({size(one.rms)})" if one.beyond else size(one.rms)
+
+
+def curve_words(curve: str) -> str:
+    """The last of a curve's cells, which differs most often."""
+    return printable(curve.rpartition(", ")[2])
+
+
+def _sweep_table(sweep: Sweep) -> Table:
+    table = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
+    for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
+        table.add_row(significant(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
+    return table

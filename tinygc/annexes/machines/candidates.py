@@ -31,7 +31,6 @@ PLAUSIBLE = {
     BACKLASH: 0.3 * DEG,
     LOST: 2 * DEG,
     DROPPED: 2 * DEG,
-    LATENCY: 0.1,
 }
 #: cycles a turn from which an angle's error is a ripple; up to which it is looked for; of those that a turn's blocks resolve
 FIRST_RIPPLE, LAST_RIPPLE, RESOLVED = 3, 100, 0.8
@@ -78,7 +77,6 @@ def _of_table(comparison: Comparison) -> Iterator[Candidate]:
         return Candidate(id, TABLE, where, columns, np.full(columns.shape[1], PLAUSIBLE[id]), parts, dict(shape))
 
     yield candidate(TILT, "base", comparison.of_tilt(), ("tilt_deg", DEG, (0, 1)))
-    yield candidate(LATENCY, "word", comparison.of_latency(), ("latency_ms", 1e-3, (0,)))
     for number, axis in enumerate(axes):
         at = f"axis {axis.name}"
         once_and_twice = np.concatenate([comparison.of_harmonic(number, cycles) for cycles in (1, 2)], axis=1)
@@ -144,7 +142,11 @@ def _rate_columns(comparison: Comparison, effect: Effect, rests: Movement, turns
     for number, turn in enumerate(turns):
         in_turns[number, : len(turn.t_s)] = columns(turn)
     at_rest = columns(rests) if "acceleration" not in effect.id and not effect.reach else np.zeros((len(seen.said), 3, effect.parameter.size))
-    return comparison.of_rates(in_turns, at_rest).stacked()
+    found = comparison.of_rates(in_turns, at_rest).stacked()
+    delays = list(getattr(effect.gauge_convention, "delays", ()))
+    if delays:  # what all axes have alike is the latency of the machine's word, which is part of the state
+        found[:, delays] -= found[:, delays].mean(axis=1, keepdims=True)
+    return found
 
 
 def _movements(comparison: Comparison) -> tuple[Movement, list[Movement]]:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 
 from session.annexes.machines.angles import AngleLog
 from session.annexes.machines.description import Description
@@ -191,5 +192,5 @@ def _blocks(
     vectors = np.diff(at_edges, axis=0) + np.diff(own, axis=0) - np.cross(at_edges[:-1], np.diff(at_edges, axis=0)) / 2
     known_s = np.concatenate([[0.0], poll_s, [t_s[-1]]])
     known = np.concatenate([ends[0][None], word.angles[within][at], ends[1][None]])
-    said = np.stack([np.interp(edges, known_s, column) for column in known.T], axis=1)
+    said = Akima1DInterpolator(known_s, known)(edges)
     return float(samples.t_s[start]), float(edges[1]), vectors / edges[1], said

@@ -11,7 +11,8 @@ All rows are recording less prediction.  Two operators take any small error to t
     ``of_attitudes``: rotations phi (Q, 3) of the body at rest that the prediction lacks, R_true = R Exp(phi): force phi x R^T e_z,
     rotation phi_j - (R_i^T R_j)^T phi_i;     ``of_rates``: a rate that the gyroscope reads beside the true one, in blocks and rests.
 
-The sensor's calibration, the mounting, the zero of each axis and the Earth's rate are always free, with the priors below: the state.
+The sensor's calibration, the mounting, the zero of each axis, the Earth's rate and the latency of the machine's word are always free, with
+the priors below: the state.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial.transform import Rotation
 
+from session.annexes.machines.description import LATENCY_SIGMA_S
 from session.annexes.machines.kinematics import body_axes, rotations, stage_attitudes
 from session.annexes.machines.mechanics import normals
 from session.io.units import DEG, EARTH_RATE_RPS
@@ -36,9 +39,9 @@ MATRIX_SIGMA, ZERO_RATE_SIGMA, PER_ZERO = 0.05, 5 * DEG, 1.0
 MOUNTING_SIGMA, ZERO_SIGMA, BEFORE_SIGMA = 3 * DEG, 1 * DEG, 0.2 * DEG
 #: share of the vertical rate of the Earth where the latitude is given
 VERTICAL_SHARE = 0.01
-#: s: filter of a sensor and stamps of the board, which no data sheet of a table declares: a common delay below is nobody's fault
-DELAY_SIGMA_S = 0.005
 
+#: rad that a motor has turned when its turn has begun
+BEGUN_RAD = 0.05 * DEG
 #: upper triangle of the accelerometer's matrix: what turns its frame belongs to the mounting
 UPPER = np.triu_indices(3)
 #: names of the state's parts, and their sizes for K axes
@@ -49,7 +52,7 @@ SIZES = (9, 3, 6, 3, 3, 3)
 def part_names(axes: int) -> list[str]:
     """Name of the part to which each number of the state belongs (P,)."""
     own = [name for name, size in zip(PARTS, SIZES, strict=True) for _ in range(size)]
-    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["delay of sensor and stamps"]
+    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["latency of the word"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,7 @@ class Comparison:
         self.matrix, self._zero = np.eye(3) + parts[0].reshape(3, 3), parts[1]
         self._accel = np.eye(3)
         self._accel[UPPER] += parts[2]
-        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.delay_s,) = parts[3:]
+        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.latency_s,) = parts[3:]
 
     @cached_property
     def angles(self) -> np.ndarray:
@@ -167,11 +170,12 @@ class Comparison:
 
     @cached_property
     def said_way(self) -> np.ndarray:
-        """(S, B + 1) rad: what the machine says that the axis has turned since the begin, at each edge, ``delay_s`` later."""
+        """(S, B + 1) rad: what the machine says that the axis has turned since the begin, at each edge, ``latency_s`` later."""
         seen = self.observed
         way = (seen.said_edges - seen.said_edges[:, :1])[np.arange(len(seen.first)), :, seen.alone]
         edges = np.arange(way.shape[1])
-        return np.stack([np.interp(edges + self.delay_s / block, edges, each) for each, block in zip(way, seen.block_s, strict=True)])
+        shifts = (self.latency_s / seen.block_s)[:, None] + edges
+        return np.stack([Akima1DInterpolator(edges, each)(at.clip(0, edges[-1])) for each, at in zip(way, shifts, strict=True)])
 
     def pinned(self, way: np.ndarray) -> np.ndarray:
         """Rows ``within`` (W, …) of an angle (S, B + 1, …) at the edges: without its begin, and with its end shared as the said angle has it."""
@@ -286,9 +290,9 @@ class Comparison:
         seen = self.observed
         senses = seen.senses
         before, after = senses[seen.first, axis], senses[seen.last, axis]
-        # A turn that reverses the sense takes up the play first: within a turn the stage hangs as it will at the end.
-        edges = np.repeat(-after[:, None] / 2, seen.rates.shape[1] + 1, axis=1)
-        edges[:, 0] = np.where(before != 0, -before, -after) / 2
+        # A turn that reverses the sense takes up the play first: as soon as the motor turns, the stage hangs as it will at the end.
+        begun = np.abs(self.said_way) > BEGUN_RAD
+        edges = -np.where(begun, after[:, None], np.where(before != 0, before, after)[:, None]) / 2
         return self.of_angle_function(axis, -senses[:, axis, None] / 2, edges[..., None])
 
     def of_lost(self, axis: int, turn: int, share: float | None = None) -> np.ndarray:
@@ -309,7 +313,8 @@ class Comparison:
     def _step_within(self, turn: int, share: float) -> np.ndarray:
         seen = self.observed
         edges = np.zeros((*seen.said_edges.shape[:2], 1))
-        edges[turn, int(round(share * seen.blocks[turn])) :] = -np.sign(self.said_way[turn, -1])
+        way = self.said_way[turn]
+        edges[turn, np.abs(way) >= share * np.abs(way[-1]), 0] = -np.sign(way[-1])
         return self.of_angles(np.zeros((*seen.said.shape, 1)), edges).stacked()
 
     def of_skew(self, axis: int) -> np.ndarray:
@@ -352,7 +357,7 @@ def prior_of(observed: Observed) -> tuple[np.ndarray, np.ndarray]:
             [horizontal, horizontal, vertical],
             np.full(axes, ZERO_SIGMA),
             np.full(axes, BEFORE_SIGMA),
-            [DELAY_SIGMA_S],
+            [LATENCY_SIGMA_S],
         ]
     )
     mean = np.zeros_like(sigma)

@@ -6,18 +6,23 @@ Each candidate is judged by what is left of its columns beside the state's and t
 
 The critical p-value is the 5 % quantile of the smallest p over all candidates, under noise alone, by Monte Carlo with their true correlation.
 Of those below it, the one with the most evidence (Gaussian priors of the plausible sizes; each of n forms of one error has 1/n of its prior)
-is named.  Errors of another name whose evidence is within ``EQUIVALENT`` of it cannot be told from it with these attitudes.
+is named, if the evidence is for it.  Errors of another name whose evidence is within ``EQUIVALENT`` of it cannot be told from it with these
+attitudes.
+
+The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a sensor's
+filter and the stamps of a board have anyway.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
 
-from tinygc.annexes.machines.candidates import Candidate, candidates_of
+from tinygc.annexes.machines.candidates import LATENCY, TABLE, Candidate, candidates_of
 from tinygc.annexes.machines.observed import Observed
 from tinygc.annexes.machines.rows import Comparison, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import NoiseModel, RowsNoise
@@ -33,15 +38,22 @@ EQUIVALENT = 3.0
 #: steps of the state, which is nonlinear, after each change of what is named
 STEPS = 3
 MOST_NAMED = 8
-#: chi-square's 90 % power, one-sided, in sigmas
+#: power of 90 %, one-sided, in sigmas
 POWER = 1.2816
 #: share of an unseen direction that a part of the state takes up, from which it is named
 HIDDEN_SHARE = 0.2
+#: s: filter of a sensor and stamps of the board, one sigma: a latency within them is nobody's fault
+DELAY_SIGMA_S = 0.005
+#: sensor's effects that read as a latency, where all axes have them alike
+AS_LATENCY = ("gyro.bandwidth", "timing.axis_skew")
+
+Make = Callable[[Comparison], list[Candidate]]
 
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An error that is named: theta, sigma (P,) SI; p_value, family-wise; log_evidence; equivalent: ids of what cannot be told from it."""
+    """An error that is named: theta, sigma (P,) SI, of what is seen of it; p_value, family-wise; log_evidence; equivalent: ids of what cannot
+    be told from it."""
 
     candidate: Candidate
     theta: np.ndarray
@@ -63,26 +75,48 @@ class Unseen:
 @dataclass(frozen=True, eq=False)
 class Selected:
     """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where none
-    is visible; unseen; smallest_p, family-wise, of what is left; noise, chi_square, count, state (P,) and its sigma, of the last fit."""
+    is visible; unseen; first_p, smallest_p: family-wise, before anything is named and of what is left; noise, chi_square, count, latency_s
+    and its sigma, of the last fit."""
 
     observed: Observed
     named: list[Named]
     limits: list[tuple[Candidate, float]]
     unseen: list[Unseen]
+    first_p: float
     smallest_p: float
     noise: RowsNoise
     chi_square: float
     count: int
-    state: np.ndarray
-    state_sigma: np.ndarray
+    latency_s: float
+    latency_sigma_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A candidate beside a base: place: of its columns among all; s (P,): 1 / sigma of each singular direction in plausible sizes; right
+    (P, P): these directions, in columns; gain of those that are seen; p_value of its own; log_evidence."""
+
+    candidate: Candidate
+    place: slice
+    s: np.ndarray
+    right: np.ndarray
+    gain: float
+    p_value: float
+    log_evidence: float
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(P,) bool."""
+        return self.s > 1 / SEEN
 
 
 @dataclass(eq=False)
 class _Base:
-    """What is always free and what is named, projected out: basis (n + p, .) orthonormal, left (n + p,), whitened."""
+    """A fit of the state and of what is named: basis (n + p, .) orthonormal; left (n + p,); theta and covariance of all, SI."""
 
     comparison: Comparison
     noise: RowsNoise
+    design: np.ndarray
     basis: np.ndarray
     left: np.ndarray
     theta: np.ndarray
@@ -90,44 +124,71 @@ class _Base:
     state: np.ndarray
     candidates: list[Candidate]
     count: int
-    scaled_state: np.ndarray
-    judged: list[_Judged] = field(default_factory=list)
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(n, T) of all candidates, in plausible sizes, whitened."""
+        return self.noise.whiten(np.concatenate([each.columns * each.plausible for each in self.candidates], axis=1))
+
+    @cached_property
+    def _taken(self) -> np.ndarray:
+        return self.basis[: self.count].T @ self.columns
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        """(T, T): products of the candidates' columns with everything fitted projected out."""
+        return self.columns.T @ self.columns - self._taken.T @ self._taken
+
+    @cached_property
+    def judged(self) -> list[_Judged]:
+        """All candidates."""
+        pull = self.columns.T @ self.left[: self.count]
+        found, start = [], 0
+        for each in self.candidates:
+            place = slice(start, start + len(each.plausible))
+            values, right = np.linalg.eigh(self.gram[place, place])
+            s = np.sqrt(np.maximum(values, 0.0))
+            z = right.T @ pull[place] / np.maximum(s, 1e-9)
+            seen = s > 1 / SEEN
+            gain = float(np.sum(z[seen] ** 2))
+            weighed = np.where(seen, z**2 * s**2 / (1 + s**2) - np.log1p(s**2), 0.0)
+            p_value = float(chi2.sf(gain, int(seen.sum()))) if seen.any() else 1.0
+            found.append(_Judged(each, place, s, right, gain, p_value, float(weighed.sum()) / 2 - np.log(each.tried)))
+            start = place.stop
+        return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """A candidate beside a base: directions (n + p, d) that are seen; gain; p_value of its own; log_evidence; sigmas (P,) of all singular
-    directions in plausible sizes, right singular vectors (P, P)."""
-
-    candidate: Candidate
-    directions: np.ndarray
-    gain: float
-    p_value: float
-    log_evidence: float
-    sigmas: np.ndarray
-    right: np.ndarray
-
-
-def select(observed: Observed, seed: int = 0, make: Callable[[Comparison], list[Candidate]] = candidates_of) -> Selected:
-    """Name the errors; seed: of the draws behind the critical values."""
+def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Selected:
+    """Name the errors; seed: of the draws behind the critical values; make: what is weighed."""
     rng = np.random.default_rng(seed)
     named: list[Candidate] = []
     p_values: list[float] = []
-    state = start_of(observed)
+    base, first_p = _fitted(observed, None, named, make), 1.0
     while True:
-        base = _fitted(observed, state, named, make)
-        state = base.state
-        base.judged = [_judge(base, each) for each in base.candidates if not _is_any(each, named)]
-        smallest = _smallest_under_noise(base, rng)
-        significant = [each for each in base.judged if each.p_value <= np.quantile(smallest, FAMILY_WISE)]
+        judged = [each for each in base.judged if not _is_any(each.candidate, named)]
+        smallest = _smallest_under_noise(base, judged, rng)
+        least = _family_wise(min((each.p_value for each in judged), default=1.0), smallest)
+        first_p = first_p if named else least
+        bar = np.quantile(smallest, FAMILY_WISE)
+        significant = [each for each in judged if each.p_value <= bar and each.log_evidence > 0]
         if not significant or len(named) == MOST_NAMED:
             break
         best = max(significant, key=lambda each: each.log_evidence)
         named.append(best.candidate)
         p_values.append(_family_wise(best.p_value, smallest))
-    least = min((each.p_value for each in base.judged), default=1.0)
+        base = _fitted(observed, base, named, make)
     found = [_named(observed, base, named, number, p, make) for number, p in enumerate(p_values)]
-    return _selected(base, found, _family_wise(least, smallest))
+    latency, sigma = base.state[-1], float(np.sqrt(base.covariance[len(base.state) - 1, len(base.state) - 1]))
+    p_latency = float(chi2.sf(latency**2 / (sigma**2 + DELAY_SIGMA_S**2), 1))
+    if p_latency < FAMILY_WISE / max(len(base.candidates), 1):
+        columns = base.comparison.of_latency()
+        late = Candidate(LATENCY, TABLE, "word", columns, np.ones(1), (("latency_ms", 1e-3, (0,)),), {})
+        evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2) / 2
+        found.append(Named(late, np.array([latency]), np.array([sigma]), p_latency, float(evidence), AS_LATENCY))
+    limits, unseen = _not_named(base, judged)
+    found = sorted(found, key=lambda each: -each.log_evidence)
+    chi_square = float(base.left @ base.left)
+    return Selected(observed, found, limits, unseen, first_p, least, base.noise, chi_square, base.count, float(latency), sigma)
 
 
 def _family_wise(p_value: float, smallest: np.ndarray) -> float:
@@ -139,106 +200,86 @@ def _is_any(candidate: Candidate, named: list[Candidate]) -> bool:
     return any((candidate.id, candidate.where, candidate.shape) == (other.id, other.where, other.shape) for other in named)
 
 
-def _fitted(
-    observed: Observed, state: np.ndarray, named: list[Candidate], make: Callable[[Comparison], list[Candidate]]
-) -> _Base:
+def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], make: Make) -> _Base:
+    """Fit the state and what is named, from an earlier fit or from what is declared; the noise is estimated anew."""
     mean, sigma = prior_of(observed)
-    noise = None
+    state = start_of(observed) if before is None else before.state
+    noise = None if before is None else before.noise
     for step in range(STEPS):
-        comparison = Comparison(observed, state)
-        candidates = make(comparison) if named or step == STEPS - 1 else []
+        comparison, last = Comparison(observed, state), step == STEPS - 1
+        candidates = make(comparison) if named or last else []
         own = [next(each for each in candidates if _is_any(each, [other])) for other in named]
-        columns = [each.columns * each.plausible for each in own]
-        N = np.concatenate([comparison.of_state() * sigma, *columns], axis=1)
+        N = np.concatenate([comparison.of_state() * sigma, *(each.columns * each.plausible for each in own)], axis=1)
         r = comparison.residuals().stacked()
-        if step != 1 or noise is None:
+        if noise is None or last:
             noise = NoiseModel(comparison).estimated(r, N)
-        prior = np.eye(N.shape[1])
-        design = np.concatenate([noise.whiten(N), prior])
+        design = np.concatenate([noise.whiten(N), np.eye(N.shape[1])])
         y = np.concatenate([noise.whiten(r), -(state - mean) / sigma, np.zeros(N.shape[1] - len(state))])
         basis, triangle = np.linalg.qr(design)
         x = np.linalg.solve(triangle, basis.T @ y)
-        if step < STEPS - 1:
+        if not last:
             state = state + x[: len(state)] * sigma
     inverse = np.linalg.inv(triangle)
     scale = np.concatenate([sigma, *(each.plausible for each in own)])
     covariance = inverse @ inverse.T * np.outer(scale, scale)
     left = y - basis @ (basis.T @ y)
-    scaled_state = design[:, : len(state)]
-    return _Base(comparison, noise, basis, left, x * scale, covariance, state, candidates, len(r), scaled_state)
+    return _Base(comparison, noise, design, basis, left, x * scale, covariance, state, candidates, len(r))
 
 
-def _judge(base: _Base, candidate: Candidate) -> _Judged:
-    columns = np.zeros((len(base.left), candidate.columns.shape[1]))
-    columns[: base.count] = base.noise.whiten(candidate.columns * candidate.plausible)
-    columns -= base.basis @ (base.basis.T @ columns)
-    U, s, right = np.linalg.svd(columns, full_matrices=False)
-    z = U.T @ base.left
-    seen = s > 1 / SEEN
-    gain = float(np.sum(z[seen] ** 2))
-    evidence = 0.5 * float(np.sum(z**2 * s**2 / (1 + s**2) - np.log1p(s**2))) - np.log(candidate.tried)
-    p_value = float(chi2.sf(gain, int(seen.sum()))) if seen.any() else 1.0
-    return _Judged(candidate, U[:, seen], gain, p_value, evidence, 1 / np.maximum(s, 1e-12), right)
-
-
-def _smallest_under_noise(base: _Base, rng: np.random.Generator) -> np.ndarray:
-    """(DRAWS,) smallest p-value of all candidates under noise alone."""
-    judged = [each for each in base.judged if each.directions.shape[1]]
+def _smallest_under_noise(base: _Base, judged: list[_Judged], rng: np.random.Generator) -> np.ndarray:
+    """(DRAWS,) smallest p-value of some candidates under noise alone."""
+    judged = [each for each in judged if each.seen.any()]
     if not judged:
         return np.ones(DRAWS)
-    U = np.concatenate([each.directions for each in judged], axis=1)
-    values, axes = np.linalg.eigh(U.T @ U)
+    # Rotation of each candidate's columns to its seen singular directions, of unit length.
+    size = [int(each.seen.sum()) for each in judged]
+    edges = np.cumsum([0, *size])
+    turn = np.zeros((len(base.gram), edges[-1]))
+    for each, start, stop in zip(judged, edges, edges[1:], strict=False):
+        turn[each.place, start:stop] = each.right[:, each.seen] / each.s[each.seen]
+    values, axes = np.linalg.eigh(turn.T @ base.gram @ turn)
     kept = values > 1e-9 * values[-1]
     z = rng.standard_normal((DRAWS, int(kept.sum()))) @ (axes[:, kept] * np.sqrt(values[kept])).T
-    edges = np.cumsum([0, *(each.directions.shape[1] for each in judged)])
     gains = np.add.reduceat(z**2, edges[:-1], axis=1)
-    return chi2.sf(gains, np.diff(edges)).min(axis=1)
+    return chi2.sf(gains, size).min(axis=1)
 
 
-def _named(
-    observed: Observed, base: _Base, named: list[Candidate], number: int, p_value: float, make: Callable[[Comparison], list[Candidate]]
-) -> Named:
+def _named(observed: Observed, base: _Base, named: list[Candidate], number: int, p_value: float, make: Make) -> Named:
     """The parameters of one named error in the last fit, and what could stand in its place beside the others."""
     others = named[:number] + named[number + 1 :]
-    without = _fitted(observed, base.state, others, make)
-    judged = [_judge(without, each) for each in without.candidates if not _is_any(each, others)]
+    without = _fitted(observed, base, others, make)
+    judged = [each for each in without.judged if not _is_any(each.candidate, others)]
     own = next(each for each in judged if _is_any(each.candidate, [named[number]]))
-    near = {each.candidate.id for each in judged if each.log_evidence > own.log_evidence - EQUIVALENT and each.gain > 0}
+    near = {each.candidate.id for each in judged if each.log_evidence > own.log_evidence - EQUIVALENT}
     start = len(base.state) + sum(len(each.plausible) for each in named[:number])
-    here = slice(start, start + len(named[number].plausible))
-    sigma = np.sqrt(np.diag(base.covariance)[here])
-    return Named(own.candidate, base.theta[here], sigma, p_value, own.log_evidence, tuple(sorted(near - {own.candidate.id})))
+    here = slice(start, start + len(own.s))
+    size = own.candidate.plausible
+    shown = (own.right[:, own.seen] @ own.right[:, own.seen].T) * size[:, None] / size
+    covariance = shown @ base.covariance[here, here] @ shown.T
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return Named(own.candidate, shown @ base.theta[here], sigma, p_value, own.log_evidence, tuple(sorted(near - {own.candidate.id})))
 
 
-def _selected(base: _Base, named: list[Named], smallest_p: float) -> Selected:
+def _not_named(base: _Base, judged: list[_Judged]) -> tuple[list[tuple[Candidate, float]], list[Unseen]]:
     limits, unseen = [], []
-    for each in base.judged:
-        seen = each.sigmas < SEEN
-        bar = np.sqrt(chi2.isf(FAMILY_WISE / max(len(base.judged), 1), max(int(seen.sum()), 1))) + POWER
-        weakest = float(each.sigmas[seen].max() * each.candidate.plausible.max()) if seen.any() else float("nan")
-        limits.append((each.candidate, bar * weakest))
-        for direction in each.right[~seen]:
-            if np.ptp(np.abs(each.sigmas)) >= 0:
-                unseen.append(Unseen(each.candidate, direction, _hidden_in(base, each.candidate, direction)))
-    sigma = np.sqrt(np.diag(base.covariance)[: len(base.state)])
-    named = sorted(named, key=lambda each: -each.log_evidence)
-    noise, left = base.noise, base.left
-    return Selected(
-        base.comparison.observed, named, limits, unseen, smallest_p, noise, float(left @ left), base.count, base.state, sigma
-    )
+    for each in judged:
+        freedom = max(int(each.seen.sum()), 1)
+        bar = np.sqrt(chi2.isf(FAMILY_WISE / max(len(judged), 1), freedom)) + POWER
+        weakest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
+        limits.append((each.candidate, float(bar * weakest)))
+        for direction in each.right[:, ~each.seen].T:
+            unseen.append(Unseen(each.candidate, direction, _hidden_in(base, each, direction)))
+    return limits, unseen
 
 
-def _hidden_in(base: _Base, candidate: Candidate, direction: np.ndarray) -> tuple[str, ...]:
+def _hidden_in(base: _Base, judged: _Judged, direction: np.ndarray) -> tuple[str, ...]:
     """Parts of the state that take up a direction of an error; empty where it has no rows at all."""
-    column = np.zeros(len(base.left))
-    column[: base.count] = base.noise.whiten(candidate.columns * candidate.plausible) @ direction
+    column = base.columns[:, judged.place] @ direction
     size = float(np.linalg.norm(column))
     if size < 1:
         return ()
-    taken = np.linalg.lstsq(base.scaled_state, column, rcond=None)[0]
+    state = base.design[: base.count, : len(base.state)]
+    taken = np.linalg.lstsq(base.design[:, : len(base.state)], np.append(column, np.zeros(len(base.design) - base.count)), rcond=None)[0]
     names = np.array(part_names(base.comparison.observed.said.shape[1]))
-    shares = {}
-    for name in dict.fromkeys(names.tolist()):
-        mine = names == name
-        shares[name] = float(np.linalg.norm(base.scaled_state[: base.count, mine] @ taken[mine])) / size
+    shares = {name: float(np.linalg.norm(state[:, names == name] @ taken[names == name])) / size for name in dict.fromkeys(names.tolist())}
     return tuple(name for name, share in sorted(shares.items(), key=lambda pair: -pair[1]) if share > HIDDEN_SHARE)

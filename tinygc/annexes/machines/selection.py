@@ -174,10 +174,16 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         if not significant or len(named) == MOST_NAMED:
             break
         best = max(significant, key=lambda each: each.log_evidence)
-        named.append(best.candidate)
+        named = [*named, best.candidate]
         p_values.append(_family_wise(best.p_value, smallest))
         base = _fitted(observed, base, named, make)
-    found = [_named(observed, base, named, number, p, make) for number, p in enumerate(p_values)]
+    while True:  # an error that the later ones have made superfluous is taken back
+        found = [_named(observed, base, named, number, p, make) for number, p in enumerate(p_values)]
+        if all(each.log_evidence > 0 for each in found):
+            break
+        weakest = int(np.argmin([each.log_evidence for each in found]))
+        named, p_values = named[:weakest] + named[weakest + 1 :], p_values[:weakest] + p_values[weakest + 1 :]
+        base = _fitted(observed, base, named, make)
     latency, sigma = base.state[-1], float(np.sqrt(base.covariance[len(base.state) - 1, len(base.state) - 1]))
     p_latency = float(chi2.sf(latency**2 / (sigma**2 + DELAY_SIGMA_S**2), 1))
     if p_latency < FAMILY_WISE / max(len(base.candidates), 1):

@@ -34,8 +34,6 @@ PLAUSIBLE = {
 }
 #: cycles a turn from which an angle's error is a ripple; up to which it is looked for; of those that a turn's blocks resolve
 FIRST_RIPPLE, LAST_RIPPLE, RESOLVED = 3, 100, 0.8
-#: parts of a turn in which steps or samples may be lost
-SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 #: degC: temperatures that range over less say nothing
 LEAST_WARMED_C = 1.0
 
@@ -107,14 +105,11 @@ def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
     for turn, alone in enumerate(seen.alone.tolist()):
         moved = np.flatnonzero(np.abs(seen.turned[turn]) > 0.5 * DEG) if alone < 0 else [alone]
         for axis in moved:
-            for share in SHARES if alone >= 0 else (None,):
-                shape: dict[str, float | int | str] = {"axis": seen.table.axes[axis].name, "turn": turn}
-                where = f"turn {turn}"
-                columns = comparison.of_lost(axis, turn, share)
-                yield Candidate(LOST, TABLE, where, columns, plausible, (("lost_deg", DEG, (0,)),), shape)
-                if alone >= 0:
-                    columns = comparison.of_dropped(turn, share)
-                    yield Candidate(DROPPED, SENSOR, where, columns, plausible, (("lost_deg", DEG, (0,)),), shape)
+            shape: dict[str, float | int | str] = {"axis": seen.table.axes[axis].name, "turn": turn}
+            parts = (("lost_deg", DEG, (0,)),)
+            yield Candidate(LOST, TABLE, f"turn {turn}", comparison.of_lost(axis, turn), plausible, parts, shape)
+            if alone >= 0:
+                yield Candidate(DROPPED, SENSOR, f"turn {turn}", comparison.of_dropped(turn), plausible, parts, shape)
 
 
 def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
@@ -142,11 +137,7 @@ def _rate_columns(comparison: Comparison, effect: Effect, rests: Movement, turns
     for number, turn in enumerate(turns):
         in_turns[number, : len(turn.t_s)] = columns(turn)
     at_rest = columns(rests) if "acceleration" not in effect.id and not effect.reach else np.zeros((len(seen.said), 3, effect.parameter.size))
-    found = comparison.of_rates(in_turns, at_rest).stacked()
-    delays = list(getattr(effect.gauge_convention, "delays", ()))
-    if delays:  # what all axes have alike is the latency of the machine's word, which is part of the state
-        found[:, delays] -= found[:, delays].mean(axis=1, keepdims=True)
-    return found
+    return comparison.of_rates(in_turns, at_rest).stacked()
 
 
 def _movements(comparison: Comparison) -> tuple[Movement, list[Movement]]:

@@ -40,7 +40,8 @@ class Observed:
     first, last (S,): the rests of each turn; turn_s (S,): its middle; block_s (S,): length of its blocks; blocks (S,): how many; rates (S, B, 3)
     rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated.
     gyro_walk (3,) rad/√s and accel_walk (3,) g √s: white noise of integral and mean; instability_rps; fs_rps; latitude_rad or None;
-    accel_sigma_g: how far the accelerometer's calibration may be off; period_s: of the samples.
+    accel_sigma_g: how far the accelerometer's calibration may be off; period_s: of the samples.  blind (S,) bool: turns whose inside is not
+    looked at.
     """
 
     table: Description
@@ -64,6 +65,7 @@ class Observed:
     latitude_rad: float | None
     accel_sigma_g: float
     period_s: float
+    blind: np.ndarray
 
     @property
     def inside(self) -> np.ndarray:
@@ -164,6 +166,7 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
         None if config.site.latitude_deg is None else config.site.latitude_deg * DEG,
         1e-3 * sigma_mg,
         problem.logs[0].samples.period_s,
+        np.zeros(len(turns), dtype=bool),
     )
 
 

@@ -40,6 +40,8 @@ MOUNTING_SIGMA, ZERO_SIGMA, BEFORE_SIGMA = 3 * DEG, 1 * DEG, 0.2 * DEG
 #: share of the vertical rate of the Earth where the latitude is given
 VERTICAL_SHARE = 0.01
 
+#: s: lag of a gyroscope, its axes alike, which no closure shows
+LAG_SIGMA_S = 0.02
 #: rad that a motor has turned when its turn has begun
 BEGUN_RAD = 0.05 * DEG
 #: upper triangle of the accelerometer's matrix: what turns its frame belongs to the mounting
@@ -52,7 +54,7 @@ SIZES = (9, 3, 6, 3, 3, 3)
 def part_names(axes: int) -> list[str]:
     """Name of the part to which each number of the state belongs (P,)."""
     own = [name for name, size in zip(PARTS, SIZES, strict=True) for _ in range(size)]
-    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["latency of the word"]
+    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["latency of the word", "lag of the sensor"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +82,7 @@ class Comparison:
         self.matrix, self._zero = np.eye(3) + parts[0].reshape(3, 3), parts[1]
         self._accel = np.eye(3)
         self._accel[UPPER] += parts[2]
-        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.latency_s,) = parts[3:]
+        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.latency_s, self._lag_s) = parts[3:]
 
     @cached_property
     def angles(self) -> np.ndarray:
@@ -166,7 +168,7 @@ class Comparison:
         """(S, B - 1) bool: the edges that rows ``within`` have, those between the blocks of a turn of one axis alone."""
         seen = self.observed
         count = seen.rates.shape[1]
-        return (np.arange(1, count) < seen.blocks[:, None]) & (seen.alone[:, None] >= 0)
+        return (np.arange(1, count) < seen.blocks[:, None]) & ((seen.alone >= 0) & ~seen.blind)[:, None]
 
     @cached_property
     def said_way(self) -> np.ndarray:
@@ -197,7 +199,9 @@ class Comparison:
         rate = seen.rate @ self.matrix.T + self._zero - np.einsum("qji,j->qi", self.at_rest, self._earth)
         along = np.einsum("sbi,si->sb", self.rates, self.axis) * seen.block_s[:, None]
         way = np.concatenate([np.zeros((len(along), 1)), np.cumsum(along, axis=1)], axis=1)
-        return Rows(force, rotation, rate, self.pinned(way) - self.pinned(self.said_way))
+        within = self.pinned(way) - self.pinned(self.said_way)
+        lagging = self._lag()
+        return Rows(force, rotation - self._lag_s * lagging.rotation[..., 0], rate, within - self._lag_s * lagging.within[:, 0])
 
     # Operators: small errors to rows.
 
@@ -250,8 +254,13 @@ class Comparison:
         columns.append(-self.of_rates(*earth).stacked())
         each = np.broadcast_to(np.eye(axes), (rest, axes, axes))
         columns += [self.of_angles(each).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
-        columns.append(self.of_latency())
+        columns += [self.of_latency(), self._lag().stacked()]
         return np.concatenate(columns, axis=1)
+
+    def _lag(self) -> Rows:
+        """Rows of a gyroscope whose axes all read the rate of 1 s before, to first order."""
+        late = np.stack([-np.gradient(each, block, axis=0) for each, block in zip(self.rates, self.observed.block_s, strict=True)])
+        return self.of_rates(np.where(self.observed.inside[..., None], late, 0.0)[..., None], np.zeros((len(self.observed.said), 3, 1)))
 
     def _force_alone(self, force: np.ndarray) -> np.ndarray:
         """(n, P) of errors of the measured force alone, (Q, 3, P) g."""
@@ -295,27 +304,17 @@ class Comparison:
         edges = -np.where(begun, after[:, None], np.where(before != 0, before, after)[:, None]) / 2
         return self.of_angle_function(axis, -senses[:, axis, None] / 2, edges[..., None])
 
-    def of_lost(self, axis: int, turn: int, share: float | None = None) -> np.ndarray:
-        """(n, 1) of an angle by which an axis falls behind in a turn, for good, rad; share: of the turn's blocks, where it does."""
+    def of_lost(self, axis: int, turn: int) -> np.ndarray:
+        """(n, 1) of an angle by which an axis falls behind in a turn, for good, rad; where in the turn is not asked."""
         seen = self.observed
         later = (np.arange(len(seen.said)) >= seen.last[turn]).astype(float)
-        rows = self.of_angle_function(axis, -later[:, None], np.zeros((*seen.said_edges.shape[:2], 1)))
-        return rows if share is None else rows + self._step_within(turn, share)
+        return self.of_angle_function(axis, -later[:, None], np.zeros((*seen.said_edges.shape[:2], 1)))
 
-    def of_dropped(self, turn: int, share: float | None = None) -> np.ndarray:
+    def of_dropped(self, turn: int) -> np.ndarray:
         """(n, 1) of an angle about the axis of a turn that the gyroscope alone has lost, rad."""
-        seen = self.observed
-        rests, turns = np.zeros((len(seen.said), 3, 1)), np.zeros((*seen.rates.shape, 1))
-        rows = self.of_rates(turns, rests)
+        rows = self.of_rates(np.zeros((*self.observed.rates.shape, 1)), np.zeros((len(self.observed.said), 3, 1)))
         rows.rotation[turn, :, 0] = -self.axis[turn] * np.sign(self.said_way[turn, -1])
-        return rows.stacked() if share is None else rows.stacked() + self._step_within(turn, share)
-
-    def _step_within(self, turn: int, share: float) -> np.ndarray:
-        seen = self.observed
-        edges = np.zeros((*seen.said_edges.shape[:2], 1))
-        way = self.said_way[turn]
-        edges[turn, np.abs(way) >= share * np.abs(way[-1]), 0] = -np.sign(way[-1])
-        return self.of_angles(np.zeros((*seen.said.shape, 1)), edges).stacked()
+        return rows.stacked()
 
     def of_skew(self, axis: int) -> np.ndarray:
         """(n, 1): the angle between an axis and the one that carries it is larger by 1 rad than declared."""
@@ -357,7 +356,7 @@ def prior_of(observed: Observed) -> tuple[np.ndarray, np.ndarray]:
             [horizontal, horizontal, vertical],
             np.full(axes, ZERO_SIGMA),
             np.full(axes, BEFORE_SIGMA),
-            [LATENCY_SIGMA_S],
+            [LATENCY_SIGMA_S, LAG_SIGMA_S],
         ]
     )
     mean = np.zeros_like(sigma)

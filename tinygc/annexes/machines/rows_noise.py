@@ -8,12 +8,12 @@ Rest and turn rows have one covariance, whose sizes are estimated by restricted 
     accelerometer at each rest, gyroscope in each turn: whatever no model has                                    estimated
 
 Rows within a turn have their own: the walk of the angle between its two ends, which are pinned; and the machine's word, by the jitter of its
-stamps (an angle that grows with the rate) and by its resolution.
+stamps (an angle that grows with the rate), by its resolution, and by what is lost between two answers (which grows with the acceleration).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -28,22 +28,24 @@ WANDER, REPEATABILITY, AT_REST, IN_TURN = "bias wander", "repeatability", "accel
 WANDER_SPREAD = 0.7
 #: g: usual error of an accelerometer from rest to rest
 USUAL_AT_REST_G = 1e-4
-#: s and rad: where the search for the word's jitter and resolution begins
-USUAL_JITTER_S, USUAL_RESOLUTION_RAD = 2e-3, 1e-5
-#: bounds of both; the least resolution is that of a few digits of table.csv
-WORD_BOUNDS = np.array([[1e-6, 0.1], [1e-6, 0.02]])
+#: s, rad and s^2: where the search for the word's jitter, resolution and blur begins
+USUAL_JITTER_S, USUAL_RESOLUTION_RAD, USUAL_BLUR_S2 = 2e-3, 1e-5, 1e-5
+#: bounds of all three; the least resolution is that of a few digits of table.csv
+WORD_BOUNDS = np.array([[1e-6, 0.1], [1e-6, 0.02], [1e-7, 0.01]])
 
 
 @dataclass(frozen=True, eq=False)
 class RowsNoise:
     """Sizes by name (SI; repeatability in units of the declared accuracy), and factors that whiten stacked rows.
 
-    jitter_s, resolution_rad: of the machine's word.
+    jitter_s, resolution_rad, blur_s2: of the machine's word; value: -2 log of the restricted likelihood of the rows at rest and of turns.
     """
 
     sizes: dict[str, float]
+    value: float
     jitter_s: float
     resolution_rad: float
+    blur_s2: float
     _outer: np.ndarray = field(repr=False)
     _within: list[np.ndarray] = field(repr=False)
 
@@ -106,13 +108,13 @@ class NoiseModel:
             response[here, :, len(seen.turn_s) + number] = np.eye(3)
         return np.einsum("nit,tu,miu->nm", response, wander, response, optimize=True)
 
-    def _parts_within(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each turn that has rows within: covariance of the pinned walk (W, W) rad^2, and rates (W,) rad/s."""
+    def _parts_within(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Of each turn that has rows within: covariance of the pinned walk (W, W) rad^2, rates (W,) rad/s, accelerations (W,) rad/s^2."""
         comparison, seen = self._comparison, self._comparison.observed
         found = []
-        rate = np.abs(np.gradient(comparison.said_way, axis=1)) / seen.block_s[:, None]
-        # Where an axis starts or stops within a block, the word between two answers is off by as much as at its neighbour.
-        rate = np.maximum(rate, np.maximum(np.roll(rate, 1, axis=1), np.roll(rate, -1, axis=1)))
+        rate = np.gradient(comparison.said_way, axis=1) / seen.block_s[:, None]
+        # Where an axis starts or stops within a block, the word between two answers is off by as much as at its neighbours.
+        rate, change = (_widest(np.abs(each)) for each in (rate, np.gradient(rate, axis=1) / seen.block_s[:, None]))
         for number, inner in enumerate(comparison.inner):
             if not inner.any():
                 continue
@@ -122,7 +124,7 @@ class NoiseModel:
             walk = np.minimum(time[:, None], time)
             pin = np.eye(len(share))[edges] - share[edges, None] * np.eye(len(share))[-1]
             variance = float((comparison.axis[number] ** 2) @ seen.gyro_walk**2)
-            found.append((variance * pin @ walk @ pin.T, rate[number, edges]))
+            found.append((variance * pin @ walk @ pin.T, rate[number, edges], change[number, edges]))
         return found
 
     def estimated(self, r: np.ndarray, J: np.ndarray) -> RowsNoise:
@@ -132,21 +134,36 @@ class NoiseModel:
         found = estimate(r[: self.outer], J[: self.outer], self.white, list(V), np.array(usual), list(priors), [rows], steps=30)
         C = self.white + sum((s**2 * v for s, v in zip(found.s, V, strict=True)), np.zeros_like(self.white))
         sizes, outer = dict(zip(self.components, found.s.tolist(), strict=True)), np.linalg.cholesky(C)
-        x = np.log([USUAL_JITTER_S, USUAL_RESOLUTION_RAD])
+        x = np.log([USUAL_JITTER_S, USUAL_RESOLUTION_RAD, USUAL_BLUR_S2])
         for _ in range(2 if self._within else 0):  # what the columns take up depends little on the noise of the word
-            noise = RowsNoise(sizes, *np.exp(x).tolist(), outer, self._factors(x))
+            noise = RowsNoise(sizes, found.value, *np.exp(x).tolist(), outer, self._factors(x))
             white = np.concatenate([noise.whiten(np.column_stack([J, r])), np.eye(J.shape[1] + 1)[:-1]])
             left = r - J @ np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0]
             x = self._word(left[self.outer :], x)
-        return RowsNoise(sizes, *np.exp(x).tolist(), outer, self._factors(x))
+        return RowsNoise(sizes, found.value, *np.exp(x).tolist(), outer, self._factors(x))
+
+    def value_of(self, r: np.ndarray, J: np.ndarray) -> float:
+        """-2 log of the restricted likelihood, as ``RowsNoise.value``, with other columns."""
+        V, usual, priors = zip(*self.components.values(), strict=True)
+        rows = np.arange(self.outer)
+        found = estimate(r[: self.outer], J[: self.outer], self.white, list(V), np.array(usual), list(priors), [rows], steps=30)
+        return found.value
+
+    def known_alone(self, noise: RowsNoise) -> RowsNoise:
+        """The same without what was estimated of the table, the accelerometer and single turns."""
+        V, _, _ = self.components[WANDER]
+        return replace(noise, _outer=np.linalg.cholesky(self.white + noise.sizes[WANDER] ** 2 * V))
 
     def _factors(self, x: np.ndarray) -> list[np.ndarray]:
-        jitter_s, resolution_rad = np.exp(x)
-        return [np.linalg.cholesky(walk + np.diag((jitter_s * rate) ** 2 + resolution_rad**2)) for walk, rate in self._within]
+        jitter_s, resolution_rad, blur_s2 = np.exp(x)
+        return [
+            np.linalg.cholesky(walk + np.diag((jitter_s * rate) ** 2 + (blur_s2 * change) ** 2 + resolution_rad**2))
+            for walk, rate, change in self._within
+        ]
 
     def _word(self, left: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Logarithms of the jitter of the stamps, s, and the resolution, rad, of the machine's word: greatest likelihood of what is left."""
-        edges = np.cumsum([0, *(len(rate) for _, rate in self._within)])
+        """Logarithms of jitter, resolution and blur of the machine's word: greatest likelihood of what is left."""
+        edges = np.cumsum([0, *(len(rate) for _, rate, _ in self._within)])
 
         def cost(x: np.ndarray) -> float:
             total = 0.0
@@ -157,3 +174,9 @@ class NoiseModel:
 
         found: np.ndarray = minimize(cost, x, method="L-BFGS-B", bounds=np.log(WORD_BOUNDS), options={"maxiter": 15, "ftol": 1e-7}).x
         return found
+
+
+def _widest(values: np.ndarray) -> np.ndarray:
+    """The largest of each value (S, B) and its neighbours."""
+    padded = np.pad(values, ((0, 0), (1, 1)), mode="edge")
+    return np.maximum(values, np.maximum(padded[:, :-2], padded[:, 2:]))

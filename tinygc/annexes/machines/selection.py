@@ -16,13 +16,13 @@ filter and the stamps of a board have anyway.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
 
-from tinygc.annexes.machines.candidates import LATENCY, TABLE, Candidate, candidates_of
+from tinygc.annexes.machines.candidates import DROPPED, LATENCY, LOST, TABLE, Candidate, candidates_of
 from tinygc.annexes.machines.observed import Observed
 from tinygc.annexes.machines.rows import Comparison, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import NoiseModel, RowsNoise
@@ -42,6 +42,10 @@ MOST_NAMED = 8
 POWER = 1.2816
 #: share of an unseen direction that a part of the state takes up, from which it is named
 HIDDEN_SHARE = 0.2
+#: a turn's inside is not looked at where its rows are that many times as large as the axis' usual turn, and few turns are
+ODD, FEW = 6.0, 0.25
+#: losses in single turns that are weighed with the noise estimated anew: those that would be beyond so many sigmas of known noise
+LOSSES, LOSS_SIGMAS = 4, 4.0
 #: s: filter of a sensor and stamps of the board, one sigma: a latency within them is nobody's fault
 DELAY_SIGMA_S = 0.005
 #: sensor's effects that read as a latency, where all axes have them alike
@@ -124,6 +128,10 @@ class _Base:
     state: np.ndarray
     candidates: list[Candidate]
     count: int
+    model: NoiseModel
+    fitted: np.ndarray
+    r: np.ndarray
+    prior_left: np.ndarray
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -155,7 +163,35 @@ class _Base:
             p_value = float(chi2.sf(gain, int(seen.sum()))) if seen.any() else 1.0
             found.append(_Judged(each, place, s, right, gain, p_value, float(weighed.sum()) / 2 - np.log(each.tried)))
             start = place.stop
-        return found
+        return self._losses_anew(found)
+
+    def _losses_anew(self, judged: list[_Judged]) -> list[_Judged]:
+        """The same, with the largest losses in single turns weighed by the likelihood of a noise that need not hold them.
+
+        One turn far off makes the noise of all turns, as estimated, so large that it hardly stands out.
+        """
+        losses = [number for number, each in enumerate(judged) if each.candidate.id in (LOST, DROPPED)]
+        if not losses:
+            return judged
+        known = self.model.known_alone(self.noise)
+        columns = known.whiten(np.concatenate([self.candidates[number].columns for number in losses], axis=1))
+        basis, _ = np.linalg.qr(np.concatenate([known.whiten(self.fitted), np.eye(self.fitted.shape[1])]))
+        y = np.concatenate([known.whiten(self.r), self.prior_left])
+        y = y - basis @ (basis.T @ y)
+        taken = basis[: self.count].T @ columns
+        length = np.sqrt(np.maximum(np.sum(columns**2, axis=0) - np.sum(taken**2, axis=0), 1e-12))
+        sigmas = np.abs(columns.T @ y[: self.count]) / length
+        for place in np.argsort(-sigmas)[:LOSSES]:
+            if sigmas[place] < LOSS_SIGMAS:
+                break
+            number = losses[place]
+            each = judged[number]
+            column = each.candidate.columns * each.candidate.plausible
+            evidence = (self.noise.value - self.model.value_of(self.r, np.concatenate([self.fitted, column], axis=1))) / 2
+            gain = max(0.0, 2 * evidence + float(np.log1p(each.s[0] ** 2)))
+            tried = each.candidate.tried
+            judged[number] = replace(each, gain=gain, p_value=float(chi2.sf(gain, 1)), log_evidence=evidence - np.log(tried))
+        return judged
 
 
 def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Selected:
@@ -164,6 +200,9 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
     named: list[Candidate] = []
     p_values: list[float] = []
     base, first_p = _fitted(observed, None, named, make), 1.0
+    if (blind := _odd_inside(base)).any():
+        observed = replace(observed, blind=blind)
+        base = _fitted(observed, None, named, make)
     while True:
         judged = [each for each in base.judged if not _is_any(each.candidate, named)]
         smallest = _smallest_under_noise(base, judged, rng)
@@ -184,7 +223,10 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         weakest = int(np.argmin([each.log_evidence for each in found]))
         named, p_values = named[:weakest] + named[weakest + 1 :], p_values[:weakest] + p_values[weakest + 1 :]
         base = _fitted(observed, base, named, make)
-    latency, sigma = base.state[-1], float(np.sqrt(base.covariance[len(base.state) - 1, len(base.state) - 1]))
+    # Which of latency and common lag it is, nothing shows: their sum is the word's against the sensor.
+    both = slice(len(base.state) - 2, len(base.state))
+    latency = float(base.state[both] @ [1.0, -1.0] + base.theta[both] @ [1.0, -1.0])
+    sigma = float(np.sqrt([1.0, -1.0] @ base.covariance[both, both] @ [1.0, -1.0]))
     p_latency = float(chi2.sf(latency**2 / (sigma**2 + DELAY_SIGMA_S**2), 1))
     if p_latency < FAMILY_WISE / max(len(base.candidates), 1):
         columns = base.comparison.of_latency()
@@ -218,7 +260,8 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
         N = np.concatenate([comparison.of_state() * sigma, *(each.columns * each.plausible for each in own)], axis=1)
         r = comparison.residuals().stacked()
         if noise is None or last:
-            noise = NoiseModel(comparison).estimated(r, N)
+            model = NoiseModel(comparison)
+            noise = model.estimated(r, N)
         design = np.concatenate([noise.whiten(N), np.eye(N.shape[1])])
         y = np.concatenate([noise.whiten(r), -(state - mean) / sigma, np.zeros(N.shape[1] - len(state))])
         basis, triangle = np.linalg.qr(design)
@@ -229,7 +272,23 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
     scale = np.concatenate([sigma, *(each.plausible for each in own)])
     covariance = inverse @ inverse.T * np.outer(scale, scale)
     left = y - basis @ (basis.T @ y)
-    return _Base(comparison, noise, design, basis, left, x * scale, covariance, state, candidates, len(r))
+    return _Base(comparison, noise, design, basis, left, x * scale, covariance, state, candidates, len(r), model, N, r, y[len(r) :])
+
+
+def _odd_inside(base: _Base) -> np.ndarray:
+    """(S,) bool: turns whose rows within are unlike those of the axis' other turns."""
+    seen, inner = base.comparison.observed, base.comparison.inner
+    counts = inner.sum(axis=1)
+    ends = np.cumsum(counts)
+    rows = base.left[base.model.outer : base.count] ** 2
+    usual = np.array([rows[end - count : end].mean() if count else np.nan for end, count in zip(ends, counts, strict=True)])
+    odd = np.zeros(len(counts), dtype=bool)
+    for axis in range(seen.said.shape[1]):
+        own = (seen.alone == axis) & (counts > 0)
+        if own.any():
+            far = own & (np.nan_to_num(usual) > ODD * np.median(usual[own]))
+            odd |= far if far.sum() <= FEW * own.sum() else False
+    return odd
 
 
 def _smallest_under_noise(base: _Base, judged: list[_Judged], rng: np.random.Generator) -> np.ndarray:

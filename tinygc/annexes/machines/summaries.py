@@ -20,6 +20,9 @@ from tinygc.annexes.machines.simulation import LostSteps, Move
 from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
 
+#: s of rest that a turn has on either side, as the first look cuts it
+LEAD_S = 0.3
+
 
 @dataclass(frozen=True, eq=False)
 class Summary:
@@ -60,8 +63,8 @@ def draw(summary: Summary, seed: int) -> Observed:
     for number, move in enumerate(summary.moves):
         began = t_s
         for axis, (track, goal, of) in enumerate(zip(tracks, move.angles_rad, table.axes, strict=True)):
-            track.turn_to(began + 0.05, goal, move.rate_rps, of.acceleration_rps2)
-            t_s = max(t_s, track.busy_until_s + 0.05)
+            track.turn_to(began + LEAD_S, goal, move.rate_rps, of.acceleration_rps2)
+            t_s = max(t_s, track.busy_until_s + LEAD_S)
             slips += [
                 (axis, (began + t_s) / 2, slip.span_s, slip.lost_rad) for slip in summary.lost if (slip.move, slip.axis) == (number, axis)
             ]
@@ -140,4 +143,5 @@ def draw(summary: Summary, seed: int) -> Observed:
         np.full(3, summary.gyro_walk),
         np.full(3, summary.accel_walk_g),
         *(summary.instability_rps, summary.fs_rps, summary.latitude_rad, 2 * summary.accel_error_g, summary.block_s / 10),
+        np.zeros(len(blocks), dtype=bool),
     )

@@ -155,5 +155,5 @@ def _movements(comparison: Comparison) -> tuple[Movement, list[Movement]]:
         t_s = seen.turn_s[number] + (np.arange(count) - (count - 1) / 2) * block_s
         force = -comparison.earth_in_blocks[number, :count, :, 2]
         temp_c = np.interp(t_s, seen.rest_s, seen.temp_c)
-        turns.append(movement(t_s, block_s, comparison.rates[number, :count], force, temp_c))
+        turns.append(movement(t_s, block_s, comparison.turning[number, :count], force, temp_c))
     return rests, turns

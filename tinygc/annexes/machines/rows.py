@@ -17,7 +17,7 @@ the priors below: the state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,8 @@ VERTICAL_SHARE = 0.01
 LAG_SIGMA_S = 0.02
 #: rad that a motor has turned when its turn has begun
 BEGUN_RAD = 0.05 * DEG
+#: rad of an axis between two edges, below which it stands
+STANDS_RAD = 1e-3 * DEG
 #: upper triangle of the accelerometer's matrix: what turns its frame belongs to the mounting
 UPPER = np.triu_indices(3)
 #: names of the state's parts, and their sizes for K axes
@@ -54,7 +56,7 @@ SIZES = (9, 3, 6, 3, 3, 3)
 def part_names(axes: int) -> list[str]:
     """Name of the part to which each number of the state belongs (P,)."""
     own = [name for name, size in zip(PARTS, SIZES, strict=True) for _ in range(size)]
-    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["latency of the word", "lag of the sensor"]
+    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["latency of the word", "lag of sensor and word"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +136,13 @@ class Comparison:
         return np.where(self.observed.inside[..., None], found, 0.0)
 
     @cached_property
+    def turning(self) -> np.ndarray:
+        """``rates``, zero where the machine says that nothing moves: what a column is made of must not hold the noise that it is held
+        against."""
+        moves = (np.abs(np.diff(self.observed.said_edges, axis=1)) > STANDS_RAD).any(axis=2)
+        return np.where(moves[..., None], self.rates, 0.0)
+
+    @cached_property
     def _steps(self) -> np.ndarray:
         """(S, B, 3, 3)."""
         vectors = self.rates * self.observed.block_s[:, None, None]
@@ -142,9 +151,10 @@ class Comparison:
     @cached_property
     def to_end(self) -> np.ndarray:
         """(S, B, 3, 3) s: rotation of the end, in its own axes, per rate in a block."""
+        within = _right_jacobian(self.rates * self.observed.block_s[:, None, None])
         found, after = np.empty_like(self._steps), np.broadcast_to(np.eye(3), (len(self._steps), 3, 3))
         for block in reversed(range(self._steps.shape[1])):
-            found[:, block] = after.transpose(0, 2, 1)
+            found[:, block] = after.transpose(0, 2, 1) @ within[:, block]
             after = self._steps[:, block] @ after
         return found * (self.observed.inside * self.observed.block_s[:, None])[..., None, None]
 
@@ -200,7 +210,7 @@ class Comparison:
         along = np.einsum("sbi,si->sb", self.rates, self.axis) * seen.block_s[:, None]
         way = np.concatenate([np.zeros((len(along), 1)), np.cumsum(along, axis=1)], axis=1)
         within = self.pinned(way) - self.pinned(self.said_way)
-        lagging = self._lag()
+        lagging = self.of_lag()
         return Rows(force, rotation - self._lag_s * lagging.rotation[..., 0], rate, within - self._lag_s * lagging.within[:, 0])
 
     # Operators: small errors to rows.
@@ -238,10 +248,13 @@ class Comparison:
     # Columns of the state and of the table's errors.
 
     def of_state(self) -> np.ndarray:
-        """(n, P): rows per unit that the truth lies beyond the state."""
+        """(n, P): rows per unit that the truth lies beyond the state, by ``moved``."""
         seen, rest, axes = self.observed, len(self.observed.said), self.observed.said.shape[1]
         basis = np.eye(9).reshape(9, 3, 3)
-        gyro = np.einsum("pij,sbj->sbip", basis, seen.rates), np.einsum("pij,qj->qip", basis, seen.rate)
+        gyro = (
+            np.einsum("pij,sbj->sbip", basis, seen.rates @ self.matrix.T),
+            np.einsum("pij,qj->qip", basis, seen.rate @ self.matrix.T),
+        )
         zero = np.broadcast_to(np.eye(3), (*seen.rates.shape[:2], 3, 3)), np.broadcast_to(np.eye(3), (rest, 3, 3))
         earth = -self.earth_in_blocks, -self.at_rest.transpose(0, 2, 1)
         columns = [-self.of_rates(*pair).stacked() for pair in (gyro, zero)]
@@ -254,13 +267,14 @@ class Comparison:
         columns.append(-self.of_rates(*earth).stacked())
         each = np.broadcast_to(np.eye(axes), (rest, axes, axes))
         columns += [self.of_angles(each).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
-        columns += [self.of_latency(), self._lag().stacked()]
+        columns += [self.of_latency(), self.of_lag().stacked()]
         return np.concatenate(columns, axis=1)
 
-    def _lag(self) -> Rows:
-        """Rows of a gyroscope whose axes all read the rate of 1 s before, to first order."""
-        late = np.stack([-np.gradient(each, block, axis=0) for each, block in zip(self.rates, self.observed.block_s, strict=True)])
-        return self.of_rates(np.where(self.observed.inside[..., None], late, 0.0)[..., None], np.zeros((len(self.observed.said), 3, 1)))
+    def of_lag(self) -> Rows:
+        """Rows of a gyroscope whose axes all read the rate of 1 s before, to first order, and of a word that is as late."""
+        late = np.stack([-np.gradient(each, block, axis=0) for each, block in zip(self.turning, self.observed.block_s, strict=True)])
+        rows = self.of_rates(np.where(self.observed.inside[..., None], late, 0.0)[..., None], np.zeros((len(self.observed.said), 3, 1)))
+        return replace(rows, within=rows.within + self.of_latency()[-len(rows.within) :] if len(rows.within) else rows.within)
 
     def _force_alone(self, force: np.ndarray) -> np.ndarray:
         """(n, P) of errors of the measured force alone, (Q, 3, P) g."""
@@ -334,6 +348,36 @@ class Comparison:
         vectors = np.stack([np.outer(cos, e1), np.outer(sin, e2), np.outer(cos, e2), np.outer(sin, e1)], axis=-1)
         phi = np.einsum("qji,qjk,qkp->qip", self.at_rest, self.outside(axis), vectors)
         return self.of_attitudes(phi).stacked()
+
+
+def moved(state: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """A state (P,) further by a step (P,): the gyroscope's matrix (I + V) E, the mounting M Exp(v), the others by their sum.
+
+    The mounting, the gyroscope's frame and the accelerometer's turn together as one; what tells them apart is weak against what holds their
+    sum, so the columns have to be the exact slopes of this.
+    """
+    found = state + step
+    matrix = np.eye(3) + state[:9].reshape(3, 3)
+    change = step[:9].reshape(3, 3)
+    turn = (change - change.T) / 2
+    turned = Rotation.from_rotvec([turn[2, 1], turn[0, 2], turn[1, 0]]).as_matrix() @ (np.eye(3) + (change + change.T) / 2)
+    found[:9] = (turned @ matrix - np.eye(3)).ravel()
+    at = slice(sum(SIZES[:4]), sum(SIZES[:5]))
+    found[at] = (Rotation.from_rotvec(state[at]) * Rotation.from_rotvec(step[at])).as_rotvec()
+    return found
+
+
+def _right_jacobian(vectors: np.ndarray) -> np.ndarray:
+    """(…, 3, 3): Exp(v + d) = Exp(v) Exp(J d) for small d, of rotation vectors (…, 3)."""
+    angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape, 3)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) - first * cross + second * (cross @ cross)
 
 
 def start_of(observed: Observed) -> np.ndarray:

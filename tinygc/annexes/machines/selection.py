@@ -24,7 +24,7 @@ from scipy.stats import chi2
 
 from tinygc.annexes.machines.candidates import DROPPED, LATENCY, LOST, TABLE, Candidate, candidates_of
 from tinygc.annexes.machines.observed import Observed
-from tinygc.annexes.machines.rows import Comparison, part_names, prior_of, start_of
+from tinygc.annexes.machines.rows import Comparison, moved, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import NoiseModel, RowsNoise
 
 #: probability that anything is named in a clean recording
@@ -35,8 +35,8 @@ DRAWS = 2000
 SEEN = 0.5
 #: difference of log evidence, 6 in chi-square, within which two errors are not told apart
 EQUIVALENT = 3.0
-#: steps of the state, which is nonlinear, after each change of what is named
-STEPS = 3
+#: steps of the state, which is nonlinear, at most; a step that moves no number by that share of its own sigma is the last
+STEPS, SETTLED = 10, 0.03
 MOST_NAMED = 8
 #: power of 90 %, one-sided, in sigmas
 POWER = 1.2816
@@ -223,10 +223,7 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         weakest = int(np.argmin([each.log_evidence for each in found]))
         named, p_values = named[:weakest] + named[weakest + 1 :], p_values[:weakest] + p_values[weakest + 1 :]
         base = _fitted(observed, base, named, make)
-    # Which of latency and common lag it is, nothing shows: their sum is the word's against the sensor.
-    both = slice(len(base.state) - 2, len(base.state))
-    latency = float(base.state[both] @ [1.0, -1.0] + base.theta[both] @ [1.0, -1.0])
-    sigma = float(np.sqrt([1.0, -1.0] @ base.covariance[both, both] @ [1.0, -1.0]))
+    latency, sigma = float(base.state[-2] + base.theta[len(base.state) - 2]), float(np.sqrt(base.covariance[len(base.state) - 2, len(base.state) - 2]))
     p_latency = float(chi2.sf(latency**2 / (sigma**2 + DELAY_SIGMA_S**2), 1))
     if p_latency < FAMILY_WISE / max(len(base.candidates), 1):
         columns = base.comparison.of_latency()
@@ -253,8 +250,9 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
     mean, sigma = prior_of(observed)
     state = start_of(observed) if before is None else before.state
     noise = None if before is None else before.noise
+    last = False
     for step in range(STEPS):
-        comparison, last = Comparison(observed, state), step == STEPS - 1
+        comparison, last = Comparison(observed, state), last or step == STEPS - 1
         candidates = make(comparison) if named or last else []
         own = [next(each for each in candidates if _is_any(each, [other])) for other in named]
         N = np.concatenate([comparison.of_state() * sigma, *(each.columns * each.plausible for each in own)], axis=1)
@@ -266,9 +264,11 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
         y = np.concatenate([noise.whiten(r), -(state - mean) / sigma, np.zeros(N.shape[1] - len(state))])
         basis, triangle = np.linalg.qr(design)
         x = np.linalg.solve(triangle, basis.T @ y)
-        if not last:
-            state = state + x[: len(state)] * sigma
-    inverse = np.linalg.inv(triangle)
+        inverse = np.linalg.inv(triangle)
+        if last:
+            break
+        state = moved(state, x[: len(state)] * sigma)
+        last = bool(np.all(np.abs(x[: len(state)]) < SETTLED * np.linalg.norm(inverse, axis=1)[: len(state)]))
     scale = np.concatenate([sigma, *(each.plausible for each in own)])
     covariance = inverse @ inverse.T * np.outer(scale, scale)
     left = y - basis @ (basis.T @ y)

@@ -1,8 +1,8 @@
 """The table's own errors: each injected on tables of one to three axes, told from its twin in the sensor; clean tables (docs/table-errors.md).
 
-    python benchmarks/table_errors.py --clean 300        share of clean recordings with a p below 5 %, and with a name
-    python benchmarks/table_errors.py --cases 4          four sessions of each error, size and table
-    python benchmarks/table_errors.py --samples          a few whole recordings, sample by sample
+python benchmarks/table_errors.py --clean 300        share of clean recordings with a p below 5 %, and with a name
+python benchmarks/table_errors.py --cases 4          four sessions of each error, size and table
+python benchmarks/table_errors.py --samples          a few whole recordings, sample by sample
 """
 
 from __future__ import annotations

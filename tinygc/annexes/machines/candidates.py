@@ -6,7 +6,7 @@ columns.  What the recording cannot show of a candidate (its sigma is larger tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,7 +104,7 @@ def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
     plausible = np.array([PLAUSIBLE[LOST]])
     for turn, alone in enumerate(seen.alone.tolist()):
         moved = np.flatnonzero(np.abs(seen.turned[turn]) > 0.5 * DEG) if alone < 0 else [alone]
-        for axis in moved:
+        for axis in map(int, moved):
             shape: dict[str, float | int | str] = {"axis": seen.table.axes[axis].name, "turn": turn}
             parts = (("lost_deg", DEG, (0,)),)
             yield Candidate(LOST, TABLE, f"turn {turn}", comparison.of_lost(axis, turn), plausible, parts, shape)
@@ -122,7 +122,7 @@ def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
             continue
         columns = _force_columns(comparison, effect, rests) if effect.kind == "force" else _rate_columns(comparison, effect, rests, turns)
         of = effect.parameter
-        parts = ((f"{of.name}", of.si, tuple(range(of.size))),)
+        parts = ((of.name, of.si, tuple(range(of.size))),)
         yield Candidate(effect.id, SENSOR, "", columns, np.full(of.size, of.plausible), parts, {})
 
 
@@ -131,12 +131,12 @@ def _force_columns(comparison: Comparison, effect: Effect, rests: Movement) -> n
 
 
 def _rate_columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:
-    columns: Callable[[Movement], np.ndarray] = lambda movement: effect.columns(effect.shown(movement))  # noqa: E731
     seen = comparison.observed
     in_turns = np.zeros((*seen.rates.shape, effect.parameter.size))
     for number, turn in enumerate(turns):
-        in_turns[number, : len(turn.t_s)] = columns(turn)
-    at_rest = columns(rests) if "acceleration" not in effect.id and not effect.reach else np.zeros((len(seen.said), 3, effect.parameter.size))
+        in_turns[number, : len(turn.t_s)] = effect.columns(effect.shown(turn))
+    # A rest has no neighbours to look at.
+    at_rest = np.zeros((len(seen.said), 3, effect.parameter.size)) if effect.reach else effect.columns(effect.shown(rests))
     return comparison.of_rates(in_turns, at_rest).stacked()
 
 

@@ -9,8 +9,10 @@ catalogue, by their own columns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from session.annexes.machines.angles import NAME as ANGLES
 from session.annexes.machines.angles import read_angles
@@ -70,7 +72,6 @@ class TableExplanation:
     table: Description
     selected: Selected | None
     why_not: str = ""
-    splits: dict[str, str] = field(default_factory=lambda: SPLITS)
 
     @property
     def verdict(self) -> str:
@@ -104,15 +105,15 @@ class TableExplanation:
                 "bias_wander_dph": sizes[WANDER] / DEG_PER_HOUR,
                 "accelerometer_mg": 1e3 * sizes[AT_REST],
                 "gyroscope_turn_deg": sizes[IN_TURN] / DEG,
-                "word_jitter_ms": 1e3 * selected.noise.jitter_s,
-                "word_resolution_deg": selected.noise.resolution_rad / DEG,
+                "word_jitter_ms": 1e3 * float(selected.noise.word[0]),
+                "word_resolution_deg": float(selected.noise.word[1]) / DEG,
             },
             "effects": [self._effect(each) for each in selected.named],
             "undecided": [
                 {"id": id, "where": where, "detection_limit": limit, "unit": unit} for id, where, limit, unit in limits_of(selected)
             ],
             "inseparable": [
-                {"id": id, "where": where, "hidden_in": list(hidden), "movement": self.splits.get(id, OTHERWISE)}
+                {"id": id, "where": where, "hidden_in": list(hidden), "movement": SPLITS.get(id, OTHERWISE)}
                 for id, where, hidden in inseparable_of(selected)
             ],
         }
@@ -130,7 +131,7 @@ class TableExplanation:
             "log_evidence": named.log_evidence,
             "equivalent": list(named.equivalent),
             "description": SAYS.get(candidate.id, "an effect of the sensor (docs/formats/effects.md)"),
-            "movement": self.splits.get(candidate.id, OTHERWISE) if named.equivalent else None,
+            "movement": SPLITS.get(candidate.id, OTHERWISE) if named.equivalent else None,
         }
 
     def page(self) -> Group:
@@ -147,12 +148,14 @@ class TableExplanation:
         parts.append(Text(f"  the machine's word is {late} ms late against the sensor, its filter and stamps included"))
         sizes = selected.noise.sizes
         repeats = sizes[REPEATABILITY]
-        parts.append(Text(f"  repeatability {repeats:.2g} of what the axes declare; stamps of the word {1e3 * selected.noise.jitter_s:.2g} ms"))
+        parts.append(
+            Text(f"  repeatability {repeats:.2g} of what the axes declare; stamps of the word {1e3 * selected.noise.word[0]:.2g} ms")
+        )
         seen = [f"{id.removeprefix('table.')} {where} {limit:.2g} {unit}" for id, where, limit, unit in limits_of(selected)]
         if seen:
             parts.append(one_line(f"  not seen, and would be from: {'; '.join(seen)}"))
         for id, where, hidden in inseparable_of(selected):
-            split = self.splits.get(id, OTHERWISE)
+            split = SPLITS.get(id, OTHERWISE)
             parts.append(one_line(f"  inseparable here: a part of {id} ({where}) from {', '.join(hidden)}; {split}"))
         return Group(*parts)
 
@@ -167,7 +170,7 @@ class TableExplanation:
             lines.append(Text(f"    {name}: {_with_sigmas(value, sigmas[name])}"))
         if named.equivalent:
             lines.append(Text(f"    could as well be: {', '.join(named.equivalent)}", "yellow"))
-            lines.append(one_line(f"    to tell: {self.splits.get(candidate.id, OTHERWISE)}"))
+            lines.append(one_line(f"    to tell: {SPLITS.get(candidate.id, OTHERWISE)}"))
         return lines
 
 
@@ -224,7 +227,9 @@ def explain_table(problem: Problem, seed: int = 0) -> TableExplanation | None:
     table = read_description(folder / TABLE)
     angles = read_angles(folder / ANGLES, table)
     try:
-        observed = observe(problem, table, angles)
+        return TableExplanation(table, select(observe(problem, table, angles), seed))
     except DataError as error:
         return TableExplanation(table, None, str(error))
-    return TableExplanation(table, select(observed, seed))
+    except np.linalg.LinAlgError:
+        why = f"{ANGLES} and the sensor are too far apart for any small error; are the axes, their senses and the mounting of {TABLE} right?"
+        return TableExplanation(table, None, why)

@@ -40,8 +40,7 @@ class Observed:
     first, last (S,): the rests of each turn; turn_s (S,): its middle; block_s (S,): length of its blocks; blocks (S,): how many; rates (S, B, 3)
     rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated.
     gyro_walk (3,) rad/√s and accel_walk (3,) g √s: white noise of integral and mean; instability_rps; fs_rps; latitude_rad or None;
-    accel_sigma_g: how far the accelerometer's calibration may be off; period_s: of the samples.  blind (S,) bool: turns whose inside is not
-    looked at.
+    accel_sigma_g: how far the accelerometer's calibration may be off; blind (S,) bool: turns whose inside is not looked at.
     """
 
     table: Description
@@ -64,7 +63,6 @@ class Observed:
     fs_rps: float
     latitude_rad: float | None
     accel_sigma_g: float
-    period_s: float
     blind: np.ndarray
 
     @property
@@ -114,7 +112,8 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
     config = problem.session.config
     gravity = config.site.expected_gravity_mps2
     angles = {name: on_its_clock(word) for name, word in angles.items()}
-    rests, rest_of = [], {}
+    rests: list[tuple] = []
+    rest_of: dict[int, int] = {}
     for log, (path, began) in enumerate(zip(problem.session.logs, problem.began_s, strict=False)):
         word = angles.get(path.path.name) or angles.get(path.path.name.removesuffix(".gz"))
         if word is None or log >= len(problem.logs):
@@ -156,16 +155,26 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
     accelerometer = config.accelerometer
     sigma_mg = 10.0 if accelerometer.source == "none" else accelerometer.sigma_mg or 2.0
     return Observed(
-        *(table, middle, span, force, rate, temp_c, said, first, last),
+        table,
+        middle,
+        span,
+        force,
+        rate,
+        temp_c,
+        said,
+        first,
+        last,
         np.asarray(problem.began_s)[log] + begin_s + blocks * block_s / 2,
-        *(block_s, blocks, rates, edges),
+        block_s,
+        blocks,
+        rates,
+        edges,
         np.mean([noise.angle_random_walk for noise in walks], axis=0),
         np.mean([noise.accel for noise in walks], axis=0) / np.sqrt(2) / gravity,
         problem.instability.rps,
         config.sensor.gyro_fs_dps * DEG,
         None if config.site.latitude_deg is None else config.site.latitude_deg * DEG,
         1e-3 * sigma_mg,
-        problem.logs[0].samples.period_s,
         np.zeros(len(turns), dtype=bool),
     )
 

@@ -139,7 +139,7 @@ class Comparison:
     def turning(self) -> np.ndarray:
         """``rates``, zero where the machine says that nothing moves: what a column is made of must not hold the noise that it is held
         against."""
-        moves = (np.abs(np.diff(self.observed.said_edges, axis=1)) > STANDS_RAD).any(axis=2)
+        moves = np.abs(np.diff(self.observed.said_edges, axis=1)).max(axis=2) > STANDS_RAD
         return np.where(moves[..., None], self.rates, 0.0)
 
     @cached_property
@@ -191,13 +191,14 @@ class Comparison:
 
     def pinned(self, way: np.ndarray) -> np.ndarray:
         """Rows ``within`` (W, …) of an angle (S, B + 1, …) at the edges: without its begin, and with its end shared as the said angle has it."""
-        share = self._share
+        share = self.share
         tail = (1,) * (way.ndim - 2)
         way = way - way[:, :1]
         return (way - share.reshape(*share.shape, *tail) * way[:, -1:])[:, 1:-1][self.inner]
 
     @cached_property
-    def _share(self) -> np.ndarray:
+    def share(self) -> np.ndarray:
+        """(S, B + 1): of the said angle of a turn, at each edge."""
         end = self.said_way[:, -1:]
         return np.where(np.abs(end) > 0, self.said_way / np.where(np.abs(end) > 0, end, 1.0), 0.0)
 
@@ -262,7 +263,7 @@ class Comparison:
         for number, (i, j) in enumerate(zip(*UPPER, strict=True)):
             upper[:, i, number] = -seen.force[:, j]
         for force in (upper, np.broadcast_to(-np.eye(3), (rest, 3, 3))):
-            columns.append(self._force_alone(force))
+            columns.append(self.of_forces(force))
         columns.append(self.of_attitudes(np.broadcast_to(np.eye(3), (rest, 3, 3))).stacked())
         columns.append(-self.of_rates(*earth).stacked())
         each = np.broadcast_to(np.eye(axes), (rest, axes, axes))
@@ -276,14 +277,10 @@ class Comparison:
         rows = self.of_rates(np.where(self.observed.inside[..., None], late, 0.0)[..., None], np.zeros((len(self.observed.said), 3, 1)))
         return replace(rows, within=rows.within + self.of_latency()[-len(rows.within) :] if len(rows.within) else rows.within)
 
-    def _force_alone(self, force: np.ndarray) -> np.ndarray:
-        """(n, P) of errors of the measured force alone, (Q, 3, P) g."""
-        nothing = np.zeros((len(self.observed.first), 3, force.shape[2]))
-        return Rows(force, nothing, np.zeros_like(force), np.zeros((int(self.inner.sum()), force.shape[2]))).stacked()
-
     def of_forces(self, force: np.ndarray) -> np.ndarray:
         """(n, P) of (Q, 3, P) g that the accelerometer reads beside the truth."""
-        return self._force_alone(force)
+        nothing = np.zeros((len(self.observed.first), 3, force.shape[2]))
+        return Rows(force, nothing, np.zeros_like(force), np.zeros((int(self.inner.sum()), force.shape[2]))).stacked()
 
     def of_latency(self) -> np.ndarray:
         """(n, 1) of a word that is 1 s late: rad within turns."""

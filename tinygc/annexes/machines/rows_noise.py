@@ -38,14 +38,13 @@ WORD_BOUNDS = np.array([[1e-6, 0.1], [1e-6, 0.02], [1e-7, 0.01]])
 class RowsNoise:
     """Sizes by name (SI; repeatability in units of the declared accuracy), and factors that whiten stacked rows.
 
-    jitter_s, resolution_rad, blur_s2: of the machine's word; value: -2 log of the restricted likelihood of the rows at rest and of turns.
+    word (3,): jitter, s, resolution, rad, and blur, s^2, of the machine's word; value: -2 log of the restricted likelihood of the rows at rest
+    and of turns.
     """
 
     sizes: dict[str, float]
     value: float
-    jitter_s: float
-    resolution_rad: float
-    blur_s2: float
+    word: np.ndarray
     _outer: np.ndarray = field(repr=False)
     _within: list[np.ndarray] = field(repr=False)
 
@@ -68,8 +67,7 @@ class NoiseModel:
         rest, turn = 3 * len(seen.said), 3 * len(seen.first)
         self.outer = rest + turn + rest
         white = np.zeros((self.outer, self.outer))
-        at_rest = np.repeat(seen.accel_walk[None] ** 2 / seen.rest_span_s[:, None], 1, axis=0)
-        np.fill_diagonal(white[:rest, :rest], at_rest.ravel())
+        np.fill_diagonal(white[:rest, :rest], (seen.accel_walk[None] ** 2 / seen.rest_span_s[:, None]).ravel())
         np.fill_diagonal(white[rest + turn :, rest + turn :], (seen.gyro_walk[None] ** 2 / seen.rest_span_s[:, None]).ravel())
         per_block = np.where(seen.inside, 1 / seen.block_s[:, None], 0.0)
         walked = np.einsum("sbij,j,sb,sbkj->sik", comparison.to_end, seen.gyro_walk**2, per_block, comparison.to_end)
@@ -119,7 +117,7 @@ class NoiseModel:
             if not inner.any():
                 continue
             edges = np.flatnonzero(inner) + 1
-            share = comparison._share[number]
+            share = comparison.share[number]
             time = np.minimum(np.arange(len(share)), seen.blocks[number]) * seen.block_s[number]
             walk = np.minimum(time[:, None], time)
             pin = np.eye(len(share))[edges] - share[edges, None] * np.eye(len(share))[-1]
@@ -136,11 +134,11 @@ class NoiseModel:
         sizes, outer = dict(zip(self.components, found.s.tolist(), strict=True)), np.linalg.cholesky(C)
         x = np.log([USUAL_JITTER_S, USUAL_RESOLUTION_RAD, USUAL_BLUR_S2])
         for _ in range(2 if self._within else 0):  # what the columns take up depends little on the noise of the word
-            noise = RowsNoise(sizes, found.value, *np.exp(x).tolist(), outer, self._factors(x))
+            noise = RowsNoise(sizes, found.value, np.exp(x), outer, self._factors(x))
             white = np.concatenate([noise.whiten(np.column_stack([J, r])), np.eye(J.shape[1] + 1)[:-1]])
             left = r - J @ np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0]
             x = self._word(left[self.outer :], x)
-        return RowsNoise(sizes, found.value, *np.exp(x).tolist(), outer, self._factors(x))
+        return RowsNoise(sizes, found.value, np.exp(x), outer, self._factors(x))
 
     def value_of(self, r: np.ndarray, J: np.ndarray) -> float:
         """-2 log of the restricted likelihood, as ``RowsNoise.value``, with other columns."""

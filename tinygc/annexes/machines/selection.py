@@ -37,6 +37,8 @@ SEEN = 0.5
 EQUIVALENT = 3.0
 #: steps of the state, which is nonlinear, at most; a step that moves no number by that share of its own sigma is the last
 STEPS, SETTLED = 10, 0.03
+#: sigmas of its prior that a number moves in one step, at most: beside an error that is not named yet a step may overshoot
+FARTHEST = 2.0
 MOST_NAMED = 8
 #: power of 90 %, one-sided, in sigmas
 POWER = 1.2816
@@ -223,7 +225,10 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         weakest = int(np.argmin([each.log_evidence for each in found]))
         named, p_values = named[:weakest] + named[weakest + 1 :], p_values[:weakest] + p_values[weakest + 1 :]
         base = _fitted(observed, base, named, make)
-    latency, sigma = float(base.state[-2] + base.theta[len(base.state) - 2]), float(np.sqrt(base.covariance[len(base.state) - 2, len(base.state) - 2]))
+    latency, sigma = (
+        float(base.state[-2] + base.theta[len(base.state) - 2]),
+        float(np.sqrt(base.covariance[len(base.state) - 2, len(base.state) - 2])),
+    )
     p_latency = float(chi2.sf(latency**2 / (sigma**2 + DELAY_SIGMA_S**2), 1))
     if p_latency < FAMILY_WISE / max(len(base.candidates), 1):
         columns = base.comparison.of_latency()
@@ -249,7 +254,7 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
     """Fit the state and what is named, from an earlier fit or from what is declared; the noise is estimated anew."""
     mean, sigma = prior_of(observed)
     state = start_of(observed) if before is None else before.state
-    noise = None if before is None else before.noise
+    noise: RowsNoise | None = None if before is None else before.noise
     last = False
     for step in range(STEPS):
         comparison, last = Comparison(observed, state), last or step == STEPS - 1
@@ -267,11 +272,13 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
         inverse = np.linalg.inv(triangle)
         if last:
             break
-        state = moved(state, x[: len(state)] * sigma)
+        farthest = float(np.abs(x[: len(state)]).max())
+        state = moved(state, x[: len(state)] * sigma * FARTHEST / max(farthest, FARTHEST))
         last = bool(np.all(np.abs(x[: len(state)]) < SETTLED * np.linalg.norm(inverse, axis=1)[: len(state)]))
     scale = np.concatenate([sigma, *(each.plausible for each in own)])
     covariance = inverse @ inverse.T * np.outer(scale, scale)
     left = y - basis @ (basis.T @ y)
+    assert noise is not None  # the last step has estimated it
     return _Base(comparison, noise, design, basis, left, x * scale, covariance, state, candidates, len(r), model, N, r, y[len(r) :])
 
 

@@ -73,7 +73,9 @@ def draw(summary: Summary, seed: int) -> Observed:
         t_s += summary.still_s
     blocks = np.array([max(2, round((stop - start) / summary.block_s)) for start, stop in spans])
     most = int(blocks.max())
-    edges = np.stack([np.minimum(np.arange(most + 1) / count, 1) * (stop - start) + start for count, (start, stop) in zip(blocks, spans, strict=True)])
+    edges = np.stack(
+        [np.minimum(np.arange(most + 1) / count, 1) * (stop - start) + start for count, (start, stop) in zip(blocks, spans, strict=True)]
+    )
     scatter = summary.repeatability * rng.normal(size=(len(rest_s), axes)) * [axis.sigma_rad for axis in table.axes]
 
     def truth(at_s: np.ndarray, more: np.ndarray) -> np.ndarray:
@@ -127,7 +129,9 @@ def draw(summary: Summary, seed: int) -> Observed:
     wander = summary.instability_rps * factor @ rng.normal(size=(len(moments), 3))
     noise = summary.gyro_walk * rng.normal(size=rates.shape) / np.sqrt(block_s)[:, None, None]
     rates = (rates - bias) @ E_inverse.T + wander[: len(turn_s), None] + noise
-    still = (still - bias) @ E_inverse.T + wander[len(turn_s) :] + summary.gyro_walk / np.sqrt(summary.still_s) * rng.normal(size=still.shape)
+    still = (
+        (still - bias) @ E_inverse.T + wander[len(turn_s) :] + summary.gyro_walk / np.sqrt(summary.still_s) * rng.normal(size=still.shape)
+    )
     force = force @ accel_matrix.T + accel_bias + summary.accel_walk_g / np.sqrt(summary.still_s) * rng.normal(size=force.shape)
     asked = edges - errors.latency_s + summary.jitter_s * rng.normal(size=edges.shape)
     ends = (share[..., 0] == 0) | (share[..., 0] == 1)  # at rest, before the next move, a late word is the same
@@ -135,13 +139,28 @@ def draw(summary: Summary, seed: int) -> Observed:
     asked = np.where(ends & (share[..., 0] == 1), edges + 0.5 * summary.still_s, asked)
     said_edges = np.stack([track.said_and_sense(asked.ravel())[0] for track in tracks], axis=-1).reshape(*edges.shape, axes)
     said = np.stack([track.said_and_sense(rest_s_)[0] for track in tracks], axis=-1)
-    number = np.arange(len(blocks))
+    order = np.arange(len(blocks))
     inside = (np.arange(most) < blocks[:, None])[..., None]
     return Observed(
-        *(table, rest_s_, np.full(len(rest_s), summary.still_s), force, still, temp_c, said, number, number + 1),
-        *(turn_s, block_s, blocks, np.where(inside, rates, 0.0), said_edges),
+        table,
+        rest_s_,
+        np.full(len(rest_s), summary.still_s),
+        force,
+        still,
+        temp_c,
+        said,
+        order,
+        order + 1,
+        turn_s,
+        block_s,
+        blocks,
+        np.where(inside, rates, 0.0),
+        said_edges,
         np.full(3, summary.gyro_walk),
         np.full(3, summary.accel_walk_g),
-        *(summary.instability_rps, summary.fs_rps, summary.latitude_rad, 2 * summary.accel_error_g, summary.block_s / 10),
+        summary.instability_rps,
+        summary.fs_rps,
+        summary.latitude_rad,
+        2 * summary.accel_error_g,
         np.zeros(len(blocks), dtype=bool),
     )

@@ -1,13 +1,14 @@
 """Candidates: each error that a table may have, and each that its sensor may have beyond the linear calibration, as columns of the rows.
 
-A table's errors are those of ``session.annexes.machines.mechanics``; a sensor's are the catalogue's (``tinygc/effects/entries``), by their own
-columns.  What the recording cannot show of a candidate (its sigma is larger than the size that it may plausibly have) takes no part.
+A table's errors are those of ``session.annexes.machines.mechanics``; a sensor's are the catalogue's (``tinygc/effects/entries``), by
+their own columns.  What the recording cannot show of a candidate (its sigma is larger than the size that it may plausibly have) takes no part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -40,17 +41,22 @@ LEAST_WARMED_C = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One form of an error: id; whose it is; where (an axis, a turn); columns (n, P) per SI unit; plausible (P,) SI; parts: JSON name, unit's
-    size in SI and indices of each quantity; shape: numbers that are no parameters; tried: how many forms of this id are weighed."""
+    """One form of an error: id; whose it is; where (an axis, a turn); make: its columns; plausible (P,) SI; parts: JSON name,
+    unit's size in SI and indices of each quantity; shape: numbers that are no parameters; tried: how many forms of this id are weighed."""
 
     id: str
     whose: str
     where: str
-    columns: np.ndarray
+    make: Callable[[], np.ndarray]
     plausible: np.ndarray
     parts: tuple[tuple[str, float, tuple[int, ...]], ...]
     shape: dict[str, float | int | str]
     tried: int = 1
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(n, P) per SI unit."""
+        return self.make()
 
     def values(self, theta: np.ndarray) -> dict[str, float | list[float]]:
         """JSON quantities of theta (P,), or of its sigmas."""
@@ -71,23 +77,30 @@ def candidates_of(comparison: Comparison) -> list[Candidate]:
 def _of_table(comparison: Comparison) -> Iterator[Candidate]:
     axes = comparison.observed.table.axes
 
-    def candidate(id: str, where: str, columns: np.ndarray, *parts: tuple[str, float, tuple[int, ...]], **shape: float | str) -> Candidate:
-        return Candidate(id, TABLE, where, columns, np.full(columns.shape[1], PLAUSIBLE[id]), parts, dict(shape))
+    def candidate(
+        id: str, where: str, make: Callable[[], np.ndarray], *parts: tuple[str, float, tuple[int, ...]], **shape: float | str
+    ) -> Candidate:
+        size = sum(len(at) for _, _, at in parts)
+        return Candidate(id, TABLE, where, make, np.full(size, PLAUSIBLE[id]), parts, dict(shape))
 
-    yield candidate(TILT, "base", comparison.of_tilt(), ("tilt_deg", DEG, (0, 1)))
+    yield candidate(TILT, "base", comparison.of_tilt, ("tilt_deg", DEG, (0, 1)))
     for number, axis in enumerate(axes):
         at = f"axis {axis.name}"
-        once_and_twice = np.concatenate([comparison.of_harmonic(number, cycles) for cycles in (1, 2)], axis=1)
         quantities = ("once_deg", DEG, (0, 1)), ("twice_deg", DEG, (2, 3))
-        yield candidate(INDEX, at, once_and_twice, *quantities, axis=axis.name)
-        yield candidate(WOBBLE, at, comparison.of_wobble(number), ("wobble_deg", DEG, (0, 1, 2, 3)), axis=axis.name)
-        yield candidate(BACKLASH, at, comparison.of_backlash(number), ("backlash_deg", DEG, (0,)), axis=axis.name)
+        yield candidate(INDEX, at, partial(_once_and_twice, comparison, number), *quantities, axis=axis.name)
+        yield candidate(WOBBLE, at, partial(comparison.of_wobble, number), ("wobble_deg", DEG, (0, 1, 2, 3)), axis=axis.name)
+        yield candidate(BACKLASH, at, partial(comparison.of_backlash, number), ("backlash_deg", DEG, (0,)), axis=axis.name)
         if number and np.linalg.norm(np.cross(axes[number - 1].direction, axis.direction)) > 0.1:
             between = f"axes {axes[number - 1].name}, {axis.name}"
-            yield candidate(SKEW, between, comparison.of_skew(number), ("skew_deg", DEG, (0,)), axis=axis.name)
+            yield candidate(SKEW, between, partial(comparison.of_skew, number), ("skew_deg", DEG, (0,)), axis=axis.name)
         for cycles in range(FIRST_RIPPLE, most_cycles(comparison.observed, number) + 1):
-            columns = comparison.of_harmonic(number, cycles)
-            yield candidate(RIPPLE, at, columns, ("ripple_deg", DEG, (0, 1)), axis=axis.name, cycles=cycles)
+            yield candidate(
+                RIPPLE, at, partial(comparison.of_harmonic, number, cycles), ("ripple_deg", DEG, (0, 1)), axis=axis.name, cycles=cycles
+            )
+
+
+def _once_and_twice(comparison: Comparison, axis: int) -> np.ndarray:
+    return np.concatenate([comparison.of_harmonic(axis, cycles) for cycles in (1, 2)], axis=1)
 
 
 def most_cycles(observed: Observed, axis: int) -> int:
@@ -107,9 +120,9 @@ def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
         for axis in map(int, moved):
             shape: dict[str, float | int | str] = {"axis": seen.table.axes[axis].name, "turn": turn}
             parts = (("lost_deg", DEG, (0,)),)
-            yield Candidate(LOST, TABLE, f"turn {turn}", comparison.of_lost(axis, turn), plausible, parts, shape)
+            yield Candidate(LOST, TABLE, f"turn {turn}", partial(comparison.of_lost, axis, turn), plausible, parts, shape)
             if alone >= 0:
-                yield Candidate(DROPPED, SENSOR, f"turn {turn}", comparison.of_dropped(turn), plausible, parts, shape)
+                yield Candidate(DROPPED, SENSOR, f"turn {turn}", partial(comparison.of_dropped, turn), plausible, parts, shape)
 
 
 def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
@@ -120,13 +133,13 @@ def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
             continue
         if "temperature" in effect.inputs and warmed < LEAST_WARMED_C:
             continue
-        columns = _force_columns(comparison, effect, rests) if effect.kind == "force" else _rate_columns(comparison, effect, rests, turns)
+        make = partial(_force_columns if effect.kind == "force" else _rate_columns, comparison, effect, rests, turns)
         of = effect.parameter
         parts = ((of.name, of.si, tuple(range(of.size))),)
-        yield Candidate(effect.id, SENSOR, "", columns, np.full(of.size, of.plausible), parts, {})
+        yield Candidate(effect.id, SENSOR, "", make, np.full(of.size, of.plausible), parts, {})
 
 
-def _force_columns(comparison: Comparison, effect: Effect, rests: Movement) -> np.ndarray:
+def _force_columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:
     return comparison.of_forces(effect.bent(rests) / G)
 
 

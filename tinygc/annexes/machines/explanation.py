@@ -1,7 +1,8 @@
-"""The table's own errors in ``explain``: what of a mismatch is the machine's, what the sensor's, and what these attitudes cannot tell apart.
+"""The table's own errors in ``explain``: what of a mismatch is the machine's, what the sensor's, and what is not to be told apart.
 
 An engine of its own beside the core's.  The core compares closures with gravity in each still, so its reference is the accelerometer; here
-the reference is the machine's word, which errs in every still and within every turn, and its errors are columns of other rows (``rows.py``).
+the reference is the machine's word, which errs in every still and within every turn, and its errors are columns of other rows
+(``rows.py``).
 All of them are small, so everything is linear about a fit of sensor and mounting (``selection.py``); the sensor's effects are the core's
 catalogue, by their own columns.
 """
@@ -231,5 +232,5 @@ def explain_table(problem: Problem, seed: int = 0) -> TableExplanation | None:
     except DataError as error:
         return TableExplanation(table, None, str(error))
     except np.linalg.LinAlgError:
-        why = f"{ANGLES} and the sensor are too far apart for any small error; are the axes, their senses and the mounting of {TABLE} right?"
+        why = f"{ANGLES} and the sensor are too far apart for any small error; are axes, senses and mounting of {TABLE} right?"
         return TableExplanation(table, None, why)

@@ -1,8 +1,8 @@
 """What a session of a table observes: rests and turns, each with the sensor's means and the machine's word.
 
-Everything that the table's errors are estimated from is in this record: a test draws one directly, a recording is reduced to one.  Rates are
-readings in rad/s; a turn's are means over equal blocks, such that each block's product with its time is the rotation vector of its readings.
-Specific force is in g of the site, with the pre-calibration of session.toml applied.
+Everything that the table's errors are estimated from is in this record: a test draws one directly, a recording is reduced to one.  Rates
+are readings in rad/s; a turn's are means over equal blocks, such that each block's product with its time is the rotation vector of its
+readings. Specific force is in g of the site, with the pre-calibration of session.toml applied.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Observed:
     """Q rests and S turns between them, in the order of time.
 
     table; rest_s, rest_span_s (Q,): middle and length; force (Q, 3) g and rate (Q, 3) rad/s: means; temp_c (Q,) or NaN; said (Q, K) rad.
-    first, last (S,): the rests of each turn; turn_s (S,): its middle; block_s (S,): length of its blocks; blocks (S,): how many; rates (S, B, 3)
-    rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated.
+    first, last (S,): the rests of each turn; turn_s (S,): its middle; block_s (S,): length of its blocks; blocks (S,): how many; rates
+    (S, B, 3) rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated.
     gyro_walk (3,) rad/√s and accel_walk (3,) g √s: white noise of integral and mean; instability_rps; fs_rps; latitude_rad or None;
     accel_sigma_g: how far the accelerometer's calibration may be off; blind (S,) bool: turns whose inside is not looked at.
     """
@@ -187,7 +187,8 @@ def _during(word: AngleLog, samples: Samples, start: int, stop: int) -> np.ndarr
 def _blocks(
     samples: Samples, start: int, stop: int, word: AngleLog, ends: tuple[np.ndarray, np.ndarray]
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
-    """Begin and block length, s; rates (B, 3) of equal blocks; the machine's word (B + 1, K) at their edges, that of the rests at both ends."""
+    """Begin and block length, s; rates (B, 3) of equal blocks; the machine's word (B + 1, K) at their edges, that of the rests at both
+    ends."""
     t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
     gyro = np.asarray(samples.gyro[start:stop], dtype=float)
     within = (word.t_ns > samples.t_ns[start]) & (word.t_ns < samples.t_ns[stop - 1])

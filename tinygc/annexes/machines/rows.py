@@ -30,7 +30,6 @@ from session.annexes.machines.mechanics import normals
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.annexes.machines.observed import Observed
 
-
 # The state: what is always free, with the sigma of its prior.
 
 #: sigma of each element of an uncalibrated gyroscope's matrix; of its zero, rad/s; of shear and scale of an accelerometer, per its zero
@@ -190,7 +189,8 @@ class Comparison:
         return np.stack([Akima1DInterpolator(edges, each)(at.clip(0, edges[-1])) for each, at in zip(way, shifts, strict=True)])
 
     def pinned(self, way: np.ndarray) -> np.ndarray:
-        """Rows ``within`` (W, …) of an angle (S, B + 1, …) at the edges: without its begin, and with its end shared as the said angle has it."""
+        """Rows ``within`` (W, …) of an angle (S, B + 1, …) at the edges: without its begin, and with its end shared as the said angle has
+        it."""
         share = self.share
         tail = (1,) * (way.ndim - 2)
         way = way - way[:, :1]

@@ -7,7 +7,8 @@ Rest and turn rows have one covariance, whose sizes are estimated by restricted 
     repeatability of the table, at each rest anew, in units of the accuracy that each axis declares              estimated
     accelerometer at each rest, gyroscope in each turn: whatever no model has                                    estimated
 
-Rows within a turn have their own: the walk of the angle between its two ends, which are pinned; and the machine's word, by the jitter of its
+Rows within a turn have their own: the walk of the angle between its two ends, which are pinned; and the machine's word, by the jitter of
+its
 stamps (an angle that grows with the rate), by its resolution, and by what is lost between two answers (which grows with the acceleration).
 """
 
@@ -38,8 +39,8 @@ WORD_BOUNDS = np.array([[1e-6, 0.1], [1e-6, 0.02], [1e-7, 0.01]])
 class RowsNoise:
     """Sizes by name (SI; repeatability in units of the declared accuracy), and factors that whiten stacked rows.
 
-    word (3,): jitter, s, resolution, rad, and blur, s^2, of the machine's word; value: -2 log of the restricted likelihood of the rows at rest
-    and of turns.
+    word (3,): jitter, s, resolution, rad, and blur, s^2, of the machine's word; value: -2 log of the restricted likelihood of the rows at
+    rest and of turns.
     """
 
     sizes: dict[str, float]

@@ -4,13 +4,14 @@ Each candidate is judged by what is left of its columns beside the state's and t
 
     gain = |U^T y|^2, U the directions in which its sigma is below ``SEEN`` of its plausible size;  p of chi-square with that many freedoms.
 
-The critical p-value is the 5 % quantile of the smallest p over all candidates, under noise alone, by Monte Carlo with their true correlation.
-Of those below it, the one with the most evidence (Gaussian priors of the plausible sizes; each of n forms of one error has 1/n of its prior)
+The critical p-value is the 5 % quantile of the smallest p over all candidates, under noise alone, by Monte Carlo with their true
+correlation. Of those below it, the one with the most evidence (Gaussian priors of the plausible sizes; each of n forms of one error has 1/n of its
+prior)
 is named, if the evidence is for it.  Errors of another name whose evidence is within ``EQUIVALENT`` of it cannot be told from it with these
 attitudes.
 
-The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a sensor's
-filter and the stamps of a board have anyway.
+The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a
+sensor's filter and the stamps of a board have anyway.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ Make = Callable[[Comparison], list[Candidate]]
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An error that is named: theta, sigma (P,) SI, of what is seen of it; p_value, family-wise; log_evidence; equivalent: ids of what cannot
-    be told from it."""
+    """An error that is named: theta, sigma (P,) SI, of what is seen of it; p_value, family-wise; log_evidence; equivalent: ids of what
+    cannot be told from it."""
 
     candidate: Candidate
     theta: np.ndarray
@@ -80,7 +81,8 @@ class Unseen:
 
 @dataclass(frozen=True, eq=False)
 class Selected:
-    """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where none
+    """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where
+    none
     is visible; unseen; first_p, smallest_p: family-wise, before anything is named and of what is left; noise, chi_square, count, latency_s
     and its sigma, of the last fit."""
 
@@ -231,8 +233,7 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
     )
     p_latency = float(chi2.sf(latency**2 / (sigma**2 + DELAY_SIGMA_S**2), 1))
     if p_latency < FAMILY_WISE / max(len(base.candidates), 1):
-        columns = base.comparison.of_latency()
-        late = Candidate(LATENCY, TABLE, "word", columns, np.ones(1), (("latency_ms", 1e-3, (0,)),), {})
+        late = Candidate(LATENCY, TABLE, "word", base.comparison.of_latency, np.ones(1), (("latency_ms", 1e-3, (0,)),), {})
         evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2) / 2
         found.append(Named(late, np.array([latency]), np.array([sigma]), p_latency, float(evidence), AS_LATENCY))
     limits, unseen = _not_named(base, judged)

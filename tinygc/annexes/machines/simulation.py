@@ -1,7 +1,7 @@
 """Simulated sessions on a virtual table, offline: from a list of moves to the files of a session that a machine turned.
 
-A table at rest makes its moves one after the other, with a rest before, between and behind.  Its word is asked at a steady pace: each answer
-has the time of the last sample before it, as in ``table.csv``, and says the motor's angle ``latency_s`` earlier.
+A table at rest makes its moves one after the other, with a rest before, between and behind.  Its word is asked at a steady pace: each
+answer has the time of the last sample before it, as in ``table.csv``, and says the motor's angle ``latency_s`` earlier.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class LostSteps:
 class TableSession:
     """A simulated session of a table, in memory.
 
-    log: registers; begin_s: of each rest (Q,); rest_angles (Q, K) rad, as said there; polls: times (N,) s, said angles (N, K) rad and whether
-    anything moved (N,); table; unit and options of the sensor.
+    log: registers; begin_s: of each rest (Q,); rest_angles (Q, K) rad, as said there; polls: times (N,) s, said angles (N, K) rad and
+    whether anything moved (N,); table; unit and options of the sensor.
     """
 
     table: Description

@@ -29,8 +29,8 @@ class Summary:
     """A session to draw.
 
     moves; errors of the table; lost steps; effects of the sensor with theta (P,), SI; dropped: of turns, rad that the gyroscope misses;
-    repeatability: of each rest, in units of the declared accuracy; jitter_s of the word's stamps; still_s, block_s; noise of the sensor; errors
-    of its calibration, one sigma; lag_s of its axes alike.
+    repeatability: of each rest, in units of the declared accuracy; jitter_s of the word's stamps; still_s, block_s; noise of the sensor;
+    errors of its calibration, one sigma.
     """
 
     table: Description
@@ -87,7 +87,7 @@ def draw(summary: Summary, seed: int) -> Observed:
     mounting = Rotation.from_rotvec(summary.mounting_rad * rng.normal(size=3)).as_matrix()
     heading = rng.uniform(-np.pi, np.pi)
     north = np.cos(summary.latitude_rad) * np.array([np.cos(heading), -np.sin(heading), 0.0])
-    earth = EARTH_RATE_RPS * (north + [0, 0, -np.sin(summary.latitude_rad)])
+    earth = EARTH_RATE_RPS * (north - np.sin(summary.latitude_rad) * np.eye(3)[2])
     E_inverse = np.eye(3) + summary.scale_error * rng.normal(size=(3, 3))
     bias, accel_bias = 0.5 * DEG * rng.normal(size=3), summary.accel_error_g * rng.normal(size=3)
     accel_matrix = np.eye(3) + np.triu(summary.accel_error_g * rng.normal(size=(3, 3)))

@@ -85,12 +85,14 @@ def cases(table: Description) -> Iterator[tuple[str, str, dict]]:
 
 
 def outcome(injected: str, selected: Selected) -> str:
-    """``named``, ``one of several`` (inseparable, and said so), ``nothing`` or ``wrong``."""
+    """``named``, ``one of several`` (not told from others, and said so), ``inseparable`` (from the calibration, and said so), ``nothing`` or
+    ``wrong``."""
     own = [each for each in selected.named if injected in (each.candidate.id, *each.equivalent)]
     if len(own) < len(selected.named):
         return "wrong"
     if not own:
-        return "nothing"
+        hidden = any(each.candidate.id == injected and each.hidden_in for each in selected.unseen)
+        return "inseparable" if hidden else "nothing"
     return "named" if any(each.candidate.id == injected and not each.equivalent for each in own) else "one of several"
 
 

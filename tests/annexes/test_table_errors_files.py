@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from formats_page import strangers
 
 import tinygc
 from session.annexes.machines.angles import AngleLog, read_angles
@@ -114,6 +115,7 @@ def test_explain_prints_it_and_keeps_it(tilted):
     why = tinygc.explain(tilted)
     assert why.turned_by.verdict == why.table["table"]["verdict"]
     assert "table bench: " in why.summary()
+    assert strangers(why.table) == []
 
 
 @pytest.mark.broad
@@ -136,4 +138,6 @@ def test_dials_are_as_good_as_session_toml_says(tilted, tmp_path):
         problem = prepare(folder).problem
         assert problem.session.config.protocol.dial_sigma_deg == sigma_deg
         floors.append(problem.floor.own[0][2, 2])
+        again = problem.session.save(tmp_path / f"again{sigma_deg}")
+        assert ("dial_sigma_deg" in (again / "session.toml").read_text()) == (sigma_deg != 0.05)  # the default needs no line
     assert floors[1] - floors[0] == pytest.approx(2 * ((0.5 * DEG) ** 2 - (0.05 * DEG) ** 2), rel=1e-6)  # a turn has two dials

@@ -85,8 +85,8 @@ def cases(table: Description) -> Iterator[tuple[str, str, dict]]:
 
 
 def outcome(injected: str, selected: Selected) -> str:
-    """``named``, ``one of several`` (not told from others, and said so), ``inseparable`` (from the calibration, and said so), ``nothing`` or
-    ``wrong``."""
+    """``named``, ``one of several`` (not told from others, and said so), ``inseparable`` (from the calibration, and said so), ``nothing``
+    or ``wrong``."""
     own = [each for each in selected.named if injected in (each.candidate.id, *each.equivalent)]
     if len(own) < len(selected.named):
         return "wrong"

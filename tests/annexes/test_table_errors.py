@@ -1,4 +1,4 @@
-"""The table's own errors: exact columns, the state's slopes, each term of the noise, inject and recover, and what is not to be told apart."""
+"""The table's own errors: exact columns, slopes of the state, terms of the noise, inject and recover, and what is inseparable."""
 
 import numpy as np
 import pytest

@@ -1,7 +1,8 @@
 """Candidates: each error that a table may have, and each that its sensor may have beyond the linear calibration, as columns of the rows.
 
 A table's errors are those of ``session.annexes.machines.mechanics``; a sensor's are the catalogue's (``tinygc/effects/entries``), by
-their own columns.  What the recording cannot show of a candidate (its sigma is larger than the size that it may plausibly have) takes no part.
+their own columns.  What the recording cannot show of a candidate (its sigma is larger than the size that it may plausibly have) takes no
+part.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from .shapes import (
     Of,
     array,
     depth,
+    either,
     maybe,
     named,
     when,
@@ -49,6 +50,43 @@ _CLAIM = {
     "description": TEXT,
 }
 _EFFECT = named("effect", _CLAIM | {"share?": maybe(NUMBER), "against_stated?": {"chi_square": SIZE, "freedom": COUNT, **_p("p_value")}})
+_QUANTITY = either(NUMBER, [NUMBER])
+_TABLE = {
+    "name": TEXT,
+    "verdict": words("clean", "table", "sensor", "both", "ambiguous", "unexplained", "undecided"),
+    "why_not": maybe(TEXT),
+    "rests?": COUNT,
+    "turns?": COUNT,
+    "p_value?": SHARE,
+    "left_p_value?": SHARE,
+    "latency_ms?": NUMBER,
+    "latency_std_ms?": SIZE,
+    "noise?": {
+        "repeatability_of_declared": SIZE,
+        "bias_wander_dph": SIZE,
+        "accelerometer_mg": SIZE,
+        "gyroscope_turn_deg": SIZE,
+        "word_jitter_ms": SIZE,
+        "word_resolution_deg": SIZE,
+    },
+    "effects?": [
+        {
+            "id": TEXT,
+            "whose": words("table", "sensor"),
+            "where": TEXT,
+            "shape": {"axis?": TEXT, "cycles?": COUNT, "turn?": COUNT},
+            "parameters": {"<parameter>": _QUANTITY},
+            "std": {"<parameter>": _QUANTITY},
+            "p_value": SHARE,
+            "log_evidence": NUMBER,
+            "equivalent": [TEXT],
+            "description": TEXT,
+            "movement": maybe(TEXT),
+        }
+    ],
+    "undecided?": [{"id": TEXT, "where": TEXT, "detection_limit": SIZE, "unit": TEXT}],
+    "inseparable?": [{"id": TEXT, "where": TEXT, "hidden_in": [TEXT], "movement": TEXT}],
+}
 _CHECKED_EFFECT = named(
     "checked_effect",
     {
@@ -158,6 +196,7 @@ _EXPLAIN = _HEAD | {
     "version": TEXT,
     "checked?": [_CHECKED],
     "discovery?": _DISCOVERY,
+    "table?": _TABLE,
 }
 #: beside a truth file
 _TRUTH = _HEAD | {

@@ -20,8 +20,6 @@ from session.io.samples import Samples
 from session.io.units import DEG, NS
 
 DIAL_ROW, DIAL_TURN = "dial reading", "dials against gyro"
-#: rad: reading error of a dial, one sigma
-DIAL_SIGMA_RAD = 0.05 * DEG
 #: the median of the length of two, and of three, normal errors, in their standard deviations
 MEDIAN_OF_2, MEDIAN_OF_3 = 1.1774, 1.5382
 #: probability that chance alone takes a row out of a session
@@ -54,10 +52,11 @@ def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple
         return session, list(parts), []
     stills = [still for part in parts for still in part.stills]
     known = np.array([i < len(table) and bool(np.isfinite(table[i]).all()) and still.problem is None for i, still in enumerate(stills)])
-    wrong = _against_gravity(table, stills, known)
+    dial_rad = session.config.protocol.dial_sigma_deg * DEG
+    wrong = _against_gravity(table, stills, known, dial_rad)
     for row in wrong:
         known[row.still] = False
-    by_turns, turns = _against_turns(table, stills, known, parts)
+    by_turns, turns = _against_turns(table, stills, known, parts, dial_rad)
     wrong += by_turns
     if len(wrong) > max(2, MOST_WRONG * len(stills)):
         return session, list(parts), []
@@ -89,13 +88,13 @@ def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1))
 
 
-def _against_gravity(table: np.ndarray, stills: Sequence[Still], known: np.ndarray) -> list[WrongRow]:
+def _against_gravity(table: np.ndarray, stills: Sequence[Still], known: np.ndarray, dial_rad: float) -> list[WrongRow]:
     rows = np.flatnonzero(known)
     if len(rows) < FEWEST:
         return []
     apart = angles_between(down_of_dials(table[rows]), np.array([-stills[i].accel_mean for i in rows.tolist()]))
     usual = float(np.median(apart))
-    sigma = max(usual / MEDIAN_OF_2, DIAL_SIGMA_RAD)
+    sigma = max(usual / MEDIAN_OF_2, dial_rad)
     limit = sigma * np.sqrt(2 * np.log(len(rows) / BY_CHANCE))
     return [
         WrongRow(int(row), f"its down differs from gravity's by {angle / DEG:.2f}° (the usual row by {usual / DEG:.2f}°)")
@@ -105,7 +104,7 @@ def _against_gravity(table: np.ndarray, stills: Sequence[Still], known: np.ndarr
 
 
 def _against_turns(
-    table: np.ndarray, stills: Sequence[Still], known: np.ndarray, parts: Sequence[LogSegments]
+    table: np.ndarray, stills: Sequence[Still], known: np.ndarray, parts: Sequence[LogSegments], dial_rad: float
 ) -> tuple[list[WrongRow], dict[int, str]]:
     """Rows whose turns on either side miss them, and turns that alone are missed, by their numbers."""
     number = {id(still): i for i, still in enumerate(stills)}
@@ -121,8 +120,9 @@ def _against_turns(
         np.array([_blocks(samples, segment) for segment, samples, _, _ in found]),
         _matrix(table[[first for _, _, first, _ in found]]),
         _matrix(table[[last for _, _, _, last in found]]),
+        dial_rad,
     )
-    sigma = max(usual / MEDIAN_OF_3, np.sqrt(2) * DIAL_SIGMA_RAD)
+    sigma = max(usual / MEDIAN_OF_3, np.sqrt(2) * dial_rad)
     beyond = missed > sigma * (np.sqrt(2 * np.log(len(found) / BY_CHANCE)) + 1)
     sides: dict[int, list[int]] = {}
     for i, (_, _, first, last) in enumerate(found):
@@ -146,7 +146,7 @@ def _against_turns(
     return wrong, turns
 
 
-def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, float]:
+def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray, dial_rad: float) -> tuple[np.ndarray, float]:
     """What the dials' turns differ from the gyroscope's by, (S,) rad, and the median of that.
 
     turn (S, B, 3) rad: rotation vectors of consecutive parts; first, last (S, 3, 3): body to table by the dials.  The gyroscope's scale and
@@ -164,7 +164,7 @@ def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.n
     x = np.zeros(12)
     for _ in range(ROUNDS):
         left = np.linalg.norm(apart - columns @ x, axis=1)
-        scale = max(float(np.median(left)) / MEDIAN_OF_3, DIAL_SIGMA_RAD)
+        scale = max(float(np.median(left)) / MEDIAN_OF_3, dial_rad)
         weight = 1 / (scale**2 + left**2)
         hessian = np.einsum("sip,s,siq->pq", columns, weight, columns) + prior
         x = np.linalg.solve(hessian, np.einsum("sip,s,si->p", columns, weight, apart))

@@ -324,6 +324,7 @@ class Protocol:
     segment_s: float = 5.0
     reference: str = "gravity"
     truth_sigma_deg: float = 0.1  #: of each angle of a truth file's attitudes
+    dial_sigma_deg: float = 0.05  #: of each angle that a table's dials, or a machine, say
 
 
 @dataclass(frozen=True)
@@ -431,6 +432,7 @@ SHAPE = Keys(
                 "segment_s": Number(0.5, 3600),
                 "reference": Text(REFERENCES),
                 "truth_sigma_deg": Number(1e-4, 10),
+                "dial_sigma_deg": Number(1e-4, 10),
             }
         ),
         "truth": Keys(

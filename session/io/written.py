@@ -35,6 +35,7 @@ def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
     table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
     stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
     table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
+    table |= {"dial_sigma_deg": protocol.dial_sigma_deg} if protocol.dial_sigma_deg != Protocol().dial_sigma_deg else {}
     mounting = config.truth.mounting.tolist() if config.truth.mounting is not None else None
     truth = _lines({name: getattr(config.truth, name) for name in ("offset_s", "frame", "sense", "order")} | {"mounting": mounting})
     truth = f"\n[truth]\n{truth}" if truth else ""  # none where the recording determines how the file is read

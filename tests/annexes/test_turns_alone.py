@@ -128,6 +128,13 @@ def test_lost_turns_are_found_and_do_not_move_the_scale(share):
         assert all("no gap in its stamps: lost samples or lost steps of the table, undecided" in line for line in words)
 
 
+def test_turns_of_one_sense_leave_the_tables_backlash_open():
+    one = tuple((2, angle, 90.0) for angle in (90, 180, 360, 360))
+    word = "backlash of the table: not known"
+    assert any(word in line for line in tinygc.fit_turns(Turned(one, noise=0.002).session()).to_json()["remarks"])
+    assert not any(word in line for line in tinygc.fit_turns(EXACT.session()).to_json()["remarks"])
+
+
 def test_a_turn_that_went_too_far_is_no_lost_sample():
     found = tinygc.fit_turns(Turned(PLAN, noise=0.002, lost={5: -30.0}).session())
     assert list(np.flatnonzero(~found.estimate.used)) == [5]

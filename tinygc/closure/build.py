@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.detect.dials import DIAL_SIGMA_RAD, without_wrong_dials
+from session.detect.dials import without_wrong_dials
 from session.detect.events import Impact, find_impacts
 from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
 from session.detect.stills import SessionStills, Still
@@ -290,7 +290,7 @@ def build_problem(
         at,
         [segment.stills for segment in accepted],
         [logs[segment.log].noise for segment in accepted],
-        DIAL_SIGMA_RAD,
+        session.config.protocol.dial_sigma_deg * DEG,
     )
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     about = directions(batch, at[:, -1])

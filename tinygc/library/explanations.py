@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.io.annexes import need
+from session.io.annexes import find, need
 from session.io.config import read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
@@ -66,12 +66,14 @@ class Why:
     """Result of ``tinygc.explain``.
 
     explanation: the complete result, in SI; discovery: result of the search beyond the catalogue, None if not requested; checked: outcome
-    of each effect in each of the recordings that it was checked on.
+    of each effect in each of the recordings that it was checked on; turned_by: what is said of the machine that turned the table (annex
+    machines), None without one.
     """
 
     explanation: Any
     discovery: Any = None
     checked: Sequence[Checked] = ()
+    turned_by: Any = None
 
     def __repr__(self) -> str:
         named = ", ".join(effect.id for effect in self.effects)
@@ -83,7 +85,7 @@ class Why:
             report: ExplanationReport = need("reports of a discovery").DiscoveryReport(self.explanation, self.discovery)
         else:
             report = ENGINES[self.explanation.session.config.protocol.reference][1](self.explanation)
-        report.checked = self.checked
+        report.checked, report.turned_by = self.checked, self.turned_by
         return report
 
     @cached_property
@@ -263,9 +265,10 @@ def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, disc
     search = need("a search beyond the catalogue (--discover)") if discover else None
     known = None if lot is None else need("what a lot knows of one unit (--lot)").known_effects(lot, config.sensor.model)
     explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known, noise=noise)
-    if search is None:
-        return Why(explanation)
-    return Why(explanation, search.discover(explanation, seed=seed, progress=progress))
+    bench = find("the table's own errors")
+    turned_by = None if bench is None else bench.explain_table(explanation.problem, seed)
+    discovery = None if search is None else search.discover(explanation, seed=seed, progress=progress)
+    return Why(explanation, discovery, turned_by=turned_by)
 
 
 def _found(entry: dict) -> FoundEffect:

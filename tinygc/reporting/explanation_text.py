@@ -227,13 +227,16 @@ class ExplanationReport:
 
     #: the claims on other recordings
     checked: Sequence[Checked] = ()
+    #: what an annex says of the machine that turned the table: ``page()`` and ``to_json()``; None without one
+    turned_by: Any = None
 
     def __init__(self, explanation: Any):
         self.explanation = explanation
 
     def to_json(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
-        return self._table() | {"checked": checked_to_json(self.checked)}
+        by = {} if self.turned_by is None else {"table": self.turned_by.to_json()}
+        return self._table() | by | {"checked": checked_to_json(self.checked)}
 
     def _table(self) -> dict:
         return to_json(self.explanation)
@@ -244,7 +247,8 @@ class ExplanationReport:
 
     def page(self) -> Group:
         """Page for the terminal."""
-        return Group(self._page(), *checked_page(self.checked))
+        by = [] if self.turned_by is None else [self.turned_by.page()]
+        return Group(self._page(), *by, *checked_page(self.checked))
 
     def _page(self) -> Group:
         return explanation_page(self.explanation)

@@ -102,6 +102,10 @@ def remarks(fit: TurnsResult) -> list[str]:
         lines.append(f"scale of {', '.join(still)}: not known, no turn about it")
     if single := [f"{name} ({SENSES[-turned[axis][0]]})" for axis, name in enumerate("xyz") if len(turned[axis]) == 1]:
         lines.append(f"not known, since not turned: the other sense of {', '.join(single)}, and so the asymmetry")
+    if estimate.groups and not any(len(senses) > 1 for senses in turned.values()):
+        lines.append(
+            "backlash of the table: not known, since turns of one sense take it up once; the play above is another error of each turn"
+        )
     lines.append("misalignments, and what follows gravity: not known, no turn tells them from the table's lean")
     if (rate := fit.session.nominal_rate) is not None:
         lines.append(rate.doubt)

@@ -1,0 +1,263 @@
+"""The table's own errors: exact columns, slopes of the state, terms of the noise, inject and recover, and what is inseparable."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from session.annexes.machines.description import Axis, Description
+from session.annexes.machines.mechanics import AxisErrors, TableErrors, normals, true_attitudes
+from session.io.units import DEG
+from tinygc.annexes.machines.candidates import candidates_of
+from tinygc.annexes.machines.rows import Comparison, moved, part_names, prior_of, start_of
+from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, NoiseModel
+from tinygc.annexes.machines.selection import DELAY_SIGMA_S, select
+from tinygc.annexes.machines.simulation import LostSteps, fixed_moves
+from tinygc.annexes.machines.summaries import Summary, draw
+from tinygc.effects.catalogue import effect_of
+
+X, Y, Z = np.eye(3)
+SMALL = 1e-6
+
+
+def table(*directions, sigma_deg=0.01):
+    axes = (Axis(n, d, -np.pi, np.pi, 200 * DEG, 400 * DEG, sigma_deg * DEG, 0.0, n) for n, d in zip("abc", directions, strict=False))
+    return Description("bench", "virtual", tuple(axes))
+
+
+def errors(of, axis=0, tilt=(0, 0, 0), latency_s=0.0, **more):
+    axes = tuple(AxisErrors(**more) if number == axis else AxisErrors() for number in range(len(of.axes)))
+    return TableErrors(axes, np.array(tilt) * DEG, latency_s)
+
+
+def session(of, seed=0, moves=16, wrong=None, **more):
+    options = {"block_s": 0.2, "still_s": 2.0} | more
+    return draw(Summary(of, fixed_moves(of, moves, 80 * DEG, seed), wrong or TableErrors.none(of), **options), seed)
+
+
+def named(selected):
+    return [each.candidate.id for each in selected.named]
+
+
+# Columns, against the mechanics.
+
+
+@pytest.fixture(scope="module")
+def exact():
+    of = table(Z, Y, X)
+    return Comparison(session(of, mounting_rad=0.0))
+
+
+def moved_rows(comparison, wrong):
+    """Rows of force and rotation that a table's errors make, without any linearisation."""
+    seen = comparison.observed
+    before = true_attitudes(seen.table, TableErrors.none(seen.table), seen.said, seen.senses)
+    after = true_attitudes(seen.table, wrong, seen.said, seen.senses)
+    force = before[:, 2] - after[:, 2]
+    turn = [at[seen.first].transpose(0, 2, 1) @ at[seen.last] for at in (before, after)]
+    rotation = Rotation.from_matrix(turn[0].transpose(0, 2, 1) @ turn[1]).as_rotvec()
+    return np.concatenate([force.ravel(), rotation.ravel()])
+
+
+def column(kind, axis, number):
+    unit = SMALL * np.eye(4)[number]
+    if kind == "index":
+        return {"axis": axis, "index": unit}
+    return {"axis": axis, "wobble": unit}
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_columns_of_index_and_wobble_are_the_slopes_of_the_mechanics(exact, axis):
+    of, count = exact.observed.table, 3 * len(exact.observed.said) + 3 * len(exact.observed.first)
+    index = np.concatenate([exact.of_harmonic(axis, 1), exact.of_harmonic(axis, 2)], axis=1)
+    for kind, columns in (("index", index), ("wobble", exact.of_wobble(axis))):
+        for number in range(4):
+            true = moved_rows(exact, errors(of, **column(kind, axis, number))) / SMALL
+            assert np.abs(columns[:count, number] - true).max() < 1e-5, (kind, number)
+
+
+def test_columns_of_tilt_skew_and_backlash_are_the_slopes_of_the_mechanics(exact):
+    of, count = exact.observed.table, 3 * len(exact.observed.said) + 3 * len(exact.observed.first)
+    for number in range(2):
+        true = moved_rows(exact, errors(of, tilt=SMALL / DEG * np.eye(3)[number])) / SMALL
+        assert np.abs(exact.of_tilt()[:count, number] - true).max() < 1e-5
+    for axis in (1, 2):
+        carrier, own = of.axes[axis - 1].direction, of.axes[axis].direction
+        away = np.cross(np.cross(carrier, own), own)  # larger by 1 rad between the two
+        true = moved_rows(exact, errors(of, axis, skew=SMALL * away)) / SMALL
+        assert np.abs(exact.of_skew(axis)[:count, 0] - true).max() < 1e-5
+        true = moved_rows(exact, errors(of, axis, backlash=SMALL)) / SMALL
+        assert np.abs(exact.of_backlash(axis)[:count, 0] - true).max() < 1e-5
+
+
+def test_normals_of_an_axis_are_right_handed():
+    for direction in (X, Y, Z, np.array([0.6, 0, 0.8])):
+        e1, e2 = normals(direction)
+        assert np.allclose(np.cross(e1, e2), direction)
+
+
+def test_the_states_columns_are_the_slopes_of_its_residuals():
+    seen = session(table(Z, Y), moves=8)
+    state, (_, sigma) = start_of(seen), prior_of(seen)
+    for _ in range(4):  # to where the residuals are small, since they bend
+        comparison = Comparison(seen, state)
+        design = np.concatenate([comparison.of_state() * sigma, 1e-3 * np.eye(len(sigma))])
+        r = np.append(comparison.residuals().stacked(), np.zeros(len(sigma)))
+        state = moved(state, sigma * np.linalg.lstsq(design, r, rcond=None)[0])
+    columns = Comparison(seen, state).of_state()
+    names = part_names(2)
+    for number in range(len(state)):
+        step = 1e-6 * np.eye(len(state))[number]
+        difference = [Comparison(seen, moved(state, sign * step)).residuals().stacked() for sign in (1, -1)]
+        true = (difference[0] - difference[1]) / 2e-6
+        # The word's rate is a central difference, as that of the gyroscope in its lag; between two answers it is interpolated otherwise.
+        bar = 0.3 if "lag" in names[number] or "latency" in names[number] else 1e-3
+        assert np.abs(columns[:, number] + true).max() < bar * max(1.0, np.abs(true).max()), (number, names[number])
+
+
+# Noise, term by term.
+
+
+def test_white_noise_of_rests_and_turns_is_that_of_means_and_integrals():
+    seen = session(table(Z), moves=8)
+    model = NoiseModel(Comparison(seen))
+    rests, turns = 3 * len(seen.said), 3 * len(seen.first)
+    assert np.allclose(np.diag(model.white)[:rests], seen.accel_walk[0] ** 2 / 2.0)
+    assert np.allclose(np.diag(model.white)[rests + turns :], seen.gyro_walk[0] ** 2 / 2.0)
+    last = np.diag(model.white)[rests : rests + turns].reshape(-1, 3)
+    along = last @ np.array([0, 0, 1.0])  # about the turning axis nothing rotates
+    assert along == pytest.approx(seen.gyro_walk[0] ** 2 * seen.blocks * seen.block_s, rel=0.01)
+
+
+def test_repeatability_is_one_angle_of_each_rest_in_units_of_the_declared():
+    seen = session(table(X, sigma_deg=0.02), moves=8, mounting_rad=0.0)
+    V = NoiseModel(Comparison(seen)).components[REPEATABILITY][0]
+    rests = 3 * len(seen.said)
+    tilt = V[:rests, :rests].reshape(len(seen.said), 3, len(seen.said), 3)
+    for i in range(len(seen.said)):
+        assert np.trace(tilt[i, :, i]) == pytest.approx((0.02 * DEG) ** 2, rel=1e-6)  # gravity moves by the angle, across the axis
+        assert np.abs(tilt[i, :, (i + 1) % len(seen.said)]).max() < 1e-20
+    first = V[rests : rests + 3, rests : rests + 3]
+    assert first[0, 0] == pytest.approx(2 * (0.02 * DEG) ** 2, rel=1e-6)  # a turn has two ends
+    assert V[rests, rests + 3] == pytest.approx(-((0.02 * DEG) ** 2), rel=1e-6)  # and shares one with its neighbour
+
+
+@pytest.mark.broad
+def test_sizes_of_the_noise_are_recovered():
+    of = table(Z, Y)
+    sizes, jitter = [], []
+    for seed in range(6):
+        found = select(session(of, seed, repeatability=3.0, jitter_s=2e-3, block_s=0.1)).noise
+        sizes.append(found.sizes[REPEATABILITY])
+        jitter.append(found.word[0])
+        assert found.sizes[AT_REST] < 1e-3
+        assert found.sizes[IN_TURN] < 0.02 * DEG
+    assert np.mean(sizes) == pytest.approx(3.0, rel=0.15)
+    assert np.mean(jitter) == pytest.approx(2e-3, rel=0.2)
+
+
+# Inject, name and recover.
+
+
+@pytest.mark.parametrize(
+    ("id", "wrong", "true"),
+    [
+        ("table.tilt", {"tilt": (0.1, -0.05, 0)}, [0.1, -0.05]),
+        pytest.param("table.index", {"index": np.array([0.05, 0, 0, 0.03]) * DEG}, [0.05, 0, 0, 0.03], marks=pytest.mark.broad),
+        pytest.param("table.backlash", {"axis": 1, "backlash": 0.08 * DEG}, [0.08], marks=pytest.mark.broad),
+        pytest.param("table.nonorthogonal", {"axis": 1, "skew": np.array([0, 0, -0.1]) * DEG}, [0.1], marks=pytest.mark.broad),
+        pytest.param("table.rate_ripple", {"ripple": 0.05 * DEG, "ripple_cycles": 7}, [0.05, 0.0], marks=pytest.mark.broad),
+    ],
+)
+def test_an_error_of_the_table_is_named_with_its_size(id, wrong, true):
+    of = table(Z, Y)
+    selected = select(session(of, 3, wrong=errors(of, **wrong)))
+    assert named(selected) == [id]
+    (found,) = selected.named
+    assert found.equivalent == ()
+    assert (np.abs(found.theta - np.array(true) * DEG) < 4 * found.sigma).all()
+    assert found.p_value < 0.01
+
+
+@pytest.mark.broad
+def test_two_of_three_are_within_a_sigma():
+    of, z = table(Z, Y), []
+    wrong = TableErrors((AxisErrors(), AxisErrors(backlash=0.05 * DEG)), np.array([0.1, 0.05, 0]) * DEG)
+    for seed in range(14):
+        selected = select(session(of, seed, wrong=wrong, repeatability=1.0))
+        assert sorted(named(selected)) == ["table.backlash", "table.tilt"], seed
+        for each in selected.named:
+            true = [0.05] if each.candidate.id == "table.backlash" else [0.1, 0.05]
+            z += ((each.theta / DEG - true) / (each.sigma / DEG)).tolist()
+    assert 0.5 < np.mean(np.abs(z) < 1) < 0.85  # 42 values: 0.68 ± 0.07
+    assert np.std(z) < 1.5
+
+
+def test_a_clean_table_has_no_name():
+    selected = select(session(table(Z, Y), 1, repeatability=1.0))
+    assert named(selected) == []
+    assert selected.first_p > 1e-3
+    assert abs(selected.latency_s) < 3 * DELAY_SIGMA_S
+    assert 0.85 < selected.chi_square / selected.count < 1.15
+
+
+@pytest.mark.broad
+def test_an_effect_of_the_sensor_is_not_charged_to_the_table():
+    of = table(Z, Y)
+    for id, theta in (("gyro.scale_asymmetry", np.full(3, 3e-3)), ("gyro.g_sensitivity", 0.03 * DEG * np.eye(3).ravel())):
+        selected = select(session(of, 2, effects=((effect_of(id), theta),)))
+        assert named(selected) == [id]
+
+
+# What cannot be told apart is said to be inseparable there, and is told where it can.
+
+
+@pytest.mark.broad
+def test_lost_steps_and_dropped_samples_are_one_about_the_vertical_and_two_about_a_level_axis():
+    upright, level = table(Z), table(X)
+    losses = {"table.lost_steps": {"lost": (LostSteps(7, 0, 0.5 * DEG),)}, "timing.dropped_samples": {"dropped": ((7, 0.5 * DEG),)}}
+    for id, loss in losses.items():
+        (found,) = select(session(upright, 4, **loss)).named
+        assert {found.candidate.id, *found.equivalent} == set(losses)
+        assert found.candidate.where == "turn 7"
+        (found,) = select(session(level, 4, **loss)).named
+        assert (found.candidate.id, found.equivalent) == (id, ())
+        assert abs(found.theta[0] - 0.5 * DEG) < 4 * found.sigma[0]
+
+
+@pytest.mark.broad
+def test_a_late_word_is_a_late_sensor_and_is_said_to_be():
+    of = table(Z, Y)
+    selected = select(session(of, 5, wrong=errors(of, latency_s=0.06), block_s=0.1))
+    assert named(selected) == ["table.latency"]
+    assert "gyro.bandwidth" in selected.named[0].equivalent
+    assert selected.latency_s == pytest.approx(0.06, abs=5e-4)
+
+
+@pytest.mark.broad
+def test_a_wobble_that_turns_with_the_stage_is_the_mounting():
+    of = table(Z)
+    with_stage = select(session(of, 6, wrong=errors(of, wobble=np.array([0.1, 0.1, 0, 0]) * DEG)))
+    assert named(with_stage) == []
+    hidden = {part for each in with_stage.unseen if each.candidate.id == "table.wobble" for part in each.hidden_in}
+    assert "mounting" in hidden
+    against = select(session(of, 6, wrong=errors(of, wobble=np.array([0.1, -0.1, 0, 0]) * DEG)))
+    assert named(against) == ["table.wobble"]
+    assert against.named[0].theta == pytest.approx(np.array([0.1, -0.1, 0, 0]) * DEG, abs=0.01 * DEG)
+
+
+def test_candidates_state_what_they_are():
+    found = candidates_of(Comparison(session(table(Z, Y), moves=6)))
+    assert {
+        "table.index",
+        "table.wobble",
+        "table.rate_ripple",
+        "table.nonorthogonal",
+        "table.tilt",
+        "table.backlash",
+        "table.lost_steps",
+    } <= {each.id for each in found if each.whose == "table"}
+    assert {"gyro.scale_asymmetry", "gyro.bandwidth", "timing.dropped_samples"} <= {each.id for each in found if each.whose == "sensor"}
+    for each in found:
+        assert each.columns.shape[1] == len(each.plausible)
+        assert np.isfinite(each.columns).all()
+        assert each.tried == sum(other.id == each.id for other in found)

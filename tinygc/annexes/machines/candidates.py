@@ -1,0 +1,173 @@
+"""Candidates: each error that a table may have, and each that its sensor may have beyond the linear calibration, as columns of the rows.
+
+A table's errors are those of ``session.annexes.machines.mechanics``; a sensor's are the catalogue's (``tinygc/effects/entries``), by
+their own columns.  What the recording cannot show of a candidate (its sigma is larger than the size that it may plausibly have) takes no
+part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from session.io.units import DEG, G
+from tinygc.annexes.machines.observed import Observed
+from tinygc.annexes.machines.rows import Comparison
+from tinygc.effects import Effect, Movement
+from tinygc.effects.catalogue import catalogue
+
+TABLE, SENSOR = "table", "sensor"
+
+INDEX, WOBBLE, RIPPLE, SKEW = "table.index", "table.wobble", "table.rate_ripple", "table.nonorthogonal"
+TILT, BACKLASH, LOST, LATENCY, DROPPED = "table.tilt", "table.backlash", "table.lost_steps", "table.latency", "timing.dropped_samples"
+#: sizes that a table's errors may have, one sigma, SI
+PLAUSIBLE = {
+    INDEX: 0.2 * DEG,
+    WOBBLE: 0.1 * DEG,
+    RIPPLE: 0.1 * DEG,
+    SKEW: 0.3 * DEG,
+    TILT: 0.5 * DEG,
+    BACKLASH: 0.3 * DEG,
+    LOST: 2 * DEG,
+    DROPPED: 2 * DEG,
+}
+#: cycles a turn from which an angle's error is a ripple; up to which it is looked for; of those that a turn's blocks resolve
+FIRST_RIPPLE, LAST_RIPPLE, RESOLVED = 3, 100, 0.8
+#: degC: temperatures that range over less say nothing
+LEAST_WARMED_C = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One form of an error: id; whose it is; where (an axis, a turn); make: its columns; plausible (P,) SI; parts: JSON name,
+    unit's size in SI and indices of each quantity; shape: numbers that are no parameters; tried: how many forms of this id are weighed."""
+
+    id: str
+    whose: str
+    where: str
+    make: Callable[[], np.ndarray]
+    plausible: np.ndarray
+    parts: tuple[tuple[str, float, tuple[int, ...]], ...]
+    shape: dict[str, float | int | str]
+    tried: int = 1
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(n, P) per SI unit."""
+        return self.make()
+
+    def values(self, theta: np.ndarray) -> dict[str, float | list[float]]:
+        """JSON quantities of theta (P,), or of its sigmas."""
+        found: dict[str, float | list[float]] = {}
+        for name, si, at in self.parts:
+            some = (theta[list(at)] / si).tolist()
+            found[name] = some[0] if len(some) == 1 else some
+        return found
+
+
+def candidates_of(comparison: Comparison) -> list[Candidate]:
+    """All of one comparison."""
+    found = [*_of_table(comparison), *_lost_in_turns(comparison), *_of_sensor(comparison)]
+    count = {id: sum(each.id == id for each in found) for id in {each.id for each in found}}
+    return [replace(each, tried=count[each.id]) for each in found]
+
+
+def _of_table(comparison: Comparison) -> Iterator[Candidate]:
+    axes = comparison.observed.table.axes
+
+    def candidate(
+        id: str, where: str, make: Callable[[], np.ndarray], *parts: tuple[str, float, tuple[int, ...]], **shape: float | str
+    ) -> Candidate:
+        size = sum(len(at) for _, _, at in parts)
+        return Candidate(id, TABLE, where, make, np.full(size, PLAUSIBLE[id]), parts, dict(shape))
+
+    yield candidate(TILT, "base", comparison.of_tilt, ("tilt_deg", DEG, (0, 1)))
+    for number, axis in enumerate(axes):
+        at = f"axis {axis.name}"
+        quantities = ("once_deg", DEG, (0, 1)), ("twice_deg", DEG, (2, 3))
+        yield candidate(INDEX, at, partial(_once_and_twice, comparison, number), *quantities, axis=axis.name)
+        yield candidate(WOBBLE, at, partial(comparison.of_wobble, number), ("wobble_deg", DEG, (0, 1, 2, 3)), axis=axis.name)
+        yield candidate(BACKLASH, at, partial(comparison.of_backlash, number), ("backlash_deg", DEG, (0,)), axis=axis.name)
+        if number and np.linalg.norm(np.cross(axes[number - 1].direction, axis.direction)) > 0.1:
+            between = f"axes {axes[number - 1].name}, {axis.name}"
+            yield candidate(SKEW, between, partial(comparison.of_skew, number), ("skew_deg", DEG, (0,)), axis=axis.name)
+        for cycles in range(FIRST_RIPPLE, most_cycles(comparison.observed, number) + 1):
+            yield candidate(
+                RIPPLE, at, partial(comparison.of_harmonic, number, cycles), ("ripple_deg", DEG, (0, 1)), axis=axis.name, cycles=cycles
+            )
+
+
+def _once_and_twice(comparison: Comparison, axis: int) -> np.ndarray:
+    return np.concatenate([comparison.of_harmonic(axis, cycles) for cycles in (1, 2)], axis=1)
+
+
+def most_cycles(observed: Observed, axis: int) -> int:
+    """The fastest ripple, cycles a turn, that the blocks of most turns of an axis resolve; 0 where it never turns alone."""
+    own = observed.alone == axis
+    if not own.any():
+        return 0
+    steps = np.abs(np.diff(observed.said_edges[own, :, axis], axis=1))
+    return int(min(LAST_RIPPLE, RESOLVED * np.pi / np.median(steps.max(axis=1))))
+
+
+def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
+    seen = comparison.observed
+    plausible = np.array([PLAUSIBLE[LOST]])
+    for turn, alone in enumerate(seen.alone.tolist()):
+        moved = np.flatnonzero(np.abs(seen.turned[turn]) > 0.5 * DEG) if alone < 0 else [alone]
+        for axis in map(int, moved):
+            shape: dict[str, float | int | str] = {"axis": seen.table.axes[axis].name, "turn": turn}
+            parts = (("lost_deg", DEG, (0,)),)
+            yield Candidate(LOST, TABLE, f"turn {turn}", partial(comparison.of_lost, axis, turn), plausible, parts, shape)
+            if alone >= 0:
+                yield Candidate(DROPPED, SENSOR, f"turn {turn}", partial(comparison.of_dropped, turn), plausible, parts, shape)
+
+
+def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
+    rests, turns = _movements(comparison)
+    warmed = np.ptp(rests.temp_c) if np.isfinite(rests.temp_c).all() else 0.0
+    for effect in catalogue().values():
+        if effect.kind not in ("rate", "force") or effect.scan is not None or "vibration" in effect.inputs:
+            continue
+        if "temperature" in effect.inputs and warmed < LEAST_WARMED_C:
+            continue
+        make = partial(_force_columns if effect.kind == "force" else _rate_columns, comparison, effect, rests, turns)
+        of = effect.parameter
+        parts = ((of.name, of.si, tuple(range(of.size))),)
+        yield Candidate(effect.id, SENSOR, "", make, np.full(of.size, of.plausible), parts, {})
+
+
+def _force_columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:
+    return comparison.of_forces(effect.bent(rests) / G)
+
+
+def _rate_columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:
+    seen = comparison.observed
+    in_turns = np.zeros((*seen.rates.shape, effect.parameter.size))
+    for number, turn in enumerate(turns):
+        in_turns[number, : len(turn.t_s)] = effect.columns(effect.shown(turn))
+    # A rest has no neighbours to look at.
+    at_rest = np.zeros((len(seen.said), 3, effect.parameter.size)) if effect.reach else effect.columns(effect.shown(rests))
+    return comparison.of_rates(in_turns, at_rest).stacked()
+
+
+def _movements(comparison: Comparison) -> tuple[Movement, list[Movement]]:
+    """The rests, and the blocks of each turn, as movements that the catalogue reads."""
+    seen = comparison.observed
+    first_c, duration_s = float(seen.temp_c[0]), float(seen.rest_s[-1] + seen.rest_span_s[-1])
+
+    def movement(t_s: np.ndarray, dt_s: float, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> Movement:
+        return Movement(t_s, dt_s, rate, force, temp_c, np.zeros(len(t_s)), duration_s, seen.fs_rps, first_c)
+
+    rests = movement(seen.rest_s, float(np.median(seen.rest_span_s)), np.zeros_like(seen.rate), seen.force, seen.temp_c)
+    turns = []
+    for number, count in enumerate(seen.blocks.tolist()):
+        block_s = float(seen.block_s[number])
+        t_s = seen.turn_s[number] + (np.arange(count) - (count - 1) / 2) * block_s
+        force = -comparison.earth_in_blocks[number, :count, :, 2]
+        temp_c = np.interp(t_s, seen.rest_s, seen.temp_c)
+        turns.append(movement(t_s, block_s, comparison.turning[number, :count], force, temp_c))
+    return rests, turns

@@ -1,0 +1,209 @@
+"""What a session of a table observes: rests and turns, each with the sensor's means and the machine's word.
+
+Everything that the table's errors are estimated from is in this record: a test draws one directly, a recording is reduced to one.  Rates
+are readings in rad/s; a turn's are means over equal blocks, such that each block's product with its time is the rotation vector of its
+readings. Specific force is in g of the site, with the pre-calibration of session.toml applied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+from session.annexes.machines.angles import AngleLog
+from session.annexes.machines.description import Description
+from session.io.errors import DataError
+from session.io.samples import Samples
+from session.io.units import DEG, NS
+from tinygc.closure.problem import Problem
+
+#: s of a turn's blocks, at least: faster polls than this add noise of their stamps alone (benchmarks/table_errors.py)
+SHORTEST_BLOCK_S = 0.04
+#: rad that an axis turns at least, where it counts as turned; a stage's own jitter is less
+TURNED_RAD = 0.5 * DEG
+#: fewer rests or turns say nothing of a table
+FEWEST_RESTS, FEWEST_TURNS = 4, 3
+#: answers that show how a machine's clock goes; how far it may go from the board's, as a share
+FEWEST_ANSWERS, MOST_DRIFT = 20, 0.05
+#: blocks of a turn, at most: a longer turn has longer blocks
+MOST_BLOCKS = 120
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Q rests and S turns between them, in the order of time.
+
+    table; rest_s, rest_span_s (Q,): middle and length; force (Q, 3) g and rate (Q, 3) rad/s: means; temp_c (Q,) or NaN; said (Q, K) rad.
+    first, last (S,): the rests of each turn; turn_s (S,): its middle; block_s (S,): length of its blocks; blocks (S,): how many; rates
+    (S, B, 3) rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated.
+    gyro_walk (3,) rad/√s and accel_walk (3,) g √s: white noise of integral and mean; instability_rps; fs_rps; latitude_rad or None;
+    accel_sigma_g: how far the accelerometer's calibration may be off; blind (S,) bool: turns whose inside is not looked at.
+    """
+
+    table: Description
+    rest_s: np.ndarray
+    rest_span_s: np.ndarray
+    force: np.ndarray
+    rate: np.ndarray
+    temp_c: np.ndarray
+    said: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    turn_s: np.ndarray
+    block_s: np.ndarray
+    blocks: np.ndarray
+    rates: np.ndarray
+    said_edges: np.ndarray
+    gyro_walk: np.ndarray
+    accel_walk: np.ndarray
+    instability_rps: float
+    fs_rps: float
+    latitude_rad: float | None
+    accel_sigma_g: float
+    blind: np.ndarray
+
+    @property
+    def inside(self) -> np.ndarray:
+        """(S, B) bool: the blocks that a turn has."""
+        return np.arange(self.rates.shape[1]) < self.blocks[:, None]
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(S, K) rad: what the machine says that each axis turned."""
+        return self.said[self.last] - self.said[self.first]
+
+    @property
+    def alone(self) -> np.ndarray:
+        """(S,) number of the axis that turned alone, else -1."""
+        moved = np.abs(self.turned) > TURNED_RAD
+        return np.where(moved.sum(axis=1) == 1, np.argmax(moved, axis=1), -1)
+
+    @property
+    def senses(self) -> np.ndarray:
+        """(Q, K): the sign of each axis' last motion before each rest, 0 before any."""
+        found = np.zeros_like(self.said)
+        change = np.diff(self.said, axis=0)
+        for number, each in enumerate(change, start=1):
+            found[number] = np.where(np.abs(each) > TURNED_RAD, np.sign(each), found[number - 1])
+        return found
+
+
+def on_its_clock(word: AngleLog) -> AngleLog:
+    """The same answers, at the times of the machine's own clock where it has one: a line through the stamps takes out their jitter.
+
+    A stamp is that of the last sample before the answer, so it is early by half a sample on average, and the line with it.
+    """
+    known = np.isfinite(word.table_s)
+    if known.sum() < FEWEST_ANSWERS or not known.all() or np.ptp(word.table_s) <= 0:
+        return word
+    t_s = (word.t_ns - word.t_ns[0]) * NS
+    slope, offset = np.polyfit(word.table_s, t_s, 1)
+    if abs(slope - 1) > MOST_DRIFT:  # no clock in seconds
+        return word
+    times = word.t_ns[0] + np.rint((slope * word.table_s + offset) / NS).astype(np.int64)
+    return replace(word, t_ns=np.maximum.accumulate(times))
+
+
+def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]) -> Observed:
+    """Reduce a recording; DataError where the machine's word does not cover enough rests and turns."""
+    config = problem.session.config
+    gravity = config.site.expected_gravity_mps2
+    angles = {name: on_its_clock(word) for name, word in angles.items()}
+    rests: list[tuple] = []
+    rest_of: dict[int, int] = {}
+    for log, (path, began) in enumerate(zip(problem.session.logs, problem.began_s, strict=False)):
+        word = angles.get(path.path.name) or angles.get(path.path.name.removesuffix(".gz"))
+        if word is None or log >= len(problem.logs):
+            continue
+        samples = problem.logs[log].samples
+        for still in problem.logs[log].stills:
+            during = _during(word, samples, still.start, still.stop)
+            if still.problem is None and during.any():
+                rest_of[id(still)] = len(rests)
+                said = np.median(word.angles[during], axis=0)
+                middle = began + still.start_s + still.duration_s / 2
+                rests.append((middle, still.duration_s, still.accel_mean / gravity, still.gyro_mean, still.temp_c, said))
+    turns = []
+    for segment in problem.used:
+        if id(segment.first) not in rest_of or id(segment.last) not in rest_of:
+            continue
+        name = problem.session.logs[segment.log].path.name
+        word = angles.get(name) or angles[name.removesuffix(".gz")]
+        first, last = rest_of[id(segment.first)], rest_of[id(segment.last)]
+        ends = rests[first][5], rests[last][5]
+        turns.append((first, last, segment.log, *_blocks(problem.logs[segment.log].samples, segment.start, segment.stop, word, ends)))
+    if len(rests) < FEWEST_RESTS or len(turns) < FEWEST_TURNS:
+        raise DataError(
+            f"{problem.session.name}: table.csv has angles for {len(rests)} rests and {len(turns)} turns, expected {FEWEST_RESTS} and "
+            f"{FEWEST_TURNS} at least; does it name this session's logs?"
+        )
+    return _record(problem, table, rests, turns, gravity)
+
+
+def _record(problem: Problem, table: Description, rests: list, turns: list, gravity: float) -> Observed:
+    config = problem.session.config
+    most = max(len(rates) for *_, rates, _ in turns)
+    rates = np.stack([np.pad(each, ((0, most - len(each)), (0, 0))) for *_, each, _ in turns])
+    edges = np.stack([np.pad(each, ((0, most + 1 - len(each)), (0, 0)), mode="edge") for *_, each in turns])
+    middle, span, force, rate, temp_c, said = (np.array(column, dtype=float) for column in zip(*rests, strict=True))
+    first, last, log, begin_s, block_s = (np.array(column) for column in list(zip(*turns, strict=True))[:5])
+    blocks = np.array([len(each) for *_, each, _ in turns])
+    walks = [log.noise for log in problem.logs if log.noise is not None]
+    accelerometer = config.accelerometer
+    sigma_mg = 10.0 if accelerometer.source == "none" else accelerometer.sigma_mg or 2.0
+    return Observed(
+        table,
+        middle,
+        span,
+        force,
+        rate,
+        temp_c,
+        said,
+        first,
+        last,
+        np.asarray(problem.began_s)[log] + begin_s + blocks * block_s / 2,
+        block_s,
+        blocks,
+        rates,
+        edges,
+        np.mean([noise.angle_random_walk for noise in walks], axis=0),
+        np.mean([noise.accel for noise in walks], axis=0) / np.sqrt(2) / gravity,
+        problem.instability.rps,
+        config.sensor.gyro_fs_dps * DEG,
+        None if config.site.latitude_deg is None else config.site.latitude_deg * DEG,
+        1e-3 * sigma_mg,
+        np.zeros(len(turns), dtype=bool),
+    )
+
+
+def _during(word: AngleLog, samples: Samples, start: int, stop: int) -> np.ndarray:
+    """(N,) bool: the answers between two samples, while nothing moved."""
+    return (word.t_ns >= samples.t_ns[start]) & (word.t_ns <= samples.t_ns[stop - 1]) & ~word.moving
+
+
+def _blocks(
+    samples: Samples, start: int, stop: int, word: AngleLog, ends: tuple[np.ndarray, np.ndarray]
+) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """Begin and block length, s; rates (B, 3) of equal blocks; the machine's word (B + 1, K) at their edges, that of the rests at both
+    ends."""
+    t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
+    gyro = np.asarray(samples.gyro[start:stop], dtype=float)
+    within = (word.t_ns > samples.t_ns[start]) & (word.t_ns < samples.t_ns[stop - 1])
+    poll_s, at = np.unique((word.t_ns[within] - samples.t_ns[start]) * NS, return_index=True)
+    usual = float(np.median(np.diff(poll_s))) if len(poll_s) > 1 else t_s[-1]
+    count = int(np.clip(t_s[-1] // max(usual, SHORTEST_BLOCK_S), 1, MOST_BLOCKS))
+    edges = np.linspace(0.0, t_s[-1], count + 1)
+    trapezoid = (gyro[1:] + gyro[:-1]) / 2 * np.diff(t_s)[:, None]
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(trapezoid, axis=0)])
+    at_edges = np.stack([np.interp(edges, t_s, angle[:, axis]) for axis in range(3)], axis=1)
+    # Within a block: the rotation vector to second order, with the coning of its samples (Bortz 1971).
+    coning = np.concatenate([np.zeros((1, 3)), np.cumsum(np.cross(angle[:-1], trapezoid) / 2, axis=0)])
+    own = np.stack([np.interp(edges, t_s, coning[:, axis]) for axis in range(3)], axis=1)
+    vectors = np.diff(at_edges, axis=0) + np.diff(own, axis=0) - np.cross(at_edges[:-1], np.diff(at_edges, axis=0)) / 2
+    known_s = np.concatenate([[0.0], poll_s, [t_s[-1]]])
+    known = np.concatenate([ends[0][None], word.angles[within][at], ends[1][None]])
+    said = Akima1DInterpolator(known_s, known)(edges)
+    return float(samples.t_s[start]), float(edges[1]), vectors / edges[1], said

@@ -68,7 +68,8 @@ LONGEST_H = 1000.0
 USUAL_DWELL_S = 10.0
 EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
 (its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
-and Enter says that the table stands on its index mark; in a rest f ends it; with --table s stops the table at once.  Where standard input is no terminal there are no keys."""
+and Enter says that the table stands on its index mark; in a rest f ends it; with --table s
+stops the table at once.  Where standard input is no terminal there are no keys."""
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

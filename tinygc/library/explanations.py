@@ -265,7 +265,8 @@ def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, disc
     search = need("a search beyond the catalogue (--discover)") if discover else None
     known = None if lot is None else need("what a lot knows of one unit (--lot)").known_effects(lot, config.sensor.model)
     explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known, noise=noise)
-    bench = find("the table's own errors")
+    turned = not explanation.session.in_memory and (explanation.session.folder / "table.csv").exists()
+    bench = find("the table's own errors") if turned else None
     turned_by = None if bench is None else bench.explain_table(explanation.problem, seed)
     discovery = None if search is None else search.discover(explanation, seed=seed, progress=progress)
     return Why(explanation, discovery, turned_by=turned_by)

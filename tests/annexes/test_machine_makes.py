@@ -134,7 +134,7 @@ def test_a_locked_grbl_says_so_and_is_homed():
 
 
 def test_an_emergency_stop_is_cleared_by_a_person_alone():
-    bench = Bench(description("grbl"), "estop@3")
+    bench = Bench(description("grbl"), "estop@6")
     bench.confirm()
     table = bench.guarded
     table.home()
@@ -381,7 +381,7 @@ def test_a_stage_behind_libximc(tmp_path):
     of = axis("outer", f"xi-emu:///{tmp_path / 'stage.bin'}", fastest_rps=1000 * DEG, acceleration_rps2=5000 * DEG)
     table = Description("stage", "ximc", (of,), settings={"steps_per_deg": 10.0})
     guarded = Guarded(open_table(table))
-    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG)], None, lambda line: None)
+    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG, 8.0)], None, lambda line: None)
     with guarded:
         guarded.turn_to(0, 60 * DEG, 500 * DEG)
         assert guarded.settle().angles[0] == pytest.approx(60 * DEG, abs=0.1 * DEG)

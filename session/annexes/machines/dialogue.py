@@ -32,6 +32,8 @@ LONGEST_BUFFER = 4096
 AGAIN_S = 0.25
 #: behind an answer, its acknowledgement comes within so long
 ACKNOWLEDGED_S = 0.5
+#: deg by which an angle at rest may change; a slow rate passes it within ``same_s``
+RESOLUTION_DEG = 0.01
 #: how long the acknowledgement of a stop is waited for: for the line to be free, and for its bytes
 STOP_S, POLL_STOP_S = 0.3, 0.05
 
@@ -391,7 +393,8 @@ class Dialogue:
 
     def _is_changing(self, now_s: float, angles: np.ndarray) -> bool:
         """Where nothing else says it: whether angles have stayed for ``same_s``."""
-        resolution = DEG * max(1.5 / abs(self._settings["count_per_deg"]), 1e-3)
+        counts = any("{count}" in pattern.text for step in self.make.where for pattern in step.answers)
+        resolution = DEG * max(1.5 / abs(self._settings["count_per_deg"]) if counts else 0.0, RESOLUTION_DEG)
         if self._before is None or np.abs(angles - self._before[1]).max() > resolution:
             self._before = (now_s, angles)
             return True

@@ -63,6 +63,17 @@ def test_a_table_that_restarted_on_opening_is_not_turned(make):
     assert bench.guarded.settle().angles[0] == pytest.approx(30 * DEG, abs=0.02 * DEG)
 
 
+def test_a_restart_on_the_way_loses_the_zero_though_its_alarm_was_cleared():
+    bench = turning("grbl")
+    bench.virtual.mechanics.restart()
+    with pytest.raises(TableFault, match="has restarted"):
+        bench.guarded.where()
+    bench.guarded.clear()
+    assert not bench.guarded.where().moving
+    with pytest.raises(TableLimit, match="has restarted"):
+        bench.guarded.turn_to(0, 30 * DEG, 10 * DEG)
+
+
 def test_homing_to_its_end_finds_the_zero_again():
     bench = Bench(description("line"), greets=True)
     bench.confirm(Move.home(), Move.to(0, 30 * DEG, 10 * DEG))

@@ -13,10 +13,11 @@ from processes import until
 from virtual_tables import MAKES, Bench, description
 
 from session.annexes.machines import safety, wire
-from session.annexes.machines.clocks import HostClock
+from session.annexes.machines.clocks import HostClock, SimulatedClock
 from session.annexes.machines.description import read_description
 from session.annexes.machines.driver import AngleFile, TableDriver
 from session.annexes.machines.makes import open_table
+from session.annexes.machines.makes.hand import Hand
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault, TableLimit, Where
@@ -183,6 +184,28 @@ def test_a_recording_stops_a_table_that_moves_by_itself(tmp_path):
             driver.tick()
     assert "it moves though nothing was asked of it" in driver.fault
     assert bench.motor()[1] == 0
+
+
+def test_a_person_who_has_not_confirmed_a_stop_is_waited_for(tmp_path):
+    typed, clock = threading.Event(), SimulatedClock()
+    hand = Hand(description("hand"), lambda text: "12" if typed.wait(10) else "")
+    table = Guarded(hand, clock)
+    table.confirm([Move.to(0, 30 * DEG, 10 * DEG)], None, lambda line: None)
+    driver = TableDriver(table, AngleFile(tmp_path / "table.csv", table.description), clock.now_s, in_thread=False)
+    driver.tick()
+    driver.make([AxisMove(0, 30 * DEG, 10 * DEG)])
+    driver.tick()
+    driver.stop()
+    for _ in range(100):
+        clock.sleep(0.05)
+        driver.tick()
+    assert driver.busy
+    assert not driver.fault
+    typed.set()
+    hand._thread.join()
+    driver.tick()
+    assert not driver.busy
+    driver.close()
 
 
 @pytest.mark.parametrize("to", [90, -60])

@@ -121,12 +121,14 @@ class Guarded:
 
     ``confirm`` first.  ``where`` is to be called some times a second while it moves; ``settle`` does that.  ``stop`` may be called from any
     thread.  TableLimit for what is not allowed (nothing is sent), TableFault for what went wrong (the table was stopped).
+
+    by_hand: a person turns it, who takes his time, and reads a dial.
     """
 
     def __init__(self, table: Table, clock: Clock | None = None):
         self.description = table.description
         self._table, self._clock = table, clock or HostClock()
-        self._by_hand = bool(getattr(table, "by_hand", False))  # a person takes his time, and reads a dial
+        self.by_hand = bool(getattr(table, "by_hand", False))
         self._allowed: list[Move] = []
         self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
         self._rest.set()
@@ -361,12 +363,12 @@ class Guarded:
         self._way, self._origin, self._furthest = None, None, 0.0
         self._target, self._computed_s = target, computed_s
         self._looked_s = self._begin_s = self._clock.now_s()
-        self._due_s = np.inf if self._by_hand else self._begin_s + SLOWER * computed_s + LATER_S
+        self._due_s = np.inf if self.by_hand else self._begin_s + SLOWER * computed_s + LATER_S
         self._last = None
 
     def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
         """An answer says where it was between the question and the answer."""
-        if not np.isfinite(found.angles).all() or self._by_hand:
+        if not np.isfinite(found.angles).all() or self.by_hand:
             return
         last_s = self._begin_s if self._last is None else self._last[0]
         for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):
@@ -400,7 +402,7 @@ class Guarded:
 
     def _arrived(self, found: Where) -> None:
         """It says that the motion has ended: is it where it should be?"""
-        if self._target is not None and not self._by_hand:
+        if self._target is not None and not self.by_hand:
             number, asked = self._target
             axis, said = self.description.axes[number], found.angles[number]
             if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched

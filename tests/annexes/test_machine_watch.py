@@ -156,6 +156,16 @@ def test_a_table_beyond_its_limits_is_stopped_whoever_moved_it(rate):
     assert -95 * DEG < bench.motor()[0] < 275 * DEG  # it braked from 20 dps
 
 
+def test_a_jump_behind_a_move_is_seen():
+    """The last answer of a move is what the next one is compared with."""
+    bench = turning()
+    bench.guarded.turn_to(0, 30 * DEG, 10 * DEG)
+    bench.guarded.settle()
+    bench.virtual.mechanics.unknown[0] += 30 * DEG
+    with pytest.raises(TableFault, match=r"it turned by 30\.0 deg"):
+        bench.guarded.where()
+
+
 def test_the_angle_that_is_said_is_held_against_the_limits_during_a_move():
     """The motor of the other axis turns, which was not asked for."""
     bench = Bench(description("line", axes=2))

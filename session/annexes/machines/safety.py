@@ -311,6 +311,7 @@ class Guarded:
                 failed = str(fault)
                 continue
             if self._is_seen_at_rest():
+                self._last = None
                 self._rests()
                 return
         failed = failed.removeprefix(f"{self.description.name}: ")
@@ -408,13 +409,12 @@ class Guarded:
             if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
                 self._stop_for(f"{axis.name} says that it rests at {said / DEG:.2f} deg, asked for was {asked / DEG:.2f}")
         if self._homing:
-            self._table.angles_lost = False
+            self._table.angles_lost, self._last = False, None
         self._rests()
 
     def _rests(self) -> None:
         """It was seen at rest."""
-        self._target, self._way, self._due_s, self._last = None, None, np.inf, None
-        self._homing = False
+        self._target, self._way, self._due_s, self._homing = None, None, np.inf, False
         self._rest.set()
 
     def _require_confirmed(self, allowed: bool, what: str) -> None:

@@ -35,18 +35,20 @@ def description(make, limits=(-90, 270), axes=1, **settings):
 class Bench:
     """A virtual table of a make and what drives it: ``driver`` (the make), ``guarded``, ``virtual``, ``link`` and ``clock``."""
 
-    def __init__(self, table, faults="", errors=None, folder=None, virtual=None):
+    def __init__(self, table, faults="", errors=None, folder=None, virtual=None, greets=False, stops=False):
         self.clock, self.table = SimulatedClock(), table
         self.virtual = VirtualTable(virtual or table, errors, self.clock, Fault.parse(faults))
+        if not greets:
+            self.virtual.feed()  # it was switched on before its port is opened
         self.link = VirtualLink(self.virtual, self.clock)
-        self.driver = open_table(table, folder, self.link, self.clock)
+        self.driver = open_table(table, folder, self.link, self.clock, stops)
         self.guarded = Guarded(self.driver, self.clock)
 
     def confirm(self, *moves):
         """All moves of all axes, unless some are given."""
         every = [Move.home()]
         for number, of in enumerate(self.table.axes):
-            every += [Move.anywhere(self.table, number, of.fastest_rps), Move.at(number, of.fastest_rps)]
+            every += [Move.anywhere(self.table, number, of.fastest_rps), Move.at(number, of.fastest_rps, 600.0)]
         self.guarded.confirm(moves or every, None, lambda line: None)
 
     def motor(self, number=0):

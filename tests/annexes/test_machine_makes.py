@@ -133,8 +133,22 @@ def test_a_locked_grbl_says_so_and_is_homed():
     assert not bench.driver.where().moving
 
 
+def test_soft_limits_of_grbl_are_of_one_sign():
+    """Its machine coordinates are at most 0: with $20 = 1 a table from -180 to 180 deg is refused half of its angles."""
+    bench = Bench(description("grbl", (-180, 180)))
+    bench.confirm()
+    bench.guarded.home()
+    bench.guarded.settle()
+    bench.link.write(b"$20=1\n$130=120\n")
+    for angle in (30, -121):
+        with pytest.raises(TableFault, match=r"error:15.*-\$130 to 0"):
+            bench.guarded.turn_to(0, angle * DEG, 30 * DEG)
+    bench.guarded.turn_to(0, -119 * DEG, 30 * DEG)
+    assert bench.guarded.settle().angles[0] == pytest.approx(-119 * DEG)
+
+
 def test_an_emergency_stop_is_cleared_by_a_person_alone():
-    bench = Bench(description("grbl"), "estop@3")
+    bench = Bench(description("grbl"), "estop@6")
     bench.confirm()
     table = bench.guarded
     table.home()
@@ -381,7 +395,7 @@ def test_a_stage_behind_libximc(tmp_path):
     of = axis("outer", f"xi-emu:///{tmp_path / 'stage.bin'}", fastest_rps=1000 * DEG, acceleration_rps2=5000 * DEG)
     table = Description("stage", "ximc", (of,), settings={"steps_per_deg": 10.0})
     guarded = Guarded(open_table(table))
-    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG)], None, lambda line: None)
+    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG, 8.0)], None, lambda line: None)
     with guarded:
         guarded.turn_to(0, 60 * DEG, 500 * DEG)
         assert guarded.settle().angles[0] == pytest.approx(60 * DEG, abs=0.1 * DEG)
@@ -474,6 +488,20 @@ def test_a_controller_that_says_nothing_while_it_homes(make):
         assert table.settle().angles == pytest.approx(0, abs=0.02 * DEG)
         assert bench.clock.now_s() - begin_s > 9.0 * len(bench.table.axes)  # 180 deg at 20 dps, one after the other
         assert [bench.motor(number)[0] for number in range(len(bench.table.axes))] == pytest.approx([0] * len(bench.table.axes))
+
+
+def test_each_axis_of_a_homing_is_awaited():
+    """Marlin homes one axis after the other, and acknowledges each: behind the first it is not asked where it is."""
+    bench = Bench(description("marlin", axes=2))
+    bench.driver.turn_to(0, 60 * DEG, 60 * DEG)
+    bench.driver.turn_to(1, 180 * DEG, 60 * DEG)
+    bench.clock.sleep(8)
+    bench.driver.home()
+    for _ in range(100):  # 10 s: the first has taken 3 s, the second takes 9
+        assert bench.driver.where().moving
+        bench.clock.sleep(0.05)
+    assert [abs(bench.motor(number)[0]) < DEG for number in (0, 1)] == [True, False]
+    assert bench.link.sent.endswith(b"G28 X\nG28 Y\n")
 
 
 @pytest.mark.parametrize(("make", "stop"), [("grbl", b"!\x18"), ("marlin", b"M112\n")])

@@ -49,14 +49,14 @@ def test_a_plan_is_shown_before_it_is_asked_about():
         said.append(question)
         return False
 
-    moves = [Move.home(), Move.to(0, 30 * DEG, 10 * DEG), Move.anywhere(TABLE, 0, 60 * DEG), Move.at(0, 20 * DEG)]
+    moves = [Move.home(), Move.to(0, 30 * DEG, 10 * DEG), Move.anywhere(TABLE, 0, 60 * DEG), Move.at(0, 20 * DEG, 8.0)]
     with pytest.raises(TableLimit, match="not confirmed; nothing was moved"):
         Guarded(Bench(TABLE).driver).confirm(moves, ask, said.append)
     assert said == [*plan_lines(TABLE, moves), "Move it?"]
     assert said[2:5] == [
         "  2. outer to 30 deg at up to 10 dps (limits -90 to 270 deg)",
         "  3. outer to any angle from -90 to 270 deg at up to 60 dps (limits -90 to 270 deg)",
-        "  4. outer turns at 20 dps, in either sense, until it is stopped (limits -90 to 270 deg)",
+        "  4. outer turns at 20 dps, in either sense, for at most 8 s, which is 160 deg (limits -90 to 270 deg)",
     ]
 
 
@@ -66,7 +66,7 @@ def test_a_plan_is_shown_before_it_is_asked_about():
         Move.to(0, 271 * DEG, DEG),
         Move.to(0, -91 * DEG, DEG),
         Move.to(0, 0.0, 61 * DEG),
-        Move.at(0, 61 * DEG),
+        Move.at(0, 61 * DEG, 8.0),
         Move.to(0, np.nan, np.nan),
     ],
 )
@@ -251,6 +251,7 @@ def test_a_program_that_does_not_look_any_more_is_stopped_for(monkeypatch):
     monkeypatch.setattr(safety, "HUNG_S", 0.2)
     clock = HostClock()
     virtual = VirtualTable(TABLE, None, clock)
+    virtual.feed()  # it was switched on before its port is opened
     table = Guarded(open_table(TABLE, None, VirtualLink(virtual, clock), clock))
     table.confirm([Move.to(0, 200 * DEG, 10 * DEG)], None, lambda line: None)
     with table:

@@ -155,14 +155,14 @@ MACHINE = "sessions turned by a machine (--table)"
 def turned(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
     """Yield the table of ``--table``, its plan confirmed; None where the operator turns."""
     if args.table is None:
-        if args.yes or args.home or args.table_port is not None or args.rates is not None or args.axis is not None:
-            raise CalibrationError("--yes, --home, --table-port, --rates and --axis are of a table; add --table FILE")
+        if args.yes or args.home or args.at_zero or args.table_port is not None or args.rates is not None or args.axis is not None:
+            raise CalibrationError("--yes, --home, --at-zero, --table-port, --rates and --axis are of a table; add --table FILE")
         yield None
         return
     if args.series or args.rest is not None:
         raise CalibrationError("--table turns one board; leave --series and --rest out")
     recording = need(MACHINE, "--table")
-    machine = recording.TurnedRecording(args.table, args.table_port, args.home)
+    machine = recording.TurnedRecording(args.table, args.table_port, args.home, at_zero=args.at_zero)
     try:
         stops = args.stop_at_target or args.lot is not None
         if args.rates is not None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.errors import FormatError
-from session.io.results import Array, Keys, ListOf, Number, Text, require
+from session.io.results import Array, Keys, ListOf, Number, Text, require, shown
 from session.io.toml import read_toml
 from session.io.units import DEG
 
@@ -121,6 +121,10 @@ def read_description(path: Path) -> Description:
 
 
 def _axis(where: str, row: Mapping) -> Axis:
+    if unknown := [key for key in row if key not in _AXIS.known]:  # a misspelt limit would be none
+        raise FormatError(f"{where}.{unknown[0][:40]}: an axis has no such key, expected {', '.join(_AXIS.known)}; {AGAIN}")
+    if not row.get("word", row["name"]).isprintable():  # it goes into requests: a line end would send another
+        raise FormatError(f"{where}.word is {shown(row['word'])}, expected no line end or other control character; {AGAIN}")
     direction = np.array(row["direction"], dtype=float)
     length = float(np.linalg.norm(direction))
     if not length:

@@ -32,6 +32,8 @@ LONGEST_BUFFER = 4096
 AGAIN_S = 0.25
 #: behind an answer, its acknowledgement comes within so long
 ACKNOWLEDGED_S = 0.5
+#: deg by which an angle at rest may change; a slow rate passes it within ``same_s``
+RESOLUTION_DEG = 0.01
 #: how long the acknowledgement of a stop is waited for: for the line to be free, and for its bytes
 STOP_S, POLL_STOP_S = 0.3, 0.05
 
@@ -39,12 +41,12 @@ STOP_S, POLL_STOP_S = 0.3, 0.05
 class Dialogue:
     """``Table`` over a link.  FormatError for settings or axes that the make does not have, TableFault where nothing answers.
 
-    has_rate_mode: whether it turns at a rate by itself; else a rate is a turn to an angle that is far away, or to the axis's limit.
+    has_rate_mode: whether it turns at a rate by itself; stops: the first thing that is written is a stop, before anything is awaited.
     """
 
-    def __init__(self, description: Description, make: Make, link: Link, clock: Clock):
+    def __init__(self, description: Description, make: Make, link: Link, clock: Clock, stops: bool = False):
         self.description, self.make, self._link, self._clock = description, make, link, clock
-        self.has_rate_mode = bool(make.turn_at)
+        self.has_rate_mode, self.angles_lost = bool(make.turn_at), False
         require_settings(description.settings, f"{description.name}: settings", make.settings)
         if len(description.axes) > make.most_axes:
             raise FormatError(f"{description.name}: {len(description.axes)} axes, and a {make.name} has at most {make.most_axes}; {AGAIN}")
@@ -66,7 +68,7 @@ class Dialogue:
         self._angles = np.full(len(words), np.nan)
         self._before: tuple[float, np.ndarray] | None = None
         with self._exchange:
-            self._open()
+            self._open(stops)
 
     # The five verbs.
 
@@ -92,19 +94,11 @@ class Dialogue:
             self._motion(self.make.turn_to, axis, angle_rad, rate_rps)
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
-        """Begin to turn one axis at a rate; without a rate mode it turns to its limit, or so far that it is not reached."""
-        if not rate_rps and not self.has_rate_mode:
-            return self.stop()
+        """Begin to turn one axis at a rate: only where it has a rate mode."""
         with self._exchange:
             self._refuse_alarm()
             self._harder = 0
-            if self.has_rate_mode:
-                return self._motion(self.make.turn_at, axis, 0.0, rate_rps)
-            of = self.description.axes[axis]
-            limit = of.most_rad if rate_rps > 0 else of.least_rad
-            if limit is None:
-                limit = self.where().angles[axis] + np.copysign(self._settings["far_deg"] * DEG, rate_rps)
-            self._motion(self.make.turn_to, axis, limit, abs(rate_rps))
+            self._motion(self.make.turn_at, axis, 0.0, rate_rps)
 
     def where(self) -> Where:
         """Ask for angles and state.  TableFault for an alarm, a restart, a state that is a fault, and where no answer can be read."""
@@ -175,16 +169,24 @@ class Dialogue:
 
     # Requests.
 
-    def _open(self) -> None:
+    def _open(self, stops: bool) -> None:
         make = self.make
+        if stops:
+            self.stop()
+            self._harder = 0
         end_s = self._clock.now_s() + self._settings["open_s"]
         while self._clock.now_s() < end_s:
             self._receive(min(0.1, end_s - self._clock.now_s()))
-            if any(pattern.match(line) is not None for line in self._lines for pattern in make.greeting):
+            if self._heard_greeting():
                 break
         self._receive(0.05)
+        self.angles_lost = self._heard_greeting()  # it has restarted, as many do when their port is opened
         self._lines.clear()
-        self._requests(make.begin, None, 0.0, 0.0)
+        if not stops:
+            self._requests(make.begin, None, 0.0, 0.0)
+
+    def _heard_greeting(self) -> bool:
+        return any(pattern.match(line) is not None for line in self._lines for pattern in self.make.greeting)
 
     def _motion(self, steps: tuple[Step, ...], axis: int | None = None, angle_rad: float = 0.0, rate_rps: float = 0.0) -> None:
         self._before = None
@@ -258,7 +260,7 @@ class Dialogue:
         elif any(pattern.match(line) is not None for pattern in make.greeting):
             if self._alarm and not self._restarted:  # a restart does not end an emergency stop
                 return
-            self._restarted = True
+            self._restarted = self.angles_lost = True
             self._alarm = f"{name}: the controller has restarted ({line!r}): its angles are lost; home it"
         elif self._awaited_home is not None:
             if (meaning := make.refused.meaning(line)) is not None:
@@ -391,7 +393,8 @@ class Dialogue:
 
     def _is_changing(self, now_s: float, angles: np.ndarray) -> bool:
         """Where nothing else says it: whether angles have stayed for ``same_s``."""
-        resolution = DEG * max(1.5 / abs(self._settings["count_per_deg"]), 1e-3)
+        counts = any("{count}" in pattern.text for step in self.make.where for pattern in step.answers)
+        resolution = DEG * max(1.5 / abs(self._settings["count_per_deg"]) if counts else 0.0, RESOLUTION_DEG)
         if self._before is None or np.abs(angles - self._before[1]).max() > resolution:
             self._before = (now_s, angles)
             return True

@@ -6,7 +6,6 @@ round: a question, a row, and the next verb where the one before has ended.  A f
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from collections import deque
@@ -17,7 +16,9 @@ import numpy as np
 
 from session.annexes.machines.angles import header, row
 from session.annexes.machines.description import Description
-from session.annexes.machines.verbs import Table, TableFault, TableLimit, Where, require_allowed, require_rate
+from session.annexes.machines.safety import REST_S, Guarded
+from session.annexes.machines.verbs import TableFault, TableLimit, Where, require_allowed, require_rate
+from session.annexes.machines.wire import PRESS
 from session.bench.messages import AxisMove
 from session.bench.mover import Moment
 from session.io.errors import CalibrationError, StorageError
@@ -101,14 +102,14 @@ class AngleFile:
 
 
 class TableDriver:
-    """Moves a table, which is ``safety.Guarded``, and follows it.
+    """Moves a table, and follows it.
 
     now_s: monotonic clock of the host; in_thread: ``tick`` runs in a thread, else the caller calls it.
 
     where: the last answer, None before the first; fault: why nothing moves, empty if nothing is wrong; done: number of finished moves.
     """
 
-    def __init__(self, table: Table, file: AngleFile, now_s: Callable[[], float] = time.monotonic, in_thread: bool = True):
+    def __init__(self, table: Guarded, file: AngleFile, now_s: Callable[[], float] = time.monotonic, in_thread: bool = True):
         self.table, self._file, self.now_s = table, file, now_s
         self.where: Where | None = None
         self.fault, self.done = "", 0
@@ -118,6 +119,7 @@ class TableDriver:
         self._sent: AxisMove | None = None
         self._rate: tuple[int, float] | None = None  # an axis that turns at a rate, or was told to stop
         self._halted, self._asked_s = False, -EVERY_S
+        self._unasked_s: float | None = None  # since when it moves though nothing was asked of it
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="table", daemon=True) if in_thread else None
@@ -206,27 +208,37 @@ class TableDriver:
             self._failed(str(error))
 
     def _failed(self, why: str) -> None:
+        """Stop, and keep why; where it is not seen at rest, that too."""
+        self.fault = ""
         self.stop()
-        self.fault = why
+        unstopped = self.fault.removeprefix(f"{self.table.description.name}: ")
+        self.fault = why if not unstopped or PRESS in why else f"{why}; {unstopped}"
 
     def _round(self) -> None:
         self.where = where = self.table.where()
         t_s = self._device.at(self.now_s())
         if t_s is not None:
             self._file.add(self._log, round(t_s * 1e6), where)
-        if where.fault:
-            self._failed(where.fault)
-            return
+        if not (where.moving and self.table.is_at_rest) or self.table.by_hand:  # a person is told to stop, and confirms it later
+            self._unasked_s = None
+        elif self._unasked_s is None:
+            self._unasked_s = self.now_s()
+        elif self.now_s() - self._unasked_s > REST_S:
+            self._unasked_s = None
+            raise TableFault(f"{self.table.description.name}: it moves though nothing was asked of it; it was told to stop")
         if self._rate is not None:
             if not where.moving:  # it was told to stop, or its limit ended it
                 self._rate, self.done = None, self.done + 1
         elif self._sent is not None and not where.moving:
             self._sent, self.done = None, self.done + 1
         if self._queue and self._sent is None and self._rate is None and not where.moving:
-            with contextlib.suppress(IndexError):  # stopped meanwhile
+            try:
                 self._sent = move = self._queue[0]  # before it leaves the queue: ``busy`` sees it in either place
                 self._queue.popleft()
-                self._tell(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
+            except IndexError:  # stopped meanwhile
+                self._sent = None
+                return
+            self._tell(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
 
     def _tell(self, verb: Callable[[], None]) -> None:
         """A verb that moves; a stop that comes meanwhile is the last word."""

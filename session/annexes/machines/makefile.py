@@ -139,7 +139,7 @@ class Make:
     begin: tuple[Step, ...]
     home: tuple[Step, ...]
     turn_to: tuple[Step, ...]
-    turn_at: tuple[Step, ...]  #: none: a turn to an angle that is far away
+    turn_at: tuple[Step, ...]  #: none: it has no rate mode
     stop: tuple[tuple[Step, ...], ...]  #: each harder than the one before
     clear: tuple[Step, ...]
     where: tuple[Step, ...]
@@ -211,7 +211,6 @@ SETTINGS: Mapping[str, float | str | bool] = {
     "rate_per_dps": 1.0,  # units of a rate per degree per second
     "count_per_deg": 1.0,  # of a {count} that is answered
     "decimals": 4,  # of numbers that are sent
-    "far_deg": 36000.0,  # how far a turn at a rate goes where the make has no rate mode
     "open_s": 0.0,  # until it listens, after its port was opened
     "answer_s": 2.0,  # the longest that it takes to answer
     "home_s": 180.0,  # the longest that homing takes
@@ -291,8 +290,9 @@ def require_settings(settings: Mapping[str, object], where: str, known: Mapping[
                 raise FormatError(f"{where}.{name} is {shown(value)}, expected a number that is not 0; {AGAIN}")
             if name == "decimals" and not (isinstance(value, int) and 0 <= value <= 9):
                 raise FormatError(f"{where}.decimals is {shown(value)}, expected a whole number from 0 to 9; {AGAIN}")
-        elif not isinstance(value, int | float | str):
-            raise FormatError(f"{where}.{name[:40]} is {shown(value)}, expected a number, a text, true or false; {AGAIN}")
+        elif not isinstance(value, int | float | str) or (isinstance(value, str) and not value.isprintable()):
+            kinds = "a number, a text without control characters, true or false"
+            raise FormatError(f"{where}.{name[:40]} is {shown(value)}, expected {kinds}; {AGAIN}")
 
 
 def _patterns(texts: list[str]) -> tuple[Pattern, ...]:

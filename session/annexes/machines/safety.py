@@ -1,11 +1,12 @@
 """The one way to move a table: ``Guarded``.  What a program can do against a wrong move; no safety function in a standard's sense.
 
 - Nothing moves that no person has confirmed: the plan of all moves is shown before the first.
-- Limits are checked before each move.  A turn at a rate on an axis with limits is sent as a turn to its limit: the machine brakes there
-  by itself, whatever becomes of this program.
-- Each answer is compared with what can be: an angle beyond the limits, faster than the axis turns, a motion that does not end, that ends
+- Limits are checked before each move.  A turn at a rate is confirmed with its longest time.  Where the axis has limits or the machine has
+  no rate mode it is sent as a turn to an angle: the machine brakes there by itself, whatever becomes of this program.
+- A controller that has restarted has lost its angles, and its limits mean nothing: it is homed, or a person says that it stands at zero.
+- Each answer is compared with what can be: an angle beyond the limits, a wrong sense or rate, a motion that does not end, that ends
   elsewhere, and silence stop the table.
-- Ctrl-C, SIGTERM, an exception and the end of the program stop it, and it is looked whether it rests.
+- Ctrl-C, Ctrl-Z, SIGTERM, an exception and the end of the program stop it, and it is looked whether it rests.
 - A reported alarm is never cleared from here.
 
 A program that is killed (SIGKILL), a computer that freezes and a cable that is pulled can stop nothing.  The table's own emergency stop
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import os
 import signal
 import sys
 import threading
@@ -52,14 +54,19 @@ HUNG_S = 15.0
 
 @dataclass(frozen=True)
 class Move:
-    """A move that a person is asked for: one axis, between which angles it may go and how fast; axis None: homing; at_rate: it turns at a
-    rate (either sense) until it is stopped."""
+    """A move that a person is asked for: one axis, between which angles it may go and how fast; axis None: homing; longest_s above 0: it
+    turns at a rate (either sense) until it is stopped, for at most so long."""
 
     axis: int | None
     least_rad: float = 0.0
     most_rad: float = 0.0
     fastest_rps: float = 0.0
-    at_rate: bool = False
+    longest_s: float = 0.0
+
+    @property
+    def at_rate(self) -> bool:
+        """Whether it turns at a rate."""
+        return self.longest_s > 0
 
     @classmethod
     def home(cls) -> Move:
@@ -72,9 +79,9 @@ class Move:
         return cls(axis, angle_rad, angle_rad, rate_rps)
 
     @classmethod
-    def at(cls, axis: int, rate_rps: float) -> Move:
-        """One axis at a rate, in either sense."""
-        return cls(axis, -np.inf, np.inf, abs(rate_rps), True)
+    def at(cls, axis: int, rate_rps: float, longest_s: float) -> Move:
+        """One axis at a rate, in either sense, for at most so long (above 0)."""
+        return cls(axis, -np.inf, np.inf, abs(rate_rps), longest_s)
 
     @classmethod
     def anywhere(cls, table: Description, axis: int, fastest_rps: float) -> Move:
@@ -94,7 +101,8 @@ class Move:
         )
         rate = f"{self.fastest_rps / DEG:g} dps"
         if self.at_rate:
-            return f"{of.name} turns at {rate}, in either sense, until it is stopped ({limits})"
+            turned = f"{self.fastest_rps * self.longest_s / DEG:g} deg"
+            return f"{of.name} turns at {rate}, in either sense, for at most {self.longest_s:g} s, which is {turned} ({limits})"
         if self.least_rad == self.most_rad:
             return f"{of.name} to {self.most_rad / DEG:g} deg at up to {rate} ({limits})"
         if not np.isfinite(self.least_rad):
@@ -113,22 +121,27 @@ class Guarded:
 
     ``confirm`` first.  ``where`` is to be called some times a second while it moves; ``settle`` does that.  ``stop`` may be called from any
     thread.  TableLimit for what is not allowed (nothing is sent), TableFault for what went wrong (the table was stopped).
+
+    by_hand: a person turns it, who takes his time, and reads a dial.
     """
 
     def __init__(self, table: Table, clock: Clock | None = None):
         self.description = table.description
         self._table, self._clock = table, clock or HostClock()
-        self._by_hand = bool(getattr(table, "by_hand", False))  # a person takes his time, and reads a dial
+        self.by_hand = bool(getattr(table, "by_hand", False))
         self._allowed: list[Move] = []
         self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
         self._rest.set()
         self._last: tuple[float, np.ndarray] | None = None
         self._target: tuple[int, float] | None = None  # axis and angle of the present move
-        self._sense = 0.0
+        self._homing = False
         self._turns, self._turns_by_s = False, 0.0  # whether it turns at a rate without an end, and s by which it surely does
+        self._way: tuple[int, float] | None = None  # axis and rate, with its sign, of the present move
+        self._origin: tuple[float, float] | None = None  # time and angle that it turns from at that rate
+        self._furthest = 0.0  # rad that it was seen to have turned by
         self._begin_s, self._due_s, self._computed_s = 0.0, np.inf, 0.0
         self._looked_s = self._clock.now_s()
-        self._closed = False
+        self._closed, self._suspended = False, threading.Event()
         self._handlers = contextlib.ExitStack()
 
     def __enter__(self) -> Guarded:
@@ -137,6 +150,10 @@ class Guarded:
             signal.signal(signal.SIGTERM, _interrupt)
             self._handlers.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
         if isinstance(self._clock, HostClock):
+            suspend = getattr(signal, "SIGTSTP", None)  # Ctrl-Z; Windows has none
+            if suspend and threading.current_thread() is threading.main_thread() and signal.getsignal(suspend) is signal.SIG_DFL:
+                signal.signal(suspend, lambda number, frame: self._suspended.set())
+                self._handlers.callback(signal.signal, suspend, signal.SIG_DFL)
             threading.Thread(target=self._watch, name="table-watch", daemon=True).start()
         return self
 
@@ -170,8 +187,11 @@ class Guarded:
     def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
 
-        Raises TableLimit for a plan beyond the limits, and where nobody confirms it.  It takes the place of an earlier plan.
+        Raises TableLimit for a plan beyond the limits, for one of angles that are lost, and where nobody confirms it.  It takes the place
+        of an earlier plan.
         """
+        if not any(move.axis is None for move in moves):
+            self.require_angles()
         for move in moves:
             if move.axis is not None:
                 require_rate(self.description, move.axis, move.fastest_rps)
@@ -184,6 +204,18 @@ class Guarded:
             raise TableLimit(f"{self.description.name}: the plan was not confirmed; nothing was moved")
         self._allowed = list(moves)
 
+    def stands_at_zero(self) -> None:
+        """A person says that every axis stands at its zero: a controller that restarted is right with its angles."""
+        self._table.angles_lost = False
+
+    def require_angles(self) -> None:
+        """TableLimit where the controller has restarted, and neither was homed nor stands at zero."""
+        if self._table.angles_lost:
+            raise TableLimit(
+                f"{self.description.name}: its controller has restarted, and its angles and limits mean nothing; home it (--home), or "
+                "turn every axis to its zero by hand and say so (--at-zero); nothing was moved"
+            )
+
     # The five verbs.
 
     def home(self) -> None:
@@ -191,6 +223,7 @@ class Guarded:
         self._require_confirmed(any(move.axis is None for move in self._allowed), "home")
         self._require_rest()
         self._begin(None, HOME_S)
+        self._homing = True
         self._guard(self._table.home)
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
@@ -207,9 +240,8 @@ class Guarded:
         self._require_confirmed(allowed, f"{of.name} to {angle_rad / DEG:g} deg at {rate_rps / DEG:g} dps")
         self._require_rest()
         here = self._resting_angles()[axis]
-        self._sense = float(np.sign(angle_rad - here))
-        self._begin((axis, angle_rad), abs(angle_rad - here) / rate_rps + rate_rps / of.acceleration_rps2 if np.isfinite(here) else np.inf)
-        self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
+        self.require_angles()
+        self._turn_to(axis, here, angle_rad, rate_rps)
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
         """Begin to turn one axis at a rate; through rest, where the machine has no rate mode or the axis has limits; 0 ends in rest."""
@@ -221,22 +253,28 @@ class Guarded:
                 return self._guard(lambda: self._table.turn_at(axis, 0.0))
             return self.stop()
         require_rate(self.description, axis, rate_rps)
-        allowed = any(move.axis == axis and move.at_rate and abs(rate_rps) <= move.fastest_rps * (1 + 1e-9) for move in self._allowed)
-        self._require_confirmed(allowed, f"{of.name} at {rate_rps / DEG:g} dps")
+        longest_s = max(
+            (move.longest_s for move in self._allowed if move.axis == axis and abs(rate_rps) <= move.fastest_rps * (1 + 1e-9)), default=0.0
+        )
+        self._require_confirmed(longest_s > 0, f"{of.name} at {rate_rps / DEG:g} dps")
         if not direct and not self.is_at_rest:
             self.stop()
         here = (self.where().angles if direct else self._resting_angles())[axis]
-        if of.least_rad is not None and of.most_rad is not None:
-            limit = of.most_rad if rate_rps > 0 else of.least_rad
+        self.require_angles()
+        if not direct:
             if not np.isfinite(here):
-                raise TableLimit(f"{self.description.name}: {of.name} has limits and does not say where it is: home it; nothing was moved")
-            if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
-                raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
-            self._sense = float(np.sign(rate_rps))
-            self._begin((axis, limit), abs(limit - here) / abs(rate_rps) + abs(rate_rps) / of.acceleration_rps2)
-            return self._guard(lambda: self._table.turn_to(axis, limit, abs(rate_rps)))
-        self._begin(None, np.inf)
+                raise TableLimit(f"{self.description.name}: {of.name} does not say where it is: home it; nothing was moved")
+            end = here + rate_rps * longest_s
+            if of.least_rad is not None and of.most_rad is not None:
+                limit = of.most_rad if rate_rps > 0 else of.least_rad
+                if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
+                    raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
+                end = min(end, limit) if rate_rps > 0 else max(end, limit)
+            return self._turn_to(axis, here, float(end), abs(rate_rps))
+        rested = self.is_at_rest
+        self._begin(None, longest_s)
         self._turns, self._turns_by_s = True, 2 * of.fastest_rps / of.acceleration_rps2 + START_S + 0.5
+        self._way, self._origin = (axis, rate_rps), (self._begin_s, here) if rested else None
         return self._guard(lambda: self._table.turn_at(axis, rate_rps))
 
     def where(self) -> Where:
@@ -245,7 +283,7 @@ class Guarded:
         found = self._guard(self._table.where)
         now_s = self._looked_s = self._clock.now_s()
         if not self._rest.is_set() and not found.moving and now_s - self._begin_s < (self._turns_by_s if self._turns else START_S):
-            found = Where(found.angles, True, found.table_s, found.fault)  # not begun yet, or between two senses
+            found = Where(found.angles, True, found.table_s)  # not begun yet, or between two senses
         self._compare(asked_s, now_s, found)
         if not found.moving and not self._rest.is_set():
             if self._turns:
@@ -273,9 +311,8 @@ class Guarded:
                 failed = str(fault)
                 continue
             if self._is_seen_at_rest():
-                self._target, self._due_s = None, np.inf
                 self._last = None
-                self._rest.set()
+                self._rests()
                 return
         failed = failed.removeprefix(f"{self.description.name}: ")
         why = failed if PRESS in failed else f"{failed}; {PRESS}" if failed else PRESS
@@ -314,50 +351,71 @@ class Guarded:
             why = why.removesuffix(f" {PRESS}").removesuffix(";")
         raise TableFault(f"{self.description.name}: {why}; {end}") from None
 
+    def _turn_to(self, axis: int, here: float, angle_rad: float, rate_rps: float) -> None:
+        """Send a turn from rest to an angle."""
+        of, way = self.description.axes[axis], angle_rad - here
+        self._begin((axis, angle_rad), abs(way) / rate_rps + rate_rps / of.acceleration_rps2)
+        self._way, self._origin = (axis, float(np.copysign(rate_rps, way))), (self._begin_s, here)
+        self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
+
     def _begin(self, target: tuple[int, float] | None, computed_s: float) -> None:
         self._rest.clear()
-        self._turns = False
+        self._turns = self._homing = False
+        self._way, self._origin, self._furthest = None, None, 0.0
         self._target, self._computed_s = target, computed_s
         self._looked_s = self._begin_s = self._clock.now_s()
-        self._due_s = np.inf if self._by_hand else self._begin_s + SLOWER * computed_s + LATER_S
+        self._due_s = np.inf if self.by_hand else self._begin_s + SLOWER * computed_s + LATER_S
         self._last = None
 
     def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
         """An answer says where it was between the question and the answer."""
-        if not np.isfinite(found.angles).all() or self._by_hand:
+        if not np.isfinite(found.angles).all() or self.by_hand:
             return
+        last_s = self._begin_s if self._last is None else self._last[0]
         for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):
-            if not self._rest.is_set() and self._target is not None and axis.least_rad is not None and axis.most_rad is not None:
-                over = max(axis.least_rad - angle, angle - axis.most_rad)
-                before = (
-                    np.inf if self._last is None else max(axis.least_rad - self._last[1][number], self._last[1][number] - axis.most_rad)
-                )
-                if over > BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad and over > before + RESTS_RAD:  # back from beyond it may come
+            if self._homing:  # it changes angles at once
+                continue
+            beside = 5 * axis.sigma_rad + axis.backlash_rad
+            if self._last is not None and axis.least_rad is not None and axis.most_rad is not None:
+                over, before = (max(axis.least_rad - said, said - axis.most_rad) for said in (angle, self._last[1][number]))
+                if over > BESIDE_RAD + beside and over > before + RESTS_RAD:  # back from beyond it may come
                     self._stop_for(f"{axis.name} says {angle / DEG:.2f} deg, beyond its limits")
-            if self._target is not None and self._target[0] == number and self._last is not None:
-                over = (angle - self._target[1]) * self._sense
-                if over > BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:
+            if self._target is not None and self._target[0] == number and self._last is not None and self._way is not None:
+                over = (angle - self._target[1]) * np.sign(self._way[1])
+                if over > BESIDE_RAD + beside:
                     self._stop_for(f"{axis.name} is at {angle / DEG:.2f} deg, beyond the {self._target[1] / DEG:.2f} that it was sent to")
-            if self._last is not None and (self._target is not None or self._turns or self._rest.is_set()):  # homing changes angles
-                most = FASTER * axis.fastest_rps * (now_s - self._last[0]) + JUMP_RAD + 5 * axis.sigma_rad
-                if (change := abs(angle - self._last[1][number])) > most:
-                    self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - self._last[0]:.2f} s")
+            round_rad = FASTER * axis.fastest_rps * (now_s - last_s) + JUMP_RAD + beside
+            if self._last is not None and (change := abs(angle - self._last[1][number])) > round_rad:
+                self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - last_s:.2f} s")
+            if self._way is None or self._way[0] != number:
+                continue
+            if self._origin is None:  # it turned at another rate before
+                self._origin = (asked_s, angle) if now_s - self._begin_s > self._turns_by_s else None
+                continue
+            along, lasted_s = (angle - self._origin[1]) * np.sign(self._way[1]), now_s - self._origin[0]
+            asked = f"asked for was {self._way[1] / DEG:+g} dps"
+            if along > FASTER * abs(self._way[1]) * lasted_s + round_rad:
+                self._stop_for(f"{axis.name} says that it turned by {along / DEG:.1f} deg within {lasted_s:.2f} s, {asked}")
+            self._furthest = max(self._furthest, along)
+            if along < self._furthest - JUMP_RAD - beside:
+                self._stop_for(f"{axis.name} turns the wrong way: it is at {angle / DEG:.2f} deg, {asked}")
         self._last = (asked_s, found.angles)
 
     def _arrived(self, found: Where) -> None:
         """It says that the motion has ended: is it where it should be?"""
-        target, self._target, self._due_s = self._target, None, np.inf
+        if self._target is not None and not self.by_hand:
+            number, asked = self._target
+            axis, said = self.description.axes[number], found.angles[number]
+            if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
+                self._stop_for(f"{axis.name} says that it rests at {said / DEG:.2f} deg, asked for was {asked / DEG:.2f}")
+        if self._homing:
+            self._table.angles_lost, self._last = False, None
+        self._rests()
+
+    def _rests(self) -> None:
+        """It was seen at rest."""
+        self._target, self._way, self._due_s, self._homing = None, None, np.inf, False
         self._rest.set()
-        if target is None or self._by_hand:
-            self._last = None  # homing changes angles at once
-            return
-        axis = self.description.axes[target[0]]
-        beside = abs(found.angles[target[0]] - target[1])
-        if not beside <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:
-            said, asked = found.angles[target[0]] / DEG, target[1] / DEG
-            raise TableFault(
-                f"{self.description.name}: {axis.name} says that it rests at {said:.2f} deg, asked for was {asked:.2f}; it stands still"
-            )
 
     def _require_confirmed(self, allowed: bool, what: str) -> None:
         if not allowed:
@@ -394,13 +452,18 @@ class Guarded:
         return False
 
     def _watch(self) -> None:
-        """A thread: a program that does not look at a moving table any more has hung."""
+        """A thread: a program that does not look at a moving table any more has hung; one that is suspended (Ctrl-Z) stops it before."""
         while not self._closed:
             if not self._rest.is_set() and self._clock.now_s() - self._looked_s > HUNG_S:
                 with contextlib.suppress(TableFault):
                     self._table.stop()
                 self._looked_s = self._clock.now_s()
-            self._clock.sleep(0.5)
+            if self._suspended.wait(0.5):
+                self._suspended.clear()
+                if not self._rest.is_set():
+                    with contextlib.suppress(TableFault):
+                        self._table.stop()
+                os.kill(os.getpid(), signal.SIGSTOP)
 
     def _at_exit(self) -> None:
         if not self._rest.is_set() and not self._closed:
@@ -414,10 +477,10 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP wait while a table is being stopped."""
+    """Ctrl-C, Ctrl-Z, SIGTERM and SIGHUP wait while a table is being stopped."""
     before = {}
     if threading.current_thread() is threading.main_thread():
-        for number in filter(None, (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", None))):
+        for number in filter(None, (signal.SIGINT, signal.SIGTERM, *(getattr(signal, name, None) for name in ("SIGHUP", "SIGTSTP")))):
             before[number] = signal.signal(number, signal.SIG_IGN)
     try:
         yield

@@ -26,18 +26,21 @@ class TableLimit(CalibrationError):
 
 @dataclass(frozen=True, eq=False)
 class Where:
-    """What a table answers: angles (K,) rad; moving; table_s: its own clock, where it has one; fault: what stops it, empty if nothing."""
+    """What a table answers: angles (K,) rad; moving; table_s: its own clock, where it has one."""
 
     angles: np.ndarray
     moving: bool
     table_s: float | None = None
-    fault: str = ""
 
 
 class Table(Protocol):
-    """A machine that is connected.  All verbs raise TableFault where it does not answer, and for a fault that it reports."""
+    """A machine that is connected.  All verbs raise TableFault where it does not answer, and for a fault that it reports.
+
+    angles_lost: it has restarted, and was not homed since.
+    """
 
     description: Description
+    angles_lost: bool
 
     def home(self) -> None:
         """Begin to search the reference marks of all axes."""
@@ -46,7 +49,10 @@ class Table(Protocol):
         """Begin to turn one axis to an angle, at most that fast (above 0)."""
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
-        """Begin to turn one axis at a rate with its sign, until another verb; 0 brings it to rest."""
+        """Begin to turn one axis at a rate with its sign, until another verb; 0 brings it to rest.
+
+        Makes without ``has_rate_mode`` are sent turns to an angle instead.
+        """
 
     def where(self) -> Where:
         """Ask for angles and state."""

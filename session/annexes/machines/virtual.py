@@ -1,6 +1,6 @@
 """A virtual table: the device's side of a make's dialogue over moving axes, with the faults of a real controller and its line.
 
-In process it is an object that takes bytes and returns bytes, at any clock; ``tinygc.annexes.machines.terminal`` puts it behind a port.
+In process it is an object that takes bytes and returns bytes, at any clock; ``tinygc.annexes.machines.virtual_line`` puts it behind a port.
 """
 
 from __future__ import annotations

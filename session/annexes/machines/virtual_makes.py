@@ -80,6 +80,7 @@ class Grbl(Firmware):
         self._is_locked = self._has_homing
         self._is_held = False
         self._is_asked = False
+        self._numbers = {20: 0.0} | dict.fromkeys((130, 131, 132), 200.0)  # soft limits, and how far they are
 
     def greeting(self) -> bytes:
         """The start-up message, and the lock where homing is enabled."""
@@ -141,6 +142,11 @@ class Grbl(Firmware):
                 return ["error:13"]
             was, self._is_locked = self._is_locked, False
             return [*(["[MSG:Caution: Unlocked]"] if was else []), "ok"]
+        if (setting := re.fullmatch(rf"\$(\d+)=({NUMBER})", text)) and int(setting[1]) in self._numbers:
+            if setting[1] == "20" and float(setting[2]) and not self._has_homing:
+                return ["error:10"]
+            self._numbers[int(setting[1])] = float(setting[2])
+            return ["ok"]
         if self._is_locked or self._state() == "Home":
             return ["error:9"]
         if text.startswith("$J="):
@@ -175,6 +181,9 @@ class Grbl(Firmware):
             return "error:22"
         if not moves or set(moves) - set("XYZABC") or "91" in codes or "20" in codes:
             return self.REFUSED_JOG
+        far = {letter: self._numbers.get(130 + "XYZ".find(letter), 200.0) for letter in moves}
+        if self._numbers[20] and not all(-far[letter] <= number <= 0 for letter, number in moves.items()):
+            return "error:15"  # of both signs only what is not above 0
         if self.mechanics.suffers("disabled"):
             return "error:7"  # GRBL knows nothing of an amplifier; a failed read of its settings stands for it
         for letter, number in moves.items():

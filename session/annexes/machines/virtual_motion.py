@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -79,6 +80,7 @@ class Mechanics:
         self._moves, self._is_pressed = 0, False
         self._homing_until_s: float | None = None
         self._homing: Sequence[int] = ()
+        self._losing: tuple[int, float, float] | None = None  # axis of a move that loses steps, and rad where it begins and ends
         self._waiting = list(faults)
         self._since_s: dict[str, float] = {}
 
@@ -124,7 +126,11 @@ class Mechanics:
         """The angle that the controller says, rad."""
         now_s = self.now_s()
         jump = JUMP_RAD if self.suffers("wrong_angle") else 0.0
-        return self.tracks[axis].state(now_s)[0] + self.unknown[axis] + jump
+        angle = self.tracks[axis].state(now_s)[0]
+        if self._losing is not None and self._losing[0] == axis:
+            _, begin, end = self._losing
+            jump -= LOST_RAD * (end - angle) / abs(end - begin)  # not lost yet
+        return angle + self.unknown[axis] + jump
 
     def turn_to(self, axis: int, said_rad: float, rate_rps: float) -> None:
         """Begin a move, behind the present one of that axis where there is one."""
@@ -140,8 +146,11 @@ class Mechanics:
             way = said_rad - self.unknown[axis] - track.state(begin_s)[0]
             track.turn_at(begin_s, rate_rps if way >= 0 else -rate_rps, self._acceleration(axis))
             return
+        self._losing = None
         if self.once("lost_steps"):
-            self.unknown[axis] += LOST_RAD
+            here, way = track.state(begin_s)[0], said_rad - self.unknown[axis] - track.state(begin_s)[0]
+            self.unknown[axis] += math.copysign(LOST_RAD, way)  # it lags, whatever its sense
+            self._losing = axis, here, said_rad - self.unknown[axis]
         track.turn_to(begin_s, said_rad - self.unknown[axis], rate_rps, self._acceleration(axis))
         self._expect(begin_s, track.busy_until_s)
 

@@ -51,8 +51,7 @@ class SerialLink:
     def write(self, data: bytes) -> None:
         """Send bytes."""
         try:
-            self._port.write(data)
-            self._port.flush()
+            self._port.write(data)  # within WRITE_S; flush would wait without an end for a device that takes nothing
         except UNPLUGGED as error:
             raise self._lost(error) from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -48,6 +49,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--table", type=path_read, metavar="FILE", help="its description (table.toml)")
     command.add_argument("--rate", type=positive, metavar="DPS", help=f"of turn ({RATE_DPS:g}, or as fast as the axis can if that is less)")
     command.add_argument("--home", action="store_true", help="search the reference marks first: boards that restart when a port is opened")
+    zero = "every axis stands at its zero, where you turned it by hand: boards without marks that restart when a port is opened"
+    command.add_argument("--at-zero", action="store_true", help=zero)
     command.add_argument("--yes", action="store_true", help="the plan is confirmed: do not ask")
     virtual = command.add_argument_group("a virtual table")
     virtual.add_argument("--link", type=file_written, metavar="PATH", help="name of its port (tinygc-table in the temporary folder)")
@@ -122,8 +125,10 @@ def _machine(args: argparse.Namespace, table: Description) -> int:
     from session.annexes.machines.safety import Guarded
 
     moves = _moves(args, table)
-    machine = open_table(table, args.table.parent)
+    machine = open_table(table, args.table.parent, stops=args.action == "stop")
     with Guarded(machine) as guarded:
+        if args.at_zero:
+            guarded.stands_at_zero()
         if args.action == "clear":
             _confirm(args, f"{table.name}: clear its alarm? You have seen why it stopped, and nobody is near")
             guarded.clear()
@@ -134,7 +139,7 @@ def _machine(args: argparse.Namespace, table: Description) -> int:
             _move(args, guarded, moves)
         found = guarded.where()
     for axis, angle in zip(table.axes, found.angles, strict=True):
-        output(args).print(f"{axis.name}  {angle / DEG:.3f} deg", markup=False, highlight=False)
+        output(args).print(f"{axis.name}  {_shown(angle, 3)}", markup=False, highlight=False)
     output(args).print("it moves" if found.moving else "it rests")
     write_json(args.json, _state(args, table, found))
     return 0
@@ -154,7 +159,7 @@ def _moves(args: argparse.Namespace, table: Description) -> list[Move]:
     if args.action == "spin":
         if not numbers[0] or numbers[1] <= 0:
             raise CalibrationError("table spin: expected a rate in deg/s that is not 0, and seconds above 0")
-        return [*first, Move.at(axis, numbers[0] * DEG)]
+        return [*first, Move.at(axis, numbers[0] * DEG, numbers[1])]
     rate_rps = args.rate * DEG if args.rate else min(RATE_DPS * DEG, table.axes[axis].fastest_rps)
     return [*first, Move.to(axis, numbers[0] * DEG, rate_rps)]
 
@@ -176,11 +181,8 @@ def _move(args: argparse.Namespace, guarded: Guarded, moves: Sequence[Move]) -> 
         while (found := guarded.where()).moving and clock.now_s() < end_s:
             if clock.now_s() - told_s >= TELL_S:
                 told_s = clock.now_s()
-                tell(
-                    "  ".join(
-                        f"{axis.name} {angle / DEG:.2f} deg" for axis, angle in zip(guarded.description.axes, found.angles, strict=True)
-                    )
-                )
+                axes = zip(guarded.description.axes, found.angles, strict=True)
+                tell("  ".join(f"{axis.name} {_shown(angle, 2)}" for axis, angle in axes))
             clock.sleep(0.05)
         if found.moving:
             guarded.stop()
@@ -230,6 +232,10 @@ def _teller(args: argparse.Namespace) -> Callable[[str], None]:
     """Prints to standard error; a plan is shown even with --quiet where it is asked about."""
     quiet = args.quiet and args.yes
     return lambda text: None if quiet else print(printable(text), file=sys.stderr, flush=True)
+
+
+def _shown(angle_rad: float, decimals: int) -> str:
+    return f"{angle_rad / DEG:.{decimals}f} deg" if math.isfinite(angle_rad) else "not known yet"
 
 
 def _number(text: str) -> float:

@@ -49,8 +49,9 @@ def _opened(table: Description, folder: Path) -> Guarded:
 class TurnedRecording:
     """A table for the recordings of one command.  ``confirmed`` before the first; ``mover`` for each; ``finish`` at the end.
 
-    file: table.toml; port: instead of its own; home: search the reference marks once the plan is confirmed; opened: opens the description
-    in its folder; now_s: of a clock that is not the host's, and then the table has no thread.  Raises FormatError and TableFault.
+    file: table.toml; port: instead of its own; home: search the reference marks once the plan is confirmed; at_zero: a person says that
+    every axis stands at its zero; opened: opens the description in its folder; now_s: of a clock that is not the host's, and then the table
+    has no thread.  Raises FormatError, TableFault, and TableLimit for a table that has restarted and lost its angles.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class TurnedRecording:
         home: bool = False,
         opened: Opened = _opened,
         now_s: Callable[[], float] | None = None,
+        at_zero: bool = False,
     ):
         self.file, self._home, self._opened, self._now_s = file, home, opened, now_s
         described = read_description(file)
@@ -70,7 +72,10 @@ class TurnedRecording:
         angles = np.zeros(len(described.axes))
         try:
             self._table: Guarded | None = self._open()
+            if at_zero:
+                self._table.stands_at_zero()
             if not home:
+                self._table.require_angles()
                 angles = self._angles(self._table.where())
         except BaseException:
             self.close()
@@ -105,7 +110,7 @@ class TurnedRecording:
         self._ask([*lines, f"  {limits}", f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
         fastest = max(abs(step.rate_rps) for step in self._steps)
         back = [] if of.is_endless else [Move.anywhere(table, number, of.fastest_rps)]
-        self._plan = [Move.at(number, fastest), *back]
+        self._plan = [Move.at(number, fastest, max(step.seconds(table) for step in self._steps)), *back]
         self._homed()
 
     @staticmethod
@@ -168,9 +173,8 @@ class TurnedRecording:
 
     def _angles(self, where: Where) -> np.ndarray:
         """Angles (K,) rad of a table that knows them."""
-        if where.fault or not np.isfinite(where.angles).all():
-            why = where.fault or "it does not know its angles"
-            raise TableFault(f"{self.description.name}: {why}; --home, or `table home`, then begin again")
+        if not np.isfinite(where.angles).all():
+            raise TableFault(f"{self.description.name}: it does not know its angles; --home, or `table home`, then begin again")
         return where.angles
 
     def _homed(self) -> None:

@@ -54,6 +54,7 @@ class VirtualBench:
         self.clock, self.options, self.errors = SimulatedClock(), options, errors or TableErrors.none(description)
         self.description = description
         self.virtual = VirtualTable(description, self.errors, self.clock, faults)
+        self.virtual.feed()  # its greeting: it was switched on before its port is opened
         rng = np.random.default_rng(options.unit_drawn_from).spawn(1)[0]
         self.unit = unit or draw_unit(options, rng)
         self._sensor = SensorOnTable(description, self.errors, options, self.unit, distort)

@@ -118,6 +118,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--axis", metavar="NAME", help="of --rates: the axis that turns (the innermost one)")
     homing = "with --table: it searches its reference marks first, once the plan is confirmed"
     command.add_argument("--home", action="store_true", help=homing)
+    command.add_argument("--at-zero", action="store_true", help="with --table: all axes stand at zero, though its board has restarted")
     command.add_argument("--yes", action="store_true", help="with --table: the plan is confirmed, for those who know their table")
     command.add_argument("--mute", action="store_true", help="no bell")
     command.add_argument(

@@ -37,8 +37,12 @@ def make_of_name(name: str) -> Make:
     return read_make(FOLDER / f"{name}.toml")
 
 
-def open_table(table: Description, folder: Path | None = None, link: Link | None = None, clock: Clock | None = None) -> Table:
-    """Open the machine of a description; link: instead of its port.  It moves only through ``safety.Guarded``.
+def open_table(
+    table: Description, folder: Path | None = None, link: Link | None = None, clock: Clock | None = None, stops: bool = False
+) -> Table:
+    """Open the machine of a description; link: instead of its port; stops: to stop it, before it has answered anything.
+
+    It moves only through ``safety.Guarded``.
 
     Raises FormatError for a description that the make does not fit, TableFault where nothing answers.
     """
@@ -53,7 +57,7 @@ def open_table(table: Description, folder: Path | None = None, link: Link | None
         baud = table.baud or make.baud
         link = VisaLink(table.port, baud, str(table.settings.get("visa", ""))) if is_visa else SerialLink(table.port, baud, clock)
     try:
-        return Dialogue(table, make, link, clock)
+        return Dialogue(table, make, link, clock, stops)
     except BaseException:
         link.close()
         raise

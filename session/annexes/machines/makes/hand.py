@@ -24,6 +24,7 @@ class Hand:
     """
 
     has_rate_mode = by_hand = True
+    angles_lost = False
 
     def __init__(self, description: Description, ask: Callable[[str], str]):
         self.description, self._ask = description, ask

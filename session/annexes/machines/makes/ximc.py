@@ -38,6 +38,7 @@ class Ximc:
     """``Table`` over libximc."""
 
     has_rate_mode = True
+    angles_lost = False
 
     def __init__(self, description: Description, library: Any):
         steps = description.settings.get("steps_per_deg")

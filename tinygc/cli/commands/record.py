@@ -172,7 +172,7 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     words: list[object] = ["record", "--resume", "--out", folder, "--port", port]
     words += [] if args.segments == USUAL_SEGMENTS else ["--segments", args.segments]
     words += [] if args.rest is None else ["--rest", *([f"{args.rest:g}"] if args.rest else [])]
-    words += ["--stop-at-target"] if args.rest is not None and args.stop_at_target else []
+    words += ["--stop-at-target"] if args.stop_at_target else []
     words += [] if args.known_to == KNOWN_TO else ["--known-to", f"{args.known_to:g}"]
     words += [] if args.view is None else ["--view"]
     words += [] if args.lot is None else ["--lot", args.lot]

@@ -24,6 +24,7 @@ from session.annexes.machines.verbs import TableFault, Where
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
 from session.bench.rest_guide import in_words
+from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.io.config import Protocol, read_config
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import read_text
@@ -129,7 +130,10 @@ class TurnedRecording:
         table, count = self.description, len(plan.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
         lines += [f"  {HOME}"] if self._home else []
-        lines += [_axis_line(axis, limits) for axis, limits in zip(table.axes, self.moves.limits, strict=True)]
+        lines += [
+            _axis_line(axis, limits, self.moves.reach_rad(k))
+            for k, (axis, limits) in enumerate(zip(table.axes, self.moves.limits, strict=True))
+        ]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
         lines.append(f"  {segments} turns at most; {count} in {in_words(plan.seconds)} if all goes well{closing}")
         if plan.unseen:
@@ -146,7 +150,7 @@ class TurnedRecording:
             shutil.copyfile(self.file, copy)
         table, self._table = self._table or self._open(), None
         table.confirm(self._plan, None, lambda line: None)  # it was shown by ``confirmed``
-        self.moves.hold_s = guide.hold_s
+        self.moves.hold_s, self.moves.longest_s = guide.hold_s, LONGEST_TURN_SEGMENTS * guide.protocol.segment_s
         file, alone = AngleFile(folder / angles.NAME, self.description), self._now_s is None
         driver = TableDriver(table, file, self._now_s or time.monotonic, in_thread=alone)
         return RateMover(driver, self._steps) if self._steps else TableMover(driver, self.moves)
@@ -185,10 +189,11 @@ class TurnedRecording:
         return self._guards.enter_context(self._opened(self.description, self.file.parent))
 
 
-def _axis_line(axis: Axis, limits: tuple[float, float]) -> str:
+def _axis_line(axis: Axis, limits: tuple[float, float], reach_rad: float) -> str:
     least, most = (limit / DEG for limit in limits)
+    reach = f"; too slow for turns of more than {reach_rad / DEG:.0f} deg" if reach_rad < min(2 * np.pi, limits[1] - limits[0]) else ""
     endless = " (it has no limits; a cable may)" if axis.is_endless else ""
-    rate = f"at most {axis.fastest_rps / DEG:g} dps, and {MOST_OF_SCALE:.0%} of the sensor's full scale"
+    rate = f"at most {axis.fastest_rps / DEG:g} dps, and {MOST_OF_SCALE:.0%} of the sensor's full scale{reach}"
     return f"  {axis.name:8s} {least:.0f} to {most:.0f} deg{endless}, {rate}"
 
 

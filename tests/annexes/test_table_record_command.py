@@ -6,7 +6,12 @@ import shlex
 from pathlib import Path
 
 import pytest
+from commandline import refused
+from table_recordings import Bench, table_toml
 
+from session.annexes.machines.description import read_description
+from tinygc import CalibrationError
+from tinygc.annexes.machines.recording import TurnedRecording, require_table_of
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import record
 
@@ -27,3 +32,54 @@ def test_the_printed_command_goes_on_with_what_was_asked(given):
     again = shlex.split(record._again(args, Path("s"), "p"))
     again = again[again.index("record") :]
     assert vars(parser(again).parse_args(again)) == vars(args) | {"resume": True}
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A table.toml whose port does not exist: whoever opens it is told so."""
+    text = table_toml("middle", "inner").replace('make = "grbl"', f'make = "grbl"\nport = "{tmp_path / "table-port"}"')
+    (tmp_path / "table.toml").write_text(text)
+    return tmp_path / "table.toml"
+
+
+def test_a_board_that_is_not_there_is_refused_before_the_table_is_opened(run, table, tmp_path):
+    """--home would turn it first."""
+    code, _, err = run("record", "--table", table, "--home", "--yes", "--port", tmp_path / "board-port", "--out", tmp_path / "s")
+    assert (code, err.count("\n")) == (3, 1)
+    assert "board-port: cannot be opened" in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [('name = "inner"', 'name = "other"'), ('make = "grbl"', 'make = "line"'), ("[[axis]]", "[settings]\nx = 1\n[[axis]]")]
+)
+def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, table, tmp_path, old, new):
+    folder = tmp_path / "s"
+    folder.mkdir()
+    (folder / "raw.bin").write_bytes(b"x")
+    (folder / "table.toml").write_text(table.read_text().replace(old, new, 1))
+    words = ("record", "--resume", "--table", table, "--home", "--yes", "--port", tmp_path / "board-port", "--out", folder)
+    refused(run(*words), "a session is of one table")
+
+
+def test_a_description_that_was_corrected_goes_on_with_its_session(tmp_path):
+    """Direction or mounting is wrong in table.toml, says the comparison: whoever mends them goes on, and all attitudes are of the new one."""
+    right = table_toml("middle", "inner")
+    bench = Bench(tmp_path, right)
+    wrong = right.replace("direction = [0, 1, 0]", "direction = [0, -1, 0]").replace("direction = [1, 0, 0]", "direction = [-1, 0, 0]")
+    bench.file.write_text(wrong)
+    _, said = bench.record(segments=4, interrupted=lambda guide: guide.accepted == 3)
+    assert any("the other way round: the sign of the axis, or the mounting, is wrong" in text for text in said.texts)
+    bench.file.write_text(right)
+    assert "takes its place" in require_table_of(bench.file, bench.folder)
+    guide, said = bench.record(segments=4)
+    assert guide.accepted == 4
+    assert not any("the other way round" in text for text in said.texts)
+    assert (bench.folder / "table.toml").read_text() == right
+    assert [path.read_text() for path in bench.folder.glob("table.toml.*")] == [wrong]
+
+
+def test_a_table_turned_by_hand_is_refused_before_anything_is_asked(tmp_path):
+    (tmp_path / "hand.toml").write_text(table_toml("middle", make="hand"))
+    assert read_description(tmp_path / "hand.toml").make == "hand"
+    with pytest.raises(CalibrationError, match="record asks a person for each turn by itself: leave --table out"):
+        TurnedRecording(tmp_path / "hand.toml")

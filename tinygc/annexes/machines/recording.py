@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -23,6 +24,7 @@ from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.verbs import TableFault, Where
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
+from session.bench.rawfile import put_aside
 from session.bench.rest_guide import in_words
 from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.io.config import Protocol, read_config
@@ -32,12 +34,17 @@ from session.io.names import log_paths
 from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.machines.planner import TableMoves, TablePlan, plan_of
+from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.models.linear import PARAMETERS
 
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
 HOME = "first all axes search their reference marks, at the machine's own rate"
 WAY_FREE = "is the way free, and does the table stand where its angles say (--home)?"
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
+#: what is asked besides of a table that shows less than this share of the parameters
+LEAST_SHOWN, SHOWS_LITTLE = 0.5, "such a session calibrates little of the sensor: turn nevertheless? (yes)"
+LINE = 140  #: characters of a line of the plan
 
 
 Opened = Callable[[Description, Path], Guarded]
@@ -45,6 +52,24 @@ Opened = Callable[[Description, Path], Guarded]
 
 def _opened(table: Description, folder: Path) -> Guarded:
     return Guarded(open_table(table, folder))
+
+
+def require_table_of(file: Path, folder: Path) -> str:
+    """FormatError where a recording in a folder is of another table: its ``table.csv`` would say other angles from here on.
+
+    What says how the table and the sensor lie (mounting, direction), its limits and what it can do may have been corrected since: returns
+    what that means, in words, or an empty text.
+    """
+    copy = folder / description.NAME
+    if not copy.exists() or read_text(copy, MOST_BYTES) == read_text(file, MOST_BYTES):
+        return ""
+    before, now = read_description(copy), read_description(file)
+    if (before.make, before.settings) != (now.make, now.settings) or [each.name for each in before.axes] != [
+        each.name for each in now.axes
+    ]:
+        differs = f"{copy}: make, settings or names of the axes are not those of {file}"
+        raise FormatError(f"{differs}; a session is of one table: give --table {copy}, or another --out")
+    return f"{copy}: {file} takes its place, for what is recorded already too; the one before is kept beside it"
 
 
 class TurnedRecording:
@@ -64,6 +89,8 @@ class TurnedRecording:
     ):
         self.file, self._home, self._opened, self._now_s = file, home, opened, now_s
         described = read_description(file)
+        if described.make == "hand":
+            raise CalibrationError(f"{file}: make is 'hand', and record asks a person for each turn by itself: leave --table out")
         self.description = described if port is None else replace(described, port=port)
         self._guards = ExitStack()
         self._plan: list[Move] = []
@@ -84,7 +111,9 @@ class TurnedRecording:
         own: whether the accelerometer is not calibrated.
         """
         plan = plan_of(self.moves, own, segments, stop_at_target)
-        self._ask(self.plan_lines(plan, segments, closure_s), yes, quiet)
+        parameters = PARAMETERS + len(JOINT_NAMES) * own
+        shows_little = len(plan.unseen) > (1 - LEAST_SHOWN) * parameters
+        self._ask(self.plan_lines(plan, segments, closure_s, parameters), yes, quiet, *([SHOWS_LITTLE] if shows_little else []))
         self.moves.first = plan.turns[0].moves
         self._plan = [
             Move(k, *limits, axis.fastest_rps)
@@ -110,23 +139,24 @@ class TurnedRecording:
         self._homed()
 
     @staticmethod
-    def _ask(lines: list[str], yes: bool, quiet: bool) -> None:
+    def _ask(lines: list[str], yes: bool, quiet: bool, *questions: str) -> None:
         if not (quiet and yes):
             print("\n".join(map(printable, lines)), file=sys.stderr, flush=True)
         if yes:
             return
         if not sys.stdin.isatty():
             raise CalibrationError(f"{UNCONFIRMED}: standard input is no terminal; --yes where you know the table")
-        print("turn? (yes) ", end="", file=sys.stderr, flush=True)
-        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-            raise CalibrationError(UNCONFIRMED)
+        for question in ("turn? (yes)", *questions):
+            print(f"{question} ", end="", file=sys.stderr, flush=True)
+            if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+                raise CalibrationError(UNCONFIRMED)
 
     def guide(self, protocol: Protocol) -> RatesGuide:
         """The guide of the rate steps that were confirmed."""
         return RatesGuide(protocol, len(self._steps))
 
-    def plan_lines(self, plan: TablePlan, segments: int, closure_s: float) -> list[str]:
-        """The plan: axes with the largest angle and rate that will be used, the number of turns and the time, what will not be seen."""
+    def plan_lines(self, plan: TablePlan, segments: int, closure_s: float, parameters: int) -> list[str]:
+        """The plan: axes with the largest angle and rate that will be used, the turns that are likely, their time, what they do not show."""
         table, count = self.description, len(plan.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
         lines += [f"  {HOME}"] if self._home else []
@@ -136,15 +166,22 @@ class TurnedRecording:
         ]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
         lines.append(f"  {segments} turns at most; {count} in {in_words(plan.seconds)} if all goes well{closing}")
+        turns = "; ".join(f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan.turns, 1))
+        lines += textwrap.wrap(f"likely turns: {turns}", LINE, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
         if plan.unseen:
-            lines.append(f"  this table shows nothing of {', '.join(plan.unseen)}: set the sensor on it in another way too")
+            unseen = f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters: {_grouped(plan.unseen)}"
+            lines += textwrap.wrap(unseen, LINE, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+            lines.append("    set the sensor on another side and record once more, or use a table with one more axis")
         return [*lines, f"  {MASTER}", f"  {WAY_FREE}"]
 
     def mover(self, folder: Path, guide: Guide) -> Mover:
-        """The mover of a recording in a folder, which gets a copy of table.toml.  FormatError where it is of another table."""
-        text, copy = read_text(self.file, MOST_BYTES), folder / description.NAME
-        if copy.exists() and read_text(copy, MOST_BYTES) != text:
-            raise FormatError(f"{copy}: differs from {self.file}; a session is of one table: give --table {copy}, or another --out")
+        """The mover of a recording in a folder, which gets a copy of table.toml; a copy that was corrected since is put aside.
+
+        FormatError where it is of another table.
+        """
+        copy = folder / description.NAME
+        if require_table_of(self.file, folder):
+            put_aside(copy)
         if not copy.exists():
             folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(self.file, copy)
@@ -195,6 +232,15 @@ def _axis_line(axis: Axis, limits: tuple[float, float], reach_rad: float) -> str
     endless = " (it has no limits; a cable may)" if axis.is_endless else ""
     rate = f"at most {axis.fastest_rps / DEG:g} dps, and {MOST_OF_SCALE:.0%} of the sensor's full scale{reach}"
     return f"  {axis.name:8s} {least:.0f} to {most:.0f} deg{endless}, {rate}"
+
+
+def _grouped(names: Sequence[str]) -> str:
+    """Names of parameters, those of one kind together: ``scale of x, y; bias of z``."""
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kind, of, which = name.partition(" of ")
+        kinds.setdefault(kind + of, []).append(which)
+    return "; ".join(f"{kind}{', '.join(which)}" for kind, which in kinds.items())
 
 
 def is_raw(folder: Path, like: Path | None) -> bool:

@@ -145,7 +145,7 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
-    with page_server(args) as page, turned(args, folder) as args.machine:
+    with page_server(args) as page, turned(args, folder, port) as args.machine:
         with Interruption() as wanted:
             announce = True
             while (led := _led(args, folder, port, wanted, page, announce)) is None:

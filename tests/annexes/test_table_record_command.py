@@ -62,7 +62,7 @@ def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, 
 
 
 def test_a_description_that_was_corrected_goes_on_with_its_session(tmp_path):
-    """Direction or mounting is wrong in table.toml, says the comparison: whoever mends them goes on, and all attitudes are of the new one."""
+    """The comparison says that direction or mounting is wrong: whoever mends them goes on, and all attitudes are of the new ones."""
     right = table_toml("middle", "inner")
     bench = Bench(tmp_path, right)
     wrong = right.replace("direction = [0, 1, 0]", "direction = [0, -1, 0]").replace("direction = [1, 0, 0]", "direction = [-1, 0, 0]")

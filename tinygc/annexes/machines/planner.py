@@ -55,7 +55,8 @@ class TablePlan:
 
 class TableMoves:
     """The moves from ``angles`` (K,) rad, which whoever turns the table keeps up to date.  hold_s: length of a still between two turns;
-    longest_s: of a turn, beyond which it is no segment; limits: least and most angle of each axis, rad, that any of them goes to; first: the moves to begin with, before there is advice."""
+    longest_s: of a turn, beyond which it is no segment; limits: least and most angle of each axis, rad, that any of them goes to; first:
+    the moves to begin with, before there is advice."""
 
     def __init__(self, table: Description, angles: np.ndarray, hold_s: float, seed: int = 0):
         self.table, self.angles, self.hold_s = table, np.array(angles, dtype=float), hold_s

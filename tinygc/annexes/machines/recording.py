@@ -26,6 +26,7 @@ from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
 from session.bench.rawfile import put_aside
 from session.bench.rest_guide import in_words
+from session.detect import accelerometer
 from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.io.config import Protocol, read_config
 from session.io.errors import CalibrationError, FormatError
@@ -34,7 +35,6 @@ from session.io.names import log_paths
 from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.machines.planner import TableMoves, TablePlan, plan_of
-from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.models.linear import PARAMETERS
 
 MOST_BYTES = 1_000_000
@@ -44,7 +44,7 @@ WAY_FREE = "is the way free, and does the table stand where its angles say (--ho
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
 #: what is asked besides of a table that shows less than this share of the parameters
 LEAST_SHOWN, SHOWS_LITTLE = 0.5, "such a session calibrates little of the sensor: turn nevertheless? (yes)"
-LINE = 140  #: characters of a line of the plan
+LINE, HARD_SPACE = 140, "\N{NO-BREAK SPACE}"  #: characters of a line of the plan
 
 
 Opened = Callable[[Description, Path], Guarded]
@@ -111,7 +111,7 @@ class TurnedRecording:
         own: whether the accelerometer is not calibrated.
         """
         plan = plan_of(self.moves, own, segments, stop_at_target)
-        parameters = PARAMETERS + len(JOINT_NAMES) * own
+        parameters = PARAMETERS + accelerometer.PARAMETERS * own
         shows_little = len(plan.unseen) > (1 - LEAST_SHOWN) * parameters
         self._ask(self.plan_lines(plan, segments, closure_s, parameters), yes, quiet, *([SHOWS_LITTLE] if shows_little else []))
         self.moves.first = plan.turns[0].moves
@@ -156,7 +156,7 @@ class TurnedRecording:
         return RatesGuide(protocol, len(self._steps))
 
     def plan_lines(self, plan: TablePlan, segments: int, closure_s: float, parameters: int) -> list[str]:
-        """The plan: axes with the largest angle and rate that will be used, the turns that are likely, their time, what they do not show."""
+        """The plan: axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
         table, count = self.description, len(plan.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
         lines += [f"  {HOME}"] if self._home else []
@@ -166,11 +166,10 @@ class TurnedRecording:
         ]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
         lines.append(f"  {segments} turns at most; {count} in {in_words(plan.seconds)} if all goes well{closing}")
-        turns = "; ".join(f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan.turns, 1))
-        lines += textwrap.wrap(f"likely turns: {turns}", LINE, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+        turns = [f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan.turns, 1)]
+        lines += _wrapped("likely turns:", turns)
         if plan.unseen:
-            unseen = f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters: {_grouped(plan.unseen)}"
-            lines += textwrap.wrap(unseen, LINE, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+            lines += _wrapped(f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters:", _grouped(plan.unseen))
             lines.append("    set the sensor on another side and record once more, or use a table with one more axis")
         return [*lines, f"  {MASTER}", f"  {WAY_FREE}"]
 
@@ -234,13 +233,19 @@ def _axis_line(axis: Axis, limits: tuple[float, float], reach_rad: float) -> str
     return f"  {axis.name:8s} {least:.0f} to {most:.0f} deg{endless}, {rate}"
 
 
-def _grouped(names: Sequence[str]) -> str:
-    """Names of parameters, those of one kind together: ``scale of x, y; bias of z``."""
+def _wrapped(begin: str, items: Sequence[str]) -> list[str]:
+    """Lines of items, none of them torn apart."""
+    text = f"{begin} {'; '.join(item.replace(' ', HARD_SPACE) for item in items)}"
+    return [line.replace(HARD_SPACE, " ") for line in textwrap.wrap(text, LINE, initial_indent="  ", subsequent_indent="    ")]
+
+
+def _grouped(names: Sequence[str]) -> list[str]:
+    """Names of parameters, those of one kind together: ``scale of x, y``."""
     kinds: dict[str, list[str]] = {}
     for name in names:
-        kind, of, which = name.partition(" of ")
-        kinds.setdefault(kind + of, []).append(which)
-    return "; ".join(f"{kind}{', '.join(which)}" for kind, which in kinds.items())
+        kind, _, which = name.rpartition(" ")
+        kinds.setdefault(kind, []).append(which)
+    return [f"{kind} {', '.join(which)}" for kind, which in kinds.items()]
 
 
 def is_raw(folder: Path, like: Path | None) -> bool:

@@ -219,7 +219,7 @@ def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys
         assert "inner    -720 to 720 deg (it has no limits; a cable may)" in plan
         assert "7 turns at most; 7 in " in plan
         assert re.search(r"likely turns: 1 (middle|inner) to -?\d+°", plan)
-        assert re.search(r"; 7 (middle|inner) to -?\d+°", plan)
+        assert re.search(r";\s+7 (middle|inner) to -?\d+°", plan)
         mover = machine.mover(bench.folder, Guide(Protocol()))
         with pytest.raises(TableLimit, match="in no plan that was confirmed"):
             mover.driver.table.turn_to(0, 1.0, 1.0)

@@ -65,6 +65,26 @@ def test_a_fault_ends_at_rest_and_the_recording_goes_on(tmp_path, kind):
         assert log.samples.dt_s.max() < 1.5 * log.samples.period_s
 
 
+def test_an_emergency_stop_that_was_cleared_at_the_table_goes_on_with_p(tmp_path):
+    bench, paused = Bench(tmp_path, table_toml("middle", "inner", make="line"), faults="estop@move3"), []
+
+    def each(guide, mover):
+        mechanics = bench.bench.virtual.mechanics
+        if guide.stage is Stage.PAUSED:
+            paused.append(mechanics.is_moving())
+        if len(paused) == 20 and guide.stage is Stage.PAUSED:
+            mechanics.release()
+            mechanics.clear()
+            bench.press("p")
+
+    guide, said = bench.record(segments=3, each=each)
+    assert guide.accepted == 3
+    (line,) = [text for text in said.texts if "the table is stopped" in text]
+    assert "emergency stop" in line
+    assert "put it right there, then p goes on" in line
+    assert not any(paused)
+
+
 @pytest.mark.parametrize("seed", [0, *map(broad, range(1, 8))])
 def test_no_move_leaves_the_limits(seed):
     """Of random limits and random walks through what is offered: no angle beyond, no rate above, every turn one that counts."""

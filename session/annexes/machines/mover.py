@@ -32,6 +32,10 @@ NO_TURN_S, NO_STILL_S = 6.0, 30.0
 MOST_OF_SCALE = 0.6
 PAUSE = RecordingDecision("pause")
 THE_TABLE_TURNS = "hands off: the table turns"
+PUT_RIGHT = (
+    "look at the table, put it right there, then p goes on "
+    "(where a command must do it, or angles are lost: Ctrl-C, `table clear` if need be, then --resume with --home)"
+)
 
 
 class Moves(Protocol):
@@ -119,7 +123,7 @@ class TableMover:
         """Stop, and pause until somebody has looked at it."""
         self.stop()
         self.wants = PAUSE
-        self._say(f"{why}; look at the table, put it right, then p goes on (where its angles are lost: Ctrl-C, then --resume with --home)")
+        self._say(f"{why}; {PUT_RIGHT}")
 
     def _say(self, text: str) -> None:
         self._messages.append(GuideMessage(Kind.WARNING, text, self._now_s))

@@ -287,6 +287,10 @@ class Guarded:
             raise TableFault(f"{self.description.name}: an alarm of a {self.description.make} is cleared at the machine")
         clear()
 
+    def forget_alarm(self) -> None:
+        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it said before."""
+        getattr(self._table, "forget_alarm", lambda: None)()
+
     def close(self) -> None:
         """Let go of the port."""
         if not self._closed:

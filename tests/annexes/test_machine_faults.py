@@ -130,14 +130,15 @@ def test_errors_of_the_table_are_in_its_tracks():
 
 @pytest.mark.parametrize("make", [make for make in MAKES if make != "marlin"])  # which is killed, and must be switched on again
 def test_an_alarm_that_was_cleared_at_the_machine_is_not_repeated(make):
-    """Pressed and released there: as long as it stands in alarm it says so, and afterwards it is moved again; a restart is not forgotten."""
+    """Pressed and released there: as long as nobody says so the alarm stands, and afterwards the table is moved again."""
     bench = Bench(description(make), "estop@move2")
     bench.confirm()
     table, mechanics = bench.guarded, bench.virtual.mechanics
     table.home()
     table.settle()
-    with pytest.raises(TableFault, match=NAMED["estop"]):
+    with contextlib.suppress(TableFault):
         table.turn_to(0, 30 * DEG, 30 * DEG)
+    with pytest.raises(TableFault, match=NAMED["estop"]):
         table.settle()
     mechanics.release()
     for step in bench.driver.make.clear:  # at its panel

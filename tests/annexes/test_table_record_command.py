@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import sys
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from commandline import refused
@@ -47,6 +51,22 @@ def test_a_board_that_is_not_there_is_refused_before_the_table_is_opened(run, ta
     code, _, err = run("record", "--table", table, "--home", "--yes", "--port", tmp_path / "board-port", "--out", tmp_path / "s")
     assert (code, err.count("\n")) == (3, 1)
     assert "board-port: cannot be opened" in err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a pseudo-terminal is POSIX's")
+def test_a_refusal_counts_nothing_that_was_not_taken_in(run, table, tmp_path, monkeypatch):
+    """It said that 0 segments and no log were kept, of a folder that has both."""
+    folder, (master, slave) = tmp_path / "s", os.openpty()
+    folder.mkdir()
+    (folder / "raw.bin").write_bytes(b"x")
+
+    def refuses(folder, guide):
+        raise CalibrationError("this table is another one")
+
+    monkeypatch.setattr(record, "turned", lambda *given: nullcontext(SimpleNamespace(mover=refuses, moves=None)))
+    with os.fdopen(master), os.fdopen(slave):
+        code, _, err = run("record", "--resume", "--table", table, "--port", os.ttyname(slave), "--out", folder)
+    assert (code, err) == (2, "calibrate: this table is another one\n")
 
 
 @pytest.mark.parametrize(

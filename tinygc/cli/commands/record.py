@@ -276,6 +276,8 @@ def _led(
     if recorder.raw.trouble is not None:
         raise recorder.raw.trouble
     if (wrong := failed or problem) is not None:
+        if guided is None:  # refused before what the folder holds was taken in: there is nothing to count yet
+            raise wrong
         counts = counted(guide, recorder) if isinstance(wrong, OtherSensor) else so_far(guide, recorder)  # it names its files itself
         raise type(wrong)(f"{wrong}; kept in {folder}: {counts}") from None
     return guide, recorder, session_file, interrupted

@@ -23,7 +23,7 @@ SUMMARY = "a table that turns by itself: makes, description, where it is, home, 
 #: action -> its words, and what it does
 ACTIONS = {
     "list": ("", "the makes"),
-    "new": ("MAKE", "print a table.toml to fill in"),
+    "new": ("MAKE", "print a table.toml to fill in, of so many --axes"),
     "check": ("", "read the table's file; print axes, limits and what would be sent"),
     "where": ("", "ask for angles and state"),
     "home": ("", "search the reference marks"),
@@ -46,6 +46,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help=actions)
     command.add_argument("words", nargs="*", metavar="WORD", help="of the action, as above; then, if you like, FILE")
     command.add_argument("--table", type=path_read, metavar="FILE", help="its description (table.toml)")
+    command.add_argument("--axes", type=int, choices=(1, 2, 3), default=1, metavar="N", help="of new: one to three (%(default)s)")
     command.add_argument("--rate", type=positive, metavar="DPS", help=f"of turn ({RATE_DPS:g}, or as fast as the axis can if that is less)")
     command.add_argument("--home", action="store_true", help="search the reference marks first: boards that restart when a port is opened")
     command.add_argument("--yes", action="store_true", help="the plan is confirmed: do not ask")
@@ -80,7 +81,7 @@ def _about_makes(args: argparse.Namespace) -> int:
     from session.annexes.machines.template import template
 
     if args.action == "new":
-        text = template(args.words[0])
+        text = template(args.words[0], args.axes)
         for line in text.splitlines():
             output(args).print(line, markup=False, highlight=False, soft_wrap=True)
         write_json(args.json, {"schema": SCHEMA, "action": "new", "make": args.words[0]})

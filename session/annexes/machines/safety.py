@@ -105,6 +105,8 @@ class Move:
 def plan_lines(table: Description, moves: Sequence[Move]) -> list[str]:
     """The plan as a person reads it before anything moves."""
     rows = [f"  {number}. {move.text(table)}" for number, move in enumerate(moves, 1)]
+    if table.make == "hand":
+        return [f"{table.name}: you will be asked to turn it:", *rows]
     return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -135,7 +136,7 @@ def _machine(args: argparse.Namespace, table: Description) -> int:
             _move(args, guarded, moves)
         found = guarded.where()
     for axis, angle in zip(table.axes, found.angles, strict=True):
-        output(args).print(f"{axis.name}  {angle / DEG:.3f} deg", markup=False, highlight=False)
+        output(args).print(f"{axis.name}  {_degrees(angle, 3)}", markup=False, highlight=False)
     output(args).print("it moves" if found.moving else "it rests")
     write_json(args.json, _state(args, table, found))
     return 0
@@ -177,14 +178,15 @@ def _move(args: argparse.Namespace, guarded: Guarded, moves: Sequence[Move]) -> 
         while (found := guarded.where()).moving and clock.now_s() < end_s:
             if clock.now_s() - told_s >= TELL_S:
                 told_s = clock.now_s()
-                tell(
-                    "  ".join(
-                        f"{axis.name} {angle / DEG:.2f} deg" for axis, angle in zip(guarded.description.axes, found.angles, strict=True)
-                    )
-                )
+                tell("  ".join(f"{of.name} {_degrees(angle, 2)}" for of, angle in zip(guarded.description.axes, found.angles, strict=True)))
             clock.sleep(0.05)
         if found.moving:
             guarded.stop()
+
+
+def _degrees(angle_rad: float, digits: int) -> str:
+    """An angle in words: some machines say none while they search their marks."""
+    return f"{angle_rad / DEG:.{digits}f} deg" if isfinite(angle_rad) else "somewhere, it does not say yet"
 
 
 def _virtual(args: argparse.Namespace, table: Description) -> int:
@@ -244,7 +246,7 @@ def _number(text: str) -> float:
 
 
 def _state(args: argparse.Namespace, table: Description, found: Where | None) -> dict:
-    angles = [None] * len(table.axes) if found is None else [float(angle / DEG) for angle in found.angles]
+    angles = [None] * len(table.axes) if found is None else [float(angle / DEG) if isfinite(angle) else None for angle in found.angles]
     return {
         "schema": SCHEMA,
         "action": args.action,

@@ -31,17 +31,20 @@ acceleration_dps2 = 100  # as the controller is set  <--
 sigma_deg = 0.1          # accuracy of the angle that it says, one sigma
 backlash_deg = 0.1       # play when the sense changes; 0 if there is none
 """
-#: names of one axis, of two and of three, and the direction of each from the innermost
-NAMES = (("outer",), ("outer", "inner"), ("outer", "middle", "inner"))
-DIRECTIONS = {"outer": [0, 0, 1], "middle": [0, 1, 0], "inner": [1, 0, 0]}
+#: names and directions of one axis; of two, which tilt and then turn, so that every turn can be about the level; of three
+AXES = (
+    {"outer": [0, 0, 1]},
+    {"outer": [0, 1, 0], "inner": [0, 0, 1]},
+    {"outer": [0, 0, 1], "middle": [0, 1, 0], "inner": [1, 0, 0]},
+)
 DOWN = ": [0, 0, 1] is down, so clockwise seen from above"
-#: what a make wants besides: a line of [settings], and the words of the axes
+#: what a make wants besides: a line of [settings], and the words of the axes (none: their names)
 SETTINGS = {
     "grbl": ("homing = true  # false without limit switches ($22 = 0)", "XYZ"),
     "marlin": ("count_per_deg = 80  # steps to a degree, as of M92  <--", "XYZ"),
     "scpi": ("", ("AXIS1", "AXIS2", "AXIS3")),
-    "line": ("", NAMES[2]),
-    "hand": ("", NAMES[2]),
+    "line": ("", ()),
+    "hand": ("", ()),
     "ximc": (
         "steps_per_deg = 100  # full steps of the motor to a degree of the stage  <--",
         tuple(f"xi-com:///dev/ttyACM{number}" for number in range(3)),
@@ -68,10 +71,8 @@ def template(make: str, axes: int = 1) -> str:
         port=port,
         settings=f"\n[settings]\n{settings}\n" if settings else "",
     )
-    for name, word in zip(NAMES[axes - 1], words, strict=False):
+    for (name, direction), word in zip(AXES[axes - 1].items(), words or AXES[axes - 1], strict=False):
         gap, word_gap = (" " * max(2, 16 - len(each)) for each in (name, word))
-        about = DOWN if name == "outer" else ""
-        text += "\n" * (name != "outer") + AXIS.format(
-            name=name, gap=gap, word=word, word_gap=word_gap, direction=DIRECTIONS[name], about=about
-        )
+        about = DOWN if direction == [0, 0, 1] else ""
+        text += "\n" * (name != "outer") + AXIS.format(name=name, gap=gap, word=word, word_gap=word_gap, direction=direction, about=about)
     return text

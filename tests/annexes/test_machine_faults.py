@@ -1,5 +1,6 @@
 """Fifteen kinds of faults on every make: the table ends at rest, within its limits, and one line says what happened (exit code 3)."""
 
+import contextlib
 import re
 
 import numpy as np
@@ -125,3 +126,31 @@ def test_errors_of_the_table_are_in_its_tracks():
     bench.clock.sleep(5)
     _, sense = bench.virtual.tracks[0].said_and_sense(np.array([4.5, 10.0]))
     assert sense.tolist() == pytest.approx([1.0, 0.2])
+
+
+@pytest.mark.parametrize("make", [make for make in MAKES if make != "marlin"])  # which is killed, and must be switched on again
+def test_an_alarm_that_was_cleared_at_the_machine_is_not_repeated(make):
+    """Pressed and released there: as long as nobody says so the alarm stands, and afterwards the table is moved again."""
+    bench = Bench(description(make), "estop@move2")
+    bench.confirm()
+    table, mechanics = bench.guarded, bench.virtual.mechanics
+    table.home()
+    table.settle()
+    with contextlib.suppress(TableFault):
+        table.turn_to(0, 30 * DEG, 30 * DEG)
+    with pytest.raises(TableFault, match=NAMED["estop"]):
+        table.settle()
+    mechanics.release()
+    for step in bench.driver.make.clear:  # at its panel
+        bench.virtual.feed(f"{step.send}{bench.driver.make.end}".encode())
+    mechanics.clear()
+    with pytest.raises(TableFault, match=NAMED["estop"]):
+        table.where()
+    table.forget_alarm()
+    with contextlib.suppress(TableFault):  # once it may say that it rests elsewhere than it was sent to
+        table.settle()
+    with contextlib.suppress(TableFault):  # SCPI keeps its last error until it is asked
+        table.turn_to(0, 10 * DEG, 30 * DEG)
+    table.settle()
+    table.turn_to(0, 20 * DEG, 30 * DEG)
+    assert table.settle().angles[0] == pytest.approx(20 * DEG, abs=0.2 * DEG)

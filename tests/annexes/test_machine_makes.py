@@ -217,6 +217,7 @@ def test_a_controller_that_restarted_is_homed_again():
     bench.guarded.settle()
     bench.clock.sleep(6)
     for verb in (bench.guarded.where, lambda: bench.guarded.turn_to(0, DEG, DEG)):
+        bench.guarded.forget_alarm()  # which does not bring the angles back
         with pytest.raises(TableFault, match=r"has restarted.*home it"):
             verb()
     bench.guarded.home()
@@ -241,6 +242,24 @@ def test_each_make_has_a_first_description(make, tmp_path):
         sent = dict(example(table, make_of(table)))
         assert any(what.startswith("outer to 30 deg") for what in sent)
         assert all("{" not in text for text in sent.values())
+
+
+@pytest.mark.parametrize("make", sorted(makes()))
+@pytest.mark.parametrize("axes", [2, 3])
+def test_each_make_has_a_first_description_of_more_axes(make, axes, tmp_path):
+    """Perpendicular axes with words of their own, which its requests take; a make of fewer is refused."""
+    if make not in MODULES and axes > make_of(description(make)).most_axes:
+        with pytest.raises(FormatError, match=rf"--axes {axes}: a table of make {make} has \d at most"):
+            template(make, axes)
+        return
+    (tmp_path / "table.toml").write_text(template(make, axes))
+    table = read_description(tmp_path / "table.toml")
+    directions = np.array([axis.direction for axis in table.axes])
+    assert np.array_equal(directions @ directions.T, np.eye(axes))
+    assert table.axes[0].name == "outer"
+    assert table.axes[-1].name == "inner"
+    if make not in MODULES:
+        Bench(table)
 
 
 def test_a_make_of_ones_own(tmp_path):

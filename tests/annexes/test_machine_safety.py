@@ -23,6 +23,11 @@ from session.io.units import DEG
 TABLE = description("line")
 
 
+def test_a_hand_is_told_of_no_emergency_stop():
+    (_, move) = plan_lines(replace(TABLE, make="hand"), [Move.to(0, 1.0, 0.2)])
+    assert "deg" in move
+
+
 def test_nothing_moves_that_was_not_confirmed():
     bench = Bench(TABLE)
     table = bench.guarded

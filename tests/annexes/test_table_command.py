@@ -2,7 +2,10 @@
 
 import json
 import sys
+from contextlib import nullcontext
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from commandline import refused
 from formats_page import strangers
@@ -43,6 +46,18 @@ def test_a_description_is_printed_and_checked(run, tmp_path, monkeypatch):
     assert "sent for outer to 30 deg at 10 dps: $J=G53 G90 G21 X30.000 F600.000" in out
     assert run("table", "check", "table.toml", "--json", tmp_path / "x.json")[0] == 0
     assert not strangers(json.loads((tmp_path / "x.json").read_text()))
+
+
+def test_an_angle_that_is_not_known_yet_is_no_number(run, table, monkeypatch, tmp_path):
+    """While it searches its marks a machine may say none."""
+    at_rest = SimpleNamespace(angles=np.array([np.nan]), moving=False, table_s=None)
+    monkeypatch.setattr("session.annexes.machines.makes.open_table", lambda *given: None)
+    monkeypatch.setattr(
+        "session.annexes.machines.safety.Guarded", lambda machine: nullcontext(SimpleNamespace(where=lambda: at_rest, description=None))
+    )
+    code, out, _ = run("table", "where", "--json", tmp_path / "x.json")
+    assert (code, out.splitlines()[0]) == (0, "outer  somewhere, it does not say yet")
+    assert json.loads((tmp_path / "x.json").read_text())["axes"] == [{"name": "outer", "angle_deg": None}]
 
 
 @pytest.mark.parametrize(

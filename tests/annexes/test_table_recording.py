@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -216,9 +218,24 @@ def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys
         assert "middle   -90 to 270 deg, at most 90 dps" in plan
         assert "inner    -720 to 720 deg (it has no limits; a cable may)" in plan
         assert "7 turns at most; 7 in " in plan
+        assert re.search(r"likely turns: 1 (middle|inner) to -?\d+°", plan)
+        assert re.search(r";\s+7 (middle|inner) to -?\d+°", plan)
         mover = machine.mover(bench.folder, Guide(Protocol()))
         with pytest.raises(TableLimit, match="in no plan that was confirmed"):
             mover.driver.table.turn_to(0, 1.0, 1.0)
         mover.close()
     machine.close()
     assert [track.state(bench.bench.clock.now_s())[0] for track in bench.bench.virtual.tracks] == [0.0, 0.0]
+
+
+def test_a_table_that_shows_little_is_asked_about_twice(tmp_path, monkeypatch, capsys):
+    """One upright axis: its plan groups what no turn of it shows, and a yes to the plan is not a yes to that."""
+    bench, answers = Bench(tmp_path, table_toml("outer")), iter(["yes\n", "no\n"])
+    machine = TurnedRecording(bench.file, opened=bench.bench.opened, now_s=bench.bench.clock.now_s)
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: next(answers)))
+    with closing(machine), pytest.raises(CalibrationError, match="the plan is not confirmed"):
+        machine.confirmed(False, 40, True, 0.0, yes=False)
+    said = capsys.readouterr().err
+    assert "no turn of this table shows 8 of 12 parameters: scale of x, y, z; misalignment of " in said
+    assert said.endswith("turn? (yes) such a session calibrates little of the sensor: turn nevertheless? (yes) ")
+    assert not list(answers)

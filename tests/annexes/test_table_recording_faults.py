@@ -12,7 +12,7 @@ from session.annexes.machines.angles import read_angles
 from session.annexes.machines.virtual_motion import FAULTS
 from session.bench.messages import AxisMove, Kind, Stage
 from session.io.units import DEG
-from tinygc import read_session
+from tinygc import CalibrationError, read_session
 from tinygc.annexes.machines.planner import LEAST_TURN_RAD, TableMoves
 
 #: faults of homing are no faults of a recording, which does not home
@@ -65,6 +65,26 @@ def test_a_fault_ends_at_rest_and_the_recording_goes_on(tmp_path, kind):
         assert log.samples.dt_s.max() < 1.5 * log.samples.period_s
 
 
+def test_an_emergency_stop_that_was_cleared_at_the_table_goes_on_with_p(tmp_path):
+    bench, paused = Bench(tmp_path, table_toml("middle", "inner", make="line"), faults="estop@move3"), []
+
+    def each(guide, mover):
+        mechanics = bench.bench.virtual.mechanics
+        if guide.stage is Stage.PAUSED:
+            paused.append(mechanics.is_moving())
+        if len(paused) == 20 and guide.stage is Stage.PAUSED:
+            mechanics.release()
+            mechanics.clear()
+            bench.press("p")
+
+    guide, said = bench.record(segments=3, each=each)
+    assert guide.accepted == 3
+    (line,) = [text for text in said.texts if "the table is stopped" in text]
+    assert "emergency stop" in line
+    assert "put it right there, then p goes on" in line
+    assert not any(paused)
+
+
 @pytest.mark.parametrize("seed", [0, *map(broad, range(1, 8))])
 def test_no_move_leaves_the_limits(seed):
     """Of random limits and random walks through what is offered: no angle beyond, no rate above, every turn one that counts."""
@@ -93,11 +113,33 @@ def test_no_move_leaves_the_limits(seed):
 
 
 def test_a_table_whose_limits_allow_no_turn_is_refused(tmp_path):
-    from tinygc import CalibrationError
-
     moves = TableMoves(_description(table_toml("middle", limits={"middle": (-10, 10)})), np.zeros(1), 1.5)
     with pytest.raises(CalibrationError, match="no turn of 35 deg or more lies within the limits"):
         moves.turns_from(None, 1.0)
+
+
+@pytest.mark.parametrize("fastest", [2.0, 3.0, 6.0])
+def test_no_turn_of_a_slow_table_is_too_long_for_a_segment(fastest):
+    """All that is offered ends within the 30 s of the longest segment, and what an axis reaches in them is the longest of it."""
+    moves = TableMoves(_description(table_toml("middle", "inner", fastest=fastest)), np.zeros(2), 1.5)
+    turns = moves.turns_from(None, np.inf)
+    for turn in turns:
+        assert sum(part.seconds for part in turn.parts) < 30 - 0.6 * len(turn.parts) + 1e-9
+    assert max(part.angle_rad for turn in turns for part in turn.parts) <= moves.reach_rad(0)
+    assert moves.reach_rad(0) == pytest.approx(fastest * (29.4 - fastest / 200) * DEG)
+
+
+@pytest.mark.broad
+def test_a_slow_table_makes_turns_that_count(tmp_path):
+    bench = Bench(tmp_path, table_toml("middle", "inner", fastest=6.0))
+    guide, _ = bench.record(segments=5)
+    assert (guide.accepted, guide.rejected) == (5, 0)
+
+
+def test_a_table_that_is_too_slow_for_any_turn_is_refused():
+    moves = TableMoves(_description(table_toml("middle", fastest=1.0)), np.zeros(1), 1.5)
+    with pytest.raises(CalibrationError, match="ends within 30 s, the longest segment"):
+        moves.turns_from(None, np.inf)
 
 
 def test_a_move_beyond_the_limits_is_not_sent(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,13 @@ from session.annexes.machines.comparison import WordAgainstSensor
 from session.annexes.machines.description import read_description
 from session.annexes.machines.driver import AngleFile, DeviceTime
 from session.annexes.machines.kinematics import attitudes, body_axes
+from session.annexes.machines.mover import TableMover
 from session.annexes.machines.verbs import Where
+from session.bench.messages import Stage
+from session.bench.mover import Moment
+from session.detect.segments import Segment
 from session.io.errors import StorageError
+from session.io.samples import Samples
 from session.io.units import DEG
 
 
@@ -100,3 +106,29 @@ def test_a_table_that_says_it_rested_while_it_was_turned(table):
     word.still(np.zeros(2), np.array([0, 0, -9.8]), None)
     (line,) = word.still(np.zeros(2), np.array([0, 0, -9.8]), np.array([0, 0, 1.5]))
     assert line == "the gyroscope turned by 86 deg, and the machine says that it rested"
+
+
+@pytest.mark.parametrize(("begins_s", "says"), [(1.0, []), (9.0, ["middle: the machine says 90.0 deg, the gyroscope saw 60.0"])])
+def test_a_turn_that_holds_the_one_before_is_not_compared(table, begins_s, says):
+    """A still that counted may be none when it is seen again: then the segment holds two turns, and the machine's word is of one."""
+    angles = np.array([(0, 0), (0, 90), (90, 90)]) * DEG
+    t_s = np.arange(begins_s, 18.0, 0.01)
+    rates = np.column_stack([(abs(t_s - 13.5) < 1.5) * 20 * DEG, (abs(t_s - 5.5) < 1.5) * 30 * DEG])  # the last turn is short
+    gyro = rates @ body_axes(table, angles[1:2])[0]
+    samples = Samples(np.round(t_s * 1e9).astype(np.int64), gyro, np.zeros((len(t_s), 3)), np.full(len(t_s), np.nan))
+    stills = [SimpleNamespace(accel_mean=-9.8 * row, duration_s=1.5, gyro_mean=np.zeros(3)) for row in attitudes(table, angles)[:, 2]]
+    first = SimpleNamespace(stop=100, gyro_mean=np.zeros(3))
+    segment = Segment(0, 0, first, stills[2], 0, len(t_s), begins_s, t_s[-1] - begins_s, 3.0, 60.0)
+    taken = SimpleNamespace(stills=[], turns=[], own=None, coverage=SimpleNamespace(corrected=lambda force: force))
+    guide = SimpleNamespace(taken=taken, stage=Stage.TURN, turning=True, now_s=0.0)
+    driver = SimpleNamespace(
+        table=SimpleNamespace(description=table), trouble=None, fault="", busy=False, where=Where(angles[0], False), now_s=lambda: 0.0
+    )
+    driver.heard, driver.tick_if_alone = lambda moment: None, lambda: None
+    mover, said = TableMover(driver, SimpleNamespace(angles=None)), []
+    for number, now_s in enumerate((0.5, 2.0, 10.0, 17.0)):
+        driver.where = Where(angles[max(number - 1, 0)], False)
+        taken.stills, taken.turns = stills[:number], [SimpleNamespace(segment=segment, samples=samples)] if number == 3 else []
+        said += [each.text for each in mover.step(guide, Moment("log0001.csv", round(now_s * 1e6), 0), False)]
+    assert len(said) == len(says)
+    assert all(text.startswith(begins) for text, begins in zip(said, says, strict=True))

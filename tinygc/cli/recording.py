@@ -152,8 +152,11 @@ MACHINE = "sessions turned by a machine (--table)"
 
 
 @contextlib.contextmanager
-def turned(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
-    """Yield the table of ``--table``, its plan confirmed; None where the operator turns."""
+def turned(args: argparse.Namespace, folder: Path, port: str) -> Iterator[Any]:
+    """Yield the table of ``--table``, its plan confirmed; None where the operator turns.
+
+    What can be refused without it is refused before its port is opened, since --home moves it.
+    """
     if args.table is None:
         if args.yes or args.home or args.at_zero or args.table_port is not None or args.rates is not None or args.axis is not None:
             raise CalibrationError("--yes, --home, --at-zero, --table-port, --rates and --axis are of a table; add --table FILE")
@@ -161,7 +164,12 @@ def turned(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
         return
     if args.series or args.rest is not None:
         raise CalibrationError("--table turns one board; leave --series and --rest out")
+    from session.bench.port import Port
+
     recording = need(MACHINE, "--table")
+    if (words := recording.require_table_of(args.table, folder)) and not args.quiet:
+        print(printable(words), file=sys.stderr)
+    Port(port, args.baud).close()  # DeviceError where there is no board
     machine = recording.TurnedRecording(args.table, args.table_port, args.home, at_zero=args.at_zero)
     try:
         stops = args.stop_at_target or args.lot is not None

@@ -16,8 +16,8 @@ from session.annexes.machines.description import Description
 from session.annexes.machines.kinematics import attitudes, body_axes
 from session.io.units import DEG
 
-#: one sigma of what a gyroscope reads of a turn before it is calibrated, of its angle; of an axis, rad
-SCALE_SIGMA, AXIS_SIGMA_RAD = 0.02, 2 * DEG
+#: one sigma of what a gyroscope reads of a turn before it is calibrated, of its angle
+SCALE_SIGMA = 0.02
 #: rad, of gravity's direction: before any still has shown the mounting; with it; more with an accelerometer that is not calibrated
 MOUNTING_SIGMA_RAD, TILT_SIGMA_RAD, RAW_TILT_SIGMA_RAD = 2.5 * DEG, 0.5 * DEG, 1.2 * DEG
 SIGMAS = 4.0  #: beyond so many a contradiction is no chance
@@ -98,7 +98,7 @@ class WordAgainstSensor:
         if along < SAME_AXIS * seen:
             return [f"{names}: the gyroscope turned about another axis: direction or mounting is wrong in table.toml"]
         of = self._table.axes[axis]
-        sigma = float(np.sqrt((SCALE_SIGMA * change) ** 2 + AXIS_SIGMA_RAD**4 + of.sigma_rad**2 * 2 + of.backlash_rad**2))
+        sigma = float(np.sqrt((SCALE_SIGMA * change) ** 2 + of.sigma_rad**2 * 2 + of.backlash_rad**2))
         if abs(seen - abs(change)) > SIGMAS * sigma:
             return [f"{names}: the machine says {abs(change) / DEG:.1f} deg, the gyroscope saw {seen / DEG:.1f}: lost steps?"]
         return []

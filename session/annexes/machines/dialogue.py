@@ -167,6 +167,12 @@ class Dialogue:
                 self._alarm = alarm
                 raise
 
+    def forget_alarm(self) -> None:
+        """A person has dealt with it at the machine: what it answers from now on counts.  Angles that a restart has lost stay lost."""
+        with self._exchange:
+            if not self._restarted:
+                self._alarm = ""
+
     # Requests.
 
     def _open(self, stops: bool) -> None:

@@ -167,6 +167,7 @@ class TableDriver:
 
     def clear(self) -> None:
         """Whoever stands at the table has dealt with the fault: ask the table again."""
+        getattr(self.table, "forget_alarm", lambda: None)()
         self.fault = ""
 
     def tick(self) -> None:

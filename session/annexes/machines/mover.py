@@ -32,6 +32,10 @@ NO_TURN_S, NO_STILL_S = 6.0, 30.0
 MOST_OF_SCALE = 0.6
 PAUSE = RecordingDecision("pause")
 THE_TABLE_TURNS = "hands off: the table turns"
+PUT_RIGHT = (
+    "look at the table, put it right there, then p goes on "
+    "(where a command must do it, or angles are lost: Ctrl-C, `table clear` if need be, then --resume with --home)"
+)
 
 
 class Moves(Protocol):
@@ -52,7 +56,7 @@ class TableMover:
         self.wants: RecordingDecision | None = None
         self._word = WordAgainstSensor(driver.table.description)
         self._stills: int | None = None  # of the guide, that were compared
-        self._log = ""  # of the last still
+        self._log, self._begun_ns = "", 0  # of the last still that was compared, and about when it began
         self._contradictions = 0  # in a row
         self._stopped = False  # by the operator, a fault, or contradictions: until the recording goes on
         self._was_paused = False
@@ -119,7 +123,7 @@ class TableMover:
         """Stop, and pause until somebody has looked at it."""
         self.stop()
         self.wants = PAUSE
-        self._say(f"{why}; look at the table, put it right, then p goes on (where its angles are lost: Ctrl-C, then --resume with --home)")
+        self._say(f"{why}; {PUT_RIGHT}")
 
     def _say(self, text: str) -> None:
         self._messages.append(GuideMessage(Kind.WARNING, text, self._now_s))
@@ -133,9 +137,13 @@ class TableMover:
             return
         last = guide.taken.turns[-1] if guide.taken.turns else None
         followed = last is not None and len(stills) == self._stills + 1 and moment.log == self._log and last.segment.stills[1] is stills[-1]
+        if followed and last is not None:  # seen again it may be no still: then the segment holds the turn before it too
+            ended = last.segment.stills[0].stop - 1 - last.segment.start
+            followed = int(last.samples.t_ns[ended]) > self._begun_ns
         if moment.log != self._log:
             self._word.interrupted()
         self._stills, self._log, self._made_s = len(stills), moment.log, None
+        self._begun_ns = moment.t_us * 1000 - round(stills[-1].duration_s / NS)
         turned = None
         if followed and last is not None:
             turned = angle_read(last.samples, replace(last.segment, start=0, stop=len(last.samples)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from session.annexes.machines.description import Description
 from session.annexes.machines.driver import TableDriver
-from session.annexes.machines.mover import BLIND_S, PAUSE
+from session.annexes.machines.mover import BLIND_S, PAUSE, PUT_RIGHT
 from session.annexes.machines.verbs import TableLimit
 from session.bench.guide import Guide
 from session.bench.messages import AxisMove, GuideMessage, Instruction, Kind, Stage
@@ -148,8 +148,7 @@ class RateMover:
         if driver.fault and not self._stopped:
             self.stop()
             self.wants = PAUSE
-            why = f"the table is stopped: {driver.fault}; look at the table, put it right, then p goes on"
-            messages.append(GuideMessage(Kind.WARNING, why, guide.now_s))
+            messages.append(GuideMessage(Kind.WARNING, f"the table is stopped: {driver.fault}; {PUT_RIGHT}", guide.now_s))
         elif paused or blind or log != self._log:  # whatever comes: the present step is made again, from rest
             if self._phase not in ("begin", "rest"):
                 driver.stop()

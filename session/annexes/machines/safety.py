@@ -113,6 +113,8 @@ class Move:
 def plan_lines(table: Description, moves: Sequence[Move]) -> list[str]:
     """The plan as a person reads it before anything moves."""
     rows = [f"  {number}. {move.text(table)}" for number, move in enumerate(moves, 1)]
+    if table.make == "hand":
+        return [f"{table.name}: you will be asked to turn it:", *rows]
     return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
 
 
@@ -323,6 +325,10 @@ class Guarded:
         if (clear := getattr(self._table, "clear", None)) is None:
             raise TableFault(f"{self.description.name}: an alarm of a {self.description.make} is cleared at the machine")
         clear()
+
+    def forget_alarm(self) -> None:
+        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it said before."""
+        getattr(self._table, "forget_alarm", lambda: None)()
 
     def close(self) -> None:
         """Let go of the port."""

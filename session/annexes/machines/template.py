@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from session.annexes.machines.description import SCHEMA
 from session.annexes.machines.makes import MODULES, make_of_name
+from session.io.errors import FormatError
 from session.io.texts import comment
 
 TEMPLATE = """\
@@ -15,12 +16,14 @@ make = "{make}"  # {title}
 # From the sensor's axes to the innermost stage, all angles at zero: rows of a rotation matrix.  Known to a degree is enough.
 mounting = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # <--
 {settings}
-# One [[axis]] for each axis of the table, from the ground outwards.
-[[axis]]
-name = "outer"           # yours: small letters
-word = "{word}"{gap}# what the machine calls it  <--
-direction = [0, 0, 1]    # of a positive turn, at angles of zero, right-handed: [0, 0, 1] is down, so clockwise seen from above  <--
+# One [[axis]] for each axis of the table, from the ground outwards; `table new {make} --axes 2` prints two.
 # The software limits; leave both out only where the table may turn without end (a slip ring, no cable).
+"""
+AXIS = """\
+[[axis]]
+name = "{name}"{gap}# yours: small letters
+word = "{word}"{word_gap}# what the machine calls it  <--
+direction = {direction}    # of a positive turn, at angles of zero, right-handed{about}  <--
 least_deg = -180         # <-- what the cable allows
 most_deg = 180           # <--
 fastest_dps = 30         # no move is faster  <--
@@ -28,33 +31,48 @@ acceleration_dps2 = 100  # as the controller is set  <--
 sigma_deg = 0.1          # accuracy of the angle that it says, one sigma
 backlash_deg = 0.1       # play when the sense changes; 0 if there is none
 """
-#: what a make wants besides: a line of [settings], and the word of an axis
+#: names and directions of one axis; of two, which tilt and then turn, so that every turn can be about the level; of three
+AXES = (
+    {"outer": [0, 0, 1]},
+    {"outer": [0, 1, 0], "inner": [0, 0, 1]},
+    {"outer": [0, 0, 1], "middle": [0, 1, 0], "inner": [1, 0, 0]},
+)
+DOWN = ": [0, 0, 1] is down, so clockwise seen from above"
+#: what a make wants besides: a line of [settings], and the words of the axes (none: their names)
 SETTINGS = {
-    "grbl": ("homing = true  # false without limit switches ($22 = 0)", "X"),
-    "marlin": ("count_per_deg = 80  # steps to a degree, as of M92  <--", "X"),
-    "scpi": ("", "AXIS1"),
-    "line": ("", "outer"),
-    "hand": ("", "outer"),
-    "ximc": ("steps_per_deg = 100  # full steps of the motor to a degree of the stage  <--", "xi-com:///dev/ttyACM0"),
+    "grbl": ("homing = true  # false without limit switches ($22 = 0)", "XYZ"),
+    "marlin": ("count_per_deg = 80  # steps to a degree, as of M92  <--", "XYZ"),
+    "scpi": ("", ("AXIS1", "AXIS2", "AXIS3")),
+    "line": ("", ()),
+    "hand": ("", ()),
+    "ximc": (
+        "steps_per_deg = 100  # full steps of the motor to a degree of the stage  <--",
+        tuple(f"xi-com:///dev/ttyACM{number}" for number in range(3)),
+    ),
 }
 
 
-def template(make: str) -> str:
-    """The text of a ``table.toml`` to fill in.  FormatError for a make that is not there."""
-    settings, word = SETTINGS.get(make, ("", "1"))
+def template(make: str, axes: int = 1) -> str:
+    """The text of a ``table.toml`` to fill in, of one to three axes.  FormatError for a make that is not there, or has fewer axes."""
+    settings, words = SETTINGS.get(make, ("", "123"))
     if make in MODULES:
         title, remarks, port = MODULES[make].TITLE, "", ""
     else:
         of = make_of_name(make)
+        if axes > of.most_axes:
+            raise FormatError(f"--axes {axes}: a table of make {make} has {of.most_axes} at most")
         title, remarks = of.title, f"# Unchecked: {comment(of.unchecked)}\n" if of.unchecked else ""
         port = f'port = "/dev/ttyUSB0"  # <-- `ports` lists what there is\nbaud = {of.baud}\n'
-    return TEMPLATE.format(
+    text = TEMPLATE.format(
         schema=SCHEMA,
         make=make,
         title=comment(title),
         remarks=remarks,
         port=port,
         settings=f"\n[settings]\n{settings}\n" if settings else "",
-        word=word,
-        gap=" " * max(2, 16 - len(word)),
     )
+    for (name, direction), word in zip(AXES[axes - 1].items(), words or AXES[axes - 1], strict=False):
+        gap, word_gap = (" " * max(2, 16 - len(each)) for each in (name, word))
+        about = DOWN if direction == [0, 0, 1] else ""
+        text += "\n" * (name != "outer") + AXIS.format(name=name, gap=gap, word=word, word_gap=word_gap, direction=direction, about=about)
+    return text

@@ -19,6 +19,7 @@ from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.virtual_motion import Fault
 from session.bench.events import Info
 from tinygc.annexes.machines.sensor_on_table import SensorOnTable
+from tinygc.annexes.machines.virtual_line import TableLine
 from tinygc.simulation.options import SimulationOptions, draw_unit
 from tinygc.simulation.terminal import Terminal
 from tinygc.simulation.virtual_board import BoardSource
@@ -45,24 +46,24 @@ class SensorSource(BoardSource):
 class TableClock(HostClock):
     """The board's clock: while it waits, the table answers."""
 
-    def __init__(self, table: VirtualTable, terminal: Terminal):
-        self._table, self._terminal = table, terminal
+    def __init__(self, line: TableLine):
+        self._line = line
 
     def sleep(self, seconds: float) -> None:
         """Answer the table's host, then wait."""
-        answer = self._table.feed(self._terminal.read())
-        if answer:
-            self._terminal.write(answer)
+        self._line.answer()
         super().sleep(seconds)
 
 
 class TableUnderBoard:
     """A context: ``source`` and ``clock`` of the board, ``name`` of the table's port.
 
-    file: table.toml; link: of the table's port; faults: as ``table virtual`` takes them.
+    file: table.toml; link: of the table's port; faults and resets: as ``table virtual`` takes them.
     """
 
-    def __init__(self, file: Path, link: Path | None, options: SimulationOptions, calibrated: bool = True, faults: str = ""):
+    def __init__(
+        self, file: Path, link: Path | None, options: SimulationOptions, calibrated: bool = True, faults: str = "", resets: bool = False
+    ):
         description = read_description(file)
         errors = TableErrors.none(description)
         table = VirtualTable(description, errors, HostClock(), Fault.parse(faults), options.seed)
@@ -72,7 +73,7 @@ class TableUnderBoard:
         sensor = SensorOnTable(description, errors, options, unit)
         self.source = SensorSource(np.zeros((0, 7), np.int16), info, text.replace("SIM-", ""), sensor=sensor, table=table)
         self._terminal = Terminal(link)
-        self.clock, self.name = TableClock(table, self._terminal), self._terminal.name
+        self.clock, self.name = TableClock(TableLine(table, self._terminal, resets)), self._terminal.name
 
     def __enter__(self) -> TableUnderBoard:
         self._terminal.__enter__()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,7 @@ SUMMARY = "a table that turns by itself: makes, description, where it is, home, 
 #: action -> its words, and what it does
 ACTIONS = {
     "list": ("", "the makes"),
-    "new": ("MAKE", "print a table.toml to fill in"),
+    "new": ("MAKE", "print a table.toml to fill in, of so many --axes"),
     "check": ("", "read the table's file; print axes, limits and what would be sent"),
     "where": ("", "ask for angles and state"),
     "home": ("", "search the reference marks"),
@@ -47,6 +47,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help=actions)
     command.add_argument("words", nargs="*", metavar="WORD", help="of the action, as above; then, if you like, FILE")
     command.add_argument("--table", type=path_read, metavar="FILE", help="its description (table.toml)")
+    command.add_argument("--axes", type=int, choices=(1, 2, 3), default=1, metavar="N", help="of new: one to three (%(default)s)")
     command.add_argument("--rate", type=positive, metavar="DPS", help=f"of turn ({RATE_DPS:g}, or as fast as the axis can if that is less)")
     command.add_argument("--home", action="store_true", help="search the reference marks first: boards that restart when a port is opened")
     zero = "every axis stands at its zero, where you turned it by hand: boards without marks that restart when a port is opened"
@@ -83,7 +84,7 @@ def _about_makes(args: argparse.Namespace) -> int:
     from session.annexes.machines.template import template
 
     if args.action == "new":
-        text = template(args.words[0])
+        text = template(args.words[0], args.axes)
         for line in text.splitlines():
             output(args).print(line, markup=False, highlight=False, soft_wrap=True)
         write_json(args.json, {"schema": SCHEMA, "action": "new", "make": args.words[0]})
@@ -235,7 +236,7 @@ def _teller(args: argparse.Namespace) -> Callable[[str], None]:
 
 
 def _shown(angle_rad: float, decimals: int) -> str:
-    return f"{angle_rad / DEG:.{decimals}f} deg" if math.isfinite(angle_rad) else "not known yet"
+    return f"{angle_rad / DEG:.{decimals}f} deg" if isfinite(angle_rad) else "not known yet"
 
 
 def _number(text: str) -> float:
@@ -249,7 +250,7 @@ def _number(text: str) -> float:
 
 
 def _state(args: argparse.Namespace, table: Description, found: Where | None) -> dict:
-    angles = [None] * len(table.axes) if found is None else [float(angle / DEG) for angle in found.angles]
+    angles = [None] * len(table.axes) if found is None else [float(angle / DEG) if isfinite(angle) else None for angle in found.angles]
     return {
         "schema": SCHEMA,
         "action": args.action,

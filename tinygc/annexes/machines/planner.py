@@ -14,6 +14,8 @@ import numpy as np
 from session.annexes.machines.description import Description
 from session.annexes.machines.kinematics import attitudes, body_axes
 from session.bench.messages import AxisMove
+from session.detect.segments import LONGEST_TURN_SEGMENTS
+from session.io.config import Protocol
 from session.io.errors import CalibrationError
 from session.io.units import DEG
 from tinygc.planning.coach import MOST_TO_GO, Coach, parameter_name
@@ -53,7 +55,8 @@ class TablePlan:
 
 class TableMoves:
     """The moves from ``angles`` (K,) rad, which whoever turns the table keeps up to date.  hold_s: length of a still between two turns;
-    limits: least and most angle of each axis, rad, that any of them goes to; first: the moves to begin with, before there is advice."""
+    longest_s: of a turn, beyond which it is no segment; limits: least and most angle of each axis, rad, that any of them goes to; first:
+    the moves to begin with, before there is advice."""
 
     def __init__(self, table: Description, angles: np.ndarray, hold_s: float, seed: int = 0):
         self.table, self.angles, self.hold_s = table, np.array(angles, dtype=float), hold_s
@@ -62,6 +65,7 @@ class TableMoves:
         ]
         most = [at + MOST_WOUND_RAD if axis.most_rad is None else axis.most_rad for axis, at in zip(table.axes, self.angles, strict=True)]
         self.limits = list(zip(least, most, strict=True))
+        self.longest_s = LONGEST_TURN_SEGMENTS * Protocol().segment_s
         self.first: tuple[AxisMove, ...] = ()
         self._rng = np.random.default_rng(seed)
 
@@ -69,11 +73,19 @@ class TableMoves:
         """Return all turns from angles, None: the present ones.  Raises CalibrationError where the limits allow none."""
         start = self.angles if angles is None else angles
         found = [self._turn(start, changes, most_rps) for changes in self._changes(start)]
+        found = [turn for turn in found if sum(part.seconds + SETTLE_S for part in turn.parts) <= self.longest_s]
         if not found:
+            least = f"no turn of {LEAST_TURN_RAD / DEG:.0f} deg or more"
             raise CalibrationError(
-                f"{self.table.name}: no turn of {LEAST_TURN_RAD / DEG:.0f} deg or more lies within the limits of its axes"
+                f"{self.table.name}: {least} lies within the limits of its axes and ends within {self.longest_s:g} s, the longest segment"
             )
         return found
+
+    def reach_rad(self, axis: int) -> float:
+        """How far an axis turns at most in one turn that is short enough for a segment."""
+        of = self.table.axes[axis]
+        within_s, ramp_s = self.longest_s - SETTLE_S, of.fastest_rps / of.acceleration_rps2
+        return of.fastest_rps * (within_s - ramp_s) if within_s > 2 * ramp_s else of.acceleration_rps2 * within_s**2 / 4
 
     def choose(self, most_rps: float) -> tuple[AxisMove, ...]:
         """Return any turn from the present angles, where nothing is requested."""

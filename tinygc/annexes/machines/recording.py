@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -23,7 +24,10 @@ from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.verbs import TableFault, Where
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
+from session.bench.rawfile import put_aside
 from session.bench.rest_guide import in_words
+from session.detect import accelerometer
+from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.io.config import Protocol, read_config
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import read_text
@@ -31,12 +35,16 @@ from session.io.names import log_paths
 from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.machines.planner import TableMoves, TablePlan, plan_of
+from tinygc.models.linear import PARAMETERS
 
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
 HOME = "first all axes search their reference marks, at the machine's own rate"
 WAY_FREE = "is the way free, and does the table stand where its angles say (--home)?"
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
+#: what is asked besides of a table that shows less than this share of the parameters
+LEAST_SHOWN, SHOWS_LITTLE = 0.5, "such a session calibrates little of the sensor: turn nevertheless? (yes)"
+LINE, HARD_SPACE = 140, "\N{NO-BREAK SPACE}"  #: characters of a line of the plan
 
 
 Opened = Callable[[Description, Path], Guarded]
@@ -44,6 +52,24 @@ Opened = Callable[[Description, Path], Guarded]
 
 def _opened(table: Description, folder: Path) -> Guarded:
     return Guarded(open_table(table, folder))
+
+
+def require_table_of(file: Path, folder: Path) -> str:
+    """FormatError where a recording in a folder is of another table: its ``table.csv`` would say other angles from here on.
+
+    What says how the table and the sensor lie (mounting, direction), its limits and what it can do may have been corrected since: returns
+    what that means, in words, or an empty text.
+    """
+    copy = folder / description.NAME
+    if not copy.exists() or read_text(copy, MOST_BYTES) == read_text(file, MOST_BYTES):
+        return ""
+    before, now = read_description(copy), read_description(file)
+    if (before.make, before.settings) != (now.make, now.settings) or [each.name for each in before.axes] != [
+        each.name for each in now.axes
+    ]:
+        differs = f"{copy}: make, settings or names of the axes are not those of {file}"
+        raise FormatError(f"{differs}; a session is of one table: give --table {copy}, or another --out")
+    return f"{copy}: {file} takes its place, for what is recorded already too; the one before is kept beside it"
 
 
 class TurnedRecording:
@@ -65,6 +91,8 @@ class TurnedRecording:
     ):
         self.file, self._home, self._opened, self._now_s = file, home, opened, now_s
         described = read_description(file)
+        if described.make == "hand":
+            raise CalibrationError(f"{file}: make is 'hand', and record asks a person for each turn by itself: leave --table out")
         self.description = described if port is None else replace(described, port=port)
         self._guards = ExitStack()
         self._plan: list[Move] = []
@@ -88,7 +116,9 @@ class TurnedRecording:
         own: whether the accelerometer is not calibrated.
         """
         plan = plan_of(self.moves, own, segments, stop_at_target)
-        self._ask(self.plan_lines(plan, segments, closure_s), yes, quiet)
+        parameters = PARAMETERS + accelerometer.PARAMETERS * own
+        shows_little = len(plan.unseen) > (1 - LEAST_SHOWN) * parameters
+        self._ask(self.plan_lines(plan, segments, closure_s, parameters), yes, quiet, *([SHOWS_LITTLE] if shows_little else []))
         self.moves.first = plan.turns[0].moves
         self._plan = [
             Move(k, *limits, axis.fastest_rps)
@@ -114,44 +144,54 @@ class TurnedRecording:
         self._homed()
 
     @staticmethod
-    def _ask(lines: list[str], yes: bool, quiet: bool) -> None:
+    def _ask(lines: list[str], yes: bool, quiet: bool, *questions: str) -> None:
         if not (quiet and yes):
             print("\n".join(map(printable, lines)), file=sys.stderr, flush=True)
         if yes:
             return
         if not sys.stdin.isatty():
             raise CalibrationError(f"{UNCONFIRMED}: standard input is no terminal; --yes where you know the table")
-        print("turn? (yes) ", end="", file=sys.stderr, flush=True)
-        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-            raise CalibrationError(UNCONFIRMED)
+        for question in ("turn? (yes)", *questions):
+            print(f"{question} ", end="", file=sys.stderr, flush=True)
+            if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+                raise CalibrationError(UNCONFIRMED)
 
     def guide(self, protocol: Protocol) -> RatesGuide:
         """The guide of the rate steps that were confirmed."""
         return RatesGuide(protocol, len(self._steps))
 
-    def plan_lines(self, plan: TablePlan, segments: int, closure_s: float) -> list[str]:
-        """The plan: axes with the largest angle and rate that will be used, the number of turns and the time, what will not be seen."""
+    def plan_lines(self, plan: TablePlan, segments: int, closure_s: float, parameters: int) -> list[str]:
+        """The plan: axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
         table, count = self.description, len(plan.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
         lines += [f"  {HOME}"] if self._home else []
-        lines += [_axis_line(axis, limits) for axis, limits in zip(table.axes, self.moves.limits, strict=True)]
+        lines += [
+            _axis_line(axis, limits, self.moves.reach_rad(k))
+            for k, (axis, limits) in enumerate(zip(table.axes, self.moves.limits, strict=True))
+        ]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
         lines.append(f"  {segments} turns at most; {count} in {in_words(plan.seconds)} if all goes well{closing}")
+        turns = [f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan.turns, 1)]
+        lines += _wrapped("likely turns:", turns)
         if plan.unseen:
-            lines.append(f"  this table shows nothing of {', '.join(plan.unseen)}: set the sensor on it in another way too")
+            lines += _wrapped(f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters:", _grouped(plan.unseen))
+            lines.append("    set the sensor on another side and record once more, or use a table with one more axis")
         return [*lines, f"  {MASTER}", f"  {WAY_FREE}"]
 
     def mover(self, folder: Path, guide: Guide) -> Mover:
-        """The mover of a recording in a folder, which gets a copy of table.toml.  FormatError where it is of another table."""
-        text, copy = read_text(self.file, MOST_BYTES), folder / description.NAME
-        if copy.exists() and read_text(copy, MOST_BYTES) != text:
-            raise FormatError(f"{copy}: differs from {self.file}; a session is of one table: give --table {copy}, or another --out")
+        """The mover of a recording in a folder, which gets a copy of table.toml; a copy that was corrected since is put aside.
+
+        FormatError where it is of another table.
+        """
+        copy = folder / description.NAME
+        if require_table_of(self.file, folder):
+            put_aside(copy)
         if not copy.exists():
             folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(self.file, copy)
         table, self._table = self._table or self._open(), None
         table.confirm(self._plan, None, lambda line: None)  # it was shown by ``confirmed``
-        self.moves.hold_s = guide.hold_s
+        self.moves.hold_s, self.moves.longest_s = guide.hold_s, LONGEST_TURN_SEGMENTS * guide.protocol.segment_s
         file, alone = AngleFile(folder / angles.NAME, self.description), self._now_s is None
         driver = TableDriver(table, file, self._now_s or time.monotonic, in_thread=alone)
         return RateMover(driver, self._steps) if self._steps else TableMover(driver, self.moves)
@@ -189,11 +229,27 @@ class TurnedRecording:
         return self._guards.enter_context(self._opened(self.description, self.file.parent))
 
 
-def _axis_line(axis: Axis, limits: tuple[float, float]) -> str:
+def _axis_line(axis: Axis, limits: tuple[float, float], reach_rad: float) -> str:
     least, most = (limit / DEG for limit in limits)
+    reach = f"; too slow for turns of more than {reach_rad / DEG:.0f} deg" if reach_rad < min(2 * np.pi, limits[1] - limits[0]) else ""
     endless = " (it has no limits; a cable may)" if axis.is_endless else ""
-    rate = f"at most {axis.fastest_rps / DEG:g} dps, and {MOST_OF_SCALE:.0%} of the sensor's full scale"
+    rate = f"at most {axis.fastest_rps / DEG:g} dps, and {MOST_OF_SCALE:.0%} of the sensor's full scale{reach}"
     return f"  {axis.name:8s} {least:.0f} to {most:.0f} deg{endless}, {rate}"
+
+
+def _wrapped(begin: str, items: Sequence[str]) -> list[str]:
+    """Lines of items, none of them torn apart."""
+    text = f"{begin} {'; '.join(item.replace(' ', HARD_SPACE) for item in items)}"
+    return [line.replace(HARD_SPACE, " ") for line in textwrap.wrap(text, LINE, initial_indent="  ", subsequent_indent="    ")]
+
+
+def _grouped(names: Sequence[str]) -> list[str]:
+    """Names of parameters, those of one kind together: ``scale of x, y``."""
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kind, _, which = name.rpartition(" ")
+        kinds.setdefault(kind, []).append(which)
+    return [f"{kind} {', '.join(which)}" for kind, which in kinds.items()]
 
 
 def is_raw(folder: Path, like: Path | None) -> bool:

@@ -15,19 +15,28 @@ LINK = Path(tempfile.gettempdir()) / "tinygc-table"
 POLL_S = 0.002
 
 
-def serve(table: VirtualTable, terminal: Terminal, clock: Clock, resets: bool, is_over: Callable[[], bool]) -> None:
-    """Answer at a terminal until it is over; resets: an opened port restarts the controller, as it does an Arduino Uno.
+class TableLine:
+    """A virtual table at a terminal; resets: an opened port restarts the controller, as it does an Arduino Uno."""
 
-    Where the cable drops, the port goes away; the motion goes on.
-    """
-    had_reader = False
+    def __init__(self, table: VirtualTable, terminal: Terminal, resets: bool):
+        self._table, self._terminal, self._resets = table, terminal, resets
+        self._had_reader = False
+
+    def answer(self) -> None:
+        """Take what has come, and answer it.  Where the cable drops, the port goes away; the motion goes on."""
+        if not self._table.is_connected:
+            self._terminal.unplug()
+        has_reader = self._terminal.has_reader
+        if self._resets and has_reader and not self._had_reader:
+            self._table.mechanics.restart()
+        self._had_reader = has_reader
+        if answer := self._table.feed(self._terminal.read()):
+            self._terminal.write(answer)
+
+
+def serve(table: VirtualTable, terminal: Terminal, clock: Clock, resets: bool, is_over: Callable[[], bool]) -> None:
+    """Answer at a terminal until it is over."""
+    line = TableLine(table, terminal, resets)
     while not is_over():
-        if not table.is_connected:
-            terminal.unplug()
-        has_reader = terminal.has_reader
-        if resets and has_reader and not had_reader:
-            table.mechanics.restart()
-        had_reader = has_reader
-        if answer := table.feed(terminal.read()):
-            terminal.write(answer)
+        line.answer()
         clock.sleep(POLL_S)

@@ -81,7 +81,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     on_table = "it lies on the virtual table of this table.toml, which has a port of its own, and turns with it"
     command.add_argument("--table", type=path_read, metavar="FILE", help=help_if_present(ON_TABLE, on_table))
     command.add_argument("--table-link", type=file_written, metavar="PATH", help="name of the table's port")
-    command.add_argument("--table-faults", default="", metavar="NAME@S,…", help="what goes wrong with the table (docs/table-sessions.md)")
+    command.add_argument("--table-faults", default="", metavar="NAME@S,…", help="what goes wrong with the table (docs/tables.md)")
+    command.add_argument("--table-resets", action="store_true", help="the table restarts when its port is opened, as an Arduino Uno does")
     command.add_argument("--config", type=file_written, metavar="FILE", help="write the session.toml that belongs to the stream")
 
 
@@ -119,8 +120,8 @@ def _board(args: argparse.Namespace) -> int:
         raise CalibrationError("board: a folder is streamed as it was recorded; leave --take out")
     if args.table and (args.folder or args.firmware or args.speed != 1):
         raise CalibrationError("board: --table is a board of its own, in real time; leave the folder, --firmware and --speed out")
-    if not args.table and (args.table_link or args.table_faults):
-        raise CalibrationError("board: --table-link and --table-faults are of a table; add --table FILE")
+    if not args.table and (args.table_link or args.table_faults or args.table_resets):
+        raise CalibrationError("board: --table-link, --table-faults and --table-resets are of a table; add --table FILE")
     if args.firmware:
         need("the emulated board").check_options(args)
     elif args.speed == math.inf:
@@ -133,7 +134,8 @@ def _board(args: argparse.Namespace) -> int:
     try:
         if args.table:
             bench = need(ON_TABLE, "--table")
-            table = bench.TableUnderBoard(args.table, args.table_link, _options(args), not args.raw_accelerometer, args.table_faults)
+            calibrated = not args.raw_accelerometer
+            table = bench.TableUnderBoard(args.table, args.table_link, _options(args), calibrated, args.table_faults, args.table_resets)
         source = table.source if table else _source(args, terminal.name, say)
         if args.config and source.config:
             write_text_whole(args.config, source.config)

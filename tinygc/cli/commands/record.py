@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
-    with page_server(args) as page, turned(args, folder) as args.machine:
+    with page_server(args) as page, turned(args, folder, port) as args.machine:
         with Interruption() as wanted:
             announce = True
             while (led := _led(args, folder, port, wanted, page, announce)) is None:
@@ -173,7 +173,7 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     words: list[object] = ["record", "--resume", "--out", folder, "--port", port]
     words += [] if args.segments == USUAL_SEGMENTS else ["--segments", args.segments]
     words += [] if args.rest is None else ["--rest", *([f"{args.rest:g}"] if args.rest else [])]
-    words += ["--stop-at-target"] if args.rest is not None and args.stop_at_target else []
+    words += ["--stop-at-target"] if args.stop_at_target else []
     words += [] if args.known_to == KNOWN_TO else ["--known-to", f"{args.known_to:g}"]
     words += [] if args.view is None else ["--view"]
     words += [] if args.lot is None else ["--lot", args.lot]
@@ -277,6 +277,8 @@ def _led(
     if recorder.raw.trouble is not None:
         raise recorder.raw.trouble
     if (wrong := failed or problem) is not None:
+        if guided is None:  # refused before what the folder holds was taken in: there is nothing to count yet
+            raise wrong
         counts = counted(guide, recorder) if isinstance(wrong, OtherSensor) else so_far(guide, recorder)  # it names its files itself
         raise type(wrong)(f"{wrong}; kept in {folder}: {counts}") from None
     return guide, recorder, session_file, interrupted

@@ -155,18 +155,24 @@ MACHINE = "sessions turned by a machine (--table)"
 def turned(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
     """Yield the table of ``--table``, its plan confirmed; None where the operator turns."""
     if args.table is None:
-        if args.yes or args.home or args.table_port is not None or args.rates is not None or args.axis is not None:
-            raise CalibrationError("--yes, --home, --table-port, --rates and --axis are of a table; add --table FILE")
+        of_a_table = (args.table_port, args.rates, args.axis, args.chamber, args.temperatures)
+        if args.yes or args.home or any(value is not None for value in of_a_table):
+            raise CalibrationError(
+                "--yes, --home, --table-port, --rates, --axis, --chamber and --temperatures are of a table; add --table FILE"
+            )
         yield None
         return
     if args.series or args.rest is not None:
         raise CalibrationError("--table turns one board; leave --series and --rest out")
+    if (args.chamber is None) != (args.temperatures is None) or (args.chamber is not None and args.rates is None):
+        raise CalibrationError("--chamber FILE and --temperatures C,… belong together, and to --rates: give all three")
     recording = need(MACHINE, "--table")
     machine = recording.TurnedRecording(args.table, args.table_port, args.home)
     try:
         stops = args.stop_at_target or args.lot is not None
         if args.rates is not None:
-            machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet)
+            heated = (args.chamber, args.temperatures or ())
+            machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet, *heated)
         else:
             machine.confirmed(recording.is_raw(folder, args.like), args.segments, stops, args.closure, args.yes, args.quiet)
         yield machine

@@ -133,7 +133,8 @@ class Coach:
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
             says = self._board.says or ("" if self._beforehand is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
-            return Advice("", reason, reached=True, sigmas=_named(sigma), says=says)
+            beyond = () if self._machine is None or not progress.stills else self.best_turn(progress.stills[-1].accel_mean).moves
+            return Advice("", reason, reached=True, sigmas=_named(sigma), says=says, moves=beyond)
         # The board lies as in the last still, which need not be the end of an accepted turn.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self._next_turn(lies.accel_mean, kept)

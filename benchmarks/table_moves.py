@@ -52,6 +52,7 @@ from tinygc.planning.proposals import TARGETS
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import config_text
 
+HAND = "by hand"
 STRATEGIES = ("computed", "greedy", "best fixed", "tumble", "random")
 #: directions of the axes, from the ground outwards, of tables of three, two and one
 TABLES = {
@@ -239,6 +240,7 @@ def main() -> None:
     command.add_argument("--segments", type=int, default=50)
     command.add_argument("--same", type=int, default=0, metavar="N", help="calibrate N units by machine and by hand instead")
     command.add_argument("--tables", nargs="+", default=list(TABLES), choices=list(TABLES))
+    command.add_argument("--moves", nargs="+", default=[*STRATEGIES, HAND], choices=[*STRATEGIES, HAND])
     args = command.parse_args()
     seeds = range(args.first, args.first + args.seeds)
     if args.same:
@@ -247,19 +249,20 @@ def main() -> None:
         print(f"chi-square of 12: mean {chi.mean():.1f}, from {chi.min():.1f} to {chi.max():.1f}, {args.same} units")
         print(f"the machine: {np.median(found[:, 1]):.0f} s and {np.median(found[:, 2]):.0f} turns (median); by hand 40 turns")
         return
+    asked = [strategy for strategy in STRATEGIES if strategy in args.moves]
     planned = dict(zip(args.tables, in_parallel(beforehand, args.tables, "sequence"), strict=True))
-    jobs = [(table, strategy, seed, args.segments, planned[table]) for table in args.tables for strategy in STRATEGIES for seed in seeds]
+    jobs = [(table, strategy, seed, args.segments, planned[table]) for table in args.tables for strategy in asked for seed in seeds]
     curves = dict(zip([job[:3] for job in jobs], in_parallel(one, jobs, "session"), strict=True))
-    hands = in_parallel(by_hand, seeds, "hand")
     rows = []
     for table in args.tables:
-        for strategy in STRATEGIES:
+        for strategy in asked:
             rows.append((table, strategy, *_row([curves[table, strategy, seed] for seed in seeds])))
-        for other in STRATEGIES[1:3]:
-            both = [[reached_s(curves[table, strategy, seed]) for strategy in ("computed", other)] for seed in seeds]
+        for other in asked[1:3]:
+            both = [[reached_s(curves[table, strategy, seed]) for strategy in (asked[0], other)] for seed in seeds]
             ratios = np.sort([computed / its for computed, its in both if np.isfinite(computed + its)])
-            print(f"{table}: s to all targets, computed over {other}, unit by unit: {np.round(ratios, 2)}, mean {ratios.mean():.3f}")
-    rows.append(("hand", "coached, 8 s a turn", *_row(hands)))
+            print(f"{table}: s to all targets, {asked[0]} over {other}, unit by unit: {np.round(ratios, 2)}, mean {ratios.mean():.3f}")
+    if HAND in args.moves:
+        rows.append((HAND, "coached, 8 s a turn", *_row(in_parallel(by_hand, seeds, "hand"))))
     print(markdown(("table", "moves", *(f"{minute:g} min" for minute in MINUTES), "all targets, s"), rows))
 
 

@@ -6,6 +6,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from commandline import refused
 from processes import PATIENCE_S
 from table_recordings import Bench, table_toml
 
@@ -175,3 +176,21 @@ def test_temperatures_beyond_the_chamber_are_refused_before_anything_is_set(tmp_
     with pytest.raises(CalibrationError, match="chamber: 90 degC, expected -40 to 85; nothing was sent"):
         bench.record(rates=(60,), heated=chambers.heated(10.0, 90.0))
     assert chambers.asked == []
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--chamber", "chamber.toml", "--temperatures", "10"], "are of a table; add --table FILE"),
+        (["--table", "table.toml", "--rates", "50", "--temperatures", "10"], "belong together, and to --rates: give all three"),
+        (["--table", "table.toml", "--rates", "50", "--chamber", "chamber.toml"], "belong together, and to --rates: give all three"),
+        (["--table", "table.toml", "--chamber", "chamber.toml", "--temperatures=-10,25"], "belong together, and to --rates"),
+        (["--temperatures", "warm"], "'warm': expected temperatures in degC, such as 10,25,40"),
+        (["--temperatures", "10,-300"], "expected temperatures in degC"),
+    ],
+)
+def test_a_chamber_belongs_to_rate_steps(words, expected, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "table.toml").write_text(table_toml("inner"))
+    (tmp_path / "chamber.toml").write_text(CHAMBER)
+    refused(run("record", "--port", "none", "--out", tmp_path / "s", *words), expected)

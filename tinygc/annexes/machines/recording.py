@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +71,7 @@ class TurnedRecording:
         self.description = described if port is None else replace(described, port=port)
         self._chamber: ChamberOfRecording | None = None
         self._chamber_clock = chamber_clock or HostClock()
-        self._chamber_opened = partial(chamber_opened, clock=self._chamber_clock)
+        self._chamber_opened = chamber_opened
         self._guards = ExitStack()
         self._plan: list[Move] = []
         self._steps: list[RateStep] = []
@@ -122,13 +121,13 @@ class TurnedRecording:
         lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {in_words(seconds)}")
         limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
         lines.append(f"  {limits}")
-        if chamber is not None:
-            described = read_chamber(chamber)
-            lines += _chamber_lines(described, temperatures_c)
-            self._chamber = ChamberOfRecording(self._chamber_opened(described), self._chamber_clock)
+        described = None if chamber is None else read_chamber(chamber)
+        lines += [] if described is None else _chamber_lines(described, temperatures_c)
+        self._ask([*lines, f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
+        if described is not None:
+            self._chamber = ChamberOfRecording(self._chamber_opened(described, self._chamber_clock), self._chamber_clock)
             self._guards.callback(self._chamber.close)
             self._steps = [replace(step, temperature_c=temperature_c) for temperature_c in temperatures_c for step in self._steps]
-        self._ask([*lines, f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
         fastest = max(abs(step.rate_rps) for step in self._steps)
         back = [] if of.is_endless else [Move.anywhere(table, number, of.fastest_rps)]
         self._plan = [Move.at(number, fastest), *back]

@@ -3,8 +3,10 @@
 Every session runs through the whole loop, on a virtual table with a virtual board on it: guide, stills found in the samples, driver and
 settling times.  Only who chooses the next move differs:
 
-    computed    the coach, by what is still uncertain after what was recorded
-    best fixed  the sequence that the coach would choose beforehand, of nominal noise (``plan_of``); it begins again at its end
+    computed    the coach, by what is still uncertain after what was recorded, and by the end of the session behind each move
+    greedy      the same by the gain of each move alone
+    best fixed  one sequence for all units, which the coach chooses beforehand by the end of the session, of the data sheet's noise; from
+                its end it goes back, and begins again
     tumble      each axis in quarter turns, four this way and four back, then the next one: the multi-position tests of IEEE 1431 in their
                 order as recalled; the standard's text was not at hand
     random      any of the moves that the coach chooses from
@@ -30,15 +32,16 @@ from common import in_parallel, markdown
 
 from session.annexes.machines.description import read_description
 from session.bench import guided_session
-from session.bench.guide import Guide
+from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.guided_session import GuidedRecording
 from session.bench.live import SEGMENT_S
 from session.bench.messages import AxisMove, Kind
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
+from session.io.config import Protocol
 from session.io.folder import read_session
 from session.io.units import DEG
-from tinygc.annexes.machines.planner import plan_of
+from tinygc.annexes.machines.planner import TableMoves
 from tinygc.annexes.machines.recording import TurnedRecording
 from tinygc.annexes.machines.virtual_bench import PORT, VirtualBench
 from tinygc.closure.build import build_problem
@@ -49,7 +52,8 @@ from tinygc.planning.proposals import TARGETS
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import config_text
 
-STRATEGIES = ("computed", "best fixed", "tumble", "random")
+HAND = "by hand"
+STRATEGIES = ("computed", "greedy", "best fixed", "tumble", "random")
 #: directions of the axes, from the ground outwards, of tables of three, two and one
 TABLES = {
     "three axes": ("[0, 0, 1]", "[0, 1, 0]", "[1, 0, 0]"),
@@ -123,7 +127,20 @@ def unwound(turns: list[tuple[AxisMove, ...]]) -> Iterator[tuple[AxisMove, ...]]
     yield from itertools.cycle([*reversed(there[1:-1]), *turns[1:]] if len(turns) > 2 else turns)
 
 
-def record(folder: Path, strategy: str, directions: tuple[str, ...], seed: int, segments: int, stop: bool) -> list[float]:
+Sequence = tuple[tuple[AxisMove, ...], ...]
+
+
+def beforehand(table: str) -> tuple[Sequence, np.ndarray]:
+    """The best fixed sequence of a table, and which of the twelve parameters its turns show."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "table.toml"
+        file.write_text(table_toml(TABLES[table]))
+        moves = TableMoves(read_description(file), np.zeros(len(TABLES[table])), HOLD_STILLS * Protocol().still_s)
+    rehearsal = Coach(machine=moves).rehearse(False, enough=True, ahead=True)
+    return tuple(turn.moves for turn in rehearsal.turns), ~rehearsal.unseen
+
+
+def record(folder: Path, strategy: str, directions: tuple[str, ...], seed: int, segments: int, stop: bool, fixed: Sequence) -> list[float]:
     """Record a session; returns when each turn was accepted, s."""
     guided_session.SILENT_S = 1e9
     file = folder / "table.toml"
@@ -142,10 +159,10 @@ def record(folder: Path, strategy: str, directions: tuple[str, ...], seed: int, 
     machine.confirmed(False, segments, False, 0.0, yes=True, quiet=True)
     mover = machine.mover(session, guide)
     moves, coach = machine.moves, None
-    if strategy == "computed":
-        coach = Coach(machine=moves)
+    if strategy in ("computed", "greedy"):
+        coach = Coach(machine=moves, ahead=strategy == "computed")
     elif strategy == "best fixed":
-        mover._moves = Scripted(unwound([turn.moves for turn in plan_of(moves, False, segments, True).turns]), moves.angles)
+        mover._moves = Scripted(unwound(list(fixed)), moves.angles)
     elif strategy == "tumble":
         mover._moves = Scripted(tumble(len(directions)), moves.angles)
     else:
@@ -162,8 +179,8 @@ def record(folder: Path, strategy: str, directions: tuple[str, ...], seed: int, 
     return view.accepted_s
 
 
-def by_time(folder: Path, times_s: list[float]) -> list[tuple[float, float]]:
-    """(s, worst sigma) after each turn from the eighth, of a recorded session."""
+def by_time(folder: Path, times_s: list[float], shown: np.ndarray) -> list[tuple[float, float]]:
+    """(s, worst sigma of those shown) after each turn from the eighth, of a recorded session."""
     problem = build_problem(read_session(folder / "session"))
     found = []
     for count in range(FEWEST, min(len(times_s), len(problem.used)) + 1):
@@ -171,16 +188,16 @@ def by_time(folder: Path, times_s: list[float]) -> list[tuple[float, float]]:
         floor = Floor(problem.floor.own[first], problem.floor.shared[: count - 1])
         wander = BiasWander(problem.middle_s[first], problem.instability.rps)
         covariance = parameter_covariance(problem.batch.pick(first), floor, problem.first, problem.earth, wander=wander)
-        found.append((times_s[count - 1], float(np.max(np.sqrt(np.diag(covariance)) / TARGETS))))
+        found.append((times_s[count - 1], float(np.max((np.sqrt(np.diag(covariance)) / TARGETS)[shown]))))
     return found
 
 
-def one(job: tuple[str, str, int, int]) -> list[tuple[float, float]]:
+def one(job: tuple[str, str, int, int, tuple[Sequence, np.ndarray]]) -> list[tuple[float, float]]:
     """Sigma by time of a table, a strategy and a seed."""
-    table, strategy, seed, segments = job
+    table, strategy, seed, segments, (fixed, shown) = job
     with tempfile.TemporaryDirectory() as folder:
-        times_s = record(Path(folder), strategy, TABLES[table], seed, segments, stop=False)
-        return by_time(Path(folder), times_s)
+        times_s = record(Path(folder), strategy, TABLES[table], seed, segments, False, fixed)
+        return by_time(Path(folder), times_s, shown)
 
 
 def by_hand(seed: int) -> list[tuple[float, float]]:
@@ -207,7 +224,7 @@ def same_calibration(seed: int) -> tuple[float, float, int]:
     options = FitOptions(methods=("least_squares",))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        times_s = record(folder, "computed", TABLES["three axes"], seed, 40, stop=True)
+        times_s = record(folder, "computed", TABLES["three axes"], seed, 60, True, ())
         turned = fit(folder / "session", options).result
         hand = replace(unit_options(seed), seed=seed + 10_000, unit_seed=seed)
         held = fit(write_session(hand, folder / "hand"), options).result
@@ -222,6 +239,8 @@ def main() -> None:
     command.add_argument("--first", type=int, default=2000, help="first seed")
     command.add_argument("--segments", type=int, default=50)
     command.add_argument("--same", type=int, default=0, metavar="N", help="calibrate N units by machine and by hand instead")
+    command.add_argument("--tables", nargs="+", default=list(TABLES), choices=list(TABLES))
+    command.add_argument("--moves", nargs="+", default=[*STRATEGIES, HAND], choices=[*STRATEGIES, HAND])
     args = command.parse_args()
     seeds = range(args.first, args.first + args.seeds)
     if args.same:
@@ -230,14 +249,20 @@ def main() -> None:
         print(f"chi-square of 12: mean {chi.mean():.1f}, from {chi.min():.1f} to {chi.max():.1f}, {args.same} units")
         print(f"the machine: {np.median(found[:, 1]):.0f} s and {np.median(found[:, 2]):.0f} turns (median); by hand 40 turns")
         return
-    jobs = [(table, strategy, seed, args.segments) for table in TABLES for strategy in STRATEGIES for seed in seeds]
-    curves = dict(zip(jobs, in_parallel(one, jobs, "session"), strict=True))
-    hands = in_parallel(by_hand, seeds, "hand")
+    asked = [strategy for strategy in STRATEGIES if strategy in args.moves]
+    planned = dict(zip(args.tables, in_parallel(beforehand, args.tables, "sequence"), strict=True))
+    jobs = [(table, strategy, seed, args.segments, planned[table]) for table in args.tables for strategy in asked for seed in seeds]
+    curves = dict(zip([job[:3] for job in jobs], in_parallel(one, jobs, "session"), strict=True))
     rows = []
-    for table in TABLES:
-        for strategy in STRATEGIES:
-            rows.append((table, strategy, *_row([curves[table, strategy, seed, args.segments] for seed in seeds])))
-    rows.append(("hand", "coached, 8 s a turn", *_row(hands)))
+    for table in args.tables:
+        for strategy in asked:
+            rows.append((table, strategy, *_row([curves[table, strategy, seed] for seed in seeds])))
+        for other in asked[1:3]:
+            both = [[reached_s(curves[table, strategy, seed]) for strategy in (asked[0], other)] for seed in seeds]
+            ratios = np.sort([computed / its for computed, its in both if np.isfinite(computed + its)])
+            print(f"{table}: s to all targets, {asked[0]} over {other}, unit by unit: {np.round(ratios, 2)}, mean {ratios.mean():.3f}")
+    if HAND in args.moves:
+        rows.append((HAND, "coached, 8 s a turn", *_row(in_parallel(by_hand, seeds, "hand"))))
     print(markdown(("table", "moves", *(f"{minute:g} min" for minute in MINUTES), "all targets, s"), rows))
 
 

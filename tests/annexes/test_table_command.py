@@ -56,7 +56,7 @@ def test_an_angle_that_is_not_known_yet_is_no_number(run, table, monkeypatch, tm
         "session.annexes.machines.safety.Guarded", lambda machine: nullcontext(SimpleNamespace(where=lambda: at_rest, description=None))
     )
     code, out, _ = run("table", "where", "--json", tmp_path / "x.json")
-    assert (code, out.splitlines()[0]) == (0, "outer  somewhere, it does not say yet")
+    assert (code, out.splitlines()[0]) == (0, "outer  not known yet")
     assert json.loads((tmp_path / "x.json").read_text())["axes"] == [{"name": "outer", "angle_deg": None}]
 
 

@@ -9,6 +9,7 @@ from the present attitude.
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -25,6 +26,7 @@ from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.models import linear
 from tinygc.planning import turns as accel
+from tinygc.planning.lookahead import Place, Rated, soonest
 from tinygc.planning.proposals import TARGETS, parameter_words
 from tinygc.planning.turns import EIGHTHS, QUARTERS, OwnAccelerometer, Turn, as_known, columns, ends, length_information, turns_from
 
@@ -37,7 +39,7 @@ PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 PLANNED_FULL_SCALE = 0.6
 SHARPNESS = 6  #: afterwards: power of the sigmas in the criterion: 2 weighs all equally, a large one only the worst
 #: the same of a machine, whose gain counts by its time: they reach all targets soonest on tables of two and three axes (``table_moves.py``)
-MACHINE_UNKNOWN, MACHINE_SHARPNESS = 3.0, 4
+MACHINE_UNKNOWN, MACHINE_SHARPNESS = 3.0, 6
 MOVED = np.cos(0.5 * DEG)  #: attitudes that the updated accelerometer changed by more are recomputed
 STILL_S = 2.0  #: duration of the still at the end of a proposed turn
 MOST_TO_GO = 40  #: longest plan for the number of turns to go
@@ -46,7 +48,9 @@ STALLED, FALLS = 0.9, 0.6
 MOST_WORTH = 400  #: turns of the same kind
 FEWEST_STUCK = 16  #: turns before which a machine's session has not been everywhere
 #: rad, of a turn's angle, and m/s^2, of a still's length, before any turn was seen: the data sheet's noise over 5 s and ``STILL_S``
-PLANNED_SIGMA_RAD, PLANNED_SIGMA_MPS2 = 2e-4, 0.05 * MG
+PLANNED_SIGMA_RAD, PLANNED_TURN_S, PLANNED_SIGMA_MPS2 = 2e-4, 5.0, 0.05 * MG
+#: rad/s: a machine's turns are rated anew where the reading at rest has changed by more
+ZERO_MOVED_RPS = 0.05 * DEG
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,7 @@ class Coach:
     targets (12,) of the gyroscope's parameters.  beforehand: function that returns the prior of boards of this kind from the turns so far,
     their columns (S, 2, 12), noise (S, 2, 2) and the attitudes (S, 2, 4) of their ends, and whether the turns' closure may be used.
     machine: what turns the table, None: an operator.  Of a machine the gain per time counts, and what none of its turns shows does not.
+    ahead: choose its turns by the end of the session, while it moves (``lookahead``), instead of by the gain of each.
     """
 
     def __init__(
@@ -101,6 +106,7 @@ class Coach:
         targets: np.ndarray = TARGETS,
         beforehand: Callable[..., BoardPrior] | None = None,
         machine: Turnable | None = None,
+        ahead: bool = True,
     ):
         self._gyro_targets, self._beforehand, self._machine = targets, beforehand, machine
         self._board = BoardPrior(None, "")
@@ -108,9 +114,14 @@ class Coach:
         self._progress = Progress(())
         self._own: OwnAccelerometer | None = None
         self._zero_rps = np.zeros(3)  # of a machine's session: what the gyroscope reads at rest, which its scales multiply
+        self._columns: dict[bytes, np.ndarray] = {}  # of a machine's turns, by where they begin and what they are
+        self._turns: dict[int, tuple[list[Turn], bytes]] = {}  # the key of each list of turns, by its identity
+        self._ahead: Future[list[Turn]] | None = None  # the turns from the end of the present one
+        self._thinks = ThreadPoolExecutor(1, thread_name_prefix="lookahead") if machine is not None and ahead else None
 
     def __call__(self, progress: Progress) -> Advice:
         """Return advice from all segments so far (at least one)."""
+        kept = [] if self._ahead is None else self._ahead.result()
         self.look(progress)
         sigma = self.sigma
         worst = np.argsort(-sigma)
@@ -122,10 +133,11 @@ class Coach:
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
             says = self._board.says or ("" if self._beforehand is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
-            return Advice("", reason, reached=True, sigmas=_named(sigma), says=says)
+            beyond = () if self._machine is None or not progress.stills else self.best_turn(progress.stills[-1].accel_mean).moves
+            return Advice("", reason, reached=True, sigmas=_named(sigma), says=says, moves=beyond)
         # The board lies as in the last still, which need not be the end of an accepted turn.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
-        turn = self.best_turn(lies.accel_mean)
+        turn = self._next_turn(lies.accel_mean, kept)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
         moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad, words) for part, words in zip(turn.parts, turn.steps, strict=True))
         says = self._says(lies.accel_mean)
@@ -139,19 +151,20 @@ class Coach:
             return np.zeros(len(self.targets), dtype=bool)
         return _stalled(self._sigma_of(count // 2), self.sigma, count)
 
-    def rehearse(self, own: bool, most: int = MOST_TO_GO, enough: bool = False) -> Rehearsal:
+    def rehearse(self, own: bool, most: int = MOST_TO_GO, enough: bool = False, ahead: bool = False) -> Rehearsal:
         """Choose turn after turn of the machine, before any was made; own: whether the accelerometer is not calibrated; enough: end where
-        every target is met."""
+        every target is met; ahead: choose each by the end of the session (``lookahead``), instead of its own gain."""
         alone = Coach(self._gyro_targets, machine=self._machine)
         alone._own, alone._zero_rps = as_known(None, ()) if own else None, self._zero_rps
         prior = np.concatenate([linear.PRIOR_SIGMA, accel.PRIOR_SIGMA]) if own else linear.PRIOR_SIGMA
-        information = np.diag((alone.targets / prior) ** 2)
-        turns, sigmas, force, angles = list[Turn](), list[np.ndarray](), np.array([0.0, 0.0, -G]), None
+        place = Place(np.diag((alone.targets / prior) ** 2), np.array([0.0, 0.0, -G]), None)
+        turns, sigmas, kept = list[Turn](), list[np.ndarray](), list[Turn]()
         while len(turns) < most and not (enough and sigmas and sigmas[-1].max() <= 1):
-            turn, rows = alone._best(information, force, angles)
-            information, force, angles = information + rows.T @ rows, turn.carries(force), turn.angles
+            kept = soonest(alone._rated, place, kept[1:]) if ahead else []
+            turn, rows = alone._rated(place).first(kept)
+            place = place.after(turn, rows)
             turns.append(turn)
-            sigmas.append(np.sqrt(np.diag(np.linalg.inv(information))))
+            sigmas.append(np.sqrt(np.diag(np.linalg.inv(place.information))))
         return Rehearsal(tuple(turns), tuple(sigmas))
 
     def _says(self, measured: np.ndarray) -> str:
@@ -164,14 +177,11 @@ class Coach:
     def turns_to_go(self, measured: np.ndarray) -> int | None:
         """Return how many of its requested turns reach every target, from where the accelerometer reads ``measured`` (3,); None: more than
         ``MOST_TO_GO``."""
-        force = measured if self._own is None else self._own.accelerometer.correct(measured)
-        information = np.linalg.inv(self.covariance / np.outer(self.targets, self.targets))
-        angles = None
+        place = self._place(measured)
         for count in range(MOST_TO_GO):
-            if np.diag(np.linalg.inv(information)).max() <= 1:
+            if np.diag(np.linalg.inv(place.information)).max() <= 1:
                 return count
-            turn, rows = self._best(information, force, angles)
-            information, force, angles = information + rows.T @ rows, turn.carries(force), turn.angles
+            place = place.after(*self._rated(place).first())
         return None
 
     def look(self, progress: Progress) -> None:
@@ -179,7 +189,9 @@ class Coach:
         self._progress = progress
         self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
         if self._machine is not None and progress.turns:
-            self._zero_rps = progress.turns[-1].segment.stills[1].gyro_mean
+            zero_rps = progress.turns[-1].segment.stills[1].gyro_mean
+            if np.abs(zero_rps - self._zero_rps).max() > ZERO_MOVED_RPS:
+                self._zero_rps, self._columns = zero_rps, {}
         before, self._seen = self._seen, {}
         for turn in progress.turns:
             found = before.get(id(turn))
@@ -227,20 +239,34 @@ class Coach:
 
     def best_turn(self, measured: np.ndarray) -> Turn:
         """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
-        force = measured if self._own is None else self._own.accelerometer.correct(measured)
-        return self._best(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force)[0]
+        return self._rated(self._place(measured)).first()[0]
 
-    def _best(self, information: np.ndarray, force: np.ndarray, angles: np.ndarray | None = None) -> tuple[Turn, np.ndarray]:
-        """Return the best turn given an information (P, P), in units of the targets, from an attitude with force (3,), and its rows
-        (2 or 3, P).  angles (K,): those of the machine there, None: the present ones.
+    def _next_turn(self, measured: np.ndarray, kept: list[Turn]) -> Turn:
+        """Return the best turn, or of a machine the first of those kept; the turns after it are chosen while the machine moves."""
+        place = self._place(measured)
+        turn, rows = self._rated(place).first(kept)
+        # An accelerometer that is not calibrated yet changes all rows with each still: no sequence is worth keeping.
+        if self._thinks is not None and self._own is None:
+            self._ahead = self._thinks.submit(soonest, self._rated, place.after(turn, rows), kept[1:])
+        return turn
+
+    def _place(self, measured: np.ndarray) -> Place:
+        """The present place, where the accelerometer reads ``measured`` (3,) m/s^2."""
+        force = measured if self._own is None else self._own.accelerometer.correct(measured)
+        return Place(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force, None)
+
+    def _rated(self, place: Place) -> Rated:
+        """Rate all turns from a place.
 
         The gain of a turn is the logarithm of what it makes of the criterion, and counts by its time.
         """
+        information, force, angles = place.information, place.force, place.angles
         most_rps = PLANNED_FULL_SCALE * self._progress.gyro_fs_rps
         if self._machine is None:
             turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, most_rps)
         else:
             turns = self._machine.turns_from(angles, most_rps)
+            force = turns[0].up * np.linalg.norm(force)  # as the machine's angles have it: then the columns of a place are always the same
         rows = self._rows(force, turns) * self.targets
         both = np.concatenate([information[None], information + rows.swapaxes(-1, -2) @ rows])  # without a turn, and with each
         covariance = np.linalg.inv(both)
@@ -256,14 +282,25 @@ class Coach:
             criterion = np.log(left[:, shown[shown >= linear.PARAMETERS]].max(-1))
         else:
             criterion = np.log((left[:, shown] ** (sharpness / 2)).sum(-1))
-        best = int(np.argmax((criterion[0] - criterion[1:]) / np.array([turn.cost_s for turn in turns])))
-        return turns[best], rows[best]
+        rating = (criterion[0] - criterion[1:]) / np.array([turn.cost_s for turn in turns])
+        return Rated(turns, rows, rating, bool(sigma[shown].max() <= 1))
 
     def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
         """Return rows (M, 2 or 3, P) of each turn over its noise: its two angles, and the length of gravity in the still after it."""
         seen = list(self._seen.values())
-        angle = float(np.sqrt(np.mean([np.trace(each.own) / 2 for each in seen]))) if seen else PLANNED_SIGMA_RAD
-        gyro = columns(force, turns, self._zero_rps) / angle
+        variance = float(np.mean([np.trace(each.own) / 2 for each in seen])) if seen else PLANNED_SIGMA_RAD**2
+        angle: np.ndarray | float = np.sqrt(variance)
+        if self._machine is None:
+            gyro = columns(force, turns, self._zero_rps) / angle
+        else:  # its turns last from a second to ten, and white noise grows with time
+            usual_s = float(np.mean([each.turn.samples.dt_s.sum() for each in seen])) if seen else PLANNED_TURN_S
+            angle = np.sqrt(variance * np.array([turn.cost_s for turn in turns]) / usual_s)[:, None, None]
+            if id(turns) not in self._turns:
+                self._turns[id(turns)] = turns, _contents(turns)
+            key = self._turns[id(turns)][1]
+            if key not in self._columns:
+                self._columns[key] = columns(force, turns, self._zero_rps)
+            gyro = self._columns[key] / angle
         if self._own is None:
             return gyro
         q_first, q_last = ends(force, turns)
@@ -306,6 +343,12 @@ def _stalled(before: np.ndarray, sigma: np.ndarray, count: int) -> np.ndarray:
     """(P,) whether a sigma after so many turns is above its target, and falls too slowly to reach it."""
     white = (sigma > FALLS * before) & (count * sigma**2 > MOST_WORTH)
     return np.asarray((sigma > 1) & (white | (sigma > STALLED * before)))
+
+
+def _contents(turns: list[Turn]) -> bytes:
+    """Where a machine's turns begin and what they are, in the body's axes: turns that agree in both have the same columns."""
+    vectors = [turns[0].up, *(part.axis * part.angle_rad for turn in turns for part in turn.parts)]
+    return bytes([len(turn.parts) for turn in turns]) + (np.round(vectors, 3) + 0.0).tobytes()
 
 
 def _turns(count: int, one: str, many: str) -> str:

@@ -12,7 +12,9 @@ Its limits are checked before each request.  A chamber has no stop: at the end i
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -28,6 +30,7 @@ from session.io.toml import read_toml
 SCHEMA = "tinygc-chamber/1"
 AGAIN = "correct the file (docs/formats/tables.md)"
 TRIES = 3
+LOOK_S = 1.0  #: between two looks of a recording: Ctrl-C waits for no more
 _TEMPERATURE = Number(-273.15, 1000)
 SHAPE = Keys(
     {"schema": Text((SCHEMA,)), "set": Text(), "read": Text(), "answer": PATTERNS, "least_c": _TEMPERATURE, "most_c": _TEMPERATURE},
@@ -183,6 +186,39 @@ def wait_until_stable(
             )
         clock.sleep(look_s)
     return False
+
+
+class ChamberOfRecording:
+    """A chamber that a recording brings to one temperature after the other.  It is spoken to in a thread: no answer keeps samples waiting.
+
+    ``close`` sets it to ``rest_c``.
+    """
+
+    def __init__(self, chamber: Chamber, clock: Clock):
+        self.chamber, self._clock = chamber, clock
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="chamber")
+        self._goes_to_c: float | None = None
+        self._waits: Future[bool] | None = None
+        self._ended = threading.Event()
+
+    def is_stable(self, temperature_c: float) -> bool:
+        """Whether it is stable at a temperature; it is set to it first, where that has not been done.  Raises TableFault and TableLimit,
+        and then the next call sets it again."""
+        if self._waits is None or temperature_c != self._goes_to_c:
+            self._goes_to_c = temperature_c
+            self._waits = self._thread.submit(wait_until_stable, self.chamber, temperature_c, self._clock, self._ended.is_set, LOOK_S)
+        waits = self._waits
+        if not waits.done():
+            return False
+        if waits.exception() is not None:
+            self._waits = None
+        return waits.result()
+
+    def close(self) -> None:
+        """End the wait, set it to ``rest_c``, and let go of it."""
+        self._ended.set()
+        self._thread.shutdown()
+        self.chamber.close()
 
 
 class VirtualChamber:

@@ -33,6 +33,9 @@ MOST_WOUND_RAD = 4 * np.pi
 #: s from the end of a move to a still that counts, beyond its length: play and tremor die away, and the answer comes at 20 Hz
 SETTLE_S = 0.6
 _NOTHING_S, ROUNDING_RAD = 1e-3, 1e-9
+#: of an angle, rad: places within half of the last one are the same
+PLACE_DECIMALS = 3
+MOST_PARTS = 2
 
 
 def seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) -> tuple[float, float]:
@@ -68,18 +71,22 @@ class TableMoves:
         self.longest_s = LONGEST_TURN_SEGMENTS * Protocol().segment_s
         self.first: tuple[AxisMove, ...] = ()
         self._rng = np.random.default_rng(seed)
+        self._found: dict[tuple[float, ...], list[Turn]] = {}
 
     def turns_from(self, angles: np.ndarray | None, most_rps: float) -> list[Turn]:
-        """Return all turns from angles, None: the present ones.  Raises CalibrationError where the limits allow none."""
+        """Return all turns from angles, None: the present ones; those from the same place are the same list.  Raises CalibrationError where
+        the limits allow none."""
         start = self.angles if angles is None else angles
-        found = [self._turn(start, changes, most_rps) for changes in self._changes(start)]
-        found = [turn for turn in found if sum(part.seconds + SETTLE_S for part in turn.parts) <= self.longest_s]
-        if not found:
+        place = (*np.round(start, PLACE_DECIMALS).tolist(), most_rps, self.hold_s, self.longest_s)
+        if place not in self._found:
+            found = self._turns(start, list(self._changes(start)), most_rps)
+            self._found[place] = [turn for turn in found if sum(part.seconds + SETTLE_S for part in turn.parts) <= self.longest_s]
+        if not self._found[place]:
             least = f"no turn of {LEAST_TURN_RAD / DEG:.0f} deg or more"
             raise CalibrationError(
                 f"{self.table.name}: {least} lies within the limits of its axes and ends within {self.longest_s:g} s, the longest segment"
             )
-        return found
+        return self._found[place]
 
     def reach_rad(self, axis: int) -> float:
         """How far an axis turns at most in one turn that is short enough for a segment."""
@@ -111,25 +118,30 @@ class TableMoves:
         within = [change for change in changes if least - ROUNDING_RAD <= at_rad + change <= most + ROUNDING_RAD]
         return [change for change in dict.fromkeys(within) if abs(change) >= LEAST_TURN_RAD]
 
-    def _turn(self, start: np.ndarray, changes: tuple[tuple[int, float], ...], most_rps: float) -> Turn:
-        at, parts, moves = np.array(start, dtype=float), list[TurnPart](), list[AxisMove]()
-        nothing = TurnPart(np.zeros(3), 0.0, _NOTHING_S, "", self._up(at))
-        for axis, change in changes:
-            of = self.table.axes[axis]
+    def _turns(self, start: np.ndarray, changes: list[tuple[tuple[int, float], ...]], most_rps: float) -> list[Turn]:
+        """The turns of these changes, each from start (K,)."""
+        places = np.repeat(np.array(start, dtype=float)[None, None], len(changes), axis=0).repeat(MOST_PARTS + 1, axis=1)
+        for turn, parts in enumerate(changes):
+            for number, (axis, change) in enumerate(parts):
+                places[turn, number + 1 :, axis] += change
+        flat = places.reshape(-1, places.shape[-1])
+        about = body_axes(self.table, flat).reshape(*places.shape, 3)
+        up = -attitudes(self.table, flat)[:, 2].reshape(*places.shape[:2], 3)
+        return [self._turn(*each, most_rps) for each in zip(changes, places, about, up, strict=True)]
+
+    def _turn(self, changes: tuple[tuple[int, float], ...], places: np.ndarray, about: np.ndarray, up: np.ndarray, most_rps: float) -> Turn:
+        """A turn.  Before it and after each part: places (N, K) rad; about (N, K, 3): the axes; up (N, 3): what points up, of the body."""
+        parts, moves = list[TurnPart](), list[AxisMove]()
+        for number, (axis, change) in enumerate(changes):
+            of, angle = self.table.axes[axis], float(places[number + 1, axis])
             rate = min(of.fastest_rps, most_rps)
             seconds, ramp_s = seconds_of(change, rate, of.acceleration_rps2)
-            about = body_axes(self.table, at[None])[0, axis]
-            at = at.copy()
-            at[axis] += change
-            words = f"{of.name} to {at[axis] / DEG:.0f}°"
-            parts.append(TurnPart(about * np.sign(change), abs(change), seconds, words, self._up(at), ramp_s))
-            moves.append(AxisMove(axis, float(at[axis]), rate))
+            words = f"{of.name} to {angle / DEG:.0f}°"
+            parts.append(TurnPart(about[number, axis] * np.sign(change), abs(change), seconds, words, up[number + 1], ramp_s))
+            moves.append(AxisMove(axis, angle, rate))
         cost_s = sum(part.seconds for part in parts) + SETTLE_S + self.hold_s
-        return Turn(nothing, tuple(parts), cost_s, tuple(moves), at)
-
-    def _up(self, angles: np.ndarray) -> np.ndarray:
-        """(3,) unit vector of the body that points up."""
-        return -attitudes(self.table, angles[None])[0, 2]
+        nothing = TurnPart(np.zeros(3), 0.0, _NOTHING_S, "", up[0])
+        return Turn(nothing, tuple(parts), cost_s, tuple(moves), places[len(changes)])
 
 
 def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -> TablePlan:

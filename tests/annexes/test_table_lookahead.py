@@ -1,0 +1,112 @@
+"""A machine's lookahead: it finds ends that a greedy choice misses, keeps what it has, and rates turns by the table's kinematics."""
+
+import numpy as np
+import pytest
+
+from session.annexes.machines.description import Axis, Description
+from session.annexes.machines.kinematics import attitudes
+from session.bench.messages import AxisMove
+from session.io.units import DEG, G
+from tinygc.annexes.machines.planner import TableMoves
+from tinygc.planning.coach import Coach
+from tinygc.planning.lookahead import Place, Rated, followed, soonest, to_the_end
+from tinygc.planning.turns import Turn, TurnPart
+
+START = Place(np.eye(1) * 1e-6, np.array([0.0, 0.0, -G]), np.zeros(1))
+
+
+def turn(angle: float, cost_s: float) -> Turn:
+    """A turn to an angle of the one axis."""
+    part = TurnPart(np.array([1.0, 0, 0]), 1.0, cost_s, "", np.array([0.0, 0, 1]))
+    return Turn(part, (part,), cost_s, (AxisMove(0, angle, 1.0),), np.array([angle]))
+
+
+#: from each angle: turns with their information of the one parameter, 1 is enough; the richest first turn leads into a poor place
+GRAPH = {0.0: [(1.0, 2.0, 0.6), (2.0, 2.0, 0.5)], 1.0: [(1.5, 10.0, 0.1)], 1.5: [(1.0, 10.0, 0.5)], 2.0: [(0.0, 2.0, 0.5)]}
+
+
+def rate(place: Place) -> Rated:
+    """Greedy by information per time."""
+    here = GRAPH[float(place.angles[0])]
+    turns = [turn(angle, cost_s) for angle, cost_s, _ in here]
+    rows = np.sqrt([[[information]] for *_, information in here])
+    return Rated(turns, rows, np.array([gain / cost_s for _, cost_s, gain in here]), bool(place.information[0, 0] >= 1))
+
+
+def angles_of(turns):
+    """Where each turn ends."""
+    return [float(each.angles[0]) for each in turns]
+
+
+def test_it_ends_sooner_than_the_greedy_choice():
+    greedy, greedy_s = to_the_end(rate, START)
+    assert angles_of(greedy) == [1.0, 1.5, 1.0]
+    assert greedy_s == 22.0
+    assert angles_of(soonest(rate, START, [])) == [2.0, 0.0]
+
+
+def test_kept_turns_are_followed_and_only_given_up_for_a_sooner_end():
+    kept = [turn(2.0, 2.0), turn(0.0, 2.0)]
+    assert followed(rate, START, kept)[1] == 4.0
+    assert angles_of(soonest(rate, START, kept)) == [2.0, 0.0]
+    assert angles_of(soonest(rate, START, [turn(1.0, 2.0)])) == [2.0, 0.0]
+
+
+def test_turns_that_are_not_needed_or_not_there_are_not_followed():
+    done = Place(np.eye(1), START.force, START.angles)
+    assert followed(rate, done, [turn(2.0, 2.0)]) == ([], 0.0)
+    assert soonest(rate, done, [turn(2.0, 2.0)]) == []
+    assert angles_of(followed(rate, START, [turn(7.0, 1.0)])[0]) == [1.0, 1.5, 1.0]
+
+
+def test_without_an_end_nothing_is_kept():
+    def poor(place: Place) -> Rated:
+        return Rated([turn(0.0, 1.0)], np.zeros((1, 1, 1)), np.zeros(1), False)
+
+    assert soonest(poor, START, []) == []
+
+
+def axis(name, direction, limit_deg=None):
+    """An axis of a table of 90 deg/s."""
+    most = None if limit_deg is None else limit_deg * DEG
+    return Axis(name, np.array(direction, dtype=float), None if most is None else -most, most, 90 * DEG, 200 * DEG, 0.02 * DEG, 0.0, name)
+
+
+@pytest.fixture
+def moves():
+    """The moves of a table of two axes, one of them with limits."""
+    table = Description("bench", "grbl", (axis("outer", [0, 1, 0], 100), axis("inner", [0, 0, 1])), np.eye(3))
+    return TableMoves(table, np.array([30, 50]) * DEG, 1.5)
+
+
+def test_each_turn_ends_where_its_parts_carry_the_board(moves):
+    """The product of the parts' rotations is the rotation between both attitudes of the table."""
+    from tinygc.attitude import rotation
+
+    start = attitudes(moves.table, moves.angles[None])[0]
+    for each in moves.turns_from(None, 10.0):
+        body = np.eye(3)
+        for part in each.parts:
+            body = body @ rotation.matrix(rotation.exp(part.axis * part.angle_rad))
+        end = attitudes(moves.table, each.angles[None])[0]
+        np.testing.assert_allclose(start @ body, end, atol=1e-12)
+        np.testing.assert_allclose(each.parts[-1].up, -end[2], atol=1e-12)
+        np.testing.assert_allclose(each.up, -start[2], atol=1e-12)
+        assert each.moves[-1].angle_rad == each.angles[each.moves[-1].axis]
+
+
+def test_turns_from_one_place_are_found_once(moves):
+    first = moves.turns_from(None, 10.0)
+    assert moves.turns_from(moves.angles + 1e-5, 10.0) is first
+    assert moves.turns_from(moves.angles + 1 * DEG, 10.0) is not first
+    moves.hold_s = 3.0
+    assert moves.turns_from(None, 10.0)[0].cost_s == first[0].cost_s + 1.5
+
+
+def test_a_turn_that_lasts_longer_is_noisier(moves):
+    """White noise of the rate: the sigma of an angle grows with the root of time, and the rows are the columns over it."""
+    coach = Coach(machine=moves)
+    turns = moves.turns_from(None, 10.0)
+    rows = coach._rows(np.array([0.0, 0.0, -G]), turns)
+    slow = [Turn(each.straightened, each.parts, 4 * each.cost_s, each.moves, each.angles) for each in turns]
+    np.testing.assert_allclose(coach._rows(np.array([0.0, 0.0, -G]), slow), rows / 2, rtol=1e-12)

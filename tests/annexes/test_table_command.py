@@ -51,7 +51,7 @@ def test_a_description_is_printed_and_checked(run, tmp_path, monkeypatch):
 def test_an_angle_that_is_not_known_yet_is_no_number(run, table, monkeypatch, tmp_path):
     """While it searches its marks a machine may say none."""
     at_rest = SimpleNamespace(angles=np.array([np.nan]), moving=False, table_s=None)
-    monkeypatch.setattr("session.annexes.machines.makes.open_table", lambda *given: None)
+    monkeypatch.setattr("session.annexes.machines.makes.open_table", lambda *given, **options: None)
     monkeypatch.setattr(
         "session.annexes.machines.safety.Guarded", lambda machine: nullcontext(SimpleNamespace(where=lambda: at_rest, description=None))
     )

@@ -90,9 +90,9 @@ class TurnedRecording:
         home: bool = False,
         opened: Opened = _opened,
         now_s: Callable[[], float] | None = None,
-        at_zero: bool = False,
         chamber_opened: Callable[[ChamberDescription, Clock], Chamber] = open_chamber,
         chamber_clock: Clock | None = None,
+        at_zero: bool = False,
     ):
         self.file, self._home, self._opened, self._now_s = file, home, opened, now_s
         described = read_description(file)

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from session.io.errors import DataError, FormatError
-from session.io.texts import printable, significant
+from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.rates.points import read_table
+from tinygc.annexes.rates.terms import size
 from tinygc.reporting.pictures.canvas import plain
 
 #: least number of frequencies of a sweep
@@ -86,7 +87,7 @@ class Sweep:
         """Gain, bandwidth and delay in words."""
         delay, sigma = (1e3 * value for value in self.delay_s)
         if self.bandwidth_hz is None:
-            band = f"above {significant(self.bandwidth_at_least_hz or 0.0)} Hz"
+            band = f"above {size(self.bandwidth_at_least_hz or 0.0)} Hz"
         else:
             band = f"{plain(self.bandwidth_hz, self.bandwidth_sigma_hz or 0.0)} Hz"
         known = self.response.latency_s is not None

@@ -229,7 +229,8 @@ def chance(points: Points) -> float:
     noise = np.random.default_rng(SEED).normal(size=(TABLES, left.shape[1]))
     stated = np.random.default_rng(SEED + 1).chisquare(STATED_FREEDOM, TABLES) if points.is_known else np.zeros(TABLES)
     own = left.T @ (points.output / sigma)
-    beside = np.array([(STATED_FREEDOM if points.is_known else 0.0) + floor(points)])
+    repeats = len(points) / len(np.unique(points.distinct))  # which rounding moves alike
+    beside = np.array([(STATED_FREEDOM if points.is_known else 0.0) + repeats * floor(points)])
     observed = _clearest(spaces, own[None, :], beside, points.is_known)
     return float((1 + np.sum(_clearest(spaces, noise, stated, points.is_known) >= observed[0])) / (TABLES + 1))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.io.texts import fixed, significant
+from session.io.texts import significant
 from tinygc.annexes.rates.choice import Choice
 from tinygc.annexes.rates.fitting import Fit, fit, over_rate, span
 from tinygc.annexes.rates.points import Points
@@ -65,7 +65,7 @@ def terms(choice: Choice) -> list[TermRow]:
     """The rows of one sensor."""
     found, points = choice.fit, choice.points
     within = linear_range(found)
-    tested = f"{len(np.unique(points.distinct))} rates from {fixed(points.rate_dps.min(), 0)} to {fixed(points.rate_dps.max(), 0)} °/s"
+    tested = f"{len(np.unique(points.distinct))} rates from {size(points.rate_dps.min(), 4)} to {size(points.rate_dps.max(), 4)} °/s"
     unit = points.unit
     outside = "outside the dead band, " if found.hypothesis.law == "dead_band" else ""
     scale, scale_sigma = averaged(choice, lambda have: best_line(have, within)[0])

@@ -72,6 +72,19 @@ def table(law: str, rng: np.random.Generator, count: int = 21, noise: float = NO
     return points
 
 
+#: other errors than white noise of straight lines on 21 rates up and down: output of rates and of white noise of one
+NOISES = {
+    "no noise": lambda w, n: SCALE * w + n[0],
+    "rounded to 10 mV": lambda w, n: np.round(SCALE * (1 + 0.01 * n[0]) * w, 2),
+    "rounded to 1 mV, noise 0.01 mV": lambda w, n: np.round(SCALE * (1 + 0.01 * n[0]) * w + 1e-5 * n, 3),
+    "whole LSB, noise 0.1 LSB": lambda w, n: np.round((14 + 0.1 * n[0]) * w + 0.1 * n),
+    "Student's t, 3 degrees of freedom": lambda w, n: (
+        SCALE * w + NOISE * n / np.sqrt(np.roll(n, 1) ** 2 + np.roll(n, 2) ** 2 + np.roll(n, 3) ** 2)
+    ),
+    "noise that grows tenfold with the rate": lambda w, n: SCALE * w + NOISE * (0.1 + np.abs(w) / FULL_DPS) * n,
+}
+
+
 def lines(tables: int) -> None:
     """Rows: design, share of true lines that are given up."""
     print("| true straight lines | tables | called crooked |\n| --- | ---: | ---: |")
@@ -79,6 +92,13 @@ def lines(tables: int) -> None:
         rng = np.random.default_rng(count)
         crooked = sum(chance(table("line", rng, count)) <= FALSE_ALARM for _ in range(tables))
         share = crooked / tables
+        print(f"| {name} | {tables} | {100 * share:.1f} ± {100 * np.sqrt(max(share * (1 - share), 1 / tables) / tables):.1f} % |")
+    up = np.linspace(-FULL_DPS, FULL_DPS, 21)
+    rate = np.concatenate([up, up[-2::-1]])
+    for name, of in NOISES.items():
+        rng = np.random.default_rng(4)
+        drawn = [points_of("s", "V", rate, of(rate, rng.normal(size=len(rate))), ["one"] * len(rate)) for _ in range(tables)]
+        share = float(np.mean([chance(points) <= FALSE_ALARM for points in drawn]))
         print(f"| {name} | {tables} | {100 * share:.1f} ± {100 * np.sqrt(max(share * (1 - share), 1 / tables) / tables):.1f} % |")
 
 

@@ -28,6 +28,7 @@ _SENSOR = {
     "rms": SIZE,
     "noise": maybe(SIZE),
     "line_rms": SIZE,
+    "lack_of_fit": maybe({"p_value": SHARE, "noise": SIZE, "freedom": COUNT, "variance_inflation": SIZE}),
     "rivals": [{"name": TEXT, "probability": SHARE, "rms": SIZE}],
     "terms": [_TERM],
     "points": [{"curve": COUNT, "rate_dps": NUMBER, "output": NUMBER, "predicted": NUMBER, "limited": FLAG}],

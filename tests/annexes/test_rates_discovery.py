@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from conftest import broad
 
-from tinygc.annexes.rates.choice import choose
+from tinygc.annexes.rates.choice import LINE, Choice, choose
 from tinygc.annexes.rates.discovery import discover
+from tinygc.annexes.rates.fitting import fit
 from tinygc.annexes.rates.points import points_of
 
 RATE = np.concatenate([np.linspace(-300.0, 300.0, 21), np.linspace(300.0, -300.0, 21)])
@@ -40,6 +41,19 @@ def test_a_straight_line_gives_no_equation():
     assert discovery.equation is None
     assert "straight line" in discovery.lines[0]
     assert discovery.to_json()["equation"] is None
+
+
+def test_an_equation_must_predict_the_points_that_were_kept_from_the_search():
+    """A step that every third rate lacks, and these are kept."""
+    rate = np.linspace(-300.0, 300.0, 21)
+    step = 0.02 * np.sign(rate) * (np.abs(rate) > 150) * (np.arange(21) % 3 != 1)
+    points = points_of("s", "V", rate, SCALE * rate + step + 1e-3 * np.random.default_rng(0).normal(size=21), ["one"] * 21)
+    line = fit(points, LINE)
+    discovery = discover(Choice(points, line, line, 0.0, (), 1.0, ()))
+    assert discovery.best.functions
+    assert discovery.untouched > 1
+    assert discovery.equation is None
+    assert "no equation predicts the points" in discovery.lines[0]
 
 
 def test_a_clipped_line_is_a_line_within_its_limits():

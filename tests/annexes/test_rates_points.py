@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from session.io.errors import FormatError
-from tinygc.annexes.rates.points import Columns, read_points
+from tinygc.annexes.rates.points import Columns, points_of, read_points
 
 RATES = (-20, -10, 0, 10, 20)
 
@@ -82,7 +82,12 @@ def test_a_column_that_never_repeats_is_no_curve(tmp_path):
         ("rate_dps,mean_v\n1,2\n2\n", "line 3: 1 columns, expected the 2"),
         ("rate_dps,mean_v\n1,2\n2,abc\n", "line 3: mean_v is 'abc', expected a number"),
         ("rate_dps,mean_v\n1,2\n2,nan\n", "line 3: mean_v is 'nan', expected a number"),
-        ("rate_dps,mean_v\n1,2\n2,3\n3,4\n", "3 rates, expected at least four"),
+        ("rate_dps,mean_v\n1,2\n2,3\n3,4\n", r"t\.csv: t: 3 rates, expected at least four"),
+        ("rate_dps,mean_v\n1,0\n2,0\n3,0\n4,0\n", r"t\.csv: t: the output is 0 V at every rate"),
+        ("rate_dps,mean_v\n1,5,1,1\n", "4 columns, expected the 2 of the header; a decimal is written with a point"),
+        ("rate_dps;mean_v\n1,5;1\n", "line 2: rate_dps is '1,5', expected a number with a decimal point"),
+        ("rate_dps,mean_v,std_v\n1,2,0.1\n2,3,-0.1\n", "line 3: a std below 0"),
+        ("rate_dps,mean_v,std_v,n\n1,2,0.1,0\n", "line 2: .*less than one reading"),
     ],
 )
 def test_what_is_refused(tmp_path, text, said):
@@ -102,3 +107,29 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
 def test_a_column_that_is_not_there_is_named_with_those_that_are(tmp_path):
     with pytest.raises(FormatError, match=r"no column 'volts' \(--output-column\); it has rate_dps, mean_v"):
         read_points(plain(tmp_path / "t.csv"), Columns(output="volts"))
+
+
+def test_a_std_that_is_zero_is_not_used_and_that_is_said(tmp_path):
+    path = csv(tmp_path / "t.csv", "rate_dps,mean_v,std_v,readings", [f"{rate},{rate},{0.1 * (rate != 0)},100" for rate in RATES])
+    (points,), remarks = read_points(path)
+    assert not points.is_known
+    assert "a std is 0" in remarks[0]
+
+
+def test_a_sensor_with_too_few_rates_is_left_out_alone(tmp_path):
+    rows = [f"a,{rate},{rate}" for rate in RATES] + ["b,1,1", "b,2,2"]
+    found, remarks = read_points(csv(tmp_path / "t.csv", "sensor,rate_dps,mean_v", rows))
+    assert [points.sensor for points in found] == ["a"]
+    assert "b: 2 rates, expected at least four, in both senses: left out." in remarks
+
+
+def test_measured_conditions_tell_no_curves_apart(tmp_path):
+    rows = [f"{rate},{rate},{25 + (rate > 0)},{rate > 0}" for rate in (*RATES, *RATES)]
+    (points,), remarks = read_points(csv(tmp_path / "t.csv", "rate_dps,mean_v,temperature_c,mounting", rows))
+    assert points.curves == ("mounting False", "mounting True")
+    assert "Each mounting is a curve with an offset of its own" in remarks[0]
+
+
+@pytest.mark.parametrize(("outputs", "quantum"), [([1.5, 2.25, 3], 0.01), ([12, 15, 1e6], 1.0), ([0.1 + 0.2, 1 / 3, 1], 0.0)])
+def test_the_step_of_the_last_decimal(outputs, quantum):
+    assert points_of("s", "V", [0, 1, 2, 3], [*outputs, 7], ["one"] * 4).quantum == pytest.approx(quantum)

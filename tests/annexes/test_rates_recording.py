@@ -1,5 +1,7 @@
 """Rate steps and swings recorded with a machine's angles: rates, settled means, their sigmas; bandwidth and delay."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from rate_tables import ODR_HZ, TABLE, Swings, record, steps
@@ -7,7 +9,7 @@ from rate_tables import ODR_HZ, TABLE, Swings, record, steps
 import tinygc
 from session.annexes.machines.angles import read_angles
 from session.io.errors import DataError, FormatError
-from tinygc.annexes.rates.recording import dwells, read_recording
+from tinygc.annexes.rates.recording import _phasor, dwells, read_recording
 from tinygc.annexes.rates.sweep import Response, fit_response, read_response, transfer
 
 RATES = (-120, -60, 0, 60, 120)
@@ -37,6 +39,7 @@ def test_rates_and_means_of_settled_dwells(stepped):
     errors = (points.output - points.output[~moved].mean() - 1.01 * points.rate_dps) / points.sigma
     assert np.sqrt(np.mean(errors**2)) < 2
     assert (points.sigma < 5e-3).all()
+    assert (points.rate_dps[~moved] == 0).all()  # within the table's declared sigma it is at rest
     assert points.sensor == "gyroscope z"
     assert set(points.direction) == {-1, 0, 1}
 
@@ -46,6 +49,30 @@ def test_the_scale_of_a_recording(stepped):
     assert choice.is_line
     scale = choice.fit.coefficients[0]
     assert scale == pytest.approx(1.01, abs=4 * np.sqrt(choice.fit.covariance[1, 1]))
+
+
+def test_means_are_over_whole_turns(tmp_path):
+    """A wave of once a turn, as gravity makes it about a tilted axis, does not enter; half a turn more would."""
+    track, ends_s = steps([60.0, 90.0, 120.0, 150.0], 9.5)
+
+    def distort(t_s, rate, force, temp_c):
+        return rate + np.deg2rad(2) * np.sin(track.said_and_sense(t_s)[0])[:, None] * [0, 0, 1]
+
+    record(tmp_path, track, ends_s, distort=distort, noise=0.5)
+    (points,) = read(tmp_path).points
+    moved = points.rate_dps > 1
+    left = (points.output - points.rate_dps)[moved]
+    assert np.ptp(left) < 0.02
+    assert np.abs(left).max() < 0.02
+
+
+def test_sigma_of_the_amplitude_of_a_wave():
+    t_s, errors, stated = np.arange(200) / 100, [], []
+    for seed in range(200):
+        found, variance = _phasor(t_s, np.cos(2 * np.pi * 3 * t_s) + 0.1 * np.random.default_rng(seed).normal(size=200), 3.0)
+        errors += [found.real - 1, found.imag]
+        stated.append(variance)
+    assert np.mean(np.square(errors)) == pytest.approx(np.mean(stated), rel=0.2)
 
 
 def test_a_law_that_is_hidden_in_the_sensor_is_found(tmp_path):
@@ -119,6 +146,31 @@ def test_a_response_of_a_csv(tmp_path):
     path.write_text("frequency_hz,gain,phase_deg\n" + "\n".join(rows))
     assert read_response(path).phase == pytest.approx(want.phase)
     assert tinygc.estimate_rates(path).sweeps[0].bandwidth_hz == pytest.approx(20.0, rel=1e-3)
+
+
+def test_what_a_model_leaves_widens_its_sigmas():
+    """Noise is four times what the sigmas say."""
+    honest = response("first", [1.0, 0.003, 20.0], sigma=4e-3)
+    stated = dataclasses.replace(honest, gain_sigma=honest.gain_sigma / 4, phase_sigma=honest.phase_sigma / 4)
+    wide, told = fit_response(honest), fit_response(stated)
+    assert told.bandwidth_sigma_hz == pytest.approx(wide.bandwidth_sigma_hz, rel=0.3)
+    assert told.delay_s[1] == pytest.approx(wide.delay_s[1], rel=0.3)
+
+
+def test_a_bandwidth_far_beyond_the_highest_frequency_is_a_lower_limit():
+    sweep = fit_response(response("first", [1.0, 0.0, 400.0], sigma=1e-4))
+    assert sweep.model == "first"
+    assert sweep.bandwidth_hz is None
+    assert sweep.bandwidth_at_least_hz == pytest.approx(60)
+
+
+def test_points_that_no_model_describes_are_called_so():
+    good = response("first", [1.0, 0.0, 20.0])
+    assert not any("does not describe" in line for line in fit_response(good).lines)
+    gain = good.gain * np.where(np.arange(len(good.gain)) % 2, 1.2, 0.8)
+    assert "does not describe these points" in fit_response(dataclasses.replace(good, gain=gain)).lines[-1]
+    early = dataclasses.replace(response("flat", [1.0, -0.005]), latency_s=0.01)
+    assert any("a delay below zero" in line for line in fit_response(early).lines)
 
 
 # What is refused.

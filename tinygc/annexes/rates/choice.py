@@ -9,7 +9,7 @@ Evidence of a hypothesis with k numbers over n points, the size of the noise int
 
 chi2: sum of squared residuals, in stated sigmas where there are any, which then count for nu0 = ``STATED_FREEDOM`` readings; T: rms that a
 straight line leaves, the prior size of what a further term explains; M1: how many laws there are, of one that is no line; M2: how many
-kinds of limits, of one that has any.
+kinds of limits, of one that has any, and how many readings, of one that leaves one of them apart.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ EXTRA_GAIN = 2 * np.log(len(COMPETING) / FALSE_ALARM)
 #: passes between the offset of a curve and which of its points lie at a limit
 OFFSET_PASSES = 20
 LINE = Hypothesis("line")
+#: a limit at a single reading is one where its std is below this share of all others: the noise of a sensor passes through no rail
+RAIL = 0.1
 #: rates at which a departure may begin
 MOST_PLACES = 60
 #: laws that a held-out table shows beside the chosen one
@@ -107,14 +109,15 @@ def choose(points: Points) -> Choice:
         for limits in LIMITS
         if law == LINE.law or all(may or not there for may, there in zip(ends, limits, strict=True))
     ]
-    hypotheses += [Hypothesis("line", extras=(name,)) for name in COMPETING if name not in LAWS]
-    fits = [found for each in hypotheses if (found := fit(points, each)) is not None]
-    scored = sorted(((found, score(found, unit)) for found in fits), key=lambda each: each[1])
+    hypotheses += [Hypothesis("line", extras=(name,)) for name in COMPETING if name not in LAWS and _may_have(points, LINE, name)]
+    hypotheses.append(replace(LINE, apart=_farthest(line)))
+    fits = [found for each in hypotheses if (found := fit(points, each)) is not None and _shows_limits(found)]
+    scored = sorted(((found, score(found, unit) + EXTRA_GAIN * (found.hypothesis.apart >= 0)) for found in fits), key=lambda each: each[1])
     p_value = chance(points)
-    if p_value > FALSE_ALARM:
+    others = [each for each in scored if each[0].hypothesis != LINE]
+    if p_value > FALSE_ALARM or not others:
         scored.sort(key=lambda each: (each[0].hypothesis != LINE, each[1]))
     else:
-        others = [each for each in scored if each[0].hypothesis != LINE]
         scored = [*_with_extras(points, others, unit), *(each for each in scored if each[0].hypothesis == LINE)]
     best = scored[0]
     weights = np.exp(-np.array([max(each[1] - best[1], 0.0) for each in scored]) / 2)
@@ -137,18 +140,38 @@ def _with_extras(points: Points, scored: list[tuple[Fit, float]], unit: float) -
     found = list(scored)
     for _ in COMPETING:
         best, have = found[0]
-        more = [replace(best.hypothesis, extras=(*best.hypothesis.extras, name)) for name in COMPETING if _may_have(best.hypothesis, name)]
-        fits = [(each, score(each, unit) + EXTRA_GAIN) for hypothesis in more if (each := fit(points, hypothesis)) is not None]
-        better = min(fits, key=lambda each: each[1], default=None)
-        if better is None or better[1] >= have:
+        of = best.hypothesis
+        more = [replace(of, extras=(*of.extras, name)) for name in COMPETING if _may_have(points, of, name)]
+        if of.apart < 0:
+            more.append(replace(of, apart=_farthest(best)))
+        fits = [each for hypothesis in more if (each := fit(points, hypothesis)) is not None and _shows_limits(each)]
+        tried = sorted(((each, score(each, unit) + EXTRA_GAIN) for each in fits), key=lambda each: each[1])
+        if not tried or tried[0][1] >= have:
             break
-        found.insert(0, better)
+        found = [*tried, *found]
     return found
 
 
-def _may_have(hypothesis: Hypothesis, extra: str) -> bool:
-    taken = {"asymmetry": ("asymmetry", "pieces"), "turning": (), "hysteresis": ()}[extra]
-    return extra not in hypothesis.extras and hypothesis.law not in taken
+def _may_have(points: Points, hypothesis: Hypothesis, extra: str) -> bool:
+    """Whether an extra is none of the law's own, and seen by these rates: hysteresis and drift where they go both ways."""
+    if extra in ("hysteresis", "drift") and len(points.both_ways) < 2:
+        return False
+    return extra not in hypothesis.extras and not (extra == "asymmetry" and hypothesis.law in ("asymmetry", "pieces"))
+
+
+def _farthest(found: Fit) -> int:
+    """Row of the reading without which a fit leaves least."""
+    left, size, _ = np.linalg.svd(found.jacobian, full_matrices=False)
+    leverage = np.sum(left[:, size > 1e-12 * size.max()] ** 2, axis=1)
+    return int(np.argmax((found.residuals / weight_sigma(found.points)) ** 2 / np.maximum(1 - leverage, 1e-9)))
+
+
+def _shows_limits(found: Fit) -> bool:
+    """Whether two readings lie at the limits, or one whose std is far below all others; one alone may be a reading that is off."""
+    limited, std = found.is_limited, found.points.std
+    if limited.sum() != 1:
+        return True
+    return bool(np.isfinite(std).all() and std[limited].max() < RAIL * std[~limited].min())
 
 
 def score(found: Fit, unit: float) -> float:
@@ -160,6 +183,7 @@ def score(found: Fit, unit: float) -> float:
     chi_square = max(found.chi_square, floor(points))
     of = found.hypothesis
     price = 2 * np.log(len(LAWS)) * (of.law != LINE.law or bool(of.extras)) + 2 * np.log(len(LIMITS)) * (of.lower or of.upper)
+    price += 2 * np.log(len(points)) * (of.apart >= 0)
     parameters = found.parameters * np.log(len(points) * unit**2)
     return float(found.freedom * np.log((chi_square + stated) / 2) - 2 * gammaln(found.freedom / 2) + parameters + price)
 
@@ -169,13 +193,14 @@ def score(found: Fit, unit: float) -> float:
 
 def departures(points: Points) -> list[np.ndarray]:
     """(N, 1 or 2) columns of every kind of departure from a line that the laws can make, at places of their own."""
-    rate, direction = points.rate_dps, points.direction
+    rate = points.rate_dps
     u = rate / np.abs(rate).max()
     sizes, places = (
         _thinned(np.unique(np.abs(points.distinct) / np.abs(rate).max())),
         _thinned(np.unique(points.distinct) / np.abs(rate).max()),
     )
-    found = [u**2, u**3, np.abs(u), (rate != 0).astype(float), direction, np.sign(u)]
+    found = [u**2, u**3, np.abs(u), (rate != 0).astype(float), np.sign(u)]
+    found += [points.direction, points.order] if len(points.both_ways) > 1 else []
     found += [np.maximum(u - place, 0.0) for place in places[1:-1]]
     found += [np.clip(u, -size, size) for size in sizes[:-1] if size]
     pairs = [np.stack([u**2, u**3], axis=1), np.stack([u**3, u**5], axis=1)]
@@ -204,17 +229,19 @@ def chance(points: Points) -> float:
     noise = np.random.default_rng(SEED).normal(size=(TABLES, left.shape[1]))
     stated = np.random.default_rng(SEED + 1).chisquare(STATED_FREEDOM, TABLES) if points.is_known else np.zeros(TABLES)
     own = left.T @ (points.output / sigma)
-    observed = _clearest(spaces, own[None, :], np.array([STATED_FREEDOM if points.is_known else 0.0]))
-    return float((1 + np.sum(_clearest(spaces, noise, stated) >= observed[0])) / (TABLES + 1))
+    repeats = len(points) / len(np.unique(points.distinct))  # which rounding moves alike
+    beside = np.array([(STATED_FREEDOM if points.is_known else 0.0) + repeats * floor(points)])
+    observed = _clearest(spaces, own[None, :], beside, points.is_known)
+    return float((1 + np.sum(_clearest(spaces, noise, stated, points.is_known) >= observed[0])) / (TABLES + 1))
 
 
-def _clearest(spaces: Sequence[np.ndarray], residuals: np.ndarray, stated: np.ndarray) -> np.ndarray:
-    """(T,) of tables (T, M): the clearest departure of each, as a normal deviate."""
-    total = np.sum(residuals**2, axis=1) + stated
+def _clearest(spaces: Sequence[np.ndarray], residuals: np.ndarray, more: np.ndarray, is_stated: bool) -> np.ndarray:
+    """(T,) of tables (T, M): the clearest departure of each, as a normal deviate; more (T,): squares of noise beside the residuals."""
+    total = np.sum(residuals**2, axis=1) + more
     sizes = np.array([space.shape[1] for space in spaces])
     squares = (residuals @ np.concatenate(spaces, axis=1)) ** 2
     taken = np.add.reduceat(squares, np.concatenate([[0], np.cumsum(sizes)[:-1]]), axis=1)  # (T, spaces)
-    freedom = residuals.shape[1] - sizes + (STATED_FREEDOM if stated.any() else 0.0)
+    freedom = residuals.shape[1] - sizes + (STATED_FREEDOM if is_stated else 0.0)
     left = np.maximum(total[:, None] - taken, 1e-15 * total[:, None])
     deviates = _as_normal(taken / sizes / (left / np.maximum(freedom, 1.0)), sizes, np.maximum(freedom, 1.0))
     clearest: np.ndarray = np.where(freedom >= 1, deviates, -np.inf).max(axis=1)
@@ -236,6 +263,7 @@ def held_out(points: Points, hypothesis: Hypothesis, curve: int, fitted: Sequenc
 
     None where the others do not determine the law; without its limits where none of them reaches these.
     """
+    hypothesis = replace(hypothesis, apart=-1)
     numbers = [n for n in range(len(points.curves)) if n != curve] if fitted is None else list(fitted)
     others = points.part(np.isin(points.curve, numbers))
     places = np.searchsorted(numbers, others.curve)
@@ -245,7 +273,7 @@ def held_out(points: Points, hypothesis: Hypothesis, curve: int, fitted: Sequenc
         return None
     here = points.part(points.curve == curve)
     beyond = np.abs(here.rate_dps) > np.abs(others.rate_dps).max()
-    free, offset = found.unlimited(here.rate_dps, here.direction), found.offset
+    free, offset = found.unlimited(here.rate_dps, here), found.offset
     for _ in range(OFFSET_PASSES):
         predicted = np.clip(free + offset, *found.limits)
         inside = (predicted > found.limits[0]) & (predicted < found.limits[1]) & ~beyond

@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from session.io.texts import probability, significant
+from session.io.texts import probability
 from tinygc.annexes.discovery.enumeration import ALONE, bits, constant_at, places
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import FUNCTIONS
 from tinygc.annexes.rates.choice import FALSE_ALARM, Choice, chance
 from tinygc.annexes.rates.fitting import floor, weight_sigma
 from tinygc.annexes.rates.points import Points
+from tinygc.annexes.rates.terms import size
 
 #: every third point, by rate, is kept from the search
 THIRD = 3
@@ -59,7 +60,7 @@ class Equation:
         for name, constant in self.functions:
             count = FUNCTIONS[name].phases
             own, left = left[:count], left[count:]
-            shown = f"{significant(constant)}" if constant is not None else ""
+            shown = size(constant) if constant is not None else ""
             if name == "wave":
                 parts.append(
                     f"{_number(float(np.hypot(own[0], own[1])))} sin(2π w / {shown} {_number(float(np.arctan2(own[0], own[1])), True)})"

@@ -20,10 +20,27 @@ PLATEAUS = (0.002, 0.02)
 PASSES = 6
 #: least share of the output's span that a residual may count: no output is written with more digits
 ROUNDING = 1e-7
+#: least degrees of freedom of repeats that test a law, and the probability below which they refute it
+LEAST_REPEATS, REFUTED = 3, 0.05
 #: step of a central difference, of the parameter's size
 STEP = 1e-5
 #: fits of one hypothesis, from different starts, that are refined; steps of each; residuals, in those of its start, where it is no fit
 REFINED, MOST_STEPS, WORSE = 2, 60, 10.0
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """F test of a law against repeats of its rates, offsets of curves apart.
+
+    p_value: that the law leaves so much by chance; noise: of a repeat, in the output's unit or as factor on the stated sigmas, with
+    ``freedom`` degrees of freedom; variance_inflation: scatter of the rates' means about the law, over the noise of the fit, where the law
+    is refuted, else 1.
+    """
+
+    p_value: float
+    noise: float
+    freedom: int
+    variance_inflation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +58,9 @@ class Fit:
     shape: tuple[float, ...]
     limits: tuple[float, float]
 
-    def unlimited(self, rate: np.ndarray, direction: np.ndarray | None = None) -> np.ndarray:
-        """(M,) output less offset at rates (M,) °/s, without the limits; direction: rising or falling rate, 0 where it is left out."""
-        rate = np.asarray(rate, dtype=float)
-        columns = self.hypothesis.columns(rate, np.zeros(len(rate)) if direction is None else direction, self.shape)
-        return columns @ self.coefficients
+    def unlimited(self, rate: np.ndarray, points: Points | None = None) -> np.ndarray:
+        """(M,) output less offset at rates (M,) °/s, without the limits; points: which these are, None for any rates."""
+        return self.hypothesis.columns(np.asarray(rate, dtype=float), self.shape, points) @ self.coefficients
 
     def at(self, rate: np.ndarray, offset: float | None = None) -> np.ndarray:
         """(M,) output at rates (M,) °/s; offset: the mean of the curves' by default."""
@@ -60,7 +75,7 @@ class Fit:
     def predicted(self) -> np.ndarray:
         """(N,) at the points."""
         points = self.points
-        return np.clip(self.offsets[points.curve] + self.unlimited(points.rate_dps, points.direction), *self.limits)
+        return np.clip(self.offsets[points.curve] + self.unlimited(points.rate_dps, points), *self.limits)
 
     @property
     def residuals(self) -> np.ndarray:
@@ -134,14 +149,38 @@ class Fit:
         columns = number - len(self.offsets)
         if not 0 <= columns < len(self.coefficients):
             return 1e-3 * span(self.points)
-        column = self.hypothesis.columns(self.points.rate_dps, self.points.direction, self.shape)[:, columns]
+        column = self.hypothesis.columns(self.points.rate_dps, self.shape, self.points)[:, columns]
         return 1e-3 * span(self.points) / max(float(np.abs(column).max()), 1e-300)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(p, p) of ``vector``."""
+        """(p, p) of ``vector``, wider where repeats refute the law."""
         size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
-        return np.linalg.pinv((self.jacobian / size).T @ (self.jacobian / size), rcond=1e-13) / np.outer(size, size) * self.noise**2
+        inverse = np.linalg.pinv((self.jacobian / size).T @ (self.jacobian / size), rcond=1e-13) / np.outer(size, size)
+        lack = self.lack_of_fit
+        return inverse * self.noise**2 * (1.0 if lack is None else lack.variance_inflation)
+
+    @cached_property
+    def lack_of_fit(self) -> LackOfFit | None:
+        """Whether the law leaves more than repeats of a rate do; None where too few rates were repeated."""
+        rates = np.unique(self.points.distinct)
+        repeated = (self.points.distinct[:, None] == rates[None, :]) / weight_sigma(self.points)[:, None]
+        residuals = self.residuals / weight_sigma(self.points)
+        size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
+        free, left = [], []
+        for columns in (self.jacobian / size, np.column_stack([self.jacobian / size, repeated])):
+            solved, _, rank, _ = np.linalg.lstsq(columns, residuals, rcond=1e-10)
+            free.append(len(residuals) - int(rank))
+            left.append(max(float(np.sum((residuals - columns @ solved) ** 2)), floor(self.points)))
+        between = free[0] - free[1]
+        if free[1] < LEAST_REPEATS or not between:
+            return None
+        from scipy.special import fdtrc
+
+        scatter, repeats = max(left[0] - left[1], 0.0) / between, left[1] / free[1]
+        p_value = float(fdtrc(between, free[1], scatter / repeats))
+        inflation = max(scatter / self.noise**2, 1.0) if p_value < REFUTED else 1.0
+        return LackOfFit(p_value, float(np.sqrt(repeats)), free[1], inflation)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -149,6 +188,7 @@ class Fit:
         law = self.hypothesis.of
         offsets = [f"V0[{number}]" for number in range(len(self.offsets))] if len(self.offsets) > 1 else ["V0"]
         coefficients = [name for name, _ in law.coefficients] + [EXTRAS[name].symbol.split()[0] for name in self.hypothesis.extras]
+        coefficients += ["r"] * (self.hypothesis.apart >= 0)
         limits = ["V−"] * self.hypothesis.lower + ["V+"] * self.hypothesis.upper
         return (*offsets, *coefficients, *(shape.name for shape in law.shapes), *limits)
 
@@ -157,6 +197,7 @@ class Fit:
         """Units of the numbers in ``vector``."""
         law, unit = self.hypothesis.of, self.points.unit
         powers = [power for _, power in law.coefficients] + [EXTRAS[name].power for name in self.hypothesis.extras]
+        powers += [0] * (self.hypothesis.apart >= 0)
         limits = self.hypothesis.lower + self.hypothesis.upper
         return (*[unit] * len(self.offsets), *(over_rate(unit, power) for power in powers), *(s.unit for s in law.shapes), *[unit] * limits)
 
@@ -183,14 +224,15 @@ def weight_sigma(points: Points) -> np.ndarray:
 
 
 def floor(points: Points) -> float:
-    """Least sum of squared whitened residuals that counts: that of the outputs' last digit."""
-    return float(np.sum((ROUNDING * span(points) / weight_sigma(points)) ** 2))
+    """Least sum of squared whitened residuals that counts: that of the outputs' last digit, and of the noise that rounding is."""
+    least = max(ROUNDING * span(points), points.quantum / np.sqrt(12))
+    return float(np.sum((least / weight_sigma(points)) ** 2))
 
 
 def fit(points: Points, hypothesis: Hypothesis) -> Fit | None:
     """The best fit of a hypothesis; None where the points do not determine it."""
-    width = len(points.curves) + len(hypothesis.of.coefficients) + len(hypothesis.extras) + len(hypothesis.of.shapes)
-    if len(points) < width + hypothesis.lower + hypothesis.upper + 2 or len(np.unique(points.distinct)) < width - len(points.curves) + 2:
+    width = len(points.curves) + len(hypothesis.of.coefficients) + hypothesis.added + len(hypothesis.of.shapes)
+    if len(points) < width + hypothesis.lower + hypothesis.upper + 2 or len(np.unique(points.distinct)) < _least_rates(hypothesis):
         return None
     found: list[Fit] = []
     for low, high in product(_plateaus(points, hypothesis.lower, False), _plateaus(points, hypothesis.upper, True)):
@@ -201,6 +243,11 @@ def fit(points: Points, hypothesis: Hypothesis) -> Fit | None:
     found = sorted(found, key=lambda each: each.chi_square)[: REFINED if hypothesis.of.shapes else 1]
     refined = [each for each in map(_refined, found) if each is not None]
     return min(refined, key=lambda each: each.chi_square, default=None)
+
+
+def _least_rates(hypothesis: Hypothesis) -> int:
+    """Rates at no limit that a hypothesis needs: those of its numbers beside the offsets, and two more."""
+    return len(hypothesis.of.coefficients) + len(hypothesis.of.shapes) + hypothesis.added + 2
 
 
 def _plateaus(points: Points, there: bool, upper: bool) -> Iterator[np.ndarray]:
@@ -223,7 +270,7 @@ def _from(points: Points, hypothesis: Hypothesis, shape: tuple[float, ...], low:
     low, high (N,) bool: points at the limits, where a guess begins.  None where the points do not determine it.
     """
     sigma, count = weight_sigma(points), len(points.curves)
-    columns = np.column_stack([np.eye(count)[points.curve], hypothesis.columns(points.rate_dps, points.direction, shape)])
+    columns = np.column_stack([np.eye(count)[points.curve], hypothesis.columns(points.rate_dps, shape, points)])
     if not np.isfinite(columns).all():
         return None
     size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
@@ -240,6 +287,8 @@ def _from(points: Points, hypothesis: Hypothesis, shape: tuple[float, ...], low:
         if (now[0] == low).all() and (now[1] == high).all():
             break
         low, high = now
+    if (hypothesis.lower or hypothesis.upper) and len(np.unique(points.distinct[~(low | high)])) < _least_rates(hypothesis):
+        return None
     return Fit(points, hypothesis, solved[:count] / size[:count], solved[count:] / size[count:], shape, limits)
 
 

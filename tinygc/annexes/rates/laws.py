@@ -14,6 +14,8 @@ from itertools import product
 
 import numpy as np
 
+from tinygc.annexes.rates.points import Points
+
 #: columns (N, K) at rates (N,) °/s, for the shape parameters of a law
 ColumnsOf = Callable[[np.ndarray, tuple[float, ...]], np.ndarray]
 
@@ -134,7 +136,7 @@ LAWS: dict[str, Law] = {
         Law(
             "normalised_sine",
             "an interferometer whose mean light is held constant",
-            "A sin x / (1 + j cos x), x = w / w0",
+            "A sin x / (1 + j cos x); x = w / w0",
             (("A", 0),),
             _columns(lambda w, c, j: np.sin(w / c) / (1 + j * np.cos(w / c))),
             (_PHASE, Shape("j", "1", (-0.2, 0.25), (-0.41, 0.9))),
@@ -142,7 +144,7 @@ LAWS: dict[str, Law] = {
         Law(
             "overloaded_sine",
             "an interferometer whose amplifier loses gain in overload",
-            "A s / (1 + (|s| / b)^n), s = sin(w / w0)",
+            "A s / (1 + (|s| / b)^n); s = sin(w / w0)",
             (("A", 0),),
             _overloaded,
             (_PHASE, Shape("b", "1", (0.8, 1.05), (0.2, 3.0)), Shape("n", "1", (4.0, 10.0), (1.0, 40.0))),
@@ -150,7 +152,7 @@ LAWS: dict[str, Law] = {
         Law(
             "demodulator",
             "an interferometer whose detector signal is held at one size and saturates",
-            "A H1[min(s / rms(s), b)], s = cos(x + m cos t) less its mean, x = w / w0, H1 the harmonic of cos t",
+            "A H1[min(s / rms(s), b)]; s = cos(x + m cos t) less its mean, x = w / w0, H1 the harmonic of cos t",
             (("A", 0),),
             _demodulated,
             (_PHASE, Shape("m", "rad", (1.8, 2.7, 3.1), (0.5, 4.5)), Shape("b", "1", (-0.4, 0.7), (-1.0, 3.0))),
@@ -177,40 +179,42 @@ LAWS: dict[str, Law] = {
 
 @dataclass(frozen=True, eq=False)
 class Extra:
-    """One more column beside a law: name; words; power of °/s in its coefficient's unit; column of rate (N,) and direction (N,)."""
+    """One more column beside a law: name; words; power of °/s in its coefficient's unit; column of rate, direction and order, each (N,)."""
 
     name: str
     words: str
     symbol: str
     power: int
-    column: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    column: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 EXTRAS: dict[str, Extra] = {
     extra.name: extra
     for extra in (
-        Extra("asymmetry", "asymmetry", "a |w|", 1, lambda rate, direction: np.abs(rate)),
-        Extra("hysteresis", "hysteresis", "h direction / 2", 0, lambda rate, direction: direction / 2),
-        Extra("turning", "an offset while the table turns", "t [w ≠ 0]", 0, lambda rate, direction: (rate != 0).astype(float)),
-        Extra("bend", "a cubic term", "c w³", 3, lambda rate, direction: rate**3),
-        Extra("sense", "a step with the sense", "z sign(w)", 0, lambda rate, direction: np.sign(rate)),
+        Extra("asymmetry", "asymmetry", "a |w|", 1, lambda rate, direction, order: np.abs(rate)),
+        Extra("hysteresis", "hysteresis", "h direction / 2", 0, lambda rate, direction, order: direction / 2),
+        Extra("drift", "a drift in the order of the rows", "u order", 0, lambda rate, direction, order: order),
+        Extra("turning", "an offset while the table turns", "t [w ≠ 0]", 0, lambda rate, direction, order: (rate != 0).astype(float)),
+        Extra("bend", "a cubic term", "c w³", 3, lambda rate, direction, order: rate**3),
+        Extra("sense", "a step with the sense", "z sign(w)", 0, lambda rate, direction, order: np.sign(rate)),
     )
 }
 
 #: extras that compete; the others are only probed for, where nothing shows
-COMPETING = ("asymmetry", "hysteresis", "turning")
+COMPETING = ("asymmetry", "hysteresis", "drift", "turning")
 #: which ends of the output have a limit
 LIMITS: tuple[tuple[bool, bool], ...] = ((False, False), (True, True), (False, True), (True, False))
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A law with limits of the output (lower, upper) and extras."""
+    """A law with limits of the output (lower, upper) and extras; apart: row of one reading that does not follow them, -1 for none."""
 
     law: str
     lower: bool = False
     upper: bool = False
     extras: tuple[str, ...] = ()
+    apart: int = -1
 
     @property
     def of(self) -> Law:
@@ -221,17 +225,30 @@ class Hypothesis:
     def name(self) -> str:
         """``sine, clipped below and above, turning``."""
         ends = {(True, True): "clipped below and above", (True, False): "clipped below", (False, True): "clipped above"}
-        return ", ".join(filter(None, (self.law, ends.get((self.lower, self.upper)), *self.extras)))
+        return ", ".join(filter(None, (self.law, ends.get((self.lower, self.upper)), *self.extras, "one reading off" * (self.apart >= 0))))
 
     @property
     def equation(self) -> str:
         """The output, with the names of its parameters."""
-        inside = " + ".join(["V0", self.of.equation.partition(", ")[0], *(EXTRAS[name].symbol for name in self.extras)])
+        law, _, rest = self.of.equation.partition("; ")
+        added = [EXTRAS[name].symbol for name in self.extras] + ["r [one reading]"] * (self.apart >= 0)
+        inside = " + ".join(["V0", law, *added])
         low, high = "V−" if self.lower else "−∞", "V+" if self.upper else "∞"
-        rest = self.of.equation.partition(", ")[2]
         return (f"V = clip({inside}, {low}, {high})" if self.lower or self.upper else f"V = {inside}") + (f"; {rest}" if rest else "")
 
-    def columns(self, rate: np.ndarray, direction: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
-        """(N, K + E) columns of the law's coefficients and of the extras."""
-        extras = [EXTRAS[name].column(rate, direction) for name in self.extras]
+    @property
+    def added(self) -> int:
+        """How many columns there are beside the law's own."""
+        return len(self.extras) + (self.apart >= 0)
+
+    def columns(self, rate: np.ndarray, shape: tuple[float, ...], points: Points | None = None) -> np.ndarray:
+        """(N, K + E) columns of the law's coefficients and of the extras, at rates (N,); points: which these are, None where they are none.
+
+        Where they are none, nothing is known of their direction and order, and none is the reading apart.
+        """
+        none = np.zeros(len(rate))
+        direction, order = (none, none) if points is None else (points.direction, points.order)
+        extras = [EXTRAS[name].column(rate, direction, order) for name in self.extras]
+        if self.apart >= 0:
+            extras.append(none if points is None else (np.arange(len(rate)) == self.apart).astype(float))
         return np.column_stack([self.of.columns(rate, shape), *extras])

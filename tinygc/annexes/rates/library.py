@@ -88,6 +88,7 @@ class Rates(Shown):
 
 def _of_sensor(choice: Choice, discovery: Discovery | None) -> dict[str, Any]:
     found, points = choice.fit, choice.points
+    lack = found.lack_of_fit
     sigmas = np.sqrt(np.diag(found.covariance)).tolist()
     numbers = zip(found.names, found.vector.tolist(), sigmas, found.units, strict=True)
     rows = zip(points.curve.tolist(), points.rate_dps, points.output, found.predicted, found.is_limited, strict=True)
@@ -104,6 +105,7 @@ def _of_sensor(choice: Choice, discovery: Discovery | None) -> dict[str, Any]:
         "rms": found.rms,
         "noise": found.noise,
         "line_rms": choice.line.rms,
+        "lack_of_fit": None if lack is None else vars(lack),
         "rivals": [{"name": rival.hypothesis.name, "probability": share, "rms": rival.rms} for rival, share in choice.rivals],
         "terms": [vars(row) for row in terms(choice)],
         "points": [

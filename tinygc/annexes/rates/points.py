@@ -27,11 +27,15 @@ MOST_BYTES, MOST_POINTS = 16 * MB, 2000
 LEAST_RATES = 4
 #: of the largest output: a stated sigma below is none
 LEAST_SIGMA = 1e-9
+#: digits behind the point with which an output is still taken as rounded
+MOST_DECIMALS = 8
 #: names of columns, before their units
 RATES = ("rate", "table_rate", "input_rate", "commanded_rate", "omega", "speed", "input")
 OUTPUTS = ("mean", "output", "average", "value", "voltage", "reading", "out", "signal")
 STDS = ("std", "sigma", "stdev", "sd", "noise")
 READINGS = ("readings", "n", "count", "samples", "n_readings")
+#: what is measured beside the output begins so, and tells no curves apart
+MEASURED = ("temp", "humidity", "pressure", "time", "supply")
 SENSORS = ("sensor", "unit", "serial", "axis", "device", "name")
 #: units of rate -> °/s
 RATE_UNITS = {
@@ -66,7 +70,8 @@ class Points:
 
     rate_dps (N,): of the table, °/s; output (N,) in ``unit``; sigma (N,): of the output's mean, NaN where it is not known; curve (N,):
     which curve each is of, of ``curves``, their names; direction (N,): +1 where the rate rose to this point, -1 where it fell, 0 for the
-    first; cells: of the sensor's own columns, for its name.
+    first; order (N,): from -1/2 to 1/2, when each was taken among those of its curve; std (N,): of the readings behind each mean, NaN
+    where it is not known.
     """
 
     sensor: str
@@ -77,6 +82,8 @@ class Points:
     curve: np.ndarray
     curves: tuple[str, ...]
     direction: np.ndarray
+    order: np.ndarray
+    std: np.ndarray
 
     def __len__(self) -> int:
         return len(self.rate_dps)
@@ -93,11 +100,23 @@ class Points:
         found: np.ndarray = np.round(self.rate_dps / step) * step
         return found
 
+    @property
+    def both_ways(self) -> np.ndarray:
+        """(M,) rates that were reached from below and from above."""
+        return np.intersect1d(self.distinct[self.direction > 0], self.distinct[self.direction < 0])
+
+    @property
+    def quantum(self) -> float:
+        """Step of the last decimal that any output is written with; 0 where they have more than ``MOST_DECIMALS``."""
+        for decimals in range(MOST_DECIMALS + 1):
+            if (np.abs(np.round(self.output, decimals) - self.output) <= 1e-12 * np.abs(self.output).max()).all():
+                return float(10.0**-decimals)
+        return 0.0
+
     def part(self, which: np.ndarray) -> Points:
         """The points (N,) bool that are chosen, the curves keeping their numbers."""
-        rows = (self.rate_dps, self.output, self.sigma, self.curve, self.direction)
-        rate, output, sigma, curve, direction = (row[which] for row in rows)
-        return replace(self, rate_dps=rate, output=output, sigma=sigma, curve=curve, direction=direction)
+        rows = ("rate_dps", "output", "sigma", "curve", "direction", "order", "std")
+        return replace(self, **{name: getattr(self, name)[which] for name in rows})
 
 
 @dataclass(frozen=True)
@@ -111,9 +130,15 @@ class Columns:
 
 
 def points_of(
-    sensor: str, unit: str, rate_dps: np.ndarray, output: np.ndarray, curve: Sequence[str], sigma: np.ndarray | None = None
+    sensor: str,
+    unit: str,
+    rate_dps: np.ndarray,
+    output: np.ndarray,
+    curve: Sequence[str],
+    sigma: np.ndarray | None = None,
+    std: np.ndarray | None = None,
 ) -> Points:
-    """Points of arrays (N,); curve: the name of each point's curve.  FormatError for fewer than four rates."""
+    """Points of arrays (N,); curve: the name of each point's curve.  FormatError for fewer than four rates, or a constant output."""
     rate_dps, output = np.asarray(rate_dps, dtype=float), np.asarray(output, dtype=float)
     names = tuple(dict.fromkeys(curve))
     which = np.array([names.index(name) for name in curve])
@@ -121,10 +146,18 @@ def points_of(
         raise FormatError(f"{printable(sensor)}: a rate or an output is not finite; leave its row out")
     if len(np.unique(rate_dps)) < LEAST_RATES:
         raise FormatError(f"{printable(sensor)}: {len(np.unique(rate_dps))} rates, expected at least four, in both senses")
+    if not np.ptp(output) > LEAST_SIGMA * np.abs(output).max():
+        raise FormatError(
+            f"{printable(sensor)}: the output is {output[0]:g} {unit} at every rate, expected one that follows it; "
+            "name the output's column with --output-column"
+        )
     step = np.concatenate([[0.0], np.sign(np.diff(rate_dps))])
     step[1:][np.diff(which) != 0] = 0.0  # a curve begins
-    known = np.full(len(rate_dps), np.nan) if sigma is None else np.asarray(sigma, dtype=float)
-    return Points(sensor, unit, rate_dps, output, known, which, names, step)
+    order = np.zeros(len(rate_dps))
+    for number in range(len(names)):
+        order[which == number] = np.linspace(-0.5, 0.5, int(np.sum(which == number)))
+    known, spread = (np.full(len(rate_dps), np.nan) if each is None else np.asarray(each, dtype=float) for each in (sigma, std))
+    return Points(sensor, unit, rate_dps, output, known, which, names, step, order, spread)
 
 
 def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points], list[str]]:
@@ -135,30 +168,50 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
     output = _column(path, header, columns.output, OUTPUTS, "output", "--output-column")
     std, readings = (_found(header, names) for names in (STDS, READINGS))
     factor = _rate_factor(path, header[rate])
-    own = [n for n, name in enumerate(header) if n not in (rate, output, std, readings)]
-    names = [n for n in own if header[n].strip().lower() in SENSORS]
-    others = [n for n in own if n not in names and 1 < len({row[n] for _, row in rows}) <= len(rows) / 2]
+    more = [n for n, name in enumerate(header) if n not in (rate, output, std, readings)]
+    names = [n for n in more if header[n].strip().lower() in SENSORS]
+    others = [
+        n
+        for n in more
+        if n not in names and not header[n].strip().lower().startswith(MEASURED) and 1 < len({row[n] for _, row in rows}) <= len(rows) / 2
+    ]
     remarks = []
     unit = columns.unit or _unit(header[output])
     if not unit:
         unit = "units"
         remarks.append(f"The column {printable(header[output])!r} states no unit; --output-unit V gives one.")
-    sensors: dict[str, list[tuple[str, float, float, float]]] = {}
+    sensors: dict[str, list[tuple[str, float, float, float, float]]] = {}
     for line, row in rows:
         n = columns.readings or (None if readings is None else _number(path, line, header[readings], row[readings]))
         spread = None if std is None else _number(path, line, header[std], row[std])
+        if (spread is not None and spread < 0) or (n is not None and n < 1):
+            raise FormatError(f"{path} line {line}: a std below 0, or less than one reading; correct it, or leave the row out")
         sigma = np.nan if n is None or spread is None or n < 2 else spread / np.sqrt(n)
         where = [_number(path, line, header[n], row[n]) for n in (rate, output)]
         curve = ", ".join(f"{header[n]} {row[n]}" for n in others)
-        sensors.setdefault(" ".join(row[n] for n in names) or path.stem, []).append((curve, where[0] * factor, where[1], sigma))
+        numbers = (where[0] * factor, where[1], sigma, np.nan if spread is None else spread)
+        sensors.setdefault(" ".join(row[n] for n in names) or path.stem, []).append((curve, *numbers))
     if std is not None and readings is None and columns.readings is None:
         remarks.append("How many readings are behind each std is not stated, so the noise comes from repeats and residuals (--readings N).")
-    found = []
+    found: list[Points] = []
+    refused: list[str] = []
     for sensor, own_rows in sensors.items():
         curve_names = [each[0] for each in own_rows]
         table = np.array([each[1:] for each in own_rows])
-        found.append(points_of(sensor, unit, table[:, 0], table[:, 1], curve_names, table[:, 2]))
-    return found, remarks
+        try:
+            own = points_of(sensor, unit, table[:, 0], table[:, 1], curve_names, table[:, 2], table[:, 3])
+        except FormatError as error:
+            refused.append(str(error))
+            continue
+        found.append(own)
+        if np.isfinite(own.sigma).any() and not own.is_known:
+            remarks.append(f"{printable(sensor)}: a std is 0 or has one reading behind it, so no std of it is used.")
+    if not found:
+        raise FormatError(f"{path}: {refused[0]}")
+    if others:
+        told_apart = ", ".join(printable(header[n]) for n in others)
+        remarks.append(f"Each {told_apart} is a curve with an offset of its own; leave out a column that only states conditions.")
+    return found, remarks + [f"{each}: left out." for each in refused]
 
 
 def read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
@@ -176,7 +229,8 @@ def read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     rows = [(number, row) for (number, _), row in zip(lines[1:], cells[1:], strict=True)]
     for number, row in rows:
         if len(row) != len(header):
-            raise FormatError(f"{path} line {number}: {len(row)} columns, expected the {len(header)} of the header")
+            comma = "; a decimal is written with a point" if len(row) == 2 * len(header) else ""
+            raise FormatError(f"{path} line {number}: {len(row)} columns, expected the {len(header)} of the header{comma}")
     if len(rows) > MOST_POINTS:
         raise FormatError(f"{path}: {len(rows)} points, expected at most {MOST_POINTS}; is it a log? give one row for each rate")
     return header, rows
@@ -229,7 +283,8 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     except ValueError:
         value = float("nan")
     if not np.isfinite(value) or abs(value) > 1e12:
+        point = " with a decimal point" if "," in text else ""
         raise FormatError(
-            f"{path} line {line}: {printable(name)} is {printable(text)[:40]!r}, expected a number; correct it, or leave the row out"
+            f"{path} line {line}: {printable(name)} is {printable(text)[:40]!r}, expected a number{point}; correct it, or leave the row out"
         )
     return value

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from session.io.errors import DataError, FormatError
-from session.io.texts import printable, significant
+from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.rates.points import read_table
+from tinygc.annexes.rates.terms import size
 from tinygc.reporting.pictures.canvas import plain
 
 #: least number of frequencies of a sweep
@@ -30,6 +31,8 @@ MODELS: dict[str, tuple[str, int]] = {"flat": ("flat", 0), "first": ("first orde
 MOST_HZ, MOST_GAIN, MOST_DELAY_S = 1e5, 1e6, 10.0
 #: power at the end of the band
 HALF_POWER = 1 / np.sqrt(2)
+#: what a model may leave of gain and phase, rms, as a share and in rad, and still be said to describe them
+POOR = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,7 @@ class Sweep:
         """Gain, bandwidth and delay in words."""
         delay, sigma = (1e3 * value for value in self.delay_s)
         if self.bandwidth_hz is None:
-            band = f"above {significant(self.bandwidth_at_least_hz or 0.0)} Hz"
+            band = f"above {size(self.bandwidth_at_least_hz or 0.0)} Hz"
         else:
             band = f"{plain(self.bandwidth_hz, self.bandwidth_sigma_hz or 0.0)} Hz"
         known = self.response.latency_s is not None
@@ -95,7 +98,20 @@ class Sweep:
             if known
             else "the sensor's less the table's latency, which is not declared"
         )
-        return [f"gain {plain(*self.gain)}; −3 dB at {band}; delay {plain(delay, sigma)} ms: {whose}"]
+        said = [f"gain {plain(*self.gain)}; −3 dB at {band}; delay {plain(delay, sigma)} ms: {whose}"]
+        if delay < -2 * sigma and known:
+            said.append("a delay below zero: the declared latency is too small, or the phase has the other sign")
+        gain_left, phase_left = self.left
+        said.append(f"the model leaves {100 * gain_left:.2g} % of the gain and {phase_left / DEG:.2g}° of the phase, rms")
+        if max(gain_left, phase_left) > POOR:
+            said.append("it does not describe these points: bandwidth and delay are not theirs; measure them again, at more frequencies")
+        return said
+
+    @property
+    def left(self) -> tuple[float, float]:
+        """What the model leaves, rms: of the gain, as a share of it, and of the phase, rad."""
+        ratio = self.response.gain * np.exp(1j * self.response.phase) / transfer(self.model, self.response.frequency_hz, self.vector)
+        return float(np.sqrt(np.mean((np.abs(ratio) - 1) ** 2))), float(np.sqrt(np.mean(np.angle(ratio) ** 2)))
 
 
 def transfer(model: str, frequency_hz: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.io.texts import fixed, significant
+from session.io.texts import significant
 from tinygc.annexes.rates.choice import Choice
 from tinygc.annexes.rates.fitting import Fit, fit, over_rate, span
 from tinygc.annexes.rates.points import Points
@@ -20,10 +20,17 @@ from tinygc.annexes.rates.points import Points
 LINEAR_WITHIN = 0.01
 #: normal quantile of an upper limit (95 %) on a term whose sign is not known
 LIMIT_95 = 1.96
+#: sigmas from which the scale is seen; below, no term is stated in terms of it
+FOLLOWS = 3.0
 #: rates at which a law is looked at
 GRID = 2001
 #: step of a difference quotient, in sigmas
 STEP = 0.1
+
+
+def size(value: float, digits: int = 3) -> str:
+    """A size with a few digits, without thin spaces, which no terminal has."""
+    return significant(value, digits).replace("\u202f", "") if abs(value) >= 1e-6 or not value else f"{value:.{digits - 1}e}"
 
 
 @dataclass(frozen=True)
@@ -51,24 +58,25 @@ class Range:
     @property
     def words(self) -> str:
         """``−120 to 120 °/s``."""
-        return f"{significant(self.low)} to {significant(self.high)} °/s"
+        return f"{size(self.low)} to {size(self.high)} °/s"
 
 
 def terms(choice: Choice) -> list[TermRow]:
     """The rows of one sensor."""
     found, points = choice.fit, choice.points
     within = linear_range(found)
-    tested = f"{len(np.unique(points.distinct))} rates from {fixed(points.rate_dps.min(), 0)} to {fixed(points.rate_dps.max(), 0)} °/s"
+    tested = f"{len(np.unique(points.distinct))} rates from {size(points.rate_dps.min(), 4)} to {size(points.rate_dps.max(), 4)} °/s"
     unit = points.unit
-    scale, scale_sigma = derived(found, lambda have: best_line(have, within)[0])
+    outside = "outside the dead band, " if found.hypothesis.law == "dead_band" else ""
+    scale, scale_sigma = averaged(choice, lambda have: best_line(have, within)[0])
     rows = [
-        TermRow("scale", "scale factor", scale, scale_sigma, None, over_rate(unit, 1), f"best line within {within.words}"),
-        _value("offset", "output at rest", found, lambda have: have.offset, unit, _curves_words(points)),
+        TermRow("scale", "scale factor", scale, scale_sigma, None, over_rate(unit, 1), f"best line {outside}within {within.words}"),
+        TermRow("offset", "output at rest", *averaged(choice, lambda have: have.offset), None, unit, _curves_words(points)),
         _value("offset_rate", "… as a rate", found, lambda have: have.offset / best_line(have, within)[0], "°/s", _curves_words(points)),
     ]
     if len(points.curves) > 1:
         rows.append(_drift(found))
-    rows += _range_rows(found, within)
+    rows += _range_rows(choice, within)
     rows.append(_nonlinearity(choice, within))
     rows += _over_all(found, within)
     rows.append(_asymmetry(choice, within, tested))
@@ -78,7 +86,19 @@ def terms(choice: Choice) -> list[TermRow]:
     line = choice.line
     share = 100 * float(np.abs(line.residuals).max() / max(abs(line.coefficients[0]) * np.abs(points.rate_dps).max(), 1e-300))
     rows.append(TermRow("straight_line", "a straight line would say: nonlinearity", share, None, None, "% of full scale", tested))
+    if not abs(scale) > FOLLOWS * scale_sigma:  # and then nothing over the scale is known
+        why = "not measured: the output does not follow the rate"
+        over_scale = [row.key for row in rows if row.unit in ("ppm", "°/s", "% of full scale") and not row.key.startswith("linear")]
+        rows = [TermRow(row.key, row.name, None, None, None, row.unit, why) if row.key in over_scale else row for row in rows]
     return rows
+
+
+def averaged(choice: Choice, function: Callable[[Fit], float]) -> tuple[float, float]:
+    """A function of the chosen law's numbers, and its sigma, with what rival laws say of it by their probabilities."""
+    value, sigma = derived(choice.fit, function)
+    total = choice.probability + sum(share for _, share in choice.rivals)
+    spread = sum(share / total * (function(rival) - value) ** 2 for rival, share in choice.rivals)
+    return value, float(np.sqrt(sigma**2 + spread))
 
 
 def derived(found: Fit, function: Callable[[Fit], float]) -> tuple[float, float]:
@@ -108,14 +128,12 @@ def _curves_words(points: Points) -> str:
 
 def _drift(found: Fit) -> TermRow:
     """Spread of the offsets of several curves, about their mean."""
-    count = len(found.offsets)
-    value = float(found.offsets.std(ddof=1))
-    sigma = float(np.sqrt(np.mean(np.diag(found.covariance)[:count])))
-    if value > LIMIT_95 * sigma:
-        return TermRow(
-            "drift", "spread of the output at rest", value, sigma / np.sqrt(2 * (count - 1)), None, found.points.unit, f"{count} curves"
-        )
-    return TermRow("drift", "spread of the output at rest", None, None, value + LIMIT_95 * sigma, found.points.unit, f"{count} curves")
+    key, name, count = "drift", "spread of the output at rest", len(found.offsets)
+    value, sigma = derived(found, lambda have: float(have.offsets.std(ddof=1)))
+    of_one = float(np.sqrt(np.mean(np.diag(found.covariance)[:count])))
+    if value > LIMIT_95 * of_one:
+        return TermRow(key, name, value, sigma, None, found.points.unit, f"{count} curves")
+    return TermRow(key, name, None, None, value + LIMIT_95 * of_one, found.points.unit, f"{count} curves")
 
 
 # The linear range, and the best line within it.
@@ -165,20 +183,25 @@ def _crossing(grid: np.ndarray, beyond: np.ndarray) -> float | None:
 
 
 def best_line(found: Fit, within: Range) -> tuple[float, float]:
-    """Slope of the best line over the range, and the largest departure of the law from it, in the output's unit."""
+    """Slope of the best line over the range, and the largest departure of the law from it, in the output's unit; outside a dead band."""
+    if found.hypothesis.law == "dead_band":
+        return float(found.coefficients[0]), 0.0
     grid = np.linspace(within.low, within.high, GRID)
     free = found.unlimited(grid)
     slope, constant = np.polyfit(grid, free, 1)
     return float(slope), float(np.abs(free - slope * grid - constant).max())
 
 
-def _range_rows(found: Fit, within: Range) -> list[TermRow]:
-    rows = []
+def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
+    found, rows = choice.fit, []
     for key, name, end, reached in (("low", "lower", within.low, within.ends[0]), ("high", "upper", within.high, within.ends[1])):
         why = (
             "rates tested end there" if not reached else "limit of the output" if _is_limit(found, end) else "departs by 1 % from its slope"
         )
-        sigma = derived(found, lambda have, end=end: _end(have, 1.5 * end)[0])[1] if reached else None  # type: ignore[misc]
+        sigma = None
+        if reached:
+            alike = [(rival, share) for rival, share in choice.rivals if _is_limit(rival, end) == _is_limit(found, end)]
+            sigma = averaged(replace(choice, rivals=tuple(alike)), lambda have, end=end: _end(have, 1.5 * end)[0])[1]  # type: ignore[misc]
         what = f"input limit, {name}" if why.startswith("limit") else f"linear range, {name} end"
         rows.append(TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why))
     return rows
@@ -200,6 +223,9 @@ def _probe(choice: Choice, extra: str) -> tuple[float, float] | None:
     found = choice.fit if of == choice.fit.hypothesis else fit(choice.points, of)
     if found is None:
         return None
+    size = np.linalg.norm(found.jacobian, axis=0)
+    if not size.all() or np.linalg.matrix_rank(found.jacobian / size, tol=1e-6) < len(size):
+        return None
     number = len(found.offsets) + len(found.hypothesis.of.coefficients) + of.extras.index(extra)
     sigma = float(np.sqrt(found.covariance[number, number]))
     return (float(found.vector[number]), sigma) if np.isfinite(sigma) and sigma > 0 else None
@@ -208,7 +234,7 @@ def _probe(choice: Choice, extra: str) -> tuple[float, float] | None:
 def _limited(key: str, name: str, value: tuple[float, float] | None, factor: float, unit: str, condition: str) -> TermRow:
     """A row of what does not show: less than x."""
     if value is None:
-        return TermRow(key, name, None, None, None, unit, f"{condition}: too few points")
+        return TermRow(key, name, None, None, None, unit, f"{condition}: these rates do not determine it")
     return TermRow(key, name, None, None, abs(factor) * (abs(value[0]) + LIMIT_95 * value[1]), unit, condition)
 
 
@@ -216,7 +242,7 @@ def _nonlinearity(choice: Choice, within: Range) -> TermRow:
     """Largest departure from the best line within the linear range, ppm of its larger end."""
     found = choice.fit
     full = abs(best_line(found, within)[0]) * max(abs(within.low), abs(within.high))
-    condition = f"of {significant(full)} {choice.points.unit}, within {within.words}"
+    condition = f"of {size(full)} {choice.points.unit}, within {within.words}"
     if _bends(found):
         return _value("nonlinearity", "nonlinearity", found, lambda have: 1e6 * best_line(have, within)[1] / full, "ppm", condition)
     grid = np.linspace(within.low, within.high, GRID)
@@ -231,7 +257,7 @@ def _over_all(found: Fit, within: Range) -> list[TermRow]:
     if not _bends(found) or (tested.low, tested.high) == (within.low, within.high):
         return []
     full = abs(best_line(found, tested)[0]) * float(np.abs(rates).max())
-    name, condition = "… over all rates tested", f"of {significant(full)} {found.points.unit}, {tested.words}"
+    name, condition = "… over all rates tested", f"of {size(full)} {found.points.unit}, {tested.words}"
     return [_value("nonlinearity_tested", name, found, lambda have: 1e6 * best_line(have, tested)[1] / full, "ppm", condition)]
 
 
@@ -256,10 +282,13 @@ def _hysteresis(choice: Choice, scale: float, tested: str) -> TermRow:
     """Output on the way up less output on the way down at one rate, as a rate."""
     points = choice.points
     key, name = "hysteresis", "hysteresis"
-    ups, downs = (set(points.distinct[points.direction == sign].tolist()) for sign in (1, -1))
-    if len(ups & downs) < 2:
+    both = len(points.both_ways)
+    if both < 2:
         return TermRow(key, name, None, None, None, "°/s", "not measured: the rates go one way; step up and down again")
-    condition = f"{len(ups & downs)} rates reached from both sides"
+    condition = f"{both} rates reached from both sides"
+    likely = [choice.fit, *(rival for rival, _ in choice.rivals)]
+    if all(any(name in each.hypothesis.extras for each in likely) for name in ("hysteresis", "drift")):
+        condition += "; a drift is not told from it: step up, down and up again"
     probed = _probe(choice, "hysteresis")
     if "hysteresis" in choice.fit.hypothesis.extras and probed is not None:
         return TermRow(key, name, probed[0] / scale, probed[1] / abs(scale), None, "°/s", condition)
@@ -277,7 +306,7 @@ def _dead_band(choice: Choice, tested: str) -> TermRow:
         number = found.names.index("t")
         slope -= float(found.vector[number]) * 1e3 / np.abs(points.rate_dps).max()
     smallest = float(np.abs(points.rate_dps[points.rate_dps != 0]).min())
-    return _limited("dead_band", "dead band, ±", _probe(choice, "sense"), 1 / slope, "°/s", f"smallest rate {significant(smallest)} °/s")
+    return _limited("dead_band", "dead band, ±", _probe(choice, "sense"), 1 / slope, "°/s", f"smallest rate {size(smallest)} °/s")
 
 
 def _reached(found: Fit, limit: float) -> str:
@@ -285,7 +314,8 @@ def _reached(found: Fit, limit: float) -> str:
     rates = found.points.rate_dps
     places = [at for end in (rates.min(), rates.max()) if end and (at := input_limit(found, float(end))) is not None]
     of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - limit) < 1e-3 * span(found.points)]
-    return "the output's limit" + "".join(f", reached at {significant(at)} °/s" for at in of_limit)
+    alone = ", by one reading whose std is far below all others" if found.is_limited.sum() == 1 else ""
+    return f"the output's limit{alone}" + "".join(f", reached at {size(at)} °/s" for at in of_limit)
 
 
 def _saturation(found: Fit) -> list[TermRow]:

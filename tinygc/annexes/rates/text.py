@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from session.io.texts import NONE, printable, probability, significant
+from session.io.texts import NONE, printable, probability
 from tinygc.annexes.rates.choice import Choice, HeldOut
+from tinygc.annexes.rates.fitting import REFUTED
 from tinygc.annexes.rates.sweep import Sweep
-from tinygc.annexes.rates.terms import TermRow, terms
+from tinygc.annexes.rates.terms import TermRow, size, terms
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
 
@@ -39,6 +40,7 @@ def law_words(choice: Choice) -> str:
     """``a straight line, clipped below and above``."""
     _, *rest = choice.fit.hypothesis.name.split(", ")
     extras = {"turning": "with an offset while the table turns", "hysteresis": "with hysteresis", "asymmetry": "with asymmetry"}
+    extras |= {"drift": "with a drift in the order of the rows", "one reading off": "with one reading off"}
     return ", ".join([choice.fit.hypothesis.of.words, *(extras.get(each, each) for each in rest)])
 
 
@@ -54,6 +56,16 @@ def lines(choice: Choice) -> list[str]:
         said.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
     else:
         said.append(f"a straight line leaves {size(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})")
+    if found.hypothesis.apart >= 0:
+        at = size(points.rate_dps[found.hypothesis.apart])
+        said.append(f"the reading at {at} °/s is off, or the output has a limit there; measure it again, and beyond")
+    lack = found.lack_of_fit
+    if lack is not None and lack.p_value < REFUTED:
+        repeats = f"{size(lack.noise)} {points.unit}" if not points.is_known else f"{size(lack.noise)} of the stated sigmas"
+        wider = f"; the sigmas are {lack.variance_inflation**0.5:.2f} times wider for it" if lack.variance_inflation > 1 else ""
+        said.append(
+            f"repeats scatter by {repeats}, and the law leaves more ({probability(lack.p_value)}): it is not the whole of it{wider}"
+        )
     if choice.rivals:
         others = ", ".join(
             f"{rival.hypothesis.name} ({100 * share:.0f} %, {size(rival.rms)} {points.unit})" for rival, share in choice.rivals
@@ -93,11 +105,6 @@ def number(value: float, sigma: float) -> str:
     return plain(value, sigma)
 
 
-def size(value: float, digits: int = 3) -> str:
-    """A size with a few digits, without thin spaces, which no terminal has."""
-    return significant(value, digits).replace("\u202f", "") if abs(value) >= 1e-6 or not value else f"{value:.{digits - 1}e}"
-
-
 def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:
     """A law, and what it was fitted to; what it leaves on each curve."""
     found: dict[str, dict[str, HeldOut]] = {}
@@ -130,5 +137,5 @@ def curve_words(curve: str) -> str:
 def _sweep_table(sweep: Sweep) -> Table:
     table = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
     for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
-        table.add_row(significant(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
+        table.add_row(size(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
     return table

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from session.annexes.machines.description import LATENCY_SIGMA_S
 from session.annexes.machines.kinematics import body_axes, rotations, stage_attitudes
-from session.annexes.machines.mechanics import normals
+from session.annexes.machines.mechanics import TableErrors, normals, true_attitudes
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.annexes.machines.observed import Observed
 
@@ -74,11 +74,16 @@ class Rows:
 
 
 class Comparison:
-    """An observed session at one state (P,): residuals, and the operators of small errors there."""
+    """An observed session at one state (P,), with the errors of the table that are known so far: residuals, and the operators of further
+    small errors there.
 
-    def __init__(self, observed: Observed, state: np.ndarray | None = None):
+    errors: tilt, skew and wobble, and in ``lost`` of an axis the angles (Q,) rad at rest beside the said ones; they enter exactly.
+    """
+
+    def __init__(self, observed: Observed, state: np.ndarray | None = None, errors: TableErrors | None = None):
         self.observed = observed
         self.state = start_of(observed) if state is None else state
+        self._errors = TableErrors.none(observed.table) if errors is None else errors
         parts = np.split(self.state, np.cumsum([*SIZES, *[observed.said.shape[1]] * 2]))
         self.matrix, self._zero = np.eye(3) + parts[0].reshape(3, 3), parts[1]
         self._accel = np.eye(3)
@@ -87,8 +92,9 @@ class Comparison:
 
     @cached_property
     def angles(self) -> np.ndarray:
-        """(Q, K) rad: the word at rest, with the zeros of the state."""
-        return self.observed.said + self._axis_zero + self.unmoved * self._before
+        """(Q, K) rad: the word at rest, with the zeros of the state and what is known to lie beside it."""
+        beside = np.stack([np.broadcast_to(each.lost, len(self.observed.said)) for each in self._errors.axes], axis=1)
+        return self.observed.said + self._axis_zero + self.unmoved * self._before + beside
 
     @cached_property
     def unmoved(self) -> np.ndarray:
@@ -107,7 +113,9 @@ class Comparison:
     @cached_property
     def at_rest(self) -> np.ndarray:
         """R_tb (Q, 3, 3)."""
-        return self.attitudes(self.angles)
+        table, axes = self.observed.table, tuple(replace(each, lost=0.0) for each in self._errors.axes)
+        stage = true_attitudes(table, replace(self._errors, axes=axes), self.angles, np.zeros_like(self.angles))
+        return stage @ table.mounting.T @ self.mounting
 
     @cached_property
     def down(self) -> np.ndarray:
@@ -302,8 +310,13 @@ class Comparison:
 
     def of_harmonic(self, axis: int, cycles: int) -> np.ndarray:
         """(n, 2) of sine and cosine, ``cycles`` a turn, of an axis' angle."""
-        at, edges = self.observed.said[:, axis] * cycles, self.observed.said_edges[:, :, axis] * cycles
-        return self.of_angle_function(axis, np.stack([np.sin(at), np.cos(at)], -1), np.stack([np.sin(edges), np.cos(edges)], -1))
+        return self.of_angle_function(
+            axis, harmonic(self.observed.said[:, axis], cycles), harmonic(self.observed.said_edges[:, :, axis], cycles)
+        )
+
+    def play_at_rest(self, axis: int) -> np.ndarray:
+        """(Q, 1) rad of an axis' angle, of a play of 1 rad."""
+        return -self.observed.senses[:, axis, None] / 2
 
     def of_backlash(self, axis: int) -> np.ndarray:
         """(n, 1) of the play of an axis, rad: its stage hangs half of it behind, on the side of its last motion."""
@@ -313,13 +326,17 @@ class Comparison:
         # A turn that reverses the sense takes up the play first: as soon as the motor turns, the stage hangs as it will at the end.
         begun = np.abs(self.said_way) > BEGUN_RAD
         edges = -np.where(begun, after[:, None], np.where(before != 0, before, after)[:, None]) / 2
-        return self.of_angle_function(axis, -senses[:, axis, None] / 2, edges[..., None])
+        return self.of_angle_function(axis, self.play_at_rest(axis), edges[..., None])
+
+    def lost_at_rest(self, axis: int, turn: int) -> np.ndarray:
+        """(Q, 1) rad of an axis' angle, of a motor that falls behind by 1 rad in a turn, for good."""
+        seen = self.observed
+        later = np.arange(len(seen.said)) >= seen.last[turn]
+        return np.where(later, -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
 
     def of_lost(self, axis: int, turn: int) -> np.ndarray:
-        """(n, 1) of an angle by which an axis falls behind in a turn, for good, rad; where in the turn is not asked."""
-        seen = self.observed
-        later = (np.arange(len(seen.said)) >= seen.last[turn]).astype(float)
-        return self.of_angle_function(axis, -later[:, None], np.zeros((*seen.said_edges.shape[:2], 1)))
+        """(n, 1) of an angle by which a motor falls behind in a turn, for good, rad; where in the turn is not asked."""
+        return self.of_angle_function(axis, self.lost_at_rest(axis, turn), np.zeros((*self.observed.said_edges.shape[:2], 1)))
 
     def of_dropped(self, turn: int) -> np.ndarray:
         """(n, 1) of an angle about the axis of a turn that the gyroscope alone has lost, rad."""
@@ -345,6 +362,11 @@ class Comparison:
         vectors = np.stack([np.outer(cos, e1), np.outer(sin, e2), np.outer(cos, e2), np.outer(sin, e1)], axis=-1)
         phi = np.einsum("qji,qjk,qkp->qip", self.at_rest, self.outside(axis), vectors)
         return self.of_attitudes(phi).stacked()
+
+
+def harmonic(angle: np.ndarray, cycles: int) -> np.ndarray:
+    """(…, 2): sine and cosine, ``cycles`` a turn, of an angle (…) rad."""
+    return np.stack([np.sin(cycles * angle), np.cos(cycles * angle)], axis=-1)
 
 
 def moved(state: np.ndarray, step: np.ndarray) -> np.ndarray:

@@ -209,21 +209,26 @@ class _Base:
 
         def largest(numbers: list[int]) -> list[int]:
             """The numbers of those that stand out most against known noise."""
-            gains = np.zeros(len(numbers))
-            for place, number in enumerate(numbers):
-                columns = known.whiten(judged[number].candidate.columns * judged[number].candidate.plausible)
-                taken, pull = basis[: self.count].T @ columns, columns.T @ y[: self.count]
-                gains[place] = pull @ np.linalg.solve(columns.T @ columns - taken.T @ taken + np.eye(len(pull)), pull)
+            some = [judged[number].candidate for number in numbers]
+            if not some:
+                return []
+            columns = known.whiten(np.concatenate([each.columns * each.plausible for each in some], axis=1))
+            taken, pull = basis[: self.count].T @ columns, columns.T @ y[: self.count]
+            gram, gains, start = columns.T @ columns - taken.T @ taken, np.zeros(len(numbers)), 0
+            for place, each in enumerate(some):
+                own = slice(start, start + len(each.plausible))
+                gains[place] = pull[own] @ np.linalg.solve(gram[own, own] + np.eye(len(each.plausible)), pull[own])
+                start = own.stop
             order = np.argsort(-gains)[:LOSSES]
             return [numbers[place] for place in order if gains[place] > LOSS_SIGMAS**2]
 
         once = [number for number, each in enumerate(judged) if each.candidate.id in (LOST, DROPPED)]
-        always = [
+        others = [
             number
-            for number, each in enumerate(judged)
-            if number not in once and not each.candidate.columns[self.model.outer :].any() and each.candidate.columns.any()
+            for number, each in enumerate(judged if self.model.excess(self.noise) else [])
+            if number not in once and not each.candidate.columns[self.model.outer :].any()
         ]
-        for number in largest(once) + (largest(always) if self.model.excess(self.noise) else []):
+        for number in largest(once) + largest(others):
             each = judged[number]
             column = each.candidate.columns * each.candidate.plausible
             evidence = (self.noise.value - self.model.value_of(self.r, np.concatenate([self.fitted, column], axis=1))) / 2
@@ -315,8 +320,8 @@ def _agree(observed: Observed) -> None:
     if apart.max() > FARTHEST_RAD:
         raise DataError(
             f"gravity is up to {apart.max() / DEG:.0f} deg from where the said angles have it (rest {int(apart.argmax())}), expected "
-            f"within {FARTHEST_RAD / DEG:.0f} deg, too large for this method; are axes, zeros and mounting of table.toml right, and did no motor "
-            f"lose its steps?"
+            f"within {FARTHEST_RAD / DEG:.0f} deg, too large for this method; are axes, zeros and mounting of table.toml right, and did no "
+            f"motor lose its steps?"
         )
 
 

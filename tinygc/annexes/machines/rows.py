@@ -112,10 +112,11 @@ class Comparison:
 
     @cached_property
     def at_rest(self) -> np.ndarray:
-        """R_tb (Q, 3, 3)."""
+        """R_tb (Q, 3, 3).  The zero of the outermost axis turns the base with it, so that a tilt is in the frame of the said angles."""
         table, axes = self.observed.table, tuple(replace(each, lost=0.0) for each in self._errors.axes)
-        stage = true_attitudes(table, replace(self._errors, axes=axes), self.angles, np.zeros_like(self.angles))
-        return stage @ table.mounting.T @ self.mounting
+        outermost = self._axis_zero * (np.arange(len(axes)) == 0)
+        stage = true_attitudes(table, replace(self._errors, axes=axes), self.angles - outermost, np.zeros_like(self.angles))
+        return rotations(table.axes[0].direction, outermost[0]) @ stage @ table.mounting.T @ self.mounting
 
     @cached_property
     def down(self) -> np.ndarray:
@@ -275,7 +276,9 @@ class Comparison:
         columns.append(self.of_attitudes(np.broadcast_to(np.eye(3), (rest, 3, 3))).stacked())
         columns.append(-self.of_rates(*earth).stacked())
         each = np.broadcast_to(np.eye(axes), (rest, axes, axes))
-        columns += [self.of_angles(each).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
+        about = self.about.transpose(0, 2, 1).copy()
+        about[:, :, 0] = self.at_rest.transpose(0, 2, 1) @ self.observed.table.axes[0].direction
+        columns += [self.of_attitudes(about).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
         columns += [self.of_latency(), self.of_lag().stacked()]
         return np.concatenate(columns, axis=1)
 

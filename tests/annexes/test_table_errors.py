@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.mechanics import AxisErrors, TableErrors, normals, true_attitudes
 from session.io.errors import DataError
 from session.io.units import DEG
-from tinygc.annexes.machines.candidates import candidates_of
+from tinygc.annexes.machines.candidates import DROPPED, candidates_of
 from tinygc.annexes.machines.explanation import TableExplanation
 from tinygc.annexes.machines.rows import Comparison, moved, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, NoiseModel
-from tinygc.annexes.machines.selection import DELAY_SIGMA_S, Named, select
+from tinygc.annexes.machines.selection import DELAY_SIGMA_S, Named, _fitted, select
 from tinygc.annexes.machines.simulation import LostSteps, fixed_moves
 from tinygc.annexes.machines.summaries import Summary, draw
 from tinygc.effects.catalogue import effect_of
@@ -125,11 +126,21 @@ def test_white_noise_of_rests_and_turns_is_that_of_means_and_integrals():
     seen = session(table(Z), moves=8)
     model = NoiseModel(Comparison(seen))
     rests, turns = 3 * len(seen.said), 3 * len(seen.first)
-    assert np.allclose(np.diag(model.white)[:rests], seen.accel_walk[0] ** 2 / 2.0)
-    assert np.allclose(np.diag(model.white)[rests + turns :], seen.gyro_walk[0] ** 2 / 2.0)
+    assert np.diag(model.white)[:rests] == pytest.approx(seen.accel_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
+    assert np.diag(model.white)[rests + turns :] == pytest.approx(seen.gyro_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
     last = np.diag(model.white)[rests : rests + turns].reshape(-1, 3)
     along = last @ np.array([0, 0, 1.0])  # about the turning axis nothing rotates
     assert along == pytest.approx(seen.gyro_walk[0] ** 2 * seen.blocks * seen.block_s, rel=0.01)
+
+
+def test_the_walk_within_a_turn_is_that_of_a_bridge():
+    seen = session(table(Z), moves=8, mounting_rad=0.0)
+    comparison = Comparison(seen)
+    for number, (walk, _, _) in enumerate(NoiseModel(comparison)._within):
+        t_s = seen.block_s[number] * np.arange(1, seen.blocks[number])
+        share, length_s = comparison.share[number, 1 : seen.blocks[number]], seen.blocks[number] * seen.block_s[number]
+        bridge = seen.gyro_walk[0] ** 2 * (t_s - 2 * share * t_s + share**2 * length_s)
+        assert np.diag(walk) == pytest.approx(bridge, rel=1e-6, abs=1e-18)
 
 
 def test_repeatability_is_one_angle_of_each_rest_in_units_of_the_declared():
@@ -396,3 +407,31 @@ def test_an_axis_that_turns_the_other_way_and_gravity_far_off_are_one_line(clean
         DataError, match=r"gravity is up to 1\d deg from where the said angles have it \(rest \d+\), expected within 10 deg"
     ):
         select(replace(seen, table=leaning))
+
+
+def test_evidence_is_the_ratio_of_two_likelihoods(clean):
+    _, selected = clean
+    base = _fitted(selected.observed, None, [], candidates_of)
+    compared = 0
+    for each in base.judged:
+        if len(each.s) > 1 or not each.seen.all() or each.candidate.one_sided or each.candidate.id in ("table.lost_steps", DROPPED):
+            continue
+        column = base.columns[:, each.place.start]
+        own = column @ column - np.sum((base.basis[: base.count].T @ column) ** 2)
+        pull = column @ base.left[: base.count]
+        # Two Gaussians, with and without a column of unit prior: determinant lemma and Sherman-Morrison.
+        ratio = (pull**2 / (1 + own) - np.log(1 + own)) / 2
+        assert each.log_evidence == pytest.approx(ratio - np.log(each.candidate.tried), abs=1e-6)
+        compared += 1
+    assert compared
+
+
+def test_a_limit_is_what_nine_of_ten_would_show(clean):
+    _, selected = clean
+    base = _fitted(selected.observed, None, [], candidates_of)
+    bar = norm.isf(0.025 / len(base.judged)) + norm.isf(0.1)
+    skew = next(each for each in base.judged if each.candidate.id == "table.nonorthogonal")
+    (limit,) = [limit for candidate, limit in selected.limits if candidate.id == "table.nonorthogonal"]
+    column = base.columns[:, skew.place.start]
+    sigma = skew.candidate.plausible[0] / np.sqrt(column @ column - np.sum((base.basis[: base.count].T @ column) ** 2))
+    assert limit == pytest.approx(bar * sigma, rel=1e-3)

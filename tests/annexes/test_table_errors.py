@@ -332,7 +332,8 @@ def test_a_verdict_is_never_clean_beyond_what_is_declared(clean):
         found = TableExplanation(of, replace(selected, excess={name: 4.0}))
         assert found.verdict == "unexplained"
         assert "4.0 times" in found.doubts[0]
-    assert TableExplanation(of, replace(selected, first_p=0.01)).verdict == "unexplained"
+    assert TableExplanation(of, replace(selected, first_p=0.04)).verdict == "unexplained"
+    assert TableExplanation(of, replace(selected, first_p=0.06)).verdict == "clean"
 
 
 def test_sizes_beyond_what_is_declared_are_known(clean):
@@ -378,6 +379,13 @@ def test_an_early_word_is_a_late_sensor():
     assert selected.named[0].theta == pytest.approx(np.full(3, 0.06), abs=2e-3)
     assert TableExplanation(of, selected).verdict == "sensor"
     assert selected.first_p < 1e-3
+
+
+def test_a_delay_of_filter_and_stamps_has_no_name():
+    of = table(Z, Y)
+    selected = select(session(of, 5, moves=8, wrong=errors(of, latency_s=0.012), block_s=0.1))
+    assert named(selected) == []
+    assert selected.latency_s == pytest.approx(0.012, abs=1e-3)
 
 
 def test_a_play_is_not_negative():

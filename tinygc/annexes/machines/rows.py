@@ -55,7 +55,8 @@ SIZES = (9, 3, 6, 3, 3, 3)
 def part_names(axes: int) -> list[str]:
     """Name of the part to which each number of the state belongs (P,)."""
     own = [name for name, size in zip(PARTS, SIZES, strict=True) for _ in range(size)]
-    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["latency of the word", "lag of sensor and word"]
+    own += ["zero of an axis"] * axes + ["play before the first motion"] * axes
+    return [*own, "latency of the word", "lag of sensor and word", "second order of the lag"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class Comparison:
         self.matrix, self._zero = np.eye(3) + parts[0].reshape(3, 3), parts[1]
         self._accel = np.eye(3)
         self._accel[UPPER] += parts[2]
-        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.latency_s, self._lag_s) = parts[3:]
+        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.latency_s, *self._lag) = parts[3:]
 
     @cached_property
     def angles(self) -> np.ndarray:
@@ -220,8 +221,9 @@ class Comparison:
         along = np.einsum("sbi,si->sb", self.rates, self.axis) * seen.block_s[:, None]
         way = np.concatenate([np.zeros((len(along), 1)), np.cumsum(along, axis=1)], axis=1)
         within = self.pinned(way) - self.pinned(self.said_way)
-        lagging = self.of_lag()
-        return Rows(force, rotation - self._lag_s * lagging.rotation[..., 0], rate, within - self._lag_s * lagging.within[:, 0])
+        for size, late in zip(self._lag, (self.of_lag(), self.of_lag_squared()), strict=True):
+            rotation, within = rotation - size * late.rotation[..., 0], within - size * late.within[:, 0]
+        return Rows(force, rotation, rate, within)
 
     # Operators: small errors to rows.
 
@@ -279,7 +281,7 @@ class Comparison:
         about = self.about.transpose(0, 2, 1).copy()
         about[:, :, 0] = self.at_rest.transpose(0, 2, 1) @ self.observed.table.axes[0].direction
         columns += [self.of_attitudes(about).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
-        columns += [self.of_latency(), self.of_lag().stacked()]
+        columns += [self.of_latency(), self.of_lag().stacked(), self.of_lag_squared().stacked()]
         return np.concatenate(columns, axis=1)
 
     def of_lag(self) -> Rows:
@@ -287,6 +289,13 @@ class Comparison:
         late = np.stack([-np.gradient(each, block, axis=0) for each, block in zip(self.turning, self.observed.block_s, strict=True)])
         rows = self.of_rates(np.where(self.observed.inside[..., None], late, 0.0)[..., None], np.zeros((len(self.observed.said), 3, 1)))
         return replace(rows, within=rows.within + self.of_latency()[-len(rows.within) :] if len(rows.within) else rows.within)
+
+    def of_lag_squared(self) -> Rows:
+        """Rows of the second order of a filter's lag, of 1 s^2, its axes alike: it rounds off the begin and the end of a turn."""
+        seen = self.observed
+        turns = zip(self.turning, seen.block_s, strict=True)
+        bent = [np.gradient(np.gradient(each, block, axis=0), block, axis=0) for each, block in turns]
+        return self.of_rates(np.where(seen.inside[..., None], np.stack(bent), 0.0)[..., None], np.zeros((len(seen.said), 3, 1)))
 
     def of_forces(self, force: np.ndarray) -> np.ndarray:
         """(n, P) of (Q, 3, P) g that the accelerometer reads beside the truth."""
@@ -422,7 +431,7 @@ def prior_of(observed: Observed) -> tuple[np.ndarray, np.ndarray]:
             [horizontal, horizontal, vertical],
             np.full(axes, ZERO_SIGMA),
             np.full(axes, BEFORE_SIGMA),
-            [LATENCY_SIGMA_S, LAG_SIGMA_S],
+            [LATENCY_SIGMA_S, LAG_SIGMA_S, LAG_SIGMA_S**2],
         ]
     )
     mean = np.zeros_like(sigma)

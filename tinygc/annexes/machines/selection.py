@@ -274,7 +274,7 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         weakest = int(np.argmin([each.log_evidence for each in found]))
         named, p_values = named[:weakest] + named[weakest + 1 :], p_values[:weakest] + p_values[weakest + 1 :]
         base = _fitted(observed, base, named, make)
-    at = len(base.state) - 2
+    at = len(base.state) - 3
     latency, sigma = float(base.state[at] + base.theta[at]), float(np.sqrt(base.covariance[at, at]))
     evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2) / 2
     p_latency = min(1.0, float(chi2.sf(2 * evidence, 1)) * max(len(base.candidates), 1))

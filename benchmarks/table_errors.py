@@ -46,28 +46,31 @@ def table_of(directions: tuple[np.ndarray, ...]) -> Description:
     return Description("virtual", "virtual", axes)
 
 
-def cases(table: Description) -> Iterator[tuple[str, str, dict]]:
+def cases(table: Description, large: bool = False) -> Iterator[tuple[str, str, dict]]:
     """Name of what is injected, its size in words, and the fields of ``Summary``."""
     axes = len(table.axes)
+    small, usual = ((0.5, 2.0, 5.0),) * 2 if large else ((0.02, 0.1), (0.05, 0.2))
 
     def errors(axis: int, **of: object) -> TableErrors:
         return TableErrors(tuple(AxisErrors(**of) if number == axis else AxisErrors() for number in range(axes)))  # type: ignore[arg-type]
 
     last = axes - 1
-    for deg in (0.02, 0.1):
+    for deg in small:
         yield "table.index", f"{deg}°", {"errors": errors(0, index=np.array([deg, 0, 0, deg / 2]) * DEG)}
         yield "table.wobble", f"{deg}°", {"errors": errors(last, wobble=np.array([deg, -deg, 0, 0]) * DEG)}
         yield "table.rate_ripple", f"{deg}°", {"errors": errors(0, ripple=deg * DEG, ripple_cycles=9, ripple_phase=1.0)}
         yield "table.backlash", f"{deg}°", {"errors": errors(last, backlash=deg * DEG)}
-    for deg in (0.05, 0.2):
+    for deg in usual:
         yield "table.tilt", f"{deg}°", {"errors": TableErrors(errors(0).axes, tilt=np.array([deg, -deg / 2, 0]) * DEG)}
         if axes > 1:
             own = table.axes[1].direction
             away = np.cross(np.cross(table.axes[0].direction, own), own)
             yield "table.nonorthogonal", f"{deg}°", {"errors": errors(1, skew=deg * DEG * away)}
-    for deg in (0.2, 1.0):
+    for deg in (2.0, 5.0, 8.0) if large else (0.2, 1.0):
         yield "table.lost_steps", f"{deg}°", {"lost": (LostSteps(11, 11 % axes, deg * DEG),)}
         yield "timing.dropped_samples", f"{deg}°", {"dropped": ((11, deg * DEG),)}
+    if large:
+        return
     for ms in (40, 100):
         yield "table.latency", f"{ms} ms", {"errors": TableErrors(errors(0).axes, latency_s=1e-3 * ms)}
     effects = catalogue()
@@ -96,18 +99,18 @@ def outcome(injected: str, selected: Selected) -> str:
     return "named" if any(each.candidate.id == injected and not each.equivalent for each in own) else "one of several"
 
 
-def run_cases(count: int, first: int) -> None:
+def run_cases(count: int, first: int, large: bool) -> None:
     """Print a row for each table, error and size."""
     total: Counter[str] = Counter()
     for name, directions in TABLES.items():
         table = table_of(directions)
-        for injected, size, fields in cases(table):
+        for injected, size, fields in cases(table, large):
             found: Counter[str] = Counter()
             said: Counter[str] = Counter()
             for seed in range(first, first + count):
                 summary = Summary(table, fixed_moves(table, MOVES, RATE_RPS, seed), **({"errors": TableErrors.none(table)} | fields))
                 selected = select(draw(summary, seed), seed)
-                found[outcome(injected, selected)] += 1
+                found["unexplained" if selected.excess else outcome(injected, selected)] += 1
                 said.update("/".join((each.candidate.id, *each.equivalent)) for each in selected.named)
             total += found
             words = ", ".join(f"{number} {what}" for what, number in found.most_common())
@@ -154,13 +157,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--clean", type=int, metavar="N", help="clean sessions of each table")
     parser.add_argument("--cases", type=int, metavar="N", help="sessions of each error, size and table")
+    parser.add_argument("--large", action="store_true", help="with --cases: errors of 0.5 degrees and more, of the table alone")
     parser.add_argument("--samples", action="store_true", help="whole recordings, sample by sample")
     parser.add_argument("--first", type=int, default=0, help="seed of the first session")
     args = parser.parse_args()
     if args.clean:
         run_clean(args.clean, args.first)
     if args.cases:
-        run_cases(args.cases, args.first)
+        run_cases(args.cases, args.first, args.large)
     if args.samples:
         run_samples()
 

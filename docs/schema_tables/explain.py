@@ -85,6 +85,8 @@ _TABLE = {
         }
     ],
     "undecided?": [{"id": TEXT, "where": TEXT, "detection_limit": SIZE, "unit": TEXT}],
+    "doubts?": [TEXT],
+    "suspected?": [TEXT],
     "inseparable?": [{"id": TEXT, "where": TEXT, "hidden_in": [TEXT], "movement": TEXT}],
 }
 _CHECKED_EFFECT = named(

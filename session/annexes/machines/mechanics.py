@@ -23,15 +23,15 @@ from session.annexes.machines.kinematics import rotations
 
 @dataclass(frozen=True, eq=False)
 class AxisErrors:
-    """Errors of one axis, rad: index (4,), ripple and its cycles a turn and phase, backlash, lost (of the steps so far), skew (3,),
-    wobble (4,)."""
+    """Errors of one axis, rad: index (4,), ripple and its cycles a turn and phase, backlash, lost (of the steps so far; one for all
+    angles, or one for each), skew (3,), wobble (4,)."""
 
     index: np.ndarray = field(default_factory=lambda: np.zeros(4))
     ripple: float = 0.0
     ripple_cycles: int = 0
     ripple_phase: float = 0.0
     backlash: float = 0.0
-    lost: float = 0.0
+    lost: float | np.ndarray = 0.0
     skew: np.ndarray = field(default_factory=lambda: np.zeros(3))
     wobble: np.ndarray = field(default_factory=lambda: np.zeros(4))
 

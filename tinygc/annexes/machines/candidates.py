@@ -13,9 +13,10 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from session.annexes.machines.mechanics import AxisErrors, TableErrors
 from session.io.units import DEG, G
 from tinygc.annexes.machines.observed import Observed
-from tinygc.annexes.machines.rows import Comparison
+from tinygc.annexes.machines.rows import Comparison, harmonic
 from tinygc.effects import Effect, Movement
 from tinygc.effects.catalogue import catalogue
 
@@ -34,16 +35,22 @@ PLAUSIBLE = {
     LOST: 2 * DEG,
     DROPPED: 2 * DEG,
 }
+#: a play that is negative cannot be
+ONE_SIDED = (BACKLASH,)
 #: cycles a turn from which an angle's error is a ripple; up to which it is looked for; of those that a turn's blocks resolve
 FIRST_RIPPLE, LAST_RIPPLE, RESOLVED = 3, 100, 0.8
 #: degC: temperatures that range over less say nothing
 LEAST_WARMED_C = 1.0
 
+Added = Callable[[TableErrors, np.ndarray], TableErrors]
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """One form of an error: id; whose it is; where (an axis, a turn); make: its columns; plausible (P,) SI; parts: JSON name,
-    unit's size in SI and indices of each quantity; shape: numbers that are no parameters; tried: how many forms of this id are weighed."""
+    unit's size in SI and indices of each quantity; shape: numbers that are no parameters; tried: how many forms of this id are weighed;
+    added: other errors of the table with this one of theta (P,), however large, None where only the columns are known; one_sided: none is
+    negative."""
 
     id: str
     whose: str
@@ -53,6 +60,8 @@ class Candidate:
     parts: tuple[tuple[str, float, tuple[int, ...]], ...]
     shape: dict[str, float | int | str]
     tried: int = 1
+    added: Added | None = None
+    one_sided: bool = False
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -76,28 +85,54 @@ def candidates_of(comparison: Comparison) -> list[Candidate]:
 
 
 def _of_table(comparison: Comparison) -> Iterator[Candidate]:
-    axes = comparison.observed.table.axes
+    axes, said = comparison.observed.table.axes, comparison.observed.said
 
     def candidate(
-        id: str, where: str, make: Callable[[], np.ndarray], *parts: tuple[str, float, tuple[int, ...]], **shape: float | str
+        id: str, where: str, make: Callable[[], np.ndarray], added: Added, *parts: tuple[str, float, tuple[int, ...]], **shape: float | str
     ) -> Candidate:
         size = sum(len(at) for _, _, at in parts)
-        return Candidate(id, TABLE, where, make, np.full(size, PLAUSIBLE[id]), parts, dict(shape))
+        return Candidate(id, TABLE, where, make, np.full(size, PLAUSIBLE[id]), parts, dict(shape), added=added, one_sided=id in ONE_SIDED)
 
-    yield candidate(TILT, "base", comparison.of_tilt, ("tilt_deg", DEG, (0, 1)))
+    yield candidate(TILT, "base", comparison.of_tilt, _tilted, ("tilt_deg", DEG, (0, 1)))
     for number, axis in enumerate(axes):
-        at = f"axis {axis.name}"
+        at, angle = f"axis {axis.name}", said[:, number]
+        once_and_twice = np.concatenate([harmonic(angle, 1), harmonic(angle, 2)], axis=1)
         quantities = ("once_deg", DEG, (0, 1)), ("twice_deg", DEG, (2, 3))
-        yield candidate(INDEX, at, partial(_once_and_twice, comparison, number), *quantities, axis=axis.name)
-        yield candidate(WOBBLE, at, partial(comparison.of_wobble, number), ("wobble_deg", DEG, (0, 1, 2, 3)), axis=axis.name)
-        yield candidate(BACKLASH, at, partial(comparison.of_backlash, number), ("backlash_deg", DEG, (0,)), axis=axis.name)
+        index = partial(_beside, number, once_and_twice)
+        yield candidate(INDEX, at, partial(_once_and_twice, comparison, number), index, *quantities, axis=axis.name)
+        wobble = partial(comparison.of_wobble, number), partial(_wobbling, number)
+        yield candidate(WOBBLE, at, *wobble, ("wobble_deg", DEG, (0, 1, 2, 3)), axis=axis.name)
+        play = partial(comparison.of_backlash, number), partial(_beside, number, comparison.play_at_rest(number))
+        yield candidate(BACKLASH, at, *play, ("backlash_deg", DEG, (0,)), axis=axis.name)
         if number and np.linalg.norm(np.cross(axes[number - 1].direction, axis.direction)) > 0.1:
             between = f"axes {axes[number - 1].name}, {axis.name}"
-            yield candidate(SKEW, between, partial(comparison.of_skew, number), ("skew_deg", DEG, (0,)), axis=axis.name)
+            away = np.cross(np.cross(axes[number - 1].direction, axis.direction), axis.direction)
+            skew = partial(comparison.of_skew, number), partial(_skewed, number, away / np.linalg.norm(away))
+            yield candidate(SKEW, between, *skew, ("skew_deg", DEG, (0,)), axis=axis.name)
         for cycles in range(FIRST_RIPPLE, most_cycles(comparison.observed, number) + 1):
-            yield candidate(
-                RIPPLE, at, partial(comparison.of_harmonic, number, cycles), ("ripple_deg", DEG, (0, 1)), axis=axis.name, cycles=cycles
-            )
+            ripple = partial(comparison.of_harmonic, number, cycles), partial(_beside, number, harmonic(angle, cycles))
+            yield candidate(RIPPLE, at, *ripple, ("ripple_deg", DEG, (0, 1)), axis=axis.name, cycles=cycles)
+
+
+def _tilted(errors: TableErrors, theta: np.ndarray) -> TableErrors:
+    return replace(errors, tilt=errors.tilt + np.append(theta, 0.0))
+
+
+def _of_axis(errors: TableErrors, axis: int, changed: AxisErrors) -> TableErrors:
+    return replace(errors, axes=(*errors.axes[:axis], changed, *errors.axes[axis + 1 :]))
+
+
+def _beside(axis: int, function: np.ndarray, errors: TableErrors, theta: np.ndarray) -> TableErrors:
+    """With angles at rest beside the said ones, function (Q, P) rad per rad."""
+    return _of_axis(errors, axis, replace(errors.axes[axis], lost=errors.axes[axis].lost + function @ theta))
+
+
+def _wobbling(axis: int, errors: TableErrors, theta: np.ndarray) -> TableErrors:
+    return _of_axis(errors, axis, replace(errors.axes[axis], wobble=errors.axes[axis].wobble + theta))
+
+
+def _skewed(axis: int, away: np.ndarray, errors: TableErrors, theta: np.ndarray) -> TableErrors:
+    return _of_axis(errors, axis, replace(errors.axes[axis], skew=errors.axes[axis].skew + np.tan(theta[0]) * away))
 
 
 def _once_and_twice(comparison: Comparison, axis: int) -> np.ndarray:
@@ -121,7 +156,8 @@ def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
         for axis in map(int, moved):
             shape: dict[str, float | int | str] = {"axis": seen.table.axes[axis].name, "turn": turn}
             parts = (("lost_deg", DEG, (0,)),)
-            yield Candidate(LOST, TABLE, f"turn {turn}", partial(comparison.of_lost, axis, turn), plausible, parts, shape)
+            added = partial(_beside, axis, comparison.lost_at_rest(axis, turn))
+            yield Candidate(LOST, TABLE, f"turn {turn}", partial(comparison.of_lost, axis, turn), plausible, parts, shape, added=added)
             if alone >= 0:
                 yield Candidate(DROPPED, SENSOR, f"turn {turn}", partial(comparison.of_dropped, turn), plausible, parts, shape)
 

@@ -31,12 +31,12 @@ from tinygc.reporting.terminal import Group, Text, one_line
 
 #: verdicts -> what they say
 VERDICTS = {
-    "clean": "sensor and table agree within their noise",
+    "clean": "no error of table or sensor is seen",
     "table": "the table errs",
     "sensor": "the sensor errs, and not the table",
     "both": "table and sensor err",
     "ambiguous": "sensor or table: these attitudes do not tell",
-    "unexplained": "they disagree, and no error that is known accounts for it",
+    "unexplained": "they disagree, and no known error is shown to account for it",
     "undecided": "not decided",
 }
 #: what each error says to a person
@@ -63,6 +63,8 @@ SPLITS = {
     of.LATENCY: "no movement tells a late word from a late sensor: compare with another sensor, or with the machine's own trigger",
     of.DROPPED: "put the axis level, where gravity sees its angle, and look at the samples' counter",
 }
+#: single turns with a loss, beyond which another error is as likely as so many losses
+MOST_LOSSES = 2
 OTHERWISE = "repeat the turns both ways, slowly and fast, about each axis of the sensor"
 
 
@@ -80,12 +82,38 @@ class TableExplanation:
         if self.selected is None:
             return "undecided"
         named = self.selected.named
+        if self.doubts or (not named and self.selected.first_p <= FAMILY_WISE):
+            return "unexplained"
         if not named:
-            return "clean" if self.selected.first_p > FAMILY_WISE else "unexplained"
-        if any(_crosses(each) for each in named if each.candidate.id != of.LATENCY):
+            return "clean"
+        sure = [each for each in named if not _crosses(each)]
+        if not sure or any(each.candidate.id != of.LATENCY for each in named if each not in sure):
             return "ambiguous"
-        whose = {each.candidate.whose for each in named}
+        whose = {each.candidate.whose for each in sure}
         return "both" if len(whose) > 1 else whose.pop()
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why what is named cannot be all: sizes of the noise beyond what is declared, and losses in too many turns."""
+        selected = self.selected
+        if selected is None:
+            return []
+        sizes, found = selected.noise.sizes, []
+        for name, ratio in selected.excess.items():
+            words = {
+                REPEATABILITY: f"the table repeats {sizes[REPEATABILITY]:.2g} times worse than its axes declare",
+                AT_REST: f"the accelerometer scatters by {1e3 * sizes[AT_REST]:.2g} mg from rest to rest",
+                IN_TURN: f"turns scatter by {sizes[IN_TURN] / DEG:.2g} deg",
+            }
+            found.append(
+                f"{words[name]}, {ratio:.1f} times what is taken to be noise: an error too large for this method, or unknown to it"
+            )
+        losses = [each for each in selected.named if each.candidate.id in (of.LOST, of.DROPPED)]
+        if len(losses) > MOST_LOSSES:
+            found.append(
+                f"{len(losses)} turns have a loss of their own: either losses are frequent, or another error is unknown to this method"
+            )
+        return found
 
     def to_json(self) -> dict[str, Any]:
         """``table`` of ``tinygc-explain/2``."""
@@ -113,6 +141,8 @@ class TableExplanation:
             "undecided": [
                 {"id": id, "where": where, "detection_limit": limit, "unit": unit} for id, where, limit, unit in limits_of(selected)
             ],
+            "doubts": self.doubts,
+            "suspected": list(selected.suspected),
             "inseparable": [
                 {"id": id, "where": where, "hidden_in": list(hidden), "movement": SPLITS.get(id, OTHERWISE)}
                 for id, where, hidden in inseparable_of(selected)
@@ -145,6 +175,12 @@ class TableExplanation:
         parts: list[Any] = [Text(""), line]
         for each in selected.named:
             parts += self._lines(each)
+        parts += [one_line(f"  {each}") for each in self.doubts]
+        if not selected.named and selected.suspected:
+            parts.append(one_line(f"  suspected, and not shown: {', '.join(selected.suspected)}"))
+        seen = [f"{id.removeprefix('table.')} {where} {limit:.2g} {unit}" for id, where, limit, unit in limits_of(selected)]
+        if seen:
+            parts.append(one_line(f"  not seen, and would be from: {'; '.join(seen)}"))
         late = measured(1e3 * selected.latency_s, 1e3 * selected.latency_sigma_s)
         parts.append(Text(f"  the machine's word is {late} ms late against the sensor, its filter and stamps included"))
         sizes = selected.noise.sizes
@@ -152,9 +188,6 @@ class TableExplanation:
         parts.append(
             Text(f"  repeatability {repeats:.2g} of what the axes declare; stamps of the word {1e3 * selected.noise.word[0]:.2g} ms")
         )
-        seen = [f"{id.removeprefix('table.')} {where} {limit:.2g} {unit}" for id, where, limit, unit in limits_of(selected)]
-        if seen:
-            parts.append(one_line(f"  not seen, and would be from: {'; '.join(seen)}"))
         for id, where, hidden in inseparable_of(selected):
             split = SPLITS.get(id, OTHERWISE)
             parts.append(one_line(f"  inseparable here: a part of {id} ({where}) from {', '.join(hidden)}; {split}"))

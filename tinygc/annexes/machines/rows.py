@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from session.annexes.machines.description import LATENCY_SIGMA_S
 from session.annexes.machines.kinematics import body_axes, rotations, stage_attitudes
-from session.annexes.machines.mechanics import normals
+from session.annexes.machines.mechanics import TableErrors, normals, true_attitudes
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.annexes.machines.observed import Observed
 
@@ -55,7 +55,8 @@ SIZES = (9, 3, 6, 3, 3, 3)
 def part_names(axes: int) -> list[str]:
     """Name of the part to which each number of the state belongs (P,)."""
     own = [name for name, size in zip(PARTS, SIZES, strict=True) for _ in range(size)]
-    return own + ["zero of an axis"] * axes + ["play before the first motion"] * axes + ["latency of the word", "lag of sensor and word"]
+    own += ["zero of an axis"] * axes + ["play before the first motion"] * axes
+    return [*own, "latency of the word", "lag of sensor and word", "second order of the lag"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,21 +75,27 @@ class Rows:
 
 
 class Comparison:
-    """An observed session at one state (P,): residuals, and the operators of small errors there."""
+    """An observed session at one state (P,), with the errors of the table that are known so far: residuals, and the operators of further
+    small errors there.
 
-    def __init__(self, observed: Observed, state: np.ndarray | None = None):
+    errors: tilt, skew and wobble, and in ``lost`` of an axis the angles (Q,) rad at rest beside the said ones; they enter exactly.
+    """
+
+    def __init__(self, observed: Observed, state: np.ndarray | None = None, errors: TableErrors | None = None):
         self.observed = observed
         self.state = start_of(observed) if state is None else state
+        self._errors = TableErrors.none(observed.table) if errors is None else errors
         parts = np.split(self.state, np.cumsum([*SIZES, *[observed.said.shape[1]] * 2]))
         self.matrix, self._zero = np.eye(3) + parts[0].reshape(3, 3), parts[1]
         self._accel = np.eye(3)
         self._accel[UPPER] += parts[2]
-        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.latency_s, self._lag_s) = parts[3:]
+        self._accel_zero, self._mounting, self._earth, self._axis_zero, self._before, (self.latency_s, *self._lag) = parts[3:]
 
     @cached_property
     def angles(self) -> np.ndarray:
-        """(Q, K) rad: the word at rest, with the zeros of the state."""
-        return self.observed.said + self._axis_zero + self.unmoved * self._before
+        """(Q, K) rad: the word at rest, with the zeros of the state and what is known to lie beside it."""
+        beside = np.stack([np.broadcast_to(each.lost, len(self.observed.said)) for each in self._errors.axes], axis=1)
+        return self.observed.said + self._axis_zero + self.unmoved * self._before + beside
 
     @cached_property
     def unmoved(self) -> np.ndarray:
@@ -106,8 +113,11 @@ class Comparison:
 
     @cached_property
     def at_rest(self) -> np.ndarray:
-        """R_tb (Q, 3, 3)."""
-        return self.attitudes(self.angles)
+        """R_tb (Q, 3, 3).  The zero of the outermost axis turns the base with it, so that a tilt is in the frame of the said angles."""
+        table, axes = self.observed.table, tuple(replace(each, lost=0.0) for each in self._errors.axes)
+        outermost = self._axis_zero * (np.arange(len(axes)) == 0)
+        stage = true_attitudes(table, replace(self._errors, axes=axes), self.angles - outermost, np.zeros_like(self.angles))
+        return rotations(table.axes[0].direction, outermost[0]) @ stage @ table.mounting.T @ self.mounting
 
     @cached_property
     def down(self) -> np.ndarray:
@@ -211,8 +221,9 @@ class Comparison:
         along = np.einsum("sbi,si->sb", self.rates, self.axis) * seen.block_s[:, None]
         way = np.concatenate([np.zeros((len(along), 1)), np.cumsum(along, axis=1)], axis=1)
         within = self.pinned(way) - self.pinned(self.said_way)
-        lagging = self.of_lag()
-        return Rows(force, rotation - self._lag_s * lagging.rotation[..., 0], rate, within - self._lag_s * lagging.within[:, 0])
+        for size, late in zip(self._lag, (self.of_lag(), self.of_lag_squared()), strict=True):
+            rotation, within = rotation - size * late.rotation[..., 0], within - size * late.within[:, 0]
+        return Rows(force, rotation, rate, within)
 
     # Operators: small errors to rows.
 
@@ -267,8 +278,10 @@ class Comparison:
         columns.append(self.of_attitudes(np.broadcast_to(np.eye(3), (rest, 3, 3))).stacked())
         columns.append(-self.of_rates(*earth).stacked())
         each = np.broadcast_to(np.eye(axes), (rest, axes, axes))
-        columns += [self.of_angles(each).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
-        columns += [self.of_latency(), self.of_lag().stacked()]
+        about = self.about.transpose(0, 2, 1).copy()
+        about[:, :, 0] = self.at_rest.transpose(0, 2, 1) @ self.observed.table.axes[0].direction
+        columns += [self.of_attitudes(about).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
+        columns += [self.of_latency(), self.of_lag().stacked(), self.of_lag_squared().stacked()]
         return np.concatenate(columns, axis=1)
 
     def of_lag(self) -> Rows:
@@ -276,6 +289,13 @@ class Comparison:
         late = np.stack([-np.gradient(each, block, axis=0) for each, block in zip(self.turning, self.observed.block_s, strict=True)])
         rows = self.of_rates(np.where(self.observed.inside[..., None], late, 0.0)[..., None], np.zeros((len(self.observed.said), 3, 1)))
         return replace(rows, within=rows.within + self.of_latency()[-len(rows.within) :] if len(rows.within) else rows.within)
+
+    def of_lag_squared(self) -> Rows:
+        """Rows of the second order of a filter's lag, of 1 s^2, its axes alike: it rounds off the begin and the end of a turn."""
+        seen = self.observed
+        turns = zip(self.turning, seen.block_s, strict=True)
+        bent = [np.gradient(np.gradient(each, block, axis=0), block, axis=0) for each, block in turns]
+        return self.of_rates(np.where(seen.inside[..., None], np.stack(bent), 0.0)[..., None], np.zeros((len(seen.said), 3, 1)))
 
     def of_forces(self, force: np.ndarray) -> np.ndarray:
         """(n, P) of (Q, 3, P) g that the accelerometer reads beside the truth."""
@@ -302,8 +322,13 @@ class Comparison:
 
     def of_harmonic(self, axis: int, cycles: int) -> np.ndarray:
         """(n, 2) of sine and cosine, ``cycles`` a turn, of an axis' angle."""
-        at, edges = self.observed.said[:, axis] * cycles, self.observed.said_edges[:, :, axis] * cycles
-        return self.of_angle_function(axis, np.stack([np.sin(at), np.cos(at)], -1), np.stack([np.sin(edges), np.cos(edges)], -1))
+        return self.of_angle_function(
+            axis, harmonic(self.observed.said[:, axis], cycles), harmonic(self.observed.said_edges[:, :, axis], cycles)
+        )
+
+    def play_at_rest(self, axis: int) -> np.ndarray:
+        """(Q, 1) rad of an axis' angle, of a play of 1 rad."""
+        return -self.observed.senses[:, axis, None] / 2
 
     def of_backlash(self, axis: int) -> np.ndarray:
         """(n, 1) of the play of an axis, rad: its stage hangs half of it behind, on the side of its last motion."""
@@ -313,13 +338,17 @@ class Comparison:
         # A turn that reverses the sense takes up the play first: as soon as the motor turns, the stage hangs as it will at the end.
         begun = np.abs(self.said_way) > BEGUN_RAD
         edges = -np.where(begun, after[:, None], np.where(before != 0, before, after)[:, None]) / 2
-        return self.of_angle_function(axis, -senses[:, axis, None] / 2, edges[..., None])
+        return self.of_angle_function(axis, self.play_at_rest(axis), edges[..., None])
+
+    def lost_at_rest(self, axis: int, turn: int) -> np.ndarray:
+        """(Q, 1) rad of an axis' angle, of a motor that falls behind by 1 rad in a turn, for good."""
+        seen = self.observed
+        later = np.arange(len(seen.said)) >= seen.last[turn]
+        return np.where(later, -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
 
     def of_lost(self, axis: int, turn: int) -> np.ndarray:
-        """(n, 1) of an angle by which an axis falls behind in a turn, for good, rad; where in the turn is not asked."""
-        seen = self.observed
-        later = (np.arange(len(seen.said)) >= seen.last[turn]).astype(float)
-        return self.of_angle_function(axis, -later[:, None], np.zeros((*seen.said_edges.shape[:2], 1)))
+        """(n, 1) of an angle by which a motor falls behind in a turn, for good, rad; where in the turn is not asked."""
+        return self.of_angle_function(axis, self.lost_at_rest(axis, turn), np.zeros((*self.observed.said_edges.shape[:2], 1)))
 
     def of_dropped(self, turn: int) -> np.ndarray:
         """(n, 1) of an angle about the axis of a turn that the gyroscope alone has lost, rad."""
@@ -345,6 +374,11 @@ class Comparison:
         vectors = np.stack([np.outer(cos, e1), np.outer(sin, e2), np.outer(cos, e2), np.outer(sin, e1)], axis=-1)
         phi = np.einsum("qji,qjk,qkp->qip", self.at_rest, self.outside(axis), vectors)
         return self.of_attitudes(phi).stacked()
+
+
+def harmonic(angle: np.ndarray, cycles: int) -> np.ndarray:
+    """(…, 2): sine and cosine, ``cycles`` a turn, of an angle (…) rad."""
+    return np.stack([np.sin(cycles * angle), np.cos(cycles * angle)], axis=-1)
 
 
 def moved(state: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -397,7 +431,7 @@ def prior_of(observed: Observed) -> tuple[np.ndarray, np.ndarray]:
             [horizontal, horizontal, vertical],
             np.full(axes, ZERO_SIGMA),
             np.full(axes, BEFORE_SIGMA),
-            [LATENCY_SIGMA_S, LAG_SIGMA_S],
+            [LATENCY_SIGMA_S, LAG_SIGMA_S, LAG_SIGMA_S**2],
         ]
     )
     mean = np.zeros_like(sigma)

@@ -29,6 +29,9 @@ WANDER, REPEATABILITY, AT_REST, IN_TURN = "bias wander", "repeatability", "accel
 WANDER_SPREAD = 0.7
 #: g: usual error of an accelerometer from rest to rest
 USUAL_AT_REST_G = 1e-4
+#: a table or a gyroscope that scatters by more than so many times what is declared of it has an error; so has an accelerometer that
+#: scatters by more than that from rest to rest, g
+MOST_OF_DECLARED, MOST_AT_REST_G = 3.0, 1e-3
 #: s, rad and s^2: where the search for the word's jitter, resolution and blur begins
 USUAL_JITTER_S, USUAL_RESOLUTION_RAD, USUAL_BLUR_S2 = 2e-3, 1e-5, 1e-5
 #: bounds of all three: a motor's play and a filter shape the begin of a turn by some tenths of a millisecond, which no column has
@@ -141,6 +144,17 @@ class NoiseModel:
             left = r - J @ np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0]
             x = self._word(left[self.outer :], x)
         return RowsNoise(sizes, found.value, np.exp(x), outer, self._factors(x))
+
+    def excess(self, noise: RowsNoise) -> dict[str, float]:
+        """Sizes that are beyond what sensor and table declare, by name, in units of the largest that is not."""
+        declared = max(axis.sigma_rad for axis in self._comparison.observed.table.axes)
+        most = {
+            REPEATABILITY: MOST_OF_DECLARED,
+            AT_REST: MOST_AT_REST_G,
+            IN_TURN: MOST_OF_DECLARED * float(np.hypot(self.components[IN_TURN][1], np.sqrt(2) * declared)),
+        }
+        found = {name: noise.sizes[name] / limit for name, limit in most.items()}
+        return {name: ratio for name, ratio in found.items() if ratio > 1}
 
     def value_of(self, r: np.ndarray, J: np.ndarray) -> float:
         """-2 log of the restricted likelihood, as ``RowsNoise.value``, with other columns."""

@@ -10,7 +10,7 @@ correlation.  Of those below it, the one with the most evidence (Gaussian priors
 from it with these attitudes.
 
 The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a
-sensor's filter and the stamps of a board have anyway.
+sensor's filter and the stamps of a board have anyway; an early word is a late sensor.  What is named enters exactly, however large.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
-from tinygc.annexes.machines.candidates import DROPPED, LATENCY, LOST, TABLE, Candidate, candidates_of
+from session.annexes.machines.mechanics import TableErrors
+from session.io.errors import DataError
+from session.io.units import DEG
+from tinygc.annexes.machines.candidates import DROPPED, LATENCY, LOST, SENSOR, TABLE, Candidate, candidates_of
 from tinygc.annexes.machines.observed import Observed
 from tinygc.annexes.machines.rows import Comparison, moved, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import NoiseModel, RowsNoise
@@ -36,10 +39,14 @@ SEEN = 0.5
 #: difference of log evidence, 6 in chi-square, within which two errors are not told apart
 EQUIVALENT = 3.0
 #: steps of the state, which is nonlinear, at most; a step that moves no number by that share of its own sigma is the last
-STEPS, SETTLED = 10, 0.03
+STEPS, SETTLED = 20, 0.03
+#: a fit that the noise estimated there moves by more of its own sigmas is fitted again
+ANEW = 1.0
 #: sigmas of its prior that a number moves in one step, at most: beside an error that is not named yet a step may overshoot
 FARTHEST = 2.0
-MOST_NAMED = 8
+MOST_NAMED, MOST_SUSPECTED = 8, 3
+#: share of the said angles that the gyroscope reads at least; rad that gravity is at most from where the said angles have it
+LEAST_SHARE, FARTHEST_RAD = 0.5, 10 * DEG
 #: power of 90 %, one-sided, in sigmas
 POWER = 1.2816
 #: share of an unseen direction that a part of the state takes up, from which it is named
@@ -83,7 +90,8 @@ class Selected:
     """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where
     none
     is visible; unseen; first_p, smallest_p: family-wise, before anything is named and of what is left; noise, chi_square, count, latency_s
-    and its sigma, of the last fit."""
+    and its sigma, of the last fit; excess: sizes of the noise beyond what is declared (``NoiseModel.excess``); suspected: ids of what is
+    left that is significant, or has evidence, and not both."""
 
     observed: Observed
     named: list[Named]
@@ -96,6 +104,8 @@ class Selected:
     count: int
     latency_s: float
     latency_sigma_s: float
+    excess: dict[str, float]
+    suspected: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +145,21 @@ class _Base:
     fitted: np.ndarray
     r: np.ndarray
     prior_left: np.ndarray
+    named: list[Candidate]
+
+    def place_of(self, candidate: Candidate) -> slice | None:
+        """Of a named error among ``theta``; None where it is not named here."""
+        start = len(self.state)
+        for each in self.named:
+            if _is_any(each, [candidate]):
+                return slice(start, start + len(each.plausible))
+            start += len(each.plausible)
+        return None
+
+    def theta_of(self, candidate: Candidate) -> np.ndarray:
+        """(P,) SI; zero where it is not named here."""
+        place = self.place_of(candidate)
+        return np.zeros(len(candidate.plausible)) if place is None else self.theta[place]
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -161,44 +186,67 @@ class _Base:
             s = np.sqrt(np.maximum(values, 0.0))
             z = right.T @ pull[place] / np.maximum(s, 1e-9)
             seen = s > 1 / SEEN
-            gain = float(np.sum(z[seen] ** 2))
+            if each.one_sided and float(right[0, 0] * z[0]) < 0:
+                z = np.zeros_like(z)
             weighed = np.where(seen, z**2 * s**2 / (1 + s**2) - np.log1p(s**2), 0.0)
+            gain = float(np.sum(z[seen] ** 2))
             p_value = float(chi2.sf(gain, int(seen.sum()))) if seen.any() else 1.0
             found.append(_Judged(each, place, s, right, gain, p_value, float(weighed.sum()) / 2 - np.log(each.tried)))
             start = place.stop
-        return self._losses_anew(found)
+        return self._weighed_anew(found)
 
-    def _losses_anew(self, judged: list[_Judged]) -> list[_Judged]:
-        """The same, with the largest losses in single turns weighed by the likelihood of a noise that need not hold them.
+    def _weighed_anew(self, judged: list[_Judged]) -> list[_Judged]:
+        """The same, with the largest losses in single turns weighed by the likelihood of a noise that need not hold them; and, where the
+        noise is beyond what is declared, the largest of all that gravity and whole turns show.
 
-        One turn far off makes the noise of all turns, as estimated, so large that it hardly stands out.
+        One turn far off makes the noise of all turns, as estimated, so large that it hardly stands out; a large error of all rests makes it
+        so large that it does not stand out at all.
         """
-        losses = [number for number, each in enumerate(judged) if each.candidate.id in (LOST, DROPPED)]
-        if not losses:
-            return judged
         known = self.model.known_alone(self.noise)
-        columns = known.whiten(np.concatenate([self.candidates[number].columns for number in losses], axis=1))
         basis, _ = np.linalg.qr(np.concatenate([known.whiten(self.fitted), np.eye(self.fitted.shape[1])]))
         y = np.concatenate([known.whiten(self.r), self.prior_left])
         y = y - basis @ (basis.T @ y)
-        taken = basis[: self.count].T @ columns
-        length = np.sqrt(np.maximum(np.sum(columns**2, axis=0) - np.sum(taken**2, axis=0), 1e-12))
-        sigmas = np.abs(columns.T @ y[: self.count]) / length
-        for place in np.argsort(-sigmas)[:LOSSES]:
-            if sigmas[place] < LOSS_SIGMAS:
-                break
-            number = losses[place]
+
+        def largest(numbers: list[int]) -> list[int]:
+            """The numbers of those that stand out most against known noise."""
+            some = [judged[number].candidate for number in numbers]
+            if not some:
+                return []
+            columns = known.whiten(np.concatenate([each.columns * each.plausible for each in some], axis=1))
+            taken, pull = basis[: self.count].T @ columns, columns.T @ y[: self.count]
+            gram, gains, start = columns.T @ columns - taken.T @ taken, np.zeros(len(numbers)), 0
+            for place, each in enumerate(some):
+                own = slice(start, start + len(each.plausible))
+                gains[place] = pull[own] @ np.linalg.solve(gram[own, own] + np.eye(len(each.plausible)), pull[own])
+                start = own.stop
+            order = np.argsort(-gains)[:LOSSES]
+            return [numbers[place] for place in order if gains[place] > LOSS_SIGMAS**2]
+
+        once = [number for number, each in enumerate(judged) if each.candidate.id in (LOST, DROPPED)]
+        others = [
+            number
+            for number, each in enumerate(judged if self.model.excess(self.noise) else [])
+            if number not in once and not each.candidate.columns[self.model.outer :].any()
+        ]
+        for number in largest(once) + largest(others):
             each = judged[number]
             column = each.candidate.columns * each.candidate.plausible
             evidence = (self.noise.value - self.model.value_of(self.r, np.concatenate([self.fitted, column], axis=1))) / 2
-            gain = max(0.0, 2 * evidence + float(np.log1p(each.s[0] ** 2)))
-            tried = each.candidate.tried
-            judged[number] = replace(each, gain=gain, p_value=float(chi2.sf(gain, 1)), log_evidence=evidence - np.log(tried))
+            gain = max(0.0, 2 * evidence + float(np.log1p(each.s**2).sum()))
+            weighed = replace(
+                each, gain=gain, p_value=float(chi2.sf(gain, len(each.s))), log_evidence=evidence - np.log(each.candidate.tried)
+            )
+            if number in once or weighed.log_evidence > each.log_evidence:
+                judged[number] = weighed
         return judged
 
 
 def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Selected:
-    """Name the errors; seed: of the draws behind the critical values; make: what is weighed."""
+    """Name the errors; seed: of the draws behind the critical values; make: what is weighed.
+
+    Raises DataError where sensor and table are too far apart for any error of a table that is as described.
+    """
+    _agree(observed)
     rng = np.random.default_rng(seed)
     named: list[Candidate] = []
     p_values: list[float] = []
@@ -226,19 +274,55 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         weakest = int(np.argmin([each.log_evidence for each in found]))
         named, p_values = named[:weakest] + named[weakest + 1 :], p_values[:weakest] + p_values[weakest + 1 :]
         base = _fitted(observed, base, named, make)
-    latency, sigma = (
-        float(base.state[-2] + base.theta[len(base.state) - 2]),
-        float(np.sqrt(base.covariance[len(base.state) - 2, len(base.state) - 2])),
-    )
-    p_latency = float(chi2.sf(latency**2 / (sigma**2 + DELAY_SIGMA_S**2), 1))
-    if p_latency < FAMILY_WISE / max(len(base.candidates), 1):
-        late = Candidate(LATENCY, TABLE, "word", base.comparison.of_latency, np.ones(1), (("latency_ms", 1e-3, (0,)),), {})
-        evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2) / 2
-        found.append(Named(late, np.array([latency]), np.array([sigma]), p_latency, float(evidence), AS_LATENCY))
+    at = len(base.state) - 3
+    latency, sigma = float(base.state[at] + base.theta[at]), float(np.sqrt(base.covariance[at, at]))
+    evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2) / 2
+    p_latency = min(1.0, float(chi2.sf(2 * evidence, 1)) * max(len(base.candidates), 1))
+    if p_latency < FAMILY_WISE:
+        found.append(_late(base, latency, sigma, p_latency, evidence))
+        first_p = min(first_p, p_latency)
+    doubtful = [each for each in judged if (each.p_value <= bar) != (each.log_evidence > 0)]
+    suspected = tuple(dict.fromkeys(each.candidate.id for each in sorted(doubtful, key=lambda each: each.p_value)))[:MOST_SUSPECTED]
     limits, unseen = _not_named(base, judged)
     found = sorted(found, key=lambda each: -each.log_evidence)
     chi_square = float(base.left @ base.left)
-    return Selected(observed, found, limits, unseen, first_p, least, base.noise, chi_square, base.count, float(latency), sigma)
+    excess = base.model.excess(base.noise)
+    return Selected(observed, found, limits, unseen, first_p, least, base.noise, chi_square, base.count, latency, sigma, excess, suspected)
+
+
+def _late(base: _Base, latency_s: float, sigma_s: float, p_value: float, evidence: float) -> Named:
+    """A word that is late, which a machine or stamps of a board that are early may cause; a word that is early comes from a late sensor."""
+    late, early = base.comparison.of_latency, AS_LATENCY[0]
+    if latency_s > 0:
+        candidate = Candidate(LATENCY, TABLE, "word", late, np.ones(1), (("latency_ms", 1e-3, (0,)),), {})
+        return Named(candidate, np.array([latency_s]), np.array([sigma_s]), p_value, evidence, AS_LATENCY[1:])
+    candidate = Candidate(early, SENSOR, "all axes", late, np.ones(3), (("tau_s", 1.0, (0, 1, 2)),), {})
+    return Named(candidate, np.full(3, -latency_s), np.full(3, sigma_s), p_value, evidence, AS_LATENCY[1:])
+
+
+def _agree(observed: Observed) -> None:
+    """Raise DataError where an axis turns the other way than it says, or gravity is far from where the said angles have it."""
+    comparison = Comparison(observed)
+    zero = observed.rate.mean(axis=0)
+    blocks = np.where(observed.inside[..., None], observed.rates - zero, 0.0) * observed.block_s[:, None, None]
+    seen = np.einsum("sbi,si->s", blocks, comparison.axis)
+    for number, axis in enumerate(observed.table.axes):
+        own = observed.alone == number
+        share = float(np.median(seen[own] / observed.turned[own, number])) if own.any() else 1.0
+        if share < LEAST_SHARE:
+            what = "the other way than it says" if share < -LEAST_SHARE else "about another direction than described"
+            raise DataError(
+                f"axis {axis.name} turns {what}: the gyroscope reads {share:.2f} of the said angles about it, expected 1; put the "
+                f"direction of the axis, or the mounting, right in table.toml"
+            )
+    down = -observed.force / np.linalg.norm(observed.force, axis=1)[:, None]
+    apart = np.arccos(np.clip(np.sum(down * comparison.down, axis=1), -1, 1))
+    if apart.max() > FARTHEST_RAD:
+        raise DataError(
+            f"gravity is up to {apart.max() / DEG:.0f} deg from where the said angles have it (rest {int(apart.argmax())}), expected "
+            f"within {FARTHEST_RAD / DEG:.0f} deg, too large for this method; are axes, zeros and mounting of table.toml right, and did no "
+            f"motor lose its steps?"
+        )
 
 
 def _family_wise(p_value: float, smallest: np.ndarray) -> float:
@@ -254,32 +338,51 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
     """Fit the state and what is named, from an earlier fit or from what is declared; the noise is estimated anew."""
     mean, sigma = prior_of(observed)
     state = start_of(observed) if before is None else before.state
+    thetas = [np.zeros(len(each.plausible)) if before is None else before.theta_of(each) for each in named]
     noise: RowsNoise | None = None if before is None else before.noise
-    last = False
-    for step in range(STEPS):
-        comparison, last = Comparison(observed, state), last or step == STEPS - 1
-        candidates = make(comparison) if named or last else []
+    exact = 3 * (len(observed.said) + len(observed.first))  # rows of force and rotation
+    step, settled = 0, False
+    while True:
+        errors = TableErrors.none(observed.table)
+        for each, theta in zip(named, thetas, strict=True):
+            errors = errors if each.added is None else each.added(errors, theta)
+        comparison, anew = Comparison(observed, state, errors), noise is None or settled or step == STEPS
+        candidates = make(comparison) if named or settled or step == STEPS else []
         own = [next(each for each in candidates if _is_any(each, [other])) for other in named]
         N = np.concatenate([comparison.of_state() * sigma, *(each.columns * each.plausible for each in own)], axis=1)
         r = comparison.residuals().stacked()
-        if noise is None or last:
+        for each, theta in zip(own, thetas, strict=True):
+            rows = each.columns @ theta
+            rows[: exact if each.added is not None else 0] = 0.0  # the comparison has them already
+            r = r - rows
+        if anew:
             model = NoiseModel(comparison)
             noise = model.estimated(r, N)
+        assert noise is not None
         design = np.concatenate([noise.whiten(N), np.eye(N.shape[1])])
-        y = np.concatenate([noise.whiten(r), -(state - mean) / sigma, np.zeros(N.shape[1] - len(state))])
+        y = np.concatenate([noise.whiten(r), -(state - mean) / sigma, *(-t / each.plausible for t, each in zip(thetas, own, strict=True))])
         basis, triangle = np.linalg.qr(design)
         x = np.linalg.solve(triangle, basis.T @ y)
         inverse = np.linalg.inv(triangle)
-        if last:
+        own_sigma = np.linalg.norm(inverse, axis=1)
+        # With another noise the fit may lie elsewhere: where it does, there the slopes are others.
+        if step == STEPS or (settled and bool(np.all(np.abs(x) < ANEW * own_sigma))):
             break
-        farthest = float(np.abs(x[: len(state)]).max())
-        state = moved(state, x[: len(state)] * sigma * FARTHEST / max(farthest, FARTHEST))
-        last = bool(np.all(np.abs(x[: len(state)]) < SETTLED * np.linalg.norm(inverse, axis=1)[: len(state)]))
+        farthest = max(float(np.abs(x[: len(state)]).max()) / FARTHEST, 1.0)
+        state = moved(state, x[: len(state)] * sigma / farthest)
+        at = len(state)
+        for number, each in enumerate(own):
+            thetas[number] = thetas[number] + x[at : at + len(each.plausible)] * each.plausible / farthest
+            at += len(each.plausible)
+        settled = bool(np.all(np.abs(x) < SETTLED * own_sigma))
+        step += 1
     scale = np.concatenate([sigma, *(each.plausible for each in own)])
     covariance = inverse @ inverse.T * np.outer(scale, scale)
     left = y - basis @ (basis.T @ y)
-    assert noise is not None  # the last step has estimated it
-    return _Base(comparison, noise, design, basis, left, x * scale, covariance, state, candidates, len(r), model, N, r, y[len(r) :])
+    theta = x * scale + np.concatenate([np.zeros(len(state)), *thetas])
+    return _Base(
+        comparison, noise, design, basis, left, theta, covariance, state, candidates, len(r), model, N, r, y[len(r) :], list(named)
+    )
 
 
 def _odd_inside(base: _Base) -> np.ndarray:
@@ -323,10 +426,11 @@ def _named(observed: Observed, base: _Base, named: list[Candidate], number: int,
     judged = [each for each in without.judged if not _is_any(each.candidate, others)]
     own = next(each for each in judged if _is_any(each.candidate, [named[number]]))
     near = {each.candidate.id for each in judged if each.log_evidence > own.log_evidence - EQUIVALENT}
-    start = len(base.state) + sum(len(each.plausible) for each in named[:number])
-    here = slice(start, start + len(own.s))
-    size = own.candidate.plausible
-    shown = (own.right[:, own.seen] @ own.right[:, own.seen].T) * size[:, None] / size
+    here, size = base.place_of(named[number]), own.candidate.plausible
+    # Of a direction with a sigma below ``SEEN`` of its plausible size, in the noise without this error, the posterior has this variance.
+    shares, right = np.linalg.eigh(base.covariance[here, here] / np.outer(size, size))
+    right = right[:, shares < 1 / (1 + 1 / SEEN**2)]
+    shown = (right @ right.T) * size[:, None] / size
     covariance = shown @ base.covariance[here, here] @ shown.T
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Named(own.candidate, shown @ base.theta[here], sigma, p_value, own.log_evidence, tuple(sorted(near - {own.candidate.id})))

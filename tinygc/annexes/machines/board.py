@@ -6,7 +6,6 @@ one thread serves both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -26,20 +25,23 @@ from tinygc.simulation.virtual_board import BoardSource
 from tinygc.simulation.write import config_text
 
 
-@dataclass(frozen=True, eq=False)
 class SensorSource(BoardSource):
-    """A board's source without an end: its sensor is turned by a virtual table."""
+    """A board's source without an end: its sensor is turned by a virtual table.  config: text of its session.toml."""
 
-    sensor: SensorOnTable | None = None
-    table: VirtualTable | None = None
+    _sensor: SensorOnTable
+    _table: VirtualTable
+
+    def __init__(self, info: Info, config: str, sensor: SensorOnTable, table: VirtualTable):
+        super().__init__(np.zeros((0, 7), np.int16), info, config)
+        object.__setattr__(self, "_sensor", sensor)
+        object.__setattr__(self, "_table", table)
 
     def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
         """The next samples, up to now."""
-        assert self.sensor is not None
-        assert self.table is not None
-        if not self.sensor.taken:
-            self.sensor.skip_to(self.table.mechanics.now_s())
-        log = self.sensor.take(self.table.tracks, stop - start)
+        sensor, table = self._sensor, self._table
+        if not sensor.taken:
+            sensor.skip_to(table.mechanics.now_s())
+        log = sensor.take(table.tracks, stop - start)
         return np.column_stack([log.gyro, log.accel, log.temp])
 
 
@@ -71,7 +73,7 @@ class TableUnderBoard:
         info = Info(options.gyro_fs_dps, options.accel_fs_g, unit.odr_hz, str(options.unit_drawn_from), options.sensor)
         text = config_text(SimpleNamespace(options=options, unit=unit), concealed=False, calibrated=calibrated)  # type: ignore[arg-type]
         sensor = SensorOnTable(description, errors, options, unit)
-        self.source = SensorSource(np.zeros((0, 7), np.int16), info, text.replace("SIM-", ""), sensor=sensor, table=table)
+        self.source = SensorSource(info, text.replace("SIM-", ""), sensor, table)
         self._terminal = Terminal(link)
         self.clock, self.name = TableClock(TableLine(table, self._terminal, resets)), self._terminal.name
 

@@ -243,6 +243,8 @@ class Coach:
 
     def _next_turn(self, measured: np.ndarray, kept: list[Turn]) -> Turn:
         """Return the best turn, or of a machine the first of those kept; the turns after it are chosen while the machine moves."""
+        if self._machine is None:
+            return self.best_turn(measured)
         place = self._place(measured)
         turn, rows = self._rated(place).first(kept)
         # An accelerometer that is not calibrated yet changes all rows with each still: no sequence is worth keeping.

@@ -212,7 +212,9 @@ def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impat
         else:
             # A folder in the place of a model is taken for a session's.
             session = (words[0], bomb.place, bomb.name) == ("apply", "model.json", "folder")
-            refused(run(*words, "--quiet"), "a folder without a fit" if session else "cannot be read")
+            folder_of_rates = words[0] == "rates" and bomb.name == "folder"  # it takes a folder: a recording of a machine
+            expected = "a folder without a fit" if session else "a recording of rates has" if folder_of_rates else "cannot be read"
+            refused(run(*words, "--quiet"), expected)
 
 
 def test_every_command_that_reads_files_meets_the_bombs():

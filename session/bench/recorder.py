@@ -71,7 +71,7 @@ class Recorder:
     """``catch_up``, ``poll`` until done, then ``close``.
 
     Where the folder holds a raw file already, the recording continues behind it, and ``catch_up`` gives the events of what is in it.
-    port: makes the port; heard: host_ns and device time t_us of the last samples of this connection, None before the first.
+    port: makes the port, None: a real one; heard: host_ns and device time t_us of the last samples of this connection, None at first.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Recorder:
         baudrate: int = 921600,
         header: str | None = None,
         wanted: RequestedSettings | None = None,
-        port: Callable[..., Port] = Port,
+        port: Callable[..., Port] | None = None,
     ):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
         self._router = BoardRouter(self.decoder, self.logs)
@@ -96,7 +96,7 @@ class Recorder:
             if self.raw.size:
                 self._past = stream(folder / RAW, self.decoder, self.logs, self._router)
             self.setting = BoardSetup(wanted or RequestedSettings())
-            self.port = port(name, baudrate, self._keep, self.setting)
+            self.port = (port or Port)(name, baudrate, self._keep, self.setting)
             self._has_clock = not is_virtual(name)  # a virtual board may run slower or faster than real time
         except BaseException:
             self.raw.discard()

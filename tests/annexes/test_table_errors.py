@@ -297,7 +297,6 @@ def test_a_tilt_of_two_degrees_is_no_noise_of_the_accelerometer():
         ("table.tilt", {"tilt": (5, -2.5, 0)}, [5, -2.5]),
         ("table.wobble", {"axis": 1, "wobble": np.array([0.5, -0.5, 0, 0]) * DEG}, [0.5, -0.5, 0, 0]),
         ("table.index", {"index": np.array([2, 0, 0, 1]) * DEG}, [2, 0, 0, 1]),
-        ("table.backlash", {"axis": 1, "backlash": 2 * DEG}, [2]),
         ("table.nonorthogonal", {"axis": 1, "skew": np.array([0, 0, -np.tan(2 * DEG)])}, [2]),
     ],
 )

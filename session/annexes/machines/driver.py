@@ -6,6 +6,7 @@ round: a question, a row, and the next verb where the one before has ended.  A f
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import deque
@@ -22,8 +23,11 @@ from session.annexes.machines.wire import PRESS
 from session.bench.messages import AxisMove
 from session.bench.mover import Moment
 from session.io.errors import CalibrationError, StorageError
+from session.io.files import read_bytes
 from session.io.units import NS
 
+#: of ``table.csv``: 40 hours at 50 Hz
+MOST_BYTES = 1 << 30
 EVERY_S = 0.05  #: between two questions: 20 Hz
 #: arrivals that the device's time is taken from, s; bytes are late by some ms and never early
 ARRIVALS_S = 20.0
@@ -65,8 +69,8 @@ class AngleFile:
         self._path, self._last = path, ("", -1)
         try:
             if path.exists() and path.stat().st_size:
-                text = path.read_bytes()
-                path.write_bytes(text[: text.rfind(b"\n") + 1])
+                text = read_bytes(path, MOST_BYTES)
+                os.truncate(path, text.rfind(b"\n") + 1)  # a row that was cut off
                 if not text.startswith(header(table).encode() + b"\n"):
                     raise StorageError(f"{path}: is of a table with other axes; give another --out")
             else:
@@ -89,7 +93,7 @@ class AngleFile:
     def rename(self, old: str, new: str) -> None:
         """A log has another name now."""
         self._file.close()
-        lines = self._path.read_text().splitlines(keepends=True)
+        lines = read_bytes(self._path, MOST_BYTES).decode().splitlines(keepends=True)
         partial = self._path.with_name(f"{self._path.name}.partial")
         partial.write_text("".join(new + line.removeprefix(old) if line.startswith(f"{old},") else line for line in lines))
         partial.replace(self._path)

@@ -20,7 +20,6 @@ from session.bench.events import Info
 from tinygc.annexes.machines.sensor_on_table import SensorOnTable
 from tinygc.annexes.machines.virtual_line import TableLine
 from tinygc.simulation.options import SimulationOptions, draw_unit
-from tinygc.simulation.terminal import Terminal
 from tinygc.simulation.virtual_board import BoardSource
 from tinygc.simulation.write import config_text
 
@@ -66,6 +65,8 @@ class TableUnderBoard:
     def __init__(
         self, file: Path, link: Path | None, options: SimulationOptions, calibrated: bool = True, faults: str = "", resets: bool = False
     ):
+        from tinygc.simulation.terminal import Terminal  # of POSIX alone
+
         description = read_description(file)
         errors = TableErrors.none(description)
         table = VirtualTable(description, errors, HostClock(), Fault.parse(faults), options.seed)

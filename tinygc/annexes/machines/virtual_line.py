@@ -5,10 +5,13 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from session.annexes.machines.clocks import Clock
 from session.annexes.machines.virtual import VirtualTable
-from tinygc.simulation.terminal import Terminal
+
+if TYPE_CHECKING:
+    from tinygc.simulation.terminal import Terminal
 
 #: name of the port where none is given
 LINK = Path(tempfile.gettempdir()) / "tinygc-table"

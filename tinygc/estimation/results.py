@@ -32,6 +32,7 @@ from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, mo
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
 from tinygc.estimation.physics import errors_with_physics, rate_covariance, rows_of_rates
 from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
 from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
@@ -100,7 +101,8 @@ class FitResult:
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
     jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one; not_run: why a
     requested method cannot run on this session, by name; allowed: how far one effect that the recording still allows moves the parameters,
-    None where the noise is not estimated; repeatability: spread of the bias between sessions, None where nothing tells it.
+    None where the noise is not estimated; repeatability: spread of the bias between sessions, None where nothing tells it; sources: the
+    parts that ``covariance`` is the sum of.
     """
 
     problem: Problem
@@ -128,6 +130,7 @@ class FitResult:
     not_run: dict[str, str] = field(default_factory=dict)
     allowed: Systematic | None = None
     repeatability: BiasRepeatability | None = None
+    sources: tuple[Source, ...] = ()
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"

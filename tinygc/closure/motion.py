@@ -1,0 +1,106 @@
+"""One motion, and the attitude error that an error of the calibration has made at its end.
+
+A rate error d_omega turns the end attitude by phi = integral of R_start,body d_omega dt, axes of the start.  For omega = E m + B that
+is linear in the 12 parameters (docs/model.md, first-order sensitivity); ``error`` integrates both models and is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.io.errors import DataError
+from session.io.logfile import Log
+from session.io.samples import Samples
+from tinygc.attitude import rotation
+from tinygc.attitude.rotation import sample_weights, steps
+from tinygc.closure.floor import wander_covariance
+from tinygc.closure.residual import Batch, sensitivity
+from tinygc.models import linear
+from tinygc.models.linear import LinearModel
+from tinygc.models.model import Model
+
+#: s of the motion that a calibration's errors are stated for
+MINUTE_S = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """measured (N, 3) rad/s, as the sensor gave them; dt (N - 1,) s; words: which motion it is."""
+
+    measured: np.ndarray
+    dt: np.ndarray
+    words: str
+
+    @property
+    def duration_s(self) -> float:
+        """Its duration."""
+        return float(self.dt.sum())
+
+    def _sensitivity(self, model: LinearModel) -> np.ndarray:
+        """(N, 3, 3) s: rotation of the end attitude per small rate error at each sample, axes of the start."""
+        none = np.array([[1.0, 0.0, 0.0, 0.0]])
+        batch = Batch(self.measured[None], self.dt[None], np.zeros((1, *self.measured.shape)), none, none, yaw_known=True)
+        return sensitivity(batch, model(batch.rate))[0]
+
+    def slope(self, model: LinearModel) -> np.ndarray:
+        """(3, 12) rad per unit: error of the end attitude by each parameter of ``LinearModel.vector``, axes of the start."""
+        return linear.columns(self._sensitivity(model)[None], self.measured[None])[0]
+
+    def error(self, model: Model, other: Model) -> np.ndarray:
+        """(3,) rad: rotation vector from the end attitude by one model to that by another, axes of the start; exact.
+
+        Both need rates alone (``rates_only``).
+        """
+        ends = [rotation.compose(steps(each.undelayed(self.measured)[None], self.dt[None]))[0] for each in (model, other)]
+        return rotation.log(rotation.multiply(ends[1], rotation.conjugate(ends[0])))
+
+    def noise_covariance(self, model: LinearModel, density: np.ndarray, instability_rps: float) -> np.ndarray:
+        """(3, 3) rad^2 of the end attitude from the gyroscope's white noise, of two-sided density (3,) rad/s/sqrt(Hz), and from its flicker
+        noise of this bias instability within the motion."""
+        turn = self._sensitivity(model) @ model.E
+        weight = sample_weights(self.dt)
+        white = turn * np.sqrt(np.divide(1, weight, out=np.zeros_like(weight), where=weight > 0))[:, None, None] * density
+        found = np.einsum("tik,tjk->ij", white, white)
+        if instability_rps > 0:
+            blocks = np.array_split(np.arange(len(turn)), max(1, min(len(turn), round(self.duration_s))))
+            time = np.concatenate([[0.0], np.cumsum(self.dt)])
+            each = np.array([turn[block].sum(axis=0) for block in blocks])
+            middle = np.array([time[block].mean() for block in blocks])
+            wander = wander_covariance(middle, self.duration_s / len(blocks), instability_rps=instability_rps)
+            found = found + np.einsum("aik,ab,bjk->ij", each, wander, each, optimize=True)
+        return found
+
+
+def at_rest(seconds: float = MINUTE_S, rate_hz: float = 10.0) -> Motion:
+    """The sensor lies still."""
+    count = max(2, round(seconds * rate_hz) + 1)
+    return Motion(np.zeros((count, 3)), np.full(count - 1, seconds / (count - 1)), f"{seconds:g} s at rest")
+
+
+def motion_of(logs: Sequence[Log] | Samples, seconds: float = MINUTE_S, from_s: float = 0.0) -> Motion:
+    """The first ``seconds`` of a recording from a moment on, one log after the other; shorter where there is no more.
+
+    Raises DataError where fewer than two samples are left.
+    """
+    pieces, left = ([logs] if isinstance(logs, Samples) else [log.samples for log in logs]), seconds
+    rates, dt = [], []
+    for number, samples in enumerate(pieces):
+        t = samples.t_s - (from_s if number == 0 else 0.0)
+        kept = (t >= 0) & (t <= left)
+        if np.count_nonzero(kept) < 2:
+            continue
+        own = np.diff(samples.t_s[kept])
+        rates.append(samples.gyro[kept][:-1])
+        dt.append(own)
+        last = samples.gyro[kept][-1]
+        left -= float(own.sum())
+        if left <= 0:
+            break
+    if not rates:
+        raise DataError("the motion has fewer than two samples; give a longer recording, or begin earlier")
+    steps_s = np.concatenate(dt)
+    found = f"the first {steps_s.sum():.0f} s of the recording" if from_s == 0 else f"{steps_s.sum():.0f} s of the recording"
+    return Motion(np.concatenate([*rates, last[None]]), steps_s, found)

@@ -1,0 +1,104 @@
+"""What a calibration says of the zero at another time: the variance of B between the session and then, cause by cause.
+
+The calibrated rate at rest, less the Earth's, is the zero's change since the calibration.  Without a fault its variance is the sum of
+
+    calibration    covariance of B in the fit
+    switch-on      2 spread^2: both the session and today are one draw (``repeatability``)
+    wander         mean square of the drift between two times of one switch-on, by the noise figures of the unit or by the instability of
+                   its kind; beyond ``END_S`` no figure says how it goes on, and the spread between sessions takes over
+    temperature    (coefficient x difference)^2, where no model over temperature has taken it off
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.noise.figures import NoiseFigures
+
+#: spread of B between days, one sigma, where nothing says it: that of the EuRoC days is 0.03 to 0.14 dps (paper_tables.py --only table1)
+USUAL_SPREAD = BiasRepeatability(np.full(3, 0.1 * DEG), "usual of MEMS gyroscopes, not of this unit")
+#: change of the zero with temperature, one sigma, rad/s per K, where no model over temperature says it: an ASM330LHH's siblings state
+#: 0.005 to 0.01 dps/K as typical, older ones 0.05
+USUAL_PER_K = 0.01 * DEG
+#: s: a walk is not followed beyond a day: no rest log is longer
+END_S = 86400.0
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedZero:
+    """Variance of the zero's change, by cause: name -> (3, 3) (rad/s)^2; assumed: names of causes whose size is not this unit's own."""
+
+    parts: Mapping[str, np.ndarray]
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(3, 3) (rad/s)^2, of all causes together."""
+        return sum(self.parts.values(), np.zeros((3, 3)))
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(3,) rad/s."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def expected_zero(
+    calibration: np.ndarray,
+    *,
+    elapsed_s: float | None = None,
+    switched_on_since: bool = True,
+    repeatability: BiasRepeatability | None = None,
+    figures: NoiseFigures | None = None,
+    instability: BiasInstability | None = None,
+    warmer_k: float | None = None,
+    per_k: np.ndarray | None = None,
+) -> ExpectedZero:
+    """Variance of the zero's change from a session to another time.
+
+    calibration (3, 3): of B in the fit, (rad/s)^2.  elapsed_s: between them, None where not known; switched_on_since: whether the sensor
+    was, or may have been, switched off between them.  figures: of the unit at rest; instability: of its kind.  warmer_k: by how much it is
+    warmer than in the session, None where not known or already taken off; per_k (3,): rad/s per K, one sigma.
+    """
+    parts, assumed = {"calibration": np.asarray(calibration, dtype=float)}, []
+    if switched_on_since:
+        spread = repeatability or USUAL_SPREAD
+        parts["switch-on"] = np.diag(2 * spread.rps**2)
+        if repeatability is None:
+            assumed.append("switch-on")
+    else:
+        parts["wander"] = np.diag(wander_variance(END_S if elapsed_s is None else elapsed_s, figures, instability))
+        if figures is None:
+            assumed.append("wander")
+    if warmer_k is not None and warmer_k != 0:
+        slope = np.full(3, USUAL_PER_K) if per_k is None else np.asarray(per_k, dtype=float)
+        parts["temperature"] = np.diag((slope * warmer_k) ** 2)
+        if per_k is None:
+            assumed.append("temperature")
+    return ExpectedZero(parts, tuple(assumed))
+
+
+def wander_variance(elapsed_s: float, figures: NoiseFigures | None, instability: BiasInstability | None) -> np.ndarray:
+    """(3,) (rad/s)^2: mean square of the drift of each axis between two moments of one switch-on, ``elapsed_s`` apart.
+
+    K: K^2 t; G: 2 G^2 (1 - exp(-t / T)); B: the flicker noise of ``closure.floor``, twice its variance less its covariance.
+    """
+    time = min(max(elapsed_s, 0.0), END_S)
+    if figures is None:
+        return np.full(3, 0.0 if instability is None else _flicker(time, instability.rps))
+    found = np.zeros(3)
+    for axis, noise in enumerate(figures.gyro.axes):
+        terms = noise.terms
+        found[axis] = noise.value("K") ** 2 * time + _flicker(time, noise.value("B"))
+        found[axis] += 2 * noise.value("G") ** 2 * -np.expm1(-time / (terms["G"].tau_s or 1.0))
+    return found
+
+
+def _flicker(time_s: float, rps: float) -> float:
+    between = wander_covariance(np.array([0.0, time_s]), instability_rps=rps)
+    return float(between[0, 0] + between[1, 1] - 2 * between[0, 1])

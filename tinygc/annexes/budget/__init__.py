@@ -1,0 +1,1 @@
+"""The uncertainty by source."""

@@ -1,0 +1,1 @@
+"""A calibration that is watched while it is used."""

@@ -12,7 +12,7 @@ from table_recordings import table_toml
 from session.annexes.machines.angles import header, read_angles
 from session.annexes.machines.comparison import WordAgainstSensor
 from session.annexes.machines.description import read_description
-from session.annexes.machines.driver import AngleFile, DeviceTime
+from session.annexes.machines.driver import AngleFile, DeviceTime, TableDriver
 from session.annexes.machines.kinematics import attitudes, body_axes
 from session.annexes.machines.mover import TableMover
 from session.annexes.machines.verbs import Where
@@ -39,6 +39,35 @@ def test_device_time_is_that_of_the_least_late_arrival():
     assert time.at(120.5) == pytest.approx(1.002 * 20.5 - 0.002, abs=0.003)
     time.add(121.0, 0.5)  # the board was reset
     assert time.at(121.2) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(("place", "late_s"), [(0, 0.04), (-1, 0.04), (0, 0.2)])
+def test_one_late_arrival_at_either_end_does_not_move_the_device_time(place, late_s):
+    """A line through the first and the last arrival would be late by all of it, at one end or the other."""
+    rng, time = np.random.default_rng(5), DeviceTime()
+    sent_s = np.arange(0.0, 15.0, 0.01)
+    sent_s = sent_s[(sent_s == 0) | (sent_s > 0.3)]
+    late = rng.uniform(0.001, 0.005, len(sent_s))
+    late[place] = late_s
+    for each_s, each in zip(sent_s, late, strict=True):
+        time.add(each_s + each, 1.0005 * each_s)
+    assert time.at(15.1) == pytest.approx(1.0005 * (15.1 - 0.001), abs=2e-4)
+
+
+def test_an_answer_has_the_time_between_question_and_answer():
+    """The table is asked at 7.0 s and answers 0.03 s later."""
+    now, rows = [7.0], []
+
+    def where():
+        now[0] += 0.03
+        return Where(np.zeros(2), False)
+
+    guarded = SimpleNamespace(where=where, is_at_rest=True, by_hand=False)
+    file = SimpleNamespace(add=lambda log, t_us, said: rows.append((log, t_us)))
+    driver = TableDriver(guarded, file, lambda: now[0], in_thread=False)
+    driver.heard(Moment("log0001.csv", 7_000_000, 7_000_000_000))
+    driver.tick()
+    assert rows == [("log0001.csv", 7_015_000)]
 
 
 def test_a_file_that_a_crash_has_cut_goes_on(tmp_path, table):

@@ -2,9 +2,9 @@
 
     log,t_us,table_s,moving,<axis>_deg,...
 
-log: the log that was being written; t_us: the board's device time, by the arrival of the last samples before the answer, so it is late by
-an unknown latency of some milliseconds; table_s: the machine's own clock, empty where it has none; moving: 0 or 1.  It is appended to,
-row by row: nothing that was recorded is lost.
+log: the log that was being written; t_us: the board's device time in the middle between question and answer, by the arrivals of its
+samples, so it is off by an unknown latency of some milliseconds; table_s: the machine's own clock, empty where it has none; moving: 0 or
+1.  It is appended to, row by row: nothing that was recorded is lost.
 """
 
 from __future__ import annotations

@@ -31,10 +31,16 @@ MOST_BYTES = 1 << 30
 EVERY_S = 0.05  #: between two questions: 20 Hz
 #: arrivals that the device's time is taken from, s; bytes are late by some ms and never early
 ARRIVALS_S = 20.0
+#: s of arrivals that say how fast the device's clock runs; steps to the line, which takes two or three
+LEAST_SPAN_S, STEPS = 2.0, 10
 
 
 class DeviceTime:
-    """The board's device time at any moment of the host, from the arrivals of its samples: the line that no arrival lies before."""
+    """The board's device time at any moment of the host, from the arrivals of its samples: the line that no arrival lies before.
+
+    Of all such lines it is the one that is nearest to the arrivals in the middle of their span: it touches the least late arrival of the
+    first half and that of the second.  A line through the first and the last arrival would be as late as these happen to be.
+    """
 
     def __init__(self) -> None:
         self._arrivals: deque[tuple[float, float]] = deque()  # host s, device s
@@ -57,8 +63,15 @@ class DeviceTime:
         if not len(arrivals):
             return None
         since = arrivals - arrivals[-1]
-        spans = -since[0]
-        rate = spans[1] / spans[0] if spans[0] > 2.0 else 1.0  # a virtual board may run faster than the host
+        rate = 1.0
+        if since[0, 0] < -LEAST_SPAN_S:  # a virtual board may run faster than the host
+            early = since[:, 0] < since[0, 0] / 2
+            before, after = since[early], since[~early]
+            for _ in range(STEPS):
+                a, b = (part[np.argmax(part[:, 1] - rate * part[:, 0])] for part in (before, after))
+                rate, last = (b[1] - a[1]) / (b[0] - a[0]), rate
+                if rate == last:
+                    break
         return float(arrivals[-1, 1] + np.max(since[:, 1] - rate * since[:, 0]) + rate * (host_s - arrivals[-1, 0]))
 
 
@@ -220,8 +233,9 @@ class TableDriver:
         self.fault = why if not unstopped or PRESS in why else f"{why}; {unstopped}"
 
     def _round(self) -> None:
+        asked_s = self.now_s()
         self.where = where = self.table.where()
-        t_s = self._device.at(self.now_s())
+        t_s = self._device.at((asked_s + self.now_s()) / 2)  # at what time between the two it answered is not known
         if t_s is not None:
             self._file.add(self._log, round(t_s * 1e6), where)
         if not (where.moving and self.table.is_at_rest) or self.table.by_hand:  # a person is told to stop, and confirms it later

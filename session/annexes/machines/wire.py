@@ -15,6 +15,8 @@ from session.io.texts import command_line
 UNOPENED: tuple[type[Exception], ...] = (*UNPLUGGED, ValueError)
 #: s between two looks for bytes
 POLL_S = 0.01
+#: at a port: an answer is stamped when it is seen
+PORT_POLL_S = 0.001
 #: s after which a port that takes no bytes counts as lost
 WRITE_S = 1.0
 
@@ -65,7 +67,7 @@ class SerialLink:
                 raise self._lost(error) from None
             if data or self._clock.now_s() >= end_s:
                 return bytes(data)
-            self._clock.sleep(POLL_S)
+            self._clock.sleep(PORT_POLL_S)
 
     def close(self) -> None:
         """Close the port."""

@@ -1,6 +1,7 @@
 """The table's own errors: each injected on tables of one to three axes, told from its twin in the sensor (docs/table-errors.md).
 
 python benchmarks/table_errors.py --clean 300        share of clean recordings with a p below 5 %, and with a name
+python benchmarks/table_errors.py --stamps 100       the same, with stamps as a busy computer makes them, of each kind
 python benchmarks/table_errors.py --cases 4          four sessions of each error, size and table
 python benchmarks/table_errors.py --samples          a few whole recordings, sample by sample
 """
@@ -25,13 +26,22 @@ from session.io.units import DEG
 from tinygc.annexes.machines.observed import observe
 from tinygc.annexes.machines.selection import Selected, select
 from tinygc.annexes.machines.simulation import LostSteps, fixed_moves, simulate_on_table
-from tinygc.annexes.machines.summaries import Summary, draw
+from tinygc.annexes.machines.summaries import Stamps, Summary, draw
 from tinygc.closure.prepared import prepare
 from tinygc.effects.catalogue import catalogue
 from tinygc.simulation.options import SimulationOptions
 
 X, Y, Z = np.eye(3)
 TABLES = {"one vertical axis": (Z,), "one level axis": (X,), "two axes": (Z, Y), "three axes": (Z, Y, X)}
+#: stamps of live recordings: good, of a poll of 10 ms, of a clock that wanders, with stalls, and all of it
+STAMPS = {
+    "1 ms late, jitter 0.3 ms": Stamps(late_s=1e-3, jitter_s=3e-4),
+    "10 ms late, jitter 3 ms": Stamps(late_s=10e-3, jitter_s=3e-3),
+    "10 ms late, jitter 2 ms, wander 2 ms for 5 s": Stamps(late_s=10e-3, jitter_s=2e-3, wander_s=2e-3, time_s=5.0),
+    "10 ms late, jitter 2 ms, wander 3 ms for 0.3 s": Stamps(late_s=10e-3, jitter_s=2e-3, wander_s=3e-3, time_s=0.3),
+    "5 ms late, jitter 1 ms, 2 % stalled by 50 ms": Stamps(late_s=5e-3, jitter_s=1e-3, stalled=0.02),
+    "20 ms late, jitter 5 ms, wander 5 ms for 20 s, 2 % stalled": Stamps(0.06, 20e-3, 5e-3, 5e-3, 20.0, 0.02),
+}
 MOVES = 24
 RATE_RPS = 80 * DEG
 
@@ -99,8 +109,9 @@ def outcome(injected: str, selected: Selected) -> str:
     return "named" if any(each.candidate.id == injected and not each.equivalent for each in own) else "one of several"
 
 
-def run_cases(count: int, first: int, large: bool) -> None:
-    """Print a row for each table, error and size."""
+def run_cases(count: int, first: int, large: bool, live: bool) -> None:
+    """Print a row for each table, error and size; live: with the stamps of a poll of 10 ms."""
+    answers = {"stamps": STAMPS["10 ms late, jitter 3 ms"], "block_s": 0.07} if live else {}
     total: Counter[str] = Counter()
     for name, directions in TABLES.items():
         table = table_of(directions)
@@ -108,7 +119,8 @@ def run_cases(count: int, first: int, large: bool) -> None:
             found: Counter[str] = Counter()
             said: Counter[str] = Counter()
             for seed in range(first, first + count):
-                summary = Summary(table, fixed_moves(table, MOVES, RATE_RPS, seed), **({"errors": TableErrors.none(table)} | fields))
+                of = {"errors": TableErrors.none(table)} | answers | fields
+                summary = Summary(table, fixed_moves(table, MOVES, RATE_RPS, seed), **of)
                 selected = select(draw(summary, seed), seed)
                 found["unexplained" if selected.excess else outcome(injected, selected)] += 1
                 said.update("/".join((each.candidate.id, *each.equivalent)) for each in selected.named)
@@ -134,6 +146,22 @@ def run_clean(count: int, first: int) -> None:
             print(f"| {name} | {repeatability:g} | {count} | {share:.1f} % | {sum(named.values())} | {dict(named)} |", flush=True)
 
 
+def run_stamps(count: int, first: int) -> None:
+    """Print the same for stamps of live recordings, tables by turns; answers every 60 ms, in blocks of 70 ms."""
+    for kind, stamps in STAMPS.items():
+        for repeatability in (0.0, 1.0):
+            p_values, named = [], Counter[str]()
+            for seed in range(first, first + count):
+                table = table_of(list(TABLES.values())[seed % len(TABLES)])
+                moves = fixed_moves(table, MOVES, RATE_RPS, seed)
+                of = {"repeatability": repeatability, "stamps": stamps, "block_s": 0.07}
+                selected = select(draw(Summary(table, moves, TableErrors.none(table), **of), seed), seed)
+                p_values.append(selected.first_p)
+                named.update(each.candidate.id for each in selected.named)
+            shares = " | ".join(f"{100 * np.mean(np.array(p_values) < level):.1f} %" for level in (0.05, 0.5))
+            print(f"| {kind} | {repeatability:g} | {count} | {shares} | {sum(named.values())} | {dict(named)} |", flush=True)
+
+
 def run_samples() -> None:
     """Print what whole recordings say, simulated sample by sample."""
     table = table_of(TABLES["two axes"])
@@ -157,14 +185,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--clean", type=int, metavar="N", help="clean sessions of each table")
     parser.add_argument("--cases", type=int, metavar="N", help="sessions of each error, size and table")
+    parser.add_argument("--stamps", type=int, metavar="N", help="clean sessions with each kind of live stamps")
+    parser.add_argument("--live", action="store_true", help="with --cases: stamps of a live recording")
     parser.add_argument("--large", action="store_true", help="with --cases: errors of 0.5 degrees and more, of the table alone")
     parser.add_argument("--samples", action="store_true", help="whole recordings, sample by sample")
     parser.add_argument("--first", type=int, default=0, help="seed of the first session")
     args = parser.parse_args()
     if args.clean:
         run_clean(args.clean, args.first)
+    if args.stamps:
+        run_stamps(args.stamps, args.first)
     if args.cases:
-        run_cases(args.cases, args.first, args.large)
+        run_cases(args.cases, args.first, args.large, args.live)
     if args.samples:
         run_samples()
 

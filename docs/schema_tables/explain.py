@@ -53,7 +53,7 @@ _EFFECT = named("effect", _CLAIM | {"share?": maybe(NUMBER), "against_stated?": 
 _QUANTITY = either(NUMBER, [NUMBER])
 _TABLE = {
     "name": TEXT,
-    "verdict": words("clean", "table", "sensor", "both", "ambiguous", "unexplained", "undecided"),
+    "verdict": words("clean", "table", "sensor", "both", "ambiguous", "suspected", "unexplained", "undecided"),
     "why_not": maybe(TEXT),
     "rests?": COUNT,
     "turns?": COUNT,
@@ -68,6 +68,8 @@ _TABLE = {
         "gyroscope_turn_deg": SIZE,
         "word_jitter_ms": SIZE,
         "word_resolution_deg": SIZE,
+        "word_wander_ms": SIZE,
+        "word_wander_s": SIZE,
     },
     "effects?": [
         {

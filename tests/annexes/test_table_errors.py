@@ -19,6 +19,7 @@ from tinygc.annexes.machines.selection import DELAY_SIGMA_S, Named, _fitted, sel
 from tinygc.annexes.machines.simulation import LostSteps, fixed_moves
 from tinygc.annexes.machines.summaries import Summary, draw
 from tinygc.effects.catalogue import effect_of
+from tinygc.reporting.terminal import as_text
 
 X, Y, Z = np.eye(3)
 SMALL = 1e-6
@@ -136,7 +137,7 @@ def test_white_noise_of_rests_and_turns_is_that_of_means_and_integrals():
 def test_the_walk_within_a_turn_is_that_of_a_bridge():
     seen = session(table(Z), moves=8, mounting_rad=0.0)
     comparison = Comparison(seen)
-    for number, (walk, _, _) in enumerate(NoiseModel(comparison)._within):
+    for number, (walk, *_) in enumerate(NoiseModel(comparison)._within):
         t_s = seen.block_s[number] * np.arange(1, seen.blocks[number])
         share, length_s = comparison.share[number, 1 : seen.blocks[number]], seen.blocks[number] * seen.block_s[number]
         bridge = seen.gyro_walk[0] ** 2 * (t_s - 2 * share * t_s + share**2 * length_s)
@@ -331,8 +332,14 @@ def test_a_verdict_is_never_clean_beyond_what_is_declared(clean):
         found = TableExplanation(of, replace(selected, excess={name: 4.0}))
         assert found.verdict == "unexplained"
         assert "4.0 times" in found.doubts[0]
-    assert TableExplanation(of, replace(selected, first_p=0.04)).verdict == "unexplained"
-    assert TableExplanation(of, replace(selected, first_p=0.06)).verdict == "clean"
+
+
+@pytest.mark.parametrize(("p", "verdict"), [(0.0009, "unexplained"), (0.002, "suspected"), (0.04, "suspected"), (0.06, "clean")])
+def test_a_mismatch_without_a_name_is_claimed_as_far_as_its_p_value_goes(clean, p, verdict):
+    of, selected = clean
+    found = TableExplanation(of, replace(selected, first_p=p))
+    assert found.verdict == found.to_json()["verdict"] == verdict
+    assert ("disagree" in as_text(found.page())) == (verdict == "unexplained")
 
 
 def test_sizes_beyond_what_is_declared_are_known(clean):

@@ -7,7 +7,7 @@ readings. Specific force is in g of the site, with the pre-calibration of sessio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,13 @@ FEWEST_RESTS, FEWEST_TURNS = 4, 3
 FEWEST_ANSWERS, MOST_DRIFT = 20, 0.05
 #: blocks of a turn, at most: a longer turn has longer blocks
 MOST_BLOCKS = 120
+#: an answer whose stamp differs from those of its neighbours by so many sigmas of the session was held up; answers among which it is
+#: compared
+HELD_UP, NEIGHBOURS = 5.0, 5
+#: s: stamps of samples are no better
+LEAST_JITTER_S = 1e-3
+#: share of a turn's fastest rate from which an answer shows how late it is
+SHOWS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +45,8 @@ class Observed:
 
     table; rest_s, rest_span_s (Q,): middle and length; force (Q, 3) g and rate (Q, 3) rad/s: means; temp_c (Q,) or NaN; said (Q, K) rad.
     first, last (S,): the rests of each turn; turn_s (S,): its middle; block_s (S,): length of its blocks; blocks (S,): how many; rates
-    (S, B, 3) rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated.
+    (S, B, 3) rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated; answer_at
+    (S, B + 1): place of each edge among the answers of its turn, 2.5 in the middle between the answers 2 and 3.
     gyro_walk (3,) rad/√s and accel_walk (3,) g √s: white noise of integral and mean; instability_rps; fs_rps; latitude_rad or None;
     accel_sigma_g: how far the accelerometer's calibration may be off; blind (S,) bool: turns whose inside is not looked at.
     """
@@ -64,6 +72,7 @@ class Observed:
     latitude_rad: float | None
     accel_sigma_g: float
     blind: np.ndarray
+    answer_at: np.ndarray
 
     @property
     def inside(self) -> np.ndarray:
@@ -126,7 +135,7 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
                 said = np.median(word.angles[during], axis=0)
                 middle = began + still.start_s + still.duration_s / 2
                 rests.append((middle, still.duration_s, still.accel_mean / gravity, still.gyro_mean, still.temp_c, said))
-    turns = []
+    cut = []
     for segment in problem.used:
         if id(segment.first) not in rest_of or id(segment.last) not in rest_of:
             continue
@@ -134,7 +143,9 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
         word = angles.get(name) or angles[name.removesuffix(".gz")]
         first, last = rest_of[id(segment.first)], rest_of[id(segment.last)]
         ends = rests[first][5], rests[last][5]
-        turns.append((first, last, segment.log, *_blocks(problem.logs[segment.log].samples, segment.start, segment.stop, word, ends)))
+        cut.append((first, last, segment.log, Turn(problem.logs[segment.log].samples, segment.start, segment.stop, word, ends)))
+    limit_s = held_up_from([turn.beside_s for *_, turn in cut])
+    turns = [(first, last, log, *turn.blocks(limit_s)) for first, last, log, turn in cut]
     if len(rests) < FEWEST_RESTS or len(turns) < FEWEST_TURNS:
         raise DataError(
             f"{problem.session.name}: table.csv has angles for {len(rests)} rests and {len(turns)} turns, expected {FEWEST_RESTS} and "
@@ -145,12 +156,13 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
 
 def _record(problem: Problem, table: Description, rests: list, turns: list, gravity: float) -> Observed:
     config = problem.session.config
-    most = max(len(rates) for *_, rates, _ in turns)
-    rates = np.stack([np.pad(each, ((0, most - len(each)), (0, 0))) for *_, each, _ in turns])
-    edges = np.stack([np.pad(each, ((0, most + 1 - len(each)), (0, 0)), mode="edge") for *_, each in turns])
+    most = max(len(rates) for *_, rates, _, _ in turns)
+    rates = np.stack([np.pad(each, ((0, most - len(each)), (0, 0))) for *_, each, _, _ in turns])
+    edges = np.stack([np.pad(each, ((0, most + 1 - len(each)), (0, 0)), mode="edge") for *_, each, _ in turns])
+    answer_at = np.stack([np.pad(each, (0, most + 1 - len(each)), mode="edge") for *_, each in turns])
     middle, span, force, rate, temp_c, said = (np.array(column, dtype=float) for column in zip(*rests, strict=True))
     first, last, log, begin_s, block_s = (np.array(column) for column in list(zip(*turns, strict=True))[:5])
-    blocks = np.array([len(each) for *_, each, _ in turns])
+    blocks = np.array([len(each) for *_, each, _, _ in turns])
     walks = [log.noise for log in problem.logs if log.noise is not None]
     accelerometer = config.accelerometer
     sigma_mg = 10.0 if accelerometer.source == "none" else accelerometer.sigma_mg or 2.0
@@ -176,6 +188,7 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
         None if config.site.latitude_deg is None else config.site.latitude_deg * DEG,
         1e-3 * sigma_mg,
         np.zeros(len(turns), dtype=bool),
+        answer_at,
     )
 
 
@@ -184,26 +197,76 @@ def _during(word: AngleLog, samples: Samples, start: int, stop: int) -> np.ndarr
     return (word.t_ns >= samples.t_ns[start]) & (word.t_ns <= samples.t_ns[stop - 1]) & ~word.moving
 
 
-def _blocks(
-    samples: Samples, start: int, stop: int, word: AngleLog, ends: tuple[np.ndarray, np.ndarray]
-) -> tuple[float, float, np.ndarray, np.ndarray]:
-    """Begin and block length, s; rates (B, 3) of equal blocks; the machine's word (B + 1, K) at their edges, that of the rests at both
-    ends."""
-    t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
-    gyro = np.asarray(samples.gyro[start:stop], dtype=float)
-    within = (word.t_ns > samples.t_ns[start]) & (word.t_ns < samples.t_ns[stop - 1])
-    poll_s, at = np.unique((word.t_ns[within] - samples.t_ns[start]) * NS, return_index=True)
-    usual = float(np.median(np.diff(poll_s))) if len(poll_s) > 1 else t_s[-1]
-    count = int(np.clip(t_s[-1] // max(usual, SHORTEST_BLOCK_S), 1, MOST_BLOCKS))
-    edges = np.linspace(0.0, t_s[-1], count + 1)
-    trapezoid = (gyro[1:] + gyro[:-1]) / 2 * np.diff(t_s)[:, None]
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(trapezoid, axis=0)])
-    at_edges = np.stack([np.interp(edges, t_s, angle[:, axis]) for axis in range(3)], axis=1)
-    # Within a block: the rotation vector to second order, with the coning of its samples (Bortz 1971).
-    coning = np.concatenate([np.zeros((1, 3)), np.cumsum(np.cross(angle[:-1], trapezoid) / 2, axis=0)])
-    own = np.stack([np.interp(edges, t_s, coning[:, axis]) for axis in range(3)], axis=1)
-    vectors = np.diff(at_edges, axis=0) + np.diff(own, axis=0) - np.cross(at_edges[:-1], np.diff(at_edges, axis=0)) / 2
-    known_s = np.concatenate([[0.0], poll_s, [t_s[-1]]])
-    known = np.concatenate([ends[0][None], word.angles[within][at], ends[1][None]])
-    said = Akima1DInterpolator(known_s, known)(edges)
-    return float(samples.t_s[start]), float(edges[1]), vectors / edges[1], said
+class Turn:
+    """One turn of a recording: samples start to stop, answers between them, and the said angles (2, K) rad of the rests at both ends.
+
+    poll_s (N,), said (N, K): the answers; beside_s (N,): ``stamps_beside``, NaN where several axes turn or none does.
+    """
+
+    def __init__(self, samples: Samples, start: int, stop: int, word: AngleLog, ends: tuple[np.ndarray, np.ndarray]):
+        self._begin_s, self._ends = float(samples.t_s[start]), ends
+        self._t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
+        gyro = np.asarray(samples.gyro[start:stop], dtype=float)
+        within = (word.t_ns > samples.t_ns[start]) & (word.t_ns < samples.t_ns[stop - 1])
+        self.poll_s, at = np.unique((word.t_ns[within] - samples.t_ns[start]) * NS, return_index=True)
+        self.said = word.angles[within][at]
+        self._trapezoid = (gyro[1:] + gyro[:-1]) / 2 * np.diff(self._t_s)[:, None]
+        self._angle = np.concatenate([np.zeros((1, 3)), np.cumsum(self._trapezoid, axis=0)])
+        change, end = ends[1] - ends[0], self._angle[-1]
+        moved = np.flatnonzero(np.abs(change) > TURNED_RAD)
+        self.beside_s = np.full(len(self.poll_s), np.nan)
+        if len(moved) == 1 and end.any():
+            way = self._angle @ end / (end @ end) * abs(change[moved[0]])
+            said = (self.said[:, moved[0]] - ends[0][moved[0]]) * np.sign(change[moved[0]])
+            self.beside_s = stamps_beside(self.poll_s, said, self._t_s, way)
+
+    def blocks(self, limit_s: float) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:
+        """Begin and block length, s; rates (B, 3) of equal blocks; the machine's word (B + 1, K) at their edges, that of the rests at both
+        ends, without answers that were held up by more than limit_s; place of the edges (B + 1,) among these answers."""
+        t_s, angle, trapezoid = self._t_s, self._angle, self._trapezoid
+        usual = float(np.median(np.diff(self.poll_s))) if len(self.poll_s) > 1 else t_s[-1]
+        count = int(np.clip(t_s[-1] // max(usual, SHORTEST_BLOCK_S), 1, MOST_BLOCKS))
+        edges = np.linspace(0.0, t_s[-1], count + 1)
+        at_edges = np.stack([np.interp(edges, t_s, angle[:, axis]) for axis in range(3)], axis=1)
+        # Within a block: the rotation vector to second order, with the coning of its samples (Bortz 1971).
+        coning = np.concatenate([np.zeros((1, 3)), np.cumsum(np.cross(angle[:-1], trapezoid) / 2, axis=0)])
+        own = np.stack([np.interp(edges, t_s, coning[:, axis]) for axis in range(3)], axis=1)
+        vectors = np.diff(at_edges, axis=0) + np.diff(own, axis=0) - np.cross(at_edges[:-1], np.diff(at_edges, axis=0)) / 2
+        kept = ~(np.abs(self.beside_s) > limit_s)
+        return self._begin_s, float(edges[1]), vectors / edges[1], *said_at(edges, self.poll_s[kept], self.said[kept], self._ends)
+
+
+def said_at(edges: np.ndarray, poll_s: np.ndarray, said: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The machine's word (B + 1, K) at the edges of a turn, s, from its answers (N, K) at poll_s and from both rests; place of the edges
+    (B + 1,) among the answers, where the rests count as such."""
+    known_s = np.concatenate([edges[:1], poll_s, edges[-1:]])
+    known = np.concatenate([ends[0][None], said, ends[1][None]])
+    return Akima1DInterpolator(known_s, known)(edges), np.interp(edges, known_s, np.arange(len(known_s)))
+
+
+def stamps_beside(poll_s: np.ndarray, said: np.ndarray, t_s: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """(N,) s: how much later the stamp of each answer is than the stamps of its neighbours, by an axis' way (M,) rad at t_s (M,), which
+    grows; NaN where the axis hardly turns.
+
+    said (N,) rad: the way by the answers.  An error of the table is the same for the neighbours; a stamp that was held up is alone.
+    """
+    if len(poll_s) < NEIGHBOURS:
+        return np.full(len(poll_s), np.nan)
+    rate = np.abs(np.gradient(way, t_s))
+    # Where the axis begins or stops, the rate between two answers is that of either.
+    fastest = np.maximum(np.interp(poll_s, t_s, rate), np.interp(poll_s - np.median(np.diff(poll_s)), t_s, rate))
+    shows = fastest > SHOWS * rate.max()
+    late_s = np.where(shows, np.interp(poll_s, t_s, way) - said, np.nan) / np.where(shows, fastest, 1.0)
+    found = np.full(len(poll_s), np.nan)
+    seen = np.flatnonzero(shows)
+    if len(seen) >= NEIGHBOURS:
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(late_s[seen], NEIGHBOURS // 2, mode="reflect"), NEIGHBOURS)
+        found[seen] = late_s[seen] - np.median(around, axis=1)
+    return found
+
+
+def held_up_from(beside_s: Sequence[np.ndarray]) -> float:
+    """s from which a stamp counts as held up, of ``stamps_beside`` of all turns: ``HELD_UP`` sigmas of the usual ones (Hampel 1974)."""
+    beside = np.concatenate([np.zeros(0), *beside_s])
+    beside = beside[np.isfinite(beside)]
+    return HELD_UP * max(1.4826 * float(np.median(np.abs(beside))), LEAST_JITTER_S) if len(beside) else np.inf

@@ -7,9 +7,10 @@ Rest and turn rows have one covariance, whose sizes are estimated by restricted 
     repeatability of the table, at each rest anew, in units of the accuracy that each axis declares              estimated
     accelerometer at each rest, gyroscope in each turn: whatever no model has                                    estimated
 
-Rows within a turn have their own: the walk of the angle between its two ends, which are pinned; and the machine's word, by the jitter of
-its
-stamps (an angle that grows with the rate), by its resolution, and by what is lost between two answers (which grows with the acceleration).
+Rows within a turn have their own: the walk of the angle between its two ends, which are pinned; and the machine's word, by its resolution,
+by what is lost between two answers (which grows with the acceleration), and by its stamps, whose error is an angle that grows with the
+rate.  Stamps have a jitter, new with each answer and shared by the edges between two answers as their interpolation shares it; and they
+wander within a turn, with a correlation that falls by e in some time: a computer's load, and the clock of its board, change slowly.
 """
 
 from __future__ import annotations
@@ -32,18 +33,18 @@ USUAL_AT_REST_G = 1e-4
 #: a table or a gyroscope that scatters by more than so many times what is declared of it has an error; so has an accelerometer that
 #: scatters by more than that from rest to rest, g
 MOST_OF_DECLARED, MOST_AT_REST_G = 3.0, 1e-3
-#: s, rad and s^2: where the search for the word's jitter, resolution and blur begins
-USUAL_JITTER_S, USUAL_RESOLUTION_RAD, USUAL_BLUR_S2 = 2e-3, 1e-5, 1e-5
-#: bounds of all three: a motor's play and a filter shape the begin of a turn by some tenths of a millisecond, which no column has
+#: where the search begins: the word's jitter, s, resolution, rad, blur, s^2, wander of its stamps, s, and time of that wander, s
+USUAL_WORD = (2e-3, 1e-5, 1e-5, 3e-4, 0.5)
+#: bounds of all five: a motor's play and a filter shape the begin of a turn by some tenths of a millisecond, which no column has
 #: (benchmarks/table_errors.py --samples); the least resolution is that of a few digits of table.csv
-WORD_BOUNDS = np.array([[3e-4, 0.1], [1e-6, 0.02], [1e-7, 0.01]])
+WORD_BOUNDS = np.array([[3e-4, 0.1], [1e-6, 0.02], [1e-7, 0.01], [1e-5, 0.1], [0.05, 30.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class RowsNoise:
     """Sizes by name (SI; repeatability in units of the declared accuracy), and factors that whiten stacked rows.
 
-    word (3,): jitter, s, resolution, rad, and blur, s^2, of the machine's word; value: -2 log of the restricted likelihood of the rows at
+    word (5,): of the machine's word, as ``USUAL_WORD``; value: -2 log of the restricted likelihood of the rows at
     rest and of turns.
     """
 
@@ -111,13 +112,14 @@ class NoiseModel:
             response[here, :, len(seen.turn_s) + number] = np.eye(3)
         return np.einsum("nit,tu,miu->nm", response, wander, response, optimize=True)
 
-    def _parts_within(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each turn that has rows within: covariance of the pinned walk (W, W) rad^2, rates (W,) rad/s, accelerations (W,) rad/s^2."""
+    def _parts_within(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Of each turn that has rows within: covariance of the pinned walk (W, W) rad^2; rates (W,) rad/s; accelerations (W,) rad/s^2;
+        covariance (W, W) rad^2/s^2 of the word for stamps of 1 s; and the time between the edges (W, W) s."""
         comparison, seen = self._comparison, self._comparison.observed
         found = []
         rate = np.gradient(comparison.said_way, axis=1) / seen.block_s[:, None]
         # Where an axis starts or stops within a block, the word between two answers is off by as much as at its neighbours.
-        rate, change = (_widest(np.abs(each)) for each in (rate, np.gradient(rate, axis=1) / seen.block_s[:, None]))
+        change = _widest(np.abs(np.gradient(rate, axis=1)) / seen.block_s[:, None])
         for number, inner in enumerate(comparison.inner):
             if not inner.any():
                 continue
@@ -127,7 +129,11 @@ class NoiseModel:
             walk = np.minimum(time[:, None], time)
             pin = np.eye(len(share))[edges] - share[edges, None] * np.eye(len(share))[-1]
             variance = float((comparison.axis[number] ** 2) @ seen.gyro_walk**2)
-            found.append((variance * pin @ walk @ pin.T, rate[number, edges], change[number, edges]))
+            at = seen.answer_at[number]
+            taken = of_answers(at[edges])
+            taken = taken * np.interp(np.arange(taken.shape[1]), at, rate[number])
+            apart_s = np.abs(time[edges, None] - time[edges])
+            found.append((variance * pin @ walk @ pin.T, rate[number, edges], change[number, edges], taken @ taken.T, apart_s))
         return found
 
     def estimated(self, r: np.ndarray, J: np.ndarray) -> RowsNoise:
@@ -137,7 +143,7 @@ class NoiseModel:
         found = estimate(r[: self.outer], J[: self.outer], self.white, list(V), np.array(usual), list(priors), [rows], steps=30)
         C = self.white + sum((s**2 * v for s, v in zip(found.s, V, strict=True)), np.zeros_like(self.white))
         sizes, outer = dict(zip(self.components, found.s.tolist(), strict=True)), np.linalg.cholesky(C)
-        x = np.log([USUAL_JITTER_S, USUAL_RESOLUTION_RAD, USUAL_BLUR_S2])
+        x = np.log(USUAL_WORD)
         for _ in range(2 if self._within else 0):  # what the columns take up depends little on the noise of the word
             noise = RowsNoise(sizes, found.value, np.exp(x), outer, self._factors(x))
             white = np.concatenate([noise.whiten(np.column_stack([J, r])), np.eye(J.shape[1] + 1)[:-1]])
@@ -169,15 +175,20 @@ class NoiseModel:
         return replace(noise, _outer=np.linalg.cholesky(self.white + noise.sizes[WANDER] ** 2 * V))
 
     def _factors(self, x: np.ndarray) -> list[np.ndarray]:
-        jitter_s, resolution_rad, blur_s2 = np.exp(x)
+        jitter_s, resolution_rad, blur_s2, wander_s, time_s = np.exp(x)
         return [
-            np.linalg.cholesky(walk + np.diag((jitter_s * rate) ** 2 + (blur_s2 * change) ** 2 + resolution_rad**2))
-            for walk, rate, change in self._within
+            np.linalg.cholesky(
+                walk
+                + jitter_s**2 * jittered
+                + wander_s**2 * np.outer(rate, rate) * np.exp(-apart_s / time_s)
+                + np.diag((blur_s2 * change) ** 2 + resolution_rad**2)
+            )
+            for walk, rate, change, jittered, apart_s in self._within
         ]
 
     def _word(self, left: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Logarithms of jitter, resolution and blur of the machine's word: greatest likelihood of what is left."""
-        edges = np.cumsum([0, *(len(rate) for _, rate, _ in self._within)])
+        """Logarithms of the sizes of the machine's word: greatest likelihood of what is left."""
+        edges = np.cumsum([0, *(len(rate) for _, rate, *_ in self._within)])
 
         def cost(x: np.ndarray) -> float:
             total = 0.0
@@ -188,6 +199,13 @@ class NoiseModel:
 
         found: np.ndarray = minimize(cost, x, method="L-BFGS-B", bounds=np.log(WORD_BOUNDS), options={"maxiter": 15, "ftol": 1e-7}).x
         return found
+
+
+def of_answers(answer_at: np.ndarray) -> np.ndarray:
+    """(W, N): what each answer has in the word at the edges (W,), by their places among the answers: cubic convolution (Keys 1981), which
+    Akima's interpolation is where the rate changes little."""
+    d = np.abs(answer_at[:, None] - np.arange(int(answer_at.max()) + 3))
+    return np.where(d < 1, (1.5 * d - 2.5) * d**2 + 1, np.where(d < 2, ((2.5 - 0.5 * d) * d - 4) * d + 2, 0.0))
 
 
 def _widest(values: np.ndarray) -> np.ndarray:

@@ -57,6 +57,9 @@ ODD, FEW = 6.0, 0.25
 LOSSES, LOSS_SIGMAS = 4, 4.0
 #: s: filter of a sensor and stamps of the board, one sigma: a latency within them is nobody's fault
 DELAY_SIGMA_S = 0.005
+#: s: stamps of the word are late besides: an answer takes up to 20 ms (the timer of a USB converter, a busy computer), and is stamped in
+#: the middle; root mean square of 0 to 10 ms
+LATE_STAMPS_S = 0.01 / np.sqrt(3)
 #: sensor's effects that read as a latency, where all axes have them alike
 AS_LATENCY = ("gyro.bandwidth", "timing.axis_skew")
 
@@ -276,7 +279,7 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         base = _fitted(observed, base, named, make)
     at = len(base.state) - 3
     latency, sigma = float(base.state[at] + base.theta[at]), float(np.sqrt(base.covariance[at, at]))
-    evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2) / 2
+    evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2 + (LATE_STAMPS_S**2 if latency > 0 else 0.0)) / 2
     p_latency = min(1.0, float(chi2.sf(2 * evidence, 1)) * max(len(base.candidates), 1))
     if p_latency < FAMILY_WISE:
         found.append(_late(base, latency, sigma, p_latency, evidence))

@@ -79,7 +79,7 @@ def turn():
     return t_s, way, asked_s, asked_s + 1e-3 * rng.normal(size=len(asked_s))
 
 
-@pytest.mark.parametrize("late_s", [0.05, 0.02])
+@pytest.mark.parametrize("late_s", [0.05, 0.02, -0.02])
 def test_an_answer_that_was_held_up_is_found_and_no_other(turn, late_s):
     t_s, way, asked_s, stamp_s = turn
     stamp_s[20] += late_s
@@ -94,6 +94,15 @@ def test_an_error_of_the_table_is_no_answer_that_was_held_up(turn, error_deg):
     t_s, way, asked_s, stamp_s = turn
     said = np.interp(asked_s, t_s, way)
     beside_s = stamps_beside(stamp_s, said + error_deg(said) * DEG, t_s, way)
+    assert not (np.abs(beside_s) > held_up_from([beside_s])).any()
+
+
+def test_an_answer_that_is_late_throughout_is_not_held_up_where_the_axis_begins_and_stops():
+    """All stamps are 15 ms late, with almost no jitter, and the axis takes 0.3 s to its rate."""
+    t_s = np.arange(0, 3, 0.005)
+    way = np.cumsum(np.interp(t_s, [0.5, 0.8, 2.2, 2.5], [0, 90 * DEG, 90 * DEG, 0])) * 0.005
+    asked_s = np.arange(0.03, 2.95, 0.06)
+    beside_s = stamps_beside(asked_s + 0.015, np.interp(asked_s, t_s, way), t_s, way)
     assert not (np.abs(beside_s) > held_up_from([beside_s])).any()
 
 

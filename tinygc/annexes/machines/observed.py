@@ -35,8 +35,8 @@ MOST_BLOCKS = 120
 HELD_UP, NEIGHBOURS = 5.0, 5
 #: s: stamps of samples are no better
 LEAST_JITTER_S = 1e-3
-#: share of a turn's fastest rate from which an answer shows how late it is
-SHOWS = 0.1
+#: shares of a turn's fastest rate from which an answer shows how late it is, and from which how early
+SHOWS_LATE, SHOWS_EARLY = 0.1, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,8 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
         word = angles.get(name) or angles[name.removesuffix(".gz")]
         first, last = rest_of[id(segment.first)], rest_of[id(segment.last)]
         ends = rests[first][5], rests[last][5]
-        cut.append((first, last, segment.log, Turn(problem.logs[segment.log].samples, segment.start, segment.stop, word, ends)))
+        zero = (segment.first.gyro_mean + segment.last.gyro_mean) / 2
+        cut.append((first, last, segment.log, Turn(problem.logs[segment.log].samples, segment.start, segment.stop, zero, word, ends)))
     limit_s = held_up_from([turn.beside_s for *_, turn in cut])
     turns = [(first, last, log, *turn.blocks(limit_s)) for first, last, log, turn in cut]
     if len(rests) < FEWEST_RESTS or len(turns) < FEWEST_TURNS:
@@ -198,12 +199,13 @@ def _during(word: AngleLog, samples: Samples, start: int, stop: int) -> np.ndarr
 
 
 class Turn:
-    """One turn of a recording: samples start to stop, answers between them, and the said angles (2, K) rad of the rests at both ends.
+    """One turn of a recording: samples start to stop, their mean (3,) rad/s in both rests, answers between them, and the said angles
+    (2, K) rad of the rests.
 
     poll_s (N,), said (N, K): the answers; beside_s (N,): ``stamps_beside``, NaN where several axes turn or none does.
     """
 
-    def __init__(self, samples: Samples, start: int, stop: int, word: AngleLog, ends: tuple[np.ndarray, np.ndarray]):
+    def __init__(self, samples: Samples, start: int, stop: int, zero: np.ndarray, word: AngleLog, ends: tuple[np.ndarray, np.ndarray]):
         self._begin_s, self._ends = float(samples.t_s[start]), ends
         self._t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
         gyro = np.asarray(samples.gyro[start:stop], dtype=float)
@@ -212,11 +214,12 @@ class Turn:
         self.said = word.angles[within][at]
         self._trapezoid = (gyro[1:] + gyro[:-1]) / 2 * np.diff(self._t_s)[:, None]
         self._angle = np.concatenate([np.zeros((1, 3)), np.cumsum(self._trapezoid, axis=0)])
-        change, end = ends[1] - ends[0], self._angle[-1]
+        turned = self._angle - zero * self._t_s[:, None]
+        change, end = ends[1] - ends[0], turned[-1]
         moved = np.flatnonzero(np.abs(change) > TURNED_RAD)
         self.beside_s = np.full(len(self.poll_s), np.nan)
         if len(moved) == 1 and end.any():
-            way = self._angle @ end / (end @ end) * abs(change[moved[0]])
+            way = turned @ end / (end @ end) * abs(change[moved[0]])
             said = (self.said[:, moved[0]] - ends[0][moved[0]]) * np.sign(change[moved[0]])
             self.beside_s = stamps_beside(self.poll_s, said, self._t_s, way)
 
@@ -253,15 +256,16 @@ def stamps_beside(poll_s: np.ndarray, said: np.ndarray, t_s: np.ndarray, way: np
     if len(poll_s) < NEIGHBOURS:
         return np.full(len(poll_s), np.nan)
     rate = np.abs(np.gradient(way, t_s))
-    # Where the axis begins or stops, the rate between two answers is that of either.
-    fastest = np.maximum(np.interp(poll_s, t_s, rate), np.interp(poll_s - np.median(np.diff(poll_s)), t_s, rate))
-    shows = fastest > SHOWS * rate.max()
-    late_s = np.where(shows, np.interp(poll_s, t_s, way) - said, np.nan) / np.where(shows, fastest, 1.0)
+    # Where the axis begins or stops, an answer seems less late than it is, and so earlier than its neighbours.
+    both = np.stack([np.interp(at_s, t_s, rate) for at_s in (poll_s, poll_s - np.median(np.diff(poll_s)))])
+    slowest, fastest = both.min(axis=0), both.max(axis=0)
+    seen = np.flatnonzero(fastest > SHOWS_LATE * rate.max())
     found = np.full(len(poll_s), np.nan)
-    seen = np.flatnonzero(shows)
     if len(seen) >= NEIGHBOURS:
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(late_s[seen], NEIGHBOURS // 2, mode="reflect"), NEIGHBOURS)
-        found[seen] = late_s[seen] - np.median(around, axis=1)
+        late_s = (np.interp(poll_s, t_s, way) - said)[seen] / fastest[seen]
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(late_s, NEIGHBOURS // 2, mode="reflect"), NEIGHBOURS)
+        beside_s = late_s - np.median(around, axis=1)
+        found[seen] = np.where((beside_s > 0) | (slowest[seen] > SHOWS_EARLY * rate.max()), beside_s, np.nan)
     return found
 
 

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from session.annexes.machines.angles import AngleLog
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.mechanics import TableErrors
+from session.io.samples import Samples
 from session.io.units import DEG
-from tinygc.annexes.machines.observed import held_up_from, said_at, stamps_beside
+from tinygc.annexes.machines.observed import Turn, held_up_from, said_at, stamps_beside
 from tinygc.annexes.machines.rows import Comparison
 from tinygc.annexes.machines.rows_noise import NoiseModel, of_answers
 from tinygc.annexes.machines.selection import DELAY_SIGMA_S, LATE_STAMPS_S, select
@@ -104,6 +106,29 @@ def test_an_answer_that_is_late_throughout_is_not_held_up_where_the_axis_begins_
     asked_s = np.arange(0.03, 2.95, 0.06)
     beside_s = stamps_beside(asked_s + 0.015, np.interp(asked_s, t_s, way), t_s, way)
     assert not (np.abs(beside_s) > held_up_from([beside_s])).any()
+
+
+def test_a_turn_leaves_out_what_was_held_up_whatever_the_zero_of_the_gyroscope():
+    """A zero of 3 dps is 9 degrees in the turn; one answer of 40 is held up by 60 ms, 3.6 degrees."""
+    t_s = np.arange(0, 3, 0.005)
+    rate = np.interp(t_s, [0.5, 0.7, 2.0, 2.2], [0, RATE_RPS, RATE_RPS, 0])
+    way = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * 0.005))
+    zero = np.array([0.02, -0.03, 3 * DEG])
+    gyro = rate[:, None] * np.array([0, 0, 1.0]) + zero
+    samples = Samples(np.rint(t_s * 1e9).astype(np.int64), gyro, np.zeros((len(t_s), 3)), np.full(len(t_s), np.nan))
+    asked_s = np.arange(0.03, 2.9, 0.06)
+    stamp_s = asked_s + 0.012
+    stamp_s[20] += 0.06 - 1e-3  # just before the next one
+    angles = np.column_stack([np.interp(asked_s, t_s, way), np.zeros(len(asked_s))])
+    word = AngleLog("log", np.rint(stamp_s * 1e9).astype(np.int64), np.full(len(asked_s), np.nan), asked_s > 0, angles)
+    turn = Turn(samples, 0, len(t_s), zero, word, (np.zeros(2), np.array([way[-1], 0.0])))
+    limit_s = held_up_from([turn.beside_s])
+    assert np.flatnonzero(np.abs(turn.beside_s) > limit_s).tolist() == [20]
+    _, block_s, rates, said, answer_at = turn.blocks(limit_s)
+    late = np.interp(block_s * np.arange(len(said)) - 0.012, t_s, way)
+    assert np.abs(said[:, 0] - late).max() < 0.2 * DEG
+    assert rates.sum(axis=0) * block_s == pytest.approx([0, 0, way[-1]] + zero * t_s[-1], abs=1e-6)
+    assert answer_at[-1] == len(asked_s)  # both rests, and one answer less
 
 
 def test_few_answers_are_not_judged():

@@ -143,7 +143,7 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
         word = angles.get(name) or angles[name.removesuffix(".gz")]
         first, last = rest_of[id(segment.first)], rest_of[id(segment.last)]
         ends = rests[first][5], rests[last][5]
-        zero = (segment.first.gyro_mean + segment.last.gyro_mean) / 2
+        zero = (rests[first][3] + rests[last][3]) / 2
         cut.append((first, last, segment.log, Turn(problem.logs[segment.log].samples, segment.start, segment.stop, zero, word, ends)))
     limit_s = held_up_from([turn.beside_s for *_, turn in cut])
     turns = [(first, last, log, *turn.blocks(limit_s)) for first, last, log, turn in cut]

@@ -193,61 +193,57 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What n sessions at times at (n,) say of one number.
+    """What n sessions say of one number together.
 
-    still: level, steps, the drift if it is significant, and the effect of temperature if it is; drifting: the same with the drift in any
-    case, None of fewer sessions than ``FEWEST_WITH_DRIFT``.  In both the columns are level (at the last session), steps in their order,
-    then drift and temperature if they are there.  drift_p: of no drift; warming: the model with temperature, None where it cannot be told;
-    warming_p: of no effect of temperature.
+    model: its columns are the level (at the last session), steps in their order, then the drift from ``FEWEST_WITH_DRIFT`` sessions on, and
+    the effect of temperature where that is significant.  warming: level, drift and temperature, None where temperature cannot be told.
     """
 
-    at: np.ndarray
-    still: Between
-    drifting: Between | None
-    steps: tuple[Step, ...]
-    drift_p: float = 1.0
+    model: Between
+    steps: tuple[Step, ...] = ()
+    has_drift: bool = False
     warming: Between | None = None
-    warming_p: float = 1.0
     warms: bool = False
+
+    @property
+    def drift_column(self) -> np.ndarray:
+        """(p,) that takes the drift from the model's coefficients; all 0 where it has none."""
+        return self.step_column(len(self.steps)) if self.has_drift else np.zeros(self.model.design.shape[1])
+
+    def step_column(self, number: int) -> np.ndarray:
+        """(p,) that takes a step's size from the model's coefficients."""
+        return np.eye(self.model.design.shape[1])[1 + number]
+
+    @cached_property
+    def drift_p(self) -> float:
+        """Probability of as much drift by chance; 1 where the model has none."""
+        return self.model.p_value(self.drift_column) if self.has_drift else 1.0
 
     @property
     def drifts(self) -> bool:
         """Whether the drift is significant among all numbers that are looked at."""
         return self.drift_p < CHANCE / LOOKED_AT
 
-    @property
-    def drift_column(self) -> np.ndarray:
-        """(p,) that takes the drift from the coefficients of ``drifting``."""
-        return np.eye(2 + len(self.steps) + self.warms)[1 + len(self.steps)]
-
-    def step_column(self, number: int, model: Between) -> np.ndarray:
-        """(p,) that takes a step's size from the coefficients of a model of this course."""
-        return np.eye(model.design.shape[1])[1 + number]
-
 
 def course(values: np.ndarray, own: np.ndarray, at: np.ndarray, warmth: np.ndarray | None = None) -> Course:
     """Estimate the course of values (n,), own variances (n,), n of at least 2, at increasing times at (n,): years, or their order.
 
-    warmth (n,): temperatures in °C, where all sessions have one.
+    A drift is in the model whether it is significant or not: else one that is not would pass for scatter.  warmth (n,): temperatures in °C,
+    where all sessions have one.
     """
     level, time = np.ones_like(at), at - at[-1]
     if len(values) < FEWEST_WITH_DRIFT or time[0] == 0:
-        return Course(at, Between(values, own, level[:, None]), None, ())
-    warming, warming_p, columns = None, 1.0, [time]
+        return Course(Between(values, own, level[:, None]))
+    warming, columns = None, [time]
     if warmth is not None and len(values) >= FEWEST_WITH_TEMPERATURE and np.ptp(warmth) >= LEAST_WARMTH_K:
         warmer = warmth - warmth[-1]
-        warming = Between(values, own, np.column_stack([level, time, warmer]))
-        warming_p = warming.p_value(np.array([0.0, 0.0, 1.0]))
-        columns += [warmer] if warming_p < CHANCE / LOOKED_AT else []
+        design = np.column_stack([level, time, warmer])
+        if np.linalg.matrix_rank(design) == design.shape[1]:
+            warming = Between(values, own, design)
+            columns += [warmer] if warming.p_value(np.eye(3)[2]) < CHANCE / LOOKED_AT else []
     steps = _steps(values, own, lambda jumps: np.column_stack([level, *jumps, *columns]))
-    jumps = [jump(len(values), step.before) for step in steps]
-    drifting = Between(values, own, np.column_stack([level, *jumps, *columns]))
-    found = Course(at, drifting, drifting, steps, 1.0, warming, warming_p, len(columns) > 1)
-    drift_p = drifting.p_value(found.drift_column)
-    if drift_p >= CHANCE / LOOKED_AT:
-        still = Between(values, own, np.column_stack([level, *jumps, *columns[1:]]))
-        return Course(at, still, drifting, steps, drift_p, warming, warming_p, found.warms)
-    return Course(at, drifting, drifting, steps, drift_p, warming, warming_p, found.warms)
+    design = np.column_stack([level, *(jump(len(values), step.before) for step in steps), *columns])
+    return Course(Between(values, own, design), steps, True, warming, len(columns) > 1)
 
 
 def jump(count: int, before: int) -> np.ndarray:

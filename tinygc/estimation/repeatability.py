@@ -19,7 +19,7 @@ from session.io.results import read_json
 from session.io.texts import command_line
 from session.io.units import DEG
 from tinygc.estimation.between_sessions import ONE_SIGMA as ONE_SIGMA
-from tinygc.estimation.between_sessions import Between, Course, course
+from tinygc.estimation.between_sessions import Between, course
 from tinygc.estimation.session_times import Moment, moment_of, times_of
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import BIAS, LinearModel
@@ -65,19 +65,15 @@ def between_sessions(
 ) -> BiasRepeatability:
     """The spread of the biases (n, 3) of one unit with their covariances (n, 3, 3), n of at least 2, recorded at these moments.
 
-    Drift and steps that are significant are taken out (``between_sessions.course``); sessions without dates count as they come.
+    A drift, of four sessions or more, and steps that are significant are taken out (``between_sessions.course``); sessions without dates
+    count as they come.
     """
     order, at = times_of(moments)
-    courses = courses_of(biases[order], covariances[order], at)
-    steps, drifts = sum(len(each.steps) for each in courses), sum(each.drifts for each in courses)
-    taken = [f"{count} {word}{'s' * (count > 1)}" for count, word in ((drifts, "drift"), (steps, "step")) if count]
+    courses = [course(biases[order, axis], covariances[order, axis, axis], at) for axis in range(3)]
+    steps = sum(len(each.steps) for each in courses)
+    taken = [*(["drift"] if courses[0].has_drift else []), *([f"{steps} step{'s' * (steps > 1)}"] if steps else [])]
     less = f", less {' and '.join(taken)}" if taken else ""
-    return BiasRepeatability(np.array([each.still.spread for each in courses]), f"{len(biases)} {source}{less}")
-
-
-def courses_of(biases: np.ndarray, covariances: np.ndarray, at: np.ndarray) -> list[Course]:
-    """Course of each axis over sessions at increasing times at (n,)."""
-    return [course(biases[:, axis], covariances[:, axis, axis], at) for axis in range(3)]
+    return BiasRepeatability(np.array([each.model.spread for each in courses]), f"{len(biases)} {source}{less}")
 
 
 def spread_of(biases: np.ndarray, covariances: np.ndarray) -> np.ndarray:

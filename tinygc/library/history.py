@@ -67,7 +67,7 @@ def history(
 
     """
     annex = need("the history of a unit")
-    given = [Path(sessions)] if is_path(sessions) else [Path(each) for each in sessions]  # type: ignore[arg-type]
+    given = [Path(each) for each in (sessions if isinstance(sessions, Sequence) and not isinstance(sessions, str) else [sessions])]
     requirements = annex.requirements_of(accuracy, [require] if isinstance(require, str) else require)
     moments = annex.read_dates(Path(dates)) if is_path(dates) else {name: _moment(name, when) for name, when in (dates or {}).items()}
     day = None if today is None else _moment("today", today).when

@@ -29,7 +29,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Estimate the history of each unit, print it, and write history.json, history.html and history.png."""
-    from tinygc.annexes.history.library import FILE, PAGE, PICTURE, history_of_paths, read_dates, requirements_of
+    from tinygc.annexes.history.library import history_of_paths, read_dates, requirements_of
     from tinygc.reporting.terminal import progress_bar
 
     if args.out is not None:
@@ -43,9 +43,8 @@ def run(args: argparse.Namespace) -> int:
     output(args).print(found.page)
     verdict(args, found.verdict_line)
     if args.out is not None:
-        found.save(args.out, pictures=not args.no_pictures)
-        names = [FILE, PAGE, *([PICTURE] if (args.out / PICTURE).exists() and not args.no_pictures else [])]
-        output(args).print(f"written: {', '.join(str(args.out / name) for name in names)}", soft_wrap=True, markup=False)
+        written = found.save(args.out, pictures=not args.no_pictures)
+        output(args).print(f"written: {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     elif args.json is None:
         output(args).print("nothing is written; --out DIR keeps history.json, history.html and history.png", soft_wrap=True)
     write_json(args.json, found.to_json())

@@ -51,35 +51,34 @@ class NumberHistory:
     @property
     def scatter(self) -> float | None:
         """From session to session, one sigma, SI."""
-        return None if self.course is None else self.course.still.scatter
+        return None if self.course is None else self.course.model.scatter
 
     @property
     def scatter_interval(self) -> tuple[float, float] | None:
         """Of 95 %, SI; from 0 it is a limit."""
-        return None if self.course is None else self.course.still.scatter_interval
+        return None if self.course is None else self.course.model.scatter_interval
 
     @cached_property
     def drift(self) -> tuple[float, float] | None:
         """Drift and its sigma (68 %), SI a year, or a session where there are no dates."""
-        if self.course is None or (model := self.course.drifting) is None:
+        if self.course is None or not self.course.has_drift:
             return None
         slope = self.course.drift_column
-        low, high = model.interval(slope)
-        return float(model.coefficients @ slope), max(model.sigma(slope), (high - low) / 20)
+        return float(self.course.model.coefficients @ slope), self.course.model.sigma(slope)
 
     @cached_property
     def drift_limit(self) -> float | None:
         """The drift is smaller than this, either way, with 95 %."""
-        if self.course is None or self.course.drifting is None:
+        if self.course is None or not self.course.has_drift:
             return None
-        return float(np.max(np.abs(self.course.drifting.interval(self.course.drift_column))))
+        return float(np.max(np.abs(self.course.model.interval(self.course.drift_column))))
 
     @cached_property
     def step_limit(self) -> float | None:
         """A step in any one interval, beside those found, is smaller than this with 95 %; None where too few sessions tell."""
-        if self.course is None or self.course.drifting is None:
+        if self.course is None or not self.course.has_drift:
             return None
-        model, taken = self.course.drifting, {step.before for step in self.course.steps}
+        model, taken = self.course.model, {step.before for step in self.course.steps}
         limits = []
         for before in range(len(self.values) - 1):
             design = np.column_stack([model.design, jump(len(self.values), before)])
@@ -143,7 +142,7 @@ class UnitHistory:
             if each.course is None:
                 continue
             for place, step in enumerate(each.course.steps):
-                model, column = each.course.still, each.course.step_column(place, each.course.still)
+                model, column = each.course.model, each.course.step_column(place)
                 names = [printable(self.sessions[each.sessions[i]].name) for i in (step.before, step.before + 1)]
                 interval = int(each.sessions[step.before])
                 size = float(model.coefficients @ column)
@@ -160,9 +159,8 @@ def history_of(sessions: Sequence[UnitSession], remarks: Sequence[str] = ()) -> 
     if len(ordered) > 1 and not dated:
         lacking = [session.name for session in ordered if session.moment is None]
         why = f"{lacking[0]} has no date" if lacking else "all sessions have one date"
-        said.append(
-            f"{why}: the sessions count in the order in which they came, and no drift a year is known; give notes.date in session.toml, or --dates"
-        )
+        do = "give notes.date in session.toml, or --dates"
+        said.append(f"{why}: the sessions count in the order in which they came, and no drift a year is known; {do}")
     values, covariances = (np.array([getattr(session, name) for session in ordered]) for name in ("values", "covariance"))
     warmth = np.array([np.nan if session.temperature_c is None else session.temperature_c for session in ordered])
     numbers = []

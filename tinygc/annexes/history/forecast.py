@@ -127,8 +127,7 @@ def draws_of(history: UnitHistory, seed: int = 0, count: int = DRAWS) -> Draws:
     for q, each in enumerate(history.numbers):
         if each.course is None or each.sessions[-1] != n - 1:
             continue
-        is_followed = history.dated and each.course.drifting is not None
-        model = each.course.drifting if is_followed and each.course.drifting is not None else each.course.still
+        model = each.course.model
         square = model.squares_at(rng.uniform(size=count))
         scatter = np.sqrt(square)
         disturbed = model.values + errors[:, each.sessions, q] + scatter[:, None] * rng.normal(size=(count, len(each.values)))
@@ -136,8 +135,7 @@ def draws_of(history: UnitHistory, seed: int = 0, count: int = DRAWS) -> Draws:
         # The coefficients' errors are those of the weighted disturbances, whichever way they point.
         drawn = np.einsum("kpn,kn->kp", to_coefficients, 2 * model.values - disturbed)
         now[:, q] = drawn[:, 0] + scatter * rng.normal(size=count) - each.values[-1]
-        if is_followed:
-            growth[:, q] = drawn @ each.course.drift_column
+        growth[:, q] = drawn @ each.course.drift_column
     shared = history.sessions[-1].shared
     if np.any(shared):
         variance, axes = np.linalg.eigh(shared)
@@ -185,29 +183,27 @@ def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None
     if at_once < COVERAGE:
         reason = f"at the next switch-on it is met with {100 * at_once:.0f} %, not 95 %"
         return without(FAILS, reason, np.array([at_once]))
-    if not history.dated:
+    if not history.dated or last is None:
         return without(UNDECIDED, f"it is met at the next switch-on ({100 * at_once:.0f} %); until when needs dates", np.array([at_once]))
     if len(history.sessions) < FEWEST_WITH_DRIFT:
         few = f"it is met at the next switch-on ({100 * at_once:.0f} %); until when needs {FEWEST_WITH_DRIFT} sessions, which show a drift"
         return without(UNDECIDED, few, np.array([at_once]))
-    assert last is not None and history.span_years is not None and today_years is not None
-    years = np.linspace(0.0, history.span_years, MOMENTS)
+    span = float(history.at[-1])
+    years = np.linspace(0.0, span, MOMENTS)
     shares = np.array([share(each) for each in years], dtype=float)
     over = np.flatnonzero(shares < COVERAGE)
     beyond = not len(over)
     if beyond:
-        until = history.span_years
+        until = span
     else:
         k = int(over[0])
         until = float(np.interp(COVERAGE, [shares[k], shares[k - 1]], [years[k], years[k - 1]]))
     day = last.when + timedelta(seconds=until * YEAR_S)
-    if today_years <= until:
+    if today_years is not None and today_years <= until:
         answer, reason = HOLDS, "the end of what the history tells: it says nothing further ahead than it is long" if beyond else ""
     elif beyond:
         answer = UNDECIDED
-        reason = (
-            f"it is met until {day.date()}; the history is {history.span_years:.2g} years long, and says nothing further ahead than that"
-        )
+        reason = f"it is met until {day.date()}; the history is {span:.2g} years long, and says nothing further ahead than that"
     else:
         answer, reason = FAILS, f"it was met with 95 % until {day.date()}"
     return Outlook(requirement, answer, day, beyond, years, shares, today_years, reason)

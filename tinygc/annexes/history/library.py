@@ -8,6 +8,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from session import VERSION
 from session.io.files import result_folder
 from session.io.results import write_text_whole, write_whole
@@ -76,25 +78,28 @@ class History(Shown):
 
         return page(self.units, self.outlooks, self.remarks)
 
-    def plot(self, path: Path | str | None = None) -> Figure:
-        """Draw each number over the dates; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
+    def plot(self, path: Path | str | None = None, unit: int = 0) -> Figure:
+        """Draw the numbers of a unit over the dates; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
         from tinygc.annexes.history.picture import figure_of
 
-        figure = figure_of(self.units)
+        figure = figure_of(self.units[unit])
         return figure if path is None else saved(figure, Path(path))
 
-    def save(self, folder: Path | str, pictures: bool = True) -> Path:
-        """Write ``history.json``, ``history.html`` and, where matplotlib is installed, ``history.png`` into a folder, and return it.
+    def save(self, folder: Path | str, pictures: bool = True) -> list[Path]:
+        """Write ``history.json``, ``history.html`` and, where matplotlib is installed, ``history.png`` into a folder; of several units
+        ``history1.png`` and so on.  Returns the paths.
 
         Raises StorageError for files that cannot be written.
         """
         folder = Path(folder)
+        written = [folder / FILE, folder / PAGE]
         with result_folder(folder):
-            write_whole(folder / FILE, self.to_json())
-            write_text_whole(folder / PAGE, self.html())
-            if pictures and has_matplotlib():
-                save(self.plot(), folder / PICTURE)
-        return folder
+            write_whole(written[0], self.to_json())
+            write_text_whole(written[1], self.html())
+            for number in range(len(self.units)) if pictures and has_matplotlib() else ():
+                written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.png"))
+                save(self.plot(unit=number), written[-1])
+        return written
 
 
 def requirements_of(accuracy: str, limits: Sequence[str]) -> list[Requirement]:
@@ -162,12 +167,12 @@ def _of_number(each: NumberHistory) -> dict[str, Any]:
         "sessions": each.sessions.tolist(),
         "values": (each.values / si).tolist(),
         "sigmas": (each.sigmas / si).tolist(),
-        "level": None if course is None else float(course.still.coefficients[0]) / si,
-        "level_sigma": None if course is None else course.still.sigma(_first(course.still.design.shape[1])) / si,
+        "level": None if course is None else float(course.model.coefficients[0]) / si,
+        "level_sigma": None if course is None else course.model.sigma(np.eye(course.model.design.shape[1])[0]) / si,
         "scatter": None if each.scatter is None else each.scatter / si,
         "scatter_low": None if interval is None else interval[0] / si,
         "scatter_high": None if interval is None else interval[1] / si,
-        "freedom": None if course is None else course.still.freedom,
+        "freedom": None if course is None else course.model.freedom,
         "drift": None if drift is None else drift[0] / si,
         "drift_sigma": None if drift is None else drift[1] / si,
         "drift_at_most": None if each.drift_limit is None else each.drift_limit / si,
@@ -179,12 +184,6 @@ def _of_number(each: NumberHistory) -> dict[str, Any]:
         "per_kelvin_at_most": None if warmth is None else warmth[2] / si,
         "follows_temperature": None if warmth is None or course is None else course.warms,
     }
-
-
-def _first(count: int) -> Any:
-    import numpy as np
-
-    return np.eye(count)[0]
 
 
 def _of_outlook(each: Outlook) -> dict[str, Any]:

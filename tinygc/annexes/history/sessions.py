@@ -104,8 +104,10 @@ def sessions_of(
 
     Raises FormatError for what is no fitted session and holds none, for a date of no session, and for a serial that is not there.
     """
-    read, units, remarks = [], {}, []
-    used = set()
+    read: list[Calibrated] = []
+    units: dict[tuple[str, str], list[UnitSession]] = {}
+    remarks: list[str] = []
+    used: set[str] = set()
     for path in paths:
         if path.name == FLEET or (path / FLEET).is_file():
             for session in _of_fleet(path.parent if path.name == FLEET else path):

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from session.io.texts import NONE, probability, significant
+from session.io.texts import NONE, probability
+from session.io.texts import significant as with_thin_spaces
 from session.io.units import DEG
 from tinygc.annexes.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
 from tinygc.annexes.history.forecast import FAILS, HOLDS, Outlook
+from tinygc.annexes.history.sessions import Number
 from tinygc.estimation.between_sessions import (
     CHANCE,
     FEWEST_WITH_DRIFT,
@@ -21,9 +23,14 @@ from tinygc.estimation.session_times import SOURCES
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
-#: sessions that stand side by side on a screen; of more, the first and the last ones are in the page
-MOST_COLUMNS = 7
+#: characters of the table of values; of more sessions than have room the last ones are shown
+COLUMNS = 150
 STYLES = {HOLDS: "bold green", FAILS: "bold red"}
+
+
+def significant(value: float, digits: int = 2) -> str:
+    """A size with a few digits, without thin spaces, which no terminal has."""
+    return with_thin_spaces(value, digits).replace("\u202f", "")
 
 
 def unit_page(history: UnitHistory, outlooks: Sequence[Outlook]) -> Group:
@@ -51,7 +58,7 @@ def span_words(years: float) -> str:
     if years >= 1:
         return f"{years:.1f} years"
     days = years * 365.25
-    return f"{days:.0f} days" if days >= 2 else f"{significant(24 * days, 2)} hours"
+    return f"{days:.0f} days" if days >= 2 else f"{significant(24 * days)} hours"
 
 
 def session_words(history: UnitHistory, place: int) -> str:
@@ -61,19 +68,27 @@ def session_words(history: UnitHistory, place: int) -> str:
 
 
 def _values(history: UnitHistory) -> Table:
-    shown = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
-    more = f", the last {MOST_COLUMNS} sessions" if len(shown) < len(history.sessions) else ""
-    names = [session_words(history, place) for place in shown]
-    table = plain_table(f"Values ± one sigma of the session{more}", "", *names, right=True)
+    names = [session_words(history, place) for place in range(len(history.sessions))]
+    rows: list[list[str]] = []
     for each in history.numbers:
         at = {int(place): k for k, place in enumerate(each.sessions)}
         if at:
-            cells = [_cell(each, at[place]) if place in at else NONE for place in shown]
-            table.add_row(f"{each.number.words}, {each.number.unit}", *cells)
+            cells = [number_cell(each, at[place]) if place in at else NONE for place in range(len(names))]
+            rows.append([f"{each.number.words}, {each.number.unit}", *cells])
+    widths = [2 + max(map(len, column)) for column in zip(["", *names], *rows, strict=True)]
+    shown = len(names)
+    while shown > 1 and widths[0] + sum(widths[-shown:]) > COLUMNS:
+        shown -= 1
+    more = f", the last {shown} sessions" if shown < len(names) else ""
+    table = plain_table(f"Values ± one sigma of the session{more}", "", *names[-shown:], right=True)
+    table.columns[0].no_wrap = True
+    for first, *cells in rows:
+        table.add_row(first, *cells[-shown:])
     return table
 
 
-def _cell(each: NumberHistory, k: int) -> str:
+def number_cell(each: NumberHistory, k: int) -> str:
+    """Value and sigma of the k-th session that shows the number."""
     return plain(each.values[k] / each.number.si, each.sigmas[k] / each.number.si)
 
 
@@ -88,11 +103,12 @@ def rows(history: UnitHistory) -> list[tuple[str, str, str, str]]:
 
 def scatter_words(each: NumberHistory) -> str:
     """``0.031 (0.018 to 0.090)`` or ``less than 0.02``."""
-    assert each.scatter is not None and each.scatter_interval is not None
+    assert each.scatter is not None
+    assert each.scatter_interval is not None
     low, high = (end / each.number.si for end in each.scatter_interval)
     if low == 0:
-        return f"less than {significant(high, 2)}"
-    return f"{significant(each.scatter / each.number.si, 2)} ({significant(low, 2)} to {significant(high, 2)})"
+        return f"less than {significant(high)}"
+    return f"{significant(each.scatter / each.number.si)} ({significant(low)} to {significant(high)})"
 
 
 def drift_words(history: UnitHistory, each: NumberHistory) -> str:
@@ -101,28 +117,39 @@ def drift_words(history: UnitHistory, each: NumberHistory) -> str:
         return NONE
     if each.course.drifts:
         return plain(each.drift[0] / each.number.si, each.drift[1] / each.number.si)
-    return f"less than {significant(each.drift_limit / each.number.si, 2)}"
+    return f"less than {significant(each.drift_limit / each.number.si)}"
 
 
 def step_words(each: NumberHistory) -> str:
     """``less than 0.2``."""
-    return NONE if each.step_limit is None else f"less than {significant(each.step_limit / each.number.si, 2)}"
+    return NONE if each.step_limit is None else f"less than {significant(each.step_limit / each.number.si)}"
+
+
+def together_columns(history: UnitHistory) -> tuple[str, ...]:
+    """Titles of the columns of ``rows``."""
+    return "scatter between sessions (95 %)", f"drift a {history.drift_time}", "a step in one interval"
 
 
 def _table(history: UnitHistory) -> Table:
-    columns = ("scatter between sessions (95 %)", f"drift a {history.drift_time}", "a step in one interval")
-    table = plain_table("What the sessions say together", "", *columns, right=True)
+    table = plain_table("What the sessions say together", "", *together_columns(history), right=True)
     for row in rows(history):
         table.add_row(*row)
     return table
+
+
+def grouped(numbers: Sequence[Number]) -> str:
+    """``bias x, y; accelerometer bias z``."""
+    names = dict.fromkeys(number.name for number in numbers)
+    return "; ".join(f"{name} {', '.join(number.component for number in numbers if number.name == name)}" for name in names)
 
 
 def lines(history: UnitHistory) -> list[str]:
     """What stands below the tables: any session, drifts, shocks, temperature, remarks."""
     found = []
     if (spread := history.any_session) is not None:
-        sizes = " ".join(significant(each, 2) for each in np.sqrt(2) * spread.rps / DEG)
-        found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's ({spread.source})")
+        own = np.diag(history.sessions[-1].bias_covariance)
+        sizes = " ".join(significant(each) for each in np.sqrt(own + 2 * spread.rps**2) / DEG)
+        found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
     found += _drift_lines(history)
     found += _step_lines(history)
     found += _warmth_lines(history)
@@ -136,13 +163,12 @@ def _drift_lines(history: UnitHistory) -> list[str]:
     if len(history.sessions) < FEWEST_WITH_DRIFT:
         return [f"drift and shocks are undecided: they need {FEWEST_WITH_DRIFT} sessions or more, and there are {len(history.sessions)}"]
     if history.dated and not history.is_year_stated:
-        return [
-            f"a drift a year is not known: the history is {span_words(float(history.at[-1]))} long, and a year more than {LONGEST_YEAR:g} times that"
-        ]
-    drifting = [each.number.words for each in history.numbers if each.course is not None and each.course.drifts]
-    bar = f"p below {significant(CHANCE / LOOKED_AT, 2)} in {LOOKED_AT} numbers: {CHANCE:.0%} by chance"
+        long = span_words(float(history.at[-1]))
+        return [f"a drift a year is not known: the history is {long} long, and a year more than {LONGEST_YEAR:g} times that"]
+    drifting = grouped([each.number for each in history.numbers if each.course is not None and each.course.drifts])
+    bar = f"p below {significant(CHANCE / LOOKED_AT)} in {LOOKED_AT} numbers: {CHANCE:.0%} by chance"
     if drifting:
-        return [f"a drift is significant in {', '.join(drifting)} ({bar})"]
+        return [f"a drift is significant in {drifting} ({bar})"]
     return [f"a drift is undecided in every number ({bar}); the table has its limits"]
 
 
@@ -152,10 +178,8 @@ def _step_lines(history: UnitHistory) -> list[str]:
     found = []
     for step in history.steps:
         size = plain(step.size / step.number.si, step.sigma / step.number.si)
-        sign = "+" if step.size > 0 else ""
-        found.append(
-            f"a shock between {step.before} and {step.after}: {step.number.words} by {sign}{size} {step.number.unit} ({probability(step.p_value)})"
-        )
+        by = f"{step.number.words} by {'+' if step.size > 0 else ''}{size} {step.number.unit}"
+        found.append(f"a shock between {step.before} and {step.after}: {by} ({probability(step.p_value)})")
     chance = f"{CHANCE:.0%} by chance over all intervals and numbers"
     return found or [f"a shock is undecided in every interval ({chance}); the table has the limits of a step"]
 
@@ -173,11 +197,9 @@ def _warmth_lines(history: UnitHistory) -> list[str]:
         return [f"the bias over temperature is undecided: it needs {why}, and these were at {min(known):.1f} to {max(known):.1f} °C"]
     cells = []
     for each in told:
-        assert each.warmth is not None and each.course is not None
-        value, sigma, limit = (1e3 * part / each.number.si for part in each.warmth)
-        cells.append(
-            f"{each.number.component} {plain(value, sigma) if each.course.warms else f'undecided, less than {significant(limit, 2)}'}"
-        )
+        value, sigma, limit = (1e3 * part / each.number.si for part in each.warmth or ())
+        is_known = each.course is not None and each.course.warms
+        cells.append(f"{each.number.component} {plain(value, sigma) if is_known else f'undecided, less than {significant(limit)}'}")
     return [f"the bias over temperature, mdps/K, from {min(known):.1f} to {max(known):.1f} °C: {'; '.join(cells)}"]
 
 
@@ -185,9 +207,5 @@ def outlook_line(each: Outlook) -> str:
     """``bias 50 mdps: holds until 2027-03-04 (95 %)``."""
     said = f"{each.requirement.text}: {each.answer}"
     if each.answer == HOLDS and each.until is not None:
-        said += (
-            f" until {each.until.date()} (95 %): calibrate before that day"
-            if not each.beyond
-            else f" until {each.until.date()} at least (95 %)"
-        )
+        said += f" until {each.until.date()}{' at least' * each.beyond} (95 %){'' if each.beyond else ': calibrate before that day'}"
     return f"{said}; {each.reason}" if each.reason else said

@@ -14,7 +14,7 @@ given s.  Without own errors that is Student's t with m degrees of freedom; with
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -35,10 +35,12 @@ FEWEST_WITH_DRIFT = 4
 FEWEST_WITH_TEMPERATURE = 5
 #: K: sessions that differ by less say nothing of temperature
 LEAST_WARMTH_K = 2.0
+#: candidates for a step, the largest by the scatter without it, whose p-values are computed: with equal own errors the first is the best
+TRIED = 3
 #: least share of the sample's variance that counts as scatter: a few sessions may agree by chance
 LEAST_SHARE = 0.1
-#: quadrature over the distribution of s: probabilities in even steps of their logit
-_LOGIT = np.arange(-20.0, 20.1, 0.25)
+#: quadrature over the distribution of s: probabilities in even steps of their logit, down to those of the smallest p-values
+_LOGIT = np.arange(-36.0, 18.0, 0.3)
 _SHARES, _WEIGHTS = expit(_LOGIT), expit(_LOGIT) * expit(-_LOGIT) / np.sum(expit(_LOGIT) * expit(-_LOGIT))
 _MOST_STEPS = 60
 _TINY = 1e-300
@@ -251,21 +253,41 @@ def jump(count: int, before: int) -> np.ndarray:
     return np.where(np.arange(count) <= before, -1.0, 0.0)
 
 
+def candidates(values: np.ndarray, own: np.ndarray, design: np.ndarray, taken: Collection[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Size and sigma (n - 1,) of a further step after each session, at the scatter of the design (n, p); nan where it cannot be told."""
+    count = len(values)
+    square = Between(values, own, design).scatter ** 2
+    weight = 1 / np.maximum(own + square, _TINY)
+    weight = weight / weight.max()
+    root = np.sqrt(weight)[:, None]
+    Q = np.linalg.qr(root * design)[0]
+    jumps = root * np.column_stack([jump(count, before) for before in range(count - 1)])
+    left = jumps - Q @ (Q.T @ jumps)
+    length = np.sum(left**2, axis=0)
+    told = (length > 1e-9 * np.sum(jumps**2, axis=0)) & ~np.isin(np.arange(count - 1), list(taken))
+    length = np.where(told, length, np.nan)
+    return left.T @ (root[:, 0] * values) / length, np.sqrt(np.maximum((own + square)[weight.argmax()], _TINY) / length)
+
+
 def _steps(values: np.ndarray, own: np.ndarray, design_of: Callable[[list[np.ndarray]], np.ndarray]) -> tuple[Step, ...]:
     """Add the most significant step, one after the other, while it is significant over all intervals and numbers (Sidak)."""
     count, looks = len(values), (len(values) - 1) * LOOKED_AT
     found: list[Step] = []
     while True:
+        taken = [step.before for step in found]
+        design = design_of([jump(count, each) for each in taken])
+        if design.shape[0] - design.shape[1] < 2:
+            return tuple(found)
+        size, sigma = candidates(values, own, design, taken)
+        score = np.where(np.isfinite(size), np.abs(size) / sigma, -1.0)
         best = Step(-1, 1.0)
-        for before in range(count - 1):
-            if any(step.before == before for step in found):
+        for before in np.argsort(-score)[:TRIED]:
+            if score[before] < 0:
                 continue
-            design = design_of([jump(count, each) for each in (*(step.before for step in found), before)])
-            if design.shape[0] <= design.shape[1] or np.linalg.matrix_rank(design) < design.shape[1]:
-                continue
-            p_value = Between(values, own, design).p_value(np.eye(design.shape[1])[1 + len(found)])
+            trial = design_of([jump(count, each) for each in (*taken, int(before))])
+            p_value = Between(values, own, trial).p_value(np.eye(trial.shape[1])[1 + len(found)])
             if p_value < best.p_value:
-                best = Step(before, p_value)
+                best = Step(int(before), p_value)
         corrected = float(-np.expm1(looks * np.log1p(-min(best.p_value, 1 - 1e-16))))
         if corrected >= CHANCE:
             return tuple(found)

@@ -10,7 +10,7 @@ import numpy as np
 
 from session.io.texts import printable
 from tinygc.annexes.history.sessions import NUMBERS, ZERO, Number, UnitSession
-from tinygc.estimation.between_sessions import LOOKED_AT, Between, Course, course, jump
+from tinygc.estimation.between_sessions import LOOKED_AT, TRIED, Between, Course, candidates, course, jump
 from tinygc.estimation.repeatability import BiasRepeatability, between_sessions
 from tinygc.estimation.session_times import times_of
 
@@ -79,13 +79,16 @@ class NumberHistory:
         if self.course is None or not self.course.has_drift:
             return None
         model, taken = self.course.model, {step.before for step in self.course.steps}
+        if model.freedom < 2:
+            return None
+        size, sigma = candidates(model.values, model.own, model.design, taken)
+        reach = np.where(np.isfinite(size), np.abs(size) + 2 * sigma, -1.0)
         limits = []
-        for before in range(len(self.values) - 1):
-            design = np.column_stack([model.design, jump(len(self.values), before)])
-            if before in taken or design.shape[0] <= design.shape[1] or np.linalg.matrix_rank(design) < design.shape[1]:
-                continue
-            column = np.eye(design.shape[1])[-1]
-            limits.append(np.max(np.abs(Between(model.values, model.own, design).interval(column))))
+        for before in np.argsort(-reach)[:TRIED]:
+            if reach[before] >= 0:
+                design = np.column_stack([model.design, jump(len(self.values), int(before))])
+                column = np.eye(design.shape[1])[-1]
+                limits.append(np.max(np.abs(Between(model.values, model.own, design).interval(column))))
         return float(max(limits)) if limits else None
 
     @cached_property

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -20,8 +20,8 @@ import numpy as np
 from session.io.errors import CalibrationError
 from session.io.units import DEG, MG
 from tinygc.annexes.history.estimate import UnitHistory
-from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS
-from tinygc.closure.motion import Motion, at_rest
+from tinygc.annexes.history.sessions import GYROSCOPE, KEPT, NUMBERS
+from tinygc.closure.motion import at_rest
 from tinygc.estimation.between_sessions import COVERAGE, FEWEST_WITH_DRIFT
 from tinygc.estimation.session_times import YEAR_S
 from tinygc.models.linear import LinearModel, field_jacobian
@@ -219,7 +219,7 @@ def met(history: UnitHistory, requirement: Requirement, draws: Draws) -> Callabl
             return None if np.isnan(difference).any() else float(np.mean(np.all(np.abs(difference) <= requirement.limit, axis=1)))
 
         return share
-    slope = slope_of(history, at_rest(requirement.seconds))
+    slope = slope_of(history, requirement.seconds)
 
     def share_of_attitude(years: float) -> float | None:
         turned = np.nan_to_num(draws.after(years)[:, :GYROSCOPE], nan=0.0) @ slope.T
@@ -229,8 +229,9 @@ def met(history: UnitHistory, requirement: Requirement, draws: Draws) -> Callabl
     return share_of_attitude
 
 
-def slope_of(history: UnitHistory, motion: Motion) -> np.ndarray:
-    """(3, 12) rad per unit: error of the end attitude by each of the gyroscope's numbers."""
+def slope_of(history: UnitHistory, seconds: float) -> np.ndarray:
+    """(3, 12) rad per unit: error of the attitude after so many seconds at rest by each of the gyroscope's numbers."""
     vector = history.sessions[-1].vector
-    kept = [0, 1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17]
-    return motion.slope(LinearModel.from_vector(vector)) @ np.linalg.inv(field_jacobian(vector)[kept])
+    model, motion = LinearModel.from_vector(vector), at_rest(seconds)
+    rest = replace(motion, measured=motion.measured - np.linalg.solve(model.E, model.B))  # what the sensor reads there
+    return rest.slope(model) @ np.linalg.inv(field_jacobian(vector)[KEPT])

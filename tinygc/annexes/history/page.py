@@ -20,7 +20,7 @@ from tinygc.reporting.html.page import document
 
 HEIGHT = 230
 #: sessions of the table of values; of more, the first and the last ones stand there, and all are in history.json
-MOST_COLUMNS = 8
+MOST_COLUMNS = 5
 
 
 def page(units: Sequence[UnitHistory], outlooks: Sequence[Sequence[Outlook]], remarks: Sequence[str]) -> str:

@@ -50,8 +50,8 @@ class Number:
 
 _SHOWN = [(word, component, unit, si) for word, components, unit, si in WORDS for component in components]
 #: places in ``field_vector`` of what a history follows; the others are combinations of the misalignments
-_KEPT = [i for i, (word, _, _, _) in enumerate(_SHOWN) if word in ("scale factor error", "misalignment", "bias")]
-GYROSCOPE = len(_KEPT)
+KEPT = [i for i, (word, _, _, _) in enumerate(_SHOWN) if word in ("scale factor error", "misalignment", "bias")]
+GYROSCOPE = len(KEPT)
 _TRIAD = [
     Number(f"accelerometer {word}", TRIAD[i].split()[-1], unit, si)
     for word, unit, si, which in (
@@ -63,7 +63,7 @@ _TRIAD = [
 ]
 _TRIAD_ORDER = [*SCALES, *SHEARS, *BIASES]
 #: the numbers of a unit, in the order of every array here
-NUMBERS = (*(Number(*_SHOWN[i]) for i in _KEPT), *_TRIAD)
+NUMBERS = (*(Number(*_SHOWN[i]) for i in KEPT), *_TRIAD)
 #: places of the gyroscope's zero
 ZERO = slice(GYROSCOPE - 3, GYROSCOPE)
 assert NUMBERS[GYROSCOPE - 1] == Number("bias", "z", "dps", DEG)
@@ -197,9 +197,9 @@ def gyroscope_numbers(
     vector: np.ndarray, own: np.ndarray, whole: np.ndarray, unobserved: tuple[str, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values (12,), own covariance and shared covariance (12, 12) of a calibration (12,); own, whole (12, 12): its covariances."""
-    jacobian = field_jacobian(vector)[_KEPT]
-    values, covariance = field_vector(vector)[_KEPT], jacobian @ own @ jacobian.T
-    shown = [field_quantities(vector, whole, unobserved)[i].observed for i in _KEPT]
+    jacobian = field_jacobian(vector)[KEPT]
+    values, covariance = field_vector(vector)[KEPT], jacobian @ own @ jacobian.T
+    shown = [field_quantities(vector, whole, unobserved)[i].observed for i in KEPT]
     hidden = ~np.array(shown)
     values[hidden], covariance[hidden], covariance[:, hidden] = np.nan, np.nan, np.nan
     return values, covariance, jacobian @ (whole - own) @ jacobian.T

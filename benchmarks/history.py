@@ -15,6 +15,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from tinygc.annexes.history.forecast import draws_of, outlooks_of, parse_accurac
 from tinygc.annexes.history.library import history_of_paths
 from tinygc.annexes.history.sessions import NUMBERS, ZERO, UnitSession
 from tinygc.estimation.between_sessions import CHANCE
+from tinygc.estimation.repeatability import between_sessions
 from tinygc.estimation.session_times import YEAR_S, Moment
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
@@ -218,7 +220,19 @@ def forecasts(units: int) -> None:
 def folders(paths: Sequence[Path]) -> None:
     from tinygc.reporting.terminal import as_text
 
-    print(as_text(history_of_paths(paths, {}, [parse_accuracy("1deg/60s")], "", None, lambda what, done, of: None).page))
+    found = history_of_paths(paths, {}, [parse_accuracy("1deg/60s")], "", None, lambda what, done, of: None)
+    print(as_text(found.page))
+    apart = []
+    for unit in found.units:
+        biases, own = (np.array([getattr(session, name) for session in unit.sessions]) for name in ("bias", "bias_covariance"))
+        for i, j in permutations(range(len(biases)), 2):
+            others = [k for k in range(len(biases)) if k not in (i, j)]
+            if len(others) > 1:
+                rps = between_sessions(biases[others], own[others], [unit.sessions[k].moment for k in others]).rps
+                apart.append(np.abs(biases[i] - biases[j]) / np.sqrt(np.diag(own[i] + own[j]) + 2 * rps**2))
+    if apart:
+        inside = [f"{100 * np.mean(np.array(apart) < sigmas):.0f} %" for sigmas in (1, 2)]
+        print(f"\nEach session against each other one, the spread from the rest: {' and '.join(inside)} within one and two sigmas.")
 
 
 def main() -> None:

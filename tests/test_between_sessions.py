@@ -61,6 +61,14 @@ def test_equal_errors_leave_the_sample_variance_less_their_own():
     np.testing.assert_allclose(found, np.maximum(3 * np.var(values, ddof=1) / pivot - 0.5, 0.0), rtol=1e-9, atol=1e-12)
 
 
+def test_the_pivot_is_met_whatever_the_own_errors_are():
+    variance, z = np.array([0.01, 1.0, 30.0]), np.array([2.0, -9.0, 4.0])
+    pivot = np.array([1e-3, 0.3, 4.0, 40.0, 400.0])
+    found = variance_where(variance, z, pivot)
+    np.testing.assert_allclose(np.sum(z**2 / (variance + found[:, None]), axis=1), pivot, rtol=1e-9)
+    assert (np.diff(found) < 0).all()
+
+
 def test_the_interval_of_the_scatter_is_that_of_chi_square():
     values = RNG.normal(size=6)
     low, high = Between(values, np.zeros(6), np.ones((6, 1))).scatter_interval
@@ -173,6 +181,17 @@ def test_a_drift_is_no_step_and_no_scatter():
     assert found.drift_p < CHANCE / LOOKED_AT
     assert found.model.coefficients @ found.drift_column == pytest.approx(2.0, abs=0.02)
     assert found.model.scatter < 0.02
+
+
+def test_a_drift_is_significant_from_the_chance_that_is_stated():
+    n, at = 8, np.arange(8.0)
+    noise, design = np.random.default_rng(3).normal(size=n), drifting(n)
+    noise -= design @ np.linalg.lstsq(design, noise, rcond=None)[0]
+    error = np.sqrt(noise @ noise / (n - 2) * np.linalg.inv(design.T @ design)[1, 1])
+    bar = error * t.isf(CHANCE / LOOKED_AT / 2, n - 2)
+    found = [course(noise + factor * bar * at, np.zeros(n), at) for factor in (0.99, 1.01)]
+    assert [each.drifts for each in found] == [False, True]
+    assert [each.steps for each in found] == [(), ()]
 
 
 @pytest.mark.parametrize("count", [2, 3])

@@ -22,6 +22,7 @@ _NUMBER = {
     "drift_at_most": maybe(SIZE),
     "drift_p": maybe(SHARE),
     "drifts": maybe(FLAG),
+    "drift_or_step_after": maybe(COUNT),
     "step_at_most": maybe(SIZE),
     "per_kelvin": maybe(NUMBER),
     "per_kelvin_sigma": maybe(SIZE),

@@ -97,6 +97,17 @@ def test_sessions_without_dates_count_as_they_come():
     assert "needs dates" in outlook.reason
 
 
+def test_a_drift_that_a_step_explains_as_well_says_so():
+    """Two clusters of sessions, half a year apart: whether the zero went there slowly or at once, nobody saw."""
+    apart = np.array([0, 0.004, 0.008, 0.012, 0.5, 0.504, 0.508, 0.512])
+    clustered = history_of(drawn(apart, 1, of("bias", 0.005), drift=of("bias x", 0.5)))
+    x = clustered.numbers[PLACE["bias x"]]
+    assert (x.course.drifts, x.drift_or_step) == (True, 3)
+    assert "a drift, or a step between s4 and s5, which explains it as well: bias x" in " ".join(lines(clustered))
+    even = history_of(drawn(np.linspace(0, 4, 16), 1, of("bias", 0.005), drift=of("bias x", 0.1)))
+    assert (even.numbers[PLACE["bias x"]].course.drifts, even.numbers[PLACE["bias x"]].drift_or_step) == (True, None)
+
+
 def test_a_history_of_days_says_nothing_of_a_year():
     history = history_of(drawn(np.arange(6) / 365, 1, SCATTER))
     assert not history.is_year_stated
@@ -128,6 +139,7 @@ def test_the_day_is_where_the_known_unit_meets_it_with_95_percent():
     expected = years[np.array([share(each) for each in years]) < 0.95][0]
     found = (outlook.until - history.sessions[-1].moment.when).total_seconds() / YEAR_S
     assert found == pytest.approx(expected, abs=0.5)
+    assert np.interp(found, outlook.years, outlook.shares) == pytest.approx(0.95, abs=1e-6)
     assert not outlook.beyond
 
 
@@ -197,6 +209,16 @@ def test_draws_are_those_of_level_scatter_and_last_value():
     assert share == pytest.approx(1 - np.exp(-1 / 3), abs=0.03)  # one in three years
     moved = (more.after(1.0) - more.now - more.growth)[:, q]
     assert np.sqrt(np.mean(moved[moved != 0] ** 2)) / DEG == pytest.approx(2.0, rel=0.15)
+
+
+def test_shocks_to_come_have_the_rms_of_those_that_were():
+    """Two shocks in three years, each of one number: an arrival moves a number with half of its shock's square."""
+    history = history_of(drawn(np.linspace(0, 3, 15), 6, SCATTER, steps={5: of("bias x", 2.0), 9: of("bias y", 4.0)}))
+    assert sorted((step.number.words, step.interval) for step in history.steps) == [("bias x", 5), ("bias y", 9)]
+    draws = draws_of(history)
+    moved = draws.sizes[:, :, [PLACE["bias x"], PLACE["bias y"], PLACE["bias z"]]].reshape(-1, 3) / DEG
+    np.testing.assert_allclose(np.sqrt(np.mean(moved**2, axis=0)), [np.sqrt(2), np.sqrt(8), 0.0], rtol=0.08)
+    assert np.mean(draws.arrivals[:, 0]) == pytest.approx(3 / 2, rel=0.06)
 
 
 def test_errors_of_one_fit_are_drawn_with_their_correlation():

@@ -15,6 +15,8 @@ from tinygc.estimation.repeatability import BiasRepeatability, between_sessions
 from tinygc.estimation.session_times import times_of
 
 assert len(NUMBERS) == LOOKED_AT
+#: difference of -2 log of two likelihoods between which there is no "positive" evidence (Kass & Raftery 1995)
+AS_GOOD = 2.0
 #: a year beyond this many times the history's length is no statement on the unit
 LONGEST_YEAR = 10.0
 
@@ -72,6 +74,28 @@ class NumberHistory:
         if self.course is None or not self.course.has_drift:
             return None
         return float(np.max(np.abs(self.course.model.interval(self.course.drift_column))))
+
+    @cached_property
+    def drift_or_step(self) -> int | None:
+        """Of a significant drift: the session of this number after which a step would explain the values as well; None where none would.
+
+        As well: -2 log of the likelihood, at the scatter that the drift leaves, is at most ``AS_GOOD`` more.
+        """
+        if self.course is None or not self.course.drifts:
+            return None
+        model = self.course.model
+        total, straight = model.own + model.scatter**2, np.delete(model.design, np.argmax(self.course.drift_column), axis=1)
+
+        def left(design: np.ndarray) -> float:
+            root = 1 / np.sqrt(total)
+            rest = root * model.values
+            Q = np.linalg.qr(root[:, None] * design)[0]
+            return float(np.sum((rest - Q @ (Q.T @ rest)) ** 2))
+
+        count, taken = len(self.values), {step.before for step in self.course.steps}
+        found = {k: left(np.column_stack([straight, jump(count, k)])) for k in range(count - 1) if k not in taken}
+        best = min(found, key=found.__getitem__, default=None)
+        return best if best is not None and found[best] <= left(model.design) + AS_GOOD else None
 
     @cached_property
     def step_limit(self) -> float | None:

@@ -178,6 +178,7 @@ def _of_number(each: NumberHistory) -> dict[str, Any]:
         "drift_at_most": None if each.drift_limit is None else each.drift_limit / si,
         "drift_p": None if drift is None or course is None else course.drift_p,
         "drifts": None if drift is None or course is None else course.drifts,
+        "drift_or_step_after": None if each.drift_or_step is None else int(each.sessions[each.drift_or_step]),
         "step_at_most": None if each.step_limit is None else each.step_limit / si,
         "per_kelvin": None if warmth is None else warmth[0] / si,
         "per_kelvin_sigma": None if warmth is None else warmth[1] / si,

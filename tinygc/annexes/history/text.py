@@ -165,11 +165,19 @@ def _drift_lines(history: UnitHistory) -> list[str]:
     if history.dated and not history.is_year_stated:
         long = span_words(float(history.at[-1]))
         return [f"a drift a year is not known: the history is {long} long, and a year more than {LONGEST_YEAR:g} times that"]
-    drifting = grouped([each.number for each in history.numbers if each.course is not None and each.course.drifts])
     bar = f"p below {significant(CHANCE / LOOKED_AT)} in {LOOKED_AT} numbers: {CHANCE:.0%} by chance"
-    if drifting:
-        return [f"a drift is significant in {drifting} ({bar})"]
-    return [f"a drift is undecided in every number ({bar}); the table has its limits"]
+    drifting = [each for each in history.numbers if each.course is not None and each.course.drifts]
+    if not drifting:
+        return [f"a drift is undecided in every number ({bar}); the table has its limits"]
+    found = []
+    clear = [each.number for each in drifting if each.drift_or_step is None]
+    if clear:
+        found.append(f"a drift is significant in {grouped(clear)} ({bar})")
+    for place in dict.fromkeys(int(each.sessions[each.drift_or_step]) for each in drifting if each.drift_or_step is not None):
+        same = [each.number for each in drifting if each.drift_or_step is not None and each.sessions[each.drift_or_step] == place]
+        names = " and ".join(history.sessions[k].name for k in (place, place + 1))
+        found.append(f"a drift, or a step between {names}, which explains it as well: {grouped(same)} ({bar})")
+    return found
 
 
 def _step_lines(history: UnitHistory) -> list[str]:

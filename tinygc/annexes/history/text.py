@@ -25,6 +25,8 @@ from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_li
 
 #: characters of the table of values; of more sessions than have room the last ones are shown
 COLUMNS = 150
+#: a limit beyond this many times the range of the values, with their largest sigma, is none
+HIDDEN = 30.0
 STYLES = {HOLDS: "bold green", FAILS: "bold red"}
 
 
@@ -121,8 +123,12 @@ def drift_words(history: UnitHistory, each: NumberHistory) -> str:
 
 
 def step_words(each: NumberHistory) -> str:
-    """``less than 0.2``."""
-    return NONE if each.step_limit is None else f"less than {significant(each.step_limit / each.number.si)}"
+    """``less than 0.2``; ``not limited`` where a step could hide in the drift across a gap."""
+    if each.step_limit is None:
+        return NONE
+    if each.step_limit > HIDDEN * (float(np.ptp(each.values)) + float(each.sigmas.max())):
+        return "not limited"
+    return f"less than {significant(each.step_limit / each.number.si)}"
 
 
 def together_columns(history: UnitHistory) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from tinygc.estimation.between_sessions import (
     LOOKED_AT,
     ONE_SIGMA,
     Between,
+    candidates,
     contrasts,
     course,
     jump,
@@ -156,6 +157,19 @@ def test_a_step_is_judged_over_all_intervals_and_numbers():
     assert step.p_value == pytest.approx(1 - (1 - one) ** (7 * LOOKED_AT), rel=1e-4)
     assert found.model.coefficients @ found.step_column(0) == pytest.approx(beta[1])
     assert beta[1] == pytest.approx(3.0, abs=0.1)
+
+
+def test_candidates_are_the_steps_beside_the_design_at_its_scatter():
+    n, own, values = 7, RNG.uniform(0.2, 2, 7), RNG.normal(size=7)
+    found = Between(values, own, drifting(n))
+    size, sigma = candidates(values, own, found.design, [3])
+    assert np.flatnonzero(np.isnan(size)).tolist() == np.flatnonzero(np.isnan(sigma)).tolist() == [3]
+    for before in (0, 2, 5):
+        to_coefficients, covariance = Between(values, own, np.column_stack([found.design, jump(n, before)])).weighted(
+            np.array([found.scatter**2])
+        )
+        assert size[before] == pytest.approx((to_coefficients @ values)[0, 2])
+        assert sigma[before] == pytest.approx(np.sqrt(covariance[0, 2, 2]))
 
 
 def test_a_step_is_found_from_the_chance_that_is_stated():

@@ -120,12 +120,12 @@ def test_a_history_of_days_says_nothing_of_a_year():
 
 @cache
 def long_history(drift_dps=0.0):
-    """Forty sessions in twenty years, of which the bias of x drifts."""
-    return history_of(drawn(np.linspace(0, 20, 40), 4, SCATTER, of("bias x", drift_dps)))
+    """Two dozen sessions in twenty years, of which the bias of x drifts."""
+    return history_of(drawn(np.linspace(0, 20, 24), 4, SCATTER, of("bias x", drift_dps)))
 
 
 def test_the_day_is_where_the_known_unit_meets_it_with_95_percent():
-    """Of 40 sessions the truth is all but known: the day is that of the normal law."""
+    """Of 24 sessions the truth is all but known: the day is that of the normal law."""
     history = long_history(0.05)
     (outlook,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=history.sessions[-1].moment.when)
     assert outlook.answer == HOLDS

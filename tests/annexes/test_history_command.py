@@ -65,6 +65,15 @@ def test_the_picture(days, tmp_path, run):
     assert (tmp_path / "out" / PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
+def test_names_of_folders_are_text_wherever_they_go(fitted, tmp_path, run):
+    first, *_ = moved_copies(fitted, tmp_path / "unit", BIASES[:2])
+    first.rename(first.with_name("<b>[bold]$x^$\x1b"))
+    code, out, _ = run("history", tmp_path / "unit", "--out", tmp_path / "out")
+    assert code == 0
+    assert "<b>[bold]$x^$\\x1b" in out
+    assert "<b>" not in (tmp_path / "out" / PAGE).read_text()
+
+
 def test_exit_codes_say_whether_it_holds(days, tmp_path, run):
     today = ("--quiet", "--today", "2026-02-01")
     assert run("history", days, "--require", "bias 5 dps", *today)[0] == 0

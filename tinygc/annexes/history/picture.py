@@ -74,3 +74,5 @@ def _draw(history: UnitHistory, panel: Panel, axes: Axes) -> None:
         step = -(-len(history.sessions) // MOST_NAMES)
         names = [session.name for session in history.sessions][::step]
         axes.set_xticks(history.at[::step], labels=names)
+        for label in axes.get_xticklabels():
+            label.set_parse_math(False)  # a dollar sign in a folder's name

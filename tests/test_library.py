@@ -29,6 +29,7 @@ EXAMPLES += [
     "estimate_noise",
     "estimate_rates",
     "fleet",
+    "history",
     "import_log",
     "list_sessions",
     "load",

@@ -21,6 +21,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     compare, plan     fits -> Compared; Session -> Plan
     rebias, apply     Calibration and another recording -> Rebias; calibrated rates, samples, or a log
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
+    history           sessions of one unit -> scatter, drift and shocks of its numbers, when to calibrate next
     estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
     array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
@@ -92,6 +93,7 @@ if TYPE_CHECKING:
     from tinygc.library.fits import fit as fit
     from tinygc.library.fits import fit_temperature as fit_temperature
     from tinygc.library.fits import fit_turns as fit_turns
+    from tinygc.library.history import history as history
     from tinygc.library.known import list_sessions as list_sessions
     from tinygc.library.known import sensors as sensors
     from tinygc.library.logs import Imported as Imported
@@ -136,6 +138,7 @@ _HOMES = {
     "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
     "tinygc.library.fits": ("Fit", "fit", "fit_temperature", "fit_turns"),
+    "tinygc.library.history": ("history",),
     "tinygc.library.known": ("list_sessions", "sensors"),
     "tinygc.library.logs": ("Imported", "LogArrays", "import_log", "read_log"),
     "tinygc.library.many": ("Array", "array", "fleet", "lot"),

@@ -52,6 +52,7 @@ SERVICES = {
     "a watch in C (export --watch)": "tinygc.annexes.watch.embedded",
     "history": "tinygc.annexes.history.command",
     "the history of a unit": "tinygc.annexes.history.library",
+    "the history of a unit in a calibration report": "tinygc.annexes.history.report_section",
     "budget": "tinygc.annexes.budget.command",
     "uncertainty budgets": "tinygc.annexes.budget.library",
     "certificates (report --certificate)": "tinygc.annexes.certificate.library",

@@ -341,7 +341,7 @@ def _calibrated(folder: Path, config: Config, path: Path, stored: tuple[Model, d
     return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes), accelerometer, triad)
 
 
-def _apart(sessions: list[Calibrated]) -> list[np.ndarray]:
+def without_shared(sessions: list[Calibrated]) -> list[np.ndarray]:
     """Return each session's covariance (12, 12) without the shared error of one given calibration of the accelerometer."""
     if not all_given_the_same([s.triad for s in sessions], [s.config for s in sessions]):
         return [s.covariance for s in sessions]
@@ -358,10 +358,10 @@ def _matrix(entry: Any) -> np.ndarray:
 
 def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
     """Compare two sessions or more.  Raises DataError where two of them are the same recording."""
-    _refuse_same(sessions)
+    refuse_same(sessions)
     turns = [into_frame_of(sessions[0].triad, s.triad) for s in sessions]
     vectors = np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)])
-    covariances = np.array([turn @ apart @ turn.T for turn, apart in zip(turns, _apart(sessions), strict=True)])
+    covariances = np.array([turn @ apart @ turn.T for turn, apart in zip(turns, without_shared(sessions), strict=True)])
     words = [(word, component, unit) for word, components, unit, _ in WORDS for component in components]
     si = np.array([size for _, components, _, size in WORDS for _ in components])
     # One Jacobian at the mean for all, so that equal differences are equal everywhere.
@@ -413,7 +413,8 @@ def _moved(
     return tuple(sorted(found, key=lambda moved: -abs(moved.sigmas)))
 
 
-def _refuse_same(sessions: list[Calibrated]) -> None:
+def refuse_same(sessions: list[Calibrated]) -> None:
+    """Raise DataError where two sessions hold the same log."""
     for i, one in enumerate(sessions):
         for other in sessions[:i]:
             if set(one.hashes) & set(other.hashes):

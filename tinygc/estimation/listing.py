@@ -5,26 +5,23 @@ Nothing is computed and no log is read, only session.toml, the names of the file
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from session.io.config import Config, read_config
+from session.io.config import read_config
 from session.io.errors import CalibrationError
-from session.io.files import open_file
 from session.io.names import array_folders, array_size, log_paths, unit_of
 from session.io.results import Keys, Text, read_required
 from session.io.texts import printable
 from tinygc.estimation.results import read_fit
+from tinygc.estimation.session_times import date_of
 
 #: folders below the one that is listed: data/2026/session1
 DEEPEST = 3
 MOST_FOLDERS = 10_000
-FIRST_BYTES = 4096  #: of raw.times, for the port's first opening
 EXPLAINED = Keys({"verdict": Text()})
 
 
@@ -57,10 +54,11 @@ class ListedSession:
 
 def list_sessions(folder: Path) -> list[ListedSession]:
     """List the sessions in a folder, or the folder itself, by name; one that cannot be read is listed with the reason."""
-    return [_listed(each) for each in _folders(folder)]
+    return [_listed(each) for each in folders_of(folder)]
 
 
-def _folders(folder: Path, depth: int = 0) -> Iterator[Path]:
+def folders_of(folder: Path, depth: int = 0) -> Iterator[Path]:
+    """Yield the session folders in a folder, or the folder itself, by name; ``depth`` below the one that was asked for."""
     try:
         if (folder / "session.toml").exists() or (depth and any(folder.glob("log*.csv*"))):
             yield folder
@@ -69,7 +67,7 @@ def _folders(folder: Path, depth: int = 0) -> Iterator[Path]:
     except OSError:  # an unreadable folder is skipped
         return
     for each in inside[:MOST_FOLDERS] if depth <= DEEPEST else ():
-        yield from _folders(each, depth + 1)
+        yield from folders_of(each, depth + 1)
 
 
 def _listed(folder: Path) -> ListedSession:
@@ -123,22 +121,3 @@ def _fitted(path: Path) -> dict[str, Any]:
         "floor_deg": fit.get("noise", {}).get("closure_floor_rms_deg"),
         "runs_deg": tuple(figure for figure in figures if isinstance(figure, float) and math.isfinite(figure)),
     }
-
-
-def date_of(folder: Path, config: Config, logs: Sequence[Path] = ()) -> tuple[str | None, str | None]:
-    """Return the date of a session and its source: the first opening of the port, else the notes, else the time at which the oldest of
-    these logs was last written."""
-    times = folder / "raw.times"
-    if times.exists():
-        with open_file(times) as file:
-            for line in file.read(FIRST_BYTES).decode("utf-8", "replace").splitlines():
-                words = line.split(",", 2)[-1].split()
-                if len(words) > 1 and words[0] == "open":
-                    with contextlib.suppress(ValueError):
-                        return datetime.fromisoformat(words[1]).astimezone(UTC).isoformat(timespec="seconds"), "port"
-    if (noted := config.notes.get("date")) is not None:
-        return printable(str(noted)), "notes"
-    if not logs:
-        return None, None
-    oldest = min(path.stat().st_mtime for path in logs)
-    return datetime.fromtimestamp(oldest, UTC).isoformat(timespec="seconds"), "file"

@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.special import stdtrit
 
+from session.io.config import read_config
 from session.io.errors import FormatError
 from session.io.folder import Session, input_hashes
 from session.io.results import read_json
 from session.io.texts import command_line
 from session.io.units import DEG
+from tinygc.estimation.between_sessions import ONE_SIGMA as ONE_SIGMA
+from tinygc.estimation.between_sessions import Between, course
+from tinygc.estimation.session_times import Moment, moment_of, times_of
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import BIAS, LinearModel
-
-#: the share of a normal variable within one sigma
-ONE_SIGMA = 0.6826894921370859
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,20 +57,29 @@ def repeatability_of(session: Session, history: Sequence[Path] = ()) -> BiasRepe
         raise FormatError(
             f"--history: one session does not show a spread; give two or more other sessions of {session.config.sensor.serial}"
         )
-    return BiasRepeatability(spread_of(np.array(vectors), np.array(covariances)), f"{len(vectors)} other sessions of this unit")
+    return between_sessions(np.array(vectors), np.array(covariances), [_moment(folder) for folder in history])
+
+
+def between_sessions(
+    biases: np.ndarray, covariances: np.ndarray, moments: Sequence[Moment | None], source: str = "other sessions of this unit"
+) -> BiasRepeatability:
+    """The spread of the biases (n, 3) of one unit with their covariances (n, 3, 3), n of at least 2, recorded at these moments.
+
+    A drift, of four sessions or more, and steps that are significant are taken out (``between_sessions.course``); sessions without dates
+    count as they come.
+    """
+    order, at = times_of(moments)
+    courses = [course(biases[order, axis], covariances[order, axis, axis], at) for axis in range(3)]
+    steps = sum(len(each.steps) for each in courses)
+    taken = [*(["drift"] if courses[0].has_drift else []), *([f"{steps} step{'s' * (steps > 1)}"] if steps else [])]
+    less = f", less {' and '.join(taken)}" if taken else ""
+    return BiasRepeatability(np.array([each.model.spread for each in courses]), f"{len(biases)} {source}{less}")
 
 
 def spread_of(biases: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """(3,) one sigma of the spread that biases (n, 3) show beyond their own covariances (n, 3, 3).
-
-    Variance of the sample less the mean of the stated variances, at least a tenth of the former: a few sessions may agree by chance.  The
-    sigma of so few is widened as Student's t is, so that 68 % of the next sessions lie within it.
-    """
-    count = len(biases)
-    sample = np.var(biases, axis=0, ddof=1)
-    own = np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0)
-    widened = float(stdtrit(count - 1, (1 + ONE_SIGMA) / 2))
-    return widened * np.sqrt(np.maximum(sample - own, 0.1 * sample))
+    """(3,) one sigma of the spread that biases (n, 3) show beyond their own covariances (n, 3, 3), about one level."""
+    level = np.ones((len(biases), 1))
+    return np.array([Between(biases[:, axis], covariances[:, axis, axis], level).spread for axis in range(3)])
 
 
 def require_different(session: Session, history: Sequence[Path]) -> None:
@@ -86,6 +95,11 @@ def require_different(session: Session, history: Sequence[Path]) -> None:
         for name, digest in (hashes or {}).items():
             if name != "session.toml" and seen.setdefault(digest, str(folder)) != str(folder):
                 raise FormatError(f"--history {folder}: holds the same log as {seen[digest]}; give other sessions of this unit")
+
+
+def _moment(folder: Path) -> Moment | None:
+    path = folder / "session.toml"
+    return moment_of(folder, read_config(path) if path.exists() else None)
 
 
 def _fitted(folder: Path, session: Session) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ from tinygc.annexes.lots.fleet_row import DONE, FAILED, FleetOptions, Row, cell_
 from tinygc.closure.prepared import Prepared, first_look_at_fit, prepare
 from tinygc.effects import using
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.listing import date_of
+from tinygc.estimation.session_times import date_of
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.noise.measured import measured_noise

@@ -7,9 +7,10 @@ from types import ModuleType
 
 from session.io.annexes import find
 
-#: the service of an annex that makes a section; the section is omitted if the annex is
+#: the services of annexes that make a section; the section is omitted if the annex is
 DISCOVERIES = "discoveries in a calibration report"
-#: module names in this folder, and that service
+HISTORY = "the history of a unit in a calibration report"
+#: module names in this folder, and those services
 SECTIONS = (
     "answer",
     "front",
@@ -25,6 +26,7 @@ SECTIONS = (
     "explanation",
     "explanation_by_truth",
     DISCOVERIES,
+    HISTORY,
     "application",
     "provenance",
 )
@@ -33,6 +35,6 @@ SECTIONS = (
 def modules() -> Iterator[ModuleType]:
     """Yield the module of each section, in the order of the page."""
     for name in SECTIONS:
-        module = find(name) if name == DISCOVERIES else import_module(f"{__name__}.{name}")
+        module = find(name) if name in (DISCOVERIES, HISTORY) else import_module(f"{__name__}.{name}")
         if module is not None:
             yield module

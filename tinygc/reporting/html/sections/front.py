@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from session.io.texts import printable
-from tinygc.estimation.listing import date_of
+from tinygc.estimation.session_times import date_of
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.parameters import common_decimals

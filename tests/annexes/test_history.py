@@ -1,0 +1,270 @@
+"""A unit over its sessions, drawn with a known truth: what is recovered, what stays undecided, and until when a requirement is met."""
+
+from datetime import UTC, datetime, timedelta
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+from unit_sessions import FIRST, OWN, drawn, of
+
+from session.io.errors import CalibrationError
+from session.io.units import DEG
+from tinygc.annexes.history.estimate import history_of
+from tinygc.annexes.history.forecast import (
+    FAILS,
+    HOLDS,
+    UNDECIDED,
+    draws_of,
+    outlooks_of,
+    parse_accuracy,
+    parse_limit,
+    slope_of,
+)
+from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, ZERO
+from tinygc.annexes.history.text import headline, lines, rows
+from tinygc.estimation.session_times import YEAR_S
+
+YEARS = np.linspace(0, 3, 10)
+SCATTER = of("bias", 0.03)
+PLACE = {number.words: q for q, number in enumerate(NUMBERS)}
+
+
+def test_what_made_the_sessions_is_recovered():
+    sessions = drawn(YEARS, 1, SCATTER, of("bias x", 0.1), {4: of("scale factor error y", 900)})
+    history = history_of(sessions[::-1])
+    assert [session.name for session in history.sessions] == [f"s{j}" for j in range(1, 11)]
+    assert history.span_years == pytest.approx(3, abs=1e-6)
+    x = history.numbers[PLACE["bias x"]]
+    value, sigma = x.drift
+    assert abs(value / DEG - 0.1) < 3 * sigma / DEG < 0.06
+    assert x.course.drifts
+    low, high = (end / DEG for end in x.scatter_interval)
+    assert low < 0.03 < high
+    (step,) = history.steps
+    assert (step.number.words, step.before, step.after, step.interval) == ("scale factor error y", "s5", "s6", 4)
+    assert step.size / 1e-6 == pytest.approx(900, abs=60)
+    assert step.sigma / 1e-6 < 40
+    said = " ".join(lines(history))
+    assert "a drift is significant in bias x" in said
+    assert "a shock between s5 and s6: scale factor error y by +9" in said
+    assert headline(history) == "ASM330LHH 7: 10 sessions, 2024-01-01 to 2026-12-31 (3.0 years)"
+    by_name = {row[0]: row[1:] for row in rows(history)}
+    assert by_name["bias x, dps"][1].startswith("0.")
+    assert by_name["bias y, dps"][1].startswith("less than")
+    assert by_name["misalignment x to y, mrad"][0].startswith("less than")
+
+
+def test_any_session_is_that_of_the_same_biases_in_fit():
+    from tinygc.estimation.repeatability import between_sessions
+
+    history = history_of(drawn(YEARS, 3, SCATTER))
+    biases = np.array([session.bias for session in history.sessions])
+    moments = [session.moment for session in history.sessions]
+    expected = between_sessions(biases, np.array([session.bias_covariance for session in history.sessions]), moments)
+    np.testing.assert_array_equal(history.any_session.rps, expected.rps)
+    assert history.any_session.source == "10 sessions of this unit, less drift"
+
+
+def test_what_does_not_show_is_undecided_with_a_limit():
+    history = history_of(drawn(YEARS, 2, SCATTER))
+    assert history.steps == ()
+    said = " ".join(lines(history))
+    assert "a drift is undecided in every number" in said
+    assert "a shock is undecided in every interval" in said
+    z = history.numbers[PLACE["bias z"]]
+    assert 0 < z.drift_limit / DEG < 0.1
+    assert 0.03 < z.step_limit / DEG < 0.3
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_sessions_decide_neither_drift_nor_shock(count):
+    jumps = {0: of("bias", 5.0)} if count > 1 else None
+    history = history_of(drawn(np.arange(count) / 2, 0, SCATTER, steps=jumps))
+    assert history.steps == ()
+    assert all(each.drift is None and each.step_limit is None for each in history.numbers)
+    assert (history.any_session is None) == (count == 1)
+    assert f"there are {count}" in " ".join(lines(history))
+
+
+def test_sessions_without_dates_count_as_they_come():
+    history = history_of(drawn(YEARS, 1, SCATTER, dated=False))
+    assert not history.dated
+    assert history.at.tolist() == list(range(10))
+    assert "s1 has no date" in history.remarks[0]
+    (outlook,) = outlooks_of(history, [parse_limit("bias 1 dps")])
+    assert (outlook.answer, outlook.until) == (UNDECIDED, None)
+    assert "needs dates" in outlook.reason
+
+
+def test_a_drift_that_a_step_explains_as_well_says_so():
+    """Two clusters of sessions, half a year apart: whether the zero went there slowly or at once, nobody saw."""
+    apart = np.array([0, 0.004, 0.008, 0.012, 0.5, 0.504, 0.508, 0.512])
+    clustered = history_of(drawn(apart, 1, of("bias", 0.005), drift=of("bias x", 0.5)))
+    x = clustered.numbers[PLACE["bias x"]]
+    assert (x.course.drifts, x.drift_or_step) == (True, 3)
+    assert "a drift, or a step between s4 and s5, which explains it as well: bias x" in " ".join(lines(clustered))
+    even = history_of(drawn(np.linspace(0, 4, 16), 1, of("bias", 0.005), drift=of("bias x", 0.1)))
+    assert (even.numbers[PLACE["bias x"]].course.drifts, even.numbers[PLACE["bias x"]].drift_or_step) == (True, None)
+
+
+def test_a_history_of_days_says_nothing_of_a_year():
+    history = history_of(drawn(np.arange(6) / 365, 1, SCATTER))
+    assert not history.is_year_stated
+    assert "a drift a year is not known: the history is 5 days long" in " ".join(lines(history))
+    assert {row[2] for row in rows(history)} == {"–"}
+
+
+# Until when.
+
+
+@cache
+def long_history(drift_dps=0.0):
+    """Two dozen sessions in twenty years, of which the bias of x drifts."""
+    return history_of(drawn(np.linspace(0, 20, 24), 4, SCATTER, of("bias x", drift_dps)))
+
+
+def test_the_day_is_where_the_known_unit_meets_it_with_95_percent():
+    """Of 24 sessions the truth is all but known: the day is that of the normal law."""
+    history = long_history(0.05)
+    (outlook,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=history.sessions[-1].moment.when)
+    assert outlook.answer == HOLDS
+    last = (history.sessions[-1].values[ZERO] / DEG) - np.array([0.05 * 20, 0, 0])
+
+    def share(years):
+        middle = np.array([0.05 * years, 0, 0]) - last
+        return np.prod(ndtr((0.15 - middle) / 0.03) - ndtr((-0.15 - middle) / 0.03))
+
+    years = np.linspace(0, 20, 4001)
+    expected = years[np.array([share(each) for each in years]) < 0.95][0]
+    found = (outlook.until - history.sessions[-1].moment.when).total_seconds() / YEAR_S
+    assert found == pytest.approx(expected, abs=0.5)
+    assert np.interp(found, outlook.years, outlook.shares) == pytest.approx(0.95, abs=1e-6)
+    assert not outlook.beyond
+
+
+def test_nothing_is_said_further_ahead_than_the_history_is_long():
+    history = long_history()
+    last = history.sessions[-1].moment.when
+    far = [last + timedelta(days=365.25 * years) for years in (0, 19, 21)]
+    found = [outlooks_of(history, [parse_limit("bias 500 mdps")], today=day)[0] for day in far]
+    assert [each.answer for each in found] == [HOLDS, HOLDS, UNDECIDED]
+    assert all(each.beyond for each in found)
+    assert all(abs((each.until - last).total_seconds() / YEAR_S - 20) < 1e-6 for each in found)
+
+
+def test_a_requirement_that_is_not_met_even_now_says_so():
+    history = long_history()
+    (outlook,) = outlooks_of(history, [parse_limit("bias 20 mdps")], today=history.sessions[-1].moment.when)
+    assert (outlook.answer, outlook.until) == (FAILS, None)
+    assert "at the next switch-on" in outlook.reason
+
+
+def test_a_day_that_has_passed_says_so():
+    history = long_history(0.05)
+    (outlook,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=FIRST + timedelta(days=365 * 35))
+    assert outlook.answer == FAILS
+    assert outlook.reason.startswith("it was met with 95 % until")
+
+
+def test_few_sessions_do_not_say_until_when():
+    for count, words in ((1, "one session"), (3, "needs 4 sessions")):
+        history = history_of(drawn(np.arange(count) / 2, 0))
+        (outlook,) = outlooks_of(history, [parse_limit("bias 5 dps")], today=FIRST)
+        assert outlook.answer == UNDECIDED
+        assert words in outlook.reason
+
+
+def test_a_minute_at_rest_turns_by_the_bias():
+    """The zero alone turns a sensor at rest, by a minute's worth of it."""
+    history = long_history()
+    slope = slope_of(history, 60.0)
+    np.testing.assert_allclose(slope[:, ZERO], -60 * np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(slope[:, :9], 0, atol=1e-6)
+    (as_angle,) = outlooks_of(history, [parse_accuracy("5.4deg/60s")], today=history.sessions[-1].moment.when)
+    turned = 60 * np.linalg.norm(draws_of(history).now[:, ZERO], axis=1)
+    assert as_angle.shares[0] == pytest.approx(np.mean(turned <= 5.4 * DEG))
+    assert 0.5 < as_angle.shares[0] < 0.95
+    assert as_angle.requirement.limit == pytest.approx(5.4 * DEG)
+    assert as_angle.requirement.seconds == parse_accuracy("1 deg / 1 min").seconds == 60
+
+
+def test_draws_are_those_of_level_scatter_and_last_value():
+    history = history_of(drawn(YEARS, 6, SCATTER))
+    draws = draws_of(history)
+    q = PLACE["bias y"]
+    model, number = history.numbers[q].course.model, history.numbers[q]
+    assert draws.now.shape == (4000, len(NUMBERS))
+    assert np.median(draws.now[:, q]) == pytest.approx(model.coefficients[0] - number.values[-1], abs=0.1 * model.scatter)
+    width = np.diff(np.quantile(draws.now[:, q] + number.values[-1] - model.coefficients[0], [0.025, 0.975]))[0] / 2
+    at = history.at - history.at[-1]
+    leverage = np.linalg.inv(np.column_stack([np.ones(10), at]).T @ np.column_stack([np.ones(10), at]))[0, 0]
+    from scipy.stats import t
+
+    assert width == pytest.approx(t.ppf(0.975, 8) * model.scatter * np.sqrt(1 + leverage), rel=0.06)
+    np.testing.assert_array_equal(draws.after(2.0), draws.now + 2 * draws.growth)  # no shock was found, and none is predicted
+    shocked = history_of(drawn(YEARS, 6, SCATTER, steps={4: of("bias", 2.0)}))
+    more = draws_of(shocked)
+    share = np.mean((more.after(1.0) != more.now + more.growth)[:, ZERO].any(axis=1))
+    assert share == pytest.approx(1 - np.exp(-1 / 3), abs=0.03)  # one in three years
+    moved = (more.after(1.0) - more.now - more.growth)[:, q]
+    assert np.sqrt(np.mean(moved[moved != 0] ** 2)) / DEG == pytest.approx(2.0, rel=0.15)
+
+
+def test_shocks_to_come_have_the_rms_of_those_that_were():
+    """Two shocks in three years, each of one number: an arrival moves a number with half of its shock's square."""
+    history = history_of(drawn(np.linspace(0, 3, 15), 6, SCATTER, steps={5: of("bias x", 2.0), 9: of("bias y", 4.0)}))
+    assert sorted((step.number.words, step.interval) for step in history.steps) == [("bias x", 5), ("bias y", 9)]
+    draws = draws_of(history)
+    moved = draws.sizes[:, :, [PLACE["bias x"], PLACE["bias y"], PLACE["bias z"]]].reshape(-1, 3) / DEG
+    np.testing.assert_allclose(np.sqrt(np.mean(moved**2, axis=0)), [np.sqrt(2), np.sqrt(8), 0.0], rtol=0.08)
+    assert np.mean(draws.arrivals[:, 0]) == pytest.approx(3 / 2, rel=0.06)
+
+
+def test_errors_of_one_fit_are_drawn_with_their_correlation():
+    sessions = drawn(YEARS, 8, own=100.0)
+    root = np.linalg.cholesky(0.9 * np.ones((21, 21)) + 0.1 * np.eye(21))
+    one = [type(s)(**{**vars(s), "covariance": np.outer(100 * OWN, 100 * OWN) * (root @ root.T)}) for s in sessions]
+    pairs = [(PLACE["bias x"], PLACE["bias y"]), (PLACE["scale factor error x"], PLACE["bias z"])]
+    for q, r in pairs:
+        found = [np.corrcoef(draws_of(history_of(each)).growth[:, [q, r]].T)[0, 1] for each in (sessions, one)]
+        assert abs(found[0]) < 0.15
+        assert found[1] > 0.3
+
+
+def test_what_all_sessions_share_is_in_every_difference():
+    sessions = drawn(YEARS, 8)
+    shared = np.zeros((GYROSCOPE, GYROSCOPE))
+    shared[ZERO, ZERO] = (0.5 * DEG) ** 2 * np.eye(3)
+    last = type(sessions[-1])(**{**vars(sessions[-1]), "shared": shared})
+    draws = draws_of(history_of([*sessions[:-1], last]))
+    assert np.std(draws.now[:, ZERO]) / DEG == pytest.approx(0.5, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "text", ["bias", "bias 5", "bias 5 kg", "5 mdps", "hue 5 mdps", "bias -5 mdps", "bias 0 mdps", "bias nan mdps", "x" * 500]
+)
+def test_a_limit_that_is_none_is_refused(text):
+    with pytest.raises(CalibrationError, match=r"--require .*such as 'bias 50 mdps'"):
+        parse_limit(text)
+
+
+@pytest.mark.parametrize("text", ["1deg", "deg/60s", "0deg/60s", "1deg/0s", "1deg/60h", "1e9deg/60s", "9" * 300])
+def test_an_accuracy_that_is_none_is_refused(text):
+    with pytest.raises(CalibrationError, match=r"--accuracy .*such as 1deg/60s"):
+        parse_accuracy(text)
+
+
+def test_limits_are_read_in_any_unit_of_theirs():
+    assert parse_limit("Bias  50 mdps").limit == pytest.approx(0.05 * DEG)
+    assert parse_limit("bias 180 °/h").limit == pytest.approx(0.05 * DEG)
+    assert parse_limit("misalignment 0.1deg").limit == pytest.approx(0.1 * DEG)
+    assert [NUMBERS[q].words for q in parse_limit("accelerometer bias 5 mg").numbers] == [f"accelerometer bias {axis}" for axis in "xyz"]
+    assert len(parse_limit("scale factor error 1 %").numbers) == 3
+
+
+def test_today_is_now():
+    history = history_of(drawn(YEARS, 2, SCATTER))
+    (outlook,) = outlooks_of(history, [parse_limit("bias 500 mdps")])
+    expected = (datetime.now(UTC) - history.sessions[-1].moment.when).total_seconds() / YEAR_S
+    assert outlook.today_years == pytest.approx(expected, abs=1e-3)

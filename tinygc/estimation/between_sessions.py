@@ -1,0 +1,294 @@
+"""One number of a unit over its sessions: level, drift, steps, and the scatter from session to session beyond each session's own error.
+
+    value_j = level + drift t_j + sum of steps before j + scatter_j + error_j        scatter ~ N(0, s^2), error_j ~ N(0, own_j), as stated
+
+Contrasts K' value, K orthogonal to the columns of level, drift and steps, hold all that tells of s.  In the axes of K' diag(own) K they are
+independent, z_i ~ N(0, lambda_i + s^2), so that restricted likelihood and pivot are sums over m = n - p numbers:
+
+    -2 log L(s) = sum log(lambda_i + s^2) + z_i^2 / (lambda_i + s^2)          Q(s) = sum z_i^2 / (lambda_i + s^2) ~ chi-square of m
+
+The estimate of s is the former's (tests hold it to ``noise.reml``).  Intervals are the latter's: Q is exact at the true s whatever the own
+errors are (the Q profile, Viechtbauer 2007).  Every other interval is over the distribution of s that Q gives, with the coefficients normal
+given s.  Without own errors that is Student's t with m degrees of freedom; without scatter, the normal of known errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtr, chdtri, expit, gammaincinv, ndtr, stdtrit
+
+#: the share of a normal variable within one sigma
+ONE_SIGMA = 0.6826894921370859
+#: coverage of intervals and limits
+COVERAGE = 0.95
+#: probability that a history without a shock, a drift or an effect of temperature has any by chance, over all that is looked at
+CHANCE = 0.05
+#: numbers of a unit that are looked at: the gyroscope's twelve and the accelerometer's nine, also where only some of them are known
+LOOKED_AT = 21
+#: fewest sessions for a drift beside a scatter: two degrees of freedom are left to the scatter
+FEWEST_WITH_DRIFT = 4
+#: fewest sessions for an effect of temperature beside these
+FEWEST_WITH_TEMPERATURE = 5
+#: K: sessions that differ by less say nothing of temperature
+LEAST_WARMTH_K = 2.0
+#: candidates for a step, the largest by the scatter without it, whose p-values are computed: with equal own errors the first is the best
+TRIED = 3
+#: least share of the sample's variance that counts as scatter: a few sessions may agree by chance
+LEAST_SHARE = 0.1
+#: quadrature over the distribution of s: probabilities in even steps of their logit, down to those of the smallest p-values
+_LOGIT = np.arange(-36.0, 18.0, 0.3)
+_SHARES, _WEIGHTS = expit(_LOGIT), expit(_LOGIT) * expit(-_LOGIT) / np.sum(expit(_LOGIT) * expit(-_LOGIT))
+_MOST_STEPS = 60
+_TINY = 1e-300
+
+
+def contrasts(values: np.ndarray, own: np.ndarray, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variances lambda (m,) and contrasts z (m,) of values (n,) with own variances (n,), free of the columns (n, p), whose rank is p."""
+    K = np.linalg.qr(design, mode="complete")[0][:, design.shape[1] :]
+    variance, axes = np.linalg.eigh(K.T @ (own[:, None] * K))
+    return np.maximum(variance, 0.0), axes.T @ (K.T @ values)
+
+
+def scatter_variance(variance: np.ndarray, z: np.ndarray) -> float:
+    """s^2 of the largest restricted likelihood, by Fisher's scoring; at least 0."""
+    found = max(float(np.mean(z**2 - variance)), 0.0)
+    for _ in range(_MOST_STEPS):
+        if not (variance + found).min() > 0:
+            break
+        weight = (variance + found) ** -2
+        before, found = found, max(float(np.sum(weight * (z**2 - variance)) / np.sum(weight)), 0.0)
+        if abs(found - before) <= 1e-12 * (found + variance.max()):
+            break
+    return found
+
+
+def variance_where(variance: np.ndarray, z: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+    """s^2 (K,) at which Q is each of ``pivot`` (K,); 0 where Q stays below it.  Newton from below: Q is convex and falls."""
+    found = np.maximum(np.sum(z**2) / pivot - variance.max(), 0.0)
+    for _ in range(_MOST_STEPS):
+        total = np.maximum(variance + found[:, None], _TINY)
+        over = np.sum(z**2 / total, axis=1) - pivot
+        step = np.where(over > 0, over / np.maximum(np.sum(z**2 / total**2, axis=1), _TINY), 0.0)
+        found = found + step
+        if np.all(step <= 1e-12 * found):
+            break
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """A number over n sessions: values (n,), own variances (n,), design (n, p) with fewer columns than rows."""
+
+    values: np.ndarray
+    own: np.ndarray
+    design: np.ndarray
+
+    @cached_property
+    def _contrasts(self) -> tuple[np.ndarray, np.ndarray]:
+        return contrasts(self.values, self.own, self.design)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom left to the scatter."""
+        return self.design.shape[0] - self.design.shape[1]
+
+    @cached_property
+    def scatter(self) -> float:
+        """s, by restricted likelihood."""
+        return float(np.sqrt(scatter_variance(*self._contrasts)))
+
+    @property
+    def spread(self) -> float:
+        """One sigma of another session about the level: of m degrees of freedom, widened as Student's t is, so that 68 % of the next
+        sessions lie within it; at least ``LEAST_SHARE`` of the sample's variance."""
+        variance, z = self._contrasts
+        total = variance + self.scatter**2
+        weight = total**-2 if total.min() > 0 else np.ones_like(total)
+        sample = float(np.sum(weight * z**2) / np.sum(weight))
+        return float(stdtrit(self.freedom, (1 + ONE_SIGMA) / 2)) * float(np.sqrt(max(self.scatter**2, LEAST_SHARE * sample)))
+
+    @cached_property
+    def scatter_interval(self) -> tuple[float, float]:
+        """Interval of s with ``COVERAGE``; where it begins at 0, 0 and the upper limit with that coverage.
+
+        Sessions that agree better than their own errors let them say no less of s than ordinary ones, whose Q(0) is m.
+        """
+        variance, z = self._contrasts
+        tail = (1 - COVERAGE) / 2
+        low, high = np.sqrt(variance_where(variance, z, chdtri(self.freedom, np.array([tail, 1 - tail]))))
+        if low > 0:
+            return float(low), float(high)
+        usual = np.sum(z**2 / np.maximum(variance, _TINY)) / self.freedom
+        z = z / np.sqrt(min(usual, 1.0)) if usual > 0 else np.sqrt(variance)
+        return 0.0, float(np.sqrt(variance_where(variance, z, chdtri(self.freedom, np.array([COVERAGE])))[0]))
+
+    @cached_property
+    def scatter_p(self) -> float:
+        """Probability of as much scatter by chance where there is none."""
+        variance, z = self._contrasts
+        return float(1 - chdtr(self.freedom, np.sum(z**2 / np.maximum(variance, _TINY))))
+
+    def weighted(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """For s^2 (K,): the map (K, p, n) from the values to the weighted coefficients, and these coefficients' covariance (K, p, p)."""
+        total = np.maximum(self.own + np.asarray(square)[:, None], _TINY)
+        scale = total.min(axis=1)[:, None]  # weights of order one, whatever the unit
+        weight = scale / total
+        covariance = np.linalg.inv(np.einsum("np,kn,nq->kpq", self.design, weight, self.design, optimize=True))
+        return np.einsum("kpq,nq,kn->kpn", covariance, self.design, weight, optimize=True), covariance * scale[..., None]
+
+    def squares_at(self, share: np.ndarray) -> np.ndarray:
+        """Quantiles of s^2 at shares (K,) of the distribution that the pivot gives, from the largest to the least."""
+        return variance_where(*self._contrasts, np.maximum(2 * gammaincinv(self.freedom / 2, share), _TINY))
+
+    @cached_property
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients (K, p) and their covariance (K, p, p) at the quadrature's values of s."""
+        to_coefficients, covariance = self.weighted(self.squares_at(_SHARES))
+        return to_coefficients @ self.values, covariance
+
+    @cached_property
+    def coefficients(self) -> np.ndarray:
+        """(p,) at the estimated s."""
+        return (self.weighted(np.array([self.scatter**2]))[0] @ self.values)[0]
+
+    def _mixture(self, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        coefficients, covariance = self._nodes
+        return coefficients @ slope, np.sqrt(np.maximum(np.einsum("p,kpq,q->k", slope, covariance, slope), _TINY))
+
+    def interval(self, slope: np.ndarray, coverage: float = COVERAGE) -> tuple[float, float]:
+        """Interval of slope (p,) times the coefficients."""
+        from scipy.optimize import brentq
+
+        middle, sigma = self._mixture(slope)
+
+        def below(x: float, share: float) -> float:
+            return float(_WEIGHTS @ ndtr((x - middle) / sigma)) - share
+
+        ends = float(np.min(middle - 9 * sigma)), float(np.max(middle + 9 * sigma))
+        low, high = (
+            brentq(below, *ends, args=(share,), xtol=1e-9 * sigma[-1], rtol=1e-12) for share in ((1 - coverage) / 2, (1 + coverage) / 2)
+        )
+        return low, high
+
+    def sigma(self, slope: np.ndarray) -> float:
+        """Half of the interval that covers 68 %."""
+        low, high = self.interval(slope, ONE_SIGMA)
+        return (high - low) / 2
+
+    def p_value(self, slope: np.ndarray) -> float:
+        """Probability, two-sided, of slope times the coefficients as far from 0 by chance."""
+        middle, sigma = self._mixture(slope)
+        return float(min(1.0, 2 * min(_WEIGHTS @ ndtr(-middle / sigma), _WEIGHTS @ ndtr(middle / sigma))))
+
+
+@dataclass(frozen=True)
+class Step:
+    """A change that stays, between session ``before`` and the next, counted from 0: its p_value is corrected for all that was looked at."""
+
+    before: int
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What n sessions say of one number together.
+
+    model: its columns are the level (at the last session), steps in their order, then the drift from ``FEWEST_WITH_DRIFT`` sessions on, and
+    the effect of temperature where that is significant.  warming: level, drift and temperature, None where temperature cannot be told.
+    """
+
+    model: Between
+    steps: tuple[Step, ...] = ()
+    has_drift: bool = False
+    warming: Between | None = None
+    warms: bool = False
+
+    @property
+    def drift_column(self) -> np.ndarray:
+        """(p,) that takes the drift from the model's coefficients; all 0 where it has none."""
+        return self.step_column(len(self.steps)) if self.has_drift else np.zeros(self.model.design.shape[1])
+
+    def step_column(self, number: int) -> np.ndarray:
+        """(p,) that takes a step's size from the model's coefficients."""
+        return np.eye(self.model.design.shape[1])[1 + number]
+
+    @cached_property
+    def drift_p(self) -> float:
+        """Probability of as much drift by chance; 1 where the model has none."""
+        return self.model.p_value(self.drift_column) if self.has_drift else 1.0
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the drift is significant among all numbers that are looked at."""
+        return self.drift_p < CHANCE / LOOKED_AT
+
+
+def course(values: np.ndarray, own: np.ndarray, at: np.ndarray, warmth: np.ndarray | None = None) -> Course:
+    """Estimate the course of values (n,), own variances (n,), n of at least 2, at increasing times at (n,): years, or their order.
+
+    A drift is in the model whether it is significant or not: else one that is not would pass for scatter.  warmth (n,): temperatures in °C,
+    where all sessions have one.
+    """
+    level, time = np.ones_like(at), at - at[-1]
+    if len(values) < FEWEST_WITH_DRIFT or time[0] == 0:
+        return Course(Between(values, own, level[:, None]))
+    warming, columns = None, [time]
+    if warmth is not None and len(values) >= FEWEST_WITH_TEMPERATURE and np.ptp(warmth) >= LEAST_WARMTH_K:
+        warmer = warmth - warmth[-1]
+        design = np.column_stack([level, time, warmer])
+        if np.linalg.matrix_rank(design) == design.shape[1]:
+            warming = Between(values, own, design)
+            columns += [warmer] if warming.p_value(np.eye(3)[2]) < CHANCE / LOOKED_AT else []
+    steps = _steps(values, own, lambda jumps: np.column_stack([level, *jumps, *columns]))
+    design = np.column_stack([level, *(jump(len(values), step.before) for step in steps), *columns])
+    return Course(Between(values, own, design), steps, True, warming, len(columns) > 1)
+
+
+def jump(count: int, before: int) -> np.ndarray:
+    """(n,) column of a step after session ``before``: -1 up to there and 0 after it, so that the level is the last session's."""
+    return np.where(np.arange(count) <= before, -1.0, 0.0)
+
+
+def candidates(values: np.ndarray, own: np.ndarray, design: np.ndarray, taken: Collection[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Size and sigma (n - 1,) of a further step after each session, at the scatter of the design (n, p); nan where it cannot be told."""
+    count = len(values)
+    square = Between(values, own, design).scatter ** 2
+    weight = 1 / np.maximum(own + square, _TINY)
+    weight = weight / weight.max()
+    root = np.sqrt(weight)[:, None]
+    Q = np.linalg.qr(root * design)[0]
+    jumps = root * np.column_stack([jump(count, before) for before in range(count - 1)])
+    left = jumps - Q @ (Q.T @ jumps)
+    length = np.sum(left**2, axis=0)
+    told = (length > 1e-9 * np.sum(jumps**2, axis=0)) & ~np.isin(np.arange(count - 1), list(taken))
+    length = np.where(told, length, np.nan)
+    return left.T @ (root[:, 0] * values) / length, np.sqrt(np.maximum((own + square)[weight.argmax()], _TINY) / length)
+
+
+def _steps(values: np.ndarray, own: np.ndarray, design_of: Callable[[list[np.ndarray]], np.ndarray]) -> tuple[Step, ...]:
+    """Add the most significant step, one after the other, while it is significant over all intervals and numbers (Sidak)."""
+    count, looks = len(values), (len(values) - 1) * LOOKED_AT
+    found: list[Step] = []
+    while True:
+        taken = [step.before for step in found]
+        design = design_of([jump(count, each) for each in taken])
+        if design.shape[0] - design.shape[1] < 2:
+            return tuple(found)
+        size, sigma = candidates(values, own, design, taken)
+        score = np.where(np.isfinite(size), np.abs(size) / sigma, -1.0)
+        best = Step(-1, 1.0)
+        for before in np.argsort(-score)[:TRIED]:
+            if score[before] < 0:
+                continue
+            trial = design_of([jump(count, each) for each in (*taken, int(before))])
+            p_value = Between(values, own, trial).p_value(np.eye(trial.shape[1])[1 + len(found)])
+            if p_value < best.p_value:
+                best = Step(int(before), p_value)
+        corrected = float(-np.expm1(looks * np.log1p(-min(best.p_value, 1 - 1e-16))))
+        if corrected >= CHANCE:
+            return tuple(found)
+        found.append(Step(best.before, corrected))

@@ -53,7 +53,9 @@ class Report(Shown):
         """The verdict, its rule, and what is met, not met and in doubt: lines with their styles."""
         decision = self.verdict
         reasons = [(f"  {'met' if met else 'not met'}: {reason}", "") for met, reason in decision.reasons]
-        return [(decision.headline, ""), (decision.rule, "dim"), *reasons, *((f"  in doubt: {doubt}", "") for doubt in decision.doubts)]
+        risks = [(f"  {text}", "dim") for text in decision.risks]
+        doubts = [(f"  in doubt: {doubt}", "") for doubt in decision.doubts]
+        return [(decision.headline, ""), (decision.rule, "dim"), *reasons, *risks, *doubts]
 
     @property
     def page(self) -> Group:

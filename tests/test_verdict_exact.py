@@ -243,6 +243,7 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
         "limit_deg": limit_deg,
         "reasons": [{"met": met, "reason": text} for met, text in found.reasons],
         "doubts": found.doubts,
+        "conformity": [each.to_json() for each in found.conformities],
     }
 
 

@@ -177,10 +177,7 @@ class Conformity:
     def to_json(self) -> dict:
         """Return an entry of ``conformity`` of ``tinygc-fit/2``; null for what is not known, or has no limit."""
         m = self.measured
-        return {
-            "quantity": m.key,
-            "name": m.words,
-            "unit": m.unit,
+        numbers = {
             "value": m.value if m.observed else None,
             "standard_uncertainty": m.sigma,
             "degrees_of_freedom": m.freedom,
@@ -188,13 +185,13 @@ class Conformity:
             "expanded_uncertainty": m.expanded,
             "lower": self.limits[0],
             "upper": self.limits[1],
-            "rule": self.rule.kind,
             "guard_band": self.band,
             "test_uncertainty_ratio": self.ratio,
-            "answer": self.answer,
             "conformity_probability": self.probability if np.isfinite(m.sigma) and m.observed else None,
             "risk": self.risk,
         }
+        known = {key: value if value is not None and np.isfinite(value) else None for key, value in numbers.items()}
+        return {"quantity": m.key, "name": m.words, "unit": m.unit, "rule": self.rule.kind, "answer": self.answer} | known
 
 
 def _significant(value: float) -> str:

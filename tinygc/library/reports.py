@@ -75,6 +75,14 @@ class Report(Shown):
 
         return summary(self.data)
 
+    def certificate(self, as_found: Path | str | None = None) -> Any:
+        """The form that a laboratory signs: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``; of an annex.
+
+        as_found: model file of the calibration in use until now, whose errors are then stated.  Raises MissingAnnexError, and FormatError
+        for a file that is no linear model.
+        """
+        return need("certificates (report --certificate)").certificate_of(self.data, as_found)
+
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""
         from tinygc.reporting.html.page import save

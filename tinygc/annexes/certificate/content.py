@@ -290,7 +290,10 @@ def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) ->
 
 
 def _as_measured(q: Quantity) -> Measured:
-    return Measured("", f"gyroscope {q.word} {q.component}", q.unit, q.value, q.expanded / COVERAGE_FACTOR, observed=q.observed)
+    words = f"gyroscope {q.word} {q.component}"
+    if " per g on " in q.component:  # what axis adds to the rate per g along which
+        words = f"gyroscope {q.word}, {q.component}"
+    return Measured("", words, q.unit, q.value, q.expanded / COVERAGE_FACTOR, observed=q.observed)
 
 
 def _rows(values: Sequence[Measured]) -> list[ResultRow]:
@@ -308,7 +311,9 @@ def _rows(values: Sequence[Measured]) -> list[ResultRow]:
 def _split(words: str) -> tuple[str, str]:
     """``gyroscope misalignment x to y`` -> ``gyroscope misalignment``, ``x to y``."""
     split = words.split(" ")
-    first = next((n for n, word in enumerate(split) if set(word) <= set("xyz")), len(split))
+    first = len(split)
+    while first > 1 and (set(split[first - 1]) <= set("xyz") or split[first - 1] == "to"):
+        first -= 1
     return " ".join(split[:first]), " ".join(split[first:])
 
 

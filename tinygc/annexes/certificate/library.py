@@ -10,6 +10,7 @@ from session.io.errors import FormatError
 from session.io.files import result_folder
 from session.io.results import write_text_whole
 from tinygc.annexes.certificate.content import Content, content_of
+from tinygc.annexes.certificate.dcc_file import dcc_text
 from tinygc.annexes.certificate.page import page
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
@@ -46,6 +47,11 @@ class Certificate:
         """The certificate as one HTML document that needs nothing else."""
         return page(self.content)
 
+    @cached_property
+    def dcc(self) -> str:
+        """The certificate as Digital Calibration Certificate, XML.  Raises CalibrationError for a draft."""
+        return dcc_text(self.content)
+
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""
         path = Path(path)
@@ -54,6 +60,13 @@ class Certificate:
         with result_folder(path.parent):
             write_text_whole(path, self.html)
         return [path, *([print_pdf(path, path.with_suffix(".pdf"))] if pdf else [])]
+
+    def save_dcc(self, path: Path | str) -> Path:
+        """Write the Digital Calibration Certificate; returns its path.  Raises CalibrationError for a draft."""
+        path, text = Path(path), self.dcc
+        with result_folder(path.parent):
+            write_text_whole(path, text)
+        return path
 
     def to_json(self) -> dict:
         """``certificate`` of ``tinygc-report/1``."""

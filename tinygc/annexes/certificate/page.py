@@ -27,7 +27,7 @@ def page(content: Content) -> str:
         rows=[_row(each) for each in content.results],
         found=[_row(each) for each in content.as_found],
         model=_model(content),
-        closure=[(_first(each.words), _value(each), f"{significant(floor, 2)}") for each, floor in content.closure],
+        closure=[(_first(each.words), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
         conformity=[_conformity(each) for each in content.conformity],
     ).lstrip()
 
@@ -37,9 +37,9 @@ def _first(words: str) -> str:
 
 
 def _row(row: ResultRow) -> dict[str, Any]:
-    """A line of the table of results: decimals that give the smallest U of the line two digits, and the range of k."""
+    """A line of the table of results: decimals that give the largest U of the line two digits, and the range of k."""
     known = [each for each in row.values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
-    decimals = max((decimals_for(each.expanded) for each in known), default=3)
+    decimals = min((decimals_for(each.expanded) for each in known), default=3)
     factors = sorted({fixed(each.factor, 2) for each in known})
     named = row.parts != ("x", "y", "z")
     cells = [_cell(part if named else "", each, decimals) for part, each in zip(row.parts, row.values, strict=True)]
@@ -63,6 +63,10 @@ def _model(content: Content) -> list[tuple[str, list[str]]]:
     return [(axis, [*(fixed(each, 6) for each in row), fixed(bias, 7)]) for axis, row, bias in rows]
 
 
+def _factor(each: Measured) -> str:
+    return fixed(each.factor, 2) if each.observed and np.isfinite(each.expanded) and each.expanded > 0 else ""
+
+
 def _value(each: Measured) -> str:
     if not (np.isfinite(each.expanded) and each.expanded > 0):
         return significant(each.value, 3)
@@ -77,5 +81,14 @@ def _conformity(each: Conformity) -> dict[str, str]:
         risk = f"PASS {share_words(1 - each.probability)}, FAIL {share_words(each.probability)}"
     else:
         risk = "not known"
-    words = {"words": _first(each.measured.words), "limits": each.limit_words, "value": each.value_words}
+    sides = [significant(side, 3) for side in each.limits if np.isfinite(side)]
+    limits = " to ".join(sides) if len(sides) == 2 else f"at {'most' if np.isfinite(each.limits[1]) else 'least'} {sides[0]}"
+    value = _value(each.measured) if each.measured.observed else "not observed"
+    words = {
+        "words": _first(each.measured.words),
+        "unit": each.measured.unit,
+        "limits": limits,
+        "value": value,
+        "k": _factor(each.measured),
+    }
     return words | {"answer": each.answer.upper(), "risk": risk}

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -106,11 +107,13 @@ def parse(text: str, where: str, language: str = "en") -> DigitalCertificate:
 def _tree(text: str, where: str) -> ElementTree.Element:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise FormatError(f"{where}: declares a document type or entities, which no certificate needs; remove the declaration")
-    parser, count, depth, root = ElementTree.XMLPullParser(("start", "end")), 0, 0, None
+    count, depth = 0, 0
+    root: Any = None
+    parser: ElementTree.XMLPullParser = ElementTree.XMLPullParser(("start", "end"))
     try:
         for begin in range(0, len(text), 1 << 16):
             parser.feed(text[begin : begin + (1 << 16)])
-            for event, element in parser.read_events():
+            for event, element in parser.read_events():  # type: ignore[misc]
                 root = element if root is None else root
                 depth += 1 if event == "start" else -1
                 count += event == "start"
@@ -145,14 +148,8 @@ def _text(element: ElementTree.Element | None, name: str) -> str:
     return "" if found is None else (found.text or "").strip()
 
 
-def _all(element: ElementTree.Element | None, name: str) -> Iterator[str]:
-    return (
-        ()
-        if element is None
-        else (  # type: ignore[return-value]
-            (each.text or "").strip() for each in element.iter() if _local(each) == name
-        )
-    )
+def _all(element: ElementTree.Element | None, name: str) -> list[str]:
+    return [] if element is None else [(each.text or "").strip() for each in element.iter() if _local(each) == name]
 
 
 def _name(element: ElementTree.Element | None, language: str) -> str:
@@ -193,10 +190,8 @@ def _quantity(element: ElementTree.Element, language: str) -> DccQuantity:
     assert real is not None  # by _holds_number
     values = _numbers(real, VALUES)
     count = len(values)
-    units = " ".join(word for name in UNITS for word in _all(real, name)).split() if count == 0 else _units(real)
-    own = [each for each in real if _local(each) not in ("measurementUncertaintyMultivariateXMLList",)]
-    uncertain = ElementTree.Element("own")
-    uncertain.extend(own)
+    single = ElementTree.Element("single")  # the region of all together has a coverage of its own
+    single.extend(each for each in real if _local(each) != "measurementUncertaintyMultivariateXMLList")
     meta = _below(element, "measurementMetaData")
     answers = " ".join((*_all(meta, "conformity"), *_all(meta, "conformityXMLList"))).split()
     return DccQuantity(
@@ -204,17 +199,17 @@ def _quantity(element: ElementTree.Element, language: str) -> DccQuantity:
         ref_type=element.get("refType", ""),
         name=_name(element, language),
         values=values,
-        units=tuple(_spread(units, count)),
-        expanded=_of_each(uncertain, EXPANDED, count),
-        factor=_of_each(uncertain, FACTORS, count),
-        probability=_of_each(uncertain, PROBABILITIES, count),
+        units=tuple(_spread(_units(real), count)),
+        expanded=_of_each(single, EXPANDED, count),
+        factor=_of_each(single, FACTORS, count),
+        probability=_of_each(single, PROBABILITIES, count),
         conformity=tuple(answers),
         covariance=_covariance(real, count),
     )
 
 
 def _units(real: ElementTree.Element) -> list[str]:
-    return next((text.split() for name in UNITS if (text := _text(real, name))), [])
+    return next((text.split() for name in UNITS if (text := _text(real, name))), [""])
 
 
 def _numbers(element: ElementTree.Element, names: tuple[str, ...]) -> np.ndarray:

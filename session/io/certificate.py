@@ -55,7 +55,7 @@ class CertificateGiven:
     external: str = ""
     remarks: str = ""
     language: str = LANGUAGES[0]
-    equipment: tuple[Equipment, ...] = ()
+    equipment: tuple[Equipment, ...] = field(default_factory=tuple)
     traceability: dict[str, str] = field(default_factory=dict)
 
 

@@ -66,7 +66,7 @@ def _in(parent: ElementTree.Element, tag: str, text: str | None = None, namespac
     return made
 
 
-def _named(parent: ElementTree.Element, tag: str, *words: str, **attributes: str) -> ElementTree.Element:
+def named(parent: ElementTree.Element, tag: str, *words: str, **attributes: str) -> ElementTree.Element:
     """An element of text in the certificate's language."""
     made = _in(parent, tag, **attributes)
     for each in words:
@@ -80,7 +80,7 @@ def _named(parent: ElementTree.Element, tag: str, *words: str, **attributes: str
 def _administrative(parent: ElementTree.Element, c: Content) -> None:
     given = c.given
     software = _in(_in(parent, "dccSoftware"), "software")
-    _named(software, "name", "TinyGC")
+    named(software, "name", "TinyGC")
     _in(software, "release", VERSION)
     _in(software, "type", "application")
     core = _in(parent, "coreData")
@@ -111,30 +111,30 @@ def _administrative(parent: ElementTree.Element, c: Content) -> None:
 
 def _item(item: ElementTree.Element, c: Content) -> None:
     config = c.config
-    _named(item, "name", next(field.text for field in c.item if field.label == "Object"))
+    named(item, "name", next(field.text for field in c.item if field.label == "Object"))
     about = [field for field in c.item if field.label not in ("Object", "Manufacturer", "Model", "Serial number")]
-    _named(item, "description", *(f"{field.label}: {field.text}" for field in about))
+    named(item, "description", *(f"{field.label}: {field.text}" for field in about))
     if c.given.manufacturer:
-        _named(_in(item, "manufacturer"), "name", c.given.manufacturer)
+        named(_in(item, "manufacturer"), "name", c.given.manufacturer)
     if config.model_given:
         _in(item, "model", config.sensor.model)
     known = _in(_in(item, "identifications"), "identification", refType="basic_serialNumber")
     _in(known, "issuer", "manufacturer")
     _in(known, "value", config.sensor.serial)
-    _named(known, "name", "Serial number")
+    named(known, "name", "Serial number")
 
 
 def _contact(parent: ElementTree.Element, name: str, address: str, country: str = "") -> None:
-    _named(parent, "name", name)
+    named(parent, "name", name)
     location = _in(parent, "location")
     if country:
         _in(location, "countryCode", country)
-    _named(location, "further", address)
+    named(location, "further", address)
 
 
 def _person(parent: ElementTree.Element, name: str, role: str, signs: bool = False) -> None:
     person = _in(parent, "respPerson")
-    _named(_in(person, "person"), "name", name)
+    named(_in(person, "person"), "name", name)
     _in(person, "role", role)
     if signs:
         _in(person, "mainSigner", "true")
@@ -142,44 +142,44 @@ def _person(parent: ElementTree.Element, name: str, role: str, signs: bool = Fal
 
 def _statements(parent: ElementTree.Element, c: Content) -> None:
     for remark in c.remarks:
-        _named(_in(parent, "statement"), "declaration", remark)
+        named(_in(parent, "statement"), "declaration", remark)
     for field in c.traceability:
         traced = _in(parent, "statement", refType="basic_traceability")
-        _named(traced, "name", f"Traceability: {field.label}")
-        _named(traced, "declaration", field.text)
+        named(traced, "name", f"Traceability: {field.label}")
+        named(traced, "declaration", field.text)
     for day, words in ((c.given.valid_until, "Valid until"), (c.given.next_calibration, "Next calibration")):
         if day is not None:
             again = _in(parent, "statement", refType="basic_recalibration")
-            _named(again, "declaration", f"{words}, as agreed with the customer")
+            named(again, "declaration", f"{words}, as agreed with the customer")
             _in(again, "date", str(day))
     if c.conformity:
         conforms = _in(parent, "statement", refType="basic_conformity")
         _in(conforms, "norm", "ISO/IEC 17025:2017")
         _in(conforms, "reference", "7.8.6")
-        _named(conforms, "declaration", *([f"Limits: {c.limits_of}"] if c.limits_of else []), f"Decision rule: {c.rule}")
+        named(conforms, "declaration", *([f"Limits: {c.limits_of}"] if c.limits_of else []), f"Decision rule: {c.rule}")
 
 
 # Results.
 
 
 def _measured(parent: ElementTree.Element, c: Content) -> None:
-    _named(parent, "name", "Errors of the sensor, calibration and closure")
+    named(parent, "name", "Errors of the sensor, calibration and closure")
     methods = _in(parent, "usedMethods")
     used = _in(methods, "usedMethod", refType="basic_calibrationMethod")
-    _named(used, "name", "Calibration by turns from rest to rest")
-    _named(used, "description", *c.method)
+    named(used, "name", "Calibration by turns from rest to rest")
+    named(used, "description", *c.method)
     _in(used, "reference", c.given.method)
     uncertain = _in(methods, "usedMethod", refType="basic_uncertainty")
-    _named(uncertain, "name", "Expanded uncertainty")
-    _named(uncertain, "description", *c.uncertainty)
+    named(uncertain, "name", "Expanded uncertainty")
+    named(uncertain, "description", *c.uncertainty)
     _in(uncertain, "norm", "JCGM 100:2008")
     if c.equipment:
         equipment = _in(parent, "measuringEquipments")
         for each in c.equipment:
             one = _in(equipment, "measuringEquipment", refType="basic_normalUsed")
-            _named(one, "name", each.name)
+            named(one, "name", each.name)
             if said := [f"{label}: {text}" for label, text in (("certificate", each.certificate), ("calibration due", each.due)) if text]:
-                _named(one, "description", *said)
+                named(one, "description", *said)
             if each.identification:
                 known = _in(_in(one, "identifications"), "identification")
                 _in(known, "issuer", "calibrationLaboratory")
@@ -197,7 +197,7 @@ def _conditions(parent: ElementTree.Element, c: Content) -> None:
     conditions = ElementTree.Element(f"{{{DCC}}}influenceConditions")
     if c.temperature_c is not None:
         warm = _in(conditions, "influenceCondition", refType="basic_temperature")
-        _named(warm, "name", "Temperature of the sensor, by its own thermometer")
+        named(warm, "name", "Temperature of the sensor, by its own thermometer")
         data = _in(warm, "data")
         ends = zip(("basic_temperatureMin", "basic_temperatureMean", "basic_temperatureMax"), c.temperature_c, strict=True)
         for kind, value in ends:
@@ -211,18 +211,18 @@ def _conditions(parent: ElementTree.Element, c: Content) -> None:
 
 def _text_condition(parent: ElementTree.Element, field: Field) -> None:
     condition = _in(parent, "influenceCondition")
-    _named(condition, "name", field.label)
-    _named(_in(condition, "data"), "text", field.text)
+    named(condition, "name", field.label)
+    named(_in(condition, "data"), "text", field.text)
 
 
 def _result(parent: ElementTree.Element, words: str, prefix: str, rows: Sequence[ResultRow], conformity: Sequence[Conformity] = ()) -> None:
     result = _in(parent, "result")
-    _named(result, "name", words)
+    named(result, "name", words)
     data, answers = _in(result, "data"), {each.measured.key: each for each in conformity if each.measured.key}
     for row in rows:
         for part, each in zip(row.parts, row.values, strict=True):
-            named = f"{row.words} {part}".strip()
-            quantity = _quantity(data, prefix + _id(named), named, each)
+            name = f"{row.words} {part}".strip()
+            quantity = _quantity(data, prefix + _id(name), name, each)
             if (found := answers.pop(each.key, None)) is not None:  # of the first row that has it: that of this switch-on
                 _conforms(quantity, found)
 
@@ -234,9 +234,9 @@ def _id(words: str) -> str:
 
 def _quantity(parent: ElementTree.Element, name: str, words: str, each: Measured) -> ElementTree.Element:
     quantity = _in(parent, "quantity", id=name, refType="basic_measurementError")
-    _named(quantity, "name", words)
+    named(quantity, "name", words)
     if not each.observed or not np.isfinite(each.value):
-        _named(quantity, "noQuantity", "not observed")
+        named(quantity, "noQuantity", "not observed")
         return quantity
     unit, size = UNITS[each.unit]
     _real(quantity, each.value * size, unit, each, size)
@@ -260,7 +260,7 @@ def _real(parent: ElementTree.Element, value: float, unit: str, measured: Measur
 def _conforms(quantity: ElementTree.Element, each: Conformity) -> None:
     """The statement of conformity of one quantity, with its limits."""
     one = _in(_in(quantity, "measurementMetaData"), "metaData", refType="basic_conformity")
-    _named(one, "declaration", each.risk_words)
+    named(one, "declaration", each.risk_words)
     inside = each.limits[0] <= each.measured.value <= each.limits[1]
     _in(one, "conformity", ANSWERS.get(each.answer, "conditionalPass" if inside else "conditionalFail"))
     data, (unit, size) = _in(one, "data"), UNITS[each.measured.unit]
@@ -272,7 +272,7 @@ def _conforms(quantity: ElementTree.Element, each: Conformity) -> None:
 
 def _closure(parent: ElementTree.Element, c: Content) -> None:
     result = _in(parent, "result")
-    _named(result, "name", "Closure with the calibration")
+    named(result, "name", "Closure with the calibration")
     data = _in(result, "data")
     answers = [each for each in c.conformity if each.measured.unit == "°"]  # the attitude after a minute has no row elsewhere
     for number, (each, floor) in enumerate(c.closure):
@@ -288,9 +288,9 @@ def _closure(parent: ElementTree.Element, c: Content) -> None:
 def _model(parent: ElementTree.Element, c: Content) -> None:
     """E and B of ω = E m + B with their covariance: an ellipsoid of the twelve."""
     result = _in(parent, "result")
-    _named(result, "name", "Calibration: rate = E m + B, m the measured rate")
+    named(result, "name", "Calibration: rate = E m + B, m the measured rate")
     quantity = _in(_in(result, "data"), "quantity", id="calibration")
-    _named(quantity, "name", "E row by row, then B")
+    named(quantity, "name", "E row by row, then B")
     listed = _in(quantity, "realListXMLList", namespace=SI)
     units = [r"\one"] * 9 + [r"\radian\second\tothe{-1}"] * 3
     _in(listed, "labelXMLList", " ".join(NAMES[:PARAMETERS]), SI)

@@ -10,6 +10,7 @@ from scipy import stats
 from session.io.errors import FormatError
 from session.io.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
 from tinygc.estimation.requirements import (
+    SHARED,
     Conformity,
     Measured,
     accelerometer_measured,
@@ -144,7 +145,7 @@ def test_items_at_their_limit_pass_as_often_as_the_guard_band_says():
 
 
 def test_the_uncertainty_of_a_closure_by_hand():
-    tilts = np.array([3.0, 1.0, 2.0, 2.0]) * 1e-3
+    tilts = np.array([30.0, 1.0, 2.0, 40.0]) * 1e-3
     angles = np.stack([tilts, np.zeros(4), np.full(4, 9.0)], axis=1)
     squares = tilts**2
     c = squares - squares.mean()
@@ -153,21 +154,44 @@ def test_the_uncertainty_of_a_closure_by_hand():
     found = closure_measured(angles, [0, 1, 2, 3])
     rms = np.sqrt(squares.mean())
     assert found.value == pytest.approx(rms / DEG)
-    assert found.sigma == pytest.approx(np.sqrt(alone / 12) / (2 * rms) / DEG)
-    assert found.freedom == 3
-    alike = closure_measured(angles[[0, 0, 1, 1]], [0, 1, 2, 3])
-    c = (squares - squares[[0, 0, 1, 1]].mean())[[0, 0, 1, 1]]
-    variance = (c @ c + 2 * (c[0] * c[1] + c[1] * c[2] + c[2] * c[3])) / 12
-    assert alike.sigma == pytest.approx(np.sqrt(variance) / (2 * alike.value * DEG) / DEG)
-    apart = closure_measured(angles[[0, 0, 1, 1]], [0, 2, 4, 6])
-    assert apart.sigma == pytest.approx(np.sqrt(c @ c / 12) / (2 * apart.value * DEG) / DEG)
+    assert found.sigma == pytest.approx(np.sqrt(max(alone / 12, 1.5 / 4 * rms**4)) / (2 * rms) / DEG)
+    assert (found.freedom, found.relative) == (3, True)
 
 
-def test_the_uncertainty_of_a_closure_is_its_scatter():
-    rng = np.random.default_rng(2)
-    found = [closure_measured(rng.normal(size=(40, 2)), list(range(40))) for _ in range(400)]
-    stated = np.sqrt(np.mean([each.sigma**2 for each in found]))
-    assert np.std([each.value for each in found]) == pytest.approx(stated, rel=0.15)
+def test_neighbours_that_are_alike_make_a_closure_less_well_known():
+    tilts = np.repeat([1e-3, 2e-3, 9e-3, 1e-3], 5)
+    angles = np.stack([tilts, np.zeros(20)], axis=1)
+    c = tilts**2 - np.mean(tilts**2)
+    rms = np.sqrt(np.mean(tilts**2))
+    together, apart = (closure_measured(angles, np.arange(20) * step) for step in (1, 2))
+    assert together.sigma == pytest.approx(np.sqrt((c @ c + 2 * c[1:] @ c[:-1]) / 380) / (2 * rms) / DEG)
+    assert apart.sigma == pytest.approx(np.sqrt(c @ c / 380) / (2 * rms) / DEG)
+
+
+def test_squares_that_happen_to_be_alike_leave_the_scatter_of_normal_angles():
+    """A closure of S segments is known to sqrt(1.5 / S) / 2 of itself at best: neighbours share a still, whose error has two signs."""
+    alike = closure_measured(np.full((24, 2), 1e-3), np.arange(24))
+    assert alike.sigma == pytest.approx(np.sqrt(1.5 / 24) / 2 * alike.value)
+    ends = np.random.default_rng(5).normal(size=(20001, 2))
+    squares = np.sum(np.diff(ends, axis=0) ** 2, axis=1)
+    means = squares[:20000].reshape(-1, 100).mean(axis=1)
+    assert np.var(means) / np.mean(means) ** 2 * 100 == pytest.approx(SHARED, rel=0.25)
+
+
+def test_a_closure_is_decided_by_its_logarithm():
+    m = Measured("closure_deg", "closure", "°", 2.0, 0.2, 9.0, relative=True)
+    found, law = Conformity(m, (-INF, 2.5), Rule(GUARDED)), stats.t(9)
+    assert found.probability == pytest.approx(law.cdf(np.log(2.5 / 2) / 0.1))
+    most = 2.5 * np.exp(-0.1 * law.ppf(0.975))
+    assert found.acceptance == pytest.approx((0.0, most))
+    assert found.band == pytest.approx(2.5 - most)
+    least = 2.5**2 / most
+    for value, answer in ((most - TINY, "pass"), (most + TINY, "not decided"), (least - TINY, "not decided"), (least + TINY, "fail")):
+        at = Measured("closure_deg", "closure", "°", value, 0.1 * value, 9.0, relative=True)
+        assert Conformity(at, (-INF, 2.5), Rule(GUARDED)).answer == answer
+    two = Conformity(m, (1.5, 2.5), Rule(GUARDED, risk=0.05))
+    assert two.probability == pytest.approx(law.cdf(np.log(2.5 / 2) / 0.1) - law.cdf(np.log(1.5 / 2) / 0.1))
+    assert Conformity(m, (1.5, INF), Rule(GUARDED)).band == pytest.approx(1.5 * (np.exp(0.1 * law.ppf(0.975)) - 1))
 
 
 def test_the_uncertainty_of_a_closure_run_is_that_of_its_floor():

@@ -28,6 +28,9 @@ from tinygc.estimation.sources import COVERAGE, Source, coverage_factor, effecti
 from tinygc.models.linear import LinearModel, field_jacobian, field_quantities, field_vector
 
 Answer = Literal["pass", "fail", "not decided"]
+#: var(mean) S / mean^2 of squared tilts: 1 for two normal angles alike; where the stills that neighbours share err alone, their angles
+#: correlate by -1/2 and their squares by 1/4, with two neighbours each
+SHARED = 1.5
 #: between thousands on a page; a terminal shows it as an escape
 THIN = "\u202f"
 
@@ -60,7 +63,8 @@ class Measured:
     """A measured value.
 
     key: of ``session.io.requirements``; words; unit; value and sigma, its standard uncertainty, in that unit; freedom: degrees of freedom
-    of sigma; observed: whether the session determines it.
+    of sigma; observed: whether the session determines it; relative: whether it is decided on the scale of logarithms, as a size is whose
+    scatter grows with it (sigma then is value times that of the logarithm).
     """
 
     key: str
@@ -70,6 +74,7 @@ class Measured:
     sigma: float
     freedom: float = np.inf
     observed: bool = True
+    relative: bool = False
 
     @property
     def factor(self) -> float:
@@ -90,19 +95,47 @@ class Conformity:
     limits: tuple[float, float]
     rule: Rule
 
+    @cached_property
+    def _scaled(self) -> tuple[float, float, tuple[float, float]]:
+        """Value, sigma and limits on the scale on which it is decided."""
+        m = self.measured
+        if not m.relative:
+            return m.value, m.sigma, self.limits
+        lower, upper = (float(np.log(limit)) if limit > 0 else -np.inf for limit in self.limits)
+        return float(np.log(m.value)), m.sigma / m.value, (lower, upper)
+
     @property
-    def band(self) -> float:
-        """Width w of the guard band: 0 in simple acceptance; with a largest risk, that of one limit far from the other."""
+    def _width(self) -> float:
+        """Of the guard band, on that scale: 0 in simple acceptance; with a largest risk, that of one limit far from the other."""
+        sigma = self._scaled[1]
         if self.rule.kind == SIMPLE:
             return 0.0
         if self.rule.risk is not None:
-            return quantile(1 - self.rule.risk, self.measured.freedom) * self.measured.sigma
-        return self.rule.guard * self.measured.expanded
+            return quantile(1 - self.rule.risk, self.measured.freedom) * sigma
+        return self.rule.guard * self.measured.factor * sigma
+
+    def _moved(self, inwards: float) -> tuple[float, float]:
+        """The limits, moved towards each other on the scale of the decision."""
+        lower, upper = self._scaled[2]
+        found = (lower + inwards, upper - inwards)
+        return (float(np.exp(found[0])), float(np.exp(found[1]))) if self.measured.relative else found
+
+    @property
+    def acceptance(self) -> tuple[float, float]:
+        """Least and largest value that passes, where a guard band decides."""
+        return self._moved(self._width)
+
+    @property
+    def band(self) -> float:
+        """Width w of the guard band within a limit, in the unit of the value: the upper one where there are two."""
+        (lower, upper), (least, most) = self.limits, self.acceptance
+        return upper - most if np.isfinite(upper) else least - lower
 
     @cached_property
     def probability(self) -> float:
         """Of conformity, given the measured value."""
-        return conforms_probability(self.measured.value, self.measured.sigma, self.limits, self.measured.freedom)
+        value, sigma, limits = self._scaled
+        return conforms_probability(value, sigma, limits, self.measured.freedom)
 
     @property
     def ratio(self) -> float | None:
@@ -113,7 +146,7 @@ class Conformity:
     @cached_property
     def answer(self) -> Answer:
         """PASS, FAIL or NOT DECIDED; the last for what the session does not determine."""
-        value, (lower, upper) = self.measured.value, self.limits
+        value = self.measured.value
         if not self.measured.observed or not np.isfinite(value):
             return "not decided"
         if self.rule.kind == SIMPLE:
@@ -124,9 +157,9 @@ class Conformity:
             return "not decided"
         if self.rule.risk is not None:
             return "pass" if 1 - self.probability <= self.rule.risk else "fail" if self.probability <= self.rule.risk else "not decided"
-        if simply_accepted(value, (lower + self.band, upper - self.band)):
+        if simply_accepted(value, self.acceptance):
             return "pass"
-        return "fail" if not simply_accepted(value, (lower - self.band, upper + self.band)) else "not decided"
+        return "fail" if not simply_accepted(value, self._moved(-self._width)) else "not decided"
 
     @property
     def risk(self) -> float | None:
@@ -230,17 +263,19 @@ def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Measured:
     """Root mean square tilt of error angles (S, 2 or 3) rad of segments by their numbers, degrees.
 
     The squared tilts scatter about their mean, each correlated with its neighbour's, with which it shares a still:
-    var(mean) = (sum c_i^2 + 2 sum c_i c_i+1) / S (S - 1), at least the first sum's part; u = var^(1/2) / 2 rms.
+    var(mean) = (sum c_i^2 + 2 sum c_i c_i+1) / S (S - 1), u = var^(1/2) / 2 rms.  A few squares that happen to be alike show no scatter:
+    var is at least ``SHARED`` / S of the mean's square.  How often such a U holds is in docs/measured/decision-rules.md.
     """
     squares, count = np.sum(angles[:, :2] ** 2, axis=1), len(angles)
     rms = tilt_rms(angles)
     if count < 2 or not rms > 0:
         return Measured(CLOSURE, "closure of held-out segments, rms of tilt", "°", rms / DEG, float("nan"))
-    c = squares - squares.mean()
+    c = squares / rms**2 - 1
     neighbours = np.diff(np.asarray(numbers)) == 1
-    shared = float(np.sum((c[:-1] * c[1:])[neighbours])) if len(neighbours) == count - 1 else 0.0
-    variance = (float(c @ c) + 2 * max(shared, 0.0)) / (count * (count - 1))
-    return Measured(CLOSURE, "closure of held-out segments, rms of tilt", "°", rms / DEG, np.sqrt(variance) / (2 * rms) / DEG, count - 1)
+    shared = float(np.sum((c[:-1] * c[1:])[neighbours]))
+    variance = max((float(c @ c) + 2 * max(shared, 0.0)) / (count * (count - 1)), SHARED / count)
+    sigma = np.sqrt(variance) / 2 * rms / DEG
+    return Measured(CLOSURE, "closure of held-out segments, rms of tilt", "°", rms / DEG, sigma, count - 1, relative=True)
 
 
 def run_measured(file: str, error: np.ndarray, floor: np.ndarray | None) -> Measured:

@@ -264,10 +264,10 @@ def _conforms(quantity: ElementTree.Element, each: Conformity) -> None:
     inside = each.limits[0] <= each.measured.value <= each.limits[1]
     _in(one, "conformity", ANSWERS.get(each.answer, "conditionalPass" if inside else "conditionalFail"))
     data, (unit, size) = _in(one, "data"), UNITS[each.measured.unit]
-    for side, limit, sign in (("Lower", each.limits[0], 1), ("Upper", each.limits[1], -1)):
+    for side, limit, accepted in zip(("Lower", "Upper"), each.limits, each.acceptance, strict=True):
         if np.isfinite(limit):
             _real(_in(data, "quantity", refType=f"basic_toleranceLimit{side}"), limit * size, unit)
-            _real(_in(data, "quantity", refType=f"basic_acceptanceLimit{side}"), (limit + sign * each.band) * size, unit)
+            _real(_in(data, "quantity", refType=f"basic_acceptanceLimit{side}"), accepted * size, unit)
 
 
 def _closure(parent: ElementTree.Element, c: Content) -> None:

@@ -9,6 +9,7 @@ from scipy import stats
 
 from session.io.errors import FormatError
 from session.io.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
+from tinygc.estimation.choice import AgainstRaw
 from tinygc.estimation.requirements import (
     SHARED,
     Conformity,
@@ -27,6 +28,7 @@ from tinygc.estimation.requirements import (
 from tinygc.estimation.sources import Source
 from tinygc.estimation.verdict import JudgedFit, decide
 from tinygc.models.linear import MATRIX, field_jacobian, field_quantities, field_vector
+from tinygc.reporting.fit_screen import verdict_text
 
 INF = float("inf")
 BETWEEN = (-2.0, 3.0)
@@ -311,6 +313,26 @@ def test_a_limit_of_the_runs_alone_leaves_the_segments_to_the_noise():
     assert decide(judged(**run), ["c.csv"], None, requirements=wide).answer == "pass"
     assert decide(judged(**run), ["c.csv"], None, requirements=narrow).answer == "fail"
     assert decide(judged(closure_p=1e-6, **run), ["c.csv"], None, requirements=wide).answer == "fail"
+
+
+def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself():
+    tight = required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0), closure_deg=(-INF, 1e-6))
+    assert decide(judged(), [], None, requirements=tight).unsound == []
+    found = decide(judged(closure_p=1e-6), [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0)))
+    assert [text[:31] for text in found.unsound] == ["closure of the fitted segments,"]
+    run = {"run_errors": [np.full(3, 1e-3)], "run_p": [1e-6], "run_losses": [""]}
+    assert [text[:5] for text in decide(judged(**run), ["c.csv"], None).unsound] == ["c.csv"]
+    assert decide(judged(**run), ["c.csv"], 1.0).unsound == []
+    raw = AgainstRaw("raw", 1e-4 / DEG, {}, 40)
+    assert "worse than" in decide(judged(), [], 1.0, raw).unsound[0]
+
+
+def test_the_screen_says_what_a_limit_risks():
+    found = decide(judged(), [], closure_measured(judged().angles, range(40)).value)
+    assert found.answer == "pass"
+    said = " ".join(verdict_text(found).plain.split())
+    assert "required at most" in said
+    assert "risk that this PASS is wrong: 50 %" in said
 
 
 # Reading

@@ -156,11 +156,27 @@ def test_a_unit_without_a_serial_number_is_no_identified_item(data):
     assert content_of(with_fields(data, serial="")).missing == ("sensor.serial",)
 
 
-def test_what_fails_or_has_no_sensor_is_a_draft_whatever_is_filled_in(data):
+def test_what_is_unsound_or_has_no_sensor_is_a_draft_whatever_is_filled_in(data):
     standin = FIELDS.replace('source = "sensor"', 'source = "stand-in"')
     assert "no sensor" in content_of(with_fields(data, standin)).draft[0]
-    failed = content_of(with_fields(data, FIELDS.replace("upper = 5\n", "upper = 0.0001\n")))
-    assert "does not pass" in failed.draft[0]
+    unsound = replace(data.decision, unsound=["closure of the fitted segments: p = 0.001, more than noise allows"])
+    failed = content_of(replace(with_fields(data), decision=unsound))
+    assert failed.draft == (
+        "the calibration does not pass its own check: closure of the fitted segments: p = 0.001, more than noise allows",
+    )
+
+
+def test_an_item_that_does_not_conform_gets_its_certificate(data):
+    """That it fails is a result; the uncertainties hold all the same."""
+    found = content_of(with_fields(data, FIELDS.replace("upper = 5\n", "upper = 0.0001\n")))
+    assert found.draft == ()
+    assert found.conformity[0].answer == "fail"
+    assert " FAIL " in words_of(page(found))
+
+
+def test_uncertainties_that_are_widened_say_by_how_much(data):
+    found = content_of(replace(data, fit=replace(data.fit, widened=2.25)))
+    assert "standard uncertainties are multiplied by 1.50" in " ".join(found.uncertainty)
 
 
 def test_a_day_of_the_recording_that_differs_from_the_stated_one_is_said(data):

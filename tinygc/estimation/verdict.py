@@ -118,7 +118,8 @@ class Acceptance:
 
     passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule; doubts, a sentence for
     each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given; closure: what closes to what, in words;
-    conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL.
+    conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL; unsound: reasons
+    not met that no limit has: noise does not explain the closure, or the raw rates close better, so that the uncertainties may not hold.
     """
 
     passed: bool
@@ -129,6 +130,7 @@ class Acceptance:
     closure: str = ""
     conformities: list[Conformity] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
+    unsound: list[str] = field(default_factory=list)
 
     @property
     def answer(self) -> str:
@@ -214,10 +216,12 @@ def decide(
         rules.append(f"Requirements of {asked.source or 'the user'}. {rule_words(asked.rule)}")
     rule = " ".join(rules)
     reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *candidate.run_losses], strict=True)]
+    unsound = [text for (met, text), by in zip(reasons, [segments, *[runs] * len(files)], strict=True) if not met and not by]
     reasons += [_against(f"{each.measured.words}: {each.value_words}", each) for each in others]
     if raw is not None and raw.condemns(tilt / DEG):
         named = METHODS[raw.method].title
         reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates ({named})"))
+        unsound.append(reasons[-1][1])
         rule += " Worse than the raw rates is a fail in any case."
     closure = f"held out {degrees(tilt)} ({significant(times, 2)} × noise, {len(candidate.numbers)} segments)"
     if len(files):
@@ -226,7 +230,8 @@ def decide(
     found = [*_doubts(candidate, times, accelerometer), *doubts]
     decided = [*segments, *runs, *others]
     undecided = [f"{each.measured.words}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
-    return Acceptance(all(met for met, _ in reasons), rule, reasons, found, bool(segments), closure, decided, undecided)
+    passed = all(met for met, _ in reasons)
+    return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound)
 
 
 def _others(candidate: Candidate, accelerometer: AccelerometerFit | None) -> list[Measured]:

@@ -133,8 +133,8 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
     traceability = _traceability(data)
     missing += [each.key for each in traceability if each.key not in missing and NOT_STATED in each.text]
     draft = [f"not stated: {', '.join(missing)}"] if missing else []
-    if data.decision.answer == "fail":
-        draft.append(f"the calibration does not pass: {'; '.join(text for met, text in data.decision.reasons if not met)}")
+    if data.decision.unsound:  # a value beyond its limits is a result; uncertainties that may not hold are none
+        draft.append(f"the calibration does not pass its own check: {'; '.join(data.decision.unsound)}")
     if config.board.source == STANDIN_NAME:
         draft.append("the board had no sensor: the samples are made up, or were played to it")
     limits = data.fit.requirements
@@ -369,6 +369,9 @@ def _uncertainty(data: ReportData, sources: Sequence[Source], vector: np.ndarray
         said.append(f"Contributions: {', '.join(f'{each.name} ({each.kind})' for each in sources)}.")
     else:
         said.append("It includes the noise of rates and rests that the recording shows, and that of references estimated with it.")
+    if data.adopted.name == LINEAR and data.fit.widened > 1:
+        factor = significant(float(np.sqrt(data.fit.widened)), 3)
+        said.append(f"The turns scatter by more than this noise; standard uncertainties are multiplied by {factor} for it.")
     allowed = data.fit.allowed
     if data.adopted.name == LINEAR and allowed is not None:
         most = [q for q in data.adopted.quantities if np.isfinite(q.moved)]

@@ -9,11 +9,13 @@ two halves of a session's segments state closures that agree within their U.
 from __future__ import annotations
 
 import argparse
+import tempfile
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown, simulated
+from real_recordings import Job, jobs_of
 from scipy import stats
 
 from session.io.errors import CalibrationError
@@ -110,20 +112,22 @@ def _session(seed: int) -> list[tuple[float, bool]]:
 
 
 def real(args: argparse.Namespace) -> None:
-    folders = sorted(path.parent for name in SETS_OF_RECORDINGS for path in (args.shared / name).rglob("session.toml"))
-    found = [each for each in in_parallel(_halves, folders, "recording") if each is not None]
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
+        jobs = [job for name in SETS_OF_RECORDINGS for job in jobs_of(name, args.shared, Path(made))]
+        found = [each for each in in_parallel(_halves, jobs, "recording") if each is not None]
+    rows = []
     for name in SETS_OF_RECORDINGS:
         own = [pulls for of, pulls in found if of == name]
         if own:
             pulls = np.concatenate(own)
-            inside, size = np.mean(np.abs(pulls) <= 1), np.sqrt(np.mean(pulls**2))
-            print(f"{name}: {len(own)} recordings; differences within their U: {inside:.2f}, rms {size:.2f} U")
+            rows.append([name, str(len(own)), str(len(pulls)), f"{np.sum(np.abs(pulls) <= 1)}", f"{np.sqrt(np.mean(pulls**2)):.2f} U"])
+    print(markdown(["set", "recordings", "differences", "within their U", "rms"], rows))
 
 
-def _halves(folder: Path) -> tuple[str, np.ndarray] | None:
+def _halves(job: Job) -> tuple[str, np.ndarray] | None:
     """Differences of two closures in their joint U: first against second half of the segments, and blocks of five in turns."""
     try:
-        fit = fit_session(folder, OPTIONS)
+        fit = fit_session(job.folder, OPTIONS)
     except CalibrationError:
         return None
     angles, count = fit.linear.held_out, len(fit.problem.used)
@@ -132,8 +136,8 @@ def _halves(folder: Path) -> tuple[str, np.ndarray] | None:
     pulls = []
     for part in (np.arange(count) < count // 2, (np.arange(count) // 5) % 2 == 0):
         one, other = (closure_measured(angles[which], np.flatnonzero(which)) for which in (part, ~part))
-        pulls.append((one.value - other.value) / np.hypot(one.expanded, other.expanded))
-    return next(part for part in folder.parts if part in SETS_OF_RECORDINGS), np.array(pulls)
+        pulls.append(np.log(one.value / other.value) / np.hypot(one.expanded / one.value, other.expanded / other.value))
+    return job.set_name, np.array(pulls)
 
 
 if __name__ == "__main__":

@@ -129,6 +129,13 @@ def test_the_statement_of_conformity_says_rule_limits_answer_and_risk(filled):
     assert len(answers) == 7
 
 
+def test_an_accelerometer_that_was_taken_as_given_is_no_result(data):
+    given = tinygc.fit(data.fit.session.folder, methods=("least_squares",), accelerometer="given").result
+    rows = [row.words for row in content_of(replace(data, fit=given)).results]
+    assert not any("accelerometer" in words for words in rows)
+    assert any("accelerometer bias" in row.words for row in content_of(data).results)
+
+
 # A draft
 
 

@@ -56,6 +56,14 @@ REFERENCES = {
 }
 
 
+#: how the accelerometer was calibrated, by the mode of its fit
+CALIBRATED = {
+    "given": ", its calibration taken as session.toml gives it",
+    "prior": ", its given calibration refined by this recording",
+    "fit": ", calibrated by this recording",
+}
+
+
 @dataclass(frozen=True)
 class Field:
     """A line of the certificate.  key: of session.toml that holds it, or empty where it is computed from the recording."""
@@ -255,6 +263,9 @@ def _traceability(data: ReportData) -> list[Field]:
     counted = data.fit.nominal_rate is not None
     clock = f"time by counting samples at {_rate_words(data)}" if counted else "time by the stamps of the item's board"
     angle = REFERENCES[protocol.reference].format(dial=protocol.dial_sigma_deg, truth=protocol.truth_sigma_deg)
+    if protocol.reference == "gravity":
+        found = data.fit.accelerometer
+        angle += ", which is not calibrated" if found.calibration.source == "none" else CALIBRATED[found.mode]
     return [
         Field(label, f"{entered}; {stated.get(key, f'traceability {NOT_STATED}')}", f"certificate.traceability.{key}")
         for label, key, entered in (("Gravity", "gravity", gravity), ("Clock", "clock", clock), ("Angle", "angle", angle))
@@ -284,7 +295,8 @@ def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) ->
         other = [*sources, Source("switch-on", "B", float("inf"), spread)]
         again = [row for row in _rows(field_measured(vector, other)) if row.words == "gyroscope bias"]
         found += [replace(row, words="gyroscope bias at any switch-on") for row in again]
-    found += _rows(accelerometer_measured(data.fit.accelerometer))
+    # one that was taken as given is no result of this calibration
+    found += _rows([each for each in accelerometer_measured(data.fit.accelerometer) if np.isfinite(each.sigma)])
     beyond = [q for q in data.quantities if q not in data.adopted.quantities and q.observed]
     return found + _rows([_as_measured(q) for q in beyond])
 
@@ -348,8 +360,8 @@ def _method(data: ReportData) -> list[str]:
     said = [
         turned,
         f"Attitudes come from {REFERENCES[config.protocol.reference].split(', one')[0]}.",
-        "The calibration ω = E m + B of the measured rates m is that with which the integrated rates of each turn end in the attitude of "
-        "the next rest, by weighted least squares; closure is stated of turns that the fit did not use.",
+        "The calibration ω = E m + B of the measured rates m is that with which the integrated rates of each turn end in the known "
+        "attitude behind it, by weighted least squares; closure is stated of turns that the fit did not use.",
     ]
     if data.adopted.name != LINEAR:
         said.append(f"The model has further effects: {', '.join(claim.effect.id for claim in data.adopted.claims)}.")

@@ -22,7 +22,9 @@ from tinygc.estimation.requirements import (
     field_measured,
     known_sources,
     quantile,
+    rule_words,
     run_measured,
+    share_words,
     simply_accepted,
 )
 from tinygc.estimation.sources import Source
@@ -143,21 +145,74 @@ def test_items_at_their_limit_pass_as_often_as_the_guard_band_says():
         assert answers.count(answer) / 20000 == pytest.approx(0.025, abs=3 * np.sqrt(0.025 / 20000))
 
 
+def test_a_value_at_either_limit_is_within():
+    assert simply_accepted(-2.0, BETWEEN)
+    assert simply_accepted(3.0, BETWEEN)
+    assert conformity(0, Rule(), sigma=0.0).ratio is None
+
+
+def test_a_lower_limit_of_nothing_bounds_no_size():
+    m = Measured("closure_deg", "closure", "°", 2.0, 0.2, relative=True)
+    for lower in (0.0, -1.0):
+        assert Conformity(m, (lower, 2.5), Rule(GUARDED)).acceptance[0] == 0
+    assert Conformity(m, (0.5, 2.5), Rule(GUARDED)).acceptance[0] > 0.5
+
+
+def test_the_words_of_a_value_of_its_risk_and_of_the_rule():
+    found = conformity(2.9, Rule(GUARDED))
+    assert found.value_words == "2.90 mdps ± 0.20 mdps (k = 1.96)"
+    assert found.limit_words == "−2.00 to 3.00 mdps"
+    assert found.risk_words == "a PASS would be wrong with p = 0.16, a FAIL with p = 0.84"
+    assert conformity(2.9, Rule()).risk_words == "risk that this PASS is wrong: 16 %"
+    assert conformity(0.0, Rule()).risk_words == "risk that this PASS is wrong: below 0.01 %"
+    assert share_words(1e-4) == "0.010 %"
+    assert conformity(20000.0, Rule(), sigma=11.0).value_words == "20000 mdps ± 22 mdps (k = 1.96)"
+    assert conformity(1.0, Rule(), sigma=0.0).value_words == "1.00 mdps"
+    assert conformity(1.0, Rule(), observed=False).value_words == "not observed"
+    assert conformity(1.0, Rule(), limits=(-INF, 3.0)).limit_words == "at most 3.00 mdps"
+    assert conformity(1.0, Rule(), limits=(-2.0, INF)).limit_words == "at least −2.00 mdps"
+    assert rule_words(Rule()).startswith("Simple acceptance: ")
+    assert "ratio of at least 4" in rule_words(Rule(least_ratio=4))
+    assert "w = 0.5 U" in rule_words(Rule(GUARDED, guard=0.5))
+    assert "at most 5.0 %" in rule_words(Rule(GUARDED, risk=0.05))
+
+
+def test_the_json_of_a_conformity():
+    found = conformity(2.9, Rule(GUARDED), freedom=9.0)
+    k = stats.t(9).ppf(0.975)
+    numbers = {"value": 2.9, "standard_uncertainty": 0.1, "degrees_of_freedom": 9, "coverage_factor": k, "expanded_uncertainty": 0.1 * k}
+    numbers |= {"lower": -2.0, "upper": 3.0, "guard_band": 0.1 * k, "test_uncertainty_ratio": 5 / (0.2 * k)}
+    numbers |= {"conformity_probability": stats.t(9).cdf(1.0)}
+    written = found.to_json()
+    assert {key: written.pop(key) for key in numbers} == pytest.approx(numbers)
+    words = {"quantity": "gyro_bias_x_mdps", "name": "bias x", "unit": "mdps", "rule": "guard band", "answer": "not decided"}
+    assert written == words | {"risk": None}
+    assert conformity(2.9, Rule(), limits=(-INF, 3.0)).to_json()["lower"] is None
+
+
 # Measured values
 
 
 def test_the_uncertainty_of_a_closure_by_hand():
     tilts = np.array([30.0, 1.0, 2.0, 40.0]) * 1e-3
-    angles = np.stack([tilts, np.zeros(4), np.full(4, 9.0)], axis=1)
-    squares = tilts**2
+    angles = np.stack([0.6 * tilts, 0.8 * tilts[::-1], np.full(4, 9.0)], axis=1)
+    squares = 0.36 * tilts**2 + 0.64 * tilts[::-1] ** 2
     c = squares - squares.mean()
     alone, shared = np.sum(c**2), c[0] * c[1] + c[1] * c[2] + c[2] * c[3]
     assert shared < 0  # neighbours that differ do not make the mean better known
+    assert alone / 12 < 1.5 / 4 * squares.mean() ** 2
     found = closure_measured(angles, [0, 1, 2, 3])
     rms = np.sqrt(squares.mean())
     assert found.value == pytest.approx(rms / DEG)
     assert found.sigma == pytest.approx(np.sqrt(max(alone / 12, 1.5 / 4 * rms**4)) / (2 * rms) / DEG)
     assert (found.freedom, found.relative) == (3, True)
+
+
+def test_a_closure_of_one_segment_or_of_nothing_has_no_uncertainty():
+    assert np.isnan(closure_measured(np.array([[3e-3, 4e-3]]), [0]).sigma)
+    none = closure_measured(np.zeros((9, 2)), range(9))
+    assert (none.value, none.relative) == (0, False)
+    assert np.isnan(none.sigma)
 
 
 def test_neighbours_that_are_alike_make_a_closure_less_well_known():
@@ -291,7 +346,13 @@ def test_a_requirement_of_the_closure_is_decided_by_its_rule_and_a_limit_takes_i
     assert "not decided within" in found.headline
     assert found.to_json()["conformity"][0]["answer"] == "not decided"
     assert decide(judged(), [], None, requirements=required(closure_deg=(-INF, near))).answer == "pass"
-    assert decide(judged(), [], near, requirements=required(GUARDED, closure_deg=(-INF, near))).answer == "pass"
+    assert "Requirements of session.toml. Guard bands" in found.rule
+    limited = decide(judged(), [], near, requirements=required(GUARDED, closure_deg=(-INF, near)))
+    assert limited.answer == "pass"
+    assert "Requirements" not in limited.rule
+    both = decide(judged(), [], near, requirements=required(gyro_bias_x_mdps=(-INF, near)))
+    assert "Limit 0." in both.rule
+    assert "Requirements of session.toml. Simple acceptance" in both.rule
     assert decide(judged(), [], None, requirements=required(GUARDED, closure_deg=(-INF, size.value / 2))).answer == "fail"
 
 

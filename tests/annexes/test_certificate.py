@@ -20,6 +20,7 @@ from tinygc.annexes.certificate.library import certificate_of
 from tinygc.annexes.certificate.page import page
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.models.linear import COVERAGE_FACTOR, LinearModel
+from tinygc.reporting.html.paper import browser_path
 
 FOLDER = Path(content_module.__file__).parent
 METHODS = ("raw", "least_squares")
@@ -259,3 +260,11 @@ def test_another_kind_of_model_is_not_stated_as_found(data, tmp_path):
     path.write_text("{}")
     with pytest.raises(FormatError):
         certificate_of(data, path)
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(browser_path() is None, reason="needs Chromium")
+def test_it_prints_on_two_sheets(data, tmp_path):
+    made = certificate_of(with_fields(data))
+    _, pdf = made.save(tmp_path / "certificate.html", pdf=True)
+    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf.read_bytes())) == 2

@@ -186,7 +186,10 @@ READERS = {
         *SESSION_READERS, "import {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
         "record --port {O} --like {S} --out {O}", "list {S}", "history {S} --out {O}", "noise {S} --out {O}", "table check --table {B}",
     ],
-    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}"],
+    "model": [
+        "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}",
+        "fit {S} --methods least_squares --requirements {B}", "report {S} --methods least_squares --certificate {O} --as-found {B}",
+    ],
     "raw": ["import {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from html.parser import HTMLParser
 from io import StringIO
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -29,6 +30,7 @@ from session.detect.findings import Finding
 from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site
 from session.io.errors import CalibrationError
 from session.io.texts import comment, printable, unicode_text
+from tinygc.annexes.certificate.dcc_file import named
 from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
 from tinygc.models.linear import LinearModel
@@ -265,6 +267,18 @@ def toml_lines(written: str) -> list[str]:
     return [*(f"{name} {len(entry)}" for name, entry in tomllib.loads(written).items()), *("line" for _ in written.splitlines())]
 
 
+def certified(text: str) -> str:
+    """The text as a name in a Digital Calibration Certificate."""
+    root = ElementTree.Element("item", {"schemaVersion": "3.3.0"})
+    named(root, "name", text)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def xml_elements(written: str) -> list[str]:
+    """Elements and attributes; ParseError, which counts as unreadable, for what is not well formed."""
+    return [part for each in ElementTree.fromstring(written).iter() for part in (each.tag, *each.attrib)]
+
+
 PLACES = {
     "px4": Place(file_of("px4"), lines_but_comments),
     "px4 noise": Place(file_of("px4", "noise.params"), lines_but_comments),
@@ -287,6 +301,7 @@ PLACES = {
     "terminal": Place(printed, terminal),
     "HTML": Place(fragment, elements),
     "style sheet": Place(lambda text: f'@page{{@top-left{{content:"{css_text(text)}"}}}}', style_rules),
+    "XML": Place(certified, xml_elements),
     "style element": Place(lambda text: f"<style>{css_text(text)}</style>", elements),
 }
 

@@ -27,6 +27,7 @@ TOML_AND_FRAMES = {
     "tinygc-frame/1",
     "tinygc-defaults/1",
     "tinygc-limits/1",
+    "tinygc-requirements/1",
     "tinygc-table/1",
     "tinygc-make/1",
     "tinygc-chamber/1",

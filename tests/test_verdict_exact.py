@@ -233,6 +233,7 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
     assert found.answer == answer
     assert found.passed == (answer != "fail")
     assert found.by_limit == (limit_deg is not None)
+    assert len(found.conformities) == (0 if limit_deg is None else 1 + len(known.get("run_p", [])))
     assert found.word == {"pass": "PASS", "doubtful pass": "PASS, with doubts", "not decided": "NOT DECIDED", "fail": "FAIL"}[answer]
     assert all(met for met, _ in found.reasons) == (answer != "fail")
     assert found.to_json(limit_deg) == {
@@ -242,6 +243,7 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
         "limit_deg": limit_deg,
         "reasons": [{"met": met, "reason": text} for met, text in found.reasons],
         "doubts": found.doubts,
+        "conformity": [each.to_json() for each in found.conformities],
     }
 
 

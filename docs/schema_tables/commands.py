@@ -3,7 +3,24 @@
 from __future__ import annotations
 
 from .fit import ACCELEROMETER, DEFAULTS
-from .shapes import COUNT, FLAG, HASH, NUMBER, SHARE, SIZE, TEXT, VECTOR, Shape, array, maybe, named, other, when, words
+from .shapes import (
+    CONFORMITY,
+    COUNT,
+    FLAG,
+    HASH,
+    NUMBER,
+    SHARE,
+    SIZE,
+    TEXT,
+    VECTOR,
+    Shape,
+    array,
+    maybe,
+    named,
+    other,
+    when,
+    words,
+)
 
 #: of model files
 KINDS = (
@@ -54,6 +71,8 @@ _REPORT = {
     "rule": TEXT,
     "limit_deg": maybe(SIZE),
     "doubts": [TEXT],
+    "conformity": [CONFORMITY],
+    "certificate?": {"number": maybe(TEXT), "draft": [TEXT], "missing": [TEXT]},
     "calibration": words("least_squares", "physics"),
     "effects": [TEXT],
     "verdict": maybe(TEXT),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .shapes import (
+    CONFORMITY,
     COUNT,
     FLAG,
     HASH,
@@ -159,6 +160,7 @@ _FIT = {
         "limit_deg": maybe(SIZE),
         "reasons": [{"met": FLAG, "reason": TEXT}],
         "doubts": [TEXT],
+        "conformity": [CONFORMITY],
     },
     "closure_runs": [
         {"file": TEXT, "duration_s": SIZE, "floor_rmse_deg": SIZE, "earth": TEXT, "lost_at_s?": [NUMBER], "<method>": RUN},

@@ -74,6 +74,26 @@ def depth(entry: Shape, most: int) -> Of:
     return either(*(array(entry, *[None] * count) for count in range(most + 1)))
 
 
+#: one measured value against its limits (docs/formats/fit.md)
+CONFORMITY = {
+    "quantity": TEXT,
+    "name": TEXT,
+    "unit": TEXT,
+    "rule": words("simple acceptance", "guard band"),
+    "answer": words("pass", "fail", "not decided"),
+    "value": maybe(NUMBER),
+    "standard_uncertainty": maybe(SIZE),
+    "degrees_of_freedom": maybe(SIZE),
+    "coverage_factor": maybe(SIZE),
+    "expanded_uncertainty": maybe(SIZE),
+    "lower": maybe(NUMBER),
+    "upper": maybe(NUMBER),
+    "guard_band": maybe(SIZE),
+    "test_uncertainty_ratio": maybe(SIZE),
+    "conformity_probability": maybe(SHARE),
+    "risk": maybe(SHARE),
+}
+
 #: shapes that many tables use -> their names under ``$defs``
 DEFINED: dict[str, Shape] = {}
 

@@ -12,9 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from session.io.certificate import SHAPE as CERTIFICATE_SHAPE
+from session.io.certificate import CertificateGiven, certificate_of
 from session.io.errors import FormatError
 from session.io.names import TURNS, is_of_turns
 from session.io.registers import DEFAULT, RegisterUnits, profile_of
+from session.io.requirements import Requirements, RequirementsShape, requirements_of
 from session.io.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
 from session.io.rows import Wanted
 from session.io.sensors.profile import CLOCK_WITHIN, Profile
@@ -338,7 +341,8 @@ class LeftOut:
 @dataclass(frozen=True)
 class Config:
     """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
-    notes: the operator's notes, by name; exclude: turns that do not count."""
+    notes: the operator's notes, by name; exclude: turns that do not count; requirements: limits, None without any; certificate: what a
+    certificate states."""
 
     sensor: Sensor
     accelerometer: Accelerometer
@@ -350,6 +354,8 @@ class Config:
     notes: Mapping[str, Note] = field(default_factory=dict)
     exclude: tuple[LeftOut, ...] = ()
     board: BoardGiven = field(default_factory=BoardGiven)
+    requirements: Requirements | None = None
+    certificate: CertificateGiven = field(default_factory=CertificateGiven)
 
 
 # The shape of session.toml.
@@ -455,6 +461,8 @@ SHAPE = Keys(
                 "odr_hz": _ODR,
             }
         ),
+        "requirements": RequirementsShape(),
+        "certificate": CERTIFICATE_SHAPE,
     },
 )
 
@@ -504,6 +512,8 @@ def config_of(path: Path, table: dict) -> Config:
         dict(table.get("notes", {})),
         excluded_turns(table),
         BoardGiven(**_values(table, "board")),
+        requirements_of(table.get("requirements", {}), path.name),
+        certificate_of(table.get("certificate", {})),
     )
 
 

@@ -26,6 +26,7 @@ FOLDERS = {
     "challenge": ("tinygc/annexes/challenge",),
     "machines": ("session/annexes/machines", "tinygc/annexes/machines"),
     "turntable": ("session/annexes/turntable", "tinygc/annexes/turntable"),
+    "certificate": ("tinygc/annexes/certificate",),
 }
 #: annex -> commands that need it
 GONE = {
@@ -56,9 +57,10 @@ GONE = {
     "challenge": (["challenge", "--cases", "1", "--out", "c"],),
     "machines": (["table", "list"],),
     "turntable": (["fit", "phone"],),
+    "certificate": (["report", "data/session1", "--certificate"], ["report", "data/session1", "--dcc", "dcc.xml"]),
 }
 #: options that an annex serves
-OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--firmware")
+OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--firmware", "--certificate", "--dcc")
 MAIN_JOB = (
     ["check", "data/session1"],
     ["fit", "data/session1", "--methods", "raw,least_squares", "--folds", "2"],

@@ -28,6 +28,8 @@ from tinygc.estimation.options import CHOSEN
 STANDARD = "-"
 #: names of standard output
 STANDARD_OUTPUT = (STANDARD, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
+#: value of an option that writes a file and is given without one: the command names the file in its folder (compared by identity)
+OWN_PLACE = Path()
 #: files in an input folder that are not recorded, but that other commands read
 DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
 #: command -> the one of these files that it writes itself, with the content of its JSON
@@ -122,7 +124,7 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
 
 def _given(args: argparse.Namespace, options: dict[str, str]) -> Iterator[tuple[str, Path]]:
     for dest, option in options.items():
-        if (path := getattr(args, dest)) is not None:
+        if (path := getattr(args, dest)) is not None and path is not OWN_PLACE:
             yield option, path
 
 

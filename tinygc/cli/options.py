@@ -77,6 +77,8 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
     command.add_argument("--history", type=path_read, action="append", default=[], metavar="DIR", help=what)
     what = "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)"
     command.add_argument("--noise", type=path_read, metavar="FILE", help=what)
+    what = "limits of closure and sensor errors, and the rule that decides (session.toml's [requirements])"
+    command.add_argument("--requirements", type=path_read, metavar="FILE", help=what)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"

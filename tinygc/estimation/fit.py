@@ -13,6 +13,7 @@ import numpy as np
 from session.io.annexes import need
 from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session, read_session
+from session.io.requirements import read_requirements
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.residual import closure_angles
@@ -62,6 +63,8 @@ def fit_session(
     Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are requested and
     there are none.
     """
+    if options.requirements is not None:
+        read_requirements(options.requirements)  # before the work, not after it
     given = None
     if options.lot is not None:
         lots = need("a lot as prior (--lot)")

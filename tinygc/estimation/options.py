@@ -176,6 +176,8 @@ class FitOptions:
         Fitted session folders of the same unit, whose spread of the bias is that between sessions.
     noise : Path, optional
         Noise figures of the unit, measured at rest; ``fit/noise.json`` of the session's folder by default.
+    requirements : Path, optional
+        File of limits and a decision rule, in place of session.toml's ``[requirements]``; it changes no number of the fit.
 
     Raises
     ------
@@ -216,6 +218,7 @@ class FitOptions:
     lot: Path | None = None
     history: tuple[Path, ...] = ()
     noise: Path | None = None
+    requirements: Path | None = None
 
     def __post_init__(self) -> None:
         for name in ("methods", "physics", "conditions"):

@@ -19,6 +19,7 @@ from session.io.config import NominalRate
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import result_folder
 from session.io.folder import Session, file_key, input_hashes
+from session.io.requirements import Requirements, read_requirements
 from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
 from session.io.units import DEG, G
 from tinygc import models
@@ -196,6 +197,10 @@ class FitResult:
             run_errors=left,
             run_p=run_p_values(self.problem, self.runs, vector, covariance, errors, self.repeatability, left),
             run_losses=[""] * len(self.runs),
+            run_floors=[run.floor_rad for run in self.runs],
+            covariance=covariance,
+            sources=self.sources,
+            unobserved=tuple(self.linear.notes.get("unobserved", ())),
         )
 
     @property
@@ -218,7 +223,14 @@ class FitResult:
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
         doubts = self.doubts if self.use.method in PHYSICS else self.linear_doubts(limit_deg)
-        return decide(self.judged, [run.file for run in self.runs], limit_deg, self.against_raw, self.accelerometer, doubts)
+        files = [run.file for run in self.runs]
+        return decide(self.judged, files, limit_deg, self.against_raw, self.accelerometer, doubts, self.requirements)
+
+    @cached_property
+    def requirements(self) -> Requirements | None:
+        """Limits of the options' file, else of session.toml; None without any.  Raises FormatError for a file that holds none."""
+        path = self.options.requirements
+        return self.session.config.requirements if path is None else read_requirements(path)
 
     @property
     def file_to_use(self) -> str | None:
@@ -427,7 +439,7 @@ def read_fit(path: Path, do: str = "fit again") -> dict:
 
 SAVED_NAME, SAVED_SCHEMA = "fitted.json", "tinygc-fitted/1"
 #: options that do not affect the numbers of a method
-IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume", "history", "noise")
+IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume", "history", "noise", "requirements")
 _ANGLES = Array((None, None))
 _METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
 SAVED_SHAPE = Keys({"schema": Text((SAVED_SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD)})

@@ -2,6 +2,7 @@
 
 With a limit, neither the held-out closure of the segments nor the error of any closure run may exceed it.  Without a limit, both must agree
 with noise (p at least 0.01).  Either way a calibration fails if held-out segments close worse with it than with the raw rates.
+Requirements of session.toml, or of a file, count besides; whether a value meets its limits is decided in ``requirements.py``.
 
 A pass needs evidence.  With few segments a fit follows almost anything, so held-out closure must be near its floor on enough segments.  A
 closure far below its floor means that noise or references are not what they are taken for.  An error that is common to all references, or a
@@ -11,7 +12,7 @@ data rate that nobody measured, biases E without any effect on closure.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -20,6 +21,7 @@ import numpy as np
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.io.errors import FitError
+from session.io.requirements import CLOSURE, CLOSURE_RUN, Requirements, Rule
 from session.io.texts import command_line, degrees, probability, significant
 from session.io.units import DEG
 from tinygc.closure.floor import wander_covariance
@@ -31,7 +33,20 @@ from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import AgainstRaw, rmse, tilt_rms
 from tinygc.estimation.options import METHODS
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.models.linear import BIAS, MATRIX, LinearModel
+from tinygc.estimation.requirements import (
+    Conformity,
+    Measured,
+    accelerometer_measured,
+    attitude_measured,
+    closure_measured,
+    conformity,
+    field_measured,
+    known_sources,
+    rule_words,
+    run_measured,
+)
+from tinygc.estimation.sources import Source
+from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 
 #: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
 NEAR_FLOOR = 2.0
@@ -62,6 +77,14 @@ class Candidate(Protocol):
     def run_p(self) -> list[float]: ...  # noqa: D102
     @property
     def run_losses(self) -> list[str]: ...  # noqa: D102
+    @property
+    def run_floors(self) -> list[np.ndarray]: ...  # noqa: D102
+    @property
+    def covariance(self) -> np.ndarray | None: ...  # noqa: D102
+    @property
+    def sources(self) -> tuple[Source, ...]: ...  # noqa: D102
+    @property
+    def unobserved(self) -> tuple[str, ...]: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +93,8 @@ class JudgedFit:
 
     angles (S, d) rad held out, of the segments with these numbers; vector of its parameters; floor_rms rad of tilt that noise alone leaves;
     closure_p: p-value of the closure on fitted segments, with its degrees of freedom (None: with more data than these segments); of each
-    closure run the errors (3,) rad, the p-value, and a sentence where samples seem lost.
+    closure run the errors (3,) rad, the p-value, and a sentence where samples seem lost.  What requirements need besides: run_floors (3,)
+    rad of each run, one sigma from noise alone; covariance (P, P) of the vector, its sources, names of parameters that are not observed.
     """
 
     angles: np.ndarray
@@ -82,6 +106,10 @@ class JudgedFit:
     run_errors: list[np.ndarray]
     run_p: list[float]
     run_losses: list[str]
+    run_floors: list[np.ndarray] = field(default_factory=list)
+    covariance: np.ndarray | None = None
+    sources: tuple[Source, ...] = ()
+    unobserved: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -89,7 +117,9 @@ class Acceptance:
     """Verdict on a calibration.
 
     passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule; doubts, a sentence for
-    each reason why a pass is weak evidence; by_limit: whether a limit was given; closure: what closes to what, as a sentence.
+    each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given; closure: what closes to what, in words;
+    conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL; unsound: reasons
+    not met that no limit has: noise does not explain the closure, or the raw rates close better, so that the uncertainties may not hold.
     """
 
     passed: bool
@@ -98,12 +128,17 @@ class Acceptance:
     doubts: list[str]
     by_limit: bool
     closure: str = ""
+    conformities: list[Conformity] = field(default_factory=list)
+    undecided: list[str] = field(default_factory=list)
+    unsound: list[str] = field(default_factory=list)
 
     @property
     def answer(self) -> str:
         """One of pass, doubtful pass, not decided, fail.  A given limit decides; doubts are stated with the result."""
         if not self.passed:
             return "fail"
+        if self.undecided:
+            return "not decided"
         return "pass" if not self.doubts else "doubtful pass" if self.by_limit else "not decided"
 
     @property
@@ -117,13 +152,19 @@ class Acceptance:
         return {"answer": self.answer, "headline": self.headline, "rule": self.rule, "limit_deg": limit_deg} | {
             "reasons": reasons,
             "doubts": self.doubts,
+            "conformity": [each.to_json() for each in self.conformities],
         }
 
     @property
     def headline(self) -> str:
         """The answer and its reason, in one line."""
         missed = [text for met, text in self.reasons if not met]
-        return f"{self.word}: {'; '.join(missed) or (self.doubts[0] if self.doubts else self.closure)}"
+        return f"{self.word}: {'; '.join(missed) or '; '.join(self.undecided) or (self.doubts[0] if self.doubts else self.closure)}"
+
+    @property
+    def risks(self) -> list[str]:
+        """A sentence for each value that has limits: what it is, with U, and the risk that the answer is wrong."""
+        return [each.words for each in self.conformities]
 
 
 def decide(
@@ -133,41 +174,82 @@ def decide(
     raw: AgainstRaw | None = None,
     accelerometer: AccelerometerFit | None = None,
     doubts: Sequence[str] = (),
+    requirements: Requirements | None = None,
 ) -> Acceptance:
     """Decide whether the calibration passes.
 
     files: the names of the closure runs; raw: comparison with the raw rates; accelerometer that gives the references; doubts: further
-    reasons for which a pass is weak evidence.
+    reasons for which a pass is weak evidence; requirements: limits, of which limit_deg takes the place of those of the closure.
     """
     tilt, times = tilt_rms(candidate.angles), tilt_rms(candidate.angles) / candidate.floor_rms
     held_out = f"segments, held out, rms of tilt: {degrees(tilt)}"
+    asked = requirements or Requirements()
     if limit_deg is not None:
-        reasons = [_against(held_out, tilt, limit_deg)]
-        runs = zip(files, candidate.run_errors, strict=True)
-        reasons += [_against(f"{file}, RMSE: {degrees(rmse(error))}", rmse(error), limit_deg) for file, error in runs]
-        rule = f"Limit {significant(limit_deg, 3)}°: held-out closure of the segments and RMSE of each closure run at most that."
+        closes = Requirements(dict.fromkeys((CLOSURE, CLOSURE_RUN), (-np.inf, limit_deg)), Rule())
+    else:
+        closes = Requirements({key: asked.limits[key] for key in (CLOSURE, CLOSURE_RUN) if key in asked.limits}, asked.rule)
+    segments = conformity(closes, [closure_measured(candidate.angles, candidate.numbers)])
+    floors = [*candidate.run_floors, *[None] * (len(files) - len(candidate.run_floors))]
+    runs = conformity(closes, [run_measured(*each) for each in zip(files, candidate.run_errors, floors, strict=True)])
+    others = conformity(asked, _others(candidate, accelerometer)) if set(asked.limits) - {CLOSURE, CLOSURE_RUN} else []
+    rules = []
+    if segments:
+        reasons = [_against(held_out, segments[0])]
     else:
         freedom = "" if candidate.closure_freedom is None else f", {candidate.closure_freedom} degrees of freedom"
         reasons = [
             _by_chance(f"closure of the fitted segments{freedom}", candidate.closure_p, f"held out {significant(times, 2)} × the floor")
         ]
+    if runs:
+        reasons += [_against(f"{f}, RMSE: {degrees(rmse(e))}", each) for f, e, each in zip(files, candidate.run_errors, runs, strict=True)]
+    else:
         for file, error, p in zip(files, candidate.run_errors, candidate.run_p, strict=True):
             reasons.append(_by_chance(f"{file}: off by {degrees(rmse(error))}", p))
-        rule = (
+    if limit_deg is not None:
+        rules.append(f"Limit {significant(limit_deg, 3)}°: held-out closure of the segments and RMSE of each closure run at most that.")
+    elif not segments or (len(files) and not runs):
+        rules.append(
             f"No limit given: noise must explain what is left, p at least {MISMATCH_P:g}; to be decided, held-out closure of at least "
             f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor."
         )
+    if asked.limits and (others or limit_deg is None):
+        rules.append(f"Requirements of {asked.source or 'the user'}. {rule_words(asked.rule)}")
+    rule = " ".join(rules)
     reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *candidate.run_losses], strict=True)]
+    unsound = [text for (met, text), by in zip(reasons, [segments, *[runs] * len(files)], strict=True) if not met and not by]
+    reasons += [_against(f"{each.measured.words}: {each.value_words}", each) for each in others]
     if raw is not None and raw.condemns(tilt / DEG):
         named = METHODS[raw.method].title
         reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates ({named})"))
+        unsound.append(reasons[-1][1])
         rule += " Worse than the raw rates is a fail in any case."
     closure = f"held out {degrees(tilt)} ({significant(times, 2)} × noise, {len(candidate.numbers)} segments)"
     if len(files):
         which = f", worst of {len(files)} closure runs " if len(files) > 1 else ", closure run "
         closure += which + degrees(max(map(rmse, candidate.run_errors)))
     found = [*_doubts(candidate, times, accelerometer), *doubts]
-    return Acceptance(all(met for met, _ in reasons), rule, reasons, found, limit_deg is not None, closure)
+    decided = [*segments, *runs, *others]
+    undecided = [f"{each.measured.words}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
+    passed = all(met for met, _ in reasons)
+    return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound)
+
+
+def _others(candidate: Candidate, accelerometer: AccelerometerFit | None) -> list[Measured]:
+    """The values besides the closure that may have limits."""
+    found = accelerometer_measured(accelerometer)
+    if candidate.covariance is not None:
+        vector, covariance = candidate.vector[:PARAMETERS], candidate.covariance[:PARAMETERS, :PARAMETERS]
+        found = [*field_measured(vector, known_sources(candidate.sources, covariance), candidate.unobserved), *found]
+        found.append(attitude_measured(vector, covariance))
+    return found
+
+
+def _undecided(each: Conformity) -> str:
+    if each.answer != "not decided" or not each.measured.observed:
+        return f"required {each.limit_words}"
+    if each.rule.least_ratio is not None:
+        return f"required {each.limit_words}: not decided, its test uncertainty ratio is below {each.rule.least_ratio:g}"
+    return f"required {each.limit_words}: not decided within {significant(each.band, 2)} of a limit"
 
 
 def _doubts(candidate: Candidate, times_floor: float, accelerometer: AccelerometerFit | None) -> list[str]:
@@ -190,9 +272,15 @@ def _doubts(candidate: Candidate, times_floor: float, accelerometer: Acceleromet
     return doubts
 
 
-def _against(what: str, figure_rad: float, limit_deg: float) -> tuple[bool, str]:
-    met = bool(figure_rad / DEG <= limit_deg)
-    return met, f"{what}, {'within' if met else 'above'} {significant(limit_deg, 3)}°"
+def _against(what: str, each: Conformity) -> tuple[bool, str]:
+    """Whether a value is not refused, and how it stands to its limits."""
+    if each.answer == "not decided":
+        return True, f"{what}, {_undecided(each)}"
+    lower, upper = each.limits
+    if np.isfinite(lower):
+        return each.answer == "pass", f"{what}, {'within' if each.answer == 'pass' else 'outside'} {each.limit_words}"
+    unit = each.measured.unit if each.measured.unit == "°" else f" {each.measured.unit}"
+    return each.answer == "pass", f"{what}, {'within' if each.answer == 'pass' else 'above'} {significant(upper, 3)}{unit}"
 
 
 def _by_chance(what: str, p: float, size: str = "") -> tuple[bool, str]:

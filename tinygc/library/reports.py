@@ -53,7 +53,9 @@ class Report(Shown):
         """The verdict, its rule, and what is met, not met and in doubt: lines with their styles."""
         decision = self.verdict
         reasons = [(f"  {'met' if met else 'not met'}: {reason}", "") for met, reason in decision.reasons]
-        return [(decision.headline, ""), (decision.rule, "dim"), *reasons, *((f"  in doubt: {doubt}", "") for doubt in decision.doubts)]
+        risks = [(f"  {text}", "dim") for text in decision.risks]
+        doubts = [(f"  in doubt: {doubt}", "") for doubt in decision.doubts]
+        return [(decision.headline, ""), (decision.rule, "dim"), *reasons, *risks, *doubts]
 
     @property
     def page(self) -> Group:
@@ -72,6 +74,14 @@ class Report(Shown):
         from tinygc.reporting.html.page import summary
 
         return summary(self.data)
+
+    def certificate(self, as_found: Path | str | None = None) -> Any:
+        """The form that a laboratory signs: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``; of an annex.
+
+        as_found: model file of the calibration in use until now, whose errors are then stated.  Raises MissingAnnexError, and FormatError
+        for a file that is no linear model.
+        """
+        return need("certificates (report --certificate)").certificate_of(self.data, as_found)
 
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""

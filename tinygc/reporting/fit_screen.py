@@ -35,7 +35,7 @@ def verdict_text(decision: Acceptance) -> Text:
     """The verdict with its reason, and the rule in small print."""
     text = one_line(decision.headline, STYLES[decision.answer])
     more = [f"in doubt: {doubt}" for doubt in decision.doubts if doubt not in decision.headline]
-    for line in (decision.rule, *more):
+    for line in (decision.rule, *decision.risks, *more):
         text.append("\n").append(one_line(line, "dim"))
     return text
 

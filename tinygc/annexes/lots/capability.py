@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import difflib
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.special import bdtrc, gammaincinv, ndtr, ndtri, pdtrc, stdtr
 
 from session.io.errors import FormatError
-from session.io.results import shown
+from session.io.requirements import bounds_of
+from session.io.results import Mismatch
 from session.io.toml import read_toml
 from tinygc.annexes.lots.lot import SENSOR_ERRORS
+from tinygc.estimation.requirements import quantile
 
 # Limits of a lot's numbers, from the user's TOML file: lower and upper, in the displayed units (docs/lots.md).
 
 SCHEMA = "tinygc-limits/1"
 #: a section may name all components of one kind: ``gyro_bias_mdps``
-GROUPS = {f"{each.sensor} {each.word} {each.unit}".replace(" ", "_") for each in SENSOR_ERRORS}
-KEYS = {each.key for each in SENSOR_ERRORS}
-_SIDES = ("lower", "upper")
+KEYS = tuple(each.key for each in SENSOR_ERRORS)
+KINDS = {each.key: f"{each.sensor} {each.word} {each.unit}".replace(" ", "_") for each in SENSOR_ERRORS}
+GROUPS = {kind: tuple(key for key in KEYS if KINDS[key] == kind) for kind in dict.fromkeys(KINDS.values())}
 
 
 def read_limits(path: Path | str) -> dict[str, tuple[float, float]]:
@@ -33,40 +32,14 @@ def read_limits(path: Path | str) -> dict[str, tuple[float, float]]:
     table = read_toml(Path(path))
     if table.get("schema") != SCHEMA:
         raise FormatError(f'{path}: no limits of a lot, expected schema = "{SCHEMA}" at the top')
-    found: dict[str, tuple[float, float]] = {}
     sections = {name: value for name, value in table.items() if name != "schema"}
-    # a key of one component overrides the key of its kind
-    for name in sorted(sections, key=lambda each: each in KEYS):
-        if name not in KEYS and name not in GROUPS:
-            near = difflib.get_close_matches(name, [*GROUPS, *KEYS], 1)
-            hint = f"; did you mean {near[0]}?" if near else "; the names are in docs/lots.md"
-            raise FormatError(f"{path}: {name} is no number of a lot{hint}")
-        limits = _limits(sections[name], f"{path}: {name}")
-        for each in SENSOR_ERRORS:
-            if name in (each.key, f"{each.sensor} {each.word} {each.unit}".replace(" ", "_")):
-                found[each.key] = limits
+    try:
+        found = bounds_of(sections, GROUPS, KEYS, "docs/lots.md")
+    except Mismatch as mismatch:
+        raise FormatError(f"{path}: {mismatch}") from None
     if not found:
         raise FormatError(f"{path}: no limits, expected a section such as [gyro_bias_mdps] with lower and upper (docs/lots.md)")
     return found
-
-
-def _limits(section: Any, where: str) -> tuple[float, float]:
-    if not isinstance(section, dict):
-        raise FormatError(f"{where} is {shown(section)}, expected a section with lower, upper or both")
-    if strange := sorted(set(section) - set(_SIDES)):
-        raise FormatError(f"{where}.{strange[0]} is no key of limits, expected lower, upper or both")
-    lower, upper = (_number(section[side], f"{where}.{side}") if side in section else None for side in _SIDES)
-    if lower is None and upper is None:
-        raise FormatError(f"{where} has no limit, expected lower, upper or both")
-    if lower is not None and upper is not None and not lower < upper:
-        raise FormatError(f"{where}.lower is {lower:g}, expected less than upper, {upper:g}")
-    return (-math.inf if lower is None else lower, math.inf if upper is None else upper)
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > 1e12:
-        raise FormatError(f"{where} is {value!s:.40}, expected a number")
-    return float(value)
 
 
 # Capability of a lot against limits: Cp, Cpk within, Pp, Ppk overall, parts per million outside, and the effect of measurement noise.
@@ -80,7 +53,7 @@ def _number(value: Any, where: str) -> float:
 
 CONFIDENCE = 0.95
 #: probability that a unit at its limit is accepted by a reading within the guarded limits: ISO 14253-1's one-sided 95 %
-GUARD_SIGMAS = float(ndtri(0.95))
+GUARD_SIGMAS = quantile(0.95)
 
 
 @dataclass(frozen=True)

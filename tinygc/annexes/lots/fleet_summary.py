@@ -19,6 +19,7 @@ from tinygc.annexes.lots.fleet_row import COLUMNS, DONE, VALUES, told_by, unpack
 from tinygc.annexes.lots.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
 from tinygc.annexes.lots.lot import UnitResult, Weighed
 from tinygc.annexes.lots.report import LotReport, lot_of
+from tinygc.estimation.requirements import simply_accepted
 
 # Rows of a fleet's table as a lot's records, and as CSV.
 
@@ -180,12 +181,12 @@ class Summary:
 def summarise(table: Table, limit_deg: float | None = None) -> Summary:
     """Summarise an open table; only its numbers are in memory, 20 MB for a hundred thousand rows."""
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
-    fine = "judged = 'pass'"
-    if limit_deg is not None:
-        fine = "use IS NOT NULL AND held_out_deg <= :limit AND ifnull(run_rmse_deg, 0) <= :limit"
-    within = {} if limit_deg is None else {"limit": limit_deg}
-    undecided = 0 if limit_deg is not None else table.one(f"SELECT count(*) FROM {EACH} WHERE judged = 'not decided'")
-    passed = table.rows(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND {fine}", within)[0][0]  # type: ignore[arg-type]
+    if limit_deg is None:
+        undecided = table.one(f"SELECT count(*) FROM {EACH} WHERE judged = 'not decided'")
+        passed = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND judged = 'pass'")
+    else:
+        used = f"SELECT held_out_deg, ifnull(run_rmse_deg, 0) FROM {EACH} WHERE held_out_deg IS NOT NULL AND use IS NOT NULL"
+        undecided, passed = 0, sum(all(simply_accepted(each, (0.0, limit_deg)) for each in row) for row in table.each(used))
     fitted = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL")
     names = ("held_out_deg", "floor_deg", "run_rmse_deg", *VALUES)
     known = ", ".join(f"ifnull({name}, {INFINITE})" for name in names)

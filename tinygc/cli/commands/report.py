@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 
+from session.io.annexes import need
 from session.io.errors import CalibrationError
-from tinygc.cli.arguments import file_written, path_read, positive
+from tinygc.cli.arguments import OWN_PLACE, file_written, path_read, positive
 from tinygc.cli.defaults import defaults_json, limit_text
+from tinygc.cli.extensions import help_if_present
 from tinygc.cli.options import add_fit_arguments, fit_options
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 
@@ -25,6 +27,14 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
     command.add_argument("--strict", action="store_true", help="exit 1 for all but PASS without doubts")
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
+    service = "certificates (report --certificate)"
+    what = "write the certificate as well, the form that a laboratory signs (certificate.html in the session folder)"
+    what = help_if_present(service, what)
+    command.add_argument("--certificate", type=file_written, nargs="?", const=OWN_PLACE, metavar="FILE", help=what)
+    what = help_if_present(service, "write the certificate as a Digital Calibration Certificate, XML")
+    command.add_argument("--dcc", type=file_written, metavar="FILE", help=what)
+    what = help_if_present(service, "the model in use until now: the certificate states its errors as found")
+    command.add_argument("--as-found", type=path_read, metavar="FILE", help=what)
     add_fit_arguments(command)
 
 
@@ -34,6 +44,11 @@ def run(args: argparse.Namespace) -> int:
         done = _report(args)
         write_json(args.json, done.table)
         return done.code
+    if args.certificate is not None and args.certificate is not OWN_PLACE:
+        raise CalibrationError("--certificate FILE names one file; of several folders each gets its certificate.html in it: leave FILE out")
+    if args.dcc is not None or args.as_found is not None:
+        option = "--dcc" if args.dcc is not None else "--as-found"
+        raise CalibrationError(f"{option} names one file, and there are several folders; report them one by one")
     if args.out is not None:
         raise CalibrationError("--out names one file; of several folders each gets its report.html in it: leave --out out")
     return run_each(args, _report, "tinygc-reports/1", "Reports, degrees: held-out tilt rms, RMSE of each closure run")
@@ -48,18 +63,35 @@ def _report(args: argparse.Namespace) -> Done:
 
     path = args.out or args.folder / "report.html"
     try_file(args, path)
+    form = None if args.certificate is None else args.folder / "certificate.html" if args.certificate is OWN_PLACE else args.certificate
+    certified = form is not None or args.dcc is not None
+    if args.as_found is not None and not certified:
+        raise CalibrationError("--as-found is stated on a certificate: add --certificate, or leave it out")
+    if certified:
+        need("certificates (report --certificate)", "--dcc" if form is None else "--certificate")
+    for each in (form, args.dcc):
+        if each is not None:
+            try_file(args, each)
     if args.pdf:
         require_browser()
         try_file(args, path.with_suffix(".pdf"))
     with progress_bar(args.quiet) as progress:
         made = report(args.folder, options=fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
+    certificate = made.certificate(args.as_found) if certified else None
     files = made.save(path, pdf=args.pdf)
+    if certificate is not None and form is not None:
+        files += certificate.save(form, pdf=args.pdf)
+    if certificate is not None and args.dcc is not None:
+        files.append(certificate.save_dcc(args.dcc))
     decision, evidence = made.verdict, made.data
     for line, style in made.lines:
         output(args).print(line, style=style)
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+    if certificate is not None and certificate.line:
+        complain(certificate.line)
     verdict(args, decision.headline)
     table, code = made.to_json() | defaults_json(args), 0
+    table |= {} if certificate is None else {"certificate": certificate.to_json()}
     if args.limit is not None and not decision.passed:
         complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
         code = 1

@@ -28,6 +28,7 @@ from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
 from tinygc.estimation.results import AT_END, FitResult, versions
+from tinygc.estimation.sources import Source
 from tinygc.estimation.verdict import Acceptance, decide, run_p_values
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
@@ -114,7 +115,8 @@ class Adopted:
     more data than these segments);
     vector and covariance of its parameters (12 linear ones first, then the effects'); claims: the effects in it; errors (3,) rad of
     each closure run and the p-value of each from the known uncertainties; run_losses: a sentence for each run in which
-    samples seem lost, else none; quantities in the field's terms; accelerometer that gives its references.
+    samples seem lost, else none; quantities in the field's terms; accelerometer that gives its references; run_floors (3,) rad: one sigma
+    of each run from noise alone; sources of the covariance, where they are told apart; unobserved: names of parameters that are not.
     """
 
     name: str
@@ -132,6 +134,9 @@ class Adopted:
     run_losses: list[str]
     quantities: list[Quantity]
     accelerometer: Accelerometer
+    run_floors: list[np.ndarray]
+    sources: tuple[Source, ...] = ()
+    unobserved: tuple[str, ...] = ()
 
     @property
     def linear(self) -> LinearModel:
@@ -197,6 +202,8 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         **_runs(fit, vector, covariance, errors),
         quantities=field_quantities(vector, covariance, unobserved, None if fit.allowed is None else fit.allowed.of),
         accelerometer=fit.session.config.accelerometer,
+        sources=fit.sources,
+        unobserved=unobserved,
     )
 
 
@@ -230,6 +237,7 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
         "run_errors": [errors(vector, run) for run in fit.runs],
         "run_p": run_p_values(fit.problem, fit.runs, vector, covariance, errors, fit.repeatability),
         "run_losses": [loss_words(lost_in(run)) for run in fit.runs],
+        "run_floors": [run.floor_rad for run in fit.runs],
     }
 
 
@@ -343,7 +351,7 @@ def gather(
         explanation=explanation,
         against_truth=against_truth,
         adopted=adopted,
-        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw, fit.accelerometer, doubts),
+        decision=decide(adopted, [r.file for r in fit.runs], limit_deg, fit.against_raw, fit.accelerometer, doubts, fit.requirements),
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),

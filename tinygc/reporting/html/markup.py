@@ -43,14 +43,14 @@ class Section:
 
 
 @cache
-def _environment() -> Environment:
-    """Jinja environment: all values are escaped, control characters included; the thin space of numbers is kept."""
+def _environment(package: str = "tinygc.reporting.html") -> Environment:
+    """Jinja environment of a package's templates: values are escaped, control characters included; the thin space of numbers is kept."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     def shown(value: object) -> object:
         return value if hasattr(value, "__html__") else "\u202f".join(map(printable, str(value).split("\u202f")))
 
-    loader = PackageLoader("tinygc.reporting.html")
+    loader = PackageLoader(package)
     environment = Environment(
         loader=loader, autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -65,6 +65,11 @@ def _environment() -> Environment:
 def render(template: str, **values: object) -> str:
     """Render a file of ``templates`` with values."""
     return _environment().get_template(template).render(values)
+
+
+def render_own(package: str, template: str, **values: object) -> str:
+    """Render a file of the ``templates`` of a package, an annex, with values."""
+    return _environment(package).get_template(template).render(values)
 
 
 def _html(value: Any) -> Any:

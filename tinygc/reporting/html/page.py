@@ -31,6 +31,7 @@ def summary(evidence: ReportData) -> dict:
         "doubts": decision.doubts,
         "rule": decision.rule,
         "limit_deg": evidence.limit_deg,
+        "conformity": [each.to_json() for each in decision.conformities],
         "calibration": adopted.name,
         "effects": [claim.effect.id for claim in adopted.claims],
         "closure": {

@@ -1,0 +1,144 @@
+"""Are decisions wrong as often as they say?  Limits near the truth, of closures and sensor errors, and closures of real recordings.
+
+``closures``: rms tilts of many sets of segments about a truth that is known: how often a stated U holds it, and how often a set at its
+limit passes by a guard band of U.  ``sessions``: simulated sessions whose sensor errors are known, against limits laid at random about the
+truth: whether values that state a probability of conformity p conform in that share.  ``real``: on recordings beside the checkout, whether
+two halves of a session's segments state closures that agree within their U.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from common import in_parallel, markdown, simulated
+from real_recordings import Job, jobs_of
+from scipy import stats
+
+from session.io.errors import CalibrationError
+from session.io.requirements import GUARDED, Rule
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.requirements import Conformity, closure_measured, conforms_probability, field_measured, known_sources
+from tinygc.models.linear import LinearModel, field_vector
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulator import simulate_session
+
+#: of segments in a set
+COUNTS = (7, 13, 40, 100)
+SETS = 2000
+#: limits in sigmas about the truth, for each sensor error of each session
+LIMITS = 20
+FARTHEST = 4.0
+SETS_OF_RECORDINGS = ("mikov", "mimu", "xsens")
+BANDS = (0.0, 0.025, 0.16, 0.5, 0.84, 0.975, 1.0)
+OPTIONS = FitOptions(methods=("raw", "raw_bias_removed", "least_squares"))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("part", choices=("closures", "sessions", "real"))
+    parser.add_argument("--sessions", type=int, default=60, help="(%(default)s)")
+    parser.add_argument("--shared", type=Path, default=Path("../shared"), help="(%(default)s)")
+    args = parser.parse_args()
+    {"closures": closures, "sessions": sessions, "real": real}[args.part](args)
+
+
+# Closures of known truth
+
+
+def draws(kind: str, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(S, 2) tilts of rms 1: independent, of stills that neighbours share, or with Student's tails."""
+    if kind == "shared stills":
+        ends = rng.normal(size=(count + 1, 2)) / 2
+        return np.diff(ends, axis=0)
+    if kind == "Student's t, 5":
+        return stats.t(5).rvs((count, 2), random_state=rng) / np.sqrt(5 / 3 * 2)
+    return rng.normal(size=(count, 2)) / np.sqrt(2)
+
+
+def closures(args: argparse.Namespace) -> None:
+    rows = []
+    for kind in ("independent", "shared stills", "Student's t, 5"):
+        for count in COUNTS:
+            rng = np.random.default_rng(count)
+            found = [closure_measured(draws(kind, count, rng), range(count)) for _ in range(SETS)]
+            truth = np.degrees(1.0)
+            holds = np.mean([abs(np.log(each.value / truth)) <= each.expanded / each.value for each in found])
+            answers = [Conformity(each, (-np.inf, truth), Rule(GUARDED)).answer for each in found]
+            rows.append([kind, str(count), *(f"{100 * share:.1f} %" for share in (holds, *_shares(answers)))])
+    print(f"{SETS} sets of segments each. At the limit: the true rms is the limit, guard band w = U.\n")
+    print(markdown(["tilts", "segments", "truth within U", "at the limit: PASS", "FAIL", "not decided"], rows))
+
+
+def _shares(answers: list[str]) -> list[float]:
+    return [answers.count(answer) / len(answers) for answer in ("pass", "fail", "not decided")]
+
+
+# Sensor errors of known truth
+
+
+def sessions(args: argparse.Namespace) -> None:
+    pairs = [pair for found in in_parallel(_session, range(args.sessions), "session") for pair in found]
+    p, conforms = np.array(pairs).T
+    rows = []
+    for low, high in pairwise(BANDS):
+        inside = (p >= low) & (p < high if high < 1 else p <= 1)
+        rows.append([f"{low:g} to {high:g}", f"{inside.sum()}", f"{p[inside].mean():.3f}", f"{conforms[inside].mean():.3f}"])
+    print(f"{args.sessions} sessions of 40 turns, 18 sensor errors each, {LIMITS} limits each.\n")
+    print(markdown(["probability of conformity", "statements", "stated, mean", "conform in truth"], rows))
+
+
+def _session(seed: int) -> list[tuple[float, bool]]:
+    options, rng = SimulationOptions(seed=9000 + seed, segments=40, closure_s=0.0), np.random.default_rng(seed)
+    unit = simulate_session(SimulationOptions(seed=9000 + seed, segments=1, closure_s=0.0)).unit
+    with simulated(options) as folder:
+        fit = fit_session(folder, OPTIONS)
+    linear = fit.linear.model
+    assert isinstance(linear, LinearModel)
+    truth = field_vector(LinearModel(unit.E, unit.B).vector)
+    found = []
+    for number, each in enumerate(field_measured(linear.vector, known_sources(fit.sources, fit.covariance))):
+        true = truth[number] * (each.value / field_vector(linear.vector)[number])
+        for limit in true + each.sigma * rng.uniform(-FARTHEST, FARTHEST, LIMITS):
+            found.append((conforms_probability(each.value, each.sigma, (-np.inf, limit), each.freedom), bool(true <= limit)))
+    return found
+
+
+# Real recordings
+
+
+def real(args: argparse.Namespace) -> None:
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
+        jobs = [job for name in SETS_OF_RECORDINGS for job in jobs_of(name, args.shared, Path(made))]
+        found = [each for each in in_parallel(_halves, jobs, "recording") if each is not None]
+    rows = []
+    for name in SETS_OF_RECORDINGS:
+        own = [pulls for of, pulls in found if of == name]
+        if own:
+            pulls = np.concatenate(own)
+            rows.append([name, str(len(own)), str(len(pulls)), f"{np.sum(np.abs(pulls) <= 1)}", f"{np.sqrt(np.mean(pulls**2)):.2f} U"])
+    print(markdown(["set", "recordings", "differences", "within their U", "rms"], rows))
+
+
+def _halves(job: Job) -> tuple[str, np.ndarray] | None:
+    """Differences of two closures in their joint U: first against second half of the segments, and blocks of five in turns."""
+    try:
+        fit = fit_session(job.folder, OPTIONS)
+    except CalibrationError:
+        return None
+    angles, count = fit.linear.held_out, len(fit.problem.used)
+    if count < 14:
+        return None
+    pulls = []
+    for part in (np.arange(count) < count // 2, (np.arange(count) // 5) % 2 == 0):
+        one, other = (closure_measured(angles[which], np.flatnonzero(which)) for which in (part, ~part))
+        pulls.append(np.log(one.value / other.value) / np.hypot(one.expanded / one.value, other.expanded / other.value))
+    return job.set_name, np.array(pulls)
+
+
+if __name__ == "__main__":
+    main()

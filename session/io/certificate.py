@@ -1,0 +1,131 @@
+"""``[certificate]`` of session.toml: what a calibration certificate states that no measurement tells (docs/certificate.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import date, datetime
+from typing import Any
+
+from session.io.results import Keys, ListOf, Mismatch, Shape, Text
+
+#: places of a Digital Calibration Certificate
+PERFORMED_AT = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
+LANGUAGES = ("en",)
+#: what traceability is stated of
+TRACED = ("gravity", "clock", "angle")
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """One piece of equipment: name, identification, number of its certificate, date on which its calibration is due."""
+
+    name: str
+    identification: str = ""
+    certificate: str = ""
+    due: date | None = None
+
+
+@dataclass(frozen=True)
+class CertificateGiven:
+    """The fields as they are given; empty, or None, where they are not."""
+
+    laboratory: str = ""
+    address: str = ""
+    country: str = ""
+    customer: str = ""
+    customer_address: str = ""
+    number: str = ""
+    amends: str = ""
+    item: str = ""
+    manufacturer: str = ""
+    condition: str = ""
+    place: str = ""
+    performed_at: str = ""
+    operator: str = ""
+    authorised_by: str = ""
+    role: str = ""
+    received: date | None = None
+    calibrated: date | None = None
+    issued: date | None = None
+    valid_until: date | None = None
+    next_calibration: date | None = None
+    method: str = ""
+    deviations: str = ""
+    conditions: str = ""
+    external: str = ""
+    remarks: str = ""
+    language: str = LANGUAGES[0]
+    equipment: tuple[Equipment, ...] = field(default_factory=tuple)
+    traceability: dict[str, str] = field(default_factory=dict)
+
+
+class Line(Text):
+    """Text that is not blank, on one line."""
+
+    expected = "text on one line"
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        super().check(value, where)
+        if not value.strip() or not value.isprintable():
+            self.refuse(value, where)
+
+
+class Country(Text):
+    """Two capital letters (ISO 3166-1)."""
+
+    expected = "two capital letters (ISO 3166-1)"
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        super().check(value, where)
+        if not (len(value) == 2 and value.isascii() and value.isalpha() and value.isupper()):
+            self.refuse(value, where)
+
+
+class Day(Shape):
+    """A date of TOML, without a time."""
+
+    expected = "a date without quotes, such as 2026-11-22"
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        if not isinstance(value, date) or isinstance(value, datetime):
+            self.refuse(value, where)
+
+
+_IN_ORDER = (("received", "calibrated"), ("calibrated", "issued"), ("issued", "valid_until"), ("issued", "next_calibration"))
+_DAYS = ("received", "calibrated", "issued", "valid_until", "next_calibration")
+_OWN = {"country": Country(), "performed_at": Text(PERFORMED_AT), "language": Text(LANGUAGES)}
+_LINES = [name for name in CertificateGiven.__dataclass_fields__ if name not in (*_DAYS, *_OWN, "equipment", "traceability")]
+
+
+class CertificateShape(Keys):
+    """The section's shape, and that its dates are in order."""
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        super().check(value, where)
+        for before, after in _IN_ORDER:
+            if before in value and after in value and value[before] > value[after]:
+                raise Mismatch(f"{where}.{after} is {value[after]}, expected no day before {before}, {value[before]}")
+
+
+SHAPE = CertificateShape(
+    may=dict.fromkeys(_LINES, Line())
+    | dict.fromkeys(_DAYS, Day())
+    | _OWN
+    | {
+        "equipment": ListOf(Keys(must={"name": Line()}, may={"identification": Line(), "certificate": Line(), "due": Day()})),
+        "traceability": Keys(may=dict.fromkeys(TRACED, Line())),
+    }
+)
+
+
+def certificate_of(table: dict[str, Any]) -> CertificateGiven:
+    """Of a section that was compared with its shape."""
+    known = {key: value for key, value in table.items() if key in SHAPE.may}
+    own = Equipment.__dataclass_fields__
+    known["equipment"] = tuple(Equipment(**{k: v for k, v in row.items() if k in own}) for row in table.get("equipment", []))
+    known["traceability"] = {key: value for key, value in table.get("traceability", {}).items() if key in TRACED}
+    return CertificateGiven(**known)

@@ -1,0 +1,270 @@
+"""The certificate: what is on it, what leaves it a draft, and that nothing is on it that the session does not hold."""
+
+import ast
+import json
+import re
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+from certified import FIELDS, with_fields
+
+import tinygc
+from session.io.errors import FormatError
+from session.io.units import DEG
+from tinygc.annexes.certificate import content as content_module
+from tinygc.annexes.certificate.content import NOT_STATED, REQUIRED, content_of
+from tinygc.annexes.certificate.library import certificate_of
+from tinygc.annexes.certificate.page import page
+from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.models.linear import COVERAGE_FACTOR, LinearModel
+from tinygc.reporting.html.paper import browser_path
+
+FOLDER = Path(content_module.__file__).parent
+METHODS = ("raw", "least_squares")
+
+
+@pytest.fixture(scope="module")
+def data(simulated):
+    return tinygc.report(simulated(segments=16), explain=False, methods=METHODS).data
+
+
+@pytest.fixture(scope="module")
+def filled(data):
+    return content_of(with_fields(data))
+
+
+def words_of(html: str) -> str:
+    body = re.sub(r"<style>.*?</style>", " ", html, flags=re.DOTALL)
+    return " ".join(unescape(re.sub(r"<[^>]*>", " ", body)).split())
+
+
+# What is on it
+
+
+def test_every_field_of_the_session_is_on_the_page(filled):
+    words = words_of(page(filled))
+    fields = re.findall(r'^\w+ = (?:"(.*?)"|(\d{4}-\d\d-\d\d))$', FIELDS, flags=re.MULTILINE)
+    never = {"DE", "sensor", "guard band", "customerBranch", "Noteoperator"}  # of the DCC, or replaced by a field of the certificate
+    for value in {a or b for a, b in fields} - never:
+        assert value in words, value
+    assert filled.draft == filled.missing == ()
+    assert "Calibration certificate" in words
+    assert "DRAFT" not in words
+    assert NOT_STATED not in words
+    assert "End of certificate Numberword-7" in words
+
+
+def test_the_number_and_the_page_are_on_every_sheet(filled):
+    html = page(filled)
+    assert 'counter(page) " of " counter(pages)' in html
+    running = re.search(r'@bottom-left\{content:"(.*?)"\}', html)[1]
+    spelled = re.sub(r"\\([0-9a-f]+) ", lambda found: chr(int(found[1], 16)), running)
+    assert spelled == "certificate number Numberword-7"
+
+
+def test_a_validity_is_stated_only_where_it_is_asked_for(data):
+    without = re.sub(r"^(valid_until|next_calibration) = .*\n", "", FIELDS, flags=re.MULTILINE)
+    words = words_of(page(content_of(with_fields(data, without))))
+    assert not re.search(r"[Vv]alid until|Next calibration", words)
+
+
+def test_the_results_are_those_of_the_report_with_their_k(data, filled):
+    quantities = {f"gyroscope {q.word} {q.component}": q for q in data.adopted.quantities}
+    rows = {f"{row.words} {part}": each for row in filled.results for part, each in zip(row.parts, row.values, strict=True)}
+    for name, q in quantities.items():
+        more = 1e3 if q.unit == "dps" else 1.0
+        assert rows[name].value == pytest.approx(q.value * more)
+        assert rows[name].expanded == pytest.approx(q.expanded / COVERAGE_FACTOR * 1.959964 * more)
+    closure, floor = filled.closure[0]
+    assert closure.value == pytest.approx(np.sqrt(np.mean(np.sum(data.adopted.angles[:, :2] ** 2, axis=1))) / DEG)
+    assert floor == pytest.approx(data.adopted.floor_rms / DEG)
+
+
+def test_sources_that_are_told_apart_give_their_own_k(data):
+    covariance = data.adopted.covariance
+    sources = tuple(content_module.Source(name, "A", 4.0, covariance / 2) for name in ("first", "second"))
+    told = replace(data, adopted=replace(data.adopted, sources=sources))
+    found = content_of(told)
+    assert found.results[0].values[0].factor == pytest.approx(2.306004, rel=1e-5)  # Student's t of 8 degrees of freedom
+    assert "Contributions: first (A), second (A)." in " ".join(found.uncertainty)
+
+
+def test_the_bias_at_any_switch_on_has_its_spread(data):
+    spread = BiasRepeatability(np.full(3, 0.1 * DEG), "three sessions")
+    found = content_of(replace(data, fit=replace(data.fit, repeatability=spread)))
+    rows = {row.words: row.values[0] for row in found.results}
+    usual, any_time = rows["gyroscope bias"], rows["gyroscope bias at any switch-on"]
+    assert any_time.value == usual.value
+    # b = -E^-1 B, E near the identity
+    assert any_time.sigma == pytest.approx(np.hypot(usual.sigma, np.sqrt(2) * 100), rel=0.02)
+    assert any("100, 100, 100 mdps (one sigma; three sessions)" in remark for remark in found.remarks)
+
+
+def test_as_found_are_the_errors_that_the_old_calibration_leaves(data):
+    new = LinearModel.from_vector(data.adopted.vector)
+    gain, zero = np.diag([1.001, 1.0, 1.0]), np.array([0.0, 0.002, 0.0])
+    # the old one makes of each rate w: gain w + zero
+    old = LinearModel(gain @ new.E, gain @ new.B + zero)
+    found = content_of(data, ("old.json", old)).as_found
+    rows = {f"{row.words} {part}": each for row in found for part, each in zip(row.parts, row.values, strict=True)}
+    assert rows["gyroscope scale factor error x"].value == pytest.approx(1000, abs=1e-6)
+    assert rows["gyroscope scale factor error y"].value == pytest.approx(0, abs=1e-6)
+    assert rows["gyroscope bias y"].value == pytest.approx(2 / DEG, rel=1e-9)
+    same = content_of(data, ("same.json", new)).as_found
+    assert max(abs(each.value) for row in same for each in row.values) < 1e-6
+    usual = content_of(data).results
+    for row, other in zip(same[:1], usual[:1], strict=True):
+        for each, before in zip(row.values, other.values, strict=True):
+            assert each.sigma == pytest.approx(before.sigma, rel=0.03)
+
+
+def test_the_statement_of_conformity_says_rule_limits_answer_and_risk(filled):
+    words = words_of(page(filled))
+    assert "Statement of conformity: Specificationword" in words
+    assert "Guard bands of w = 1 U at each limit" in words
+    answers = {each.measured.key: each.answer for each in filled.conformity}
+    assert set(answers.values()) == {"pass"}
+    assert len(answers) == 7
+
+
+def test_an_accelerometer_that_was_taken_as_given_is_no_result(data):
+    given = tinygc.fit(data.fit.session.folder, methods=("least_squares",), accelerometer="given").result
+    rows = [row.words for row in content_of(replace(data, fit=given)).results]
+    assert not any("accelerometer" in words for words in rows)
+    assert any("accelerometer bias" in row.words for row in content_of(data).results)
+
+
+# A draft
+
+
+@pytest.mark.parametrize("key", sorted(REQUIRED))
+def test_each_required_field_that_is_missing_leaves_a_draft_and_is_named(data, key):
+    text = re.sub(rf"^{key} = .*\n", "", FIELDS, count=2 if key == "number" else 0, flags=re.MULTILINE)
+    found = content_of(with_fields(data, text))
+    assert f"certificate.{key}" in found.missing
+    words = words_of(page(found))
+    assert "DRAFT: this is no calibration certificate" in words
+    assert f"certificate.{key}" in words
+    assert "End of the draft" in words
+
+
+def test_a_bare_session_is_a_draft_that_says_all_that_is_missing(data):
+    found = certificate_of(data)
+    keys = {f"certificate.{key}" for key in REQUIRED} | {f"certificate.traceability.{key}" for key in ("gravity", "clock", "angle")}
+    assert keys <= set(found.missing)
+    assert "certificate.calibrated" in found.missing  # the log's file alone tells the day
+    assert found.line.startswith("certificate: a draft; not stated: certificate.laboratory")
+    assert found.to_json() == {"number": None, "draft": list(found.draft), "missing": list(found.missing)}
+
+
+def test_a_unit_without_a_serial_number_is_no_identified_item(data):
+    assert content_of(with_fields(data, serial="")).missing == ("sensor.serial",)
+
+
+def test_what_is_unsound_or_has_no_sensor_is_a_draft_whatever_is_filled_in(data):
+    standin = FIELDS.replace('source = "sensor"', 'source = "stand-in"')
+    assert "no sensor" in content_of(with_fields(data, standin)).draft[0]
+    unsound = replace(data.decision, unsound=["closure of the fitted segments: p = 0.001, more than noise allows"])
+    failed = content_of(replace(with_fields(data), decision=unsound))
+    assert failed.draft == (
+        "the calibration does not pass its own check: closure of the fitted segments: p = 0.001, more than noise allows",
+    )
+
+
+def test_an_item_that_does_not_conform_gets_its_certificate(data):
+    """That it fails is a result; the uncertainties hold all the same."""
+    found = content_of(with_fields(data, FIELDS.replace("upper = 5\n", "upper = 0.0001\n")))
+    assert found.draft == ()
+    assert found.conformity[0].answer == "fail"
+    assert " FAIL " in words_of(page(found))
+
+
+def test_uncertainties_that_are_widened_say_by_how_much(data):
+    found = content_of(replace(data, fit=replace(data.fit, widened=2.25)))
+    assert "standard uncertainties are multiplied by 1.50" in " ".join(found.uncertainty)
+
+
+def test_a_day_of_the_recording_that_differs_from_the_stated_one_is_said(data):
+    found = content_of(with_fields(data, FIELDS.replace("date = 2026-11-20", "date = 2026-11-19")))
+    assert next(field.text for field in found.dates if field.label == "Calibrated") == "2026-11-20 (recorded 2026-11-19)"
+
+
+# Nothing else
+
+
+def literals(path: Path) -> str:
+    """Texts of a module's code: its strings, docstrings and comments left out."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    said = {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, documented) and isinstance(node.body[0], ast.Expr)}
+    texts = [
+        node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said
+    ]
+    return " ".join(texts)
+
+
+def test_no_word_of_the_page_is_from_nowhere(data):
+    """Each word stands in session.toml, in a text of this annex or of a module whose words it takes over, or is a doubt of the verdict."""
+    made = with_fields(data)
+    words = words_of(page(content_of(made)))
+    session = (data.fit.session.folder / "session.toml").read_text(encoding="utf-8") + FIELDS + " Serialword "
+    root = Path(tinygc.__file__).parent
+    modules = [FOLDER / "content.py", FOLDER / "page.py", root / "models/linear.py", root / "reporting/html/evidence.py"]
+    modules += [root / "estimation/requirements.py", root / "estimation/accelerometer.py"]
+    texts = " ".join([*map(literals, modules), (FOLDER / "templates/certificate.html").read_text(encoding="utf-8")])
+    texts += " ".join([*made.decision.doubts, *(run.file for run in made.fit.runs), "xy xz yz zx"])
+    known = set(re.findall(r"[^\W\d_]{2,}", (session + texts).lower()))
+    assert set(re.findall(r"[^\W\d_]{2,}", words.lower())) - known == set()
+
+
+def test_numbers_of_the_page_are_computed_or_given(data):
+    """Two sessions with other fields differ in nothing but those."""
+    first, second = (words_of(page(content_of(with_fields(data, fields)))) for fields in (FIELDS, FIELDS.replace("word", "other")))
+    assert first.replace("word", "other").lower() == second.replace("word", "other").lower()
+
+
+# Files and commands
+
+
+@pytest.mark.broad
+def test_the_command_writes_report_and_certificate(simulated, tmp_path, run):
+    folder = simulated(segments=16)
+    form, table = tmp_path / "c.html", tmp_path / "r.json"
+    words = ("--methods", "raw,least_squares", "--no-explain", "--out", tmp_path / "r.html", "--certificate", form, "--json", table)
+    code, out, err = run("report", folder, *words)
+    assert code == 0
+    assert str(form) in out
+    assert "certificate: a draft; not stated: certificate.laboratory" in err
+    assert "DRAFT" in form.read_text(encoding="utf-8")
+    assert json.loads(table.read_text())["certificate"]["number"] is None
+    assert "certificate" in (tmp_path / "r.html").read_text(encoding="utf-8")  # the report says that it is none
+
+
+def test_what_the_options_cannot_do_is_one_line(simulated, tmp_path, run):
+    folder = simulated(segments=16)
+    for words, says in (
+        (("--as-found", folder / "session.toml"), "--as-found is stated on a certificate: add --certificate"),
+        ((folder, "--certificate", tmp_path / "c.html"), "of several folders each gets its certificate.html"),
+        ((folder, "--dcc", tmp_path / "c.xml"), "--dcc names one file"),
+    ):
+        code, _, err = run("report", folder, *words, "--no-explain", "--methods", "raw,least_squares", "--out", tmp_path / "r.html")
+        assert code == 2
+        assert says in err
+
+
+def test_another_kind_of_model_is_not_stated_as_found(data, tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text("{}")
+    with pytest.raises(FormatError):
+        certificate_of(data, path)
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(browser_path() is None, reason="needs Chromium")
+def test_it_prints_on_two_sheets(data, tmp_path):
+    made = certificate_of(with_fields(data))
+    _, pdf = made.save(tmp_path / "certificate.html", pdf=True)
+    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf.read_bytes())) == 2

@@ -1,0 +1,194 @@
+"""The Digital Calibration Certificate: valid by PTB's schema, read back to the same numbers, and what is no certificate refused."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from certified import FIELDS, with_fields
+
+import tinygc
+from session.io.errors import CalibrationError, FormatError
+from session.io.units import DEG, MG
+from tinygc.annexes.certificate.content import content_of
+from tinygc.annexes.certificate.dcc import MOST_ELEMENTS, parse, read
+from tinygc.annexes.certificate.dcc_file import dcc_text
+from tinygc.annexes.certificate.library import certificate_of
+from tinygc.models.linear import LinearModel
+
+METHODS = ("raw", "least_squares")
+
+
+@pytest.fixture(scope="module")
+def data(simulated):
+    return with_fields(tinygc.report(simulated(segments=16), explain=False, methods=METHODS).data)
+
+
+@pytest.fixture(scope="module")
+def written(data):
+    new = LinearModel.from_vector(data.adopted.vector)
+    return content_of(data, ("old.json", LinearModel(1.001 * new.E, new.B)))
+
+
+@pytest.fixture(scope="module")
+def schema(shared):
+    etree = pytest.importorskip("lxml.etree", reason="lxml validates the certificate against PTB's schema")
+    return etree.XMLSchema(etree.parse(str(shared / "wild" / "dcc" / "v3.3.0" / "dcc.xsd"), etree.XMLParser(no_network=True)))
+
+
+def faults(schema, text: str) -> list[str]:
+    from lxml import etree
+
+    schema.validate(etree.fromstring(text.encode("utf-8")))
+    return [f"{error.line}: {error.message}" for error in schema.error_log]
+
+
+def test_it_is_valid_by_the_schema(schema, written):
+    assert faults(schema, dcc_text(written)) == []
+
+
+def test_the_schema_tells_what_is_not_valid(schema, written):
+    assert faults(schema, dcc_text(written).replace("3.3.0", "3.2.0"))
+    assert faults(schema, re.sub(r"<si:value>.*?</si:value>", "<si:value>much</si:value>", dcc_text(written), count=1))
+
+
+@pytest.mark.parametrize("name", ["receipt", "amends", "equipment", "requirements", "operator", "most"])
+def test_it_is_valid_whatever_is_left_out(schema, data, name):
+    cut = {
+        "receipt": r"^received = .*\n",
+        "amends": r"^(amends|valid_until|next_calibration|manufacturer|role) = .*\n",
+        "equipment": r"\[\[certificate.equipment\]\]\n(\w+ = .*\n)+",
+        "requirements": r"\[requirements\](.|\n)*",
+        "operator": r"^operator = .*\n",
+        "most": r"^(registers|firmware|conditions|deviations|external|remarks|condition|item|identification) = .*\n",
+    }[name]
+    fields = re.sub(cut, "", FIELDS, flags=re.MULTILINE)
+    assert fields != FIELDS
+    text = dcc_text(content_of(with_fields(data, fields)))
+    assert faults(schema, text) == []
+
+
+def test_it_is_read_back_to_the_same_numbers(written, data, tmp_path):
+    path = certificate_of(data).save_dcc(tmp_path / "dcc.xml")
+    found = read(path)
+    assert (found.version, found.number) == ("3.3.0", "Numberword-7")
+    assert (found.laboratory, found.customer) == ("Laboratoryword", "Customerword")
+    assert (found.model, found.identifications) == (data.fit.session.config.sensor.model, ("Serialword",))
+    assert (found.begin, found.end) == ("2026-11-20", "2026-11-20")
+    size = {"ppm": 1e-6, "mrad": 1e-3, "mdps": 1e-3 * DEG, "mg": MG, "°": DEG}
+    checked = 0
+    for row in written.results:
+        for part, each in zip(row.parts, row.values, strict=True):
+            if each.unit not in size:
+                continue
+            q = found.quantity("_".join(re.findall(r"\w+", f"{row.words} {part}".replace("-", " "))))
+            assert q.values == pytest.approx([each.value * size[each.unit]], rel=1e-12)
+            assert q.expanded == pytest.approx([each.expanded * size[each.unit]], rel=1e-12)
+            assert q.factor == pytest.approx([each.factor], abs=1e-6)
+            assert q.probability == pytest.approx([0.95])
+            checked += 1
+    assert checked > 25
+    model = found.quantity("calibration")
+    assert model.values == pytest.approx(data.adopted.vector[:12], rel=1e-15)
+    assert model.covariance == pytest.approx(data.adopted.covariance[:12, :12], rel=1e-15)
+    assert np.isnan(model.expanded).all()
+    closure, _ = written.closure[0]
+    assert found.quantity("closure").values == pytest.approx([closure.value * DEG], rel=1e-12)
+
+
+def test_conformity_and_as_found_are_in_it(written):
+    found = parse(dcc_text(written), "dcc.xml")
+    assert found.quantity("closure").conformity == ("pass",)
+    assert found.quantity("gyroscope_bias_x").conformity == ("pass",)
+    assert found.quantity("gyroscope_misalignment_x_to_y").conformity == ()
+    assert found.quantity("found_gyroscope_scale_factor_error_y").values == pytest.approx([1e-3], rel=1e-6)
+
+
+def test_a_value_in_a_guard_band_is_a_conditional_answer(data):
+    value = next(each.measured for each in content_of(data).conformity if each.measured.key == "closure_deg")
+    for limit, answer in ((value.value + value.expanded / 2, "conditionalPass"), (value.value - value.expanded / 2, "conditionalFail")):
+        content = content_of(with_fields(data, FIELDS.replace("upper = 5\n", f"upper = {limit}\n")))
+        assert content.draft == ()
+        assert parse(dcc_text(content), "dcc.xml").quantity("closure").conformity == (answer,)
+
+
+def test_what_people_wrote_stays_text(data, schema):
+    fields = FIELDS.replace("Customerword", "A & B <b>]]> ü &lt;")
+    text = dcc_text(content_of(with_fields(data, fields, serial="S\x07\x1b[31m<x/>")))
+    assert faults(schema, text) == []
+    found = parse(text, "dcc.xml")
+    assert found.identifications == ("S\\x07\\x1b[31m<x/>",)
+
+
+def test_a_draft_and_what_the_schema_requires_are_asked_for(data):
+    with pytest.raises(CalibrationError, match=r"a draft has no Digital Calibration Certificate; not stated: certificate\.number"):
+        dcc_text(content_of(with_fields(data, FIELDS.replace('number = "Numberword-7"\n', ""))))
+    with pytest.raises(CalibrationError, match=r"lacks certificate\.country \(two letters\), certificate\.performed_at"):
+        dcc_text(content_of(with_fields(data, FIELDS.replace('country = "DE"\n', "").replace('performed_at = "customerBranch"\n', ""))))
+
+
+# Certificates of others
+
+
+@pytest.mark.parametrize("name", ["extensive", "simplified", "typical"])
+def test_the_examples_of_the_good_practice_are_read(shared, name):
+    found = read(shared / "wild" / "dcc" / "examples" / f"dcc_gp_temperature_{name}_v12.xml")
+    assert found.laboratory == "Kalibrierfirma GmbH"
+    assert found.begin == "1957-08-13"
+    assert found.conformity == ("pass",)
+    error = next(each for each in found.quantities if "basic_measurementError" in each.ref_type)
+    assert error.name == "Measurement error"
+    assert error.values == pytest.approx([0.072, 0.089, 0.107, -0.009, -0.084])
+    assert error.units == (r"\kelvin",) * 5
+    assert error.expanded == pytest.approx([0.061] * 5)
+    assert error.factor == pytest.approx([2.0] * 5)
+
+
+HEAD = '<digitalCalibrationCertificate schemaVersion="3.3.0"><administrativeData><coreData><uniqueIdentifier>7</uniqueIdentifier>'
+HEAD += "</coreData></administrativeData><measurementResults><measurementResult><results><result><data><quantity><real>"
+TAIL = "</real></quantity></data></result></results></measurementResult></measurementResults></digitalCalibrationCertificate>"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "broken XML"),
+        ("\x00", "broken XML"),
+        ("<a>&b;</a>", "undefined entity"),
+        ("<a/>", "no Digital Calibration Certificate, its first element is a"),
+        ("<digitalCalibrationCertificate/>", "uniqueIdentifier is missing"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares a document type"),
+        ("<a>" * 300 + "</a>" * 300, "elements more than 100 deep"),
+        ("<a>" + "<b/>" * MOST_ELEMENTS + "</a>", f"more than {MOST_ELEMENTS} elements"),
+        (HEAD + "<value>much</value><unit>\\one</unit>" + TAIL, "could not convert string to float"),
+        (HEAD + "<value>1 2 3</value><unit>\\one \\one</unit>" + TAIL, "2 entries beside 3 values"),
+        (HEAD + "<value>1 2</value><covarianceXMLList><valueXMLList>1</valueXMLList></covarianceXMLList>" + TAIL, "not 2 x 2"),
+    ],
+)
+def test_what_is_no_certificate_is_refused_in_one_line(text, says):
+    with pytest.raises(FormatError) as caught:
+        parse(text, "dcc.xml")
+    assert says in str(caught.value)
+    assert str(caught.value).startswith("dcc.xml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_certificate_without_results_or_names_is_read_as_far_as_it_goes():
+    found = parse(HEAD + "<value>1e-3</value><unit>\\metre</unit>" + TAIL, "dcc.xml")
+    assert (found.number, found.laboratory, found.model) == ("7", "", "")
+    (q,) = found.quantities
+    assert (q.values.tolist(), q.units) == ([1e-3], (r"\metre",))
+
+
+@pytest.mark.broad
+def test_the_command_writes_it(simulated, tmp_path, run):
+    folder, out = tmp_path / "session", tmp_path / "dcc.xml"
+    shutil.copytree(simulated(segments=16), folder)
+    toml = folder / "session.toml"
+    toml.write_text(toml.read_text(encoding="utf-8") + FIELDS, encoding="utf-8")
+    code, said, _ = run("report", folder, "--methods", "raw,least_squares", "--no-explain", "--certificate", "--dcc", out)
+    assert code == 0
+    assert str(out) in said
+    assert (folder / "certificate.html").exists()
+    assert read(Path(out)).number == "Numberword-7"

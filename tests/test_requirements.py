@@ -1,0 +1,455 @@
+"""Decision rules: probability of conformity, guard bands and risks by hand and by another program; limits as they are read."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy import stats
+
+from session.io.errors import FormatError
+from session.io.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
+from tinygc.estimation.choice import AgainstRaw
+from tinygc.estimation.requirements import (
+    SHARED,
+    Conformity,
+    Measured,
+    accelerometer_measured,
+    altogether,
+    attitude_measured,
+    closure_measured,
+    conforms_probability,
+    field_measured,
+    known_sources,
+    quantile,
+    rule_words,
+    run_measured,
+    share_words,
+    simply_accepted,
+)
+from tinygc.estimation.sources import Source
+from tinygc.estimation.verdict import JudgedFit, decide
+from tinygc.models.linear import MATRIX, field_jacobian, field_quantities, field_vector
+from tinygc.reporting.fit_screen import verdict_text
+
+INF = float("inf")
+BETWEEN = (-2.0, 3.0)
+
+
+# Probability and answers
+
+
+@pytest.mark.parametrize("freedom", [INF, 4.0, 1.5])
+@pytest.mark.parametrize("limits", [BETWEEN, (-INF, 3.0), (-2.0, INF)])
+def test_probability_of_conformity_is_that_of_scipy(limits, freedom):
+    law = stats.norm(0.7, 1.3) if freedom == INF else stats.t(freedom, 0.7, 1.3)
+    assert conforms_probability(0.7, 1.3, limits, freedom) == pytest.approx(law.cdf(limits[1]) - law.cdf(limits[0]))
+
+
+def test_without_an_uncertainty_the_value_itself_decides():
+    assert conforms_probability(3.0, 0.0, BETWEEN) == 1
+    assert conforms_probability(3.1, 0.0, BETWEEN) == 0
+    assert not simply_accepted(float("nan"), BETWEEN)
+
+
+def conformity(value, rule, limits=BETWEEN, sigma=0.1, freedom=INF, observed=True):
+    return Conformity(Measured("gyro_bias_x_mdps", "bias x", "mdps", value, sigma, freedom, observed), limits, rule)
+
+
+TINY = 1e-9
+GUARD = 1.959964 * 0.1
+
+
+@pytest.mark.parametrize(
+    ("value", "answer"),
+    [
+        (3 - GUARD - 1e-6, "pass"),
+        (3 - GUARD + 1e-6, "not decided"),
+        (3 + GUARD - 1e-6, "not decided"),
+        (3 + GUARD + 1e-6, "fail"),
+        (-2 + GUARD + 1e-6, "pass"),
+        (-2 + GUARD - 1e-6, "not decided"),
+        (-2 - GUARD + 1e-6, "not decided"),
+        (-2 - GUARD - 1e-6, "fail"),
+        (float("nan"), "not decided"),
+    ],
+)
+def test_a_guard_band_is_u_wide_on_both_sides_of_each_limit(value, answer):
+    assert conformity(value, Rule(GUARDED)).answer == answer
+
+
+def test_the_guard_band_scales_with_r_and_with_students_k():
+    assert conformity(0, Rule(GUARDED, guard=0.5)).band == pytest.approx(GUARD / 2, rel=1e-6)
+    assert conformity(0, Rule(GUARDED), freedom=4).band == pytest.approx(0.1 * stats.t(4).ppf(0.975))
+    assert conformity(0, Rule()).band == 0
+
+
+@pytest.mark.parametrize("freedom", [INF, 3.0])
+def test_a_largest_risk_is_kept_on_both_sides(freedom):
+    law = stats.norm() if freedom == INF else stats.t(freedom)
+    away = 0.1 * law.ppf(0.95)
+
+    def at(value):
+        return conformity(value, Rule(GUARDED, risk=0.05), (-INF, 3.0), freedom=freedom)
+
+    inside, outside = at(3 - away - TINY), at(3 + away + TINY)
+    assert (inside.answer, outside.answer) == ("pass", "fail")
+    assert inside.risk == pytest.approx(0.05, abs=1e-6)
+    assert outside.risk == pytest.approx(0.05, abs=1e-6)
+    assert at(3 - away + 1e-6).answer == at(3 + away - 1e-6).answer == "not decided"
+    assert inside.band == pytest.approx(away) == pytest.approx(0.1 * quantile(0.95, freedom))
+
+
+def test_a_tolerance_as_wide_as_the_uncertainty_passes_nothing_by_risk():
+    """Each limit alone would allow it; both together are exceeded too often."""
+    found = conformity(0.0, Rule(GUARDED, risk=0.05), limits=(-0.17, 0.17))
+    assert 0.1 * quantile(0.95) < 0.17
+    assert found.answer == "not decided"
+    assert 1 - found.probability == pytest.approx(2 * stats.norm.cdf(-1.7))
+
+
+def test_simple_acceptance_passes_up_to_the_limit_and_says_the_risk():
+    at = conformity(3.0, Rule())
+    assert (at.answer, at.risk) == ("pass", pytest.approx(0.5))
+    above = conformity(3.1, Rule())
+    assert (above.answer, above.risk) == ("fail", pytest.approx(stats.norm.cdf(-1)))
+    assert "risk that this FAIL is wrong: 16 %" in above.words
+
+
+def test_a_least_ratio_leaves_a_poor_measurement_undecided():
+    ratio = 5 / (2 * GUARD)
+    assert conformity(0, Rule()).ratio == pytest.approx(ratio, rel=1e-6)
+    assert conformity(0, Rule(least_ratio=ratio * 0.999)).answer == "pass"
+    assert conformity(0, Rule(least_ratio=ratio * 1.001)).answer == "not decided"
+    assert conformity(0, Rule(), limits=(-INF, 3)).ratio is None
+
+
+def test_what_is_not_observed_or_has_no_uncertainty_is_not_decided_by_a_guard_band():
+    for each in (conformity(0.0, Rule(GUARDED), observed=False), conformity(0.0, Rule(GUARDED), sigma=float("nan"))):
+        assert (each.answer, each.risk) == ("not decided", None)
+        assert each.to_json()["risk"] is each.to_json()["conformity_probability"] is None
+
+
+def test_one_failure_fails_and_one_open_answer_leaves_all_open():
+    passed, open_, failed = (conformity(value, Rule(GUARDED)) for value in (0, 3, 9))
+    assert altogether([passed, open_, failed]) == "fail"
+    assert altogether([passed, open_]) == "not decided"
+    assert altogether([passed]) == altogether([]) == "pass"
+
+
+def test_items_at_their_limit_pass_as_often_as_the_guard_band_says():
+    """20000 readings of an item whose true value is at the limit: 2.5 % pass, and 2.5 % fail."""
+    readings = np.random.default_rng(1).normal(3.0, 0.1, 20000)
+    answers = [conformity(value, Rule(GUARDED)).answer for value in readings]
+    for answer in ("pass", "fail"):
+        assert answers.count(answer) / 20000 == pytest.approx(0.025, abs=3 * np.sqrt(0.025 / 20000))
+
+
+def test_a_value_at_either_limit_is_within():
+    assert simply_accepted(-2.0, BETWEEN)
+    assert simply_accepted(3.0, BETWEEN)
+    assert conformity(0, Rule(), sigma=0.0).ratio is None
+
+
+def test_a_lower_limit_of_nothing_bounds_no_size():
+    m = Measured("closure_deg", "closure", "°", 2.0, 0.2, relative=True)
+    for lower in (0.0, -1.0):
+        assert Conformity(m, (lower, 2.5), Rule(GUARDED)).acceptance[0] == 0
+    assert Conformity(m, (0.5, 2.5), Rule(GUARDED)).acceptance[0] > 0.5
+
+
+def test_the_words_of_a_value_of_its_risk_and_of_the_rule():
+    found = conformity(2.9, Rule(GUARDED))
+    assert found.value_words == "2.90 mdps ± 0.20 mdps (k = 1.96)"
+    assert found.limit_words == "−2.00 to 3.00 mdps"
+    assert found.risk_words == "a PASS would be wrong with p = 0.16, a FAIL with p = 0.84"
+    assert conformity(2.9, Rule()).risk_words == "risk that this PASS is wrong: 16 %"
+    assert conformity(0.0, Rule()).risk_words == "risk that this PASS is wrong: below 0.01 %"
+    assert share_words(1e-4) == "0.010 %"
+    assert conformity(20000.0, Rule(), sigma=11.0).value_words == "20000 mdps ± 22 mdps (k = 1.96)"
+    assert conformity(1.0, Rule(), sigma=0.0).value_words == "1.00 mdps"
+    assert conformity(1.0, Rule(), observed=False).value_words == "not observed"
+    assert conformity(1.0, Rule(), limits=(-INF, 3.0)).limit_words == "at most 3.00 mdps"
+    assert conformity(1.0, Rule(), limits=(-2.0, INF)).limit_words == "at least −2.00 mdps"
+    assert rule_words(Rule()).startswith("Simple acceptance: ")
+    assert "ratio of at least 4" in rule_words(Rule(least_ratio=4))
+    assert "w = 0.5 U" in rule_words(Rule(GUARDED, guard=0.5))
+    assert "at most 5.0 %" in rule_words(Rule(GUARDED, risk=0.05))
+
+
+def test_the_json_of_a_conformity():
+    found = conformity(2.9, Rule(GUARDED), freedom=9.0)
+    k = stats.t(9).ppf(0.975)
+    numbers = {"value": 2.9, "standard_uncertainty": 0.1, "degrees_of_freedom": 9, "coverage_factor": k, "expanded_uncertainty": 0.1 * k}
+    numbers |= {"lower": -2.0, "upper": 3.0, "guard_band": 0.1 * k, "test_uncertainty_ratio": 5 / (0.2 * k)}
+    numbers |= {"conformity_probability": stats.t(9).cdf(1.0)}
+    written = found.to_json()
+    assert {key: written.pop(key) for key in numbers} == pytest.approx(numbers)
+    words = {"quantity": "gyro_bias_x_mdps", "name": "bias x", "unit": "mdps", "rule": "guard band", "answer": "not decided"}
+    assert written == words | {"risk": None}
+    assert conformity(2.9, Rule(), limits=(-INF, 3.0)).to_json()["lower"] is None
+
+
+# Measured values
+
+
+def test_the_uncertainty_of_a_closure_by_hand():
+    tilts = np.array([30.0, 1.0, 2.0, 40.0]) * 1e-3
+    angles = np.stack([0.6 * tilts, 0.8 * tilts[::-1], np.full(4, 9.0)], axis=1)
+    squares = 0.36 * tilts**2 + 0.64 * tilts[::-1] ** 2
+    c = squares - squares.mean()
+    alone, shared = np.sum(c**2), c[0] * c[1] + c[1] * c[2] + c[2] * c[3]
+    assert shared < 0  # neighbours that differ do not make the mean better known
+    assert alone / 12 < 1.5 / 4 * squares.mean() ** 2
+    found = closure_measured(angles, [0, 1, 2, 3])
+    rms = np.sqrt(squares.mean())
+    assert found.value == pytest.approx(rms / DEG)
+    assert found.sigma == pytest.approx(np.sqrt(max(alone / 12, 1.5 / 4 * rms**4)) / (2 * rms) / DEG)
+    assert (found.freedom, found.relative) == (3, True)
+
+
+def test_a_closure_of_one_segment_or_of_nothing_has_no_uncertainty():
+    assert np.isnan(closure_measured(np.array([[3e-3, 4e-3]]), [0]).sigma)
+    none = closure_measured(np.zeros((9, 2)), range(9))
+    assert (none.value, none.relative) == (0, False)
+    assert np.isnan(none.sigma)
+
+
+def test_neighbours_that_are_alike_make_a_closure_less_well_known():
+    tilts = np.repeat([1e-3, 2e-3, 9e-3, 1e-3], 5)
+    angles = np.stack([tilts, np.zeros(20)], axis=1)
+    c = tilts**2 - np.mean(tilts**2)
+    rms = np.sqrt(np.mean(tilts**2))
+    together, apart = (closure_measured(angles, np.arange(20) * step) for step in (1, 2))
+    assert together.sigma == pytest.approx(np.sqrt((c @ c + 2 * c[1:] @ c[:-1]) / 380) / (2 * rms) / DEG)
+    assert apart.sigma == pytest.approx(np.sqrt(c @ c / 380) / (2 * rms) / DEG)
+
+
+def test_squares_that_happen_to_be_alike_leave_the_scatter_of_normal_angles():
+    """A closure of S segments is known to sqrt(1.5 / S) / 2 of itself at best: neighbours share a still, whose error has two signs."""
+    alike = closure_measured(np.full((24, 2), 1e-3), np.arange(24))
+    assert alike.sigma == pytest.approx(np.sqrt(1.5 / 24) / 2 * alike.value)
+    ends = np.random.default_rng(5).normal(size=(20001, 2))
+    squares = np.sum(np.diff(ends, axis=0) ** 2, axis=1)
+    means = squares[:20000].reshape(-1, 100).mean(axis=1)
+    assert np.var(means) / np.mean(means) ** 2 * 100 == pytest.approx(SHARED, rel=0.25)
+
+
+def test_a_closure_is_decided_by_its_logarithm():
+    m = Measured("closure_deg", "closure", "°", 2.0, 0.2, 9.0, relative=True)
+    found, law = Conformity(m, (-INF, 2.5), Rule(GUARDED)), stats.t(9)
+    assert found.probability == pytest.approx(law.cdf(np.log(2.5 / 2) / 0.1))
+    most = 2.5 * np.exp(-0.1 * law.ppf(0.975))
+    assert found.acceptance == pytest.approx((0.0, most))
+    assert found.band == pytest.approx(2.5 - most)
+    least = 2.5**2 / most
+    for value, answer in ((most - TINY, "pass"), (most + TINY, "not decided"), (least - TINY, "not decided"), (least + TINY, "fail")):
+        at = Measured("closure_deg", "closure", "°", value, 0.1 * value, 9.0, relative=True)
+        assert Conformity(at, (-INF, 2.5), Rule(GUARDED)).answer == answer
+    two = Conformity(m, (1.5, 2.5), Rule(GUARDED, risk=0.05))
+    assert two.probability == pytest.approx(law.cdf(np.log(2.5 / 2) / 0.1) - law.cdf(np.log(1.5 / 2) / 0.1))
+    assert Conformity(m, (1.5, INF), Rule(GUARDED)).band == pytest.approx(1.5 * (np.exp(0.1 * law.ppf(0.975)) - 1))
+
+
+def test_the_uncertainty_of_a_closure_run_is_that_of_its_floor():
+    error, floor = np.array([3.0, -2.0, 6.0]) * DEG, np.array([0.1, 0.2, 0.3]) * DEG
+    found = run_measured("closure0001.csv", error, floor)
+    assert found.value == pytest.approx(7 / np.sqrt(3))
+    assert found.sigma == pytest.approx(np.sqrt(0.3**2 + 0.4**2 + 1.8**2) / (3 * 7 / np.sqrt(3)))
+    many = error + floor * np.random.default_rng(3).normal(size=(20000, 3))
+    assert np.std(np.sqrt(np.mean(many**2, axis=1))) / DEG == pytest.approx(found.sigma, rel=0.03)
+    assert run_measured("a", np.zeros(3), floor).sigma == pytest.approx(np.sqrt(0.14 / 3))
+    assert np.isnan(run_measured("a", error, None).sigma)
+
+
+def vector_and_sources():
+    rng = np.random.default_rng(4)
+    vector = np.concatenate([np.eye(3).ravel() + 0.01 * rng.normal(size=9), 0.01 * rng.normal(size=3)])
+    roots = rng.normal(size=(2, 12, 12)) * 1e-5
+    return vector, [Source("one", "A", 5.0, roots[0] @ roots[0].T), Source("two", "B", INF, roots[1] @ roots[1].T)]
+
+
+def test_sensor_errors_have_the_sigma_of_the_sum_and_welch_satterthwaites_freedom():
+    vector, sources = vector_and_sources()
+    covariance = sources[0].covariance + sources[1].covariance
+    found, slope = field_measured(vector, sources), field_jacobian(vector)
+    listed = field_quantities(vector, covariance)
+    for at, (each, q) in enumerate(zip(found, listed, strict=True)):
+        more = 1e3 if q.unit == "dps" else 1.0
+        assert each.value == pytest.approx(q.value * more)
+        assert each.sigma == pytest.approx(q.expanded / 2 * more)
+        one, two = (slope[at] @ source.covariance @ slope[at] for source in sources)
+        assert each.freedom == pytest.approx((one + two) ** 2 / (one**2 / 5))
+        assert each.factor == pytest.approx(stats.t(np.floor(each.freedom)).ppf(0.975))
+    assert [each.key for each in found] == [key for key in QUANTITIES if key.startswith("gyro_")]
+    assert found[0].value == pytest.approx(field_vector(vector)[0] / 1e-6)
+
+
+def test_an_error_of_zero_keeps_its_unit():
+    vector = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
+    sigma = np.concatenate([np.full(9, 1e-5), np.full(3, 1e-4)])
+    found = {each.key: each for each in field_measured(vector, [Source("all", "A", INF, np.diag(sigma**2))])}
+    assert found["gyro_scale_factor_error_x_ppm"].sigma == pytest.approx(10)
+    assert found["gyro_bias_x_mdps"].sigma == pytest.approx(1e-4 / DEG * 1e3)
+
+
+def test_sources_count_only_where_they_are_those_of_this_covariance():
+    _, sources = vector_and_sources()
+    covariance = sources[0].covariance + sources[1].covariance
+    assert known_sources(sources, covariance) == tuple(sources)
+    for others, of in (((), covariance), (sources, 2 * covariance), (sources, covariance[:9, :9])):
+        (one,) = known_sources(others, of)
+        assert one.freedom == INF
+        assert one.covariance is of
+
+
+def test_the_attitude_after_a_minute_at_rest_is_the_bias_integrated():
+    covariance = np.zeros((12, 12))
+    covariance[9:, 9:] = np.diag([1.0, 4.0, 1.0]) * 1e-10
+    vector = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
+    found = attitude_measured(vector, covariance)
+    assert found.value == pytest.approx(1.959964 * 2e-5 * 60 / DEG, rel=1e-4)
+    assert found.sigma == 0
+
+
+def test_an_accelerometer_that_was_given_has_no_uncertainty_and_what_is_not_observed_says_so():
+    rows = [("bias", "mg", np.array([1.0, 2.0, 3.0]), None, ["bias x", "bias y", "bias z"])]
+    found = accelerometer_measured(SimpleNamespace(errors=lambda: rows, unobserved=("bias y",)))
+    assert [(each.key, each.value, each.observed) for each in found] == [
+        ("accel_bias_x_mg", 1.0, True),
+        ("accel_bias_y_mg", 2.0, False),
+        ("accel_bias_z_mg", 3.0, True),
+    ]
+    assert np.isnan(found[0].sigma)
+
+
+# The verdict
+
+
+def judged(**known):
+    angles = np.full((40, 2), 1e-3 / np.sqrt(2)) * (1 + 0.2 * (-1) ** np.arange(40))[:, None]
+    vector = np.concatenate([np.eye(3).ravel() * 1.001, np.zeros(3)])
+    figures = {"angles": angles, "numbers": list(range(40)), "vector": vector, "floor_rms": 1e-3, "closure_p": 0.5}
+    figures |= {"closure_freedom": 68, "run_errors": [], "run_p": [], "run_losses": [], "covariance": np.diag(np.full(12, 1e-8))}
+    return JudgedFit(**figures | known)
+
+
+def required(rule=SIMPLE, **limits):
+    return Requirements(limits, Rule(rule), "a data sheet", "session.toml")
+
+
+def test_a_requirement_of_the_closure_is_decided_by_its_rule_and_a_limit_takes_its_place():
+    size = closure_measured(judged().angles, range(40))
+    near = size.value + 0.5 * size.expanded
+    found = decide(judged(), [], None, requirements=required(GUARDED, closure_deg=(-INF, near)))
+    assert (found.answer, found.by_limit) == ("not decided", True)
+    assert "not decided within" in found.headline
+    assert found.to_json()["conformity"][0]["answer"] == "not decided"
+    assert decide(judged(), [], None, requirements=required(closure_deg=(-INF, near))).answer == "pass"
+    assert "Requirements of session.toml. Guard bands" in found.rule
+    limited = decide(judged(), [], near, requirements=required(GUARDED, closure_deg=(-INF, near)))
+    assert limited.answer == "pass"
+    assert "Requirements" not in limited.rule
+    both = decide(judged(), [], near, requirements=required(gyro_bias_x_mdps=(-INF, near)))
+    assert "Limit 0." in both.rule
+    assert "Requirements of session.toml. Simple acceptance" in both.rule
+    assert decide(judged(), [], None, requirements=required(GUARDED, closure_deg=(-INF, size.value / 2))).answer == "fail"
+
+
+def test_a_requirement_of_a_sensor_error_counts_beside_the_noise():
+    tight = required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0))
+    found = decide(judged(), [], None, requirements=tight)
+    assert found.answer == "fail"
+    assert "outside −500 to 500 ppm" in found.headline
+    assert "No limit given" in found.rule
+    assert decide(judged(closure_p=1e-6), [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-2e3, 2e3))).answer == "fail"
+    assert decide(judged(), [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-2e3, 2e3))).answer == "pass"
+    unknown = judged(unobserved=("E_xx",))
+    assert decide(unknown, [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-2e3, 2e3))).answer == "not decided"
+
+
+def test_a_limit_of_the_runs_alone_leaves_the_segments_to_the_noise():
+    run = {"run_errors": [np.full(3, 1e-3)], "run_p": [1e-6], "run_losses": [""], "run_floors": [np.full(3, 1e-4)]}
+    wide, narrow = (required(closure_run_deg=(-INF, limit * 1e-3 / DEG)) for limit in (2.0, 0.5))
+    assert decide(judged(**run), ["c.csv"], None, requirements=wide).answer == "pass"
+    assert decide(judged(**run), ["c.csv"], None, requirements=narrow).answer == "fail"
+    assert decide(judged(closure_p=1e-6, **run), ["c.csv"], None, requirements=wide).answer == "fail"
+
+
+def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself():
+    tight = required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0), closure_deg=(-INF, 1e-6))
+    assert decide(judged(), [], None, requirements=tight).unsound == []
+    found = decide(judged(closure_p=1e-6), [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0)))
+    assert [text[:31] for text in found.unsound] == ["closure of the fitted segments,"]
+    run = {"run_errors": [np.full(3, 1e-3)], "run_p": [1e-6], "run_losses": [""]}
+    assert [text[:5] for text in decide(judged(**run), ["c.csv"], None).unsound] == ["c.csv"]
+    assert decide(judged(**run), ["c.csv"], 1.0).unsound == []
+    raw = AgainstRaw("raw", 1e-4 / DEG, {}, 40)
+    assert "worse than" in decide(judged(), [], 1.0, raw).unsound[0]
+
+
+def test_the_screen_says_what_a_limit_risks():
+    found = decide(judged(), [], closure_measured(judged().angles, range(40)).value)
+    assert found.answer == "pass"
+    said = " ".join(verdict_text(found).plain.split())
+    assert "required at most" in said
+    assert "risk that this PASS is wrong: 50 %" in said
+
+
+# Reading
+
+
+def written(tmp_path, text):
+    path = tmp_path / "required.toml"
+    path.write_text('schema = "tinygc-requirements/1"\n' + text)
+    return path
+
+
+def test_a_file_of_requirements(tmp_path):
+    rule = 'rule = "guard band"\nguard = 0.5\nreference = "RX-12"\n'
+    limits = "[closure_deg]\nupper = 1\n[gyro_bias_mdps]\nlower = -9\n[gyro_bias_y_mdps]\nupper = 3\n"
+    found = read_requirements(written(tmp_path, rule + limits))
+    assert found.rule == Rule(GUARDED, 0.5)
+    assert found.reference == "RX-12"
+    assert found.limits == {
+        "closure_deg": (-INF, 1.0),
+        "gyro_bias_x_mdps": (-9.0, INF),
+        "gyro_bias_y_mdps": (-INF, 3.0),
+        "gyro_bias_z_mdps": (-9.0, INF),
+    }
+    assert {key for keys in GROUPS.values() for key in keys} < set(QUANTITIES)
+    assert slice(0, 9) == MATRIX
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "has no limits"),
+        ("[closure_degs]\nupper = 1\n", "closure_degs is no quantity that has limits; did you mean closure_deg?"),
+        ("[closure_deg]\n", "closure_deg has no limit"),
+        ("[closure_deg]\nupper = true\n", "closure_deg.upper is True, expected a number"),
+        ("[closure_deg]\nupper = 1\nmost = 2\n", "closure_deg.most is no key of limits"),
+        ("[closure_deg]\nlower = 1\nupper = 1\n", "lower is 1, expected less than upper, 1"),
+        ("closure_deg = 1\n", "closure_deg is 1, expected a section"),
+        ('rule = "best"\n[closure_deg]\nupper = 1\n', 'rule is "best", expected one of simple acceptance, guard band'),
+        ("guard = 1\n[closure_deg]\nupper = 1\n", 'guard goes with rule = "guard band"'),
+        ('rule = "guard band"\nguard = 1\nrisk = 0.1\n[closure_deg]\nupper = 1\n', "guard and risk are both given"),
+        ('rule = "guard band"\nrisk = 0.6\n[closure_deg]\nupper = 1\n', "risk is 0.6, expected"),
+        ('rule = "guard band"\nleast_ratio = 4\n[closure_deg]\nupper = 1\n', "least_ratio goes with"),
+        ("least_ratio = 4\n[closure_deg]\nupper = 1\n", "least_ratio needs a lower and an upper limit, and closure_deg has one alone"),
+    ],
+)
+def test_what_is_no_requirement_is_refused_in_one_line(tmp_path, text, says):
+    path = written(tmp_path, text)
+    with pytest.raises(FormatError) as caught:
+        read_requirements(path)
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_file_is_no_file_of_requirements(tmp_path):
+    path = tmp_path / "other.toml"
+    path.write_text('schema = "tinygc-limits/1"\n')
+    with pytest.raises(FormatError, match="no requirements, expected schema"):
+        read_requirements(path)

@@ -23,7 +23,7 @@ BEFORE, TRIED = 30, 60
 
 @dataclass(frozen=True, eq=False)
 class WindowRecord:
-    """t_s; z (4,), sigma (2,), gain (6,), of the axes; warmer K; taken: whether the filter followed."""
+    """t_s; z (4,), sigma (2,), gain (5,), of the axes; warmer K; taken: whether the filter followed."""
 
     t_s: float
     z: np.ndarray
@@ -52,12 +52,12 @@ class Change:
 
     def words(self, amount: str) -> str:
         """In words: ``step of +0.12 ± 0.01 dps at 120 s``."""
-        moment = f"{'before ' if self.earlier else ''}{self.began_s:.0f} s"
+        moment = f"{self.began_s:.0f} s{' or earlier' if self.earlier else ''}"
         if self.kind == "step":
             return f"a step of {amount} at {moment}"
         if self.kind == "ramp":
-            return f"a drift since {moment}, {amount} by now"
-        return f"a change of {amount} at or since {moment} (a step or a drift)"
+            return f"a drift since {moment}, by {amount} so far"
+        return f"a change of {amount} since {moment}, a step or a drift"
 
 
 def change_of(records: Sequence[WindowRecord], channel: int, begun: int, chosen: Settings) -> Change:
@@ -97,7 +97,7 @@ def _response(rows: Sequence[WindowRecord], moments: np.ndarray, ramp: bool, cha
     if channel == 3:
         return change / np.array([row.sigma[1] for row in rows])[:, None]
     decay = np.ones(STATES)
-    decay[1:4] = chosen.decay
+    decay[1 : 1 + len(chosen.decay)] = chosen.decay
     x, found = np.zeros((STATES, len(moments))), np.empty(change.shape)
     for number, row in enumerate(rows):
         h = np.ones(STATES)

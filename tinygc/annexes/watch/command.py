@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 
 from session.io.errors import CalibrationError
-from tinygc.cli.arguments import STANDARD, count, filled, is_standard_output, path_read, stream_header
+from tinygc.cli.arguments import STANDARD, count, duration, filled, is_standard_output, path_read, stream_header
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import Interruption, complain, output
 
@@ -16,22 +15,7 @@ USES_EFFECTS = True
 EPILOG = "exit code: 0 no alarm, 1 an alarm, 5 no rest that could be judged; Ctrl-C ends a watch as the end of the stream does"
 #: exit code of a watch that could judge nothing
 UNDECIDED = 5
-#: s of a unit of time
-UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 USUAL = "30d"
-
-
-def duration(text: str) -> float:
-    """Seconds of ``30d``, ``12 h``, ``90min`` or ``3600``."""
-    plain = text.strip().lower()
-    unit = next((name for name in ("min", "s", "h", "d") if plain.endswith(name)), "")
-    try:
-        value = float(plain.removesuffix(unit)) * UNITS.get(unit, 1.0)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r:.40}: expected a time such as 30d, 12h, 90min or 3600s")
-    return value
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

@@ -29,13 +29,15 @@ from tinygc.annexes.watch.settings import (
     ROOT_STEPS,
     SHIFTS,
     TEMPERATURE_BITS,
+    TIMES_S,
     Settings,
 )
 
-#: states of one axis: offset with its walk, three Gauss-Markov processes, attitude, coefficient of temperature
-STATES, ATTITUDE, COEFFICIENT = 6, 4, 5
-#: states of gravity: the accelerometer's zero, attitude, coefficient
-GRAVITY_STATES, GRAVITY_ATTITUDE = 5, 3
+#: states of one axis: offset with its walk, Gauss-Markov processes, attitude, coefficient of temperature
+PROCESSES = len(TIMES_S)
+ATTITUDE, COEFFICIENT, STATES = 1 + PROCESSES, 2 + PROCESSES, 3 + PROCESSES
+#: states of gravity: the accelerometer's zero with its walk, Gauss-Markov processes, attitude, coefficient
+GRAVITY_ATTITUDE, GRAVITY_COEFFICIENT, GRAVITY_STATES = 3 + PROCESSES, 4 + PROCESSES, 5 + PROCESSES
 #: adding this rounds a float32 to the nearest integer, which is then exact
 MAGIC, MAGIC_INTEGER = np.float32(12582912.0), 12582912
 ONE, HALF, CLIPPED = np.float32(1), np.float32(0.5), np.float32(CLIP)
@@ -86,7 +88,7 @@ class Window:
 @dataclass(frozen=True, eq=False)
 class Judged:
     """What one window gave: z (4, S), innovations in sigmas, of three axes and of gravity; sigma (2, S): of the innovations of an axis and
-    of gravity, normalised; gain (6, S); alarm (4, S): +1 or -1 where a test has passed its bar; taken (S,): whether it changed the zero;
+    of gravity, normalised; gain (5, S); alarm (4, S): +1 or -1 where a test has passed its bar; taken (S,): whether it changed the zero;
     shift (4, S): number of the test in ``SHIFTS``."""
 
     z: np.ndarray
@@ -100,8 +102,8 @@ class Judged:
 class ZeroFilter:
     """The filters and tests of S independent streams, all float32.
 
-    P (21, S) covariance of one axis' states, row by row of the lower triangle, x (6, 3, S); gravity_P (15, S), gravity_x (5, S);
-    noise (2, S): scatter of rate and force over the stated, averaged; cusum (4, 2, 5, S): of each channel, for a rise and for a fall.
+    P (15, S) covariance of one axis' states, row by row of the lower triangle, x (5, 3, S); gravity_P (28, S), gravity_x (7, S);
+    noise (2, S): scatter of rate and force over the stated, averaged; cusum (4, 2, 4, S): of each channel, for a rise and for a fall.
     """
 
     def __init__(self, chosen: Settings, copies: int = 1):
@@ -113,24 +115,29 @@ class ZeroFilter:
         self.gravity_P = np.zeros((len(G_ROW), copies), np.float32)
         for i in range(3):
             self.gravity_P[G_WHOLE[i, i]] = c.accel_offset
-        self.gravity_P[G_WHOLE[3, 3]], self.gravity_P[G_WHOLE[4, 4]] = c.accel_attitude, c.accel_per_k
+        self._begin_gravity()
         self.gravity_x = np.zeros((GRAVITY_STATES, copies), np.float32)
         self.noise = np.ones((2, copies), np.float32)
         self.cusum = np.zeros((len(CHANNELS), 2, len(SHIFTS), copies), np.float32)
-        decay = np.ones(STATES, np.float32)
-        decay[1:4] = c.decay
-        self._decay = decay
+        self._decay, self._gravity_decay = np.ones(STATES, np.float32), np.ones(GRAVITY_STATES, np.float32)
+        self._decay[1:ATTITUDE] = self._gravity_decay[3:GRAVITY_ATTITUDE] = c.decay
         self._coefficient = np.ones((STATES, copies), np.float32)
 
     def predict(self) -> None:
         """One window of time passes."""
-        c, decay = self.chosen, self._decay
-        self.x[1:4] = self.x[1:4] * decay[1:4, None, None]
+        c, decay, of_gravity = self.chosen, self._decay, self._gravity_decay
+        self.x = self.x * decay[:, None, None]
+        self.gravity_x = self.gravity_x * of_gravity[:, None]
         self.P = (self.P * decay[ROW][:, None]) * decay[COLUMN][:, None]
-        self.P[WHOLE[0, 0]] = self.P[WHOLE[0, 0]] + c.walk
+        self.gravity_P = (self.gravity_P * of_gravity[G_ROW][:, None]) * of_gravity[G_COLUMN][:, None]
+        self.P[0] = self.P[0] + c.walk
         for i in range(3):
-            self.P[WHOLE[1 + i, 1 + i]] = self.P[WHOLE[1 + i, 1 + i]] + c.drive[i]
-            self.gravity_P[G_WHOLE[i, i]] = self.gravity_P[G_WHOLE[i, i]] + c.accel_walk
+            at = G_WHOLE[i, i]
+            self.gravity_P[at] = self.gravity_P[at] + c.accel_walk
+        for k in range(PROCESSES):
+            at, at_gravity = WHOLE[1 + k, 1 + k], G_WHOLE[3 + k, 3 + k]
+            self.P[at] = self.P[at] + c.drive[k]
+            self.gravity_P[at_gravity] = self.gravity_P[at_gravity] + c.accel_drive[k]
 
     def new_rest(self) -> None:
         """The sensor may lie in another attitude now."""
@@ -139,9 +146,13 @@ class ZeroFilter:
         self.P[WHOLE[ATTITUDE]] = 0
         self.P[WHOLE[ATTITUDE, ATTITUDE]] = c.attitude
         self.gravity_x[GRAVITY_ATTITUDE:] = 0
-        for i in (3, 4):
-            self.gravity_P[G_WHOLE[i]] = 0
-        self.gravity_P[G_WHOLE[3, 3]], self.gravity_P[G_WHOLE[4, 4]] = c.accel_attitude, c.accel_per_k
+        self.gravity_P[G_WHOLE[GRAVITY_ATTITUDE:]] = 0
+        self._begin_gravity()
+
+    def _begin_gravity(self) -> None:
+        """Variances of what gravity's length has of its own in each rest."""
+        self.gravity_P[G_WHOLE[GRAVITY_ATTITUDE, GRAVITY_ATTITUDE]] = self.chosen.accel_attitude
+        self.gravity_P[G_WHOLE[GRAVITY_COEFFICIENT, GRAVITY_COEFFICIENT]] = self.chosen.accel_per_k
 
     def judge(self, window: Window) -> Judged:
         """Take one reading: test it, then let the filters follow it."""
@@ -151,7 +162,7 @@ class ZeroFilter:
         wide = np.where(ratio > wide + wide, ratio, wide)
         h = self._coefficient
         h[COEFFICIENT] = window.warmer
-        hg = np.concatenate([window.direction, np.ones_like(window.direction[:1]), window.warmer[None]])
+        hg = np.concatenate([window.direction, np.ones((1 + PROCESSES, len(window.warmer)), np.float32), window.warmer[None]])
         Ph, S = _project(self.P[WHOLE], h, wide[0])
         Phg, Sg = _project(self.gravity_P[G_WHOLE], hg, wide[1])
         gain, gain_g = Ph / S, Phg / Sg
@@ -176,7 +187,8 @@ class ZeroFilter:
         for i in range(3):
             at = G_WHOLE[i, i]
             self.gravity_P[at] = np.where(gravity_alarm, self.gravity_P[at] + self.chosen.accel_offset, self.gravity_P[at])
-        self.gravity_x[3] = np.where(gravity_alarm, self.gravity_x[3] + innovation_g, self.gravity_x[3])
+        own = self.gravity_x[GRAVITY_ATTITUDE]
+        self.gravity_x[GRAVITY_ATTITUDE] = np.where(gravity_alarm, own + innovation_g, own)
         self.cusum[:3] = np.where(zero_alarm, np.float32(0), self.cusum[:3])
         self.cusum[3] = np.where(gravity_alarm, np.float32(0), self.cusum[3])
         return Judged(z, sigma, gain, alarm, follow, number)

@@ -12,7 +12,17 @@ import numpy as np
 from session import VERSION
 from session.io.texts import significant
 from session.io.units import DEG
-from tinygc.annexes.watch.detector import G_ROW, GRAVITY_STATES, ROW, STATES
+from tinygc.annexes.watch.detector import (
+    ATTITUDE,
+    COEFFICIENT,
+    G_ROW,
+    GRAVITY_ATTITUDE,
+    GRAVITY_COEFFICIENT,
+    GRAVITY_STATES,
+    PROCESSES,
+    ROW,
+    STATES,
+)
 from tinygc.annexes.watch.expectation import ModelInUse, expect
 from tinygc.annexes.watch.settings import (
     BLOCKS,
@@ -35,7 +45,7 @@ from tinygc.models.model import Model
 
 HEADER, SOURCE = "calibration_watch.h", "calibration_watch.c"
 #: bytes of ``tinygc_watch`` where an int64_t is aligned to 8
-STATE_BYTES = 504
+STATE_BYTES = 496
 
 _HEADER = """\
 /* {title}
@@ -138,7 +148,7 @@ static float project(const float *P, const float *h, int n, float noise, float *
 /* Joseph's form: M = P - K (P h)', P = M - (M h) K' + noise K K'. */
 static void update(float *P, const float *h, int n, float noise, const float *Ph, const float *K)
 {{
-    float Mh[{n}];
+    float Mh[{m}];
     for (int i = 0; i < n; i++) {{
         float sum = (P[at(i, 0)] - K[i] * Ph[0]) * h[0];
         for (int j = 1; j < n; j++)
@@ -166,35 +176,45 @@ static uint32_t test(tinygc_watch *w, int channel, float z)
     return found;
 }}
 
+static void decay(float *P, int n, const float *share)
+{{
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++)
+            P[at(i, j)] = (P[at(i, j)] * share[i]) * share[j];
+}}
+
 static void predict(tinygc_watch *w)
 {{
-    for (int i = 0; i < 3; i++)
-        for (int a = 0; a < 3; a++)
-            w->x[1 + i][a] = w->x[1 + i][a] * DECAY[1 + i];
     for (int i = 0; i < {n}; i++)
-        for (int j = 0; j <= i; j++)
-            w->P[at(i, j)] = (w->P[at(i, j)] * DECAY[i]) * DECAY[j];
+        for (int a = 0; a < 3; a++)
+            w->x[i][a] = w->x[i][a] * DECAY[2 + i];
+    for (int i = 0; i < {m}; i++)
+        w->gravity_x[i] = w->gravity_x[i] * DECAY[i];
+    decay(w->P, {n}, DECAY + 2);
+    decay(w->gravity_P, {m}, DECAY);
     w->P[0] = w->P[0] + WALK[0];
-    for (int i = 0; i < 3; i++) {{
-        w->P[at(1 + i, 1 + i)] = w->P[at(1 + i, 1 + i)] + DRIVE[i];
-        w->gravity_P[at(i, i)] = w->gravity_P[at(i, i)] + GRAVITY_WALK[0];
+    for (int i = 0; i < 3; i++)
+        w->gravity_P[at(i, i)] = w->gravity_P[at(i, i)] + WALK[1];
+    for (int k = 0; k < {processes}; k++) {{
+        w->P[at(1 + k, 1 + k)] = w->P[at(1 + k, 1 + k)] + DRIVE[k];
+        w->gravity_P[at(3 + k, 3 + k)] = w->gravity_P[at(3 + k, 3 + k)] + GRAVITY_DRIVE[k];
     }}
 }}
 
 static void new_rest(tinygc_watch *w)
 {{
     for (int a = 0; a < 3; a++)
-        w->x[4][a] = 0.0f;
+        w->x[{attitude}][a] = 0.0f;
     for (int j = 0; j < {n}; j++)
-        w->P[at(4, j)] = 0.0f;
-    w->P[at(4, 4)] = PRIOR[1];
-    for (int i = 3; i < {m}; i++) {{
+        w->P[at({attitude}, j)] = 0.0f;
+    w->P[at({attitude}, {attitude})] = PRIOR[1];
+    for (int i = {gravity_attitude}; i < {m}; i++) {{
         w->gravity_x[i] = 0.0f;
         for (int j = 0; j < {m}; j++)
             w->gravity_P[at(i, j)] = 0.0f;
     }}
-    w->gravity_P[at(3, 3)] = GRAVITY_PRIOR[1];
-    w->gravity_P[at(4, 4)] = GRAVITY_PRIOR[2];
+    w->gravity_P[at({gravity_attitude}, {gravity_attitude})] = GRAVITY_PRIOR[1];
+    w->gravity_P[at({gravity_coefficient}, {gravity_coefficient})] = GRAVITY_PRIOR[2];
 }}
 
 static float clipped(float z)
@@ -232,13 +252,12 @@ static uint32_t judge(tinygc_watch *w)
         direction[i] = (float)w->window_sums[3 + i] * FORCE_UNIT[0];
     length = (direction[0] * direction[0] + direction[1] * direction[1]) + direction[2] * direction[2];
     warmer = (float)w->window_sums[6] * TEMPERATURE_UNIT[0] - REFERENCE[0];
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < {coefficient}; i++)
         h[i] = 1.0f;
-    h[5] = warmer;
-    for (int i = 0; i < 3; i++)
-        hg[i] = direction[i];
-    hg[3] = 1.0f;
-    hg[4] = warmer;
+    h[{coefficient}] = warmer;
+    for (int i = 0; i < {gravity_coefficient}; i++)
+        hg[i] = i < 3 ? direction[i] : 1.0f;
+    hg[{gravity_coefficient}] = warmer;
     S = project(w->P, h, {n}, wide[0], Ph);
     Sg = project(w->gravity_P, hg, {m}, wide[1], Phg);
     for (int i = 0; i < {n}; i++)
@@ -279,7 +298,7 @@ static uint32_t judge(tinygc_watch *w)
     if (found_g) {{
         for (int i = 0; i < 3; i++)
             w->gravity_P[at(i, i)] = w->gravity_P[at(i, i)] + GRAVITY_PRIOR[0];
-        w->gravity_x[3] = w->gravity_x[3] + innovation_g;
+        w->gravity_x[{gravity_attitude}] = w->gravity_x[{gravity_attitude}] + innovation_g;
         for (int k = 0; k < {pairs}; k++)
             w->cusum[3][k / {tests}][k % {tests}] = 0.0f;
     }} else if (!(z >= {clip} || z <= -{clip})) {{
@@ -366,12 +385,12 @@ void tinygc_watch_start(tinygc_watch *w)
     for (int i = 0; i < {m}; i++)
         w->gravity_x[i] = 0.0f;
     w->P[0] = PRIOR[0];
-    w->P[at(4, 4)] = PRIOR[1];
-    w->P[at(5, 5)] = PRIOR[2];
+    w->P[at({attitude}, {attitude})] = PRIOR[1];
+    w->P[at({coefficient}, {coefficient})] = PRIOR[2];
     for (int i = 0; i < 3; i++)
         w->gravity_P[at(i, i)] = GRAVITY_PRIOR[0];
-    w->gravity_P[at(3, 3)] = GRAVITY_PRIOR[1];
-    w->gravity_P[at(4, 4)] = GRAVITY_PRIOR[2];
+    w->gravity_P[at({gravity_attitude}, {gravity_attitude})] = GRAVITY_PRIOR[1];
+    w->gravity_P[at({gravity_coefficient}, {gravity_coefficient})] = GRAVITY_PRIOR[2];
     w->noise[0] = w->noise[1] = 1.0f;
     for (int c = 0; c < 4; c++)
         for (int k = 0; k < {pairs}; k++)
@@ -416,7 +435,7 @@ void tinygc_watch_zero(const tinygc_watch *w, float zero[3])
 {{
     for (int a = 0; a < 3; a++) {{
         float sum = w->x[0][a];
-        for (int i = 1; i < 5; i++)
+        for (int i = 1; i < {coefficient}; i++)
             sum = sum + w->x[i][a];
         zero[a] = sum * ZERO_UNIT[a];
     }}
@@ -427,15 +446,15 @@ void tinygc_watch_zero(const tinygc_watch *w, float zero[3])
 def watch_files(chosen: Settings, title: str, facts: dict[str, str], every: str, rate_hz: float) -> dict[str, str]:
     """Return file name -> text; title and facts go into comments; every: the mean time of rest to a false alarm, in words."""
     one = np.ones(1, np.float32)
-    decay = np.r_[one, chosen.decay, one, one]
+    decay = np.r_[one, one, one, chosen.decay, one, one]  # of gravity's states; from the third on, of an axis'
     tables = {
         "SHIFT": chosen.shift,
         "HALF": chosen.half,
         "BAR": chosen.bar,
         "DECAY": decay,
         "DRIVE": chosen.drive,
-        "WALK": _row(chosen.walk),
-        "GRAVITY_WALK": _row(chosen.accel_walk),
+        "GRAVITY_DRIVE": chosen.accel_drive,
+        "WALK": _row(chosen.walk, chosen.accel_walk),
         "PRIOR": _row(chosen.offset, chosen.attitude, chosen.per_k),
         "GRAVITY_PRIOR": _row(chosen.accel_offset, chosen.accel_attitude, chosen.accel_per_k),
         "SCATTER": _row(chosen.gyro_scatter, chosen.accel_scatter),
@@ -475,6 +494,11 @@ def watch_files(chosen: Settings, title: str, facts: dict[str, str], every: str,
         "m": GRAVITY_STATES,
         "states": len(ROW),
         "gravity_states": len(G_ROW),
+        "processes": PROCESSES,
+        "attitude": ATTITUDE,
+        "coefficient": COEFFICIENT,
+        "gravity_attitude": GRAVITY_ATTITUDE,
+        "gravity_coefficient": GRAVITY_COEFFICIENT,
         "tests": len(SHIFTS),
         "pairs": 2 * len(SHIFTS),
         "blocks": BLOCKS,

@@ -10,7 +10,7 @@ stream.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,13 +27,13 @@ from tinygc.estimation.results import read_fit
 from tinygc.models.linear import BIAS, PARAMETERS
 from tinygc.models.model import Model
 from tinygc.noise.figures import FILE, NoiseFigures, read_figures
-from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2
+from tinygc.noise.whitening import PRECALIBRATION_MPS2
 
 #: usual of MEMS gyroscopes where neither the fit nor the sensor's record says it: two-sided white density, bias instability, and spread of
 #: B that a fit without a covariance leaves
 USUAL_WHITE, USUAL_INSTABILITY, USUAL_COVARIANCE_RPS = 10 * MDPS / np.sqrt(2), 10 * DEG_PER_HOUR, 0.01 * DEG
 #: the same of accelerometers
-USUAL_ACCEL_WHITE = 150e-6 * G / np.sqrt(2)
+USUAL_ACCEL_WHITE, USUAL_ACCEL_INSTABILITY_MPS2 = 150e-6 * G / np.sqrt(2), 0.1 * MG
 #: change of the accelerometer's zero between switch-ons, and of gravity's length per K, one sigma: data sheets state 10 to 40 mg over the
 #: life, and 0.1 to 0.3 mg/K
 USUAL_ACCEL_ZERO_MPS2, USUAL_ACCEL_PER_K = 2 * MG, 0.1 * MG
@@ -41,8 +41,9 @@ USUAL_ACCEL_ZERO_MPS2, USUAL_ACCEL_PER_K = 2 * MG, 0.1 * MG
 USUAL_ATTITUDE_RPS = 0.002 * DEG
 #: gravity at sea level lies within 0.026 m/s^2 of its mean, one sigma of a place that nobody names
 UNKNOWN_GRAVITY_MPS2 = 0.015
-#: s: a walk of the accelerometer's zero that has its instability at this averaging time
-ACCEL_WALK_S = 1000.0
+
+
+Wander = Callable[[float, float], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +54,13 @@ class Expectation:
     means over span s, t s apart;
     offset (3,), attitude (3,), per_k (3,): one sigma of the zero in a stream, of a rest, and of its coefficient; reference_c: the
     coefficient's zero, None where temperature is taken off or not known; earth_rps: the Earth's vertical rate; gravity_mps2;
-    accel_white (3,) m/s^2/sqrt(Hz), two-sided; accel_walk m/s^2/sqrt(s); accel_offset (3,), accel_attitude, accel_per_k: as of the zero;
+    accel_white (3,) m/s^2/sqrt(Hz), two-sided; accel_wander, accel_offset (3,), accel_attitude, accel_per_k: as of the zero, m/s^2;
     parameters (12, 12): covariance of E and B; turn_rad: error of a turn by itself; assumed: what is not this unit's own.
     """
 
     rate_hz: float
     white: np.ndarray
-    wander: Callable[[float, float], np.ndarray]
+    wander: Wander
     offset: np.ndarray
     attitude: np.ndarray
     per_k: np.ndarray
@@ -67,7 +68,7 @@ class Expectation:
     earth_rps: float
     gravity_mps2: float
     accel_white: np.ndarray
-    accel_walk: float
+    accel_wander: Wander
     accel_offset: np.ndarray
     accel_attitude: float
     accel_per_k: float
@@ -144,8 +145,12 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         assumed.append("spread of the zero between switch-ons")
     instability = _instability(fit_noise, config)
     if figures is None and instability is None:
-        assumed.append("bias instability")
+        assumed.append("bias instability of the gyroscope")
         instability = BiasInstability(USUAL_INSTABILITY, "usual of MEMS gyroscopes")
+    usual = BiasInstability(USUAL_ACCEL_INSTABILITY_MPS2, "usual of MEMS accelerometers")
+    accel = None if figures is None or figures.accel is None else replace(figures, gyro=figures.accel)
+    if accel is None:
+        assumed.append("bias instability of the accelerometer")
     attitude = _component(known.fit, "noise.still_rate", DEG)
     latitude = None if config is None else config.site.latitude_deg
     across = EARTH_RATE_RPS * (np.cos(latitude * DEG) if latitude is not None else 1.0) / np.sqrt(2 if latitude is not None else 3)
@@ -167,7 +172,7 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         0.0 if latitude is None else float(EARTH_RATE_RPS * np.sin(latitude * DEG)),
         STANDARD_GRAVITY_MPS2 if gravity is None else gravity,
         given(accel_white, USUAL_ACCEL_WHITE, "white noise of the accelerometer"),
-        float(np.sqrt(3 / ACCEL_WALK_S) * ACCEL_INSTABILITY_MPS2),
+        lambda elapsed_s, span_s: _drift(elapsed_s, span_s, accel, usual),
         np.full(3, USUAL_ACCEL_ZERO_MPS2),
         float(np.hypot(PRECALIBRATION_MPS2 if reference is None else reference, 0.0 if gravity is not None else UNKNOWN_GRAVITY_MPS2)),
         USUAL_ACCEL_PER_K,

@@ -1,7 +1,7 @@
 """The numbers of the detector, in float32: scales of its integers, coefficients of its filters, bars of its tests.
 
 Rates are in units of the axis's own white noise over one window, so that one filter covariance serves all three axes; where axes differ,
-the largest ratio of wander, offset or attitude to white noise holds for all.  The wander is a walk and three Gauss-Markov processes, no
+the largest ratio of wander, offset or attitude to white noise holds for all.  The wander is a walk and two Gauss-Markov processes, no
 smaller than the figures at any time from a window to a day.
 """
 
@@ -16,7 +16,7 @@ from session.detect.stills import QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO
 from session.io.errors import CalibrationError
 from session.io.units import DEG
 from tinygc.annexes.watch.bars import bar_of
-from tinygc.annexes.watch.expectation import Expectation
+from tinygc.annexes.watch.expectation import Expectation, Wander
 from tinygc.estimation.expected_zero import END_S
 
 #: s of a block, in which stillness is judged, and blocks of a window, whose mean is one reading of the zero
@@ -29,10 +29,10 @@ RATE_BITS, FORCE_BITS, TEMPERATURE_BITS = 20, 14, 8
 MOST_RATE_RPS, MOST_FORCE_MPS2, REST_RATE_RPS, FORCE_WITHIN = 0.5, 32.0, 10 * DEG, 0.25
 #: degC: others are no temperature
 MOST_TEMPERATURE_C = 200.0
-#: s, correlation times of the Gauss-Markov processes that stand for flicker noise: one a decade
-TIMES_S = (10.0, 100.0, 1000.0)
+#: s, correlation times of the Gauss-Markov processes: with a walk they follow flicker noise from a window to a day within 7 %
+TIMES_S = (5.0, 200.0)
 #: shifts, in sigmas of a window, that the tests look for; both signs, on three axes and on gravity
-SHIFTS = (0.25, 0.5, 1.0, 2.0, 4.0)
+SHIFTS = (0.5, 1.0, 2.0, 4.0)
 CHANNELS = ("zero x", "zero y", "zero z", "gravity")
 #: tests that share the rate of false alarms: those of the detector, and one of turns, which the controller lacks
 TESTS = 2 * len(CHANNELS) * len(SHIFTS) + 1
@@ -53,8 +53,8 @@ class Settings:
     samples: of a block; *_scale: integers per SI; gyro_limit, accel_limit: bars of a block's scatter, gravity_low and gravity_high: of
     its squared force, rate_limit of each mean, all in integers; rate_unit (3,), force_unit, temperature_unit, reference: from a window's
     sums to normalised rates, g, and K from the reference; earth (3,): the Earth's vertical rate, normalised; gravity_unit: (|f|^2 - 1) to
-    sigmas; gyro_scatter, accel_scatter: from a window's scatter to its ratio to the stated noise; walk, decay (3,), drive (3,): of the
-    wander a window; offset, attitude, per_k: prior variances; accel_*: the same of gravity; shift, half, bar (5,): of the tests.
+    sigmas; gyro_scatter, accel_scatter: from a window's scatter to its ratio to the stated noise; walk, decay (2,), drive (2,): of the
+    wander a window; offset, attitude, per_k: prior variances; accel_*: the same of gravity; shift, half, bar (4,): of the tests.
     """
 
     samples: int
@@ -80,6 +80,7 @@ class Settings:
     attitude: np.float32
     per_k: np.float32
     accel_walk: np.float32
+    accel_drive: np.ndarray
     accel_offset: np.float32
     accel_attitude: np.float32
     accel_per_k: np.float32
@@ -122,7 +123,9 @@ def settings(expected: Expectation, false_alarm_every_s: float, reference_c: flo
     sigma = np.sqrt(white)
     gravity = expected.gravity_mps2
     accel_sigma = float(np.sqrt(np.max(expected.accel_white**2) / window_s)) / gravity
-    walk, drive = _wander(expected, window_s, white)
+    walk, drive = _wander(expected.wander, window_s, white)
+    accel_white = np.full(3, (gravity * accel_sigma) ** 2)
+    accel_walk, accel_drive = _wander(expected.accel_wander, window_s, accel_white)
     count = samples * BLOCKS
     rate_scale, force_scale = 2.0**RATE_BITS, 2.0**FORCE_BITS
     pairs = BLOCKS * (BLOCKS - 1) * samples**2 / block_s  # of the scatter of a window's blocks, for densities of 1
@@ -131,7 +134,6 @@ def settings(expected: Expectation, false_alarm_every_s: float, reference_c: flo
     length = TESTS * false_alarm_every_s / window_s
     shift = np.array(SHIFTS)
     reference = expected.reference_c if expected.reference_c is not None else reference_c
-    given_g = gravity**2
 
     def single(value: float | np.ndarray) -> np.float32:
         return np.float32(value)
@@ -159,10 +161,11 @@ def settings(expected: Expectation, false_alarm_every_s: float, reference_c: flo
         single(np.max(expected.offset**2 / white)),
         single(np.max(expected.attitude**2 / white)),
         single(0.0 if reference is None else np.max(expected.per_k**2 / white)),
-        single(expected.accel_walk**2 * window_s / given_g / accel_sigma**2),
-        single(np.max(expected.accel_offset**2) / given_g / accel_sigma**2),
-        single(expected.accel_attitude**2 / given_g / accel_sigma**2),
-        single(0.0 if reference is None else expected.accel_per_k**2 / given_g / accel_sigma**2),
+        single(accel_walk),
+        accel_drive.astype(np.float32),
+        single(np.max(expected.accel_offset**2) / accel_white[0]),
+        single(expected.accel_attitude**2 / accel_white[0]),
+        single(0.0 if reference is None else expected.accel_per_k**2 / accel_white[0]),
         shift.astype(np.float32),
         (shift**2 / 2).astype(np.float32),
         np.array([bar_of(each, length) for each in SHIFTS]).astype(np.float32),
@@ -174,11 +177,11 @@ def _whole(value: float) -> int:
     return int(min(value, 2.0**62))
 
 
-def _wander(expected: Expectation, window_s: float, white: np.ndarray) -> tuple[float, np.ndarray]:
-    """Variance of the walk in a window, and (3,) of what drives the Gauss-Markov processes, normalised: the smallest that are nowhere below
+def _wander(wander: Wander, window_s: float, white: np.ndarray) -> tuple[float, np.ndarray]:
+    """Variance of the walk in a window, and (2,) of what drives the Gauss-Markov processes, normalised: the smallest that are nowhere below
     the mean square of the drift from a window to a day."""
     lags = np.geomspace(window_s, END_S, 40)
-    drift = np.array([np.max(expected.wander(lag, window_s) / white) for lag in lags])
+    drift = np.array([np.max(wander(lag, window_s) / white) for lag in lags])
     if not drift.any():
         return 0.0, np.zeros(len(TIMES_S))
     columns = np.column_stack([lags / window_s, *(2 * -np.expm1(-lags / time) for time in TIMES_S)])

@@ -309,18 +309,21 @@ class Watch:
             unit = float(c.rate_sigma_rps[channel])
             size, sigma = change.size * unit / DEG, change.sigma * unit / DEG
             zero = f.zero[:, 0].astype(float) * c.rate_sigma_rps
-            cost = _cost_deg(zero)
-            advice = "take B anew (`calibrate verify`, or `calibrate fit --bias-of`); E is not in question"
-            table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist(), "cost_deg": cost, "advice": advice}
+            changed = np.zeros(3)
+            changed[channel] = size * DEG
+            cost, whole = _cost_deg(changed), _cost_deg(zero)
+            advice = "take B anew: `calibrate verify`, then `calibrate fit --model FILE --bias`; the other parameters are not in question"
+            table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
+            table |= {"cost_deg": cost, "zero_cost_deg": whole, "advice": advice}
             amount = f"{size:+.3g} ± {sigma:.2g} dps"
-            after = f"; left as it is, the next minute costs {cost:.2g}°"
+            after = f"; uncorrected it turns the attitude by {cost:.2g}° in the next minute"
         else:
             unit = c.gravity_sigma * self.expected.gravity_mps2 / MG
             size, sigma = change.size * unit, change.sigma * unit
-            advice = "take a short session in six attitudes (`calibrate verify`): the accelerometer's zero or scale has changed"
+            advice = "the accelerometer's zero or scale has changed: record it in six attitudes, then `calibrate verify`"
             table |= {"size_mg": size, "sigma_mg": sigma, "cost_deg": float(np.degrees(abs(size) * 1e-3)), "advice": advice}
             amount = f"{size:+.3g} ± {sigma:.2g} mg"
-            after = f"; a tilt from it is off by up to {table['cost_deg']:.2g}°"
+            after = f"; a tilt from it errs by up to {table['cost_deg']:.2g}°"
         words = f"ALARM {CHANNELS[channel]}: {change.words(amount)}{after}; {advice}"
         return Event("alarm", self.t_s, words, table)
 

@@ -23,7 +23,7 @@ BEFORE, TRIED = 30, 60
 
 @dataclass(frozen=True, eq=False)
 class WindowRecord:
-    """t_s; z (4,), sigma (2,), gain (5,), of the axes; warmer K; taken: whether the filter followed."""
+    """t_s; z (4,), not clipped, sigma (2,), gain (5,), of the axes; warmer K; taken: whether the filter followed."""
 
     t_s: float
     z: np.ndarray
@@ -35,7 +35,7 @@ class WindowRecord:
     @classmethod
     def of(cls, t_s: float, window: Window, judged: Judged) -> WindowRecord:
         """Of the first of the copies."""
-        z, sigma, gain = (each[:, 0].astype(float) for each in (judged.z, judged.sigma, judged.gain))
+        z, sigma, gain = (each[:, 0].astype(float) for each in (judged.whole, judged.sigma, judged.gain))
         return cls(t_s, z, sigma, gain, float(window.warmer[0]), bool(judged.taken[0]))
 
 

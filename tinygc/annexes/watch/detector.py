@@ -87,11 +87,12 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What one window gave: z (4, S), innovations in sigmas, of three axes and of gravity; sigma (2, S): of the innovations of an axis and
+    """What one window gave: z (4, S), innovations in sigmas, of three axes and of gravity, as they count; whole (4, S): as they are; sigma (2, S): of the innovations of an axis and
     of gravity, normalised; gain (5, S); alarm (4, S): +1 or -1 where a test has passed its bar; taken (S,): whether it changed the zero;
     shift (4, S): number of the test in ``SHIFTS``."""
 
     z: np.ndarray
+    whole: np.ndarray
     sigma: np.ndarray
     gain: np.ndarray
     alarm: np.ndarray
@@ -169,8 +170,8 @@ class ZeroFilter:
         innovation = window.rate - summed(h[:, None] * self.x)
         innovation_g = window.gravity - summed(hg * self.gravity_x)
         sigma = np.stack([root(S), root(Sg)])
-        z = np.concatenate([innovation / sigma[0], (innovation_g / sigma[1])[None]])
-        z = np.where(z > CLIPPED, CLIPPED, np.where(z < -CLIPPED, -CLIPPED, z))
+        whole = np.concatenate([innovation / sigma[0], (innovation_g / sigma[1])[None]])
+        z = np.where(whole > CLIPPED, CLIPPED, np.where(whole < -CLIPPED, -CLIPPED, whole))
         far = (z >= CLIPPED) | (z <= -CLIPPED)
         alarm, number = self._test(z)
         zero_alarm, gravity_alarm = (alarm[:3] != 0).any(axis=0), alarm[3] != 0
@@ -191,7 +192,7 @@ class ZeroFilter:
         self.gravity_x[GRAVITY_ATTITUDE] = np.where(gravity_alarm, own + innovation_g, own)
         self.cusum[:3] = np.where(zero_alarm, np.float32(0), self.cusum[:3])
         self.cusum[3] = np.where(gravity_alarm, np.float32(0), self.cusum[3])
-        return Judged(z, sigma, gain, alarm, follow, number)
+        return Judged(z, whole, sigma, gain, alarm, follow, number)
 
     def _test(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Let the CUSUMs of all channels follow z (4, S): sign of an alarm (4, S), or 0, and the shift of its test."""

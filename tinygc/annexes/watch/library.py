@@ -89,7 +89,10 @@ def events_of(
         for item in items:
             if item is not None:
                 heard_s, silent = time.monotonic(), False
-                yield from live.take(item)
+                for event in live.take(item):
+                    yield event
+                    if ended():
+                        break
             elif not silent and time.monotonic() - heard_s > SILENT_S:
                 silent = True
                 yield Event("remark", live.t_s, f"nothing has come for {SILENT_S:.0f} s", {"what": "silent", "count": 1})

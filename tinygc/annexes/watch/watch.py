@@ -131,7 +131,8 @@ class Watch:
         if rate_hz is None:
             if not (np.diff(item.t_ns) > 0).any():
                 raise DataError("the stamps stand still, and do not say the data rate; give --odr HZ")
-            rate_hz = pace_of(item.t_ns).rate_hz
+            begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
+            rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
         temp_c = None if item.temp_c is None or not np.isfinite(item.temp_c).any() else float(np.nanmean(item.temp_c))
         self.expected = expected = expect(self._known, rate_hz)
         self.settings = chosen = settings(expected, self._every_s, None if self._known.model.kind == "thermal" else temp_c)

@@ -177,7 +177,7 @@ SESSION_READERS = [
 READERS = {
     "log": [
         *SESSION_READERS, "import {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}", "noise {S} --out {O}",
-        "noise {B} --out {O}", "rates {B} --out {O}",
+        "noise {B} --out {O}", "rates {B} --out {O}", "watch {M} {B}", "watch {M} {B} --noise {B}",
     ],
     "truth": SESSION_READERS,
     "turns": SESSION_READERS,
@@ -186,7 +186,7 @@ READERS = {
         *SESSION_READERS, "import {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
         "record --port {O} --like {S} --out {O}", "list {S}", "noise {S} --out {O}", "table check --table {B}",
     ],
-    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}"],
+    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}", "watch {B} {L}"],
     "raw": ["import {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip
 

@@ -29,6 +29,7 @@ from tinygc.annexes.watch.expectation import Expectation, ModelInUse
 from tinygc.annexes.watch.settings import BLOCK_S, BLOCKS, Settings, settings
 from tinygc.annexes.watch.source import Readings
 from tinygc.annexes.watch.watch import FALSE_ALARM_EVERY_S, Watch
+from tinygc.attitude import rotation
 from tinygc.closure.floor import TIMES_S, wander_covariance
 from tinygc.deploy.embedded.source import FLAGS
 from tinygc.models.linear import LinearModel
@@ -92,7 +93,7 @@ class Flicker:
 def windows(
     chosen: Settings, copies: int, rng: np.random.Generator, rest: int | None, walk: float = 0.0
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """rate (3, S) and gravity (S,), normalised, direction (3, S), and whether a new rest begins; rest: windows of one, None for one alone."""
+    """rate (3, S) and gravity (S,), normalised, direction (3, S), whether a new rest begins; rest: windows of one, None for one alone."""
     unit, g_unit = chosen.rate_sigma_rps[:, None], chosen.gravity_sigma
     offset = rng.normal(size=(3, copies)) * np.sqrt(chosen.offset)
     zero = rng.normal(size=(3, copies)) * np.sqrt(chosen.accel_offset)
@@ -144,16 +145,8 @@ def run_lengths() -> None:
         events = int(alarms.sum())
         mean = total / max(events, 1)
         early = np.mean((first > 0) & (first <= stated))
-        rows.append(
-            [
-                name,
-                f"{stated}",
-                f"{mean:.0f} ± {mean / np.sqrt(max(events, 1)):.0f}",
-                f"{100 * early:.0f} %",
-                f"{np.sqrt(squares / most):.3f}",
-            ]
-            + [" ".join(f"{each:.0f}" for each in channels)]
-        )
+        measured, by_channel = f"{mean:.0f} ± {mean / np.sqrt(max(events, 1)):.0f}", " ".join(f"{each:.0f}" for each in channels)
+        rows.append([name, f"{stated}", measured, f"{100 * early:.0f} %", f"{np.sqrt(squares / most):.3f}", by_channel])
     progress("")
     print(markdown(["streams", "stated, windows", "measured", "alarmed within it", "rms z", "alarms by channel"], rows))
 
@@ -222,10 +215,12 @@ def rests(hours: float) -> None:
         rate = offset + drift + rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ)
         force = direction * (G + longer) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
         if number % 6 == 5:  # turned by a hand for a minute
-            turned = slice(0, round(60 * RATE_HZ))
-            swing = np.sin(np.arange(turned.stop) / RATE_HZ)[:, None] * np.array([0.8, -0.5, 0.3])
-            rate[turned] += swing
-            force[turned] += 0.5 * rng.normal(size=(turned.stop, 3))
+            turned = round(60 * RATE_HZ)
+            swing = np.sin(np.arange(turned) / RATE_HZ)[:, None] * np.array([0.8, -0.5, 0.3]) * np.hanning(turned)[:, None]
+            attitudes = rotation.matrix(rotation.accumulate(rotation.exp(swing / RATE_HZ)))
+            rate[:turned] += swing
+            force += (np.einsum("nji,j->ni", attitudes, direction) - direction)[np.minimum(np.arange(count), turned - 1)] * G
+            direction = attitudes[-1].T @ direction
         stamps = t_ns + np.arange(count, dtype=np.int64) * period_ns
         t_ns = int(stamps[-1]) + period_ns
         events += [event for event in watch.take(Readings(stamps, rate, force, None)) if event.kind in ("alarm", "remark")]

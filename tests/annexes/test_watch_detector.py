@@ -58,7 +58,7 @@ def test_a_rest_gives_its_zero_and_gravity():
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda rate, force: (rate + [11 * DEG, 0, 0], force),
+        lambda rate, force: (rate + np.array([11 * DEG, 0, 0]), force),
         lambda rate, force: (rate, force * 1.3),
         lambda rate, force: (rate, force * 0.7),
         lambda rate, force: (rate + 0.2 * DEG * np.sin(np.arange(len(rate)))[:, None], force),

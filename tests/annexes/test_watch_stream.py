@@ -17,12 +17,14 @@ from watched import RATE_HZ, G, csv, joined, known, model_file, of_kind, samples
 
 import calibrate
 import tinygc
-from session.io.errors import CalibrationError, StorageError
+from session.io.errors import CalibrationError, DataError, StorageError
 from tinygc.annexes.watch.alarm_command import AlarmCommand, words_of
 from tinygc.annexes.watch.lines import JsonLines
-from tinygc.annexes.watch.source import Readings, Remark, Restart
+from tinygc.annexes.watch.source import Readings, Remark, Restart, SourceOptions, _decoded
 from tinygc.annexes.watch.watch import Watch
 from tinygc.cli.arguments import duration
+from tinygc.deploy.calibration import Surroundings
+from tinygc.models.model import KnownSensor
 
 posix_only = pytest.mark.skipif(os.name != "posix", reason="signals and select of POSIX")
 STEP = joined(samples(40, 1), samples(30, 2, zero_dps=(0.0, 0.05, 0.0)))
@@ -71,9 +73,11 @@ def test_gravity_is_described():
 
 def test_pieces_do_not_matter():
     """But for when it is said, and what of."""
-    for piece in (1, 50, 10_000):
-        _, events = watched(STEP, piece=piece)
-        assert [(event.kind, round(event.t_s, 3)) for event in events] == [(e.kind, round(e.t_s, 3)) for e in watched(STEP)[1]]
+    short = joined(samples(12, 1), samples(8, 2, zero_dps=(0.0, 0.05, 0.0)))
+    expected = [(event.kind, round(event.t_s, 3)) for event in watched(short)[1]]
+    assert len(expected) == 4
+    for piece in (7, 50, 10_000):
+        assert [(event.kind, round(event.t_s, 3)) for event in watched(short, piece=piece)[1]] == expected
 
 
 def test_a_gap_is_said_and_ends_the_rest():
@@ -178,7 +182,23 @@ def test_until_alarm_ends_there(tmp_path, model):
     assert (last["event"], last["alarms"]) == ("end", 1)
 
 
+def test_damage_and_restarts_of_a_stream_are_items():
+    """Lines that a board sends, with what went wrong between."""
+    lines = csv(samples(4, 1)).splitlines(keepends=True)
+    lines[200:200] = ["what is this\n"] * 3
+    again = csv(samples(2, 2)).splitlines(keepends=True)[1:]  # its clock begins again
+    sensor = Surroundings(KnownSensor(), None, "none", "")
+    found = list(_decoded(iter(["".join(lines).encode(), b"", "".join(again).encode()]), SourceOptions(), sensor, "a test"))
+    assert sum(len(item.t_ns) for item in found if isinstance(item, Readings)) >= 598
+    assert [item.kind for item in found if isinstance(item, Remark)] == ["garbage"]
+    assert sum(isinstance(item, Restart) for item in found) == 1
+    assert sum(item is None for item in found) == 1
+    with pytest.raises(DataError, match="no sample in what came"):
+        list(_decoded(iter([b"hello\n" * 100]), SourceOptions(), sensor, "a test"))
+
+
 @posix_only
+@pytest.mark.broad
 def test_standard_input_with_garbage(model):
     lines = csv(STEP).splitlines(keepends=True)
     lines[500:500] = ["what\x00is this\n", "1,2\n", "\x7f" * 300 + "\n", "nan,nan,nan,nan,nan,nan,nan\n"]
@@ -190,6 +210,7 @@ def test_standard_input_with_garbage(model):
 
 
 @posix_only
+@pytest.mark.broad
 def test_another_programs_table_at_standard_input(model):
     rows = csv(samples(20, 1)).replace("t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2", "when,a,b,c,d,e,f")
     columns = "t_us=when,gx_rps=a,gy_rps=b,gz_rps=c,ax_mps2=d,ay_mps2=e,az_mps2=f"
@@ -198,6 +219,7 @@ def test_another_programs_table_at_standard_input(model):
 
 
 @posix_only
+@pytest.mark.broad
 def test_a_growing_log_is_followed_until_ctrl_c(tmp_path, model):
     log = tmp_path / "log.csv"
     whole = csv(STEP)
@@ -215,6 +237,7 @@ def test_a_growing_log_is_followed_until_ctrl_c(tmp_path, model):
 
 
 @posix_only
+@pytest.mark.broad
 def test_datagrams(model):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))

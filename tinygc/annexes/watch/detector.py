@@ -87,7 +87,8 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What one window gave: z (4, S), innovations in sigmas, of three axes and of gravity, as they count; whole (4, S): as they are; sigma (2, S): of the innovations of an axis and
+    """What one window gave: z (4, S), innovations in sigmas, of three axes and of gravity, as they count; whole (4, S): as
+    they are; sigma (2, S): of the innovations of an axis and
     of gravity, normalised; gain (5, S); alarm (4, S): +1 or -1 where a test has passed its bar; taken (S,): whether it changed the zero;
     shift (4, S): number of the test in ``SHIFTS``."""
 

@@ -186,7 +186,10 @@ READERS = {
         *SESSION_READERS, "import {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
         "record --port {O} --like {S} --out {O}", "list {S}", "noise {S} --out {O}", "table check --table {B}",
     ],
-    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}", "watch {B} {L}"],
+    "model": [
+        "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}",
+        "watch {B} {L}",
+    ],
     "raw": ["import {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip
 

@@ -21,8 +21,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 import measure
 from common import markdown, progress
 
+import tinygc
 from session.io.files import read_npz
-from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, NS_PER_S, G
+from session.io.units import DEG, DEG_PER_HOUR, NS_PER_S, G
 from tinygc.annexes.watch.detector import Detector, Judged, Window, ZeroFilter
 from tinygc.annexes.watch.embedded import SOURCE, watch_files
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse
@@ -232,48 +233,35 @@ def rests(hours: float) -> None:
 
 
 def recorded() -> None:
-    """The three ADIS16405 at rest; figures of N, B and K as published beside them (README there)."""
-    figures = {
-        1: ([2.41, 2.54, 2.29], [28.7, 35.2, 26.5], [24, 119, 178]),
-        2: ([2.41, 2.54, 2.29], [28.7, 35.2, 26.5], [107, 128, 177]),
-        3: ([2.41, 2.54, 2.29], [28.7, 35.2, 26.5], [0, 9, 98]),
-    }
+    """Three ADIS16405 at rest: figures of one half by ``noise``, its mean as B, and the other half watched."""
     import tinygc.annexes.watch.watch as module
 
-    for number, (N, B, K) in figures.items():
+    usual, rows = module.expect, []
+    for number in (1, 2, 3):
         values = read_npz(WILD / f"adis16405_imu{number}.npz", ("gyro_dps", "accel_g", "rate_hz"))
         rate, force = values["gyro_dps"].astype(float) * DEG, values["accel_g"].astype(float) * G
         rate_hz = float(np.ravel(values["rate_hz"])[0])
-        white, walk = np.array(N) * DEG_PER_SQRT_HOUR, np.array(K) * DEG_PER_HOUR / 60
-        unit_drift = flicker_drift(1.0)
-        instability = np.array(B) * DEG_PER_HOUR
-
-        def drift(t: float, span: float, B=instability, K=walk, unit=unit_drift) -> np.ndarray:
-            return B**2 * unit(t, span) + K**2 * t
-
-        gravity = float(np.linalg.norm(force[: round(10 * rate_hz)].mean(axis=0)))
-        known = dataclasses.replace(
-            expectation(),
-            rate_hz=rate_hz,
-            white=white,
-            wander=drift,
-            offset=np.full(3, 0.5 * DEG),
-            accel_white=np.full(3, 4.5e-3),
-            accel_wander=flicker_drift(0.25e-3 * G),
-            gravity_mps2=gravity,
-        )
-        module.expect = lambda model, rate_hz, known=known: known
-        watch = Watch(ModelInUse(LinearModel(np.eye(3), np.zeros(3)), {}, {}, None, None))
-        events = []
-        for begin in range(0, len(rate), 60_000):
-            part = slice(begin, begin + 60_000)
-            stamps = np.rint(np.arange(len(rate))[part] * NS_PER_S / rate_hz).astype(np.int64)
-            events += list(watch.take(Readings(stamps, rate[part], force[part], None)))
-        events += list(watch.end())
-        print(f"imu{number}")
-        for event in events:
-            if event.kind in ("alarm", "rest", "end"):
-                print(f"  {event.t_s:9.1f} s  {event.words}")
+        t_s = np.arange(len(rate)) / rate_hz
+        halves = (slice(0, len(rate) // 2), slice(len(rate) // 2, len(rate)))
+        for known, seen in (halves, halves[::-1]):
+            progress(f"imu{number}")
+            figures = tinygc.estimate_noise((t_s[known] - t_s[known][0], rate[known], force[known])).figures
+            gravity = float(np.linalg.norm(force[known].mean(axis=0)))
+            module.expect = lambda model, hz, gravity=gravity: dataclasses.replace(usual(model, hz), gravity_mps2=gravity)
+            model = LinearModel(np.eye(3), -rate[known].mean(axis=0))
+            watch, events = Watch(ModelInUse(model, {}, {}, None, figures)), []
+            for begin in range(seen.start, seen.stop, 60_000):
+                part = slice(begin, min(begin + 60_000, seen.stop))
+                stamps = np.rint(t_s[part] * NS_PER_S).astype(np.int64)
+                events += [each for each in watch.take(Readings(stamps, rate[part], force[part], None)) if each.kind == "alarm"]
+            list(watch.end())
+            z = np.array([record.z for record in watch._records])
+            channels = ", ".join(f"{each.table['channel']} at {each.t_s + t_s[seen.start]:.0f} s" for each in events) or "none"
+            which = "first" if seen.start == 0 else "second"
+            rms = " ".join(f"{each:.2f}" for each in np.sqrt(np.mean(z**2, axis=0)))
+            rows.append([f"imu{number}, {which} half", str(watch.windows), rms, channels])
+    progress("")
+    print(markdown(["watched", "windows", "rms of the innovations x y z gravity", "alarms"], rows))
 
 
 #: the watch in the place of a model, so that firmware/measure.c runs it: its answer and two numbers of its state come out

@@ -38,6 +38,7 @@ EXAMPLES += [
     "rebias",
     "report",
     "sensors",
+    "watch",
     "simulate",
     "to_frame",
 ]

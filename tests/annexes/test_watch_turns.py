@@ -121,3 +121,17 @@ def test_the_zero_of_the_rest_is_taken_off():
     assert all(event.table["tilt_deg"] < 0.05 for event in of_kind(events, "turn"))
     assert WHITE * np.sqrt(3.0) / DEG < 0.02
     assert RATE_HZ == 100
+
+
+def test_a_hand_that_begins_and_ends_softly_closes():
+    """Blocks in which it turns slower than a rest may: they are of the turn, not of the rests beside it."""
+    _, events = watched(turning(3, 4, turn_s=30.0, rest_s=6.0))
+    turns = of_kind(events, "turn")
+    assert len(turns) == 3
+    assert all(event.table["chi_square"] < 14 for event in turns)
+    assert all(event.table["angle_deg"] == pytest.approx(180, abs=2) for event in turns)
+
+
+def test_what_hardly_turns_is_no_turn():
+    _, events = watched(turning(2, 5, angle_deg=5.0))
+    assert not of_kind(events, "turn")

@@ -11,7 +11,7 @@ from pathlib import Path
 from session.io.config import read_config
 from session.io.errors import CalibrationError
 from tinygc.annexes.watch.expectation import ModelInUse
-from tinygc.annexes.watch.source import SourceOptions, items_of
+from tinygc.annexes.watch.source import SourceOptions, items_of, require_source
 from tinygc.annexes.watch.watch import FALSE_ALARM_EVERY_S, Event, Watch
 from tinygc.deploy.apply import model_of
 from tinygc.deploy.calibration import Surroundings, surroundings
@@ -75,6 +75,7 @@ def events_of(
 
     Raises CalibrationError for what cannot be read.
     """
+    require_source(source)
     path = model_of(model)
     if is_array_model(path):
         raise CalibrationError(f"{path}: an array's model; watch one unit of it, by its own model")

@@ -24,7 +24,7 @@ from session.bench.port import Closed, Port, Received
 from session.io.config import Accelerometer
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, DeviceError, FormatError
-from session.io.files import open_file
+from session.io.files import open_file, require_file
 from session.io.lines import PIECE_BYTES, STANDARD
 from session.io.logfile import already_calibrated
 from session.io.reader import Reader
@@ -90,6 +90,15 @@ class SourceOptions:
         return any(getattr(self.answers, name) for name in OF_TABLES)
 
 
+def require_source(source: str) -> None:
+    """Raise FormatError for what is neither a log nor a port, such as a named pipe, before anything waits for it."""
+    path = Path(source)
+    if path.is_dir():
+        raise FormatError(f"{source}: a folder; watch a log, a port, udp:HOST:PORT, or - for standard input")
+    if source != STANDARD and path.exists() and not path.is_char_device():
+        require_file(path)
+
+
 def items_of(source: str, options: SourceOptions, known: Surroundings) -> Iterator[Item | None]:
     """Samples of a source and what goes wrong, in order; None whenever nothing has come for ``IDLE_S``.
 
@@ -97,8 +106,6 @@ def items_of(source: str, options: SourceOptions, known: Surroundings) -> Iterat
     Raises FormatError for what is no log, DataError for a stream without samples, DeviceError for a port that cannot be opened.
     """
     path = Path(source)
-    if source != STANDARD and path.is_dir():
-        raise FormatError(f"{source}: a folder; watch a log, a port, udp:HOST:PORT, or - for standard input")
     if source == STANDARD:
         return (
             _table(path, options.answers, known, LIVE_BYTES)

@@ -9,11 +9,11 @@ of twice the stated sigma.  float64: a controller does without it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from session.io.units import DEG
 from tinygc.annexes.watch.bars import squares_bar_of
 from tinygc.annexes.watch.expectation import Expectation
 from tinygc.annexes.watch.settings import TESTS
@@ -26,8 +26,8 @@ RATIO = 2.0
 MOST_SQUARE = 25.0
 #: one sigma by which E's elements differ between two days: scale factors change by some 20 ppm/K
 USUAL_MATRIX = 2e-4
-#: s: the drift of a longer turn says nothing of E
-LONGEST_S = 600.0
+#: s and rad: the drift of a longer turn, and a smaller one, say nothing of E
+LONGEST_S, LEAST_RAD = 600.0, 10 * DEG
 
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:
@@ -44,13 +44,6 @@ class Turn:
         self.slope = np.zeros((3, 9))
         self.lever = np.zeros((3, 3))  # of a zero error, s
         self.seconds = self.angle = 0.0
-
-    def copy(self) -> Turn:
-        """Return its present state."""
-        other = Turn()
-        other.q, other.slope, other.lever = self.q.copy(), self.slope.copy(), self.lever.copy()
-        other.seconds, other.angle = self.seconds, self.angle
-        return other
 
     def add(self, omega: np.ndarray, measured: np.ndarray, dt: np.ndarray) -> None:
         """Add samples: calibrated rate less its zero (N, 3), measured rate (N, 3) rad/s, each holding for dt (N,) s."""
@@ -113,9 +106,3 @@ class TurnTest:
             left = np.eye(12) - gain @ H
             self.P = left @ self.P @ left.T + gain @ (S - H @ self.P @ H.T) @ gain.T
         return Closure(tilt, float(np.sqrt(np.trace(S) / 2)), square, turn.seconds, turn.angle, bool(alarm))
-
-
-def add_blocks(turn: Turn, blocks: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], zero: np.ndarray) -> None:
-    """Add blocks of (omega, measured, dt); zero (3,) rad/s is taken off the rate."""
-    for omega, measured, dt in blocks:
-        turn.add(omega - zero, measured, dt)

@@ -23,7 +23,7 @@ from tinygc.annexes.watch.detector import Detector, Judged, Window
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse, expect
 from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, SHIFTS, Settings, settings
 from tinygc.annexes.watch.source import Item, Readings, Remark, Restart
-from tinygc.annexes.watch.turns import LONGEST_S, Closure, Turn, TurnTest, add_blocks
+from tinygc.annexes.watch.turns import LEAST_RAD, LONGEST_S, Closure, Turn, TurnTest
 from tinygc.closure.motion import MINUTE_S, at_rest
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.models.linear import LinearModel
@@ -208,10 +208,8 @@ class Watch:
 
     def _forget_turn(self) -> None:
         self._turn: Turn | None = None
-        self._settled: Turn | None = None
         self._direction: np.ndarray | None = None  # force of the last judged rest, in g
-        self._tail: deque[Arrays] = deque(maxlen=2)
-        self._resting: list[Arrays] = []
+        self._pending: deque[Arrays] = deque()  # blocks since then that may be those of the next judged window
 
     def _block(self, block: Arrays, quiet: bool, window: Window | None, judged: Judged | None) -> Iterator[Event]:
         seconds = float(block[2].sum())
@@ -225,12 +223,13 @@ class Watch:
         if not quiet and self._here:
             yield from self._end_rest()
         if self._direction is not None:
-            yield from self._follow(block, quiet, window)
-        self._tail.append(block)
+            yield from self._follow(block, window)
         if window is None or judged is None:
             return
         self._restless_said_s = RESTLESS_S
         self.windows += 1
+        if self._direction is None:
+            self._pending.append(block)
         self._direction = window.direction[:, 0].astype(float)
         self._here.append(np.concatenate([self._detector.filter.zero[:, 0], [window.gravity[0]], window.warmer]).astype(float))
         if len(self._here) > 2:  # of a rest, the first and the last window are kept
@@ -238,38 +237,30 @@ class Watch:
         self._windows_here += 1
         yield from self._judged(window, judged)
 
-    def _follow(self, block: Arrays, quiet: bool, window: Window | None) -> Iterator[Event]:
-        """A turn from the last judged rest on."""
+    def _follow(self, block: Arrays, window: Window | None) -> Iterator[Event]:
+        """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
+        kept = BLOCKS if window is not None else BLOCKS + 1
+        while len(self._pending) > kept:
+            if self._turn is None:
+                self._turn = Turn()
+                self._zero_rps = self._detector.filter.zero[:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
+            omega, measured, dt = self._pending.popleft()
+            self._turn.add(omega - self._zero_rps, measured, dt)
         turn = self._turn
-        if turn is None:
-            if quiet:
-                return
-            assert self._direction is not None
-            turn = self._turn = Turn()
-            self._start_direction = self._direction
-            self._zero_rps = self._detector.filter.zero[:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
-            add_blocks(turn, [*self._tail, block], self._zero_rps)
-            return
-        if window is not None and self._settled is not None:
-            done, self._turn, self._settled = self._settled, None, None
-            yield from self._closed(done, window.direction[:, 0].astype(float))
-            return
-        if self._settled is None or not quiet:
-            if self._settled is not None:  # it was no rest
-                add_blocks(turn, self._resting, self._zero_rps)
-                self._settled = None
-            add_blocks(turn, [block], self._zero_rps)
-            if quiet:
-                self._settled, self._resting = turn.copy(), []
-        else:
-            self._resting.append(block)
-        if turn.seconds > LONGEST_S:
+        if window is not None:
+            self._turn = None
+            self._pending.clear()
+            if turn is not None and turn.angle > LEAST_RAD:
+                yield from self._closed(turn, window.direction[:, 0].astype(float))
+        self._pending.append(block)
+        if turn is not None and turn.seconds > LONGEST_S:
             self._forget_turn()
 
     def _closed(self, turn: Turn, end: np.ndarray) -> Iterator[Event]:
         c, f = self._detector.chosen, self._detector.filter
         variance = float(np.max(c.rate_sigma_rps) ** 2 * max(float(f.P[0, 0]), 0.0))
-        closure = self._turn_test.judge(turn, self._start_direction, end, variance, self.window_s)
+        assert self._direction is not None
+        closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
         self.turns += 1
         table = _turn_table(closure)
         words = (
@@ -313,7 +304,7 @@ class Watch:
             changed = np.zeros(3)
             changed[channel] = size * DEG
             cost, whole = _cost_deg(changed), _cost_deg(zero)
-            advice = "take B anew: `calibrate verify`, then `calibrate fit --model FILE --bias`; the other parameters are not in question"
+            advice = "take B anew (`calibrate verify` says how); the other parameters are not in question"
             table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
             table |= {"cost_deg": cost, "zero_cost_deg": whole, "advice": advice}
             amount = f"{size:+.3g} ± {sigma:.2g} dps"

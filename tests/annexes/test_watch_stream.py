@@ -190,7 +190,7 @@ def test_damage_and_restarts_of_a_stream_are_items():
     sensor = Surroundings(KnownSensor(), None, "none", "")
     found = list(_decoded(iter(["".join(lines).encode(), b"", "".join(again).encode()]), SourceOptions(), sensor, "a test"))
     assert sum(len(item.t_ns) for item in found if isinstance(item, Readings)) >= 598
-    assert [item.kind for item in found if isinstance(item, Remark)] == ["garbage"]
+    assert "garbage" in {item.kind for item in found if isinstance(item, Remark)} <= {"garbage", "lost"}
     assert sum(isinstance(item, Restart) for item in found) == 1
     assert sum(item is None for item in found) == 1
     with pytest.raises(DataError, match="no sample in what came"):

@@ -58,7 +58,7 @@ _HEADER = """\
  *
  * units    rate in rad/s, calibrated; specific force in m/s^2, calibrated; temperature in degC, any number beyond 200 where none is known
  * rate     {rate} samples a second: samples may not be left out without tinygc_watch_gap
- * memory   {state} bytes of state, no heap, no library
+ * memory   {state} bytes of state, no heap; no library but the compiler's own (memset, int64_t to float)
  * order    float32, sums from the first to the last; tinygc.annexes.watch.detector has the same bits
  * build    {flags}
  */

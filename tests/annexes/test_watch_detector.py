@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from conftest import DEG
-from watched import ACCEL_WHITE, RATE_HZ, WHITE, G, chosen, flat, samples
+from watched import ACCEL_WHITE, RATE_HZ, WHITE, chosen, flat, samples
 
 from session.io.errors import CalibrationError
 from tinygc.annexes.watch.detector import PROCESSES, STATES, WHOLE, Detector, Window, ZeroFilter, root
@@ -318,4 +318,3 @@ def test_the_integers_of_a_sample_are_the_nearest():
     assert whole[:, 7].all()
     np.testing.assert_allclose(whole[:, :3], rate * 2**20, atol=0.55)
     np.testing.assert_allclose(whole[:, 3:6], force * 2**14, atol=0.55)
-    assert G * 2**14 < 2**18

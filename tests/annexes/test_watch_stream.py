@@ -12,12 +12,13 @@ import time
 import numpy as np
 import processes
 import pytest
-from conftest import DEG
-from watched import RATE_HZ, G, csv, joined, known, model_file, of_kind, samples, watched
+from formats_page import strangers
+from watched import G, csv, joined, known, model_file, of_kind, samples, turning, watched
 
 import calibrate
 import tinygc
 from session.io.errors import CalibrationError, DataError, StorageError
+from session.io.results import json_line
 from tinygc.annexes.watch.alarm_command import AlarmCommand, words_of
 from tinygc.annexes.watch.lines import JsonLines
 from tinygc.annexes.watch.source import Readings, Remark, Restart, SourceOptions, _decoded
@@ -374,4 +375,16 @@ def test_a_full_disk_loses_nothing(tmp_path):
 def test_a_file_that_cannot_be_written_is_an_error(tmp_path):
     with pytest.raises(StorageError, match="give --json another path"):
         JsonLines(tmp_path / "none" / "out.jsonl", print)
-    assert RATE_HZ * DEG > 0
+
+
+def test_every_event_is_of_its_format():
+    """Of every kind: no key that the page lacks, and what the schema asks for."""
+    gravity = joined(samples(20, 1), samples(20, 2, force=(0, 0, -G * 1.002)))
+    events = [event for readings in (STEP, gravity, turning(8, 1, scale=(1.02, 0.98, 1.01))) for event in watched(readings)[1]]
+    live = Watch(known())
+    events += live.take(Remark("crc", "frames failed their check"))
+    tables = [json.loads(json_line(event.to_json())) for event in events]
+    assert {table["event"] for table in tables} == {"start", "rest", "turn", "alarm", "remark", "end"}
+    assert {table["channel"] for table in tables if table["event"] == "alarm"} == {"zero y", "gravity", "closure"}
+    for table in tables:
+        assert not strangers(table)

@@ -39,6 +39,7 @@ EXAMPLES += [
     "rebias",
     "report",
     "sensors",
+    "watch",
     "simulate",
     "to_frame",
 ]

@@ -23,6 +23,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
     history           sessions of one unit -> scatter, drift and shocks of its numbers, when to calibrate next
     estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
+    watch             a calibration and a log, a port or a stream -> whether it holds
     array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
@@ -119,6 +120,7 @@ if TYPE_CHECKING:
     from tinygc.library.sessions import check as check
     from tinygc.library.sessions import plan as plan
     from tinygc.library.sessions import simulate as simulate
+    from tinygc.library.watch import watch as watch
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
 __version__ = _session.VERSION
@@ -147,6 +149,7 @@ _HOMES = {
     "tinygc.library.records": ("Estimate", "to_frame"),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
     "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),
+    "tinygc.library.watch": ("watch",),
     "tinygc.simulation.options": ("SimulationOptions",),
 }
 #: name -> the service of the annex that has it

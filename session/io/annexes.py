@@ -49,6 +49,7 @@ SERVICES = {
     "the emulated board": "tinygc.annexes.emulated.command",
     "verify": "tinygc.annexes.verification.command",
     "watch": "tinygc.annexes.watch.command",
+    "the watch of a calibration": "tinygc.annexes.watch.library",
     "a watch in C (export --watch)": "tinygc.annexes.watch.embedded",
     "history": "tinygc.annexes.history.command",
     "the history of a unit": "tinygc.annexes.history.library",

@@ -73,6 +73,11 @@ def json_text(table: Any, ascii_only: bool = False) -> str:
     return escaped_json(text, ascii_only)
 
 
+def json_line(table: Any) -> str:
+    """The same in one line of ASCII, without its end."""
+    return json.dumps(_known(table), allow_nan=False)
+
+
 def _known(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _known(inner) for key, inner in value.items()}

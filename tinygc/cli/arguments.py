@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -353,6 +354,23 @@ def within(low: float, high: float, what: str = "number", unit: str = "") -> Cal
 data_rate, gyro_full_scale, accel_full_scale = within(0.1, 50_000), within(1, FASTEST_DPS), within(0.1, 1000)
 #: times: up to 30 years, which a program can wait for and a counter can hold; duration of a closure run
 seconds, closure_seconds = within(0, LONGEST_S, "time", " s"), within(SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S, "time", " s")
+
+
+#: s of a unit of time
+TIMES_S = {"min": 60.0, "s": 1.0, "h": 3600.0, "d": 86400.0}
+
+
+def duration(text: str) -> float:
+    """Parse a time, s: ``30d``, ``12 h``, ``90min`` or ``3600``."""
+    plain = text.strip().lower()
+    unit = next((name for name in TIMES_S if plain.endswith(name)), "")
+    try:
+        value = float(plain.removesuffix(unit)) * TIMES_S.get(unit, 1.0)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r:.40}: expected a time such as 30d, 12h, 90min or 3600s")
+    return value
 
 
 def note(text: str) -> tuple[str, str]:

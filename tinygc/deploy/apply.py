@@ -19,7 +19,7 @@ from session.detect.segments import pace_of
 from session.io.config import Accelerometer
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, FormatError
-from session.io.lines import STANDARD
+from session.io.lines import PIECE_BYTES, STANDARD
 from session.io.logfile import CALIBRATED, already_calibrated
 from session.io.numeric import decimal_rows
 from session.io.reader import Reader
@@ -178,10 +178,10 @@ class LogSource:
         self._gyro = self.layout.gyro_si(self._units)
         self._accel = 1.0 if self.layout.accel is None else self.layout.accel_si(self._units)
 
-    def pieces(self) -> Iterator[Applicable]:
-        """Yield the log's pieces in SI."""
+    def pieces(self, size: int = PIECE_BYTES) -> Iterator[Applicable]:
+        """Yield the log's pieces of some ``size`` bytes in SI."""
         first = 0
-        for piece in self.reader.pieces():
+        for piece in self.reader.pieces(size):
             assert piece.gyro is not None  # a log without rates was refused
             stamps = piece.t_ns
             if stamps is None:

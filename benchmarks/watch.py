@@ -1,0 +1,364 @@
+"""The watch: run lengths to a false alarm beside the stated, delays beside the bound, hours of rest, recorded rests, the C.
+
+python benchmarks/watch.py run-lengths | delays | rests [--hours 100] | recorded | code
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
+
+import measure
+from common import markdown, progress
+
+import tinygc
+from session.io.files import read_npz
+from session.io.units import DEG, DEG_PER_HOUR, NS_PER_S, G
+from tinygc.annexes.watch.detector import Detector, Judged, Window, ZeroFilter
+from tinygc.annexes.watch.embedded import SOURCE, watch_files
+from tinygc.annexes.watch.expectation import Expectation, ModelInUse
+from tinygc.annexes.watch.settings import BLOCK_S, BLOCKS, Settings, settings
+from tinygc.annexes.watch.source import Readings
+from tinygc.annexes.watch.watch import FALSE_ALARM_EVERY_S, Watch
+from tinygc.attitude import rotation
+from tinygc.closure.floor import TIMES_S, wander_covariance
+from tinygc.deploy.embedded.source import FLAGS
+from tinygc.models.linear import LinearModel
+
+WILD = Path(__file__).resolve().parent.parent.parent / "shared" / "wild"
+#: an ASM330LHH: N 0.21 °/√h, B 3 °/h, at 104 Hz
+WHITE, INSTABILITY, ACCEL_WHITE, ACCEL_INSTABILITY = 6.2e-5, 3 * DEG_PER_HOUR, 4.3e-4, 1e-4
+WINDOW_S = BLOCK_S * BLOCKS
+CORE = "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard"
+RATE_HZ = 104.0
+
+
+def flicker_drift(instability: float):
+    """(3,) mean square of the drift of flicker noise, between two means."""
+
+    def drift(elapsed_s: float, span_s: float) -> np.ndarray:
+        covariance = wander_covariance(np.array([0.0, elapsed_s]), span_s, instability_rps=instability)
+        return np.full(3, covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
+
+    return drift
+
+
+def expectation(walk: float = 0.0) -> Expectation:
+    """A sensor's figures; walk: K, rad/s/sqrt(s)."""
+    gyro = flicker_drift(INSTABILITY)
+    return Expectation(
+        RATE_HZ,
+        np.full(3, WHITE),
+        lambda t, span: gyro(t, span) + walk**2 * t,
+        np.full(3, 0.14 * DEG),
+        np.full(3, 0.002 * DEG),
+        np.full(3, 0.01 * DEG),
+        None,
+        0.0,
+        G,
+        np.full(3, ACCEL_WHITE),
+        flicker_drift(ACCEL_INSTABILITY),
+        np.full(3, 0.02),
+        1e-3,
+        1e-3,
+        np.diag(np.r_[np.full(9, 1e-8), np.full(3, 1e-10)]),
+    )
+
+
+class Flicker:
+    """Flicker noise of independent series, a step of a window at a time: octaves of Gauss-Markov processes, as ``closure.floor`` has it."""
+
+    def __init__(self, instability: float, shape: tuple[int, ...], step_s: float, rng: np.random.Generator):
+        times = np.array([time for time in TIMES_S if time >= step_s / 2])
+        self._sigma, self._decay = instability * np.sqrt(np.log(2) / np.pi), np.exp(-step_s / times)
+        self._rng = rng
+        self._parts = self._sigma * rng.normal(size=(len(times), *shape))
+
+    def next(self) -> np.ndarray:
+        """The next values."""
+        decay = self._decay.reshape(-1, *[1] * (self._parts.ndim - 1))
+        self._parts = decay * self._parts + self._sigma * np.sqrt(1 - decay**2) * self._rng.normal(size=self._parts.shape)
+        return self._parts.sum(axis=0)
+
+
+def windows(
+    chosen: Settings, copies: int, rng: np.random.Generator, rest: int | None, walk: float = 0.0
+) -> Iterator[tuple[np.ndarray, ...]]:
+    """rate (3, S) and gravity (S,), normalised, direction (3, S), whether a new rest begins; rest: windows of one, None for one alone."""
+    unit, g_unit = chosen.rate_sigma_rps[:, None], chosen.gravity_sigma
+    offset = rng.normal(size=(3, copies)) * np.sqrt(chosen.offset)
+    zero = rng.normal(size=(3, copies)) * np.sqrt(chosen.accel_offset)
+    gyro, accel = Flicker(INSTABILITY, (3, copies), WINDOW_S, rng), Flicker(ACCEL_INSTABILITY, (copies,), WINDOW_S, rng)
+    number = 0
+    while True:
+        if number == 0 or (rest is not None and number % rest == 0):
+            attitude = rng.normal(size=(3, copies)) * np.sqrt(chosen.attitude)
+            own = rng.normal(size=copies) * np.sqrt(chosen.accel_attitude)
+            direction = rng.normal(size=(3, copies))
+            direction /= np.linalg.norm(direction, axis=0)
+        offset += rng.normal(size=(3, copies)) * walk * np.sqrt(WINDOW_S) / unit
+        rate = offset + gyro.next() / unit + attitude + rng.normal(size=(3, copies))
+        gravity = np.sum(direction * zero, axis=0) + accel.next() / G / g_unit + own + rng.normal(size=copies)
+        yield rate, gravity, direction, rest is not None and number > 0 and number % rest == 0
+        number += 1
+
+
+def judged(chosen: Settings, rate: np.ndarray, gravity: np.ndarray, direction: np.ndarray) -> Window:
+    """A window as the detector has it."""
+    copies = rate.shape[1]
+    parts = (each.astype(np.float32) for each in (rate, gravity, direction))
+    return Window(*parts, np.zeros(copies, np.float32), np.ones((2, copies), np.float32))
+
+
+def run_lengths() -> None:
+    """Mean run length to a false alarm, of many streams side by side."""
+    rows = []
+    cases = [("rest", 1000, None, 0.0), ("rest", 10_000, None, 0.0), ("rests of 10 s", 1000, 5, 0.0), ("random walk", 1000, None, 3e-7)]
+    for name, stated, rest, walk in cases:
+        copies, most = (400, 4 * stated) if stated < 5000 else (400, stated)
+        chosen, rng = settings(expectation(walk), stated * WINDOW_S), np.random.default_rng(1)
+        filters, alarms, total, squares = ZeroFilter(chosen, copies), np.zeros(copies), 0, 0.0
+        first = np.zeros(copies, dtype=int)
+        channels = np.zeros(4)
+        for number, (rate, gravity, direction, new) in zip(range(most), windows(chosen, copies, rng, rest, walk), strict=False):
+            if number % 100 == 0:
+                progress(f"{name} {number}")
+            filters.predict()
+            if new:
+                filters.new_rest()
+            found = filters.judge(judged(chosen, rate, gravity, direction))
+            alarms += (found.alarm != 0).any(axis=0)
+            channels += (found.alarm != 0).sum(axis=1)
+            hit = (found.alarm != 0).any(axis=0) & (first == 0)
+            first[hit] = number + 1
+            total += copies
+            squares += float(np.mean(found.z**2))
+        events = int(alarms.sum())
+        mean = total / max(events, 1)
+        early = np.mean((first > 0) & (first <= stated))
+        measured, by_channel = f"{mean:.0f} ± {mean / np.sqrt(max(events, 1)):.0f}", " ".join(f"{each:.0f}" for each in channels)
+        rows.append([name, f"{stated}", measured, f"{100 * early:.0f} %", f"{np.sqrt(squares / most):.3f}", by_channel])
+    progress("")
+    print(markdown(["streams", "stated, windows", "measured", "alarmed within it", "rms z", "alarms by channel"], rows))
+
+
+def delays() -> None:
+    """Mean delay of steps and ramps in the rate of one axis, beside the least that any test with this run length needs."""
+    chosen = settings(expectation(), FALSE_ALARM_EVERY_S)
+    length = FALSE_ALARM_EVERY_S / WINDOW_S
+    copies, burn, rows = 200, 400, []
+    cases = [("step", size) for size in (1.0, 2.0, 3.0, 5.0, 10.0, 30.0)] + [("ramp", size) for size in (0.003, 0.01, 0.03, 0.1, 0.3)]
+    for form, size in cases:
+        progress(f"{form} {size}")
+        rng, filters = np.random.default_rng(2), ZeroFilter(chosen, copies)
+        most = 4000
+        found_at, information, response = np.zeros(copies, dtype=int), [], np.zeros(5)
+        for number, (rate, gravity, direction, _) in zip(range(burn + most), windows(chosen, copies, rng, None), strict=False):
+            filters.predict()
+            after = number - burn + 1
+            change = 0.0 if after <= 0 else size if form == "step" else size * after
+            rate[0] += change
+            found = filters.judge(judged(chosen, rate, gravity, direction))
+            if after > 0:
+                innovation = change - response[:4].sum()
+                information.append((innovation / float(found.sigma[0, 0])) ** 2 / 2)
+                response = response + found.gain[:, 0].astype(float) * innovation
+                response[1:3] *= chosen.decay
+                found_at[(found.alarm[0] != 0) & (found_at == 0)] = after
+            elif (found.alarm != 0).any():
+                found_at[(found.alarm[0] != 0)] = 0
+            if (found_at > 0).all():
+                break
+        known = np.cumsum(information)
+        needed = np.flatnonzero(known >= np.log(length))
+        bound = "never" if not len(needed) else f"{needed[0] + 1}"
+        share = np.mean(found_at > 0)
+        unit = float(chosen.rate_sigma_rps[0]) / DEG
+        words = (
+            f"{size:g} σ = {size * unit:.4f} dps" if form == "step" else f"{size:g} σ a window = {size * unit * 3600 / WINDOW_S:.2f} dps/h"
+        )
+        mean = f"{found_at[found_at > 0].mean():.1f}" if share else "–"
+        rows.append([form, words, f"{100 * share:.0f} %", mean, bound, f"{known[-1]:.1f}"])
+    progress("")
+    print(f"a false alarm every {length:.0f} windows of {WINDOW_S:g} s: log {np.log(length):.1f}; one σ is {unit:.4f} dps")
+    print(markdown(["change", "size", "found within 4000 windows", "mean delay, windows", "bound", "information by then"], rows))
+
+
+def rests(hours: float) -> None:
+    """Hours of simulated rest, sample by sample, through the whole watch; a few handled stretches between."""
+    rng = np.random.default_rng(5)
+    watch = Watch(ModelInUse(LinearModel(np.eye(3), np.zeros(3)), {}, {}, None, None))
+    known = expectation()
+    import tinygc.annexes.watch.watch as module
+
+    module.expect = lambda model, rate_hz: dataclasses.replace(known, rate_hz=rate_hz)  # the true figures
+    began, events, t_ns = time.monotonic(), [], 0
+    period_ns = round(NS_PER_S / RATE_HZ)
+    piece_s = 600.0
+    gyro = Flicker(INSTABILITY, (3,), 1.0, rng)
+    accel = Flicker(ACCEL_INSTABILITY, (1,), 1.0, rng)
+    offset, direction = rng.normal(size=3) * 0.14 * DEG, np.array([0.0, 0.0, -1.0])
+    for number in range(round(hours * 3600 / piece_s)):
+        progress(f"{number * piece_s / 3600:.1f} h")
+        count = round(piece_s * RATE_HZ)
+        drift = np.repeat([gyro.next() for _ in range(int(piece_s) + 1)], round(RATE_HZ), axis=0)[:count]
+        longer = np.repeat([accel.next() for _ in range(int(piece_s) + 1)], round(RATE_HZ), axis=0)[:count]
+        rate = offset + drift + rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ)
+        force = direction * (G + longer) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
+        if number % 6 == 5:  # turned by a hand for a minute
+            turned = round(60 * RATE_HZ)
+            swing = np.sin(np.arange(turned) / RATE_HZ)[:, None] * np.array([0.8, -0.5, 0.3]) * np.hanning(turned)[:, None]
+            attitudes = rotation.matrix(rotation.accumulate(rotation.exp(swing / RATE_HZ)))
+            rate[:turned] += swing
+            force += (np.einsum("nji,j->ni", attitudes, direction) - direction)[np.minimum(np.arange(count), turned - 1)] * G
+            direction = attitudes[-1].T @ direction
+        stamps = t_ns + np.arange(count, dtype=np.int64) * period_ns
+        t_ns = int(stamps[-1]) + period_ns
+        events += [event for event in watch.take(Readings(stamps, rate, force, None)) if event.kind in ("alarm", "remark")]
+    events += list(watch.end())
+    progress("")
+    for event in events:
+        print(f"{event.t_s / 3600:8.3f} h  {event.words}")
+    print(f"{time.monotonic() - began:.0f} s of this computer")
+
+
+def recorded() -> None:
+    """Three ADIS16405 at rest: figures of one half by ``noise``, its mean as B, and the other half watched."""
+    import tinygc.annexes.watch.watch as module
+
+    usual, rows = module.expect, []
+    for number in (1, 2, 3):
+        values = read_npz(WILD / f"adis16405_imu{number}.npz", ("gyro_dps", "accel_g", "rate_hz"))
+        rate, force = values["gyro_dps"].astype(float) * DEG, values["accel_g"].astype(float) * G
+        rate_hz = float(np.ravel(values["rate_hz"])[0])
+        t_s = np.arange(len(rate)) / rate_hz
+        halves = (slice(0, len(rate) // 2), slice(len(rate) // 2, len(rate)))
+        for known, seen in (halves, halves[::-1]):
+            progress(f"imu{number}")
+            figures = tinygc.estimate_noise((t_s[known] - t_s[known][0], rate[known], force[known])).figures
+            gravity = float(np.linalg.norm(force[known].mean(axis=0)))
+            module.expect = lambda model, hz, gravity=gravity: dataclasses.replace(usual(model, hz), gravity_mps2=gravity)
+            model = LinearModel(np.eye(3), -rate[known].mean(axis=0))
+            watch, events = Watch(ModelInUse(model, {}, {}, None, figures)), []
+            for begin in range(seen.start, seen.stop, 60_000):
+                part = slice(begin, min(begin + 60_000, seen.stop))
+                stamps = np.rint(t_s[part] * NS_PER_S).astype(np.int64)
+                events += [each for each in watch.take(Readings(stamps, rate[part], force[part], None)) if each.kind == "alarm"]
+            list(watch.end())
+            z = np.array([record.z for record in watch._records])
+            channels = ", ".join(f"{each.table['channel']} at {each.t_s + t_s[seen.start]:.0f} s" for each in events) or "none"
+            which = "first" if seen.start == 0 else "second"
+            rms = " ".join(f"{each:.2f}" for each in np.sqrt(np.mean(z**2, axis=0)))
+            rows.append([f"imu{number}, {which} half", str(watch.windows), rms, channels])
+    progress("")
+    print(markdown(["watched", "windows", "rms of the innovations x y z gravity", "alarms"], rows))
+
+
+#: the watch in the place of a model, so that firmware/measure.c runs it: its answer and two numbers of its state come out
+WRAPPED = {
+    "tinygc_model.h": """#include <stdint.h>
+#include "calibration_watch.h"
+typedef struct { float rate[3], force[3], temp_c; } tinygc_input;
+typedef tinygc_watch tinygc_state;
+void tinygc_start(tinygc_state *state);
+void tinygc_step(tinygc_state *state, const tinygc_input *in, float omega[3]);
+int tinygc_self_test(float *worst);
+""",
+    "tinygc_model.c": """#include "tinygc_model.h"
+#include "calibration_watch.c"
+void *memset(void *to, int value, __SIZE_TYPE__ count);
+void tinygc_start(tinygc_state *state) { tinygc_watch_start(state); }
+void tinygc_step(tinygc_state *state, const tinygc_input *in, float omega[3])
+{
+    omega[0] = (float)tinygc_watch_step(state, in->rate, in->force, in->temp_c);
+    omega[1] = state->P[0];
+    omega[2] = state->x[0][0];
+}
+int tinygc_self_test(float *worst) { *worst = 0.0f; return 0; }
+""",
+}
+
+
+def expected_outputs(chosen: Settings, inputs: np.ndarray) -> np.ndarray:
+    """What ``WRAPPED`` gives for inputs (N, 7), by the detector in Python."""
+    detector, found, at = Detector(chosen), np.zeros((len(inputs), 3), np.float32), 0
+    found[:, 1] = chosen.offset
+    for position, _, _, judged_now in detector.feed(inputs[:, :3], inputs[:, 3:6], inputs[:, 6]):
+        found[position - 1 :, 1:] = detector.filter.P[0, 0], detector.filter.x[0, 0, 0]
+        if judged_now is not None:
+            found[position - 1, 0] = answer_of(judged_now)
+        at = position
+    return found[:at]
+
+
+def answer_of(judged_now: Judged) -> int:
+    """What the C returns for a judged window."""
+    signs = judged_now.alarm[:, 0].astype(int).tolist()
+    return 1 + sum((2 << channel if sign > 0 else 32 << channel) for channel, sign in enumerate(signs) if sign)
+
+
+def code() -> None:
+    """Bytes of the C, its instructions on an emulated Cortex-M4F, and whether its bits are those of Python."""
+    if missing := measure.tools_missing():
+        sys.exit(f"watch: {missing}")
+    chosen, rng, count = settings(expectation(), FALSE_ALARM_EVERY_S), np.random.default_rng(7), 20_000
+    rest = np.column_stack(
+        [
+            rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ) + 1e-3,
+            rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ) + [0.0, 0.0, -G],
+            np.full(count, 25.0),
+        ]
+    )
+    rest[count // 2 :, 0] += 0.1 * DEG
+    moved = rest + np.column_stack([0.4 * np.sin(np.arange(count))[:, None] * np.ones(3), np.zeros((count, 4))])
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = watch_files(chosen, "A benchmark.", {}, "30 days", RATE_HZ) | WRAPPED
+        for file, text in files.items():
+            (folder / file).write_text(text)
+        for optimise in ("-Os", "-O2"):
+            built = folder / optimise.strip("-")
+            elf = measure.build("measure.elf", folder, built, optimise)
+            compiled = ["arm-none-eabi-gcc", *FLAGS.split(), optimise, *CORE.split(), "-c", folder / SOURCE, "-o", folder / "watch.o"]
+            subprocess.run(compiled, check=True)
+            size = subprocess.run(["arm-none-eabi-size", folder / "watch.o"], check=True, capture_output=True, text=True).stdout.split()[6]
+            still, turning = (measure.run(elf, each.astype(np.float32), folder) for each in (rest, moved))
+            wanted = expected_outputs(chosen, rest.astype(np.float32))
+            differ = np.count_nonzero(still.rates[: len(wanted)].view(np.uint32) != wanted.view(np.uint32))
+            samples = chosen.window_samples
+            window = (still.instructions - turning.instructions) * samples
+            alarms = int(np.count_nonzero(wanted[:, 0] > 1))
+            cells = [size, f"{turning.instructions:.0f}", f"{window:.0f}", f"{differ} of {wanted.size}", f"{alarms}"]
+            rows.append([f"`{optimise}`", *cells])
+    head = [
+        "flags",
+        "bytes of code and constants",
+        "instructions a sample in motion",
+        "more a window at rest",
+        "bits that differ",
+        "alarms",
+    ]
+    print(markdown(head, rows))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("run-lengths", "delays", "rests", "recorded", "code"))
+    parser.add_argument("--hours", type=float, default=100.0, help="of rests (%(default)s)")
+    args = parser.parse_args()
+    {"run-lengths": run_lengths, "delays": delays, "rests": lambda: rests(args.hours), "recorded": recorded, "code": code}[args.what]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,320 @@
+"""The detector: what is a rest, whether its innovations are white, how long it runs to a false alarm, what it finds."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import DEG
+from watched import ACCEL_WHITE, RATE_HZ, WHITE, chosen, flat, samples
+
+from session.io.errors import CalibrationError
+from tinygc.annexes.watch.detector import PROCESSES, STATES, WHOLE, Detector, Window, ZeroFilter, root
+from tinygc.annexes.watch.expectation import _drift
+from tinygc.annexes.watch.settings import BLOCKS, CLIP, SHIFTS, TESTS, TIMES_S, settings
+from tinygc.closure.floor import BiasInstability
+
+WINDOW_S = 1.92
+
+
+def windows(detector: Detector, *parts) -> list:
+    """Judged windows of readings."""
+    return [
+        (window, judged)
+        for part in parts
+        for *_, window, judged in detector.feed(part.gyro, part.accel, part.temp_c)
+        if window is not None and judged is not None
+    ]
+
+
+def reading(rate: np.ndarray, gravity: np.ndarray | float = 0.0, warmer: float = 0.0, direction=(0.0, 0.0, -1.0)) -> Window:
+    """A window of normalised rates (3, S)."""
+    copies = rate.shape[1]
+    along = np.repeat(np.array(direction, np.float32)[:, None], copies, axis=1)
+    whole = np.ones(copies, np.float32)
+    return Window(
+        rate.astype(np.float32), (gravity * whole).astype(np.float32), along, np.float32(warmer) * whole, np.ones((2, copies), np.float32)
+    )
+
+
+# What is a rest
+
+
+def test_a_rest_gives_its_zero_and_gravity():
+    detector, zero = Detector(chosen()), (0.05, -0.02, 0.01)
+    found = windows(detector, samples(60, 1, zero))
+    assert len(found) == (60 / 0.12 - 2) // BLOCKS  # but the first block, and the one that shows the end
+    c = detector.chosen
+    mean = np.mean([window.rate[:, 0] for window, _ in found], axis=0) * c.rate_sigma_rps / DEG
+    np.testing.assert_allclose(mean, zero, atol=5 * WHITE / DEG / np.sqrt(60))
+    scatter = np.std([window.rate[:, 0] for window, _ in found], axis=0)
+    np.testing.assert_allclose(scatter, 1, atol=4 / np.sqrt(2 * len(found)))
+    np.testing.assert_allclose(np.mean([window.direction[:, 0] for window, _ in found], axis=0), [0, 0, -1], atol=1e-4)
+    assert np.std([window.gravity[0] for window, _ in found]) == pytest.approx(1, abs=4 / np.sqrt(2 * len(found)))
+    assert np.mean([window.scatter for window, _ in found], axis=0).ravel() == pytest.approx([1, 1], abs=0.15)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda rate, force: (rate + np.array([11 * DEG, 0, 0]), force),
+        lambda rate, force: (rate, force * 1.3),
+        lambda rate, force: (rate, force * 0.7),
+        lambda rate, force: (rate + 0.2 * DEG * np.sin(np.arange(len(rate)))[:, None], force),
+        lambda rate, force: (rate, force + 0.1 * np.sin(np.arange(len(rate)))[:, None]),
+        lambda rate, force: (np.where(np.arange(len(rate))[:, None] % 100 == 50, np.nan, rate), force),
+        lambda rate, force: (rate, np.where(np.arange(len(rate))[:, None] % 100 == 50, np.inf, force)),
+        lambda rate, force: (rate, force + np.linspace(0, 0.5, len(rate))[:, None] * [1, 0, 0]),  # it turns slowly
+    ],
+)
+def test_what_is_no_rest_gives_nothing(spoil):
+    part = samples(20, 2)
+    rate, force = spoil(part.gyro, part.accel)
+    assert windows(Detector(chosen()), dataclasses.replace(part, gyro=rate, accel=force)) == []
+
+
+def test_pieces_do_not_matter():
+    part, whole, pieces = samples(30, 3), Detector(chosen()), Detector(chosen())
+    list(whole.feed(part.gyro, part.accel))
+    for begin in range(0, len(part.gyro), 7):
+        list(pieces.feed(part.gyro[begin : begin + 7], part.accel[begin : begin + 7]))
+    np.testing.assert_array_equal(whole.filter.P, pieces.filter.P)
+    np.testing.assert_array_equal(whole.filter.cusum, pieces.filter.cusum)
+
+
+def test_the_earth_is_taken_off_along_gravity():
+    rate = 7.292115e-5 * np.sin(50 * DEG)
+    detector = Detector(settings(flat(earth_rps=rate), 1e6))
+    part = samples(400, 4, zero_dps=np.array([0, 0, -rate / DEG]))  # level, z down: the Earth turns about -z
+    mean = np.mean([window.rate[2, 0] for window, _ in windows(detector, part)])
+    assert mean * detector.chosen.rate_sigma_rps[2] == pytest.approx(0, abs=4 * WHITE / np.sqrt(400))
+
+
+def test_a_gap_ends_a_rest_and_lets_time_pass():
+    detector = Detector(settings(flat(wander=lambda t, span: np.full(3, 1e-10 * t)), 1e6))
+    list(detector.feed(*(getattr(samples(30, 5), name) for name in ("gyro", "accel"))))
+    before = float(detector.filter.P[0, 0])
+    detector.gap(round(3600 * RATE_HZ))
+    grown = (float(detector.filter.P[0, 0]) - before) * float(detector.chosen.rate_sigma_rps[0]) ** 2
+    assert grown == pytest.approx(1e-10 * 3600, rel=0.01)
+    assert windows(detector, samples(2, 6)) == []
+
+
+# The filters
+
+
+def test_the_root_is_one():
+    values = np.geomspace(1, 1e7, 200).astype(np.float32)
+    np.testing.assert_allclose(root(values), np.sqrt(values.astype(float)), rtol=3e-7)
+
+
+def reference(c, rates: np.ndarray, warmer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """z and the last covariance of one axis in float64, by the textbook's filter."""
+    decay = np.r_[1.0, c.decay.astype(float), 1.0, 1.0]
+    P = np.diag([float(c.offset), *np.zeros(PROCESSES), float(c.attitude), float(c.per_k)])
+    drive = np.diag([float(c.walk), *c.drive.astype(float), 0.0, 0.0])
+    x, found = np.zeros(STATES), []
+    for rate, warm in zip(rates, warmer, strict=True):
+        x, P = decay * x, decay[:, None] * P * decay + drive
+        h = np.r_[np.ones(STATES - 1), warm]
+        S = h @ P @ h + 1
+        found.append((rate - h @ x) / np.sqrt(S))
+        gain = P @ h / S
+        x, P = x + gain * (rate - h @ x), P - np.outer(gain, gain) * S
+    return np.array(found), P
+
+
+def test_the_filter_is_the_textbooks_in_single_precision():
+    wander = lambda t, span: np.full(3, _drift(t, span, None, BiasInstability(2 * DEG / 3600, ""))[0] + 1e-12 * t)  # noqa: E731
+    c = chosen(wander=wander, reference_c=None, per_k=np.full(3, 0.01 * DEG))
+    c = dataclasses.replace(c, per_k=np.float32(100.0))
+    rng, filters = np.random.default_rng(1), ZeroFilter(c)
+    rates, warmer = 20 + rng.normal(size=300), np.linspace(0, 3, 300).astype(np.float32)
+    z = []
+    for rate, warm in zip(rates, warmer, strict=True):
+        filters.predict()
+        z.append(float(filters.judge(reading(np.full((3, 1), rate), warmer=float(warm))).z[0, 0]))
+    expected, P = reference(c, rates.astype(np.float32).astype(float), warmer.astype(float))
+    np.testing.assert_allclose(z, expected, atol=5e-3)
+    np.testing.assert_allclose(filters.P[WHOLE, 0], P, atol=5e-3 * P.max())
+
+
+def simulated(c, count: int, copies: int, seed: int, rest: int | None = None):
+    """Windows of sensors that do as the settings say."""
+    rng = np.random.default_rng(seed)
+    zero = rng.normal(size=(3, copies)) * np.sqrt(c.offset)
+    accel = rng.normal(size=(3, copies)) * np.sqrt(c.accel_offset)
+    slow, slow_g = np.zeros((PROCESSES, 3, copies)), np.zeros((PROCESSES, copies))
+    for number in range(count):
+        new = rest is not None and number % rest == 0 and number > 0
+        if number == 0 or new:
+            own, own_g = rng.normal(size=(3, copies)) * np.sqrt(c.attitude), rng.normal(size=copies) * np.sqrt(c.accel_attitude)
+            along = rng.normal(size=(3, copies))
+            along /= np.linalg.norm(along, axis=0)
+        zero = zero + rng.normal(size=zero.shape) * np.sqrt(c.walk)
+        accel = accel + rng.normal(size=accel.shape) * np.sqrt(c.accel_walk)
+        for k in range(PROCESSES):
+            slow[k] = c.decay[k] * slow[k] + rng.normal(size=slow[k].shape) * np.sqrt(c.drive[k])
+            slow_g[k] = c.decay[k] * slow_g[k] + rng.normal(size=copies) * np.sqrt(c.accel_drive[k])
+        rate = zero + slow.sum(axis=0) + own + rng.normal(size=zero.shape)
+        gravity = np.sum(along * accel, axis=0) + slow_g.sum(axis=0) + own_g + rng.normal(size=copies)
+        parts = (each.astype(np.float32) for each in (rate, gravity, along))
+        yield new, Window(*parts, np.zeros(copies, np.float32), np.ones((2, copies), np.float32))
+
+
+#: wander that is as large as the white noise of a window
+WANDERING = {
+    "wander": lambda t, span: np.full(3, (WHITE**2 / WINDOW_S) * (0.01 * t / WINDOW_S + 1 - np.exp(-t / 100))),
+    "accel_wander": lambda t, span: np.full(3, (ACCEL_WHITE**2 / WINDOW_S) * (0.01 * t / WINDOW_S + 1 - np.exp(-t / 100))),
+}
+
+
+@pytest.mark.parametrize("rest", [None, 4])
+def test_innovations_are_white_and_of_one_sigma(rest):
+    """While the sensor does as its figures say: means, variances and correlations of all channels within five of their sigmas."""
+    c = chosen(1e9, **WANDERING)
+    filters, z = ZeroFilter(c, 300), []
+    for new, window in simulated(c, 150, 300, 7, rest):
+        filters.predict()
+        if new:
+            filters.new_rest()
+        z.append(filters.judge(window).z)
+    z = np.array(z, dtype=float)
+    many = np.sqrt(z[:, 0].size)
+    np.testing.assert_allclose(z.mean(axis=(0, 2)), 0, atol=5 / many)
+    np.testing.assert_allclose(z.std(axis=(0, 2)), 1, atol=5 / many)
+    for lag in (1, 2, 10):
+        np.testing.assert_allclose(np.mean(z[lag:] * z[:-lag], axis=(0, 2)), 0, atol=5 / many * 1.1)
+    np.testing.assert_allclose(np.mean(z[:, 0] * z[:, 1]), 0, atol=5 / many)
+
+
+def test_it_runs_as_long_as_stated_to_a_false_alarm():
+    """100 windows are asked for: no less, and no more than twice that; some 1000 alarms know their mean distance to 3 %."""
+    c, count, copies = chosen(100, **WANDERING), 150, 800
+    filters, alarms = ZeroFilter(c, copies), 0
+    for _, window in simulated(c, count, copies, 8):
+        filters.predict()
+        alarms += int((filters.judge(window).alarm != 0).any(axis=0).sum())
+    assert 100 < count * copies / alarms < 200
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_step_is_found_on_its_axis_with_its_sign(axis, sign):
+    c = chosen()
+    filters, rng = ZeroFilter(c, 50), np.random.default_rng(9)
+    delays = np.zeros(50)
+    for number in range(120):
+        rate = rng.normal(size=(3, 50)) + 10
+        rate[axis] += sign * 4 * (number >= 100)
+        filters.predict()
+        alarm = filters.judge(reading(rate)).alarm
+        assert (np.delete(alarm, axis, axis=0) == 0).all()
+        if number < 100:
+            assert (alarm == 0).all()
+        hit = (alarm[axis] == sign) & (delays == 0)
+        delays[hit] = number - 99
+        if hit.any():
+            assert (alarm[axis][hit] == sign).all()
+    assert (delays >= 2).all()
+    assert delays.mean() < 5
+
+
+def test_gravity_is_a_channel_of_its_own():
+    filters, rng, first = ZeroFilter(chosen()), np.random.default_rng(10), None
+    for number in range(140):
+        filters.predict()
+        alarm = filters.judge(reading(rng.normal(size=(3, 1)), rng.normal(size=1) - 5.0 * (number >= 100))).alarm[:, 0]
+        assert not alarm[:3].any()
+        if alarm[3] and first is None:
+            first = number, alarm[3]
+    assert first is not None
+    assert first[1] == -1
+    assert 101 <= first[0] < 106
+
+
+@pytest.mark.parametrize("size", [5.0, 8.0, 1e3, 1e6])
+def test_one_window_alone_never_alarms(size):
+    """However far off: it counts as CLIP sigmas, and changes nothing."""
+    filters = ZeroFilter(chosen())
+    for number in range(60):
+        filters.predict()
+        before = filters.x.copy()
+        found = filters.judge(reading(np.full((3, 1), size if number == 30 else 0.0)))
+        assert (found.alarm == 0).all()
+        if number == 30 and size > 6:
+            assert found.z[0, 0] == np.float32(CLIP)
+            np.testing.assert_array_equal(filters.x, before)
+
+
+def test_after_an_alarm_the_reading_is_the_new_state():
+    filters, alarms = ZeroFilter(chosen()), []
+    for number in range(200):
+        filters.predict()
+        found = filters.judge(reading(np.full((3, 1), 500.0 if number >= 100 else 0.0)))
+        if found.alarm.any():
+            alarms.append(number)
+    assert len(alarms) == 1
+    assert filters.zero[:, 0] == pytest.approx([500] * 3, abs=1)
+
+
+def test_a_zero_that_a_switch_on_allows_is_no_alarm():
+    """Of two sigmas of the prior; one of twelve is."""
+    c = chosen()
+    for size, expected in ((2.0, False), (12.0, True)):
+        filters, alarmed = ZeroFilter(c), False
+        for _ in range(30):
+            filters.predict()
+            alarmed |= bool(filters.judge(reading(np.full((3, 1), size * np.sqrt(c.offset)))).alarm.any())
+        assert alarmed is expected
+
+
+def test_noise_that_is_larger_than_stated_is_taken_as_it_is():
+    """Twice the variance: z becomes one sigma again as the average follows."""
+    filters, rng, z = ZeroFilter(chosen(1e9), 40), np.random.default_rng(11), []
+    for _ in range(400):
+        filters.predict()
+        window = reading(rng.normal(size=(3, 40)) * np.sqrt(2), rng.normal(size=40) * np.sqrt(2))
+        z.append(filters.judge(dataclasses.replace(window, scatter=np.full((2, 40), 2.0, np.float32))).z)
+    np.testing.assert_allclose(np.std(z[300:], axis=(0, 2)), 1, atol=5 / np.sqrt(2 * 40 * 100))
+
+
+# The settings
+
+
+@pytest.mark.parametrize("B_dph", [0.3, 3.0, 30.0])
+@pytest.mark.parametrize("K", [0.0, 3e-7])
+def test_the_wander_is_nowhere_below_the_figures(B_dph, K):
+    drift = lambda t, span: _drift(t, span, None, BiasInstability(B_dph * DEG / 3600, "")) + K**2 * t  # noqa: E731
+    c = chosen(wander=drift)
+    for t in np.geomspace(WINDOW_S, 86400, 30):
+        processes = sum(2 * c.drive[k] / (1 - c.decay[k] ** 2) * (1 - np.exp(-t / TIMES_S[k])) for k in range(PROCESSES))
+        model = float(c.walk) * t / WINDOW_S + processes
+        figures = float(drift(t, WINDOW_S)[0] / (WHITE**2 / WINDOW_S))
+        assert 0.98 * figures < model < 1.35 * figures
+
+
+def test_tests_share_the_rate_of_false_alarms():
+    assert 2 * 4 * len(SHIFTS) + 1 == TESTS
+    assert (np.diff([chosen(n).bar[0] for n in (1e3, 1e4, 1e5)]) > 2).all()
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 20.0, 10_000.0])
+def test_a_rate_that_shows_no_rest_is_refused(rate_hz):
+    with pytest.raises(CalibrationError, match="samples a second; expected 32 to 4000"):
+        settings(flat(rate_hz=rate_hz), 1e6)
+
+
+def test_a_false_alarm_every_minute_is_refused():
+    with pytest.raises(CalibrationError, match="a false alarm every 60 s"):
+        settings(flat(), 60.0)
+
+
+def test_the_integers_of_a_sample_are_the_nearest():
+    detector, rng = Detector(chosen()), np.random.default_rng(12)
+    rate, force = rng.uniform(-0.4, 0.4, (500, 3)), rng.uniform(-20, 20, (500, 3))
+    whole = detector.integers(rate, force, None)
+    assert whole[:, 7].all()
+    np.testing.assert_allclose(whole[:, :3], rate * 2**20, atol=0.55)
+    np.testing.assert_allclose(whole[:, 3:6], force * 2**14, atol=0.55)

@@ -1,0 +1,390 @@
+"""The watch of a stream: rests, alarms in words, gaps, restarts, garbage, commands, files that cannot be written."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import socket
+import sys
+import time
+
+import numpy as np
+import processes
+import pytest
+from formats_page import strangers
+from watched import G, csv, joined, known, model_file, of_kind, samples, turning, watched
+
+import calibrate
+import tinygc
+from session.io.errors import CalibrationError, DataError, StorageError
+from session.io.results import json_line
+from tinygc.annexes.watch.alarm_command import AlarmCommand, words_of
+from tinygc.annexes.watch.lines import JsonLines
+from tinygc.annexes.watch.source import Readings, Remark, Restart, SourceOptions, _decoded
+from tinygc.annexes.watch.watch import Watch
+from tinygc.cli.arguments import duration
+from tinygc.deploy.calibration import Surroundings
+from tinygc.models.model import KnownSensor
+
+posix_only = pytest.mark.skipif(os.name != "posix", reason="signals and select of POSIX")
+STEP = joined(samples(40, 1), samples(30, 2, zero_dps=(0.0, 0.05, 0.0)))
+
+
+def test_a_rest_holds():
+    _, events = watched(samples(60, 3, zero_dps=(0.1, 0.0, -0.1)))
+    assert [event.kind for event in events] == ["start", "rest", "end"]
+    rest, end = events[1].table, events[-1].table
+    assert rest["zero_dps"] == pytest.approx([0.1, 0.0, -0.1], abs=0.003)
+    assert end["held"] is True
+    assert end["windows"] == rest["windows"] == int((60 * 16 / events[0].table["window_s"] - 2) / 16)
+
+
+def test_a_step_is_described():
+    """Channel, sign, moment, size with its sigma, and what it costs in a minute."""
+    _, events = watched(STEP)
+    (alarm,) = of_kind(events, "alarm")
+    table = alarm.table
+    assert (table["channel"], table["sign"]) == ("zero y", 1)
+    assert table["size_dps"] == pytest.approx(0.05, abs=5 * table["sigma_dps"])
+    assert table["sigma_dps"] < 0.01
+    assert table["began_s"] == pytest.approx(40, abs=2.5)
+    assert 40 < alarm.t_s < 48
+    assert table["cost_deg"] == pytest.approx(60 * table["size_dps"], rel=1e-6)
+    assert events[-1].table["held"] is False
+
+
+def test_a_drift_is_told_from_a_step():
+    drift = joined(*(samples(10, k, zero_dps=(0.0004 * max(0, 10 * k - 100 + 5), 0, 0)) for k in range(40)))
+    alarm = of_kind(watched(drift)[1], "alarm")[0]
+    assert alarm.table["channel"] == "zero x"
+    assert alarm.table["kind"] in ("ramp", "step or ramp")
+    step = of_kind(watched(joined(samples(400, 5), samples(30, 6, zero_dps=(0.02, 0, 0))))[1], "alarm")[0]
+    assert step.table["kind"] in ("step", "step or ramp")
+    assert step.table["began_s"] == pytest.approx(400, abs=8)
+
+
+def test_gravity_is_described():
+    heavier = joined(samples(40, 7), samples(30, 8, force=(0, 0, -G * 1.002)))
+    (alarm,) = of_kind(watched(heavier)[1], "alarm")
+    assert (alarm.table["channel"], alarm.table["sign"]) == ("gravity", 1)
+    assert alarm.table["size_mg"] == pytest.approx(2.0, abs=0.3)
+    assert alarm.table["cost_deg"] == pytest.approx(np.degrees(0.002), rel=0.2)
+
+
+def test_pieces_do_not_matter():
+    """But for when it is said, and what of."""
+    short = joined(samples(12, 1), samples(8, 2, zero_dps=(0.0, 0.05, 0.0)))
+    expected = [(event.kind, round(event.t_s, 3)) for event in watched(short)[1]]
+    assert len(expected) == 4
+    for piece in (7, 50, 10_000):
+        assert [(event.kind, round(event.t_s, 3)) for event in watched(short, piece=piece)[1]] == expected
+
+
+def test_a_gap_is_said_and_ends_the_rest():
+    later = samples(20, 2)
+    readings = joined(samples(20, 1), later)
+    readings.t_ns[len(readings.t_ns) // 2 :] += 5 * 10**9
+    _, events = watched(readings)
+    assert [event.kind for event in events] == ["start", "remark", "rest", "rest", "end"]
+    assert events[1].words.startswith("a gap of 5.01 s")
+
+
+def test_a_clock_that_goes_back_is_said_and_nothing_is_lost():
+    readings = joined(samples(20, 1), samples(20, 2))
+    readings.t_ns[len(readings.t_ns) // 2 :] -= 15 * 10**9
+    _, events = watched(readings)
+    assert events[-1].table["windows"] >= 18
+    assert events[-1].t_s == pytest.approx(40, abs=0.2)
+    assert any("the clock" in event.words for event in of_kind(events, "remark"))
+
+
+def test_readings_that_are_none_are_left_out():
+    readings = samples(30, 1)
+    readings.gyro[[5, 700, 701]], readings.accel[1500, 2] = np.nan, np.inf
+    _, events = watched(readings)
+    assert events[-1].table["held"] is True
+    assert events[-1].table["counts"]["not a number"] == 4
+
+
+def test_a_restart_is_another_switch_on():
+    live = Watch(known(spread_dps=0.3))
+    events = [*live.take(samples(30, 1))]
+    events += live.take(Restart("the device's clock began again"))
+    events += live.take(samples(30, 2, zero_dps=(0.4, 0, 0)))  # 0.3 sqrt(2) dps is one sigma
+    events += live.end()
+    assert not of_kind(events, "alarm")
+    assert events[-1].t_s == pytest.approx(60, abs=0.2)
+    assert len(of_kind(events, "rest")) == 2
+
+
+def test_remarks_of_a_kind_are_said_at_each_power_of_ten():
+    live = Watch(known())
+    said = [event for _ in range(1000) for event in live.take(Remark("crc", "frames failed their check"))]
+    assert [event.table["count"] for event in said] == [1, 10, 100, 1000]
+
+
+def test_a_stream_that_never_rests_is_undecided_and_says_so():
+    readings = samples(900, 1)
+    rate = readings.gyro + 0.3 * np.sin(np.arange(len(readings.gyro)))[:, None]
+    _, events = watched(dataclasses.replace(readings, gyro=rate), piece=5000)
+    assert events[-1].table["held"] is None
+    assert [event.table["what"] for event in of_kind(events, "remark")] == ["no rest"]
+
+
+def test_memory_does_not_grow():
+    live, part = Watch(known()), samples(60, 1)
+    for k in range(6):
+        list(live.take(Readings(part.t_ns + k * 60 * 10**9, part.gyro, part.accel, None)))
+    assert len(live._records) == live.windows
+    assert live._records.maxlen is not None
+    assert sum(len(each) for each in live._left) < 3 * 12
+    assert len(live._waiting) == 0
+    assert len(live._here) <= 2
+
+
+# The command
+
+
+def run(*words) -> int:
+    return calibrate.main(["watch", *map(str, words)])
+
+
+@pytest.fixture
+def model(tmp_path):
+    return model_file(tmp_path / "model.json")
+
+
+def test_a_log_with_a_step_exits_with_1_and_says_why(tmp_path, model, capsys):
+    (tmp_path / "log.csv").write_text(csv(STEP))
+    assert run(model, tmp_path / "log.csv", "--json", tmp_path / "out.jsonl") == 1
+    said = capsys.readouterr().out
+    assert "ALARM zero y" in said
+    assert "  rest" not in said
+    tables = [json.loads(line) for line in (tmp_path / "out.jsonl").read_text().splitlines()]
+    assert {table["schema"] for table in tables} == {"tinygc-watch/1"}
+    assert [table["event"] for table in tables if table["event"] != "remark"] == ["start", "alarm", "rest", "end"]
+
+
+def test_a_log_that_holds_exits_with_0_and_one_without_rest_with_5(tmp_path, model, capsys):
+    (tmp_path / "log.csv").write_text(csv(samples(20, 1)))
+    assert run(model, tmp_path / "log.csv", "--verbose") == 0
+    assert "rest of" in capsys.readouterr().out
+    readings = samples(10, 1)
+    (tmp_path / "log.csv").write_text(csv(dataclasses.replace(readings, gyro=readings.gyro + np.sin(np.arange(1000))[:, None])))
+    assert run(model, tmp_path / "log.csv") == 5
+    assert "UNDECIDED" in capsys.readouterr().out
+
+
+def test_until_alarm_ends_there(tmp_path, model):
+    (tmp_path / "log.csv").write_text(csv(joined(STEP, samples(600, 9))))
+    assert run(model, tmp_path / "log.csv", "--quiet", "--until-alarm", "--json", tmp_path / "out.jsonl") == 1
+    last = json.loads((tmp_path / "out.jsonl").read_text().splitlines()[-1])
+    assert (last["event"], last["alarms"]) == ("end", 1)
+
+
+def test_damage_and_restarts_of_a_stream_are_items():
+    """Lines that a board sends, with what went wrong between."""
+    lines = csv(samples(4, 1)).splitlines(keepends=True)
+    lines[200:200] = ["what is this\n"] * 3
+    again = csv(samples(2, 2)).splitlines(keepends=True)[1:]  # its clock begins again
+    sensor = Surroundings(KnownSensor(), None, "none", "")
+    found = list(_decoded(iter(["".join(lines).encode(), b"", "".join(again).encode()]), SourceOptions(), sensor, "a test"))
+    assert sum(len(item.t_ns) for item in found if isinstance(item, Readings)) >= 598
+    assert "garbage" in {item.kind for item in found if isinstance(item, Remark)} <= {"garbage", "lost"}
+    assert sum(isinstance(item, Restart) for item in found) == 1
+    assert sum(item is None for item in found) == 1
+    with pytest.raises(DataError, match="no sample in what came"):
+        list(_decoded(iter([b"hello\n" * 100]), SourceOptions(), sensor, "a test"))
+
+
+@posix_only
+@pytest.mark.broad
+def test_standard_input_with_garbage(model):
+    lines = csv(STEP).splitlines(keepends=True)
+    lines[500:500] = ["what\x00is this\n", "1,2\n", "\x7f" * 300 + "\n", "nan,nan,nan,nan,nan,nan,nan\n"]
+    done = processes.run([*processes.CALIBRATE, "watch", model, "-"], input="".join(lines).encode(), capture_output=True)
+    assert done.returncode == 1
+    assert b"ALARM zero y" in done.stdout
+    assert b"neither frame nor line" in done.stdout
+    assert b"Traceback" not in done.stderr
+
+
+@posix_only
+@pytest.mark.broad
+def test_another_programs_table_at_standard_input(model):
+    rows = csv(samples(20, 1)).replace("t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2", "when,a,b,c,d,e,f")
+    columns = "t_us=when,gx_rps=a,gy_rps=b,gz_rps=c,ax_mps2=d,ay_mps2=e,az_mps2=f"
+    done = processes.run([*processes.CALIBRATE, "watch", model, "-", "--columns", columns], input=rows.encode(), capture_output=True)
+    assert (done.returncode, b"HELD" in done.stdout) == (0, True), done.stderr
+
+
+@posix_only
+@pytest.mark.broad
+def test_a_growing_log_is_followed_until_ctrl_c(tmp_path, model):
+    log = tmp_path / "log.csv"
+    whole = csv(STEP)
+    cut = len(whole) // 2
+    log.write_text(whole[:cut])
+    command = [*processes.CALIBRATE, "watch", model, log, "--follow", "--json", tmp_path / "out.jsonl"]
+    with processes.started(command, stdout=processes.PIPE, stderr=processes.PIPE) as process:
+        processes.until(lambda: (tmp_path / "out.jsonl").exists() and (tmp_path / "out.jsonl").read_text())
+        with log.open("a") as file:
+            file.write(whole[cut:])
+        processes.until(lambda: '"alarm"' in (tmp_path / "out.jsonl").read_text())
+        process.send_signal(2)
+        assert process.wait(60) == 1
+    assert json.loads((tmp_path / "out.jsonl").read_text().splitlines()[-1])["event"] == "end"
+
+
+@posix_only
+@pytest.mark.broad
+def test_datagrams(model):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    lines = csv(STEP).splitlines(keepends=True)
+    command = [*processes.CALIBRATE, "watch", model, f"udp:127.0.0.1:{port}", "--until-alarm"]
+    with (
+        processes.started(command, stdout=processes.PIPE, stderr=processes.PIPE) as process,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        deadline = time.monotonic() + 60
+        while process.poll() is None and time.monotonic() < deadline:  # again and again: nothing says when it listens
+            for k in range(1, len(lines), 100):
+                sender.sendto((lines[0] + "".join(lines[k : k + 100])).encode(), ("127.0.0.1", port))
+                time.sleep(0.001)
+        assert process.wait(60) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("udp:nowhere",), 2),
+        (("udp:127.0.0.1:99999",), 2),
+        (("/dev/no-such-port",), 3),
+        (("{tmp}",), 2),
+        (("{log}", "--false-alarm-every", "1s"), 2),
+        (("{log}", "--command", "'"), 2),
+        (("{log}", "--noise", "{tmp}"), 2),
+        (("-", "--follow"), 2),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(tmp_path, model, capsys, words, code):
+    (tmp_path / "log.csv").write_text(csv(samples(5, 1)))
+    filled = [word.format(tmp=tmp_path, log=tmp_path / "log.csv") for word in words]
+    assert run(model, *filled) == code
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("calibrate: ")
+
+
+def test_a_model_without_an_accelerometer_is_refused(tmp_path, model, capsys):
+    table = json.loads(model.read_text())
+    del table["accelerometer"]
+    model.write_text(json.dumps(table))
+    (tmp_path / "log.csv").write_text(csv(samples(5, 1)))
+    assert run(model, tmp_path / "log.csv") == 2
+    assert "no calibration of the accelerometer" in capsys.readouterr().err
+
+
+def test_python_gives_the_same(tmp_path, model):
+    (tmp_path / "log.csv").write_text(csv(STEP))
+    found = tinygc.watch(model, tmp_path / "log.csv")
+    assert found.held is False
+    assert [event.table["channel"] for event in found.alarms] == ["zero y"]
+    assert found.to_json()[0]["event"] == "start"
+    with pytest.raises(CalibrationError, match="source is 3, expected a path"):
+        tinygc.watch(model, 3)
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("30d", 2592000), ("12 h", 43200), ("90min", 5400), ("3600", 3600), ("1e3s", 1000)])
+def test_times(text, seconds):
+    assert duration(text) == seconds
+
+
+# What runs at an alarm, and where lines go
+
+
+@posix_only
+def test_a_command_gets_the_alarm_without_a_shell(tmp_path, model):
+    (tmp_path / "log.csv").write_text(csv(STEP))
+    program = tmp_path / "tell.py"
+    program.write_text(f"import sys; open({str(tmp_path / 'told')!r}, 'w').write(sys.stdin.read() + repr(sys.argv[1:]))")
+    command = f"{sys.executable} {program} 'a b' ; touch {tmp_path / 'shell'} $HOME"
+    assert run(model, tmp_path / "log.csv", "--quiet", "--command", command) == 1
+    line, arguments = (tmp_path / "told").read_text().splitlines()
+    assert json.loads(line)["channel"] == "zero y"
+    assert "'$HOME'" in arguments
+    assert not (tmp_path / "shell").exists()
+
+
+@posix_only
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["/no/such/program"], "cannot be run"),
+        ([sys.executable, "-c", "raise SystemExit(7)"], "ended with code 7"),
+        ([sys.executable, "-c", "import time; time.sleep(1000)"], "did not end within 0.3 s"),
+    ],
+)
+def test_a_command_that_fails_or_hangs_is_said(words, expected):
+    said: list[str] = []
+    at_alarm = AlarmCommand(words, said.append, most_s=0.3 if "sleep" in words[-1] else 30.0)
+    at_alarm("{}")
+    at_alarm.wait()
+    (line,) = said
+    assert expected in line
+    assert "the watch goes on" in line
+
+
+@pytest.mark.parametrize("text", ["", "  ", "'", '"a', "a\0b"])
+def test_a_command_that_is_none_is_refused(text):
+    with pytest.raises(CalibrationError, match="--command"):
+        words_of(text)
+
+
+class Full:
+    """A file on a disk that is full after so many bytes."""
+
+    def __init__(self, file, room: int):
+        self.file, self.room = file, room
+
+    def write(self, data: bytes) -> int:
+        fits = data[: self.room]
+        self.room -= len(fits)
+        return self.file.write(fits) if fits else 0
+
+    def __getattr__(self, name):
+        return getattr(self.file, name)
+
+
+def test_a_full_disk_loses_nothing(tmp_path):
+    said: list[str] = []
+    lines = JsonLines(tmp_path / "out.jsonl", said.append)
+    lines._file = Full(lines._file, 30)  # type: ignore[assignment]
+    for k in range(5):
+        lines.write({"k": k})
+    lines.end()
+    assert [json.loads(line)["k"] for line in (tmp_path / "out.jsonl").read_text().splitlines()] == list(range(5))
+    assert len(said) == 2
+    assert "its lines are kept" in said[0]
+    assert "0 lines were lost" in said[1]
+
+
+@posix_only
+def test_a_file_that_cannot_be_written_is_an_error(tmp_path):
+    with pytest.raises(StorageError, match="give --json another path"):
+        JsonLines(tmp_path / "none" / "out.jsonl", print)
+
+
+def test_every_event_is_of_its_format():
+    """Of every kind: no key that the page lacks, and what the schema asks for."""
+    gravity = joined(samples(20, 1), samples(20, 2, force=(0, 0, -G * 1.002)))
+    events = [event for readings in (STEP, gravity, turning(8, 1, scale=(1.02, 0.98, 1.01))) for event in watched(readings)[1]]
+    live = Watch(known())
+    events += live.take(Remark("crc", "frames failed their check"))
+    tables = [json.loads(json_line(event.to_json())) for event in events]
+    assert {table["event"] for table in tables} == {"start", "rest", "turn", "alarm", "remark", "end"}
+    assert {table["channel"] for table in tables if table["event"] == "alarm"} == {"zero y", "gravity", "closure"}
+    for table in tables:
+        assert not strangers(table)

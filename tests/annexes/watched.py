@@ -1,0 +1,198 @@
+"""A sensor under watch: its figures, rests and turns sample by sample, and the C of the detector as a library."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from pathlib import Path
+
+import numpy as np
+import processes
+from conftest import DEG
+
+from session.io.config import Accelerometer
+from tinygc import models
+from tinygc.annexes.watch.embedded import SOURCE, watch_files
+from tinygc.annexes.watch.expectation import Expectation, ModelInUse
+from tinygc.annexes.watch.settings import Settings, settings
+from tinygc.annexes.watch.source import Readings
+from tinygc.annexes.watch.watch import Event, Watch
+from tinygc.attitude import rotation
+from tinygc.deploy.embedded.source import FLAGS
+from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_table
+
+RATE_HZ, G = 100.0, 9.80665
+#: one-sided densities of the stills as fit.json has them, dps/sqrt(Hz) and g/sqrt(Hz)
+GYRO, ACCEL = 0.005, 6e-5
+WHITE, ACCEL_WHITE = GYRO * DEG / np.sqrt(2), ACCEL * G / np.sqrt(2)
+COVARIANCE = np.diag(np.r_[np.full(9, 1e-4**2), np.full(3, 1e-5**2)])
+
+
+def known(spread_dps: float = 0.1, model: LinearModel | None = None) -> ModelInUse:
+    """A model in use whose figures are those of ``samples``."""
+    noise = {"gyro_dps_rthz": [GYRO] * 3, "accel_g_rthz": [ACCEL] * 3, "gyro_bias_instability_dph": 0.0}
+    table = {"covariance": COVARIANCE.tolist(), "bias_sigma_rps": [spread_dps * DEG] * 3}
+    return ModelInUse(model or LinearModel(np.eye(3), np.zeros(3)), table, {"noise": noise}, None, None)
+
+
+def flat(**other) -> Expectation:
+    """Figures without wander."""
+    none = np.zeros(3)
+    given = {
+        "rate_hz": RATE_HZ,
+        "white": np.full(3, WHITE),
+        "wander": lambda t, span: none,
+        "offset": np.full(3, 0.14 * DEG),
+        "attitude": np.full(3, 0.001 * DEG),
+        "per_k": np.full(3, 0.01 * DEG),
+        "reference_c": None,
+        "earth_rps": 0.0,
+        "gravity_mps2": G,
+        "accel_white": np.full(3, ACCEL_WHITE),
+        "accel_wander": lambda t, span: none,
+        "accel_offset": np.full(3, 0.02),
+        "accel_attitude": 1e-3,
+        "accel_per_k": 1e-3,
+        "parameters": COVARIANCE,
+    }
+    return Expectation(**(given | other))
+
+
+def chosen(every_windows: float = 1e6, reference_c: float | None = None, **other) -> Settings:
+    """The detector's numbers of ``flat``."""
+    return settings(flat(**other), every_windows * 1.92, reference_c)
+
+
+def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Readings:
+    """A rest with white noise."""
+    rng, count = np.random.default_rng(seed), round(seconds * RATE_HZ)
+    rate = np.array(zero_dps) * DEG + rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ)
+    accel = np.array(force) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
+    stamps = np.rint((start_s + np.arange(count) / RATE_HZ) * 1e9).astype(np.int64)
+    return Readings(stamps, rate, accel, None)
+
+
+def joined(*parts: Readings) -> Readings:
+    """One after the other, at the sensor's rate."""
+    count = sum(len(part.t_ns) for part in parts)
+    stamps = np.rint(np.arange(count) / RATE_HZ * 1e9).astype(np.int64)
+    gyro, accel = (np.concatenate([getattr(part, name) for part in parts]) for name in ("gyro", "accel"))
+    return Readings(stamps, gyro, accel, None)
+
+
+def turning(turns: int, seed: int, scale=(1.0, 1.0, 1.0), rest_s: float = 4.0, angle_deg: float = 180.0, turn_s: float = 3.0) -> Readings:
+    """Rests, and between them turns about changing axes, exact but for noise and the scale of each axis."""
+    rng = np.random.default_rng(seed)
+    q, parts = np.array([1.0, 0.0, 0.0, 0.0]), []
+    down = np.array([0.0, 0.0, -G])
+    for number in range(turns + 1):
+        parts.append(samples(rest_s, seed + 1000 * number, force=rotation.matrix(q).T @ down))
+        if number == turns:
+            break
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        count = round(turn_s * RATE_HZ)
+        speed = (1 - np.cos(2 * np.pi * (np.arange(count) + 0.5) / count)) * angle_deg * DEG / turn_s
+        part = samples(turn_s, seed + 1000 * number + 500)
+        steps = rotation.multiply(q, rotation.accumulate(rotation.exp(axis * speed[:, None] / RATE_HZ)))
+        force = np.einsum("nji,j->ni", rotation.matrix(steps), down)
+        q = steps[-1] / np.linalg.norm(steps[-1])
+        parts.append(Readings(part.t_ns, part.gyro + speed[:, None] * axis * np.array(scale), part.accel - [0, 0, -G] + force, None))
+    return joined(*parts)
+
+
+def watched(readings: Readings, piece: int = 700, **options) -> tuple[Watch, list[Event]]:
+    """All events of readings in pieces."""
+    live = Watch(options.pop("known", None) or known(), **options)
+    events: list[Event] = []
+    for begin in range(0, len(readings.t_ns), piece):
+        part = slice(begin, begin + piece)
+        temp_c = None if readings.temp_c is None else readings.temp_c[part]
+        events += live.take(Readings(readings.t_ns[part], readings.gyro[part], readings.accel[part], temp_c))
+    return live, [*events, *live.end()]
+
+
+def of_kind(events: list[Event], kind: str) -> list[Event]:
+    """Those of a kind."""
+    return [event for event in events if event.kind == kind]
+
+
+def model_file(path: Path) -> Path:
+    """A model's file with what a watch needs of it."""
+    used = known()
+    more = used.table | {"accelerometer": accelerometer_table(Accelerometer(np.eye(3), np.zeros(3), "given"))}
+    path.write_text(json.dumps(models.to_dict(used.model, **more)), encoding="utf-8")
+    return path
+
+
+def csv(readings: Readings) -> str:
+    """As lines of a board in physical units."""
+    rows = zip(readings.t_ns.tolist(), readings.gyro.tolist(), readings.accel.tolist(), strict=True)
+    lines = ["t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"]
+    lines += [f"{t // 1000},{','.join(f'{each:.7f}' for each in (*g, *a))}" for t, g, a in rows]
+    return "\n".join(lines) + "\n"
+
+
+class State(ctypes.Structure):
+    """``tinygc_watch``."""
+
+    _fields_ = (
+        ("squares", ctypes.c_int64 * 2),
+        ("window_squares", ctypes.c_int64 * 2),
+        ("sums", ctypes.c_int32 * 7),
+        ("window_sums", ctypes.c_int32 * 7),
+        ("P", ctypes.c_float * 15),
+        ("x", ctypes.c_float * 15),
+        ("gravity_P", ctypes.c_float * 28),
+        ("gravity_x", ctypes.c_float * 7),
+        ("noise", ctypes.c_float * 2),
+        ("cusum", ctypes.c_float * 32),
+        ("samples", ctypes.c_uint16),
+        ("ticks", ctypes.c_uint16),
+        ("spoilt", ctypes.c_uint8),
+        ("blocks", ctypes.c_uint8),
+        ("state", ctypes.c_uint8),
+        ("waiting", ctypes.c_uint8),
+    )
+
+
+class CompiledWatch:
+    """The C as a library; one state."""
+
+    def __init__(self, folder: Path, numbers: Settings, *flags: str):
+        for name, text in watch_files(numbers, "A test.", {"model": "a test"}, "30 days", RATE_HZ).items():
+            (folder / name).write_text(text, encoding="ascii")
+        library = folder / "watch.so"
+        command = ["gcc", *FLAGS.split(), *flags, "-O2", "-shared", "-fPIC", folder / SOURCE, "-o", library]
+        made = processes.run(command, capture_output=True, text=True)
+        assert made.returncode == 0, made.stderr
+        self.path = library
+        self.library = ctypes.CDLL(str(library))
+        self.library.tinygc_watch_step.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_float]
+        self.library.tinygc_watch_step.restype = ctypes.c_uint32
+        self.library.tinygc_watch_gap.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
+        self.state = State()
+        ctypes.memset(ctypes.addressof(self.state), 0xA5, ctypes.sizeof(State))  # what was in memory before must not matter
+        self.library.tinygc_watch_start(ctypes.byref(self.state))
+
+    def gap(self, samples: int) -> None:
+        """Lose samples."""
+        self.library.tinygc_watch_gap(ctypes.addressof(self.state), samples)
+
+    def zero(self) -> np.ndarray:
+        """(3,) float32 rad/s."""
+        found = np.zeros(3, np.float32)
+        self.library.tinygc_watch_zero(ctypes.byref(self.state), ctypes.c_void_p(found.ctypes.data))
+        return found
+
+    def run(self, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> list[tuple[int, int]]:
+        """(number of the sample from 1, answer) of each answer that is not 0."""
+        rate, force = (np.ascontiguousarray(each, dtype=np.float32) for each in (rate, force))
+        step, state, found = self.library.tinygc_watch_step, ctypes.addressof(self.state), []
+        at_rate, at_force = rate.ctypes.data, force.ctypes.data
+        for number, warm in enumerate(np.asarray(temp_c, np.float32).tolist()):
+            answer = step(state, at_rate + 12 * number, at_force + 12 * number, warm)
+            if answer:
+                found.append((number + 1, answer))
+        return found

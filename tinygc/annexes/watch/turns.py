@@ -1,0 +1,108 @@
+"""Turns between two rests as closures: the integrated attitude against gravity at both ends.
+
+    tilt    y = f_start x R f_end / g^2                                     R: integrated rotation, body at the end to body at the start
+            = across gravity: integral R (dE m) dt + [f_start]x (R - 1) b / g + noise
+
+dE (9) and the accelerometer's zero b (3) are one draw for all turns of a stream, so a Kalman filter whitens y; a CUSUM looks for a scatter
+of twice the stated sigma.  float64: a controller does without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc.annexes.watch.bars import squares_bar_of
+from tinygc.annexes.watch.expectation import Expectation
+from tinygc.annexes.watch.settings import TESTS
+from tinygc.attitude import rotation
+from tinygc.models.linear import MATRIX
+
+#: sigma of the tilt's scatter that the test looks for, over the stated
+RATIO = 2.0
+#: chi-square of one turn that counts: one turn alone never reaches a bar
+MOST_SQUARE = 25.0
+#: one sigma by which E's elements differ between two days: scale factors change by some 20 ppm/K
+USUAL_MATRIX = 2e-4
+#: s and rad: the drift of a longer turn, and a smaller one, say nothing of E
+LONGEST_S, LEAST_RAD = 600.0, 10 * DEG
+
+
+def cross_matrix(v: np.ndarray) -> np.ndarray:
+    """(3, 3) that takes u to v x u."""
+    x, y, z = v
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+class Turn:
+    """One turn while it goes on: rotation q (4,) of the body to its start, derivative of the attitude by E (3, 9), seconds, angle rad."""
+
+    def __init__(self) -> None:
+        self.q = np.array([1.0, 0.0, 0.0, 0.0])
+        self.slope = np.zeros((3, 9))
+        self.lever = np.zeros((3, 3))  # of a zero error, s
+        self.seconds = self.angle = 0.0
+
+    def add(self, omega: np.ndarray, measured: np.ndarray, dt: np.ndarray) -> None:
+        """Add samples: calibrated rate less its zero (N, 3), measured rate (N, 3) rad/s, each holding for dt (N,) s."""
+        partial = rotation.multiply(self.q, rotation.accumulate(rotation.exp(omega * dt[:, None])))
+        turn = rotation.matrix(np.concatenate([self.q[None], partial[:-1]])) * dt[:, None, None]
+        self.q = partial[-1] / np.linalg.norm(partial[-1])
+        self.slope += np.einsum("nij,nk->ijk", turn, measured).reshape(3, 9)
+        self.lever += turn.sum(axis=0)
+        self.seconds += float(dt.sum())
+        self.angle += float(np.sum(np.linalg.norm(omega, axis=1) * dt))
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """A judged turn: tilt_rad across gravity (3,), axes of its start; sigma_rad of each of its two components, stated; square: chi-square
+    of 2 degrees of freedom; seconds, angle_rad; alarm: whether the test has passed its bar."""
+
+    tilt_rad: np.ndarray
+    sigma_rad: float
+    square: float
+    seconds: float
+    angle_rad: float
+    alarm: bool
+
+
+class TurnTest:
+    """Judges one turn after another."""
+
+    def __init__(self, expected: Expectation, windows_to_alarm: float):
+        """windows_to_alarm: mean number of windows to a false alarm of all tests; there are no more turns than windows."""
+        own = expected.parameters[MATRIX, MATRIX] + USUAL_MATRIX**2 * np.eye(9)
+        self._prior = np.zeros((12, 12))
+        self._prior[:9, :9] = own
+        self._prior[9:, 9:] = np.diag(expected.accel_offset**2)
+        self._expected, self.P, self.x = expected, self._prior.copy(), np.zeros(12)
+        self.bar, self.sum = squares_bar_of(RATIO, 2, TESTS * windows_to_alarm), 0.0
+
+    def judge(self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float) -> Closure:
+        """start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean."""
+        e = self._expected
+        R = rotation.matrix(turn.q)
+        up = start / np.linalg.norm(start)
+        tilt = np.cross(up, R @ (end / np.linalg.norm(end)))
+        across = np.linalg.svd(up[None])[2][1:]  # (2, 3) two directions across gravity
+        y = across @ tilt
+        H = np.column_stack([across @ turn.slope, across @ cross_matrix(up) @ (R - np.eye(3)) / e.gravity_mps2])
+        readings = 2 * (e.accel_attitude**2 + np.max(e.accel_white**2) / window_s) / e.gravity_mps2**2
+        own = np.max(e.white**2) * turn.seconds + e.turn_rad**2 + readings
+        lever = across @ turn.lever
+        S = H @ self.P @ H.T + own * np.eye(2) + zero_variance * lever @ lever.T
+        innovation = y - H @ self.x
+        square = float(innovation @ np.linalg.solve(S, innovation))
+        self.sum = max(0.0, self.sum + min(square, MOST_SQUARE) * (1 - RATIO**-2) / 2 - 2 * np.log(RATIO))
+        alarm = self.sum >= self.bar
+        if alarm:
+            self.sum, self.P = 0.0, self.P + self._prior
+        elif square < MOST_SQUARE:
+            gain = np.linalg.solve(S, H @ self.P).T
+            self.x = self.x + gain @ innovation
+            left = np.eye(12) - gain @ H
+            self.P = left @ self.P @ left.T + gain @ (S - H @ self.P @ H.T) @ gain.T
+        return Closure(tilt, float(np.sqrt(np.trace(S) / 2)), square, turn.seconds, turn.angle, bool(alarm))

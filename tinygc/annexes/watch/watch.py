@@ -1,0 +1,421 @@
+r"""The watch of one stream: samples in, events out; constant memory however long it lasts.
+
+    samples -> calibrated rates -> detector (blocks, windows, tests) -> rests, alarms
+                               \-> turns between rests -> closures
+
+After an alarm the present reading is the new state, and the watch goes on.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from session.detect.segments import pace_of
+from session.io.errors import DataError
+from session.io.units import DEG, MG, NS, NS_PER_S
+from tinygc.annexes.watch.change import WindowRecord, change_of
+from tinygc.annexes.watch.detector import Detector, Judged, Window
+from tinygc.annexes.watch.expectation import Expectation, ModelInUse, expect
+from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, SHIFTS, Settings, settings
+from tinygc.annexes.watch.source import Item, Readings, Remark, Restart
+from tinygc.annexes.watch.turns import LEAST_RAD, LONGEST_S, Closure, Turn, TurnTest
+from tinygc.closure.motion import MINUTE_S, at_rest
+from tinygc.deploy.calibration import Calibration, Stream
+from tinygc.models.linear import LinearModel
+
+DAY_S = 86400.0
+#: mean time at rest to a false alarm
+FALSE_ALARM_EVERY_S = 30 * DAY_S
+#: s of samples that show the data rate
+RATE_S = 2.0
+#: s: a longer step between two stamps is a gap; shorter ones are a clock's and a port's own
+GAP_S, GAP_STEPS = 0.1, 8
+#: windows that are remembered for the words of an alarm
+REMEMBERED = 4096
+#: s without a rest after which that is said, and then each time twice as long
+RESTLESS_S = 600.0
+SCHEMA = "tinygc-watch/1"
+#: of a block: calibrated and measured rate (N, 3) rad/s, and s of each sample (N,)
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """kind: ``start``, ``rest``, ``turn``, ``alarm``, ``remark`` or ``end``; t_s since the first sample; words: one line; table:
+    figures."""
+
+    kind: str
+    t_s: float
+    words: str
+    table: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """A line of ``tinygc-watch/1`` (docs/formats.md)."""
+        return {"schema": SCHEMA, "event": self.kind, "t_s": round(self.t_s, 3), "words": self.words, **self.table}
+
+
+class Watch:
+    """known: the model and what lies beside it; false_alarm_every_s: mean time at rest to a false alarm; rate_hz: where the stamps do not
+    say it."""
+
+    def __init__(self, known: ModelInUse, false_alarm_every_s: float = FALSE_ALARM_EVERY_S, rate_hz: float | None = None):
+        self._known, self._every_s, self._asked_hz = known, false_alarm_every_s, rate_hz
+        self._early: list[Readings] = []
+        self.expected: Expectation | None = None
+        self.settings: Settings | None = None
+        self.counts: Counter[str] = Counter()
+        self.alarms, self.windows, self.rests, self.turns = 0, 0, 0, 0
+        self.t_s = self.rested_s = 0.0
+        self._base_ns = 0  # what makes stamps go on over restarts
+        self._last_ns: int | None = None
+        self._first_ns: int | None = None
+        self._here: list[np.ndarray] = []  # first and last window of the present rest: zero, gravity, warmer
+        self._windows_here = 0
+
+    # From items to events.
+
+    def take(self, item: Item) -> Iterator[Event]:
+        """Events of what a source gives."""
+        if isinstance(item, Readings):
+            if len(item.t_ns):
+                yield from self._readings(item)
+        elif isinstance(item, Restart):
+            yield from self._restart(item)
+        else:
+            yield from self._remark(item)
+
+    def _remark(self, item: Remark) -> Iterator[Event]:
+        """Said at the first, then whenever the count has grown tenfold."""
+        before = self.counts[item.kind]
+        self.counts[item.kind] += item.count
+        now = self.counts[item.kind]
+        if before == 0 or len(str(now)) > len(str(before)):
+            yield Event("remark", self.t_s, f"{item.words} ({now} so far)", {"what": item.kind, "count": now})
+
+    def _restart(self, item: Restart) -> Iterator[Event]:
+        self.counts["restart"] += 1
+        yield from self._end_rest()
+        self._base_ns += 0 if self._last_ns is None else self._last_ns
+        self._last_ns = self._first_ns = None
+        self._early = []
+        if self.settings is not None:
+            self._begin(item.switched_on)
+        yield Event("remark", self.t_s, item.why, {"what": "restart", "count": self.counts["restart"]})
+
+    def _readings(self, item: Readings) -> Iterator[Event]:
+        finite = np.isfinite(item.gyro).all(axis=1) & np.isfinite(item.accel).all(axis=1)
+        if not finite.all():
+            yield from self._remark(Remark("not a number", "readings are no numbers: left out", int(np.sum(~finite))))
+            item = _rows(item, finite)
+            if not len(item.t_ns):
+                return
+        if self.settings is None:
+            self._early.append(item)
+            item = _joined(self._early)
+            seconds = float(item.t_ns[-1] - item.t_ns[0]) * NS
+            if self._asked_hz is None and seconds < RATE_S and len(item.t_ns) < 100_000:
+                return
+            self._early = []
+            yield self._start(item)
+        for piece in _parts(item, self._gap_ns, self._last_ns):
+            yield from self._piece(piece)
+
+    def _start(self, item: Readings) -> Event:
+        """The data rate is known: make the detector."""
+        rate_hz = self._asked_hz
+        if rate_hz is None:
+            if not (np.diff(item.t_ns) > 0).any():
+                raise DataError("the stamps stand still, and do not say the data rate; give --odr HZ")
+            begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
+            rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
+        temp_c = None if item.temp_c is None or not np.isfinite(item.temp_c).any() else float(np.nanmean(item.temp_c))
+        self.expected = expected = expect(self._known, rate_hz)
+        self.settings = chosen = settings(expected, self._every_s, None if self._known.model.kind == "thermal" else temp_c)
+        self.window_s = chosen.window_samples / rate_hz
+        self._gap_ns = round(max(GAP_S, GAP_STEPS / rate_hz) * NS_PER_S)
+        self._period_s = 1 / rate_hz
+        self._calibration = Calibration(self._known.model, rate_hz, self._known.table)
+        self._begin(True)
+        table = {
+            "rate_hz": rate_hz,
+            "window_s": self.window_s,
+            "false_alarm_every_s": self._every_s,
+            "zero_sigma_dps": (expected.offset / DEG).tolist(),
+            "window_sigma_dps": (chosen.rate_sigma_rps / DEG).tolist(),
+            "gravity_sigma_mg": chosen.gravity_sigma * expected.gravity_mps2 / MG,
+            "assumed": list(expected.assumed),
+        }
+        words = f"watching at {rate_hz:.4g} Hz: a rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s or more is judged"
+        return Event("start", 0.0, words, table)
+
+    def _begin(self, switched_on: bool) -> None:
+        """A stream begins, or goes on after an interruption; switched_on: with another zero, perhaps."""
+        assert self.settings is not None
+        assert self.expected is not None
+        if switched_on:
+            self._detector = Detector(self.settings)
+            self._turn_test = TurnTest(self.expected, self._every_s / self.window_s)
+            self._since = np.zeros((len(CHANNELS), 2, len(SHIFTS)), dtype=int)
+            self._records: deque[WindowRecord] = deque(maxlen=REMEMBERED)
+        else:
+            self._detector.gap(0)
+        self._stream: Stream = self._calibration.stream()
+        self._waiting: deque[Readings] = deque()
+        self._left: Arrays = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+        self._forget_turn()
+        self._restless_s, self._restless_said_s = 0.0, RESTLESS_S
+        self._here, self._windows_here = [], 0
+
+    def _piece(self, piece: tuple[int, Readings]) -> Iterator[Event]:
+        """Consecutive samples behind a gap of so many ns, 0 for none."""
+        gap_ns, item = piece
+        if gap_ns < 0:
+            yield from self._restart(Restart("the stamps went back: the clock was set, or began again", switched_on=False))
+        elif gap_ns > 0:
+            samples = round(gap_ns * NS / self._period_s)
+            yield from self._remark(Remark("gap", f"a gap of {gap_ns * NS:.3g} s", 1))
+            yield from self._end_rest()
+            self._detector.gap(samples)
+            self._stream = self._calibration.stream()
+            self._waiting.clear()
+            self._left = (self._left[0][:0], self._left[1][:0], self._left[2][:0])
+            self._forget_turn()
+        self._first_ns = int(item.t_ns[0]) if self._first_ns is None else self._first_ns
+        self._last_ns = int(item.t_ns[-1]) - self._first_ns
+        self._waiting.append(item)
+        omega = self._stream.push(item.gyro, item.accel, item.temp_c)
+        if len(omega):
+            yield from self._calibrated(omega, _taken(self._waiting, len(omega)))
+
+    def _calibrated(self, omega: np.ndarray, item: Readings) -> Iterator[Event]:
+        n = self._detector.chosen.samples
+        t_s = ((item.t_ns - (self._first_ns or 0)) + self._base_ns) * NS
+        rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
+        k, steps = 0, np.full(n, self._period_s)
+        for _, quiet, window, judged in self._detector.feed(omega, item.accel, item.temp_c):
+            block = (rate[k : k + n], measured[k : k + n], steps)
+            k += n
+            self.t_s = float(times[k - 1])
+            yield from self._block(block, quiet, window, judged)
+        self._left = (rate[k:], measured[k:], times[k:])
+
+    # Blocks: rests, and the turns between them.
+
+    def _forget_turn(self) -> None:
+        self._turn: Turn | None = None
+        self._direction: np.ndarray | None = None  # force of the last judged rest, in g
+        self._pending: deque[Arrays] = deque()  # blocks since then that may be those of the next judged window
+
+    def _block(self, block: Arrays, quiet: bool, window: Window | None, judged: Judged | None) -> Iterator[Event]:
+        seconds = float(block[2].sum())
+        if quiet:
+            self.rested_s += seconds
+        self._restless_s = 0.0 if window is not None else self._restless_s + seconds
+        if self._restless_s > self._restless_said_s:
+            self._restless_said_s *= 2
+            words = f"no rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s for {self._restless_s / 60:.0f} min: nothing could be judged"
+            yield Event("remark", self.t_s, words, {"what": "no rest", "count": 1})
+        if not quiet and self._here:
+            yield from self._end_rest()
+        if self._direction is not None:
+            yield from self._follow(block, window)
+        if window is None or judged is None:
+            return
+        self._restless_said_s = RESTLESS_S
+        self.windows += 1
+        if self._direction is None:
+            self._pending.append(block)
+        self._direction = window.direction[:, 0].astype(float)
+        self._here.append(np.concatenate([self._detector.filter.zero[:, 0], [window.gravity[0]], window.warmer]).astype(float))
+        if len(self._here) > 2:  # of a rest, the first and the last window are kept
+            del self._here[1]
+        self._windows_here += 1
+        yield from self._judged(window, judged)
+
+    def _follow(self, block: Arrays, window: Window | None) -> Iterator[Event]:
+        """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
+        kept = BLOCKS if window is not None else BLOCKS + 1
+        while len(self._pending) > kept:
+            if self._turn is None:
+                self._turn = Turn()
+                self._zero_rps = self._detector.filter.zero[:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
+            omega, measured, dt = self._pending.popleft()
+            self._turn.add(omega - self._zero_rps, measured, dt)
+        turn = self._turn
+        if window is not None:
+            self._turn = None
+            self._pending.clear()
+            if turn is not None and turn.angle > LEAST_RAD:
+                yield from self._closed(turn, window.direction[:, 0].astype(float))
+        self._pending.append(block)
+        if turn is not None and turn.seconds > LONGEST_S:
+            self._forget_turn()
+
+    def _closed(self, turn: Turn, end: np.ndarray) -> Iterator[Event]:
+        c, f = self._detector.chosen, self._detector.filter
+        variance = float(np.max(c.rate_sigma_rps) ** 2 * max(float(f.P[0, 0]), 0.0))
+        assert self._direction is not None
+        closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
+        self.turns += 1
+        table = _turn_table(closure)
+        words = (
+            f"turn of {closure.angle_rad / DEG:.0f}° in {closure.seconds:.1f} s: tilt {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°, "
+            f"stated {closure.sigma_rad / DEG:.3f}° (one sigma of a component)"
+        )
+        yield Event("turn", self.t_s, words, table)
+        if closure.alarm:
+            self.alarms += 1
+            advice = "take a new calibration, or `calibrate verify` with ten turns"
+            said = f"ALARM closure: turns close worse than stated; the last by {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°; {advice}"
+            yield Event("alarm", self.t_s, said, {"channel": "closure", **table, "advice": advice})
+
+    # Windows: what the tests say.
+
+    def _judged(self, window: Window, judged: Judged) -> Iterator[Event]:
+        f = self._detector.filter
+        self._records.append(WindowRecord.of(self.t_s, window, judged))
+        alarmed = [int(k) for k in np.flatnonzero(judged.alarm[:, 0])]
+        for channel in alarmed:
+            sign = int(judged.alarm[channel, 0])
+            begun = self.windows - int(self._since[channel, 0 if sign > 0 else 1, int(judged.shift[channel, 0])])
+            yield self._alarm(channel, sign, begun)
+        at_zero = f.cusum[..., 0] == 0
+        self._since[at_zero] = self.windows
+        if alarmed:
+            self._records.clear()
+
+    def _alarm(self, channel: int, sign: int, begun: int) -> Event:
+        """Of a channel, by a test whose sum began so many windows ago."""
+        assert self.expected is not None
+        c, f = self._detector.chosen, self._detector.filter
+        change = change_of(self._records, channel, begun, c)
+        self.alarms += 1
+        began_s = change.began_s
+        table: dict[str, Any] = {"channel": CHANNELS[channel], "sign": sign, "began_s": round(began_s, 1), "kind": change.kind}
+        if channel < 3:
+            unit = float(c.rate_sigma_rps[channel])
+            size, sigma = change.size * unit / DEG, change.sigma * unit / DEG
+            zero = f.zero[:, 0].astype(float) * c.rate_sigma_rps
+            changed = np.zeros(3)
+            changed[channel] = size * DEG
+            cost, whole = _cost_deg(changed), _cost_deg(zero)
+            advice = "take B anew (`calibrate verify` says how); the other parameters are not in question"
+            table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
+            table |= {"cost_deg": cost, "zero_cost_deg": whole, "advice": advice}
+            amount = f"{size:+.3g} ± {sigma:.2g} dps"
+            after = f"; uncorrected it turns the attitude by {cost:.2g}° in the next minute"
+        else:
+            unit = c.gravity_sigma * self.expected.gravity_mps2 / MG
+            size, sigma = change.size * unit, change.sigma * unit
+            advice = "the accelerometer's zero or scale has changed: record it in six attitudes, then `calibrate verify`"
+            table |= {"size_mg": size, "sigma_mg": sigma, "cost_deg": float(np.degrees(abs(size) * 1e-3)), "advice": advice}
+            amount = f"{size:+.3g} ± {sigma:.2g} mg"
+            after = f"; a tilt from it errs by up to {table['cost_deg']:.2g}°"
+        words = f"ALARM {CHANNELS[channel]}: {change.words(amount)}{after}; {advice}"
+        return Event("alarm", self.t_s, words, table)
+
+    def _end_rest(self) -> Iterator[Event]:
+        """The rest has ended: what it was."""
+        here = self._here
+        if not here or self.settings is None or self.expected is None:
+            return
+        last, count = here[-1], self._windows_here
+        zero = last[:3] * self.settings.rate_sigma_rps / DEG
+        sigma = np.sqrt(np.maximum(self._detector.filter.P[0, 0], 0)) * self.settings.rate_sigma_rps / DEG
+        gravity = float(last[3] * self.settings.gravity_sigma * self.expected.gravity_mps2 / MG)
+        self.rests += 1
+        self._here, self._windows_here = [], 0
+        words = f"rest of {count * self.window_s:.0f} s: zero {', '.join(f'{each:+.4f}' for each in zero)} dps, gravity {gravity:+.2f} mg"
+        table = {"windows": count, "zero_dps": zero.tolist(), "zero_sigma_dps": sigma.tolist(), "gravity_mg": gravity}
+        yield Event("rest", self.t_s, words, table)
+
+    def end(self) -> Iterator[Event]:
+        """The stream has ended.  Raises DataError where it is too short to show its data rate."""
+        if self.settings is None:
+            if self._early:
+                item = _joined(self._early)
+                if len(item.t_ns) < 2:
+                    raise DataError("one sample alone came; a watch needs seconds of them")
+                self._early = []
+                yield self._start(item)
+                for piece in _parts(item, self._gap_ns, None):
+                    yield from self._piece(piece)
+        else:
+            rest = self._stream.flush()
+            if len(rest):
+                yield from self._calibrated(rest, _taken(self._waiting, len(rest)))
+        yield from self._end_rest()
+        table = {
+            "windows": self.windows,
+            "rests": self.rests,
+            "turns": self.turns,
+            "alarms": self.alarms,
+            "rested_s": round(self.rested_s, 1),
+            "counts": dict(self.counts),
+            "held": None if self.windows == 0 else self.alarms == 0,
+        }
+        yield Event("end", self.t_s, self._ended_words(), table)
+
+    def _ended_words(self) -> str:
+        if self.windows == 0:
+            return f"UNDECIDED: {self.t_s:.0f} s, and no rest that could be judged"
+        what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests, {self.turns} turns, {self.t_s / 3600:.2f} h"
+        return f"HELD: {what}, no alarm" if not self.alarms else f"ALARMS: {self.alarms} in {what}"
+
+
+def _cost_deg(zero_rps: np.ndarray) -> float:
+    """Angle of the attitude's error after a minute at rest with this zero uncorrected, degrees."""
+    same = LinearModel(np.eye(3), np.zeros(3))
+    return float(np.linalg.norm(at_rest(MINUTE_S).error(same, LinearModel(np.eye(3), zero_rps))) / DEG)
+
+
+def _turn_table(closure: Closure) -> dict[str, Any]:
+    return {
+        "tilt_deg": float(np.linalg.norm(closure.tilt_rad) / DEG),
+        "sigma_deg": closure.sigma_rad / DEG,
+        "chi_square": closure.square,
+        "seconds": closure.seconds,
+        "angle_deg": closure.angle_rad / DEG,
+    }
+
+
+# Pieces of readings.
+
+
+def _rows(item: Readings, which: np.ndarray | slice) -> Readings:
+    return Readings(item.t_ns[which], item.gyro[which], item.accel[which], None if item.temp_c is None else item.temp_c[which])
+
+
+def _joined(items: list[Readings]) -> Readings:
+    if len(items) == 1:
+        return items[0]
+    warm = all(each.temp_c is not None for each in items)
+    temp_c = np.concatenate([each.temp_c for each in items if each.temp_c is not None]) if warm else None
+    t_ns, gyro, accel = (np.concatenate([getattr(each, name) for each in items]) for name in ("t_ns", "gyro", "accel"))
+    return Readings(t_ns, gyro, accel, temp_c)
+
+
+def _parts(item: Readings, gap_ns: int, last_ns: int | None) -> Iterator[tuple[int, Readings]]:
+    """Parts without gaps, each with the ns before it where that is a gap, negative where stamps go back; 0 for none."""
+    steps = np.diff(item.t_ns)
+    cuts = np.flatnonzero((steps > gap_ns) | (steps < 0)) + 1
+    for number, (begin, stop) in enumerate(zip([0, *cuts.tolist()], [*cuts.tolist(), len(item.t_ns)], strict=True)):
+        yield 0 if number == 0 else int(steps[begin - 1]), _rows(item, slice(begin, stop))
+
+
+def _taken(waiting: deque[Readings], count: int) -> Readings:
+    """The first ``count`` rows of what waits."""
+    found, rows = [], count
+    while rows:
+        first = waiting.popleft()
+        if len(first.t_ns) > rows:
+            waiting.appendleft(_rows(first, slice(rows, None)))
+            first = _rows(first, slice(rows))
+        found.append(first)
+        rows -= len(first.t_ns)
+    return _joined(found)

@@ -250,21 +250,24 @@ def stated_sources(problem: Problem, model: LinearModel, noise: StatedNoise, sti
     """Return the sources (12, 12) of the linear model's vector, or (21, 21) of both sensors where they were estimated jointly: L C L' of
     each source of the channels, and what was known beforehand."""
     joint = problem.joint
-    kind: Kind = "B"
-    freedom = np.inf
     if joint is None:
         rows = _response(problem, model, noise, still_rates)
-        known = {CALIBRATION: rows @ noise.accelerometer}
-        if from_own_stills(problem):
-            kind, freedom = "A", max(1.0, len(noise.twin.stills) - len(FROM_LENGTHS))
-    else:
-        rows, beforehand = _joint_parts(problem, model, noise, still_rates)
-        known = {CALIBRATION: beforehand[:, :-1], GRAVITY_LENGTH: beforehand[:, -1:]}
-    found = [source.through(rows) for source in noise.sources()]
-    found += [Source(name, kind, freedom, columns @ columns.T) for name, columns in known.items()]
-    if (earth := _earth(problem, noise)) is not None:
-        found.append(Source(EARTH, "B", np.inf, rows @ earth @ rows.T))
-    return found
+        return [source.through(rows) for source in channel_sources(problem, noise)]
+    rows, beforehand = _joint_parts(problem, model, noise, still_rates)
+    known = {CALIBRATION: beforehand[:, :-1], GRAVITY_LENGTH: beforehand[:, -1:]}
+    found = [source.through(rows) for source in channel_sources(problem, noise)]
+    return found + [Source(name, "B", np.inf, columns @ columns.T) for name, columns in known.items()]
+
+
+def channel_sources(problem: Problem, noise: StatedNoise) -> Iterator[Source]:
+    """Yield the sources of the channels' errors, (n, n) each: the noise, what the Earth's rate leaves out, and the accelerometer's
+    pre-calibration where it is taken as it is."""
+    yield from noise.sources()
+    if problem.earth.source in ("estimated", "unknown"):
+        yield Source(EARTH, "B", np.inf, _earth(problem, noise))
+    if problem.joint is None:
+        own, spare = from_own_stills(problem), max(1.0, len(noise.twin.stills) - len(FROM_LENGTHS))
+        yield Source(CALIBRATION, "A" if own else "B", spare if own else np.inf, noise.accelerometer @ noise.accelerometer.T)
 
 
 def shared_part(problem: Problem, sources: Iterable[Source]) -> np.ndarray:
@@ -307,8 +310,7 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
         design = _about(design, problem.rest_rps)[:, MATRIX]
     earth = _earth(problem, noise)
     known = problem.batch.known.ravel()
-    more = 0.0 if earth is None else earth
-    covariances = ((carry @ (given + more) @ carry.T)[np.ix_(known, known)] for given in (noise.named, noise.covariance))
+    covariances = ((carry @ (given + earth) @ carry.T)[np.ix_(known, known)] for given in (noise.named, noise.covariance))
     named, whole = (_goodness(angles[known], design[known], covariance) for covariance in covariances)
     return named, whole.excess
 
@@ -402,12 +404,12 @@ def _carry(problem: Problem, noise: StatedNoise, sensitivity: np.ndarray) -> np.
     return carry
 
 
-def _earth(problem: Problem, noise: StatedNoise) -> np.ndarray | None:
+def _earth(problem: Problem, noise: StatedNoise) -> np.ndarray:
     """Return the covariance (n, n) of what an estimated heading, or an unknown one where the latitude is known, leaves out of the Earth's
-    rate; None where it is not estimated, or known."""
+    rate."""
     earth, latitude_deg = problem.earth, problem.session.config.site.latitude_deg
-    if earth.source in ("none", "given"):
-        return None
+    if earth.source == "none":
+        return np.zeros_like(noise.white)
     columns = noise.twin.earth_columns().stacked()
     return columns @ unseen_covariance(earth, latitude_deg) @ columns.T
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import path_read, positive
+from tinygc.cli.arguments import count, path_read, positive
 from tinygc.cli.options import add_fit_arguments, fit_options
 from tinygc.cli.results import output, try_json, write_json
 
 SUMMARY = "the uncertainty by source: of each parameter, and of the attitude after a motion"
-USES_EFFECTS = False
+#: exit code by what the draws say
+EXIT = {"agrees": 0, "differs": 1, "undecided": 5}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -24,6 +25,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     elapsed = "the use is so long after the session and the sensor was not switched off since; else it is another switch-on"
     use.add_argument("--elapsed", type=positive, metavar="S", help=elapsed)
     use.add_argument("--warmer", type=float, metavar="K", help="how much warmer the sensor is in use than in the session")
+    check = command.add_argument_group("a check by Monte Carlo (JCGM 101)")
+    draws = "draw all errors anew, at most so often, fit each time, and compare; exit 1 if they differ, 5 if so few do not decide"
+    check.add_argument("--monte-carlo", type=count(1), default=0, metavar="N", help=draws)
     add_fit_arguments(command)
     command.set_defaults(methods=["least_squares"])
 
@@ -37,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     try_json(args.json)
     use = Use(args.motion, args.seconds, args.elapsed, args.warmer)
     with progress_bar(args.quiet) as progress:
-        found = budget_of_folder(args.folder, fit_options(args), use, tuple(args.of), progress)
+        found = budget_of_folder(args.folder, fit_options(args), use, tuple(args.of), progress, args.monte_carlo, args.seed)
     output(args).print(found.page)
     write_json(args.json, found.to_json())
-    return 0
+    return 0 if found.drawn is None else EXIT[found.drawn.answer]

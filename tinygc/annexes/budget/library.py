@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from session import VERSION
 from session.io.errors import CalibrationError
 from session.io.texts import printable
+from tinygc.annexes.budget.monte_carlo import MonteCarlo, monte_carlo
 from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, use_budgets
 from tinygc.annexes.budget.rows import Budget
-from tinygc.annexes.budget.text import overview, whole
-from tinygc.annexes.budget.use import Use
+from tinygc.annexes.budget.text import drawn_page, overview, whole
+from tinygc.annexes.budget.use import TOTAL, Use
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult
-from tinygc.library.arguments import Progress
+from tinygc.library.arguments import Progress, nothing
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType
 
@@ -35,6 +36,7 @@ class UncertaintyBudget(Shown):
     attitude: tuple[Budget, ...]
     motion: str
     asked: tuple[Budget, ...] = ()
+    drawn: MonteCarlo | None = None
 
     def __repr__(self) -> str:
         return f"<UncertaintyBudget of {self.name}: {len(self.parameters[0].rows)} sources>"
@@ -45,16 +47,22 @@ class UncertaintyBudget(Shown):
         return (*self.parameters, *self.sensor_errors, *self.attitude)
 
     @property
+    def shown(self) -> tuple[Budget, ...]:
+        """Those of the overview."""
+        return (*(each for each in self.sensor_errors if each.name.startswith(SHOWN)), *self.attitude)
+
+    @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
+        drawn = [] if self.drawn is None else ["", *drawn_page(self.drawn)]
         if self.asked:
             parts: list[RenderableType] = []
             for each in self.asked:
                 parts += [*whole(each), ""]
-            return Group(*parts[:-1])
-        shown = [each for each in self.sensor_errors if each.name.startswith(SHOWN)]
+            return Group(*parts[:-1], *drawn)
         title = f"Attitude after {self.motion}, about the axes of its start, 95 %"
-        return Group(overview("Sensor errors, 95 %", shown), "", overview(title, self.attitude))
+        errors = [each for each in self.shown if each not in self.attitude]
+        return Group(overview("Sensor errors, 95 %", errors), "", overview(title, self.attitude), *drawn)
 
     def to_json(self) -> dict:
         """``tinygc-budget/1`` (docs/formats/budget.md)."""
@@ -64,25 +72,35 @@ class UncertaintyBudget(Shown):
             "session": self.name,
             "motion": self.motion,
             "budgets": [each.to_json() for each in (self.asked or self.budgets)],
+            "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
         }
 
 
-def budget_of_folder(folder: Path, options: FitOptions, use: Use, asked: tuple[str, ...], progress: Progress) -> UncertaintyBudget:
+def budget_of_folder(
+    folder: Path, options: FitOptions, use: Use, asked: tuple[str, ...], progress: Progress, draws: int = 0, seed: int = 0
+) -> UncertaintyBudget:
     """The budget of a session folder.  Raises the errors of a fit, and CalibrationError for a name that is none."""
-    return budget_of_fit(fit_session(folder, options, progress), use, asked)
+    return budget_of_fit(fit_session(folder, options, progress), use, asked, draws, seed, progress)
 
 
-def budget_of_fit(result: FitResult, use: Use, asked: tuple[str, ...] = ()) -> UncertaintyBudget:
-    """The budget of a fit.  Raises CalibrationError for a name that is none, and for a motion that cannot be read."""
-    motion, attitude = use_budgets(result, use)
-    made = UncertaintyBudget(
-        result.session.name, tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result)), tuple(attitude), motion.words
-    )
-    found = [(name, named(made.budgets, name)) for name in asked]
-    for name, each in found:
-        if each is None:
-            known = ", ".join(one.name.replace(" ", "_") for one in made.budgets)
+def budget_of_fit(
+    result: FitResult, use: Use, asked: tuple[str, ...] = (), draws: int = 0, seed: int = 0, progress: Progress = nothing
+) -> UncertaintyBudget:
+    """The budget of a fit; draws: at most so many to check it, none for 0.
+
+    Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
+    """
+    motion, attitude, in_use = use_budgets(result, use)
+    parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
+    made = UncertaintyBudget(result.session.name, parameters, errors, tuple(attitude), motion.words)
+    chosen = []
+    for name in asked:
+        if (found := named(made.budgets, name)) is None:
+            known = ", ".join(each.name.replace(" ", "_") for each in made.budgets)
             raise CalibrationError(f"--of {printable(name)[:60]!r}: no such quantity; give one of {known}")
-    return UncertaintyBudget(
-        made.name, made.parameters, made.sensor_errors, made.attitude, made.motion, tuple(each for _, each in found if each is not None)
-    )
+        chosen.append(found)
+    made = replace(made, asked=tuple(chosen))
+    if not draws:
+        return made
+    judged = [each for each in made.asked or made.shown if each.name != TOTAL]
+    return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))

@@ -18,6 +18,7 @@ from tinygc.closure.problem import GRAVITY
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.results import FitResult
+from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, stated_response
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, LinearModel, field_jacobian
 from tinygc.noise.whitening import PRECALIBRATION_MPS2
@@ -53,8 +54,9 @@ def sensor_error_budgets(result: FitResult) -> list[Budget]:
     return found
 
 
-def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget]]:
-    """Of the attitude after a motion, about each axis of the start, and of the total angle.  Raises CalibrationError for its log."""
+def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget], list[Source]]:
+    """Of the attitude after a motion, about each axis of the start, and of the total angle; and the sources (3, 3) that are the use's own.
+    Raises CalibrationError for its log."""
     motion = motion_in(use, result)
     sources, more, assumed = sources_in_use(result, use, motion)
     sizes, slope = source_sizes(result) | more, motion.slope(model_of(result))
@@ -62,7 +64,7 @@ def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget]]:
     for name, weight in axes_and_total():
         beside = list(_beside_use(result, use, slope, weight, assumed))
         found.append(budget_of(name, "°", DEG, None, sources, partial(_weighed, weight), sizes, beside))
-    return motion, found
+    return motion, found, sources[len(result.sources) :]
 
 
 def _element(i: int, covariance: np.ndarray) -> float:

@@ -8,6 +8,7 @@ from math import floor, log10
 import numpy as np
 
 from session.io.texts import NONE, printable, significant
+from tinygc.annexes.budget.monte_carlo import MonteCarlo
 from tinygc.annexes.budget.rows import Budget, Row, apportioned, decimals_of
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import RenderableType, Table, one_line, plain_table
@@ -111,3 +112,27 @@ def beside_words(budget: Budget) -> list[str]:
     unit = "" if budget.unit == "1" else f" {budget.unit}"
     sizes = ["" if each.u is None else f"{number(each.u / budget.si)}{unit}; " for each in budget.beside]
     return [f"not in the sum: {printable(each.what)}: {size}{printable(each.why)}" for each, size in zip(budget.beside, sizes, strict=True)]
+
+
+def drawn_page(drawn: MonteCarlo) -> list[RenderableType]:
+    """What the draws say of the budgets."""
+    title = (
+        f"Monte Carlo (JCGM 101): {drawn.draws} draws of all sources, {drawn.by_source} of each alone, seed {drawn.seed}: {drawn.answer}"
+    )
+    table = plain_table(
+        title, "", "unit", "u", "drawn", "95 % by u", "drawn from", "to", "stable digits", "apart", "allowed", "", "cover, %"
+    )
+    for column in (2, 3, 4, 5, 6, 7, 8, 9, 11):
+        table.columns[column].justify = "right"
+    for each in drawn.quantities:
+        sizes = [number(value / each.si) for value in (each.u, each.drawn_u, each.half, each.low, each.high)]
+        ends = [str(each.digits), number(each.apart / each.si), number(each.tolerance / each.si), each.answer]
+        table.add_row(each.name, "" if each.unit == "1" else each.unit, *sizes, *ends, f"{100 * drawn.coverage[each.name]:.1f}")
+    return [table, one_line(source_words(drawn))]
+
+
+def source_words(drawn: MonteCarlo) -> str:
+    """The variance by source that is farthest from the budget's, and what chance allows."""
+    far, failed = drawn.farthest, f"; {drawn.failed} fits did not converge" if drawn.failed else ""
+    where = f"{far.parameter} by {far.source}: drawn / budget = {far.ratio:.2f}, {far.sigmas:+.1f} sigmas"
+    return f"of {len(drawn.sources)} variances by source the farthest: {where} (by chance up to {drawn.bound:.1f}){failed}"

@@ -38,6 +38,8 @@ ZERO_OF_USE = {
 }
 #: word for a sensor that lies still
 REST = "rest"
+#: the total angle of the attitude's error
+TOTAL = "attitude total"
 
 
 @dataclass(frozen=True)
@@ -117,4 +119,4 @@ def _drift(result: FitResult) -> tuple[float, Source]:
 def axes_and_total() -> Iterator[tuple[str, np.ndarray]]:
     """Names of the quantities of an attitude error, and the weights (3,) of the axes' variances in them."""
     yield from zip(("attitude x", "attitude y", "attitude z"), np.eye(3), strict=True)
-    yield "attitude total", np.ones(3)
+    yield TOTAL, np.ones(3)

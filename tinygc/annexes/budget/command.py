@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import count, path_read, positive
+from tinygc.cli.arguments import count, folder_written, path_read, positive
 from tinygc.cli.options import add_fit_arguments, fit_options
-from tinygc.cli.results import output, try_json, write_json
+from tinygc.cli.results import output, try_destinations, try_json, write_json
 
 SUMMARY = "the uncertainty by source: of each parameter, and of the attitude after a motion"
 #: exit code by what the draws say
@@ -18,6 +18,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", type=path_read, help="session folder; its least squares is fitted, as fit does")
     of = "print the whole table of one quantity: bias_x, scale_factor_error_y, E_xy, attitude_total; may be repeated"
     command.add_argument("--of", action="append", default=[], metavar="NAME", help=of)
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="where budget.json and budget.html go")
     use = command.add_argument_group("the use whose attitude error is asked for")
     motion = "rest, a session folder, or a log: the motion of the use (the session's own beginning)"
     use.add_argument("--motion", metavar="rest|DIR|LOG", help=motion)
@@ -34,14 +35,20 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit the session, and print the budget of what is asked for."""
-    from tinygc.annexes.budget.library import budget_of_folder
+    from tinygc.annexes.budget.library import FILE, PAGE, budget_of_folder
     from tinygc.annexes.budget.use import Use
     from tinygc.reporting.terminal import progress_bar
 
-    try_json(args.json)
+    if args.out is not None:
+        try_destinations(argparse.Namespace(out=args.out, json=args.json), "budget")
+    else:
+        try_json(args.json)
     use = Use(args.motion, args.seconds, args.elapsed, args.warmer)
     with progress_bar(args.quiet) as progress:
         found = budget_of_folder(args.folder, fit_options(args), use, tuple(args.of), progress, args.monte_carlo, args.seed)
     output(args).print(found.page)
+    if args.out is not None:
+        found.save(args.out)
+        output(args).print(f"written: {args.out / FILE}, {args.out / PAGE}", soft_wrap=True, markup=False)
     write_json(args.json, found.to_json())
     return 0 if found.drawn is None else EXIT[found.drawn.answer]

@@ -7,12 +7,17 @@ from pathlib import Path
 
 from session import VERSION
 from session.io.errors import CalibrationError
+from session.io.files import result_folder
+from session.io.folder import Session
+from session.io.results import write_text_whole, write_whole
 from session.io.texts import printable
 from tinygc.annexes.budget.monte_carlo import MonteCarlo, monte_carlo
+from tinygc.annexes.budget.page import page
 from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, use_budgets
 from tinygc.annexes.budget.rows import Budget
 from tinygc.annexes.budget.text import drawn_page, overview, whole
-from tinygc.annexes.budget.use import TOTAL, Use
+from tinygc.annexes.budget.use import TOTAL
+from tinygc.annexes.budget.use import Use as Use
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult
@@ -21,6 +26,7 @@ from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType
 
 SCHEMA = "tinygc-budget/1"
+FILE, PAGE = "budget.json", "budget.html"
 #: sensor errors of the overview
 SHOWN = ("scale factor error", "misalignment", "bias")
 
@@ -75,11 +81,24 @@ class UncertaintyBudget(Shown):
             "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
         }
 
+    def html(self) -> str:
+        """The budgets as one HTML document."""
+        errors = [each for each in self.shown if each not in self.attitude]
+        return page(self.name, errors, self.attitude, self.motion, self.drawn)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``budget.json`` and ``budget.html`` into a folder, and return it.  Raises StorageError for what cannot be written."""
+        folder = Path(folder)
+        with result_folder(folder):
+            write_whole(folder / FILE, self.to_json())
+            write_text_whole(folder / PAGE, self.html())
+        return folder
+
 
 def budget_of_folder(
-    folder: Path, options: FitOptions, use: Use, asked: tuple[str, ...], progress: Progress, draws: int = 0, seed: int = 0
+    folder: Session | Path, options: FitOptions, use: Use, asked: tuple[str, ...], progress: Progress, draws: int = 0, seed: int = 0
 ) -> UncertaintyBudget:
-    """The budget of a session folder.  Raises the errors of a fit, and CalibrationError for a name that is none."""
+    """The budget of a session, or of its folder.  Raises the errors of a fit, and CalibrationError for a name that is none."""
     return budget_of_fit(fit_session(folder, options, progress), use, asked, draws, seed, progress)
 
 

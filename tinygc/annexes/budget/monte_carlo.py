@@ -21,8 +21,8 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from session.io.errors import CalibrationError, FitError
-from tinygc.annexes.budget.quantities import model_of
 from tinygc.annexes.budget.rows import Budget
+from tinygc.annexes.budget.use import model_of
 from tinygc.attitude import rotation
 from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import StillRates, fit_least_squares

@@ -10,7 +10,7 @@ from session.detect.rounding import lsb_of
 from session.io.texts import printable
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc.annexes.budget.rows import Beside, Budget, budget_of
-from tinygc.annexes.budget.use import Use, axes_and_total, motion_in, sources_in_use, usual_switch_on
+from tinygc.annexes.budget.use import Use, axes_and_total, model_of, motion_in, sources_in_use, usual_switch_on
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STOPS, TRUTH
 from tinygc.closure.motion import Motion
@@ -20,7 +20,7 @@ from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, stated_response
-from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, LinearModel, field_jacobian
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
 from tinygc.noise.whitening import PRECALIBRATION_MPS2
 from tinygc.reporting.fit_text import sensor_errors
 
@@ -77,12 +77,6 @@ def _along(slope: np.ndarray, covariance: np.ndarray) -> float:
 
 def _weighed(weight: np.ndarray, covariance: np.ndarray) -> float:
     return float(weight @ np.diag(covariance))
-
-
-def model_of(result: FitResult) -> LinearModel:
-    """The model of least squares."""
-    assert isinstance(result.linear.model, LinearModel)
-    return result.linear.model
 
 
 # What moves a quantity and is not in its sum.

@@ -91,7 +91,8 @@ def _size_cells(budget: Budget, row: Row) -> list[str]:
 
 def number(value: float) -> str:
     """Three significant digits."""
-    return f"{value:.3g}".replace("-", "−", 1) if value < 0 else f"{value:.3g}"
+    text = significant(value).replace("\u202f", "") if value == 0 or 1e-4 <= abs(value) < 1e5 else f"{value:.3g}"
+    return text.replace("-", "−", 1) if value < 0 else text
 
 
 def freedom_words(freedom: float) -> str:
@@ -119,16 +120,25 @@ def drawn_page(drawn: MonteCarlo) -> list[RenderableType]:
     title = (
         f"Monte Carlo (JCGM 101): {drawn.draws} draws of all sources, {drawn.by_source} of each alone, seed {drawn.seed}: {drawn.answer}"
     )
-    table = plain_table(
-        title, "", "unit", "u", "drawn", "95 % by u", "drawn from", "to", "stable digits", "apart", "allowed", "", "cover, %"
-    )
+    header, rows = drawn_cells(drawn)
+    table = plain_table(title, *header)
     for column in (2, 3, 4, 5, 6, 7, 8, 9, 11):
         table.columns[column].justify = "right"
+    for row in rows:
+        table.add_row(*row)
+    return [table, one_line(source_words(drawn))]
+
+
+def drawn_cells(drawn: MonteCarlo) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Header and rows of the table of the draws."""
+    header = ("", "unit", "u", "drawn", "95 % by u", "drawn from", "to", "stable digits", "apart", "allowed", "", "cover, %")
+    rows = []
     for each in drawn.quantities:
         sizes = [number(value / each.si) for value in (each.u, each.drawn_u, each.half, each.low, each.high)]
         ends = [str(each.digits), number(each.apart / each.si), number(each.tolerance / each.si), each.answer]
-        table.add_row(each.name, "" if each.unit == "1" else each.unit, *sizes, *ends, f"{100 * drawn.coverage[each.name]:.1f}")
-    return [table, one_line(source_words(drawn))]
+        unit = "" if each.unit == "1" else each.unit
+        rows.append([each.name, unit, *sizes, *ends, f"{100 * drawn.coverage[each.name]:.1f}"])
+    return header, rows
 
 
 def source_words(drawn: MonteCarlo) -> str:

@@ -58,7 +58,7 @@ def motion_in(use: Use, result: FitResult) -> Motion:
     if use.motion is None:
         return motion_of(result.session.logs, use.seconds)
     if str(use.motion) == REST:
-        return at_rest(use.seconds)
+        return at_rest(use.seconds, model=model_of(result))
     path, sensor = Path(use.motion), result.session.config.sensor
     if path.is_dir():
         return motion_of(read_session(path).logs, use.seconds)
@@ -69,8 +69,7 @@ def motion_in(use: Use, result: FitResult) -> Motion:
 def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[Source], dict[str, tuple[float, str]], tuple[str, ...]]:
     """Sources (3, 3) rad^2 of the attitude at a motion's end; the sizes of those that only the use has, in a unit; names of those whose
     size is not this unit's own."""
-    model = result.linear.model
-    assert isinstance(model, LinearModel)
+    model = model_of(result)
     slope = motion.slope(model)
     found = [source.through(slope) for source in result.sources]
     density, problem = result.problem.noise.angle_random_walk, result.problem
@@ -92,6 +91,12 @@ def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[So
         found.append(Source(name, "B", np.inf, slope[:, BIAS] @ zero.parts[cause] @ slope[:, BIAS].T))
         sizes[name] = (float(np.sqrt(np.mean(np.diag(zero.parts[cause])))) / DEG, "dps")
     return found, sizes, tuple(ZERO_OF_USE[cause] for cause in zero.assumed)
+
+
+def model_of(result: FitResult) -> LinearModel:
+    """The model of least squares."""
+    assert isinstance(result.linear.model, LinearModel)
+    return result.linear.model
 
 
 def usual_switch_on(slope: np.ndarray) -> np.ndarray:

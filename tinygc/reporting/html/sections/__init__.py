@@ -7,9 +7,9 @@ from types import ModuleType
 
 from session.io.annexes import find
 
-#: the service of an annex that makes a section; the section is omitted if the annex is
-DISCOVERIES = "discoveries in a calibration report"
-#: module names in this folder, and that service
+#: the services of annexes that make a section; a section is omitted if its annex is
+DISCOVERIES, SOURCES = "discoveries in a calibration report", "uncertainty by source in a calibration report"
+#: module names in this folder, and these services
 SECTIONS = (
     "answer",
     "front",
@@ -20,6 +20,7 @@ SECTIONS = (
     "parameters",
     "accelerometer",
     "correlations",
+    SOURCES,
     "noise_at_rest",
     "denoising",
     "explanation",
@@ -33,6 +34,6 @@ SECTIONS = (
 def modules() -> Iterator[ModuleType]:
     """Yield the module of each section, in the order of the page."""
     for name in SECTIONS:
-        module = find(name) if name == DISCOVERIES else import_module(f"{__name__}.{name}")
+        module = find(name) if name in (DISCOVERIES, SOURCES) else import_module(f"{__name__}.{name}")
         if module is not None:
             yield module

@@ -181,7 +181,7 @@ def _creep(seed: int) -> tuple[Session, Session]:
 
 
 def _rounding(seed: int) -> tuple[Session, Session]:
-    """Steps of three sigmas of the noise, the coarsest that a fit takes, of a sensor of which nobody says how large its noise usually is."""
+    """Steps of three sigmas of the noise, the coarsest that a fit takes, of a sensor whose usual noise nobody says."""
     session, step = _simulated(seed), STEP_DPS * DEG
     samples, config = session.logs[0].samples, session.config
     rates = np.asarray(samples.gyro)

@@ -37,6 +37,11 @@ class Source:
         """(Q,) of quantities with this derivative (Q, P) by the parameters."""
         return np.einsum("qi,ij,qj->q", slope, self.covariance, slope)
 
+    def to_json(self) -> dict:
+        """Return one entry of ``sources`` of ``tinygc-fit/2``: the variances alone."""
+        freedom = self.freedom if np.isfinite(self.freedom) else None
+        return {"source": self.name, "type": self.kind, "degrees_of_freedom": freedom, "variance": np.diag(self.covariance).tolist()}
+
     def through(self, response: np.ndarray) -> Source:
         """The source of what responds (Q, P) to its errors."""
         return replace(self, covariance=response @ self.covariance @ response.T)

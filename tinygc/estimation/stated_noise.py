@@ -122,7 +122,7 @@ class StatedNoise:
 
 
 def kind_of(cause: str, problem: Problem) -> tuple[Kind, float]:
-    """Kind and degrees of freedom of a cause of ``Floor.parts`` or ``covariance_parts``.
+    """Kind and degrees of freedom of a cause of a floor's ``parts`` or of ``covariance_parts``.
 
     White noise is measured by overlapping differences of ``NOISE_BLOCKS`` blocks within the stills; without stills, in motion, its freedom
     is not known.  The drift has its prior's spread.

@@ -256,10 +256,9 @@ class MonteCarlo:
             "draws": self.draws,
             "draws_by_source": self.by_source,
             "failed": self.failed,
-            "quantities": [each.to_json() for each in self.quantities],
+            "quantities": [each.to_json() | {"coverage": self.coverage[each.name]} for each in self.quantities],
             "sources": [vars(each) for each in self.sources],
             "sigmas_by_chance": self.bound,
-            "coverage": self.coverage,
         }
 
 
@@ -279,7 +278,8 @@ def monte_carlo(
     """
     redrawn, sources = Redrawn(result, seed), result.sources
     alone = max(FEWEST, draws // 5)
-    checks, failed = [], 0
+    checks: list[SourceCheck] = []
+    failed = 0
     for number, source in enumerate(sources):
         progress("draws, source by source", number, len(sources))
         moved = np.array(list(_converged(redrawn, [source], alone))) - redrawn.model.vector

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -173,7 +174,7 @@ def source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
     return found
 
 
-def named(budgets: list[Budget], name: str) -> Budget | None:
+def named(budgets: Sequence[Budget], name: str) -> Budget | None:
     """The budget with this name, written with blanks or underscores; None where there is none."""
     asked = printable(name).replace("_", " ").casefold().removesuffix(" - 1")
     return next((each for each in budgets if each.name.replace("_", " ").casefold().removesuffix(" - 1") == asked), None)

@@ -293,6 +293,9 @@ def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
     covariance[BIAS, BIAS] = np.diag([1.0, 4.0, 9.0]) * 1e-10
     drawn = np.array([redrawn.draw(Source(ROUNDING, "B", np.inf, covariance)).reading for _ in range(2000)])
     assert np.cov((drawn @ redrawn.model.E.T).T) == pytest.approx(covariance[BIAS, BIAS], abs=1e-10)
+    covariance[BIAS, BIAS] = np.diag([0.0, 4.0, 0.0]) * 1e-10  # one axis alone is coarse
+    drawn = redrawn.draw(Source(ROUNDING, "B", np.inf, covariance)).reading @ redrawn.model.E.T
+    assert np.abs(drawn[[0, 2]]).max() < 1e-9 * abs(drawn[1])
 
 
 def test_draws_of_a_session_agree_with_its_budget(fitted, monkeypatch):

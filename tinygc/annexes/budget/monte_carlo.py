@@ -42,7 +42,7 @@ BLOCK = 200
 #: of the fit that the draws start from and the one that the session has, in sigmas
 SAME_SIGMAS = 0.01
 #: draws of one source alone, at least; of sizes, for ``coverage_of``
-FEWEST, COVERAGE_DRAWS = 100, 20_000
+FEWEST, COVERAGE_DRAWS = 50, 20_000
 #: share of a parameter's variance below which a source is not checked on it: errors of second order may be as large
 LEAST_SHARE = 0.01
 #: relative size of the directions of a covariance that are none
@@ -102,7 +102,8 @@ class Redrawn:
             others = (self.draw(each) for each in self.result.sources if each.name not in (MISFIT, ROUNDING, CLOCK))
             return sum(others, nothing) * float(np.sqrt(self.result.widened - 1))
         if name == ROUNDING:
-            bias = _root(source.covariance[BIAS, BIAS]) @ rng.normal(size=3)
+            root = _root(source.covariance[BIAS, BIAS])
+            bias = root @ rng.normal(size=root.shape[1])
             return replace(nothing, reading=-np.linalg.solve(self.model.E, bias))
         if name == CLOCK:
             assert self.result.nominal_rate is not None

@@ -78,6 +78,8 @@ def test_what_is_wrong_is_refused_in_one_line(folder, tmp_path, run):
     refused(run("budget", folder, "--motion", tmp_path / "none.csv", "--quiet"), "none.csv")
     refused(run("budget", tmp_path / "none"), "none")
     refused(run("budget", folder, "--seconds", "-1"))
+    refused(run("budget", folder, "--warmer", "nan"))
+    refused(run("budget", folder, "--of", ""))
     refused(run("budget", folder, "--monte-carlo", "0"))
     refused(run("budget", folder, "--bias-per-log", "--monte-carlo", "5", "--quiet"), "--monte-carlo")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import count, folder_written, path_read, positive
+from tinygc.cli.arguments import count, filled, folder_written, path_read, positive, within
 from tinygc.cli.options import add_fit_arguments, fit_options
 from tinygc.cli.results import output, try_destinations, try_json, write_json
 
@@ -17,15 +17,17 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder; its least squares is fitted, as fit does")
     of = "print the whole table of one quantity: bias_x, scale_factor_error_y, E_xy, attitude_total; may be repeated"
-    command.add_argument("--of", action="append", default=[], metavar="NAME", help=of)
+    command.add_argument("--of", type=filled, action="append", default=[], metavar="NAME", help=of)
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where budget.json and budget.html go")
     use = command.add_argument_group("the use whose attitude error is asked for")
     motion = "rest, a session folder, or a log: the motion of the use (the session's own beginning)"
-    use.add_argument("--motion", metavar="rest|DIR|LOG", help=motion)
+    use.add_argument("--motion", type=path_read, metavar="rest|DIR|LOG", help=motion)
     use.add_argument("--seconds", type=positive, default=60.0, metavar="S", help="how long (%(default)g s)")
     elapsed = "the use is so long after the session and the sensor was not switched off since; else it is another switch-on"
     use.add_argument("--elapsed", type=positive, metavar="S", help=elapsed)
-    use.add_argument("--warmer", type=float, metavar="K", help="how much warmer the sensor is in use than in the session")
+    use.add_argument(
+        "--warmer", type=within(-200, 200, "difference", "K"), metavar="K", help="how much warmer the sensor is in use than in the session"
+    )
     check = command.add_argument_group("a check by Monte Carlo (JCGM 101)")
     draws = "draw all errors anew, at most so often, fit each time, and compare; exit 1 if they differ, 5 if so few do not decide"
     check.add_argument("--monte-carlo", type=count(1), default=0, metavar="N", help=draws)

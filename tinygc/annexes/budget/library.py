@@ -121,5 +121,5 @@ def budget_of_fit(
     made = replace(made, asked=tuple(chosen))
     if not draws:
         return made
-    judged = [each for each in made.asked or made.shown if each.name != TOTAL]
+    judged = [each for each in made.asked or made.shown if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
     return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))

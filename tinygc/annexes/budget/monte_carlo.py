@@ -33,7 +33,7 @@ from tinygc.estimation.results import FitResult
 from tinygc.estimation.sources import COVERAGE, Source, coverage_factor
 from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, channel_sources, joint_response
 from tinygc.library.arguments import Progress
-from tinygc.models.linear import BIAS, NAMES, WORDS, LinearModel, field_vector
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, LinearModel, field_vector
 
 #: names of the attitude about single axes
 ATTITUDE = ("attitude x", "attitude y", "attitude z")
@@ -275,7 +275,7 @@ def monte_carlo(
     """Draw the errors of a fit again, at most so often, and hold its budgets against them.
 
     in_use: sources (3, 3) of the attitude that are not the fit's; budgets: parameters, sensor errors, attitude about single axes.
-    Raises CalibrationError as ``Redrawn``.
+    Raises CalibrationError as ``Redrawn``, and where no fit of the drawn data converges.
     """
     redrawn, sources = Redrawn(result, seed), result.sources
     alone = max(FEWEST, draws // 5)
@@ -283,20 +283,25 @@ def monte_carlo(
     failed = 0
     for number, source in enumerate(sources):
         progress("draws, source by source", number, len(sources))
-        moved = np.array(list(_converged(redrawn, [source], alone))) - redrawn.model.vector
+        moved = np.array(list(_converged(redrawn, [source], alone))).reshape(-1, PARAMETERS) - redrawn.model.vector
         failed += alone - len(moved)
         checks += _source_checks(source, moved, result.covariance)
     values = _Values(redrawn.model, motion, budgets, in_use, redrawn.rng)
     deviations: list[np.ndarray] = []
+    judged: list[QuantityCheck] = []
     while len(deviations) < draws:
         progress("draws of all sources", len(deviations), draws)
         block = min(BLOCK, draws - len(deviations))
         found = [values(vector) for vector in _converged(redrawn, sources, block)]
         failed += block - len(found)
         deviations += found
-        judged = [_quantity_check(budget, np.array(deviations)[:, i]) for i, budget in enumerate(budgets)]
-        if len(found) < block / 2 or all(each.digits == 2 for each in judged):
+        if len(found) < block / 2:
             break
+        judged = [_quantity_check(budget, np.array(deviations)[:, i]) for i, budget in enumerate(budgets)]
+        if all(each.digits == 2 for each in judged):
+            break
+    if not checks or not judged:
+        raise CalibrationError("--monte-carlo: no fit of the drawn data converged; leave it out")
     coverage = {budget.name: coverage_of(budget, redrawn.rng) for budget in budgets}
     bound = float(ndtri(1 - BY_CHANCE / 2 / max(len(checks), 1)))
     return MonteCarlo(seed, len(deviations), alone, failed, tuple(judged), tuple(checks), bound, coverage)

@@ -178,6 +178,7 @@ READERS = {
     "log": [
         *SESSION_READERS, "import {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}", "noise {S} --out {O}",
         "noise {B} --out {O}", "rates {B} --out {O}", "watch {M} {B}", "watch {M} {B} --noise {B}",
+        "noise {B} --out {O}", "rates {B} --out {O}", "budget {S}",
     ],
     "truth": SESSION_READERS,
     "turns": SESSION_READERS,

@@ -17,6 +17,7 @@ from schema_tables.shapes import DEFINED, file_of, schema_of  # noqa: E402
 FOLDER = DOCS / "formats" / "schemas"
 PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "history")
 PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "watch")
+PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "budget")
 WIDTH = 120
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

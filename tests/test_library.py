@@ -26,6 +26,7 @@ HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0
 #: functions and classes whose docstrings have an example
 EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare", "explain", "export", "fit", "fit_temperature", "fit_turns"]
 EXAMPLES += [
+    "budget",
     "estimate_noise",
     "estimate_rates",
     "fleet",

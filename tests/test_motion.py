@@ -26,6 +26,15 @@ def test_a_bias_at_rest_turns_by_itself_times_the_time():
     assert at_rest(60).slope(one)[:, 9:] == pytest.approx(60 * np.eye(3), rel=1e-12)
 
 
+def test_a_sensor_at_rest_measures_what_its_calibration_takes_off():
+    """Its zero, by which an error of E counts as well: the rate is off by dE m + dB."""
+    model = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.6, -0.4, 0.2]) * DEG)
+    motion = at_rest(60, model=model)
+    assert model(motion.measured) == pytest.approx(np.zeros_like(motion.measured), abs=1e-15)
+    zero = -np.linalg.solve(model.E, model.B)
+    assert motion.slope(model) == pytest.approx(60 * np.hstack([np.kron(np.eye(3), zero), np.eye(3)]), rel=1e-9, abs=1e-12)
+
+
 def test_a_scale_error_after_one_turn_is_that_share_of_it():
     quarter = Motion(np.tile([0.0, 0.0, np.pi / 2], (101, 1)), np.full(100, 0.01), "a quarter turn in a second")
     longer = LinearModel(np.diag([1, 1, 1.001]), np.zeros(3))

@@ -20,6 +20,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     report, export    Session or Fit -> Report; Fit -> Exported
     compare, plan     fits -> Compared; Session -> Plan
     rebias, apply     Calibration and another recording -> Rebias; calibrated rates, samples, or a log
+    budget            Session or Fit -> its uncertainty by source, of each parameter and of a use
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
     history           sessions of one unit -> scatter, drift and shocks of its numbers, when to calibrate next
     estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
@@ -85,6 +86,7 @@ if TYPE_CHECKING:
     from tinygc.library.applied import apply as apply
     from tinygc.library.biases import Rebias as Rebias
     from tinygc.library.biases import rebias as rebias
+    from tinygc.library.budgets import budget as budget
     from tinygc.library.comparisons import Compared as Compared
     from tinygc.library.comparisons import compare as compare
     from tinygc.library.explanations import FoundEffect as FoundEffect
@@ -137,6 +139,7 @@ _HOMES = {
     "tinygc.estimation.options": ("FitOptions",),
     "tinygc.library.applied": ("apply",),
     "tinygc.library.biases": ("Rebias", "rebias"),
+    "tinygc.library.budgets": ("budget",),
     "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
     "tinygc.library.fits": ("Fit", "fit", "fit_temperature", "fit_turns"),

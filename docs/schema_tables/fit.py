@@ -119,6 +119,7 @@ _FIT = {
             "suspected": [{"id": TEXT, "log_odds": NUMBER}],
         }
     ),
+    "sources": [{"source": TEXT, "type": words("A", "B"), "degrees_of_freedom": maybe(SIZE), "variance": array(NUMBER, 12)}],
     "bias_from": {
         "requested": words("auto", "ends", "stills"),
         "used": words("ends", "stills"),

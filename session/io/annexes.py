@@ -56,6 +56,7 @@ SERVICES = {
     "the history of a unit in a calibration report": "tinygc.annexes.history.report_section",
     "budget": "tinygc.annexes.budget.command",
     "uncertainty budgets": "tinygc.annexes.budget.library",
+    "uncertainty by source in a calibration report": "tinygc.annexes.budget.report_section",
     "certificates (report --certificate)": "tinygc.annexes.certificate.library",
     "fleet": "tinygc.annexes.lots.fleet_command",
     "lot": "tinygc.annexes.lots.command",

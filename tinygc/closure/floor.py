@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -125,6 +125,10 @@ def _over_both(t: np.ndarray, span: np.ndarray, i: np.ndarray, j: np.ndarray) ->
 # It contains the gyro's white noise over the segment (angle random walk) and the accelerometer's noise over the stills at both ends.
 # Neighbours share a still, so their accelerometer parts are correlated with opposite signs.
 
+#: causes of parts of a floor
+GYRO_NOISE, ACCEL_NOISE = "white noise of the gyroscope", "white noise of the accelerometer"
+DIALS, STOPS, TRUTH = "dials", "known angles of turns", "truth file"
+SINGLE_SEGMENTS = "bridged readings and impacts"
 #: rad^2 of an unknown angle: its residual and columns are 0, so any value larger than the measured ones will do
 UNKNOWN_RAD2 = 1.0
 
@@ -135,19 +139,39 @@ class Floor:
 
     tilt_excess: factor on the tilt's sigma, estimated from the residuals.  It changes the weights, not the covariance: otherwise tilts with
     too small a sigma would outweigh turns of known angle.  wider (S, d, d): the part of ``own`` that is not noise but the uncertainty of
-    single segments (bridged readings, impacts), or None.
+    single segments (bridged readings, impacts), or None.  references: parts of ``own`` and ``shared`` that the references give, by cause;
+    the gyroscope's white noise is the rest (``parts``).
     """
 
     own: np.ndarray
     shared: np.ndarray
     tilt_excess: float = 1.0
     wider: np.ndarray | None = None
+    references: Mapping[str, Floor] = field(default_factory=dict)
 
     def widened(self, more: np.ndarray) -> Floor:
         """Add a covariance (S, 3, 3) rad^2 of single segments, about the axes of ``directions``."""
         d = self.own.shape[1]
         more = more[:, :d, :d]
         return replace(self, own=self.own + more, wider=more if self.wider is None else self.wider + more)
+
+    def scaled(self, factor: np.ndarray) -> Floor:
+        """Multiply the sigma of each segment by a factor (S,)."""
+        square, both = factor[:, None, None] ** 2, (factor[:-1] * factor[1:])[:, None, None]
+        references = {cause: part.scaled(factor) for cause, part in self.references.items()}
+        wider = None if self.wider is None else self.wider * square
+        return replace(self, own=self.own * square, shared=self.shared * both, wider=wider, references=references)
+
+    @property
+    def parts(self) -> dict[str, Floor]:
+        """The floor by cause, ``GYRO_NOISE`` first: their covariances add up to its own."""
+        found = dict(self.references)
+        if self.wider is not None:
+            found[SINGLE_SEGMENTS] = Floor(self.wider, np.zeros_like(self.shared))
+        own, shared = (
+            sum((getattr(part, name) for part in found.values()), np.zeros_like(getattr(self, name))) for name in ("own", "shared")
+        )
+        return {GYRO_NOISE: Floor(self.own - own, self.shared - shared), **found}
 
     @property
     def white(self) -> np.ndarray:
@@ -198,16 +222,26 @@ def closure_floor(
     """
     axes = directions(batch, attitudes[:, -1])
     own = (axes @ gyro_variance(batch, attitudes, noises) @ axes.transpose(0, 2, 1))[:, : batch.angles, : batch.angles]
-    shared = np.zeros((max(len(batch) - 1, 0), batch.angles, batch.angles))
-    dial = [dial_sigma_rad**2] if batch.yaw_known else [0.0] * (batch.angles - 2)
+    none = np.zeros((max(len(batch) - 1, 0), batch.angles, batch.angles))
+    accel = Floor(np.zeros_like(own), none.copy())
+    references = {ACCEL_NOISE: accel}
     if batch.turns is not None:
-        own[:, 2, 2] += np.where(batch.turns.known, np.nan_to_num(batch.turns.sigma_rad) ** 2, UNKNOWN_RAD2)
+        angles = np.zeros_like(own)
+        angles[:, 2, 2] = np.where(batch.turns.known, np.nan_to_num(batch.turns.sigma_rad) ** 2, UNKNOWN_RAD2)
+        references[STOPS] = Floor(angles, none)
+    if batch.yaw_known:
+        references[DIALS] = Floor(np.zeros_like(own), none.copy())
+        references[DIALS].own[:, 2, 2] = 2 * dial_sigma_rad**2
     for i, ((first, last), noise) in enumerate(zip(ends, noises, strict=True)):
-        begin, end = (np.diag([still_tilt_variance(still, noise)] * 2 + dial) for still in (first, last))
-        own[i] += begin + end
+        begin, end = (still_tilt_variance(still, noise) for still in (first, last))
+        accel.own[i, [0, 1], [0, 1]] = begin + end
         if i + 1 < len(ends) and ends[i + 1][0] is last:
-            shared[i] = -end
-    return Floor(own, shared)
+            accel.shared[i, [0, 1], [0, 1]] = -end
+            if batch.yaw_known:
+                references[DIALS].shared[i, 2, 2] = -(dial_sigma_rad**2)
+    own = sum((part.own for part in references.values()), own)
+    shared = sum((part.shared for part in references.values()), none)
+    return Floor(own, shared, references=references)
 
 
 def gyro_variance(batch: Batch, attitudes: np.ndarray, noises: list[Noise]) -> np.ndarray:
@@ -303,7 +337,7 @@ class AllanSums:
             if len(theta) <= 2 * m:
                 continue
             second = theta[2 * m :] - 2 * theta[m:-m] + theta[: -2 * m]
-            total[k], count[k], freedom[k] = np.einsum("ij,ij->j", second, second), len(second), _freedom(len(theta), m)
+            total[k], count[k], freedom[k] = np.einsum("ij,ij->j", second, second), len(second), allan_freedom(len(theta), m)
         return cls(factors, total, count, freedom)
 
 
@@ -325,8 +359,8 @@ def joined_curves(short: AllanCurve, long: AllanCurve) -> AllanCurve:
     return AllanCurve(tau_s, deviation, freedom, max(short.longest_s, long.longest_s))
 
 
-def _freedom(points: int, m: int) -> float:
-    """Degrees of freedom of the overlapping estimate for white rate noise (NIST SP 1065, table 5)."""
+def allan_freedom(points: float, m: int) -> float:
+    """Degrees of freedom of the overlapping estimate from ``points`` angles for white rate noise (NIST SP 1065, table 5)."""
     return max((3 * (points - 1) / (2 * m) - 2 * (points - 2) / points) * 4 * m**2 / (4 * m**2 + 5), 1.0)
 
 

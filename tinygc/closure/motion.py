@@ -74,10 +74,11 @@ class Motion:
         return found
 
 
-def at_rest(seconds: float = MINUTE_S, rate_hz: float = 10.0) -> Motion:
-    """The sensor lies still."""
+def at_rest(seconds: float = MINUTE_S, rate_hz: float = 10.0, model: LinearModel | None = None) -> Motion:
+    """The sensor lies still: it measures what a model calibrates to no rate, or nothing without a model."""
     count = max(2, round(seconds * rate_hz) + 1)
-    return Motion(np.zeros((count, 3)), np.full(count - 1, seconds / (count - 1)), f"{seconds:g} s at rest")
+    reading = np.zeros(3) if model is None else -np.linalg.solve(model.E, model.B)
+    return Motion(np.tile(reading, (count, 1)), np.full(count - 1, seconds / (count - 1)), f"{seconds:g} s at rest")
 
 
 def motion_of(logs: Sequence[Log] | Samples, seconds: float = MINUTE_S, from_s: float = 0.0) -> Motion:

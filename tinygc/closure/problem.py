@@ -172,7 +172,10 @@ class JointFit:
         """The batch with references from an estimate without the closure of the segments ``left_out`` (S,) bool."""
         root = self.system.root.copy()
         root[: len(left_out) * batch.angles][np.repeat(left_out, batch.angles)] = 0.0
-        moved = self.system.solve(root) - self.system.solve()
+        return self.shifted(batch, self.system.solve(root) - self.system.solve())
+
+    def shifted(self, batch: Batch, moved: np.ndarray) -> Batch:
+        """The batch with references from a joint vector that is another by ``moved`` (P,)."""
         force = self.force - self.share[:, None] * self._drift(moved)
         return bent(batch, self.first, self.last, corrected(IDENTITY + moved[ACCELEROMETER], force))
 

@@ -18,7 +18,7 @@ from session.io.units import DEG
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, no_earth, vertical_only, with_heading
 from tinygc.attitude.rotation import steps
-from tinygc.closure.floor import Floor, gyro_variance
+from tinygc.closure.floor import TRUTH, Floor, gyro_variance
 from tinygc.closure.least_squares import StillRates, fit_least_squares
 from tinygc.closure.problem import LEFT_OUT, Problem, widened_by_bridges
 from tinygc.closure.residual import Batch, RateMap, attitudes
@@ -162,7 +162,8 @@ def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[Tru
     for i in range(len(batch) - 1):
         if segments[i].log == segments[i + 1].log and ends[i].last == ends[i + 1].first:
             shared[i] = -truth
-    return Floor(own + 2 * truth, shared)
+    of_truth = Floor(np.broadcast_to(2 * truth, own.shape), shared)
+    return Floor(own + of_truth.own, shared, references={TRUTH: of_truth})
 
 
 def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:

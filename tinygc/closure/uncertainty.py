@@ -12,7 +12,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.attitude.rotation import sample_weights
-from tinygc.closure.floor import BiasWander, Floor
+from tinygc.closure.floor import GYRO_NOISE, BiasWander, Floor
 from tinygc.closure.least_squares import StillRates, solve_lower
 from tinygc.closure.prior import GaussianPrior
 from tinygc.models import linear
@@ -107,6 +107,10 @@ def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: Bia
     return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
+#: causes of parts of a covariance beside those of the floor
+BIAS_DRIFT, EARTH = "drift of the bias", "heading and the Earth's rate"
+
+
 def parameter_covariance(
     batch: closure.Batch,
     floor: Floor,
@@ -116,10 +120,25 @@ def parameter_covariance(
     wander: BiasWander | None = None,
     prior: GaussianPrior | None = None,
 ) -> np.ndarray:
-    """(12, 12) covariance of ``LinearModel.vector`` from least squares, due to the session's noise without errors of the prior.
+    """(12, 12) covariance of ``LinearModel.vector`` from least squares: the sum of ``covariance_parts``."""
+    parts = covariance_parts(batch, floor, model, earth, still_rates, wander, prior).values()
+    return sum(parts, np.zeros((linear.PARAMETERS, linear.PARAMETERS)))
+
+
+def covariance_parts(
+    batch: closure.Batch,
+    floor: Floor,
+    model: LinearModel,
+    earth: EarthRate,
+    still_rates: StillRates | None = None,
+    wander: BiasWander | None = None,
+    prior: GaussianPrior | None = None,
+) -> dict[str, np.ndarray]:
+    """(12, 12) of each cause: the covariance of ``LinearModel.vector`` due to the session's noise, without errors of the prior.
 
     Weighted least squares with weights 1/sigma^2 neglects that neighbours share a still, that the heading is estimated or unknown, and that
-    the bias drifts during the session; the sandwich H^-1 (J' W C W J) H^-1 includes all three (White 1980).
+    the bias drifts during the session; the sandwich H^-1 (J' W C W J) H^-1 includes all three (White 1980).  C, and so the sandwich, is a
+    sum over causes: the floor's parts, the Earth's rate, the bias drift.
     wander: bias drift between the segments; without it the bias is constant.
     """
     rate = model(batch.rate)
@@ -127,11 +146,11 @@ def parameter_covariance(
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
     weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design) + _information(prior)
-    meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
+    meat = {cause: np.einsum("sdp,sdq->pq", design * weight, part.times(design * weight)) for cause, part in floor.parts.items()}
     if still_rates is not None:
         rows = still_rates.columns()
         hessian += rows.T @ rows
-        meat += rows.T @ rows
+        meat[GYRO_NOISE] = meat[GYRO_NOISE] + rows.T @ rows
         still_pull = rows.reshape(-1, 3, rows.shape[1]).transpose(0, 2, 1) / still_rates.sigma[:, None]
     for sideways in _unseen_rates(earth):
         # The horizontal Earth rate that an uncertain heading leaves out: one more column for each direction, one sigma long.
@@ -141,16 +160,16 @@ def parameter_covariance(
         if still_rates is not None and still_rates.q_tb is not None:
             turned = np.einsum("qji,j->qi", rotation.matrix(still_rates.q_tb), sideways)
             pull = pull + np.einsum("qpi,qi->p", still_pull, turned)
-        meat += np.outer(pull, pull)
+        meat[EARTH] = meat.get(EARTH, 0.0) + np.outer(pull, pull)
     if wander is not None:
         # A bias error rotates a segment's end along the three bias columns.
         pull = np.einsum("sdp,sdi->spi", design * weight, design[..., linear.BIAS])
         more_s: tuple[np.ndarray, ...] = ()
         if still_rates is not None and still_rates.middle_s is not None:
             pull, more_s = np.concatenate([pull, still_pull]), (still_rates.middle_s,)
-        meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(*more_s), pull, optimize=True)
+        meat[BIAS_DRIFT] = np.einsum("spi,st,tqi->pq", pull, wander.covariance(*more_s), pull, optimize=True)
     inverse = np.linalg.inv(hessian)
-    return inverse @ meat @ inverse
+    return {cause: inverse @ part @ inverse for cause, part in meat.items()}
 
 
 def _unseen_rates(earth: EarthRate) -> np.ndarray:

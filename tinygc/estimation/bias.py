@@ -186,10 +186,7 @@ def level_days(problem: Problem) -> Levelled:
 def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
     """Return the problem with each log's bias shifted to the median, for any method, and the biases' spread (3,) rad/s."""
     days = level_days(problem)
-    factor = (days.sigma / problem.floor.sigma)[:, 0]
-    square, before = factor[:, None, None] ** 2, problem.floor
-    shared = before.shared * (factor[:-1] * factor[1:])[:, None, None]
-    floor = replace(before, own=before.own * square, shared=shared, wider=None if before.wider is None else before.wider * square)
+    floor = problem.floor.scaled((days.sigma / problem.floor.sigma)[:, 0])
     return replace(problem, batch=days.batch, floor=floor), days.sigma_rps
 
 

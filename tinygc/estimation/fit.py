@@ -15,28 +15,19 @@ from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session, read_session
 from session.io.requirements import read_requirements
 from tinygc.closure.prepared import Prepared, prepare
-from tinygc.closure.problem import GYROSCOPE, Problem
+from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
-from tinygc.closure.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 from tinygc.estimation import results
+from tinygc.estimation.assembly import stated_uncertainty
 from tinygc.estimation.bias import choose
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.repeatability import BiasRepeatability, repeatability_of
 from tinygc.estimation.results import FitResult
-from tinygc.estimation.stated_noise import (
-    StatedNoise,
-    rounding_covariance,
-    stated_covariance,
-    stated_goodness,
-    stated_joint_covariance,
-    stated_joint_shared,
-    stated_noise,
-)
+from tinygc.estimation.stated_noise import stated_noise
 from tinygc.estimation.systematic import systematic_of
-from tinygc.estimation.verdict import require_plausible
 from tinygc.models.linear import LinearModel
 from tinygc.noise.measured import measured_noise
 
@@ -118,18 +109,8 @@ def fit_session(
     if given is None:
         progress("noise", 0, 1)
         noise = None if options.bias_per_log else stated_noise(problem)
-    found, widened, covariance, accelerometer = _stated(level, model, noise, options)
-    require_plausible(model, covariance, problem.session.folder)
-    systematic = None if noise is None else systematic_of(level, model, noise, widened, options.still_rates)
-    joint = shared = None
-    if noise is not None and level.joint is not None:
-        joint, shared = (widened * of(level, model, noise, options.still_rates) for of in (stated_joint_covariance, stated_joint_shared))
-    more = rounding_covariance(problem, model) + (0.0 if use is None else use.more)
-    if (nominal := problem.session.nominal_rate) is not None:
-        more = more + nominal.covariance(model.vector)
-    covariance = covariance + more
-    if joint is not None:
-        joint[GYROSCOPE, GYROSCOPE] += more
+    stated = stated_uncertainty(problem, level, model, noise, options, use)
+    systematic = None if noise is None else systematic_of(level, model, noise, stated.widened, options.still_rates)
     turned = replace(options, still_rates=not options.still_rates)
     other = run_method("least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
@@ -140,15 +121,9 @@ def fit_session(
         runs=runs,
         run_errors=errors,
         physics=named,
-        goodness=found,
         linear=linear,
-        covariance=covariance,
-        widened=widened,
         allowed=systematic,
         repeatability=between,
-        accelerometer_covariance=accelerometer,
-        joint_covariance=joint,
-        joint_shared=shared,
         noise=noise,
         bias_from=bias_from,
         other_choice=other,
@@ -159,23 +134,8 @@ def fit_session(
         against_raw=against_raw(problem, options, fits),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
         lot=use,
+        **stated.parts,
     )
-
-
-def _stated(
-    problem: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions
-) -> tuple[GoodnessOfFit, float, np.ndarray, np.ndarray | None]:
-    """Return the goodness of fit; the variance inflation beyond all noise; the covariance (12, 12), inflated; and the part of it from the
-    accelerometer's pre-calibration, None where that is not included."""
-    if noise is None:
-        wander = problem.wander
-        found = goodness(problem.batch, problem.floor, model, wander)
-        rates = problem.still_rates if options.still_rates else None
-        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, wander, problem.prior)
-        return found, found.excess, found.excess * covariance, None
-    found, widened = stated_goodness(problem, model, noise)
-    covariance, accelerometer = stated_covariance(problem, model, noise, options.still_rates)
-    return found, widened, widened * covariance, widened * accelerometer
 
 
 def _run_methods(

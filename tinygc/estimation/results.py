@@ -323,6 +323,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
         "goodness": vars(result.goodness),
         "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(),
         "systematic": None if result.allowed is None else result.allowed.to_json(),
+        "sources": [source.to_json() for source in result.sources],
         "bias_from": result.bias_from.to_json(),
         "lot": None if result.lot is None else result.lot.to_json(),
         "known_turns": known_turns_json(result),

@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -36,6 +36,24 @@ class Source:
     def variance(self, slope: np.ndarray) -> np.ndarray:
         """(Q,) of quantities with this derivative (Q, P) by the parameters."""
         return np.einsum("qi,ij,qj->q", slope, self.covariance, slope)
+
+    def to_json(self) -> dict:
+        """Return one entry of ``sources`` of ``tinygc-fit/2``: the variances alone."""
+        freedom = self.freedom if np.isfinite(self.freedom) else None
+        return {"source": self.name, "type": self.kind, "degrees_of_freedom": freedom, "variance": np.diag(self.covariance).tolist()}
+
+    def through(self, response: np.ndarray) -> Source:
+        """The source of what responds (Q, P) to its errors."""
+        return replace(self, covariance=response @ self.covariance @ response.T)
+
+    def of(self, part: slice) -> Source:
+        """The source of some of the parameters."""
+        return replace(self, covariance=self.covariance[part, part])
+
+
+def freedom_of(size: float, sigma: float) -> float:
+    """Degrees of freedom, 1 or more, of a variance whose root is known as ``size`` with a sigma: (size / sigma)^2 / 2 (GUM G.4.2)."""
+    return float("inf") if sigma == 0 else max(1.0, float(size / sigma) ** 2 / 2)
 
 
 def total(sources: Iterable[Source]) -> np.ndarray:

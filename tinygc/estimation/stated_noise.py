@@ -1,25 +1,40 @@
-"""The estimated noise of a fit, and the covariance of least squares' parameters under it."""
+"""The estimated noise of a fit by its sources, and the covariance of least squares' parameters under it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.rounding import lsb_of, rounding_of_mean
+from session.detect.stills import BLOCK_S, NOISE_BLOCKS
 from tinygc import closure
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.build import bias_shares
+from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, allan_freedom
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import GYROSCOPE, JointFit, Problem
-from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above
+from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH, GoodnessOfFit, chi_square_above
+from tinygc.estimation.sources import Kind, Source, freedom_of, total
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
-from tinygc.noise.components import REFERENCE, TURN, SessionNoise, estimate, first_noise
+from tinygc.noise.components import (
+    GIVEN_SPREAD,
+    REFERENCE,
+    STILL_RATE,
+    TURN,
+    TYPICAL_SPREAD,
+    UNDERSAMPLED,
+    WANDER,
+    SessionNoise,
+    estimate,
+    first_noise,
+)
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRATION_MPS2, Whitener
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRATION_MPS2, Sparse, Whitener
 
 # The noise of a fit: the white floor, and the non-white noise estimated from the recording (``explanation/noise``).
 #
@@ -28,6 +43,15 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRA
 
 #: largest session with a dense covariance of all channels: its inverse costs the cube of the session (benchmarks/fit_speed.py)
 MOST_SEGMENTS = 400
+#: names of sources of variance: of components, by their names; of the accelerometer's calibration and of gravity's length at the site
+COMPONENTS = {
+    WANDER: BIAS_DRIFT,
+    STILL_RATE: "rates of the stills, each by itself",
+    REFERENCE: "accelerometer, with attitude",
+    TURN: "turns, each by itself",
+    UNDERSAMPLED: "motion between the readings",
+}
+CALIBRATION, GRAVITY_LENGTH = "calibration of the accelerometer", "gravity of the site"
 #: those of the 12 ``precalibration_columns`` that gravity's length in stills determines: the bias, and the matrix' upper triangle
 FROM_LENGTHS = np.array([0, 1, 2, *(3 + 3 * i + j for i, j in zip(*np.triu_indices(3), strict=True))])
 
@@ -46,6 +70,27 @@ class StatedNoise:
     def covariance(self) -> np.ndarray:
         """Total covariance (n, n) in rad^2, (rad/s)^2, (m/s^2)^2."""
         return self.white + self.noise.covariance + self.accelerometer @ self.accelerometer.T
+
+    def sources(self) -> Iterator[Source]:
+        """Yield the sources of the channels' errors, (n, n) each: white noise by its cause, then each component that is there.
+
+        Their sum is ``covariance`` without the accelerometer's pre-calibration.
+        """
+        left, lengths = self.white, slice(len(self.white) - len(self.twin.stills), None)
+        for cause, part in self.twin.problem.floor.parts.items():
+            if cause == GYRO_NOISE:
+                continue
+            channels = np.zeros_like(self.white)
+            channels[self.closure, self.closure] = part.dense()
+            if cause == ACCEL_NOISE:
+                channels[lengths, lengths] = self.white[lengths, lengths]
+            left = left - channels
+            yield Source(cause, *kind_of(cause, self.twin.problem), channels)
+        yield Source(GYRO_NOISE, *kind_of(GYRO_NOISE, self.twin.problem), left)
+        for s, sigma, component in zip(self.noise.s, self.noise.sigma, self.noise.components, strict=True):
+            if s > 0:
+                V = component.V.dense() if isinstance(component.V, Sparse) else component.V
+                yield Source(COMPONENTS[component.name], "A" if component.prior is None else "B", freedom_of(s, sigma), s**2 * V)
 
     @property
     def named(self) -> np.ndarray:
@@ -74,6 +119,24 @@ class StatedNoise:
     def words(self) -> str:
         """Describe the components in one line."""
         return self.noise.words
+
+
+def kind_of(cause: str, problem: Problem) -> tuple[Kind, float]:
+    """Kind and degrees of freedom of a cause of a floor's ``parts`` or of ``covariance_parts``.
+
+    White noise is measured by overlapping differences of ``NOISE_BLOCKS`` blocks within the stills; without stills, in motion, its freedom
+    is not known.  The drift has its prior's spread.
+    """
+    if cause in (GYRO_NOISE, ACCEL_NOISE):
+        counts = [still.duration_s / BLOCK_S for still in problem.stills]
+        freedom = sum(allan_freedom(count + 1, NOISE_BLOCKS) for count in counts if count >= 2 * NOISE_BLOCKS)
+        return "A", freedom or np.inf
+    if cause == BIAS_DRIFT:
+        known = problem.instability
+        spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
+        sigma = spread * known.rps if known.sigma_rps is None else known.sigma_rps
+        return "A" if known.of_unit else "B", freedom_of(known.rps, sigma)
+    return "B", np.inf
 
 
 def stated_noise(problem: Problem) -> StatedNoise | None:
@@ -164,14 +227,10 @@ def from_own_stills(problem: Problem) -> bool:
 def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the covariance (12, 12) of the linear model's vector, fitted to this problem's batch, with or without the stills' rates as
     data; and its part from the accelerometer's pre-calibration, which sessions with the same one share."""
-    response = _response(problem, model, noise, still_rates)
+    sources = stated_sources(problem, model, noise, still_rates)
     if problem.joint is not None:
-        joint = stated_joint_covariance(problem, model, noise, still_rates)
-        shared = response @ joint_columns(problem, problem.joint) @ problem.joint.beforehand
-        return joint[GYROSCOPE, GYROSCOPE], shared @ shared.T * (problem.joint.mode == "prior")
-    covariance = noise.covariance + _earth(problem, noise)
-    shared = response @ noise.accelerometer
-    return response @ covariance @ response.T, shared @ shared.T
+        sources = [source.of(GYROSCOPE) for source in sources]
+    return total(sources), shared_part(problem, sources)
 
 
 def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
@@ -179,15 +238,42 @@ def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedN
 
     An error of a channel changes both; the accelerometer's change also alters the references that the gyroscope is fitted to.
     """
-    rows, beforehand = _joint_parts(problem, model, noise, still_rates)
-    return rows @ (noise.white + noise.noise.covariance + _earth(problem, noise)) @ rows.T + beforehand @ beforehand.T
+    return total(stated_sources(problem, model, noise, still_rates))
 
 
 def stated_joint_shared(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
     """Return its part (21, 21) from an error of the given calibration, which sessions with the same one share."""
-    assert problem.joint is not None
-    _, beforehand = _joint_parts(problem, model, noise, still_rates)
-    return beforehand @ beforehand.T * (problem.joint.mode == "prior")
+    return shared_part(problem, stated_sources(problem, model, noise, still_rates))
+
+
+def stated_sources(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> list[Source]:
+    """Return the sources (12, 12) of the linear model's vector, or (21, 21) of both sensors where they were estimated jointly: L C L' of
+    each source of the channels, and what was known beforehand."""
+    joint = problem.joint
+    if joint is None:
+        rows = _response(problem, model, noise, still_rates)
+        return [source.through(rows) for source in channel_sources(problem, noise)]
+    rows, beforehand = _joint_parts(problem, model, noise, still_rates)
+    known = {CALIBRATION: beforehand[:, :-1], GRAVITY_LENGTH: beforehand[:, -1:]}
+    found = [source.through(rows) for source in channel_sources(problem, noise)]
+    return found + [Source(name, "B", np.inf, columns @ columns.T) for name, columns in known.items()]
+
+
+def channel_sources(problem: Problem, noise: StatedNoise) -> Iterator[Source]:
+    """Yield the sources of the channels' errors, (n, n) each: the noise, what the Earth's rate leaves out, and the accelerometer's
+    pre-calibration where it is taken as it is."""
+    yield from noise.sources()
+    if problem.earth.source in ("estimated", "unknown"):
+        yield Source(EARTH, "B", np.inf, _earth(problem, noise))
+    if problem.joint is None:
+        own, spare = from_own_stills(problem), max(1.0, len(noise.twin.stills) - len(FROM_LENGTHS))
+        yield Source(CALIBRATION, "A" if own else "B", spare if own else np.inf, noise.accelerometer @ noise.accelerometer.T)
+
+
+def shared_part(problem: Problem, sources: Iterable[Source]) -> np.ndarray:
+    """Return the part of sources (P, P) that sessions with the same accelerometer calibration share; zero where this session made it."""
+    shared = [source for source in sources if source.name in (CALIBRATION, GRAVITY_LENGTH)]
+    return total(shared) * (problem.joint is None or problem.joint.mode == "prior")
 
 
 def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -80,7 +80,8 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
     segments = [replace(s, problem="one of its moments of truth is wrong") if s.number in numbers else s for s in problem.segments]
     jumps = [(problem.used[i].log, problem.used[i].start_s + problem.used[i].duration_s) for i in wrong]
     wider = None if problem.floor.wider is None else problem.floor.wider[keep]
-    floor = replace(problem.floor, own=problem.floor.own[keep], wider=wider, shared=np.zeros((max(keep.sum() - 1, 0), 3, 3)))
+    shared = np.zeros((max(keep.sum() - 1, 0), 3, 3))
+    floor = replace(problem.floor, own=problem.floor.own[keep], wider=wider, shared=shared, references={})
     kept = replace(problem, segments=segments, batch=problem.batch.pick(keep), floor=floor)
     # The covariance that two neighbours share is kept if both are kept.
     both = np.flatnonzero(keep[:-1] & keep[1:])

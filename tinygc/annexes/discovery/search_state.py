@@ -108,7 +108,8 @@ def _floor(floor: Floor, held: np.ndarray) -> Floor:
     kept = np.flatnonzero(~held)
     neighbours = np.diff(kept) == 1
     shared = np.where(neighbours[:, None, None], floor.shared[kept[:-1]], 0.0)
-    return replace(floor, own=floor.own[kept], shared=shared, wider=None if floor.wider is None else floor.wider[kept])
+    wider = None if floor.wider is None else floor.wider[kept]
+    return replace(floor, own=floor.own[kept], shared=shared, wider=wider, references={})
 
 
 # The result of a search for an equation.

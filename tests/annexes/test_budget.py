@@ -1,0 +1,389 @@
+"""The budget: tables that add up, the attitude in use by hand, draws through the real fit."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm, t
+
+import tinygc
+from session.io.errors import CalibrationError
+from session.io.units import DEG, DEG_PER_HOUR
+from tinygc.annexes.budget import monte_carlo as draws
+from tinygc.annexes.budget.monte_carlo import Errors, Redrawn, coverage_of
+from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
+from tinygc.annexes.budget.rows import Beside, Budget, Row, apportioned, decimals_of
+from tinygc.annexes.budget.text import beside_words, cells_of, largest_words, number, sum_words
+from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use
+from tinygc.closure.floor import GYRO_NOISE, wander_covariance
+from tinygc.closure.motion import at_rest
+from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
+from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
+from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.sources import Source, total
+from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, stated_response
+from tinygc.models.linear import BIAS, NAMES, field_jacobian
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=3).session
+    return tinygc.fit(session, methods=("least_squares",)).result
+
+
+@pytest.fixture(scope="module")
+def by_ends():
+    session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=4).session
+    return tinygc.fit(session, methods=("least_squares",), accelerometer="given", bias="ends", still_rates=True).result
+
+
+def budget(*rows, si=1.0, unit="1", value=None, beside=()):
+    return Budget("made", unit, si, value, tuple(Row(f"source {i}", "A", nu, v) for i, (v, nu) in enumerate(rows)), beside)
+
+
+# Tables.
+
+
+def test_rounded_numbers_add_up_to_their_rounded_sum():
+    for _ in range(50):
+        values = RNG.exponential(size=7)
+        found = apportioned(values, 2)
+        assert sum(found) == pytest.approx(round(float(np.sum(values)), 2), abs=0.0051)
+        assert round(sum(found) * 100) == round(float(np.sum(values)) * 100)
+        assert np.abs(np.subtract(found, values)).max() < 0.01
+    assert apportioned([1 / 3, 1 / 3, 1 / 3], 1) == [0.4, 0.3, 0.3]
+    assert apportioned([-0.26, 1.26], 1) == [-0.3, 1.3]
+    assert [decimals_of(value, 5) for value in (1.0, 99.0, 123456.0, 0.0)] == [4, 3, 0, 5]
+
+
+def test_a_printed_column_adds_up_to_its_last_row():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        made = budget(*((float(v), 5.0) for v in rng.exponential(size=9) ** 4), si=10.0 ** float(rng.integers(-6, 6)))
+        *rows, last = cells_of(made)
+        power = last[7].partition("e")[2]
+        assert all(row[7].partition("e")[2] == power for row in rows)
+        decimals = len(last[7].partition("e")[0].partition(".")[2])
+        assert round(sum(float(row[7].partition("e")[0]) for row in rows), decimals) == float(last[7].partition("e")[0])
+        assert round(sum(float(row[8]) for row in rows), 1) == float(last[8]) == 100.0
+        assert float(f"{made.variance / made.si**2:.4e}") == pytest.approx(float(last[7]), rel=1e-4)
+
+
+def test_rows_too_small_to_print_stand_together():
+    *rows, _ = cells_of(budget((1.0, 9.0), (1e-4, 2.0), (2e-4, 2.0)))
+    assert [row[0] for row in rows] == ["source 0", "2 further, each below 0.05 %"]
+    assert float(rows[1][6]) == pytest.approx(np.sqrt(3e-4), rel=1e-2)
+
+
+def test_the_expanded_uncertainty_is_by_welch_and_satterthwaite():
+    """GUM H.1.6: 25 nm with 18, 9.7 nm with 25.6, 2.9 nm with 50, 16.6 nm with 2 degrees of freedom and more: 32 nm with 16."""
+    made = budget((25.0**2, 18.0), (9.7**2, 25.6), (2.9**2, 50.0), (16.6**2, 2.0))
+    expected = made.variance**2 / (25**4 / 18 + 9.7**4 / 25.6 + 2.9**4 / 50 + 16.6**4 / 2)
+    assert made.freedom == pytest.approx(expected)
+    assert made.k == pytest.approx(t.ppf(0.975, int(expected)))
+    assert made.expanded == pytest.approx(made.k * np.sqrt(25**2 + 9.7**2 + 2.9**2 + 16.6**2))
+    assert budget((1.0, np.inf)).k == pytest.approx(norm.ppf(0.975))
+
+
+def test_words_of_a_budget():
+    made = budget(
+        (3.0, 4.0),
+        (1.0, np.inf),
+        si=0.1,
+        unit="dps",
+        value=1.0,
+        beside=(Beside("one effect", 0.5, "why"), Beside("other", None, "not known")),
+    )
+    assert largest_words(made) == "source 0 75 %, source 1 25 %"
+    assert "u = 20.0 dps" in sum_words(made)
+    assert beside_words(made) == ["not in the sum: one effect: 5.00 dps; why", "not in the sum: other: not known"]
+    assert [number(value) for value in (12345.6, -0.5, 1e-7, 0.0)] == ["12346", "−0.500", "1e-07", "0"]
+
+
+# Parameters.
+
+
+def test_the_variance_of_each_parameter_is_the_fits_to_the_bit(fitted):
+    for i, found in enumerate(parameter_budgets(fitted)):
+        assert found.name == NAMES[i]
+        assert found.variance == fitted.covariance[i, i]
+        table = found.to_json()
+        again = table["sources"][0]["variance_si"]
+        for row in table["sources"][1:]:
+            again += row["variance_si"]
+        assert again == table["variance_si"] == fitted.covariance[i, i]
+
+
+def test_a_sensor_error_is_the_slope_on_the_parameters(fitted):
+    slope = field_jacobian(fitted.linear.model.vector)
+    found = {each.name: each for each in sensor_error_budgets(fitted)}
+    assert found["bias x"].variance == pytest.approx(slope[15] @ fitted.covariance @ slope[15], rel=1e-9)
+    assert found["scale factor error y"].expanded / found["scale factor error y"].k == pytest.approx(
+        np.sqrt(slope[1] @ fitted.covariance @ slope[1]), rel=1e-9
+    )
+    assert found["misalignment x to y"].unit == "mrad"
+
+
+def test_the_size_of_a_source_times_its_sensitivity_is_its_part(fitted):
+    sizes = source_sizes(fitted)
+    assert sizes[GYRO_NOISE][0] == pytest.approx(0.005, rel=0.15)  # dps / sqrt(Hz), as simulated
+    assert sizes[BIAS_DRIFT][1] == "°/h"
+    bias = parameter_budgets(fitted)[9]
+    for row, entry in zip(bias.rows, bias.to_json()["sources"], strict=True):
+        if row.size and row.variance > 0:
+            assert entry["size"] * entry["sensitivity"] == pytest.approx(abs(entry["u"]))
+
+
+def test_what_is_known_besides_stands_beside_the_sum(fitted):
+    spread = BiasRepeatability(np.full(3, 0.02 * DEG), "two other sessions")
+    again = replace(fitted, repeatability=spread)
+    bias, scale = (parameter_budgets(again)[i] for i in (9, 0))
+    switch_on = next(each for each in bias.beside if each.what == "bias of another switch-on")
+    assert switch_on.u == pytest.approx(np.sqrt(2) * 0.02 * DEG)
+    assert bias.variance == again.covariance[9, 9]
+    assert "bias of another switch-on" not in [each.what for each in scale.beside]
+    effect = next(each for each in scale.beside if each.what == "one effect that the model lacks")
+    assert effect.u == pytest.approx(fitted.systematic[0])
+
+
+@pytest.mark.broad
+def test_an_earths_rate_that_is_left_in_the_rates_is_said():
+    session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=3).session
+    result = tinygc.fit(session, methods=("least_squares",), earth=False, bias="ends", accelerometer="given").result
+    assert EARTH not in [source.name for source in result.sources]
+    left = next(each for each in parameter_budgets(result)[9].beside if each.what == "the Earth's rate")
+    assert 0 < left.u < 15.1 * DEG_PER_HOUR
+
+
+def test_names_are_found_with_blanks_and_underscores(fitted):
+    found = sensor_error_budgets(fitted)
+    assert named(found, "Scale_factor error_X").name == "scale factor error x"
+    assert named(found, "nothing") is None
+
+
+# Use.
+
+
+def test_the_attitude_at_rest_by_hand(fitted):
+    """After 60 s at rest: 60 s times the zero as calibrated, the root of 60 s times the white noise, and the drift's mean over 60 s."""
+    motion, found, own = use_budgets(fitted, Use("rest"))
+    assert motion.words == "60 s at rest"
+    axes = {each.name: each for each in found}
+    zero = -np.linalg.solve(fitted.linear.model.E, fitted.linear.model.B)
+    slope = 60 * np.hstack([np.kron(np.eye(3), zero), np.eye(3)])
+    of_parameters = [row.variance for row in axes["attitude y"].rows[: len(fitted.sources)]]
+    assert sum(of_parameters) == pytest.approx(slope[1] @ fitted.covariance @ slope[1], rel=1e-9)
+    sources = {source.name: source.covariance for source in own}
+    E, density = fitted.linear.model.E, fitted.problem.noise.angle_random_walk
+    np.testing.assert_allclose(sources[NOISE_OF_USE], 60 * E @ np.diag(density**2) @ E.T, rtol=1e-9)
+    rps = fitted.noise.noise.size("noise.bias_wander")
+    mean = wander_covariance(np.array([30.0]), 60.0, instability_rps=rps)[0, 0]
+    np.testing.assert_allclose(np.diag(sources[DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
+    assert axes["attitude total"].variance == pytest.approx(sum(axes[f"attitude {axis}"].variance for axis in "xyz"), rel=1e-12)
+
+
+def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(fitted):
+    spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
+    result, motion = replace(fitted, repeatability=spread), at_rest(10, model=fitted.linear.model)
+    sources, _, assumed = sources_in_use(result, Use("rest", 10.0, None, 5.0), motion)
+    by_name = {source.name: source.covariance for source in sources}
+    np.testing.assert_allclose(by_name["bias of another switch-on"], 100 * np.diag(2 * spread.rps**2), rtol=1e-9, atol=1e-20)
+    np.testing.assert_allclose(by_name["temperature of the use"], 100 * np.eye(3) * (0.01 * DEG * 5) ** 2, rtol=1e-9, atol=1e-20)
+    assert assumed == ("temperature of the use",)
+    later = {source.name for source in sources_in_use(result, Use("rest", 10.0, 3600.0), motion)[0]}
+    assert "bias of another switch-on" not in later
+    assert "drift of the bias since the session" in later
+    unknown = {source.name for source in sources_in_use(fitted, Use("rest", 10.0), motion)[0]}
+    assert "bias of another switch-on" not in unknown  # nobody knows it: it stands beside the sum, by the usual spread
+
+
+def test_the_motion_may_be_a_session_or_a_log(fitted, tmp_path):
+    simulated = tinygc.simulate(segments=3, closure_s=0.0, odr_hz=104.0, seed=3)
+    folder = simulated.save(tmp_path / "s")
+    whole = motion_in(Use(folder, 5.0), fitted)
+    log = motion_in(Use(folder / "log0001.csv.gz", 5.0), replace(fitted, problem=fitted.problem.changed(session=simulated.session)))
+    assert whole.duration_s == pytest.approx(5.0, abs=0.02)
+    np.testing.assert_allclose(log.measured, whole.measured, atol=1e-9)
+    with pytest.raises(CalibrationError):
+        motion_in(Use(tmp_path / "none.csv"), fitted)
+
+
+# Draws.
+
+
+def moved_by(redrawn, errors, size):
+    """Derivative of the refitted parameters by errors of this size, both ways."""
+    return (redrawn.refit(errors * size) - redrawn.refit(errors * -size)) / (2 * size)
+
+
+@pytest.mark.parametrize("which", ["fitted", "by_ends"])
+def test_a_refit_moves_by_the_response_to_the_errors(which, request):
+    """Errors of the channels, in every kind of row, through the actual fit: L y, to first order."""
+    result = request.getfixturevalue(which)
+    redrawn, noise, problem = Redrawn(result, 1), result.noise, result.problem
+    L = stated_response(problem, result.linear.model, noise, result.options.still_rates)
+    sigma, stop = np.sqrt(np.diag(result.covariance)), noise.closure.stop
+    rows = {"closure": slice(0, stop), "still": slice(stop, -len(noise.twin.stills)), "length": slice(-len(noise.twin.stills), None)}
+    size = np.sqrt(np.diag(noise.white))
+    for part in rows.values():
+        y = np.zeros(len(size))
+        y[part] = size[part] * RNG.normal(size=len(y[part]))
+        found, expected = moved_by(redrawn, replace(redrawn.nothing, channels=y), 0.3), L @ y
+        np.testing.assert_allclose(found / sigma, expected / sigma, atol=0.02 * max(1.0, np.abs(expected / sigma).max()))
+
+
+def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
+    """The accelerometer's given calibration and gravity, as the sources have them."""
+    redrawn, joint = Redrawn(fitted, 1), fitted.problem.joint
+    assert joint is not None
+    by_name = {source.name: source.covariance for source in fitted.sources}
+    sigma = np.sqrt(np.diag(fitted.covariance))
+    for name, columns in ((CALIBRATION, range(len(redrawn.nothing.known) - 1)), (GRAVITY_LENGTH, [len(redrawn.nothing.known) - 1])):
+        covariance = np.zeros((12, 12))
+        for column in columns:
+            known = np.zeros_like(redrawn.nothing.known)
+            known[column] = 1.0
+            step = moved_by(redrawn, replace(redrawn.nothing, known=known), 1.0)
+            covariance += np.outer(step, step)
+        np.testing.assert_allclose(covariance / np.outer(sigma, sigma), by_name[name] / np.outer(sigma, sigma), atol=1e-4)
+
+
+@pytest.mark.parametrize("which", ["fitted", "by_ends"])
+def test_readings_and_clock_move_the_parameters_as_stated(which, request):
+    """A reading e too large takes E e from B; durations longer by a share take it from E and B."""
+    result = request.getfixturevalue(which)
+    redrawn, model = Redrawn(result, 1), result.linear.model
+    sigma = np.sqrt(np.diag(result.covariance))
+    e = np.array([1.0, -2.0, 0.5]) * 1e-4 * DEG
+    found = redrawn.refit(replace(redrawn.nothing, reading=e)) - model.vector
+    np.testing.assert_allclose(found[BIAS], -model.E @ e, atol=1e-3 * sigma[9])
+    np.testing.assert_allclose(found[:9] / sigma[:9], 0, atol=1e-2)
+    found = redrawn.refit(replace(redrawn.nothing, clock=1e-3)) - model.vector
+    np.testing.assert_allclose(found[:9], -1e-3 * model.vector[:9], atol=2e-5)
+
+
+def test_each_source_is_drawn_with_its_covariance(fitted):
+    """The covariance of the drawn errors, through the response, is the source's; the misfit is the inflation times the rest."""
+    result = replace(fitted, widened=3.0, sources=(*fitted.sources, Source(MISFIT, "A", 9.0, 2.0 * total(fitted.sources))))
+    redrawn = Redrawn(result, 2)
+    L = stated_response(result.problem, result.linear.model, result.noise, False)
+    count = 1500
+    by_name = {source.name: source for source in result.sources}
+    beforehand = by_name.pop(CALIBRATION).covariance + by_name.pop(GRAVITY_LENGTH).covariance
+    for name in (GYRO_NOISE, BIAS_DRIFT, EARTH, MISFIT):
+        y = np.array([redrawn.draw(by_name[name]).channels for _ in range(count)]) @ L.T
+        expected = by_name[name].covariance
+        if name == MISFIT:  # what was known before the session is drawn beside the channels
+            expected = expected - 2.0 * beforehand - 2.0 * by_name[ROUNDING].covariance * (ROUNDING in by_name)
+        ratio = np.mean(y**2, axis=0) / np.diag(expected)
+        assert np.abs(ratio - 1).max() < 5 * np.sqrt(2 / count), name
+
+
+def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
+    config = fitted.session.config
+    sensor = replace(config.sensor, odr_sigma=0.01)
+    problem = fitted.problem.changed(session=replace(fitted.session, config=replace(config, sensor=sensor)))
+    redrawn = Redrawn(replace(fitted, problem=problem), 2)
+    clock = [redrawn.draw(Source(CLOCK, "B", np.inf, np.eye(12))).clock for _ in range(2000)]
+    assert np.std(clock) == pytest.approx(0.01, rel=0.08)
+    covariance = np.zeros((12, 12))
+    covariance[BIAS, BIAS] = np.diag([1.0, 4.0, 9.0]) * 1e-10
+    drawn = np.array([redrawn.draw(Source(ROUNDING, "B", np.inf, covariance)).reading for _ in range(2000)])
+    assert np.cov((drawn @ redrawn.model.E.T).T) == pytest.approx(covariance[BIAS, BIAS], abs=1e-10)
+    covariance[BIAS, BIAS] = np.diag([0.0, 4.0, 0.0]) * 1e-10  # one axis alone is coarse
+    drawn = redrawn.draw(Source(ROUNDING, "B", np.inf, covariance)).reading @ redrawn.model.E.T
+    assert np.abs(drawn[[0, 2]]).max() < 1e-9 * abs(drawn[1])
+
+
+def test_draws_of_a_session_agree_with_its_budget(fitted, monkeypatch):
+    monkeypatch.setattr(draws, "FEWEST", 2)
+    found = tinygc.budget(SimpleFit(fitted), monte_carlo=10, motion="rest", seconds=5.0)
+    assert found.drawn.draws == 10
+    assert abs(found.drawn.farthest.sigmas) < found.drawn.bound
+    assert found.drawn.answer == "undecided"
+    assert "Monte Carlo" in found.summary()
+    assert "Monte Carlo" in found.html()
+
+
+class SimpleFit:
+    """A fit, as ``tinygc.budget`` takes one."""
+
+    def __new__(cls, result):
+        from tinygc.library.fits import Fit
+
+        return Fit(result, result.session)
+
+
+def test_a_wrong_size_is_found_by_the_draws(fitted, monkeypatch):
+    """A budget whose gyroscope noise is half of what the data have differs from the draws."""
+    halved = tuple(replace(s, covariance=s.covariance / 4) if s.name == GYRO_NOISE else s for s in fitted.sources)
+    wrong = replace(fitted, sources=halved, covariance=total(halved))
+    source = next(s for s in halved if s.name == GYRO_NOISE)
+    redrawn = Redrawn(wrong, 3)
+    moved = np.array([redrawn.refit(redrawn.draw(source)) for _ in range(25)]) - redrawn.model.vector
+    checks = list(draws._source_checks(source, moved, wrong.covariance))
+    assert min(each.sigmas for each in checks) > 4
+    assert {each.parameter for each in checks} >= set(NAMES[:9])
+
+
+def test_the_sigmas_of_a_ratio_are_those_of_chi_square():
+    source = Source("one", "A", 9.0, np.eye(12))
+    moved = np.sqrt(np.full((200, 12), chi2.ppf(norm.cdf(2.0), 200) / 200))
+    assert [each.sigmas for each in draws._source_checks(source, moved, np.eye(12))] == pytest.approx([2.0] * 12, abs=0.01)
+    small = Source("one", "A", 9.0, np.eye(12) * 0.009)
+    assert not list(draws._source_checks(small, moved, np.eye(12)))
+
+
+def normal(count, sigma):
+    return sigma * norm.ppf((np.arange(count) + 0.5) / count)
+
+
+def test_an_interval_agrees_to_as_many_digits_as_the_draws_are_stable():
+    made = budget((0.0125**2, np.inf))
+    found = {count: draws._quantity_check(made, normal(count, 0.0125)) for count in (100, 2000, 40_000)}
+    assert [found[count].digits for count in found] == [0, 1, 2]
+    assert [found[count].answer for count in found] == ["undecided", "agrees", "agrees"]
+    assert found[2000].tolerance == pytest.approx(0.005)  # half a unit of the first digit of 0.0125
+    assert found[40_000].tolerance == pytest.approx(0.0005)
+    assert found[2000].half == pytest.approx(1.96 * 0.0125, rel=1e-3)
+    wide = draws._quantity_check(made, normal(40_000, 0.0129))
+    assert (wide.answer, wide.apart) == ("differs", pytest.approx(1.96 * 0.0004, rel=0.02))
+    assert draws._quantity_check(made, normal(40_000, 0.0125) + 0.0006).answer == "differs"  # a shift is a difference
+    # the digits are those of the unit that is shown: 0.716 degrees
+    assert draws._quantity_check(replace(made, si=DEG), normal(40_000, 0.0125)).tolerance == pytest.approx(0.05 * DEG)
+
+
+def test_the_factor_covers_what_it_says():
+    """One variance with 5 degrees of freedom: exactly 95 % (Student); known ones likewise; of two, nearly (Welch–Satterthwaite)."""
+    rng = np.random.default_rng(1)
+    for rows, within in ((((1.0, 5.0),), 0.004), (((1.0, np.inf), (2.0, np.inf)), 0.004), (((1.0, 5.0), (1.0, 9.0)), 0.01)):
+        assert coverage_of(budget(*rows), rng, 60_000) == pytest.approx(0.95, abs=within)
+
+
+def test_what_cannot_be_drawn_is_refused(fitted):
+    with pytest.raises(CalibrationError, match="cannot be drawn"):
+        Redrawn(replace(fitted, noise=None), 0)
+    other = replace(fitted.linear, model=fitted.linear.model.with_bias_moved(np.full(3, 0.1 * DEG)))
+    with pytest.raises(CalibrationError, match="made again"):
+        Redrawn(replace(fitted, linear=other), 0)
+
+
+def test_errors_add_and_scale():
+    one = Errors(np.ones(2), np.ones(1), np.ones(3), 0.5)
+    both = (one + one) * 2.0
+    assert (both.channels.tolist(), both.known.tolist(), both.reading.tolist(), both.clock) == ([4, 4], [4], [4, 4, 4], 2.0)
+
+
+def test_answers_of_the_draws():
+    def of(*answers, sigmas=0.0):
+        quantities = tuple(SimpleNamespace(answer=answer) for answer in answers)
+        check = draws.SourceCheck("one", "E_xx", 1.0, sigmas)
+        return draws.MonteCarlo(0, 1, 1, 0, quantities, (check,), 3.0, {}).answer
+
+    assert of("agrees") == "agrees"
+    assert of("agrees", "undecided") == "undecided"
+    assert of("undecided", "differs") == "differs"
+    assert of("agrees", sigmas=-3.1) == "differs"

@@ -1,0 +1,125 @@
+"""Python interface of ``budget``: the uncertainty of a fit by source, and of a use of its calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from session import VERSION
+from session.io.errors import CalibrationError
+from session.io.files import result_folder
+from session.io.folder import Session
+from session.io.results import write_text_whole, write_whole
+from session.io.texts import printable
+from tinygc.annexes.budget.monte_carlo import MonteCarlo, monte_carlo
+from tinygc.annexes.budget.page import page
+from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, use_budgets
+from tinygc.annexes.budget.rows import Budget
+from tinygc.annexes.budget.text import drawn_page, overview, whole
+from tinygc.annexes.budget.use import TOTAL
+from tinygc.annexes.budget.use import Use as Use
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import FitResult
+from tinygc.library.arguments import Progress, nothing
+from tinygc.library.records import Shown
+from tinygc.reporting.terminal import Group, RenderableType
+
+SCHEMA = "tinygc-budget/1"
+FILE, PAGE = "budget.json", "budget.html"
+#: sensor errors of the overview
+SHOWN = ("scale factor error", "misalignment", "bias")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class UncertaintyBudget(Shown):
+    """Result of ``tinygc.budget``: ``parameters``, ``sensor_errors``, ``attitude``: a ``Budget`` of each quantity; ``asked``: those that
+    were asked for; ``motion``: in words."""
+
+    name: str
+    parameters: tuple[Budget, ...]
+    sensor_errors: tuple[Budget, ...]
+    attitude: tuple[Budget, ...]
+    motion: str
+    asked: tuple[Budget, ...] = ()
+    drawn: MonteCarlo | None = None
+
+    def __repr__(self) -> str:
+        return f"<UncertaintyBudget of {self.name}: {len(self.parameters[0].rows)} sources>"
+
+    @property
+    def budgets(self) -> tuple[Budget, ...]:
+        """All quantities."""
+        return (*self.parameters, *self.sensor_errors, *self.attitude)
+
+    @property
+    def shown(self) -> tuple[Budget, ...]:
+        """Those of the overview."""
+        return (*(each for each in self.sensor_errors if each.name.startswith(SHOWN)), *self.attitude)
+
+    @property
+    def page(self) -> Group:
+        """The command's output, as a rich renderable."""
+        drawn = [] if self.drawn is None else ["", *drawn_page(self.drawn)]
+        if self.asked:
+            parts: list[RenderableType] = []
+            for each in self.asked:
+                parts += [*whole(each), ""]
+            return Group(*parts[:-1], *drawn)
+        title = f"Attitude after {self.motion}, about the axes of its start, 95 %"
+        errors = [each for each in self.shown if each not in self.attitude]
+        return Group(overview("Sensor errors, 95 %", errors), "", overview(title, self.attitude), *drawn)
+
+    def to_json(self) -> dict:
+        """``tinygc-budget/1`` (docs/formats/budget.md)."""
+        return {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "session": self.name,
+            "motion": self.motion,
+            "budgets": [each.to_json() for each in (self.asked or self.budgets)],
+            "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
+        }
+
+    def html(self) -> str:
+        """The budgets as one HTML document."""
+        errors = [each for each in self.shown if each not in self.attitude]
+        return page(self.name, errors, self.attitude, self.motion, self.drawn)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``budget.json`` and ``budget.html`` into a folder, and return it.  Raises StorageError for what cannot be written."""
+        folder = Path(folder)
+        with result_folder(folder):
+            write_whole(folder / FILE, self.to_json())
+            write_text_whole(folder / PAGE, self.html())
+        return folder
+
+
+def budget_of_folder(
+    folder: Session | Path, options: FitOptions, use: Use, asked: tuple[str, ...], progress: Progress, draws: int = 0, seed: int = 0
+) -> UncertaintyBudget:
+    """The budget of a session, or of its folder.  Raises the errors of a fit, and CalibrationError for a name that is none."""
+    return budget_of_fit(fit_session(folder, options, progress), use, asked, draws, seed, progress)
+
+
+def budget_of_fit(
+    result: FitResult, use: Use, asked: tuple[str, ...] = (), draws: int = 0, seed: int = 0, progress: Progress = nothing
+) -> UncertaintyBudget:
+    """The budget of a fit; draws: at most so many to check it, none for 0.
+
+    Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
+    """
+    motion, attitude, in_use = use_budgets(result, use)
+    parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
+    made = UncertaintyBudget(result.session.name, parameters, errors, tuple(attitude), motion.words)
+    chosen = []
+    for name in asked:
+        if (found := named(made.budgets, name)) is None:
+            known = ", ".join(each.name.replace(" ", "_") for each in made.budgets)
+            raise CalibrationError(f"--of {printable(name)[:60]!r}: no such quantity; give one of {known}")
+        chosen.append(found)
+    made = replace(made, asked=tuple(chosen))
+    if not draws:
+        return made
+    judged = [each for each in made.asked or made.shown if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
+    return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))

@@ -1,0 +1,180 @@
+"""The budgets of a fit: its twelve parameters, its sensor errors in the field's words, the attitude after a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from session.detect.rounding import lsb_of
+from session.io.texts import printable
+from session.io.units import DEG, DEG_PER_HOUR, MG, G
+from tinygc.annexes.budget.rows import Beside, Budget, budget_of
+from tinygc.annexes.budget.use import Use, axes_and_total, model_of, motion_in, sources_in_use, usual_switch_on
+from tinygc.attitude.earth import unseen_covariance
+from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STOPS, TRUTH
+from tinygc.closure.motion import Motion
+from tinygc.closure.problem import GRAVITY
+from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
+from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
+from tinygc.estimation.results import FitResult
+from tinygc.estimation.sources import Source
+from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, stated_response
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
+from tinygc.noise.whitening import PRECALIBRATION_MPS2
+from tinygc.reporting.fit_text import sensor_errors
+
+#: what a budget says of a source that it cannot have
+NOT_KNOWN = "not known"
+#: and of an Earth's rate that is left in the rates
+NO_LATITUDE = "no site.latitude_deg in session.toml, or --no-earth"
+
+
+def parameter_budgets(result: FitResult) -> list[Budget]:
+    """Of the twelve parameters of omega = E m + B; their variances are the diagonal of the fit's covariance, bit for bit."""
+    vector, sizes = model_of(result).vector, source_sizes(result)
+    found = []
+    for i, name in enumerate(NAMES):
+        unit, si = ("dps", DEG) if name in NAMES[BIAS] else ("1", 1.0)
+        beside = _beside_parameter(result, np.eye(PARAMETERS)[i])
+        found.append(budget_of(name, unit, si, float(vector[i]), result.sources, partial(_element, i), sizes, beside))
+    return found
+
+
+def sensor_error_budgets(result: FitResult) -> list[Budget]:
+    """Of the sensor errors in the terms and signs of ``fit``; those that the session does not observe are left out."""
+    vector, sizes = model_of(result).vector, source_sizes(result)
+    units = {word: si for word, _, _, si in WORDS}
+    found = []
+    for quantity, slope in zip(sensor_errors(result), field_jacobian(vector), strict=True):
+        if quantity.observed:
+            name, si = f"{quantity.word} {quantity.component}", units[quantity.word]
+            of, beside = partial(_along, slope), _beside_parameter(result, slope)
+            found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, of, sizes, beside))
+    return found
+
+
+def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget], list[Source]]:
+    """Of the attitude after a motion, about each axis of the start, and of the total angle; and the sources (3, 3) that are the use's own.
+    Raises CalibrationError for its log."""
+    motion = motion_in(use, result)
+    sources, more, assumed = sources_in_use(result, use, motion)
+    sizes, slope = source_sizes(result) | more, motion.slope(model_of(result))
+    found = []
+    for name, weight in axes_and_total():
+        beside = list(_beside_use(result, use, slope, weight, assumed))
+        found.append(budget_of(name, "°", DEG, None, sources, partial(_weighed, weight), sizes, beside))
+    return motion, found, sources[len(result.sources) :]
+
+
+def _element(i: int, covariance: np.ndarray) -> float:
+    return float(covariance[i, i])
+
+
+def _along(slope: np.ndarray, covariance: np.ndarray) -> float:
+    return float(slope @ covariance @ slope)
+
+
+def _weighed(weight: np.ndarray, covariance: np.ndarray) -> float:
+    return float(weight @ np.diag(covariance))
+
+
+# What moves a quantity and is not in its sum.
+
+
+def _beside_parameter(result: FitResult, slope: np.ndarray) -> list[Beside]:
+    """Of a quantity with this derivative (12,) by the parameters: one effect that nobody modelled, another switch-on, an Earth's rate that
+    is left out."""
+    found = []
+    if result.allowed is not None:
+        moved = float(result.allowed.of(slope[None])[0])
+        found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
+    else:
+        found.append(Beside("one effect that the model lacks", None, "the noise of this recording is not estimated"))
+    if np.abs(slope[BIAS]).any():
+        found.append(_switch_on(result, float(np.sqrt(2 * np.sum((slope[BIAS] * _spread(result)) ** 2)))))
+    if (left := earth_left_out(result)) is not None:
+        found.append(Beside("the Earth's rate", float(np.sqrt(slope @ left @ slope)), f"left in the rates: {NO_LATITUDE}"))
+    return found
+
+
+def _spread(result: FitResult) -> np.ndarray:
+    return np.zeros(3) if result.repeatability is None else result.repeatability.rps
+
+
+def _switch_on(result: FitResult, u: float) -> Beside:
+    what = "bias of another switch-on"
+    if result.repeatability is None:
+        return Beside(what, None, f"{NOT_KNOWN}: give --history, or sensor.gyro_bias_repeatability_dps")
+    return Beside(what, u, f"{result.repeatability.source}; counts in any other session")
+
+
+def _beside_use(result: FitResult, use: Use, slope: np.ndarray, weight: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
+    found = []
+    if result.allowed is not None:
+        moved = float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2)))
+        found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
+    if use.elapsed_s is None and result.repeatability is None:
+        usual = float(np.sqrt(weight @ np.diag(usual_switch_on(slope))))
+        why = f"{NOT_KNOWN}; this is by the spread usual of MEMS gyroscopes: give --history, or sensor.gyro_bias_repeatability_dps"
+        found.append(Beside("bias of another switch-on", usual, why))
+    if use.warmer_k is None:
+        found.append(Beside("temperature of the use", None, f"{NOT_KNOWN}: give --warmer"))
+    if use.warmer_k or use.elapsed_s:
+        found += [Beside(name, None, "in the sum, with a size that is usual, not this unit's") for name in assumed]
+    return found
+
+
+def earth_left_out(result: FitResult) -> np.ndarray | None:
+    """(12, 12) that the Earth's rate may have moved the parameters, where it is left in the rates; None where it is taken off."""
+    problem = result.problem
+    if problem.earth.source != "none" or result.noise is None:
+        return None
+    rows = stated_response(problem, model_of(result), result.noise, result.options.still_rates)
+    columns = rows @ result.noise.twin.earth_columns().stacked()
+    return columns @ unseen_covariance(problem.earth, problem.session.config.site.latitude_deg) @ columns.T
+
+
+# The size of each source, in a unit that a person knows.
+
+
+def source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
+    """Name of a source -> its size and unit; sources without a single size are missing."""
+    problem, config, noise = result.problem, result.session.config, result.problem.noise
+    found = {
+        GYRO_NOISE: (float(np.sqrt(np.mean(noise.gyro**2))) / DEG, "dps/√Hz"),
+        ACCEL_NOISE: (float(np.sqrt(np.mean(noise.accel**2))) / MG, "mg/√Hz"),
+        DIALS: (config.protocol.dial_sigma_deg, "°"),
+        TRUTH: (config.protocol.truth_sigma_deg, "°"),
+        BIAS_DRIFT: (problem.instability.rps / DEG_PER_HOUR, "°/h"),
+        MISFIT: (float(np.sqrt(max(result.widened - 1, 0.0))), "sigmas of the noise"),
+    }
+    if problem.batch.turns is not None:
+        found[STOPS] = (float(np.sqrt(np.nanmean(problem.batch.turns.sigma_rad**2))) / DEG, "°")
+    if problem.widened:
+        found[SINGLE_SEGMENTS] = (float(np.sqrt(np.mean([each.sigma_rad**2 for each in problem.widened]))) / DEG, "°")
+    if result.noise is not None:
+        for s, component in zip(result.noise.noise.s, result.noise.noise.components, strict=True):
+            found[COMPONENTS[component.name]] = (float(s / component.si), component.unit)
+    if (joint := problem.joint) is None:
+        found[CALIBRATION] = (PRECALIBRATION_MPS2 / MG, "mg")
+    else:
+        if joint.mode == "prior":
+            found[CALIBRATION] = (float(joint.prior[-1]) / MG, "mg")
+        found[GRAVITY_LENGTH] = (float(joint.system.prior[GRAVITY]) / G * 1e6, "ppm")
+    if problem.earth.source in ("estimated", "unknown"):
+        unseen = unseen_covariance(problem.earth, config.site.latitude_deg)
+        found[EARTH] = (float(np.sqrt(np.trace(unseen))) / DEG_PER_HOUR, "°/h")
+    if (nominal := result.nominal_rate) is not None:
+        found[CLOCK] = (100 * nominal.sigma, "%")
+    rests = [np.asarray(log.samples.gyro[s.start : s.stop]) for log in problem.logs for s in log.stills[:1]]
+    if rests:
+        found[ROUNDING] = (lsb_of(np.concatenate(rests)) / DEG, "dps a step")
+    return found
+
+
+def named(budgets: Sequence[Budget], name: str) -> Budget | None:
+    """The budget with this name, written with blanks or underscores; None where there is none."""
+    asked = printable(name).replace("_", " ").casefold().removesuffix(" - 1")
+    return next((each for each in budgets if each.name.replace("_", " ").casefold().removesuffix(" - 1") == asked), None)

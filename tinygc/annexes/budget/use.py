@@ -1,0 +1,127 @@
+"""What a calibration is used for: the attitude after a motion, with the errors of the calibration and those of the use itself.
+
+    phi = A (theta - truth)  +  white noise and drift of the bias during the motion
+          + A_B (bias of another switch-on, temperature)                    A (3, 12): slope of ``closure.motion``
+
+Axes are those of the body at the start.  The total angle's variance is the sum of the three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.closure.floor import GYRO_NOISE
+from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
+from tinygc.closure.uncertainty import BIAS_DRIFT
+from tinygc.estimation.expected_zero import USUAL_SPREAD, expected_zero
+from tinygc.estimation.results import FitResult
+from tinygc.estimation.sources import Source, freedom_of
+from tinygc.estimation.stated_noise import COMPONENTS, kind_of
+from tinygc.library.logs import read_log
+from tinygc.models.linear import BIAS, LinearModel
+from tinygc.noise.components import WANDER
+
+#: names of the sources of the use itself
+NOISE_OF_USE, DRIFT_OF_USE = f"{GYRO_NOISE}, in use", f"{BIAS_DRIFT}, in use"
+#: causes of ``expected_zero`` as sources
+ZERO_OF_USE = {
+    "switch-on": "bias of another switch-on",
+    "wander": "drift of the bias since the session",
+    "temperature": "temperature of the use",
+}
+#: word for a sensor that lies still
+REST = "rest"
+#: the total angle of the attitude's error
+TOTAL = "attitude total"
+
+
+@dataclass(frozen=True)
+class Use:
+    """How the calibration is used: motion: ``rest``, a session folder, a log, or None for the session's own beginning; seconds of it;
+    elapsed_s since the session without being switched off, None for another switch-on; warmer_k than in the session, None if not known."""
+
+    motion: Path | str | None = None
+    seconds: float = MINUTE_S
+    elapsed_s: float | None = None
+    warmer_k: float | None = None
+
+
+def motion_in(use: Use, result: FitResult) -> Motion:
+    """The motion.  Raises CalibrationError for a log that cannot be read, or is too short."""
+    if use.motion is None:
+        return motion_of(result.session.logs, use.seconds)
+    if str(use.motion) == REST:
+        return at_rest(use.seconds, model=model_of(result))
+    path, sensor = Path(use.motion), result.session.config.sensor
+    if path.is_dir():
+        return motion_of(read_session(path).logs, use.seconds)
+    answers: dict[str, Any] = {"gyro_fs_dps": sensor.gyro_fs_dps, "accel_fs_g": sensor.accel_fs_g, "sensor": sensor.model}
+    return motion_of(read_log(path, **answers).session().logs, use.seconds)
+
+
+def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[Source], dict[str, tuple[float, str]], tuple[str, ...]]:
+    """Sources (3, 3) rad^2 of the attitude at a motion's end; the sizes of those that only the use has, in a unit; names of those whose
+    size is not this unit's own."""
+    model = model_of(result)
+    slope = motion.slope(model)
+    found = [source.through(slope) for source in result.sources]
+    density, problem = result.problem.noise.angle_random_walk, result.problem
+    found.append(Source(NOISE_OF_USE, *kind_of(GYRO_NOISE, problem), motion.noise_covariance(model, density, 0.0)))
+    rps, drift = _drift(result)
+    found.append(replace_covariance(drift, DRIFT_OF_USE, motion.noise_covariance(model, np.zeros(3), rps)))
+    sizes = {NOISE_OF_USE: (float(np.sqrt(np.mean(problem.noise.gyro**2))) / DEG, "dps/√Hz"), DRIFT_OF_USE: (rps / DEG * 3600, "°/h")}
+    zero = expected_zero(
+        result.covariance[BIAS, BIAS],
+        elapsed_s=use.elapsed_s,
+        switched_on_since=use.elapsed_s is None,
+        repeatability=result.repeatability,
+        instability=problem.instability,
+        warmer_k=use.warmer_k,
+    )
+    for cause, name in ZERO_OF_USE.items():
+        if cause not in zero.parts or (cause == "switch-on" and cause in zero.assumed):
+            continue
+        found.append(Source(name, "B", np.inf, slope[:, BIAS] @ zero.parts[cause] @ slope[:, BIAS].T))
+        sizes[name] = (float(np.sqrt(np.mean(np.diag(zero.parts[cause])))) / DEG, "dps")
+    return found, sizes, tuple(ZERO_OF_USE[cause] for cause in zero.assumed)
+
+
+def model_of(result: FitResult) -> LinearModel:
+    """The model of least squares."""
+    assert isinstance(result.linear.model, LinearModel)
+    return result.linear.model
+
+
+def usual_switch_on(slope: np.ndarray) -> np.ndarray:
+    """(3, 3) rad^2 of the end attitude by the usual spread between switch-ons of MEMS gyroscopes; slope (3, 12)."""
+    return slope[:, BIAS] @ np.diag(2 * USUAL_SPREAD.rps**2) @ slope[:, BIAS].T
+
+
+def replace_covariance(source: Source, name: str, covariance: np.ndarray) -> Source:
+    """A source of the same kind and freedom."""
+    return Source(name, source.kind, source.freedom, covariance)
+
+
+def _drift(result: FitResult) -> tuple[float, Source]:
+    """Bias instability, rad/s: as estimated from the recording, else as known beforehand; and a source with its kind and freedom."""
+    nothing = np.zeros((3, 3))
+    if result.noise is not None:
+        noise = result.noise.noise
+        for s, sigma, component in zip(noise.s, noise.sigma, noise.components, strict=True):
+            if component.name == WANDER and s > 0:
+                return float(s), Source(COMPONENTS[WANDER], "A" if component.prior is None else "B", freedom_of(s, sigma), nothing)
+    known = result.problem.instability
+    return known.rps, Source(BIAS_DRIFT, *kind_of(BIAS_DRIFT, result.problem), nothing)
+
+
+def axes_and_total() -> Iterator[tuple[str, np.ndarray]]:
+    """Names of the quantities of an attitude error, and the weights (3,) of the axes' variances in them."""
+    yield from zip(("attitude x", "attitude y", "attitude z"), np.eye(3), strict=True)
+    yield TOTAL, np.ones(3)

@@ -1,0 +1,102 @@
+"""The uncertainty that a fit states, assembled from its sources: the covariance is their sum, in order, and nothing else.
+
+    noise, references, calibration of the accelerometer, Earth      C_i of each: through the response of the parameters
+    misfit beyond the noise                                         (f - 1) sum C_i, where the closure refutes that noise explains it
+    rounding, clock, lot                                            added as they are
+
+f is the variance inflation: chi-square of the closure over its degrees of freedom nu.  Its own uncertainty is f sqrt(2 / nu), so that the
+misfit's variance has nu ((f - 1) / f)^2 degrees of freedom.  What one effect that nobody modelled may have moved (``systematic``), and the
+bias of another switch-on (``repeatability``), are no part of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tinygc.closure.prior import PriorUse
+from tinygc.closure.problem import GYROSCOPE, Problem
+from tinygc.closure.uncertainty import GoodnessOfFit, covariance_parts, goodness
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.sources import Source, total
+from tinygc.estimation.stated_noise import StatedNoise, kind_of, rounding_covariance, shared_part, stated_goodness, stated_sources
+from tinygc.estimation.verdict import require_plausible
+from tinygc.models.linear import LinearModel
+
+MISFIT, ROUNDING, CLOCK, LOT = "misfit beyond the noise", "rounding of the registers", "clock", "prior of the lot"
+
+
+@dataclass(frozen=True, eq=False)
+class StatedUncertainty:
+    """goodness of fit; widened: the variance inflation f; sources of the twelve parameters, those that are there; accelerometer (12, 12):
+    the part that sessions with the same accelerometer calibration share, None where that is not included; joint and joint_shared (21, 21):
+    of both sensors where they were estimated jointly, else None."""
+
+    goodness: GoodnessOfFit
+    widened: float
+    sources: tuple[Source, ...]
+    accelerometer: np.ndarray | None = None
+    joint: np.ndarray | None = None
+    joint_shared: np.ndarray | None = None
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """The fields of ``FitResult`` that state it."""
+        return {
+            "goodness": self.goodness,
+            "widened": self.widened,
+            "sources": self.sources,
+            "covariance": total(self.sources),
+            "accelerometer_covariance": self.accelerometer,
+            "joint_covariance": self.joint,
+            "joint_shared": self.joint_shared,
+        }
+
+
+def stated_uncertainty(
+    problem: Problem, level: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions, lot: PriorUse | None = None
+) -> StatedUncertainty:
+    """Assemble the uncertainty of a model fitted to ``level``, the problem with the selected bias.
+
+    Raises FitError for a calibration that no gyroscope has (``require_plausible``).
+    """
+    if noise is None:
+        found, rates = goodness(level.batch, level.floor, model, level.wander), level.still_rates if options.still_rates else None
+        widened = found.excess
+        parts = covariance_parts(level.batch, level.floor, model, level.earth, rates, level.wander, level.prior)
+        sources = [Source(cause, *kind_of(cause, level), part) for cause, part in parts.items()]
+    else:
+        found, widened = stated_goodness(level, model, noise)
+        sources = stated_sources(level, model, noise, options.still_rates)
+    if widened > 1:
+        freedom = max(1.0, found.freedom * ((widened - 1) / widened) ** 2)
+        sources = [*sources, Source(MISFIT, "A", freedom, (widened - 1) * total(sources))]
+    joint = noise is not None and level.joint is not None
+    gyroscope = [source.of(GYROSCOPE) for source in sources] if joint else sources
+    require_plausible(model, total(gyroscope), problem.session.folder)
+    more = list(_as_they_are(problem, model, lot))
+    there = tuple(source for source in (*gyroscope, *more) if source.covariance.any())
+    if noise is None:
+        return StatedUncertainty(found, widened, there)
+    shared = widened * shared_part(level, sources)
+    if not joint:
+        return StatedUncertainty(found, widened, there, shared)
+    whole = total([*sources, *(_embedded(source, shared.shape) for source in more)])
+    return StatedUncertainty(found, widened, there, shared[GYROSCOPE, GYROSCOPE], whole, shared)
+
+
+def _as_they_are(problem: Problem, model: LinearModel, lot: PriorUse | None) -> Iterator[Source]:
+    yield Source(ROUNDING, "B", np.inf, rounding_covariance(problem, model))
+    if lot is not None:
+        yield Source(LOT, "B", np.inf, lot.more)
+    if (nominal := problem.session.nominal_rate) is not None:
+        yield Source(CLOCK, "B", np.inf, nominal.covariance(model.vector))
+
+
+def _embedded(source: Source, shape: tuple[int, ...]) -> Source:
+    covariance = np.zeros(shape)
+    covariance[GYROSCOPE, GYROSCOPE] = source.covariance
+    return replace(source, covariance=covariance)

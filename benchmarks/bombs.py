@@ -177,8 +177,7 @@ SESSION_READERS = [
 READERS = {
     "log": [
         *SESSION_READERS, "import {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}", "noise {S} --out {O}",
-        "noise {B} --out {O}", "rates {B} --out {O}", "watch {M} {B}", "watch {M} {B} --noise {B}",
-        "noise {B} --out {O}", "rates {B} --out {O}", "budget {S}",
+        "noise {B} --out {O}", "rates {B} --out {O}", "watch {M} {B}", "watch {M} {B} --noise {B}", "budget {S}",
     ],
     "truth": SESSION_READERS,
     "turns": SESSION_READERS,
@@ -190,9 +189,6 @@ READERS = {
     "model": [
         "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}",
         "fit {S} --methods least_squares --requirements {B}", "report {S} --methods least_squares --certificate {O} --as-found {B}",
-    ],
-    "model": [
-        "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}",
         "watch {B} {L}",
     ],
     "raw": ["import {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],

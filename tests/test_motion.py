@@ -22,14 +22,14 @@ def tumbling(seconds=8.0, hz=100.0):
 def test_a_bias_at_rest_turns_by_itself_times_the_time():
     one = LinearModel(np.eye(3), np.zeros(3))
     bias = np.array([0.01, -0.02, 0.005]) * DEG
-    assert at_rest(60).error(one, one.with_bias_moved(bias)) == pytest.approx(60 * bias, rel=1e-9)
-    assert at_rest(60).slope(one)[:, 9:] == pytest.approx(60 * np.eye(3), rel=1e-12)
+    assert at_rest(one, 60).error(one, one.with_bias_moved(bias)) == pytest.approx(60 * bias, rel=1e-9)
+    assert at_rest(one, 60).slope(one)[:, 9:] == pytest.approx(60 * np.eye(3), rel=1e-12)
 
 
 def test_a_sensor_at_rest_measures_what_its_calibration_takes_off():
     """Its zero, by which an error of E counts as well: the rate is off by dE m + dB."""
     model = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.6, -0.4, 0.2]) * DEG)
-    motion = at_rest(60, model=model)
+    motion = at_rest(model, 60)
     assert model(motion.measured) == pytest.approx(np.zeros_like(motion.measured), abs=1e-15)
     zero = -np.linalg.solve(model.E, model.B)
     assert motion.slope(model) == pytest.approx(60 * np.hstack([np.kron(np.eye(3), zero), np.eye(3)]), rel=1e-9, abs=1e-12)
@@ -53,7 +53,7 @@ def test_the_slope_is_that_of_the_exact_error_for_each_parameter():
 
 def test_white_noise_walks_with_the_root_of_the_time():
     one, density = LinearModel(np.eye(3), np.zeros(3)), np.array([1e-4, 2e-4, 3e-4])
-    assert at_rest(60).noise_covariance(one, density, 0.0) == pytest.approx(np.diag(density**2 * 60), rel=1e-12)
+    assert at_rest(one, 60).noise_covariance(one, density, 0.0) == pytest.approx(np.diag(density**2 * 60), rel=1e-12)
 
 
 def test_noise_in_motion_agrees_with_drawn_samples():
@@ -68,7 +68,7 @@ def test_noise_in_motion_agrees_with_drawn_samples():
 
 def test_flicker_noise_at_rest_is_its_mean_over_the_time():
     one = LinearModel(np.eye(3), np.zeros(3))
-    found = at_rest(60).noise_covariance(one, np.zeros(3), 1e-5)
+    found = at_rest(one, 60).noise_covariance(one, np.zeros(3), 1e-5)
     assert found == pytest.approx(np.eye(3) * 60**2 * wander_covariance(np.array([0.0]), 60.0, instability_rps=1e-5), rel=1e-2)
 
 

@@ -187,7 +187,7 @@ def test_the_attitude_at_rest_by_hand(fitted):
 
 def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(fitted):
     spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
-    result, motion = replace(fitted, repeatability=spread), at_rest(10, model=fitted.linear.model)
+    result, motion = replace(fitted, repeatability=spread), at_rest(fitted.linear.model, 10)
     sources, _, assumed = sources_in_use(result, Use("rest", 10.0, None, 5.0), motion)
     by_name = {source.name: source.covariance for source in sources}
     np.testing.assert_allclose(by_name["bias of another switch-on"], 100 * np.diag(2 * spread.rps**2), rtol=1e-9, atol=1e-20)

@@ -74,10 +74,10 @@ class Motion:
         return found
 
 
-def at_rest(seconds: float = MINUTE_S, rate_hz: float = 10.0, model: LinearModel | None = None) -> Motion:
-    """The sensor lies still: it measures what a model calibrates to no rate, or nothing without a model."""
+def at_rest(model: LinearModel, seconds: float = MINUTE_S, rate_hz: float = 10.0) -> Motion:
+    """The sensor lies still: it measures what the model calibrates to no rate."""
     count = max(2, round(seconds * rate_hz) + 1)
-    reading = np.zeros(3) if model is None else -np.linalg.solve(model.E, model.B)
+    reading = -np.linalg.solve(model.E, model.B)
     return Motion(np.tile(reading, (count, 1)), np.full(count - 1, seconds / (count - 1)), f"{seconds:g} s at rest")
 
 

@@ -327,7 +327,8 @@ def accelerometer_measured(found: AccelerometerFit | None) -> list[Measured]:
 
 def attitude_measured(vector: np.ndarray, covariance: np.ndarray) -> Measured:
     """Expanded uncertainty (95 %) of the attitude about its worst axis after a minute at rest, from the calibration alone, degrees."""
-    slope = at_rest().slope(LinearModel.from_vector(vector))
+    model = LinearModel.from_vector(vector)
+    slope = at_rest(model).slope(model)
     worst = float(np.linalg.eigvalsh(slope @ covariance @ slope.T)[-1])
     size = coverage_factor(float("inf"), COVERAGE) * np.sqrt(max(worst, 0.0)) / DEG
     return Measured(ATTITUDE, "attitude after 60 s at rest, expanded uncertainty", "°", size, 0.0)

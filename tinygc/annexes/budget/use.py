@@ -58,7 +58,7 @@ def motion_in(use: Use, result: FitResult) -> Motion:
     if use.motion is None:
         return motion_of(result.session.logs, use.seconds)
     if str(use.motion) == REST:
-        return at_rest(use.seconds, model=model_of(result))
+        return at_rest(model_of(result), use.seconds)
     path, sensor = Path(use.motion), result.session.config.sensor
     if path.is_dir():
         return motion_of(read_session(path).logs, use.seconds)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -232,6 +232,5 @@ def met(history: UnitHistory, requirement: Requirement, draws: Draws) -> Callabl
 def slope_of(history: UnitHistory, seconds: float) -> np.ndarray:
     """(3, 12) rad per unit: error of the attitude after so many seconds at rest by each of the gyroscope's numbers."""
     vector = history.sessions[-1].vector
-    model, motion = LinearModel.from_vector(vector), at_rest(seconds)
-    rest = replace(motion, measured=motion.measured - np.linalg.solve(model.E, model.B))  # what the sensor reads there
-    return rest.slope(model) @ np.linalg.inv(field_jacobian(vector)[KEPT])
+    model = LinearModel.from_vector(vector)
+    return at_rest(model, seconds).slope(model) @ np.linalg.inv(field_jacobian(vector)[KEPT])

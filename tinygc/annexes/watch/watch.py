@@ -371,7 +371,7 @@ class Watch:
 def _cost_deg(zero_rps: np.ndarray) -> float:
     """Angle of the attitude's error after a minute at rest with this zero uncorrected, degrees."""
     same = LinearModel(np.eye(3), np.zeros(3))
-    return float(np.linalg.norm(at_rest(MINUTE_S).error(same, LinearModel(np.eye(3), zero_rps))) / DEG)
+    return float(np.linalg.norm(at_rest(same, MINUTE_S).error(same, LinearModel(np.eye(3), zero_rps))) / DEG)
 
 
 def _turn_table(closure: Closure) -> dict[str, Any]:

@@ -66,11 +66,16 @@ def spread_of(biases: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     Variance of the sample less the mean of the stated variances, at least a tenth of the former: a few sessions may agree by chance.  The
     sigma of so few is widened as Student's t is, so that 68 % of the next sessions lie within it.
     """
-    count = len(biases)
-    sample = np.var(biases, axis=0, ddof=1)
+    widened = float(stdtrit(len(biases) - 1, (1 + ONE_SIGMA) / 2))
+    return widened * np.sqrt(sample_variance(biases, covariances))
+
+
+def sample_variance(values: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+    """(p,) variance that values (n, p) show beyond their own covariances (n, p, p), of n - 1 degrees of freedom; at least a tenth of the
+    sample's."""
+    sample = np.var(values, axis=0, ddof=1)
     own = np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0)
-    widened = float(stdtrit(count - 1, (1 + ONE_SIGMA) / 2))
-    return widened * np.sqrt(np.maximum(sample - own, 0.1 * sample))
+    return np.asarray(np.maximum(sample - own, 0.1 * sample))
 
 
 def require_different(session: Session, history: Sequence[Path]) -> None:

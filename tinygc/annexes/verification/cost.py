@@ -19,7 +19,7 @@ from session.detect.accelerometer import IDENTITY
 from session.io.units import DEG, STANDARD_GRAVITY_MPS2
 from tinygc.annexes.verification.expected import ZERO
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE
-from tinygc.annexes.verification.questions import B, E, GRAVITY, PLAUSIBLE, TodaysNoise
+from tinygc.annexes.verification.questions import GRAVITY, PLAUSIBLE, B, E, TodaysNoise
 from tinygc.annexes.verification.rows import CLOSURE, LENGTH, Rows
 from tinygc.attitude import rotation
 from tinygc.closure.joint import tilt_columns
@@ -76,7 +76,9 @@ def minute_of(rows: Rows) -> Motion:
     return motion_of(rows.session.logs[first.log :], MINUTE_S, first.start_s)
 
 
-def cost_of(rows: Rows, old: LinearModel, change: np.ndarray, covariance: np.ndarray, anew: np.ndarray, anew_covariance: np.ndarray) -> Cost:
+def cost_of(
+    rows: Rows, old: LinearModel, change: np.ndarray, covariance: np.ndarray, anew: np.ndarray, anew_covariance: np.ndarray
+) -> Cost:
     """Cost of a change (21,) with its covariance (21, 21); anew (3,): the change of B that is taken, with its covariance (3, 3)."""
     motion = minute_of(rows)
     today, moved = LinearModel.from_vector(old.vector + change[GYROSCOPE]), old.with_bias_moved(anew)

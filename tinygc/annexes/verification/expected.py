@@ -159,5 +159,3 @@ def _of_calibration(old: OldCalibration, rows: Rows) -> list[Part]:
         Part("calibration", rows.parameters @ gyroscope, gyroscope, source="the old fit"),
         Part("accelerometer's calibration", in_lengths @ accelerometer, accelerometer, source="0.1 mg, as given ones usually are"),
     ]
-
-

@@ -102,7 +102,8 @@ class Verified(Shown):
                 for question in found.questions
             ],
             "expected": [
-                {"name": part.name, "source": part.source, "freedom": _finite(part.freedom), "assumed": part.assumed} for part in found.parts
+                {"name": part.name, "source": part.source, "freedom": _finite(part.freedom), "assumed": part.assumed}
+                for part in found.parts
             ],
             "bias_anew": {"bias_dps": (found.new_bias / DEG).tolist(), "change_dps": (found.bias_anew / DEG).tolist()}
             | {"sigma_dps": (sigma / DEG).tolist()},
@@ -163,9 +164,7 @@ def verify_of(
     return _of_log(old, today, options, answers or Answers(), serial, step)
 
 
-def _of_log(
-    old: OldCalibration, path: Path, options: Options, answers: Answers, serial: str, step: Callable[[str], None]
-) -> Verified:
+def _of_log(old: OldCalibration, path: Path, options: Options, answers: Answers, serial: str, step: Callable[[str], None]) -> Verified:
     """A log of any program, imported into a folder that is gone afterwards; what it does not say of its sensor is the model's."""
     with TemporaryDirectory(prefix="verify-") as folder:
         step(f"reading {path.name}")

@@ -16,9 +16,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from session.detect.accelerometer import IDENTITY, force_of, length_columns, times_of, units
+from session.detect.axes import agreement
 from session.detect.check_samples import with_bridges
 from session.detect.stills import SessionStills, Still, references
-from session.io.errors import SegmentError
+from session.io.errors import DataError, SegmentError
 from session.io.folder import Session
 from session.io.units import G
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
@@ -40,6 +41,8 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, 
 CLOSURE, STILL, LENGTH = "closure", "still", "length"
 #: m/s^2: gravity at a site that session.toml gives is known to this, one sigma: 30 m of height, or what a formula leaves
 SITE_MPS2 = 1e-4
+#: name of the first look's check of one factor on all rates
+SCALE = "gyro scale"
 #: profile in time: from seconds of the session (N,) to (N,) of no unit
 Profile = Callable[[np.ndarray], np.ndarray]
 
@@ -53,7 +56,7 @@ class Rows:
     components: noise beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
     the session; temp_c: mean over its stills, NaN where not known; stills, turns: how many; noise_freedom: degrees of freedom of the white
     noise; session as it was compared; steps_s: seconds at which a step is looked for; in_time: columns (n, 3) of a change of B that follows
-    a profile in time; twin: of a recording with turns.
+    a profile in time; twin: of a recording with turns; remark: what the first look says of the rates, where it refuses them.
     """
 
     r: np.ndarray
@@ -72,6 +75,7 @@ class Rows:
     steps_s: np.ndarray
     in_time: Callable[[Profile], np.ndarray] = field(repr=False)
     twin: Twin | None = None
+    remark: str = ""
 
     @property
     def gyroscope(self) -> np.ndarray:
@@ -108,17 +112,49 @@ def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progr
             raise SegmentError(f"{session.folder}: no rest of {session.config.protocol.still_s:g} s; let the sensor lie still for a minute")
         if all(len(found.of(log).stills) < 2 for log in whole.logs):
             return _of_rests(whole, old, found)
-    mode = "given" if session.config.accelerometer.source == "given" else "auto"
-    try:
-        prepared = prepare(session, use_earth=use_earth, accelerometer=mode, near=old.linear, prior=lambda start: prior, progress=progress)
-    except SegmentError:
-        if session.truths is not None:
-            raise
-        return _of_rests(whole, old, found)
-    return _of_turns(prepared.problem, old)
+    mode, factor, said = "given" if session.config.accelerometer.source == "given" else "auto", 1.0, ""
+    for again in (False, True):
+        try:
+            prepared = prepare(
+                _scaled(session, factor),
+                use_earth=use_earth,
+                accelerometer=mode,
+                near=old.linear,
+                prior=lambda start: prior,
+                progress=progress,
+            )
+            return _of_turns(prepared.problem, old, session, factor, said)
+        except SegmentError:
+            if session.truths is not None:
+                raise
+            return _of_rests(whole, old, found)
+        except DataError as error:
+            # Rates that are wrong by one factor are refused by the first look; here they are an answer.
+            if again or SCALE not in str(error) or session.truths is not None:
+                raise
+            factor, said = _factor(whole, found), str(error)
+    raise AssertionError
 
 
-def _of_turns(problem: Problem, old: OldCalibration) -> Rows:
+def _scaled(session: Session, factor: float) -> Session:
+    """The session with all rates times a factor."""
+    if factor == 1.0:
+        return session
+    logs = tuple(replace(log, samples=replace(log.samples, gyro=np.asarray(log.samples.gyro) * factor), raw=False) for log in session.logs)
+    sensor = session.config.sensor
+    config = replace(session.config, sensor=replace(sensor, gyro_fs_dps=sensor.gyro_fs_dps * factor))
+    return replace(session, logs=logs, config=config)
+
+
+def _factor(session: Session, found: SessionStills) -> float:
+    """What gravity's movement asks of all rates; 1 where it does not move."""
+    scales = [agreement(found.of(log).samples, found.of(log).stills) for log in session.logs]
+    known = [each.scale for each in scales if each is not None]
+    return float(np.median(known)) if known else 1.0
+
+
+def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: float, said: str) -> Rows:
+    """Rows of a recording with turns; factor: on all rates, without which the first look refuses them, with what it says."""
     twin = Twin(problem)
     start = twin.start()
     rates = twin.rates(start)
@@ -129,7 +165,10 @@ def _of_turns(problem: Problem, old: OldCalibration) -> Rows:
     parameters = np.zeros((n, COUNT))
     parameters[:, GYROSCOPE] = twin.linear_columns(twin.sensitivity(start, rates)).stacked()
     lengths = whiten.parts[LENGTH]
-    r = twin.residuals(start, rates).stacked() + parameters[:, GYROSCOPE] @ (old.linear.vector - start.model.vector)
+    then = old.linear.vector.copy()
+    then[MATRIX] /= factor  # the same calibration of rates times the factor
+    r = twin.residuals(start, rates).stacked() + parameters[:, GYROSCOPE] @ (then - start.model.vector)
+    parameters[:, GYROSCOPE][:, MATRIX] /= factor
     if stills:
         parameters[:, ACCELEROMETER] = -twin.own_columns() / units(G)
         r[lengths] += start.gravity_mps2 - site.expected_gravity_mps2
@@ -165,7 +204,8 @@ def _of_turns(problem: Problem, old: OldCalibration) -> Rows:
         stills=stills,
         turns=len(twin.segments),
         noise_freedom=_freedom([still for _, still in twin.stills]),
-        session=problem.session,
+        session=session,
+        remark=said,
         steps_s=times,
         in_time=in_time,
         twin=twin,
@@ -218,9 +258,7 @@ def _of_rests(session: Session, old: OldCalibration, found: SessionStills) -> Ro
 
     def in_time(profile: Profile) -> np.ndarray:
         columns = np.zeros((n, 3))
-        inside = [
-            np.mean(profile(np.linspace(at - span / 2, at + span / 2, 21))) for at, span in zip(middle_s, spans, strict=True)
-        ]
+        inside = [np.mean(profile(np.linspace(at - span / 2, at + span / 2, 21))) for at, span in zip(middle_s, spans, strict=True)]
         columns[still] = -np.kron(np.array(inside)[:, None], np.eye(3))
         return columns
 
@@ -261,4 +299,3 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 def _freedom(stills: list[Still]) -> float:
     """Degrees of freedom of the white noise, from blocks of 0.1 s with a filter's correlation, as in ``noise.channels``."""
     return max(3.0, 3 * sum(still.duration_s for still in stills) / 0.1 * 0.66)
-

@@ -6,7 +6,7 @@ import numpy as np
 
 from session.io.texts import probability, significant
 from session.io.units import DEG
-from tinygc.annexes.verification.questions import B, E, GRAVITY, NOISE, Question
+from tinygc.annexes.verification.questions import GRAVITY, NOISE, B, E, Question
 from tinygc.annexes.verification.verdict import BIAS, FAILS, HOLDS, Verification, bias_words
 from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
 

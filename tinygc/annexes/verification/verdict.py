@@ -26,7 +26,7 @@ from tinygc.annexes.verification.cost import (
 )
 from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import GYROSCOPE, OldCalibration, facts, is_its_own
-from tinygc.annexes.verification.questions import B, E, FALSE_ALARM, GRAVITY, NOISE, Question, TodaysNoise, ask, todays_noise
+from tinygc.annexes.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.annexes.verification.rows import Rows, rows_of
 from tinygc.noise.figures import NoiseFigures, read_figures
 from tinygc.planning.proposals import Proposal
@@ -105,8 +105,9 @@ def verify_session(
     session: Session,
     options: Options | None = None,
     progress: Callable[[str], None] = lambda what: None,
+    temp_then_c: float | None = None,
 ) -> Verification:
-    """Verify a calibration by a session.  Raises DataError for a session of another sensor, unless that is accepted, and the errors of
+    """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises DataError for a session of another sensor, unless that is accepted, and the errors of
     ``rows_of`` and ``spread_of_unit``."""
     options = options or Options()
     told, other = facts(old, session)
@@ -119,9 +120,11 @@ def verify_session(
     if is_its_own(old, session):
         notes.append("the model was fitted to this very recording: it agrees with itself; give another recording")
     rows = rows_of(session, old, options.earth, progress)
+    if rows.remark:
+        told.append(rows.remark)
     spread = spread_of_unit(old, rows, options.history, options.lot)
     figures = _figures(options.noise)
-    temp_then_c = _temperature_of(old)
+    temp_then_c = _temperature_of(old) if temp_then_c is None else temp_then_c
     parts = expected_parts(
         old,
         rows,

@@ -1,0 +1,237 @@
+"""``verify`` on simulated years of one unit: false alarms, causes that are found, and what they cost.
+
+A unit is calibrated once by 30 turns.  A year later a session of a few turns is recorded: with a zero that moved as between switch-ons, an
+accelerometer whose calibration is off by what is assumed of a given one, and one fault of the list, at four sizes, or none.  The false alarm is counted by
+``alarm``, a cause is right where its name is the fault's, and the cost is compared with that of the true sensor on the same motion.
+
+    python benchmarks/verify.py --null 200
+    python benchmarks/verify.py --faults 3
+    python benchmarks/verify.py --mimu ../shared
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from common import in_parallel, markdown
+
+import tinygc
+from session.io.folder import Session
+from session.io.units import DEG, MG
+from tinygc.annexes.verification.cost import minute_of
+from tinygc.annexes.verification.old import OldCalibration, read_old
+from tinygc.annexes.verification.verdict import Options, Verification, verify_session
+from tinygc.attitude import rotation
+from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.library.sessions import Simulated
+from tinygc.models.linear import LinearModel
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulator import SimulatedUnit, simulate_session, unit_of
+
+#: turns of the calibration and of today; how far the accelerometer's calibration is off, and moves, m/s^2 at zero g
+THEN, TODAY = 30, 12
+ACCEL_MPS2 = 0.1 * MG
+#: fault -> its four sizes and their unit
+FAULTS: dict[str, tuple[tuple[float, ...], str]] = {
+    "zero": ((0.5, 1.0, 2.0, 4.0), "dps"),
+    "temperature": ((0.02, 0.04, 0.08, 0.16), "dps/K, 20 K warmer"),
+    "warm-up": ((0.1, 0.3, 1.0, 2.0), "dps"),
+    "step": ((0.03, 0.1, 0.3, 1.0), "dps"),
+    "common scale": ((0.3, 1.0, 3.0, 10.0), "%"),
+    "scale": ((0.3, 0.6, 1.0, 2.0), "% of one axis"),
+    "rotation": ((3.0, 6.0, 15.0, 50.0), "mrad"),
+    "shock": ((3.0, 6.0, 10.0, 20.0), "mrad, and 50 times as many mdps"),
+    "accelerometer's zero": ((2.0, 5.0, 10.0, 30.0), "mg"),
+    "accelerometer's scale": ((0.3, 0.6, 1.0, 2.0), "% of one axis"),
+}
+WARMER_K = 20.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """unit and session: seeds; fault, None without one, and its size; turns of today."""
+
+    unit: int
+    session: int
+    fault: str | None = None
+    size: float = 0.0
+    turns: int = TODAY
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """job; whether an alarm; answer; names of the causes, and of those not told apart from the first; cost in rad as it was stated and in truth; p by
+    question."""
+
+    job: Job
+    alarm: bool
+    answer: str
+    causes: tuple[str, ...]
+    instead: tuple[str, ...]
+    cost: float
+    off: float
+    truth: float
+    p: tuple[float, ...]
+
+
+@cache
+def calibrated(unit: int) -> tuple[OldCalibration, SimulatedUnit]:
+    """The calibration of a unit, and the unit as it was then."""
+    options = SimulationOptions(segments=THEN, closure_s=0.0, odr_hz=104.0, seed=10_000 + unit, unit_seed=unit)
+    rng = np.random.default_rng([1, unit])
+    then = replace(unit_of(options), accel_shift=rng.normal(0, ACCEL_MPS2, 3))
+    fit = tinygc.fit(Simulated({}, simulate_session(options, unit=then)).session, methods=("least_squares",))
+    with tempfile.TemporaryDirectory() as folder:
+        fit.save(folder)
+        return read_old(Path(folder) / "model_least_squares.json"), then
+
+
+def today_of(job: Job, then: SimulatedUnit) -> tuple[Session, Callable[[np.ndarray], np.ndarray], SimulatedUnit, np.ndarray]:
+    """The session; the zero's drift (N, 3) rad/s over seconds (N,); the unit today; temperature's part of B (3,)."""
+    rng = np.random.default_rng([2, job.unit, job.session])
+    zero = then.B + rng.normal(0, np.sqrt(2) * USUAL_SPREAD.rps)
+    unit = replace(then, B=zero, accel_shift=then.accel_shift + rng.normal(0, ACCEL_MPS2, 3))
+    direction = rng.standard_normal(3)
+    direction /= np.linalg.norm(direction)
+    axis = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+    size, options = (
+        job.size,
+        SimulationOptions(segments=job.turns, closure_s=0.0, odr_hz=104.0, seed=20_000 + job.session, unit_seed=job.unit),
+    )
+
+    def drift(t_s: np.ndarray) -> np.ndarray:
+        return np.zeros((len(t_s), 3))
+
+    if job.fault == "zero":
+        unit = replace(unit, B=unit.B + size * DEG * direction)
+    elif job.fault == "temperature":
+        options = replace(options, temperature_start_c=options.temperature_start_c + WARMER_K)
+        unit = replace(unit, B=unit.B + size * DEG * WARMER_K * direction)
+    elif job.fault == "warm-up":
+        tau = rng.uniform(10, 40)
+
+        def drift(t_s: np.ndarray) -> np.ndarray:
+            return size * DEG * direction * np.exp(-np.maximum(t_s, 0) / tau)[:, None]
+
+    elif job.fault == "step":
+        at = rng.uniform(0.3, 0.7) * job.turns * 5
+
+        def drift(t_s: np.ndarray) -> np.ndarray:
+            return size * DEG * direction * (t_s >= at)[:, None]
+
+    elif job.fault == "common scale":
+        factor = 1 + size / 100 * rng.choice([-1.0, 1.0])
+        unit = replace(unit, E=unit.E * factor, B=unit.B)
+    elif job.fault == "scale":
+        unit = replace(unit, E=unit.E @ np.diag(1 + size / 100 * axis))
+    elif job.fault == "rotation":
+        turn = rotation.matrix(rotation.exp(size * 1e-3 * direction))
+        unit = replace(unit, E=turn @ unit.E, B=turn @ unit.B)
+    elif job.fault == "shock":
+        x, y, z = size * 1e-3 * rng.standard_normal(3)
+        shear = np.eye(3) + np.array([[0, x, z], [x, 0, y], [z, y, 0]]) / 2
+        unit = replace(unit, E=shear @ unit.E, B=unit.B + size * 0.05 * DEG * direction)
+    elif job.fault == "accelerometer's zero":
+        unit = replace(unit, accel_shift=unit.accel_shift + size * MG * direction)
+    elif job.fault == "accelerometer's scale":
+        unit = replace(unit, accel_matrix=np.diag(1 + size / 100 * axis) @ unit.accel_matrix)
+    moves = job.fault in ("warm-up", "step")
+    distort = (lambda t, rate, force, temp: rate + drift(t)) if moves else None
+    made = Simulated({}, simulate_session(options, distort, unit=unit)).session
+    return made, drift, unit, direction
+
+
+def run(job: Job) -> Outcome:
+    """One verification against the truth."""
+    old, then = calibrated(job.unit)
+    session, drift, unit, _ = today_of(job, then)
+    temp = 25.0 if job.fault == "temperature" else float("nan")
+    found = verify_session(old, session, Options(), temp_then_c=temp)
+    truth, off = cost_in_truth(found, unit, drift)
+    diagnosis = found.diagnosis
+    causes = () if diagnosis is None else diagnosis.best.names
+    instead = diagnosis.rivals.get(causes[0], ()) if causes and diagnosis is not None else ()
+    p = tuple(q.p_value if q.asked else 1.0 for q in found.questions)
+    return Outcome(job, found.alarm, found.answer, causes, instead, float(np.linalg.norm(found.cost.as_it_is)), off, truth, p)
+
+
+def cost_in_truth(found: Verification, unit: SimulatedUnit, drift: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
+    """What the old calibration truly costs in the same minute, rad, and how far the stated error lies from the true one."""
+    motion = minute_of(found.rows)
+    first = 0.0 if found.rows.twin is None else found.rows.twin.segments[0].start_s
+    mean = drift(first + np.linspace(0, motion.duration_s, 200)).mean(axis=0)
+    true = LinearModel(unit.E, unit.B - mean)
+    error = motion.error(found.old.linear, true)
+    return float(np.linalg.norm(error)), float(np.linalg.norm(found.cost.as_it_is - error))
+
+
+def nulls(count: int, turns: int) -> list[str]:
+    """Sessions without a fault."""
+    found = list(in_parallel(run, [Job(k % 40, 1000 + k, turns=turns) for k in range(count)], "null"))
+    p = np.array([outcome.p for outcome in found])
+    rows = [[f"{turns} turns", str(count), f"{sum(o.alarm for o in found)}", f"{100 * sum(o.alarm for o in found) / count:.1f} %"]]
+    rows[0] += [f"{np.mean(p[:, k] < 0.0127):.3f} / {np.mean(p[:, k] < 0.5):.2f}" for k in range(p.shape[1])]
+    head = ["today", "sessions", "false alarms", "share", "E: p < 0.0127 / p < 0.5", "B", "gravity", "noise"]
+    return [markdown(head, rows), f"answers: {dict(Counter(o.answer for o in found))}"]
+
+
+def faults(count: int, turns: int, only: str | None) -> list[str]:
+    """Sessions with each fault at each size."""
+    names = [only] if only else list(FAULTS)
+    jobs = [
+        Job(k, 2000 + 100 * n + 10 * s + k, name, size, turns)
+        for n, name in enumerate(FAULTS)
+        for s, size in enumerate(FAULTS[name][0])
+        for k in range(count)
+        if name in names
+    ]
+    found = list(in_parallel(run, jobs, "faults"))
+    rows = []
+    for name in names:
+        for size in FAULTS[name][0]:
+            own = [o for o in found if o.job.fault == name and o.job.size == size]
+            alarms = [o for o in own if o.alarm]
+            right = sum(o.causes[:1] == (name,) or name in o.causes for o in alarms)
+            among = sum(name in o.causes or name in o.instead for o in alarms)
+            others = Counter("+".join(o.causes) for o in alarms if name not in o.causes)
+            near = sum(o.off <= 0.3 * o.truth for o in own)
+            mean = np.degrees(np.mean([o.truth for o in own]))
+            rows.append(
+                [
+                    name,
+                    f"{size:g} {FAULTS[name][1]}",
+                    f"{len(alarms)} of {len(own)}",
+                    str(right),
+                    str(among),
+                    f"{mean:.2f}°",
+                    f"{near} of {len(own)}",
+                    ", ".join(f"{k or 'none'} {v}" for k, v in others.items()),
+                ]
+            )
+    head = ["fault", "size", "alarms", "right cause", "right, or not told apart", "true cost", "cost within 30 %", "instead"]
+    return [markdown(head, rows)]
+
+
+def main() -> None:
+    """Print what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--null", type=int, default=0, metavar="N", help="sessions without a fault")
+    parser.add_argument("--faults", type=int, default=0, metavar="N", help="sessions of each fault and size")
+    parser.add_argument("--only", choices=tuple(FAULTS), help="one fault alone")
+    parser.add_argument("--turns", type=int, default=TODAY, help="of today")
+    args = parser.parse_args()
+    for lines in ([nulls(args.null, args.turns)] if args.null else []) + (
+        [faults(args.faults, args.turns, args.only)] if args.faults else []
+    ):
+        print("\n".join(lines), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -16,6 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from session.detect.accelerometer import BIASES
+from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
 from session.io.units import DEG, MG
 from tinygc.annexes.verification.expected import ZERO, Part
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
@@ -91,7 +93,10 @@ class Explanation:
         sigma = np.sqrt(np.diag(self.theta_covariance))
         for cause in self.causes:
             own = slice(at, at + len(cause.sizes))
-            said.append(cause.words(self.theta[own], sigma[own]))
+            if cause.name == "zero" and len(self.causes) == 1:  # with its usual part, which the rests do not tell apart from it
+                said.append(cause.words(self.change[ZERO], np.sqrt(np.diag(self.covariance)[ZERO])))
+            else:
+                said.append(cause.words(self.theta[own], sigma[own]))
             at = own.stop
         return said
 
@@ -130,6 +135,8 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
         says = f"the zero follows the temperature, {warmer:+.1f} K since then"
         advice = "take B anew at this temperature, or fit over temperature (fit --temperature)"
         constant("temperature", says, zero * warmer, np.full(3, PER_K), "dps/K", DEG, xyz, advice)
+    if not rows.turns:  # what is read at rest is the zero, whatever else has changed
+        return found + _of_accelerometer(rows, old) + _in_time(rows, zero, minute_s)
     scale = of_matrix(lambda theta: E * theta[0], 1)
     scale[ZERO, 0] = old.linear.B
     constant(
@@ -177,31 +184,7 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
         ("xy", "yz", "zx", *xyz),
         "fit again; look for loosened parts",
     )
-    if rows.kinds["length"].stop > rows.kinds["length"].start and old.accelerometer is not None:
-        own = np.zeros((COUNT, 3))
-        own[ACCELEROMETER][[6, 7, 8], [0, 1, 2]] = 1.0
-        constant(
-            "accelerometer's zero",
-            "the accelerometer's zero has moved",
-            own,
-            np.full(3, ACCEL_ZERO_MPS2),
-            "mg",
-            MG,
-            xyz,
-            "calibrate the accelerometer again (`calibrate.py accelerometer`), then fit",
-        )
-        own = np.zeros((COUNT, 3))
-        own[ACCELEROMETER][[0, 3, 5], [0, 1, 2]] = 1.0
-        constant(
-            "accelerometer's scale",
-            "the accelerometer's scale has changed",
-            own,
-            np.full(3, ACCEL_SCALE),
-            "ppm",
-            1e-6,
-            xyz,
-            "calibrate the accelerometer again (`calibrate.py accelerometer`), then fit",
-        )
+    found += _of_accelerometer(rows, old)
     found += _in_time(rows, zero, minute_s)
     if (columns := rows.effect("gyro.bandwidth")) is not None:
         sizes = np.full(columns.shape[1], BANDWIDTH_S2)
@@ -218,6 +201,21 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
                 "check the filter's settings, then fit again",
             )
         )
+    return found
+
+
+def _of_accelerometer(rows: Rows, old: OldCalibration) -> list[Cause]:
+    """Changes of the accelerometer, where its calibration is known and stills show gravity's length."""
+    if not rows.stills or old.accelerometer is None:
+        return []
+    found, advice = [], "calibrate the accelerometer again (`calibrate.py accelerometer`), then fit"
+    for name, says, which, size, unit, si in (
+        ("accelerometer's zero", "the accelerometer's zero has moved", BIASES, ACCEL_ZERO_MPS2, "mg", MG),
+        ("accelerometer's scale", "the accelerometer's scale has changed", SCALES_OF_ACCELEROMETER, ACCEL_SCALE, "ppm", 1e-6),
+    ):
+        into = np.zeros((COUNT, 3))
+        into[ACCELEROMETER][which, [0, 1, 2]] = size
+        found.append(Cause(name, says, rows.parameters @ into, into, np.full(3, size), unit, si, ("x", "y", "z"), advice))
     return found
 
 
@@ -258,8 +256,8 @@ class Evidence:
 
     def __init__(self, rows: Rows, parts: Sequence[Part]):
         self.rows = rows
-        self._columns = np.concatenate([part.columns for part in parts], axis=1)
-        self._into = np.concatenate([part.into for part in parts], axis=1)
+        self._columns = np.concatenate([np.zeros((len(rows.r), 0)), *(part.columns for part in parts)], axis=1)
+        self._into = np.concatenate([np.zeros((COUNT, 0)), *(part.into for part in parts)], axis=1)
         self._V = [dense(component.V) for component in rows.components]
         self._start: np.ndarray | None = None
 

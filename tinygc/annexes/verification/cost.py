@@ -11,7 +11,7 @@ of any attitude for the accelerometer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,9 +71,15 @@ class Bound:
 def minute_of(rows: Rows) -> Motion:
     """Today's first minute from the first turn on; a minute at rest where there are only rests."""
     if rows.twin is None:
-        return at_rest(MINUTE_S)
+        return resting(rows)
     first = rows.twin.segments[0]
     return motion_of(rows.session.logs[first.log :], MINUTE_S, first.start_s)
+
+
+def resting(rows: Rows) -> Motion:
+    """A minute at rest, with what the gyroscope reads there."""
+    still = at_rest(MINUTE_S)
+    return replace(still, measured=still.measured + rows.rest_rps)
 
 
 def cost_of(
@@ -116,7 +122,7 @@ def bounds(rows: Rows, old: LinearModel, W: np.ndarray, limit_deg: float, with_a
     matrix = W[GYROSCOPE, GYROSCOPE][MATRIX, MATRIX]
     slopes = np.concatenate([full_turn(axis).slope(old)[:, MATRIX] for axis in range(3)])
     found = [Bound(E, _largest(slopes, matrix), limit_deg, "one full turn about any axis")]
-    found.append(Bound(B, BOUND * MINUTE_S * float(np.sqrt(np.diag(W[ZERO, ZERO]).max())) / DEG, limit_deg, "a minute at rest"))
+    found.append(Bound(B, _largest(resting(rows).slope(old), W[GYROSCOPE, GYROSCOPE]), limit_deg, "a minute at rest"))
     if with_accelerometer:
         force = SIDES * STANDARD_GRAVITY_MPS2
         tilt = tilt_columns(rotation.from_gravity(force), IDENTITY, force)[:, :2].reshape(-1, ACCELEROMETER.stop)

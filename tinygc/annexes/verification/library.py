@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +18,7 @@ from session.io.names import is_session
 from session.io.questions import QuestionsError
 from session.io.results import write_whole
 from session.io.units import DEG
+from session.replay.answers import ASSUMED_RANGE
 from session.replay.importing import import_log
 from tinygc import models
 from tinygc.annexes.verification.old import OldCalibration, read_old
@@ -174,12 +175,21 @@ def _of_log(old: OldCalibration, path: Path, options: Options, answers: Answers,
                 made = import_log([path], out, answers, serial=serial)
             except QuestionsError:
                 made = import_log([path], out, _filled(answers, old.sensor), serial=serial)
-            session = replace(read_session(made.folder), folder=path)
+            session = _with_ranges(read_session(made.folder), old, made.notes)
             return Verified(verify_session(old, session, options, step), path.name)
         except QuestionsError:
             raise
         except CalibrationError as error:
             raise type(error)(str(error).replace(str(out), str(path)).replace(folder, path.name)) from None
+
+
+def _with_ranges(session: Session, old: OldCalibration, notes: Sequence[str]) -> Session:
+    """The session with the model's full scales where the log does not say its own."""
+    assumed = [note for note in notes if ASSUMED_RANGE in note]
+    pairs = (("gyroscope", "gyro_fs_dps"), ("accelerometer", "accel_fs_g"))
+    known = {key: old.sensor.get(key) for called, key in pairs if any(called in note for note in assumed)}
+    sensor = replace(session.config.sensor, **{key: float(value) for key, value in known.items() if value is not None})
+    return replace(session, config=replace(session.config, sensor=sensor))
 
 
 def _filled(answers: Answers, sensor: dict[str, Any]) -> Answers:

@@ -11,7 +11,7 @@ import numpy as np
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.io.config import Accelerometer
 from session.io.errors import FormatError
-from session.io.folder import Session, input_hashes
+from session.io.folder import Session, hash_of_log
 from session.io.names import is_session, refuse_array
 from session.io.results import read_json
 from session.io.texts import command_line, printable
@@ -101,7 +101,7 @@ def read_old(where: Path) -> OldCalibration:
 
 def _covariance(model: Model, table: dict) -> tuple[np.ndarray, bool, list[str]]:
     """Return the covariance (21, 21); whether the accelerometer was given; and what is lacking."""
-    found, lacks = np.zeros((COUNT, COUNT)), []
+    found, lacks = np.zeros((COUNT, COUNT)), list[str]()
     stated = np.asarray(table.get("covariance") or np.zeros((0, 0)), dtype=float)
     joint = table.get("joint_covariance")
     if isinstance(model, LinearModel) and joint is not None and np.shape(joint["matrix"]) == (COUNT, COUNT):
@@ -173,4 +173,4 @@ def is_its_own(old: OldCalibration, session: Session) -> bool:
     """Whether the calibration was fitted to a log of this very session."""
     known = old.table.get("sha256")
     known = {value for name, value in known.items() if name != "session.toml"} if isinstance(known, dict) else set()
-    return bool(known & {value for name, value in input_hashes(session).items() if name != "session.toml"})
+    return bool(known & {hash_of_log(log) for log in session.logs})

@@ -9,7 +9,8 @@ Each question is about some of the 21 parameters, X_q = A Z_q, with all others t
     t = U' (1 - Q Q') w           Q: orthonormal basis of L^-1 N;  U: of (1 - Q Q') L^-1 X_q, where a plausible change shows by a sigma
     T = t' t                      chi-square of rank(U) degrees of freedom if the calibration holds
 
-So a changed bias raises no alarm for E, whatever its size.  The fourth question is whether noise explains what no change of the
+So a changed bias raises no alarm for E, whatever its size.  The zero is asked of the rates at rest alone, where a change of E by 1 % is
+part of S.  The fourth question is whether noise explains what no change of the
 21 parameters does.  Of variances that are estimated, p is the probability of so large a T over draws of the true ones: v nu / chi^2_nu
 of a spread between nu + 1 sessions (of one such variance alone, T / k is Fisher's F), (s + sigma z)^2 of a component of the noise.  The level of each of m questions is that of Sidak,
 1 - (1 - P)^(1/m).
@@ -18,7 +19,7 @@ of a spread between nu + 1 sessions (of one such variance alone, T / k is Fisher
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
@@ -26,7 +27,7 @@ from scipy.special import chdtrc, fdtrc
 from session.io.units import DEG, MG, G
 from tinygc.annexes.verification.expected import ZERO, Part
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
-from tinygc.annexes.verification.rows import CLOSURE, LENGTH, Rows
+from tinygc.annexes.verification.rows import CLOSURE, LENGTH, STILL, Rows
 from tinygc.closure.least_squares import solve_lower
 from tinygc.explanation.evidence import orthonormal
 from tinygc.models.linear import MATRIX, PRIOR_SIGMA
@@ -93,6 +94,8 @@ def todays_noise(rows: Rows) -> TodaysNoise:
 def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None) -> ComponentEstimate:
     """Sizes of the components beside columns J (n, p) of one sigma each."""
     parts = rows.components
+    if not parts:
+        return ComponentEstimate(np.zeros(0), np.zeros(0), float("nan"))
     return estimate(
         rows.r,
         J,
@@ -113,17 +116,14 @@ def dense(V: np.ndarray | Sparse) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """An answer: name; statistic T; rank, degrees of freedom, 0 where today's recording does not ask it; p_value; level of this question;
-    change (k,) of its parameters, GLS, with covariance (k, k), in the order of ``which`` of the 21."""
+    """An answer: name; statistic T; rank, its degrees of freedom, 0 where today's recording does not ask it; p_value; level of this
+    question."""
 
     name: str
     statistic: float
     rank: int
     p_value: float
     level: float
-    which: np.ndarray
-    change: np.ndarray
-    covariance: np.ndarray
 
     @property
     def asked(self) -> bool:
@@ -169,51 +169,61 @@ def by_size(s: float, sigma: float, seed: int) -> np.ndarray:
 
 def ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, old: OldCalibration, false_alarm: float = FALSE_ALARM) -> list[Question]:
     """Ask all that today's recording can answer."""
-    which = {E: np.r_[GYROSCOPE][MATRIX], B: np.r_[ZERO], GRAVITY: np.r_[ACCELEROMETER]}
-    if old.accelerometer is None:
-        del which[GRAVITY]
-    found = [_ask(rows, parts, noise, name, own) for name, own in which.items()]
-    left = _left_over(rows, noise, old)
-    count = sum(question.asked for question in (*found, left))
-    level = level_of(false_alarm, count)
-    return [Question(**{**vars(question), "level": level}) for question in (*found, left)]
+    everything = np.arange(len(rows.r))
+    matrix, zero, accelerometer = np.r_[GYROSCOPE][MATRIX], np.r_[ZERO], np.r_[ACCELEROMETER]
+    expected = noise.covariance + sum((part.columns @ part.columns.T for part in parts), np.zeros_like(noise.covariance))
+    found = [_ask(rows, expected, parts, noise, E, matrix, np.r_[zero, accelerometer], everything)]
+    if rows.stills:  # the zero is what is read at rest, where a change of E is a hundredth of little
+        at_rest = everything[rows.kinds[STILL]]
+        columns = rows.parameters[:, matrix] * PLAUSIBLE[matrix]
+        found.append(_ask(rows, expected + columns @ columns.T, parts, noise, B, zero, zero[:0], at_rest))
+    else:
+        found.append(_ask(rows, expected, parts, noise, B, zero, np.r_[matrix, accelerometer], everything))
+    if old.accelerometer is not None:
+        found.append(_ask(rows, expected, parts, noise, GRAVITY, accelerometer, np.r_[matrix, zero], everything))
+    found.append(_left_over(rows, noise, old))
+    level = level_of(false_alarm, sum(question.asked for question in found))
+    return [replace(question, level=level) for question in found]
 
 
-def _ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, name: str, which: np.ndarray) -> Question:
-    others = np.setdiff1d(np.arange(COUNT), which)
-    total = noise.covariance + sum(part.columns @ part.columns.T for part in parts)
-    factor = np.linalg.cholesky(total)
-    X = solve_lower(factor, rows.parameters[:, which] * PLAUSIBLE[which])
-    N = solve_lower(factor, rows.parameters[:, others] * PLAUSIBLE[others])
-    w = solve_lower(factor, rows.r)
+def _ask(
+    rows: Rows,
+    expected: np.ndarray,
+    parts: Sequence[Part],
+    noise: TodaysNoise,
+    name: str,
+    which: np.ndarray,
+    free: np.ndarray,
+    keep: np.ndarray,
+) -> Question:
+    """Ask about the parameters ``which`` of the 21, with those that are ``free``, in the rows ``keep``; expected (n, n): covariance of r."""
+    factor = np.linalg.cholesky(expected[np.ix_(keep, keep)])
+    X = solve_lower(factor, rows.parameters[np.ix_(keep, which)] * PLAUSIBLE[which])
+    N = solve_lower(factor, rows.parameters[np.ix_(keep, free)] * PLAUSIBLE[free])
+    w = solve_lower(factor, rows.r[keep])
     q = seen(N)
-    left = X - q @ (q.T @ X)
-    u, size, vt = np.linalg.svd(left, full_matrices=False)
+    u, size, vt = np.linalg.svd(X - q @ (q.T @ X), full_matrices=False)
     kept = size > 1
     u, size, vt = u[:, kept], size[kept], vt[kept]
     k = int(kept.sum())
-    change, covariance = np.zeros(len(which)), np.zeros((len(which), len(which)))
     if k == 0:
-        return Question(name, 0.0, 0, 1.0, 0.0, which, change, covariance)
+        return Question(name, 0.0, 0, 1.0, 0.0)
     project = u.T - (u.T @ q) @ q.T
     t = project @ w
-    to_parameters = -(PLAUSIBLE[which][:, None] * vt.T) / size
     estimated, known = [], np.eye(k)
     for number, part in enumerate(parts):
         if np.isfinite(part.freedom):
-            own = project @ solve_lower(factor, part.columns)
+            own = project @ solve_lower(factor, part.columns[keep])
             known = known - own @ own.T
             estimated.append((own @ own.T, by_freedom(part.freedom, number)))
     for number, noise_part in enumerate(noise.parts):
-        carried = project @ solve_lower(factor, solve_lower(factor, noise_part.V).T) @ project.T
-        known = known - noise_part.s**2 * carried
+        V = noise_part.V[np.ix_(keep, keep)]
+        carried = project @ solve_lower(factor, solve_lower(factor, V).T) @ project.T
         if np.trace(carried) * (noise_part.s + noise_part.sigma) ** 2 > LEAST_SHARE:
+            known = known - noise_part.s**2 * carried
             estimated.append((carried, by_size(noise_part.s, noise_part.sigma, number)))
-        else:
-            known = known + noise_part.s**2 * carried
     statistic = float(t @ t)
-    p = tail(statistic, known, estimated)
-    return Question(name, statistic, k, p, 0.0, which, to_parameters @ t, to_parameters @ to_parameters.T)
+    return Question(name, statistic, k, tail(statistic, known, estimated), 0.0)
 
 
 def seen(columns: np.ndarray) -> np.ndarray:
@@ -227,7 +237,6 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
 
     A fit that left more than noise before may do so again: its own ratio of chi-square to degrees of freedom is then the yardstick.
     """
-    nothing = np.zeros(0, dtype=int)
     part = rows.kinds[CLOSURE] if rows.turns else slice(0, rows.kinds[LENGTH].start)
     keep = np.arange(len(rows.r))[part][~rows.blank[part]]
     total = noise.named + rows.known @ rows.known.T
@@ -236,10 +245,10 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     q = orthonormal(columns[:, np.linalg.norm(columns, axis=0) > 0], 1e-9) if len(keep) else np.zeros((0, 0))
     freedom = len(keep) - q.shape[1]
     if freedom < 1:
-        return Question(NOISE, 0.0, 0, 1.0, 0.0, nothing, np.zeros(0), np.zeros((0, 0)))
+        return Question(NOISE, 0.0, 0, 1.0, 0.0)
     w = solve_lower(factor, rows.r[keep])
     chi_square = float(np.sum((w - q @ (q.T @ w)) ** 2))
     ratio, other = chi_square / freedom, noise.freedom
     if old.goodness is not None and old.goodness[1] > 0 and (before := old.goodness[0] / old.goodness[1]) > 1:
         ratio, other = ratio / before, 1 / (1 / other + 1 / old.goodness[1])
-    return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), 0.0, nothing, np.zeros(0), np.zeros((0, 0)))
+    return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), 0.0)

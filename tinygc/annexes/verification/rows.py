@@ -55,7 +55,7 @@ class Rows:
     known (n, k): what is uncertain in the references, one sigma each: the Earth's rate, gravity's length; white (n, n): white noise;
     components: noise beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
     the session; temp_c: mean over its stills, NaN where not known; stills, turns: how many; noise_freedom: degrees of freedom of the white
-    noise; session as it was compared; steps_s: seconds at which a step is looked for; in_time: columns (n, 3) of a change of B that follows
+    noise; rest_rps (3,): what the gyroscope reads at rest; session as it was compared; steps_s: seconds at which a step is looked for; in_time: columns (n, 3) of a change of B that follows
     a profile in time; twin: of a recording with turns; remark: what the first look says of the rates, where it refuses them.
     """
 
@@ -71,6 +71,7 @@ class Rows:
     stills: int
     turns: int
     noise_freedom: float
+    rest_rps: np.ndarray
     session: Session
     steps_s: np.ndarray
     in_time: Callable[[Profile], np.ndarray] = field(repr=False)
@@ -204,6 +205,7 @@ def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: f
         stills=stills,
         turns=len(twin.segments),
         noise_freedom=_freedom([still for _, still in twin.stills]),
+        rest_rps=np.mean([still.gyro_mean for _, still in twin.stills], axis=0) / factor if stills else np.zeros(3),
         session=session,
         remark=said,
         steps_s=times,
@@ -276,6 +278,7 @@ def _of_rests(session: Session, old: OldCalibration, found: SessionStills) -> Ro
         stills=q,
         turns=0,
         noise_freedom=_freedom(stills),
+        rest_rps=rate.mean(axis=0),
         session=session,
         steps_s=(middle_s[1:] + middle_s[:-1]) / 2,
         in_time=in_time,

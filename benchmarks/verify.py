@@ -1,12 +1,13 @@
 """``verify`` on simulated years of one unit: false alarms, causes that are found, and what they cost.
 
 A unit is calibrated once by 30 turns.  A year later a session of a few turns is recorded: with a zero that moved as between switch-ons, an
-accelerometer whose calibration is off by what is assumed of a given one, and one fault of the list, at four sizes, or none.  The false alarm is counted by
-``alarm``, a cause is right where its name is the fault's, and the cost is compared with that of the true sensor on the same motion.
+accelerometer whose calibration is off by what is assumed of a given one, and one fault of the list, at four sizes, or none.  The false
+alarm is counted by ``alarm``, a cause is right where its name is the fault's, and the cost is compared with that of the true sensor on the
+same motion.
 
     python benchmarks/verify.py --null 200
     python benchmarks/verify.py --faults 3
-    python benchmarks/verify.py --mimu ../shared
+    python benchmarks/verify.py --mimu FOLDER       # sessions of ``python -m session.public mimu``, which are fitted there first
 """
 
 from __future__ import annotations
@@ -23,13 +24,20 @@ import numpy as np
 from common import in_parallel, markdown
 
 import tinygc
-from session.io.folder import Session
+from session.io.folder import Session, read_session
+from session.io.results import read_json
 from session.io.units import DEG, MG
 from tinygc.annexes.verification.cost import minute_of
-from tinygc.annexes.verification.old import OldCalibration, read_old
+from tinygc.annexes.verification.expected import Spread, expected_parts, spread_of_unit
+from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
+from tinygc.annexes.verification.questions import ask, todays_noise
+from tinygc.annexes.verification.rows import rows_of
 from tinygc.annexes.verification.verdict import Options, Verification, verify_session
 from tinygc.attitude import rotation
+from tinygc.closure.residual import closure_angles
+from tinygc.estimation.compare import read_calibrated
 from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.estimation.repeatability import sample_variance
 from tinygc.library.sessions import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulationOptions
@@ -67,8 +75,8 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """job; whether an alarm; answer; names of the causes, and of those not told apart from the first; cost in rad as it was stated and in truth; p by
-    question."""
+    """job; whether an alarm; answer; names of the causes, and of those not told apart from the first; cost in rad as it was stated and in
+    truth; p by question."""
 
     job: Job
     alarm: bool
@@ -219,14 +227,98 @@ def faults(count: int, turns: int, only: str | None) -> list[str]:
     return [markdown(head, rows)]
 
 
+# Real units: eight MPU-9150, up to six sessions each, every pair of sessions of a unit.
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Folders of two sessions of one unit, and those of all other units."""
+
+    then: Path
+    today: Path
+    others: tuple[Path, ...]
+
+
+def unit_and_session(folder: Path) -> tuple[str, str]:
+    """``e1u3`` is experiment 1 of unit 3."""
+    session, unit = folder.name[1:].split("u")
+    return unit, session
+
+
+def spread_of_others(folders: tuple[Path, ...]) -> Spread:
+    """Variance between sessions of one unit, over all units but the one that is verified."""
+    by_unit: dict[str, list[Path]] = {}
+    for folder in folders:
+        by_unit.setdefault(unit_and_session(folder)[0], []).append(folder)
+    sums, freedom = np.zeros(COUNT), 0
+    for own in by_unit.values():
+        sessions = [read_calibrated(folder) for folder in own]
+        fits = [each.triad.fit for each in sessions]
+        found = np.zeros(COUNT)
+        found[GYROSCOPE] = sample_variance(np.array([each.vector for each in sessions]), np.array([each.covariance for each in sessions]))
+        own_covariance = np.array([fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T for fit in fits])
+        found[ACCELEROMETER] = sample_variance(np.array([fit.values for fit in fits]), own_covariance)
+        sums, freedom = sums + found * (len(own) - 1), freedom + len(own) - 1
+    return Spread(sums / freedom, float(freedom), "sessions of the other units")
+
+
+def run_pair(pair: Pair) -> tuple[str, str, dict[str, tuple[float, ...]], tuple[float, float]]:
+    """p of each question with the usual spread and with that of the other units; tilt, degrees, that today's turns miss with the old model,
+    and, held out, with today's own."""
+    old, session = read_old(pair.then), read_session(pair.today)
+    rows = rows_of(session, old)
+    noise = todays_noise(rows)
+    found = {}
+    for name, spread in (("usual", spread_of_unit(old, rows)), ("other units", spread_of_others(pair.others))):
+        asked = ask(rows, expected_parts(old, rows, spread), noise, old)
+        found[name] = tuple(question.p_value if question.asked else 1.0 for question in asked)
+    own = read_calibrated(pair.today)
+    twin = rows.twin
+    assert twin is not None
+    model = LinearModel(old.linear.E, old.linear.B + (own.vector - old.linear.vector)[9:])  # E is compared: B is today's
+    tilt = float(np.degrees(np.sqrt(np.mean(np.sum(closure_angles(twin.batch, model)[:, :2] ** 2, axis=1)))))
+    held_out = read_json(pair.today / "fit" / "fit.json")["methods"]["least_squares"]["holdout"]["tilt_rms_deg"]
+    return pair.then.name, pair.today.name, found, (tilt, float(held_out))
+
+
+def real(folder: Path, most: int) -> list[str]:
+    """All pairs of sessions of one unit, or ``most`` of them."""
+    folders = sorted(each.parent.parent for each in folder.glob("e*u*/fit/model_least_squares.json"))
+    pairs = []
+    for then in folders:
+        others = tuple(each for each in folders if unit_and_session(each)[0] != unit_and_session(then)[0])
+        mine = [each for each in folders if unit_and_session(each)[0] == unit_and_session(then)[0] and each != then]
+        pairs += [Pair(then, today, others) for today in mine]
+    chosen = np.random.default_rng(0).permutation(len(pairs))[: most or len(pairs)]
+    found = in_parallel(run_pair, [pairs[k] for k in sorted(chosen)], "pairs")
+    rows, level = [], 1 - 0.95 ** (1 / 4)
+    for name in ("usual", "other units"):
+        p = np.array([each[2][name] for each in found])
+        any_ = float(np.mean((p < level).any(axis=1)))
+        rows.append(
+            [name, str(len(p)), f"{100 * any_:.1f} %", *(f"{np.mean(p[:, k] < level):.3f} / {np.median(p[:, k]):.2f}" for k in range(4))]
+        )
+    tilt = np.array([each[3] for each in found])
+    e_moved = np.array([each[2]["usual"][0] for each in found]) < level
+    said = [f"tilt of today's turns, E of then and B of today / all of today, held out: median {np.median(tilt[:, 0] / tilt[:, 1]):.2f}"]
+    for what, which in (("where E is said to hold", ~e_moved), ("where it is not", e_moved)):
+        if which.any():
+            said.append(f"{what}: {np.median(tilt[which, 0] / tilt[which, 1]):.2f} ({which.sum()} pairs)")
+    return [markdown(["spread", "pairs", "any no", "E: share of no / median p", "B", "gravity", "noise"], rows), *said]
+
+
 def main() -> None:
     """Print what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--null", type=int, default=0, metavar="N", help="sessions without a fault")
     parser.add_argument("--faults", type=int, default=0, metavar="N", help="sessions of each fault and size")
     parser.add_argument("--only", choices=tuple(FAULTS), help="one fault alone")
+    parser.add_argument("--mimu", type=Path, metavar="DIR", help="folder of fitted sessions e1u0, e1u1, … of the public set")
+    parser.add_argument("--pairs", type=int, default=0, metavar="N", help="of these, drawn at random (all)")
     parser.add_argument("--turns", type=int, default=TODAY, help="of today")
     args = parser.parse_args()
+    if args.mimu is not None:
+        print("\n".join(real(args.mimu, args.pairs)), flush=True)
     for lines in ([nulls(args.null, args.turns)] if args.null else []) + (
         [faults(args.faults, args.turns, args.only)] if args.faults else []
     ):

@@ -15,7 +15,7 @@ sys.path.insert(0, str(DOCS))
 from schema_tables.shapes import DEFINED, file_of, schema_of  # noqa: E402
 
 FOLDER = DOCS / "formats" / "schemas"
-PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates")
+PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "verify")
 WIDTH = 120
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

@@ -28,6 +28,7 @@ EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare",
 EXAMPLES += [
     "estimate_noise",
     "estimate_rates",
+    "verify",
     "fleet",
     "import_log",
     "list_sessions",

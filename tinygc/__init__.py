@@ -22,6 +22,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     rebias, apply     Calibration and another recording -> Rebias; calibrated rates, samples, or a log
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
     estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
+    verify            a model's file and a recording of today -> whether it still holds, and if not, why
     array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
@@ -117,6 +118,7 @@ if TYPE_CHECKING:
     from tinygc.library.sessions import check as check
     from tinygc.library.sessions import plan as plan
     from tinygc.library.sessions import simulate as simulate
+    from tinygc.library.verification import verify as verify
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
 __version__ = _session.VERSION
@@ -141,6 +143,7 @@ _HOMES = {
     "tinygc.library.many": ("Array", "array", "fleet", "lot"),
     "tinygc.library.noise": ("estimate_noise",),
     "tinygc.library.rates": ("estimate_rates",),
+    "tinygc.library.verification": ("verify",),
     "tinygc.library.records": ("Estimate", "to_frame"),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
     "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),

@@ -191,7 +191,7 @@ def test_without_data_a_turn_may_miss_what_a_plausible_change_makes():
     rows = made_rows(10)
     rows.parameters[:] = 0.0
     W = left_open(rows, todays_noise(rows))
-    assert W == pytest.approx(np.diag(PLAUSIBLE**2))
+    assert pytest.approx(np.diag(PLAUSIBLE**2)) == W
     of_e, of_b, of_g = bounds(rows, OLD.linear, W, 1.0, True)
     # A turn of 2 pi about x: the end is off by 2 pi x 1 % along it, and by less across it.
     assert of_e.bound_deg == pytest.approx(BOUND * 2 * np.pi * 0.01 / DEG, rel=1e-3)

@@ -116,8 +116,8 @@ def propose(where: Session | Path, count: int = 5, lot: Path | None = None) -> R
 @dataclass(frozen=True, eq=False)
 class Known:
     """The uncertainty after a session: covariance (P, P), SI, of the accelerometer's nine parameters, where observed, then the gyroscope's
-    12; estimated sigma_rad of a turn's angle and sigma_mps2 of a still's length; with_gravity: whether gravity's length is known; wanted (P,):
-    targets in place of those of a calibration."""
+    12; estimated sigma_rad of a turn's angle and sigma_mps2 of a still's length; with_gravity: whether gravity's length is known; wanted
+    (P,): targets in place of those of a calibration."""
 
     covariance: np.ndarray
     sigma_rad: float

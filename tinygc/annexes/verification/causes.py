@@ -25,7 +25,7 @@ from tinygc.annexes.verification.questions import dense, noise_beside
 from tinygc.annexes.verification.rows import Rows
 from tinygc.closure.least_squares import solve_lower
 from tinygc.estimation.systematic import AS_PROBABLE
-from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
+from tinygc.explanation.evidence import GUESS_STEPS, PRIOR_ODDS, SCALES
 from tinygc.models.linear import MATRIX
 
 #: causes in one explanation at most
@@ -44,8 +44,8 @@ BANDWIDTH_S2 = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A cause: name; words of a change theta (k,) with sigma; columns (n, k) of the rows for one plausible size of each number; into (21, k)
-    that of the parameters, in the first minute of today's motion where it changes with time; unit and si of the numbers; sizes (k,), SI;
+    """A cause: name; words of a change theta (k,) with sigma; columns (n, k) of the rows for one plausible size of each number; into (21,
+    k) that of the parameters, in the first minute of today's motion where it changes with time; unit and si of the numbers; sizes (k,), SI;
     at: time of a step or time constant, s; numbers: what theta's numbers are called; advice: what to do."""
 
     name: str
@@ -70,8 +70,8 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Causes together: log_evidence, with their prior odds; theta (K,), SI, of all causes and its covariance; change (21,) of the parameters
-    and its covariance, of causes and of what is expected without them; noise sizes (C,)."""
+    """Causes together: log_evidence, with their prior odds; theta (K,), SI, of all causes and its covariance; change (21,) of the
+    parameters and its covariance, of causes and of what is expected without them; noise sizes (C,)."""
 
     causes: tuple[Cause, ...]
     log_evidence: float
@@ -261,20 +261,20 @@ class Evidence:
         self._V = [dense(component.V) for component in rows.components]
         self._start: np.ndarray | None = None
 
-    def of(self, causes: Sequence[Cause]) -> Explanation:
-        """Evaluate causes together, each with a scale of its own."""
+    def of(self, causes: Sequence[Cause], sizes: np.ndarray | None = None) -> Explanation:
+        """Evaluate causes together, each with a scale of its own; sizes: of the noise's components, estimated where they are not given."""
         rows, columns = self.rows, self._columns
-        X, into, sizes = (
+        X, into, units = (
             np.concatenate([first, *(getattr(cause, name) for cause in causes)], axis=-1)
             for first, name in ((np.zeros((len(rows.r), 0)), "columns"), (np.zeros((COUNT, 0)), "into"), (np.zeros(0), "sizes"))
         )
-        found = noise_beside(rows, np.concatenate([columns, X], axis=1), start=self._start)
-        if self._start is None:
-            self._start = found.s
-        covariance = rows.white + sum((s**2 * V for s, V in zip(found.s, self._V, strict=True)), np.zeros_like(rows.white))
+        if sizes is None:
+            sizes = noise_beside(rows, np.concatenate([columns, X], axis=1), start=self._start, steps=GUESS_STEPS).s
+            self._start = sizes if self._start is None else self._start
+        covariance = rows.white + sum((s**2 * V for s, V in zip(sizes, self._V, strict=True)), np.zeros_like(rows.white))
         factor = np.linalg.cholesky(covariance + columns @ columns.T)
         white, w = solve_lower(factor, X), solve_lower(factor, rows.r)
-        base = -float(np.sum(np.log(np.diag(factor)))) - float(w @ w) / 2 - self._penalty(found.s) / 2
+        base = -float(np.sum(np.log(np.diag(factor)))) - float(w @ w) / 2 - self._penalty(sizes) / 2
         scales = _scales([len(cause.sizes) for cause in causes])
         gains = _gains(white.T @ white, white.T @ w, scales)
         scale = scales[int(np.argmax(gains))]
@@ -283,15 +283,15 @@ class Evidence:
         J, y = solve_lower(inner, np.concatenate([X * scale, columns], axis=1)), solve_lower(inner, rows.r)
         posterior = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
         z, k = -posterior @ (J.T @ y), len(scale)
-        into, sizes = np.concatenate([into * scale, self._into], axis=1), sizes * scale
+        into, units = np.concatenate([into * scale, self._into], axis=1), units * scale
         return Explanation(
             causes=tuple(causes),
             log_evidence=base + float(logsumexp(gains) - np.log(len(gains))) + len(causes) * float(np.log(PRIOR_ODDS)),
-            theta=z[:k] * sizes,
-            theta_covariance=posterior[:k, :k] * np.outer(sizes, sizes),
+            theta=z[:k] * units,
+            theta_covariance=posterior[:k, :k] * np.outer(units, units),
             change=into @ z,
             covariance=into @ posterior @ into.T,
-            sizes=found.s,
+            sizes=sizes,
         )
 
     def _penalty(self, sizes: np.ndarray) -> float:
@@ -321,20 +321,23 @@ def diagnose(rows: Rows, parts: Sequence[Part], causes: Sequence[Cause]) -> Diag
     evidence = Evidence(rows, parts)
     nothing = best = evidence.of([])
     compared = [nothing]
-    alone: dict[str, float] = {}
-    for count in range(MOST):
-        trials = _best_of_each(evidence, best.causes, causes)
+    singles = trials = _best_of_each(evidence, nothing, causes)
+    alone = {trial.names[-1]: trial.log_evidence - nothing.log_evidence for trial in singles}
+    for _ in range(MOST):
         compared += trials
-        if count == 0:
-            alone = {trial.names[-1]: trial.log_evidence - nothing.log_evidence for trial in trials}
         top = max(trials, key=lambda trial: trial.log_evidence, default=best)
         if top.log_evidence <= best.log_evidence:
             break
         best = top
+        trials = _best_of_each(evidence, best, causes) if len(best.causes) < MOST else []
     rivals: dict[str, tuple[str, ...]] = {}
     for number, cause in enumerate(best.causes):
-        others = tuple(each for i, each in enumerate(best.causes) if i != number)
-        trials = [t for t in _best_of_each(evidence, others, causes) if t.names[-1] != cause.name]
+        if best.causes[1:]:
+            others = evidence.of(tuple(each for i, each in enumerate(best.causes) if i != number))
+            trials = _best_of_each(evidence, others, causes)
+        else:
+            trials = singles
+        trials = [trial for trial in trials if trial.names[-1] != cause.name]
         compared += trials
         rivals[cause.name] = tuple(
             t.names[-1] for t in sorted(trials, key=lambda t: -t.log_evidence) if t.log_evidence > best.log_evidence - AS_PROBABLE
@@ -344,14 +347,16 @@ def diagnose(rows: Rows, parts: Sequence[Part], causes: Sequence[Cause]) -> Diag
     return Diagnosis(best, nothing, probability, rivals, alone)
 
 
-def _best_of_each(evidence: Evidence, fixed: tuple[Cause, ...], causes: Sequence[Cause]) -> list[Explanation]:
-    """The best variant of each further cause beside those that are fixed; a scanned one pays for its trials."""
+def _best_of_each(evidence: Evidence, fixed: Explanation, causes: Sequence[Cause]) -> list[Explanation]:
+    """The best variant of each further cause beside those that are fixed; a scanned one pays for its trials, which are compared with the
+    noise of what is fixed."""
     found = []
     for name in dict.fromkeys(cause.name for cause in causes):
-        if name in (each.name for each in fixed):
+        if name in fixed.names:
             continue
-        trials = [evidence.of((*fixed, cause)) for cause in causes if cause.name == name]
-        best = max(trials, key=lambda trial: trial.log_evidence)
-        mean = float(logsumexp([trial.log_evidence for trial in trials]) - np.log(len(trials)))
-        found.append(replace(best, log_evidence=mean))
+        variants = [cause for cause in causes if cause.name == name]
+        odds = np.array([evidence.of((*fixed.causes, each), fixed.sizes).log_evidence for each in variants] if variants[1:] else [0.0])
+        best = evidence.of((*fixed.causes, variants[int(np.argmax(odds))]))
+        price = float(odds.max() - logsumexp(odds) + np.log(len(odds)))
+        found.append(replace(best, log_evidence=best.log_evidence - price))
     return found

@@ -35,7 +35,8 @@ LIMIT_DEG = 1.0
 BOUND = 1.959963984540054
 #: turns that are proposed at most
 MOST_TURNS = 10
-#: sigma of the closure of one turn by hand where no turn shows it, degrees (docs/measured/accuracy.md); of gravity's length in a still, m/s^2
+#: sigma of the closure of one turn by hand where no turn shows it, degrees (docs/measured/accuracy.md); of gravity's length in a still,
+#: m/s^2
 USUAL_TURN_DEG, USUAL_LENGTH_MPS2 = 0.05, 1e-3
 #: s of a full turn in a minute of use
 TURN_S = 4.0
@@ -117,22 +118,35 @@ def left_open(rows: Rows, noise: TodaysNoise) -> np.ndarray:
     return np.linalg.inv(J.T @ J + np.eye(COUNT)) * np.outer(PLAUSIBLE, PLAUSIBLE)
 
 
-def bounds(rows: Rows, old: LinearModel, W: np.ndarray, limit_deg: float, with_accelerometer: bool) -> list[Bound]:
-    """Bound of each question."""
-    matrix = W[GYROSCOPE, GYROSCOPE][MATRIX, MATRIX]
-    slopes = np.concatenate([full_turn(axis).slope(old)[:, MATRIX] for axis in range(3)])
-    found = [Bound(E, _largest(slopes, matrix), limit_deg, "one full turn about any axis")]
-    found.append(Bound(B, _largest(resting(rows).slope(old), W[GYROSCOPE, GYROSCOPE]), limit_deg, "a minute at rest"))
+def uses(rows: Rows, old: LinearModel, with_accelerometer: bool) -> list[tuple[str, np.ndarray, str]]:
+    """Of each question: its name, the derivative (Q, 21) of the angles of a minute of use by the parameters, rad, and the use in words."""
+    turns, still = np.zeros((9, COUNT)), np.zeros((3, COUNT))
+    turns[:, GYROSCOPE][:, MATRIX] = np.concatenate([full_turn(axis).slope(old)[:, MATRIX] for axis in range(3)])
+    still[:, GYROSCOPE] = resting(rows).slope(old)
+    found = [(E, turns, "one full turn about any axis"), (B, still, "a minute at rest")]
     if with_accelerometer:
         force = SIDES * STANDARD_GRAVITY_MPS2
-        tilt = tilt_columns(rotation.from_gravity(force), IDENTITY, force)[:, :2].reshape(-1, ACCELEROMETER.stop)
-        found.append(Bound(GRAVITY, _largest(tilt, W[ACCELEROMETER, ACCELEROMETER]), limit_deg, "the tilt on any side"))
+        columns = tilt_columns(rotation.from_gravity(force), IDENTITY, force)[:, :2].reshape(-1, ACCELEROMETER.stop)
+        found.append((GRAVITY, np.pad(columns, ((0, 0), (0, COUNT - ACCELEROMETER.stop))), "the tilt on any side"))
     return found
 
 
-def _largest(slopes: np.ndarray, covariance: np.ndarray) -> float:
-    """Largest bound of quantities with these slopes (Q, P), degrees."""
-    return BOUND * float(np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes).max())) / DEG
+def bounds(rows: Rows, old: LinearModel, W: np.ndarray, limit_deg: float, with_accelerometer: bool) -> list[Bound]:
+    """Bound of each question, from what is left open (21, 21)."""
+    parts = uses(rows, old, with_accelerometer)
+    return [Bound(name, float(_bounds_deg(slopes, np.zeros(COUNT), W).max()), limit_deg, words) for name, slopes, words in parts]
+
+
+def effects_deg(rows: Rows, old: LinearModel, change: np.ndarray, covariance: np.ndarray, with_accelerometer: bool) -> dict[str, float]:
+    """By question: degrees that a minute of use misses at most (95 %) by a change (21,) with its covariance (21, 21)."""
+    parts = uses(rows, old, with_accelerometer)
+    return {name: float(_bounds_deg(slopes, change, covariance).max()) for name, slopes, _ in parts}
+
+
+def _bounds_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(Q,) bounds of the sizes of quantities with these slopes (Q, 21), degrees."""
+    sigma = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
+    return np.asarray((np.abs(slopes @ change) + BOUND * sigma) / DEG)
 
 
 def turns_that_tell(rows: Rows, noise: TodaysNoise, W: np.ndarray, limit_deg: float, count: int = MOST_TURNS) -> list[Proposal]:

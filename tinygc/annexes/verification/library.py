@@ -87,6 +87,7 @@ class Verified(Shown):
             "headline": found.headline,
             "advice": found.advice,
             "exit_code": found.exit_code,
+            "alarm": found.alarm,
             "false_alarm": found.options.false_alarm,
             "turns": found.rows.turns,
             "rests": found.rows.stills,

@@ -12,8 +12,8 @@ Each question is about some of the 21 parameters, X_q = A Z_q, with all others t
 So a changed bias raises no alarm for E, whatever its size.  The zero is asked of the rates at rest alone, where a change of E by 1 % is
 part of S.  The fourth question is whether noise explains what no change of the
 21 parameters does.  Of variances that are estimated, p is the probability of so large a T over draws of the true ones: v nu / chi^2_nu
-of a spread between nu + 1 sessions (of one such variance alone, T / k is Fisher's F), (s + sigma z)^2 of a component of the noise.  The level of each of m questions is that of Sidak,
-1 - (1 - P)^(1/m).
+of a spread between nu + 1 sessions (of one such variance alone, T / k is Fisher's F), (s + sigma z)^2 of a component of the noise.  The
+level of each of m questions is that of Sidak, 1 - (1 - P)^(1/m).
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from tinygc.closure.least_squares import solve_lower
 from tinygc.explanation.evidence import orthonormal
 from tinygc.models.linear import MATRIX, PRIOR_SIGMA
 from tinygc.noise.components import TURN
-from tinygc.noise.reml import ComponentEstimate, estimate
+from tinygc.noise.reml import SCORING_STEPS, ComponentEstimate, estimate
 from tinygc.noise.whitening import OPEN_MPS2, Sparse
 
 #: probability of any false alarm
 FALSE_ALARM = 0.05
-#: sizes of a change that a fault makes: 1 % of E, 1 dps, 1 % and 10 mg.  A direction in which such a change shows by less than a sigma is not
-#: asked about
+#: sizes of a change that a fault makes: 1 % of E, 1 dps, 1 % and 10 mg.  A direction in which such a change shows by less than a sigma is
+#: not asked about
 PLAUSIBLE = np.zeros(COUNT)
 PLAUSIBLE[ACCELEROMETER] = np.r_[np.full(6, 0.01), np.full(3, 10 * MG)]
 PLAUSIBLE[GYROSCOPE] = np.r_[np.full(9, 0.01), np.full(3, DEG)]
@@ -91,7 +91,9 @@ def todays_noise(rows: Rows) -> TodaysNoise:
     return TodaysNoise(covariance, tuple(parts), found, rows.noise_freedom)
 
 
-def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None) -> ComponentEstimate:
+def noise_beside(
+    rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None, steps: int = SCORING_STEPS
+) -> ComponentEstimate:
     """Sizes of the components beside columns J (n, p) of one sigma each."""
     parts = rows.components
     if not parts:
@@ -106,6 +108,7 @@ def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.
         rows.blocks,
         start,
         with_sigma,
+        steps,
     )
 
 
@@ -152,7 +155,7 @@ def tail(statistic: float, known: np.ndarray, estimated: Sequence[tuple[np.ndarr
     covariance = np.repeat(known[None], DRAWS, axis=0)
     for part, factors in estimated:
         covariance += factors[:, None, None] * part
-    size, axes = np.linalg.eigh(covariance)
+    size = np.linalg.eigvalsh(covariance)
     drawn = np.random.default_rng(seed).standard_normal((DRAWS, k)) ** 2
     return float((1 + np.sum(np.sum(drawn * np.maximum(size, 0.0), axis=1) >= statistic)) / (DRAWS + 1))
 
@@ -196,7 +199,8 @@ def _ask(
     free: np.ndarray,
     keep: np.ndarray,
 ) -> Question:
-    """Ask about the parameters ``which`` of the 21, with those that are ``free``, in the rows ``keep``; expected (n, n): covariance of r."""
+    """Ask about the parameters ``which`` of the 21, with those that are ``free``, in the rows ``keep``; expected (n, n): covariance of
+    r."""
     factor = np.linalg.cholesky(expected[np.ix_(keep, keep)])
     X = solve_lower(factor, rows.parameters[np.ix_(keep, which)] * PLAUSIBLE[which])
     N = solve_lower(factor, rows.parameters[np.ix_(keep, free)] * PLAUSIBLE[free])

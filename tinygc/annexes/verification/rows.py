@@ -55,8 +55,9 @@ class Rows:
     known (n, k): what is uncertain in the references, one sigma each: the Earth's rate, gravity's length; white (n, n): white noise;
     components: noise beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
     the session; temp_c: mean over its stills, NaN where not known; stills, turns: how many; noise_freedom: degrees of freedom of the white
-    noise; rest_rps (3,): what the gyroscope reads at rest; session as it was compared; steps_s: seconds at which a step is looked for; in_time: columns (n, 3) of a change of B that follows
-    a profile in time; twin: of a recording with turns; remark: what the first look says of the rates, where it refuses them.
+    noise; rest_rps (3,): what the gyroscope reads at rest; session as it was compared; steps_s: seconds at which a step is looked for;
+    in_time: columns (n, 3) of a change of B that follows a profile in time; twin: of a recording with turns; remark: what the first look
+    says of the rates, where it refuses them.
     """
 
     r: np.ndarray

@@ -20,6 +20,7 @@ from tinygc.annexes.verification.cost import (
     Cost,
     bounds,
     cost_of,
+    effects_deg,
     left_open,
     turns_that_separate,
     turns_that_tell,
@@ -107,14 +108,14 @@ def verify_session(
     progress: Callable[[str], None] = lambda what: None,
     temp_then_c: float | None = None,
 ) -> Verification:
-    """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises DataError for a session of another sensor, unless that is accepted, and the errors of
-    ``rows_of`` and ``spread_of_unit``."""
+    """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises
+    DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``."""
     options = options or Options()
     told, other = facts(old, session)
     if other and not options.other_serial:
         raise DataError(
-            f"{session.folder}: of sensor {session.config.sensor.serial!r}, expected {old.sensor.get('serial')!r}, which the model was fitted "
-            "to; give a recording of that one, or --other-serial if it is the same sensor after all"
+            f"{session.folder}: of sensor {session.config.sensor.serial!r}, expected {old.sensor.get('serial')!r}, which the model "
+            "was fitted to; give a recording of that one, or --other-serial if it is the same sensor after all"
         )
     notes = list(old.lacks)
     if is_its_own(old, session):
@@ -152,7 +153,12 @@ def verify_session(
         diagnosis = diagnose(rows, parts, causes)
         change, covariance = diagnosis.best.change, diagnosis.best.covariance
     cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
-    answer, headline = _decide(refuted, found_bounds, cost, anew.change[ZERO], anew.covariance[ZERO, ZERO], old, diagnosis, options)
+    effects = effects_deg(rows, old.linear, change, covariance, old.accelerometer is not None)
+    matters = [question for question in refuted if effects.get(question.name, np.inf) > options.limit_deg]
+    if small := [question.name for question in refuted if question not in matters]:
+        said = " and ".join(f"{OF[name]} ({effects[name]:.2g}°)" for name in small)
+        notes.append(f"changed beyond chance, but a minute of use misses less than {options.limit_deg:g}° by it: {said}")
+    answer, headline = _decide(matters, found_bounds, cost, anew.change[ZERO], anew.covariance[ZERO, ZERO], old, diagnosis, options)
     open_names = {bound.name for bound in found_bounds if not bound.is_seen}
     return Verification(
         old=old,
@@ -209,7 +215,10 @@ def _decide(
     if unseen:
         open_ = "; ".join(f"{OF[b.name]}: up to {b.bound_deg:.2g}° in {b.use}" for b in unseen)
         return UNDECIDED, f"nothing significant, but this recording leaves open (95 %): {open_}"
-    return HOLDS, f"within what noise, the old fit and a switch-on explain; it costs {costs / DEG:.2g}° in the next minute"
+    so_far = (
+        "what changed matters less than the limit" if diagnosis is not None else "within what noise, the old fit and a switch-on explain"
+    )
+    return HOLDS, f"{so_far}; it costs {costs / DEG:.2g}° in the next minute"
 
 
 def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:

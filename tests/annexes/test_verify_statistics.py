@@ -171,11 +171,11 @@ def test_the_right_cause_is_found_and_its_double_is_not_told_apart():
     change[MATRIX_OF_21[0]] = 0.2
     rows = made_rows(8, change)
     right, double, wrong = single(rows), single(rows, "double"), single(rows, "wrong", MATRIX_OF_21[5])
-    found = diagnose(rows, [], [right, wrong])
+    found = diagnose(Evidence(rows, []), [right, wrong])
     assert found.best.names == ("one",)
     assert found.rivals == {"one": ()}
     assert found.probability > 0.9
-    both = diagnose(rows, [], [right, double, wrong])
+    both = diagnose(Evidence(rows, []), [right, double, wrong])
     assert set(both.best.names) | set(both.rivals[both.best.names[0]]) == {"one", "double"}
 
 
@@ -183,7 +183,7 @@ def test_two_causes_are_found_together():
     change = np.zeros(COUNT)
     change[MATRIX_OF_21[0]], change[ACCELEROMETER.start] = 0.2, 0.3
     rows = made_rows(9, change)
-    found = diagnose(rows, [], [single(rows), single(rows, "two", ACCELEROMETER.start), single(rows, "three", MATRIX_OF_21[8])])
+    found = diagnose(Evidence(rows, []), [single(rows), single(rows, "two", ACCELEROMETER.start), single(rows, "three", MATRIX_OF_21[8])])
     assert set(found.best.names) == {"one", "two"}
 
 

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -25,7 +27,7 @@ from tinygc.annexes.verification.questions import dense, noise_beside
 from tinygc.annexes.verification.rows import Rows
 from tinygc.closure.least_squares import solve_lower
 from tinygc.estimation.systematic import AS_PROBABLE
-from tinygc.explanation.evidence import GUESS_STEPS, PRIOR_ODDS, SCALES
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
 from tinygc.models.linear import MATRIX
 
 #: causes in one explanation at most
@@ -53,19 +55,20 @@ class Cause:
     columns: np.ndarray
     into: np.ndarray
     sizes: np.ndarray
-    unit: str
-    si: float
+    unit: str | tuple[str, ...]
+    si: float | np.ndarray
     numbers: tuple[str, ...]
     advice: str
     at: float | None = None
 
     def words(self, theta: np.ndarray, sigma: np.ndarray) -> str:
         """The cause with its numbers."""
-        shown = ", ".join(
-            f"{name} {value / self.si:+.3g} ± {s / self.si:.2g}" for name, value, s in zip(self.numbers, theta, sigma, strict=True)
-        )
+        values, sigmas = theta / self.si, sigma / self.si
+        each = self.unit if isinstance(self.unit, tuple) else ("",) * (len(theta) - 1) + (self.unit,)
+        rows = zip(self.numbers, values, sigmas, each, strict=True)
+        shown = ", ".join(f"{name} {value:+.3g} ± {s:.2g} {unit}".strip() for name, value, s, unit in rows)
         when = "" if self.at is None else f" at {self.at:.0f} s" if self.name == "step" else f", time constant {self.at:.0f} s"
-        return f"{self.says}{when}: {shown.strip()} {self.unit}"
+        return f"{self.says}{when}: {shown}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +122,7 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
     E, xyz = old.linear.E, ("x", "y", "z")
     found: list[Cause] = []
 
-    def constant(name: str, says: str, into: np.ndarray, sizes: np.ndarray, unit: str, si: float, numbers: tuple, advice: str) -> None:
+    def constant(name: str, says: str, into: np.ndarray, sizes: np.ndarray, unit: Any, si: Any, numbers: tuple, advice: str) -> None:
         found.append(Cause(name, says, rows.parameters @ into * sizes, into * sizes, sizes, unit, si, tuple(numbers), advice))
 
     def of_matrix(change: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
@@ -138,7 +141,6 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
     if not rows.turns:  # what is read at rest is the zero, whatever else has changed
         return found + _of_accelerometer(rows, old) + _in_time(rows, zero, minute_s)
     scale = of_matrix(lambda theta: E * theta[0], 1)
-    scale[ZERO, 0] = old.linear.B
     constant(
         "common scale",
         "all rates are too large or too small by one factor, as with another range, data rate or filter",
@@ -172,15 +174,19 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
         "look at the mounting, then fit again",
     )
     shears = [(0, 1), (1, 2), (2, 0)]
-    into = of_matrix(lambda theta: sum(t * (_unit(i, j) + _unit(j, i)) / 2 for t, (i, j) in zip(theta, shears, strict=True)) @ E, 3)
+
+    def lean(theta: np.ndarray) -> np.ndarray:
+        return np.asarray(sum(t * (_unit(i, j) + _unit(j, i)) / 2 for t, (i, j) in zip(theta, shears, strict=True)) @ E)
+
+    into = of_matrix(lean, 3)
     both = np.concatenate([into, zero], axis=1)
     constant(
         "shock",
         "the gyroscope's axes lean otherwise, with another zero, as after a shock",
         both,
         np.r_[np.full(3, SHEAR_RAD), np.full(3, ZERO_RPS)],
-        "(mrad; dps / 57.3)",
-        1e-3,
+        ("mrad",) * 3 + ("dps",) * 3,
+        np.r_[np.full(3, 1e-3), np.full(3, DEG)],
         ("xy", "yz", "zx", *xyz),
         "fit again; look for loosened parts",
     )
@@ -226,17 +232,25 @@ def _in_time(rows: Rows, zero: np.ndarray, minute_s: float) -> list[Cause]:
     for at in times:
         if not 0 < at < rows.duration_s:
             continue
-        columns = -rows.in_time(lambda t, at=at: (t >= at).astype(float)) * sizes
+        columns = -rows.in_time(partial(_from_then_on, float(at))) * sizes
         says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
         share = max(0.0, 1 - float(at) / minute_s)
         found.append(Cause("step", says, columns, zero * sizes * share, sizes, "dps", DEG, ("x", "y", "z"), advice, float(at)))
     for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
         tau = share * rows.duration_s
-        columns = -rows.in_time(lambda t, tau=tau: np.exp(-t / tau)) * sizes
+        columns = -rows.in_time(partial(_settling, tau)) * sizes
         mean = tau / minute_s * -np.expm1(-minute_s / tau)
         says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
         found.append(Cause("warm-up", says, columns, zero * sizes * mean, sizes, "dps", DEG, ("x", "y", "z"), advice, float(tau)))
     return found
+
+
+def _from_then_on(at: float, t_s: np.ndarray) -> np.ndarray:
+    return np.asarray((t_s >= at).astype(float))
+
+
+def _settling(tau: float, t_s: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(-t_s / tau))
 
 
 def _cross(vector: np.ndarray) -> np.ndarray:
@@ -254,12 +268,13 @@ def _unit(i: int, j: int) -> np.ndarray:
 class Evidence:
     """Evidence of sets of causes for one recording, each evaluated once."""
 
-    def __init__(self, rows: Rows, parts: Sequence[Part]):
+    def __init__(self, rows: Rows, parts: Sequence[Part], quiet: np.ndarray | None = None):
+        """quiet: sizes of the noise's components with all parameters free."""
         self.rows = rows
         self._columns = np.concatenate([np.zeros((len(rows.r), 0)), *(part.columns for part in parts)], axis=1)
         self._into = np.concatenate([np.zeros((COUNT, 0)), *(part.into for part in parts)], axis=1)
         self._V = [dense(component.V) for component in rows.components]
-        self._start: np.ndarray | None = None
+        self._starts = [quiet]
 
     def of(self, causes: Sequence[Cause], sizes: np.ndarray | None = None) -> Explanation:
         """Evaluate causes together, each with a scale of its own; sizes: of the noise's components, estimated where they are not given."""
@@ -269,8 +284,10 @@ class Evidence:
             for first, name in ((np.zeros((len(rows.r), 0)), "columns"), (np.zeros((COUNT, 0)), "into"), (np.zeros(0), "sizes"))
         )
         if sizes is None:
-            sizes = noise_beside(rows, np.concatenate([columns, X], axis=1), start=self._start, steps=GUESS_STEPS).s
-            self._start = sizes if self._start is None else self._start
+            # The likelihood may have two maxima: all as noise, or all as a change.  A search starts near each.
+            J = np.concatenate([columns, X], axis=1)
+            sizes = min((noise_beside(rows, J, start=start) for start in self._starts), key=lambda found: found.value).s
+            self._starts = [*self._starts[:1], sizes] if len(self._starts) == 1 else self._starts
         covariance = rows.white + sum((s**2 * V for s, V in zip(sizes, self._V, strict=True)), np.zeros_like(rows.white))
         factor = np.linalg.cholesky(covariance + columns @ columns.T)
         white, w = solve_lower(factor, X), solve_lower(factor, rows.r)
@@ -316,9 +333,8 @@ def _gains(M: np.ndarray, pull: np.ndarray, scales: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("ki,ki->k", scaled, solved) - size) / 2
 
 
-def diagnose(rows: Rows, parts: Sequence[Part], causes: Sequence[Cause]) -> Diagnosis:
+def diagnose(evidence: Evidence, causes: Sequence[Cause]) -> Diagnosis:
     """Look for the causes with the most evidence, one after the other, and for those that stand in for each."""
-    evidence = Evidence(rows, parts)
     nothing = best = evidence.of([])
     compared = [nothing]
     singles = trials = _best_of_each(evidence, nothing, causes)

@@ -189,7 +189,8 @@ def _with_ranges(session: Session, old: OldCalibration, notes: Sequence[str]) ->
     assumed = [note for note in notes if ASSUMED_RANGE in note]
     pairs = (("gyroscope", "gyro_fs_dps"), ("accelerometer", "accel_fs_g"))
     known = {key: old.sensor.get(key) for called, key in pairs if any(called in note for note in assumed)}
-    sensor = replace(session.config.sensor, **{key: float(value) for key, value in known.items() if value is not None})
+    stated: dict[str, Any] = {key: float(value) for key, value in known.items() if value is not None}
+    sensor = replace(session.config.sensor, **stated)
     return replace(session, config=replace(session.config, sensor=sensor))
 
 

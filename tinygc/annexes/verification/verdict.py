@@ -144,13 +144,13 @@ def verify_session(
     W = left_open(rows, noise)
     found_bounds = tuple(bounds(rows, old.linear, W, options.limit_deg, old.accelerometer is not None))
     causes = candidate_causes(rows, old, temp_then_c)
-    evidence = Evidence(rows, parts)
+    evidence = Evidence(rows, parts, noise.found.s)
     anew = evidence.of([cause for cause in causes if cause.name == "zero"])
     refuted = [question for question in questions if question.asked and not question.holds]
     diagnosis, change, covariance = None, anew.change, anew.covariance
     if refuted:
         progress("causes")
-        diagnosis = diagnose(rows, parts, causes)
+        diagnosis = diagnose(evidence, causes)
         change, covariance = diagnosis.best.change, diagnosis.best.covariance
     cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
     effects = effects_deg(rows, old.linear, change, covariance, old.accelerometer is not None)
@@ -274,7 +274,7 @@ def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
         **{name: table[name] for name in ("sensor", "accelerometer") if name in table},
     }
-    if np.shape(table.get("covariance")) == (12, 12) and old.linear is old.model:
+    if np.shape(table.get("covariance") or ()) == (12, 12) and old.linear is old.model:
         covariance = np.array(table["covariance"], dtype=float)
         bias = slice(9, 12)
         covariance[bias, :] = covariance[:, bias] = 0.0

@@ -58,6 +58,11 @@ class OldCalibration:
         return self.model if isinstance(self.model, LinearModel) else LinearModel(np.eye(3), np.zeros(3))
 
     @property
+    def bias(self) -> np.ndarray:
+        """(3,) rad/s: its B; of a model without one, zero, so that a new one is a correction."""
+        return self.model.linear.B if isinstance(self.model, PhysicsModel) else self.linear.B
+
+    @property
     def name(self) -> str:
         """Its session, or its file."""
         return printable(str(self.table.get("session") or self.path.name))
@@ -91,12 +96,19 @@ def read_old(where: Path) -> OldCalibration:
     if is_array_model(path):
         raise FormatError(f"{path}: an array's model, expected one of a single sensor; verify its units one by one")
     model, table = models.load_with_table(path)
-    model.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
+    with_bias_moved(model, np.zeros(3))  # fail early for a model whose bias cannot be changed
     covariance, given, lacks = _covariance(model, table)
     accelerometer = accelerometer_of(table, str(path))
     if accelerometer is None:
         lacks.append("the model file has no accelerometer calibration: that of today's session is taken, and gravity's length is not asked")
     return OldCalibration(path, model, table, accelerometer, covariance, given, tuple(lacks), _goodness(path.parent / "fit.json"))
+
+
+def with_bias_moved(model: Model, change: np.ndarray) -> Model:
+    """The model with its calibrated rate increased by ``change`` (3,) rad/s.  Raises CalibrationError for a kind without a bias."""
+    if isinstance(model, PhysicsModel):
+        return replace(model, linear=model.linear.with_bias_moved(change))
+    return model.with_bias_moved(change)
 
 
 def _covariance(model: Model, table: dict) -> tuple[np.ndarray, bool, list[str]]:

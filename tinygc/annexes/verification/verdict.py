@@ -26,7 +26,7 @@ from tinygc.annexes.verification.cost import (
     turns_that_tell,
 )
 from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
-from tinygc.annexes.verification.old import GYROSCOPE, OldCalibration, facts, is_its_own
+from tinygc.annexes.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
 from tinygc.annexes.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.annexes.verification.rows import Rows, rows_of
 from tinygc.noise.figures import NoiseFigures, read_figures
@@ -98,7 +98,7 @@ class Verification:
     @property
     def new_bias(self) -> np.ndarray:
         """(3,) rad/s: B with the change."""
-        return self.old.linear.B + self.bias_anew
+        return self.old.bias + self.bias_anew
 
 
 def verify_session(
@@ -175,11 +175,11 @@ def verify_session(
         bias_anew=anew.change[ZERO],
         bias_covariance=anew.covariance[ZERO, ZERO],
         diagnosis=diagnosis,
-        tell=tuple(turns_that_tell(rows, noise, W, options.limit_deg)) if open_names else (),
+        tell=tuple(turns_that_tell(rows, noise, W, options.limit_deg)) if open_names - {B} else (),
         separate=_separate(rows, noise, diagnosis, causes),
         facts=tuple(told),
         notes=tuple(notes),
-        advice=_advice(answer, diagnosis, old),
+        advice=_advice(answer, diagnosis, open_names),
     )
 
 
@@ -197,7 +197,7 @@ def _decide(
     limit = options.limit_deg * DEG
     unseen = [bound for bound in found if not bound.is_seen]
     names = {question.name for question in refuted}
-    new = bias_words(old.linear.B + bias, covariance)
+    new = bias_words(old.bias + bias, covariance)
     because = "" if diagnosis is None or not diagnosis.best.causes else "; ".join(diagnosis.best.words)
     costs = np.linalg.norm(cost.as_it_is)
     if names - {B}:
@@ -227,13 +227,15 @@ def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
     return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
 
 
-def _advice(answer: str, diagnosis: Diagnosis | None, old: OldCalibration) -> str:
+def _advice(answer: str, diagnosis: Diagnosis | None, open_names: set[str]) -> str:
     if answer == HOLDS:
         return "use it as it is"
     if answer == BIAS:
         return "take B anew: --write FILE writes the model with it"
     if answer == UNDECIDED:
-        return "record the turns below, then verify again"
+        if open_names == {B}:
+            return "let it lie still for some minutes, in several attitudes, then verify again"
+        return "record the turns above, with a rest before and after each, then verify again"
     if diagnosis is None or not diagnosis.best.causes:
         return "fit a new session, and look at `explain`"
     return "; ".join(dict.fromkeys(cause.advice for cause in diagnosis.best.causes))
@@ -280,7 +282,4 @@ def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
         covariance[bias, :] = covariance[:, bias] = 0.0
         covariance[bias, bias] = found.bias_covariance
         more["covariance"] = covariance.tolist()
-    return old.model.with_bias_moved(found.bias_anew), more
-
-
-__all__ = ["BIAS", "FAILS", "GYROSCOPE", "HOLDS", "UNDECIDED", "Options", "Verification", "bias_words", "verify_session", "written_model"]
+    return with_bias_moved(old.model, found.bias_anew), more

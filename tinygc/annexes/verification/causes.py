@@ -161,11 +161,13 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
         xyz,
         "fit again",
     )
+    names = {"truth": "the truth's body", "table": "the table's dials"}
+    reference = names.get(rows.session.config.protocol.reference, "the accelerometer")
     turned = of_matrix(lambda theta: _cross(theta) @ E, 3)
     turned[ZERO] = np.stack([_cross(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
     constant(
         "rotation",
-        "the gyroscope is turned against the accelerometer, as of a sensor that came loose or was mounted anew",
+        f"the gyroscope is turned against {reference}, as of a sensor that came loose or was mounted anew",
         turned,
         np.full(3, ROTATION_RAD),
         "mrad",

@@ -100,7 +100,9 @@ def read_old(where: Path) -> OldCalibration:
     covariance, given, lacks = _covariance(model, table)
     accelerometer = accelerometer_of(table, str(path))
     if accelerometer is None:
-        lacks.append("the model file has no accelerometer calibration: that of today's session is taken, and gravity's length is not asked")
+        lacks.append(
+            "the model file has no accelerometer calibration: today's is taken, E must be in its frame, and gravity's length is not asked"
+        )
     return OldCalibration(path, model, table, accelerometer, covariance, given, tuple(lacks), _goodness(path.parent / "fit.json"))
 
 

@@ -179,6 +179,18 @@ def test_the_right_cause_is_found_and_its_double_is_not_told_apart():
     assert set(both.best.names) | set(both.rivals[both.best.names[0]]) == {"one", "double"}
 
 
+def test_a_cause_that_was_sought_at_many_times_pays_for_them_alone_and_beside_others():
+    change = np.zeros(COUNT)
+    change[MATRIX_OF_21[0]], change[ACCELEROMETER.start] = 0.2, 0.3
+    rows = made_rows(8, change)
+    right, two = single(rows), single(rows, "two", ACCELEROMETER.start)
+    useless = [single(rows, "one", column) for column in MATRIX_OF_21[[3, 5, 7]]]
+    once, often = (diagnose(Evidence(rows, []), causes) for causes in ([right, two], [*useless, right, two]))
+    assert once.alone["one"] - often.alone["one"] == pytest.approx(np.log(4), rel=1e-3)
+    assert set(often.best.names) == {"one", "two"}
+    assert once.best.log_evidence - often.best.log_evidence == pytest.approx(np.log(4), rel=1e-3)
+
+
 def test_two_causes_are_found_together():
     change = np.zeros(COUNT)
     change[MATRIX_OF_21[0]], change[ACCELEROMETER.start] = 0.2, 0.3

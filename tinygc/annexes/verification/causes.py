@@ -48,7 +48,8 @@ BANDWIDTH_S2 = 1e-4
 class Cause:
     """A cause: name; words of a change theta (k,) with sigma; columns (n, k) of the rows for one plausible size of each number; into (21,
     k) that of the parameters, in the first minute of today's motion where it changes with time; unit and si of the numbers; sizes (k,), SI;
-    at: time of a step or time constant, s; numbers: what theta's numbers are called; advice: what to do."""
+    at: time of a step or time constant, s; numbers: what theta's numbers are called; advice: what to do; price: ln of how many times were
+    tried for it."""
 
     name: str
     says: str
@@ -60,6 +61,7 @@ class Cause:
     numbers: tuple[str, ...]
     advice: str
     at: float | None = None
+    price: float = 0.0
 
     def words(self, theta: np.ndarray, sigma: np.ndarray) -> str:
         """The cause with its numbers."""
@@ -305,7 +307,9 @@ class Evidence:
         into, units = np.concatenate([into * scale, self._into], axis=1), units * scale
         return Explanation(
             causes=tuple(causes),
-            log_evidence=base + float(logsumexp(gains) - np.log(len(gains))) + len(causes) * float(np.log(PRIOR_ODDS)),
+            log_evidence=base
+            + float(logsumexp(gains) - np.log(len(gains)))
+            + sum(float(np.log(PRIOR_ODDS)) - each.price for each in causes),
             theta=z[:k] * units,
             theta_covariance=posterior[:k, :k] * np.outer(units, units),
             change=into @ z,
@@ -374,7 +378,6 @@ def _best_of_each(evidence: Evidence, fixed: Explanation, causes: Sequence[Cause
             continue
         variants = [cause for cause in causes if cause.name == name]
         odds = np.array([evidence.of((*fixed.causes, each), fixed.sizes).log_evidence for each in variants] if variants[1:] else [0.0])
-        best = evidence.of((*fixed.causes, variants[int(np.argmax(odds))]))
         price = float(odds.max() - logsumexp(odds) + np.log(len(odds)))
-        found.append(replace(best, log_evidence=best.log_evidence - price))
+        found.append(evidence.of((*fixed.causes, replace(variants[int(np.argmax(odds))], price=price))))
     return found

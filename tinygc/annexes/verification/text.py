@@ -17,6 +17,8 @@ ASKED = {
     GRAVITY: "gravity's length (the accelerometer)",
     NOISE: "what is left is noise",
 }
+#: causes that change within the recording
+IN_TIME = {"step", "warm-up"}
 STYLES = {HOLDS: "bold green", BIAS: "bold yellow", FAILS: "bold red"}
 
 
@@ -74,8 +76,11 @@ def cost_lines(found: Verification) -> list[str]:
         pairs = zip(("roll", "pitch", "yaw"), value / DEG, sigma / DEG, strict=True)
         return ", ".join(f"{name} {angle:+.3f} ± {s:.3f}°" for name, angle, s in pairs)
 
+    as_it_is = f"Cost after {cost.motion}: {angles(cost.as_it_is, cost.sigma)}."
+    if found.diagnosis is not None and set(found.diagnosis.best.names) & IN_TIME:
+        return [as_it_is, "B anew would not last: the zero moves within this recording."]
     return [
-        f"Cost after {cost.motion}: {angles(cost.as_it_is, cost.sigma)}.",
+        as_it_is,
         f"With B anew ({bias_words(found.new_bias, found.bias_covariance)}): {angles(cost.bias_anew, cost.bias_anew_sigma)}.",
     ]
 

@@ -200,6 +200,8 @@ def _decide(
     new = bias_words(old.bias + bias, covariance)
     because = "" if diagnosis is None or not diagnosis.best.causes else "; ".join(diagnosis.best.words)
     costs = np.linalg.norm(cost.as_it_is)
+    if names == {NOISE}:
+        return FAILS, because or "more than noise is left, and no cause of the list explains it; run explain"
     if names - {B}:
         what = " and ".join(OF[name] for name in (E, B, GRAVITY, NOISE) if name in names)
         return FAILS, f"{what} departs from the calibration: {because or 'no cause of the list explains it; run explain'}"

@@ -70,7 +70,9 @@ def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tm
     found = tinygc.verify(model, today)
     assert (found.answer, found.exit_code) == ("holds for E, take B anew", 1)
     assert found.bias_dps == pytest.approx((unit.B + moved) / DEG, abs=0.01)
+    assert strangers(json.loads(json.dumps(found.to_json()))) == []
     assert found.result.diagnosis.best.names == ("zero",)
+    assert "x -0.99" in found.result.diagnosis.best.words[0]  # it reads less where B is more
     written = found.save_model(tmp_path / "anew.json")
     assert pytest.approx(found.bias_dps) == tinygc.load(written).model.B / DEG
     assert tinygc.verify(written, today).answer == "holds"
@@ -81,6 +83,7 @@ def test_the_cost_is_that_of_the_true_change(model, unit):
     found = tinygc.verify(model, session_of(today))
     assert (found.answer, found.exit_code) == ("does not hold", 1)
     assert found.result.diagnosis.best.names == ("scale",)
+    assert found.result.diagnosis.best.theta[0] == pytest.approx(1 / 1.02 - 1, abs=1e-3)  # the axis reads less
     from tinygc.annexes.verification.cost import minute_of
 
     truth = minute_of(found.result.rows).error(read_old(model).linear, LinearModel(today.E, today.B))
@@ -95,6 +98,7 @@ def test_another_zero_of_the_accelerometer_is_named(model, unit, milligrams):
     found = tinygc.verify(model, session_of(today))
     assert found.result.alarm
     assert found.result.diagnosis.best.names == ("accelerometer's zero",)
+    assert found.result.diagnosis.best.theta == pytest.approx(np.array([0.6, -0.8, 0]) * milligrams * MG, abs=0.4 * MG)
 
 
 @pytest.mark.broad
@@ -104,6 +108,20 @@ def test_rates_of_another_range_are_an_answer_and_no_error(model, unit):
     assert found.answer == "does not hold"
     assert found.result.diagnosis.best.names[0] == "common scale"
     assert any("gyro scale" in fact for fact in found.result.facts)
+
+
+@pytest.mark.broad
+def test_a_jump_within_the_recording_is_timed_and_sized(model, unit):
+    jump = np.array([0.3, -0.2, 0.1]) * DEG
+
+    def distort(t_s, rate, force, temp_c):
+        return rate + jump * (t_s >= 25.0)[:, None]
+
+    found = tinygc.verify(model, Simulated({}, simulate_session(replace(OPTIONS, segments=14), distort, unit=unit)).session)
+    (step,) = [cause for cause in found.result.diagnosis.best.causes if cause.name == "step"]
+    assert step.at == pytest.approx(25.0, abs=5.0)
+    assert found.result.diagnosis.best.theta[:3] == pytest.approx(jump, abs=0.03 * DEG)
+    assert "B anew would not last" in found.summary()
 
 
 def rest_log(path, session, shift=0.0, seconds=30):

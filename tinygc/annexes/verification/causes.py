@@ -3,9 +3,10 @@
     r = -A d - X theta + noise,        theta ~ N(0, s^2 D^2),   s equally probable at every scale up to 1
     p(r | cause) = mean over s of N(r; 0, S + s^2 X D^2 X')
 
-S holds what is expected without a fault, and today's noise, whose components are estimated anew beside each cause: variance that a cause
-takes over from the noise counts for it.  A cause has the prior odds of an effect in ``explain``, and so has each further one; up to
-``MOST`` are combined.  Causes within ``AS_PROBABLE`` of the best set, in its place, are not told apart by this recording.
+theta is what the sensor does: an axis that reads too much has a scale above zero.  S holds what is expected without a fault, and
+today's noise, whose components are estimated anew beside each cause: variance that a cause takes over from the noise counts for it.  A
+cause has the prior odds of an effect in ``explain``, and so has each further one; up to ``MOST`` are combined.  One that is sought at many
+times pays for them.  Causes within ``AS_PROBABLE`` of the best set, in its place, are not told apart by this recording.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ class Explanation:
         for cause in self.causes:
             own = slice(at, at + len(cause.sizes))
             if cause.name == "zero" and len(self.causes) == 1:  # with its usual part, which the rests do not tell apart from it
-                said.append(cause.words(self.change[ZERO], np.sqrt(np.diag(self.covariance)[ZERO])))
+                said.append(cause.words(-self.change[ZERO], np.sqrt(np.diag(self.covariance)[ZERO])))
             else:
                 said.append(cause.words(self.theta[own], sigma[own]))
             at = own.stop
@@ -134,7 +135,7 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
         return into
 
     zero = np.zeros((COUNT, 3))
-    zero[ZERO] = np.eye(3)
+    zero[ZERO] = -np.eye(3)  # what the sensor reads, which B takes away
     constant("zero", "the zero has moved", zero, np.full(3, ZERO_RPS), "dps", DEG, xyz, "take B anew")
     if np.isfinite(rows.temp_c - temp_then_c) and (warmer := rows.temp_c - temp_then_c):
         says = f"the zero follows the temperature, {warmer:+.1f} K since then"
@@ -183,7 +184,7 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
         return np.asarray(sum(t * (_unit(i, j) + _unit(j, i)) / 2 for t, (i, j) in zip(theta, shears, strict=True)) @ E)
 
     into = of_matrix(lean, 3)
-    both = np.concatenate([into, zero], axis=1)
+    both = np.concatenate([-into, zero], axis=1)
     constant(
         "shock",
         "the gyroscope's axes lean otherwise, with another zero, as after a shock",
@@ -219,12 +220,12 @@ def _of_accelerometer(rows: Rows, old: OldCalibration) -> list[Cause]:
     if not rows.stills or old.accelerometer is None:
         return []
     found, advice = [], "calibrate the accelerometer again (`calibrate.py accelerometer`), then fit"
-    for name, says, which, size, unit, si in (
-        ("accelerometer's zero", "the accelerometer's zero has moved", BIASES, ACCEL_ZERO_MPS2, "mg", MG),
-        ("accelerometer's scale", "the accelerometer's scale has changed", SCALES_OF_ACCELEROMETER, ACCEL_SCALE, "ppm", 1e-6),
+    for name, says, which, sign, size, unit, si in (
+        ("accelerometer's zero", "the accelerometer's zero has moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
+        ("accelerometer's scale", "the accelerometer's scale has changed", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),
     ):
         into = np.zeros((COUNT, 3))
-        into[ACCELEROMETER][which, [0, 1, 2]] = size
+        into[ACCELEROMETER][which, [0, 1, 2]] = sign * size
         found.append(Cause(name, says, rows.parameters @ into, into, np.full(3, size), unit, si, ("x", "y", "z"), advice))
     return found
 
@@ -236,13 +237,13 @@ def _in_time(rows: Rows, zero: np.ndarray, minute_s: float) -> list[Cause]:
     for at in times:
         if not 0 < at < rows.duration_s:
             continue
-        columns = -rows.in_time(partial(_from_then_on, float(at))) * sizes
+        columns = rows.in_time(partial(_from_then_on, float(at))) * sizes
         says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
         share = max(0.0, 1 - float(at) / minute_s)
         found.append(Cause("step", says, columns, zero * sizes * share, sizes, "dps", DEG, ("x", "y", "z"), advice, float(at)))
     for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
         tau = share * rows.duration_s
-        columns = -rows.in_time(partial(_settling, tau)) * sizes
+        columns = rows.in_time(partial(_settling, tau)) * sizes
         mean = tau / minute_s * -np.expm1(-minute_s / tau)
         says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
         found.append(Cause("warm-up", says, columns, zero * sizes * mean, sizes, "dps", DEG, ("x", "y", "z"), advice, float(tau)))

@@ -190,6 +190,17 @@ def test_what_is_not_there_is_one_line(model, folder, run, wrong, said):
     assert error.count("\n") == 1
 
 
+def test_the_model_with_its_new_zero_is_written_where_that_is_possible(model, folder, run, tmp_path):
+    path = tmp_path / "anew.json"
+    assert run("verify", model, folder, "--write", path)[0] == 0
+    assert pytest.approx(tinygc.load(model).model.E) == tinygc.load(path).model.E
+    assert json.loads(path.read_text())["stored"]["method"] is None
+    for wrong in (tmp_path, model, folder / "log0001.csv.gz"):
+        code, _, error = run("verify", model, folder, "--write", wrong, "--quiet")
+        assert code == 2
+        assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize("option", [("--false-alarm", "0"), ("--false-alarm", "x"), ("--limit", "0"), ("--limit", "nan")])
 def test_a_probability_and_a_limit_are_checked(model, folder, run, option):
     assert run("verify", model, folder, *option)[0] == 2

@@ -6,7 +6,7 @@ import argparse
 
 from tinygc.cli.arguments import file_written, path_read, seconds
 from tinygc.cli.options import add_log_options, answers_of
-from tinygc.cli.results import output, try_json, write_json
+from tinygc.cli.results import output, try_file, try_json, write_json
 
 SUMMARY = "say whether a calibration still holds by a short recording of today, and if not, why, what it costs, and what to do"
 
@@ -40,6 +40,8 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.annexes.verification.verdict import Options
     from tinygc.reporting.terminal import progress_bar
 
+    if args.write is not None:
+        try_file(argparse.Namespace(out=args.write, json=args.json), args.write)
     try_json(args.json)
     options = Options(
         false_alarm=args.false_alarm,

@@ -18,6 +18,7 @@ FOLDER = DOCS / "formats" / "schemas"
 PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "history")
 PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "watch")
 PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "budget")
+PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "verify")
 WIDTH = 120
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

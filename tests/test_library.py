@@ -29,6 +29,7 @@ EXAMPLES += [
     "budget",
     "estimate_noise",
     "estimate_rates",
+    "verify",
     "fleet",
     "history",
     "import_log",

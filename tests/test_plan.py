@@ -18,7 +18,7 @@ from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.prior import vague
 from tinygc.models import linear
-from tinygc.planning.proposals import Known, _greedy, _moves, _rows, known_of, parameter_words, propose, requested_by_explain
+from tinygc.planning.proposals import Known, _moves, _rows, best_turns, known_of, parameter_words, propose, requested_by_explain
 from tinygc.simulation.write import write_session
 
 CONFIG = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 208.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n'
@@ -62,7 +62,7 @@ def test_what_the_accelerometer_lacks_is_asked_for(short, number):
     known, which = known_of(problem), NAMES.index(number)
     vague = known.covariance.copy()
     vague[which, which] += (100 * known.targets[which]) ** 2
-    (proposal,) = _greedy(replace(known, covariance=vague), 1)
+    (proposal,) = best_turns(replace(known, covariance=vague), 1)
     assert proposal.parameter == f"accelerometer {number}"
     assert proposal.now == pytest.approx(np.sqrt(vague[which, which]) / known.targets[which])
     assert proposal.after < 0.2 * proposal.now

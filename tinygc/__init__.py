@@ -24,7 +24,11 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
     history           sessions of one unit -> scatter, drift and shocks of its numbers, when to calibrate next
     estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
+<<<<<<< HEAD
     watch             a calibration and a log, a port or a stream -> whether it holds
+=======
+    verify            a model's file and a recording of today -> whether it still holds, and if not, why
+>>>>>>> f66646a32332f2ad5d4b3f13a13f85aa6daa177b
     array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
@@ -122,7 +126,11 @@ if TYPE_CHECKING:
     from tinygc.library.sessions import check as check
     from tinygc.library.sessions import plan as plan
     from tinygc.library.sessions import simulate as simulate
+<<<<<<< HEAD
     from tinygc.library.watch import watch as watch
+=======
+    from tinygc.library.verification import verify as verify
+>>>>>>> f66646a32332f2ad5d4b3f13a13f85aa6daa177b
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
 __version__ = _session.VERSION
@@ -149,6 +157,7 @@ _HOMES = {
     "tinygc.library.many": ("Array", "array", "fleet", "lot"),
     "tinygc.library.noise": ("estimate_noise",),
     "tinygc.library.rates": ("estimate_rates",),
+    "tinygc.library.verification": ("verify",),
     "tinygc.library.records": ("Estimate", "to_frame"),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
     "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),

@@ -48,6 +48,7 @@ SERVICES = {
     "equations of curves (rates --discover)": "tinygc.annexes.rates.discovery",
     "the emulated board": "tinygc.annexes.emulated.command",
     "verify": "tinygc.annexes.verification.command",
+    "verification of a calibration": "tinygc.annexes.verification.library",
     "watch": "tinygc.annexes.watch.command",
     "the watch of a calibration": "tinygc.annexes.watch.library",
     "a watch in C (export --watch)": "tinygc.annexes.watch.embedded",

@@ -107,7 +107,7 @@ def propose(where: Session | Path, count: int = 5, lot: Path | None = None) -> R
             information = np.linalg.inv(known.covariance)
             information[own, own] += np.linalg.inv(prior.covariance)
             known = replace(known, covariance=np.linalg.inv(information))
-    all_turns = _greedy(known, MOST)
+    all_turns = best_turns(known, MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
     asked = None if session.in_memory else requested_by_explain(session.folder)
     return RecordingPlan(all_turns[:count], asked, enough, use)
@@ -116,12 +116,14 @@ def propose(where: Session | Path, count: int = 5, lot: Path | None = None) -> R
 @dataclass(frozen=True, eq=False)
 class Known:
     """The uncertainty after a session: covariance (P, P), SI, of the accelerometer's nine parameters, where observed, then the gyroscope's
-    12; estimated sigma_rad of a turn's angle and sigma_mps2 of a still's length; with_gravity: whether gravity's length is known."""
+    12; estimated sigma_rad of a turn's angle and sigma_mps2 of a still's length; with_gravity: whether gravity's length is known; wanted
+    (P,): targets in place of those of a calibration."""
 
     covariance: np.ndarray
     sigma_rad: float
     sigma_mps2: float = 0.0
     with_gravity: bool = False
+    wanted: np.ndarray | None = None
 
     @property
     def names(self) -> list[str]:
@@ -132,6 +134,8 @@ class Known:
     @property
     def targets(self) -> np.ndarray:
         """Target (P,) of each sigma, SI."""
+        if self.wanted is not None:
+            return self.wanted
         if len(self.covariance) == linear.PARAMETERS:
             return TARGETS
         own = turns.TARGETS.copy()
@@ -170,7 +174,7 @@ def parameter_words(name: str) -> str:
     return f"scale of {axes[0]}" if axes[0] == axes[1] else f"misalignment of {axes[0]} towards {axes[1]}"
 
 
-def _greedy(known: Known, count: int) -> list[Proposal]:
+def best_turns(known: Known, count: int) -> list[Proposal]:
     """Choose the best movement, then the best after that, …, until every parameter reaches its target."""
     targets, names = known.targets, known.names
     moves = [(move.words, _rows(move, known) * targets) for move in _moves()]

@@ -1,0 +1,206 @@
+"""``verify`` from the command line and in Python: verdicts, exit codes, files, and one line for what is wrong."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from formats_page import strangers
+
+import tinygc
+from session.io.units import DEG, MG
+from tinygc import SimulationOptions, models
+from tinygc.annexes.verification.old import read_old
+from tinygc.library.sessions import Simulated
+from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_table, sensor_table
+from tinygc.simulation.simulator import simulate_session, unit_of
+
+OPTIONS = SimulationOptions(segments=10, closure_s=0.0, odr_hz=104.0, seed=5, unit_seed=3)
+SIGMA = np.r_[np.full(9, 1e-4), np.full(3, 0.003 * DEG)]
+
+
+@pytest.fixture(scope="module")
+def unit():
+    return unit_of(OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def folder(unit, tmp_path_factory):
+    """A session of the unit as it was calibrated."""
+    return Simulated({"effects": {}}, simulate_session(OPTIONS, unit=unit)).save(tmp_path_factory.mktemp("verify") / "today")
+
+
+def session_of(unit, **more):
+    return Simulated({}, simulate_session(replace(OPTIONS, **more), unit=unit)).session
+
+
+@pytest.fixture(scope="module")
+def model(unit, folder, tmp_path_factory):
+    """The true model, with the covariance of a good fit; two sigmas off."""
+    config = tinygc.read_session(folder).config
+    rng = np.random.default_rng(0)
+    vector = np.r_[unit.E.ravel(), unit.B] + SIGMA * rng.uniform(-1, 1, 12)
+    return write(tmp_path_factory.mktemp("model") / "model.json", vector, config, covariance=np.diag(SIGMA**2).tolist())
+
+
+def write(path, vector, config, **more):
+    table = models.to_dict(
+        LinearModel.from_vector(vector), sensor=sensor_table(config.sensor), accelerometer=accelerometer_table(config.accelerometer), **more
+    )
+    path.write_text(json.dumps(table))
+    return path
+
+
+def test_a_calibration_that_holds_says_so(model, folder, run, tmp_path):
+    code, out, _ = run("verify", model, folder, "--json", tmp_path / "found.json")
+    assert code == 0
+    assert out.startswith("holds: ")
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert strangers(found) == []
+    assert [question["holds"] for question in found["questions"]] == [True, True, True, None]
+    assert found["false_alarm"] == 0.05
+    assert np.abs(found["cost"]["as_it_is_deg"]).max() < 1.0
+
+
+@pytest.mark.broad
+def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tmp_path):
+    moved = np.array([1.0, -0.6, 0.8]) * DEG
+    today = session_of(replace(unit, B=unit.B + moved))
+    found = tinygc.verify(model, today)
+    assert (found.answer, found.exit_code) == ("holds for E, take B anew", 1)
+    assert found.bias_dps == pytest.approx((unit.B + moved) / DEG, abs=0.01)
+    assert strangers(json.loads(json.dumps(found.to_json()))) == []
+    assert found.result.diagnosis.best.names == ("zero",)
+    assert "x -0.99" in found.result.diagnosis.best.words[0]  # it reads less where B is more
+    written = found.save_model(tmp_path / "anew.json")
+    assert pytest.approx(found.bias_dps) == tinygc.load(written).model.B / DEG
+    assert tinygc.verify(written, today).answer == "holds"
+
+
+def test_the_cost_is_that_of_the_true_change(model, unit):
+    today = replace(unit, E=unit.E @ np.diag([1.02, 1, 1]))
+    found = tinygc.verify(model, session_of(today))
+    assert (found.answer, found.exit_code) == ("does not hold", 1)
+    assert found.result.diagnosis.best.names == ("scale",)
+    assert found.result.diagnosis.best.theta[0] == pytest.approx(1 / 1.02 - 1, abs=1e-3)  # the axis reads less
+    from tinygc.annexes.verification.cost import minute_of
+
+    truth = minute_of(found.result.rows).error(read_old(model).linear, LinearModel(today.E, today.B))
+    assert found.result.cost.as_it_is == pytest.approx(truth, abs=0.3 * np.linalg.norm(truth))
+    assert np.linalg.norm(found.result.cost.bias_anew) > 0.5 * np.linalg.norm(truth)  # E is not mended by another B
+
+
+@pytest.mark.broad
+@pytest.mark.parametrize("milligrams", [5.0, 20.0])
+def test_another_zero_of_the_accelerometer_is_named(model, unit, milligrams):
+    today = replace(unit, accel_shift=unit.accel_shift + np.array([0.6, -0.8, 0]) * milligrams * MG)
+    found = tinygc.verify(model, session_of(today))
+    assert found.result.alarm
+    assert found.result.diagnosis.best.names == ("accelerometer's zero",)
+    assert found.result.diagnosis.best.theta == pytest.approx(np.array([0.6, -0.8, 0]) * milligrams * MG, abs=0.4 * MG)
+
+
+@pytest.mark.broad
+def test_rates_of_another_range_are_an_answer_and_no_error(model, unit):
+    today = replace(unit, E=2 * unit.E, B=unit.B)  # reads half of what it should
+    found = tinygc.verify(model, session_of(today))
+    assert found.answer == "does not hold"
+    assert found.result.diagnosis.best.names[0] == "common scale"
+    assert any("gyro scale" in fact for fact in found.result.facts)
+
+
+@pytest.mark.broad
+def test_a_jump_within_the_recording_is_timed_and_sized(model, unit):
+    jump = np.array([0.3, -0.2, 0.1]) * DEG
+
+    def distort(t_s, rate, force, temp_c):
+        return rate + jump * (t_s >= 25.0)[:, None]
+
+    found = tinygc.verify(model, Simulated({}, simulate_session(replace(OPTIONS, segments=14), distort, unit=unit)).session)
+    (step,) = [cause for cause in found.result.diagnosis.best.causes if cause.name == "step"]
+    assert step.at == pytest.approx(25.0, abs=5.0)
+    assert found.result.diagnosis.best.theta[:3] == pytest.approx(jump, abs=0.03 * DEG)
+    assert "B anew would not last" in found.summary()
+
+
+def rest_log(path, session, shift=0.0, seconds=30):
+    """A rest of the first still's readings, as CSV."""
+    samples, rng = session.logs[0].samples, np.random.default_rng(1)
+    rows = rng.integers(0, 90, int(seconds * 104))
+    gyro, accel = samples.gyro[rows] / DEG + shift, samples.accel[rows] / 9.80665
+    lines = ["t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"]
+    lines += [f"{k / 104:.6f}," + ",".join(f"{v:.7f}" for v in (*g, *a)) for k, (g, a) in enumerate(zip(gyro, accel, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_minute_at_rest_asks_the_zero_and_leaves_e_open(model, unit, run, tmp_path):
+    log = rest_log(tmp_path / "rest.csv", session_of(unit))
+    code, out, _ = run("verify", model, log)
+    assert code == 5
+    assert out.startswith("undecided: ")
+    assert "scale and axes (E)" in out
+    assert "Turns that would tell" in out
+    code, out, _ = run("verify", model, rest_log(tmp_path / "moved.csv", session_of(unit), shift=2.0))
+    assert code == 1
+    assert "does not ask for E" in out
+
+
+@pytest.mark.broad
+def test_without_a_covariance_it_says_what_it_assumes(unit, folder, run, tmp_path):
+    session = tinygc.read_session(folder)
+    path = write(tmp_path / "bare.json", np.r_[unit.E.ravel(), unit.B], session.config)
+    code, out, _ = run("verify", path, folder)
+    assert code == 0
+    assert "has no covariance" in out
+
+
+def test_another_sensors_recording_is_refused_unless_that_is_accepted(model, folder, run, tmp_path):
+    table = json.loads(model.read_text())
+    table["sensor"]["serial"] = "OTHER"
+    path = tmp_path / "other.json"
+    path.write_text(json.dumps(table))
+    code, _, error = run("verify", path, folder, "--quiet")
+    assert code == 2
+    assert "--other-serial" in error
+    assert error.count("\n") == 1
+    assert run("verify", path, folder, "--other-serial")[0] == 0
+
+
+@pytest.mark.broad
+def test_a_range_that_differs_is_a_fact_and_no_error(model, folder, run, tmp_path):
+    table = json.loads(model.read_text())
+    table["sensor"]["gyro_fs_dps"] = 1000
+    path = tmp_path / "range.json"
+    path.write_text(json.dumps(table))
+    code, out, _ = run("verify", path, folder)
+    assert code == 0
+    assert "full scale of the gyroscope: 1000 dps in the model, 500 dps today" in out
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [(("missing.json", "TODAY"), "cannot be read"), (("MODEL", "missing"), "not found"), (("TODAY", "TODAY"), "run `")],
+)
+def test_what_is_not_there_is_one_line(model, folder, run, wrong, said):
+    code, _, error = run("verify", *({"MODEL": model, "TODAY": folder}.get(each, each) for each in wrong), "--quiet")
+    assert code == 2
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_the_model_with_its_new_zero_is_written_where_that_is_possible(model, folder, run, tmp_path):
+    path = tmp_path / "anew.json"
+    assert run("verify", model, folder, "--write", path)[0] == 0
+    assert pytest.approx(tinygc.load(model).model.E) == tinygc.load(path).model.E
+    assert json.loads(path.read_text())["stored"]["method"] is None
+    for wrong in (tmp_path, model, folder / "log0001.csv.gz"):
+        code, _, error = run("verify", model, folder, "--write", wrong, "--quiet")
+        assert code == 2
+        assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", [("--false-alarm", "0"), ("--false-alarm", "x"), ("--limit", "0"), ("--limit", "nan")])
+def test_a_probability_and_a_limit_are_checked(model, folder, run, option):
+    assert run("verify", model, folder, *option)[0] == 2

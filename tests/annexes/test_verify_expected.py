@@ -1,0 +1,133 @@
+"""What a calibration that holds may differ by, and what a model file says of itself."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import config
+from verify_rows import made_rows
+
+from session.io.errors import FormatError
+from session.io.units import DEG, MG, G
+from tinygc import models
+from tinygc.annexes.verification.expected import ZERO, Spread, expected_parts, spread_of_unit
+from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, facts, read_old, with_bias_moved
+from tinygc.annexes.verification.rows import LENGTH
+from tinygc.effects import AppliedEffect, Conditions, effect_of
+from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
+from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_table
+from tinygc.models.physics import PhysicsModel
+from tinygc.planning.proposals import TARGETS
+
+E = np.array([[1.02, 0.01, 0], [0, 0.98, -0.01], [0.005, 0, 1.01]])
+B = np.array([0.01, -0.02, 0.005])
+
+
+def written(tmp_path, model=None, **more):
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(models.to_dict(model or LinearModel(E, B), **more)))
+    return read_old(path)
+
+
+def rows_with(repeatability=None, temp_c=25.0):
+    made = config()
+    sensor = replace(made.sensor, gyro_bias_repeatability_dps=repeatability)
+    return replace(made_rows(), session=SimpleNamespace(config=replace(made, sensor=sensor)), temp_c=temp_c)
+
+
+def total(parts):
+    return sum(part.into @ part.into.T for part in parts)
+
+
+def test_a_joint_covariance_is_taken_whole(tmp_path):
+    root = np.random.default_rng(0).normal(size=(COUNT, COUNT)) * 1e-4
+    joint = {"matrix": (root @ root.T).tolist()}
+    old = written(tmp_path, joint_covariance=joint, accelerometer=accelerometer_table(config().accelerometer))
+    assert not old.own_lengths
+    found = expected_parts(old, rows_with(), Spread(np.full(COUNT, np.nan), np.inf, ""))
+    assert total([part for part in found if part.name == "calibration"]) == pytest.approx(root @ root.T, rel=1e-6, abs=1e-16)
+
+
+def test_the_error_of_a_given_accelerometer_is_in_lengths_and_not_in_e(tmp_path):
+    own, shared = np.diag(np.full(12, 4e-8)), np.diag(np.r_[np.full(9, 3e-8), np.zeros(3)])
+    old = written(tmp_path, covariance=own.tolist(), accelerometer_covariance=shared.tolist())
+    rows = rows_with()
+    parts = {part.name: part for part in expected_parts(old, rows, Spread(np.full(COUNT, np.nan), np.inf, ""))}
+    assert total([parts["calibration"]])[GYROSCOPE, GYROSCOPE] == pytest.approx(own - shared, abs=1e-16)
+    given = parts["accelerometer's calibration"]
+    assert np.sqrt(np.diag(total([given]))[ACCELEROMETER]) == pytest.approx(np.r_[np.full(6, 0.1 * MG / G), np.full(3, 0.1 * MG)])
+    assert not given.columns[: rows.kinds[LENGTH].start].any()
+    assert given.columns[rows.kinds[LENGTH]].any()
+
+
+def test_both_sessions_are_draws_of_the_spread(tmp_path):
+    variance = np.full(COUNT, np.nan)
+    variance[ZERO] = [1e-6, 4e-6, 9e-6]
+    parts = [p for p in expected_parts(written(tmp_path), rows_with(), Spread(variance, 3.0, "own")) if p.name == "switch-on"]
+    assert np.diag(total(parts))[ZERO] == pytest.approx(2 * variance[ZERO])
+    assert [part.freedom for part in parts] == [3.0] * 3  # each axis' variance is estimated by itself
+    none = expected_parts(written(tmp_path), rows_with(), Spread(variance, 3.0, "own"), switched_on_since=False)
+    assert not [part for part in none if part.name == "switch-on"]
+
+
+def test_where_the_spread_is_from(tmp_path):
+    old = written(tmp_path)
+    usual = spread_of_unit(old, rows_with())
+    assert usual.assumed
+    assert usual.variance[ZERO] == pytest.approx(USUAL_SPREAD.rps**2)
+    assert np.isnan(usual.variance[ACCELEROMETER]).all()
+    given = spread_of_unit(old, rows_with(repeatability=0.02))
+    assert (given.assumed, given.variance[ZERO].tolist()) == (False, [pytest.approx((0.02 * DEG) ** 2)] * 3)
+    stated = spread_of_unit(written(tmp_path, bias_sigma_rps=[1e-3, 2e-3, 3e-3]), rows_with())
+    assert stated.variance[ZERO] == pytest.approx(np.array([1e-6, 4e-6, 9e-6]))
+
+
+def test_temperature_counts_for_zero_and_accelerometer(tmp_path):
+    none = Spread(np.full(COUNT, np.nan), np.inf, "")
+    warm = {p.name: p for p in expected_parts(written(tmp_path), rows_with(temp_c=35.0), none, temp_then_c=25.0)}
+    assert np.sqrt(np.diag(total([warm["temperature"]]))[ZERO]) == pytest.approx(np.full(3, 10 * USUAL_PER_K))
+    assert np.sqrt(np.diag(total([warm["accelerometer's temperature"]]))[ACCELEROMETER][6:]) == pytest.approx(np.full(3, 1.0 * MG))
+    same = {p.name for p in expected_parts(written(tmp_path), rows_with(), none)}
+    assert "temperature" not in same
+
+
+def test_a_history_of_one_shows_no_spread(tmp_path):
+    with pytest.raises(FormatError, match="two or more"):
+        spread_of_unit(written(tmp_path), rows_with(), [tmp_path])
+
+
+def test_without_a_covariance_that_of_a_usual_session_is_assumed(tmp_path):
+    old = written(tmp_path)
+    assert np.diag(old.covariance)[GYROSCOPE] == pytest.approx(TARGETS**2)
+    assert any("no covariance" in line for line in old.lacks)
+
+
+def test_another_kind_of_model_is_a_correction_of_its_own_rates(tmp_path):
+    """omega' = E' omega + B' of calibrated rates: what a changed E and B of the model are to it, by finite differences."""
+    effect = effect_of("gyro.g_sensitivity")
+    model = PhysicsModel(LinearModel(E, B), (AppliedEffect(effect, np.full(9, 1e-4)),), Conditions(60.0, 10.0, 25.0))
+    sigma = np.r_[np.full(9, 1e-3), np.full(3, 1e-4), np.full(9, 1e-6)]
+    old = written(tmp_path, model, covariance=np.diag(sigma**2).tolist())
+    assert old.linear.vector == pytest.approx(np.r_[np.eye(3).ravel(), np.zeros(3)])
+    assert old.bias == pytest.approx(B)
+    measured = np.random.default_rng(1).normal(size=(5, 3))
+    omega = measured @ E.T + B
+    expected = np.zeros((12, 12))
+    columns = np.concatenate([np.kron(np.eye(3), omega[:, None, :]).reshape(5, 3, 9), np.broadcast_to(np.eye(3), (5, 3, 3))], axis=2)
+    for k, step in enumerate(np.diag(sigma[:12])):
+        moved = LinearModel.from_vector(np.r_[E.ravel(), B] + step)
+        change = (measured @ moved.E.T + moved.B - omega).ravel()
+        expected[:, k] = np.linalg.lstsq(columns.reshape(15, 12), change, rcond=None)[0]
+    assert old.covariance[GYROSCOPE, GYROSCOPE] == pytest.approx(expected @ expected.T, rel=1e-6, abs=1e-14)
+    assert pytest.approx(B + 1) == with_bias_moved(model, np.ones(3)).linear.B
+
+
+def test_settings_that_differ_are_facts(tmp_path):
+    old = written(tmp_path, sensor={"model": "X", "serial": "1", "gyro_fs_dps": 250.0, "odr_hz": 104.0})
+    sensor = replace(config().sensor, model="X", serial="2", gyro_fs_dps=500.0, odr_hz=104.0)
+    said, other = facts(old, SimpleNamespace(config=replace(config(), sensor=sensor)))
+    assert other
+    assert [line.split(":")[0] for line in said] == ["full scale of the gyroscope", "serial of the sensor"]

@@ -1,0 +1,222 @@
+"""Each term of ``verify``'s statistics, against linear algebra and SciPy's distributions."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+from verify_rows import made_rows, part
+
+from session.io.units import DEG
+from tinygc.annexes.verification import causes, questions
+from tinygc.annexes.verification.causes import Cause, Evidence, diagnose
+from tinygc.annexes.verification.cost import BOUND, bounds, left_open
+from tinygc.annexes.verification.expected import ZERO
+from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE
+from tinygc.annexes.verification.questions import (
+    DRAWS,
+    PLAUSIBLE,
+    B,
+    E,
+    ask,
+    by_freedom,
+    by_size,
+    level_of,
+    tail,
+    todays_noise,
+)
+from tinygc.annexes.verification.rows import CLOSURE, LENGTH, STILL
+from tinygc.explanation.evidence import PRIOR_ODDS
+from tinygc.models.linear import MATRIX, LinearModel
+
+OLD = SimpleNamespace(accelerometer=object(), goodness=None, linear=LinearModel(np.eye(3), np.zeros(3)))
+MATRIX_OF_21 = np.r_[GYROSCOPE][MATRIX]
+
+
+def asked(rows, parts=(), old=OLD, **more):
+    return {question.name: question for question in ask(rows, parts, todays_noise(rows), old, **more)}
+
+
+def test_the_levels_of_all_questions_make_the_stated_rate():
+    for count in (1, 2, 4):
+        assert (1 - level_of(0.05, count)) ** count == pytest.approx(0.95, rel=1e-12)
+
+
+def test_a_known_covariance_has_the_tail_of_chi_square():
+    assert tail(12.0, np.eye(5), []) == pytest.approx(stats.chi2.sf(12.0, 5), rel=1e-9)
+
+
+def test_one_estimated_variance_has_the_tail_of_fisher():
+    factors = by_freedom(4.0, 0)
+    assert tail(12.0, np.zeros((3, 3)), [(np.eye(3), factors)]) == pytest.approx(stats.f.sf(4.0, 3, 4), rel=0.06)
+    assert np.mean(1 / factors) == pytest.approx(1.0, rel=0.02)
+
+
+def test_half_an_estimated_variance_lies_between_both():
+    found = tail(9.0, 0.5 * np.eye(3), [(0.5 * np.eye(3), by_freedom(4.0, 0))])
+    assert stats.chi2.sf(9.0, 3) < found < stats.f.sf(3.0, 3, 4)
+
+
+def test_a_component_of_the_noise_varies_with_its_size():
+    factors = by_size(2.0, 0.1, 0)
+    assert len(factors) == DRAWS
+    assert np.mean(factors) == pytest.approx(4.01, rel=2e-3)
+    assert np.std(np.sqrt(factors)) == pytest.approx(0.1, rel=0.02)
+    assert by_size(0.0, 1.0, 0).min() == 0.0
+
+
+def gls(rows, which, free, keep, S):
+    """T of a change of ``which`` beside free ones, from the normal equations."""
+    A = rows.parameters[np.ix_(keep, np.r_[which, free])] * PLAUSIBLE[np.r_[which, free]]
+    inverse = np.linalg.inv(S[np.ix_(keep, keep)])
+    covariance = np.linalg.inv(A.T @ inverse @ A)
+    found = -covariance @ A.T @ inverse @ rows.r[keep]
+    k = len(which)
+    return found[:k] @ np.linalg.solve(covariance[:k, :k], found[:k]), k
+
+
+def test_e_is_asked_with_zero_and_accelerometer_free():
+    rows = made_rows(1)
+    expected, k = gls(rows, MATRIX_OF_21, np.r_[ZERO, ACCELEROMETER], np.arange(len(rows.r)), rows.white)
+    found = asked(rows)[E]
+    assert (found.statistic, found.rank) == (pytest.approx(expected, rel=1e-6), k)
+    assert found.p_value == pytest.approx(stats.chi2.sf(expected, k), rel=1e-6)
+
+
+def test_no_other_change_touches_the_question_of_e():
+    change = np.zeros(COUNT)
+    change[ZERO], change[ACCELEROMETER] = [3, -5, 8], 0.7
+    assert asked(made_rows(2, change))[E].statistic == pytest.approx(asked(made_rows(2))[E].statistic, rel=1e-6)
+    change[:] = 0
+    change[MATRIX_OF_21[4]] = 0.3
+    assert asked(made_rows(2, change))[E].p_value < 1e-6
+
+
+def test_the_zero_is_asked_of_the_rates_at_rest_with_its_expected_spread():
+    rows = made_rows(3)
+    spread = part(rows, np.r_[ZERO], np.full(3, 0.5 * DEG))
+    still = np.arange(len(rows.r))[rows.kinds[STILL]]
+    loose = rows.parameters[:, MATRIX_OF_21] * PLAUSIBLE[MATRIX_OF_21]
+    S = rows.white + spread.columns @ spread.columns.T + loose @ loose.T
+    expected, k = gls(rows, np.r_[ZERO], np.zeros(0, dtype=int), still, S)
+    found = asked(rows, [spread])[B]
+    assert (found.statistic, found.rank) == (pytest.approx(expected, rel=1e-6), k)
+    rows.r[rows.kinds[CLOSURE]] += 100.0  # closures are of no matter
+    assert asked(rows, [spread])[B].statistic == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_change_as_large_as_the_spread_is_no_alarm():
+    change = np.zeros(COUNT)
+    change[ZERO] = [0.5, -0.4, 0.3]
+    rows = made_rows(4, change)
+    assert asked(rows)[B].p_value < 1e-9
+    assert asked(rows, [part(rows, np.r_[ZERO], np.full(3, 0.5 * DEG))])[B].holds
+
+
+def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
+    rows = made_rows(5, noise=2.0)
+    keep = np.arange(len(rows.r))[rows.kinds[CLOSURE]]
+    A = rows.parameters[keep] * PLAUSIBLE
+    left = rows.r[keep] - A @ np.linalg.lstsq(A, rows.r[keep], rcond=None)[0]
+    chi_square, freedom = float(np.sum(left**2)) / 0.25, len(keep) - COUNT
+    found = asked(rows)["noise"]
+    assert (found.statistic, found.rank) == (pytest.approx(chi_square, rel=1e-6), freedom)
+    assert found.p_value == pytest.approx(stats.f.sf(chi_square / freedom, freedom, 1e6), rel=1e-4)
+    before = SimpleNamespace(accelerometer=object(), goodness=(400.0, 100))
+    both = 1 / (1 / 1e6 + 1 / 100)
+    assert asked(rows, old=before)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, both), rel=1e-4)
+    calm = SimpleNamespace(accelerometer=object(), goodness=(50.0, 100))  # less than noise is no yardstick
+    assert asked(rows, old=calm)["noise"].p_value == pytest.approx(found.p_value, rel=1e-6)
+
+
+def test_without_a_change_alarms_have_the_stated_rate():
+    alarms = [any(not q.holds for q in asked(made_rows(seed), false_alarm=0.2).values()) for seed in range(150)]
+    assert stats.binomtest(sum(alarms), 150, 0.2).pvalue > 0.01
+
+
+def single(rows, name="one", column=MATRIX_OF_21[0], size=1.0) -> Cause:
+    into = np.zeros((COUNT, 1))
+    into[column] = size * PLAUSIBLE[column]
+    return Cause(name, name, rows.parameters @ into, into, np.array([size * PLAUSIBLE[column]]), "", 1.0, ("",), f"mend {name}")
+
+
+def test_evidence_is_that_of_normal_distributions_over_all_scales():
+    change = np.zeros(COUNT)
+    change[MATRIX_OF_21[0]] = 0.2
+    rows = made_rows(6, change)
+    spread = part(rows, np.r_[ZERO], np.full(3, 0.1 * DEG))
+    cause, evidence = single(rows), Evidence(rows, [spread])
+    S = rows.white + spread.columns @ spread.columns.T
+    X = cause.columns
+
+    def log_p(covariance):
+        return stats.multivariate_normal(cov=covariance).logpdf(rows.r)
+
+    expected = np.log(np.mean([np.exp(log_p(S + s**2 * X @ X.T) - log_p(S)) for s in causes.STEPS])) + np.log(PRIOR_ODDS)
+    assert evidence.of([cause]).log_evidence - evidence.of([]).log_evidence == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_estimate_beside_what_is_expected_is_that_of_least_squares():
+    change = np.zeros(COUNT)
+    change[MATRIX_OF_21[0]] = 0.2
+    rows = made_rows(7, change, noise=1e-3)
+    found = Evidence(rows, []).of([single(rows)])
+    assert found.theta == pytest.approx([0.2 * PLAUSIBLE[MATRIX_OF_21[0]]], rel=1e-2)
+    assert found.change[MATRIX_OF_21[0]] == pytest.approx(found.theta[0], rel=1e-12)
+    assert np.sqrt(found.covariance[MATRIX_OF_21[0], MATRIX_OF_21[0]]) == pytest.approx(np.sqrt(found.theta_covariance[0, 0]), rel=1e-9)
+
+
+def test_the_right_cause_is_found_and_its_double_is_not_told_apart():
+    change = np.zeros(COUNT)
+    change[MATRIX_OF_21[0]] = 0.2
+    rows = made_rows(8, change)
+    right, double, wrong = single(rows), single(rows, "double"), single(rows, "wrong", MATRIX_OF_21[5])
+    found = diagnose(Evidence(rows, []), [right, wrong])
+    assert found.best.names == ("one",)
+    assert found.rivals == {"one": ()}
+    assert found.probability > 0.9
+    both = diagnose(Evidence(rows, []), [right, double, wrong])
+    assert set(both.best.names) | set(both.rivals[both.best.names[0]]) == {"one", "double"}
+
+
+def test_a_cause_that_was_sought_at_many_times_pays_for_them_alone_and_beside_others():
+    change = np.zeros(COUNT)
+    change[MATRIX_OF_21[0]], change[ACCELEROMETER.start] = 0.2, 0.3
+    rows = made_rows(8, change)
+    right, two = single(rows), single(rows, "two", ACCELEROMETER.start)
+    useless = [single(rows, "one", column) for column in MATRIX_OF_21[[3, 5, 7]]]
+    once, often = (diagnose(Evidence(rows, []), causes) for causes in ([right, two], [*useless, right, two]))
+    assert once.alone["one"] - often.alone["one"] == pytest.approx(np.log(4), rel=1e-3)
+    assert set(often.best.names) == {"one", "two"}
+    assert once.best.log_evidence - often.best.log_evidence == pytest.approx(np.log(4), rel=1e-3)
+
+
+def test_two_causes_are_found_together():
+    change = np.zeros(COUNT)
+    change[MATRIX_OF_21[0]], change[ACCELEROMETER.start] = 0.2, 0.3
+    rows = made_rows(9, change)
+    found = diagnose(Evidence(rows, []), [single(rows), single(rows, "two", ACCELEROMETER.start), single(rows, "three", MATRIX_OF_21[8])])
+    assert set(found.best.names) == {"one", "two"}
+
+
+def test_without_data_a_turn_may_miss_what_a_plausible_change_makes():
+    rows = made_rows(10)
+    rows.parameters[:] = 0.0
+    W = left_open(rows, todays_noise(rows))
+    assert pytest.approx(np.diag(PLAUSIBLE**2)) == W
+    of_e, of_b, of_g = bounds(rows, OLD.linear, W, 1.0, True)
+    # A turn of 2 pi about x: the end is off by 2 pi x 1 % along it, and by less across it.
+    assert of_e.bound_deg == pytest.approx(BOUND * 2 * np.pi * 0.01 / DEG, rel=1e-3)
+    assert of_b.bound_deg == pytest.approx(BOUND * 60 * 1.0, rel=1e-6)
+    assert not of_e.is_seen
+    assert of_g.bound_deg == pytest.approx(BOUND * np.hypot(0.01, 0.01) / DEG, rel=0.05)
+
+
+def test_rows_of_rests_leave_e_unasked():
+    rows = made_rows(11)
+    rows.parameters[rows.kinds[CLOSURE]] = 0.0
+    found = asked(rows)
+    assert not found[E].asked
+    assert found[B].asked
+    assert found[B].level == pytest.approx(questions.level_of(0.05, sum(each.asked for each in found.values())))
+    assert rows.kinds[LENGTH].stop == len(rows.r)

@@ -1,0 +1,161 @@
+"""What a calibration that holds may differ by from today: parts of variance, each with its source and its degrees of freedom.
+
+    calibration     covariance of the old fit, of both sensors
+    switch-on       2 spread^2 of B: then and today are one draw each; likewise E and the accelerometer where sessions or a lot show it
+    temperature     (coefficient x difference)^2 of B and of the accelerometer's zero
+    references      the Earth's unknown rate, gravity's length, a data rate that nobody measured
+
+The spread comes from other sessions of the unit (``--history``), session.toml, the model file, a lot, or is that of usual gyroscopes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.io.annexes import need
+from session.io.errors import FormatError
+from session.io.units import DEG, G
+from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.annexes.verification.rows import LENGTH, Rows
+from tinygc.estimation.compare import SessionTriad, into_frame_of, read_calibrated
+from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD, expected_zero
+from tinygc.estimation.repeatability import sample_variance
+from tinygc.models.linear import BIAS
+from tinygc.noise.figures import NoiseFigures
+from tinygc.noise.whitening import PRECALIBRATION_MPS2
+
+#: B in the 21 parameters
+ZERO = slice(GYROSCOPE.start + BIAS.start, GYROSCOPE.start + BIAS.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One source: name; columns (n, k) of the rows for one sigma of each of its k numbers; into (21, k): the same of the parameters;
+    freedom: degrees of freedom of its size; source, in words; assumed: whether its size is not this unit's own."""
+
+    name: str
+    columns: np.ndarray
+    into: np.ndarray
+    freedom: float = float("inf")
+    source: str = ""
+    assumed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom; source, in words; assumed: whether it is
+    not the unit's own."""
+
+    variance: np.ndarray
+    freedom: float
+    source: str
+    assumed: bool = False
+
+
+def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = (), lot: Path | None = None) -> Spread:
+    """Spread between sessions.  Raises FormatError for a history that shows none, and the errors of a lot."""
+    found = np.full(COUNT, np.nan)
+    if history:
+        return _of_history(old, rows, history)
+    given = rows.session.config.sensor.gyro_bias_repeatability_dps
+    if given is not None:
+        found[ZERO] = (given * DEG) ** 2
+        return Spread(found, np.inf, "given in session.toml")
+    if lot is not None:
+        known = need("a lot as prior (--lot)", "--lot").lot_for(lot, rows.session.config.sensor.model).lot
+        repeats = np.diag(known.repeatability)
+        found[GYROSCOPE], found[ACCELEROMETER] = repeats[:12], repeats[12:]
+        if np.isfinite(found[ZERO]).all():
+            return Spread(found, float(max(1, known.sessions - known.units)), f"{known.sessions} sessions of {known.units} units of a lot")
+    if old.table.get("bias_sigma_rps") is not None:
+        found[ZERO] = np.asarray(old.table["bias_sigma_rps"], dtype=float) ** 2
+        return Spread(found, np.inf, "stated in the model file")
+    found[ZERO] = USUAL_SPREAD.rps**2
+    return Spread(found, np.inf, USUAL_SPREAD.source, assumed=True)
+
+
+def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spread:
+    if len({folder.resolve() for folder in history}) < max(2, len(history)):
+        raise FormatError("--history: give two or more other fitted sessions of this unit, each once: one session does not show a spread")
+    sessions = [read_calibrated(folder) for folder in history]
+    serial = old.sensor.get("serial") or rows.session.config.sensor.serial
+    for each in sessions:
+        if serial and each.config.sensor.serial and each.config.sensor.serial != serial:
+            raise FormatError(f"--history {each.folder}: of {each.config.sensor.serial!r}, expected {serial!r}, the unit that is verified")
+    frame = SessionTriad(calibration=old.accelerometer) if old.accelerometer is not None else sessions[0].triad
+    turns = [into_frame_of(frame, each.triad) for each in sessions]
+    vectors = np.array([turn @ each.vector for turn, each in zip(turns, sessions, strict=True)])
+    stated = np.array([turn @ each.covariance @ turn.T for turn, each in zip(turns, sessions, strict=True)])
+    found = np.full(COUNT, np.nan)
+    found[GYROSCOPE] = sample_variance(vectors, stated)
+    fits = [each.triad.fit for each in sessions if each.triad.covariance is not None]
+    if len(fits) == len(sessions):
+        own = np.array([fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T for fit in fits])
+        found[ACCELEROMETER] = sample_variance(np.array([fit.values for fit in fits]), own)
+    return Spread(found, len(sessions) - 1.0, f"{len(sessions)} other sessions of this unit")
+
+
+def expected_parts(
+    old: OldCalibration,
+    rows: Rows,
+    spread: Spread,
+    *,
+    temp_then_c: float = float("nan"),
+    switched_on_since: bool = True,
+    elapsed_s: float | None = None,
+    figures: NoiseFigures | None = None,
+) -> list[Part]:
+    """Parts of what r may be without a fault, beside noise; temp_then_c: of the old session, NaN where not known."""
+    parts = _of_calibration(old, rows)
+    warmer_k = rows.temp_c - temp_then_c if np.isfinite(rows.temp_c - temp_then_c) else None
+    instability = rows.twin.problem.instability if rows.twin is not None else None
+    zero = expected_zero(
+        np.zeros((3, 3)),
+        elapsed_s=elapsed_s,
+        switched_on_since=switched_on_since,
+        figures=figures,
+        instability=instability,
+        warmer_k=warmer_k,
+    )
+    sources = {"temperature": f"{abs(warmer_k or 0):.1f} K apart, {USUAL_PER_K / DEG:g} dps/K as usual", "wander": "drift since then"}
+    for name, covariance in zero.parts.items():
+        if name in sources and covariance.any():
+            parts.append(_of_parameters(rows, name, ZERO, np.sqrt(np.diag(covariance)), np.inf, sources[name], name in zero.assumed))
+    for number in range(COUNT) if switched_on_since else ():
+        if np.isfinite(spread.variance[number]):
+            sigma = np.sqrt(2 * spread.variance[number : number + 1])
+            one = slice(number, number + 1)
+            parts.append(_of_parameters(rows, "switch-on", one, sigma, spread.freedom, spread.source, spread.assumed))
+    allowed = PRECALIBRATION_MPS2 * max(1.0, abs(warmer_k or 0.0))
+    sigma = np.r_[np.full(6, allowed / G), np.full(3, allowed)]
+    parts.append(_of_parameters(rows, "accelerometer's temperature", ACCELEROMETER, sigma, np.inf, "0.1 mg/K as usual", True))
+    parts.append(Part("references", rows.known, np.zeros((COUNT, rows.known.shape[1]))))
+    return parts
+
+
+def _of_parameters(rows: Rows, name: str, which: slice, sigma: np.ndarray, freedom: float, source: str, assumed: bool) -> Part:
+    into = np.zeros((COUNT, len(sigma)))
+    into[which] = np.diag(sigma)
+    return Part(name, rows.parameters @ into, into, freedom, source, assumed)
+
+
+def _of_calibration(old: OldCalibration, rows: Rows) -> list[Part]:
+    """The old fit's own uncertainty.  The error of a given accelerometer is in gravity's length alone: E has taken up its other part."""
+    size, axes = np.linalg.eigh(old.covariance)
+    into = axes * np.sqrt(np.maximum(size, 0.0))
+    if not old.own_lengths:
+        return [Part("calibration", rows.parameters @ into, into, source="the old fit")]
+    gyroscope, accelerometer = np.zeros((COUNT, 12)), np.zeros((COUNT, 9))
+    size, axes = np.linalg.eigh(old.covariance[GYROSCOPE, GYROSCOPE])
+    gyroscope[GYROSCOPE] = axes * np.sqrt(np.maximum(size, 0.0))
+    accelerometer[ACCELEROMETER] = np.diag(np.sqrt(np.diag(old.covariance[ACCELEROMETER, ACCELEROMETER])))
+    in_lengths = np.zeros_like(rows.parameters)
+    in_lengths[rows.kinds[LENGTH]] = rows.parameters[rows.kinds[LENGTH]]
+    return [
+        Part("calibration", rows.parameters @ gyroscope, gyroscope, source="the old fit"),
+        Part("accelerometer's calibration", in_lengths @ accelerometer, accelerometer, source="0.1 mg, as given ones usually are"),
+    ]

@@ -1,0 +1,287 @@
+"""One verdict on a stored calibration, by today's recording: holds, holds for E with B anew, does not hold, undecided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.detect.findings import Finding
+from session.io.errors import DataError
+from session.io.folder import Session, read_session
+from session.io.units import DEG
+from tinygc.annexes.verification.causes import Cause, Diagnosis, Evidence, candidate_causes, diagnose
+from tinygc.annexes.verification.cost import (
+    LIMIT_DEG,
+    Bound,
+    Cost,
+    bounds,
+    cost_of,
+    effects_deg,
+    left_open,
+    turns_that_separate,
+    turns_that_tell,
+)
+from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
+from tinygc.annexes.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
+from tinygc.annexes.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
+from tinygc.annexes.verification.rows import Rows, rows_of
+from tinygc.noise.figures import NoiseFigures, read_figures
+from tinygc.planning.proposals import Proposal
+
+#: answers, and the exit code of each
+HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
+EXIT = {HOLDS: 0, BIAS: 1, FAILS: 1, UNDECIDED: 5}
+#: in whose way it fails, in words
+OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what no such change explains"}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a person may set: probability of a false alarm in total; limit_deg that a minute may miss; fitted sessions of this unit; a lot;
+    whether the sensor was switched off since, and how long ago that was; noise figures of the unit; whether another serial number is
+    accepted; whether the Earth's rate is used."""
+
+    false_alarm: float = FALSE_ALARM
+    limit_deg: float = LIMIT_DEG
+    history: tuple[Path, ...] = ()
+    lot: Path | None = None
+    switched_on: bool = True
+    elapsed_s: float | None = None
+    noise: Path | None = None
+    other_serial: bool = False
+    earth: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """The answer, with all that it stands on.
+
+    bias_anew (3,) rad/s: change of B that today's rests ask for, with covariance (3, 3); diagnosis: None where nothing speaks against the
+    calibration; tell, separate: turns that would tell what is open, and what the causes are; facts: what the settings say; notes.
+    """
+
+    old: OldCalibration
+    rows: Rows
+    options: Options
+    answer: str
+    headline: str
+    questions: tuple[Question, ...]
+    parts: tuple[Part, ...]
+    spread: Spread
+    noise: TodaysNoise
+    bounds: tuple[Bound, ...]
+    cost: Cost
+    bias_anew: np.ndarray
+    bias_covariance: np.ndarray
+    diagnosis: Diagnosis | None
+    tell: tuple[Proposal, ...]
+    separate: tuple[Proposal, ...]
+    facts: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    advice: str = ""
+    findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def exit_code(self) -> int:
+        """0 holds, 1 does not hold as it is, 5 undecided."""
+        return EXIT[self.answer]
+
+    @property
+    def alarm(self) -> bool:
+        """Whether a question was answered with no: the event whose probability without a fault is stated."""
+        return any(question.asked and not question.holds for question in self.questions)
+
+    @property
+    def new_bias(self) -> np.ndarray:
+        """(3,) rad/s: B with the change."""
+        return self.old.bias + self.bias_anew
+
+
+def verify_session(
+    old: OldCalibration,
+    session: Session,
+    options: Options | None = None,
+    progress: Callable[[str], None] = lambda what: None,
+    temp_then_c: float | None = None,
+) -> Verification:
+    """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises
+    DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``."""
+    options = options or Options()
+    told, other = facts(old, session)
+    if other and not options.other_serial:
+        raise DataError(
+            f"{session.folder}: of sensor {session.config.sensor.serial!r}, expected {old.sensor.get('serial')!r}, which the model "
+            "was fitted to; give a recording of that one, or --other-serial if it is the same sensor after all"
+        )
+    notes = list(old.lacks)
+    if is_its_own(old, session):
+        notes.append("the model was fitted to this very recording: it agrees with itself; give another recording")
+    rows = rows_of(session, old, options.earth, progress)
+    if rows.remark:
+        told.append(rows.remark)
+    spread = spread_of_unit(old, rows, options.history, options.lot)
+    figures = _figures(options.noise)
+    temp_then_c = _temperature_of(old) if temp_then_c is None else temp_then_c
+    parts = expected_parts(
+        old,
+        rows,
+        spread,
+        temp_then_c=temp_then_c,
+        switched_on_since=options.switched_on,
+        elapsed_s=options.elapsed_s,
+        figures=figures,
+    )
+    if options.switched_on and spread.assumed:
+        notes.append(f"how far the zero moves between switch-ons is {spread.source}; --history with other sessions of this unit tells it")
+    progress("noise of today")
+    noise = todays_noise(rows)
+    progress("questions")
+    questions = tuple(ask(rows, parts, noise, old, options.false_alarm))
+    W = left_open(rows, noise)
+    found_bounds = tuple(bounds(rows, old.linear, W, options.limit_deg, old.accelerometer is not None))
+    causes = candidate_causes(rows, old, temp_then_c)
+    evidence = Evidence(rows, parts, noise.found.s)
+    anew = evidence.of([cause for cause in causes if cause.name == "zero"])
+    refuted = [question for question in questions if question.asked and not question.holds]
+    diagnosis, change, covariance = None, anew.change, anew.covariance
+    if refuted:
+        progress("causes")
+        diagnosis = diagnose(evidence, causes)
+        change, covariance = diagnosis.best.change, diagnosis.best.covariance
+    cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
+    effects = effects_deg(rows, old.linear, change, covariance, old.accelerometer is not None)
+    matters = [question for question in refuted if effects.get(question.name, np.inf) > options.limit_deg]
+    if small := [question.name for question in refuted if question not in matters]:
+        said = " and ".join(f"{OF[name]} ({effects[name]:.2g}°)" for name in small)
+        notes.append(f"changed beyond chance, but a minute of use misses less than {options.limit_deg:g}° by it: {said}")
+    answer, headline = _decide(matters, found_bounds, cost, anew.change[ZERO], anew.covariance[ZERO, ZERO], old, diagnosis, options)
+    open_names = {bound.name for bound in found_bounds if not bound.is_seen}
+    return Verification(
+        old=old,
+        rows=rows,
+        options=options,
+        answer=answer,
+        headline=headline,
+        questions=questions,
+        parts=tuple(parts),
+        spread=spread,
+        noise=noise,
+        bounds=found_bounds,
+        cost=cost,
+        bias_anew=anew.change[ZERO],
+        bias_covariance=anew.covariance[ZERO, ZERO],
+        diagnosis=diagnosis,
+        tell=tuple(turns_that_tell(rows, noise, W, options.limit_deg)) if open_names - {B} else (),
+        separate=_separate(rows, noise, diagnosis, causes),
+        facts=tuple(told),
+        notes=tuple(notes),
+        advice=_advice(answer, diagnosis, open_names),
+    )
+
+
+def _decide(
+    refuted: Sequence[Question],
+    found: Sequence[Bound],
+    cost: Cost,
+    bias: np.ndarray,
+    covariance: np.ndarray,
+    old: OldCalibration,
+    diagnosis: Diagnosis | None,
+    options: Options,
+) -> tuple[str, str]:
+    """The answer, and the one line that says it."""
+    limit = options.limit_deg * DEG
+    unseen = [bound for bound in found if not bound.is_seen]
+    names = {question.name for question in refuted}
+    new = bias_words(old.bias + bias, covariance)
+    because = "" if diagnosis is None or not diagnosis.best.causes else "; ".join(diagnosis.best.words)
+    costs = np.linalg.norm(cost.as_it_is)
+    if names == {NOISE}:
+        return FAILS, because or "more than noise is left, and no cause of the list explains it; run explain"
+    if names - {B}:
+        what = " and ".join(OF[name] for name in (E, B, GRAVITY, NOISE) if name in names)
+        return FAILS, f"{what} departs from the calibration: {because or 'no cause of the list explains it; run explain'}"
+    e_seen = all(bound.is_seen for bound in found if bound.name == E)
+    if names == {B} and diagnosis is not None and any(cause.name not in ("zero", "temperature") for cause in diagnosis.best.causes):
+        return FAILS, because
+    if names == {B}:
+        if not e_seen:
+            return FAILS, f"{because or 'the zero has moved'}; this recording does not ask for E"
+        return BIAS, f"B = {new}; {because or 'the zero moved by more than between switch-ons'}"
+    if costs > limit and costs > 2 * float(np.linalg.norm(cost.sigma)) and e_seen:
+        return BIAS, f"B = {new}; it moved as between switch-ons, and costs {costs / DEG:.2g}° in the next minute"
+    if unseen:
+        open_ = "; ".join(f"{OF[b.name]}: up to {b.bound_deg:.2g}° in {b.use}" for b in unseen)
+        return UNDECIDED, f"nothing significant, but this recording leaves open (95 %): {open_}"
+    so_far = (
+        "what changed matters less than the limit" if diagnosis is not None else "within what noise, the old fit and a switch-on explain"
+    )
+    return HOLDS, f"{so_far}; it costs {costs / DEG:.2g}° in the next minute"
+
+
+def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
+    """B with its sigmas, dps."""
+    sigma = np.sqrt(np.diag(covariance)) / DEG
+    return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
+
+
+def _advice(answer: str, diagnosis: Diagnosis | None, open_names: set[str]) -> str:
+    if answer == HOLDS:
+        return "use it as it is"
+    if answer == BIAS:
+        return "take B anew: --write FILE writes the model with it"
+    if answer == UNDECIDED:
+        if open_names == {B}:
+            return "let it lie still for some minutes, in several attitudes, then verify again"
+        return "record the turns above, with a rest before and after each, then verify again"
+    if diagnosis is None or not diagnosis.best.causes:
+        return "fit a new session, and look at `explain`"
+    return "; ".join(dict.fromkeys(cause.advice for cause in diagnosis.best.causes))
+
+
+def _separate(rows: Rows, noise: TodaysNoise, diagnosis: Diagnosis | None, causes: Sequence[Cause]) -> tuple[Proposal, ...]:
+    if diagnosis is None:
+        return ()
+    by_name = {cause.name: cause for cause in causes}
+    for name, others in diagnosis.rivals.items():
+        spans = [by_name[each].into for each in (name, *others[:1]) if by_name[each].into.any()]
+        if len(spans) > 1:
+            return tuple(turns_that_separate(rows, noise, spans))
+    return ()
+
+
+def _temperature_of(old: OldCalibration) -> float:
+    """Mean temperature of the session that the model was fitted to, °C; NaN where that session does not lie around it."""
+    folder = old.path.parent.parent
+    if old.path.parent.name != "fit" or not (folder / "session.toml").is_file():
+        return float("nan")
+    temps = [log.samples.temp_c for log in read_session(folder).logs]
+    known = [float(np.mean(temp[:])) for temp in temps if temp is not None]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def _figures(path: Path | None) -> NoiseFigures | None:
+    return None if path is None else read_figures(path)
+
+
+def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
+    """The model with B taken anew, and what its file holds besides."""
+    old = found.old
+    table = old.table
+    before = table["stored"] if isinstance(table.get("stored"), dict) else table
+    more: dict[str, Any] = {
+        "method": f"{table.get('method') or 'stored'}, bias anew",
+        "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
+        **{name: table[name] for name in ("sensor", "accelerometer") if name in table},
+    }
+    if np.shape(table.get("covariance") or ()) == (12, 12) and old.linear is old.model:
+        covariance = np.array(table["covariance"], dtype=float)
+        bias = slice(9, 12)
+        covariance[bias, :] = covariance[:, bias] = 0.0
+        covariance[bias, bias] = found.bias_covariance
+        more["covariance"] = covariance.tolist()
+    return with_bias_moved(old.model, found.bias_anew), more

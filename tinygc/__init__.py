@@ -24,11 +24,8 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
     history           sessions of one unit -> scatter, drift and shocks of its numbers, when to calibrate next
     estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
-<<<<<<< HEAD
     watch             a calibration and a log, a port or a stream -> whether it holds
-=======
     verify            a model's file and a recording of today -> whether it still holds, and if not, why
->>>>>>> f66646a32332f2ad5d4b3f13a13f85aa6daa177b
     array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
@@ -126,11 +123,8 @@ if TYPE_CHECKING:
     from tinygc.library.sessions import check as check
     from tinygc.library.sessions import plan as plan
     from tinygc.library.sessions import simulate as simulate
-<<<<<<< HEAD
-    from tinygc.library.watch import watch as watch
-=======
     from tinygc.library.verification import verify as verify
->>>>>>> f66646a32332f2ad5d4b3f13a13f85aa6daa177b
+    from tinygc.library.watch import watch as watch
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
 __version__ = _session.VERSION

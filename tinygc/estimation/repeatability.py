@@ -77,18 +77,9 @@ def between_sessions(
 
 
 def spread_of(biases: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-<<<<<<< HEAD
     """(3,) one sigma of the spread that biases (n, 3) show beyond their own covariances (n, 3, 3), about one level."""
     level = np.ones((len(biases), 1))
     return np.array([Between(biases[:, axis], covariances[:, axis, axis], level).spread for axis in range(3)])
-=======
-    """(3,) one sigma of the spread that biases (n, 3) show beyond their own covariances (n, 3, 3).
-
-    Variance of the sample less the mean of the stated variances, at least a tenth of the former: a few sessions may agree by chance.  The
-    sigma of so few is widened as Student's t is, so that 68 % of the next sessions lie within it.
-    """
-    widened = float(stdtrit(len(biases) - 1, (1 + ONE_SIGMA) / 2))
-    return widened * np.sqrt(sample_variance(biases, covariances))
 
 
 def sample_variance(values: np.ndarray, covariances: np.ndarray) -> np.ndarray:
@@ -97,7 +88,6 @@ def sample_variance(values: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     sample = np.var(values, axis=0, ddof=1)
     own = np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0)
     return np.asarray(np.maximum(sample - own, 0.1 * sample))
->>>>>>> f66646a32332f2ad5d4b3f13a13f85aa6daa177b
 
 
 def require_different(session: Session, history: Sequence[Path]) -> None:

@@ -11,7 +11,7 @@ of any attitude for the accelerometer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -79,8 +79,7 @@ def minute_of(rows: Rows) -> Motion:
 
 def resting(rows: Rows) -> Motion:
     """A minute at rest, with what the gyroscope reads there."""
-    still = at_rest(MINUTE_S)
-    return replace(still, measured=still.measured + rows.rest_rps)
+    return at_rest(LinearModel(np.eye(3), -rows.rest_rps), MINUTE_S)
 
 
 def cost_of(

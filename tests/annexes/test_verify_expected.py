@@ -90,8 +90,24 @@ def test_temperature_counts_for_zero_and_accelerometer(tmp_path):
     warm = {p.name: p for p in expected_parts(written(tmp_path), rows_with(temp_c=35.0), none, temp_then_c=25.0)}
     assert np.sqrt(np.diag(total([warm["temperature"]]))[ZERO]) == pytest.approx(np.full(3, 10 * USUAL_PER_K))
     assert np.sqrt(np.diag(total([warm["accelerometer's temperature"]]))[ACCELEROMETER][6:]) == pytest.approx(np.full(3, 1.0 * MG))
-    same = {p.name for p in expected_parts(written(tmp_path), rows_with(), none)}
+    same = {p.name: p for p in expected_parts(written(tmp_path), rows_with(), none)}
     assert "temperature" not in same
+    # where it is not known, and within one degree, a tenth of a milligram
+    assert np.sqrt(np.diag(total([same["accelerometer's temperature"]]))[ACCELEROMETER]) == pytest.approx(
+        np.r_[np.full(6, 0.1 * MG / G), np.full(3, 0.1 * MG)]
+    )
+
+
+def test_a_lots_repeatability_is_in_the_order_of_the_parameters(tmp_path, monkeypatch):
+    lot = SimpleNamespace(repeatability=np.diag(np.arange(1.0, 22.0)), sessions=30, units=10)
+    annex = SimpleNamespace(lot_for=lambda path, sensor: SimpleNamespace(lot=lot))
+    monkeypatch.setattr("tinygc.annexes.verification.expected.need", lambda service, option: annex)
+    found = spread_of_unit(written(tmp_path), rows_with(), lot=tmp_path / "lot.json")
+    assert found.variance[GYROSCOPE].tolist() == list(range(1, 13))  # a lot has the gyroscope first
+    assert found.variance[ACCELEROMETER].tolist() == list(range(13, 22))
+    assert (found.freedom, found.assumed) == (20.0, False)
+    lot.repeatability[9:12] = np.nan
+    assert spread_of_unit(written(tmp_path), rows_with(), lot=tmp_path / "lot.json").assumed
 
 
 def test_a_history_of_one_shows_no_spread(tmp_path):

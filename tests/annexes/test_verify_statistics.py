@@ -18,6 +18,8 @@ from tinygc.annexes.verification.questions import (
     PLAUSIBLE,
     B,
     E,
+    NoisePart,
+    TodaysNoise,
     ask,
     by_freedom,
     by_size,
@@ -28,6 +30,7 @@ from tinygc.annexes.verification.questions import (
 from tinygc.annexes.verification.rows import CLOSURE, LENGTH, STILL
 from tinygc.explanation.evidence import PRIOR_ODDS
 from tinygc.models.linear import MATRIX, LinearModel
+from tinygc.noise.components import TURN, Component
 
 OLD = SimpleNamespace(accelerometer=object(), goodness=None, linear=LinearModel(np.eye(3), np.zeros(3)))
 MATRIX_OF_21 = np.r_[GYROSCOPE][MATRIX]
@@ -50,6 +53,11 @@ def test_one_estimated_variance_has_the_tail_of_fisher():
     factors = by_freedom(4.0, 0)
     assert tail(12.0, np.zeros((3, 3)), [(np.eye(3), factors)]) == pytest.approx(stats.f.sf(4.0, 3, 4), rel=0.06)
     assert np.mean(1 / factors) == pytest.approx(1.0, rel=0.02)
+
+
+def test_a_statistic_beyond_all_draws_has_the_smallest_probability_that_they_show():
+    assert tail(1e9, np.zeros((2, 2)), [(np.eye(2), by_freedom(5.0, 0))]) == pytest.approx(1 / (DRAWS + 1), rel=1e-9)
+    assert tail(0.0, np.zeros((2, 2)), [(np.eye(2), by_freedom(5.0, 0))]) == pytest.approx(1.0, rel=1e-9)
 
 
 def test_half_an_estimated_variance_lies_between_both():
@@ -125,6 +133,11 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
     before = SimpleNamespace(accelerometer=object(), goodness=(400.0, 100))
     both = 1 / (1 / 1e6 + 1 / 100)
     assert asked(rows, old=before)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, both), rel=1e-4)
+    nearly = SimpleNamespace(accelerometer=object(), goodness=(150.0, 100))  # any excess of the old fit counts
+    assert asked(rows, old=nearly)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 1.5, freedom, both), rel=1e-4)
+    few = SimpleNamespace(accelerometer=object(), goodness=(4.0, 1))
+    one = 1 / (1 / 1e6 + 1)
+    assert asked(rows, old=few)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, one), rel=1e-4)
     calm = SimpleNamespace(accelerometer=object(), goodness=(50.0, 100))  # less than noise is no yardstick
     assert asked(rows, old=calm)["noise"].p_value == pytest.approx(found.p_value, rel=1e-6)
 
@@ -220,3 +233,58 @@ def test_rows_of_rests_leave_e_unasked():
     assert found[B].asked
     assert found[B].level == pytest.approx(questions.level_of(0.05, sum(each.asked for each in found.values())))
     assert rows.kinds[LENGTH].stop == len(rows.r)
+
+
+def test_a_spread_of_few_sessions_has_students_tails_on_each_axis():
+    change = np.zeros(COUNT)
+    change[ZERO] = [1.5, -1.0, 1.2]
+    rows = made_rows(12, change, noise=0.1)
+    spreads = [part(rows, [axis], np.array([0.5 * DEG]), freedom=4.0) for axis in np.r_[ZERO]]  # far above the noise
+    found = asked(rows, spreads)[B]
+    drawn = np.sum(np.random.default_rng(3).standard_t(4.0, (400_000, 3)) ** 2, axis=1)
+    assert found.p_value == pytest.approx(np.mean(drawn >= found.statistic), rel=0.08)
+    assert found.p_value > 5 * stats.chi2.sf(found.statistic, 3)
+
+
+def with_component(rows, name, kind, s, sigma):
+    """Noise of rows with one component beyond white, of all rows of a kind."""
+    V = np.zeros((len(rows.r), len(rows.r)))
+    own = rows.kinds[kind]
+    V[own, own] = np.eye(own.stop - own.start)
+    return TodaysNoise(rows.white + s**2 * V, (NoisePart(name, V, s, sigma),), todays_noise(rows).found, 1e6)
+
+
+@pytest.mark.parametrize(("sigma", "heavier"), [(1e-6, False), (1.0, True)])
+def test_noise_beyond_white_counts_with_the_uncertainty_of_its_size(sigma, heavier):
+    change = np.zeros(COUNT)
+    change[ZERO] = [0.012, -0.008, 0.006]
+    rows = made_rows(13, change)
+    noise = with_component(rows, "noise.still_rate", STILL, 1.0, sigma)
+    still = np.arange(len(rows.r))[rows.kinds[STILL]]
+    loose = rows.parameters[:, MATRIX_OF_21] * PLAUSIBLE[MATRIX_OF_21]
+    expected, k = gls(rows, np.r_[ZERO], np.zeros(0, dtype=int), still, noise.covariance + loose @ loose.T)
+    found = {question.name: question for question in ask(rows, [], noise, OLD)}[B]
+    assert found.statistic == pytest.approx(expected, rel=1e-6)
+    known = stats.chi2.sf(expected, k)
+    assert found.p_value > 1.5 * known if heavier else found.p_value == pytest.approx(known, rel=0.05)
+
+
+def test_an_error_of_each_turn_is_no_excuse_for_what_is_left():
+    rows = made_rows(14, noise=3.0)
+    quiet = {question.name: question for question in ask(rows, [], todays_noise(rows), OLD)}["noise"]
+    with_turn, with_other = (
+        {q.name: q for q in ask(rows, [], with_component(rows, name, CLOSURE, 1.5, 0.1), OLD)}["noise"] for name in (TURN, "other")
+    )
+    assert with_turn.statistic == pytest.approx(quiet.statistic, rel=1e-9)
+    assert with_other.statistic == pytest.approx(quiet.statistic * 0.25 / (0.25 + 1.5**2), rel=1e-6)
+
+
+def test_the_noise_is_estimated_beside_any_change_of_the_parameters():
+    V = np.zeros((54, 54))
+    V[24:42, 24:42] = np.eye(18)
+    components = [Component("noise.still_rate", V, 0.5, "", 1.0, "")]
+    change = np.zeros(COUNT)
+    change[ZERO], change[ACCELEROMETER] = [0.5, -0.4, 0.3], 0.1
+    same, moved = (todays_noise(made_rows(15, each, components=components)) for each in (None, change))
+    assert moved.found.s == pytest.approx(same.found.s, rel=1e-2, abs=1e-2)
+    assert same.covariance == pytest.approx(made_rows(15).white + same.found.s[0] ** 2 * V)

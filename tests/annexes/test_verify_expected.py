@@ -73,6 +73,17 @@ def test_both_sessions_are_draws_of_the_spread(tmp_path):
     assert not [part for part in none if part.name == "switch-on"]
 
 
+def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_spread(tmp_path):
+    variance = np.full(COUNT, np.nan)
+    old, name = written(tmp_path), "accelerometer's switch-on"
+    usual = {p.name: p for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"))}
+    assert np.sqrt(np.diag(total([usual[name]]))[ACCELEROMETER]) == pytest.approx(np.r_[np.zeros(6), np.full(3, 2 * MG)])
+    assert usual[name].assumed
+    assert name not in {p.name for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"), switched_on_since=False)}
+    variance[ACCELEROMETER] = 1e-6
+    assert name not in {p.name for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"))}
+
+
 def test_where_the_spread_is_from(tmp_path):
     old = written(tmp_path)
     usual = spread_of_unit(old, rows_with())

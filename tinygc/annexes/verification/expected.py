@@ -18,11 +18,11 @@ import numpy as np
 
 from session.io.annexes import need
 from session.io.errors import FormatError
-from session.io.units import DEG, G
+from session.io.units import DEG, MG, G
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.annexes.verification.rows import LENGTH, Rows
 from tinygc.estimation.compare import SessionTriad, into_frame_of, read_calibrated
-from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD, expected_zero
+from tinygc.estimation.expected_zero import USUAL_ACCEL_PER_K, USUAL_ACCEL_ZERO_MPS2, USUAL_PER_K, USUAL_SPREAD, expected_zero
 from tinygc.estimation.repeatability import sample_variance
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import NoiseFigures
@@ -30,6 +30,8 @@ from tinygc.noise.whitening import PRECALIBRATION_MPS2
 
 #: B in the 21 parameters
 ZERO = slice(GYROSCOPE.start + BIAS.start, GYROSCOPE.start + BIAS.stop)
+#: the accelerometer's zero in them
+ACCELEROMETER_ZERO = slice(ACCELEROMETER.start + 6, ACCELEROMETER.start + 9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +132,10 @@ def expected_parts(
             sigma = np.sqrt(2 * spread.variance[number : number + 1])
             one = slice(number, number + 1)
             parts.append(_of_parameters(rows, "switch-on", one, sigma, spread.freedom, spread.source, spread.assumed))
-    allowed = PRECALIBRATION_MPS2 * max(1.0, abs(warmer_k or 0.0))
+    if switched_on_since and not np.isfinite(spread.variance[ACCELEROMETER_ZERO]).all():
+        sigma, said = np.full(3, USUAL_ACCEL_ZERO_MPS2), f"{USUAL_ACCEL_ZERO_MPS2 / MG:g} mg as usual"
+        parts.append(_of_parameters(rows, "accelerometer's switch-on", ACCELEROMETER_ZERO, sigma, np.inf, said, True))
+    allowed = max(PRECALIBRATION_MPS2, USUAL_ACCEL_PER_K * abs(warmer_k or 0.0))
     sigma = np.r_[np.full(6, allowed / G), np.full(3, allowed)]
     parts.append(_of_parameters(rows, "accelerometer's temperature", ACCELEROMETER, sigma, np.inf, "0.1 mg/K as usual", True))
     parts.append(Part("references", rows.known, np.zeros((COUNT, rows.known.shape[1]))))

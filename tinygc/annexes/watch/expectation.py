@@ -21,7 +21,14 @@ from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDA
 from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.deploy.exports._context import Context
-from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, expected_zero, wander_variance
+from tinygc.estimation.expected_zero import (
+    END_S,
+    USUAL_ACCEL_PER_K,
+    USUAL_ACCEL_ZERO_MPS2,
+    USUAL_PER_K,
+    expected_zero,
+    wander_variance,
+)
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.results import read_fit
 from tinygc.models.linear import BIAS, PARAMETERS
@@ -34,9 +41,6 @@ from tinygc.noise.whitening import PRECALIBRATION_MPS2
 USUAL_WHITE, USUAL_INSTABILITY, USUAL_COVARIANCE_RPS = 10 * MDPS / np.sqrt(2), 10 * DEG_PER_HOUR, 0.01 * DEG
 #: the same of accelerometers
 USUAL_ACCEL_WHITE, USUAL_ACCEL_INSTABILITY_MPS2 = 150e-6 * G / np.sqrt(2), 0.1 * MG
-#: change of the accelerometer's zero between switch-ons, and of gravity's length per K, one sigma: data sheets state 10 to 40 mg over the
-#: life, and 0.1 to 0.3 mg/K
-USUAL_ACCEL_ZERO_MPS2, USUAL_ACCEL_PER_K = 2 * MG, 0.1 * MG
 #: zero of a rest that depends on its attitude (g-sensitivity), where the fit's stills do not show it
 USUAL_ATTITUDE_RPS = 0.002 * DEG
 #: gravity at sea level lies within 0.026 m/s^2 of its mean, one sigma of a place that nobody names

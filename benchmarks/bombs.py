@@ -178,6 +178,7 @@ READERS = {
     "log": [
         *SESSION_READERS, "import {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}", "noise {S} --out {O}",
         "noise {B} --out {O}", "rates {B} --out {O}", "watch {M} {B}", "watch {M} {B} --noise {B}", "budget {S}",
+        "verify {M} {B}",
     ],
     "truth": SESSION_READERS,
     "turns": SESSION_READERS,
@@ -189,7 +190,7 @@ READERS = {
     "model": [
         "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}",
         "fit {S} --methods least_squares --requirements {B}", "report {S} --methods least_squares --certificate {O} --as-found {B}",
-        "watch {B} {L}",
+        "watch {B} {L}", "verify {B} {L}",
     ],
     "raw": ["import {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip

@@ -15,10 +15,10 @@ sys.path.insert(0, str(DOCS))
 from schema_tables.shapes import DEFINED, file_of, schema_of  # noqa: E402
 
 FOLDER = DOCS / "formats" / "schemas"
-PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "history")
-PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "watch")
-PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "budget")
-PAGES = ("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates", "verify")
+PAGES = (
+    *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates"),
+    *("verify", "watch", "history", "budget"),
+)
 WIDTH = 120
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

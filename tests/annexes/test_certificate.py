@@ -19,7 +19,8 @@ from tinygc.annexes.certificate.content import NOT_STATED, REQUIRED, content_of
 from tinygc.annexes.certificate.library import certificate_of
 from tinygc.annexes.certificate.page import page
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.models.linear import COVERAGE_FACTOR, LinearModel
+from tinygc.estimation.sources import coverage_factor, effective_freedom
+from tinygc.models.linear import COVERAGE_FACTOR, LinearModel, field_jacobian
 from tinygc.reporting.html.paper import browser_path
 
 FOLDER = Path(content_module.__file__).parent
@@ -77,7 +78,10 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
     for name, q in quantities.items():
         more = 1e3 if q.unit == "dps" else 1.0
         assert rows[name].value == pytest.approx(q.value * more)
-        assert rows[name].expanded == pytest.approx(q.expanded / COVERAGE_FACTOR * 1.959964 * more)
+        slope = field_jacobian(data.adopted.vector)[list(quantities).index(name)]
+        variances = [float(source.variance(slope[None])[0]) for source in data.fit.sources]
+        k = coverage_factor(effective_freedom(variances, [source.freedom for source in data.fit.sources]))
+        assert rows[name].expanded == pytest.approx(q.expanded / COVERAGE_FACTOR * k * more)
     closure, floor = filled.closure[0]
     assert closure.value == pytest.approx(np.sqrt(np.mean(np.sum(data.adopted.angles[:, :2] ** 2, axis=1))) / DEG)
     assert floor == pytest.approx(data.adopted.floor_rms / DEG)
@@ -214,6 +218,7 @@ def test_no_word_of_the_page_is_from_nowhere(data):
     root = Path(tinygc.__file__).parent
     modules = [FOLDER / "content.py", FOLDER / "page.py", root / "models/linear.py", root / "reporting/html/evidence.py"]
     modules += [root / "estimation/requirements.py", root / "estimation/accelerometer.py"]
+    modules += [root / "estimation/stated_noise.py", root / "estimation/assembly.py", root / "closure/floor.py"]  # names of sources
     texts = " ".join([*map(literals, modules), (FOLDER / "templates/certificate.html").read_text(encoding="utf-8")])
     texts += " ".join([*made.decision.doubts, *(run.file for run in made.fit.runs), "xy xz yz zx"])
     known = set(re.findall(r"[^\W\d_]{2,}", (session + texts).lower()))

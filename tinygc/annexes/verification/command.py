@@ -8,6 +8,7 @@ from tinygc.cli.arguments import file_written, path_read, seconds
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import output, try_file, try_json, write_json
 
+USES_EFFECTS = True
 SUMMARY = "say whether a calibration still holds by a short recording of today, and if not, why, what it costs, and what to do"
 
 

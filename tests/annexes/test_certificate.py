@@ -218,7 +218,7 @@ def test_no_word_of_the_page_is_from_nowhere(data):
     root = Path(tinygc.__file__).parent
     modules = [FOLDER / "content.py", FOLDER / "page.py", root / "models/linear.py", root / "reporting/html/evidence.py"]
     modules += [root / "estimation/requirements.py", root / "estimation/accelerometer.py"]
-    modules += [root / "estimation/stated_noise.py", root / "estimation/assembly.py", root / "closure/floor.py"]  # names of sources
+    modules += [root / f"{name}.py" for name in ("estimation/stated_noise", "estimation/assembly", "closure/floor", "closure/uncertainty")]
     texts = " ".join([*map(literals, modules), (FOLDER / "templates/certificate.html").read_text(encoding="utf-8")])
     texts += " ".join([*made.decision.doubts, *(run.file for run in made.fit.runs), "xy xz yz zx"])
     known = set(re.findall(r"[^\W\d_]{2,}", (session + texts).lower()))

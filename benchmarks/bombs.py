@@ -177,7 +177,7 @@ SESSION_READERS = [
 READERS = {
     "log": [
         *SESSION_READERS, "import {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}", "noise {S} --out {O}",
-        "noise {B} --out {O}", "rates {B} --out {O}", "watch {M} {B}", "watch {M} {B} --noise {B}", "budget {S}",
+        "noise {B} --out {O}", "rates {B} --out {O}", "watch {M} {B} --session {S}", "budget {S}",
         "verify {M} {B}",
     ],
     "truth": SESSION_READERS,

@@ -195,6 +195,17 @@ KINDS = ("link to /dev/zero", "named pipe", "socket", "folder")
 ENDLESS = [bomb for bomb in BOMBS if bomb.name in KINDS]
 
 
+#: what is said of a folder, by command and place
+OF_A_FOLDER = {
+    ("apply", "model.json"): "a folder without a fit",
+    ("verify", "model.json"): "a folder without a fit",
+    ("watch", "model.json"): "a folder without a fit",
+    ("rates", "log0001.csv"): "a recording of rates has",
+    ("watch", "log0001.csv"): "a folder; watch a log",
+    ("verify", "log0001.csv"): "session.toml",
+}
+
+
 @pytest.mark.parametrize(
     "bomb", [(pytest.param if bomb.name == "named pipe" else broad)(bomb, id=f"{bomb.place}-{bomb.name}") for bomb in ENDLESS]
 )
@@ -210,11 +221,9 @@ def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impat
             assert code == (2 if words[0] == "check" else 0)  # for a list and a fleet it is one row of many
             assert "cannot be read" in " ".join(out.split())
         else:
-            # A folder in the place of a model is taken for a session's.
-            session = (words[0], bomb.place, bomb.name) == ("apply", "model.json", "folder")
-            folder_of_rates = words[0] == "rates" and bomb.name == "folder"  # it takes a folder: a recording of a machine
-            expected = "a folder without a fit" if session else "a recording of rates has" if folder_of_rates else "cannot be read"
-            refused(run(*words, "--quiet"), expected)
+            # These take a folder: a session's in the place of its model, a recording of a machine, or none in the place of a log.
+            of_a_folder = OF_A_FOLDER.get((words[0], bomb.place)) if bomb.name == "folder" and str(path) in words[1:3] else None
+            refused(run(*words, "--quiet"), of_a_folder or "cannot be read")
 
 
 def test_every_command_that_reads_files_meets_the_bombs():

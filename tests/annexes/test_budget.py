@@ -11,12 +11,13 @@ import tinygc
 from session.io.errors import CalibrationError
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.annexes.budget import monte_carlo as draws
+from tinygc.annexes.budget.library import budget_of_fit
 from tinygc.annexes.budget.monte_carlo import Errors, Redrawn, coverage_of
 from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
 from tinygc.annexes.budget.rows import Beside, Budget, Row, apportioned, decimals_of
 from tinygc.annexes.budget.text import beside_words, cells_of, largest_words, number, sum_words
 from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use
-from tinygc.closure.floor import GYRO_NOISE, wander_covariance
+from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
@@ -198,6 +199,36 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
     assert "drift of the bias since the session" in later
     unknown = {source.name for source in sources_in_use(fitted, Use("rest", 10.0), motion)[0]}
     assert "bias of another switch-on" not in unknown  # nobody knows it: it stands beside the sum, by the usual spread
+
+
+@pytest.mark.parametrize("elapsed_s", [1.0, 3600.0, 1e6])
+def test_within_one_switch_on_the_drift_is_that_of_the_use_less_that_of_the_session(fitted, elapsed_s):
+    """At rest: 60 s times the standard deviation of the mean of the use less that of the session, C00 + C11 - 2 C01, counted once."""
+    _, found, own = use_budgets(fitted, Use("rest", elapsed_s=elapsed_s))
+    rows = [row for row in found[0].rows if "drift" in row.source]
+    assert [row.source for row in rows] == ["drift of the bias since the session"]
+    assert [source.name for source in own] == [NOISE_OF_USE]
+    problem, rps = fitted.problem, fitted.noise.noise.size("noise.bias_wander")
+    moments = np.r_[problem.began_s[-1] + elapsed_s + 30.0, problem.middle_s]
+    C = wander_covariance(moments, np.r_[60.0, problem.batch.duration_s], instability_rps=rps)
+    expected = C[0, 0] + C[1:, 1:].mean() - 2 * C[0, 1:].mean()
+    assert rows[0].u == pytest.approx(60 * np.sqrt(expected), rel=0.05)
+    drift = next(source for source in fitted.sources if source.name == BIAS_DRIFT)
+    assert (rows[0].kind, rows[0].freedom) == (drift.kind, drift.freedom)
+
+
+def test_a_drift_that_nobody_knows_is_said(fitted):
+    problem = fitted.problem.changed()
+    problem.__dict__["instability"] = BiasInstability(0.0, UNKNOWN)
+    sources = tuple(source for source in fitted.sources if source.name != BIAS_DRIFT)
+    unknown = replace(fitted, noise=None, problem=problem, sources=sources)
+    beside = {each.what: each for each in use_budgets(unknown, Use("rest", elapsed_s=10.0))[1][0].beside}
+    assert beside["drift of the bias since the session"].u is None
+
+
+def test_session_and_use_of_one_switch_on_are_not_drawn(fitted):
+    with pytest.raises(CalibrationError, match="--elapsed"):
+        budget_of_fit(fitted, Use("rest", elapsed_s=10.0), draws=1)
 
 
 def test_the_motion_may_be_a_session_or_a_log(fitted, tmp_path):

@@ -11,7 +11,7 @@ from session.detect.rounding import lsb_of
 from session.io.texts import printable
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc.annexes.budget.rows import Beside, Budget, budget_of
-from tinygc.annexes.budget.use import Use, axes_and_total, model_of, motion_in, sources_in_use, usual_switch_on
+from tinygc.annexes.budget.use import DRIFT_SINCE, Use, axes_and_total, model_of, motion_in, sources_in_use, usual_switch_on
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STOPS, TRUTH
 from tinygc.closure.motion import Motion
@@ -121,7 +121,9 @@ def _beside_use(result: FitResult, use: Use, slope: np.ndarray, weight: np.ndarr
         found.append(Beside("bias of another switch-on", usual, why))
     if use.warmer_k is None:
         found.append(Beside("temperature of the use", None, f"{NOT_KNOWN}: give --warmer"))
-    if use.warmer_k or use.elapsed_s:
+    if use.elapsed_s is not None and not result.problem.instability.rps:
+        found.append(Beside(DRIFT_SINCE, None, f"{NOT_KNOWN}: give sensor.gyro_bias_instability_dph"))
+    if use.warmer_k:
         found += [Beside(name, None, "in the sum, with a size that is usual, not this unit's") for name in assumed]
     return found
 

@@ -182,7 +182,7 @@ def test_the_drift_has_the_spread_of_what_tells_it(instability, kind, freedom):
 def plain_session(**more):
     """A problem of one session, without registers or a lot."""
     problem = small_session(kind="tilt", **more)
-    return problem.changed(session=SimpleNamespace(folder="made", config=problem.session.config, nominal_rate=None, truths=None))
+    return problem.changed(session=SimpleNamespace(folder="made", config=problem.session.config, clock=None, truths=None))
 
 
 def stated_with(monkeypatch, problem, noise, widened=1.0, lot=None):
@@ -213,7 +213,7 @@ def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):
     """Not inflated: no misfit of the closure shows them."""
     problem = plain_session()
     covariance = np.diag(np.arange(1.0, 13.0)) * 1e-8
-    problem.session.nominal_rate = SimpleNamespace(covariance=lambda vector: 4e-6 * np.outer(vector, vector))
+    problem.session.clock = SimpleNamespace(covariance=lambda vector: 4e-6 * np.outer(vector, vector))
     monkeypatch.setattr(assembly, "rounding_covariance", lambda problem, model: 3 * covariance)
     found = stated_with(monkeypatch, problem, loud(problem), 2.0, SimpleNamespace(more=covariance))
     sources = {source.name: source for source in found.sources}

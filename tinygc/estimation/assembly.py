@@ -92,8 +92,8 @@ def _as_they_are(problem: Problem, model: LinearModel, lot: PriorUse | None) -> 
     yield Source(ROUNDING, "B", np.inf, rounding_covariance(problem, model))
     if lot is not None:
         yield Source(LOT, "B", np.inf, lot.more)
-    if (nominal := problem.session.nominal_rate) is not None:
-        yield Source(CLOCK, "B", np.inf, nominal.covariance(model.vector))
+    if (clock := problem.session.clock) is not None:
+        yield Source(CLOCK, "B", np.inf, clock.covariance(model.vector))
 
 
 def _embedded(source: Source, shape: tuple[int, ...]) -> Source:

@@ -169,7 +169,7 @@ class FitResult:
         physics, name = self.physics, self.use.method
         if physics is not None and name in PHYSICS:
             state = physics.fit.state
-            vector, covariance = state.vector[rows_of_rates(state)], rate_covariance(physics.fit, self.nominal_rate)
+            vector, covariance = state.vector[rows_of_rates(state)], rate_covariance(physics.fit, self.session.clock)
             errors = errors_with_physics(physics.model.claims, physics.model.known, state.earth_t)
             problem, held_out, freedom = physics.problem, self.methods[name].held_out, None
             left = len(physics.fit.r) - physics.fit.J.shape[1]
@@ -557,7 +557,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         if name == "physics" and result.physics is not None:
             from tinygc.estimation.physics import covariance_at_end, covariance_table
 
-            covariance = rate_covariance(result.physics.fit, result.nominal_rate)
+            covariance = rate_covariance(result.physics.fit, result.session.clock)
             more |= covariance_table(result.physics.model.claims, covariance)
             ended |= covariance_at_end(result.physics.model, covariance)
         if result.repeatability is not None:

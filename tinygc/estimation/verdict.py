@@ -358,11 +358,11 @@ def run_p_values(
     ``vector`` if None.
     """
     found, sigma, session = [], np.sqrt(np.diag(covariance)), problem.session
-    counted = {log.path.name for log in session.closures if session.rate_of(log) is not None}
+    by_same = {log.path.name for log in session.closures if session.nominal_rate is None or session.rate_of(log) is not None}
     for number, run in enumerate(runs):
         error, known = errors(vector, run), covariance
-        if session.nominal_rate is not None and run.file in counted:  # what a wrong rate does to the scale, it undoes in such a run
-            known = covariance - session.nominal_rate.covariance(vector)
+        if session.clock is not None and run.file in by_same:  # what a wrong clock does to the scale, it undoes in such a run
+            known = covariance - session.clock.covariance(vector)
         slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
         drift = slope[:, BIAS] * np.sqrt(_wander_since(problem, run))
         if between is not None and not run.time_known:  # the sensor may have been switched off

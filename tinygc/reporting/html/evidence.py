@@ -211,7 +211,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
     found = explanation.naming.fit
     claims = tuple(claim for claim in found.state.claims if claim.effect.kind == "rate")
     known = conditions(explanation.mended.problem)
-    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.nominal_rate)
+    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.session.clock)
 
     errors = errors_with_physics(claims, known, found.state.earth_t)
     return Adopted(

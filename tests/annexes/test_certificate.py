@@ -20,7 +20,7 @@ from tinygc.annexes.certificate.library import certificate_of
 from tinygc.annexes.certificate.page import page
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import coverage_factor, effective_freedom
-from tinygc.models.linear import COVERAGE_FACTOR, LinearModel, field_jacobian
+from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.reporting.html.paper import browser_path
 
 FOLDER = Path(content_module.__file__).parent
@@ -81,7 +81,8 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
         slope = field_jacobian(data.adopted.vector)[list(quantities).index(name)]
         variances = [float(source.variance(slope[None])[0]) for source in data.fit.sources]
         k = coverage_factor(effective_freedom(variances, [source.freedom for source in data.fit.sources]))
-        assert rows[name].expanded == pytest.approx(q.expanded / COVERAGE_FACTOR * k * more)
+        assert q.factor == pytest.approx(k)
+        assert rows[name].expanded == pytest.approx(q.expanded * more)  # one U on all pages
     closure, floor = filled.closure[0]
     assert closure.value == pytest.approx(np.sqrt(np.mean(np.sum(data.adopted.angles[:, :2] ** 2, axis=1))) / DEG)
     assert floor == pytest.approx(data.adopted.floor_rms / DEG)

@@ -100,8 +100,8 @@ class FitResult:
     the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused: methods
     taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
-    jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one; not_run: why a
-    requested method cannot run on this session, by name; allowed: how far one effect that the recording still allows moves the parameters,
+    jointly, and joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; lot: the use of an external
+    prior, None without one; not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still allows moves the parameters,
     None where the noise is not estimated; repeatability: spread of the bias between sessions, None where nothing tells it; sources: the
     parts that ``covariance`` is the sum of.
     """
@@ -126,6 +126,7 @@ class FitResult:
     noise: StatedNoise | None = None
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None
+    joint_sources: tuple[Source, ...] = ()
     joint_shared: np.ndarray | None = None
     lot: PriorUse | None = None
     not_run: dict[str, str] = field(default_factory=dict)
@@ -140,7 +141,8 @@ class FitResult:
     def accelerometer(self) -> AccelerometerFit:
         """The accelerometer's calibration that the references depend on."""
         config = self.session.config
-        return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, config.site.expected_gravity_mps2)
+        gravity_mps2 = config.site.expected_gravity_mps2
+        return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, gravity_mps2, self.joint_sources)
 
     @property
     def session(self) -> Session:

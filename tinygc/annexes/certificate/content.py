@@ -30,7 +30,7 @@ from tinygc.estimation.requirements import (
     run_measured,
 )
 from tinygc.estimation.sources import Source
-from tinygc.models.linear import BIAS, COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
 from tinygc.reporting.html.evidence import LINEAR, ReportData
 from tinygc.reporting.html.sections.front import SOURCES, recorded
 
@@ -309,7 +309,7 @@ def _as_measured(q: Quantity) -> Measured:
     words = f"gyroscope {q.word} {q.component}"
     if " per g on " in q.component:  # what axis adds to the rate per g along which
         words = f"gyroscope {q.word}, {q.component}"
-    return Measured("", words, q.unit, q.value, q.expanded / COVERAGE_FACTOR, observed=q.observed)
+    return Measured("", words, q.unit, q.value, q.sigma, q.freedom, q.observed)
 
 
 def _rows(values: Sequence[Measured]) -> list[ResultRow]:

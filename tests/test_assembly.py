@@ -125,6 +125,23 @@ def test_a_length_of_gravity_has_the_accelerometers_noise():
     assert not sources[GYRO_NOISE][lengths, lengths].any()
 
 
+def test_a_calibration_from_its_own_stills_has_the_freedom_that_they_leave():
+    """Nine numbers of gravity's length in so many stills: what is left, and at least one; one that was given is taken as known."""
+    problem = under(small_session(kind="tilt"), "given")
+    noise = loud(problem)
+
+    def calibration(matrix):
+        config = problem.session.config
+        config = replace(config, accelerometer=replace(config.accelerometer, matrix=matrix))
+        changed = problem.changed(session=SimpleNamespace(**{**vars(problem.session), "config": config}))
+        return next(source for source in channel_sources(changed, noise) if source.name == CALIBRATION)
+
+    upper = np.eye(3) + np.triu(np.full((3, 3), 1e-3), 1)
+    own, given = calibration(upper), calibration(np.eye(3))
+    assert (own.kind, own.freedom) == ("A", max(1.0, len(noise.twin.stills) - 9.0))
+    assert (given.kind, given.freedom) == ("B", np.inf)
+
+
 def test_each_source_is_the_response_to_its_errors():
     """L C L' of each; the calibration's part is the one that sessions share."""
     problem = under(small_session(kind="tilt"), "unknown")

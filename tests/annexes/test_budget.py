@@ -15,8 +15,8 @@ from tinygc.annexes.budget.library import budget_of_fit
 from tinygc.annexes.budget.monte_carlo import Errors, Redrawn, coverage_of
 from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
 from tinygc.annexes.budget.rows import Beside, Budget, Row, apportioned, decimals_of
-from tinygc.annexes.budget.text import beside_words, cells_of, largest_words, number, sum_words
-from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use
+from tinygc.annexes.budget.text import beside_words, cells_of, freedom_words, largest_words, number, sum_words
+from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use, usual_switch_on
 from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
@@ -229,6 +229,31 @@ def test_a_drift_that_nobody_knows_is_said(fitted):
 def test_session_and_use_of_one_switch_on_are_not_drawn(fitted):
     with pytest.raises(CalibrationError, match="--elapsed"):
         budget_of_fit(fitted, Use("rest", elapsed_s=10.0), draws=1)
+
+
+def test_the_usual_spread_between_switch_ons_counts_twice(fitted):
+    """0.1 dps each of session and use: 60 s at rest miss 60 s x 0.1 dps x sqrt(2) = 8.485 degrees about each axis."""
+    slope = at_rest(fitted.linear.model).slope(fitted.linear.model)
+    np.testing.assert_allclose(np.sqrt(np.diag(usual_switch_on(slope))) / DEG, 8.485, rtol=1e-3)
+
+
+def test_a_total_says_that_it_covers_more_than_95_percent(fitted):
+    *axes, whole = use_budgets(fitted, Use("rest"))[1]
+    assert "95 %, and more" in sum_words(whole)
+    assert "at least" not in sum_words(axes[0])
+    drawn = RNG.normal(size=(20_000, 3)) * np.array([each.u for each in axes])
+    assert np.mean(np.linalg.norm(drawn, axis=1) < norm.ppf(0.975) * whole.u) > 0.98
+
+
+def test_so_many_degrees_of_freedom_that_k_does_not_differ_are_infinite():
+    assert [freedom_words(freedom) for freedom in (7.7, 9999.0, 27_093_866.0, np.inf)] == ["8", "9999", "∞", "∞"]
+    assert "freedom" not in sum_words(budget((1.0, 27_093_866.0)))
+
+
+@pytest.mark.parametrize("seconds", [1e9, 0.0, -1.0, float("nan")])
+def test_a_use_of_a_time_that_no_use_has_is_refused(seconds):
+    with pytest.raises(CalibrationError, match="--seconds"):
+        Use("rest", seconds)
 
 
 def test_the_motion_may_be_a_session_or_a_log(fitted, tmp_path):

@@ -99,11 +99,11 @@ class FitResult:
     with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; first_order_rad: the largest error of
     the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused: methods
     taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
-    joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
-    jointly, and joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; lot: the use of an external
-    prior, None without one; not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still allows moves the parameters,
-    None where the noise is not estimated; repeatability: spread of the bias between sessions, None where nothing tells it; sources: the
-    parts that ``covariance`` is the sum of.
+    joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
+    joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None
+    without one; not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
+    allows moves the parameters, None where the noise is not estimated; repeatability: spread of the bias between sessions, None where
+    nothing tells it; sources: the parts that ``covariance`` is the sum of.
     """
 
     problem: Problem

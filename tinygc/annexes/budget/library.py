@@ -66,7 +66,7 @@ class UncertaintyBudget(Shown):
             for each in self.asked:
                 parts += [*whole(each), ""]
             return Group(*parts[:-1], *drawn)
-        title = f"Attitude after {self.motion}, about the axes of its start, 95 %"
+        title = f"Attitude after {self.motion}, about the axes of its start, 95 % (total: at least)"
         errors = [each for each in self.shown if each not in self.attitude]
         return Group(overview("Sensor errors, 95 %", errors), "", overview(title, self.attitude), *drawn)
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from session.io.errors import CalibrationError
 from session.io.folder import read_session
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.closure.floor import GYRO_NOISE
@@ -40,6 +41,8 @@ ZERO_OF_USE = {
 }
 #: the drift in use less that in the session, of one switch-on
 DRIFT_SINCE = f"{BIAS_DRIFT} since the session"
+#: s: a use is at most a day
+MOST_S = 86400.0
 #: word for a sensor that lies still
 REST = "rest"
 #: the total angle of the attitude's error
@@ -55,6 +58,11 @@ class Use:
     seconds: float = MINUTE_S
     elapsed_s: float | None = None
     warmer_k: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a time that no use has.  Raises CalibrationError."""
+        if not 0 < self.seconds <= MOST_S:
+            raise CalibrationError(f"--seconds {self.seconds:g}: expected more than 0 and at most {MOST_S:g} s, a day")
 
 
 def motion_in(use: Use, result: FitResult) -> Motion:

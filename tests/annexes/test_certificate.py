@@ -142,6 +142,19 @@ def test_an_accelerometer_that_was_taken_as_given_is_no_result(data):
     assert any("accelerometer bias" in row.words for row in content_of(data).results)
 
 
+def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
+    def words(**stated):
+        session = data.fit.session
+        config = replace(session.config, sensor=replace(session.config.sensor, **stated))
+        problem = data.fit.problem.changed(session=replace(session, config=config))
+        found = content_of(replace(data, fit=replace(data.fit, problem=problem)))
+        return next(field.text for field in found.traceability if field.label == "Clock")
+
+    assert "whose clock's error is not known and is in no U of a scale factor" in words()
+    assert "whose clock is known to 20 ppm (k = 1), which is in U" in words(clock_sigma_ppm=20.0)
+    assert "not known" not in words(clock_sigma_ppm=0.0)
+
+
 # A draft
 
 

@@ -248,6 +248,9 @@ def test_a_total_says_that_it_covers_more_than_95_percent(fitted):
 def test_so_many_degrees_of_freedom_that_k_does_not_differ_are_infinite():
     assert [freedom_words(freedom) for freedom in (7.7, 9999.0, 27_093_866.0, np.inf)] == ["8", "9999", "∞", "∞"]
     assert "freedom" not in sum_words(budget((1.0, 27_093_866.0)))
+    made = budget((1.0, 7.96))  # k is that of 7 (GUM G.4.1)
+    assert "k = 2.36, 95 % with 7 effective degrees" in sum_words(made)
+    assert cells_of(made)[-1][2] == "7"
 
 
 @pytest.mark.parametrize("seconds", [1e9, 0.0, -1.0, float("nan")])

@@ -80,7 +80,7 @@ def cells_of(budget: Budget) -> list[list[str]]:
     cells = [[row.source, row.kind, freedom_words(row.freedom), *_size_cells(budget, row), number(row.u / budget.si)] for row in large]
     if small:
         cells.append([f"{len(small)} further, each below {100 * LEAST_SHARE:g} %", *[""] * 5, number(np.sqrt(max(squares[-1], 0.0)))])
-    cells.append(["sum", "", freedom_words(budget.freedom), "", "", "", number(budget.u / budget.si)])
+    cells.append(["sum", "", freedom_words(np.floor(budget.freedom)), "", "", "", number(budget.u / budget.si)])
     shown.append(round(sum(shown), decimals))
     shares.append(round(sum(shares), 1))
     return [[*row, f"{square:.{decimals}f}{power}", f"{share:.1f}"] for row, square, share in zip(cells, shown, shares, strict=True)]
@@ -107,7 +107,7 @@ def sum_words(budget: Budget) -> str:
     """Combined and expanded uncertainty in one line."""
     u, expanded = budget.u / budget.si, budget.expanded / budget.si
     unit = "" if budget.unit == "1" else f" {budget.unit}"
-    of = "" if budget.freedom >= MANY else f" with {freedom_words(budget.freedom)} effective degrees of freedom"
+    of = "" if budget.freedom >= MANY else f" with {freedom_words(np.floor(budget.freedom))} effective degrees of freedom"
     share = "95 %" if budget.name != TOTAL else "at least 95 %, and more where no axis dominates"
     return f"u = {number(u)}{unit}; U = {number(expanded)}{unit}: k = {budget.k:.2f}, {share}{of}"
 

@@ -70,7 +70,7 @@ def one_session(job: Job) -> dict:
     with simulated(options, distort if job.hide else None) as folder:
         evidence = gather(folder, FitOptions(methods=("least_squares",), seed=job.seed), explain=job.explain)
     truth = in_words(unit, options, evidence.problem.logs[0].samples.period_s) | hidden_in_words(K, half)
-    z = [(q.word, q.component, (q.value - truth[q.word, q.component]) / (q.expanded / 2)) for q in evidence.quantities if q.observed]
+    z = [(q.word, q.component, (q.value - truth[q.word, q.component]) / q.sigma) for q in evidence.quantities if q.observed]
     return {
         "z": z,
         "absent": [q.word for q in evidence.quantities if not q.observed],

@@ -125,6 +125,23 @@ def test_a_length_of_gravity_has_the_accelerometers_noise():
     assert not sources[GYRO_NOISE][lengths, lengths].any()
 
 
+def test_a_calibration_from_its_own_stills_has_the_freedom_that_they_leave():
+    """Nine numbers of gravity's length in so many stills: what is left, and at least one; one that was given is taken as known."""
+    problem = under(small_session(kind="tilt"), "given")
+    noise = loud(problem)
+
+    def calibration(matrix):
+        config = problem.session.config
+        config = replace(config, accelerometer=replace(config.accelerometer, matrix=matrix))
+        changed = problem.changed(session=SimpleNamespace(**{**vars(problem.session), "config": config}))
+        return next(source for source in channel_sources(changed, noise) if source.name == CALIBRATION)
+
+    upper = np.eye(3) + np.triu(np.full((3, 3), 1e-3), 1)
+    own, given = calibration(upper), calibration(np.eye(3))
+    assert (own.kind, own.freedom) == ("A", max(1.0, len(noise.twin.stills) - 9.0))
+    assert (given.kind, given.freedom) == ("B", np.inf)
+
+
 def test_each_source_is_the_response_to_its_errors():
     """L C L' of each; the calibration's part is the one that sessions share."""
     problem = under(small_session(kind="tilt"), "unknown")
@@ -182,7 +199,7 @@ def test_the_drift_has_the_spread_of_what_tells_it(instability, kind, freedom):
 def plain_session(**more):
     """A problem of one session, without registers or a lot."""
     problem = small_session(kind="tilt", **more)
-    return problem.changed(session=SimpleNamespace(folder="made", config=problem.session.config, nominal_rate=None, truths=None))
+    return problem.changed(session=SimpleNamespace(folder="made", config=problem.session.config, clock=None, truths=None))
 
 
 def stated_with(monkeypatch, problem, noise, widened=1.0, lot=None):
@@ -213,7 +230,7 @@ def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):
     """Not inflated: no misfit of the closure shows them."""
     problem = plain_session()
     covariance = np.diag(np.arange(1.0, 13.0)) * 1e-8
-    problem.session.nominal_rate = SimpleNamespace(covariance=lambda vector: 4e-6 * np.outer(vector, vector))
+    problem.session.clock = SimpleNamespace(covariance=lambda vector: 4e-6 * np.outer(vector, vector))
     monkeypatch.setattr(assembly, "rounding_covariance", lambda problem, model: 3 * covariance)
     found = stated_with(monkeypatch, problem, loud(problem), 2.0, SimpleNamespace(more=covariance))
     sources = {source.name: source for source in found.sources}

@@ -5,8 +5,8 @@ import pytest
 from noise_records import axis, figures, sensor
 
 from session.io.units import DEG
-from tinygc.closure.floor import BiasInstability, wander_covariance
-from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, expected_zero, wander_variance
+from tinygc.closure.floor import TIMES_S, BiasInstability, wander_covariance
+from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
 from tinygc.estimation.repeatability import BiasRepeatability
 
 FIT = np.diag([1.0, 4.0, 9.0]) * 1e-10
@@ -25,12 +25,37 @@ def test_an_unknown_spread_is_the_usual_one_and_said():
     assert found.assumed == ("switch-on",)
 
 
-def test_within_one_switch_on_the_zero_only_wanders():
-    drift = BiasInstability(2e-5, "given")
-    found = expected_zero(FIT, elapsed_s=600.0, switched_on_since=False, instability=drift)
+def test_within_one_switch_on_the_zero_walks_and_the_flicker_of_the_session_is_in_the_fit():
+    noise = figures(sensor(axis(K=1e-6, B=2e-5)))
+    found = expected_zero(FIT, elapsed_s=600.0, switched_on_since=False, figures=noise)
+    assert found.parts["wander"] == pytest.approx(np.eye(3) * 1e-12 * 600.0, rel=1e-12)
+    assert set(expected_zero(FIT, elapsed_s=600.0, switched_on_since=False).parts) == {"calibration"}
+
+
+def test_the_flicker_between_two_moments_is_twice_its_variance_less_its_covariance():
     w = wander_covariance(np.array([0.0, 600.0]), instability_rps=2e-5)
-    assert found.parts["wander"] == pytest.approx(np.eye(3) * (2 * w[0, 0] - 2 * w[0, 1]), rel=1e-12)
-    assert "switch-on" not in found.parts
+    found = wander_variance(600.0, None, BiasInstability(2e-5, "given"))
+    assert found == pytest.approx(np.full(3, 2 * w[0, 0] - 2 * w[0, 1]), rel=1e-12)
+
+
+def test_the_drift_between_two_means_by_simulated_octaves():
+    """Gauss-Markov octaves of flicker noise, step by step: means over a session of two pieces and over a use."""
+    rng, rps, dt, count = np.random.default_rng(3), 2e-5, 0.25, 4000
+    means = np.zeros((2, count))
+    for time in TIMES_S:
+        state, sums = rng.normal(size=count), np.zeros((2, count))
+        for k in range(200):  # 50 s: pieces of 10 s at 5 and 20 s, the use over the last 10 s
+            sums[0] += state * (k < 40 or 60 <= k < 100) / 80
+            sums[1] += state * (k >= 160) / 40
+            state = state * np.exp(-dt / time) + np.sqrt(-np.expm1(-2 * dt / time)) * rng.normal(size=count)
+        means += rps * np.sqrt(np.log(2) / np.pi) * sums
+    found = drift_between(np.array([5.0, 20.0]), np.array([10.0, 10.0]), 45.0, 10.0, rps)
+    drawn = np.cov(means)
+    assert drawn[0, 0] == pytest.approx(found.session, rel=0.08)
+    assert drawn[1, 1] == pytest.approx(found.use, rel=0.08)
+    assert found.change == pytest.approx(np.var(means[1] - means[0]), rel=0.08)
+    assert found.correlation == pytest.approx(np.corrcoef(means)[0, 1], abs=0.03)
+    assert drift_between(np.zeros(1), np.zeros(1), 1e9, 0.0, rps).both == pytest.approx(0.0, abs=1e-30)
 
 
 def test_temperature_counts_once_per_kelvin():

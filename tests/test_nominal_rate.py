@@ -8,11 +8,15 @@ import pytest
 from conftest import DEG, Table, broad
 from looks import G, look, of, with_sensor
 
+import tinygc
 from session.io.dialects import Answers
 from session.io.errors import FormatError
 from session.io.sensors.profile import CLOCK_WITHIN
 from session.replay.convert import convert
 from tinygc import FitOptions, Session, read_session
+from tinygc.annexes.budget.quantities import sensor_error_budgets, use_budgets
+from tinygc.annexes.budget.use import Use
+from tinygc.estimation.assembly import CLOCK
 from tinygc.estimation.fit import fit_session
 
 TRUE_HZ, NOMINAL_HZ = 105.4, 100.0
@@ -180,3 +184,49 @@ def test_fit_and_report_say_that_the_rate_is_nominal(counted, run):
     page = next(counted.rglob("report.html")).read_text()
     assert "100 Hz, nominal, not measured" in page
     assert "True data rate" not in page
+
+
+# A clock that stamps the logs.
+
+
+@pytest.fixture(scope="module")
+def stamped():
+    return tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=3).session
+
+
+def test_a_clock_that_is_known_to_so_many_ppm_moves_all_scales_by_as_many(stamped):
+    """Stamps that run fast by one sigma move E and B as the source says; the rest of the covariance is as without it."""
+    ppm, bare = 400.0, fit_session(stamped, LEAST_SQUARES)
+    known = fit_session(with_sensor(stamped, clock_sigma_ppm=ppm), LEAST_SQUARES)
+    fast = [
+        replace(log, samples=replace(log.samples, t_ns=np.rint(log.samples.t_ns * (1 + ppm * 1e-6)).astype(np.int64)))
+        for log in stamped.logs
+    ]
+    moved = fit_session(replace(stamped, logs=tuple(fast)), LEAST_SQUARES).linear.model.vector - bare.linear.model.vector
+    part = next(source for source in known.sources if source.name == CLOCK)
+    assert (part.kind, part.freedom) == ("B", np.inf)
+    np.testing.assert_allclose(np.outer(moved, moved)[:9, :9], part.covariance[:9, :9], atol=0.03 * part.covariance[0, 0])
+    np.testing.assert_allclose(known.covariance - bare.covariance, part.covariance, atol=1e-3 * part.covariance[0, 0])
+    assert known.nominal_rate is None  # measured all the same, so that nothing is in doubt
+    assert known.verdict().answer == bare.verdict().answer
+
+
+def test_a_clock_that_nobody_knows_stands_beside_the_scales(stamped):
+    def beside(session):
+        result = fit_session(session, LEAST_SQUARES)
+        return {each.name: CLOCK in [row.what for row in each.beside] for each in sensor_error_budgets(result)}
+
+    bare = beside(stamped)
+    assert {name for name, there in bare.items() if there} == {f"scale factor error {axis}" for axis in "xyz"}
+    for stated in ({"clock_sigma_ppm": 20.0}, {"clock_sigma_ppm": 0.0}, {"odr_sigma": 0.001}):
+        assert not any(beside(with_sensor(stamped, **stated)).values()), stated
+    motion = use_budgets(fit_session(stamped, LEAST_SQUARES), Use())[1]
+    assert CLOCK in [row.what for row in motion[-1].beside]
+    assert CLOCK not in [row.what for row in use_budgets(fit_session(stamped, LEAST_SQUARES), Use("rest"))[1][-1].beside]
+
+
+def test_a_clock_is_kept_and_counted_logs_have_their_own(stamped, counted, tmp_path):
+    again = read_session(with_sensor(stamped, clock_sigma_ppm=30.0).save(tmp_path / "s"))
+    assert (again.config.sensor.clock_sigma_ppm, again.clock.sigma) == (30.0, pytest.approx(30e-6))
+    nominal = with_sensor(read_session(counted), clock_sigma_ppm=30.0)
+    assert nominal.clock == nominal.nominal_rate is not None

@@ -11,6 +11,8 @@ from html_pages import parsed
 import calibrate
 from session.io.units import MG
 from tinygc import FitOptions
+from tinygc.estimation.requirements import accelerometer_measured
+from tinygc.estimation.sources import coverage_factor, effective_freedom, total
 from tinygc.estimation.verdict import decide
 from tinygc.reporting.html.evidence import gather
 from tinygc.reporting.html.page import page
@@ -44,14 +46,22 @@ def words_of(html):
     return re.sub(r"\s+", " ", re.sub("<[^>]*>", " ", html))
 
 
-def test_the_section_has_the_nine_numbers_with_twice_their_sigmas(evidence):
+def test_the_section_has_the_nine_numbers_with_their_expanded_uncertainties(evidence):
     found = evidence.fit.accelerometer
     text = words_of(accelerometer.section(evidence).html)
     assert "own stills and turns" in text
     numbers = accelerometer.quantities(found)
     assert [q.component for q in numbers] == ["x", "y", "z", "xy", "xz", "yz", "x", "y", "z"]
     np.testing.assert_allclose([q.value for q in numbers[6:]], found.calibration.bias_mps2 / MG)
-    np.testing.assert_allclose([q.expanded for q in numbers[6:]], 2 * found.sigmas[6:] / MG)
+    whole = evidence.fit.joint_covariance
+    np.testing.assert_allclose(total(evidence.fit.joint_sources), whole, rtol=1e-9, atol=1e-12 * np.abs(whole).max())
+    for q, turned in zip(numbers[6:], found.jacobian[6:], strict=True):  # a bias is an error as it is a parameter
+        variances = [float(turned @ source.covariance[:9, :9] @ turned) for source in evidence.fit.joint_sources]
+        freedom = effective_freedom(variances, [source.freedom for source in evidence.fit.joint_sources])
+        assert np.isfinite(freedom)
+        assert q.expanded == pytest.approx(coverage_factor(freedom) * np.sqrt(sum(variances)) / MG)
+    measured = {each.key: each for each in accelerometer_measured(found)}
+    assert measured["accel_bias_x_mg"].expanded == pytest.approx(numbers[6].expanded)
     assert len(re.findall("± ", text)) == 10  # nine, and the caption's
     before, after = (float(np.std(each)) / MG for each in found.misses_mps2)
     assert before > 100 * after

@@ -314,7 +314,7 @@ def test_the_attitude_after_a_minute_at_rest_is_the_bias_integrated():
 
 def test_an_accelerometer_that_was_given_has_no_uncertainty_and_what_is_not_observed_says_so():
     rows = [("bias", "mg", np.array([1.0, 2.0, 3.0]), None, ["bias x", "bias y", "bias z"])]
-    found = accelerometer_measured(SimpleNamespace(errors=lambda: rows, unobserved=("bias y",)))
+    found = accelerometer_measured(SimpleNamespace(errors=lambda: rows, unobserved=("bias y",), freedoms=np.full(9, np.inf)))
     assert [(each.key, each.value, each.observed) for each in found] == [
         ("accel_bias_x_mg", 1.0, True),
         ("accel_bias_y_mg", 2.0, False),

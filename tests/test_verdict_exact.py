@@ -360,7 +360,7 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
     slopes, vector, root = rng.normal(size=(3, 12)), rng.normal(size=12), 0.01 * rng.normal(size=(12, 12))
     covariance, heading = root @ root.T, np.diag([1e-4, 4e-4, 0.0])
     closures = [SimpleNamespace(path=SimpleNamespace(name=name), counted=name == "a.csv") for name in ("a.csv", "b.csv")]
-    session = SimpleNamespace(closures=closures, nominal_rate=None, rate_of=lambda log: 208.0 if log.counted else None)
+    session = SimpleNamespace(closures=closures, nominal_rate=None, clock=None, rate_of=lambda log: 208.0 if log.counted else None)
     problem = SimpleNamespace(
         session=session,
         middle_s=np.array([10.0, 50.0, 90.0]),
@@ -389,10 +389,10 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
     spread = BiasRepeatability(np.array([0.01, 0.02, 0.03]), "given")
     other = covariance + np.diag(np.r_[np.zeros(9), 2e-4, 8e-4, 18e-4])
     assert run_p_values(problem, runs, *given, spread) == pytest.approx([p(covariance), p(other)], rel=1e-6)
-    session.nominal_rate = NominalRate(208.0, 0.003, "")
+    session.nominal_rate = session.clock = NominalRate(208.0, 0.003, "")
     counted = covariance - 9e-6 * np.outer(vector, vector)
     assert run_p_values(problem, runs, *given) == pytest.approx([p(counted), p(covariance)], rel=1e-6)
-    session.nominal_rate = None
+    session.nominal_rate = session.clock = None
     left = [np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.0, 0.2])]
     assert run_p_values(problem, runs, *given, left=left) == pytest.approx([p(covariance, each) for each in left], rel=1e-6)
 

@@ -189,6 +189,7 @@ class Sensor:
     rows: str | None = None  #: here and below: which rows of its logs are this sensor's (``session.io.rows.Wanted``)
     where: str | None = None
     odr_sigma: float | None = None  #: relative, of odr_hz where it stands for the clock; 0: it was measured; None: the model's
+    clock_sigma_ppm: float | None = None  #: relative, one sigma of the clock that stamps the logs; None: not known
 
     @property
     def profile(self) -> Profile | None:
@@ -230,7 +231,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class NominalRate:
-    """A data rate that stands for a clock: samples were counted at ``hz``, and nothing measured it.
+    """A data rate that stands for a clock: samples were counted at ``hz``, and nothing measured it; or the clock that stamped them.
 
     sigma: its relative standard uncertainty; source: where that is from.  A true rate of hz (1 + e) makes every time too long by the
     factor 1 + e, and every rate that closes the turns too small by it: E and B scale together.
@@ -417,6 +418,7 @@ SHAPE = Keys(
                 "temp_lsb_per_c": Number(1e-3, 1e5),
                 "temp_at_zero_c": Number(-300, 300),
                 "odr_sigma": Number(0, 0.5),
+                "clock_sigma_ppm": Number(0, 1e5),
                 "rows": Text(),
                 "where": Text(),
             },

@@ -240,6 +240,20 @@ class Session:
         """The data rate that stands for a clock in any of the logs; None where all stamps are measured."""
         return next((rate for log in self.logs if (rate := self.rate_of(log)) is not None), None)
 
+    @property
+    def clock(self) -> NominalRate | None:
+        """What the logs' times are worth: that rate, else the clock that stamps them, where session.toml says how good it is."""
+        sensor = self.config.sensor
+        if self.nominal_rate is not None or not sensor.clock_sigma_ppm:
+            return self.nominal_rate
+        return NominalRate(sensor.odr_hz, sensor.clock_sigma_ppm * 1e-6, "sensor.clock_sigma_ppm")
+
+    @property
+    def clock_known(self) -> bool:
+        """Whether anything says how far the logs' clock may be off."""
+        sensor = self.config.sensor
+        return self.nominal_rate is not None or sensor.odr_sigma is not None or sensor.clock_sigma_ppm is not None
+
     def rate_of(self, log: Log) -> NominalRate | None:
         """The same of one log or closure run."""
         sensor = self.config.sensor

@@ -14,7 +14,7 @@ from session.io.units import DEG
 # ``session.toml``: of a recording that begins, or of a session that is saved.
 
 #: keys of ``[sensor]`` that are written where they are known
-OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
+OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "clock_sigma_ppm", *OWN_UNITS)
 NO_SITE = "# latitude_deg = …  # without it the Earth's rotation stays in the rates\n"
 
 

@@ -11,12 +11,13 @@ import tinygc
 from session.io.errors import CalibrationError
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.annexes.budget import monte_carlo as draws
+from tinygc.annexes.budget.library import budget_of_fit
 from tinygc.annexes.budget.monte_carlo import Errors, Redrawn, coverage_of
 from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
 from tinygc.annexes.budget.rows import Beside, Budget, Row, apportioned, decimals_of
-from tinygc.annexes.budget.text import beside_words, cells_of, largest_words, number, sum_words
-from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use
-from tinygc.closure.floor import GYRO_NOISE, wander_covariance
+from tinygc.annexes.budget.text import beside_words, cells_of, freedom_words, largest_words, number, sum_words
+from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use, usual_switch_on
+from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
@@ -198,6 +199,64 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
     assert "drift of the bias since the session" in later
     unknown = {source.name for source in sources_in_use(fitted, Use("rest", 10.0), motion)[0]}
     assert "bias of another switch-on" not in unknown  # nobody knows it: it stands beside the sum, by the usual spread
+
+
+@pytest.mark.parametrize("elapsed_s", [1.0, 3600.0, 1e6])
+def test_within_one_switch_on_the_drift_is_that_of_the_use_less_that_of_the_session(fitted, elapsed_s):
+    """At rest: 60 s times the standard deviation of the mean of the use less that of the session, C00 + C11 - 2 C01, counted once."""
+    _, found, own = use_budgets(fitted, Use("rest", elapsed_s=elapsed_s))
+    rows = [row for row in found[0].rows if "drift" in row.source]
+    assert [row.source for row in rows] == ["drift of the bias since the session"]
+    assert [source.name for source in own] == [NOISE_OF_USE]
+    problem, rps = fitted.problem, fitted.noise.noise.size("noise.bias_wander")
+    moments = np.r_[problem.began_s[-1] + elapsed_s + 30.0, problem.middle_s]
+    C = wander_covariance(moments, np.r_[60.0, problem.batch.duration_s], instability_rps=rps)
+    expected = C[0, 0] + C[1:, 1:].mean() - 2 * C[0, 1:].mean()
+    assert rows[0].u == pytest.approx(60 * np.sqrt(expected), rel=0.05)
+    drift = next(source for source in fitted.sources if source.name == BIAS_DRIFT)
+    assert (rows[0].kind, rows[0].freedom) == (drift.kind, drift.freedom)
+
+
+def test_a_drift_that_nobody_knows_is_said(fitted):
+    problem = fitted.problem.changed()
+    problem.__dict__["instability"] = BiasInstability(0.0, UNKNOWN)
+    sources = tuple(source for source in fitted.sources if source.name != BIAS_DRIFT)
+    unknown = replace(fitted, noise=None, problem=problem, sources=sources)
+    beside = {each.what: each for each in use_budgets(unknown, Use("rest", elapsed_s=10.0))[1][0].beside}
+    assert beside["drift of the bias since the session"].u is None
+
+
+def test_session_and_use_of_one_switch_on_are_not_drawn(fitted):
+    with pytest.raises(CalibrationError, match="--elapsed"):
+        budget_of_fit(fitted, Use("rest", elapsed_s=10.0), draws=1)
+
+
+def test_the_usual_spread_between_switch_ons_counts_twice(fitted):
+    """0.1 dps each of session and use: 60 s at rest miss 60 s x 0.1 dps x sqrt(2) = 8.485 degrees about each axis."""
+    slope = at_rest(fitted.linear.model).slope(fitted.linear.model)
+    np.testing.assert_allclose(np.sqrt(np.diag(usual_switch_on(slope))) / DEG, 8.485, rtol=1e-3)
+
+
+def test_a_total_says_that_it_covers_more_than_95_percent(fitted):
+    *axes, whole = use_budgets(fitted, Use("rest"))[1]
+    assert "95 %, and more" in sum_words(whole)
+    assert "at least" not in sum_words(axes[0])
+    drawn = RNG.normal(size=(20_000, 3)) * np.array([each.u for each in axes])
+    assert np.mean(np.linalg.norm(drawn, axis=1) < norm.ppf(0.975) * whole.u) > 0.98
+
+
+def test_so_many_degrees_of_freedom_that_k_does_not_differ_are_infinite():
+    assert [freedom_words(freedom) for freedom in (7.7, 9999.0, 27_093_866.0, np.inf)] == ["8", "9999", "∞", "∞"]
+    assert "freedom" not in sum_words(budget((1.0, 27_093_866.0)))
+    made = budget((1.0, 7.96))  # k is that of 7 (GUM G.4.1)
+    assert "k = 2.36, 95 % with 7 effective degrees" in sum_words(made)
+    assert cells_of(made)[-1][2] == "7"
+
+
+@pytest.mark.parametrize("seconds", [1e9, 0.0, -1.0, float("nan")])
+def test_a_use_of_a_time_that_no_use_has_is_refused(seconds):
+    with pytest.raises(CalibrationError, match="--seconds"):
+        Use("rest", seconds)
 
 
 def test_the_motion_may_be_a_session_or_a_log(fitted, tmp_path):

@@ -20,7 +20,7 @@ from tinygc.annexes.certificate.library import certificate_of
 from tinygc.annexes.certificate.page import page
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import coverage_factor, effective_freedom
-from tinygc.models.linear import COVERAGE_FACTOR, LinearModel, field_jacobian
+from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.reporting.html.paper import browser_path
 
 FOLDER = Path(content_module.__file__).parent
@@ -81,7 +81,8 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
         slope = field_jacobian(data.adopted.vector)[list(quantities).index(name)]
         variances = [float(source.variance(slope[None])[0]) for source in data.fit.sources]
         k = coverage_factor(effective_freedom(variances, [source.freedom for source in data.fit.sources]))
-        assert rows[name].expanded == pytest.approx(q.expanded / COVERAGE_FACTOR * k * more)
+        assert q.factor == pytest.approx(k)
+        assert rows[name].expanded == pytest.approx(q.expanded * more)  # one U on all pages
     closure, floor = filled.closure[0]
     assert closure.value == pytest.approx(np.sqrt(np.mean(np.sum(data.adopted.angles[:, :2] ** 2, axis=1))) / DEG)
     assert floor == pytest.approx(data.adopted.floor_rms / DEG)
@@ -139,6 +140,19 @@ def test_an_accelerometer_that_was_taken_as_given_is_no_result(data):
     rows = [row.words for row in content_of(replace(data, fit=given)).results]
     assert not any("accelerometer" in words for words in rows)
     assert any("accelerometer bias" in row.words for row in content_of(data).results)
+
+
+def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
+    def words(**stated):
+        session = data.fit.session
+        config = replace(session.config, sensor=replace(session.config.sensor, **stated))
+        problem = data.fit.problem.changed(session=replace(session, config=config))
+        found = content_of(replace(data, fit=replace(data.fit, problem=problem)))
+        return next(field.text for field in found.traceability if field.label == "Clock")
+
+    assert "whose clock's error is not known and is in no U of a scale factor" in words()
+    assert "whose clock is known to 20 ppm (k = 1), which is in U" in words(clock_sigma_ppm=20.0)
+    assert "not known" not in words(clock_sigma_ppm=0.0)
 
 
 # A draft

@@ -15,6 +15,7 @@ from tinygc import models
 from tinygc.annexes.verification.expected import ZERO, Spread, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, facts, read_old, with_bias_moved
 from tinygc.annexes.verification.rows import LENGTH
+from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.effects import AppliedEffect, Conditions, effect_of
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
 from tinygc.models.linear import LinearModel
@@ -107,6 +108,24 @@ def test_temperature_counts_for_zero_and_accelerometer(tmp_path):
     assert np.sqrt(np.diag(total([same["accelerometer's temperature"]]))[ACCELEROMETER]) == pytest.approx(
         np.r_[np.full(6, 0.1 * MG / G), np.full(3, 0.1 * MG)]
     )
+
+
+def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):
+    """Today's noise and the old fit each have the drift's variance: of their difference, twice its covariance is taken away."""
+    none, own = Spread(np.full(COUNT, np.nan), np.inf, ""), np.diag(np.r_[np.full(9, 1e-10), np.full(3, 1e-8)])
+    old = written(tmp_path, covariance=own.tolist())
+    rows = replace(rows_with(), twin=SimpleNamespace(problem=SimpleNamespace(instability=BiasInstability(2e-5, "given"))))
+
+    def of_zero(elapsed_s):
+        parts = expected_parts(old, rows, none, switched_on_since=False, elapsed_s=elapsed_s)
+        return np.diag(sum(total([part]) for part in parts if part.name in ("calibration", "wander")))[ZERO]
+
+    t, span = rows.duration_s, rows.duration_s
+    for elapsed_s in (1.0, 600.0):
+        both = wander_covariance(np.array([0.0, t + elapsed_s]), span, instability_rps=2e-5)[0, 1]
+        assert 0 < both < 5e-9
+        assert of_zero(elapsed_s) == pytest.approx(np.full(3, 1e-8 - 2 * both), rel=1e-9)
+    assert of_zero(1e7) == pytest.approx(np.full(3, 1e-8), rel=1e-9)
 
 
 def test_a_lots_repeatability_is_in_the_order_of_the_parameters(tmp_path, monkeypatch):

@@ -33,33 +33,14 @@ ACCELEROMETERS = ("auto", "given", "fit", "prior")
 WITH_LOT = ("raw", "raw_bias_removed", "least_squares")
 
 
-def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = ()) -> None:
-    """Add the options that affect a fit's numbers; of_day: further sources of a bias, for a stored calibration."""
-    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
+def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = (), trained: bool = True) -> None:
+    """Add the options that affect a fit's numbers; of_day: further sources of a bias, for a stored calibration; trained: those of the
+    methods too, without which a command sets ``methods`` itself."""
+    if trained:
+        _add_methods(command)
     command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
     command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
     command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
-    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
-    command.add_argument(
-        "--loss", choices=("squared", "distance"), default="squared", help="of TinyGC-Net; distance: the paper's, where days differ"
-    )
-    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
-    command.add_argument(
-        "--denoise-loss",
-        choices=("neighbours", "still", "endpoint"),
-        default="neighbours",
-        help="what tinygc_denoised learns; endpoint: the paper's",
-    )
-    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="maximum output delay, in samples (%(default)s)")
-    command.add_argument(
-        "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
-    )
-    command.add_argument(
-        "--parts", type=count(1), default=1, metavar="M", help="train TinyGC-Net on sequences of so many segments (%(default)s)"
-    )
-    command.add_argument(
-        "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
-    )
     command.add_argument(
         "--bias-per-log", action="store_true", help="each log has a bias of its own, as of several days; their median is kept"
     )
@@ -85,6 +66,32 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
     )
 
 
+def _add_methods(command: argparse.ArgumentParser) -> None:
+    """Add the choice of methods, and the options of those that are trained."""
+    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
+    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
+    command.add_argument(
+        "--loss", choices=("squared", "distance"), default="squared", help="of TinyGC-Net; distance: the paper's, where days differ"
+    )
+    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
+    command.add_argument(
+        "--denoise-loss",
+        choices=("neighbours", "still", "endpoint"),
+        default="neighbours",
+        help="what tinygc_denoised learns; endpoint: the paper's",
+    )
+    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="maximum output delay, in samples (%(default)s)")
+    command.add_argument(
+        "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
+    )
+    command.add_argument(
+        "--parts", type=count(1), default=1, metavar="M", help="train TinyGC-Net on sequences of so many segments (%(default)s)"
+    )
+    command.add_argument(
+        "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
+    )
+
+
 def fit_options(args: argparse.Namespace) -> FitOptions:
     """Return the fit's options from the parsed arguments, without physics."""
     from tinygc.estimation.options import DenoiseOptions, FitOptions
@@ -96,10 +103,11 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         "earth": not args.no_earth,
         "history": tuple(args.history),
         "exclude": tuple(dict.fromkeys(args.exclude)),
-        "denoise": DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
         "bias": args.bias or "auto",
         "physics": None,
     }
+    if hasattr(args, "denoise_loss"):
+        chosen["denoise"] = DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs)
     return FitOptions(**chosen)
 
 

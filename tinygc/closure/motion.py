@@ -24,6 +24,8 @@ from tinygc.models.model import Model
 
 #: s of the motion that a calibration's errors are stated for
 MINUTE_S = 60.0
+#: blocks over which the drift within a motion is taken as constant: a second each, longer ones in more than 33 minutes
+MOST_BLOCKS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class Motion:
         white = turn * np.sqrt(np.divide(1, weight, out=np.zeros_like(weight), where=weight > 0))[:, None, None] * density
         found = np.einsum("tik,tjk->ij", white, white)
         if instability_rps > 0:
-            blocks = np.array_split(np.arange(len(turn)), max(1, min(len(turn), round(self.duration_s))))
+            blocks = np.array_split(np.arange(len(turn)), max(1, min(len(turn), MOST_BLOCKS, round(self.duration_s))))
             time = np.concatenate([[0.0], np.cumsum(self.dt)])
             each = np.array([turn[block].sum(axis=0) for block in blocks])
             middle = np.array([time[block].mean() for block in blocks])

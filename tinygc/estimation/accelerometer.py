@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +26,7 @@ from session.io.config import Accelerometer
 from session.io.units import MG
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
+from tinygc.estimation.sources import Source, effective_freedom
 from tinygc.models import linear
 
 #: names of the accelerometer's nine parameters and the gyroscope's twelve, in the order of a joint covariance
@@ -42,7 +44,8 @@ class AccelerometerFit:
     mode: ``given``, ``fit`` or ``prior``; calibration in use; covariance (9, 9) of the correction x that led to it, SI, None where
     it was taken as given; unobserved: names of ``values`` that are not estimated; p_value: for a given one, of its agreement with the data;
     misses_mps2: residual of gravity's length in each still, as measured (or with a given calibration), and after the fit; x (9,): the
-    correction, which is the identity if it was not stored; drift: of the zero within the session, None where it was not looked for.
+    correction, which is the identity if it was not stored; drift: of the zero within the session, None where it was not looked for;
+    sources (9, 9) of the covariance, where they are told apart.
     """
 
     mode: str
@@ -53,6 +56,7 @@ class AccelerometerFit:
     misses_mps2: tuple[np.ndarray, np.ndarray] | None = None
     x: np.ndarray = field(default_factory=IDENTITY.copy)
     drift: ZeroDrift | None = None
+    sources: tuple[Source, ...] = ()
 
     @property
     def spread_mps2(self) -> tuple[float, float] | None:
@@ -95,16 +99,25 @@ class AccelerometerFit:
     def errors(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
         """Rows of the sensor errors for display, as in ``field_parameters`` for the gyroscope: word, unit, values (3,), sigmas (3,), in
         that unit, and names.  The numbers in ``rows`` are those of the correction."""
-        covariance, found = None, triad_errors(self.values)
-        if self.covariance is not None:
-            sides = [[triad_errors(self.values + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
-            slope = (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
-            covariance = slope @ self.jacobian @ self.covariance @ self.jacobian.T @ slope.T
-        sigmas = None if covariance is None else np.sqrt(np.diag(covariance))
+        found, slope = triad_errors(self.values), self._slope
+        sigmas = None if self.covariance is None else np.sqrt(np.diag(slope @ self.covariance @ slope.T))
         return [
             (word, unit, found[which] / UNITS[unit], None if sigmas is None else sigmas[which] / UNITS[unit], [NAMES[i] for i in which])
             for word, unit, which in (("scale factor error", "ppm", SCALES), ("nonorthogonality", "mrad", SHEARS), ("bias", "mg", BIASES))
         ]
+
+    @property
+    def _slope(self) -> np.ndarray:
+        """Derivative (9, 9) of the sensor errors by the correction x."""
+        sides = [[triad_errors(self.values + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
+        return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL) @ self.jacobian
+
+    @property
+    def freedoms(self) -> np.ndarray:
+        """(9,) effective degrees of freedom of the sigmas of ``errors``; infinite where their sources are not told apart."""
+        parts = [source.variance(self._slope) for source in self.sources]
+        freedoms = [source.freedom for source in self.sources]
+        return np.array([effective_freedom([part[i] for part in parts], freedoms) for i in range(PARAMETERS)])
 
     def to_json(self) -> dict:
         """Return ``accelerometer`` of ``tinygc-fit/2``."""
@@ -176,9 +189,10 @@ def unobserved_values(joint: JointFit) -> tuple[str, ...]:
 
 
 def accelerometer_fit(
-    calibration: Accelerometer, joint: JointFit | None, covariance: np.ndarray | None, gravity_mps2: float
+    calibration: Accelerometer, joint: JointFit | None, covariance: np.ndarray | None, gravity_mps2: float, sources: Sequence[Source] = ()
 ) -> AccelerometerFit:
-    """Describe a fit's accelerometer; covariance (21, 21) of ``JOINT_NAMES``, where noise was estimated; gravity_mps2: expected length."""
+    """Describe a fit's accelerometer; covariance (21, 21) of ``JOINT_NAMES``, where noise was estimated, and its sources; gravity_mps2:
+    expected length."""
     if joint is None:
         return AccelerometerFit("given", calibration, unobserved=NAMES if calibration.source == "none" else ())
     own = joint.covariance if covariance is None else covariance[:PARAMETERS, :PARAMETERS]
@@ -187,7 +201,15 @@ def accelerometer_fit(
         moved = 0.0 if joint.drift is None else joint.share[:, None] * joint.drift.mps2
         before = np.linalg.norm(calibration.measured(joint.force) + moved, axis=1) - gravity_mps2
     return AccelerometerFit(
-        joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x, joint.drift
+        joint.mode,
+        calibration,
+        own,
+        unobserved_values(joint),
+        joint.p_value,
+        (before, joint.after),
+        joint.x,
+        joint.drift,
+        tuple(source.of(slice(0, PARAMETERS)) for source in sources),
     )
 
 

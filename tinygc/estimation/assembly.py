@@ -32,14 +32,14 @@ MISFIT, ROUNDING, CLOCK, LOT = "misfit beyond the noise", "rounding of the regis
 @dataclass(frozen=True, eq=False)
 class StatedUncertainty:
     """goodness of fit; widened: the variance inflation f; sources of the twelve parameters, those that are there; accelerometer (12, 12):
-    the part that sessions with the same accelerometer calibration share, None where that is not included; joint and joint_shared (21, 21):
-    of both sensors where they were estimated jointly, else None."""
+    the part that sessions with the same accelerometer calibration share, None where that is not included; joint_sources (21, 21)
+    of both sensors where they were estimated jointly, and the part of them that is shared, else none."""
 
     goodness: GoodnessOfFit
     widened: float
     sources: tuple[Source, ...]
     accelerometer: np.ndarray | None = None
-    joint: np.ndarray | None = None
+    joint_sources: tuple[Source, ...] = ()
     joint_shared: np.ndarray | None = None
 
     @property
@@ -51,7 +51,8 @@ class StatedUncertainty:
             "sources": self.sources,
             "covariance": total(self.sources),
             "accelerometer_covariance": self.accelerometer,
-            "joint_covariance": self.joint,
+            "joint_sources": self.joint_sources,
+            "joint_covariance": total(self.joint_sources) if self.joint_sources else None,
             "joint_shared": self.joint_shared,
         }
 
@@ -84,7 +85,7 @@ def stated_uncertainty(
     shared = widened * shared_part(level, sources)
     if not joint:
         return StatedUncertainty(found, widened, there, shared)
-    whole = total([*sources, *(_embedded(source, shared.shape) for source in more)])
+    whole = (*sources, *(_embedded(source, shared.shape) for source in more))
     return StatedUncertainty(found, widened, there, shared[GYROSCOPE, GYROSCOPE], whole, shared)
 
 
@@ -92,8 +93,8 @@ def _as_they_are(problem: Problem, model: LinearModel, lot: PriorUse | None) -> 
     yield Source(ROUNDING, "B", np.inf, rounding_covariance(problem, model))
     if lot is not None:
         yield Source(LOT, "B", np.inf, lot.more)
-    if (nominal := problem.session.nominal_rate) is not None:
-        yield Source(CLOCK, "B", np.inf, nominal.covariance(model.vector))
+    if (clock := problem.session.clock) is not None:
+        yield Source(CLOCK, "B", np.inf, clock.covariance(model.vector))
 
 
 def _embedded(source: Source, shape: tuple[int, ...]) -> Source:

@@ -2,11 +2,14 @@
 
 The calibrated rate at rest, less the Earth's, is the zero's change since the calibration.  Without a fault its variance is the sum of
 
-    calibration    covariance of B in the fit
+    calibration    covariance of B in the fit; the drift within the session, flicker noise about its long mean, is in it
     switch-on      2 spread^2: both the session and today are one draw (``repeatability``)
-    wander         mean square of the drift between two times of one switch-on, by the noise figures of the unit or by the instability of
-                   its kind; beyond ``END_S`` no figure says how it goes on, and the spread between sessions takes over
+    wander         within one switch-on: the walk and the slow drift since the session (K and G of the unit's noise figures); beyond
+                   ``END_S`` no figure says how it goes on
     temperature    (coefficient x difference)^2, where no model over temperature has taken it off
+
+The flicker noise of the other time is in what is measured or used then.  Soon after the session it is partly that of the session: of two
+means, var(use - session) = C_use + C_session - 2 C_both (``drift_between``).
 """
 
 from __future__ import annotations
@@ -58,15 +61,14 @@ def expected_zero(
     switched_on_since: bool = True,
     repeatability: BiasRepeatability | None = None,
     figures: NoiseFigures | None = None,
-    instability: BiasInstability | None = None,
     warmer_k: float | None = None,
     per_k: np.ndarray | None = None,
 ) -> ExpectedZero:
     """Variance of the zero's change from a session to another time.
 
     calibration (3, 3): of B in the fit, (rad/s)^2.  elapsed_s: between them, None where not known; switched_on_since: whether the sensor
-    was, or may have been, switched off between them.  figures: of the unit at rest; instability: of its kind.  warmer_k: by how much it is
-    warmer than in the session, None where not known or already taken off; per_k (3,): rad/s per K, one sigma.
+    was, or may have been, switched off between them.  figures: of the unit at rest.  warmer_k: by how much it is warmer than in the
+    session, None where not known or already taken off; per_k (3,): rad/s per K, one sigma.
     """
     parts, assumed = {"calibration": np.asarray(calibration, dtype=float)}, []
     if switched_on_since:
@@ -74,10 +76,8 @@ def expected_zero(
         parts["switch-on"] = np.diag(2 * spread.rps**2)
         if repeatability is None:
             assumed.append("switch-on")
-    else:
-        parts["wander"] = np.diag(wander_variance(END_S if elapsed_s is None else elapsed_s, figures, instability))
-        if figures is None:
-            assumed.append("wander")
+    elif figures is not None:
+        parts["wander"] = np.diag(_walk(END_S if elapsed_s is None else min(elapsed_s, END_S), figures))
     if warmer_k is not None and warmer_k != 0:
         slope = np.full(3, USUAL_PER_K) if per_k is None else np.asarray(per_k, dtype=float)
         parts["temperature"] = np.diag((slope * warmer_k) ** 2)
@@ -94,14 +94,43 @@ def wander_variance(elapsed_s: float, figures: NoiseFigures | None, instability:
     time = min(max(elapsed_s, 0.0), END_S)
     if figures is None:
         return np.full(3, 0.0 if instability is None else _flicker(time, instability.rps))
-    found = np.zeros(3)
-    for axis, noise in enumerate(figures.gyro.axes):
-        terms = noise.terms
-        found[axis] = noise.value("K") ** 2 * time + _flicker(time, noise.value("B"))
-        found[axis] += 2 * noise.value("G") ** 2 * -np.expm1(-time / (terms["G"].tau_s or 1.0))
-    return found
+    return _walk(time, figures) + [_flicker(time, noise.value("B")) for noise in figures.gyro.axes]
+
+
+def _walk(time_s: float, figures: NoiseFigures) -> np.ndarray:
+    """(3,) (rad/s)^2: K^2 t + 2 G^2 (1 - exp(-t / T))."""
+    G, tau_s = figures.gyro.values("G"), np.array([noise.terms["G"].tau_s or 1.0 for noise in figures.gyro.axes])
+    return figures.gyro.values("K") ** 2 * time_s - 2 * G**2 * np.expm1(-time_s / tau_s)
 
 
 def _flicker(time_s: float, rps: float) -> float:
-    between = wander_covariance(np.array([0.0, time_s]), instability_rps=rps)
-    return float(between[0, 0] + between[1, 1] - 2 * between[0, 1])
+    none = np.zeros(1)
+    return drift_between(none, none, time_s, 0.0, rps).change
+
+
+@dataclass(frozen=True)
+class DriftBetween:
+    """Variances, (rad/s)^2, of one axis' drift: of its mean in a session, of its mean in a later use, and their covariance."""
+
+    session: float
+    use: float
+    both: float
+
+    @property
+    def change(self) -> float:
+        """Variance of the mean in the use less that in the session."""
+        return self.session + self.use - 2 * self.both
+
+    @property
+    def correlation(self) -> float:
+        """Of the two means; 0 where nothing drifts."""
+        return self.both / float(np.sqrt(self.session * self.use)) if self.session * self.use > 0 else 0.0
+
+
+def drift_between(middle_s: np.ndarray, span_s: np.ndarray, use_s: float, use_span_s: float, rps: float) -> DriftBetween:
+    """Flicker noise of a bias instability, rad/s, in a session and in a use of the same switch-on.
+
+    middle_s, span_s (S,): the session's pieces, their middles and durations, s; use_s, use_span_s: of the use, on the same clock.
+    """
+    wander = wander_covariance(np.r_[use_s, middle_s], np.r_[use_span_s, span_s], instability_rps=rps)
+    return DriftBetween(float(wander[1:, 1:].mean()), float(wander[0, 0]), float(wander[0, 1:].mean()))

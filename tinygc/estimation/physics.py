@@ -73,13 +73,13 @@ def model_at(trial: np.ndarray, claims: Sequence[AppliedEffect], known: Conditio
     return PhysicsModel(LinearModel.from_vector(trial), tuple(changed), known)
 
 
-def rate_covariance(found: Refit, nominal: NominalRate | None) -> np.ndarray:
+def rate_covariance(found: Refit, clock: NominalRate | None) -> np.ndarray:
     """Return the covariance (12 + P, 12 + P) of E row by row, B in rad/s, and the theta of each rate effect in SI; inflated where the
-    refit's residuals exceed the noise.  nominal: the rate that samples were counted at, with which all of them scale."""
+    refit's residuals exceed the noise.  clock: of the logs, with which all of them scale."""
     rows = rows_of_rates(found.state)
     widen = max(1.0, found.chi_square / max(len(found.r) - found.J.shape[1], 1))
     covariance = found.covariance[np.ix_(rows, rows)] * widen
-    return covariance if nominal is None else covariance + nominal.covariance(found.state.vector[rows])
+    return covariance if clock is None else covariance + clock.covariance(found.state.vector[rows])
 
 
 def rows_of_rates(state: State) -> np.ndarray:

@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
+from session.detect.accelerometer import NAMES
 from session.io.requirements import ATTITUDE, CLOSURE, CLOSURE_RUN, KINDS, SIMPLE, Requirements, Rule
 from session.io.texts import fixed, probability, significant
 from session.io.units import DEG
@@ -315,13 +316,13 @@ def accelerometer_measured(found: AccelerometerFit | None) -> list[Measured]:
     """The accelerometer's sensor errors; those of a calibration that was taken as given have no uncertainty here."""
     if found is None:
         return []
-    measured = []
+    measured, freedoms = [], dict(zip(NAMES, found.freedoms, strict=True))
     for word, unit, values, sigmas, names in found.errors():
         kind = f"accel_{word.replace(' ', '_')}"
         for number, (part, name) in enumerate(zip(KINDS[kind][0], names, strict=True)):
             sigma = float("nan") if sigmas is None else float(sigmas[number])
             key, words, observed = f"{kind}_{part}_{unit}", f"accelerometer {word} {part}", name not in found.unobserved
-            measured.append(Measured(key, words, unit, float(values[number]), sigma, observed=observed))
+            measured.append(Measured(key, words, unit, float(values[number]), sigma, freedoms[name], observed))
     return measured
 
 

@@ -99,11 +99,11 @@ class FitResult:
     with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; first_order_rad: the largest error of
     the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused: methods
     taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
-    joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
-    jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one; not_run: why a
-    requested method cannot run on this session, by name; allowed: how far one effect that the recording still allows moves the parameters,
-    None where the noise is not estimated; repeatability: spread of the bias between sessions, None where nothing tells it; sources: the
-    parts that ``covariance`` is the sum of.
+    joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
+    joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None
+    without one; not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
+    allows moves the parameters, None where the noise is not estimated; repeatability: spread of the bias between sessions, None where
+    nothing tells it; sources: the parts that ``covariance`` is the sum of.
     """
 
     problem: Problem
@@ -126,6 +126,7 @@ class FitResult:
     noise: StatedNoise | None = None
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None
+    joint_sources: tuple[Source, ...] = ()
     joint_shared: np.ndarray | None = None
     lot: PriorUse | None = None
     not_run: dict[str, str] = field(default_factory=dict)
@@ -140,7 +141,8 @@ class FitResult:
     def accelerometer(self) -> AccelerometerFit:
         """The accelerometer's calibration that the references depend on."""
         config = self.session.config
-        return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, config.site.expected_gravity_mps2)
+        gravity_mps2 = config.site.expected_gravity_mps2
+        return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, gravity_mps2, self.joint_sources)
 
     @property
     def session(self) -> Session:
@@ -169,7 +171,7 @@ class FitResult:
         physics, name = self.physics, self.use.method
         if physics is not None and name in PHYSICS:
             state = physics.fit.state
-            vector, covariance = state.vector[rows_of_rates(state)], rate_covariance(physics.fit, self.nominal_rate)
+            vector, covariance = state.vector[rows_of_rates(state)], rate_covariance(physics.fit, self.session.clock)
             errors = errors_with_physics(physics.model.claims, physics.model.known, state.earth_t)
             problem, held_out, freedom = physics.problem, self.methods[name].held_out, None
             left = len(physics.fit.r) - physics.fit.J.shape[1]
@@ -557,7 +559,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         if name == "physics" and result.physics is not None:
             from tinygc.estimation.physics import covariance_at_end, covariance_table
 
-            covariance = rate_covariance(result.physics.fit, result.nominal_rate)
+            covariance = rate_covariance(result.physics.fit, result.session.clock)
             more |= covariance_table(result.physics.model.claims, covariance)
             ended |= covariance_at_end(result.physics.model, covariance)
         if result.repeatability is not None:

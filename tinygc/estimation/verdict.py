@@ -24,13 +24,13 @@ from session.io.errors import FitError
 from session.io.requirements import CLOSURE, CLOSURE_RUN, Requirements, Rule
 from session.io.texts import command_line, degrees, probability, significant
 from session.io.units import DEG
-from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import AgainstRaw, rmse, tilt_rms
+from tinygc.estimation.expected_zero import drift_between
 from tinygc.estimation.options import METHODS
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.requirements import (
@@ -358,11 +358,11 @@ def run_p_values(
     ``vector`` if None.
     """
     found, sigma, session = [], np.sqrt(np.diag(covariance)), problem.session
-    counted = {log.path.name for log in session.closures if session.rate_of(log) is not None}
+    by_same = {log.path.name for log in session.closures if session.nominal_rate is None or session.rate_of(log) is not None}
     for number, run in enumerate(runs):
         error, known = errors(vector, run), covariance
-        if session.nominal_rate is not None and run.file in counted:  # what a wrong rate does to the scale, it undoes in such a run
-            known = covariance - session.nominal_rate.covariance(vector)
+        if session.clock is not None and run.file in by_same:  # what a wrong clock does to the scale, it undoes in such a run
+            known = covariance - session.clock.covariance(vector)
         slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
         drift = slope[:, BIAS] * np.sqrt(_wander_since(problem, run))
         if between is not None and not run.time_known:  # the sensor may have been switched off
@@ -375,8 +375,5 @@ def run_p_values(
 
 def _wander_since(problem: Problem, run: ClosureRun) -> float:
     """Variance, (rad/s)^2, of the bias in the run less its mean in the session."""
-    moments = np.r_[run.began_s + run.duration_s / 2, problem.middle_s]
-    spans = np.r_[run.duration_s, problem.batch.duration_s]
-    wander = wander_covariance(moments, spans, instability_rps=problem.instability.rps)
-    contrast = np.r_[1.0, np.full(len(moments) - 1, -1 / (len(moments) - 1))]
-    return float(contrast @ wander @ contrast)
+    middle_s = run.began_s + run.duration_s / 2
+    return drift_between(problem.middle_s, problem.batch.duration_s, middle_s, run.duration_s, problem.instability.rps).change

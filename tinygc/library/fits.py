@@ -23,7 +23,7 @@ from tinygc.estimation.results import FitResult, model_tables, save_models, to_j
 from tinygc.estimation.verdict import Acceptance
 from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
-from tinygc.models.linear import COVERAGE_FACTOR, NAMES
+from tinygc.models.linear import NAMES
 from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.fit_screen import verdict_text
 from tinygc.reporting.fit_text import fit_report, sensor_errors
@@ -82,8 +82,7 @@ class Fit(Shown):
         found = [quantity for quantity in sensor_errors(self.result) if quantity.word in SENSOR_ERRORS]
         named = ((f"{quantity.word} {quantity.component}".replace(" ", "_"), quantity) for quantity in found)
         return Named(
-            (name, Estimate(name, q.value, q.expanded / COVERAGE_FACTOR, q.unit) if q.observed else Estimate(name, nan, nan, q.unit))
-            for name, q in named
+            (name, Estimate(name, q.value, q.sigma, q.unit) if q.observed else Estimate(name, nan, nan, q.unit)) for name, q in named
         )
 
     @property

@@ -87,16 +87,17 @@ def columns(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
 AXES = "xyz"
 #: a quantity that changes by this much per unit of an unobserved parameter is not observed either
 DEPENDS = 0.1
-#: k of the expanded uncertainty
+#: k of the expanded uncertainty, where its degrees of freedom are not counted
 COVERAGE_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A reported quantity: word, component (x, xy, …), unit; value and its expanded uncertainty (k = 2) in that unit.
+    """A reported quantity: word, component (x, xy, …), unit; value and its expanded uncertainty in that unit.
 
     observed: whether the session determines it; at_most: an upper limit if not, or NaN; note: a remark for the reader; moved: how far one
-    effect that is not in the model may have moved it, in its unit (k = 1), or NaN.
+    effect that is not in the model may have moved it, in its unit (k = 1), or NaN; factor: k of the expanded uncertainty; freedom: degrees
+    of freedom that k is of.
     """
 
     word: str
@@ -108,6 +109,13 @@ class Quantity:
     at_most: float = float("nan")
     note: str = ""
     moved: float = float("nan")
+    factor: float = COVERAGE_FACTOR
+    freedom: float = float("inf")
+
+    @property
+    def sigma(self) -> float:
+        """Standard uncertainty, in the unit."""
+        return self.expanded / self.factor
 
 
 #: word, components, unit, unit in SI

@@ -14,7 +14,7 @@ from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import METHODS, MethodFit
 from tinygc.estimation.results import FitResult, known_turns_words
-from tinygc.models.linear import BIAS, COVERAGE_FACTOR, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 if TYPE_CHECKING:
@@ -337,14 +337,13 @@ def parameters_table(result: FitResult) -> Table:
         said.append(f"the bias of any other session: ± {any_session:.3f} dps ({result.repeatability.source})")
     if said:
         table.caption, table.caption_justify = "; ".join(said), "left"
-    sigma = min(by_name["bias", axis].expanded / COVERAGE_FACTOR for axis in "xyz")
+    sigma = min(by_name["bias", axis].sigma for axis in "xyz")
     row("bias, dps", int(np.clip(1 - np.floor(np.log10(max(sigma, 1e-9))), 0, 5)), [("bias", axis) for axis in "xyz"])
     return table
 
 
 def _cell(quantity: Quantity, digits: int) -> str:
-    sigma = quantity.expanded / COVERAGE_FACTOR
-    return f"{quantity.value:.{digits}f} ± {sigma:.{digits}f}" if quantity.observed else "not observed"
+    return f"{quantity.value:.{digits}f} ± {quantity.sigma:.{digits}f}" if quantity.observed else "not observed"
 
 
 # The bias of the day in the terminal.

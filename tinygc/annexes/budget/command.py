@@ -31,7 +31,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     check = command.add_argument_group("a check by Monte Carlo (JCGM 101)")
     draws = "draw all errors anew, at most so often, fit each time, and compare; exit 1 if they differ, 5 if so few do not decide"
     check.add_argument("--monte-carlo", type=count(1), default=0, metavar="N", help=draws)
-    add_fit_arguments(command)
+    add_fit_arguments(command, trained=False)
     command.set_defaults(methods=["least_squares"])
 
 

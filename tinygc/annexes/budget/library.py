@@ -66,7 +66,7 @@ class UncertaintyBudget(Shown):
             for each in self.asked:
                 parts += [*whole(each), ""]
             return Group(*parts[:-1], *drawn)
-        title = f"Attitude after {self.motion}, about the axes of its start, 95 %"
+        title = f"Attitude after {self.motion}, about the axes of its start, 95 % (total: at least)"
         errors = [each for each in self.shown if each not in self.attitude]
         return Group(overview("Sensor errors, 95 %", errors), "", overview(title, self.attitude), *drawn)
 
@@ -109,6 +109,8 @@ def budget_of_fit(
 
     Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
     """
+    if draws and use.elapsed_s is not None:
+        raise CalibrationError("--monte-carlo: the drift of session and use is not drawn as one; leave --elapsed out, or the draws")
     motion, attitude, in_use = use_budgets(result, use)
     parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
     made = UncertaintyBudget(result.session.name, parameters, errors, tuple(attitude), motion.words)

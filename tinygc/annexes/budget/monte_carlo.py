@@ -106,8 +106,9 @@ class Redrawn:
             bias = root @ rng.normal(size=root.shape[1])
             return replace(nothing, reading=-np.linalg.solve(self.model.E, bias))
         if name == CLOCK:
-            assert self.result.nominal_rate is not None
-            return replace(nothing, clock=self.result.nominal_rate.sigma * float(rng.normal()))
+            clock = self.result.session.clock
+            assert clock is not None
+            return replace(nothing, clock=clock.sigma * float(rng.normal()))
         if name in self._roots:
             root = self._roots[name]
             return replace(nothing, channels=root @ rng.normal(size=root.shape[1]))

@@ -35,8 +35,8 @@ def page(name: str, errors: Sequence[Budget], attitude: Sequence[Budget], motion
     sections.append(Section("tables", "Budgets", "".join(whole(each) for each in (*errors, *attitude))))
     head = f'<header><p class="kicker">Uncertainty budget</p><h1>{escape(name)}</h1></header>'
     foot = (
-        "<footer>U = k u with 95 % coverage; k by the effective degrees of freedom (Welch–Satterthwaite, GUM G.4). Type A: evaluated from "
-        f"this recording; B: from anything else. TinyGC {escape(VERSION)}.</footer>"
+        "<footer>U = k u with 95 % coverage, of a total at least; k by the effective degrees of freedom (Welch–Satterthwaite, GUM G.4). "
+        f"Type A: evaluated from this recording; B: from anything else. TinyGC {escape(VERSION)}.</footer>"
     )
     return document(f"Uncertainty budget: {name}", head, sections, foot)
 

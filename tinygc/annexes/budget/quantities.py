@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from session.detect.rounding import lsb_of
 from session.io.texts import printable
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc.annexes.budget.rows import Beside, Budget, budget_of
-from tinygc.annexes.budget.use import Use, axes_and_total, model_of, motion_in, sources_in_use, usual_switch_on
+from tinygc.annexes.budget.use import DRIFT_SINCE, Use, axes_and_total, model_of, motion_in, sources_in_use, usual_switch_on
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STOPS, TRUTH
 from tinygc.closure.motion import Motion
@@ -29,6 +29,8 @@ from tinygc.reporting.fit_text import sensor_errors
 NOT_KNOWN = "not known"
 #: and of an Earth's rate that is left in the rates
 NO_LATITUDE = "no site.latitude_deg in session.toml, or --no-earth"
+#: what a clock moves by less than this share of its own error is not said to depend on it
+LEAST_OF_CLOCK = 0.01
 
 
 def parameter_budgets(result: FitResult) -> list[Budget]:
@@ -85,8 +87,8 @@ def _weighed(weight: np.ndarray, covariance: np.ndarray) -> float:
 
 def _beside_parameter(result: FitResult, slope: np.ndarray) -> list[Beside]:
     """Of a quantity with this derivative (12,) by the parameters: one effect that nobody modelled, another switch-on, an Earth's rate that
-    is left out."""
-    found = []
+    is left out, a clock that nobody knows."""
+    found = list(_clock(result, slope))
     if result.allowed is not None:
         moved = float(result.allowed.of(slope[None])[0])
         found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
@@ -110,8 +112,15 @@ def _switch_on(result: FitResult, u: float) -> Beside:
     return Beside(what, u, f"{result.repeatability.source}; counts in any other session")
 
 
+def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
+    """Of quantities with this derivative (..., 12): a clock that is not known, where it moves them, as it scales E and B together."""
+    vector = model_of(result).vector
+    if not result.session.clock_known and np.abs(slope @ vector).max() > LEAST_OF_CLOCK * np.linalg.norm(vector):
+        yield Beside(CLOCK, None, f"{NOT_KNOWN} how far the clock of the stamps is off, and with it the scale: give sensor.clock_sigma_ppm")
+
+
 def _beside_use(result: FitResult, use: Use, slope: np.ndarray, weight: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
-    found = []
+    found = list(_clock(result, slope[weight > 0]))
     if result.allowed is not None:
         moved = float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2)))
         found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
@@ -121,7 +130,9 @@ def _beside_use(result: FitResult, use: Use, slope: np.ndarray, weight: np.ndarr
         found.append(Beside("bias of another switch-on", usual, why))
     if use.warmer_k is None:
         found.append(Beside("temperature of the use", None, f"{NOT_KNOWN}: give --warmer"))
-    if use.warmer_k or use.elapsed_s:
+    if use.elapsed_s is not None and not result.problem.instability.rps:
+        found.append(Beside(DRIFT_SINCE, None, f"{NOT_KNOWN}: give sensor.gyro_bias_instability_dph"))
+    if use.warmer_k:
         found += [Beside(name, None, "in the sum, with a size that is usual, not this unit's") for name in assumed]
     return found
 
@@ -166,8 +177,8 @@ def source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
     if problem.earth.source in ("estimated", "unknown"):
         unseen = unseen_covariance(problem.earth, config.site.latitude_deg)
         found[EARTH] = (float(np.sqrt(np.trace(unseen))) / DEG_PER_HOUR, "°/h")
-    if (nominal := result.nominal_rate) is not None:
-        found[CLOCK] = (100 * nominal.sigma, "%")
+    if (clock := result.session.clock) is not None:
+        found[CLOCK] = (1e6 * clock.sigma, "ppm") if result.nominal_rate is None else (100 * clock.sigma, "%")
     rests = [np.asarray(log.samples.gyro[s.start : s.stop]) for log in problem.logs for s in log.stills[:1]]
     if rests:
         found[ROUNDING] = (lsb_of(np.concatenate(rests)) / DEG, "dps a step")

@@ -10,6 +10,7 @@ import numpy as np
 from session.io.texts import NONE, printable, significant
 from tinygc.annexes.budget.monte_carlo import MonteCarlo
 from tinygc.annexes.budget.rows import Budget, Row, apportioned, decimals_of
+from tinygc.annexes.budget.use import TOTAL
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import RenderableType, Table, one_line, plain_table
 
@@ -17,6 +18,8 @@ from tinygc.reporting.terminal import RenderableType, Table, one_line, plain_tab
 MOST = 3
 #: significant digits of a sum of variances
 DIGITS = 5
+#: degrees of freedom from which k is that of infinitely many to four digits
+MANY = 1e4
 #: share of a row that is printed by itself
 LEAST_SHARE = 5e-4
 
@@ -77,7 +80,7 @@ def cells_of(budget: Budget) -> list[list[str]]:
     cells = [[row.source, row.kind, freedom_words(row.freedom), *_size_cells(budget, row), number(row.u / budget.si)] for row in large]
     if small:
         cells.append([f"{len(small)} further, each below {100 * LEAST_SHARE:g} %", *[""] * 5, number(np.sqrt(max(squares[-1], 0.0)))])
-    cells.append(["sum", "", freedom_words(budget.freedom), "", "", "", number(budget.u / budget.si)])
+    cells.append(["sum", "", freedom_words(np.floor(budget.freedom)), "", "", "", number(budget.u / budget.si)])
     shown.append(round(sum(shown), decimals))
     shares.append(round(sum(shares), 1))
     return [[*row, f"{square:.{decimals}f}{power}", f"{share:.1f}"] for row, square, share in zip(cells, shown, shares, strict=True)]
@@ -96,16 +99,17 @@ def number(value: float) -> str:
 
 
 def freedom_words(freedom: float) -> str:
-    """Degrees of freedom: a whole number, or ∞."""
-    return f"{freedom:.0f}" if np.isfinite(freedom) else "∞"
+    """Degrees of freedom: a whole number, or ∞ where k is to all digits that of a known size."""
+    return f"{freedom:.0f}" if freedom < MANY else "∞"
 
 
 def sum_words(budget: Budget) -> str:
     """Combined and expanded uncertainty in one line."""
     u, expanded = budget.u / budget.si, budget.expanded / budget.si
     unit = "" if budget.unit == "1" else f" {budget.unit}"
-    of = "" if not np.isfinite(budget.freedom) else f" with {freedom_words(budget.freedom)} effective degrees of freedom"
-    return f"u = {number(u)}{unit}; U = {number(expanded)}{unit}: k = {budget.k:.2f}, 95 %{of}"
+    of = "" if budget.freedom >= MANY else f" with {freedom_words(np.floor(budget.freedom))} effective degrees of freedom"
+    share = "95 %" if budget.name != TOTAL else "at least 95 %, and more where no axis dominates"
+    return f"u = {number(u)}{unit}; U = {number(expanded)}{unit}: k = {budget.k:.2f}, {share}{of}"
 
 
 def beside_words(budget: Budget) -> list[str]:

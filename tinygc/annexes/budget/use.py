@@ -3,6 +3,9 @@
     phi = A (theta - truth)  +  white noise and drift of the bias during the motion
           + A_B (bias of another switch-on, temperature)                    A (3, 12): slope of ``closure.motion``
 
+Within one switch-on the drift in the use and in the session are partly the same: its row is the variance of their difference.  With S and
+U their parts of the attitude's covariance, S' and U' the symmetric roots, and rho the correlation of their means (``drift_between``), it is
+S + U - rho (S' U' + U' S').
 Axes are those of the body at the start.  The total angle's variance is the sum of the three.
 """
 
@@ -15,12 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from session.io.errors import CalibrationError
 from session.io.folder import read_session
-from session.io.units import DEG
+from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.closure.floor import GYRO_NOISE
 from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
 from tinygc.closure.uncertainty import BIAS_DRIFT
-from tinygc.estimation.expected_zero import USUAL_SPREAD, expected_zero
+from tinygc.estimation.expected_zero import USUAL_SPREAD, drift_between, expected_zero
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.sources import Source, freedom_of
 from tinygc.estimation.stated_noise import COMPONENTS, kind_of
@@ -33,9 +37,12 @@ NOISE_OF_USE, DRIFT_OF_USE = f"{GYRO_NOISE}, in use", f"{BIAS_DRIFT}, in use"
 #: causes of ``expected_zero`` as sources
 ZERO_OF_USE = {
     "switch-on": "bias of another switch-on",
-    "wander": "drift of the bias since the session",
     "temperature": "temperature of the use",
 }
+#: the drift in use less that in the session, of one switch-on
+DRIFT_SINCE = f"{BIAS_DRIFT} since the session"
+#: s: a use is at most a day
+MOST_S = 86400.0
 #: word for a sensor that lies still
 REST = "rest"
 #: the total angle of the attitude's error
@@ -51,6 +58,11 @@ class Use:
     seconds: float = MINUTE_S
     elapsed_s: float | None = None
     warmer_k: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a time that no use has.  Raises CalibrationError."""
+        if not 0 < self.seconds <= MOST_S:
+            raise CalibrationError(f"--seconds {self.seconds:g}: expected more than 0 and at most {MOST_S:g} s, a day")
 
 
 def motion_in(use: Use, result: FitResult) -> Motion:
@@ -75,14 +87,21 @@ def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[So
     density, problem = result.problem.noise.angle_random_walk, result.problem
     found.append(Source(NOISE_OF_USE, *kind_of(GYRO_NOISE, problem), motion.noise_covariance(model, density, 0.0)))
     rps, drift = _drift(result)
-    found.append(replace_covariance(drift, DRIFT_OF_USE, motion.noise_covariance(model, np.zeros(3), rps)))
-    sizes = {NOISE_OF_USE: (float(np.sqrt(np.mean(problem.noise.gyro**2))) / DEG, "dps/√Hz"), DRIFT_OF_USE: (rps / DEG * 3600, "°/h")}
+    sizes = {NOISE_OF_USE: (float(np.sqrt(np.mean(problem.noise.gyro**2))) / DEG, "dps/√Hz")}
+    sizes |= dict.fromkeys((DRIFT_OF_USE, DRIFT_SINCE), (rps / DEG_PER_HOUR, "°/h"))
+    in_use = motion.noise_covariance(model, np.zeros(3), rps)
+    at = next((i for i, source in enumerate(found) if source.name == BIAS_DRIFT), None)
+    if use.elapsed_s is None or at is None:
+        found.append(replace_covariance(drift, DRIFT_OF_USE, in_use))
+    else:
+        middle_s = problem.began_s[-1] + use.elapsed_s + motion.duration_s / 2
+        between = drift_between(problem.middle_s, problem.batch.duration_s, middle_s, motion.duration_s, rps)
+        shared = between.correlation * _root(found[at].covariance) @ _root(in_use)
+        found[at] = replace_covariance(drift, DRIFT_SINCE, found[at].covariance + in_use - shared - shared.T)
     zero = expected_zero(
         result.covariance[BIAS, BIAS],
-        elapsed_s=use.elapsed_s,
         switched_on_since=use.elapsed_s is None,
         repeatability=result.repeatability,
-        instability=problem.instability,
         warmer_k=use.warmer_k,
     )
     for cause, name in ZERO_OF_USE.items():
@@ -107,6 +126,12 @@ def usual_switch_on(slope: np.ndarray) -> np.ndarray:
 def replace_covariance(source: Source, name: str, covariance: np.ndarray) -> Source:
     """A source of the same kind and freedom."""
     return Source(name, source.kind, source.freedom, covariance)
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """(3, 3): symmetric, R R = covariance."""
+    size, axes = np.linalg.eigh(covariance)
+    return axes * np.sqrt(np.maximum(size, 0.0)) @ axes.T
 
 
 def _drift(result: FitResult) -> tuple[float, Source]:

@@ -30,7 +30,7 @@ from tinygc.estimation.requirements import (
     run_measured,
 )
 from tinygc.estimation.sources import Source
-from tinygc.models.linear import BIAS, COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
 from tinygc.reporting.html.evidence import LINEAR, ReportData
 from tinygc.reporting.html.sections.front import SOURCES, recorded
 
@@ -262,6 +262,10 @@ def _traceability(data: ReportData) -> list[Field]:
     gravity = "standard gravity, taken as known to 0.2 %" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"
     counted = data.fit.nominal_rate is not None
     clock = f"time by counting samples at {_rate_words(data)}" if counted else "time by the stamps of the item's board"
+    if config.sensor.clock_sigma_ppm is not None and not counted:
+        clock += f", whose clock is known to {config.sensor.clock_sigma_ppm:g} ppm (k = 1), which is in U"
+    elif not data.fit.session.clock_known:
+        clock += ", whose clock's error is not known and is in no U of a scale factor"
     angle = REFERENCES[protocol.reference].format(dial=protocol.dial_sigma_deg, truth=protocol.truth_sigma_deg)
     if protocol.reference == "gravity":
         found = data.fit.accelerometer
@@ -305,7 +309,7 @@ def _as_measured(q: Quantity) -> Measured:
     words = f"gyroscope {q.word} {q.component}"
     if " per g on " in q.component:  # what axis adds to the rate per g along which
         words = f"gyroscope {q.word}, {q.component}"
-    return Measured("", words, q.unit, q.value, q.expanded / COVERAGE_FACTOR, observed=q.observed)
+    return Measured("", words, q.unit, q.value, q.sigma, q.freedom, q.observed)
 
 
 def _rows(values: Sequence[Measured]) -> list[ResultRow]:

@@ -22,7 +22,14 @@ from session.io.units import DEG, MG, G
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.annexes.verification.rows import LENGTH, Rows
 from tinygc.estimation.compare import SessionTriad, into_frame_of, read_calibrated
-from tinygc.estimation.expected_zero import USUAL_ACCEL_PER_K, USUAL_ACCEL_ZERO_MPS2, USUAL_PER_K, USUAL_SPREAD, expected_zero
+from tinygc.estimation.expected_zero import (
+    USUAL_ACCEL_PER_K,
+    USUAL_ACCEL_ZERO_MPS2,
+    USUAL_PER_K,
+    USUAL_SPREAD,
+    drift_between,
+    expected_zero,
+)
 from tinygc.estimation.repeatability import sample_variance
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import NoiseFigures
@@ -112,15 +119,18 @@ def expected_parts(
     figures: NoiseFigures | None = None,
 ) -> list[Part]:
     """Parts of what r may be without a fault, beside noise; temp_then_c: of the old session, NaN where not known."""
-    parts = _of_calibration(old, rows)
-    warmer_k = rows.temp_c - temp_then_c if np.isfinite(rows.temp_c - temp_then_c) else None
     instability = rows.twin.problem.instability if rows.twin is not None else None
+    both = 0.0
+    if not switched_on_since and elapsed_s is not None and instability is not None:  # the old session is taken to be as long as today's
+        span, none = rows.duration_s, np.zeros(1)
+        both = drift_between(none, none + span, span + elapsed_s, span, instability.rps).both
+    parts = _of_calibration(old, rows, both)
+    warmer_k = rows.temp_c - temp_then_c if np.isfinite(rows.temp_c - temp_then_c) else None
     zero = expected_zero(
         np.zeros((3, 3)),
         elapsed_s=elapsed_s,
         switched_on_since=switched_on_since,
         figures=figures,
-        instability=instability,
         warmer_k=warmer_k,
     )
     sources = {"temperature": f"{abs(warmer_k or 0):.1f} K apart, {USUAL_PER_K / DEG:g} dps/K as usual", "wander": "drift since then"}
@@ -148,14 +158,20 @@ def _of_parameters(rows: Rows, name: str, which: slice, sigma: np.ndarray, freed
     return Part(name, rows.parameters @ into, into, freedom, source, assumed)
 
 
-def _of_calibration(old: OldCalibration, rows: Rows) -> list[Part]:
-    """The old fit's own uncertainty.  The error of a given accelerometer is in gravity's length alone: E has taken up its other part."""
-    size, axes = np.linalg.eigh(old.covariance)
+def _of_calibration(old: OldCalibration, rows: Rows, both: float = 0.0) -> list[Part]:
+    """The old fit's own uncertainty.  The error of a given accelerometer is in gravity's length alone: E has taken up its other part.
+
+    both: covariance, (rad/s)^2, of the drift in the old session and today: the old fit and today's noise each hold it once, and the
+    difference of both has it not.
+    """
+    known = old.covariance.copy()
+    known[ZERO, ZERO] -= 2 * both * np.eye(3)
+    size, axes = np.linalg.eigh(known)
     into = axes * np.sqrt(np.maximum(size, 0.0))
     if not old.own_lengths:
         return [Part("calibration", rows.parameters @ into, into, source="the old fit")]
     gyroscope, accelerometer = np.zeros((COUNT, 12)), np.zeros((COUNT, 9))
-    size, axes = np.linalg.eigh(old.covariance[GYROSCOPE, GYROSCOPE])
+    size, axes = np.linalg.eigh(known[GYROSCOPE, GYROSCOPE])
     gyroscope[GYROSCOPE] = axes * np.sqrt(np.maximum(size, 0.0))
     accelerometer[ACCELEROMETER] = np.diag(np.sqrt(np.diag(old.covariance[ACCELEROMETER, ACCELEROMETER])))
     in_lengths = np.zeros_like(rows.parameters)

@@ -178,8 +178,8 @@ def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: f
     gravity = np.zeros((n, 1))
     gravity[lengths] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
     known = [earth, gravity]
-    if (nominal := problem.session.nominal_rate) is not None:
-        known.append(parameters[:, GYROSCOPE] @ _root(nominal.covariance(old.linear.vector)))
+    if (clock := problem.session.clock) is not None:
+        known.append(parameters[:, GYROSCOPE] @ _root(clock.covariance(old.linear.vector)))
     blank = np.zeros(n, dtype=bool)
     blank[whiten.parts[CLOSURE]] = ~twin.batch.known.ravel()
     allowances = twin.precalibration_columns(start, rates).stacked() * PRECALIBRATION_MPS2 if stills else np.zeros((n, 0))

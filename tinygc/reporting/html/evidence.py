@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,8 +27,9 @@ from tinygc.estimation.choice import tilt_rms
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
+from tinygc.estimation.requirements import field_measured, known_sources
 from tinygc.estimation.results import AT_END, FitResult, versions
-from tinygc.estimation.sources import Source
+from tinygc.estimation.sources import Source, coverage_factor, freedom_of
 from tinygc.estimation.verdict import Acceptance, decide, run_p_values
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
@@ -188,6 +189,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         return run.errors(LinearModel.from_vector(trial), fit.options.integrator)
 
     unobserved = tuple(fit.linear.notes.get("unobserved", ()))
+    moved = None if fit.allowed is None else fit.allowed.of
     return Adopted(
         name=LINEAR,
         model=linear,
@@ -200,7 +202,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         covariance=covariance,
         claims=(),
         **_runs(fit, vector, covariance, errors),
-        quantities=field_quantities(vector, covariance, unobserved, None if fit.allowed is None else fit.allowed.of),
+        quantities=with_factors(field_quantities(vector, covariance, unobserved, moved), vector, covariance, fit.sources),
         accelerometer=fit.session.config.accelerometer,
         sources=fit.sources,
         unobserved=unobserved,
@@ -211,8 +213,9 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
     found = explanation.naming.fit
     claims = tuple(claim for claim in found.state.claims if claim.effect.kind == "rate")
     known = conditions(explanation.mended.problem)
-    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.nominal_rate)
+    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.session.clock)
 
+    linear_part = vector[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]
     errors = errors_with_physics(claims, known, found.state.earth_t)
     return Adopted(
         name=PHYSICS,
@@ -226,9 +229,23 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
         covariance=covariance,
         claims=claims,
         **_runs(fit, vector, covariance, errors),
-        quantities=field_quantities(vector[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]),
+        quantities=with_factors(field_quantities(*linear_part), *linear_part),
         accelerometer=explanation.mended.problem.session.config.accelerometer,
     )
+
+
+def with_factors(
+    quantities: Sequence[Quantity], vector: np.ndarray, covariance: np.ndarray, sources: Sequence[Source] = ()
+) -> list[Quantity]:
+    """The 18 quantities of a linear model (12,) with the coverage factor of 95 % that their sources give, as requirements are decided."""
+    measured = field_measured(vector, known_sources(sources, covariance))
+    return [with_freedom(quantity, each.freedom) for quantity, each in zip(quantities, measured, strict=True)]
+
+
+def with_freedom(quantity: Quantity, freedom: float) -> Quantity:
+    """With the coverage factor of 95 % of so many degrees of freedom."""
+    factor = coverage_factor(freedom)
+    return replace(quantity, expanded=factor * quantity.sigma, factor=factor, freedom=freedom)
 
 
 def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Callable[[np.ndarray, ClosureRun], np.ndarray]) -> dict:
@@ -344,7 +361,8 @@ def gather(
     allan = stillness(fit.problem)
     # The twin needs stills, which a session with a truth file may lack.
     beyond = [] if truth else _beyond(fit, explanation, adopted)
-    quantities = [*adopted.quantities, *beyond, *_noise(allan)]
+    known = [with_freedom(quantity, np.inf) for quantity in beyond]
+    quantities = [*adopted.quantities, *known, *_noise(allan)]
     doubts = fit.linear_doubts(limit_deg) if adopted.name == LINEAR else fit.doubts
     return ReportData(
         fit=fit,
@@ -389,7 +407,10 @@ def _noise(curve: AllanCurve | None) -> list[Quantity]:
     if curve is None:
         return []
     return [
-        Quantity(word, axis, unit, read.value / si, COVERAGE_FACTOR * (read.sigma / si), read.observed, read.at_most / si)
+        with_freedom(
+            Quantity(word, axis, unit, read.value / si, COVERAGE_FACTOR * (read.sigma / si), read.observed, read.at_most / si),
+            freedom_of(read.value, read.sigma) if read.observed else np.inf,
+        )
         for word, unit, si, reading in (
             ("angle random walk", "°/√h", DEG_PER_SQRT_HOUR, angle_random_walk),
             ("bias instability", "°/h", DEG_PER_HOUR, bias_instability),

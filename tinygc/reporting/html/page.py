@@ -21,7 +21,7 @@ SCHEMA = "tinygc-report/1"
 
 
 def summary(evidence: ReportData) -> dict:
-    """JSON-ready summary: decision, closure, all parameters with their expanded uncertainties (k = 2), hashes, versions."""
+    """JSON-ready summary: decision, closure, all parameters with their expanded uncertainties (95 %), hashes, versions."""
     adopted, decision = evidence.adopted, evidence.decision
     return {
         "schema": SCHEMA,
@@ -52,7 +52,7 @@ def summary(evidence: ReportData) -> dict:
                 "unit": q.unit,
                 "value": q.value if q.observed else None,
                 "expanded_uncertainty": q.expanded if q.observed else None,
-                "coverage_factor": 2,
+                "coverage_factor": q.factor,
                 "by_one_effect": 2 * q.moved if q.observed and isfinite(q.moved) else None,
                 "at_most": q.at_most if isfinite(q.at_most) else None,
             }

@@ -12,7 +12,7 @@ from tinygc.closure.residual import closure_angles
 from tinygc.estimation.choice import tilt_rms
 from tinygc.estimation.options import METHODS
 from tinygc.estimation.results import FitResult
-from tinygc.models.linear import COVERAGE_FACTOR, Quantity, bias_only
+from tinygc.models.linear import Quantity, bias_only
 from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, canvas
 
 if TYPE_CHECKING:
@@ -51,6 +51,6 @@ def _closure(result: FitResult, axes: Axes) -> None:
 def _errors(word: str, group: Sequence[Quantity], axes: Axes) -> None:
     """Plot one sort of sensor error, each with one sigma."""
     names, values = [q.component for q in group], [q.value for q in group]
-    axes.errorbar(names, values, [q.expanded / COVERAGE_FACTOR for q in group], fmt="o", color=AFTER, capsize=4)
+    axes.errorbar(names, values, [q.sigma for q in group], fmt="o", color=AFTER, capsize=4)
     axes.axhline(0, color=FLOOR, lw=0.8)
     axes.set(title=f"{word[0].upper()}{word[1:]}, one sigma", ylabel=group[0].unit if group else "not observed")

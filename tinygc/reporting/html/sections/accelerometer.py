@@ -6,13 +6,13 @@ from math import nan
 
 import numpy as np
 
-from session.detect.accelerometer import attitudes_of
+from session.detect.accelerometer import NAMES, attitudes_of
 from session.io.units import MG
 from tinygc.closure.joint import REFUTED_P
 from tinygc.estimation.accelerometer import UNITS, AccelerometerFit
 from tinygc.models.linear import COVERAGE_FACTOR, Quantity
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData, misses_of, spread_text
+from tinygc.reporting.html.evidence import ReportData, misses_of, spread_text, with_freedom
 from tinygc.reporting.html.markup import Section, decimals_for, render
 
 #: term -> its meaning in one line
@@ -50,6 +50,7 @@ def section(evidence: ReportData) -> Section | None:
         numbers=numbers,
         rests_on=evidence.adopted.accelerometer.source,
         groups=groups,
+        factors=[f"{q.factor:.2f}" for q in sorted(nine, key=lambda q: q.factor)],
         before=earlier,
         has_before=before is not None,
         chart=(lambda width: _chart(before, after, width)) if after.size else None,
@@ -59,12 +60,13 @@ def section(evidence: ReportData) -> Section | None:
 
 def quantities(found: AccelerometerFit) -> list[Quantity]:
     """The nine parameters in the field's terms, each with its expanded uncertainty (NaN if taken as given)."""
-    made = []
+    made, freedoms = [], dict(zip(NAMES, found.freedoms, strict=True))
     for name, unit, values, sigmas, names in found.errors():
         spread = np.full(3, nan) if sigmas is None else COVERAGE_FACTOR * sigmas
         word = f"accelerometer {name}"
         for value, expanded, each in zip(values, spread, names, strict=True):
-            made.append(Quantity(word, each.split()[-1], unit, float(value), float(expanded), each not in found.unobserved))
+            quantity = Quantity(word, each.split()[-1], unit, float(value), float(expanded), each not in found.unobserved)
+            made.append(with_freedom(quantity, freedoms[each]))
     return made
 
 

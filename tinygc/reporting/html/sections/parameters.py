@@ -1,4 +1,4 @@
-"""The parameters in the field's terms, each with its expanded uncertainty (k = 2), or marked as not observed."""
+"""The parameters in the field's terms, each with its expanded uncertainty (95 %), or marked as not observed."""
 
 from __future__ import annotations
 
@@ -31,12 +31,14 @@ def section(evidence: ReportData) -> Section:
     by_word: dict[str, list[Quantity]] = {}
     for quantity in evidence.quantities:
         by_word.setdefault(quantity.word, []).append(quantity)
+    shown = [q for q in evidence.quantities if q.observed]
     html = render(
         "parameters.html",
         e=evidence,
         temperature=temperature_words(evidence.problem),
         triad=lambda width: triad(M, min(width, 320)),
         enlarged=enlargement(M),
+        factors=[f"{q.factor:.2f}" for q in sorted(shown, key=lambda q: q.factor)],
         hidden=[f"{q.word} {q.component}" for q in evidence.quantities if not q.observed and q.word != "bias instability"],
         meanings=MEANINGS,
         rows=[(word, by_word[word], common_decimals(by_word[word])) for word in MEANINGS if word in by_word],

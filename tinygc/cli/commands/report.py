@@ -93,7 +93,7 @@ def _report(args: argparse.Namespace) -> Done:
     table, code = made.to_json() | defaults_json(args), 0
     table |= {} if certificate is None else {"certificate": certificate.to_json()}
     if args.limit is not None and not decision.passed:
-        complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
+        complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if met is False)}")
         code = 1
     elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")

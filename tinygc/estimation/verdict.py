@@ -119,9 +119,10 @@ class Acceptance:
     """Verdict on a calibration.
 
     passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule, None where that is not decided; doubts, a
-    sentence for each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given; closure: what closes to what, in words;
-    conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL; unsound: reasons
-    not met that no limit has: noise does not explain the closure, or the raw rates close better, so that the uncertainties may not hold.
+    sentence for each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given; closure: what closes to what,
+    in words; conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL; unsound:
+    reasons not met that no limit has: noise does not explain the closure, or the raw rates close better, so that the uncertainties may not
+    hold.
     """
 
     passed: bool

@@ -158,7 +158,7 @@ def test_a_limit_of_the_command_is_no_part_of_the_customers_specification(data):
 
 
 def test_a_risk_says_that_it_does_not_hold_what_the_model_lacks(data):
-    says = "The risk does not hold the effect that the model lacks"
+    says = "It does not hold the effect that the model lacks"
     made = with_fields(data)
     assert says not in words_of(page(content_of(replace(made, fit=replace(made.fit, allowed=None)))))
     moved = [replace(q, moved=100.0) for q in made.adopted.quantities]

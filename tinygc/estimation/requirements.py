@@ -3,7 +3,7 @@
     p = F((upper - y) / u) - F((lower - y) / u)     probability of conformity, F: Student's t of u's degrees of freedom, or normal
     1 - p                                           risk of a wrong PASS           p    risk of a wrong FAIL
 
-(JCGM 106:2012, 7.2 and 9.2, with no prior knowledge of the item.)  Simple acceptance passes a value within its limits: at one limit, half
+(JCGM 106:2012, 7.2, with no prior knowledge of the item.)  Simple acceptance passes a value within its limits: at one limit, half
 of such answers are wrong; between two that are close together against U, more.  A guard band w = r U draws the limits in for a PASS, and
 out for a FAIL (ISO/IEC 17025:2017, 7.8.6; ILAC-G8:09, 4.2); in between nothing is decided.  With a largest risk in place of r, PASS and
 FAIL are wrong in at most that share of the cases.

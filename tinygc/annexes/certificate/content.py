@@ -335,9 +335,15 @@ def _statements(conformities: Sequence[Conformity], lacking: bool) -> list[State
     groups: dict[tuple[str, Rule], list[Conformity]] = {}
     for each in conformities:
         groups.setdefault((each.reference, each.rule), []).append(each)
-    more = " The risk does not hold the effect that the model lacks, whose size stands under Uncertainty of measurement." if lacking else ""
-    of_sensor = {key: any(each.measured.key.startswith("gyro_") for each in of) for key, of in groups.items()}
-    return [Statement(key[0], rule_words(key[1]) + (more if of_sensor[key] else ""), of) for key, of in groups.items()]
+    found = []
+    for (reference, rule), of in groups.items():
+        said = [rule_words(rule)]
+        if any(np.isfinite(each.measured.sigma) for each in of):
+            said.append("The risk is that of the measured value with its U, without prior knowledge of the item (JCGM 106:2012, 7.2).")
+        if lacking and any(each.measured.key.startswith("gyro_") for each in of):
+            said.append("It does not hold the effect that the model lacks, whose size stands under Uncertainty of measurement.")
+        found.append(Statement(reference, " ".join(said), of))
+    return found
 
 
 # Results.

@@ -1,9 +1,10 @@
 """Are decisions wrong as often as they say?  Limits near the truth, of closures and sensor errors, and closures of real recordings.
 
 ``closures``: rms tilts of many sets of segments about a truth that is known: how often a stated U holds it, and how often a set at its
-limit passes by a guard band of U.  ``sessions``: simulated sessions whose sensor errors are known, against limits laid at random about the
-truth: whether values that state a probability of conformity p conform in that share.  ``real``: on recordings beside the checkout, whether
-two halves of a session's segments state closures that agree within their U.
+limit passes by a guard band of U.  ``runs``: closure runs of known noise whose true errors are drawn: how often the stated probability of
+conformity is right, near the floor and far from it.  ``sessions``: simulated sessions whose sensor errors are known, against limits laid
+at random about the truth: whether values that state a probability of conformity p conform in that share.  ``real``: on recordings beside
+the checkout, whether two halves of a session's segments state closures that agree within their U.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from session.io.errors import CalibrationError
 from session.io.requirements import GUARDED, Rule
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.requirements import Conformity, closure_measured, conforms_probability, field_measured, known_sources
+from tinygc.estimation.requirements import Conformity, closure_measured, conforms_probability, field_measured, known_sources, run_measured
 from tinygc.models.linear import LinearModel, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
@@ -40,11 +41,11 @@ OPTIONS = FitOptions(methods=("raw", "raw_bias_removed", "least_squares"))
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=("closures", "sessions", "real"))
+    parser.add_argument("part", choices=("closures", "runs", "sessions", "real"))
     parser.add_argument("--sessions", type=int, default=60, help="(%(default)s)")
     parser.add_argument("--shared", type=Path, default=Path("../shared"), help="(%(default)s)")
     args = parser.parse_args()
-    {"closures": closures, "sessions": sessions, "real": real}[args.part](args)
+    {"closures": closures, "runs": runs, "sessions": sessions, "real": real}[args.part](args)
 
 
 # Closures of known truth
@@ -76,6 +77,38 @@ def closures(args: argparse.Namespace) -> None:
 
 def _shares(answers: list[str]) -> list[float]:
     return [answers.count(answer) / len(answers) for answer in ("pass", "fail", "not decided")]
+
+
+# Closure runs of known truth
+
+#: floors across which true errors are drawn, all alike: the rule presumes nothing of them
+SPREAD = 20.0
+RUNS, OF_EACH = 6_000_000, 2000
+
+
+def runs(args: argparse.Namespace) -> None:
+    rng = np.random.default_rng(1)
+    floor = np.radians([0.02, 0.03, 0.04])
+    size = float(np.sqrt(np.mean(floor**2)))
+    drawn = SPREAD * size * rng.uniform(-1, 1, (RUNS, 3))
+    measured = drawn + floor * rng.normal(size=drawn.shape)
+    sizes = np.sqrt(np.mean(measured**2, axis=1)) / size
+    rows = []
+    for low, high in pairwise((0.0, 1.0, 2.0, 4.0, 8.0)):
+        at = np.flatnonzero((sizes >= low) & (sizes < high))[:OF_EACH]
+        stated, true = [], []
+        for number in at:
+            found = run_measured("run", measured[number], floor)
+            limit = max(1e-3, found.value + float(rng.uniform(-2, 2)) * found.sigma)
+            stated.append(Conformity(found, (-np.inf, limit), Rule()).probability)
+            true.append(np.degrees(np.sqrt(np.mean(drawn[number] ** 2))) <= limit)
+        p, conforms = np.array(stated), np.array(true)
+        for least, most in pairwise(BANDS):
+            inside = (p >= least) & (p < most if most < 1 else p <= 1)
+            if inside.sum() >= 30:
+                words = [f"{low:g} to {high:g}", f"{least:g} to {most:g}", f"{inside.sum()}"]
+                rows.append([*words, f"{p[inside].mean():.3f}", f"{conforms[inside].mean():.3f}"])
+    print(markdown(["measured RMSE, floors", "probability of conformity", "statements", "stated, mean", "conform in truth"], rows))
 
 
 # Sensor errors of known truth

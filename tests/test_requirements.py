@@ -22,13 +22,16 @@ from tinygc.estimation.requirements import (
     field_measured,
     known_sources,
     quantile,
+    rms_below,
     rule_words,
     run_measured,
     share_words,
     simply_accepted,
 )
+from tinygc.estimation.requirements import conformity as conformities
 from tinygc.estimation.sources import Source
-from tinygc.estimation.verdict import JudgedFit, decide
+from tinygc.estimation.verdict import GIVEN, JudgedFit, decide
+from tinygc.library.reports import Report
 from tinygc.models.linear import MATRIX, field_jacobian, field_quantities, field_vector
 from tinygc.reporting.fit_screen import verdict_text
 
@@ -251,15 +254,72 @@ def test_a_closure_is_decided_by_its_logarithm():
     assert Conformity(m, (1.5, INF), Rule(GUARDED)).band == pytest.approx(1.5 * (np.exp(0.1 * law.ppf(0.975)) - 1))
 
 
-def test_the_uncertainty_of_a_closure_run_is_that_of_its_floor():
-    error, floor = np.array([3.0, -2.0, 6.0]) * DEG, np.array([0.1, 0.2, 0.3]) * DEG
+@pytest.mark.parametrize("error", [(3.0, -2.0, 6.0), (0.2, -0.1, 0.3), (0.0, 0.0, 0.0)])
+def test_the_uncertainty_of_a_closure_run_is_what_its_floor_makes_of_it(error):
+    """Far from the floor its scatter; near it what noise adds to the size, too."""
+    error, floor = np.array(error) * DEG, np.array([0.1, 0.2, 0.3]) * DEG
     found = run_measured("closure0001.csv", error, floor)
-    assert found.value == pytest.approx(7 / np.sqrt(3))
-    assert found.sigma == pytest.approx(np.sqrt(0.3**2 + 0.4**2 + 1.8**2) / (3 * 7 / np.sqrt(3)))
+    assert found.value == pytest.approx(np.linalg.norm(error) / DEG / np.sqrt(3))
     many = error + floor * np.random.default_rng(3).normal(size=(20000, 3))
-    assert np.std(np.sqrt(np.mean(many**2, axis=1))) / DEG == pytest.approx(found.sigma, rel=0.03)
-    assert run_measured("a", np.zeros(3), floor).sigma == pytest.approx(np.sqrt(0.14 / 3))
-    assert np.isnan(run_measured("a", error, None).sigma)
+    true = np.sqrt(np.mean(many**2, axis=1)) / DEG
+    assert np.sqrt(np.mean((true - found.value) ** 2)) == pytest.approx(found.sigma, rel=0.02)
+    assert found.sigma == pytest.approx(np.sqrt(0.3**2 + 0.4**2 + 1.8**2) / (3 * 7 / np.sqrt(3)), rel=0.01) or error[0] < 1 * DEG
+
+
+def test_what_a_closure_run_cannot_have_an_uncertainty_for():
+    assert np.isnan(run_measured("a", np.ones(3), None).sigma)
+    assert np.isnan(run_measured("a", np.full(3, np.nan), np.ones(3)).sigma)
+    exact = run_measured("a", np.full(3, 0.5 * DEG), np.zeros(3))
+    assert Conformity(exact, (-INF, 0.6), Rule(GUARDED)).answer == "pass"
+
+
+@pytest.mark.parametrize("limit", [0.3, 0.9, 1.4, 2.2])
+@pytest.mark.parametrize("size", [0.0, 0.1, 1.0, 1.9])
+def test_of_equal_floors_an_rmse_is_below_a_limit_as_a_noncentral_chi_square_is(size, limit):
+    errors = size * np.array([1.0, -1.0, 1.0])
+    exact = stats.chi2(3).cdf(3 * limit**2 / 0.25) if size == 0 else stats.ncx2(3, 3 * size**2 / 0.25).cdf(3 * limit**2 / 0.25)
+    assert rms_below(limit, tuple(errors), (0.5,) * 3) == pytest.approx(exact, abs=1e-5)
+
+
+def test_the_risk_of_a_closure_run_near_its_floor():
+    """Own draws of the true errors: a measured RMSE far below the noise does not make the true one as small."""
+    error, floor = np.array([0.002, -0.003, 0.001]) * DEG, np.array([0.010, 0.027, 0.040]) * DEG
+    m = run_measured("a", error, floor)
+    true = np.sqrt(np.mean((error + floor * np.random.default_rng(6).normal(size=(200_000, 3))) ** 2, axis=1)) / DEG
+    for limit in (0.005, 0.01, 0.02, 0.04):
+        found = Conformity(m, (-INF, limit), Rule())
+        assert found.answer == "pass"
+        assert found.risk == pytest.approx(np.mean(true > limit), abs=0.004)
+    assert Conformity(m, (0.01, 0.02), Rule()).probability == pytest.approx(np.mean((true > 0.01) & (true < 0.02)), abs=0.004)
+
+
+def test_a_guard_band_of_a_closure_run_is_that_of_its_distribution():
+    error, floor = np.array([0.03, -0.06, 0.06]) * DEG, np.full(3, 0.01) * DEG
+    m = run_measured("a", error, floor)
+    assert m.value == pytest.approx(0.09 / np.sqrt(3))
+    law = stats.ncx2(3, 81)  # of 3 RMSE^2 / floor^2
+    passes, fails = (float(np.sqrt(law.ppf(share) / 3) * 0.01) for share in (0.975, 0.025))
+    for limit, answer in ((passes * 1.001, "pass"), (passes * 0.999, "not decided"), (m.value * 1.001, "not decided")):
+        assert Conformity(m, (-INF, limit), Rule(GUARDED)).answer == answer
+    assert fails < m.value
+    for limit, answer in ((fails * 1.001, "not decided"), (fails * 0.999, "fail")):
+        assert Conformity(m, (-INF, limit), Rule(GUARDED)).answer == answer
+    within = Conformity(m, (-INF, 0.08), Rule(GUARDED))
+    at = run_measured("a", error * within.acceptance[1] / m.value, floor)
+    assert Conformity(at, (-INF, 0.08), Rule()).probability == pytest.approx(0.975, abs=1e-5)
+    assert within.band == pytest.approx(0.08 - within.acceptance[1])
+    assert Conformity(m, (0.04, 0.08), Rule(GUARDED)).answer == "pass"
+    assert Conformity(m, (0.055, INF), Rule(GUARDED, risk=0.1)).answer == "not decided"
+    assert Conformity(m, (0.09, INF), Rule(GUARDED)).answer == "fail"
+
+
+def test_a_closure_run_below_its_limit_does_not_fail_because_noise_is_above_it():
+    m = run_measured("a", np.full(3, 1e-3) * DEG, np.full(3, 0.03) * DEG)
+    for rule in (Rule(GUARDED), Rule(GUARDED, risk=0.05), Rule(GUARDED, guard=100.0)):
+        assert Conformity(m, (-INF, 0.003), rule).answer == "not decided"
+    assert Conformity(m, (-INF, 0.003), Rule(GUARDED)).band == pytest.approx(0.003)
+    assert Conformity(m, (-INF, 1.0), Rule(GUARDED, guard=2.5)).answer == "pass"  # beyond four sigmas the band is linear
+    assert Conformity(m, (-INF, 0.25), Rule(GUARDED, guard=10.0)).answer == "not decided"
 
 
 def vector_and_sources():
@@ -307,9 +367,29 @@ def test_the_attitude_after_a_minute_at_rest_is_the_bias_integrated():
     covariance = np.zeros((12, 12))
     covariance[9:, 9:] = np.diag([1.0, 4.0, 1.0]) * 1e-10
     vector = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
-    found = attitude_measured(vector, covariance)
+    found = attitude_measured(vector, [Source("all", "A", INF, covariance)])
     assert found.value == pytest.approx(1.959964 * 2e-5 * 60 / DEG, rel=1e-4)
-    assert found.sigma == 0
+    few = np.zeros((12, 12))
+    few[10, 10] = 4e-10  # all of the worst axis, of another none
+    told = attitude_measured(vector, [Source("few", "A", 4.0, few), Source("many", "B", INF, covariance - few)])
+    assert told.value == pytest.approx(stats.t(4).ppf(0.975) * 2e-5 * 60 / DEG, rel=1e-4)
+    assert told.observed
+
+
+def test_the_attitude_is_an_uncertainty_itself_without_guard_band_and_risk():
+    vector, sources = vector_and_sources()
+    m = attitude_measured(vector, sources)
+    for rule in (Rule(), Rule(GUARDED)):
+        for limit, answer in ((m.value * 1.01, "pass"), (m.value * 0.99, "fail")):
+            (found,) = conformities(Requirements({"attitude_60s_deg": (0.0, limit)}, rule), [m])
+            assert (found.answer, found.risk, found.rule.kind) == (answer, None, SIMPLE)
+            assert "no risk is stated" in found.words
+            assert found.to_json()["risk"] is None
+            assert found.to_json()["conformity_probability"] is None
+    unobserved = attitude_measured(vector, sources, ("B_y",))
+    assert conformities(Requirements({"attitude_60s_deg": (0.0, 1e6)}, Rule()), [unobserved])[0].answer == "not decided"
+    still = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
+    assert attitude_measured(still, sources, ("E_xx",)).observed  # at rest without a bias E does not count
 
 
 def test_an_accelerometer_that_was_given_has_no_uncertainty_and_what_is_not_observed_says_so():
@@ -388,6 +468,30 @@ def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself()
     assert "worse than" in decide(judged(), [], 1.0, raw).unsound[0]
 
 
+def test_a_reason_that_is_not_decided_is_neither_met_nor_missed():
+    size = closure_measured(judged().angles, range(40))
+    found = decide(judged(), [], None, requirements=required(GUARDED, closure_deg=(-INF, size.value + size.expanded / 2)))
+    assert [met for met, _ in found.reasons] == [None]
+    assert found.to_json()["reasons"][0]["met"] is None
+    assert (found.passed, found.answer) == (True, "not decided")
+    assert Report(SimpleNamespace(decision=found)).lines[2][0].startswith("  not decided: segments, held out")
+
+
+@pytest.mark.parametrize("limit_deg", [None, 1.0])
+def test_a_closure_that_is_no_number_is_not_decided(limit_deg):
+    run = {"run_errors": [np.full(3, np.nan)], "run_p": [0.0], "run_losses": [""], "run_floors": [np.full(3, 1e-4)]}
+    for known, files in (({"angles": np.full((40, 2), np.nan), "closure_p": 0.0}, []), (run, ["c.csv"])):
+        found = decide(judged(**known), files, limit_deg)
+        assert found.answer == "not decided"
+        assert "within 0" not in found.headline
+        assert bool(found.unsound) == (limit_deg is None)
+
+
+def test_where_a_limit_is_from_goes_with_each_value():
+    both = decide(judged(), [], 1.0, requirements=required(gyro_bias_x_mdps=(-INF, 1.0)))
+    assert {each.measured.key: each.reference for each in both.conformities} == {"closure_deg": GIVEN, "gyro_bias_x_mdps": "a data sheet"}
+
+
 def test_the_screen_says_what_a_limit_risks():
     found = decide(judged(), [], closure_measured(judged().angles, range(40)).value)
     assert found.answer == "pass"
@@ -429,6 +533,9 @@ def test_a_file_of_requirements(tmp_path):
         ("[closure_deg]\n", "closure_deg has no limit"),
         ("[closure_deg]\nupper = true\n", "closure_deg.upper is True, expected a number"),
         ("[closure_deg]\nupper = 1\nmost = 2\n", "closure_deg.most is no key of limits"),
+        (f"[closure_deg]\nupper = {'9' * 400}\n", "closure_deg.upper is 9999999999999999999999999999999999999999, expected a number"),
+        ("[closure_deg]\nupper = -1\n", "closure_deg.upper is -1, and it is a size; expected above 0"),
+        ("[closure_run_deg]\nlower = -1\n", "closure_run_deg.lower is -1, and it is a size; expected 0 or more"),
         ("[closure_deg]\nlower = 1\nupper = 1\n", "lower is 1, expected less than upper, 1"),
         ("closure_deg = 1\n", "closure_deg is 1, expected a section"),
         ('rule = "best"\n[closure_deg]\nupper = 1\n', 'rule is "best", expected one of simple acceptance, guard band'),

@@ -159,7 +159,7 @@ _FIT = {
         "headline": TEXT,
         "rule": TEXT,
         "limit_deg": maybe(SIZE),
-        "reasons": [{"met": FLAG, "reason": TEXT}],
+        "reasons": [{"met": maybe(FLAG), "reason": TEXT}],
         "doubts": [TEXT],
         "conformity": [CONFORMITY],
     },

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime
+from itertools import combinations
 from typing import Any
 
 from session.io.results import Keys, ListOf, Mismatch, Shape, Text
@@ -13,6 +15,8 @@ PERFORMED_AT = ("laboratory", "customer", "laboratoryBranch", "customerBranch", 
 LANGUAGES = ("en",)
 #: what traceability is stated of
 TRACED = ("gravity", "clock", "angle")
+#: characters of a text
+LONGEST = 300
 
 
 @dataclass(frozen=True)
@@ -60,14 +64,14 @@ class CertificateGiven:
 
 
 class Line(Text):
-    """Text that is not blank, on one line."""
+    """Text that is not blank, on one line, and no longer than a page has room for."""
 
-    expected = "text on one line"
+    expected = f"text on one line, of at most {LONGEST} characters"
 
     def check(self, value: Any, where: str) -> None:
         """Raises Mismatch."""
         super().check(value, where)
-        if not value.strip() or not value.isprintable():
+        if not value.strip() or not value.isprintable() or len(value) > LONGEST:
             self.refuse(value, where)
 
 
@@ -94,10 +98,20 @@ class Day(Shape):
             self.refuse(value, where)
 
 
-_IN_ORDER = (("received", "calibrated"), ("calibrated", "issued"), ("issued", "valid_until"), ("issued", "next_calibration"))
 _DAYS = ("received", "calibrated", "issued", "valid_until", "next_calibration")
+#: every two of them, but for the last two, which have no order
+_IN_ORDER = [pair for pair in combinations(_DAYS, 2) if pair != _DAYS[-2:]]
 _OWN = {"country": Country(), "performed_at": Text(PERFORMED_AT), "language": Text(LANGUAGES)}
 _LINES = [name for name in CertificateGiven.__dataclass_fields__ if name not in (*_DAYS, *_OWN, "equipment", "traceability")]
+
+
+def out_of_order(days: Mapping[str, date | None]) -> tuple[str, str] | None:
+    """The first two of these days, by their names, of which the later one is before the earlier; None where there are none."""
+    for before, after in _IN_ORDER:
+        first, second = days.get(before), days.get(after)
+        if first is not None and second is not None and first > second:
+            return before, after
+    return None
 
 
 class CertificateShape(Keys):
@@ -106,9 +120,9 @@ class CertificateShape(Keys):
     def check(self, value: Any, where: str) -> None:
         """Raises Mismatch."""
         super().check(value, where)
-        for before, after in _IN_ORDER:
-            if before in value and after in value and value[before] > value[after]:
-                raise Mismatch(f"{where}.{after} is {value[after]}, expected no day before {before}, {value[before]}")
+        if pair := out_of_order(value):
+            before, after = pair
+            raise Mismatch(f"{where}.{after} is {value[after]}, expected no day before {before}, {value[before]}")
 
 
 SHAPE = CertificateShape(

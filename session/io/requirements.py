@@ -23,6 +23,8 @@ RULES = (SIMPLE, GUARDED)
 SIDES = ("lower", "upper")
 #: held-out closure of the segments, RMSE of each closure run, attitude after a minute at rest (expanded uncertainty)
 CLOSURE, CLOSURE_RUN, ATTITUDE = "closure_deg", "closure_run_deg", "attitude_60s_deg"
+#: never negative
+SIZES = (CLOSURE, CLOSURE_RUN, ATTITUDE)
 _LEANS = tuple(f"{a}_to_{b}" for a in "xyz" for b in "xyz" if a != b)
 #: a kind of number, which stands for all of its components -> the components, and the unit behind both
 KINDS = {
@@ -92,7 +94,7 @@ def _limits(section: Any, name: str) -> tuple[float, float]:
     if not section:
         raise Mismatch(f"{name} has no limit, expected lower, upper or both")
     for side, value in section.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > 1e12:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e12:
             raise Mismatch(f"{name}.{side} is {value!s:.40}, expected a number")
     lower, upper = float(section.get("lower", -math.inf)), float(section.get("upper", math.inf))
     if not lower < upper:
@@ -129,6 +131,12 @@ class RequirementsShape(MapOf):
             limits = bounds_of({k: v for k, v in value.items() if k not in _RULE.may}, GROUPS, QUANTITIES, "docs/requirements.md")
         except Mismatch as mismatch:
             raise Mismatch(f"{where}.{mismatch}" if where else str(mismatch)) from None
+        for key, (lower, upper) in limits.items():
+            at = f"{where}.{key}" if where else key
+            if key in SIZES and upper <= 0:
+                raise Mismatch(f"{at}.upper is {upper:g}, and it is a size; expected above 0")
+            if key in SIZES and -math.inf < lower < 0:
+                raise Mismatch(f"{at}.lower is {lower:g}, and it is a size; expected 0 or more")
         if not limits:
             raise Mismatch(f"{where or 'it'} has no limits, expected a section such as [requirements.closure_deg] with lower or upper")
         kind = value.get("rule", SIMPLE)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from session.io.config import config_of
 from session.io.toml import parse_toml
 from tinygc.estimation.verdict import decide
 from tinygc.reporting.html.evidence import ReportData
 
+#: sessions' folders without truth.json, which leaves a draft; the logs have paths of their own
+RECORDED = TemporaryDirectory(prefix="tinygc-")
 FIELDS = """
 [board]
 source = "sensor"
@@ -74,12 +78,16 @@ upper = 100
 def with_fields(data: ReportData, fields: str = FIELDS, serial: str = "Serialword") -> ReportData:
     """The data of a report whose session.toml has these sections as well; nothing is fitted again."""
     session = data.fit.session
-    path = session.folder / "session.toml"
+    folder = Path(RECORDED.name) / session.folder.name
+    path = folder / "session.toml"
+    if not path.exists():
+        folder.mkdir()
+        shutil.copy(session.folder / "session.toml", path)
     plain = path.read_text(encoding="utf-8")
     table = parse_toml(f"{plain}\n{fields}", str(path))
     table["sensor"]["serial"] = serial
     config = replace(config_of(Path("session.toml"), table), accelerometer=session.config.accelerometer)
-    problem = data.fit.problem.changed(session=replace(session, config=config))
+    problem = data.fit.problem.changed(session=replace(session, config=config, folder=folder))
     fit = replace(data.fit, problem=problem)
     files = [run.file for run in fit.runs]
     decision = decide(data.adopted, files, None, fit.against_raw, fit.accelerometer, [], fit.requirements)

@@ -4,6 +4,7 @@ import ast
 import json
 import re
 from dataclasses import replace
+from datetime import date
 from html import unescape
 from pathlib import Path
 
@@ -12,15 +13,22 @@ import pytest
 from certified import FIELDS, with_fields
 
 import tinygc
+from session.io.certificate import SHAPE
 from session.io.errors import FormatError
+from session.io.results import Mismatch
 from session.io.units import DEG
 from tinygc.annexes.certificate import content as content_module
 from tinygc.annexes.certificate.content import NOT_STATED, REQUIRED, content_of
-from tinygc.annexes.certificate.library import certificate_of
+from tinygc.annexes.certificate.library import certificate_of, check_before
 from tinygc.annexes.certificate.page import page
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import coverage_factor, effective_freedom
+<<<<<<< HEAD
 from tinygc.models.linear import LinearModel, field_jacobian
+=======
+from tinygc.estimation.verdict import decide
+from tinygc.models.linear import COVERAGE_FACTOR, LinearModel, field_jacobian
+>>>>>>> 32a947e801ec43033d296315f272118539d7d981
 from tinygc.reporting.html.paper import browser_path
 
 FOLDER = Path(content_module.__file__).parent
@@ -135,6 +143,44 @@ def test_the_statement_of_conformity_says_rule_limits_answer_and_risk(filled):
     assert len(answers) == 7
 
 
+def limited(made, limit_deg):
+    runs, fit = [run.file for run in made.fit.runs], made.fit
+    return decide(made.adopted, runs, limit_deg, fit.against_raw, fit.accelerometer, [], fit.requirements)
+
+
+def test_a_limit_of_the_command_is_no_part_of_the_customers_specification(data):
+    made = with_fields(data, FIELDS + "[requirements.attitude_60s_deg]\nupper = 9\n")
+    found = content_of(replace(made, decision=limited(made, 5.0)))
+    closure, bias, attitude = found.statements
+    assert {each.measured.key for each in closure.conformities} <= {"closure_deg", "closure_run_deg"}
+    assert "Specificationword" not in closure.reference
+    assert closure.rule.startswith("Simple acceptance")
+    assert (bias.reference, attitude.reference) == ("Specificationword", "Specificationword")
+    assert bias.rule.startswith("Guard bands")
+    words = words_of(page(found))
+    assert words.count("Decision rule (ISO/IEC 17025:2017, 7.8.6): Simple acceptance") == 2
+    assert "none: an uncertainty" in words
+
+
+def test_a_risk_says_that_it_does_not_hold_what_the_model_lacks(data):
+    says = "It does not hold the effect that the model lacks"
+    made = with_fields(data)
+    assert says not in words_of(page(content_of(replace(made, fit=replace(made.fit, allowed=None)))))
+    moved = [replace(q, moved=100.0) for q in made.adopted.quantities]
+    lacking = replace(made, adopted=replace(made.adopted, quantities=moved), fit=replace(made.fit, allowed=object()))
+    closure, sensor = content_of(replace(lacking, decision=limited(made, 5.0))).statements
+    assert says not in closure.rule
+    assert says in sensor.rule
+    words = words_of(page(content_of(lacking)))
+    assert says in words
+    assert "One effect that the model lacks and this recording does not exclude may besides have moved" in words
+
+
+def test_the_operator_of_the_notes_signs_where_the_certificate_names_none(data):
+    words = words_of(page(content_of(with_fields(data, FIELDS.replace('operator = "Operatorword"\n', "")))))
+    assert "Noteoperator calibrated by" in words
+
+
 def test_an_accelerometer_that_was_taken_as_given_is_no_result(data):
     given = tinygc.fit(data.fit.session.folder, methods=("least_squares",), accelerometer="given").result
     rows = [row.words for row in content_of(replace(data, fit=given)).results]
@@ -190,6 +236,58 @@ def test_what_is_unsound_or_has_no_sensor_is_a_draft_whatever_is_filled_in(data)
     assert failed.draft == (
         "the calibration does not pass its own check: closure of the fitted segments: p = 0.001, more than noise allows",
     )
+
+
+def test_a_simulated_recording_is_a_draft_that_says_so(data):
+    """Beside the session lies what the simulation keeps of its truth; the fields' folder has it not."""
+    assert "the recording is simulated: truth.json lies beside it" in content_of(data).draft
+    assert content_of(with_fields(data)).draft == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("due = 2027-05-31", "due = 2026-11-19"), "equipment was overdue on the day of the calibration: Equipmentword"),
+        (("calibrated = 2026-11-20\nissued = 2026-11-23", "issued = 2026-11-19"), "issued is 2026-11-19, before calibrated, 2026-11-20"),
+        (
+            ("received = 2026-11-16\ncalibrated = 2026-11-20", "received = 2026-11-21"),
+            "calibrated is 2026-11-20, before received, 2026-11-21",
+        ),
+    ],
+)
+def test_days_that_do_not_go_together_leave_a_draft(data, change, says):
+    text = FIELDS.replace(*change)
+    assert text != FIELDS
+    assert content_of(with_fields(data, text)).draft == (says,)
+
+
+def test_a_sensor_without_a_model_is_no_identified_item(data):
+    made = with_fields(data)
+    problem = made.fit.problem
+    session = replace(problem.session, config=replace(problem.session.config, model_given=False))
+    nameless = replace(made, fit=replace(made.fit, problem=problem.changed(session=session)))
+    assert content_of(nameless).missing == ("sensor.model",)
+
+
+DAYS = ("received", "calibrated", "issued", "valid_until", "next_calibration")
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (1, 3), (1, 4), (2, 3), (2, 4)])
+def test_every_two_days_are_in_order(first, second):
+    for days, right in (((20, 20), True), ((21, 20), False)):
+        table = {DAYS[first]: date(2026, 11, days[0]), DAYS[second]: date(2026, 11, days[1])}
+        if right:
+            SHAPE.check(table, "certificate")
+            continue
+        with pytest.raises(Mismatch, match=rf"certificate.{DAYS[second]} is 2026-11-20, expected no day before {DAYS[first]}, 2026-11-21"):
+            SHAPE.check(table, "certificate")
+
+
+def test_a_text_that_no_page_has_room_for_is_refused():
+    SHAPE.check({"customer": "x" * 300}, "certificate")
+    for text in ("x" * 301, "a\nb", " "):
+        with pytest.raises(Mismatch, match=r"certificate.customer is .*, expected text on one line, of at most 300 characters"):
+            SHAPE.check({"customer": text}, "certificate")
 
 
 def test_an_item_that_does_not_conform_gets_its_certificate(data):
@@ -272,6 +370,25 @@ def test_what_the_options_cannot_do_is_one_line(simulated, tmp_path, run):
         code, _, err = run("report", folder, *words, "--no-explain", "--methods", "raw,least_squares", "--out", tmp_path / "r.html")
         assert code == 2
         assert says in err
+
+
+def test_what_a_certificate_would_fail_at_is_said_before_the_fit(data, tmp_path, run):
+    """The logs are missing, and nothing asks for them."""
+    made, form, digital = with_fields(data), tmp_path / "c.html", tmp_path / "c.xml"
+    found = certificate_of(made)
+    found.save(form)
+    found.save_dcc(digital)
+    folder = made.fit.session.folder
+    for words in (("--certificate", form), ("--dcc", digital)):
+        code, _, err = run("report", folder, *words, "--out", tmp_path / "r.html")
+        assert code == 2
+        assert "holds a certificate, which may be issued; move it" in err
+    code, _, err = run("report", folder, "--dcc", tmp_path / "other.xml", "--out", tmp_path / "r.html")
+    assert code == 2
+    assert "--dcc: a draft has no Digital Calibration Certificate; not stated: certificate.laboratory" in err
+    assert not (tmp_path / "r.html").exists()
+    certificate_of(data).save(form)
+    check_before(folder, form, None)  # a draft may be written again
 
 
 def test_another_kind_of_model_is_not_stated_as_found(data, tmp_path):

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ from certified import FIELDS, with_fields
 import tinygc
 from session.io.errors import CalibrationError, FormatError
 from session.io.units import DEG, MG
-from tinygc.annexes.certificate.content import content_of
+from tinygc.annexes.certificate.content import ResultRow, content_of
 from tinygc.annexes.certificate.dcc import MOST_ELEMENTS, parse, read
-from tinygc.annexes.certificate.dcc_file import dcc_text
+from tinygc.annexes.certificate.dcc_file import UNITS, dcc_text
 from tinygc.annexes.certificate.library import certificate_of
+from tinygc.estimation.requirements import Measured
+from tinygc.estimation.verdict import decide
 from tinygc.models.linear import LinearModel
 
 METHODS = ("raw", "least_squares")
@@ -113,6 +116,59 @@ def test_a_value_in_a_guard_band_is_a_conditional_answer(data):
         assert parse(dcc_text(content), "dcc.xml").quantity("closure").conformity == (answer,)
 
 
+def test_what_is_not_observed_or_not_decided_has_limits_and_no_answer(data, schema):
+    """The words of ILAC-G8 for what is between PASS and FAIL are those of a guard band."""
+    made = with_fields(data)
+    unseen = replace(made.adopted, unobserved=("B_y",))
+    decision = decide(unseen, [run.file for run in made.fit.runs], None, made.fit.against_raw, None, [], made.fit.requirements)
+    text = dcc_text(content_of(replace(made, adopted=unseen, decision=decision)))
+    assert faults(schema, text) == []
+    found = parse(text, "dcc.xml")
+    assert found.quantity("gyroscope_bias_x").conformity == ("pass",)
+    assert "not observed" in re.search(r'id="gyroscope_bias_y".*?</dcc:quantity>', text, flags=re.DOTALL)[0]
+    assert "conformity>" not in re.search(r'id="gyroscope_bias_y".*?id="gyroscope_bias_z"', text, flags=re.DOTALL)[0]
+    narrow = FIELDS.replace('rule = "guard band"', "least_ratio = 1000000").replace("upper = 5\n", "lower = 0\nupper = 5\n")
+    content = content_of(with_fields(data, narrow.replace("[requirements.accel_bias_mg]\nupper = 100\n", "")))
+    assert {each.answer for each in content.conformity} == {"not decided"}
+    text = dcc_text(content)
+    assert faults(schema, text) == []
+    assert "conformity>" not in text
+
+
+#: what one of a unit is in SI, by hand: 1 dps is 17.4532925 mrad/s, 1 g is 9.80665 m/s^2
+IN_SI = {
+    "ppm": 1e-6,
+    "mrad": 1e-3,
+    "°": 0.0174532925199433,
+    "mdps": 1.74532925199433e-5,
+    "mg": 9.80665e-3,
+    "dps/g": 1.77974053524e-3,
+    "°/√h": 2.90888208665722e-4,
+    "°/h": 4.84813681109536e-6,
+}
+
+
+@pytest.mark.parametrize("unit", IN_SI)
+def test_each_unit_in_si(written, unit):
+    one = replace(written, results=[ResultRow("one", ("",), (Measured("", "one", unit, 1.0, 0.5),))])
+    q = parse(dcc_text(one), "dcc.xml").quantity("one")
+    assert q.values == pytest.approx([IN_SI[unit]], rel=1e-9)
+    assert q.expanded == pytest.approx([IN_SI[unit] * 0.979982], rel=1e-6)
+    assert set(IN_SI) == set(UNITS)
+
+
+def test_the_ellipsoid_of_the_twelve_holds_95_percent(written):
+    """The root of the 0.95 quantile of chi-square with 12 degrees of freedom, 21.026."""
+    (factor,) = re.findall(r"<si:coverageFactorXMLList>(.*?)</", dcc_text(written))
+    assert float(factor) == pytest.approx(4.585, abs=1e-3)
+
+
+def test_nothing_is_said_to_be_agreed_and_the_operator_of_the_notes_is_named(data):
+    text = dcc_text(content_of(with_fields(data, FIELDS.replace('operator = "Operatorword"\n', ""))))
+    assert "agreed" not in text
+    assert "Noteoperator" in text
+
+
 def test_what_people_wrote_stays_text(data, schema):
     fields = FIELDS.replace("Customerword", "A & B <b>]]> ü &lt;")
     text = dcc_text(content_of(with_fields(data, fields, serial="S\x07\x1b[31m<x/>")))
@@ -184,7 +240,7 @@ def test_a_certificate_without_results_or_names_is_read_as_far_as_it_goes():
 @pytest.mark.broad
 def test_the_command_writes_it(simulated, tmp_path, run):
     folder, out = tmp_path / "session", tmp_path / "dcc.xml"
-    shutil.copytree(simulated(segments=16), folder)
+    shutil.copytree(simulated(segments=16), folder, ignore=shutil.ignore_patterns("truth.json"))
     toml = folder / "session.toml"
     toml.write_text(toml.read_text(encoding="utf-8") + FIELDS, encoding="utf-8")
     code, said, _ = run("report", folder, "--methods", "raw,least_squares", "--no-explain", "--certificate", "--dcc", out)

@@ -3,9 +3,13 @@
     p = F((upper - y) / u) - F((lower - y) / u)     probability of conformity, F: Student's t of u's degrees of freedom, or normal
     1 - p                                           risk of a wrong PASS           p    risk of a wrong FAIL
 
-(JCGM 106:2012, 7.2 and 9.2, with no prior knowledge of the item.)  Simple acceptance passes a value within its limits: at a limit, half of
-such answers are wrong.  A guard band w = r U draws the limits in for a PASS, and out for a FAIL (ISO/IEC 17025:2017, 7.8.6; ILAC-G8:09,
-4.2); in between nothing is decided.  With a largest risk in place of r, PASS and FAIL are wrong in at most that share of the cases.
+(JCGM 106:2012, 7.2, with no prior knowledge of the item.)  Simple acceptance passes a value within its limits: at one limit, half
+of such answers are wrong; between two that are close together against U, more.  A guard band w = r U draws the limits in for a PASS, and
+out for a FAIL (ISO/IEC 17025:2017, 7.8.6; ILAC-G8:09, 4.2); in between nothing is decided.  With a largest risk in place of r, PASS and
+FAIL are wrong in at most that share of the cases.
+
+The RMSE of a closure run is the length of three errors.  Near its floor it is neither normal nor symmetric, so that its p is that of three
+normal errors inside a sphere, and its guard band ends where p is F(r k); below its limit it does not fail.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from session.detect.accelerometer import NAMES
@@ -25,8 +30,8 @@ from session.io.units import DEG
 from tinygc.closure.motion import at_rest
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import rmse, tilt_rms
-from tinygc.estimation.sources import COVERAGE, Source, coverage_factor, effective_freedom, total
-from tinygc.models.linear import LinearModel, field_jacobian, field_quantities, field_vector
+from tinygc.estimation.sources import Source, coverage_factor, effective_freedom, total
+from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, field_jacobian, field_quantities, field_vector
 
 Answer = Literal["pass", "fail", "not decided"]
 #: var(mean) S / mean^2 of squared tilts: 1 for two normal angles alike; where the stills that neighbours share err alone, their angles
@@ -51,6 +56,36 @@ def conforms_probability(value: float, sigma: float, limits: tuple[float, float]
     return float(np.clip(below[0] - below[1], 0.0, 1.0))
 
 
+#: sigmas of a normal error beyond which it is neglected; nodes of the quadrature within; sigmas of a guard band beyond which it is linear
+_FAR, _NODES, _BAND = 9.0, 96, 4.0
+
+
+def rms_below(limit: float, errors: tuple[float, ...], sigmas: tuple[float, ...]) -> float:
+    """Probability that the root mean square of three normal errors, about these values with these sigmas, is at most a limit.
+
+    One axis in closed form, the others by Gauss–Legendre quadrature over the sphere; of equal sigmas it is a non-central chi-square.
+    """
+    if not np.isfinite(limit) or limit <= 0:
+        return float(limit > 0)
+    radius, (x, y, z) = np.sqrt(3) * limit, errors
+    sx, sy, sz = np.maximum(sigmas, 1e-9 * max(sigmas))
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+
+    def within(half: np.ndarray, middle: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+        """Places across -half to half, as far as the error comes, and their weights with its density."""
+        low, high = np.maximum(-half, middle - _FAR * sigma), np.minimum(half, middle + _FAR * sigma)
+        width = np.maximum(high - low, 0.0)[..., None] / 2
+        places = low[..., None] + width * (1 + nodes)
+        return places, weights * width * np.exp(-(((places - middle) / sigma) ** 2) / 2) / (np.sqrt(2 * np.pi) * sigma)
+
+    across, of_z = within(np.asarray(radius), z, sz)
+    half = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+    along, of_y = within(half, y, sy)
+    chord = np.sqrt(np.maximum(half[:, None] ** 2 - along**2, 0.0))
+    inside = ndtr((chord - x) / sx) - ndtr((-chord - x) / sx)
+    return float(np.clip(of_z @ np.sum(of_y * inside, axis=1), 0.0, 1.0))
+
+
 def simply_accepted(value: float, limits: tuple[float, float]) -> bool:
     """Whether a value lies within its limits; not, where it is no number."""
     return bool(limits[0] <= value <= limits[1])
@@ -65,7 +100,8 @@ class Measured:
 
     key: of ``session.io.requirements``; words; unit; value and sigma, its standard uncertainty, in that unit; freedom: degrees of freedom
     of sigma; observed: whether the session determines it; relative: whether it is decided on the scale of logarithms, as a size is whose
-    scatter grows with it (sigma then is value times that of the logarithm).
+    scatter grows with it (sigma then is value times that of the logarithm); errors: three errors and the sigma of each, whose root mean
+    square the value is.
     """
 
     key: str
@@ -76,6 +112,7 @@ class Measured:
     freedom: float = np.inf
     observed: bool = True
     relative: bool = False
+    errors: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
     @property
     def factor(self) -> float:
@@ -90,11 +127,12 @@ class Measured:
 
 @dataclass(frozen=True)
 class Conformity:
-    """Whether a measured value meets its limits (lower, upper) by a rule."""
+    """Whether a measured value meets its limits (lower, upper) by a rule; reference: where the limits are from."""
 
     measured: Measured
     limits: tuple[float, float]
     rule: Rule
+    reference: str = ""
 
     @cached_property
     def _scaled(self) -> tuple[float, float, tuple[float, float]]:
@@ -107,19 +145,39 @@ class Conformity:
 
     @property
     def _width(self) -> float:
-        """Of the guard band, on that scale: 0 in simple acceptance; with a largest risk, that of one limit far from the other."""
-        sigma = self._scaled[1]
+        """Of the guard band, in sigmas: 0 in simple acceptance; with a largest risk, that of one limit far from the other."""
         if self.rule.kind == SIMPLE:
             return 0.0
-        if self.rule.risk is not None:
-            return quantile(1 - self.rule.risk, self.measured.freedom) * sigma
-        return self.rule.guard * self.measured.factor * sigma
+        return self.rule.guard * self.measured.factor if self.rule.risk is None else quantile(1 - self.rule.risk, self.measured.freedom)
 
     def _moved(self, inwards: float) -> tuple[float, float]:
-        """The limits, moved towards each other on the scale of the decision."""
-        lower, upper = self._scaled[2]
-        found = (lower + inwards, upper - inwards)
+        """The limits, moved towards each other by so many sigmas on the scale of the decision."""
+        if inwards == 0:
+            return self.limits
+        if self.measured.errors is not None:
+            near = float(np.clip(inwards, -_BAND, _BAND))
+            lower, upper = self._at(self.limits[0], -near), self._at(self.limits[1], near)
+            further = (inwards - near) * self.measured.sigma
+            return lower + further, upper - further
+        (lower, upper), by = self._scaled[2], inwards * self._scaled[1]
+        found = (lower + by, upper - by)
         return (float(np.exp(found[0])), float(np.exp(found[1]))) if self.measured.relative else found
+
+    def _at(self, limit: float, sigmas_below: float) -> float:
+        """RMSE, of errors in the direction of the measured ones, that is below a limit with the probability F(sigmas_below); just below 0
+        where errors of 0 are so with less."""
+        if not np.isfinite(limit):
+            return limit
+        assert self.measured.errors is not None
+        errors, sigmas = self.measured.errors
+        size = float(np.linalg.norm(errors))
+        unit = np.array(errors) / size if size > 0 else np.full(3, 1 / np.sqrt(3))
+
+        def surplus(value: float) -> float:
+            return rms_below(limit, tuple(value * np.sqrt(3) * unit), sigmas) - float(ndtr(sigmas_below))
+
+        far = max(limit, 0.0) + _FAR * float(max(sigmas))
+        return float(brentq(surplus, 0.0, far, xtol=1e-9 * far)) if surplus(0.0) > 0 else float(np.nextafter(0, -1))
 
     @property
     def acceptance(self) -> tuple[float, float]:
@@ -135,6 +193,9 @@ class Conformity:
     @cached_property
     def probability(self) -> float:
         """Of conformity, given the measured value."""
+        if self.measured.errors is not None:
+            most, least = (rms_below(limit, *self.measured.errors) for limit in reversed(self.limits))
+            return most - least
         value, sigma, limits = self._scaled
         return conforms_probability(value, sigma, limits, self.measured.freedom)
 
@@ -157,10 +218,12 @@ class Conformity:
         if not np.isfinite(self.measured.sigma):
             return "not decided"
         if self.rule.risk is not None:
-            return "pass" if 1 - self.probability <= self.rule.risk else "fail" if self.probability <= self.rule.risk else "not decided"
-        if simply_accepted(value, self.acceptance):
-            return "pass"
-        return "fail" if not simply_accepted(value, self._moved(-self._width)) else "not decided"
+            passes, fails = 1 - self.probability <= self.rule.risk, self.probability <= self.rule.risk
+        else:
+            passes, fails = simply_accepted(value, self.acceptance), not simply_accepted(value, self._moved(-self._width))
+        if self.measured.errors is not None and simply_accepted(value, self.limits):
+            fails = False  # noise alone makes an RMSE; what is below its limit does not fail because the noise is above it
+        return "pass" if passes else "fail" if fails else "not decided"
 
     @property
     def risk(self) -> float | None:
@@ -196,6 +259,8 @@ class Conformity:
     @property
     def risk_words(self) -> str:
         """What the answer risks; of an undecided value, what either answer would."""
+        if self.measured.key == ATTITUDE:
+            return "no risk is stated, since the value is an uncertainty itself"
         if not np.isfinite(self.measured.sigma) or not self.measured.observed:
             return "its uncertainty is not known, and so is the risk"
         wrong = {"pass": 1 - self.probability, "fail": self.probability}
@@ -241,7 +306,7 @@ def rule_words(rule: Rule) -> str:
     """The rule in one sentence."""
     if rule.kind == SIMPLE:
         condition = f", with a test uncertainty ratio of at least {rule.least_ratio:g}" if rule.least_ratio is not None else ""
-        return f"Simple acceptance{condition}: a measured value within its limits passes; at a limit, up to half of such answers are wrong."
+        return f"Simple acceptance{condition}: a measured value within its limits passes, however large its uncertainty."
     if rule.risk is not None:
         most = share_words(rule.risk)
         return f"Guard bands by risk: PASS and FAIL are wrong with a probability of at most {most}; in between nothing is decided."
@@ -280,12 +345,19 @@ def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Measured:
 
 
 def run_measured(file: str, error: np.ndarray, floor: np.ndarray | None) -> Measured:
-    """RMSE of a closure run of errors (3,) rad, degrees; floor (3,) rad: one sigma of each from noise alone, None where not known."""
-    size = rmse(error)
-    sigma = float("nan")
-    if floor is not None:  # d rmse / d error_i = error_i / 3 rmse; of no error, its own size by chance
-        sigma = float(np.linalg.norm(error * floor)) / (3 * size) if size > 0 else rmse(floor)
-    return Measured(CLOSURE_RUN, f"closure run {file}, RMSE", "°", size / DEG, sigma / DEG)
+    """RMSE of a closure run of errors (3,) rad, degrees; floor (3,) rad: one sigma of each from noise alone, None where not known.
+
+    sigma is the root mean square of what the true RMSE departs from it: near the floor it holds that noise adds to the size.
+    """
+    size, words = rmse(error) / DEG, f"closure run {file}, RMSE"
+    if floor is None or not np.isfinite(size):
+        return Measured(CLOSURE_RUN, words, "°", size, float("nan"))
+    nodes, weights = np.polynomial.hermite_e.hermegauss(16)
+    true = np.stack(np.meshgrid(*(e / DEG + f / DEG * nodes for e, f in zip(error, floor, strict=True)), indexing="ij"))
+    share = np.einsum("i,j,k->ijk", weights, weights, weights) / np.sum(weights) ** 3
+    sigma = float(np.sqrt(np.sum(share * (np.sqrt(np.mean(true**2, axis=0)) - size) ** 2)))
+    errors = (tuple((error / DEG).tolist()), tuple((floor / DEG).tolist())) if sigma > 0 else None
+    return Measured(CLOSURE_RUN, words, "°", size, sigma, errors=errors)
 
 
 def known_sources(sources: Sequence[Source], covariance: np.ndarray) -> tuple[Source, ...]:
@@ -326,15 +398,23 @@ def accelerometer_measured(found: AccelerometerFit | None) -> list[Measured]:
     return measured
 
 
-def attitude_measured(vector: np.ndarray, covariance: np.ndarray) -> Measured:
-    """Expanded uncertainty (95 %) of the attitude about its worst axis after a minute at rest, from the calibration alone, degrees."""
+def attitude_measured(vector: np.ndarray, sources: Sequence[Source], unobserved: tuple[str, ...] = ()) -> Measured:
+    """Expanded uncertainty (95 %) of the attitude about its worst axis after a minute at rest, from the calibration alone, degrees.
+
+    k is that of the sources (12, 12) about that axis.  It is not observed where a parameter on which it depends is not.
+    """
     model = LinearModel.from_vector(vector)
     slope = at_rest(model).slope(model)
-    worst = float(np.linalg.eigvalsh(slope @ covariance @ slope.T)[-1])
-    size = coverage_factor(float("inf"), COVERAGE) * np.sqrt(max(worst, 0.0)) / DEG
-    return Measured(ATTITUDE, "attitude after 60 s at rest, expanded uncertainty", "°", size, 0.0)
+    variances, axes = np.linalg.eigh(slope @ total(sources) @ slope.T)
+    worst = axes[:, -1] @ slope
+    freedom = effective_freedom([float(each.variance(worst[None])[0]) for each in sources], [each.freedom for each in sources])
+    size = coverage_factor(freedom) * np.sqrt(max(float(variances[-1]), 0.0)) / DEG
+    observed = not any(np.any(slope[:, NAMES.index(name)]) for name in unobserved if name in NAMES[:PARAMETERS])
+    return Measured(ATTITUDE, "attitude after 60 s at rest, expanded uncertainty", "°", size, float("nan"), freedom, observed)
 
 
 def conformity(requirements: Requirements, measured: Iterable[Measured]) -> list[Conformity]:
-    """Each measured value that has limits, against them, in the order of the values."""
-    return [Conformity(each, requirements.limits[each.key], requirements.rule) for each in measured if each.key in requirements.limits]
+    """Each measured value that has limits, against them, in the order of the values; a value that is an uncertainty itself has no guard
+    band, so that simple acceptance decides it."""
+    asked = [(each, Rule() if each.key == ATTITUDE else requirements.rule) for each in measured if each.key in requirements.limits]
+    return [Conformity(each, requirements.limits[each.key], rule, requirements.reference) for each, rule in asked]

@@ -12,7 +12,7 @@ data rate that nobody measured, biases E without any effect on closure.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -52,6 +52,8 @@ from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 NEAR_FLOOR = 2.0
 #: probability that noise leaves as little as the fitted segments do; below it the noise or the references are not what they seem
 TOO_GOOD_P = 1e-4
+#: where the limit of the closure is from that ``limit_deg`` gives
+GIVEN = "limit of the closure, as it was given to the program"
 #: answers in words; a given limit decides, and doubts are stated with the result
 WORDS = {"pass": "PASS", "doubtful pass": "PASS, with doubts", "not decided": "NOT DECIDED", "fail": "FAIL"}
 
@@ -116,15 +118,16 @@ class JudgedFit:
 class Acceptance:
     """Verdict on a calibration.
 
-    passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule; doubts, a sentence for
-    each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given; closure: what closes to what, in words;
-    conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL; unsound: reasons
-    not met that no limit has: noise does not explain the closure, or the raw rates close better, so that the uncertainties may not hold.
+    passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule, None where that is not decided; doubts, a
+    sentence for each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given; closure: what closes to what,
+    in words; conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL; unsound:
+    reasons not met that no limit has: noise does not explain the closure, or the raw rates close better, so that the uncertainties may not
+    hold.
     """
 
     passed: bool
     rule: str
-    reasons: list[tuple[bool, str]]
+    reasons: list[tuple[bool | None, str]]
     doubts: list[str]
     by_limit: bool
     closure: str = ""
@@ -158,7 +161,7 @@ class Acceptance:
     @property
     def headline(self) -> str:
         """The answer and its reason, in one line."""
-        missed = [text for met, text in self.reasons if not met]
+        missed = [text for met, text in self.reasons if met is False]
         return f"{self.word}: {'; '.join(missed) or '; '.join(self.undecided) or (self.doubts[0] if self.doubts else self.closure)}"
 
     @property
@@ -182,29 +185,29 @@ def decide(
     reasons for which a pass is weak evidence; requirements: limits, of which limit_deg takes the place of those of the closure.
     """
     tilt, times = tilt_rms(candidate.angles), tilt_rms(candidate.angles) / candidate.floor_rms
+    closure_p = candidate.closure_p if np.isfinite(tilt) else float("nan")
     held_out = f"segments, held out, rms of tilt: {degrees(tilt)}"
     asked = requirements or Requirements()
     if limit_deg is not None:
-        closes = Requirements(dict.fromkeys((CLOSURE, CLOSURE_RUN), (-np.inf, limit_deg)), Rule())
+        closes = Requirements(dict.fromkeys((CLOSURE, CLOSURE_RUN), (-np.inf, limit_deg)), Rule(), GIVEN)
     else:
-        closes = Requirements({key: asked.limits[key] for key in (CLOSURE, CLOSURE_RUN) if key in asked.limits}, asked.rule)
+        closes = replace(asked, limits={key: asked.limits[key] for key in (CLOSURE, CLOSURE_RUN) if key in asked.limits})
     segments = conformity(closes, [closure_measured(candidate.angles, candidate.numbers)])
     floors = [*candidate.run_floors, *[None] * (len(files) - len(candidate.run_floors))]
     runs = conformity(closes, [run_measured(*each) for each in zip(files, candidate.run_errors, floors, strict=True)])
     others = conformity(asked, _others(candidate, accelerometer)) if set(asked.limits) - {CLOSURE, CLOSURE_RUN} else []
     rules = []
+    reasons: list[tuple[bool | None, str]]
     if segments:
         reasons = [_against(held_out, segments[0])]
     else:
         freedom = "" if candidate.closure_freedom is None else f", {candidate.closure_freedom} degrees of freedom"
-        reasons = [
-            _by_chance(f"closure of the fitted segments{freedom}", candidate.closure_p, f"held out {significant(times, 2)} × the floor")
-        ]
+        reasons = [_by_chance(f"closure of the fitted segments{freedom}", closure_p, f"held out {significant(times, 2)} × the floor")]
     if runs:
         reasons += [_against(f"{f}, RMSE: {degrees(rmse(e))}", each) for f, e, each in zip(files, candidate.run_errors, runs, strict=True)]
     else:
         for file, error, p in zip(files, candidate.run_errors, candidate.run_p, strict=True):
-            reasons.append(_by_chance(f"{file}: off by {degrees(rmse(error))}", p))
+            reasons.append(_by_chance(f"{file}: off by {degrees(rmse(error))}", p if np.isfinite(rmse(error)) else float("nan")))
     if limit_deg is not None:
         rules.append(f"Limit {significant(limit_deg, 3)}°: held-out closure of the segments and RMSE of each closure run at most that.")
     elif not segments or (len(files) and not runs):
@@ -216,7 +219,8 @@ def decide(
         rules.append(f"Requirements of {asked.source or 'the user'}. {rule_words(asked.rule)}")
     rule = " ".join(rules)
     reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *candidate.run_losses], strict=True)]
-    unsound = [text for (met, text), by in zip(reasons, [segments, *[runs] * len(files)], strict=True) if not met and not by]
+    by_chance = [each for each, by in zip(reasons, [segments, *[runs] * len(files)], strict=True) if not by]
+    unsound = [text for met, text in by_chance if not met]
     reasons += [_against(f"{each.measured.words}: {each.value_words}", each) for each in others]
     if raw is not None and raw.condemns(tilt / DEG):
         named = METHODS[raw.method].title
@@ -230,7 +234,8 @@ def decide(
     found = [*_doubts(candidate, times, accelerometer), *doubts]
     decided = [*segments, *runs, *others]
     undecided = [f"{each.measured.words}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
-    passed = all(met for met, _ in reasons)
+    undecided += [text for met, text in by_chance if met is None]
+    passed = all(met is not False for met, _ in reasons)
     return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound)
 
 
@@ -239,13 +244,14 @@ def _others(candidate: Candidate, accelerometer: AccelerometerFit | None) -> lis
     found = accelerometer_measured(accelerometer)
     if candidate.covariance is not None:
         vector, covariance = candidate.vector[:PARAMETERS], candidate.covariance[:PARAMETERS, :PARAMETERS]
-        found = [*field_measured(vector, known_sources(candidate.sources, covariance), candidate.unobserved), *found]
-        found.append(attitude_measured(vector, covariance))
+        sources = known_sources(candidate.sources, covariance)
+        found = [*field_measured(vector, sources, candidate.unobserved), *found]
+        found.append(attitude_measured(vector, sources, candidate.unobserved))
     return found
 
 
 def _undecided(each: Conformity) -> str:
-    if each.answer != "not decided" or not each.measured.observed:
+    if each.answer != "not decided" or not each.measured.observed or not np.isfinite(each.measured.value):
         return f"required {each.limit_words}"
     if each.rule.least_ratio is not None:
         return f"required {each.limit_words}: not decided, its test uncertainty ratio is below {each.rule.least_ratio:g}"
@@ -272,10 +278,10 @@ def _doubts(candidate: Candidate, times_floor: float, accelerometer: Acceleromet
     return doubts
 
 
-def _against(what: str, each: Conformity) -> tuple[bool, str]:
-    """Whether a value is not refused, and how it stands to its limits."""
+def _against(what: str, each: Conformity) -> tuple[bool | None, str]:
+    """Whether a value meets its limits, None where that is not decided, and how it stands to them."""
     if each.answer == "not decided":
-        return True, f"{what}, {_undecided(each)}"
+        return None, f"{what}, {_undecided(each)}"
     lower, upper = each.limits
     if np.isfinite(lower):
         return each.answer == "pass", f"{what}, {'within' if each.answer == 'pass' else 'outside'} {each.limit_words}"
@@ -283,7 +289,9 @@ def _against(what: str, each: Conformity) -> tuple[bool, str]:
     return each.answer == "pass", f"{what}, {'within' if each.answer == 'pass' else 'above'} {significant(upper, 3)}{unit}"
 
 
-def _by_chance(what: str, p: float, size: str = "") -> tuple[bool, str]:
+def _by_chance(what: str, p: float, size: str = "") -> tuple[bool | None, str]:
+    if not np.isfinite(p):
+        return None, f"{what}: no number came out"
     met = agrees(p)
     return met, f"{what}: {probability(p)}, " + ("noise explains it" if met else f"more than noise allows{size and f' ({size})'}")
 

@@ -52,7 +52,8 @@ class Report(Shown):
     def lines(self) -> list[tuple[str, str]]:
         """The verdict, its rule, and what is met, not met and in doubt: lines with their styles."""
         decision = self.verdict
-        reasons = [(f"  {'met' if met else 'not met'}: {reason}", "") for met, reason in decision.reasons]
+        met_words = {True: "met", False: "not met", None: "not decided"}
+        reasons = [(f"  {met_words[met]}: {reason}", "") for met, reason in decision.reasons]
         risks = [(f"  {text}", "dim") for text in decision.risks]
         doubts = [(f"  in doubt: {doubt}", "") for doubt in decision.doubts]
         return [(decision.headline, ""), (decision.rule, "dim"), *reasons, *risks, *doubts]

@@ -13,9 +13,10 @@ from datetime import date
 
 import numpy as np
 
-from session.io.certificate import CertificateGiven, Equipment
+from session.io.certificate import TRACED, CertificateGiven, Equipment, out_of_order
 from session.io.config import Config
 from session.io.errors import FormatError
+from session.io.requirements import Rule
 from session.io.texts import STANDIN_NAME, fixed, significant
 from session.io.toml import read_toml
 from session.io.units import MDPS
@@ -35,6 +36,10 @@ from tinygc.reporting.html.evidence import LINEAR, ReportData
 from tinygc.reporting.html.sections.front import SOURCES, recorded
 
 NOT_STATED = "not stated"
+#: begins the sentence on effects that are not in U
+LACKING = "One effect that the model lacks"
+#: what a simulation leaves beside its recording
+TRUTH = "truth.json"
 #: fields that a certificate must have -> what they are, in words
 REQUIRED = {
     "laboratory": "name of the laboratory",
@@ -83,14 +88,24 @@ class ResultRow:
 
 
 @dataclass(frozen=True, eq=False)
+class Statement:
+    """A statement of conformity: where its limits are from, its decision rule in words, and each value against its limits."""
+
+    reference: str
+    rule: str
+    conformities: list[Conformity]
+
+
+@dataclass(frozen=True, eq=False)
 class Content:
     """A certificate.
 
     number; draft: reasons for which it is none; missing: keys of session.toml that are not there; given: the fields as the session has
     them; item, dates, conditions, traceability: lines; equipment; results; as_found: the same of the output as a previous calibration
-    corrects it, previous: its file; closure: of segments and closure runs, with the floor of each in degrees; conformity with the rule and
-    the reference of the limits; method, uncertainty, remarks: sentences; calibrated: (first, last) day, None where not known; model and
-    covariance (12, 12) of ω = E m + B; temperature_c: (least, mean, largest) of the sensor, None where it was not recorded.
+    corrects it, previous: its file; closure: of segments and closure runs, with the floor of each in degrees; statements of conformity;
+    operator: who calibrated, empty where nobody is stated; method, uncertainty, remarks: sentences; calibrated: (first, last) day, None
+    where not known; model and covariance (12, 12) of ω = E m + B; temperature_c: (least, mean, largest) of the sensor, None where it was
+    not recorded.
     """
 
     number: str
@@ -107,9 +122,8 @@ class Content:
     as_found: list[ResultRow]
     previous: str
     closure: list[tuple[Measured, float]]
-    conformity: list[Conformity]
-    rule: str
-    limits_of: str
+    statements: list[Statement]
+    operator: str
     method: list[str]
     uncertainty: list[str]
     remarks: list[str]
@@ -124,6 +138,20 @@ class Content:
         """Whether it cannot be issued as it is."""
         return bool(self.draft)
 
+    @property
+    def conformity(self) -> list[Conformity]:
+        """Each value that has limits, of all statements."""
+        return [each for statement in self.statements for each in statement.conformities]
+
+
+def missing_fields(config: Config) -> list[str]:
+    """Keys of session.toml that a certificate must have, whatever was recorded, and that are not there."""
+    given = config.certificate
+    missing = [f"certificate.{key}" for key in REQUIRED if not getattr(given, key)]
+    missing += [] if config.sensor.serial else ["sensor.serial"]
+    missing += [] if config.model_given else ["sensor.model"]
+    return missing + [f"certificate.traceability.{key}" for key in TRACED if key not in given.traceability]
+
 
 def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None) -> Content:
     """What the certificate of a report's data states; previous: file name and model of the calibration in use until now.
@@ -135,18 +163,16 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
     covariance = data.adopted.covariance[:PARAMETERS, :PARAMETERS]
     sources = known_sources(data.adopted.sources, covariance)
     calibrated, day = _calibrated(data)
-    missing = [f"certificate.{key}" for key in REQUIRED if not getattr(given, key)]
-    missing += [] if config.sensor.serial else ["sensor.serial"]
-    missing += [] if day is not None else ["certificate.calibrated"]
-    traceability = _traceability(data)
-    missing += [each.key for each in traceability if each.key not in missing and NOT_STATED in each.text]
+    missing = missing_fields(config) + ([] if day is not None else ["certificate.calibrated"])
     draft = [f"not stated: {', '.join(missing)}"] if missing else []
     if data.decision.unsound:  # a value beyond its limits is a result; uncertainties that may not hold are none
         draft.append(f"the calibration does not pass its own check: {'; '.join(data.decision.unsound)}")
     if config.board.source == STANDIN_NAME:
         draft.append("the board had no sensor: the samples are made up, or were played to it")
-    limits = data.fit.requirements
-    used = {each.rule for each in data.decision.conformities}
+    if _is_simulated(data):
+        draft.append(f"the recording is simulated: {TRUTH} lies beside it")
+    draft += _wrong_days(given, day)
+    uncertainty = _uncertainty(data, sources, vector)
     machine = _machine(data)
     return Content(
         number=given.number or NOT_STATED,
@@ -157,17 +183,16 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         item=_item(data),
         dates=_dates(given, calibrated),
         conditions=_conditions(data),
-        traceability=traceability,
+        traceability=_traceability(data),
         equipment=given.equipment + ((machine,) if machine is not None else ()),
         results=_results(data, vector, sources),
         as_found=[] if previous is None else _as_found(previous[1], data, vector, sources),
         previous="" if previous is None else previous[0],
         closure=_closure(data),
-        conformity=data.decision.conformities,
-        rule=" ".join(rule_words(rule) for rule in sorted(used, key=str)),
-        limits_of=limits.reference if limits is not None else "",
+        statements=_statements(data.decision.conformities, any(LACKING in each for each in uncertainty)),
+        operator=_operator(config)[0],
         method=_method(data),
-        uncertainty=_uncertainty(data, sources, vector),
+        uncertainty=uncertainty,
         remarks=_remarks(data, given),
         calibrated=day,
         model=LinearModel.from_vector(vector),
@@ -175,6 +200,21 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         temperature_c=_temperature(data),
         program=f"TinyGC {data.versions['TinyGC']}" + (f", commit {data.versions['commit']}" if "commit" in data.versions else ""),
     )
+
+
+def _is_simulated(data: ReportData) -> bool:
+    session = data.fit.session
+    return not session.in_memory and (session.folder / TRUTH).exists()
+
+
+def _wrong_days(given: CertificateGiven, day: date | None) -> list[str]:
+    """Reasons against days that each are one, and do not go together."""
+    found = []
+    days = {"calibrated": day, **{key: getattr(given, key) for key in ("received", "issued", "valid_until", "next_calibration")}}
+    if pair := out_of_order(days):
+        found.append(f"{pair[1]} is {days[pair[1]]}, before {pair[0]}, {days[pair[0]]}")
+    late = [each.name for each in given.equipment if day is not None and each.due is not None and each.due < day]
+    return found + ([f"equipment was overdue on the day of the calibration: {', '.join(late)}"] if late else [])
 
 
 # What session.toml and the recording say of the item, the days and the conditions.
@@ -250,9 +290,15 @@ def _conditions(data: ReportData) -> list[Field]:
     given = config.certificate
     if given.conditions:
         rows.append(Field("Environment", given.conditions, "certificate.conditions"))
-    operator = given.operator or str(config.notes.get("operator", "")) or NOT_STATED
-    key = "notes.operator" if not given.operator and "operator" in config.notes else "certificate.operator"
-    return [*rows, Field("Place", given.place or NOT_STATED, "certificate.place"), Field("Operator", operator, key)]
+    operator, key = _operator(config)
+    return [*rows, Field("Place", given.place or NOT_STATED, "certificate.place"), Field("Operator", operator or NOT_STATED, key)]
+
+
+def _operator(config: Config) -> tuple[str, str]:
+    """Who calibrated, empty where nobody is stated, and the key that says so."""
+    if not config.certificate.operator and "operator" in config.notes:
+        return str(config.notes["operator"]), "notes.operator"
+    return config.certificate.operator, "certificate.operator"
 
 
 def _traceability(data: ReportData) -> list[Field]:
@@ -286,6 +332,22 @@ def _machine(data: ReportData) -> Equipment | None:
     if not isinstance(make, str):
         raise FormatError(f"{path}: make is missing, expected text; correct it there, or remove the file")
     return Equipment(f"machine that turned the item, make {make}", f"description {MACHINE} of the recording")
+
+
+def _statements(conformities: Sequence[Conformity], lacking: bool) -> list[Statement]:
+    """One for each origin of limits and each rule, in the order of the values; lacking: an effect may besides have moved them."""
+    groups: dict[tuple[str, Rule], list[Conformity]] = {}
+    for each in conformities:
+        groups.setdefault((each.reference, each.rule), []).append(each)
+    found = []
+    for (reference, rule), of in groups.items():
+        said = [rule_words(rule)]
+        if any(np.isfinite(each.measured.sigma) for each in of):
+            said.append("The risk is that of the measured value with its U, without prior knowledge of the item (JCGM 106:2012, 7.2).")
+        if lacking and any(each.measured.key.startswith("gyro_") for each in of):
+            said.append("It does not hold the effect that the model lacks, whose size stands under Uncertainty of measurement.")
+        found.append(Statement(reference, " ".join(said), of))
+    return found
 
 
 # Results.
@@ -395,7 +457,7 @@ def _uncertainty(data: ReportData, sources: Sequence[Source], vector: np.ndarray
         units = {q.word: q.unit for q in most}
         sizes = ", ".join(f"{word} {significant(size, 2)} {units[word]}" for word, size in groups.items())
         if sizes:
-            said.append(f"One effect that the model lacks and this recording does not exclude may besides have moved: {sizes} (k = 1).")
+            said.append(f"{LACKING} and this recording does not exclude may besides have moved: {sizes} (k = 1).")
     return said
 
 

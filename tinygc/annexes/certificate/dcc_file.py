@@ -14,9 +14,11 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from session import VERSION
+from session.io.config import Config
 from session.io.errors import CalibrationError
+from session.io.requirements import GUARDED
 from session.io.texts import printable
-from tinygc.annexes.certificate.content import Content, Field, ResultRow
+from tinygc.annexes.certificate.content import Content, Field, ResultRow, missing_fields
 from tinygc.estimation.requirements import Conformity, Measured
 from tinygc.estimation.sources import COVERAGE
 from tinygc.models.linear import NAMES, PARAMETERS
@@ -44,8 +46,7 @@ def dcc_text(content: Content) -> str:
     """The certificate as XML.  Raises CalibrationError, in one line, for a draft, and for what the schema requires and is not there."""
     if content.draft:
         raise CalibrationError(f"--dcc: a draft has no Digital Calibration Certificate; {'; '.join(content.draft)}")
-    if absent := [f"certificate.{key} ({what})" for key, what in REQUIRED.items() if not getattr(content.given, key)]:
-        raise CalibrationError(f"--dcc: session.toml lacks {', '.join(absent)}, which the schema requires; give it there")
+    require_fields(content.config)
     for prefix, address in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         ElementTree.register_namespace(prefix, address)
     root = ElementTree.Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": VERSION_OF_SCHEMA})
@@ -54,6 +55,14 @@ def dcc_text(content: Content) -> str:
     _measured(_in(_in(root, "measurementResults"), "measurementResult"), content)
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def require_fields(config: Config) -> None:
+    """Raises CalibrationError, in one line, for what a Digital Calibration Certificate needs of session.toml and is not there."""
+    if missing := missing_fields(config):
+        raise CalibrationError(f"--dcc: a draft has no Digital Calibration Certificate; not stated: {', '.join(missing)}")
+    if absent := [f"certificate.{key} ({what})" for key, what in REQUIRED.items() if not getattr(config.certificate, key)]:
+        raise CalibrationError(f"--dcc: session.toml lacks {', '.join(absent)}, which the schema requires; give it there")
 
 
 # Elements: one inside another, with text; a text of the user's stays one line.
@@ -103,8 +112,8 @@ def _administrative(parent: ElementTree.Element, c: Content) -> None:
     _contact(contact, given.laboratory, given.address, given.country)
     persons = _in(parent, "respPersons")
     _person(persons, given.authorised_by, given.role or "authorises the certificate", signs=True)
-    if given.operator:
-        _person(persons, given.operator, "operator")
+    if c.operator:
+        _person(persons, c.operator, "operator")
     _contact(_in(parent, "customer"), given.customer, given.customer_address)
     _statements(_in(parent, "statements"), c)
 
@@ -150,13 +159,13 @@ def _statements(parent: ElementTree.Element, c: Content) -> None:
     for day, words in ((c.given.valid_until, "Valid until"), (c.given.next_calibration, "Next calibration")):
         if day is not None:
             again = _in(parent, "statement", refType="basic_recalibration")
-            named(again, "declaration", f"{words}, as agreed with the customer")
+            named(again, "declaration", words)
             _in(again, "date", str(day))
-    if c.conformity:
+    for each in c.statements:
         conforms = _in(parent, "statement", refType="basic_conformity")
         _in(conforms, "norm", "ISO/IEC 17025:2017")
         _in(conforms, "reference", "7.8.6")
-        named(conforms, "declaration", *([f"Limits: {c.limits_of}"] if c.limits_of else []), f"Decision rule: {c.rule}")
+        named(conforms, "declaration", *([f"Limits: {each.reference}"] if each.reference else []), f"Decision rule: {each.rule}")
 
 
 # Results.
@@ -258,11 +267,13 @@ def _real(parent: ElementTree.Element, value: float, unit: str, measured: Measur
 
 
 def _conforms(quantity: ElementTree.Element, each: Conformity) -> None:
-    """The statement of conformity of one quantity, with its limits."""
+    """The statement of conformity of one quantity, with its limits; no answer where nothing was decided, but in a guard band."""
     one = _in(_in(quantity, "measurementMetaData"), "metaData", refType="basic_conformity")
     named(one, "declaration", each.risk_words)
     inside = each.limits[0] <= each.measured.value <= each.limits[1]
-    _in(one, "conformity", ANSWERS.get(each.answer, "conditionalPass" if inside else "conditionalFail"))
+    banded = each.rule.kind == GUARDED and each.measured.observed and np.isfinite(each.measured.expanded)
+    if each.answer in ANSWERS or banded:
+        _in(one, "conformity", ANSWERS.get(each.answer, "conditionalPass" if inside else "conditionalFail"))
     data, (unit, size) = _in(one, "data"), UNITS[each.measured.unit]
     for side, limit, accepted in zip(("Lower", "Upper"), each.limits, each.acceptance, strict=True):
         if np.isfinite(limit):

@@ -6,16 +6,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from session.io.errors import FormatError
+from session.io.config import read_config
+from session.io.errors import CalibrationError, FormatError
 from session.io.files import result_folder
 from session.io.results import write_text_whole
 from tinygc.annexes.certificate.content import Content, content_of
-from tinygc.annexes.certificate.dcc_file import dcc_text
-from tinygc.annexes.certificate.page import page
+from tinygc.annexes.certificate.dcc_file import dcc_text, require_fields
+from tinygc.annexes.certificate.page import TITLE, page
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.paper import print_pdf, require_browser
+
+#: bytes of a file that say whether it is a certificate
+ENOUGH = 4096
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,6 +75,19 @@ class Certificate:
     def to_json(self) -> dict:
         """``certificate`` of ``tinygc-report/1``."""
         return {"number": self.content.given.number or None, "draft": list(self.draft), "missing": list(self.missing)}
+
+
+def check_before(folder: Path, form: Path | None, dcc: Path | None) -> None:
+    """Refuse, before a fit, what its certificate would fail at.
+
+    Raises CalibrationError where a certificate that is no draft lies at one of the two paths, or session.toml lacks what a Digital
+    Calibration Certificate needs, and FormatError for a damaged session.toml.
+    """
+    for path, mark in ((form, f"<title>{TITLE} "), (dcc, "digitalCalibrationCertificate")):
+        if path is not None and path.is_file() and mark.encode() in path.read_bytes()[:ENOUGH]:
+            raise CalibrationError(f"{path}: holds a certificate, which may be issued; move it to its place, or give another file")
+    if dcc is not None and (toml := folder / "session.toml").is_file():
+        require_fields(read_config(toml))
 
 
 def certificate_of(data: ReportData, as_found: Path | str | None = None) -> Certificate:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from session.io.requirements import ATTITUDE
 from session.io.texts import fixed, significant
 from tinygc.annexes.certificate.content import Content, ResultRow
 from tinygc.estimation.requirements import Conformity, Measured, share_words
@@ -28,7 +29,7 @@ def page(content: Content) -> str:
         found=[_row(each) for each in content.as_found],
         model=_model(content),
         closure=[(_first(each.words), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
-        conformity=[_conformity(each) for each in content.conformity],
+        statements=[(each, [_conformity(one) for one in each.conformities]) for each in content.statements],
     ).lstrip()
 
 
@@ -75,7 +76,9 @@ def _value(each: Measured) -> str:
 
 
 def _conformity(each: Conformity) -> dict[str, str]:
-    if each.risk is not None:
+    if each.measured.key == ATTITUDE:
+        risk = "none: an uncertainty"
+    elif each.risk is not None:
         risk = share_words(each.risk)
     elif each.measured.observed and np.isfinite(each.measured.sigma):
         risk = f"PASS {share_words(1 - each.probability)}, FAIL {share_words(each.probability)}"

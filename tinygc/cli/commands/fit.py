@@ -97,7 +97,7 @@ def _fit(args: argparse.Namespace) -> Done:
     if result.result.against_raw.failed:
         complain(result.result.against_raw.words)
     elif not decision.passed:
-        missed = "; ".join(text for met, text in decision.reasons if not met)
+        missed = "; ".join(text for met, text in decision.reasons if met is False)
         complain(f"above {limit_text(args)}: {missed}" if args.limit is not None else decision.headline)
     code = 1 if not decision.passed or (args.strict and decision.answer != "pass") else 0
     return _done(code, table, use.method or use.best, decision.word)

@@ -68,7 +68,7 @@ def _report(args: argparse.Namespace) -> Done:
     if args.as_found is not None and not certified:
         raise CalibrationError("--as-found is stated on a certificate: add --certificate, or leave it out")
     if certified:
-        need("certificates (report --certificate)", "--dcc" if form is None else "--certificate")
+        need("certificates (report --certificate)", "--dcc" if form is None else "--certificate").check_before(args.folder, form, args.dcc)
     for each in (form, args.dcc):
         if each is not None:
             try_file(args, each)
@@ -81,8 +81,6 @@ def _report(args: argparse.Namespace) -> Done:
     files = made.save(path, pdf=args.pdf)
     if certificate is not None and form is not None:
         files += certificate.save(form, pdf=args.pdf)
-    if certificate is not None and args.dcc is not None:
-        files.append(certificate.save_dcc(args.dcc))
     decision, evidence = made.verdict, made.data
     for line, style in made.lines:
         output(args).print(line, style=style)
@@ -90,10 +88,12 @@ def _report(args: argparse.Namespace) -> Done:
     if certificate is not None and certificate.line:
         complain(certificate.line)
     verdict(args, decision.headline)
+    if certificate is not None and args.dcc is not None:
+        output(args).print(f"written: {certificate.save_dcc(args.dcc)}", soft_wrap=True)
     table, code = made.to_json() | defaults_json(args), 0
     table |= {} if certificate is None else {"certificate": certificate.to_json()}
     if args.limit is not None and not decision.passed:
-        complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
+        complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if met is False)}")
         code = 1
     elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")

@@ -23,12 +23,8 @@ from tinygc.annexes.certificate.library import certificate_of, check_before
 from tinygc.annexes.certificate.page import page
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import coverage_factor, effective_freedom
-<<<<<<< HEAD
-from tinygc.models.linear import LinearModel, field_jacobian
-=======
 from tinygc.estimation.verdict import decide
-from tinygc.models.linear import COVERAGE_FACTOR, LinearModel, field_jacobian
->>>>>>> 32a947e801ec43033d296315f272118539d7d981
+from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.reporting.html.paper import browser_path
 
 FOLDER = Path(content_module.__file__).parent

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from session.detect.accelerometer import NAMES
+from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.io.requirements import ATTITUDE, CLOSURE, CLOSURE_RUN, KINDS, SIMPLE, Requirements, Rule
 from session.io.texts import fixed, probability, significant
 from session.io.units import DEG
@@ -388,7 +388,7 @@ def accelerometer_measured(found: AccelerometerFit | None) -> list[Measured]:
     """The accelerometer's sensor errors; those of a calibration that was taken as given have no uncertainty here."""
     if found is None:
         return []
-    measured, freedoms = [], dict(zip(NAMES, found.freedoms, strict=True))
+    measured, freedoms = [], dict(zip(ACCELEROMETER_NAMES, found.freedoms, strict=True))
     for word, unit, values, sigmas, names in found.errors():
         kind = f"accel_{word.replace(' ', '_')}"
         for number, (part, name) in enumerate(zip(KINDS[kind][0], names, strict=True)):

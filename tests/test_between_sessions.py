@@ -8,7 +8,7 @@ from scipy.stats import chi2, norm, t
 from tinygc.estimation.between_sessions import (
     CHANCE,
     FEWEST_WITH_DRIFT,
-    LEAST_SHARE,
+    LEAST_SCATTER,
     LOOKED_AT,
     ONE_SIGMA,
     Between,
@@ -85,7 +85,6 @@ def test_a_scatter_that_does_not_show_has_an_upper_limit_that_agreement_by_chanc
         low, high = Between(values, own, np.ones((6, 1))).scatter_interval
         assert low == 0
         assert high == pytest.approx(expected)
-    assert Between(ordinary, own, np.ones((6, 1))).scatter_p == pytest.approx(chi2.sf(5, 5))
 
 
 def test_without_own_errors_a_drift_is_that_of_students_t():
@@ -98,7 +97,7 @@ def test_without_own_errors_a_drift_is_that_of_students_t():
     assert found.sigma(DRIFT) == pytest.approx(error * t.ppf((1 + ONE_SIGMA) / 2, n - 2), rel=1e-6)
     assert found.p_value(DRIFT) == pytest.approx(2 * t.sf(abs(beta[1] / error), n - 2), rel=1e-6)
     assert found.coefficients == pytest.approx(beta)
-    assert found.spread == pytest.approx(found.scatter * t.ppf((1 + ONE_SIGMA) / 2, n - 2))
+    assert found.counted == found.scatter
 
 
 def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter():
@@ -120,10 +119,9 @@ def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter()
     assert n - found.freedom == 2
 
 
-def test_the_spread_is_no_less_than_a_share_of_the_sample():
+def test_the_scatter_that_counts_is_no_less_than_a_share_of_the_sample():
     values, own = np.array([1.0, -1.0, 1.0, -1.0]), np.full(4, 100.0)
-    expected = t.ppf((1 + ONE_SIGMA) / 2, 3) * np.sqrt(LEAST_SHARE * 4 / 3)
-    assert Between(values, own, np.ones((4, 1))).spread == pytest.approx(expected)
+    assert Between(values, own, np.ones((4, 1))).counted == pytest.approx(np.sqrt(LEAST_SCATTER * 4 / 3))
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():

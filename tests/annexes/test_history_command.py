@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,17 @@ from commandline import refused
 from fleets import FIT, ran
 from formats_page import strangers
 from unit_sessions import moved_copies
+from verify_rows import made_rows
 
 import tinygc
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.annexes.budget.use import ZERO_OF_USE, Use, sources_in_use
 from tinygc.annexes.history.library import FILE, PAGE, PICTURE
+from tinygc.annexes.verification.expected import ZERO, expected_parts, spread_of_unit
+from tinygc.annexes.verification.old import read_old
+from tinygc.closure.motion import at_rest
+from tinygc.estimation.repeatability import repeatability_of
 
 DATES = ("2024-01-01", "2024-07-01", "2025-01-01", "2025-07-01", "2026-01-01")
 BIASES = (0.0, 0.02, -0.01, 0.015, 0.005)
@@ -159,6 +168,31 @@ def test_any_session_agrees_with_fit(days, tmp_path, run):
     assert in_fit["spread_dps"] == pytest.approx(in_history["spread_dps"], rel=1e-9)
     assert "less drift" in in_fit["source"]
     assert max(in_fit["spread_dps"]) < 0.2
+
+
+def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_path):
+    """Six sessions with a step of the zero of z: it is taken out everywhere, and named by all."""
+    moved = np.array([0.0, 0.02, -0.01, 0.015, 0.005, -0.012])
+    steps = np.outer(np.arange(6) > 2, [0.0, 0.0, 1.0])
+    folders = moved_copies(fitted, tmp_path, moved[:, None] * [1.0, -0.5, 0.7] + steps)
+    session = read_session(fitted)
+    in_fit = repeatability_of(session, folders)
+    assert in_fit.source == "6 other sessions of this unit, less drift and 1 step"
+    assert max(in_fit.scatter_rps) < 0.05 * DEG
+    in_history = tinygc.history(folders).units[0].any_session
+    np.testing.assert_array_equal(in_history.scatter_rps, in_fit.scatter_rps)
+    old, rows = read_old(folders[0] / "fit" / "model_least_squares.json"), replace(made_rows(), session=session)
+    in_verify = spread_of_unit(old, rows, folders)
+    np.testing.assert_allclose(np.sqrt(in_verify.variance[ZERO]), in_fit.scatter_rps, rtol=1e-6)
+    assert in_verify.freedom[ZERO].tolist() == in_fit.freedom.tolist() == [4, 4, 3]
+    assert "a step in B_z between day3 and day4" in in_verify.note
+    parts = [part for part in expected_parts(old, rows, in_verify) if part.name == "switch-on" and part.into[ZERO].any()]
+    assert [part.freedom for part in parts] == [4, 4, 3]
+    result = replace(tinygc.fit(session, methods=("least_squares",)).result, repeatability=in_fit)
+    motion = at_rest(result.linear.model, 1.0)
+    (source,) = (each for each in sources_in_use(result, Use("rest", 1.0), motion)[0] if each.name == ZERO_OF_USE["switch-on"])
+    assert (source.kind, source.freedom) == ("A", 3)
+    np.testing.assert_allclose(np.diag(source.covariance), 2 * in_fit.scatter_rps**2, rtol=1e-6)
 
 
 @pytest.mark.broad

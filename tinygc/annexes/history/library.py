@@ -151,7 +151,7 @@ def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
             }
             for step in unit.steps
         ],
-        "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(),
+        "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(unit.sessions[-1].bias_covariance),
         "requirements": [_of_outlook(each) for each in outlooks],
         "remarks": list(unit.remarks),
     }

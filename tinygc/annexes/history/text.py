@@ -153,8 +153,7 @@ def lines(history: UnitHistory) -> list[str]:
     """What stands below the tables: any session, drifts, shocks, temperature, remarks."""
     found = []
     if (spread := history.any_session) is not None:
-        own = np.diag(history.sessions[-1].bias_covariance)
-        sizes = " ".join(significant(each) for each in np.sqrt(own + 2 * spread.rps**2) / DEG)
+        sizes = " ".join(significant(each) for each in spread.sigma(history.sessions[-1].bias_covariance) / DEG)
         found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
     found += _drift_lines(history)
     found += _step_lines(history)

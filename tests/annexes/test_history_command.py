@@ -128,6 +128,15 @@ def test_what_is_no_history_is_refused(days, tmp_path, run):
     assert run("history", days, "--today", "soon")[0] == 2
 
 
+def test_several_sessions_without_a_serial_number_are_no_unit(fitted, tmp_path, run):
+    folders = moved_copies(fitted, tmp_path / "unit", BIASES[:2])
+    for folder in folders:
+        for path in (folder / "session.toml", folder / "fit" / "model_least_squares.json"):
+            path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.strip().startswith(("serial", '"serial'))))
+    refused(run("history", tmp_path / "unit", "--quiet"), "day1: names no serial number; give sensor.serial")
+    assert run("history", folders[0], "--quiet")[0] == 0  # one session is of one unit
+
+
 @pytest.mark.broad
 def test_each_serial_has_a_history_of_its_own(days, run):
     for name in ("day1", "day2"):
@@ -199,6 +208,11 @@ def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_p
 def test_the_report_has_it_where_other_sessions_are_named(days, run, tmp_path):
     words = [word for name in ("day1", "day2", "day3") for word in ("--history", days / name)]
     page = tmp_path / "report.html"
+    assert run("fit", days / "day5", "--methods", "least_squares", "--quiet", *words)[0] in (0, 1)
     assert run("report", days / "day5", "--methods", "least_squares", "--no-explain", "--out", page, "--quiet", *words)[0] in (0, 1)
     assert 'id="history"' in page.read_text()
     assert "4 sessions, 2024-01-01 to 2026-01-01" in page.read_text()
+    fit = json.loads((days / "day5" / "fit" / "fit.json").read_text())["bias_any_session"]
+    sizes = " ".join(f"{size:.2g}" for size in fit["sigma_dps"])
+    assert f"the bias of any other session: ± {sizes} dps" in " ".join(page.read_text().split())
+    assert f"({fit['source']})" in page.read_text()

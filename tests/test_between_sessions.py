@@ -238,6 +238,19 @@ def test_an_effect_of_temperature_is_taken_off_where_it_shows():
     assert course(noise[:4], np.full(4, 1e-6), at[:4], warmth[:4]).warming is None
 
 
+def test_temperature_is_told_from_two_kelvin_and_significant_from_the_chance_that_is_stated():
+    n, at = 9, np.arange(9.0)
+    warmth = 25 + 2.01 * np.array([0.1, 0.9, 0.3, 1.0, 0.0, 0.6, 0.2, 0.7, 0.4])
+    noise, design = np.random.default_rng(12).normal(size=n), np.column_stack([np.ones(n), at - at[-1], warmth - warmth[-1]])
+    noise -= design @ np.linalg.lstsq(design, noise, rcond=None)[0]
+    error = np.sqrt(noise @ noise / (n - 3) * np.linalg.inv(design.T @ design)[2, 2])
+    bar = error * t.isf(CHANCE / LOOKED_AT / 2, n - 3)
+    found = [course(noise + factor * bar * warmth, np.zeros(n), at, warmth) for factor in (0.99, 1.01)]
+    assert [each.warms for each in found] == [False, True]
+    assert all(each.warming is not None for each in found)
+    assert course(noise, np.zeros(n), at, 25 + 0.99 * (warmth - 25)).warming is None
+
+
 @pytest.mark.slow
 def test_false_steps_come_at_most_at_the_stated_rate():
     """3000 numbers of 21 looked at: a unit's 21 numbers have a false one with 5 % at most."""

@@ -74,6 +74,25 @@ def test_the_picture(days, tmp_path, run):
     assert (tmp_path / "out" / PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_first_screen_is_what_matters_and_the_gyroscope(days, run):
+    _, out, _ = run("history", days, "--require", "bias 5 dps", "--today", "2026-02-01")
+    lines = [line.rstrip() for line in out.splitlines()]
+    assert lines[1].startswith("bias 5 dps: holds until")
+    assert lines[2].startswith("the bias of any other session: ±")
+    table = [line for line in lines if line.startswith(("scale factor error", "misalignment", "bias ")) and ", " in line[:28]]
+    assert len(table) == 12
+    assert max(map(len, table)) <= 100, table
+    assert "accelerometer bias" not in out
+    _, everything, _ = run("history", days, "--all")
+    assert everything.count("accelerometer bias x, mg") == everything.count("bias z, dps") == 2
+
+
+def test_dates_that_were_given_are_said_to_be(days, tmp_path, run):
+    dates = tmp_path / "dates.csv"
+    dates.write_text("".join(f"day{k},{day}\n" for k, day in enumerate(DATES, 1)))
+    assert "dates are from --dates" in run("history", days, "--dates", dates)[1]
+
+
 def test_names_of_folders_are_text_wherever_they_go(fitted, tmp_path, run):
     first, *_ = moved_copies(fitted, tmp_path / "unit", BIASES[:2])
     first.rename(first.with_name("<b>[bold]$x^$\x1b"))

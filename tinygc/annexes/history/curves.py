@@ -74,7 +74,8 @@ def _curve(history: UnitHistory, each: NumberHistory, place: int) -> Curve:
     grid, course, low, high = _course(history, each, at)
     values, sigmas = each.values / si - mean, each.sigmas / si
     shows = each.course is not None and (each.course.drifts or bool(each.course.steps))
-    return Curve(label, "xyz"[place], each.sessions, at, values, sigmas, grid, *(part / si - mean for part in (course, low, high)), shows)
+    course, low, high = (part / si - mean for part in (course, low, high))
+    return Curve(label, "xyz"[place], each.sessions, at, values, sigmas, grid, course, low, high, shows)
 
 
 def _course(history: UnitHistory, each: NumberHistory, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

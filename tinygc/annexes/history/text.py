@@ -103,7 +103,7 @@ def number_cell(each: NumberHistory, k: int) -> str:
 
 def rows(history: UnitHistory) -> list[tuple[str, ...]]:
     """Of each number: its name with the unit, last value, scatter, drift and the limit of a step, as text."""
-    found = []
+    found: list[tuple[str, ...]] = []
     for each in history.numbers:
         if each.course is not None:
             cells = number_cell(each, -1), scatter_words(each), drift_words(history, each), step_words(each)

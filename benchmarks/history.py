@@ -213,7 +213,7 @@ def forecasts(units: int) -> None:
                     *(f"{100 * part:.1f} %" for part in inside),
                 ]
             )
-    head = ["history", "requirement", "not even now", "years, median", "meet it that day", "… that ends within the history's length"]
+    head = ["history", "requirement", "not sure now", "years, median", "meet it that day", "… that ends within the history's length"]
     print(f"{units} units a row.\n\n{markdown([*head, 'a year on, within 68 %', 'within 95 %'], rows)}\n")
 
 
@@ -228,8 +228,8 @@ def folders(paths: Sequence[Path]) -> None:
         for i, j in permutations(range(len(biases)), 2):
             others = [k for k in range(len(biases)) if k not in (i, j)]
             if len(others) > 1:
-                rps = between_sessions(biases[others], own[others], [unit.sessions[k].moment for k in others]).rps
-                apart.append(np.abs(biases[i] - biases[j]) / np.sqrt(np.diag(own[i] + own[j]) + 2 * rps**2))
+                spread = between_sessions(biases[others], own[others], [unit.sessions[k].moment for k in others])
+                apart.append(np.abs(biases[i] - biases[j]) / spread.sigma(own[i] + own[j]))
     if apart:
         inside = [f"{100 * np.mean(np.array(apart) < sigmas):.0f} %" for sigmas in (1, 2)]
         print(f"\nEach session against each other one, the spread from the rest: {' and '.join(inside)} within one and two sigmas.")

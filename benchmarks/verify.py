@@ -35,9 +35,9 @@ from tinygc.annexes.verification.rows import LENGTH, Rows, rows_of
 from tinygc.annexes.verification.verdict import Options, Verification, verify_session
 from tinygc.attitude import rotation
 from tinygc.closure.residual import closure_angles
+from tinygc.estimation.between_sessions import course
 from tinygc.estimation.compare import read_calibrated
 from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.estimation.repeatability import sample_variance
 from tinygc.library.sessions import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulationOptions
@@ -275,13 +275,14 @@ def spread_of_others(folders: tuple[Path, ...]) -> Spread:
         by_unit.setdefault(unit_and_session(folder)[0], []).append(folder)
     sums, freedom = np.zeros(COUNT), 0
     for own in by_unit.values():
-        sessions = [read_calibrated(folder) for folder in own]
-        fits = [each.triad.fit for each in sessions]
-        found = np.zeros(COUNT)
-        found[GYROSCOPE] = sample_variance(np.array([each.vector for each in sessions]), np.array([each.covariance for each in sessions]))
-        own_covariance = np.array([fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T for fit in fits])
-        found[ACCELEROMETER] = sample_variance(np.array([fit.values for fit in fits]), own_covariance)
-        sums, freedom = sums + found * (len(own) - 1), freedom + len(own) - 1
+        sessions, values, stated = [read_calibrated(folder) for folder in own], np.zeros((len(own), COUNT)), np.zeros((len(own), COUNT))
+        for j, each in enumerate(sessions):
+            fit = each.triad.fit
+            values[j, GYROSCOPE], stated[j, GYROSCOPE] = each.vector, np.diag(each.covariance)
+            values[j, ACCELEROMETER] = fit.values
+            stated[j, ACCELEROMETER] = np.diag(fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T)
+        models = [course(values[:, q], stated[:, q], np.arange(len(own), dtype=float)).model for q in range(COUNT)]
+        sums, freedom = sums + np.array([model.freedom * model.counted**2 for model in models]), freedom + models[0].freedom
     return Spread(sums / freedom, float(freedom), "sessions of the other units")
 
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2, norm, t
 from tinygc.estimation.between_sessions import (
     CHANCE,
     FEWEST_WITH_DRIFT,
-    LEAST_SHARE,
+    LEAST_SCATTER,
     LOOKED_AT,
     ONE_SIGMA,
     Between,
@@ -85,7 +85,6 @@ def test_a_scatter_that_does_not_show_has_an_upper_limit_that_agreement_by_chanc
         low, high = Between(values, own, np.ones((6, 1))).scatter_interval
         assert low == 0
         assert high == pytest.approx(expected)
-    assert Between(ordinary, own, np.ones((6, 1))).scatter_p == pytest.approx(chi2.sf(5, 5))
 
 
 def test_without_own_errors_a_drift_is_that_of_students_t():
@@ -98,7 +97,7 @@ def test_without_own_errors_a_drift_is_that_of_students_t():
     assert found.sigma(DRIFT) == pytest.approx(error * t.ppf((1 + ONE_SIGMA) / 2, n - 2), rel=1e-6)
     assert found.p_value(DRIFT) == pytest.approx(2 * t.sf(abs(beta[1] / error), n - 2), rel=1e-6)
     assert found.coefficients == pytest.approx(beta)
-    assert found.spread == pytest.approx(found.scatter * t.ppf((1 + ONE_SIGMA) / 2, n - 2))
+    assert found.counted == found.scatter
 
 
 def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter():
@@ -120,10 +119,9 @@ def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter()
     assert n - found.freedom == 2
 
 
-def test_the_spread_is_no_less_than_a_share_of_the_sample():
+def test_the_scatter_that_counts_is_no_less_than_a_share_of_the_sample():
     values, own = np.array([1.0, -1.0, 1.0, -1.0]), np.full(4, 100.0)
-    expected = t.ppf((1 + ONE_SIGMA) / 2, 3) * np.sqrt(LEAST_SHARE * 4 / 3)
-    assert Between(values, own, np.ones((4, 1))).spread == pytest.approx(expected)
+    assert Between(values, own, np.ones((4, 1))).counted == pytest.approx(np.sqrt(LEAST_SCATTER * 4 / 3))
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
@@ -238,6 +236,19 @@ def test_an_effect_of_temperature_is_taken_off_where_it_shows():
     assert not course(noise, np.full(10, 1e-6), at, warmth).warms
     assert course(0.2 * warmth, np.full(10, 1e-6), at, 25 + 0.1 * rng.normal(size=10)).warming is None  # it did not vary
     assert course(noise[:4], np.full(4, 1e-6), at[:4], warmth[:4]).warming is None
+
+
+def test_temperature_is_told_from_two_kelvin_and_significant_from_the_chance_that_is_stated():
+    n, at = 9, np.arange(9.0)
+    warmth = 25 + 2.01 * np.array([0.1, 0.9, 0.3, 1.0, 0.0, 0.6, 0.2, 0.7, 0.4])
+    noise, design = np.random.default_rng(12).normal(size=n), np.column_stack([np.ones(n), at - at[-1], warmth - warmth[-1]])
+    noise -= design @ np.linalg.lstsq(design, noise, rcond=None)[0]
+    error = np.sqrt(noise @ noise / (n - 3) * np.linalg.inv(design.T @ design)[2, 2])
+    bar = error * t.isf(CHANCE / LOOKED_AT / 2, n - 3)
+    found = [course(noise + factor * bar * warmth, np.zeros(n), at, warmth) for factor in (0.99, 1.01)]
+    assert [each.warms for each in found] == [False, True]
+    assert all(each.warming is not None for each in found)
+    assert course(noise, np.zeros(n), at, 25 + 0.99 * (warmth - 25)).warming is None
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from commandline import refused
 from conftest import config
-from scipy.stats import kstest, t
+from scipy.stats import kstest, norm, t
 
 import calibrate
 from session.io.errors import FormatError
@@ -19,7 +19,8 @@ from session.io.logfile import Log
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc import models
-from tinygc.estimation.repeatability import ONE_SIGMA, BiasRepeatability, repeatability_of, spread_of
+from tinygc.estimation.between_sessions import ONE_SIGMA
+from tinygc.estimation.repeatability import BiasRepeatability, between_sessions, repeatability_of
 from tinygc.models.linear import BIAS, LinearModel
 
 
@@ -27,25 +28,39 @@ def test_a_sigma_is_the_two_thirds_of_a_normal_variable():
     assert t.cdf(1, 1e9) - t.cdf(-1, 1e9) == pytest.approx(ONE_SIGMA, abs=1e-9)
 
 
-@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("count", [2, 3])
 def test_two_of_three_of_the_next_sessions_lie_within_it(count):
     """Draws of the small problem: the next session's difference over its sigma is Student's t, scaled to 68 % within one."""
     rng = np.random.default_rng(count)
     z = []
-    for _ in range(2000):
-        spread = spread_of(rng.normal(size=(count, 3)), np.zeros((count, 3, 3)))
-        sigma = np.sqrt(np.diag(BiasRepeatability(spread, "").any_session(np.zeros((12, 12)))))[BIAS]
-        z.append((rng.normal(size=3) - rng.normal(size=3)) / sigma)
+    for _ in range(1000):
+        spread = between_sessions(rng.normal(size=(count, 3)), np.zeros((count, 3, 3)), [None] * count)
+        assert spread.freedom.tolist() == [count - 1] * 3
+        z.append((rng.normal(size=3) - rng.normal(size=3)) / spread.sigma(np.zeros((3, 3))))
     z = np.ravel(z)
     assert np.mean(np.abs(z) < 1) == pytest.approx(ONE_SIGMA, abs=5 * np.sqrt(0.68 * 0.32 / len(z)))
     assert kstest(z * t.ppf((1 + ONE_SIGMA) / 2, count - 1), t(count - 1).cdf).pvalue > 1e-3
 
 
 def test_what_the_fits_own_sigmas_explain_is_no_spread():
-    biases = np.array([[1.0, 1.0, 0], [-1, -1, 0], [1, 1, 0], [-1, -1, 0]])
-    sample, widened = 4 / 3, t.ppf((1 + ONE_SIGMA) / 2, 3)
-    own = np.tile(np.diag([1 / 3, 10.0, 0]), (4, 1, 1))
-    np.testing.assert_allclose(spread_of(biases, own) / widened, [1, np.sqrt(0.1 * sample), 0])
+    biases = np.array([[1.0, 1.0, 0], [-1, -1, 0], [0, 0, 0]])
+    own = np.tile(np.diag([1 / 3, 10.0, 0]), (3, 1, 1))
+    found = between_sessions(biases, own, [None] * 3)
+    np.testing.assert_allclose(found.scatter_rps, [np.sqrt(2 / 3), np.sqrt(0.1), 0])
+    np.testing.assert_allclose(found.rps, t.ppf((1 + ONE_SIGMA) / 2, 2) * found.scatter_rps)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_with_its_degrees_of_freedom_the_estimate_covers_95_percent(count):
+    """U = t s of GUM for the next difference, where 1.96 of what covers 68 % would not do."""
+    rng, inside = np.random.default_rng(40 + count), []
+    for _ in range(1000):
+        spread = between_sessions(rng.normal(size=(count, 3)), np.zeros((count, 3, 3)), [None] * count)
+        difference = np.abs(rng.normal(size=3) - rng.normal(size=3)) / np.sqrt(2)
+        inside.append((difference <= t.ppf(0.975, spread.freedom) * spread.scatter_rps, difference <= norm.ppf(0.975) * spread.rps))
+    exact, widened = np.mean(inside, axis=(0, 2))
+    assert exact == pytest.approx(0.95, abs=4 * np.sqrt(0.05 * 0.95 / 3000))
+    assert widened < 0.9
 
 
 def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
@@ -55,7 +70,10 @@ def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
     more = found.any_session(own) - own
     np.testing.assert_allclose(more, np.diag([0.0] * 9 + [2 * DEG**2, 8 * DEG**2, 18 * DEG**2]), rtol=1e-9, atol=1e-15)
     assert own[9, 9] == 9  # it is left as it was
-    assert found.to_json() == {"spread_dps": pytest.approx([1, 2, 3]), "source": "said"}
+    np.testing.assert_allclose(found.sigma(own[BIAS, BIAS]), np.sqrt(np.diag(found.any_session(own))[BIAS]), rtol=1e-12)
+    known = {"spread_dps": pytest.approx([1, 2, 3]), "degrees_of_freedom": [None] * 3, "source": "said"}
+    assert found.to_json(np.zeros((3, 3))) == known | {"sigma_dps": pytest.approx(np.sqrt(2) * rps)}
+    assert BiasRepeatability(rps, "", np.full(3, 2.0)).to_json(own[BIAS, BIAS])["degrees_of_freedom"] == [2.0] * 3
 
 
 @pytest.fixture

@@ -110,7 +110,7 @@ _FIT = {
     "noise": _NOISE | AT_REST | {"closure_all_rms_deg": maybe(SIZE), "components": [COMPONENT], "closure_floor_repaired_rms_deg?": SIZE},
     "accelerometer": ACCELEROMETER | {"effects": [{"id": TEXT, "equation": TEXT, "parameters": PARAMETERS, "std": PARAMETERS}]},
     "goodness": GOODNESS,
-    "bias_any_session": maybe({"spread_dps": VECTOR, "source": TEXT}),
+    "bias_any_session": maybe({"spread_dps": VECTOR, "degrees_of_freedom": [maybe(COUNT)], "sigma_dps": VECTOR, "source": TEXT}),
     "systematic": maybe(
         {
             "parameters": array(TEXT, 12),

@@ -66,7 +66,7 @@ _UNIT = {
     ],
     "numbers": [_NUMBER],
     "steps": [_STEP],
-    "bias_any_session": maybe({"spread_dps": [SIZE], "source": TEXT}),
+    "bias_any_session": maybe({"spread_dps": [SIZE], "degrees_of_freedom": [maybe(COUNT)], "sigma_dps": [SIZE], "source": TEXT}),
     "requirements": [_REQUIREMENT],
     "remarks": [TEXT],
 }

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,17 @@ from commandline import refused
 from fleets import FIT, ran
 from formats_page import strangers
 from unit_sessions import moved_copies
+from verify_rows import made_rows
 
 import tinygc
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.annexes.budget.use import ZERO_OF_USE, Use, sources_in_use
 from tinygc.annexes.history.library import FILE, PAGE, PICTURE
+from tinygc.annexes.verification.expected import ZERO, expected_parts, spread_of_unit
+from tinygc.annexes.verification.old import read_old
+from tinygc.closure.motion import at_rest
+from tinygc.estimation.repeatability import repeatability_of
 
 DATES = ("2024-01-01", "2024-07-01", "2025-01-01", "2025-07-01", "2026-01-01")
 BIASES = (0.0, 0.02, -0.01, 0.015, 0.005)
@@ -63,6 +72,25 @@ def test_the_picture(days, tmp_path, run):
     code, out, _ = run("history", days, "--out", tmp_path / "out")
     assert (code, PICTURE in out) == (0, True)
     assert (tmp_path / "out" / PICTURE).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_first_screen_is_what_matters_and_the_gyroscope(days, run):
+    _, out, _ = run("history", days, "--require", "bias 5 dps", "--today", "2026-02-01")
+    lines = [line.rstrip() for line in out.splitlines()]
+    assert lines[1].startswith("bias 5 dps: holds until")
+    assert lines[2].startswith("the bias of any other session: ±")
+    table = [line for line in lines if line.startswith(("scale factor error", "misalignment", "bias ")) and ", " in line[:28]]
+    assert len(table) == 12
+    assert max(map(len, table)) <= 100, table
+    assert "accelerometer bias" not in out
+    _, everything, _ = run("history", days, "--all")
+    assert everything.count("accelerometer bias x, mg") == everything.count("bias z, dps") == 2
+
+
+def test_dates_that_were_given_are_said_to_be(days, tmp_path, run):
+    dates = tmp_path / "dates.csv"
+    dates.write_text("".join(f"day{k},{day}\n" for k, day in enumerate(DATES, 1)))
+    assert "dates are from --dates" in run("history", days, "--dates", dates)[1]
 
 
 def test_names_of_folders_are_text_wherever_they_go(fitted, tmp_path, run):
@@ -119,6 +147,15 @@ def test_what_is_no_history_is_refused(days, tmp_path, run):
     assert run("history", days, "--today", "soon")[0] == 2
 
 
+def test_several_sessions_without_a_serial_number_are_no_unit(fitted, tmp_path, run):
+    folders = moved_copies(fitted, tmp_path / "unit", BIASES[:2])
+    for folder in folders:
+        for path in (folder / "session.toml", folder / "fit" / "model_least_squares.json"):
+            path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.strip().startswith(("serial", '"serial'))))
+    refused(run("history", tmp_path / "unit", "--quiet"), "day1: names no serial number; give sensor.serial")
+    assert run("history", folders[0], "--quiet")[0] == 0  # one session is of one unit
+
+
 @pytest.mark.broad
 def test_each_serial_has_a_history_of_its_own(days, run):
     for name in ("day1", "day2"):
@@ -161,10 +198,40 @@ def test_any_session_agrees_with_fit(days, tmp_path, run):
     assert max(in_fit["spread_dps"]) < 0.2
 
 
+def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_path):
+    """Six sessions with a step of the zero of z: it is taken out everywhere, and named by all."""
+    moved = np.array([0.0, 0.02, -0.01, 0.015, 0.005, -0.012])
+    steps = np.outer(np.arange(6) > 2, [0.0, 0.0, 1.0])
+    folders = moved_copies(fitted, tmp_path, moved[:, None] * [1.0, -0.5, 0.7] + steps)
+    session = read_session(fitted)
+    in_fit = repeatability_of(session, folders)
+    assert in_fit.source == "6 other sessions of this unit, less drift and 1 step"
+    assert max(in_fit.scatter_rps) < 0.05 * DEG
+    in_history = tinygc.history(folders).units[0].any_session
+    np.testing.assert_array_equal(in_history.scatter_rps, in_fit.scatter_rps)
+    old, rows = read_old(folders[0] / "fit" / "model_least_squares.json"), replace(made_rows(), session=session)
+    in_verify = spread_of_unit(old, rows, folders)
+    np.testing.assert_allclose(np.sqrt(in_verify.variance[ZERO]), in_fit.scatter_rps, rtol=1e-6)
+    assert in_verify.freedom[ZERO].tolist() == in_fit.freedom.tolist() == [4, 4, 3]
+    assert "a step in B_z between day3 and day4" in in_verify.note
+    parts = [part for part in expected_parts(old, rows, in_verify) if part.name == "switch-on" and part.into[ZERO].any()]
+    assert [part.freedom for part in parts] == [4, 4, 3]
+    result = replace(tinygc.fit(session, methods=("least_squares",)).result, repeatability=in_fit)
+    motion = at_rest(result.linear.model, 1.0)
+    (source,) = (each for each in sources_in_use(result, Use("rest", 1.0), motion)[0] if each.name == ZERO_OF_USE["switch-on"])
+    assert (source.kind, source.freedom) == ("A", 3)
+    np.testing.assert_allclose(np.diag(source.covariance), 2 * in_fit.scatter_rps**2, rtol=1e-6)
+
+
 @pytest.mark.broad
 def test_the_report_has_it_where_other_sessions_are_named(days, run, tmp_path):
     words = [word for name in ("day1", "day2", "day3") for word in ("--history", days / name)]
     page = tmp_path / "report.html"
+    assert run("fit", days / "day5", "--methods", "least_squares", "--quiet", *words)[0] in (0, 1)
     assert run("report", days / "day5", "--methods", "least_squares", "--no-explain", "--out", page, "--quiet", *words)[0] in (0, 1)
     assert 'id="history"' in page.read_text()
     assert "4 sessions, 2024-01-01 to 2026-01-01" in page.read_text()
+    fit = json.loads((days / "day5" / "fit" / "fit.json").read_text())["bias_any_session"]
+    sizes = " ".join(f"{size:.2g}" for size in fit["sigma_dps"])
+    assert f"the bias of any other session: ± {sizes} dps" in " ".join(page.read_text().split())
+    assert f"({fit['source']})" in page.read_text()

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtr, chdtri, expit, gammaincinv, ndtr, stdtrit
+from scipy.special import chdtri, expit, gammaincinv, ndtr
 
 #: the share of a normal variable within one sigma
 ONE_SIGMA = 0.6826894921370859
@@ -38,7 +38,7 @@ LEAST_WARMTH_K = 2.0
 #: candidates for a step, the largest by the scatter without it, whose p-values are computed: with equal own errors the first is the best
 TRIED = 3
 #: least share of the sample's variance that counts as scatter: a few sessions may agree by chance
-LEAST_SHARE = 0.1
+LEAST_SCATTER = 0.1
 #: quadrature over the distribution of s: probabilities in even steps of their logit, down to those of the smallest p-values
 _LOGIT = np.arange(-36.0, 18.0, 0.3)
 _SHARES, _WEIGHTS = expit(_LOGIT), expit(_LOGIT) * expit(-_LOGIT) / np.sum(expit(_LOGIT) * expit(-_LOGIT))
@@ -102,14 +102,14 @@ class Between:
         return float(np.sqrt(scatter_variance(*self._contrasts)))
 
     @property
-    def spread(self) -> float:
-        """One sigma of another session about the level: of m degrees of freedom, widened as Student's t is, so that 68 % of the next
-        sessions lie within it; at least ``LEAST_SHARE`` of the sample's variance."""
+    def counted(self) -> float:
+        """The scatter that counts for other sessions: s, of ``freedom`` degrees of freedom, and at least ``LEAST_SCATTER`` of the sample's
+        variance."""
         variance, z = self._contrasts
         total = variance + self.scatter**2
         weight = total**-2 if total.min() > 0 else np.ones_like(total)
         sample = float(np.sum(weight * z**2) / np.sum(weight))
-        return float(stdtrit(self.freedom, (1 + ONE_SIGMA) / 2)) * float(np.sqrt(max(self.scatter**2, LEAST_SHARE * sample)))
+        return float(np.sqrt(max(self.scatter**2, LEAST_SCATTER * sample)))
 
     @cached_property
     def scatter_interval(self) -> tuple[float, float]:
@@ -125,12 +125,6 @@ class Between:
         usual = np.sum(z**2 / np.maximum(variance, _TINY)) / self.freedom
         z = z / np.sqrt(min(usual, 1.0)) if usual > 0 else np.sqrt(variance)
         return 0.0, float(np.sqrt(variance_where(variance, z, chdtri(self.freedom, np.array([COVERAGE])))[0]))
-
-    @cached_property
-    def scatter_p(self) -> float:
-        """Probability of as much scatter by chance where there is none."""
-        variance, z = self._contrasts
-        return float(1 - chdtr(self.freedom, np.sum(z**2 / np.maximum(variance, _TINY))))
 
     def weighted(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """For s^2 (K,): the map (K, p, n) from the values to the weighted coefficients, and these coefficients' covariance (K, p, p)."""

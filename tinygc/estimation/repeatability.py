@@ -7,10 +7,11 @@ the spread between sessions, so the sigma of B in any other session is sqrt(cova
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.special import stdtrit
 
 from session.io.config import read_config
 from session.io.errors import FormatError
@@ -18,8 +19,7 @@ from session.io.folder import Session, input_hashes
 from session.io.results import read_json
 from session.io.texts import command_line
 from session.io.units import DEG
-from tinygc.estimation.between_sessions import ONE_SIGMA as ONE_SIGMA
-from tinygc.estimation.between_sessions import Between, course
+from tinygc.estimation.between_sessions import ONE_SIGMA, Course, course
 from tinygc.estimation.session_times import Moment, moment_of, times_of
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import BIAS, LinearModel
@@ -27,10 +27,24 @@ from tinygc.models.linear import BIAS, LinearModel
 
 @dataclass(frozen=True, eq=False)
 class BiasRepeatability:
-    """Spread of the bias between sessions: rps (3,), one sigma of B of each axis; source, in words."""
+    """Spread of the bias between sessions.
 
-    rps: np.ndarray
+    scatter_rps (3,): of each axis, one sigma as it was estimated; source, in words; freedom (3,): its degrees of freedom, infinite where
+    it is known.
+    """
+
+    scatter_rps: np.ndarray
     source: str
+    freedom: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
+
+    @property
+    def rps(self) -> np.ndarray:
+        """(3,) one sigma of B of each axis: the scatter, widened as Student's t is, so that 68 % of the next sessions lie within it."""
+        return self.scatter_rps * np.where(np.isfinite(self.freedom), stdtrit(self.freedom, (1 + ONE_SIGMA) / 2), 1.0)
+
+    def sigma(self, own: np.ndarray) -> np.ndarray:
+        """(3,) rad/s: one sigma of B in any other session, where ``own`` (3, 3) is its covariance in the fit."""
+        return np.sqrt(np.diag(own) + 2 * self.rps**2)
 
     def any_session(self, covariance: np.ndarray) -> np.ndarray:
         """(12, 12) covariance of a fit's vector as that of another session, from its own (12, 12)."""
@@ -38,9 +52,14 @@ class BiasRepeatability:
         other[BIAS, BIAS] += np.diag(2 * self.rps**2)
         return other
 
-    def to_json(self) -> dict:
-        """Return ``bias_any_session`` of ``tinygc-fit/2``, without the fit's own share."""
-        return {"spread_dps": (self.rps / DEG).tolist(), "source": self.source}
+    def to_json(self, own: np.ndarray) -> dict:
+        """Return ``bias_any_session`` of ``tinygc-fit/2``; own (3, 3): covariance of B in the fit."""
+        return {
+            "spread_dps": (self.rps / DEG).tolist(),
+            "degrees_of_freedom": [float(each) if np.isfinite(each) else None for each in self.freedom],
+            "sigma_dps": (self.sigma(own) / DEG).tolist(),
+            "source": self.source,
+        }
 
 
 def repeatability_of(session: Session, history: Sequence[Path] = ()) -> BiasRepeatability | None:
@@ -70,24 +89,15 @@ def between_sessions(
     """
     order, at = times_of(moments)
     courses = [course(biases[order, axis], covariances[order, axis, axis], at) for axis in range(3)]
+    scatter, freedom = (np.array([getattr(each.model, name) for each in courses], dtype=float) for name in ("counted", "freedom"))
+    return BiasRepeatability(scatter, f"{len(biases)} {source}{taken_out(courses)}", freedom)
+
+
+def taken_out(courses: Sequence[Course]) -> str:
+    """``, less drift and 1 step``: what the scatter of these courses leaves out, in words."""
     steps = sum(len(each.steps) for each in courses)
     taken = [*(["drift"] if courses[0].has_drift else []), *([f"{steps} step{'s' * (steps > 1)}"] if steps else [])]
-    less = f", less {' and '.join(taken)}" if taken else ""
-    return BiasRepeatability(np.array([each.model.spread for each in courses]), f"{len(biases)} {source}{less}")
-
-
-def spread_of(biases: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """(3,) one sigma of the spread that biases (n, 3) show beyond their own covariances (n, 3, 3), about one level."""
-    level = np.ones((len(biases), 1))
-    return np.array([Between(biases[:, axis], covariances[:, axis, axis], level).spread for axis in range(3)])
-
-
-def sample_variance(values: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """(p,) variance that values (n, p) show beyond their own covariances (n, p, p), of n - 1 degrees of freedom; at least a tenth of the
-    sample's."""
-    sample = np.var(values, axis=0, ddof=1)
-    own = np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0)
-    return np.asarray(np.maximum(sample - own, 0.1 * sample))
+    return f", less {' and '.join(taken)}" if taken else ""
 
 
 def require_different(session: Session, history: Sequence[Path]) -> None:

@@ -37,7 +37,7 @@ from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
 from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import BIAS, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 
 if TYPE_CHECKING:
@@ -323,7 +323,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
         },
         "accelerometer": {**result.accelerometer.to_json(), "effects": [] if result.physics is None else list(result.physics.of_force)},
         "goodness": vars(result.goodness),
-        "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(),
+        "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(result.covariance[BIAS, BIAS]),
         "systematic": None if result.allowed is None else result.allowed.to_json(),
         "sources": [source.to_json() for source in result.sources],
         "bias_from": result.bias_from.to_json(),

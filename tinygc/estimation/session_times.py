@@ -6,7 +6,7 @@ import contextlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,7 @@ SOURCES = {
     "notes": "notes.date",
     "stamps": "the log's stamps",
     "name": "the folder's name",
-    "given": "given",
+    "given": "--dates",
 }
 
 
@@ -90,11 +90,6 @@ def parsed(text: str) -> datetime | None:
         return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
     except OverflowError:  # the first or last day of the calendar, in another zone
         return None
-
-
-def day_of(moment: date) -> datetime:
-    """Midnight of a day, UTC."""
-    return datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
 
 
 def times_of(moments: Sequence[Moment | None]) -> tuple[np.ndarray, np.ndarray]:

@@ -333,7 +333,7 @@ def parameters_table(result: FitResult) -> Table:
             f"bias {most[2]:.4f} dps"
         )
     if result.repeatability is not None:
-        any_session = np.sqrt(np.diag(result.repeatability.any_session(result.covariance)))[BIAS].max() / DEG
+        any_session = result.repeatability.sigma(result.covariance[BIAS, BIAS]).max() / DEG
         said.append(f"the bias of any other session: ± {any_session:.3f} dps ({result.repeatability.source})")
     if said:
         table.caption, table.caption_justify = "; ".join(said), "left"

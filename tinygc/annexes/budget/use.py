@@ -107,7 +107,10 @@ def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[So
     for cause, name in ZERO_OF_USE.items():
         if cause not in zero.parts or (cause == "switch-on" and cause in zero.assumed):
             continue
-        found.append(Source(name, "B", np.inf, slope[:, BIAS] @ zero.parts[cause] @ slope[:, BIAS].T))
+        own, spread = Source(name, "B", np.inf, zero.parts[cause]), result.repeatability
+        if cause == "switch-on" and spread is not None and np.isfinite(spread.freedom).all():  # as estimated: its freedom is in k
+            own = Source(name, "A", float(spread.freedom.min()), np.diag(2 * spread.scatter_rps**2))
+        found.append(own.through(slope[:, BIAS]))
         sizes[name] = (float(np.sqrt(np.mean(np.diag(zero.parts[cause])))) / DEG, "dps")
     return found, sizes, tuple(ZERO_OF_USE[cause] for cause in zero.assumed)
 

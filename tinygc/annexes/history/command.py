@@ -23,6 +23,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     what = "until when each of these numbers is within a limit of the last calibration: 'bias 50 mdps'; may be repeated"
     command.add_argument("--require", action="append", default=[], metavar="LIMIT", help=what)
     command.add_argument("--today", type=_day, metavar="DATE", help="the day to answer for (today)")
+    command.add_argument("--all", action="store_true", help="show the accelerometer's numbers, and the values of each session")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where history.json, history.html and history.png go")
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
 
@@ -40,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     dates = {} if args.dates is None else read_dates(args.dates)
     with progress_bar(args.quiet) as progress:
         found = history_of_paths(args.sessions, dates, requirements, args.serial, args.today, progress)
-    output(args).print(found.page)
+    output(args).print(found.screen(args.all))
     verdict(args, found.verdict_line)
     if args.out is not None:
         written = found.save(args.out, pictures=not args.no_pictures)

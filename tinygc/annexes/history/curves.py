@@ -22,7 +22,7 @@ class Curve:
     """One number, in its unit, less its mean.
 
     sessions (n,): places in the history; at (n,): their times; values, sigmas (n,); course, low and high (M,) at ``grid`` (M,), with 68 %,
-    empty without a course.
+    empty without a course; shows: whether the course has a drift or a step that is significant.
     """
 
     label: str
@@ -35,6 +35,7 @@ class Curve:
     course: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    shows: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,9 @@ def _curve(history: UnitHistory, each: NumberHistory, place: int) -> Curve:
     label = f"{each.number.component} {significant(mean, 4)}"
     grid, course, low, high = _course(history, each, at)
     values, sigmas = each.values / si - mean, each.sigmas / si
-    return Curve(label, "xyz"[place], each.sessions, at, values, sigmas, grid, *(part / si - mean for part in (course, low, high)))
+    shows = each.course is not None and (each.course.drifts or bool(each.course.steps))
+    course, low, high = (part / si - mean for part in (course, low, high))
+    return Curve(label, "xyz"[place], each.sessions, at, values, sigmas, grid, course, low, high, shows)
 
 
 def _course(history: UnitHistory, each: NumberHistory, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -46,9 +46,13 @@ class History(Shown):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
+        return self.screen()
+
+    def screen(self, everything: bool = False) -> Group:
+        """The same; everything: with the accelerometer's numbers and the values of each session."""
         parts: list[Any] = []
         for unit, outlooks in zip(self.units, self.outlooks, strict=True):
-            parts += [unit_page(unit, outlooks), ""]
+            parts += [unit_page(unit, outlooks, everything), ""]
         return Group(*parts[:-1], *self.remarks)
 
     @property
@@ -151,7 +155,7 @@ def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
             }
             for step in unit.steps
         ],
-        "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(),
+        "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(unit.sessions[-1].bias_covariance),
         "requirements": [_of_outlook(each) for each in outlooks],
         "remarks": list(unit.remarks),
     }

@@ -12,7 +12,7 @@ from session.io.texts import NONE
 from tinygc.annexes.history.curves import Panel, panels_of
 from tinygc.annexes.history.estimate import UnitHistory
 from tinygc.annexes.history.forecast import Outlook
-from tinygc.annexes.history.text import headline, lines, number_cell, outlook_line, rows, session_words, together_columns
+from tinygc.annexes.history.text import TOGETHER, headline, lines, number_cell, outlook_line, rows, session_words, together_columns
 from tinygc.estimation.session_times import YEAR_S
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
@@ -41,12 +41,13 @@ def unit_html(history: UnitHistory, outlooks: Sequence[Outlook]) -> str:
     said += "".join(paragraph(escape(line)) for line in lines(history))
     if len(history.sessions) > 1:
         together = [[escape(cell) for cell in row] for row in rows(history)]
-        said += table(("", *map(escape, together_columns(history))), together, "What the sessions say together.")
+        said += table(("", *map(escape, together_columns(history))), together, f"{TOGETHER}.")
     said += _values(history)
     for panel in panels_of(history):
         keys = [key(curve.axis, escape(curve.label)) for curve in panel.curves]
         keys += [key("floor", "shock", "dash")] if panel.shocks else []
-        caption = f"{escape(panel.title)}: difference from each one’s mean, and the course with its 68 %."
+        course = "the course with its 68 %, dashed where neither drift nor step is significant"
+        caption = f"{escape(panel.title)}: difference from each one’s mean, and {course}."
         said += figure(lambda width, panel=panel: _chart(history, panel, width), caption, keys)  # type: ignore[misc]
     return said
 
@@ -72,7 +73,9 @@ def _chart(history: UnitHistory, panel: Panel, width: int) -> str:
     span = float(history.at[-1] - history.at[0]) or 1.0
     for k, curve in enumerate(panel.curves):
         if len(curve.grid):
-            chart.area(curve.grid, curve.low, curve.high, curve.axis).line(curve.grid, curve.course, curve.axis, "thin")
+            chart.area(curve.grid, curve.low, curve.high, curve.axis).line(
+                curve.grid, curve.course, curve.axis, "thin" if curve.shows else "dash"
+            )
         at = curve.at + (k - 1) * 0.006 * span
         for where, value, sigma in zip(at, curve.values, curve.sigmas, strict=True):
             chart.line([where, where], [value - sigma, value + sigma], curve.axis)

@@ -26,7 +26,9 @@ MOST_NAMES = 12
 def figure_of(history: UnitHistory) -> Figure:
     """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
     panels = list(panels_of(history))
-    figure, grid = canvas(-(-len(panels) // 2), f"{headline(history)}: difference from each number's mean, ± one sigma", [], [])
+    figure, grid = canvas(
+        -(-len(panels) // 2), f"{headline(history)}: difference from each number's mean, ± one sigma; dotted: no significant course", [], []
+    )
     axes = np.ravel(grid)
     for panel, own in zip(panels, axes, strict=False):
         _draw(history, panel, own)
@@ -48,7 +50,7 @@ def _draw(history: UnitHistory, panel: Panel, axes: Axes) -> None:
         colour, moved = AXES[curve.axis], (k - 1) * APART * span
         if len(curve.grid):
             axes.fill_between(place(curve.grid), curve.low, curve.high, color=colour, alpha=0.12, lw=0)
-            axes.plot(place(curve.grid), curve.course, "-", lw=1.0, color=colour)
+            axes.plot(place(curve.grid), curve.course, "-" if curve.shows else ":", lw=1.0 if curve.shows else 0.7, color=colour)
         axes.errorbar(
             place(curve.at + moved),
             curve.values,

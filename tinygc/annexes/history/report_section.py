@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from tinygc.annexes.history.estimate import history_of
 from tinygc.annexes.history.page import unit_html
 from tinygc.annexes.history.sessions import in_one_frame
@@ -16,4 +18,6 @@ def section(evidence: ReportData) -> Section | None:
     if not fit.options.history or "least_squares" not in fit.methods:
         return None
     others = [read_calibrated(folder) for folder in fit.options.history]
-    return Section("history", "History", unit_html(history_of(in_one_frame([*others, calibrated_of(fit, fit.session.config)])), ()))
+    history = history_of(in_one_frame([*others, calibrated_of(fit, fit.session.config)]))
+    # The fit states the bias of any other session, of the others alone: one document has one number.
+    return Section("history", "History", unit_html(replace(history, any_session=fit.repeatability), ()))

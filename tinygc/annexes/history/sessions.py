@@ -102,7 +102,8 @@ def sessions_of(
 ) -> tuple[dict[tuple[str, str], list[UnitSession]], list[str]]:
     """Sessions by unit (model, serial), and remarks on what was passed over.
 
-    Raises FormatError for what is no fitted session and holds none, for a date of no session, and for a serial that is not there.
+    Raises FormatError for what is no fitted session and holds none, for a date of no session, for a serial that is not there, and for
+    one of several sessions that names no serial number.
     """
     read: list[Calibrated] = []
     units: dict[tuple[str, str], list[UnitSession]] = {}
@@ -130,9 +131,9 @@ def sessions_of(
         units = {unit: each for unit, each in units.items() if unit[1] == serial}
     if not units:
         raise FormatError(f"--serial {serial}: no session of that serial number; leave it out to see all")
-    if len(units) > 1 and any(not unit[1] for unit in units):
-        nameless = next(each[0].name for unit, each in units.items() if not unit[1])
-        raise FormatError(f"{nameless}: names no serial number; give sensor.serial in its session.toml, so that it is known to be one unit")
+    nameless = [each.name for unit, sessions in units.items() if not unit[1] for each in sessions]
+    if nameless and sum(map(len, units.values())) > 1:
+        raise FormatError(f"{nameless[0]}: names no serial number; give sensor.serial in its session.toml, so that its unit is known")
     return units, remarks
 
 

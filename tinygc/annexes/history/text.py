@@ -11,7 +11,7 @@ from session.io.texts import significant as with_thin_spaces
 from session.io.units import DEG
 from tinygc.annexes.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
 from tinygc.annexes.history.forecast import FAILS, HOLDS, Outlook
-from tinygc.annexes.history.sessions import Number
+from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, Number
 from tinygc.estimation.between_sessions import (
     CHANCE,
     FEWEST_WITH_DRIFT,
@@ -24,9 +24,11 @@ from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 #: characters of the table of values; of more sessions than have room the last ones are shown
-COLUMNS = 150
+COLUMNS = 100
 #: a limit beyond this many times the range of the values, with their largest sigma, is none
 HIDDEN = 30.0
+#: title of the table of all sessions together
+TOGETHER = "What the sessions say together: scatter between them, drift, a step in any interval (95 %)"
 STYLES = {HOLDS: "bold green", FAILS: "bold red"}
 
 
@@ -35,13 +37,18 @@ def significant(value: float, digits: int = 2) -> str:
     return with_thin_spaces(value, digits).replace("\u202f", "")
 
 
-def unit_page(history: UnitHistory, outlooks: Sequence[Outlook]) -> Group:
-    """The screen of one unit."""
-    parts: list[RenderableType] = [one_line(headline(history), "bold"), _values(history)]
-    if len(history.sessions) > 1:
-        parts.append(_table(history))
-    parts += [one_line(line) for line in lines(history)]
+def unit_page(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = False) -> Group:
+    """The screen of one unit: what matters first, then the gyroscope's numbers; everything: all numbers, and the values of each session."""
+    parts: list[RenderableType] = [one_line(headline(history), "bold")]
     parts += [Text(outlook_line(each), STYLES.get(each.answer, "bold yellow")) for each in outlooks]
+    parts += [one_line(line) for line in lines(history)]
+    shown = len(NUMBERS) if everything else GYROSCOPE
+    if len(history.sessions) > 1:
+        parts.append(_table(history, shown))
+    if everything or len(history.sessions) == 1:
+        parts.append(_values(history, shown))
+    if not everything:
+        parts.append(one_line("--all shows the accelerometer's numbers and the values of each session"))
     return Group(*parts)
 
 
@@ -69,10 +76,10 @@ def session_words(history: UnitHistory, place: int) -> str:
     return session.name if session.moment is None or session.moment.day in session.name else f"{session.name} {session.moment.day}"
 
 
-def _values(history: UnitHistory) -> Table:
+def _values(history: UnitHistory, shown_numbers: int) -> Table:
     names = [session_words(history, place) for place in range(len(history.sessions))]
     rows: list[list[str]] = []
-    for each in history.numbers:
+    for each in history.numbers[:shown_numbers]:
         at = {int(place): k for k, place in enumerate(each.sessions)}
         if at:
             cells = [number_cell(each, at[place]) if place in at else NONE for place in range(len(names))]
@@ -94,23 +101,24 @@ def number_cell(each: NumberHistory, k: int) -> str:
     return plain(each.values[k] / each.number.si, each.sigmas[k] / each.number.si)
 
 
-def rows(history: UnitHistory) -> list[tuple[str, str, str, str]]:
-    """Of each number: its name with the unit, scatter, drift and the limit of a step, as text."""
-    found = []
+def rows(history: UnitHistory) -> list[tuple[str, ...]]:
+    """Of each number: its name with the unit, last value, scatter, drift and the limit of a step, as text."""
+    found: list[tuple[str, ...]] = []
     for each in history.numbers:
         if each.course is not None:
-            found.append((f"{each.number.words}, {each.number.unit}", scatter_words(each), drift_words(history, each), step_words(each)))
+            cells = number_cell(each, -1), scatter_words(each), drift_words(history, each), step_words(each)
+            found.append((f"{each.number.words}, {each.number.unit}", *cells))
     return found
 
 
 def scatter_words(each: NumberHistory) -> str:
-    """``0.031 (0.018 to 0.090)`` or ``less than 0.02``."""
+    """``0.031 (0.018–0.090)`` or ``less than 0.02``."""
     assert each.scatter is not None
     assert each.scatter_interval is not None
     low, high = (end / each.number.si for end in each.scatter_interval)
     if low == 0:
         return f"less than {significant(high)}"
-    return f"{significant(each.scatter / each.number.si)} ({significant(low)} to {significant(high)})"
+    return f"{significant(each.scatter / each.number.si)} ({significant(low)}–{significant(high)})"
 
 
 def drift_words(history: UnitHistory, each: NumberHistory) -> str:
@@ -133,13 +141,15 @@ def step_words(each: NumberHistory) -> str:
 
 def together_columns(history: UnitHistory) -> tuple[str, ...]:
     """Titles of the columns of ``rows``."""
-    return "scatter between sessions (95 %)", f"drift a {history.drift_time}", "a step in one interval"
+    return "last", "scatter", f"drift a {history.drift_time}", "a further step"
 
 
-def _table(history: UnitHistory) -> Table:
-    table = plain_table("What the sessions say together", "", *together_columns(history), right=True)
+def _table(history: UnitHistory, shown: int) -> Table:
+    table = plain_table(TOGETHER, "", *together_columns(history), right=True)
+    names = {f"{number.words}, {number.unit}" for number in NUMBERS[:shown]}
     for row in rows(history):
-        table.add_row(*row)
+        if row[0] in names:
+            table.add_row(*row)
     return table
 
 
@@ -153,8 +163,7 @@ def lines(history: UnitHistory) -> list[str]:
     """What stands below the tables: any session, drifts, shocks, temperature, remarks."""
     found = []
     if (spread := history.any_session) is not None:
-        own = np.diag(history.sessions[-1].bias_covariance)
-        sizes = " ".join(significant(each) for each in np.sqrt(own + 2 * spread.rps**2) / DEG)
+        sizes = " ".join(significant(each) for each in spread.sigma(history.sessions[-1].bias_covariance) / DEG)
         found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
     found += _drift_lines(history)
     found += _step_lines(history)

@@ -21,7 +21,10 @@ from session.io.errors import FormatError
 from session.io.units import DEG, MG, G
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.annexes.verification.rows import LENGTH, Rows
+from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.estimation.between_sessions import course
 from tinygc.estimation.compare import SessionTriad, into_frame_of, read_calibrated
+<<<<<<< HEAD
 from tinygc.estimation.expected_zero import (
     USUAL_ACCEL_PER_K,
     USUAL_ACCEL_ZERO_MPS2,
@@ -31,6 +34,11 @@ from tinygc.estimation.expected_zero import (
     expected_zero,
 )
 from tinygc.estimation.repeatability import sample_variance
+=======
+from tinygc.estimation.expected_zero import USUAL_ACCEL_PER_K, USUAL_ACCEL_ZERO_MPS2, USUAL_PER_K, USUAL_SPREAD, expected_zero
+from tinygc.estimation.repeatability import taken_out
+from tinygc.estimation.session_times import moment_of, times_of
+>>>>>>> 37cebd583ce41c0188b2bcfab974111202227eb8
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import NoiseFigures
 from tinygc.noise.whitening import PRECALIBRATION_MPS2
@@ -56,13 +64,14 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom; source, in words; assumed: whether it is
-    not the unit's own."""
+    """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom, of each or of all; source, in words;
+    assumed: whether it is not the unit's own; note: what else the sessions say."""
 
     variance: np.ndarray
-    freedom: float
+    freedom: float | np.ndarray
     source: str
     assumed: bool = False
+    note: str = ""
 
 
 def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = (), lot: Path | None = None) -> Spread:
@@ -90,7 +99,9 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
 def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spread:
     if len({folder.resolve() for folder in history}) < max(2, len(history)):
         raise FormatError("--history: give two or more other fitted sessions of this unit, each once: one session does not show a spread")
-    sessions = [read_calibrated(folder) for folder in history]
+    read = [read_calibrated(folder) for folder in history]
+    order, at = times_of([moment_of(each.folder, each.config) for each in read])
+    sessions = [read[place] for place in order]
     serial = old.sensor.get("serial") or rows.session.config.sensor.serial
     for each in sessions:
         if serial and each.config.sensor.serial and each.config.sensor.serial != serial:
@@ -99,13 +110,21 @@ def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spr
     turns = [into_frame_of(frame, each.triad) for each in sessions]
     vectors = np.array([turn @ each.vector for turn, each in zip(turns, sessions, strict=True)])
     stated = np.array([turn @ each.covariance @ turn.T for turn, each in zip(turns, sessions, strict=True)])
-    found = np.full(COUNT, np.nan)
-    found[GYROSCOPE] = sample_variance(vectors, stated)
+    courses = {GYROSCOPE.start + q: course(vectors[:, q], stated[:, q, q], at) for q in range(vectors.shape[1])}
     fits = [each.triad.fit for each in sessions if each.triad.covariance is not None]
     if len(fits) == len(sessions):
+        values = np.array([fit.values for fit in fits])
         own = np.array([fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T for fit in fits])
-        found[ACCELEROMETER] = sample_variance(np.array([fit.values for fit in fits]), own)
-    return Spread(found, len(sessions) - 1.0, f"{len(sessions)} other sessions of this unit")
+        courses |= {ACCELEROMETER.start + q: course(values[:, q], own[:, q, q], at) for q in range(values.shape[1])}
+    variance, freedom = np.full(COUNT, np.nan), np.full(COUNT, np.inf)
+    moved: dict[int, list[str]] = {}
+    for number, found in courses.items():
+        variance[number], freedom[number] = found.model.counted**2, found.model.freedom
+        for step in found.steps:
+            moved.setdefault(step.before, []).append(JOINT_NAMES[number])
+    steps = [f"{', '.join(names)} between {sessions[k].name} and {sessions[k + 1].name}" for k, names in sorted(moved.items())]
+    note = f"the other sessions show a step in {'; '.join(steps)}: it is taken out, and is no scatter between switch-ons" if steps else ""
+    return Spread(variance, freedom, f"{len(sessions)} other sessions of this unit{taken_out(list(courses.values()))}", note=note)
 
 
 def expected_parts(
@@ -141,7 +160,8 @@ def expected_parts(
         if np.isfinite(spread.variance[number]):
             sigma = np.sqrt(2 * spread.variance[number : number + 1])
             one = slice(number, number + 1)
-            parts.append(_of_parameters(rows, "switch-on", one, sigma, spread.freedom, spread.source, spread.assumed))
+            freedom = float(np.broadcast_to(spread.freedom, COUNT)[number])
+            parts.append(_of_parameters(rows, "switch-on", one, sigma, freedom, spread.source, spread.assumed))
     if switched_on_since and not np.isfinite(spread.variance[ACCELEROMETER_ZERO]).all():
         sigma, said = np.full(3, USUAL_ACCEL_ZERO_MPS2), f"{USUAL_ACCEL_ZERO_MPS2 / MG:g} mg as usual"
         parts.append(_of_parameters(rows, "accelerometer's switch-on", ACCELEROMETER_ZERO, sigma, np.inf, said, True))

@@ -137,6 +137,8 @@ def verify_session(
     )
     if options.switched_on and spread.assumed:
         notes.append(f"how far the zero moves between switch-ons is {spread.source}; --history with other sessions of this unit tells it")
+    if options.switched_on and spread.note:
+        notes.append(spread.note)
     progress("noise of today")
     noise = todays_noise(rows)
     progress("questions")

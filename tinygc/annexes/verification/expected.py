@@ -24,7 +24,6 @@ from tinygc.annexes.verification.rows import LENGTH, Rows
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.compare import SessionTriad, into_frame_of, read_calibrated
-<<<<<<< HEAD
 from tinygc.estimation.expected_zero import (
     USUAL_ACCEL_PER_K,
     USUAL_ACCEL_ZERO_MPS2,
@@ -33,12 +32,8 @@ from tinygc.estimation.expected_zero import (
     drift_between,
     expected_zero,
 )
-from tinygc.estimation.repeatability import sample_variance
-=======
-from tinygc.estimation.expected_zero import USUAL_ACCEL_PER_K, USUAL_ACCEL_ZERO_MPS2, USUAL_PER_K, USUAL_SPREAD, expected_zero
 from tinygc.estimation.repeatability import taken_out
 from tinygc.estimation.session_times import moment_of, times_of
->>>>>>> 37cebd583ce41c0188b2bcfab974111202227eb8
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import NoiseFigures
 from tinygc.noise.whitening import PRECALIBRATION_MPS2

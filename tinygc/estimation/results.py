@@ -534,6 +534,8 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         "version": VERSION,
         "sensor": sensor_table(result.session.config.sensor),
     }
+    if (temperature_c := result.session.temperature_c) is not None:
+        made_from["temperature_c"] = temperature_c
     tables = {}
     for name, fit in result.methods.items():
         # Models with physics may depend on another calibration of the accelerometer than those without.

@@ -10,6 +10,7 @@ from formats_page import strangers
 import tinygc
 from session.io.units import DEG, MG
 from tinygc import SimulationOptions, models
+from tinygc.annexes.verification.expected import ACCELEROMETER_ZERO
 from tinygc.annexes.verification.old import read_old
 from tinygc.library.sessions import Simulated
 from tinygc.models.linear import LinearModel
@@ -92,13 +93,14 @@ def test_the_cost_is_that_of_the_true_change(model, unit):
 
 
 @pytest.mark.broad
-@pytest.mark.parametrize("milligrams", [5.0, 20.0])
+@pytest.mark.parametrize("milligrams", [10.0, 20.0])
 def test_another_zero_of_the_accelerometer_is_named(model, unit, milligrams):
     today = replace(unit, accel_shift=unit.accel_shift + np.array([0.6, -0.8, 0]) * milligrams * MG)
     found = tinygc.verify(model, session_of(today))
     assert found.result.alarm
     assert found.result.diagnosis.best.names == ("accelerometer's zero",)
-    assert found.result.diagnosis.best.theta == pytest.approx(np.array([0.6, -0.8, 0]) * milligrams * MG, abs=0.4 * MG)
+    assert found.result.diagnosis.best.change[ACCELEROMETER_ZERO] == pytest.approx(np.array([0.6, -0.8, 0]) * milligrams * MG, abs=0.4 * MG)
+    assert f"x {found.result.diagnosis.best.change[ACCELEROMETER_ZERO][0] / MG:+.3g}" in found.result.diagnosis.best.words[0]
 
 
 @pytest.mark.broad

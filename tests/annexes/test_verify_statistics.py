@@ -32,7 +32,7 @@ from tinygc.explanation.evidence import PRIOR_ODDS
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.noise.components import TURN, Component
 
-OLD = SimpleNamespace(accelerometer=object(), goodness=None, linear=LinearModel(np.eye(3), np.zeros(3)))
+OLD = SimpleNamespace(accelerometer=object(), goodness=None, noise={}, linear=LinearModel(np.eye(3), np.zeros(3)))
 MATRIX_OF_21 = np.r_[GYROSCOPE][MATRIX]
 
 
@@ -130,15 +130,15 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
     found = asked(rows)["noise"]
     assert (found.statistic, found.rank) == (pytest.approx(chi_square, rel=1e-6), freedom)
     assert found.p_value == pytest.approx(stats.f.sf(chi_square / freedom, freedom, 1e6), rel=1e-4)
-    before = SimpleNamespace(accelerometer=object(), goodness=(400.0, 100))
+    before = SimpleNamespace(accelerometer=object(), goodness=(400.0, 100), noise={})
     both = 1 / (1 / 1e6 + 1 / 100)
     assert asked(rows, old=before)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, both), rel=1e-4)
-    nearly = SimpleNamespace(accelerometer=object(), goodness=(150.0, 100))  # any excess of the old fit counts
+    nearly = SimpleNamespace(accelerometer=object(), goodness=(150.0, 100), noise={})  # any excess of the old fit counts
     assert asked(rows, old=nearly)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 1.5, freedom, both), rel=1e-4)
-    few = SimpleNamespace(accelerometer=object(), goodness=(4.0, 1))
+    few = SimpleNamespace(accelerometer=object(), goodness=(4.0, 1), noise={})
     one = 1 / (1 / 1e6 + 1)
     assert asked(rows, old=few)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, one), rel=1e-4)
-    calm = SimpleNamespace(accelerometer=object(), goodness=(50.0, 100))  # less than noise is no yardstick
+    calm = SimpleNamespace(accelerometer=object(), goodness=(50.0, 100), noise={})  # less than noise is no yardstick
     assert asked(rows, old=calm)["noise"].p_value == pytest.approx(found.p_value, rel=1e-6)
 
 

@@ -250,8 +250,12 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     for component in noise.parts:
         if component.name in old.noise:
             total = total + (old.noise[component.name] ** 2 - component.s**2) * component.V
+    columns, matrix = rows.parameters * PLAUSIBLE, np.r_[GYROSCOPE][MATRIX]
+    if not rows.turns:  # rates at rest differ too little to ask for E: any factor on them would explain a jump
+        total = total + columns[:, matrix] @ columns[:, matrix].T
+        columns[:, matrix] = 0.0
     factor = np.linalg.cholesky(total[np.ix_(keep, keep)])
-    columns = solve_lower(factor, rows.parameters[keep] * PLAUSIBLE)
+    columns = solve_lower(factor, columns[keep])
     q = orthonormal(columns[:, np.linalg.norm(columns, axis=0) > 0], 1e-9) if len(keep) else np.zeros((0, 0))
     freedom = len(keep) - q.shape[1]
     if freedom < 1:

@@ -21,7 +21,7 @@ from session.detect.check_samples import with_bridges
 from session.detect.findings import stop_at_errors
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills, Still, references
-from session.io.errors import DataError, SegmentError
+from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session
 from session.io.units import G
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
@@ -136,7 +136,7 @@ def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progr
             if session.truths is None and not said and max(turns) < LEAST_TURN_DEG:
                 return _of_rests(whole, old, found)
             return _of_turns(prepared.problem, old, session, factor, said)
-        except SegmentError:
+        except (SegmentError, FitError):  # too few turns, or such as bind nothing
             if session.truths is not None:
                 raise
             return _of_rests(whole, old, found)

@@ -173,7 +173,7 @@ def verify_session(
         notes.append(f"changed beyond chance, but a minute of use misses less than {options.limit_deg:g}° by it: {said}")
     new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
     decision = _decide(matters, small, found_bounds, cost, new, diagnosis, options)
-    if rows.remark and decision.answer != FAILS:
+    if rows.remark and decision.bias_serves:
         decision = _Decision(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again", bias_serves=False)
     if is_its_own(old, session):
         said = "the model was fitted to this very recording, and agrees with itself"

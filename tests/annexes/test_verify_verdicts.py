@@ -264,3 +264,11 @@ def test_quiet_prints_the_verdict_alone(model, today, run, tmp_path):
     _, out, _ = run("verify", model, rest_log(tmp_path / "rest.csv", today), "--quiet")
     assert out.startswith("undecided: ")
     assert out.count("\n") == 1
+
+
+def test_the_written_covariance_of_b_is_that_of_b_anew(model, today, tmp_path):
+    found = tinygc.verify(model, today)
+    written = np.array(json.loads(found.save_model(tmp_path / "anew.json").read_text())["covariance"])
+    assert written[9:, 9:] == pytest.approx(found.result.bias_covariance)
+    assert not written[9:, :9].any()
+    assert written[:9, :9] == pytest.approx(np.diag(SIGMA**2)[:9, :9])

@@ -72,6 +72,7 @@ def test_an_effect_is_the_length_of_the_error_and_its_sigma_that_of_its_worst_di
     assert found[B] == pytest.approx(60 * (5e-4 + BOUND * 1e-4 * np.sqrt(1.9)) / DEG, rel=1e-3)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("mrad", [15.0, 50.0])
 def test_a_gyroscope_that_turned_is_no_matter_of_b_and_nothing_else_changed(model, unit, mrad):
     found = tinygc.verify(model, session_of(turned(unit, mrad * 1e-3 * np.array([0.6, -0.64, 0.48]))))

@@ -94,6 +94,7 @@ def test_rates_of_another_range_are_an_answer_and_no_error(model, unit):
     assert found.answer == "does not hold"
     assert found.result.diagnosis.best.names[0] == "common scale"
     assert any("gyro scale" in fact for fact in found.result.facts)
+    assert "-50 ± " in found.headline
 
 
 @pytest.mark.broad

@@ -273,3 +273,10 @@ def test_the_written_covariance_of_b_is_that_of_b_anew(model, today, tmp_path):
     assert written[9:, 9:] == pytest.approx(found.result.bias_covariance)
     assert not written[9:, :9].any()
     assert written[:9, :9] == pytest.approx(np.diag(SIGMA**2)[:9, :9])
+
+
+def test_the_white_noise_of_a_rest_is_that_of_its_mean(model, today, tmp_path):
+    rows = tinygc.verify(model, rest_log(tmp_path / "rest.csv", today, seconds=30)).result.rows
+    spread = today.logs[0].samples.gyro[:90].std(axis=0)  # of which the rest's readings are drawn
+    assert np.sqrt(np.diag(rows.white)[:3]) == pytest.approx(spread / np.sqrt(30 * 104), rel=0.15)
+    assert rows.noise_freedom == pytest.approx(3 * 30 / 0.1 * 0.66, rel=0.05)

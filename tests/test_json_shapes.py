@@ -91,6 +91,7 @@ WITH_MORE = {
     "joint_covariance": {"parameters": ["a"], "matrix": np.eye(21).tolist(), "shared": np.zeros((21, 21)).tolist()},
     "sensor": {"model": "ASM330LHH", "gyro_fs_dps": 500.0, "accel_fs_g": 4.0, "temp_at_zero_c": 25.0},
     "began_s": {"log0001.csv": 0.0},
+    "temperature_c": 25.0,
 }
 
 

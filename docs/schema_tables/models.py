@@ -100,6 +100,7 @@ _MODEL = {
     "version?": TEXT,
     "sha256?": {"<file>": HASH},
     "began_s?": {"<file>": NUMBER},
+    "temperature_c?": maybe(NUMBER),
     "covariance?": maybe(_COVARIANCE),
     "covariance_of?": [TEXT],
     "covariance_units?": TEXT,

@@ -260,6 +260,12 @@ class Session:
         return sensor.nominal_rate if log.counted or sensor.odr_sigma is not None else None
 
     @property
+    def temperature_c(self) -> float | None:
+        """Mean temperature over its logs, °C; None where no log has one."""
+        means = [float(np.mean(log.samples.temp_c[:])) for log in self.logs if log.samples.temp_c is not None]
+        return float(np.mean(means)) if means else None
+
+    @property
     def in_memory(self) -> bool:
         """Whether it is made of arrays and was never a folder."""
         return any(log.in_memory for log in self.logs)

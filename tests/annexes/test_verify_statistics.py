@@ -1,5 +1,6 @@
 """Each term of ``verify``'s statistics, against linear algebra and SciPy's distributions."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,10 +8,12 @@ import pytest
 from scipy import stats
 from verify_rows import made_rows, part
 
+from session.detect import accelerometer
 from session.io.units import DEG
 from tinygc.annexes.verification import causes, questions
+from tinygc.annexes.verification import rows as rows_module
 from tinygc.annexes.verification.causes import Cause, Evidence, diagnose
-from tinygc.annexes.verification.cost import BOUND, bounds, left_open
+from tinygc.annexes.verification.cost import BOUND, bounds, cost_of, left_open
 from tinygc.annexes.verification.expected import ZERO
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE
 from tinygc.annexes.verification.questions import (
@@ -28,11 +31,13 @@ from tinygc.annexes.verification.questions import (
     todays_noise,
 )
 from tinygc.annexes.verification.rows import CLOSURE, LENGTH, STILL
+from tinygc.attitude import rotation
+from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.explanation.evidence import PRIOR_ODDS
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.noise.components import TURN, Component
 
-OLD = SimpleNamespace(accelerometer=object(), goodness=None, linear=LinearModel(np.eye(3), np.zeros(3)))
+OLD = SimpleNamespace(accelerometer=object(), goodness=None, noise={}, linear=LinearModel(np.eye(3), np.zeros(3)))
 MATRIX_OF_21 = np.r_[GYROSCOPE][MATRIX]
 
 
@@ -130,15 +135,15 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
     found = asked(rows)["noise"]
     assert (found.statistic, found.rank) == (pytest.approx(chi_square, rel=1e-6), freedom)
     assert found.p_value == pytest.approx(stats.f.sf(chi_square / freedom, freedom, 1e6), rel=1e-4)
-    before = SimpleNamespace(accelerometer=object(), goodness=(400.0, 100))
+    before = SimpleNamespace(accelerometer=object(), goodness=(400.0, 100), noise={})
     both = 1 / (1 / 1e6 + 1 / 100)
     assert asked(rows, old=before)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, both), rel=1e-4)
-    nearly = SimpleNamespace(accelerometer=object(), goodness=(150.0, 100))  # any excess of the old fit counts
+    nearly = SimpleNamespace(accelerometer=object(), goodness=(150.0, 100), noise={})  # any excess of the old fit counts
     assert asked(rows, old=nearly)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 1.5, freedom, both), rel=1e-4)
-    few = SimpleNamespace(accelerometer=object(), goodness=(4.0, 1))
+    few = SimpleNamespace(accelerometer=object(), goodness=(4.0, 1), noise={})
     one = 1 / (1 / 1e6 + 1)
     assert asked(rows, old=few)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, one), rel=1e-4)
-    calm = SimpleNamespace(accelerometer=object(), goodness=(50.0, 100))  # less than noise is no yardstick
+    calm = SimpleNamespace(accelerometer=object(), goodness=(50.0, 100), noise={})  # less than noise is no yardstick
     assert asked(rows, old=calm)["noise"].p_value == pytest.approx(found.p_value, rel=1e-6)
 
 
@@ -288,3 +293,56 @@ def test_the_noise_is_estimated_beside_any_change_of_the_parameters():
     same, moved = (todays_noise(made_rows(15, each, components=components)) for each in (None, change))
     assert moved.found.s == pytest.approx(same.found.s, rel=1e-2, abs=1e-2)
     assert same.covariance == pytest.approx(made_rows(15).white + same.found.s[0] ** 2 * V)
+
+
+def test_the_bars_and_sizes_are_those_of_their_reasons():
+    assert stats.norm.cdf(BOUND) - stats.norm.cdf(-BOUND) == pytest.approx(0.95, abs=1e-9)
+    assert pytest.approx(3.1e-6 * 30, rel=0.1) == rows_module.SITE_MPS2  # 30 m of height
+    assert pytest.approx(20 * USUAL_SPREAD.rps) == causes.ZERO_RPS  # a large one is far beyond a switch-on
+
+
+def of_name(rows, name, **more):
+    old = SimpleNamespace(linear=LinearModel(np.eye(3), np.array([0.01, -0.02, 0.03])), accelerometer=object())
+    (found,) = [cause for cause in causes.candidate_causes(rows, old, **more) if cause.name == name][:1]
+    return found
+
+
+def of_session(**more):
+    session = SimpleNamespace(config=SimpleNamespace(protocol=SimpleNamespace(reference="accelerometer")))
+    return replace(made_rows(), session=session, **more)
+
+
+def test_a_rotation_turns_b_with_e():
+    found = of_name(of_session(), "rotation")
+    R = rotation.matrix(rotation.exp(np.array([1e-6, 0, 0])))
+    assert found.into[ZERO, 0] / found.sizes[0] * 1e-6 == pytest.approx((R - np.eye(3)) @ [0.01, -0.02, 0.03], abs=1e-12)
+
+
+def test_an_accelerometer_that_reads_too_much_has_a_scale_above_zero():
+    found = of_name(of_session(), "accelerometer's scale")
+    assert (found.into[ACCELEROMETER][accelerometer.SCALES, [0, 1, 2]] < 0).all()  # its correction is less
+
+
+def test_a_drift_counts_with_its_mean_over_the_minute():
+    rows = of_session(steps_s=np.array([15.0]), duration_s=100.0)
+    step = of_name(rows, "step", minute_s=60.0)
+    assert np.diag(step.into[ZERO]) / -step.sizes == pytest.approx(np.full(3, 0.75))
+    warm = of_name(rows, "warm-up", minute_s=60.0)
+    assert np.diag(warm.into[ZERO]) / -warm.sizes == pytest.approx(np.full(3, np.mean(np.exp(-np.linspace(0, 60, 100_001) / 10))), rel=1e-3)
+
+
+def test_a_direction_is_free_from_a_tenth_of_a_sigma_on():
+    columns = np.diag([0.05, 0.2, 1.0])
+    assert questions.seen(columns).shape == (3, 2)
+
+
+def test_the_sigma_of_the_cost_is_that_of_the_slopes():
+    rows, covariance = of_session(twin=None), np.zeros((COUNT, COUNT))
+    covariance[ZERO, ZERO] = np.diag([1e-8, 4e-8, 9e-8])
+    covariance[MATRIX_OF_21, MATRIX_OF_21] = 0.04
+    rows = replace(rows, rest_rps=np.array([5e-4, 0, 0]))
+    found = cost_of(rows, OLD.linear, np.zeros(COUNT), covariance, np.zeros(3), covariance[ZERO, ZERO])
+    of_e = 60 * 5e-4 * 0.2  # of the x column of E
+    expected = np.sqrt((60 * np.array([1e-4, 2e-4, 3e-4])) ** 2 + of_e**2)
+    assert found.sigma == pytest.approx(expected, rel=0.02)
+    assert found.bias_anew_sigma == pytest.approx(expected, rel=0.02)  # E's part stays with B anew

@@ -37,6 +37,7 @@ def made_rows(seed=0, change=None, noise=1.0, components=(), with_turns=True) ->
         r=r,
         parameters=A,
         known=np.zeros((n, 0)),
+        spans_s=np.ones(n),
         white=np.diag(sigma**2),
         components=tuple(components),
         kinds=kinds,

@@ -530,12 +530,14 @@ def model_tables(result: FitResult) -> dict[str, dict]:
     Where one follows its session's time, there is a second for any time, NAME_at_end, as of the session's end.
     """
     # Models that use specific force, and users of calibrated force, need it in addition to the rates.
-    made_from = {
+    made_from: dict[str, Any] = {
         "session": result.session.name,
         "sha256": input_hashes(result.session),
         "version": VERSION,
         "sensor": sensor_table(result.session.config.sensor),
     }
+    if (temperature_c := result.session.temperature_c) is not None:
+        made_from["temperature_c"] = temperature_c
     tables = {}
     for name, fit in result.methods.items():
         # Models with physics may depend on another calibration of the accelerometer than those without.

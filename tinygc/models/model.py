@@ -80,6 +80,7 @@ MODEL = Keys(
         "unobserved": Maybe(ListOf(Text())),
         "bias_sigma_rps": Maybe(Array((3,), Number(0, RATE.high))),
         "began_s": MapOf(SECONDS),
+        "temperature_c": Maybe(CELSIUS),
         "stored": Maybe(Keys(may=ORIGIN)),
         "remaining_rps": Maybe(ListOf(Maybe(Number(0, RATE.high)))),
         "accel_change_mps2": Maybe(ListOf(Array((3,), FORCE))),

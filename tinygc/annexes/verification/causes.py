@@ -22,14 +22,15 @@ from scipy.special import logsumexp
 from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
 from session.io.units import DEG, MG
-from tinygc.annexes.verification.expected import ZERO, Part
+from tinygc.annexes.verification.expected import ACCELEROMETER_ZERO, ZERO, Part
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.annexes.verification.questions import dense, noise_beside
 from tinygc.annexes.verification.rows import Rows
+from tinygc.attitude import rotation
 from tinygc.closure.least_squares import solve_lower
 from tinygc.estimation.systematic import AS_PROBABLE
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
-from tinygc.models.linear import MATRIX
+from tinygc.models.linear import MATRIX, LinearModel
 
 #: causes in one explanation at most
 MOST = 3
@@ -43,6 +44,8 @@ PER_K = 0.1 * DEG
 SCALE, COMMON_SCALE, ROTATION_RAD, SHEAR_RAD = 0.02, 0.5, 0.05, 0.01
 ACCEL_ZERO_MPS2, ACCEL_SCALE = 50 * MG, 0.02
 BANDWIDTH_S2 = 1e-4
+#: causes a part of which is expected: their place among the 21 parameters, and the sign of what the sensor does
+WITH_USUAL = {"zero": (ZERO, -1), "accelerometer's zero": (ACCELEROMETER_ZERO, 1)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Cause:
     """A cause: name; words of a change theta (k,) with sigma; columns (n, k) of the rows for one plausible size of each number; into (21,
     k) that of the parameters, in the first minute of today's motion where it changes with time; unit and si of the numbers; sizes (k,), SI;
     at: time of a step or time constant, s; numbers: what theta's numbers are called; advice: what to do; price: ln of how many times were
-    tried for it."""
+    tried for it; of_correction: whether theta is how much less the correction is, so that the sensor reads 1 / (1 - theta) as much."""
 
     name: str
     says: str
@@ -63,9 +66,12 @@ class Cause:
     advice: str
     at: float | None = None
     price: float = 0.0
+    of_correction: bool = False
 
     def words(self, theta: np.ndarray, sigma: np.ndarray) -> str:
         """The cause with its numbers."""
+        if self.of_correction:
+            theta, sigma = 1 / (1 - theta) - 1, sigma / (1 - theta) ** 2
         values, sigmas = theta / self.si, sigma / self.si
         each = self.unit if isinstance(self.unit, tuple) else ("",) * (len(theta) - 1) + (self.unit,)
         rows = zip(self.numbers, values, sigmas, each, strict=True)
@@ -92,6 +98,11 @@ class Explanation:
         """Names of its causes."""
         return tuple(cause.name for cause in self.causes)
 
+    def of(self, name: str) -> np.ndarray:
+        """Theta of one of its causes, SI; empty without that cause."""
+        edges = np.cumsum([0, *(len(cause.sizes) for cause in self.causes)])
+        return self.theta[edges[self.names.index(name)] : edges[self.names.index(name) + 1]] if name in self.names else np.zeros(0)
+
     @property
     def words(self) -> list[str]:
         """A sentence for each cause."""
@@ -99,8 +110,9 @@ class Explanation:
         sigma = np.sqrt(np.diag(self.theta_covariance))
         for cause in self.causes:
             own = slice(at, at + len(cause.sizes))
-            if cause.name == "zero" and len(self.causes) == 1:  # with its usual part, which the rests do not tell apart from it
-                said.append(cause.words(-self.change[ZERO], np.sqrt(np.diag(self.covariance)[ZERO])))
+            if cause.name in WITH_USUAL and len(self.causes) == 1:  # its usual part is not told apart from it
+                which, sign = WITH_USUAL[cause.name]
+                said.append(cause.words(sign * self.change[which], np.sqrt(np.diag(self.covariance)[which])))
             else:
                 said.append(cause.words(self.theta[own], sigma[own]))
             at = own.stop
@@ -126,7 +138,9 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
     found: list[Cause] = []
 
     def constant(name: str, says: str, into: np.ndarray, sizes: np.ndarray, unit: Any, si: Any, numbers: tuple, advice: str) -> None:
-        found.append(Cause(name, says, rows.parameters @ into * sizes, into * sizes, sizes, unit, si, tuple(numbers), advice))
+        of_correction = name in ("common scale", "scale")
+        columns = rows.parameters @ into * sizes
+        found.append(Cause(name, says, columns, into * sizes, sizes, unit, si, tuple(numbers), advice, of_correction=of_correction))
 
     def of_matrix(change: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
         into = np.zeros((COUNT, count))
@@ -268,6 +282,12 @@ def _unit(i: int, j: int) -> np.ndarray:
     found = np.zeros((3, 3))
     found[i, j] = 1.0
     return found
+
+
+def beyond_linear(old: LinearModel, turned_rad: np.ndarray) -> np.ndarray:
+    """(21,) change of the parameters by a rotation vector (3,) beyond that of the cause's linear columns."""
+    rest = rotation.matrix(rotation.exp(turned_rad)) - np.eye(3) - _cross(turned_rad)
+    return np.r_[np.zeros(ACCELEROMETER.stop), LinearModel(rest @ old.E, rest @ old.B).vector]
 
 
 class Evidence:

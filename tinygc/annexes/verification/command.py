@@ -6,7 +6,7 @@ import argparse
 
 from tinygc.cli.arguments import file_written, path_read, seconds
 from tinygc.cli.options import add_log_options, answers_of
-from tinygc.cli.results import output, try_file, try_json, write_json
+from tinygc.cli.results import output, try_file, try_json, verdict, write_json
 
 USES_EFFECTS = True
 SUMMARY = "say whether a calibration still holds by a short recording of today, and if not, why, what it costs, and what to do"
@@ -58,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
     with progress_bar(args.quiet) as progress:
         found = verify_of(args.model, args.today, options, answers_of(args), args.serial, progress)
     output(args).print(found.page)
+    verdict(args, found.verdict_line)
     if args.write is not None:
         found.save_model(args.write)
         output(args).print(f"written: {args.write}", soft_wrap=True, markup=False)

@@ -5,8 +5,9 @@ today's best estimate.  What today's data leave open of a parameter is its poste
 
     W = (A' C^-1 A + D^-2)^-1,        C: covariance of noise and references,  D: ``questions.PLAUSIBLE``
 
-and it matters where a minute of use may miss more than a limit by it: one full turn about an axis for E, a minute at rest for B, the tilt
-of any attitude for the accelerometer.
+and it matters where a minute of use may miss more than a limit by it: a turn about an axis for E, at each quarter, and today's own minute;
+a minute at rest for B; the tilt of any attitude for the accelerometer; for what is left, its rate over a minute.  A full turn alone would
+not show a misalignment: about an axis that leans a little it closes.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ MOST_TURNS = 10
 #: sigma of the closure of one turn by hand where no turn shows it, degrees (docs/measured/accuracy.md); of gravity's length in a still,
 #: m/s^2
 USUAL_TURN_DEG, USUAL_LENGTH_MPS2 = 0.05, 1e-3
-#: s of a full turn in a minute of use
-TURN_S = 4.0
+#: s of a full turn in a minute of use; where on the way it is looked at: a misalignment shows most half way round
+TURN_S, ON_THE_WAY = 4.0, (0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +103,12 @@ def cost_of(
     )
 
 
-def full_turn(axis: int, rate_hz: float = 50.0) -> Motion:
-    """One full turn about an axis of the sensor."""
+def turn_about(axis: int, share: float, rate_hz: float = 50.0) -> Motion:
+    """A share of a full turn about an axis of the sensor."""
     t = np.arange(round(TURN_S * rate_hz) + 1) / rate_hz
     rate = np.zeros((len(t), 3))
-    rate[:, axis] = 2 * np.pi / TURN_S * (1 - np.cos(2 * np.pi * t / TURN_S))
-    return Motion(rate, np.diff(t), f"one turn about {'xyz'[axis]}")
+    rate[:, axis] = share * 2 * np.pi / TURN_S * (1 - np.cos(2 * np.pi * t / TURN_S))
+    return Motion(rate, np.diff(t), f"{360 * share:g}° about {'xyz'[axis]}")
 
 
 def left_open(rows: Rows, noise: TodaysNoise) -> np.ndarray:
@@ -117,35 +118,46 @@ def left_open(rows: Rows, noise: TodaysNoise) -> np.ndarray:
     return np.linalg.inv(J.T @ J + np.eye(COUNT)) * np.outer(PLAUSIBLE, PLAUSIBLE)
 
 
+def estimated_change(rows: Rows, noise: TodaysNoise, W: np.ndarray) -> np.ndarray:
+    """(21,) change of the parameters by today's data, with plausible changes as prior: W (21, 21) is its covariance (``left_open``)."""
+    C = noise.covariance + rows.known @ rows.known.T
+    return np.asarray(-W @ (rows.parameters.T @ np.linalg.solve(C, rows.r)))
+
+
 def uses(rows: Rows, old: LinearModel, with_accelerometer: bool) -> list[tuple[str, np.ndarray, str]]:
-    """Of each question: its name, the derivative (Q, 21) of the angles of a minute of use by the parameters, rad, and the use in words."""
-    turns, still = np.zeros((9, COUNT)), np.zeros((3, COUNT))
-    turns[:, GYROSCOPE][:, MATRIX] = np.concatenate([full_turn(axis).slope(old)[:, MATRIX] for axis in range(3)])
-    still[:, GYROSCOPE] = resting(rows).slope(old)
-    found = [(E, turns, "one full turn about any axis"), (B, still, "a minute at rest")]
+    """Of each question: its name, the derivative (M, k, 21) of the errors of M uses, of k components, by the parameters, rad, and the use
+    in words."""
+    motions, still = [turn_about(axis, share) for axis in range(3) for share in ON_THE_WAY], np.zeros((1, 3, COUNT))
+    words = "a turn about any axis"
+    if rows.twin is not None:
+        motions, words = [*motions, minute_of(rows)], f"{words}, or today's minute"
+    turns = np.zeros((len(motions), 3, COUNT))
+    turns[..., GYROSCOPE][..., MATRIX] = [motion.slope(old)[:, MATRIX] for motion in motions]
+    still[..., GYROSCOPE] = resting(rows).slope(old)
+    found = [(E, turns, words), (B, still, "a minute at rest")]
     if with_accelerometer:
         force = SIDES * STANDARD_GRAVITY_MPS2
-        columns = tilt_columns(rotation.from_gravity(force), IDENTITY, force)[:, :2].reshape(-1, ACCELEROMETER.stop)
-        found.append((GRAVITY, np.pad(columns, ((0, 0), (0, COUNT - ACCELEROMETER.stop))), "the tilt on any side"))
+        columns = tilt_columns(rotation.from_gravity(force), IDENTITY, force)[:, :2]
+        found.append((GRAVITY, np.pad(columns, ((0, 0), (0, 0), (0, COUNT - ACCELEROMETER.stop))), "the tilt on any side"))
     return found
 
 
 def bounds(rows: Rows, old: LinearModel, W: np.ndarray, limit_deg: float, with_accelerometer: bool) -> list[Bound]:
     """Bound of each question, from what is left open (21, 21)."""
     parts = uses(rows, old, with_accelerometer)
-    return [Bound(name, float(_bounds_deg(slopes, np.zeros(COUNT), W).max()), limit_deg, words) for name, slopes, words in parts]
+    return [Bound(name, _bound_deg(slopes, np.zeros(COUNT), W), limit_deg, words) for name, slopes, words in parts]
 
 
 def effects_deg(rows: Rows, old: LinearModel, change: np.ndarray, covariance: np.ndarray, with_accelerometer: bool) -> dict[str, float]:
     """By question: degrees that a minute of use misses at most (95 %) by a change (21,) with its covariance (21, 21)."""
     parts = uses(rows, old, with_accelerometer)
-    return {name: float(_bounds_deg(slopes, change, covariance).max()) for name, slopes, _ in parts}
+    return {name: _bound_deg(slopes, change, covariance) for name, slopes, _ in parts}
 
 
-def _bounds_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(Q,) bounds of the sizes of quantities with these slopes (Q, 21), degrees."""
-    sigma = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
-    return np.asarray((np.abs(slopes @ change) + BOUND * sigma) / DEG)
+def _bound_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) -> float:
+    """Bound of the largest of angles with these slopes (M, k, 21), each of k components, degrees; along its most uncertain direction."""
+    sigma = np.sqrt(np.linalg.eigvalsh(slopes @ covariance @ slopes.transpose(0, 2, 1)).max(axis=1))
+    return float((np.linalg.norm(slopes @ change, axis=1) + BOUND * sigma).max() / DEG)
 
 
 def turns_that_tell(rows: Rows, noise: TodaysNoise, W: np.ndarray, limit_deg: float, count: int = MOST_TURNS) -> list[Proposal]:

@@ -22,11 +22,11 @@ from session.replay.answers import ASSUMED_RANGE
 from session.replay.importing import import_log
 from tinygc import models
 from tinygc.annexes.verification.old import OldCalibration, read_old
-from tinygc.annexes.verification.text import verification_page
+from tinygc.annexes.verification.text import verdict_line, verification_page
 from tinygc.annexes.verification.verdict import Options, Verification, verify_session, written_model
 from tinygc.library.arguments import Progress
 from tinygc.library.records import Shown
-from tinygc.reporting.terminal import Group
+from tinygc.reporting.terminal import Group, RenderableType
 
 SCHEMA = "tinygc-verify/1"
 
@@ -62,12 +62,18 @@ class Verified(Shown):
         return np.asarray(self.result.new_bias / DEG)
 
     @property
+    def verdict_line(self) -> RenderableType:
+        """The answer and its reason in one line, for ``--quiet``."""
+        return verdict_line(self.result)
+
+    @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
         return verification_page(self.result)
 
     def save_model(self, path: Path | str) -> Path:
-        """Write the model with B taken anew, and return the path.  Raises StorageError for a file that cannot be written."""
+        """Write the model with B taken anew, and return the path.  Raises StorageError for a file that cannot be written,
+        DataError where E does not hold, or the zero moves within the recording."""
         model, more = written_model(self.result)
         write_whole(Path(path), models.to_dict(model, **more, session=self.today, version=VERSION))
         return Path(path)

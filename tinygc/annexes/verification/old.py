@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from session.io.folder import Session, hash_of_log
 from session.io.names import is_session, refuse_array
 from session.io.results import read_json
 from session.io.texts import command_line, printable
-from session.io.units import MG, G
+from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import models
 from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -23,6 +25,7 @@ from tinygc.models.files import is_array_model
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 from tinygc.models.model import Model, accelerometer_of
 from tinygc.models.physics import PhysicsModel
+from tinygc.noise.components import STILL_RATE, WANDER
 from tinygc.planning.proposals import TARGETS
 
 #: accelerometer's nine parameters, then the gyroscope's twelve, as in a joint covariance
@@ -30,6 +33,8 @@ COUNT = len(JOINT_NAMES)
 ACCELEROMETER, GYROSCOPE = slice(0, ACCELEROMETER_PARAMETERS), slice(ACCELEROMETER_PARAMETERS, COUNT)
 #: m/s^2 of each number of a given accelerometer calibration, at zero g and at one g
 GIVEN_MPS2 = GIVEN_SIGMA_MG * MG
+#: components of the noise that rates at rest show
+AT_REST = {WANDER: DEG_PER_HOUR, STILL_RATE: DEG}
 _IN_FIT = "model_least_squares.json"
 
 
@@ -40,7 +45,8 @@ class OldCalibration:
     path; model; table: what its file holds; accelerometer that its references came from, None where the file has none; covariance (21, 21)
     of the accelerometer's correction and of ``LinearModel.vector``, SI; own_lengths: whether the accelerometer was given: then its error
     is in gravity's length, and E has taken up what it does to the turns; lacks: what the file does not say, a sentence each; goodness:
-    chi-square and degrees of freedom of the fit's own closure, None where no fit.json lies beside it.
+    chi-square and degrees of freedom of the fit's own closure, None where no fit.json lies beside it; noise: of that file, sizes, rad/s, of
+    ``AT_REST``, each by one sigma more than was found.
     """
 
     path: Path
@@ -51,6 +57,7 @@ class OldCalibration:
     own_lengths: bool
     lacks: tuple[str, ...]
     goodness: tuple[float, int] | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def linear(self) -> LinearModel:
@@ -103,7 +110,7 @@ def read_old(where: Path) -> OldCalibration:
         lacks.append(
             "the model file has no accelerometer calibration: today's is taken, E must be in its frame, and gravity's length is not asked"
         )
-    return OldCalibration(path, model, table, accelerometer, covariance, given, tuple(lacks), _goodness(path.parent / "fit.json"))
+    return OldCalibration(path, model, table, accelerometer, covariance, given, tuple(lacks), *_of_fit(path.parent / "fit.json"))
 
 
 def with_bias_moved(model: Model, change: np.ndarray) -> Model:
@@ -153,15 +160,17 @@ def _positive(matrix: np.ndarray) -> np.ndarray:
     return (axes * np.maximum(size, 0.0)) @ axes.T
 
 
-def _goodness(path: Path) -> tuple[float, int] | None:
-    """Chi-square and degrees of freedom of ``goodness`` in fit.json; None where there is none."""
-    if not path.is_file():
-        return None
-    goodness = read_json(path).get("goodness")
-    try:
-        return float(goodness["chi_square"]), int(goodness["freedom"])
-    except (KeyError, TypeError, ValueError):
-        return None
+def _of_fit(path: Path) -> tuple[tuple[float, int] | None, dict[str, float]]:
+    """Chi-square and degrees of freedom of ``goodness`` in fit.json, None where there is none; sizes of ``AT_REST``, rad/s."""
+    table = read_json(path) if path.is_file() else {}
+    goodness, found = None, {}
+    with contextlib.suppress(KeyError, TypeError, ValueError):
+        goodness = float(table["goodness"]["chi_square"]), int(table["goodness"]["freedom"])
+    with contextlib.suppress(KeyError, TypeError, ValueError):
+        for component in table["noise"]["components"]:
+            if (name := component["name"]) in AT_REST:
+                found[name] = AT_REST[name] * float(np.hypot(component["size"], component["sigma"] or 0.0))
+    return goodness, found
 
 
 def facts(old: OldCalibration, session: Session) -> tuple[list[str], bool]:

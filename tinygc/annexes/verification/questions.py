@@ -120,13 +120,14 @@ def dense(V: np.ndarray | Sparse) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class Question:
     """An answer: name; statistic T; rank, its degrees of freedom, 0 where today's recording does not ask it; p_value; level of this
-    question."""
+    question; left_rps: of the fourth, rms rate that is left, rad/s."""
 
     name: str
     statistic: float
     rank: int
     p_value: float
     level: float
+    left_rps: float = 0.0
 
     @property
     def asked(self) -> bool:
@@ -237,22 +238,32 @@ def seen(columns: np.ndarray) -> np.ndarray:
 
 
 def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
-    """Whether noise explains the turns' closure beyond any change of the 21 parameters.
+    """Whether noise explains the turns' closure, and the rates at rest, beyond any change of the 21 parameters.
 
+    Rates at rest are asked by the noise that the old fit found in them: today's own would take up a zero that differs from rest to rest.
+    Without turns they are asked in any case.
     A fit that left more than noise before may do so again: its own ratio of chi-square to degrees of freedom is then the yardstick.
     """
-    part = rows.kinds[CLOSURE] if rows.turns else slice(0, rows.kinds[LENGTH].start)
+    part = slice(0, rows.kinds[LENGTH].start) if old.noise or not rows.turns else rows.kinds[CLOSURE]
     keep = np.arange(len(rows.r))[part][~rows.blank[part]]
     total = noise.named + rows.known @ rows.known.T
+    for component in noise.parts:
+        if component.name in old.noise:
+            total = total + (old.noise[component.name] ** 2 - component.s**2) * component.V
+    columns, matrix = rows.parameters * PLAUSIBLE, np.r_[GYROSCOPE][MATRIX]
+    if not rows.turns:  # rates at rest differ too little to ask for E: any factor on them would explain a jump
+        total = total + columns[:, matrix] @ columns[:, matrix].T
+        columns[:, matrix] = 0.0
     factor = np.linalg.cholesky(total[np.ix_(keep, keep)])
-    columns = solve_lower(factor, rows.parameters[keep] * PLAUSIBLE)
+    columns = solve_lower(factor, columns[keep])
     q = orthonormal(columns[:, np.linalg.norm(columns, axis=0) > 0], 1e-9) if len(keep) else np.zeros((0, 0))
     freedom = len(keep) - q.shape[1]
     if freedom < 1:
         return Question(NOISE, 0.0, 0, 1.0, 0.0)
     w = solve_lower(factor, rows.r[keep])
-    chi_square = float(np.sum((w - q @ (q.T @ w)) ** 2))
+    left = w - q @ (q.T @ w)
+    chi_square, left_rps = float(np.sum(left**2)), float(np.sqrt(np.sum((factor @ left / rows.spans_s[keep]) ** 2) / freedom))
     ratio, other = chi_square / freedom, noise.freedom
     if old.goodness is not None and old.goodness[1] > 0 and (before := old.goodness[0] / old.goodness[1]) > 1:
         ratio, other = ratio / before, 1 / (1 / other + 1 / old.goodness[1])
-    return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), 0.0)
+    return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), 0.0, left_rps)

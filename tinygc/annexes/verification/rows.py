@@ -18,8 +18,10 @@ import numpy as np
 from session.detect.accelerometer import IDENTITY, force_of, length_columns, times_of, units
 from session.detect.axes import agreement
 from session.detect.check_samples import with_bridges
+from session.detect.findings import stop_at_errors
+from session.detect.first_look import check_session
 from session.detect.stills import SessionStills, Still, references
-from session.io.errors import DataError, SegmentError
+from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session
 from session.io.units import G
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
@@ -41,8 +43,10 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, 
 CLOSURE, STILL, LENGTH = "closure", "still", "length"
 #: m/s^2: gravity at a site that session.toml gives is known to this, one sigma: 30 m of height, or what a formula leaves
 SITE_MPS2 = 1e-4
-#: name of the first look's check of one factor on all rates
-SCALE = "gyro scale"
+#: name of the first look's check of one factor on all rates; of those that a minute at rest has to pass
+SCALE, OF_RESTS = "gyro scale", ("gravity", "gyro stuck", "accelerometer stuck", "gyro dead", "accelerometer dead")
+#: degrees: a recording without a larger turn is one of rests: a change of E by 1 % shows by a tenth of the usual limit in it
+LEAST_TURN_DEG = 10.0
 #: profile in time: from seconds of the session (N,) to (N,) of no unit
 Profile = Callable[[np.ndarray], np.ndarray]
 
@@ -52,6 +56,7 @@ class Rows:
     """Today's measurements as n rows.
 
     r (n,): rad, rad/s, m/s^2; parameters (n, 21): their derivative by the accelerometer's correction and by ``LinearModel.vector``;
+    spans_s (n,): duration of each row's turn, 1 of other rows;
     known (n, k): what is uncertain in the references, one sigma each: the Earth's rate, gravity's length; white (n, n): white noise;
     components: noise beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
     the session; temp_c: mean over its stills, NaN where not known; stills, turns: how many; noise_freedom: degrees of freedom of the white
@@ -63,6 +68,7 @@ class Rows:
     r: np.ndarray
     parameters: np.ndarray
     known: np.ndarray
+    spans_s: np.ndarray
     white: np.ndarray
     components: tuple[Component, ...]
     kinds: dict[str, slice]
@@ -111,6 +117,7 @@ def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progr
     if session.truths is None:
         found = SessionStills(whole := with_bridges(session))
         if not any(references(found.of(log).stills) for log in whole.logs):
+            _stop_at_errors_of_rests(whole, found)
             raise SegmentError(f"{session.folder}: no rest of {session.config.protocol.still_s:g} s; let the sensor lie still for a minute")
         if all(len(found.of(log).stills) < 2 for log in whole.logs):
             return _of_rests(whole, old, found)
@@ -125,8 +132,11 @@ def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progr
                 prior=lambda start: prior,
                 progress=progress,
             )
+            turns = [segment.turn_deg for segment in prepared.problem.segments]
+            if session.truths is None and not said and max(turns) < LEAST_TURN_DEG:
+                return _of_rests(whole, old, found)
             return _of_turns(prepared.problem, old, session, factor, said)
-        except SegmentError:
+        except (SegmentError, FitError):  # too few turns, or such as bind nothing
             if session.truths is not None:
                 raise
             return _of_rests(whole, old, found)
@@ -136,6 +146,11 @@ def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progr
                 raise
             factor, said = _factor(whole, found), str(error)
     raise AssertionError
+
+
+def _stop_at_errors_of_rests(session: Session, found: SessionStills) -> None:
+    """Raise DataError where the first look finds a wrong unit of the accelerometer, or an axis without noise."""
+    stop_at_errors([finding for finding in check_session(session, found) if finding.what in OF_RESTS])
 
 
 def _scaled(session: Session, factor: float) -> Session:
@@ -182,6 +197,8 @@ def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: f
         known.append(parameters[:, GYROSCOPE] @ _root(clock.covariance(old.linear.vector)))
     blank = np.zeros(n, dtype=bool)
     blank[whiten.parts[CLOSURE]] = ~twin.batch.known.ravel()
+    spans_s = np.ones(n)
+    spans_s[whiten.parts[CLOSURE]] = np.repeat([segment.duration_s for segment in twin.segments], twin.batch.known.shape[1])
     allowances = twin.precalibration_columns(start, rates).stacked() * PRECALIBRATION_MPS2 if stills else np.zeros((n, 0))
     temps = np.array([still.temp_c for _, still in twin.stills])
     times = np.array([twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments])
@@ -197,6 +214,7 @@ def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: f
         r=r,
         parameters=parameters,
         known=np.concatenate(known, axis=1),
+        spans_s=spans_s,
         white=whiten.white - allowances @ allowances.T,
         components=noise.components,
         kinds=dict(whiten.parts),
@@ -217,6 +235,7 @@ def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: f
 
 def _of_rests(session: Session, old: OldCalibration, found: SessionStills) -> Rows:
     """Rows of a recording with rests alone: rates and lengths."""
+    _stop_at_errors_of_rests(session, found)
     parts = [(log, found.of(log)) for log in session.logs]
     logs = [
         StillSet(each.samples, each.stills, each.noise, rotation.from_gravity(force_of(each.stills)), np.zeros(len(each.stills), dtype=int))
@@ -270,6 +289,7 @@ def _of_rests(session: Session, old: OldCalibration, found: SessionStills) -> Ro
         r=r,
         parameters=parameters,
         known=np.concatenate([unseen, gravity], axis=1),
+        spans_s=np.ones(n),
         white=np.diag(white),
         components=_of_stills(middle_s, spans, instability, n, float(np.sqrt(np.median(white[still])))),
         kinds={CLOSURE: slice(0, 0), STILL: still, LENGTH: slice(3 * q, n)},

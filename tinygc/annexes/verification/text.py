@@ -15,16 +15,21 @@ ASKED = {
     E: "scale and axes (E), the zero free",
     B: "the zero (B)",
     GRAVITY: "gravity's length (the accelerometer)",
-    NOISE: "what is left is noise",
+    NOISE: "noise explains the rest",
 }
 #: causes that change within the recording
 IN_TIME = {"step", "warm-up"}
 STYLES = {HOLDS: "bold green", BIAS: "bold yellow", FAILS: "bold red"}
 
 
+def verdict_line(found: Verification) -> RenderableType:
+    """The answer and its reason."""
+    return one_line(f"{found.answer}: {found.headline}", STYLES.get(found.answer, "bold"))
+
+
 def verification_page(found: Verification) -> Group:
     """The command's output."""
-    parts: list[RenderableType] = [one_line(f"{found.answer}: {found.headline}", STYLES.get(found.answer, "bold"))]
+    parts: list[RenderableType] = [verdict_line(found)]
     parts += [one_line(f"Settings: {fact}.") for fact in found.facts]
     parts.append(_questions(found))
     parts += [one_line(line) for line in (*cause_lines(found), *cost_lines(found), *open_lines(found))]

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from session.detect.findings import Finding
 from session.io.errors import DataError
 from session.io.folder import Session, read_session
 from session.io.units import DEG
-from tinygc.annexes.verification.causes import Cause, Diagnosis, Evidence, candidate_causes, diagnose
+from tinygc.annexes.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.annexes.verification.cost import (
     LIMIT_DEG,
     Bound,
@@ -21,6 +20,7 @@ from tinygc.annexes.verification.cost import (
     bounds,
     cost_of,
     effects_deg,
+    estimated_change,
     left_open,
     turns_that_separate,
     turns_that_tell,
@@ -29,6 +29,7 @@ from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_pa
 from tinygc.annexes.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
 from tinygc.annexes.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.annexes.verification.rows import Rows, rows_of
+from tinygc.closure.motion import MINUTE_S
 from tinygc.noise.figures import NoiseFigures, read_figures
 from tinygc.planning.proposals import Proposal
 
@@ -61,7 +62,8 @@ class Verification:
     """The answer, with all that it stands on.
 
     bias_anew (3,) rad/s: change of B that today's rests ask for, with covariance (3, 3); diagnosis: None where nothing speaks against the
-    calibration; tell, separate: turns that would tell what is open, and what the causes are; facts: what the settings say; notes.
+    calibration; tell, separate: turns that would tell what is open, and what the causes are; facts: what the settings say; notes;
+    bias_serves: whether the model may be used with B anew, as far as this recording tells.
     """
 
     old: OldCalibration
@@ -83,7 +85,7 @@ class Verification:
     facts: tuple[str, ...]
     notes: tuple[str, ...] = ()
     advice: str = ""
-    findings: tuple[Finding, ...] = field(default=())
+    bias_serves: bool = True
 
     @property
     def exit_code(self) -> int:
@@ -118,14 +120,15 @@ def verify_session(
             "was fitted to; give a recording of that one, or --other-serial if it is the same sensor after all"
         )
     notes = list(old.lacks)
-    if is_its_own(old, session):
-        notes.append("the model was fitted to this very recording: it agrees with itself; give another recording")
     rows = rows_of(session, old, options.earth, progress)
     if rows.remark:
         told.append(rows.remark)
     spread = spread_of_unit(old, rows, options.history, options.lot)
     figures = _figures(options.noise)
     temp_then_c = _temperature_of(old) if temp_then_c is None else temp_then_c
+    if not np.isfinite(rows.temp_c - temp_then_c):
+        which = "the model" if np.isfinite(rows.temp_c) else "today's recording"
+        notes.append(f"{which} does not say how warm the sensor was: a change by temperature is not told apart from a moved zero")
     parts = expected_parts(
         old,
         rows,
@@ -154,20 +157,36 @@ def verify_session(
         progress("causes")
         diagnosis = diagnose(evidence, causes)
         change, covariance = diagnosis.best.change, diagnosis.best.covariance
+        if len(turned := diagnosis.best.of("rotation")):  # its second order would pass for further causes
+            more = beyond_linear(old.linear, turned)
+            diagnosis = diagnose(Evidence(replace(rows, r=rows.r + rows.parameters @ more), parts, noise.found.s), causes)
+            change, covariance = diagnosis.best.change + more, diagnosis.best.covariance
     cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
+    if diagnosis is not None and not diagnosis.best.causes:  # whatever it was, it is as large as today's data alone leave it
+        change, covariance = estimated_change(rows, noise, W), W
     effects = effects_deg(rows, old.linear, change, covariance, old.accelerometer is not None)
-    matters = [question for question in refuted if effects.get(question.name, np.inf) > options.limit_deg]
-    if small := [question.name for question in refuted if question not in matters]:
+    effects[NOISE] = max(question.left_rps for question in questions) * MINUTE_S / DEG
+    if diagnosis is not None:  # a zero that moves within the recording
+        effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
+    matters = [question.name for question in refuted if effects[question.name] > options.limit_deg]
+    small = [question.name for question in refuted if question.name not in matters]
+    if small:
         said = " and ".join(f"{OF[name]} ({effects[name]:.2g}°)" for name in small)
         notes.append(f"changed beyond chance, but a minute of use misses less than {options.limit_deg:g}° by it: {said}")
-    answer, headline = _decide(matters, found_bounds, cost, anew.change[ZERO], anew.covariance[ZERO, ZERO], old, diagnosis, options)
+    new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
+    decision = _decide(matters, small, found_bounds, cost, new, diagnosis, options)
+    if rows.remark and decision.bias_serves:
+        decision = _Decision(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again", bias_serves=False)
+    if is_its_own(old, session):
+        said = "the model was fitted to this very recording, and agrees with itself"
+        decision = _Decision(UNDECIDED, said, "give another recording", bias_serves=False)
     open_names = {bound.name for bound in found_bounds if not bound.is_seen}
     return Verification(
         old=old,
         rows=rows,
         options=options,
-        answer=answer,
-        headline=headline,
+        answer=decision.answer,
+        headline=decision.headline,
         questions=questions,
         parts=tuple(parts),
         spread=spread,
@@ -181,68 +200,73 @@ def verify_session(
         separate=_separate(rows, noise, diagnosis, causes),
         facts=tuple(told),
         notes=tuple(notes),
-        advice=_advice(answer, diagnosis, open_names),
+        advice=decision.advice,
+        bias_serves=decision.bias_serves,
     )
+
+
+@dataclass(frozen=True)
+class _Decision:
+    """answer; headline: the one line that says why; advice: what to do; bias_serves: whether the model may be used with B anew."""
+
+    answer: str
+    headline: str
+    advice: str
+    bias_serves: bool = True
 
 
 def _decide(
-    refuted: Sequence[Question],
+    matters: Sequence[str],
+    small: Sequence[str],
     found: Sequence[Bound],
     cost: Cost,
-    bias: np.ndarray,
-    covariance: np.ndarray,
-    old: OldCalibration,
+    new: str,
     diagnosis: Diagnosis | None,
     options: Options,
-) -> tuple[str, str]:
-    """The answer, and the one line that says it."""
+) -> _Decision:
+    """Decide by the names of the questions with a significant change, that matters by the limit or is small; new: B anew, in words."""
     limit = options.limit_deg * DEG
+    causes = () if diagnosis is None else diagnosis.best.causes
+    because = "" if diagnosis is None else "; ".join(diagnosis.best.words)
+    fit_again = "fit a new session, and look at `explain`"
+    if set(matters) - {B} or (matters and any(cause.name not in ("zero", "temperature") for cause in causes)):
+        why = because or "no cause of the list explains it; run explain"
+        if set(matters) & {E, GRAVITY}:
+            why = f"{' and '.join(OF[name] for name in OF if name in matters)} departs from the calibration: {why}"
+        elif not because:
+            why = f"more than noise is left, and {why}"
+        return _Decision(FAILS, why, "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, bias_serves=False)
     unseen = [bound for bound in found if not bound.is_seen]
-    names = {question.name for question in refuted}
-    new = bias_words(old.bias + bias, covariance)
-    because = "" if diagnosis is None or not diagnosis.best.causes else "; ".join(diagnosis.best.words)
-    costs = np.linalg.norm(cost.as_it_is)
-    if names == {NOISE}:
-        return FAILS, because or "more than noise is left, and no cause of the list explains it; run explain"
-    if names - {B}:
-        what = " and ".join(OF[name] for name in (E, B, GRAVITY, NOISE) if name in names)
-        return FAILS, f"{what} departs from the calibration: {because or 'no cause of the list explains it; run explain'}"
-    e_seen = all(bound.is_seen for bound in found if bound.name == E)
-    if names == {B} and diagnosis is not None and any(cause.name not in ("zero", "temperature") for cause in diagnosis.best.causes):
-        return FAILS, because
-    if names == {B}:
-        if not e_seen:
-            return FAILS, f"{because or 'the zero has moved'}; this recording does not ask for E"
-        return BIAS, f"B = {new}; {because or 'the zero moved by more than between switch-ons'}"
-    if costs > limit and costs > 2 * float(np.linalg.norm(cost.sigma)) and e_seen:
-        return BIAS, f"B = {new}; it moved as between switch-ons, and costs {costs / DEG:.2g}° in the next minute"
+    e_seen = E not in [bound.name for bound in unseen]
+    less = f"{' and '.join(OF[name] for name in small)} changed by less than the limit"
+    costs, anew = (float(np.linalg.norm(each)) for each in (cost.as_it_is, cost.bias_anew))
+    if matters or costs > max(limit, 2 * float(np.linalg.norm(cost.sigma))):
+        if matters:
+            why = because or "the zero moved by more than between switch-ons"
+        else:
+            why = f"it moved as between switch-ons, and costs {costs / DEG:.2g}° in the next minute"
+        why += f"; {less}" if small else ""
+        if anew > limit:
+            return _Decision(FAILS, f"{why}; with B anew the minute still misses {anew / DEG:.2g}°", fit_again, bias_serves=False)
+        take = "take B anew: --write FILE writes the model with it"
+        if e_seen:
+            return _Decision(BIAS, f"B = {new}; {why}", take)
+        said = f"take B anew: B = {new}; {why}; this recording does not ask for E"
+        return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which tell of E")
     if unseen:
+        turns = "record the turns above, with a rest before and after each, then verify again"
+        if {bound.name for bound in unseen} == {B}:
+            turns = "let it lie still for some minutes, in several attitudes, then verify again"
         open_ = "; ".join(f"{OF[b.name]}: up to {b.bound_deg:.2g}° in {b.use}" for b in unseen)
-        return UNDECIDED, f"nothing significant, but this recording leaves open (95 %): {open_}"
-    so_far = (
-        "what changed matters less than the limit" if diagnosis is not None else "within what noise, the old fit and a switch-on explain"
-    )
-    return HOLDS, f"{so_far}; it costs {costs / DEG:.2g}° in the next minute"
+        return _Decision(UNDECIDED, f"{less if small else 'nothing significant'}, but this recording leaves open (95 %): {open_}", turns)
+    so_far = less if small else "within what noise, the old fit and a switch-on explain"
+    return _Decision(HOLDS, f"{so_far}; it costs {costs / DEG:.2g}° in the next minute", "use it as it is")
 
 
 def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
     """B with its sigmas, dps."""
     sigma = np.sqrt(np.diag(covariance)) / DEG
     return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
-
-
-def _advice(answer: str, diagnosis: Diagnosis | None, open_names: set[str]) -> str:
-    if answer == HOLDS:
-        return "use it as it is"
-    if answer == BIAS:
-        return "take B anew: --write FILE writes the model with it"
-    if answer == UNDECIDED:
-        if open_names == {B}:
-            return "let it lie still for some minutes, in several attitudes, then verify again"
-        return "record the turns above, with a rest before and after each, then verify again"
-    if diagnosis is None or not diagnosis.best.causes:
-        return "fit a new session, and look at `explain`"
-    return "; ".join(dict.fromkeys(cause.advice for cause in diagnosis.best.causes))
 
 
 def _separate(rows: Rows, noise: TodaysNoise, diagnosis: Diagnosis | None, causes: Sequence[Cause]) -> tuple[Proposal, ...]:
@@ -257,13 +281,12 @@ def _separate(rows: Rows, noise: TodaysNoise, diagnosis: Diagnosis | None, cause
 
 
 def _temperature_of(old: OldCalibration) -> float:
-    """Mean temperature of the session that the model was fitted to, °C; NaN where that session does not lie around it."""
-    folder = old.path.parent.parent
-    if old.path.parent.name != "fit" or not (folder / "session.toml").is_file():
-        return float("nan")
-    temps = [log.samples.temp_c for log in read_session(folder).logs]
-    known = [float(np.mean(temp[:])) for temp in temps if temp is not None]
-    return float(np.mean(known)) if known else float("nan")
+    """Mean temperature of the session that the model was fitted to, °C: of the file, or of a session that lies around it; NaN where
+    neither says it."""
+    found, folder = old.table.get("temperature_c"), old.path.parent.parent
+    if found is None and old.path.parent.name == "fit" and (folder / "session.toml").is_file():
+        found = read_session(folder).temperature_c
+    return float("nan") if found is None else float(found)
 
 
 def _figures(path: Path | None) -> NoiseFigures | None:
@@ -271,7 +294,9 @@ def _figures(path: Path | None) -> NoiseFigures | None:
 
 
 def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
-    """The model with B taken anew, and what its file holds besides."""
+    """The model with B taken anew, and what its file holds besides.  Raises DataError where it does not hold with it either."""
+    if not found.bias_serves:
+        raise DataError(f"{found.old.path}: not written with B anew: {found.headline}; {found.advice}")
     old = found.old
     table = old.table
     before = table["stored"] if isinstance(table.get("stored"), dict) else table
@@ -280,6 +305,8 @@ def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
         **{name: table[name] for name in ("sensor", "accelerometer") if name in table},
     }
+    if np.isfinite(found.rows.temp_c):
+        more["temperature_c"] = found.rows.temp_c
     if np.shape(table.get("covariance") or ()) == (12, 12) and old.linear is old.model:
         covariance = np.array(table["covariance"], dtype=float)
         bias = slice(9, 12)

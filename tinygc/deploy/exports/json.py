@@ -29,7 +29,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         }
     if context.any_session_covariance is not None:
         table["any_session_covariance"] = context.any_session_covariance.tolist()
-    table |= {key: context.table[key] for key in ("remaining_rps", "accel_change_mps2") if key in context.table}
+    table |= {key: context.table[key] for key in ("temperature_c", "remaining_rps", "accel_change_mps2") if key in context.table}
     if "joint_covariance" in context.table:
         table["joint_covariance"] = context.table["joint_covariance"]
     table |= {

@@ -318,3 +318,43 @@ def test_the_integers_of_a_sample_are_the_nearest():
     assert whole[:, 7].all()
     np.testing.assert_allclose(whole[:, :3], rate * 2**20, atol=0.55)
     np.testing.assert_allclose(whole[:, 3:6], force * 2**14, atol=0.55)
+
+
+def rested(c, gravity_of, rests: int, seed: int, length: int = 6) -> list[int]:
+    """Numbers of the rests, in random attitudes, in which gravity alarmed; gravity_of: direction (3,) -> normalised length."""
+    rng, filters, found = np.random.default_rng(seed), ZeroFilter(c), []
+    for number in range(rests):
+        along = rng.normal(size=3)
+        along /= np.linalg.norm(along)
+        filters.new_rest()
+        for _ in range(length):
+            filters.predict()
+            gravity = gravity_of(number, along) + rng.normal(size=1)
+            judged = filters.judge(reading(rng.normal(size=(3, 1)), gravity, direction=along))
+            assert np.isfinite(filters.gravity_P).all()
+            if judged.alarm[3, 0]:
+                found.append(number)
+    return found
+
+
+@pytest.mark.parametrize("size_mg", [10.0, 30.0, 200.0])
+@pytest.mark.parametrize("form", ["zero", "scale"])
+def test_an_accelerometer_that_has_changed_alarms_a_few_times(size_mg, form):
+    """A zero or a scale of another size from the tenth rest on: the watch goes on from what it has seen, in every attitude."""
+    c = chosen()
+    size = size_mg * 1e-3 / c.gravity_sigma
+    change = lambda number, along: (number >= 10) * size * (along[0] if form == "zero" else 1.0)  # noqa: E731
+    found = rested(c, change, 150, 13)
+    assert 10 <= found[0] < 16
+    assert len(found) <= 4
+
+
+def test_after_a_gravity_alarm_a_change_within_a_rest_is_still_found():
+    c = chosen()
+    filters, rng, alarms = ZeroFilter(c), np.random.default_rng(14), []
+    for number in range(300):
+        filters.predict()
+        gravity = rng.normal(size=1) + 500.0 * (number >= 100) + 10.0 * (number >= 200)
+        if filters.judge(reading(rng.normal(size=(3, 1)), gravity)).alarm[3, 0]:
+            alarms.append(number)
+    assert [number // 100 for number in alarms] == [1, 2]

@@ -21,7 +21,7 @@ from session.io.units import DEG, MG, NS, NS_PER_S
 from tinygc.annexes.watch.change import WindowRecord, change_of
 from tinygc.annexes.watch.detector import Detector, Judged, Window
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse, expect
-from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, SHIFTS, Settings, settings
+from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, CLIP, SHIFTS, Settings, settings
 from tinygc.annexes.watch.source import Item, Readings, Remark, Restart
 from tinygc.annexes.watch.turns import LEAST_RAD, LONGEST_S, Closure, Turn, TurnTest
 from tinygc.closure.motion import MINUTE_S, at_rest
@@ -223,7 +223,7 @@ class Watch:
         if not quiet and self._here:
             yield from self._end_rest()
         if self._direction is not None:
-            yield from self._follow(block, window)
+            yield from self._follow(block, window, judged)
         if window is None or judged is None:
             return
         self._restless_said_s = RESTLESS_S
@@ -237,28 +237,30 @@ class Watch:
         self._windows_here += 1
         yield from self._judged(window, judged)
 
-    def _follow(self, block: Arrays, window: Window | None) -> Iterator[Event]:
+    def _follow(self, block: Arrays, window: Window | None, judged: Judged | None) -> Iterator[Event]:
         """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
         kept = BLOCKS if window is not None else BLOCKS + 1
         while len(self._pending) > kept:
             if self._turn is None:
                 self._turn = Turn()
-                self._zero_rps = self._detector.filter.zero[:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
+                self._zero_rps = self._detector.filter.lasting[0][:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
             omega, measured, dt = self._pending.popleft()
             self._turn.add(omega - self._zero_rps, measured, dt)
         turn = self._turn
-        if window is not None:
+        if window is not None and judged is not None:
             self._turn = None
             self._pending.clear()
             if turn is not None and turn.angle > LEAST_RAD:
-                yield from self._closed(turn, window.direction[:, 0].astype(float))
+                yield from self._closed(turn, window.direction[:, 0].astype(float), judged)
         self._pending.append(block)
         if turn is not None and turn.seconds > LONGEST_S:
             self._forget_turn()
 
-    def _closed(self, turn: Turn, end: np.ndarray) -> Iterator[Event]:
-        c, f = self._detector.chosen, self._detector.filter
-        variance = float(np.max(c.rate_sigma_rps) ** 2 * max(float(f.P[0, 0]), 0.0))
+    def _closed(self, turn: Turn, end: np.ndarray, judged: Judged) -> Iterator[Event]:
+        """judged: the window behind the turn.  A zero that has jumped since the rest before has done so at an unknown moment of the turn."""
+        innovation = judged.whole[:3, 0].astype(float) * float(judged.sigma[0, 0])
+        jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
+        variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))
         assert self._direction is not None
         closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
         self.turns += 1

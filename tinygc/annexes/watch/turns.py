@@ -38,9 +38,13 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 class Turn:
-    """One turn while it goes on: rotation q (4,) of the body to its start, derivative of the attitude by E (3, 9), seconds, angle rad."""
+    """One turn while it goes on: rotation q (4,) of the body to its start, derivative of the attitude by E (3, 9), seconds, angle rad.
 
-    def __init__(self) -> None:
+    applied (9,): error of E that earlier turns show, which is taken off the rates, so that what is left is small and linear.
+    """
+
+    def __init__(self, applied: np.ndarray | None = None) -> None:
+        self.applied = np.zeros(9) if applied is None else applied
         self.q = np.array([1.0, 0.0, 0.0, 0.0])
         self.slope = np.zeros((3, 9))
         self.lever = np.zeros((3, 3))  # of a zero error, s
@@ -48,7 +52,8 @@ class Turn:
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # sample from which the next step goes
 
     def add(self, omega: np.ndarray, measured: np.ndarray, dt: np.ndarray) -> None:
-        """Add samples: calibrated rate less its zero (N, 3), measured rate (N, 3) rad/s, dt (N,) s since the sample before each."""
+        """Add samples: calibrated and measured rate (N, 3) rad/s, each less that of the rest before, dt (N,) s since the sample before each."""
+        omega = omega - measured @ self.applied.reshape(3, 3).T
         if self._last is None:
             dt = dt[1:]
         else:
@@ -89,6 +94,7 @@ class TurnTest:
         self._prior[9:, 9:] = np.diag(expected.accel_offset**2)
         self._expected, self.P, self.x = expected, self._prior.copy(), np.zeros(12)
         self.bar, self.sum = squares_bar_of(RATIO, 2, TESTS * windows_to_alarm), 0.0
+        self._share = 0.0
 
     def judge(self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float) -> Closure:
         """start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean."""
@@ -103,18 +109,27 @@ class TurnTest:
         own = np.max(e.white**2) * turn.seconds + np.max(e.attitude**2) * turn.seconds**2 + e.turn_rad**2 + readings
         lever = across @ turn.lever
         noise = own * np.eye(2) + zero_variance * lever @ lever.T
-        S = H @ self.P @ H.T + noise
-        innovation = y - H @ self.x
+        S = self._expected_scatter(turn, H, noise)
+        innovation = y - H @ (self.x - np.r_[turn.applied, np.zeros(3)])
         square = float(innovation @ np.linalg.solve(S, innovation))
+        # how much larger than the prior E's error is, in variance, if it is E: of the worst of the turns that the sum is of
+        of_prior = max(float(np.trace(H[:, :9] @ self._prior[:9, :9] @ H[:, :9].T)), 1e-12)
+        own_share = float(innovation @ innovation) / of_prior
+        self._share = max(own_share, self._share if self.sum > 0 else 0.0)
         self.sum = max(0.0, self.sum + min(square, MOST_SQUARE) * (1 - RATIO**-2) / 2 - 2 * np.log(RATIO))
         alarm = self.sum >= self.bar
         stated_rad = float(np.sqrt(np.trace(S) / 2))
-        if alarm:  # E, or the accelerometer's zero, is another one, by as much as this turn shows
-            self.sum, self.P = 0.0, self.P + square * self._prior
-            S = H @ self.P @ H.T + noise
+        if alarm:  # E, or the accelerometer's zero, is another one, by as much as these turns show
+            self.sum, self.P = 0.0, self.P + self._share * self._prior
+            S = self._expected_scatter(turn, H, noise)
         if alarm or square < MOST_SQUARE:
             gain = np.linalg.solve(S, H @ self.P).T
             self.x = self.x + gain @ innovation
             left = np.eye(12) - gain @ H
-            self.P = left @ self.P @ left.T + gain @ noise @ gain.T
+            self.P = left @ self.P @ left.T + gain @ (S - H @ self.P @ H.T) @ gain.T
         return Closure(tilt, stated_rad, square, turn.seconds, turn.angle, bool(alarm))
+
+    def _expected_scatter(self, turn: Turn, H: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """(2, 2) covariance of the innovation: what P leaves open, in first and second order, and noise."""
+        unknown = np.trace(turn.slope @ self.P[:9, :9] @ turn.slope.T)  # rad^2, of the attitude
+        return H @ self.P @ H.T + noise + unknown**2 * np.eye(2)

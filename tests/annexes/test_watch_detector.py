@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 from conftest import DEG
-from watched import ACCEL_WHITE, RATE_HZ, WHITE, chosen, flat, samples
+from watched import ACCEL_WHITE, RATE_HZ, WHITE, G, chosen, flat, known, model_file, samples
 
-from session.io.errors import CalibrationError
+from session.io.errors import CalibrationError, FormatError
 from tinygc.annexes.watch.detector import PROCESSES, STATES, WHOLE, Detector, Window, ZeroFilter, root
-from tinygc.annexes.watch.expectation import _drift
+from tinygc.annexes.watch.expectation import ModelInUse, _drift, expect
 from tinygc.annexes.watch.settings import BLOCKS, CLIP, SHIFTS, TESTS, TIMES_S, settings
 from tinygc.closure.floor import BiasInstability
 
@@ -358,3 +359,43 @@ def test_after_a_gravity_alarm_a_change_within_a_rest_is_still_found():
         if filters.judge(reading(rng.normal(size=(3, 1)), gravity)).alarm[3, 0]:
             alarms.append(number)
     assert [number // 100 for number in alarms] == [1, 2]
+
+
+# What a model and what lies beside it give
+
+
+def test_the_figures_that_nobody_measured_are_the_usual_ones():
+    """Zero of the accelerometer 2 mg, zero's change 0.01 dps/K, the Earth across the vertical, of each of two components."""
+    found = expect(known(), RATE_HZ)
+    np.testing.assert_allclose(found.accel_offset, 2e-3 * G, rtol=0.01)
+    np.testing.assert_allclose(found.per_k / DEG, 0.01, rtol=0.01)
+    np.testing.assert_allclose(found.attitude, np.hypot(7.292115e-5 / np.sqrt(3), 0.002 * DEG), rtol=1e-6)
+    assert "change of the zero with temperature" in found.assumed
+    assert "temperature of the calibration" in found.assumed
+
+
+def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
+    model = tmp_path / "fit" / "model.json"
+    model.parent.mkdir()
+    model_file(model)
+    toml = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 100.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n[site]\nlatitude_deg = 60.0\ngravity_mps2 = 9.81\n'
+    (tmp_path / "session.toml").write_text(toml)
+    found = expect(ModelInUse.read(model), RATE_HZ)
+    np.testing.assert_allclose(found.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
+    assert found.earth_rps == pytest.approx(7.292115e-5 * np.sqrt(0.75), rel=1e-6)
+
+
+def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path):
+    """Python and the exported C take it from there."""
+    path = model_file(tmp_path / "model.json")
+    table = json.loads(path.read_text())
+    path.write_text(json.dumps(table | {"temperature_c": 31.5}))
+    used = ModelInUse.read(path)
+    found = expect(used, RATE_HZ)
+    assert found.reference_c == 31.5
+    assert "temperature of the calibration" not in found.assumed
+    assert settings(found, 1e6, 45.0).reference == np.float32(31.5)  # not that of the stream
+    for wrong in ("warm", True, 1e9, [1.0]):
+        path.write_text(json.dumps(table | {"temperature_c": wrong}))
+        with pytest.raises(FormatError, match="temperature_c is .*, expected degrees Celsius"):
+            ModelInUse.read(path)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tinygc.annexes.watch.expectation import MOST_TEMPERATURE_C
 from tinygc.annexes.watch.settings import (
     BLOCKS,
     CHANNELS,
@@ -24,7 +25,6 @@ from tinygc.annexes.watch.settings import (
     MOST_GAP,
     MOST_RATE_RPS,
     MOST_SCATTER,
-    MOST_TEMPERATURE_C,
     NOISE_WINDOWS,
     ROOT_STEPS,
     SHIFTS,

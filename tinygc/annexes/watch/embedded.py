@@ -23,7 +23,7 @@ from tinygc.annexes.watch.detector import (
     ROW,
     STATES,
 )
-from tinygc.annexes.watch.expectation import ModelInUse, expect
+from tinygc.annexes.watch.expectation import MOST_TEMPERATURE_C, ModelInUse, expect
 from tinygc.annexes.watch.settings import (
     BLOCKS,
     CLIP,
@@ -31,7 +31,6 @@ from tinygc.annexes.watch.settings import (
     MOST_GAP,
     MOST_RATE_RPS,
     MOST_SCATTER,
-    MOST_TEMPERATURE_C,
     NOISE_WINDOWS,
     ROOT_STEPS,
     SHIFTS,

@@ -378,7 +378,8 @@ def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
     model = tmp_path / "fit" / "model.json"
     model.parent.mkdir()
     model_file(model)
-    toml = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 100.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n[site]\nlatitude_deg = 60.0\ngravity_mps2 = 9.81\n'
+    sensor = "[sensor]\nodr_hz = 100.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n"
+    toml = f'schema = "tinygc-session/1"\n{sensor}[site]\nlatitude_deg = 60.0\ngravity_mps2 = 9.81\n'
     (tmp_path / "session.toml").write_text(toml)
     found = expect(ModelInUse.read(model), RATE_HZ)
     np.testing.assert_allclose(found.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
@@ -397,5 +398,5 @@ def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path)
     assert settings(found, 1e6, 45.0).reference == np.float32(31.5)  # not that of the stream
     for wrong in ("warm", True, 1e9, [1.0]):
         path.write_text(json.dumps(table | {"temperature_c": wrong}))
-        with pytest.raises(FormatError, match="temperature_c is .*, expected degrees Celsius"):
+        with pytest.raises(FormatError, match=r"temperature_c is .*, expected degrees Celsius"):
             ModelInUse.read(path)

@@ -104,8 +104,9 @@ class Judged:
 class ZeroFilter:
     """The filters and tests of S independent streams, all float32.
 
-    P (15, S) covariance of one axis' states, row by row of the lower triangle, x (5, 3, S); gravity_P (28, S), gravity_x (7, S); own (S,):
-    variance of gravity's length from attitude to attitude; noise (2, S): scatter of rate and force over the stated, averaged; cusum (4, 2, 4, S): of each channel, for a rise and for a fall.
+    P (15, S) covariance of one axis' states, row by row of the lower triangle, x (5, 3, S); gravity_P (28, S), gravity_x (7, S);
+    own (S,): variance of gravity's length from attitude to attitude; noise (2, S): scatter of rate and force over the stated, averaged;
+    cusum (4, 2, 4, S): of each channel, for a rise and for a fall.
     """
 
     def __init__(self, chosen: Settings, copies: int = 1):

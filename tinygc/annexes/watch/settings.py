@@ -16,7 +16,7 @@ from session.detect.stills import QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO
 from session.io.errors import CalibrationError
 from session.io.units import DEG
 from tinygc.annexes.watch.bars import bar_of
-from tinygc.annexes.watch.expectation import MOST_TEMPERATURE_C, Expectation, Wander
+from tinygc.annexes.watch.expectation import Expectation, Wander
 from tinygc.estimation.expected_zero import END_S
 
 #: s of a block, in which stillness is judged, and blocks of a window, whose mean is one reading of the zero

@@ -93,7 +93,7 @@ class SourceOptions:
 
 
 def require_source(source: str) -> None:
-    """Raise FormatError for what is neither a log nor a port, such as a named pipe or a log that is not there, before anything waits for it."""
+    """Raise FormatError for what is neither a log nor a port, as a named pipe or a log that is not there, before anything waits for it."""
     path = Path(source)
     if path.is_dir():
         raise FormatError(f"{source}: a folder; watch a log, a port, udp:HOST:PORT, or - for standard input")

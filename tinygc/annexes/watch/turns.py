@@ -52,7 +52,7 @@ class Turn:
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # sample from which the next step goes
 
     def add(self, omega: np.ndarray, measured: np.ndarray, dt: np.ndarray) -> None:
-        """Add samples: calibrated and measured rate (N, 3) rad/s, each less that of the rest before, dt (N,) s since the sample before each."""
+        """Add samples: calibrated and measured rate (N, 3) rad/s, both less that of the rest; dt (N,) s since the sample before each."""
         omega = omega - measured @ self.applied.reshape(3, 3).T
         if self._last is None:
             dt = dt[1:]

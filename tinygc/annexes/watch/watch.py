@@ -281,7 +281,7 @@ class Watch:
             self._forget_turn()
 
     def _closed(self, turn: Turn, end: np.ndarray, judged: Judged) -> Iterator[Event]:
-        """judged: the window behind the turn.  A zero that has jumped since the rest before has done so at an unknown moment of the turn."""
+        """judged: the window behind the turn.  A zero that has jumped did so at an unknown moment of the turn."""
         innovation = judged.whole[:3, 0].astype(float) * float(judged.sigma[0, 0])
         jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
         variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))

@@ -1,6 +1,6 @@
 """The watch: run lengths to a false alarm beside the stated, delays beside the bound, hours of rest, recorded rests, the C.
 
-python benchmarks/watch.py run-lengths | delays | rests [--hours 100] | recorded | code
+python benchmarks/watch.py run-lengths | turns | delays | rests [--hours 100] | recorded | code
 """
 
 from __future__ import annotations
@@ -24,16 +24,19 @@ from common import markdown, progress
 import tinygc
 from session.io.files import read_npz
 from session.io.units import DEG, DEG_PER_HOUR, NS_PER_S, G
+from tinygc.annexes.watch.bars import squares_bar_of
 from tinygc.annexes.watch.detector import Detector, Judged, Window, ZeroFilter
 from tinygc.annexes.watch.embedded import SOURCE, watch_files
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse
 from tinygc.annexes.watch.settings import BLOCK_S, BLOCKS, Settings, settings
 from tinygc.annexes.watch.source import Readings
+from tinygc.annexes.watch.turns import MOST_SQUARE, RATIO
 from tinygc.annexes.watch.watch import FALSE_ALARM_EVERY_S, Watch
 from tinygc.attitude import rotation
 from tinygc.closure.floor import TIMES_S, wander_covariance
 from tinygc.deploy.embedded.source import FLAGS
 from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_of
 
 WILD = Path(__file__).resolve().parent.parent.parent / "shared" / "wild"
 #: an ASM330LHH: N 0.21 °/√h, B 3 °/h, at 104 Hz
@@ -150,6 +153,44 @@ def run_lengths() -> None:
         rows.append([name, f"{stated}", measured, f"{100 * early:.0f} %", f"{np.sqrt(squares / most):.3f}", by_channel])
     progress("")
     print(markdown(["streams", "stated, windows", "measured", "alarmed within it", "rms z", "alarms by channel"], rows))
+
+
+def turns() -> None:
+    """Chi-squares of turns by a hand through the whole watch, nothing changed since the fit, and the run lengths of their test."""
+    squares = []
+    for unit in range(4):
+        with tempfile.TemporaryDirectory() as name:
+            fitted = tinygc.simulate(segments=30, seed=100 + unit, unit_seed=unit, closure_s=0.0, odr_hz=RATE_HZ)
+            folder = fitted.save(name + "/session")
+            tinygc.fit(folder, methods=("least_squares",)).save()
+            known = ModelInUse.read(Path(folder) / "fit" / "model_least_squares.json")
+        accelerometer = accelerometer_of(known.table, "a benchmark")
+        assert accelerometer is not None
+        for stream in range(6):
+            progress(f"unit {unit} stream {stream}")
+            session = tinygc.simulate(
+                segments=150, seed=1000 * unit + stream, unit_seed=unit, closure_s=0.0, odr_hz=RATE_HZ, still_s=4.0
+            ).session
+            s, watch = session.logs[0].samples, Watch(known)
+            force = accelerometer.correct(np.asarray(s.accel[:], dtype=float))
+            temp_c = None if s.temp_c is None else np.asarray(s.temp_c[:], dtype=float)
+            found = [*watch.take(Readings(np.asarray(s.t_ns[:]), np.asarray(s.gyro[:], dtype=float), force, temp_c)), *watch.end()]
+            squares.append([event.table["chi_square"] for event in found if event.kind == "turn"])
+    progress("")
+    rows, every = [], np.concatenate(squares)
+    for stated in (30, 100, 300, 1000):
+        bar, alarms = squares_bar_of(RATIO, 2, stated), 0
+        for stream in squares:
+            total = 0.0
+            for square in stream:
+                total = max(0.0, total + min(square, MOST_SQUARE) * (1 - RATIO**-2) / 2 - 2 * np.log(RATIO))
+                if total >= bar:
+                    alarms, total = alarms + 1, 0.0
+        measured = f"{len(every) / alarms:.0f} ± {len(every) / alarms**1.5:.0f}" if alarms else f"none in {len(every)}"
+        rows.append([f"{stated}", measured])
+    print(f"{len(every)} turns in {len(squares)} streams; chi-square of 2 degrees of freedom: mean {every.mean():.2f}")
+    print(f"by the third of a stream: {' '.join(f'{np.mean([np.mean(np.array_split(s, 3)[k]) for s in squares]):.2f}' for k in range(3))}")
+    print(markdown(["stated, turns", "measured"], rows))
 
 
 def delays() -> None:
@@ -354,10 +395,11 @@ def code() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("run-lengths", "delays", "rests", "recorded", "code"))
+    parser.add_argument("what", choices=("run-lengths", "turns", "delays", "rests", "recorded", "code"))
     parser.add_argument("--hours", type=float, default=100.0, help="of rests (%(default)s)")
     args = parser.parse_args()
-    {"run-lengths": run_lengths, "delays": delays, "rests": lambda: rests(args.hours), "recorded": recorded, "code": code}[args.what]()
+    commands = {"run-lengths": run_lengths, "turns": turns, "delays": delays, "recorded": recorded, "code": code}
+    (commands | {"rests": lambda: rests(args.hours)})[args.what]()
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ _START = {
 }
 _ALARM = {
     "channel?": words("zero x", "zero y", "zero z", "gravity", "closure"),
+    "channels?": [words("zero x", "zero y", "zero z", "gravity", "closure")],
     "sign?": words(1, -1),
     "kind?": words("step", "ramp", "step or ramp"),
     "began_s?": SIZE,
@@ -27,7 +28,11 @@ _ALARM = {
     "advice?": TEXT,
 }
 _TURN = dict.fromkeys(("tilt_deg?", "sigma_deg?", "chi_square?", "seconds?", "angle_deg?"), SIZE)
-_END = dict.fromkeys(("rests?", "turns?", "alarms?"), COUNT) | {"rested_s?": SIZE, "counts?": {"<kind>": COUNT}, "held?": maybe(FLAG)}
+_END = dict.fromkeys(("rests?", "short_rests?", "turns?", "alarms?"), COUNT) | {
+    "rested_s?": SIZE,
+    "counts?": {"<kind>": COUNT},
+    "held?": maybe(FLAG),
+}
 TABLES = {
     "tinygc-watch/1": {
         "event": words("start", "rest", "turn", "alarm", "remark", "end"),

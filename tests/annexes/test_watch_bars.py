@@ -7,8 +7,14 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import chi2
 
-from tinygc.annexes.watch.bars import bar_of, run_length, siegmund, squares_bar_of, squares_run_length
+from tinygc.annexes.watch.bars import bar_of, run_length, squares_bar_of, squares_run_length
 from tinygc.annexes.watch.settings import SHIFTS
+
+
+def siegmund(shift: float, bar: float) -> float:
+    """Siegmund's closed form (1985, 2.56), L(0) ~ (exp(2 k b) - 2 k b - 1) / (2 k^2) with k = shift / 2 and b = bar / shift + 1.166."""
+    b = bar / shift + 1.166
+    return float((np.exp(shift * b) - shift * b - 1) / (shift**2 / 2))
 
 
 @pytest.mark.parametrize("shift", [0.25, 0.5, 1.0])

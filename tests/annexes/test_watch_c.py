@@ -74,8 +74,8 @@ def answers(detector: Detector, rate, force, temp_c) -> list[tuple[int, int]]:
 
 def same_bits(state, detector: Detector) -> None:
     filters = detector.filter
-    for name in ("P", "x", "gravity_P", "gravity_x", "noise", "cusum"):
-        theirs = np.frombuffer(getattr(state, name), np.uint32)
+    for name in ("P", "x", "gravity_P", "gravity_x", "own", "noise", "cusum"):
+        theirs = np.array(getattr(state, name), np.float32).ravel().view(np.uint32)
         ours = np.ascontiguousarray(getattr(filters, name)[..., 0], dtype=np.float32).ravel().view(np.uint32)
         assert np.count_nonzero(theirs != ours) == 0, name
     assert (state.ticks, state.blocks, state.state) == (detector.ticks, detector.blocks, detector.state)

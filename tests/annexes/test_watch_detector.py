@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 from conftest import DEG
-from watched import ACCEL_WHITE, RATE_HZ, WHITE, chosen, flat, samples
+from watched import ACCEL_WHITE, RATE_HZ, WHITE, G, chosen, flat, known, model_file, samples
 
-from session.io.errors import CalibrationError
+from session.io.errors import CalibrationError, FormatError
 from tinygc.annexes.watch.detector import PROCESSES, STATES, WHOLE, Detector, Window, ZeroFilter, root
-from tinygc.annexes.watch.expectation import _drift
+from tinygc.annexes.watch.expectation import ModelInUse, _drift, expect
 from tinygc.annexes.watch.settings import BLOCKS, CLIP, SHIFTS, TESTS, TIMES_S, settings
 from tinygc.closure.floor import BiasInstability
 
@@ -318,3 +319,84 @@ def test_the_integers_of_a_sample_are_the_nearest():
     assert whole[:, 7].all()
     np.testing.assert_allclose(whole[:, :3], rate * 2**20, atol=0.55)
     np.testing.assert_allclose(whole[:, 3:6], force * 2**14, atol=0.55)
+
+
+def rested(c, gravity_of, rests: int, seed: int, length: int = 6) -> list[int]:
+    """Numbers of the rests, in random attitudes, in which gravity alarmed; gravity_of: direction (3,) -> normalised length."""
+    rng, filters, found = np.random.default_rng(seed), ZeroFilter(c), []
+    for number in range(rests):
+        along = rng.normal(size=3)
+        along /= np.linalg.norm(along)
+        filters.new_rest()
+        for _ in range(length):
+            filters.predict()
+            gravity = gravity_of(number, along) + rng.normal(size=1)
+            judged = filters.judge(reading(rng.normal(size=(3, 1)), gravity, direction=along))
+            assert np.isfinite(filters.gravity_P).all()
+            if judged.alarm[3, 0]:
+                found.append(number)
+    return found
+
+
+@pytest.mark.parametrize("size_mg", [10.0, 30.0, 200.0])
+@pytest.mark.parametrize("form", ["zero", "scale"])
+def test_an_accelerometer_that_has_changed_alarms_a_few_times(size_mg, form):
+    """A zero or a scale of another size from the tenth rest on: the watch goes on from what it has seen, in every attitude."""
+    c = chosen()
+    size = size_mg * 1e-3 / c.gravity_sigma
+    change = lambda number, along: (number >= 10) * size * (along[0] if form == "zero" else 1.0)  # noqa: E731
+    found = rested(c, change, 150, 13)
+    assert 10 <= found[0] < 16
+    assert len(found) <= 4
+
+
+def test_after_a_gravity_alarm_a_change_within_a_rest_is_still_found():
+    c = chosen()
+    filters, rng, alarms = ZeroFilter(c), np.random.default_rng(14), []
+    for number in range(300):
+        filters.predict()
+        gravity = rng.normal(size=1) + 500.0 * (number >= 100) + 10.0 * (number >= 200)
+        if filters.judge(reading(rng.normal(size=(3, 1)), gravity)).alarm[3, 0]:
+            alarms.append(number)
+    assert [number // 100 for number in alarms] == [1, 2]
+
+
+# What a model and what lies beside it give
+
+
+def test_the_figures_that_nobody_measured_are_the_usual_ones():
+    """Zero of the accelerometer 2 mg, zero's change 0.01 dps/K, the Earth across the vertical, of each of two components."""
+    found = expect(known(), RATE_HZ)
+    np.testing.assert_allclose(found.accel_offset, 2e-3 * G, rtol=0.01)
+    np.testing.assert_allclose(found.per_k / DEG, 0.01, rtol=0.01)
+    np.testing.assert_allclose(found.attitude, np.hypot(7.292115e-5 / np.sqrt(3), 0.002 * DEG), rtol=1e-6)
+    assert "change of the zero with temperature" in found.assumed
+    assert "temperature of the calibration" in found.assumed
+
+
+def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
+    model = tmp_path / "fit" / "model.json"
+    model.parent.mkdir()
+    model_file(model)
+    sensor = "[sensor]\nodr_hz = 100.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n"
+    toml = f'schema = "tinygc-session/1"\n{sensor}[site]\nlatitude_deg = 60.0\ngravity_mps2 = 9.81\n'
+    (tmp_path / "session.toml").write_text(toml)
+    found = expect(ModelInUse.read(model), RATE_HZ)
+    np.testing.assert_allclose(found.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
+    assert found.earth_rps == pytest.approx(7.292115e-5 * np.sqrt(0.75), rel=1e-6)
+
+
+def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path):
+    """Python and the exported C take it from there."""
+    path = model_file(tmp_path / "model.json")
+    table = json.loads(path.read_text())
+    path.write_text(json.dumps(table | {"temperature_c": 31.5}))
+    used = ModelInUse.read(path)
+    found = expect(used, RATE_HZ)
+    assert found.reference_c == 31.5
+    assert "temperature of the calibration" not in found.assumed
+    assert settings(found, 1e6, 45.0).reference == np.float32(31.5)  # not that of the stream
+    for wrong in ("warm", True, 1e9, [1.0]):
+        path.write_text(json.dumps(table | {"temperature_c": wrong}))
+        with pytest.raises(FormatError, match=r"temperature_c is .*, expected degrees Celsius"):
+            ModelInUse.read(path)

@@ -12,6 +12,7 @@ import time
 import numpy as np
 import processes
 import pytest
+from conftest import DEG
 from formats_page import strangers
 from watched import G, csv, joined, known, model_file, of_kind, samples, turning, watched
 
@@ -22,7 +23,7 @@ from session.io.results import json_line
 from tinygc.annexes.watch.alarm_command import AlarmCommand, words_of
 from tinygc.annexes.watch.lines import JsonLines
 from tinygc.annexes.watch.source import Readings, Remark, Restart, SourceOptions, _decoded
-from tinygc.annexes.watch.watch import Watch
+from tinygc.annexes.watch.watch import Watch, _cost_deg
 from tinygc.cli.arguments import duration
 from tinygc.deploy.calibration import Surroundings
 from tinygc.models.model import KnownSensor
@@ -62,6 +63,41 @@ def test_a_drift_is_told_from_a_step():
     step = of_kind(watched(joined(samples(400, 5), samples(30, 6, zero_dps=(0.02, 0, 0))))[1], "alarm")[0]
     assert step.table["kind"] in ("step", "step or ramp")
     assert step.table["began_s"] == pytest.approx(400, abs=8)
+
+
+def test_a_step_of_three_axes_is_one_alarm():
+    """One line, one run of a command; the table is of the largest, the cost of all."""
+    step = joined(samples(40, 1), samples(30, 2, zero_dps=(0.1, -0.2, 0.15)))
+    (alarm,) = of_kind(watched(step)[1], "alarm")
+    assert (alarm.table["channel"], alarm.table["sign"]) == ("zero y", -1)
+    assert alarm.table["channels"] == ["zero x", "zero y", "zero z"]
+    assert alarm.table["size_dps"] == pytest.approx(-0.2, abs=0.01)
+    assert alarm.table["cost_deg"] == pytest.approx(60 * np.linalg.norm([0.1, 0.2, 0.15]), rel=0.05)
+    assert "zero y: a step of -0.2" in alarm.words
+    assert "zero x: a step of +0.09" in alarm.words
+    assert "a rest does not test E" in alarm.words
+
+
+def test_the_cost_is_that_of_a_minute():
+    assert _cost_deg(np.array([0.05 * DEG, 0.0, 0.0])) == pytest.approx(3.0)
+
+
+def test_rests_that_were_too_short_are_counted():
+    still, moving = samples(1.5, 1), samples(3, 2)
+    moving = dataclasses.replace(moving, gyro=moving.gyro + np.sin(np.arange(300))[:, None])
+    _, events = watched(joined(samples(6, 3), moving, still, moving, still, moving, samples(6, 4)))
+    assert (events[-1].table["rests"], events[-1].table["short_rests"]) == (2, 2)
+    assert "2 rests (2 shorter ones passed over)" in events[-1].words
+    _, events = watched(joined(moving, still, moving))
+    assert "no rest that could be judged (1 were too short)" in events[-1].words
+
+
+@pytest.mark.parametrize("factor", [9.80665, 2.0, 0.5])
+def test_an_accelerometer_whose_unit_is_wrong_is_said(factor):
+    readings = samples(20, 1)
+    _, events = watched(dataclasses.replace(readings, accel=readings.accel * factor))
+    assert events[-1].table["held"] is None
+    assert f"the accelerometer reads {factor * 9.80665:.3g} m/s^2 on average, expected about 9.81: check its unit" in events[-1].words
 
 
 def test_gravity_is_described():
@@ -263,6 +299,7 @@ def test_datagrams(model):
         (("udp:nowhere",), 2),
         (("udp:127.0.0.1:99999",), 2),
         (("/dev/no-such-port",), 3),
+        (("{tmp}/no-such-log.csv",), 2),
         (("{tmp}",), 2),
         (("{log}", "--false-alarm-every", "1s"), 2),
         (("{log}", "--command", "'"), 2),

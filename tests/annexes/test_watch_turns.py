@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from conftest import DEG
-from watched import G, flat, known, of_kind, turning, watched
+from watched import RATE_HZ, G, flat, known, of_kind, turning, watched
 
 from tinygc.annexes.watch.turns import Turn, TurnTest
 from tinygc.attitude import rotation
@@ -19,9 +19,9 @@ def test_a_turn_is_the_product_of_its_steps():
     omega, dt = rng.normal(size=(200, 3)), np.full(200, 0.01)
     for part in (slice(0, 1), slice(1, 77), slice(77, 200)):
         turn.add(omega[part], omega[part], dt[part])
-    expected = rotation.compose(rotation.exp(omega * 0.01)[None])[0]
+    expected = rotation.compose(rotation.steps(omega[None], dt[None, 1:]))[0]
     np.testing.assert_allclose(np.abs(turn.q @ expected), 1, atol=1e-12)
-    assert turn.seconds == pytest.approx(2.0)
+    assert turn.seconds == pytest.approx(1.99)
 
 
 def test_its_slope_is_that_of_the_attitude():
@@ -133,3 +133,47 @@ def test_a_hand_that_begins_and_ends_softly_closes():
 def test_what_hardly_turns_is_no_turn():
     _, events = watched(turning(2, 5, angle_deg=5.0))
     assert not of_kind(events, "turn")
+
+
+# What was found in use
+
+
+def test_a_turn_states_the_sum_of_its_errors():
+    """Without E and a zero of the accelerometer: readings of both rests, white noise, the turn's own, the Earth, the lever of the zero."""
+    expected = flat(
+        parameters=np.zeros((12, 12)),
+        white=np.array([2e-4, 1e-4, 3e-4]),
+        attitude=np.full(3, 4e-5),
+        turn_rad=5e-4,
+        accel_white=np.array([1e-3, 2e-3, 1e-3]),
+        accel_attitude=3e-3,
+        accel_offset=np.zeros(3),
+    )
+    turn = Turn()
+    turn.add(np.tile([0.0, 0.0, 0.5], (401, 1)), np.zeros((401, 3)), np.full(401, 0.01))  # 4 s about the vertical, E without a slope
+    own = (3e-4**2) * 4.0 + (4e-5 * 4.0) ** 2 + 5e-4**2 + 2 * (3e-3**2 + 2e-3**2 / 2.0) / G**2
+    lever2 = (2 * np.sin(0.5 * 4.0 / 2) / 0.5) ** 2  # s^2: |integral of a vector that turns with 0.5 rad/s|
+    down = np.array([0.0, 0.0, -1.0])
+    for variance in (0.0, 1e-8):
+        found = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0)
+        assert found.sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
+
+
+def test_a_scale_that_has_changed_alarms_once_or_twice_and_is_followed():
+    """After an alarm the turns are held against the E that they show."""
+    readings, zero = turning(30, 1, scale=(1.03, 0.97, 1.02)), np.array([2.0, -2.0, 1.0]) * DEG
+    used = known(model=LinearModel(np.eye(3), -zero))
+    _, events = watched(dataclasses.replace(readings, gyro=readings.gyro + zero), known=used)
+    alarms, turns = of_kind(events, "alarm"), of_kind(events, "turn")
+    assert 1 <= len(alarms) <= 2
+    assert np.mean([event.table["chi_square"] for event in turns[-10:]]) < 6
+
+
+def test_a_zero_that_jumps_within_a_turn_is_no_closure():
+    readings = turning(12, 1)
+    rate = readings.gyro.copy()
+    rate[round(22.5 * RATE_HZ) :] += 1.0 * DEG  # within the third turn
+    _, events = watched(dataclasses.replace(readings, gyro=rate))
+    assert all(event.table["chi_square"] < 14 for event in of_kind(events, "turn"))
+    assert {event.table["channel"] for event in of_kind(events, "alarm")} <= {"zero x", "zero y", "zero z"}
+    assert len(of_kind(events, "alarm")) == 1

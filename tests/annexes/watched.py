@@ -146,6 +146,7 @@ class State(ctypes.Structure):
         ("x", ctypes.c_float * 15),
         ("gravity_P", ctypes.c_float * 28),
         ("gravity_x", ctypes.c_float * 7),
+        ("own", ctypes.c_float),
         ("noise", ctypes.c_float * 2),
         ("cusum", ctypes.c_float * 32),
         ("samples", ctypes.c_uint16),

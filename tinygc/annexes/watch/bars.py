@@ -9,7 +9,7 @@ is, in units of z, S <- max(0, S + z - k) with k = shift / 2, alarm at S >= h = 
     L(s) = 1 + L(0) Phi(k - s) + integral_0^h L(t) phi(t + k - s) dt
 
 which is solved at the nodes of a Gauss-Legendre quadrature, the continuous limit of the Markov chain of Brook & Evans (1972).
-Siegmund's closed form (1985, 2.56) is its check: L(0) ~ (exp(2 k b) - 2 k b - 1) / (2 k^2), b = h + 1.166.
+Siegmund's closed form (1985, 2.56) is its check, in the tests.
 
 Several tests alarm together as soon as one does.  Each gets an equal share of the rate: of m tests each has m times the run length, so
 that n rests give a false alarm with a probability of at most n over the run length, however the tests depend on each other.  No bar is
@@ -26,8 +26,6 @@ from scipy.special import ndtr
 
 #: nodes of the quadrature: some two in a unit of z for the longest bars
 NODES = 160
-#: mean excess of a random walk of N(0, 1) over a bar, both ways together (Siegmund)
-OVERSHOOT = 1.166
 
 
 def run_length(shift: float, bar: float) -> float:
@@ -42,12 +40,6 @@ def run_length(shift: float, bar: float) -> float:
 
     at = np.concatenate([[0.0], s])
     return float(np.linalg.solve(np.eye(len(at)) - row(at), np.ones(len(at)))[0])
-
-
-def siegmund(shift: float, bar: float) -> float:
-    """Siegmund's approximation of ``run_length``, for a shift up to about 1."""
-    b = bar / shift + OVERSHOOT
-    return float((np.exp(shift * b) - shift * b - 1) / (shift**2 / 2))
 
 
 @cache

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tinygc.annexes.watch.expectation import MOST_TEMPERATURE_C
 from tinygc.annexes.watch.settings import (
     BLOCKS,
     CHANNELS,
@@ -24,7 +25,6 @@ from tinygc.annexes.watch.settings import (
     MOST_GAP,
     MOST_RATE_RPS,
     MOST_SCATTER,
-    MOST_TEMPERATURE_C,
     NOISE_WINDOWS,
     ROOT_STEPS,
     SHIFTS,
@@ -105,7 +105,8 @@ class ZeroFilter:
     """The filters and tests of S independent streams, all float32.
 
     P (15, S) covariance of one axis' states, row by row of the lower triangle, x (5, 3, S); gravity_P (28, S), gravity_x (7, S);
-    noise (2, S): scatter of rate and force over the stated, averaged; cusum (4, 2, 4, S): of each channel, for a rise and for a fall.
+    own (S,): variance of gravity's length from attitude to attitude; noise (2, S): scatter of rate and force over the stated, averaged;
+    cusum (4, 2, 4, S): of each channel, for a rise and for a fall.
     """
 
     def __init__(self, chosen: Settings, copies: int = 1):
@@ -117,6 +118,7 @@ class ZeroFilter:
         self.gravity_P = np.zeros((len(G_ROW), copies), np.float32)
         for i in range(3):
             self.gravity_P[G_WHOLE[i, i]] = c.accel_offset
+        self.own = np.full(copies, c.accel_attitude, np.float32)
         self._begin_gravity()
         self.gravity_x = np.zeros((GRAVITY_STATES, copies), np.float32)
         self.noise = np.ones((2, copies), np.float32)
@@ -153,7 +155,7 @@ class ZeroFilter:
 
     def _begin_gravity(self) -> None:
         """Variances of what gravity's length has of its own in each rest."""
-        self.gravity_P[G_WHOLE[GRAVITY_ATTITUDE, GRAVITY_ATTITUDE]] = self.chosen.accel_attitude
+        self.gravity_P[G_WHOLE[GRAVITY_ATTITUDE, GRAVITY_ATTITUDE]] = self.own
         self.gravity_P[G_WHOLE[GRAVITY_COEFFICIENT, GRAVITY_COEFFICIENT]] = self.chosen.accel_per_k
 
     def judge(self, window: Window) -> Judged:
@@ -186,11 +188,12 @@ class ZeroFilter:
         # After an alarm the present reading is the new state.
         self.x[0] = np.where(zero_alarm, self.x[0] + innovation, self.x[0])
         self.P[0] = np.where(zero_alarm, self.P[0] + S, self.P[0])
-        for i in range(3):
-            at = G_WHOLE[i, i]
-            self.gravity_P[at] = np.where(gravity_alarm, self.gravity_P[at] + self.chosen.accel_offset, self.gravity_P[at])
-        own = self.gravity_x[GRAVITY_ATTITUDE]
-        self.gravity_x[GRAVITY_ATTITUDE] = np.where(gravity_alarm, own + innovation_g, own)
+        # Of gravity it is that of this attitude; in others it may differ by as much.
+        at = G_WHOLE[GRAVITY_ATTITUDE, GRAVITY_ATTITUDE]
+        self.gravity_P[at] = np.where(gravity_alarm, self.gravity_P[at] + Sg, self.gravity_P[at])
+        here, change = self.gravity_x[GRAVITY_ATTITUDE], innovation_g * innovation_g
+        self.gravity_x[GRAVITY_ATTITUDE] = np.where(gravity_alarm, here + innovation_g, here)
+        self.own = np.where(gravity_alarm & (change > self.own), change, self.own)
         self.cusum[:3] = np.where(zero_alarm, np.float32(0), self.cusum[:3])
         self.cusum[3] = np.where(gravity_alarm, np.float32(0), self.cusum[3])
         return Judged(z, whole, sigma, gain, alarm, follow, number)
@@ -204,6 +207,12 @@ class ZeroFilter:
         over = self.cusum >= c.bar[None, None, :, None]
         rise, fall = over[:, 0].any(axis=1), over[:, 1].any(axis=1)
         return np.where(rise, 1, np.where(fall, -1, 0)), np.argmax(over.any(axis=1), axis=1)
+
+    @property
+    def lasting(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3, S) zero without what the attitude of this rest adds, and its variance (S,) on each axis; normalised."""
+        among = WHOLE[:ATTITUDE, :ATTITUDE].ravel()
+        return summed(self.x[:ATTITUDE]), np.maximum(self.P[among].sum(axis=0), 0)
 
     @property
     def zero(self) -> np.ndarray:

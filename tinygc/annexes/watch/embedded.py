@@ -23,7 +23,7 @@ from tinygc.annexes.watch.detector import (
     ROW,
     STATES,
 )
-from tinygc.annexes.watch.expectation import ModelInUse, expect
+from tinygc.annexes.watch.expectation import MOST_TEMPERATURE_C, ModelInUse, expect
 from tinygc.annexes.watch.settings import (
     BLOCKS,
     CLIP,
@@ -31,7 +31,6 @@ from tinygc.annexes.watch.settings import (
     MOST_GAP,
     MOST_RATE_RPS,
     MOST_SCATTER,
-    MOST_TEMPERATURE_C,
     NOISE_WINDOWS,
     ROOT_STEPS,
     SHIFTS,
@@ -81,7 +80,7 @@ typedef struct {{
     int64_t squares[2], window_squares[2];
     int32_t sums[7], window_sums[7];
     float P[{states}], x[{n}][3], gravity_P[{gravity_states}], gravity_x[{m}];
-    float noise[2], cusum[4][2][{tests}];
+    float own, noise[2], cusum[4][2][{tests}];
     uint16_t samples, ticks;
     uint8_t spoilt, blocks, state, waiting;
 }} tinygc_watch;
@@ -108,7 +107,7 @@ _SOURCE = """\
 /* {title}  See {header}. */
 #include "{header}"
 
-#if defined(__STDC_VERSION__) && !defined(__GNUC__)
+#if defined(__clang__) || !defined(__GNUC__)
 #pragma STDC FP_CONTRACT OFF
 #endif
 
@@ -213,7 +212,7 @@ static void new_rest(tinygc_watch *w)
         for (int j = 0; j < {m}; j++)
             w->gravity_P[at(i, j)] = 0.0f;
     }}
-    w->gravity_P[at({gravity_attitude}, {gravity_attitude})] = GRAVITY_PRIOR[1];
+    w->gravity_P[at({gravity_attitude}, {gravity_attitude})] = w->own;
     w->gravity_P[at({gravity_coefficient}, {gravity_coefficient})] = GRAVITY_PRIOR[2];
 }}
 
@@ -296,9 +295,11 @@ static uint32_t judge(tinygc_watch *w)
                 w->x[i][a] = w->x[i][a] + K[i] * innovation[a];
     }}
     if (found_g) {{
-        for (int i = 0; i < 3; i++)
-            w->gravity_P[at(i, i)] = w->gravity_P[at(i, i)] + GRAVITY_PRIOR[0];
+        const float change = innovation_g * innovation_g;
+        w->gravity_P[at({gravity_attitude}, {gravity_attitude})] = w->gravity_P[at({gravity_attitude}, {gravity_attitude})] + Sg;
         w->gravity_x[{gravity_attitude}] = w->gravity_x[{gravity_attitude}] + innovation_g;
+        if (change > w->own)
+            w->own = change; /* in other attitudes it may differ by as much */
         for (int k = 0; k < {pairs}; k++)
             w->cusum[3][k / {tests}][k % {tests}] = 0.0f;
     }} else if (!(z >= {clip} || z <= -{clip})) {{
@@ -391,6 +392,7 @@ void tinygc_watch_start(tinygc_watch *w)
         w->gravity_P[at(i, i)] = GRAVITY_PRIOR[0];
     w->gravity_P[at({gravity_attitude}, {gravity_attitude})] = GRAVITY_PRIOR[1];
     w->gravity_P[at({gravity_coefficient}, {gravity_coefficient})] = GRAVITY_PRIOR[2];
+    w->own = GRAVITY_PRIOR[1];
     w->noise[0] = w->noise[1] = 1.0f;
     for (int c = 0; c < 4; c++)
         for (int k = 0; k < {pairs}; k++)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.config import Config, read_config
-from session.io.errors import CalibrationError
+from session.io.errors import CalibrationError, FormatError
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
@@ -43,6 +43,8 @@ USUAL_WHITE, USUAL_INSTABILITY, USUAL_COVARIANCE_RPS = 10 * MDPS / np.sqrt(2), 1
 USUAL_ACCEL_WHITE, USUAL_ACCEL_INSTABILITY_MPS2 = 150e-6 * G / np.sqrt(2), 0.1 * MG
 #: zero of a rest that depends on its attitude (g-sensitivity), where the fit's stills do not show it
 USUAL_ATTITUDE_RPS = 0.002 * DEG
+#: degC: others are no temperature
+MOST_TEMPERATURE_C = 200.0
 #: gravity at sea level lies within 0.026 m/s^2 of its mean, one sigma of a place that nobody names
 UNKNOWN_GRAVITY_MPS2 = 0.015
 
@@ -112,14 +114,18 @@ class ModelInUse:
         if noise is not None and found is None:
             raise CalibrationError(f"{noise}: no {FILE} there; run `calibrate noise` first, or give the file itself")
         figures = None if found is None else read_figures(found)
-        return cls(model, table, fit, config, figures)
+        return cls(model, table, fit, config, figures, _temperature_c(table, str(path)))
 
     @classmethod
     def of_export(cls, model: Model, context: Context) -> ModelInUse:
-        """The same of a model that is exported; reads the temperatures of its logs."""
-        span_c = context.temperature_c()
-        middle_c = None if span_c is None else sum(span_c) / 2
-        return cls(model, context.table, context.fit, context.config, context.noise, middle_c)
+        """The same of a model that is exported, so that the C has the settings of ``watch``.
+
+        Where the model's file does not have the temperature, as of an older fit, the logs have it.
+        """
+        temperature_c = _temperature_c(context.table, context.session)
+        if temperature_c is None and (span_c := context.temperature_c()) is not None:
+            temperature_c = sum(span_c) / 2
+        return cls(model, context.table, context.fit, context.config, context.noise, temperature_c)
 
 
 def expect(known: ModelInUse, rate_hz: float) -> Expectation:
@@ -163,8 +169,10 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
     thermal = known.model.kind == "thermal"
     if gravity is None:
         assumed.append("gravity of the place")
-    if not thermal and known.temperature_c is not None:
+    if not thermal:
         assumed.append("change of the zero with temperature")
+        if known.temperature_c is None:
+            assumed.append("temperature of the calibration")
     return Expectation(
         rate_hz,
         given(white, USUAL_WHITE, "white noise of the gyroscope"),
@@ -184,6 +192,14 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         _component(known.fit, "noise.turn", DEG) or 0.0,
         tuple(assumed),
     )
+
+
+def _temperature_c(table: dict, where: str) -> float | None:
+    """Mean temperature of the fitted session, as the model's file has it; None where it does not.  FormatError for what is none."""
+    found = table.get("temperature_c")
+    if found is not None and (isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) < MOST_TEMPERATURE_C):
+        raise FormatError(f"{where}: temperature_c is {found!r:.40}, expected degrees Celsius between ±{MOST_TEMPERATURE_C:g}; fit again")
+    return None if found is None else float(found)
 
 
 def _white(figures: NoiseFigures | None, kind: str, stills: list[float] | None, si: float) -> np.ndarray | None:

@@ -7,7 +7,7 @@ smaller than the figures at any time from a window to a day.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
@@ -27,12 +27,10 @@ FEWEST, MOST = 4, 500
 RATE_BITS, FORCE_BITS, TEMPERATURE_BITS = 20, 14, 8
 #: readings beyond these belong to no rest: rad/s and m/s^2 of a sample, rad/s of a block's mean, share of gravity of a block's force
 MOST_RATE_RPS, MOST_FORCE_MPS2, REST_RATE_RPS, FORCE_WITHIN = 0.5, 32.0, 10 * DEG, 0.25
-#: degC: others are no temperature
-MOST_TEMPERATURE_C = 200.0
 #: s, correlation times of the Gauss-Markov processes: with a walk they follow flicker noise from a window to a day within 7 %
 TIMES_S = (5.0, 200.0)
 #: shifts, in sigmas of a window, that the tests look for; both signs, on three axes and on gravity
-SHIFTS = (0.5, 1.0, 2.0, 4.0)
+SHIFTS = (0.25, 1.0, 2.0, 4.0)
 CHANNELS = ("zero x", "zero y", "zero z", "gravity")
 #: tests that share the rate of false alarms: those of the detector, and one of turns, which the controller lacks
 TESTS = 2 * len(CHANNELS) * len(SHIFTS) + 1
@@ -189,8 +187,3 @@ def _wander(wander: Wander, window_s: float, white: np.ndarray) -> tuple[float, 
     size, _ = nnls(columns * weight[:, None], drift * weight)
     size *= np.max(drift / np.maximum(columns @ size, 1e-300))
     return float(size[0]), size[1:] * -np.expm1(-2 * window_s / np.array(TIMES_S))
-
-
-def constants(chosen: Settings) -> dict[str, np.ndarray | np.float32 | int]:
-    """All numbers by name."""
-    return {field.name: getattr(chosen, field.name) for field in fields(chosen)}

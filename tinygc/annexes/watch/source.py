@@ -40,6 +40,8 @@ BLOCK, IDLE_S = 1 << 16, 0.2
 LIVE_BYTES = 4096
 #: bytes of a stream in which a sample must have come
 BARREN = 1 << 20
+#: ends of the names of files: what has one is no port, also where it is not there
+LOG_SUFFIXES = (".csv", ".gz", ".txt", ".log", ".tsv", ".dat", ".bin", ".npz", ".json", ".jsonl", ".ulg", ".bag", ".mcap", ".bfl", ".bbl")
 #: options of ``Answers`` that mean a table of another program
 OF_TABLES = ("columns", "time_unit", "gyro_unit", "accel_unit", "rows", "where", "lines", "packed", "topic", "like")
 
@@ -91,11 +93,12 @@ class SourceOptions:
 
 
 def require_source(source: str) -> None:
-    """Raise FormatError for what is neither a log nor a port, such as a named pipe, before anything waits for it."""
+    """Raise FormatError for what is neither a log nor a port, as a named pipe or a log that is not there, before anything waits for it."""
     path = Path(source)
     if path.is_dir():
         raise FormatError(f"{source}: a folder; watch a log, a port, udp:HOST:PORT, or - for standard input")
-    if source != STANDARD and path.exists() and not path.is_char_device():
+    named_as_log = path.suffix.lower() in LOG_SUFFIXES and not source.startswith("/dev/")
+    if source != STANDARD and (named_as_log or (path.exists() and not path.is_char_device())):
         require_file(path)
 
 

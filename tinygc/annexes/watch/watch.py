@@ -18,10 +18,10 @@ import numpy as np
 from session.detect.segments import pace_of
 from session.io.errors import DataError
 from session.io.units import DEG, MG, NS, NS_PER_S
-from tinygc.annexes.watch.change import WindowRecord, change_of
+from tinygc.annexes.watch.change import Change, WindowRecord, change_of
 from tinygc.annexes.watch.detector import Detector, Judged, Window
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse, expect
-from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, SHIFTS, Settings, settings
+from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, CLIP, FORCE_WITHIN, SHIFTS, Settings, settings
 from tinygc.annexes.watch.source import Item, Readings, Remark, Restart
 from tinygc.annexes.watch.turns import LEAST_RAD, LONGEST_S, Closure, Turn, TurnTest
 from tinygc.closure.motion import MINUTE_S, at_rest
@@ -69,13 +69,14 @@ class Watch:
         self.expected: Expectation | None = None
         self.settings: Settings | None = None
         self.counts: Counter[str] = Counter()
-        self.alarms, self.windows, self.rests, self.turns = 0, 0, 0, 0
+        self.alarms, self.windows, self.rests, self.turns, self.short = 0, 0, 0, 0, 0
         self.t_s = self.rested_s = 0.0
         self._base_ns = 0  # what makes stamps go on over restarts
         self._last_ns: int | None = None
         self._first_ns: int | None = None
         self._here: list[np.ndarray] = []  # first and last window of the present rest: zero, gravity, warmer
-        self._windows_here = 0
+        self._windows_here = self._quiet_blocks = 0
+        self._force_sum, self._force_count = 0.0, 0  # m/s^2, of all samples
 
     # From items to events.
 
@@ -99,6 +100,7 @@ class Watch:
 
     def _restart(self, item: Restart) -> Iterator[Event]:
         self.counts["restart"] += 1
+        self._end_quiet()
         yield from self._end_rest()
         self._base_ns += 0 if self._last_ns is None else self._last_ns
         self._last_ns = self._first_ns = None
@@ -179,6 +181,7 @@ class Watch:
         elif gap_ns > 0:
             samples = round(gap_ns * NS / self._period_s)
             yield from self._remark(Remark("gap", f"a gap of {gap_ns * NS:.3g} s", 1))
+            self._end_quiet()
             yield from self._end_rest()
             self._detector.gap(samples)
             self._stream = self._calibration.stream()
@@ -195,6 +198,8 @@ class Watch:
     def _calibrated(self, omega: np.ndarray, item: Readings) -> Iterator[Event]:
         n = self._detector.chosen.samples
         t_s = ((item.t_ns - (self._first_ns or 0)) + self._base_ns) * NS
+        self._force_sum += float(np.linalg.norm(item.accel, axis=1).sum())
+        self._force_count += len(item.accel)
         rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
         k, steps = 0, np.full(n, self._period_s)
         for _, quiet, window, judged in self._detector.feed(omega, item.accel, item.temp_c):
@@ -215,15 +220,19 @@ class Watch:
         seconds = float(block[2].sum())
         if quiet:
             self.rested_s += seconds
+            self._quiet_blocks += 1
+        else:
+            self._end_quiet()
         self._restless_s = 0.0 if window is not None else self._restless_s + seconds
         if self._restless_s > self._restless_said_s:
             self._restless_said_s *= 2
-            words = f"no rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s for {self._restless_s / 60:.0f} min: nothing could be judged"
+            why = f"no rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s for {self._restless_s / 60:.0f} min: nothing could be judged"
+            words = why + self._wrong_force()
             yield Event("remark", self.t_s, words, {"what": "no rest", "count": 1})
         if not quiet and self._here:
             yield from self._end_rest()
         if self._direction is not None:
-            yield from self._follow(block, window)
+            yield from self._follow(block, window, judged)
         if window is None or judged is None:
             return
         self._restless_said_s = RESTLESS_S
@@ -231,34 +240,51 @@ class Watch:
         if self._direction is None:
             self._pending.append(block)
         self._direction = window.direction[:, 0].astype(float)
+        self._resting_rps = block[1].mean(axis=0)
         self._here.append(np.concatenate([self._detector.filter.zero[:, 0], [window.gravity[0]], window.warmer]).astype(float))
         if len(self._here) > 2:  # of a rest, the first and the last window are kept
             del self._here[1]
         self._windows_here += 1
         yield from self._judged(window, judged)
 
-    def _follow(self, block: Arrays, window: Window | None) -> Iterator[Event]:
+    def _end_quiet(self) -> None:
+        """A quiet stretch has ended; one of a second or more in which no window was complete is a rest that was passed over."""
+        self.short += self._quiet_blocks >= BLOCKS // 2 and not self._windows_here
+        self._quiet_blocks = 0
+
+    def _wrong_force(self) -> str:
+        """What to say where the mean length of the force is not that of a rest."""
+        assert self.expected is not None
+        mean, gravity = self._force_sum / max(self._force_count, 1), self.expected.gravity_mps2
+        if not self._force_count or abs(mean / gravity - 1) < FORCE_WITHIN:
+            return ""
+        return f"; the accelerometer reads {mean:.3g} m/s^2 on average, expected about {gravity:.3g}: check its unit and full scale"
+
+    def _follow(self, block: Arrays, window: Window | None, judged: Judged | None) -> Iterator[Event]:
         """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
         kept = BLOCKS if window is not None else BLOCKS + 1
         while len(self._pending) > kept:
             if self._turn is None:
-                self._turn = Turn()
-                self._zero_rps = self._detector.filter.zero[:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
+                self._turn = Turn(self._turn_test.x[:9])
+                self._measured_rps = self._resting_rps
+                self._zero_rps = self._detector.filter.lasting[0][:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
             omega, measured, dt = self._pending.popleft()
-            self._turn.add(omega - self._zero_rps, measured, dt)
+            self._turn.add(omega - self._zero_rps, measured - self._measured_rps, dt)
         turn = self._turn
-        if window is not None:
+        if window is not None and judged is not None:
             self._turn = None
             self._pending.clear()
             if turn is not None and turn.angle > LEAST_RAD:
-                yield from self._closed(turn, window.direction[:, 0].astype(float))
+                yield from self._closed(turn, window.direction[:, 0].astype(float), judged)
         self._pending.append(block)
         if turn is not None and turn.seconds > LONGEST_S:
             self._forget_turn()
 
-    def _closed(self, turn: Turn, end: np.ndarray) -> Iterator[Event]:
-        c, f = self._detector.chosen, self._detector.filter
-        variance = float(np.max(c.rate_sigma_rps) ** 2 * max(float(f.P[0, 0]), 0.0))
+    def _closed(self, turn: Turn, end: np.ndarray, judged: Judged) -> Iterator[Event]:
+        """judged: the window behind the turn.  A zero that has jumped did so at an unknown moment of the turn."""
+        innovation = judged.whole[:3, 0].astype(float) * float(judged.sigma[0, 0])
+        jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
+        variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))
         assert self._direction is not None
         closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
         self.turns += 1
@@ -272,52 +298,54 @@ class Watch:
             self.alarms += 1
             advice = "take a new calibration, or `calibrate verify` with ten turns"
             said = f"ALARM closure: turns close worse than stated; the last by {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°; {advice}"
-            yield Event("alarm", self.t_s, said, {"channel": "closure", **table, "advice": advice})
+            yield Event("alarm", self.t_s, said, {"channel": "closure", "channels": ["closure"], **table, "advice": advice})
 
     # Windows: what the tests say.
 
     def _judged(self, window: Window, judged: Judged) -> Iterator[Event]:
         f = self._detector.filter
         self._records.append(WindowRecord.of(self.t_s, window, judged))
-        alarmed = [int(k) for k in np.flatnonzero(judged.alarm[:, 0])]
-        for channel in alarmed:
-            sign = int(judged.alarm[channel, 0])
-            begun = self.windows - int(self._since[channel, 0 if sign > 0 else 1, int(judged.shift[channel, 0])])
-            yield self._alarm(channel, sign, begun)
-        at_zero = f.cusum[..., 0] == 0
-        self._since[at_zero] = self.windows
+        alarmed = {int(k): int(judged.alarm[k, 0]) for k in np.flatnonzero(judged.alarm[:, 0])}
         if alarmed:
+            begun = {k: self.windows - int(self._since[k, 0 if sign > 0 else 1, int(judged.shift[k, 0])]) for k, sign in alarmed.items()}
+            yield self._alarm(alarmed, {k: change_of(self._records, k, begun[k], self._detector.chosen) for k in alarmed})
             self._records.clear()
+        self._since[f.cusum[..., 0] == 0] = self.windows
 
-    def _alarm(self, channel: int, sign: int, begun: int) -> Event:
-        """Of a channel, by a test whose sum began so many windows ago."""
+    def _alarm(self, alarmed: dict[int, int], changes: dict[int, Change]) -> Event:
+        """One event of all channels that alarm in a window: their signs, and what has changed.  Its table is of the largest change."""
         assert self.expected is not None
         c, f = self._detector.chosen, self._detector.filter
-        change = change_of(self._records, channel, begun, c)
         self.alarms += 1
-        began_s = change.began_s
-        table: dict[str, Any] = {"channel": CHANNELS[channel], "sign": sign, "began_s": round(began_s, 1), "kind": change.kind}
-        if channel < 3:
-            unit = float(c.rate_sigma_rps[channel])
-            size, sigma = change.size * unit / DEG, change.sigma * unit / DEG
-            zero = f.zero[:, 0].astype(float) * c.rate_sigma_rps
+        units = np.r_[c.rate_sigma_rps / DEG, c.gravity_sigma * self.expected.gravity_mps2 / MG]
+        sizes = {k: (change.size * float(units[k]), change.sigma * float(units[k])) for k, change in changes.items()}
+        zeros = [k for k in alarmed if k < 3]
+        first = max(zeros or alarmed, key=lambda k: abs(sizes[k][0]))
+        (size, sigma), change = sizes[first], changes[first]
+        table: dict[str, Any] = {"channel": CHANNELS[first], "channels": [CHANNELS[k] for k in alarmed], "sign": alarmed[first]}
+        table |= {"began_s": round(change.began_s, 1), "kind": change.kind}
+        after, advice = [], []
+        if zeros:
             changed = np.zeros(3)
-            changed[channel] = size * DEG
-            cost, whole = _cost_deg(changed), _cost_deg(zero)
-            advice = "take B anew (`calibrate verify` says how); the other parameters are not in question"
+            changed[zeros] = [sizes[k][0] * DEG for k in zeros]
+            zero = f.zero[:, 0].astype(float) * c.rate_sigma_rps
+            cost = _cost_deg(changed)
             table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
-            table |= {"cost_deg": cost, "zero_cost_deg": whole, "advice": advice}
-            amount = f"{size:+.3g} ± {sigma:.2g} dps"
-            after = f"; uncorrected it turns the attitude by {cost:.2g}° in the next minute"
-        else:
-            unit = c.gravity_sigma * self.expected.gravity_mps2 / MG
-            size, sigma = change.size * unit, change.sigma * unit
-            advice = "the accelerometer's zero or scale has changed: record it in six attitudes, then `calibrate verify`"
-            table |= {"size_mg": size, "sigma_mg": sigma, "cost_deg": float(np.degrees(abs(size) * 1e-3)), "advice": advice}
-            amount = f"{size:+.3g} ± {sigma:.2g} mg"
-            after = f"; a tilt from it errs by up to {table['cost_deg']:.2g}°"
-        words = f"ALARM {CHANNELS[channel]}: {change.words(amount)}{after}; {advice}"
-        return Event("alarm", self.t_s, words, table)
+            table |= {"cost_deg": cost, "zero_cost_deg": _cost_deg(zero)}
+            after.append(f"uncorrected it turns the attitude by {cost:.2g}° in the next minute")
+            advice.append("take B anew (`calibrate verify` says how); a rest does not test E")
+        if 3 in alarmed:
+            size, sigma = sizes[3]
+            tilt_deg = float(np.degrees(abs(size) * 1e-3))
+            table |= {"size_mg": size, "sigma_mg": sigma}
+            table.setdefault("cost_deg", tilt_deg)
+            after.append(f"a tilt from it errs by up to {tilt_deg:.2g}°")
+            advice.append("the accelerometer's zero or scale has changed: record it in six attitudes, then `calibrate verify`")
+        table["advice"] = "; ".join(advice)
+        order = sorted(alarmed, key=lambda k: k != first)
+        amounts = {k: f"{sizes[k][0]:+.3g} ± {sizes[k][1]:.2g} {'mg' if k == 3 else 'dps'}" for k in alarmed}
+        words = ", ".join(f"{CHANNELS[k]}: {changes[k].words(amounts[k])}" for k in order)
+        return Event("alarm", self.t_s, f"ALARM {words}; {'; '.join(after)}; {table['advice']}", table)
 
     def _end_rest(self) -> Iterator[Event]:
         """The rest has ended: what it was."""
@@ -349,10 +377,12 @@ class Watch:
             rest = self._stream.flush()
             if len(rest):
                 yield from self._calibrated(rest, _taken(self._waiting, len(rest)))
+        self._end_quiet()
         yield from self._end_rest()
         table = {
             "windows": self.windows,
             "rests": self.rests,
+            "short_rests": self.short,
             "turns": self.turns,
             "alarms": self.alarms,
             "rested_s": round(self.rested_s, 1),
@@ -363,8 +393,10 @@ class Watch:
 
     def _ended_words(self) -> str:
         if self.windows == 0:
-            return f"UNDECIDED: {self.t_s:.0f} s, and no rest that could be judged"
-        what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests, {self.turns} turns, {self.t_s / 3600:.2f} h"
+            short = f" ({self.short} were too short)" if self.short else ""
+            return f"UNDECIDED: {self.t_s:.0f} s, and no rest that could be judged{short}{self._wrong_force() if self.settings else ''}"
+        short = f" ({self.short} shorter ones passed over)" if self.short else ""
+        what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests{short}, {self.turns} turns, {self.t_s / 3600:.2f} h"
         return f"HELD: {what}, no alarm" if not self.alarms else f"ALARMS: {self.alarms} in {what}"
 
 

@@ -57,7 +57,8 @@ def hostile(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             force[at] = rng.choice([31.9999, 32.0, -32.0, 1e-40, -0.0], 3)
         else:
             rate[at] = rng.choice([0.49999997, 0.5, -0.5, 1e-45, -0.0], 3)
-    return tuple(each.astype(np.float32) for each in (rate, force, temp_c))
+    with np.errstate(over="ignore"):  # 1e30 times 1e30 and 1e38 is infinite: a reading, too
+        return tuple(each.astype(np.float32) for each in (rate, force, temp_c))
 
 
 def answers(detector: Detector, rate, force, temp_c) -> list[tuple[int, int]]:

@@ -60,7 +60,7 @@ def history(
     >>> folders = [f"{tempfile.mkdtemp()}/day{seed}" for seed in (1, 2)]
     >>> for seed, folder in zip((1, 2), folders):
     ...     session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=seed, unit_seed=1).session
-    ...     session.save(folder)
+    ...     _ = session.save(folder)
     ...     _ = tinygc.fit(folder, methods=("least_squares",)).save()
     >>> len(tinygc.history(folders).units[0].sessions)
     2

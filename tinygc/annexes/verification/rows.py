@@ -55,7 +55,7 @@ Profile = Callable[[np.ndarray], np.ndarray]
 class Rows:
     """Today's measurements as n rows.
 
-    r (n,): rad, rad/s, m/s^2; parameters (n, 21): their derivative by the accelerometer's correction and by the vector of the linear model;
+    r (n,): rad, rad/s, m/s^2; parameters (n, 21): their derivative by the accelerometer's correction and by the linear model's vector;
     spans_s (n,): duration of each row's turn, 1 of other rows;
     known (n, k): what is uncertain in the references, one sigma each: the Earth's rate, gravity's length; white (n, n): white noise;
     components: noise beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of

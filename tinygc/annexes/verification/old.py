@@ -43,7 +43,7 @@ class OldCalibration:
     """A stored calibration.
 
     path; model; table: what its file holds; accelerometer that its references came from, None where the file has none; covariance (21, 21)
-    of the accelerometer's correction and of the vector of the linear model, SI; own_lengths: whether the accelerometer was given: then its error
+    of the accelerometer's correction and of the linear model, SI; own_lengths: whether the accelerometer was given: then its error
     is in gravity's length, and E has taken up what it does to the turns; lacks: what the file does not say, a sentence each; goodness:
     chi-square and degrees of freedom of the fit's own closure, None where no fit.json lies beside it; noise: of that file, sizes, rad/s, of
     ``AT_REST``, each by one sigma more than was found.

@@ -251,8 +251,8 @@ def _decide(
         take = "take B anew: --write FILE writes the model with it"
         if e_seen:
             return _Decision(BIAS, f"B = {new}; {why}", take)
-        said = f"take B anew: B = {new}; {why}; this recording does not ask for E"
-        return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which tell of E")
+        said = f"take B anew: B = {new}; {why}; whether E holds stays open"
+        return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E")
     if unseen:
         turns = "record the turns above, with a rest before and after each, then verify again"
         if {bound.name for bound in unseen} == {B}:

@@ -15,7 +15,7 @@ from tinygc.annexes.verification import rows as rows_module
 from tinygc.annexes.verification.causes import Cause, Evidence, diagnose
 from tinygc.annexes.verification.cost import BOUND, bounds, cost_of, left_open
 from tinygc.annexes.verification.expected import ZERO
-from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE
+from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, variance_and_freedom
 from tinygc.annexes.verification.questions import (
     DRAWS,
     PLAUSIBLE,
@@ -282,6 +282,24 @@ def test_an_error_of_each_turn_is_no_excuse_for_what_is_left():
     )
     assert with_turn.statistic == pytest.approx(quiet.statistic, rel=1e-9)
     assert with_other.statistic == pytest.approx(quiet.statistic * 0.25 / (0.25 + 1.5**2), rel=1e-6)
+
+
+def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate():
+    """24 closures of variance 0.25; 18 rates at rest with 1.5^2 more, as the old fit found it, with 8 degrees of freedom."""
+    rows = made_rows(16, noise=2.0)
+    noise = with_component(rows, "noise.still_rate", STILL, 1.0, 0.1)
+    for known in (8.0, np.inf):
+        old = SimpleNamespace(**{**vars(OLD), "noise": {"noise.still_rate": (1.5**2, known)}})
+        found = {question.name: question for question in ask(rows, [], noise, old)}["noise"]
+        share = 18 * 1.5**2 / (0.25 + 1.5**2) / 42
+        other = 1 / (1 / noise.freedom + share**2 / known)
+        assert found.p_value == pytest.approx(stats.f.sf(found.statistic / found.rank, found.rank, other), rel=1e-6)
+
+
+def test_degrees_of_freedom_of_a_size_with_a_sigma():
+    assert variance_and_freedom(3.0, 0.3) == pytest.approx((9.09, 2 * 9.09**2 / 3.2562))
+    assert variance_and_freedom(0.0, 2.0) == pytest.approx((4.0, 1.0))
+    assert variance_and_freedom(2.0, 0.0) == (4.0, np.inf)
 
 
 def test_the_noise_is_estimated_beside_any_change_of_the_parameters():

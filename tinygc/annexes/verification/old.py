@@ -45,8 +45,8 @@ class OldCalibration:
     path; model; table: what its file holds; accelerometer that its references came from, None where the file has none; covariance (21, 21)
     of the accelerometer's correction and of the linear model, SI; own_lengths: whether the accelerometer was given: then its error
     is in gravity's length, and E has taken up what it does to the turns; lacks: what the file does not say, a sentence each; goodness:
-    chi-square and degrees of freedom of the fit's own closure, None where no fit.json lies beside it; noise: of that file, sizes, rad/s, of
-    ``AT_REST``, each by one sigma more than was found.
+    chi-square and degrees of freedom of the fit's own closure, None where no fit.json lies beside it; noise: of that file, by name of
+    ``AT_REST``: mean square of the size, (rad/s)^2, given its estimate and sigma, and the degrees of freedom of that variance.
     """
 
     path: Path
@@ -57,7 +57,7 @@ class OldCalibration:
     own_lengths: bool
     lacks: tuple[str, ...]
     goodness: tuple[float, int] | None = None
-    noise: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def linear(self) -> LinearModel:
@@ -160,16 +160,27 @@ def _positive(matrix: np.ndarray) -> np.ndarray:
     return (axes * np.maximum(size, 0.0)) @ axes.T
 
 
-def _of_fit(path: Path) -> tuple[tuple[float, int] | None, dict[str, float]]:
-    """Chi-square and degrees of freedom of ``goodness`` in fit.json, None where there is none; sizes of ``AT_REST``, rad/s."""
+def variance_and_freedom(size: float, sigma: float) -> tuple[float, float]:
+    """Mean square of a normal size with this mean and sigma; degrees of freedom of a variance of the same relative spread, 2 mean^2 / var.
+
+    mean = size^2 + sigma^2, var = 4 size^2 sigma^2 + 2 sigma^4.  A size that was not seen, of 0, has one.
+    """
+    mean, spread = size**2 + sigma**2, 4 * size**2 * sigma**2 + 2 * sigma**4
+    return mean, 2 * mean**2 / spread if spread > 0 else float("inf")
+
+
+def _of_fit(path: Path) -> tuple[tuple[float, int] | None, dict[str, tuple[float, float]]]:
+    """Chi-square and degrees of freedom of ``goodness`` in fit.json, None where there is none; ``OldCalibration.noise``."""
     table = read_json(path) if path.is_file() else {}
-    goodness, found = None, {}
+    goodness: tuple[float, int] | None = None
+    found: dict[str, tuple[float, float]] = {}
     with contextlib.suppress(KeyError, TypeError, ValueError):
         goodness = float(table["goodness"]["chi_square"]), int(table["goodness"]["freedom"])
     with contextlib.suppress(KeyError, TypeError, ValueError):
         for component in table["noise"]["components"]:
             if (name := component["name"]) in AT_REST:
-                found[name] = AT_REST[name] * float(np.hypot(component["size"], component["sigma"] or 0.0))
+                variance, freedom = variance_and_freedom(float(component["size"]), float(component["sigma"] or 0.0))
+                found[name] = AT_REST[name] ** 2 * variance, freedom
     return goodness, found
 
 

@@ -237,6 +237,11 @@ def seen(columns: np.ndarray) -> np.ndarray:
     return u[:, size > 0.1]
 
 
+def _whitened(factor: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """A covariance (n, n) in units of another one, whose lower triangular root is ``factor``."""
+    return solve_lower(factor, solve_lower(factor, part).T)
+
+
 def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     """Whether noise explains the turns' closure, and the rates at rest, beyond any change of the 21 parameters.
 
@@ -246,10 +251,12 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     """
     part = slice(0, rows.kinds[LENGTH].start) if old.noise or not rows.turns else rows.kinds[CLOSURE]
     keep = np.arange(len(rows.r))[part][~rows.blank[part]]
-    total = noise.named + rows.known @ rows.known.T
+    total, of_old = noise.named + rows.known @ rows.known.T, []
     for component in noise.parts:
         if component.name in old.noise:
-            total = total + (old.noise[component.name] ** 2 - component.s**2) * component.V
+            variance, known = old.noise[component.name]
+            total = total + (variance - component.s**2) * component.V
+            of_old.append((variance * component.V, known))
     columns, matrix = rows.parameters * PLAUSIBLE, np.r_[GYROSCOPE][MATRIX]
     if not rows.turns:  # rates at rest differ too little to ask for E: any factor on them would explain a jump
         total = total + columns[:, matrix] @ columns[:, matrix].T
@@ -263,7 +270,9 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     w = solve_lower(factor, rows.r[keep])
     left = w - q @ (q.T @ w)
     chi_square, left_rps = float(np.sum(left**2)), float(np.sqrt(np.sum((factor @ left / rows.spans_s[keep]) ** 2) / freedom))
-    ratio, other = chi_square / freedom, noise.freedom
+    # The expected square of each row is a mixture, whose degrees of freedom are those of its parts by their shares (Welch–Satterthwaite).
+    shares = [(float(np.trace(_whitened(factor, own[np.ix_(keep, keep)]))) / len(keep), known) for own, known in of_old]
+    ratio, other = chi_square / freedom, 1 / (1 / noise.freedom + sum(share**2 / known for share, known in shares))
     if old.goodness is not None and old.goodness[1] > 0 and (before := old.goodness[0] / old.goodness[1]) > 1:
         ratio, other = ratio / before, 1 / (1 / other + 1 / old.goodness[1])
     return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), 0.0, left_rps)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.config import Config, read_config
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import CalibrationError
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
@@ -114,7 +114,7 @@ class ModelInUse:
         if noise is not None and found is None:
             raise CalibrationError(f"{noise}: no {FILE} there; run `calibrate noise` first, or give the file itself")
         figures = None if found is None else read_figures(found)
-        return cls(model, table, fit, config, figures, _temperature_c(table, str(path)))
+        return cls(model, table, fit, config, figures, table.get("temperature_c"))
 
     @classmethod
     def of_export(cls, model: Model, context: Context) -> ModelInUse:
@@ -122,7 +122,7 @@ class ModelInUse:
 
         Where the model's file does not have the temperature, as of an older fit, the logs have it.
         """
-        temperature_c = _temperature_c(context.table, context.session)
+        temperature_c = context.table.get("temperature_c")
         if temperature_c is None and (span_c := context.temperature_c()) is not None:
             temperature_c = sum(span_c) / 2
         return cls(model, context.table, context.fit, context.config, context.noise, temperature_c)
@@ -192,14 +192,6 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         _component(known.fit, "noise.turn", DEG) or 0.0,
         tuple(assumed),
     )
-
-
-def _temperature_c(table: dict, where: str) -> float | None:
-    """Mean temperature of the fitted session, as the model's file has it; None where it does not.  FormatError for what is none."""
-    found = table.get("temperature_c")
-    if found is not None and (isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) < MOST_TEMPERATURE_C):
-        raise FormatError(f"{where}: temperature_c is {found!r:.40}, expected degrees Celsius between ±{MOST_TEMPERATURE_C:g}; fit again")
-    return None if found is None else float(found)
 
 
 def _white(figures: NoiseFigures | None, kind: str, stills: list[float] | None, si: float) -> np.ndarray | None:

@@ -198,11 +198,10 @@ ENDLESS = [bomb for bomb in BOMBS if bomb.name in KINDS]
 #: what is said of a folder, by command and place
 OF_A_FOLDER = {
     ("apply", "model.json"): "a folder without a fit",
-    ("verify", "model.json"): "a folder without a fit",
+    ("verify", "model.json"): "or give a model file",
     ("watch", "model.json"): "a folder without a fit",
     ("rates", "log0001.csv"): "a recording of rates has",
     ("watch", "log0001.csv"): "a folder; watch a log",
-    ("verify", "log0001.csv"): "session.toml",
 }
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from session.io.config import read_config
 from session.io.errors import CalibrationError, FormatError
-from session.io.files import result_folder
+from session.io.files import open_file, result_folder
 from session.io.results import write_text_whole
 from tinygc.annexes.certificate.content import Content, content_of
 from tinygc.annexes.certificate.dcc_file import dcc_text, require_fields
@@ -84,7 +84,11 @@ def check_before(folder: Path, form: Path | None, dcc: Path | None) -> None:
     Calibration Certificate needs, and FormatError for a damaged session.toml.
     """
     for path, mark in ((form, f"<title>{TITLE} "), (dcc, "digitalCalibrationCertificate")):
-        if path is not None and path.is_file() and mark.encode() in path.read_bytes()[:ENOUGH]:
+        if path is None or not path.is_file():
+            continue
+        with open_file(path) as stream:
+            begins = stream.read(ENOUGH)
+        if mark.encode() in begins:
             raise CalibrationError(f"{path}: holds a certificate, which may be issued; move it to its place, or give another file")
     if dcc is not None and (toml := folder / "session.toml").is_file():
         require_fields(read_config(toml))

@@ -92,8 +92,11 @@ def test_a_table_at_a_port(run, table):
         [*CALIBRATE, "table", "virtual", table, "--link", table.parent / "port"], stdout=PIPE, stderr=DEVNULL, text=True
     ) as virtual:
         heard(virtual.stdout, lambda line: "port" in line)
-        code, _, err = run("table", "turn", "outer", "20")
-        assert code == 2
+        for _ in range(2):  # a greeting that comes after the port was opened reads as a restart, once
+            code, _, err = run("table", "turn", "outer", "20")
+            assert code == 2
+            if "has restarted" not in err:
+                break
         assert "nobody can confirm it" in err.splitlines()[-1]
         refused(run("table", "turn", "outer", "200", "--yes"), "expected -180 to 180")
         code, out, err = run("table", "turn", "outer", "12", "--home", "--rate", "30", "--yes")

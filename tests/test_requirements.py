@@ -15,7 +15,6 @@ from tinygc.estimation.requirements import (
     Conformity,
     Measured,
     accelerometer_measured,
-    altogether,
     attitude_measured,
     closure_measured,
     conforms_probability,
@@ -131,13 +130,6 @@ def test_what_is_not_observed_or_has_no_uncertainty_is_not_decided_by_a_guard_ba
     for each in (conformity(0.0, Rule(GUARDED), observed=False), conformity(0.0, Rule(GUARDED), sigma=float("nan"))):
         assert (each.answer, each.risk) == ("not decided", None)
         assert each.to_json()["risk"] is each.to_json()["conformity_probability"] is None
-
-
-def test_one_failure_fails_and_one_open_answer_leaves_all_open():
-    passed, open_, failed = (conformity(value, Rule(GUARDED)) for value in (0, 3, 9))
-    assert altogether([passed, open_, failed]) == "fail"
-    assert altogether([passed, open_]) == "not decided"
-    assert altogether([passed]) == altogether([]) == "pass"
 
 
 def test_items_at_their_limit_pass_as_often_as_the_guard_band_says():

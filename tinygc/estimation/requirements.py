@@ -316,12 +316,6 @@ def rule_words(rule: Rule) -> str:
     )
 
 
-def altogether(conformities: Iterable[Conformity]) -> Answer:
-    """FAIL if any fails, else NOT DECIDED if any is not decided, else PASS."""
-    answers = {each.answer for each in conformities}
-    return "fail" if "fail" in answers else "not decided" if "not decided" in answers else "pass"
-
-
 # Measured values of a calibration, with their standard uncertainties.
 
 

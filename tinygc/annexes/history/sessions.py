@@ -144,7 +144,8 @@ def _named(units: Mapping[tuple[str, str], Sequence[UnitSession]]) -> str:
 
 def _fitted_folders(path: Path) -> tuple[list[Path], list[str]]:
     if not path.is_dir():
-        raise FormatError(f"{path}: not found; expected a fitted session folder, a folder that holds such, or a fleet's folder")
+        what = "that is a file" if path.exists() else "not found"
+        raise FormatError(f"{path}: {what}; expected a fitted session folder, a folder that holds such, or a fleet's folder")
     if is_session(path):
         return [path], []
     found, passed = [], []

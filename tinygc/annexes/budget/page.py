@@ -22,13 +22,12 @@ HEADER = ("source", "type", "dof", "size", "", "sensitivity", "u", "u²", "share
 
 def page(name: str, errors: Sequence[Budget], attitude: Sequence[Budget], motion: str, drawn: MonteCarlo | None) -> str:
     """The page as one HTML document; errors: of the parameters that are shown; name: of the session."""
+    colours = colours_of([*errors, *attitude])
+    of_errors = bars(errors, "Share of each source in the variance of each sensor error", colours)
+    of_attitude = bars(attitude, "Share of each source in the attitude's variance", colours)
     sections = [
-        Section(
-            "parameters", "Sensor errors", bars(errors, "Share of each source in the variance of each sensor error") + _summary(errors)
-        ),
-        Section(
-            "attitude", f"Attitude after {motion}", bars(attitude, "Share of each source in the attitude's variance") + _summary(attitude)
-        ),
+        Section("parameters", "Sensor errors", of_errors + _summary(errors)),
+        Section("attitude", f"Attitude after {motion}", of_attitude + _summary(attitude)),
     ]
     if drawn is not None:
         sections.append(_drawn(drawn))
@@ -41,12 +40,16 @@ def page(name: str, errors: Sequence[Budget], attitude: Sequence[Budget], motion
     return document(f"Uncertainty budget: {name}", head, sections, foot)
 
 
-def bars(budgets: Sequence[Budget], about: str) -> str:
-    """A figure of one stacked bar for each quantity, with the key of its sources."""
-    rows = [(row.source, budget.share(row)) for budget in budgets for row in budget.rows]
-    shown = list(dict.fromkeys(source for source, share in rows if share >= LEAST_SHARE))
-    kinds = {name: COLOURS[min(i, len(COLOURS) - 1)] for i, name in enumerate(shown)}
-    return figure(lambda width: _bars(budgets, kinds, width, about), "", [key(kinds[name], escape(name), "block") for name in shown])
+def colours_of(budgets: Sequence[Budget]) -> dict[str, str]:
+    """The colour of each source that has a share worth a key in one of the budgets."""
+    shown = dict.fromkeys(row.source for budget in budgets for row in budget.rows if budget.share(row) >= LEAST_SHARE)
+    return {name: COLOURS[min(i, len(COLOURS) - 1)] for i, name in enumerate(shown)}
+
+
+def bars(budgets: Sequence[Budget], about: str, colours: dict[str, str]) -> str:
+    """A figure of one stacked bar for each quantity, with the key of its sources; colours: of all sources on the page."""
+    keys = [key(colours[name], escape(name), "solid block") for name in colours_of(budgets)]
+    return figure(lambda width: _bars(budgets, colours, width, about), "", keys)
 
 
 def _bars(budgets: Sequence[Budget], kinds: dict[str, str], width: int, about: str) -> str:

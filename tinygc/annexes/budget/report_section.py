@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from session.io.texts import command_line
-from tinygc.annexes.budget.page import bars
+from tinygc.annexes.budget.page import bars, colours_of
 from tinygc.annexes.budget.quantities import sensor_error_budgets
 from tinygc.annexes.budget.text import largest_words
 from tinygc.reporting.html.evidence import ReportData
@@ -23,4 +23,5 @@ def section(evidence: ReportData) -> Section | None:
     worst = max(budgets, key=lambda each: each.share(each.largest[0]))
     said = paragraph(escape(f"Each bar is the variance of one sensor error by its sources. {worst.name}: {largest_words(worst)}."))
     more = paragraph("The tables, with degrees of freedom and coverage factors:") + code(command_line("budget", evidence.fit.session.name))
-    return Section("sources", "Where the uncertainty comes from", said + bars(budgets, "Share of each source in each sensor error") + more)
+    drawn = bars(budgets, "Share of each source in each sensor error", colours_of(budgets))
+    return Section("sources", "Where the uncertainty comes from", said + drawn + more)

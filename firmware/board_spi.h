@@ -8,7 +8,7 @@ void board_spi_start(void);
 
 void board_spi_select(int selected);
 
-/* As struct asm330lhh_bus wants it: -1, 0, or 1 while DMA goes on by itself. */
+/* As struct lsm6dsx_bus wants it: -1, 0, or 1 while DMA goes on by itself. */
 int board_spi_transfer(const uint8_t *out, uint8_t *in, unsigned count);
 
 void DMA2_Stream0_Handler(void);

@@ -15,9 +15,9 @@ static struct {
     uint32_t before, began_ms; /* the port's rate of before, or 0 */
 } trial;
 
-static enum result set(const struct asm330lhh_settings *settings)
+static enum result set(const struct lsm6dsx_settings *settings)
 {
-    if (!asm330lhh_possible(settings))
+    if (!lsm6dsx_possible(settings))
         return IMPOSSIBLE;
     if (!stream_carries(fifo_rate_hz(settings->odr, sensor_state()->freq_fine), status_rate_of_port()))
         return TOO_QUICK;
@@ -27,7 +27,7 @@ static enum result set(const struct asm330lhh_settings *settings)
 
 static enum result test(uint16_t sequence, enum port port)
 {
-    struct asm330lhh_tested tested;
+    struct lsm6dsx_tested tested;
     struct frame frame;
     if (!sensor_found())
         return NO_SENSOR;
@@ -87,11 +87,11 @@ static unsigned length_of(uint8_t type)
 
 static enum result obey(enum port port, const uint8_t *bytes)
 {
-    struct asm330lhh_settings settings = sensor_state()->settings;
+    struct lsm6dsx_settings settings = sensor_state()->settings;
     const uint8_t *body = bytes + HEAD;
     switch (bytes[0]) {
     case FRAME_SET_RATE:
-        settings.odr = asm330lhh_odr(get_f32(body));
+        settings.odr = lsm6dsx_odr(get_f32(body));
         return set(&settings);
     case FRAME_SET_RANGES:
         settings.gyro_fs_dps = get_u16(body);

@@ -7,19 +7,19 @@
 
 enum { TRIES = 3 };
 
-static const struct asm330lhh_bus BUS = {board_spi_transfer, board_spi_select, board_wait_us, board_microseconds};
+static const struct lsm6dsx_bus BUS = {board_spi_transfer, board_spi_select, board_wait_us, board_microseconds};
 
-static struct asm330lhh sensor;
+static struct lsm6dsx sensor;
 
 void sensor_start(void)
 {
-    struct asm330lhh_settings settings = {GYRO_FS_DPS, ACCEL_FS_G, asm330lhh_odr((float)ODR_HZ), LPF1_OFF, 2};
-    if (!asm330lhh_possible(&settings)) /* the model is of another sensor */
-        settings = (struct asm330lhh_settings){500, 4, 6, LPF1_OFF, 2};
+    struct lsm6dsx_settings settings = {GYRO_FS_DPS, ACCEL_FS_G, lsm6dsx_odr((float)ODR_HZ), LPF1_OFF, 2};
+    if (!lsm6dsx_possible(&settings)) /* the model is of another sensor */
+        settings = (struct lsm6dsx_settings){500, 4, 6, LPF1_OFF, 2};
     board_spi_start();
-    asm330lhh_attach(&sensor, &BUS, &settings);
+    lsm6dsx_attach(&sensor, &BUS, &settings);
     for (int n = 0; n < TRIES && !sensor.found; n++)
-        asm330lhh_start(&sensor);
+        lsm6dsx_start(&sensor);
 }
 
 int sensor_found(void)
@@ -27,7 +27,7 @@ int sensor_found(void)
     return sensor.found;
 }
 
-const struct asm330lhh *sensor_state(void)
+const struct lsm6dsx *sensor_state(void)
 {
     return &sensor;
 }
@@ -46,7 +46,7 @@ int sensor_stream(void)
     if (!sensor.found || (!more && !sensor.burst && now_ms == polled_ms))
         return 0;
     polled_ms = now_ms;
-    const unsigned count = asm330lhh_poll(&sensor, samples);
+    const unsigned count = lsm6dsx_poll(&sensor, samples);
     for (unsigned n = 0; n < count; n++) {
         stream_sample(samples[n].number - number, samples[n].t_us, samples[n].registers);
         number = samples[n].number;
@@ -55,18 +55,18 @@ int sensor_stream(void)
     return more;
 }
 
-enum fault sensor_set(const struct asm330lhh_settings *settings)
+enum fault sensor_set(const struct lsm6dsx_settings *settings)
 {
-    const struct asm330lhh_settings before = sensor.settings;
+    const struct lsm6dsx_settings before = sensor.settings;
     sensor.settings = *settings;
-    const enum fault fault = asm330lhh_start(&sensor);
+    const enum fault fault = lsm6dsx_start(&sensor);
     if (!sensor.found)
         sensor.settings = before;
     return fault;
 }
 
-void sensor_test(struct asm330lhh_tested *tested)
+void sensor_test(struct lsm6dsx_tested *tested)
 {
-    asm330lhh_self_test(&sensor, tested);
-    asm330lhh_start(&sensor);
+    lsm6dsx_self_test(&sensor, tested);
+    lsm6dsx_start(&sensor);
 }

@@ -38,7 +38,7 @@ uint32_t status_rate_of_port(void)
 
 static void say_info(void)
 {
-    const struct asm330lhh_settings *settings = &sensor_state()->settings;
+    const struct lsm6dsx_settings *settings = &sensor_state()->settings;
     const int sensor = sensor_found();
     const float paced_hz = pace.odr_hz > 0.0f ? pace.odr_hz : (float)ODR_HZ;
     struct frame frame;
@@ -52,7 +52,7 @@ static void say_info(void)
 
 static void say_board(void)
 {
-    const struct asm330lhh *sensor = sensor_state();
+    const struct lsm6dsx *sensor = sensor_state();
     struct frame frame;
     frame_begin(&frame, FRAME_BOARD, stream_sequence());
     frame_u8(&frame, sensor_found() ? FROM_SENSOR : FROM_STANDIN);
@@ -62,10 +62,10 @@ static void say_board(void)
     frame_u8(&frame, FIRMWARE_PATCH);
     frame_u8(&frame, sensor->who);
     frame_u8(&frame, (uint8_t)sensor->freq_fine);
-    for (int n = 1; n < ASM330LHH_KEPT; n++)
+    for (int n = 1; n < LSM6DSX_KEPT; n++)
         frame_u8(&frame, sensor->kept[n]);
     frame_u32(&frame, rate_of_port);
-    frame_f32(&frame, sensor_found() ? asm330lhh_nominal_hz(sensor->settings.odr) : (float)ODR_HZ);
+    frame_f32(&frame, sensor_found() ? lsm6dsx_nominal_hz(sensor->settings.odr) : (float)ODR_HZ);
     stream_frame(HOST, &frame);
 }
 
@@ -81,9 +81,10 @@ static void say_faults(void)
 {
     struct frame frame;
     frame_begin(&frame, FRAME_FAULTS, stream_sequence());
-    for (int fault = 0; fault < FAULTS; fault++)
+    for (int fault = 0; fault < FAULT_RATE; fault++)
         frame_u32(&frame, sensor_state()->faults[fault]);
-    frame_u32(&frame, stream_crowded_out());
+    frame_u32(&frame, stream_crowded_out()); /* firmware 1.0 ended here */
+    frame_u32(&frame, sensor_state()->faults[FAULT_RATE]);
     if (stream_frame(HOST, &frame))
         faults_said = all_faults();
     faults_ms = board_milliseconds();

@@ -33,7 +33,7 @@ def board_frame(
 
 
 def faults_frame(sequence: int = 0, **counts: int) -> bytes:
-    return frame(struct.pack("<BH16I", 0x06, sequence, *(counts.get(name, 0) for name in FAULTS)))
+    return frame(struct.pack("<BH17I", 0x06, sequence, *(counts.get(name, 0) for name in FAULTS)))
 
 
 def done_frame(sequence: int, command: int, result: int) -> bytes:
@@ -42,6 +42,12 @@ def done_frame(sequence: int, command: int, result: int) -> bytes:
 
 def self_test_frame() -> bytes:
     return frame(struct.pack("<BHH6f", 0x08, 0, 2, 300, 310, 320, 90, 95, 100))
+
+
+def test_faults_of_firmware_1_0_have_no_rate():
+    """Sixteen counts, as boards in the field send them."""
+    (message,) = StreamDecoder().feed(HELLO + frame(struct.pack("<BH16I", 0x06, 0, *range(16))))[-1:]
+    assert message.counts == (*range(16), 0)
 
 
 def test_every_field_of_the_four_frames():

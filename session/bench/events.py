@@ -96,12 +96,13 @@ STANDIN, SENSOR = 0, 1
 #: counts of a faults frame, in its order
 FAULTS = (
     *("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset"),
-    *("changed", "identity", "silent", "stamp", "incomplete", "starts", "lost", "crowded_out"),
+    *("changed", "identity", "silent", "stamp", "incomplete", "starts", "lost", "crowded_out", "rate"),
 )
+FIRST_FAULTS_BYTES = 64  #: of firmware 1.0, which counted all but "rate"
 _HEAD = struct.Struct("<BH")
 _CONTENT = {
     BOARD_TYPE: struct.Struct("<BBBBBBb10sIf"),
-    FAULTS_TYPE: struct.Struct("<16I"),
+    FAULTS_TYPE: struct.Struct("<17I"),
     DONE_TYPE: struct.Struct("<BB"),
     TESTED_TYPE: struct.Struct("<H6f"),
 }
@@ -177,7 +178,11 @@ BoardMessage = BoardStatus | FaultCounts | CommandResult | SelfTestResult
 
 def decode_message(body: bytes) -> BoardMessage | None:
     """Decode a frame's body without its CRC; None where its type or its length is none of the four."""
-    if len(body) < _HEAD.size or body[0] not in _CONTENT or len(body) != _HEAD.size + _CONTENT[body[0]].size:
+    if len(body) < _HEAD.size or body[0] not in _CONTENT:
+        return None
+    if body[0] == FAULTS_TYPE and len(body) == _HEAD.size + FIRST_FAULTS_BYTES:
+        body += bytes(_CONTENT[FAULTS_TYPE].size - FIRST_FAULTS_BYTES)
+    if len(body) != _HEAD.size + _CONTENT[body[0]].size:
         return None
     kind, sequence = _HEAD.unpack_from(body)
     values = _CONTENT[kind].unpack_from(body, _HEAD.size)

@@ -58,6 +58,7 @@ FAULT_SAYS = {
     "silent": ("the sensor fell silent", WIRES),
     "stamp": ("the sensor's stamps did not follow each other", WIRES),
     "incomplete": ("words of a sample did not come", WIRES),
+    "rate": ("the sensor gave samples at another rate than was set", "look at its supply"),
     "crowded_out": ("the board's port had no room", "a higher --baud, or a lower --odr"),
 }
 #: counts of samples, or of consequences of another fault

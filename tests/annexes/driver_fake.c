@@ -2,15 +2,15 @@
  * the test has put there. */
 #include <string.h>
 
-#include "asm330lhh.h"
-#include "asm330lhh_registers.h"
-#include "asm330lhh_self_test.h"
+#include "lsm6dsx.h"
+#include "lsm6dsx_registers.h"
+#include "lsm6dsx_self_test.h"
 #include "fault.h"
 
 enum { MOST_WORDS = 1 << 20, LOG = 1024 };
 enum { ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES };
 
-struct asm330lhh sensor;
+struct lsm6dsx sensor;
 uint8_t registers[128];
 uint8_t stuck; /* a register that takes nothing, or 0 */
 uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
@@ -28,7 +28,7 @@ static struct {
 void reset_registers(void)
 {
     memset(registers, 0, sizeof registers);
-    registers[WHO_AM_I] = ASM330LHH_WHO;
+    registers[WHO_AM_I] = LSM6DSX_WHO;
     registers[CTRL3_C] = IF_INC;
     registers[CTRL9_XL] = 0xE0;
     registers[INTERNAL_FREQ_FINE] = fine;
@@ -133,28 +133,28 @@ static uint32_t time_us(void)
     return ++now_us;
 }
 
-static const struct asm330lhh_bus BUS = {transfer, select_chip, wait_us, time_us};
+static const struct lsm6dsx_bus BUS = {transfer, select_chip, wait_us, time_us};
 
 void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1, uint16_t lpf2)
 {
-    const struct asm330lhh_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
+    const struct lsm6dsx_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
     behaviour = ANSWERS;
     fine = warmth = stuck = 0;
     now_us = transfers = logged = words_in = words_out = breaks_after = 0;
     overrun = busy_polls = pushed = 0;
     reset_registers();
-    asm330lhh_attach(&sensor, &BUS, &settings);
+    lsm6dsx_attach(&sensor, &BUS, &settings);
 }
 
 int possible(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1, uint16_t lpf2)
 {
-    const struct asm330lhh_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
-    return asm330lhh_possible(&settings);
+    const struct lsm6dsx_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
+    return lsm6dsx_possible(&settings);
 }
 
 int start(void)
 {
-    return (int)asm330lhh_start(&sensor);
+    return (int)lsm6dsx_start(&sensor);
 }
 
 void push(const uint8_t *words, uint32_t count)
@@ -169,7 +169,7 @@ unsigned poll(unsigned times, struct fifo_sample *out, unsigned most)
     struct fifo_sample some[FIFO_SAMPLES];
     unsigned count = 0;
     for (unsigned n = 0; n < times; n++) {
-        const unsigned got = asm330lhh_poll(&sensor, some);
+        const unsigned got = lsm6dsx_poll(&sensor, some);
         now_us += 1000;
         for (unsigned i = 0; i < got && count < most; i++)
             out[count++] = some[i];
@@ -192,18 +192,18 @@ int freq_fine(void)
     return sensor.freq_fine;
 }
 
-void self_test(struct asm330lhh_tested *tested)
+void self_test(struct lsm6dsx_tested *tested)
 {
-    asm330lhh_self_test(&sensor, tested);
+    lsm6dsx_self_test(&sensor, tested);
 }
 
 /* The FIFO's words without a bus, so many microseconds each. */
 unsigned take_words(uint8_t odr, int8_t freq_fine, const uint8_t *words, uint32_t count, uint32_t counts[FAULTS], struct fifo_sample *out, uint32_t word_us)
 {
-    static struct asm330lhh_fifo fifo;
+    static struct lsm6dsx_fifo fifo;
     unsigned samples = 0;
-    fifo = (struct asm330lhh_fifo){0};
-    fifo_begin(&fifo, odr, freq_fine);
+    fifo = (struct lsm6dsx_fifo){0};
+    fifo_begin(&fifo, odr, freq_fine, 0);
     fifo_temperature(&fifo, 0);
     for (uint32_t n = 0; n < count; n++)
         samples += (unsigned)fifo_take(&fifo, words + n * FIFO_WORD_BYTES, n * word_us, counts, out + samples);

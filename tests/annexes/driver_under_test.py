@@ -15,12 +15,12 @@ from conftest import ROOT
 from processes import run
 
 FIRMWARE = ROOT / "firmware"
-DRIVER = ("asm330lhh.c", "asm330lhh_bus.c", "asm330lhh_fifo.c", "asm330lhh_settings.c", "asm330lhh_self_test.c")
+DRIVER = ("lsm6dsx.c", "lsm6dsx_bus.c", "lsm6dsx_fifo.c", "lsm6dsx_settings.c", "lsm6dsx_self_test.c")
 SOURCES = (*DRIVER, "identity.c", "frames.c")
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wdouble-promotion", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover")
-#: enum fault of asm330lhh_fifo.h, in its order
+#: enum fault of lsm6dsx_fifo.h, in its order
 FAULTS = ("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset", "changed", "identity", "silent", "stamp", "incomplete")
-FAULTS += ("starts", "lost")
+FAULTS += ("starts", "lost", "rate")
 NONE = len(FAULTS)
 GYRO, ACCEL, TEMPERATURE, STAMP, CONFIGURATION = 1, 2, 3, 4, 5
 ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES = range(5)
@@ -47,7 +47,7 @@ def library() -> ctypes.CDLL:
     found.fifo_rate_hz.argtypes = [ctypes.c_uint8, ctypes.c_int8]
     found.fifo_tick_q32.restype = ctypes.c_uint64
     found.fifo_tick_q32.argtypes = [ctypes.c_int8]
-    found.asm330lhh_odr.argtypes = [ctypes.c_float]
+    found.lsm6dsx_odr.argtypes = [ctypes.c_float]
     found.identity_serial.restype = found.identity_crc32.restype = ctypes.c_uint32
     return found
 

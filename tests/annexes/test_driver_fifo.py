@@ -39,8 +39,8 @@ def test_the_true_rate_and_the_true_tick_of_all_256_values():
 
 def test_the_codes_of_the_rates():
     for odr, nominal in enumerate(RATES_HZ, 1):
-        assert library().asm330lhh_odr(nominal) == odr
-    assert [library().asm330lhh_odr(hz) for hz in (0.0, 1.6, 300.0, 8000.0, float("nan"), float("inf"), -833.0)] == [0] * 7
+        assert library().lsm6dsx_odr(nominal) == odr
+    assert [library().lsm6dsx_odr(hz) for hz in (0.0, 1.6, 300.0, 8000.0, float("nan"), float("inf"), -833.0)] == [0] * 7
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -1,6 +1,6 @@
 /* From the words of the FIFO to samples with a stamp and a number.  No bus in here. */
-#ifndef ASM330LHH_FIFO_H
-#define ASM330LHH_FIFO_H
+#ifndef LSM6DSX_FIFO_H
+#define LSM6DSX_FIFO_H
 
 #include <stdint.h>
 
@@ -21,6 +21,7 @@ enum fault {
     FAULT_INCOMPLETE, /* time slots without gyroscope, accelerometer or stamp */
     FAULT_STARTS,     /* starts again, whether they succeeded or not */
     FAULT_LOST,       /* sample periods without a sample, as the stamps show them */
+    FAULT_RATE,       /* registers as set, but samples come at another rate */
     FAULTS
 };
 
@@ -39,7 +40,7 @@ struct fifo_sample {
     int16_t registers[7]; /* gx gy gz ax ay az temp */
 };
 
-struct asm330lhh_fifo {
+struct lsm6dsx_fifo {
     /* The time slot in hand. */
     uint8_t have, count, spoilt, open; /* open: 0 none, 1 the first behind a gap, 2 another */
     int16_t values[6];
@@ -63,19 +64,20 @@ float fifo_rate_hz(uint8_t odr, int8_t freq_fine);
 /* True tick of the stamps in 2^-32 us, 25 us / (1 + 0.0015 f). */
 uint64_t fifo_tick_q32(int8_t freq_fine);
 
-/* The sensor has been started: its stamps restart, time and number go on by the target's clock. */
-void fifo_begin(struct asm330lhh_fifo *fifo, uint8_t odr, int8_t freq_fine);
+/* The sensor has been started: its stamps restart, time and number go on by the target's clock.  unsettled: time slots that come first
+ * and are no samples, as the filters have not settled. */
+void fifo_begin(struct lsm6dsx_fifo *fifo, uint8_t odr, int8_t freq_fine, uint16_t unsettled);
 
 /* Words are missing: what follows need not follow on. */
-void fifo_gap(struct asm330lhh_fifo *fifo);
+void fifo_gap(struct lsm6dsx_fifo *fifo);
 
-void fifo_temperature(struct asm330lhh_fifo *fifo, int16_t value);
+void fifo_temperature(struct lsm6dsx_fifo *fifo, int16_t value);
 
 /* The place of the one word whose tag is none, its parity even; count where there is no such word.  MANY_UNKNOWN where there are more, or
  * fewer than a slot's words behind it: then no word can be trusted, as the bytes may have slipped. */
 unsigned fifo_unknown_tag(const uint8_t *words, unsigned count);
 
 /* Take a word that was made at the target's time now_us; 1 where it completes a sample. */
-int fifo_take(struct asm330lhh_fifo *fifo, const uint8_t *word, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out);
+int fifo_take(struct lsm6dsx_fifo *fifo, const uint8_t *word, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out);
 
 #endif

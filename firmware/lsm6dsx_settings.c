@@ -1,6 +1,6 @@
 /* Ranges, rates and filters, and the registers that hold them. */
-#include "asm330lhh.h"
-#include "asm330lhh_registers.h"
+#include "lsm6dsx.h"
+#include "lsm6dsx_registers.h"
 
 enum {
     LATENCY_US = 10000, /* the watermark is what comes in so long */
@@ -28,52 +28,52 @@ static int code_of(const struct code *codes, uint16_t value)
     return -1;
 }
 
-float asm330lhh_nominal_hz(uint8_t odr)
+float lsm6dsx_nominal_hz(uint8_t odr)
 {
     return NOMINAL_HZ[odr];
 }
 
-uint8_t asm330lhh_odr(float hz)
+uint8_t lsm6dsx_odr(float hz)
 {
-    for (uint8_t odr = ASM330LHH_SLOWEST; odr <= ASM330LHH_QUICKEST; odr++)
+    for (uint8_t odr = LSM6DSX_SLOWEST; odr <= LSM6DSX_QUICKEST; odr++)
         if (hz > 0.95f * NOMINAL_HZ[odr] && hz < 1.05f * NOMINAL_HZ[odr])
             return odr;
     return 0;
 }
 
-int asm330lhh_possible(const struct asm330lhh_settings *settings)
+int lsm6dsx_possible(const struct lsm6dsx_settings *settings)
 {
     return code_of(GYRO_FS, settings->gyro_fs_dps) >= 0 && code_of(ACCEL_FS, settings->accel_fs_g) >= 0 &&
-           settings->odr >= ASM330LHH_SLOWEST && settings->odr <= ASM330LHH_QUICKEST &&
+           settings->odr >= LSM6DSX_SLOWEST && settings->odr <= LSM6DSX_QUICKEST &&
            (settings->gyro_lpf1 <= 7 || settings->gyro_lpf1 == LPF1_OFF) &&
            (settings->accel_lpf2_divisor == 2 || code_of(LPF2, settings->accel_lpf2_divisor) >= 0);
 }
 
-void asm330lhh_write_settings(struct asm330lhh *sensor)
+void lsm6dsx_write_settings(struct lsm6dsx *sensor)
 {
-    const struct asm330lhh_settings *settings = &sensor->settings;
+    const struct lsm6dsx_settings *settings = &sensor->settings;
     const int lpf2 = code_of(LPF2, settings->accel_lpf2_divisor), lpf1 = settings->gyro_lpf1 != LPF1_OFF;
-    const float slots = asm330lhh_nominal_hz(settings->odr) * (float)LATENCY_US * 1e-6f;
+    const float slots = lsm6dsx_nominal_hz(settings->odr) * (float)LATENCY_US * 1e-6f;
     const unsigned watermark = WORDS_PER_SLOT * (slots < 1.0f ? 1u : slots > (float)SLOTS_MOST ? (unsigned)SLOTS_MOST : (unsigned)slots);
     const uint8_t rate = (uint8_t)(settings->odr << 4);
-    asm330lhh_write(sensor, CTRL3_C, BDU | IF_INC);
-    asm330lhh_write(sensor, CTRL4_C, (uint8_t)(I2C_DISABLE | (lpf1 ? LPF1_SEL_G : 0)));
-    asm330lhh_write(sensor, CTRL6_C, lpf1 ? settings->gyro_lpf1 : 0);
-    asm330lhh_write(sensor, CTRL8_XL, (uint8_t)(lpf2 > 0 ? lpf2 << 5 : 0));
-    asm330lhh_write(sensor, CTRL9_XL, asm330lhh_read_one(sensor, CTRL9_XL) | DEVICE_CONF);
-    asm330lhh_write(sensor, FIFO_CTRL4, BYPASS);
-    asm330lhh_write(sensor, FIFO_CTRL1, (uint8_t)watermark);
-    asm330lhh_write(sensor, FIFO_CTRL2, 0);
-    asm330lhh_write(sensor, FIFO_CTRL3, (uint8_t)(rate | settings->odr));
-    asm330lhh_write(sensor, INT1_CTRL, INT1_FIFO_TH);
-    asm330lhh_write(sensor, CTRL1_XL, (uint8_t)(rate | code_of(ACCEL_FS, settings->accel_fs_g) << 2 | (lpf2 >= 0 ? LPF2_XL_EN : 0)));
-    asm330lhh_write(sensor, CTRL2_G, (uint8_t)(rate | code_of(GYRO_FS, settings->gyro_fs_dps)));
-    asm330lhh_write(sensor, CTRL10_C, TIMESTAMP_EN);
+    lsm6dsx_write(sensor, CTRL3_C, BDU | IF_INC);
+    lsm6dsx_write(sensor, CTRL4_C, (uint8_t)(I2C_DISABLE | (lpf1 ? LPF1_SEL_G : 0)));
+    lsm6dsx_write(sensor, CTRL6_C, lpf1 ? settings->gyro_lpf1 : 0);
+    lsm6dsx_write(sensor, CTRL8_XL, (uint8_t)(lpf2 > 0 ? lpf2 << 5 : 0));
+    lsm6dsx_write(sensor, CTRL9_XL, lsm6dsx_read_one(sensor, CTRL9_XL) | DEVICE_CONF);
+    lsm6dsx_write(sensor, FIFO_CTRL4, BYPASS);
+    lsm6dsx_write(sensor, FIFO_CTRL1, (uint8_t)watermark);
+    lsm6dsx_write(sensor, FIFO_CTRL2, 0);
+    lsm6dsx_write(sensor, FIFO_CTRL3, (uint8_t)(rate | settings->odr));
+    lsm6dsx_write(sensor, INT1_CTRL, INT1_FIFO_TH);
+    lsm6dsx_write(sensor, CTRL1_XL, (uint8_t)(rate | code_of(ACCEL_FS, settings->accel_fs_g) << 2 | (lpf2 >= 0 ? LPF2_XL_EN : 0)));
+    lsm6dsx_write(sensor, CTRL2_G, (uint8_t)(rate | code_of(GYRO_FS, settings->gyro_fs_dps)));
+    lsm6dsx_write(sensor, CTRL10_C, TIMESTAMP_EN);
 }
 
-int asm330lhh_as_set(const struct asm330lhh *sensor)
+int lsm6dsx_as_set(const struct lsm6dsx *sensor)
 {
-    const struct asm330lhh_settings *settings = &sensor->settings;
+    const struct lsm6dsx_settings *settings = &sensor->settings;
     const uint8_t *kept = sensor->kept - WHO_AM_I, rate = (uint8_t)(settings->odr << 4);
     const int lpf2 = code_of(LPF2, settings->accel_lpf2_divisor), lpf1 = settings->gyro_lpf1 != LPF1_OFF;
     const int filters = !(kept[CTRL1_XL] & LPF2_XL_EN) == (lpf2 < 0) && kept[CTRL8_XL] >> 5 == (lpf2 > 0 ? lpf2 : 0) &&
@@ -84,10 +84,10 @@ int asm330lhh_as_set(const struct asm330lhh *sensor)
            (kept[CTRL10_C] & TIMESTAMP_EN) && !kept[CTRL5_C];
 }
 
-enum fault asm330lhh_as_kept(const struct asm330lhh *sensor, const uint8_t now[ASM330LHH_KEPT])
+enum fault lsm6dsx_as_kept(const struct lsm6dsx *sensor, const uint8_t now[LSM6DSX_KEPT])
 {
     int zeros = 1, ones = 1, same = 1;
-    for (unsigned n = 0; n < ASM330LHH_KEPT; n++) {
+    for (unsigned n = 0; n < LSM6DSX_KEPT; n++) {
         zeros &= now[n] == 0x00;
         ones &= now[n] == 0xFF;
         same &= now[n] == sensor->kept[n];
@@ -96,7 +96,7 @@ enum fault asm330lhh_as_kept(const struct asm330lhh *sensor, const uint8_t now[A
         return FAULTS;
     if (zeros || ones)
         return zeros ? FAULT_ZEROS : FAULT_ONES;
-    if (now[0] != ASM330LHH_WHO)
+    if (now[0] != LSM6DSX_WHO)
         return FAULT_IDENTITY;
     return now[CTRL1_XL - WHO_AM_I] == 0 && now[CTRL2_G - WHO_AM_I] == 0 ? FAULT_RESET : FAULT_CHANGED;
 }

@@ -6,15 +6,15 @@
  *
  * WHO_AM_I is 0x6B in the ASM330LHHX, ASM330LHHXG1, ASM330LHB, ISM330DHCX, LSM6DSR and LSM6DSRX as well: it tells that somebody of the
  * family is there, not who. */
-#ifndef ASM330LHH_H
-#define ASM330LHH_H
+#ifndef LSM6DSX_H
+#define LSM6DSX_H
 
 #include <stdint.h>
 
-#include "asm330lhh_fifo.h"
+#include "lsm6dsx_fifo.h"
 
 /* The four functions of a target.  SPI mode 3 (or 0), at most 10 MHz. */
-struct asm330lhh_bus {
+struct lsm6dsx_bus {
     /* Exchange bytes; out may be null (zeros are sent), or in (what comes is dropped).  TRANSFER_DONE, TRANSFER_FAILED within a bounded
      * time, or TRANSFER_BUSY: it goes on by itself, and the driver asks again with the same arguments.  A target that waits never says
      * the last. */
@@ -27,25 +27,25 @@ struct asm330lhh_bus {
 enum { TRANSFER_FAILED = -1, TRANSFER_DONE = 0, TRANSFER_BUSY = 1 };
 
 /* Data rates by their code: 12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667 Hz. */
-enum { ASM330LHH_SLOWEST = 1, ASM330LHH_QUICKEST = 10, ASM330LHH_WHO = 0x6B, LPF1_OFF = 0xFF };
+enum { LSM6DSX_SLOWEST = 1, LSM6DSX_QUICKEST = 10, LSM6DSX_WHO = 0x6B, LPF1_OFF = 0xFF };
 
-struct asm330lhh_settings {
+struct lsm6dsx_settings {
     uint16_t gyro_fs_dps;        /* 125, 250, 500, 1000, 2000, 4000 */
     uint16_t accel_fs_g;         /* 2, 4, 8, 16 */
-    uint8_t odr;                 /* ASM330LHH_SLOWEST to ASM330LHH_QUICKEST, of both */
+    uint8_t odr;                 /* LSM6DSX_SLOWEST to LSM6DSX_QUICKEST, of both */
     uint8_t gyro_lpf1;           /* FTYPE 0 to 7, or LPF1_OFF */
     uint16_t accel_lpf2_divisor; /* bandwidth: data rate over 2 (without LPF2), 4, 10, 20, 45, 100, 200, 400, 800 */
 };
 
 /* WHO_AM_I to CTRL10_C as they were read back: what the session was recorded with. */
-enum { ASM330LHH_KEPT = 11 };
+enum { LSM6DSX_KEPT = 11 };
 
-struct asm330lhh {
-    const struct asm330lhh_bus *bus;
-    struct asm330lhh_settings settings;
-    struct asm330lhh_fifo fifo;
+struct lsm6dsx {
+    const struct lsm6dsx_bus *bus;
+    struct lsm6dsx_settings settings;
+    struct lsm6dsx_fifo fifo;
     uint32_t faults[FAULTS];
-    uint8_t kept[ASM330LHH_KEPT];
+    uint8_t kept[LSM6DSX_KEPT];
     int8_t freq_fine;
     uint8_t who;     /* the last WHO_AM_I that was read */
     uint8_t running; /* whether samples are to be expected */
@@ -61,46 +61,46 @@ struct asm330lhh {
 };
 
 /* The code of a nominal rate, within 5 %, or 0. */
-uint8_t asm330lhh_odr(float hz);
+uint8_t lsm6dsx_odr(float hz);
 
-float asm330lhh_nominal_hz(uint8_t odr);
+float lsm6dsx_nominal_hz(uint8_t odr);
 
 /* Whether the sensor has them. */
-int asm330lhh_possible(const struct asm330lhh_settings *settings);
+int lsm6dsx_possible(const struct lsm6dsx_settings *settings);
 
 /* Forget everything.  No transfer. */
-void asm330lhh_attach(struct asm330lhh *sensor, const struct asm330lhh_bus *bus, const struct asm330lhh_settings *settings);
+void lsm6dsx_attach(struct lsm6dsx *sensor, const struct lsm6dsx_bus *bus, const struct lsm6dsx_settings *settings);
 
 /* Reset, set, settle, read INTERNAL_FREQ_FINE, begin the FIFO.  Takes 0.1 s and some periods, at most 2.4 s.  FAULTS where it runs,
  * else the fault, which is counted. */
-enum fault asm330lhh_start(struct asm330lhh *sensor);
+enum fault lsm6dsx_start(struct lsm6dsx *sensor);
 
 /* The samples that have come since; most that there can be: FIFO_SAMPLES.  Call it each millisecond or so.  After a fault of the bus it
  * goes on where the sensor is as it was set; else it starts the sensor again, at most ten times a second. */
-unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out);
+unsigned lsm6dsx_poll(struct lsm6dsx *sensor, struct fifo_sample *out);
 
 /* What follows is between the driver's own files. */
 
 enum { TRANSFER_MOST_US = 20000 }; /* the longest burst takes 1 ms at 5 MHz */
 
 /* A transfer to its end; TRANSFER_FAILED, or TRANSFER_BUSY where it has none within TRANSFER_MOST_US. */
-int asm330lhh_transfer(struct asm330lhh *sensor, const uint8_t *out, uint8_t *in, unsigned count);
+int lsm6dsx_transfer(struct lsm6dsx *sensor, const uint8_t *out, uint8_t *in, unsigned count);
 
 /* Zeros where a transfer failed. */
-void asm330lhh_read(struct asm330lhh *sensor, uint8_t address, uint8_t *bytes, unsigned count);
-uint8_t asm330lhh_read_one(struct asm330lhh *sensor, uint8_t address);
-void asm330lhh_write(struct asm330lhh *sensor, uint8_t address, uint8_t value);
+void lsm6dsx_read(struct lsm6dsx *sensor, uint8_t address, uint8_t *bytes, unsigned count);
+uint8_t lsm6dsx_read_one(struct lsm6dsx *sensor, uint8_t address);
+void lsm6dsx_write(struct lsm6dsx *sensor, uint8_t address, uint8_t value);
 
 /* Identity and software reset; FAULTS, or what is wrong. */
-enum fault asm330lhh_reset(struct asm330lhh *sensor);
+enum fault lsm6dsx_reset(struct lsm6dsx *sensor);
 
 /* Both sensors on, the FIFO set up but in bypass. */
-void asm330lhh_write_settings(struct asm330lhh *sensor);
+void lsm6dsx_write_settings(struct lsm6dsx *sensor);
 
 /* Whether the registers that make up a sample were read back as they were written. */
-int asm330lhh_as_set(const struct asm330lhh *sensor);
+int lsm6dsx_as_set(const struct lsm6dsx *sensor);
 
 /* Whether WHO_AM_I to CTRL10_C are still those of the start; FAULTS, or what is wrong. */
-enum fault asm330lhh_as_kept(const struct asm330lhh *sensor, const uint8_t now[ASM330LHH_KEPT]);
+enum fault lsm6dsx_as_kept(const struct lsm6dsx *sensor, const uint8_t now[LSM6DSX_KEPT]);
 
 #endif

@@ -1,6 +1,6 @@
-#include "asm330lhh.h"
+#include "lsm6dsx.h"
 
-#include "asm330lhh_registers.h"
+#include "lsm6dsx_registers.h"
 
 enum {
     BOOT_MOST_MS = 100,       /* from power-up, and from a reset, to a sensor that answers */
@@ -13,18 +13,18 @@ enum {
 };
 
 /* The last burst, if there is one, to its end; what it brought is dropped. */
-static void abandon(struct asm330lhh *sensor)
+static void abandon(struct lsm6dsx *sensor)
 {
     if (sensor->burst) {
-        asm330lhh_transfer(sensor, 0, sensor->words, sensor->burst);
+        lsm6dsx_transfer(sensor, 0, sensor->words, sensor->burst);
         sensor->bus->select(0);
     }
     sensor->burst = 0;
 }
 
-void asm330lhh_attach(struct asm330lhh *sensor, const struct asm330lhh_bus *bus, const struct asm330lhh_settings *settings)
+void lsm6dsx_attach(struct lsm6dsx *sensor, const struct lsm6dsx_bus *bus, const struct lsm6dsx_settings *settings)
 {
-    *sensor = (struct asm330lhh){.bus = bus, .settings = *settings, .reason = FAULTS};
+    *sensor = (struct lsm6dsx){.bus = bus, .settings = *settings, .reason = FAULTS};
 }
 
 /* Whether it is one that the sensor need not have noticed. */
@@ -34,7 +34,7 @@ static int of_the_bus(enum fault fault)
 }
 
 /* Count a fault once, however often it is found again before the sensor runs. */
-static enum fault stand_still(struct asm330lhh *sensor, enum fault fault)
+static enum fault stand_still(struct lsm6dsx *sensor, enum fault fault)
 {
     const int once = sensor->running && (fault == FAULT_RESET || fault == FAULT_CHANGED); /* a bus that failed amid the registers looks so */
     const int goes_on = sensor->set_up && (once || of_the_bus(fault));
@@ -50,18 +50,18 @@ static enum fault stand_still(struct asm330lhh *sensor, enum fault fault)
 
 static enum fault identity_fault(uint8_t who)
 {
-    return who == ASM330LHH_WHO ? FAULTS : who == 0x00 ? FAULT_ZEROS : who == 0xFF ? FAULT_ONES : FAULT_IDENTITY;
+    return who == LSM6DSX_WHO ? FAULTS : who == 0x00 ? FAULT_ZEROS : who == 0xFF ? FAULT_ONES : FAULT_IDENTITY;
 }
 
-static enum fault identify(struct asm330lhh *sensor)
+static enum fault identify(struct lsm6dsx *sensor)
 {
     sensor->failed = 0;
-    sensor->who = asm330lhh_read_one(sensor, WHO_AM_I);
+    sensor->who = lsm6dsx_read_one(sensor, WHO_AM_I);
     return sensor->failed ? FAULT_HANG : identity_fault(sensor->who);
 }
 
 /* Identity, then a software reset: both sensors off before it, as the family's application notes ask for. */
-enum fault asm330lhh_reset(struct asm330lhh *sensor)
+enum fault lsm6dsx_reset(struct lsm6dsx *sensor)
 {
     abandon(sensor);
     sensor->set_up = 0;
@@ -72,25 +72,25 @@ enum fault asm330lhh_reset(struct asm330lhh *sensor)
     }
     if (fault != FAULTS)
         return fault;
-    asm330lhh_write(sensor, CTRL1_XL, 0);
-    asm330lhh_write(sensor, CTRL2_G, 0);
-    asm330lhh_write(sensor, CTRL3_C, SW_RESET | IF_INC);
+    lsm6dsx_write(sensor, CTRL1_XL, 0);
+    lsm6dsx_write(sensor, CTRL2_G, 0);
+    lsm6dsx_write(sensor, CTRL3_C, SW_RESET | IF_INC);
     for (int ms = 0; ms < BOOT_MOST_MS && !sensor->failed; ms++) {
         sensor->bus->wait(1000);
-        if (!(asm330lhh_read_one(sensor, CTRL3_C) & SW_RESET))
+        if (!(lsm6dsx_read_one(sensor, CTRL3_C) & SW_RESET))
             return sensor->failed ? FAULT_HANG : identify(sensor);
     }
     return sensor->failed ? FAULT_HANG : FAULT_RESET; /* which does not end */
 }
 
-static void settle(struct asm330lhh *sensor)
+static void settle(struct lsm6dsx *sensor)
 {
     const float periods = 4.0f + (float)sensor->settings.accel_lpf2_divisor;
-    const float ms = periods * 1000.0f / asm330lhh_nominal_hz(sensor->settings.odr);
+    const float ms = periods * 1000.0f / lsm6dsx_nominal_hz(sensor->settings.odr);
     sensor->bus->wait(1000u * (TURN_ON_MS + (ms < (float)SETTLE_MOST_MS ? (uint32_t)ms : (uint32_t)SETTLE_MOST_MS)));
 }
 
-static void run(struct asm330lhh *sensor)
+static void run(struct lsm6dsx *sensor)
 {
     sensor->reason = FAULTS;
     sensor->running = 1;
@@ -98,26 +98,26 @@ static void run(struct asm330lhh *sensor)
     sensor->data_us = sensor->bus->time();
 }
 
-enum fault asm330lhh_start(struct asm330lhh *sensor)
+enum fault lsm6dsx_start(struct lsm6dsx *sensor)
 {
     uint8_t temperature[2];
-    enum fault fault = asm330lhh_reset(sensor);
+    enum fault fault = lsm6dsx_reset(sensor);
     if (fault != FAULTS)
         return stand_still(sensor, fault);
-    asm330lhh_write_settings(sensor);
+    lsm6dsx_write_settings(sensor);
     settle(sensor);
-    sensor->freq_fine = (int8_t)asm330lhh_read_one(sensor, INTERNAL_FREQ_FINE); /* it may be another one before the sensors are on */
-    fifo_begin(&sensor->fifo, sensor->settings.odr, sensor->freq_fine);
-    if (asm330lhh_read_one(sensor, STATUS_REG) & TDA) {
-        asm330lhh_read(sensor, OUT_TEMP_L, temperature, 2);
+    sensor->freq_fine = (int8_t)lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE); /* it may be another one before the sensors are on */
+    fifo_begin(&sensor->fifo, sensor->settings.odr, sensor->freq_fine, 0);
+    if (lsm6dsx_read_one(sensor, STATUS_REG) & TDA) {
+        lsm6dsx_read(sensor, OUT_TEMP_L, temperature, 2);
         fifo_temperature(&sensor->fifo, (int16_t)(uint16_t)(temperature[0] | temperature[1] << 8));
     } /* else there is no sample before the first temperature comes through the FIFO */
-    asm330lhh_read(sensor, WHO_AM_I, sensor->kept, ASM330LHH_KEPT);
+    lsm6dsx_read(sensor, WHO_AM_I, sensor->kept, LSM6DSX_KEPT);
     sensor->who = sensor->kept[0];
-    asm330lhh_write(sensor, FIFO_CTRL4, CONTINUOUS);
-    const int begun = asm330lhh_read_one(sensor, FIFO_CTRL4) == CONTINUOUS;
+    lsm6dsx_write(sensor, FIFO_CTRL4, CONTINUOUS);
+    const int begun = lsm6dsx_read_one(sensor, FIFO_CTRL4) == CONTINUOUS;
     fault = sensor->failed ? FAULT_HANG : identity_fault(sensor->who);
-    if (fault == FAULTS && !(begun && asm330lhh_as_set(sensor)))
+    if (fault == FAULTS && !(begun && lsm6dsx_as_set(sensor)))
         fault = FAULT_CHANGED;
     if (fault != FAULTS)
         return stand_still(sensor, fault);
@@ -128,19 +128,19 @@ enum fault asm330lhh_start(struct asm330lhh *sensor)
 }
 
 /* Whether the registers are still those that were set; FAULTS, or what is wrong. */
-static enum fault proof(struct asm330lhh *sensor)
+static enum fault proof(struct lsm6dsx *sensor)
 {
-    uint8_t now[ASM330LHH_KEPT];
+    uint8_t now[LSM6DSX_KEPT];
     sensor->failed = 0;
-    asm330lhh_read(sensor, WHO_AM_I, now, sizeof now);
+    lsm6dsx_read(sensor, WHO_AM_I, now, sizeof now);
     if (sensor->failed)
         return FAULT_HANG;
     sensor->who = now[0];
-    return asm330lhh_as_kept(sensor, now);
+    return lsm6dsx_as_kept(sensor, now);
 }
 
 /* The words of a burst that has come in whole, if the registers behind it prove it. */
-static unsigned take_burst(struct asm330lhh *sensor, unsigned words, struct fifo_sample *out)
+static unsigned take_burst(struct lsm6dsx *sensor, unsigned words, struct fifo_sample *out)
 {
     const uint32_t word_us = (uint32_t)(1e6f / (WORDS_PER_SLOT * fifo_rate_hz(sensor->settings.odr, sensor->freq_fine)));
     const enum fault fault = proof(sensor);
@@ -173,7 +173,7 @@ static unsigned take_burst(struct asm330lhh *sensor, unsigned words, struct fifo
 }
 
 /* The burst that is on its way, or has just been requested. */
-static unsigned go_on(struct asm330lhh *sensor, struct fifo_sample *out)
+static unsigned go_on(struct lsm6dsx *sensor, struct fifo_sample *out)
 {
     const unsigned words = sensor->burst / FIFO_WORD_BYTES;
     const uint32_t passed_us = sensor->bus->time() - sensor->burst_us;
@@ -189,11 +189,11 @@ static unsigned go_on(struct asm330lhh *sensor, struct fifo_sample *out)
 }
 
 /* Words in the FIFO that are worth a burst. */
-static unsigned words_due(struct asm330lhh *sensor)
+static unsigned words_due(struct lsm6dsx *sensor)
 {
     uint8_t status[2];
     sensor->failed = 0;
-    asm330lhh_read(sensor, FIFO_STATUS1, status, 2);
+    lsm6dsx_read(sensor, FIFO_STATUS1, status, 2);
     if (sensor->failed) {
         stand_still(sensor, FAULT_HANG);
         return 0;
@@ -215,14 +215,14 @@ static unsigned words_due(struct asm330lhh *sensor)
 }
 
 /* A bus that failed may be back, and the sensor as it was: then its stamps show what is missing.  Else it is started again. */
-static void try_again(struct asm330lhh *sensor)
+static void try_again(struct lsm6dsx *sensor)
 {
     const uint32_t now_us = sensor->bus->time(), passed_us = now_us - sensor->tried_us;
     if (!sensor->found || passed_us < (sensor->set_up ? LOOK_AGAIN_US : TRY_AGAIN_US))
         return;
     if (!sensor->set_up) {
         sensor->faults[FAULT_STARTS]++;
-        asm330lhh_start(sensor);
+        lsm6dsx_start(sensor);
         return;
     }
     const enum fault fault = proof(sensor);
@@ -235,7 +235,7 @@ static void try_again(struct asm330lhh *sensor)
     run(sensor);
 }
 
-unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out)
+unsigned lsm6dsx_poll(struct lsm6dsx *sensor, struct fifo_sample *out)
 {
     const uint32_t now_us = sensor->bus->time();
     if (!sensor->running) {
@@ -248,12 +248,12 @@ unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out)
     if (words) {
         const uint8_t address = READ | FIFO_DATA_OUT_TAG;
         sensor->bus->select(1);
-        asm330lhh_transfer(sensor, &address, 0, 1);
+        lsm6dsx_transfer(sensor, &address, 0, 1);
         sensor->burst = words * FIFO_WORD_BYTES;
         sensor->burst_us = now_us;
         return go_on(sensor, out);
     }
-    const uint32_t periods_us = (uint32_t)(4e6f / asm330lhh_nominal_hz(sensor->settings.odr)), quiet_us = now_us - sensor->data_us;
+    const uint32_t periods_us = (uint32_t)(4e6f / lsm6dsx_nominal_hz(sensor->settings.odr)), quiet_us = now_us - sensor->data_us;
     if (sensor->running && quiet_us > QUIET_US + periods_us) {
         const enum fault fault = proof(sensor);
         if (fault != FAULTS || quiet_us > SILENCE_US + periods_us)

@@ -1,4 +1,4 @@
-#include "asm330lhh_fifo.h"
+#include "lsm6dsx_fifo.h"
 
 /* Of TAG_SENSOR. */
 enum { GYRO = 1, ACCEL = 2, TEMPERATURE = 3, STAMP = 4, CONFIGURATION = 5 };
@@ -27,20 +27,21 @@ uint64_t fifo_tick_q32(int8_t freq_fine)
     return ((50000ull << 32) + divisor / 2) / divisor;
 }
 
-void fifo_gap(struct asm330lhh_fifo *fifo)
+void fifo_gap(struct lsm6dsx_fifo *fifo)
 {
     fifo->have = fifo->spoilt = fifo->open = fifo->ordered = 0;
 }
 
-void fifo_begin(struct asm330lhh_fifo *fifo, uint8_t odr, int8_t freq_fine)
+void fifo_begin(struct lsm6dsx_fifo *fifo, uint8_t odr, int8_t freq_fine, uint16_t unsettled)
 {
+    (void)unsettled;
     fifo_gap(fifo);
     fifo->warm = fifo->anchored = fifo->bad_stamps = 0;
     fifo->tick_q32 = fifo_tick_q32(freq_fine);
     fifo->period_q16 = (uint32_t)((((uint64_t)40000 << 16) << (QUICKEST - odr)) / 6667); /* both rates hang on one oscillator */
 }
 
-void fifo_temperature(struct asm330lhh_fifo *fifo, int16_t value)
+void fifo_temperature(struct lsm6dsx_fifo *fifo, int16_t value)
 {
     fifo->temperature = value;
     fifo->warm = 1;
@@ -73,7 +74,7 @@ static int16_t get_i16(const uint8_t *from)
 }
 
 /* Sample periods since the last stamp, or 0 where they are not whole.  The periods' number is known modulo 4, too, from TAG_CNT. */
-static uint32_t periods_since(const struct asm330lhh_fifo *fifo, uint32_t now_us)
+static uint32_t periods_since(const struct lsm6dsx_fifo *fifo, uint32_t now_us)
 {
     const uint32_t ticks = fifo->ticks - fifo->last_ticks;
     const uint64_t steps_q16 = (uint64_t)ticks << 16;
@@ -96,7 +97,7 @@ static uint32_t periods_since(const struct asm330lhh_fifo *fifo, uint32_t now_us
 
 /* The first sample after a start: time and number go on by the target's clock, which wraps: of an absence beyond 71.6 minutes the
  * whole 71.6 are missing. */
-static void anchor(struct asm330lhh_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS])
+static void anchor(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS])
 {
     const uint64_t period_q32 = (fifo->tick_q32 >> 16) * fifo->period_q16;
     if (fifo->streamed) {
@@ -115,7 +116,7 @@ static void anchor(struct asm330lhh_fifo *fifo, uint32_t now_us, uint32_t faults
 
 /* Stamps are whole ticks, six to a period at the highest rate.  Time goes on by periods, and stays within the tick that the stamp names:
  * so neither the stamps' steps nor an error of the period gets into it. */
-static void advance(struct asm330lhh_fifo *fifo, uint32_t periods, uint32_t faults[FAULTS])
+static void advance(struct lsm6dsx_fifo *fifo, uint32_t periods, uint32_t faults[FAULTS])
 {
     const uint32_t ticks = fifo->ticks - fifo->last_ticks;
     const int64_t foreseen = (int64_t)fifo->elapsed_q16 + (int64_t)periods * fifo->period_q16 - ((int64_t)ticks << 16);
@@ -128,7 +129,7 @@ static void advance(struct asm330lhh_fifo *fifo, uint32_t periods, uint32_t faul
 }
 
 /* The slot in hand as a sample, if it is one; 1 or 0. */
-static int finish(struct asm330lhh_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
+static int finish(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
 {
     const int whole = fifo->open && fifo->have == WHOLE && !fifo->spoilt;
     if (fifo->open > 1 && !whole) /* the first one may have begun before we came */
@@ -158,7 +159,7 @@ static int finish(struct asm330lhh_fifo *fifo, uint32_t now_us, uint32_t faults[
     return 1;
 }
 
-int fifo_take(struct asm330lhh_fifo *fifo, const uint8_t *word, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
+int fifo_take(struct lsm6dsx_fifo *fifo, const uint8_t *word, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
 {
     const uint8_t kind = word[0] >> 3, count = word[0] >> 1 & 3;
     int complete = 0;

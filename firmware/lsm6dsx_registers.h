@@ -1,6 +1,6 @@
 /* Registers of the ASM330LHH, by the maker's public header. */
-#ifndef ASM330LHH_REGISTERS_H
-#define ASM330LHH_REGISTERS_H
+#ifndef LSM6DSX_REGISTERS_H
+#define LSM6DSX_REGISTERS_H
 
 enum {
     FIFO_CTRL1 = 0x07,

@@ -217,7 +217,7 @@ def test_commands_are_answered_and_without_a_sensor_say_so(elf):
     assert [answers[n] for n in range(len(asked))] == [(command, result) for (command, _), result in zip(asked, results, strict=True)]
     assert (said[0x05][3], said[0x05][8]) == (0, 0)  # a stand-in; the WHO_AM_I of nobody
     assert len(said[0x05]) == 28
-    faults = struct.unpack("<16I", said[0x06][3:])
+    faults = struct.unpack("<17I", said[0x06][3:])
     assert faults[5] == 1  # the bus answers zeros
     assert sum(faults) == 1
     assert said[0x02][3:] == struct.pack("<HHfI", 500, 4, 208.0, 4711)

@@ -197,17 +197,31 @@ void self_test(struct lsm6dsx_tested *tested)
     lsm6dsx_self_test(&sensor, tested);
 }
 
-/* The FIFO's words without a bus, so many microseconds each. */
-unsigned take_words(uint8_t odr, int8_t freq_fine, const uint8_t *words, uint32_t count, uint32_t counts[FAULTS], struct fifo_sample *out, uint32_t word_us)
+/* The FIFO's words without a bus, each made at its time.  again: the sensor was started again before them; else all is forgotten first. */
+static struct lsm6dsx_fifo fifo;
+
+unsigned take_words(int again, uint8_t odr, int8_t freq_fine, uint16_t unsettled, const uint8_t *words, const uint32_t *made_us, uint32_t count,
+                    uint32_t counts[FAULTS], struct fifo_sample *out)
 {
-    static struct lsm6dsx_fifo fifo;
     unsigned samples = 0;
-    fifo = (struct lsm6dsx_fifo){0};
-    fifo_begin(&fifo, odr, freq_fine, 0);
-    fifo_temperature(&fifo, 0);
+    if (!again)
+        fifo = (struct lsm6dsx_fifo){0};
+    fifo_begin(&fifo, odr, freq_fine, unsettled);
+    if (!again)
+        fifo_temperature(&fifo, 0);
     for (uint32_t n = 0; n < count; n++)
-        samples += (unsigned)fifo_take(&fifo, words + n * FIFO_WORD_BYTES, n * word_us, counts, out + samples);
+        samples += (unsigned)fifo_take(&fifo, words + n * FIFO_WORD_BYTES, made_us[n], counts, out + samples);
     return samples;
+}
+
+int settled(void)
+{
+    return fifo.settled;
+}
+
+int bad_stamps(void)
+{
+    return fifo.bad_stamps;
 }
 
 /* The unique id of a chip, for identity.c. */

@@ -95,7 +95,7 @@ def words_of(slots: np.ndarray, ticks: np.ndarray, order: tuple[int, ...] = (GYR
     """FIFO words (3 n, 7) uint8 of time slots (n,): their number is in every value, so that a sample of two slots would show."""
     words = np.zeros((len(slots), len(order), 7), np.uint8)
     for place, kind in enumerate(order):
-        words[:, place, 0] = [tag(kind, int(slot)) for slot in slots & 3]
+        words[:, place, 0] = np.array([tag(kind, count) for count in range(4)], np.uint8)[slots & 3]
         values = np.zeros((len(slots), 3), "<i2")
         values[:] = registers_of(slots)[:, 0:3] if kind == GYRO else registers_of(slots)[:, 3:6]
         if kind == STAMP:
@@ -126,12 +126,26 @@ def poll(times: int, most: int = 1 << 18) -> np.ndarray:
     return out[: library().poll(times, out.ctypes.data_as(ctypes.c_void_p), most)]
 
 
-def take_words(words: np.ndarray, odr: int = 10, fine: int = 0, word_us: int = 50) -> tuple[np.ndarray, dict[str, int]]:
-    """The samples that the FIFO's part makes of these words, which come word_us apart, and the faults that it counts."""
+def take_words(
+    words: np.ndarray,
+    odr: int = 10,
+    fine: int = 0,
+    word_us: int = 50,
+    *,
+    made_us: np.ndarray | None = None,
+    unsettled: int = 0,
+    again: bool = False,
+) -> tuple[np.ndarray, dict[str, int]]:
+    """The samples that the FIFO's part makes of these words, and the faults that it counts.
+
+    The target makes them word_us apart, or at made_us (n,).  again: behind a restart, the words of the call before are not forgotten.
+    """
     data, counts = np.ascontiguousarray(words, np.uint8), (ctypes.c_uint32 * len(FAULTS))()
+    made = np.arange(len(data)) * word_us if made_us is None else np.asarray(made_us)
+    made = np.ascontiguousarray(made.astype(np.int64) & 0xFFFFFFFF, np.uint32)
     out = np.zeros(len(data) + 1, SAMPLE)
-    pointer = ctypes.c_void_p
-    count = library().take_words(odr, fine, data.ctypes.data_as(pointer), len(data), counts, out.ctypes.data_as(pointer), word_us)
+    at = [ctypes.c_void_p(array.ctypes.data) for array in (data, made, out)]
+    count = library().take_words(again, odr, fine, unsettled, at[0], at[1], len(data), counts, at[2])
     return out[:count], {name: number for name, number in zip(FAULTS, counts, strict=True) if number}
 
 

@@ -5,6 +5,7 @@
 
 #include "board_registers.h"
 #include "board_send.h"
+#include "board_watchdog.h"
 
 #define RCC_CR REG(RCC + 0x00)
 #define RCC_PLLCFGR REG(RCC + 0x04)
@@ -66,6 +67,7 @@ static void start_clock(void)
 
 void board_start(uint32_t baud)
 {
+    board_watchdog_start();
     start_clock();
     RCC_AHB1ENR |= 1u | 1u << 22;
     RCC_APB1ENR |= 1u << 17;
@@ -122,8 +124,10 @@ uint32_t board_microseconds(void)
 void board_wait_us(uint32_t us)
 {
     const uint32_t began = board_microseconds();
-    while (board_microseconds() - began < us)
+    while (board_microseconds() - began < us) {
         board_wait();
+        board_alive(); /* as long as the driver waits for a start and a self-test in here */
+    }
 }
 
 int board_read(enum port port)

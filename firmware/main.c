@@ -6,6 +6,7 @@
  * pace itself by the answers; without a sensor the stand-in then falls silent, and what was sent is streamed. */
 #include "answers.h"
 #include "board.h"
+#include "board_watchdog.h"
 #include "commands.h"
 #include "defaults.h"
 #include "frames.h"
@@ -70,6 +71,7 @@ int main(void)
         commands_service();
         if (!fed && !sensor_found())
             play_standin();
+        board_alive();
         if (!busy)
             board_wait();
     }

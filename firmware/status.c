@@ -1,6 +1,7 @@
 #include "status.h"
 
 #include "board.h"
+#include "board_watchdog.h"
 #include "defaults.h"
 #include "identity.h"
 #include "sensor.h"
@@ -56,7 +57,7 @@ static void say_board(void)
     struct frame frame;
     frame_begin(&frame, FRAME_BOARD, stream_sequence());
     frame_u8(&frame, sensor_found() ? FROM_SENSOR : FROM_STANDIN);
-    frame_u8(&frame, (uint8_t)(stream_is_on() | sensor->running << 1));
+    frame_u8(&frame, (uint8_t)(stream_is_on() | sensor->running << 1 | board_was_reset() << 3));
     frame_u8(&frame, FIRMWARE_MAJOR);
     frame_u8(&frame, FIRMWARE_MINOR);
     frame_u8(&frame, FIRMWARE_PATCH);

@@ -6,6 +6,7 @@
 #include "board_registers.h"
 #include "board_send.h"
 #include "board_watchdog.h"
+#include "defaults.h"
 
 #define RCC_CR REG(RCC + 0x00)
 #define RCC_PLLCFGR REG(RCC + 0x04)
@@ -22,9 +23,6 @@
 #define CR1(base) REG((base) + 0x0C)
 
 enum {
-    CORE_HZ = 168000000,
-    APB1_HZ = CORE_HZ / 4,
-    APB2_HZ = CORE_HZ / 2,
     SPINS = 100000,
     ORE = 1 << 3,
     RXNE = 1 << 5,
@@ -33,6 +31,8 @@ enum {
     UE_TE_RE = 1 << 13 | 1 << 3 | 1 << 2,
     RING = 256, /* of received bytes; a power of two */
 };
+
+_Static_assert(BAUD >= BAUD_LEAST && BAUD <= BAUD_MOST, "BAUD is beyond what the host's port can: 9600 to 5250000");
 
 static const uint32_t USART[PORTS] = {0x40011000u, 0x40004400u};
 
@@ -65,6 +65,13 @@ static void start_clock(void)
     wait_for(&RCC_CFGR, 3u << 2, 2u << 2);
 }
 
+/* Of a USART's clock; 16 is the least that a USART takes. */
+static uint32_t divider(uint32_t hz, uint32_t baud)
+{
+    const uint32_t nearest = (hz + baud / 2) / baud;
+    return nearest < 16 ? 16 : nearest;
+}
+
 void board_start(uint32_t baud)
 {
     board_watchdog_start();
@@ -78,7 +85,7 @@ void board_start(uint32_t baud)
     GPIOA_AFRL |= 7u << 8 | 7u << 12;
     GPIOA_AFRH |= 7u << 4 | 7u << 8;
     board_host_baud(baud);
-    BRR(USART[SENSOR]) = (APB1_HZ + baud / 2) / baud;
+    BRR(USART[SENSOR]) = divider(APB1_HZ, baud);
     for (int port = 0; port < PORTS; port++)
         CR1(USART[port]) = UE_TE_RE | RXNEIE;
     NVIC_ISER1 = 1u << (USART1_IRQ - 32) | 1u << (USART2_IRQ - 32);
@@ -93,7 +100,7 @@ void board_start(uint32_t baud)
 
 void board_host_baud(uint32_t baud)
 {
-    BRR(USART[HOST]) = (APB2_HZ + baud / 2) / baud;
+    BRR(USART[HOST]) = divider(APB2_HZ, baud);
 }
 
 int board_has_dma(void)

@@ -1,5 +1,6 @@
 #include "commands.h"
 
+#include "board.h"
 #include "board_send.h"
 #include "frames.h"
 #include "sensor.h"
@@ -9,7 +10,7 @@
 /* The second byte of an answer. */
 enum result { DONE, UNKNOWN, IMPOSSIBLE, NO_SENSOR, TOO_QUICK, NOT_TAKEN, TEST_FAILED };
 
-enum { BAUD_LEAST = 9600, BAUD_MOST = 5250000, TRIAL_MS = 5000, HEAD = 3 };
+enum { TRIAL_MS = 5000, HEAD = 3 };
 
 static struct {
     uint32_t before, began_ms; /* the port's rate of before, or 0 */
@@ -51,8 +52,7 @@ static enum result possible_baud(uint32_t baud)
 
 static void change_baud(uint32_t baud)
 {
-    board_send_all();
-    board_host_baud(baud);
+    board_send_baud(baud);
     status_baud(baud);
 }
 

@@ -2,6 +2,7 @@
 
 #include "board.h"
 #include "board_send.h"
+#include "board_spi.h"
 #include "frames.h"
 #include "sensor.h"
 #include "status.h"
@@ -20,7 +21,8 @@ static enum result set(const struct lsm6dsx_settings *settings)
 {
     if (!lsm6dsx_possible(settings))
         return IMPOSSIBLE;
-    if (!stream_carries(fifo_rate_hz(settings->odr, sensor_state()->freq_fine), status_rate_of_port()))
+    const float hz = fifo_rate_hz(settings->odr, sensor_state()->freq_fine);
+    if (!stream_carries(hz, status_rate_of_port()) || !board_spi_carries(hz))
         return TOO_QUICK;
     const enum fault fault = sensor_set(settings);
     return fault == FAULTS ? DONE : sensor_found() ? NOT_TAKEN : NO_SENSOR;

@@ -1,4 +1,4 @@
-/* Registers of the ASM330LHH, by the maker's public header. */
+/* Registers of the ASM330LHH and its sibling LSM6DSO, by the maker's public headers. */
 #ifndef LSM6DSX_REGISTERS_H
 #define LSM6DSX_REGISTERS_H
 
@@ -7,7 +7,10 @@ enum {
     FIFO_CTRL2 = 0x08,
     FIFO_CTRL3 = 0x09,
     FIFO_CTRL4 = 0x0A,
+    COUNTER_BDR_REG1 = 0x0B,
+    COUNTER_BDR_REG2 = 0x0C,
     INT1_CTRL = 0x0D,
+    INT2_CTRL = 0x0E,
     WHO_AM_I = 0x0F,
     CTRL1_XL = 0x10,
     CTRL2_G = 0x11,
@@ -37,12 +40,12 @@ enum {
     BDU = 1 << 6,                /* CTRL3_C */
     LPF1_SEL_G = 1 << 1,         /* CTRL4_C */
     I2C_DISABLE = 1 << 2,        /* CTRL4_C */
+    DRDY_MASK = 1 << 3,          /* CTRL4_C: no value but 0x7FFD to 0x7FFF before its filter has settled */
     ST_XL_POSITIVE = 1 << 0,     /* CTRL5_C */
     ST_G_POSITIVE = 1 << 2,      /* CTRL5_C */
-    FTYPE = 7,                   /* CTRL6_C */
-    HP_EN_G = 1 << 6,            /* CTRL7_G */
-    HP_XL = 1 << 2 | 1 << 4,     /* CTRL8_XL: high pass instead of low pass, reference mode */
-    DEVICE_CONF = 1 << 1,        /* CTRL9_XL; the family's application notes ask for it */
+    DEN_XYZ = 7 << 5,            /* CTRL9_XL, as after a reset; nothing comes of it while DEN is off in CTRL6_C */
+    DEVICE_CONF = 1 << 1,        /* CTRL9_XL of the ASM330LHH; the family's application notes ask for it */
+    I3C_DISABLE = 1 << 1,        /* CTRL9_XL of the LSM6DSO */
     TIMESTAMP_EN = 1 << 5,       /* CTRL10_C */
     XLDA = 1 << 0,               /* STATUS_REG */
     GDA = 1 << 1,                /* STATUS_REG */

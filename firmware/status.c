@@ -40,7 +40,7 @@ uint32_t status_rate_of_port(void)
 static void say_info(void)
 {
     const struct lsm6dsx_settings *settings = &sensor_state()->settings;
-    const int sensor = sensor_found();
+    const bool sensor = sensor_found();
     const float paced_hz = pace.odr_hz > 0.0f ? pace.odr_hz : (float)ODR_HZ;
     struct frame frame;
     frame_begin(&frame, FRAME_INFO, stream_sequence());
@@ -57,13 +57,14 @@ static void say_board(void)
     struct frame frame;
     frame_begin(&frame, FRAME_BOARD, stream_sequence());
     frame_u8(&frame, sensor_found() ? FROM_SENSOR : FROM_STANDIN);
-    frame_u8(&frame, (uint8_t)(stream_is_on() | sensor->running << 1 | board_was_reset() << 3));
+    const int settles = sensor->running && !sensor->fifo.settled;
+    frame_u8(&frame, (uint8_t)(stream_is_on() | sensor->running << 1 | settles << 2 | board_was_reset() << 3));
     frame_u8(&frame, FIRMWARE_MAJOR);
     frame_u8(&frame, FIRMWARE_MINOR);
     frame_u8(&frame, FIRMWARE_PATCH);
     frame_u8(&frame, sensor->who);
     frame_u8(&frame, (uint8_t)sensor->freq_fine);
-    for (int n = 1; n < LSM6DSX_KEPT; n++)
+    for (int n = LSM6DSX_KEPT_WHO + 1; n < LSM6DSX_KEPT; n++)
         frame_u8(&frame, sensor->kept[n]);
     frame_u32(&frame, rate_of_port);
     frame_f32(&frame, sensor_found() ? lsm6dsx_nominal_hz(sensor->settings.odr) : (float)ODR_HZ);

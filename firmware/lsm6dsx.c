@@ -76,6 +76,14 @@ static enum fault proof(struct lsm6dsx *sensor)
     return lsm6dsx_as_kept(sensor, now);
 }
 
+/* Whether words have come for twice the time that its filters take, and a fifth of a second, and no slot was a sample. */
+static bool never_settles(const struct lsm6dsx *sensor)
+{
+    const float slots = 16.0f + (2.0f * (float)lsm6dsx_unsettled(&sensor->settings, sensor->freq_fine));
+    const float most_us = 2e5f + (1e6f * slots / fifo_rate_hz(sensor->settings.odr, sensor->freq_fine));
+    return (sensor->fifo.settled == 0u) && ((float)(sensor->bus->time() - sensor->step_us) > most_us);
+}
+
 /* What a burst without a false tag has brought. */
 static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad, struct fifo_sample *out)
 {
@@ -97,7 +105,7 @@ static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad,
     if (sensor->faults[FAULT_PARITY] != parity)
         rate_gap(&sensor->rate);
     const uint32_t last_us = sensor->burst_us - (word_us * (sensor->level - words));
-    if (rate_is_wrong(&sensor->rate, odr, sensor->freq_fine, last_us, sensor->fifo.settled != 0))
+    if (rate_is_wrong(&sensor->rate, odr, sensor->freq_fine, last_us, sensor->fifo.settled != 0u) || never_settles(sensor))
         stand_still(sensor, FAULT_RATE);
     else if (sensor->fifo.bad_stamps >= BAD_STAMPS)
         stand_still(sensor, rate_steps_are_odd(&sensor->rate) ? FAULT_RATE : FAULT_STAMP);

@@ -93,7 +93,7 @@ uint16_t lsm6dsx_unsettled(const struct lsm6dsx_settings *settings, int8_t freq_
 /* Forget everything; the first poll begins to look for the sensor.  No transfer. */
 void lsm6dsx_attach(struct lsm6dsx *sensor, const struct lsm6dsx_bus *bus, const struct lsm6dsx_settings *settings);
 
-/* Start it anew at the next polls, with the settings that it has by then: 22 ms from here its registers are proved and its FIFO runs,
+/* Start it anew at the next polls, with the settings that it has by then: 26 ms from here its registers are proved and its FIFO runs,
  * and the first sample comes behind the unsettled slots.  starting is true until then, or until it has failed. */
 void lsm6dsx_restart(struct lsm6dsx *sensor);
 

@@ -58,7 +58,7 @@ bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uin
     bool wrong = false;
     if ((rate->odd_steps > 0u) && !rate_steps_are_odd(rate)) /* a stamp that was spoilt on its way is no end of a window */
         return false;
-    if (rate->begun) {
+    if (rate->begun && (rate->settled == settled)) {
         if ((passed_us < WINDOW_US) || (periods < (float)PERIODS_LEAST))
             return false;
         wrong = differs((float)(rate->last_ticks - rate->first_ticks) / period_ticks, periods, (float)CLOCKS_SHARE) ||

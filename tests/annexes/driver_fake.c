@@ -22,7 +22,7 @@ uint32_t wakes_us;             /* before that a sensor answers zeros, and takes 
 uint32_t longest_us, waits;    /* the longest poll; calls of the function that waits */
 uint16_t accesses[LOG]; /* address with READ, value << 8 */
 uint32_t accessed_us[LOG];
-int behaviour, selected, overrun, busy_polls, pushed;
+int behaviour, selected, overrun, busy_polls, pushed, shaken; /* pushed: by the force of the self-test, in 256 LSB; shaken: LSB */
 int line; /* a behaviour of the line, from a time to another */
 uint32_t line_from_us, line_until_us;
 
@@ -62,7 +62,9 @@ static void get_ready(uint8_t address)
         overrun = 0;
     registers[STATUS_REG] = XLDA | GDA | TDA;
     for (int i = 0; i < 3; i++) { /* the self-test's answer */
-        registers[OUTX_L_G + 2 * i + 1] = registers[CTRL5_C] & ST_G_POSITIVE ? (uint8_t)pushed : 0;
+        const int gyro = (registers[CTRL5_C] & ST_G_POSITIVE ? 256 * pushed : 0) + (transfers % 8 < 4 ? shaken : 0);
+        registers[OUTX_L_G + 2 * i] = (uint8_t)gyro;
+        registers[OUTX_L_G + 2 * i + 1] = (uint8_t)(gyro >> 8);
         registers[OUTX_L_A + 2 * i + 1] = registers[CTRL5_C] & ST_XL_POSITIVE ? (uint8_t)pushed : 0;
     }
 }
@@ -159,7 +161,7 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
     fine = warmth = stuck = turned = turned_bits = 0;
     now_us = transfers = logged = words_in = words_out = breaks_after = wakes_us = longest_us = waits = line_from_us = line_until_us = 0;
     byte_us = 2;
-    overrun = busy_polls = pushed = 0;
+    overrun = busy_polls = pushed = shaken = 0;
     reset_registers();
     lsm6dsx_attach(&sensor, &BUS, &settings);
 }

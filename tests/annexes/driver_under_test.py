@@ -72,7 +72,9 @@ def accesses() -> list[tuple[int, int]]:
     return [(entry & 0xFF, entry >> 8) for entry in table[: number("logged", ctypes.c_uint32).value]]
 
 
-def attached(odr: int = ODR, gyro_fs_dps: int = 500, accel_fs_g: int = 4, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0, who: int = ASM330LHH):
+def attached(
+    odr: int = ODR, gyro_fs_dps: int = 500, accel_fs_g: int = 4, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0, who: int = ASM330LHH
+):
     """The driver before its first transfer."""
     lib = library()
     number("who", ctypes.c_uint8).value = who

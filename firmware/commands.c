@@ -152,7 +152,7 @@ int commands_take(enum port port, const uint8_t *bytes, unsigned count)
         return 1;
     }
     answer(port, bytes, result);
-    if (result == DONE && bytes[0] == FRAME_SET_BAUD) {
+    if ((result == DONE) && (bytes[0] == FRAME_SET_BAUD)) {
         trial.before = trial.before ? trial.before : status_rate_of_port();
         trial.began_ms = board_milliseconds();
         change_baud(get_u32(bytes + HEAD));
@@ -170,10 +170,10 @@ void commands_heard(void)
 void commands_service(void)
 {
     if (asked.waits && !sensor_busy()) {
-        const enum result result = asked.bytes[0] == FRAME_TEST ? was_tested(get_u16(asked.bytes + 1), asked.port) : was_set();
+        const enum result result = (asked.bytes[0] == FRAME_TEST) ? was_tested(get_u16(&asked.bytes[1]), asked.port) : was_set();
         asked.waits = false;
         answer(asked.port, asked.bytes, result);
-        if (result == DONE || result == TEST_FAILED)
+        if ((result == DONE) || (result == TEST_FAILED))
             status_say();
     }
     if (trial.before && board_milliseconds() - trial.began_ms >= TRIAL_MS) {

@@ -92,13 +92,13 @@ static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad,
     const uint32_t parity = sensor->faults[FAULT_PARITY];
     unsigned samples = 0;
     for (unsigned n = 0; n < words; n++) {
-        const uint8_t *word = sensor->words + (FIFO_WORD_BYTES * n);
+        const uint8_t *word = &sensor->words[FIFO_WORD_BYTES * n];
         const uint32_t made_us = sensor->burst_us - (word_us * (sensor->level - n));
         if (n == bad) { /* and with it the slot in hand: a line that stuck for so long spoilt the word before, too */
             gap(sensor);
         } else {
             rate_take(&sensor->rate, word, odr);
-            samples += (unsigned)fifo_take(&sensor->fifo, word, made_us, sensor->faults, out + samples);
+            samples += (unsigned)fifo_take(&sensor->fifo, word, made_us, sensor->faults, &out[samples]);
         }
     }
     sensor->rate.samples += samples;
@@ -121,7 +121,7 @@ static unsigned take_burst(struct lsm6dsx *sensor, unsigned words, struct fifo_s
         stand_still(sensor, fault);
         return 0;
     }
-    if (bad < words || bad == MANY_UNKNOWN)
+    if ((bad < words) || (bad == MANY_UNKNOWN))
         sensor->faults[FAULT_TAG]++;
     if (bad == MANY_UNKNOWN) {
         gap(sensor);

@@ -8,8 +8,8 @@
 #include "lsm6dsx_registers.h"
 
 enum {
-    GYRO_208HZ_2000DPS = 5 << 4 | 12,
-    ACCEL_52HZ_4G = 3 << 4 | 2 << 2,
+    GYRO_208HZ_2000DPS = (5u << 4) | 12u,
+    ACCEL_52HZ_4G = (3u << 4) | (2u << 2),
     OUTPUTS = 5,
     PHASES = 4,
     ALIKE_SHARE = 8, /* of the least that the force must do: what the outputs of a phase may differ by */
@@ -34,7 +34,7 @@ static void image_of(const struct lsm6dsx *sensor, const struct lsm6dsx_self_tes
     image[WHO_AM_I - FIFO_CTRL1] = sensor->chip->who;
     image[CTRL3_C - FIFO_CTRL1] = BDU | IF_INC;
     image[CTRL9_XL - FIFO_CTRL1] = sensor->chip->set[CTRL9_XL - FIFO_CTRL1];
-    image[is_gyro(test) ? CTRL2_G - FIFO_CTRL1 : CTRL1_XL - FIFO_CTRL1] = is_gyro(test) ? GYRO_208HZ_2000DPS : ACCEL_52HZ_4G;
+    image[(is_gyro(test) ? CTRL2_G : CTRL1_XL) - FIFO_CTRL1] = is_gyro(test) ? GYRO_208HZ_2000DPS : ACCEL_52HZ_4G;
     if (pushed)
         image[CTRL5_C - FIFO_CTRL1] = is_gyro(test) ? ST_G_POSITIVE : ST_XL_POSITIVE;
 }
@@ -56,15 +56,15 @@ static void begin_phase(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test, 
 static bool take_output(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test)
 {
     uint8_t image[LSM6DSX_KEPT], bytes[BURST];
-    const uint8_t *output = bytes + ((is_gyro(test) ? OUTX_L_G : OUTX_L_A) - WHO_AM_I);
+    const uint8_t *output = &bytes[(is_gyro(test) ? OUTX_L_G : OUTX_L_A) - WHO_AM_I];
     image_of(sensor, test, image);
     lsm6dsx_read(sensor, WHO_AM_I, bytes, BURST);
     const bool sure = (lsm6dsx_read_one(sensor, WHO_AM_I) == sensor->chip->who) &&
-                      lsm6dsx_alike(sensor->chip->known + LSM6DSX_KEPT_WHO, image + LSM6DSX_KEPT_WHO, bytes, LSM6DSX_KEPT - LSM6DSX_KEPT_WHO);
+                      lsm6dsx_alike(&sensor->chip->known[LSM6DSX_KEPT_WHO], &image[LSM6DSX_KEPT_WHO], bytes, LSM6DSX_KEPT - LSM6DSX_KEPT_WHO);
     if ((bytes[STATUS_REG - WHO_AM_I] & (is_gyro(test) ? GDA : XLDA)) == 0)
         return sure && ((sensor->bus->time() - test->since_us) < (((test->taken == 0u) ? SWITCH_US : 0u) + OUTPUT_MOST_US));
     for (int i = 0; (i < 3) && (test->taken > 0u); i++) {
-        const int16_t value = (int16_t)(uint16_t)(output[2 * i] | ((uint16_t)output[2 * i + 1] << 8));
+        const int16_t value = (int16_t)(uint16_t)(output[2 * i] | ((uint16_t)output[(2 * i) + 1] << 8));
         test->sum[test->phase % 2u][i] += value;
         test->least[i] = ((test->taken == 1u) || (value < test->least[i])) ? value : test->least[i];
         test->most[i] = ((test->taken == 1u) || (value > test->most[i])) ? value : test->most[i];
@@ -130,9 +130,9 @@ static void measure(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test)
     if (!take_output(sensor, test) || sensor->failed) {
         end(sensor, test, false);
     } else if (test->taken > OUTPUTS) {
-        if (test->phase % 2u != 0u) {
+        if ((test->phase % 2u) != 0u) {
             const uint16_t failed = judge(test, force, is_gyro(test) ? test->tested.gyro_dps : test->tested.accel_mg);
-            test->tested.failed |= (uint16_t)(is_gyro(test) ? failed : failed << 3);
+            test->tested.failed |= (uint16_t)(is_gyro(test) ? failed : (failed << 3));
         }
         if (!lay_still(test, force) || (test->phase == PHASES - 1))
             end(sensor, test, lay_still(test, force));

@@ -9,6 +9,7 @@ enum {
     GYRO_SLOTS = 3,
     ACCEL_SLOTS = 2,
     NO_LPF2 = 2, /* the divisor */
+    LPF2_MOST = 8,
 };
 
 static const float NOMINAL_HZ[] = {0.0f, 12.5f, 26.0f, 52.0f, 104.0f, 208.0f, 417.0f, 833.0f, 1667.0f, 3333.0f, 6667.0f};
@@ -22,9 +23,7 @@ static const float LPF1_S[FTYPE_MOST + 1] = {0.0040f, 0.0050f, 0.0065f, 0.0025f,
 static const struct {
     uint16_t divisor, slots;
     uint8_t code;
-} LPF2[] = {{4, 0, 0}, {10, 10, 1}, {20, 19, 2}, {45, 38, 3}, {100, 75, 4}, {200, 150, 5}, {400, 296, 6}, {800, 595, 7}};
-
-enum { LPF2_MOST = sizeof LPF2 / sizeof LPF2[0] };
+} LPF2[LPF2_MOST] = {{4, 0, 0}, {10, 10, 1}, {20, 19, 2}, {45, 38, 3}, {100, 75, 4}, {200, 150, 5}, {400, 296, 6}, {800, 595, 7}};
 
 /* Their place; LPF2_MOST where LPF2 is off, or has no such divisor. */
 static unsigned lpf2_of(uint16_t divisor)
@@ -88,7 +87,7 @@ void lsm6dsx_image(const struct lsm6dsx *sensor, uint8_t image[LSM6DSX_KEPT])
     const uint8_t rate = (uint8_t)(settings->odr << 4);
     for (unsigned n = 0; n < LSM6DSX_KEPT; n++)
         image[n] = sensor->chip->set[n];
-    image[FIFO_CTRL1 - FIFO_CTRL1] = (uint8_t)(WORDS_PER_SLOT * whole);
+    image[0] = (uint8_t)(WORDS_PER_SLOT * whole); /* FIFO_CTRL1 */
     image[FIFO_CTRL3 - FIFO_CTRL1] = (uint8_t)(rate | settings->odr);
     image[CTRL1_XL - FIFO_CTRL1] = (uint8_t)(rate | (find(sensor->chip->accel_fs_g, settings->accel_fs_g)->code << 2));
     image[CTRL2_G - FIFO_CTRL1] = (uint8_t)(rate | find(sensor->chip->gyro_fs_dps, settings->gyro_fs_dps)->code);

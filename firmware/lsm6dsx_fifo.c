@@ -12,6 +12,7 @@ enum {
     CLOCKS_SHARE = 16,  /* the two may differ by a sixteenth, */
     CLOCKS_PERIODS = 64, /* by what is not known of the age of a full FIFO's words, */
     GAIN_MOST = 12,
+    FROM_BELOW = 1, FROM_ABOVE = 2, BOTH = FROM_BELOW | FROM_ABOVE,
 };
 static const uint32_t CLOCKS_US = 50000; /* and by this */
 
@@ -43,21 +44,23 @@ void fifo_gap(struct lsm6dsx_fifo *fifo)
     fifo->have = fifo->spoilt = fifo->open = fifo->ordered = fifo->follows = fifo->waiting = 0;
 }
 
-/* The place follows the stamps as slowly as the period's doubt allows: what that adds up to is a quarter of a tick (at a gain of 1/2 it
- * may be more: a tick and a half of the 3072 at the lowest rate, if the period were at the end of what it can be). */
+/* The place follows the stamps as slowly as the period's doubt allows: what that adds up to is a quarter of a tick.  Where the stamps,
+ * and not what a period can be, have bounded it from both sides, the middle is better than that by far, and doubt of a tick is allowed. */
 static void set_period(struct lsm6dsx_fifo *fifo, uint64_t shortest_q32, uint64_t longest_q32)
 {
     fifo->shortest_q32 = shortest_q32;
     fifo->longest_q32 = longest_q32;
     fifo->doubt_q32 = (longest_q32 - shortest_q32) / 2;
     fifo->period_q32 = shortest_q32 + fifo->doubt_q32;
+    const uint64_t allowed_q32 = fifo->bounded == BOTH ? TICK : TICK / 4;
     fifo->gain = 1;
-    while (fifo->gain < GAIN_MOST && fifo->doubt_q32 << (fifo->gain + 1) <= TICK / 4)
+    while (fifo->gain < GAIN_MOST && fifo->doubt_q32 << (fifo->gain + 1) <= allowed_q32)
         fifo->gain++;
 }
 
 static void forget_period(struct lsm6dsx_fifo *fifo)
 {
+    fifo->bounded = 0;
     set_period(fifo, SHORTEST_Q32 << (QUICKEST - fifo->odr), LONGEST_Q32 << (QUICKEST - fifo->odr));
 }
 
@@ -117,10 +120,16 @@ static int64_t within(int64_t value, int64_t most)
     return value > most ? most : value < -most ? -most : value;
 }
 
-/* Whether the target's clock has seen as much time pass. */
-static int clocks_agree(const struct lsm6dsx_fifo *fifo, uint32_t ticks, uint32_t now_us)
+/* A value times 2^-shift.  No division, which is dear. */
+static int64_t part(int64_t value, uint8_t shift)
 {
-    const uint64_t step_us = ticks * (fifo->tick_q32 >> 16) >> 16, passed_us = now_us - fifo->stamped_us;
+    return value < 0 ? -(int64_t)((uint64_t)-value >> shift) : (int64_t)((uint64_t)value >> shift);
+}
+
+/* Whether the target's clock has seen as much time pass. */
+static int clocks_agree(const struct lsm6dsx_fifo *fifo, uint32_t ticks)
+{
+    const uint64_t step_us = ticks * (fifo->tick_q32 >> 16) >> 16, passed_us = fifo->made_us - fifo->stamped_us;
     const uint64_t periods_us = CLOCKS_PERIODS * ((fifo->period_q32 >> 16) * (fifo->tick_q32 >> 16) >> 32);
     const uint64_t apart_us = step_us > passed_us ? step_us - passed_us : passed_us - step_us;
     return apart_us <= passed_us / CLOCKS_SHARE + periods_us + CLOCKS_US;
@@ -146,10 +155,14 @@ static void learn(struct lsm6dsx_fifo *fifo)
     if (fifo->learned < fifo->learned_again)
         return;
     fifo->learned_again = fifo->learned + fifo->learned / 4 + 1;
-    if (ticks_q32 > JITTERS && (ticks_q32 - JITTERS) / fifo->learned > shortest_q32)
+    if (ticks_q32 > JITTERS && (ticks_q32 - JITTERS) / fifo->learned > shortest_q32) {
         shortest_q32 = (ticks_q32 - JITTERS) / fifo->learned;
-    if ((ticks_q32 + JITTERS) / fifo->learned < longest_q32)
+        fifo->bounded |= FROM_BELOW;
+    }
+    if ((ticks_q32 + JITTERS) / fifo->learned < longest_q32) {
         longest_q32 = (ticks_q32 + JITTERS) / fifo->learned;
+        fifo->bounded |= FROM_ABOVE;
+    }
     if (shortest_q32 < longest_q32) {
         set_period(fifo, shortest_q32, longest_q32);
     } else { /* the stamps stray by more than was thought */
@@ -161,7 +174,7 @@ static void learn(struct lsm6dsx_fifo *fifo)
 /* Sample periods since the last stamp, or 0 where the one in hand does not follow.  TAG_CNT gives their number modulo 4: of what is left,
  * the nearest.  That is certain as long as the period's doubt does not add up to two periods.  Where it does, the number is the most
  * probable one, a fault is counted, and the time goes on by the sensor's ticks all the same. */
-static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS])
+static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS])
 {
     const uint32_t ticks = fifo->ticks - fifo->last_ticks;
     const int64_t period_q32 = (int64_t)fifo->period_q32;
@@ -178,7 +191,7 @@ static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32
     const int certain = stray_q32 < 2 * fifo->period_q32;
     if (certain && (off_q32 > (int64_t)stray_q32 || off_q32 < -(int64_t)stray_q32))
         return 0;
-    if ((!certain || periods > NEAR) && !clocks_agree(fifo, ticks, now_us))
+    if ((!certain || periods > NEAR) && !clocks_agree(fifo, ticks))
         return 0;
     if (!certain) {
         faults[FAULT_STAMP]++;
@@ -187,10 +200,10 @@ static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32
         return periods;
     }
     const int64_t clipped_q32 = within(off_q32, CLIP);
-    if (doubt_q32 > TICK / 4)
-        fifo->place_q32 = within(-off_q32, (int64_t)(TICK / 2));
+    if (doubt_q32 > TICK / 4) /* it may have strayed by as much meanwhile: that much goes back into the tick that the stamp names */
+        fifo->place_q32 = within(off_q32 - within(off_q32, (int64_t)(TICK / 2)), (int64_t)doubt_q32) - off_q32;
     else
-        fifo->place_q32 = clipped_q32 / (1 << fifo->gain) - off_q32;
+        fifo->place_q32 = part(clipped_q32, fifo->gain) - off_q32;
     fifo->learned += periods;
     if (clipped_q32 == off_q32)
         learn(fifo);
@@ -198,10 +211,10 @@ static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32
 }
 
 /* Whether a whole slot goes on from the stamp before; the periods in between, if there is one. */
-static int goes_on(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS], uint32_t *periods)
+static int goes_on(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS], uint32_t *periods)
 {
     if (fifo->anchored) {
-        *periods = periods_since(fifo, now_us, faults);
+        *periods = periods_since(fifo, faults);
         if (*periods == 0) {
             faults[FAULT_STAMP]++;
             fifo->bad_stamps++;
@@ -219,17 +232,17 @@ static int goes_on(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[F
 
 /* The first sample after a start: time and number go on by the target's clock, which wraps: of an absence beyond 71.6 minutes the
  * whole 71.6 are missing. */
-static void join(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS])
+static void join(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS])
 {
     const uint64_t period_q32 = (fifo->tick_q32 >> 16) * (fifo->period_q32 >> 16);
     if (fifo->streamed) {
-        const uint64_t gap_q32 = (uint64_t)(now_us - fifo->now_us) << 32;
+        const uint64_t gap_q32 = (uint64_t)(fifo->made_us - fifo->now_us) << 32;
         const uint32_t periods = gap_q32 > period_q32 ? (uint32_t)((gap_q32 + period_q32 / 2) / period_q32) : 1;
         fifo->time_q32 += periods * period_q32;
         fifo->number += periods;
         faults[FAULT_LOST] += periods - 1;
     } else {
-        fifo->time_q32 = (uint64_t)now_us << 32;
+        fifo->time_q32 = (uint64_t)fifo->made_us << 32;
         fifo->number = 1;
     }
     fifo->time_q32 -= place_us_q32(fifo);
@@ -268,12 +281,12 @@ static void take_warmth(struct lsm6dsx_fifo *fifo, int whole)
 }
 
 /* The slot in hand as a sample, if it is one; 1 or 0. */
-static int finish(struct lsm6dsx_fifo *fifo, int whole, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
+static int finish(struct lsm6dsx_fifo *fifo, int whole, uint32_t faults[FAULTS], struct fifo_sample *out)
 {
     uint32_t periods = 0;
     const int settled = is_settled(fifo, whole);
     take_warmth(fifo, whole);
-    if (!whole || !goes_on(fifo, now_us, faults, &periods))
+    if (!whole || !goes_on(fifo, faults, &periods))
         return 0;
     if (fifo->joined) {
         fifo->time_q32 += (fifo->ticks - fifo->last_ticks) * fifo->tick_q32;
@@ -282,12 +295,12 @@ static int finish(struct lsm6dsx_fifo *fifo, int whole, uint32_t now_us, uint32_
     }
     fifo->last_ticks = fifo->ticks;
     fifo->last_count = fifo->count;
-    fifo->stamped_us = now_us;
+    fifo->stamped_us = fifo->made_us;
     if (!settled || !fifo->warm)
         return 0;
     if (!fifo->joined)
-        join(fifo, now_us, faults);
-    fifo->now_us = now_us;
+        join(fifo, faults);
+    fifo->now_us = fifo->made_us;
     out->t_us = (uint32_t)((fifo->time_q32 + place_us_q32(fifo)) >> 32);
     out->number = fifo->number;
     for (int i = 0; i < 6; i++)
@@ -300,7 +313,7 @@ static int finish(struct lsm6dsx_fifo *fifo, int whole, uint32_t now_us, uint32_
 static int turn_slot(struct lsm6dsx_fifo *fifo, uint8_t count, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
 {
     const int whole = fifo->open && (fifo->have & WHOLE) == WHOLE && !fifo->spoilt;
-    const int complete = fifo->open && finish(fifo, whole, now_us, faults, out);
+    const int complete = fifo->open && finish(fifo, whole, faults, out);
     if (fifo->open > 1 && !whole) /* the first one may have begun before we came */
         faults[FAULT_INCOMPLETE]++;
     if (fifo->ordered && count != fifo->next)
@@ -310,6 +323,7 @@ static int turn_slot(struct lsm6dsx_fifo *fifo, uint8_t count, uint32_t now_us, 
     fifo->ordered = 1;
     fifo->have = fifo->spoilt = 0;
     fifo->count = count;
+    fifo->made_us = now_us;
     fifo->next = (count + 1) & 3;
     return complete;
 }

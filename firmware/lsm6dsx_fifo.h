@@ -53,7 +53,7 @@ struct lsm6dsx_fifo {
     uint8_t follows;                   /* whether the slot before it was whole, and is the one before by TAG_CNT */
     int16_t values[6];
     int16_t warmth; /* its temperature, if it has one */
-    uint32_t ticks;
+    uint32_t ticks, made_us; /* its stamp; the target's time when its first word was made */
     /* Between slots. */
     uint8_t ordered, next; /* whether the next TAG_CNT is known, and which it is */
     uint8_t warm, waiting; /* whether the temperature is known, and whether another will be, if the next slot is whole */
@@ -67,7 +67,7 @@ struct lsm6dsx_fifo {
     int64_t place_q32;               /* ticks from the middle of the tick that it names to the time of its slot, as estimated */
     /* The sample period in ticks: what it is at least and at most, the middle, half of what lies between. */
     uint64_t shortest_q32, longest_q32, period_q32, doubt_q32;
-    uint8_t odr, gain;                             /* 2^-gain of a stamp's deviation goes into the place */
+    uint8_t odr, bounded, gain; /* whether stamps have bounded it from below, above; 2^-gain of one's deviation goes into the place */
     uint32_t learned_from, learned, learned_again; /* a stamp, periods since then, at how many to learn again */
     /* Time. */
     uint64_t tick_q32, time_q32; /* us of a tick, 25 / (1 + 0.0015 f); us of the last stamp, before the first sample of the last one */

@@ -20,12 +20,12 @@ static const uint32_t CLOCKS_US = 50000; /* and by this */
  * oscillator; 80 ppm are for what else it might be. */
 static const uint64_t SHORTEST_Q32 = (59992ull << 32) / 10000, LONGEST_Q32 = (60006ull << 32) / 10000;
 
-/* Of a stamp, in ticks.  It names a whole tick, and may be late or early by two: JITTER about the middle of the tick.  So two stamps
- * are apart as their slots are to twice that.  The place that is held is off by as much at most, and by what the period's doubt makes of
- * it: a stamp is one where it deviates from it by STRAY or less. */
+/* Of a stamp, in ticks.  It names a whole tick, and may be two late or early: nobody knows how soon after its sample it is taken.  So it
+ * is off the middle of its tick by 2.5, two are apart as their slots are to JITTERS, and the place that is held is off by as much, and by
+ * the lag of set_period.  A stamp that deviates from the place by more than STRAY is none.  CLIP is what moves the place at most, by half:
+ * a spoilt stamp moves it by three quarters of a tick, and teaches nothing. */
 static const uint64_t TICK = 1ull << 32, JITTERS = 5ull << 32, STRAY = 23ull << 30;
-/* A stamp that deviates by more moves the place no further, and teaches nothing: so a spoilt one makes an error of a tick at most. */
-static const int64_t CLIP = (int64_t)2 << 32;
+static const int64_t CLIP = (int64_t)3 << 31;
 
 float fifo_rate_hz(uint8_t odr, int8_t freq_fine)
 {
@@ -41,11 +41,12 @@ uint64_t fifo_tick_q32(int8_t freq_fine)
 
 void fifo_gap(struct lsm6dsx_fifo *fifo)
 {
-    fifo->have = fifo->spoilt = fifo->open = fifo->ordered = fifo->follows = fifo->waiting = 0;
+    fifo->have = fifo->spoilt = fifo->open = fifo->ordered = fifo->whole_before = fifo->waiting = 0;
 }
 
-/* The place follows the stamps as slowly as the period's doubt allows: what that adds up to is a quarter of a tick.  Where the stamps,
- * and not what a period can be, have bounded it from both sides, the middle is better than that by far, and doubt of a tick is allowed. */
+/* The place follows the stamps as slowly as the period's doubt allows: its lag is doubt / gain, a quarter of a tick.  Where the stamps,
+ * and not what silicon can be, have bounded the period from both sides, its middle is good to a fifth of the doubt, as the jitter is
+ * seldom what it may be: then the doubt may add up to a tick.  At the lowest rate the lag is half a tick for the first second. */
 static void set_period(struct lsm6dsx_fifo *fifo, uint64_t shortest_q32, uint64_t longest_q32)
 {
     fifo->shortest_q32 = shortest_q32;
@@ -148,13 +149,9 @@ static void learn(struct lsm6dsx_fifo *fifo)
     const uint32_t ticks = fifo->ticks - fifo->learned_from;
     const uint64_t ticks_q32 = (uint64_t)ticks << 32;
     uint64_t shortest_q32 = fifo->shortest_q32, longest_q32 = fifo->longest_q32;
-    if (ticks >> 30) { /* 7.5 hours: nothing more is to be learned, and nothing may wrap */
-        learn_from_here(fifo);
-        return;
-    }
     if (fifo->learned < fifo->learned_again)
         return;
-    fifo->learned_again = fifo->learned + fifo->learned / 4 + 1;
+    fifo->learned_again = fifo->learned + fifo->learned / 8 + 1;
     if (ticks_q32 > JITTERS && (ticks_q32 - JITTERS) / fifo->learned > shortest_q32) {
         shortest_q32 = (ticks_q32 - JITTERS) / fifo->learned;
         fifo->bounded |= FROM_BELOW;
@@ -165,7 +162,7 @@ static void learn(struct lsm6dsx_fifo *fifo)
     }
     if (shortest_q32 < longest_q32) {
         set_period(fifo, shortest_q32, longest_q32);
-    } else { /* the stamps stray by more than was thought */
+    } else { /* the stamps stray by more than was thought; or their 32 bits have wrapped, after 29.8 hours */
         forget_period(fifo);
         learn_from_here(fifo);
     }
@@ -191,7 +188,7 @@ static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS]
     const int certain = stray_q32 < 2 * fifo->period_q32;
     if (certain && (off_q32 > (int64_t)stray_q32 || off_q32 < -(int64_t)stray_q32))
         return 0;
-    if ((!certain || periods > NEAR) && !clocks_agree(fifo, ticks))
+    if (periods > NEAR && !clocks_agree(fifo, ticks))
         return 0;
     if (!certain) {
         faults[FAULT_STAMP]++;
@@ -274,10 +271,11 @@ static int is_settled(struct lsm6dsx_fifo *fifo, int whole)
  * seem to belong to a neighbour, but then that word is missing in one of the three. */
 static void take_warmth(struct lsm6dsx_fifo *fifo, int whole)
 {
-    if (whole && fifo->follows && fifo->waiting)
+    if (whole && fifo->whole_before && fifo->waiting)
         fifo_temperature(fifo, fifo->waiting_warmth);
-    fifo->waiting = (uint8_t)(whole && fifo->follows && (fifo->have & WARM) != 0);
+    fifo->waiting = (uint8_t)(fifo->whole_before && (fifo->have & WARM) != 0);
     fifo->waiting_warmth = fifo->warmth;
+    fifo->whole_before = (uint8_t)whole;
 }
 
 /* The slot in hand as a sample, if it is one; 1 or 0. */
@@ -318,7 +316,6 @@ static int turn_slot(struct lsm6dsx_fifo *fifo, uint8_t count, uint32_t now_us, 
         faults[FAULT_INCOMPLETE]++;
     if (fifo->ordered && count != fifo->next)
         faults[FAULT_ORDER]++;
-    fifo->follows = (uint8_t)(whole && count == fifo->next);
     fifo->open = fifo->ordered ? 2 : 1;
     fifo->ordered = 1;
     fifo->have = fifo->spoilt = 0;

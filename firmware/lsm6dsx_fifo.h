@@ -50,13 +50,12 @@ struct fifo_sample {
 struct lsm6dsx_fifo {
     /* The time slot in hand. */
     uint8_t have, count, spoilt, open; /* open: 0 none, 1 the first behind a gap, 2 another */
-    uint8_t follows;                   /* whether the slot before it was whole, and is the one before by TAG_CNT */
     int16_t values[6];
     int16_t warmth; /* its temperature, if it has one */
     uint32_t ticks, made_us; /* its stamp; the target's time when its first word was made */
     /* Between slots. */
-    uint8_t ordered, next; /* whether the next TAG_CNT is known, and which it is */
-    uint8_t warm, waiting; /* whether the temperature is known, and whether another will be, if the next slot is whole */
+    uint8_t ordered, next;               /* whether the next TAG_CNT is known, and which it is */
+    uint8_t warm, waiting, whole_before; /* whether the temperature is known; the last slot had another; it was whole */
     int16_t temperature, waiting_warmth;
     /* After a start: slots that are no samples, further ones that may be masked; whether both are over. */
     uint16_t unsettled, masked;

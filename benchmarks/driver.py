@@ -44,6 +44,7 @@ class Injected:
     apart_s: float = APART_S
     address: int = FIFO_CTRL4
     mask: Callable[[int], int] = lambda code: 0
+    spared: int = 0
 
 
 def _off(name: str, address: int, mask: Callable[[int], int]) -> Injected:
@@ -66,7 +67,9 @@ INJECTED = (
     Injected("sensor hangs for 0.1 ms, at any moment", "hang", 1e-4, times=800, apart_s=0.0123),
     Injected("sensor hangs for 20 ms", "hang", 0.02),
     Injected("sensor hangs for 0.3 s", "hang", 0.3, apart_s=0.8),
-    Injected("two bits of a tag, each pair in turn", "tag_pair", times=28),
+    Injected("two bits of a stamp's tag, each pair in turn", "tag_pair", times=28),
+    Injected("two bits of a gyroscope's tag", "tag_pair", times=28, spared=1),
+    Injected("two bits of an accelerometer's tag", "tag_pair", times=28, spared=2),
     Injected("sensor resets itself", "reset"),
     _off("DEC_TS goes off by itself", FIFO_CTRL4, lambda code: readings.DEC_TS),
     _off("BDR_GY goes off by itself", FIFO_CTRL3, lambda code: code << 4),
@@ -150,7 +153,7 @@ def fault_row(elf: Path, injected: Injected, odr_hz: float, silicon: Silicon) ->
         stalls = [(when, injected.lasts_s) for when in at_s]
     else:
         mask = injected.mask(11 - nominal_code(odr_hz).bit_length())
-        what = (injected.lasts_s, injected.words, injected.value, injected.address, mask)
+        what = (injected.lasts_s, injected.words, injected.value, injected.address, mask, injected.spared)
         faults = [Fault(injected.kind, float(when), *what) for when in at_s]
     driven = at_rate(elf, odr_hz, faults=faults, stalls=stalls, silicon=silicon)
     words, before = BoardReporter(), len(driven.said)

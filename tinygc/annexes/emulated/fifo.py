@@ -111,12 +111,16 @@ class Batching:
         self._fifo, self._order = fifo, order
         self._faults = sorted((fault for fault in faults if fault.kind in WORD_KINDS), key=lambda fault: fault.at_s)
         self._halved = [fault for fault in faults if fault.kind == "rate"]
-        self._left = self._faults[0].words if self._faults else 0
-        self._pairs = 0
+        self._pairs = self._left = self._spared = 0
+        self._next_fault()
         self._held: bytes | None = None  # a word to be swapped with the next
         self.slot = self.most = self.counted = 0
         self._ticks: dict[int, int] = {}
         self._watched = ACCEL
+
+    def _next_fault(self) -> None:
+        if self._faults:
+            self._left, self._spared = self._faults[0].words, self._faults[0].spared
 
     def set(self, ctrl3: int, ctrl4: int, gyro: int, accel: int, timestamps: bool, counts_gyro: bool) -> None:
         """Apply FIFO_CTRL3 and 4; gyro, accel: ticks of a sample, 0 where the sensor is off; counts_gyro: what COUNTER_BDR counts."""
@@ -172,11 +176,15 @@ class Batching:
         if not self._faults or t_s < self._faults[0].at_s:
             self._fifo.put(word)
             return
+        if self._spared:
+            self._spared -= 1
+            self._fifo.put(word)
+            return
         fault = self._faults[0]
         self._left -= 1
         if self._left <= 0:
             del self._faults[0]
-            self._left = self._faults[0].words if self._faults else 0
+            self._next_fault()
         if fault.kind == "swapped":
             self._held = word
         elif fault.kind != "missing":

@@ -253,6 +253,7 @@ class Fault:
     value: int = 31
     address: int = FIFO_CTRL4
     mask: int = 0  #: 0: the kind's own
+    spared: int = 0  #: words from ``at_s`` on that nothing happens to; 0 hits the first of a time slot, as a rule the timestamp
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

@@ -12,14 +12,14 @@
 enum {
     RING = 8192, /* 50 ms at 6667 Hz */
     SPINS = 100000,
-    TC = 1 << 6,
-    TXE = 1 << 7,
-    DMAT = 1 << 7,
+    TC = 1u << 6,
+    TXE = 1u << 7,
+    DMAT = 1u << 7,
     STREAM = 7,
     CHANNEL = 4,
-    CLEAR = 0x3D << 22,
-    COMPLETE = 1 << 27,
-    ERRORS = 1 << 25,
+    CLEAR = 0x3Du << 22,
+    COMPLETE = 1u << 27,
+    ERRORS = 1u << 25,
     BYTE_BITS = 10,
     SPARE_MS = 10, /* of the time that bytes take on the wire */
 };
@@ -58,8 +58,8 @@ static uint32_t ready(void)
 /* Without DMA (QEMU has none): at once. */
 static void send_by_hand(void)
 {
-    while (ready()) {
-        rises(TXE);
+    while (ready() != 0u) {
+        (void)rises(TXE);
         USART1_DR = waiting.bytes[waiting.out++ % RING];
     }
 }
@@ -69,7 +69,7 @@ static int landed(void)
 {
     if (!waiting.flying)
         return 1;
-    if (!(DMA2_HISR & (COMPLETE | ERRORS)) && board_milliseconds() - waiting.began_ms < waiting.most_ms)
+    if (((DMA2_HISR & (COMPLETE | ERRORS)) == 0u) && ((board_milliseconds() - waiting.began_ms) < waiting.most_ms))
         return 0;
     DMA2_CR(STREAM) = 0;
     for (int spin = 0; spin < DMA_SPINS && (DMA2_CR(STREAM) & DMA_ENABLE); spin++)
@@ -83,7 +83,7 @@ static int landed(void)
 /* The next rate, once the last byte of the present one has left the port; or should have, as an error of DMA leaves no sign of that. */
 static void change_rate(void)
 {
-    const int left = (USART1_SR & TC) || board_milliseconds() - waiting.began_ms >= waiting.most_ms;
+    const int left = ((USART1_SR & TC) != 0u) || ((board_milliseconds() - waiting.began_ms) >= waiting.most_ms);
     if (!waiting.next_baud || ready() || !left)
         return;
     board_host_baud(waiting.next_baud);
@@ -100,7 +100,7 @@ void board_send_on(void)
     if (!waiting.by_dma || !ready())
         return;
     const uint32_t at = waiting.out % RING, count = ready();
-    waiting.flying = count < RING - at ? count : RING - at;
+    waiting.flying = (count < (RING - at)) ? count : (RING - at);
     waiting.began_ms = board_milliseconds();
     waiting.most_ms = waiting.flying * BYTE_BITS * USART1_BRR / (APB2_HZ / 1000) * 5 / 4 + SPARE_MS;
     USART1_SR = ~(uint32_t)TC;
@@ -113,7 +113,7 @@ void board_send_on(void)
 int board_send(const uint8_t *bytes, unsigned count)
 {
     board_send_on();
-    if (count > RING - (waiting.in - waiting.out))
+    if (count > (RING - (waiting.in - waiting.out)))
         return 0;
     for (unsigned n = 0; n < count; n++)
         waiting.bytes[waiting.in++ % RING] = bytes[n];

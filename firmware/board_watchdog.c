@@ -22,7 +22,7 @@ enum {
     THIRTY_SECOND = 3,
     PERIOD = 1000,
     SPINS = 100000, /* until both have been taken over: five cycles of the LSI */
-    DBG_IWDG_STOP = 1 << 12,
+    DBG_IWDG_STOP = 1u << 12,
 };
 
 /* Of RCC_CSR. */
@@ -52,7 +52,7 @@ void board_alive(void)
 {
     static uint32_t alive_ms;
     const uint32_t now_ms = board_milliseconds();
-    if (WATCHDOG && now_ms != alive_ms)
+    if (WATCHDOG && (now_ms != alive_ms))
         IWDG_KR = RELOAD;
     alive_ms = now_ms;
 }

@@ -6,7 +6,7 @@
 #define CFSR REG(0xE000ED28u)
 #define BFAR REG(0xE000ED38u)
 
-#define RESET_REQUEST (0x05FAu << 16 | 1u << 2)
+#define RESET_REQUEST ((0x05FAu << 16) | (1u << 2))
 
 __attribute__((section(".kept"))) struct fault_record fault_record;
 

@@ -21,7 +21,7 @@ void Reset_Handler(void)
         *to++ = *from++;
     for (uint32_t *to = bss_start; to < bss_end;)
         *to++ = 0;
-    main();
+    (void)main();
     fault_reset(); /* it has no end */
 }
 

@@ -78,7 +78,7 @@ class Machine:
     everything else continues; lsi_hz: low-speed oscillator, which the watchdog counts.
 
     usart1, usart2: the ports; resets: number of resets, by the program or by its watchdog, and watchdog_resets: those by the watchdog;
-    slept: cycles in ``wfi``; longest_awake: cycles of the longest time between two of them, since the start or since it was last set to 0.
+    slept: cycles in ``wfi``.
     Raises ValueError where the file is not a program for ARM, ProgramError where Unicorn is missing.
     """
 
@@ -98,8 +98,8 @@ class Machine:
         self._stalls = sorted((at_s * CORE_HZ, (at_s + lasts_s) * CORE_HZ) for at_s, lasts_s in stalls)
         self._segments = segments(elf)
         self.cpu.set_memory(UNIQUE_ID, uid)
-        self.resets, self.watchdog_resets, self.slept, self.longest_awake = 0, 0, 0.0, 0.0
-        self._end, self._reset_asked, self._lsi_hz, self._woke = 0.0, 0, lsi_hz, 0.0
+        self.resets, self.watchdog_resets, self.slept = 0, 0, 0.0
+        self._end, self._reset_asked, self._lsi_hz = 0.0, 0, lsi_hz
         self._power_up(POWER_UP)
 
     def _power_up(self, cause: int) -> None:
@@ -255,7 +255,6 @@ class Machine:
         clock.base = max(before, min(cycle, clock.next(), self._end))
         if asleep:
             self.slept += clock.base - before
-            self._woke = clock.base
         elif self.core.watchdog_stops:
             self.iwdg.stand_still(clock.base - before)
 
@@ -264,7 +263,6 @@ class Machine:
         self.clock.base += executed * self.clock.per_instruction
         if why == WAITS:
             self._asleep = not self.nvic.wakes
-            self.longest_awake, self._woke = max(self.longest_awake, self.clock.base - self._woke), self.clock.base
         elif why == RETURNS:
             self.cpu.leave()
             self.nvic.leave()

@@ -144,7 +144,18 @@ def test_a_file_waits_for_the_serial_number_of_a_board_that_says_it(tmp_path):
     """All else may be given: without its number another board could take the place of this one."""
     given = SessionFile(tmp_path / "s", None, 1667.0, INFO.gyro_fs_dps, INFO.accel_fs_g)
     assert given.configure(None, 0.5, speaks=True) is None
-    assert given.configure(INFO, 0.9, speaks=True).sensor.serial == INFO.serial != ""
+    board = StreamDecoder().feed(frames.encode_info(0, INFO) + board_frame())[1]
+    assert given.configure(INFO, 0.9, speaks=True) is None
+    assert given.configure(None, 1.0, board=board, speaks=True).sensor.serial == INFO.serial != ""
     silent = SessionFile(tmp_path / "t", None, 1667.0, 500, 4)
     assert silent.configure(None, 3.1, speaks=True).sensor.serial == ""
     assert SessionFile(tmp_path / "u", None, 1667.0, 500, 4).configure(None, 0.0).sensor.serial == ""
+
+
+@pytest.mark.parametrize(("who", "given", "model"), [(0x6B, None, "ASM330LHH"), (0x6C, None, "LSM6DSO"), (0x6C, "LSM6DSOX", "LSM6DSOX")])
+def test_the_chip_that_answers_names_the_sensor_where_nobody_else_does(tmp_path, who, given, model):
+    board = StreamDecoder().feed(frames.encode_info(0, INFO) + board_frame(who=who))[1]
+    file = SessionFile(tmp_path, None, None, None, None, sensor=given)
+    assert file.configure(INFO, board=board).sensor.model == model
+    assert read_config(file.path).sensor.model == model
+    assert file.assumed == (model == "ASM330LHH")

@@ -12,7 +12,7 @@ from streams import INFO, frame_list, sent
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, SelfTestResult, Trouble
-from session.bench.guided_session import MOST_SAID, NO_SENSOR, BoardReporter, SensorIdentity
+from session.bench.guided_session import BY_WATCHDOG, MOST_SAID, NO_SENSOR, SETTLES, BoardReporter, SensorIdentity
 from session.bench.logwriter import LogWriter
 from session.io.errors import OtherSensor
 
@@ -26,10 +26,16 @@ def frame(body: bytes) -> bytes:
 
 
 def board_frame(
-    source: int = 1, sequence: int = 0, baud: int = 921600, odr_hz: float = 417.0, freq_fine: int = -4, who: int = 0x6B
+    source: int = 1,
+    sequence: int = 0,
+    baud: int = 921600,
+    odr_hz: float = 417.0,
+    freq_fine: int = -4,
+    who: int = 0x6B,
+    state: int = 3,
 ) -> bytes:
-    state = struct.pack("<BBBBBBb", source, 3, 1, 2, 3, who, freq_fine)
-    return frame(struct.pack("<BH", 0x05, sequence) + state + REGISTERS + struct.pack("<If", baud, odr_hz))
+    head = struct.pack("<BBBBBBb", source, state, 1, 2, 3, who, freq_fine)
+    return frame(struct.pack("<BH", 0x05, sequence) + head + REGISTERS + struct.pack("<If", baud, odr_hz))
 
 
 def faults_frame(sequence: int = 0, **counts: int) -> bytes:
@@ -97,7 +103,7 @@ def test_at_the_lowest_rate_a_board_that_repeats_itself_leaves_room_for_infos():
     assert sum(type(event).__name__ == "Info" for event in events) == 1000
 
 
-@pytest.mark.parametrize("body", [struct.pack("<BH", 0x05, 0), struct.pack("<BHB", 0x07, 0, 1), struct.pack("<BH17I", 0x06, 0, *range(17))])
+@pytest.mark.parametrize("body", [struct.pack("<BH", 0x05, 0), struct.pack("<BHB", 0x07, 0, 1), struct.pack("<BH18I", 0x06, 0, *range(18))])
 def test_a_frame_of_another_length_is_passed_over(body):
     decoder = StreamDecoder()
     events = decoder.feed(b"".join(frame_list(*sent(50))) + frame(body) + b"".join(frame_list(*sent(50))[:0]))
@@ -137,8 +143,8 @@ def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
 
 
 def test_counts_that_fall_are_a_board_that_was_switched_on_again():
-    assert FaultCounts((0,) * 16).since(FaultCounts((5,) * 16)) == {}
-    assert FaultCounts((1, *(0,) * 15)).since(FaultCounts((5,) * 16)) == {"overrun": 1}
+    assert FaultCounts((0,) * 17).since(FaultCounts((5,) * 17)) == {}
+    assert FaultCounts((1, *(0,) * 16)).since(FaultCounts((5,) * 17)) == {"overrun": 1}
 
 
 def test_a_loose_wire_does_not_say_it_for_ever():
@@ -150,8 +156,21 @@ def test_a_stand_in_is_said():
     assert heard(board_frame(source=1)) == []
 
 
+def test_settling_filters_and_a_watchdogs_reset_are_said_once():
+    assert heard(board_frame(state=7), board_frame(state=7), board_frame(state=3)) == [SETTLES]
+    assert heard(board_frame(state=11), board_frame(state=11)) == [BY_WATCHDOG]
+    event = StreamDecoder().feed(HELLO + board_frame(state=12))[1]
+    assert (event.streams, event.runs, event.settles, event.by_watchdog) == (False, False, True, True)
+    assert event.text.endswith(" reset=watchdog")
+
+
 @pytest.mark.parametrize(
-    ("who", "says"), [(0x6C, "a chip that is no ASM330LHH answers"), (0x6B, "a sensor answers on its bus, but did not start")]
+    ("who", "says"),
+    [
+        (0x69, "a chip that is no ASM330LHH and no LSM6DSO answers"),
+        (0x6C, "a sensor answers on its bus"),
+        (0x6B, "a sensor answers on its bus, but did not start"),
+    ],
 )
 def test_a_stand_in_beside_a_chip_that_answers_says_which(who, says):
     (words,) = heard(board_frame(source=0, who=who))

@@ -93,6 +93,8 @@ def _triad(names: list[str], letter: str, units: tuple[str, ...]) -> tuple[str, 
 
 BOARD_TYPE, FAULTS_TYPE, DONE_TYPE, TESTED_TYPE = 0x05, 0x06, 0x07, 0x08
 STANDIN, SENSOR = 0, 1
+#: WHO_AM_I -> the chip that the firmware runs it as; siblings have the same registers and the same identity
+CHIPS = {0x6B: "ASM330LHH", 0x6C: "LSM6DSO"}
 #: counts of a faults frame, in its order
 FAULTS = (
     *("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset"),
@@ -121,6 +123,8 @@ class BoardStatus:
     registers: bytes  #: CTRL1_XL to CTRL10_C as read back
     baud: int  #: of the host's port
     odr_hz: float  #: nominal
+    settles: bool = False  #: the sensor runs, but its filters have not settled: no samples yet
+    by_watchdog: bool = False  #: whether the board's last reset was its watchdog's
 
     @property
     def source_name(self) -> str:
@@ -133,7 +137,8 @@ class BoardStatus:
         source = f"board source={self.source_name} firmware={self.firmware}"
         if self.source == STANDIN:  # which has no registers
             return source
-        return f"{source} who_am_i=0x{self.who_am_i:02X} freq_fine={self.freq_fine} registers={self.registers.hex()}"
+        registers = f"who_am_i=0x{self.who_am_i:02X} freq_fine={self.freq_fine} registers={self.registers.hex()}"
+        return f"{source} {registers}" + (" reset=watchdog" if self.by_watchdog else "")
 
 
 @dataclass(frozen=True)
@@ -188,7 +193,8 @@ def decode_message(body: bytes) -> BoardMessage | None:
     values = _CONTENT[kind].unpack_from(body, _HEAD.size)
     if kind == BOARD_TYPE:
         source, state, major, minor, patch, who, fine, registers, baud, odr_hz = values
-        return BoardStatus(source, bool(state & 1), bool(state & 2), f"{major}.{minor}.{patch}", who, fine, registers, baud, odr_hz)
+        firmware, states = f"{major}.{minor}.{patch}", [bool(state >> bit & 1) for bit in range(4)]
+        return BoardStatus(source, states[0], states[1], firmware, who, fine, registers, baud, odr_hz, *states[2:])
     if kind == FAULTS_TYPE:
         return FaultCounts(values)
     if kind == DONE_TYPE:

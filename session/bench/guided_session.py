@@ -14,6 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from session.bench.closure_guide import BEGIN
 from session.bench.events import (
+    CHIPS,
     NO_SERIAL,
     SENSOR,
     STANDIN,
@@ -71,8 +72,9 @@ FOUND = (
     "the board has found its sensor: a new log begins; "
     "those before it hold no sensor's samples: take them out of the folder (check names them)"
 )
-#: WHO_AM_I of a bus without an answer, and of the sensor and its siblings
-NOBODY, FAMILY = (0x00, 0xFF), 0x6B
+SETTLES = "the sensor's filters settle: samples come once they have (narrow filters at a low rate take up to a minute)"
+BY_WATCHDOG = "the board's program had hung, and its watchdog has started it again: what it sent before is another log"
+NOBODY = (0x00, 0xFF)  #: WHO_AM_I of a bus without an answer
 #: reports of faults; a sensor with a loose wire causes them all the time
 MOST_SAID = 20
 
@@ -101,14 +103,19 @@ class BoardReporter:
         if isinstance(message, BoardStatus):
             before, changes, self.board = self.board, self.changes_source(message), message
             if message.source == SENSOR:
-                return [FOUND] if changes else []
+                said = [FOUND] if changes else []
+                if message.settles and not (before is not None and before.settles):
+                    said.append(SETTLES)
+                if message.by_watchdog and not (before is not None and before.by_watchdog):
+                    said.append(BY_WATCHDOG)
+                return said
             if message.source != STANDIN or (before is not None and before.source == STANDIN):
                 return []
             if message.who_am_i in NOBODY:
                 return [NO_SENSOR]
             who = "a sensor answers on its bus, but did not start"
-            if message.who_am_i != FAMILY:
-                who = "a chip that is no ASM330LHH answers on its bus"
+            if message.who_am_i not in CHIPS:
+                who = f"a chip that is no {' and no '.join(CHIPS.values())} answers on its bus"
             return [f"{NO_SENSOR}; {who}: WHO_AM_I 0x{message.who_am_i:02X}"]
         if isinstance(message, SelfTestResult):
             return [f"the sensor's self-test failed (bits 0x{message.failed:X})"] if message.failed else []

@@ -14,7 +14,7 @@ from datetime import datetime
 from pathlib import Path
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import NO_SERIAL, STANDIN, BoardStatus, Info
+from session.bench.events import CHIPS, NO_SERIAL, SENSOR, STANDIN, BoardStatus, Info
 from session.bench.port import RETRY_S, UNPLUGGED, RequestedSettings, open_serial
 from session.bench.rawfile import RAW
 from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, read_config
@@ -150,7 +150,10 @@ NEAREST_WITHIN = 0.1  #: relative tolerance of the nearest nominal rate: beyond 
 DIVIDED_WITHIN = 0.05  #: the same where a divider gives many rates
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 BOARD = "the board"
-BOARD_REMARKS = {"who_am_i": "107 is 0x6B: an ASM330LHH, or a sibling of it (ASM330LHHX, ISM330DHCX, LSM6DSR …); no register says which"}
+BOARD_REMARKS = {
+    "who_am_i": "107 is 0x6B: an ASM330LHH, or a sibling of it (ASM330LHHX, ISM330DHCX, LSM6DSR …); no register says which; "
+    "108 is 0x6C: an LSM6DSO, LSM6DSOX or LSM6DSO32"
+}
 MOST_A_SECOND = 99  #: notes
 SAME_MOMENT_S = 1e-3
 LONGEST_WORDS = 200  #: of serial and model
@@ -224,7 +227,7 @@ class SessionFile:
         """The configuration, whose file is written; None while not enough is known.
 
         waited_s: seconds of samples without an info; physical: whether the samples are in physical units, None without samples; board: its
-        status, for ``[board]`` of a file that is written here; speaks: whether the board will send an info with its serial number.
+        status, for the sensor's model and for ``[board]`` of a file that is written here; speaks: whether the board will send both.
 
         OtherSensor where the board contradicts the file, CalibrationError where it contradicts the command line; StorageError where the
         file cannot be written.
@@ -240,8 +243,8 @@ class SessionFile:
                     raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._given[name]:g}: leave it out")
         self._info = info = info or self._info
         if self._own is None:
-            awaited = info is None and speaks and waited_s < PATIENCE_S
-            sensor = None if physical is None or awaited else self._sensor(info, waited_s, physical)
+            awaited = speaks and (info is None or board is None) and waited_s < PATIENCE_S
+            sensor = None if physical is None or awaited else self._sensor(info, waited_s, physical, board)
             if sensor is None:
                 return None
             known = self._like or Config(sensor, Accelerometer(source="none"), self._bench, Protocol())
@@ -298,7 +301,7 @@ class SessionFile:
         except FormatError:
             return None
 
-    def _sensor(self, info: Info | None, waited_s: float, physical: bool) -> Sensor | None:
+    def _sensor(self, info: Info | None, waited_s: float, physical: bool, board: BoardStatus | None) -> Sensor | None:
         like = self._like.sensor if self._like is not None else None
         source = info or (like if waited_s >= PATIENCE_S else None)
         values = {name: value if value is not None else getattr(source, name, None) for name, value in self._given.items()}
@@ -306,7 +309,9 @@ class SessionFile:
         if odr_hz is None or gyro_fs_dps is None or accel_fs_g is None:
             return None
         serial = info.serial if info else ""
-        model = self._model or (info.sensor if info else "") or (like.model if like is not None else "")
+        chip = CHIPS.get(board.who_am_i, DEFAULT) if board is not None and board.source == SENSOR else DEFAULT
+        of_board = (info.sensor if info else "") or (chip if chip != DEFAULT else "")  # siblings share the identity of the default
+        model = self._model or of_board or (like.model if like is not None else "")
         self.assumed, model = not (model or physical), model or (UNKNOWN if physical else DEFAULT)
         nominal = nominal_hz(odr_hz, model)
         if like is not None and _same_model(like.model, model):

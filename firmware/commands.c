@@ -40,7 +40,7 @@ static enum result was_set(void)
     const enum fault fault = sensor_outcome();
     if (fault == FAULTS)
         return DONE;
-    if (fault == (enum fault)LSM6DSX_IMPOSSIBLE)
+    if (fault == LSM6DSX_IMPOSSIBLE)
         return IMPOSSIBLE;
     return sensor_found() ? NOT_TAKEN : NO_SENSOR;
 }

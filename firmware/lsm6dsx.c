@@ -42,9 +42,9 @@ static void stand_still(struct lsm6dsx *sensor, enum fault fault)
     sensor->running = false;
     sensor->starting = false;
     sensor->step = STEP_STANDS;
-    if ((sensor->reason != (uint8_t)fault) && (fault < FAULTS))
+    if ((sensor->reason != fault) && (fault < FAULTS))
         sensor->faults[fault]++;
-    sensor->reason = (uint8_t)fault;
+    sensor->reason = fault;
 }
 
 /* Words are missing. */
@@ -62,6 +62,7 @@ static void run(struct lsm6dsx *sensor)
     sensor->starting = false;
     sensor->bad_bursts = 0;
     sensor->data_us = sensor->bus->time();
+    sensor->step_us = sensor->data_us;
 }
 
 /* Whether the registers are still those that were set; FAULTS, or what is wrong. */
@@ -288,5 +289,5 @@ enum fault lsm6dsx_start(struct lsm6dsx *sensor)
         (void)lsm6dsx_poll(sensor, 0);
         sensor->bus->wait(1000);
     }
-    return (enum fault)sensor->reason;
+    return sensor->reason;
 }

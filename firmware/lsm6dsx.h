@@ -45,9 +45,6 @@ struct lsm6dsx_settings {
     uint16_t accel_lpf2_divisor; /* bandwidth: data rate over 2 (without LPF2), 4, 10, 20, 45, 100, 200, 400, 800 */
 };
 
-/* Beyond enum fault: the sensor is there, but has no such settings.  Not counted, and not tried again. */
-enum { LSM6DSX_IMPOSSIBLE = FAULTS + 1 };
-
 /* On the way to a sensor that runs. */
 enum lsm6dsx_step { STEP_STANDS, STEP_IDENTIFY, STEP_OFF, STEP_RESET, STEP_BLANK, STEP_ON, STEP_RUNS };
 
@@ -61,9 +58,9 @@ struct lsm6dsx {
     uint8_t kept[LSM6DSX_KEPT]; /* as read back at the last start: what the session was recorded with */
     int8_t freq_fine;
     uint8_t who;    /* the last WHO_AM_I that was read */
-    uint8_t step;   /* enum lsm6dsx_step */
-    uint8_t reason; /* of standing still: a fault, LSM6DSX_IMPOSSIBLE, or FAULTS */
     uint8_t bad_bursts;
+    enum lsm6dsx_step step;
+    enum fault reason; /* of standing still, or FAULTS */
     bool running;  /* whether words are to be expected; samples, once its filters have settled (fifo.settled) */
     bool starting; /* whether a start that was asked for has neither succeeded nor failed */
     bool set_up;   /* whether its registers are those that were set, as far as we know */
@@ -102,8 +99,8 @@ void lsm6dsx_restart(struct lsm6dsx *sensor);
  * out may be null while the sensor does not run. */
 unsigned lsm6dsx_poll(struct lsm6dsx *sensor, struct fifo_sample *out);
 
-/* For small targets: lsm6dsx_restart, and polls until it runs or has failed; 0.3 s at most.  FAULTS where it runs, LSM6DSX_IMPOSSIBLE, or
- * the fault, which is counted. */
+/* For small targets: lsm6dsx_restart, and polls until it runs or has failed; 0.3 s at most.  FAULTS where it runs, LSM6DSX_IMPOSSIBLE
+ * where it has no such settings (then nothing is tried again), or the fault, which is counted. */
 enum fault lsm6dsx_start(struct lsm6dsx *sensor);
 
 /* What follows is between the driver's own files. */

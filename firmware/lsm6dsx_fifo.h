@@ -22,7 +22,8 @@ enum fault {
     FAULT_STARTS,     /* starts again, whether they succeeded or not */
     FAULT_LOST,       /* sample periods without a sample, as the stamps show them */
     FAULT_RATE,       /* registers as set, but samples come at another rate */
-    FAULTS
+    FAULTS,
+    LSM6DSX_IMPOSSIBLE /* no fault: the sensor is there, and has no such settings */
 };
 
 /* Words of a burst at most; a target with little RAM sets fewer.  The sensor's FIFO has 3 kB for words of seven bytes: 438. */

@@ -8,7 +8,7 @@ static const uint32_t ON_US = 10000; /* before FREQ_FINE is read: it may be anot
 
 void lsm6dsx_next(struct lsm6dsx *sensor, enum lsm6dsx_step step)
 {
-    sensor->step = (uint8_t)step;
+    sensor->step = step;
     sensor->step_us = sensor->bus->time();
 }
 
@@ -59,11 +59,12 @@ enum fault lsm6dsx_reset_step(struct lsm6dsx *sensor)
  * be in every stamp. */
 static enum fault begin(struct lsm6dsx *sensor)
 {
-    uint8_t image[LSM6DSX_KEPT], temperature[2];
+    uint8_t image[LSM6DSX_KEPT];
     sensor->failed = false;
     sensor->freq_fine = (int8_t)lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE);
     fifo_begin(&sensor->fifo, sensor->settings.odr, sensor->freq_fine, lsm6dsx_unsettled(&sensor->settings, sensor->freq_fine));
     if ((lsm6dsx_read_one(sensor, STATUS_REG) & TDA) != 0) {
+        uint8_t temperature[2];
         lsm6dsx_read(sensor, OUT_TEMP_L, temperature, 2);
         fifo_temperature(&sensor->fifo, (int16_t)(uint16_t)(temperature[0] | ((uint16_t)temperature[1] << 8)));
     } /* else there is no sample before the first temperature comes through the FIFO */
@@ -83,12 +84,12 @@ enum fault lsm6dsx_start_step(struct lsm6dsx *sensor)
     const uint32_t passed_us = sensor->bus->time() - sensor->step_us;
     enum fault fault = FAULTS;
     if ((sensor->step == STEP_IDENTIFY) && !lsm6dsx_possible(&sensor->settings, 0)) {
-        fault = (enum fault)LSM6DSX_IMPOSSIBLE;
+        fault = LSM6DSX_IMPOSSIBLE;
     } else if (sensor->step < STEP_BLANK) {
         fault = lsm6dsx_reset_step(sensor);
     } else if (sensor->step == STEP_BLANK) {
         if (!lsm6dsx_possible(&sensor->settings, sensor->chip))
-            return (enum fault)LSM6DSX_IMPOSSIBLE;
+            return LSM6DSX_IMPOSSIBLE;
         sensor->failed = false;
         lsm6dsx_write_settings(sensor);
         fault = sensor->failed ? FAULT_HANG : FAULTS;

@@ -46,14 +46,14 @@ float sensor_rate_hz(void)
     return fifo_rate_hz(sensor.settings.odr, sensor.freq_fine);
 }
 
-/* A start that was asked for has ended. */
+/* A start that was asked for has ended.  One that is looked for after power-up may still come, and is set as it was to be. */
 static void end_of_start(void)
 {
     setting = false;
-    outcome = (enum fault)sensor.reason;
-    if ((outcome == (enum fault)LSM6DSX_IMPOSSIBLE) || !sensor.found)
+    outcome = sensor.reason;
+    if ((outcome == LSM6DSX_IMPOSSIBLE) || (!sensor.found && !looking))
         sensor.settings = before;
-    if (outcome == (enum fault)LSM6DSX_IMPOSSIBLE)
+    if (outcome == LSM6DSX_IMPOSSIBLE)
         lsm6dsx_restart(&sensor);
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import sys
 
@@ -12,7 +13,7 @@ from f405_programs import tools_missing
 from session.bench import frames
 from session.bench.events import SENSOR, STANDIN, SelfTestResult
 from tinygc.annexes.emulated.machine import Machine
-from tinygc.annexes.emulated.readings import LSM6DSO, AtRest, Fault, Silicon
+from tinygc.annexes.emulated.readings import ASM330LHH, LSM6DSO, AtRest, Fault, Silicon
 from tinygc.annexes.emulated.sensor import SensorPort
 
 if MISSING := tools_missing():
@@ -143,12 +144,13 @@ def test_an_lsm6dso_has_no_4000_dps(elf):
 
 
 def test_a_model_whose_range_the_chip_has_not_begins_with_another(tmp_path):
-    """An option of make, or a model's own; the info frame says what it is."""
+    """An option of make, or a model's own; the info frame says what it is.  Where the chip has it, it may come late."""
     elf = measure.build("recorder.elf", tmp_path, tmp_path, GYRO_FS_DPS="4000", BAUD="2000000")
-    for chip, dps in ((None, 4000.0), (LSM6DSO, 500.0)):
-        driven = Heard(elf, silicon=Silicon(**({"chip": chip} if chip else {})))
-        driven.run(0.3)
-        assert (driven.board.source, driven.board.runs, driven.info.gyro_fs_dps) == (SENSOR, True, dps)
+    for chip, dps in ((ASM330LHH, 4000.0), (LSM6DSO, 500.0)):
+        for late_s in (0.01, 0.5):
+            driven = Heard(elf, silicon=Silicon(chip=chip), faults=[Fault("late", late_s)])
+            driven.run(0.3 + late_s)
+            assert (driven.board.source, driven.board.runs, driven.info.gyro_fs_dps) == (SENSOR, True, dps)
 
 
 def test_what_a_board_says_of_its_registers_is_what_was_set(elf):
@@ -158,3 +160,22 @@ def test_what_a_board_says_of_its_registers_is_what_was_set(elf):
     driven.ask(frames.FILTERS, 3, 20)
     assert struct.unpack("10B", driven.board.registers) == (0x6A, 0x64, 0x44, 0x0E, 0, 3, 0, 2 << 5, 0xE2, 0x20)
     assert driven.board.firmware == "1.1.0"
+
+
+@pytest.mark.parametrize("row", [2, 5])
+def test_the_port_carries_what_the_page_says(elf, row):
+    """In kbit/s, at the nominal rate: samples, and the frames that come once a second."""
+    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
+    section = page.split("### What the port must carry")[1].split("\n### ")[0]
+    nominal_hz, stated = (float(cell) for cell in re.findall(r"^\| ([\d.]+) \| ([\d.]+) \|", section, re.M)[row])
+    driven = Heard(elf)
+    driven.run(0.2)
+    driven.ask(frames.DATA_RATE, nominal_hz)
+    driven.run(1.0)
+    driven.forget()
+    before = driven.bytes
+    driven.run(4.0)
+    samples = sum(len(chunk.t_us) for chunk in driven._chunks)
+    assert samples > 4 * nominal_hz
+    other = (driven.bytes - before) - frames.SAMPLE_BYTES * samples
+    assert 10 * (frames.SAMPLE_BYTES * nominal_hz + other / 4) / 1e3 == pytest.approx(stated, abs=0.06)

@@ -46,12 +46,14 @@ float sensor_rate_hz(void)
     return fifo_rate_hz(sensor.settings.odr, sensor.freq_fine);
 }
 
-/* A start that was asked for has ended.  One that is looked for after power-up may still come, and is set as it was to be. */
+/* A start that was asked for has ended; but a sensor that is looked for may still come, and is then set as it was to be. */
 static void end_of_start(void)
 {
-    setting = false;
     outcome = sensor.reason;
-    if ((outcome == LSM6DSX_IMPOSSIBLE) || (!sensor.found && !looking))
+    if (looking && !sensor.found && (outcome != LSM6DSX_IMPOSSIBLE))
+        return;
+    setting = false;
+    if ((outcome == LSM6DSX_IMPOSSIBLE) || !sensor.found)
         sensor.settings = before;
     if (outcome == LSM6DSX_IMPOSSIBLE)
         lsm6dsx_restart(&sensor);

@@ -1,7 +1,8 @@
 """The sensor's driver, its ELF file as it is flashed, on the emulated STM32F405 beside the register model of the ASM330LHH.
 
-start: what it writes, in order; rates: load, rate and stamps at each data rate; million: 10^6 samples at 6667 Hz; faults: what is done to
-it, what it counts and says, and what that costs.  Needs the tools of docs/firmware.md and Unicorn.
+start: what it writes, in order; rates: load, rate and stamps at each data rate; million: 10^6 samples, at 6667 Hz or --rate; faults: what
+is done to it, what it counts and says, and what that costs; sweeps: what silicon may do, and each sweep by its name (driver_sweeps.py).
+Needs the tools of docs/firmware.md and Unicorn.
 """
 
 from __future__ import annotations
@@ -10,25 +11,29 @@ import argparse
 import json
 import sys
 import tempfile
+import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 
+import driver_sweeps
 import numpy as np
-from common import markdown, progress
-from emulated_driver import NOMINAL_HZ, Driven, built, cycles_per_sample
+from common import in_parallel, markdown, progress
+from emulated_driver import NOMINAL_HZ, Driven, built, cycles_per_sample, nominal_code
 
 from session.bench import frames
 from session.bench.guided_session import BoardReporter
 from tinygc.annexes.emulated import readings
-from tinygc.annexes.emulated.readings import Fault
+from tinygc.annexes.emulated.readings import CHIPS, FIFO_CTRL3, FIFO_CTRL4, Fault, Silicon
 
 SETTLED_S, TIMES, APART_S = 0.6, 20, 0.5
-MILLION_S = 150.0
+MILLION = 1.005e6
 
 
 @dataclass(frozen=True)
 class Injected:
-    """A fault, so many times: of a kind of the model, or a stall of the core; words in a row; lasts_s."""
+    """A fault, so many times: of a kind of the model, or a stall of the core; words in a row; lasts_s; mask: by the code of the rate."""
 
     name: str
     kind: str
@@ -37,6 +42,13 @@ class Injected:
     value: int = 31
     times: int = TIMES
     apart_s: float = APART_S
+    address: int = FIFO_CTRL4
+    mask: Callable[[int], int] = lambda code: 0
+    spared: int = 0
+
+
+def _off(name: str, address: int, mask: Callable[[int], int]) -> Injected:
+    return Injected(name, "register", times=5, apart_s=2.0, address=address, mask=mask)
 
 
 INJECTED = (
@@ -55,7 +67,15 @@ INJECTED = (
     Injected("sensor hangs for 0.1 ms, at any moment", "hang", 1e-4, times=800, apart_s=0.0123),
     Injected("sensor hangs for 20 ms", "hang", 0.02),
     Injected("sensor hangs for 0.3 s", "hang", 0.3, apart_s=0.8),
+    Injected("two bits of a stamp's tag, each pair in turn", "tag_pair", times=28),
+    Injected("two bits of a gyroscope's tag", "tag_pair", times=28, spared=1),
+    Injected("two bits of an accelerometer's tag", "tag_pair", times=28, spared=2),
     Injected("sensor resets itself", "reset"),
+    _off("DEC_TS goes off by itself", FIFO_CTRL4, lambda code: readings.DEC_TS),
+    _off("BDR_GY goes off by itself", FIFO_CTRL3, lambda code: code << 4),
+    _off("BDR_XL goes off by itself", FIFO_CTRL3, lambda code: code),
+    _off("BDR_GY and BDR_XL go to half by themselves", FIFO_CTRL3, lambda code: 17 * (code ^ code - 1)),
+    Injected("batched at half the rate for 0.5 s", "rate", 0.5, times=5, apart_s=2.0),
     Injected("another's identity for 20 ms", "identity", 0.02, value=0x6C),
     Injected("INT1 stays low for 0.2 s", "int1", 0.2),
 )
@@ -72,7 +92,9 @@ class Row:
     made: int
     missing: int
     lost: int
+    doubled: int
     falsified: int
+    unsettled: int
     stamp_off_us: float
     restart_off_us: float
     objections: list[str] = field(default_factory=list)
@@ -88,16 +110,17 @@ def at_rate(elf: Path, odr_hz: float, **how) -> Driven:
     return driven
 
 
-def start_up(elf: Path) -> Driven:
+def start_up(elf: Path, silicon: Silicon) -> Driven:
     """A board that was switched on."""
-    driven = Driven(elf)
+    driven = Driven(elf, silicon=silicon)
     driven.run(1.5)
     return driven
 
 
-def rate_row(elf: Path, odr_hz: float, seconds: float) -> dict[str, float]:
+def rate_row(elf: Path, odr_hz: float, seconds: float, silicon: Silicon) -> dict[str, float]:
     """At one data rate, no fault."""
-    driven = at_rate(elf, odr_hz)
+    began_s = time.process_time()
+    driven = at_rate(elf, odr_hz, silicon=silicon)
     sent = driven.bytes
     load = driven.load(seconds)
     found = driven.verdict()
@@ -109,7 +132,10 @@ def rate_row(elf: Path, odr_hz: float, seconds: float) -> dict[str, float]:
         "off_us": found.off_us,
         "samples": found.streamed,
         "lost": found.missing,
+        "doubled": found.doubled,
         "falsified": found.falsified,
+        "unsettled": found.unsettled,
+        "cpu_s": time.process_time() - began_s,
         "load": load,
         "cycles": cycles_per_sample(load, found.true_hz),
         "bit_s": 10 * (driven.bytes - sent) / seconds,
@@ -117,7 +143,7 @@ def rate_row(elf: Path, odr_hz: float, seconds: float) -> dict[str, float]:
     }
 
 
-def fault_row(elf: Path, injected: Injected, odr_hz: float) -> Row:
+def fault_row(elf: Path, injected: Injected, odr_hz: float, silicon: Silicon) -> Row:
     """One kind of fault, at seeded moments."""
     rng = np.random.default_rng(len(injected.name))
     begin_s = 0.4 + SETTLED_S + 1.0
@@ -126,8 +152,10 @@ def fault_row(elf: Path, injected: Injected, odr_hz: float) -> Row:
     if injected.kind == "stall":
         stalls = [(when, injected.lasts_s) for when in at_s]
     else:
-        faults = [Fault(injected.kind, float(when), injected.lasts_s, injected.words, injected.value) for when in at_s]
-    driven = at_rate(elf, odr_hz, faults=faults, stalls=stalls)
+        mask = injected.mask(11 - nominal_code(odr_hz).bit_length())
+        what = (injected.lasts_s, injected.words, injected.value, injected.address, mask, injected.spared)
+        faults = [Fault(injected.kind, float(when), *what) for when in at_s]
+    driven = at_rate(elf, odr_hz, faults=faults, stalls=stalls, silicon=silicon)
     words, before = BoardReporter(), len(driven.said)
     for said in driven.said:
         words.hear(said)
@@ -144,7 +172,9 @@ def fault_row(elf: Path, injected: Injected, odr_hz: float) -> Row:
         found.made,
         found.missing,
         found.said_lost,
+        found.doubled,
         found.falsified,
+        found.unsettled,
         found.off_us,
         found.restart_off_us,
         driven.objections,
@@ -166,24 +196,30 @@ def print_rates(rows: list[dict]) -> None:
         "nominal, Hz",
         "samples",
         "lost",
+        "doubled",
         "falsified",
+        "unsettled",
         "stated rate, ppm off",
         "stamps' rate, ppm off",
         "stamp off, µs",
         "load",
         "cycles a sample",
+        "emulation, s of CPU",
     ]
     table = [
         [
             f"{row['nominal_hz']:g}",
             row["samples"],
             row["lost"],
+            row["doubled"],
             row["falsified"],
+            row["unsettled"],
             f"{row['stated_ppm']:.2f}",
             f"{row['stamps_ppm']:.2f}",
             f"{row['off_us']:.0f}",
             f"{100 * row['load']:.2f} %",
             f"{row['cycles']:.0f}",
+            f"{row['cpu_s']:.0f}",
         ]
         for row in rows
     ]
@@ -199,7 +235,9 @@ def print_faults(rows: list[Row]) -> None:
         "not streamed",
         "lost, by the numbers",
         "a fault",
+        "doubled",
         "falsified",
+        "unsettled",
         "stamp off, µs",
         "behind restarts, ms",
     ]
@@ -212,7 +250,9 @@ def print_faults(rows: list[Row]) -> None:
             row.missing,
             row.lost,
             f"{row.lost / row.times:.2g}",
+            row.doubled,
             row.falsified,
+            row.unsettled,
             f"{row.stamp_off_us:.0f}",
             f"{row.restart_off_us / 1000:.2f}",
         ]
@@ -221,17 +261,27 @@ def print_faults(rows: list[Row]) -> None:
     print(markdown(head, table))
 
 
+def print_sweep(name: str, rows: list[list]) -> None:
+    print(f"\n**{name}**: {driver_sweeps.SWEEPS[name].__doc__}\n")
+    print(markdown(driver_sweeps.HEAD, [row[:-2] for row in rows]) if rows else "(the firmware has no such option)")
+    if objections := sorted({what for row in rows for what in row[-2]}):
+        print(f"\nNot as a real board would have it: {'; '.join(objections)}.")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("start", "rates", "million", "faults")
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(parts)} (all)")
-    parser.add_argument("--rate", type=float, default=1667.0, help="data rate of the faults, Hz (%(default)g)")
-    parser.add_argument("--seconds", type=float, default=20.0, help="simulated, at each of the rates (%(default)g)")
+    parts = ("start", "rates", "million", "faults", "sweeps", *driver_sweeps.SWEEPS)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(parts)} (the first five)")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="data rate of the faults (1667) and of the million (6667)")
+    parser.add_argument("--seconds", type=float, help="simulated, at each of the rates (20), and for the million (as long as it takes)")
+    parser.add_argument("--chip", choices=CHIPS, default="ASM330LHH", help="the sensor (%(default)s)")
+    parser.add_argument("--processes", type=int, default=2, help="of the sweeps (%(default)s)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="all figures")
     args = parser.parse_args()
     if unknown := set(args.parts) - set(parts):
         parser.error(f"no part {unknown.pop()!r}")
-    chosen = args.parts or parts
+    chosen = args.parts or parts[:5]
+    silicon = Silicon(chip=CHIPS[args.chip])
     found: dict[str, object] = {}
     with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
         try:
@@ -239,26 +289,31 @@ def main() -> None:
         except RuntimeError as error:
             sys.exit(f"driver: {error}")
         if "start" in chosen:
-            driven = start_up(elf)
+            driven = start_up(elf, silicon)
             found["start"] = {"written": driven.sensor.written, "objections": driven.objections}
             print_start(driven)
         if "rates" in chosen:
-            found["rates"] = [_told(rate_row, elf, odr_hz, args.seconds) for odr_hz in NOMINAL_HZ]
+            found["rates"] = [_told(rate_row, elf, odr_hz, args.seconds or 20.0, silicon) for odr_hz in NOMINAL_HZ]
             print_rates(found["rates"])
         if "million" in chosen:
-            found["million"] = _told(rate_row, elf, 6667.0, MILLION_S)
+            odr_hz = args.rate or 6667.0
+            found["million"] = _told(rate_row, elf, odr_hz, args.seconds or MILLION / odr_hz, silicon)
             print_rates([found["million"]])
         if "faults" in chosen:
-            rows = [_told(fault_row, elf, injected, args.rate) for injected in INJECTED]
+            rows = [_told(fault_row, elf, injected, args.rate or 1667.0, silicon) for injected in INJECTED]
             found["faults"] = [asdict(row) for row in rows]
             print_faults(rows)
+        for name, sweep in driver_sweeps.SWEEPS.items():
+            if name in chosen or "sweeps" in chosen:
+                found[name] = in_parallel(partial(driver_sweeps.row, elf=elf), list(sweep()), name, args.processes)
+                print_sweep(name, found[name])
     if args.json:
         args.json.write_text(json.dumps(found, indent=1) + "\n")
 
 
-def _told(work, elf: Path, what, more):
+def _told(work, elf: Path, what, *more):
     progress(getattr(what, "name", f"{what} Hz"))
-    row = work(elf, what, more)
+    row = work(elf, what, *more)
     progress("")
     return row
 

@@ -15,26 +15,29 @@ import measure
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, Trouble
+from session.bench.events import FAULTS, STANDIN, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, Trouble
 from session.io.units import DEG, G
 from tinygc.annexes.emulated.bus import CORE_HZ
 from tinygc.annexes.emulated.machine import Machine
-from tinygc.annexes.emulated.readings import CLOCK_HZ, Fault, Oscillator
+from tinygc.annexes.emulated.readings import CLOCK_HZ, Fault, Oscillator, Silicon
 from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
+from tinygc.annexes.emulated.settling import ACCEL_UNSETTLED, GYRO_UNSETTLED, MASKS
 
 BAUD = 2_000_000
 NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
 #: at most this far is a stamp from the time of its sample: a tick of the sensor, 25 us (1 +- 0.19), and the frame's whole microseconds
 STAMP_US = 33.0
+TICK_US = 31.0  #: longest tick of a sensor: what a tick of jitter may add
 SLICE_S = 0.25
+LATENCY_S = 1.0  #: samples of so long before the end may still be on their way
 ROUND = 30_011  #: a prime: the sample's number is written in two digits of it
 
 
-def built(folder: Path, odr_hz: float = 417.0, baud: int = BAUD) -> Path:
-    """The recorder's ELF file.  RuntimeError where it cannot be built."""
+def built(folder: Path, odr_hz: float = 417.0, baud: int = BAUD, **variables: str) -> Path:
+    """The recorder's ELF file; variables: of the Makefile.  RuntimeError where it cannot be built."""
     if missing := measure.tools_missing():
         raise RuntimeError(missing)
-    return measure.build("recorder.elf", folder, folder, ODR_HZ=f"{odr_hz:g}", BAUD=str(baud))
+    return measure.build("recorder.elf", folder, folder, ODR_HZ=f"{odr_hz:g}", BAUD=str(baud), **variables)
 
 
 def numbered(clock_hz: float):
@@ -45,7 +48,7 @@ def numbered(clock_hz: float):
         low, high = tick % ROUND - ROUND // 2, tick // ROUND
         gyro = np.column_stack([low, high, tick * 7 % ROUND - ROUND // 2])
         accel = np.column_stack([-low, high + 9, tick * 11 % ROUND - ROUND // 2])
-        return gyro * (0.0175 * DEG), accel * (0.122e-3 * G), 25.0 + np.floor(t_s) / 256
+        return gyro * (0.0175 * DEG), accel * (0.122e-3 * G), 25.0 + np.floor(t_s / 16) / 256
 
     return motion
 
@@ -65,8 +68,10 @@ class Watched(Asm330lhh):
 
 @dataclass(frozen=True)
 class Verdict:
-    """made: samples of the sensor between the first and the last that was streamed; streamed, missing: of them; said_lost: numbers that
-    the stream leaves out; falsified: streamed samples that the sensor did not make, or at another time, or twice.
+    """made: settled samples of the sensor from the first that was streamed to the last, or to ``LATENCY_S`` before the end where it is
+    later; streamed; missing: settled samples that were not; said_lost: numbers that the stream leaves out; doubled: streamed once more;
+    falsified: streamed samples that the sensor did not make, or at another time; unsettled: streamed ones that the sensor made before its
+    filters had settled, or that are the mask's values.
 
     odr_hz: as the stamps show it; true_hz; off_us: largest distance of a stamp from the true time within a run of the sensor;
     restart_off_us: by how much a further run of the sensor is off against the first one.
@@ -76,7 +81,9 @@ class Verdict:
     streamed: int
     missing: int
     said_lost: int
+    doubled: int
     falsified: int
+    unsettled: int
     odr_hz: float
     true_hz: float
     off_us: float
@@ -84,12 +91,23 @@ class Verdict:
 
 
 class Driven:
-    """An ELF file, the sensor, the host.  fine: INTERNAL_FREQ_FINE; faults, stalls: as the model and the machine take them."""
+    """An ELF file, the sensor, the host.  fine: INTERNAL_FREQ_FINE; faults, stalls, silicon: as the model and the machine take them.
 
-    def __init__(self, elf: Path, fine: int = 7, faults: Iterable[Fault] = (), stalls: Iterable[tuple[float, float]] = ()):
+    made_up: samples of the board's stand-in, which count for nothing.
+    """
+
+    def __init__(
+        self,
+        elf: Path,
+        fine: int = 7,
+        faults: Iterable[Fault] = (),
+        stalls: Iterable[tuple[float, float]] = (),
+        silicon: Silicon | None = None,
+    ):
+        self.silicon = silicon or Silicon()
         oscillator = Oscillator(fine - 1, fine)
-        self.clock_hz = oscillator.clock_hz()
-        self.sensor = Watched(numbered(self.clock_hz), oscillator, faults, keep=True)
+        self.clock_hz = oscillator.clock_hz(self.silicon.ticks_per_period)
+        self.sensor = Watched(numbered(self.clock_hz), oscillator, faults, keep=True, silicon=self.silicon)
         self.machine = Machine(elf, SensorPort(self.sensor), stalls=stalls)
         self.decoder, self.t_s, self.bytes = StreamDecoder(), 0.0, 0
         self.info: Info | None = None
@@ -99,6 +117,7 @@ class Driven:
         self.said: list[FaultCounts] = []
         self._chunks: list[SampleChunk] = []
         self._asked, self._answers = 0, {}
+        self.made_up = 0
 
     def run(self, seconds: float) -> None:
         """So much further."""
@@ -113,7 +132,10 @@ class Driven:
 
     def _take(self, event) -> None:
         if isinstance(event, SampleChunk):
-            self._chunks.append(event)
+            if self.board and self.board.source == STANDIN:
+                self.made_up += len(event.t_us)
+            else:
+                self._chunks.append(event)
         elif isinstance(event, Info):
             self.info = event
         elif isinstance(event, BoardStatus):
@@ -149,45 +171,74 @@ class Driven:
         del self.sensor.kept[:-1000]  # the FIFO holds some of them
 
     def verdict(self) -> Verdict:
-        """Of what was streamed since ``forget``."""
-        made_s = np.array([t_s for t_s, _ in self.sensor.kept])
-        made = np.frombuffer(b"".join(row for _, row in self.sensor.kept), "<i2").reshape(-1, 7)
-        ticks = np.rint(made_s * self.clock_hz).astype(np.int64)
+        """Of what was streamed since ``forget``.  ValueError where that holds no good sample."""
+        if not self._chunks:
+            raise ValueError("no sample of the sensor was streamed")
+        kept = self.sensor.kept
+        made_s = np.array([made.t_s for made in kept])
+        made = np.frombuffer(b"".join(made.registers for made in kept), "<i2").reshape(-1, 7)
+        settled = np.array([made.unsettled & (GYRO_UNSETTLED | ACCEL_UNSETTLED) == 0 for made in kept])
         t_us = np.concatenate([chunk.t_us for chunk in self._chunks])
         got = np.concatenate([chunk.registers for chunk in self._chunks])
-        spelled = got[:, 0].astype(np.int64) + ROUND // 2 + ROUND * got[:, 1].astype(np.int64)
-        place = np.searchsorted(ticks, spelled).clip(0, len(ticks) - 1)
+        masked = (got[:, :6] >= min(MASKS)).any(axis=1)
+        keys = _spelled(made[:, 1:3])
+        order = np.argsort(keys, kind="stable")
+        place = order[np.searchsorted(keys[order], _spelled(got[:, :2])).clip(0, len(keys) - 1)]
         wrong = (made[place, 1:] != got[:, :6]).any(axis=1) | (np.abs(made[place, 0] - got[:, 6]) > 1)
-        wrong |= np.diff(place, prepend=-1) <= 0
-        place, t_us = place[~wrong], t_us[~wrong]
+        unsettled = masked | (~wrong & ~settled[place])
+        doubled = np.zeros(len(got), bool)
+        good = np.flatnonzero(~wrong & ~unsettled)
+        newest = np.maximum.accumulate(np.append(-1, place[good]))[:-1]
+        doubled[good] = place[good] == newest
+        wrong[good] |= place[good] < newest
+        kept_place = ~wrong & ~unsettled & ~doubled
+        if not kept_place.any():
+            raise ValueError(f"none of {len(got)} streamed samples is good: {np.count_nonzero(unsettled)} unsettled")
+        limit_us = STAMP_US + TICK_US * self.silicon.stamp_jitter_ticks
+        stamps = self._stamps(made_s, place[kept_place], t_us[kept_place], limit_us)
+        late = np.flatnonzero(made_s < self.t_s - LATENCY_S)
+        first, last = place[kept_place][0], max(place[kept_place][-1], late[-1] if len(late) else 0)
+        count = int(np.count_nonzero(settled[first : last + 1]))
+        return Verdict(
+            made=count,
+            streamed=len(got),
+            missing=int(count - np.count_nonzero(kept_place)),
+            said_lost=self.decoder.lost,
+            doubled=int(np.count_nonzero(doubled)),
+            falsified=int(np.count_nonzero(wrong & ~masked) + stamps.pop("false")),
+            unsettled=int(np.count_nonzero(unsettled)),
+            **stamps,
+        )
+
+    def _stamps(self, made_s: np.ndarray, place: np.ndarray, t_us: np.ndarray, limit_us: float) -> dict[str, float]:
+        """The stamps t_us of the samples made at made_s[place]: how many are false, and the last four figures of ``Verdict``."""
         off_us = t_us - 1e6 * made_s[place]
         step = np.abs(np.diff(made_s[place], prepend=made_s[place[0]]) * self.clock_hz)
         between_runs = np.abs(step - np.rint(step)) > 0.01  # the grid of samples is another's
-        runs = np.cumsum(between_runs | np.concatenate([[False], np.abs(np.diff(off_us)) > 2 * STAMP_US]))
+        runs = np.cumsum(between_runs | np.concatenate([[False], np.abs(np.diff(off_us)) > 2 * limit_us]))
         centre = np.array([np.median(off_us[runs == run]) for run in range(runs[-1] + 1)])
         off_us = off_us - centre[runs]
-        first = place[0]
-        count = place[-1] - first + 1
         longest = np.bincount(runs).argmax()
         best = np.flatnonzero(runs == longest)
-        slope = np.polyfit(made_s[place[best]] - made_s[first], off_us[best], 1)[0] * 1e-6 if len(best) > 1000 else 0.0
-        true_hz = self.clock_hz / max(1, round(float(np.median(np.diff(ticks)))))
-        return Verdict(
-            made=int(count),
-            streamed=len(got),
-            missing=int(count - len(place)),
-            said_lost=self.decoder.lost,
-            falsified=int(np.count_nonzero(wrong) + np.count_nonzero(np.abs(off_us) > STAMP_US)),
-            odr_hz=true_hz / (1 + slope),
-            true_hz=true_hz,
-            off_us=float(np.abs(off_us).max()),
-            restart_off_us=float(np.abs(centre - centre[0]).max()),
-        )
+        slope = np.polyfit(made_s[place[best]] - made_s[place[0]], off_us[best], 1)[0] * 1e-6 if len(best) > 1000 else 0.0
+        true_hz = self.clock_hz / max(1, round(float(np.median(np.diff(made_s))) * self.clock_hz))
+        return {
+            "false": int(np.count_nonzero(np.abs(off_us) > limit_us)),
+            "odr_hz": true_hz / (1 + slope),
+            "true_hz": true_hz,
+            "off_us": float(np.abs(off_us).max()),
+            "restart_off_us": float(np.abs(centre - centre[0]).max()),
+        }
 
     @property
     def objections(self) -> list[str]:
         """What no real board would do, of the microcontroller and of the sensor."""
         return [*self.machine.bus.objections, *self.sensor.objections]
+
+
+def _spelled(registers: np.ndarray) -> np.ndarray:
+    """The number that two registers spell."""
+    return registers[:, 0].astype(np.int64) + ROUND // 2 + ROUND * registers[:, 1].astype(np.int64)
 
 
 def cycles_per_sample(load: float, odr_hz: float) -> float:

@@ -5,6 +5,8 @@
 
 #include "board_registers.h"
 #include "board_send.h"
+#include "board_watchdog.h"
+#include "defaults.h"
 
 #define RCC_CR REG(RCC + 0x00)
 #define RCC_PLLCFGR REG(RCC + 0x04)
@@ -21,17 +23,16 @@
 #define CR1(base) REG((base) + 0x0C)
 
 enum {
-    CORE_HZ = 168000000,
-    APB1_HZ = CORE_HZ / 4,
-    APB2_HZ = CORE_HZ / 2,
     SPINS = 100000,
-    ORE = 1 << 3,
-    RXNE = 1 << 5,
-    TXE = 1 << 7,
-    RXNEIE = 1 << 5,
-    UE_TE_RE = 1 << 13 | 1 << 3 | 1 << 2,
+    ORE = 1u << 3,
+    RXNE = 1u << 5,
+    TXE = 1u << 7,
+    RXNEIE = 1u << 5,
+    UE_TE_RE = (1u << 13) | (1u << 3) | (1u << 2),
     RING = 256, /* of received bytes; a power of two */
 };
+
+_Static_assert((BAUD >= BAUD_LEAST) && (BAUD <= BAUD_MOST), "BAUD is beyond what the host's port can: 9600 to 5250000");
 
 static const uint32_t USART[PORTS] = {0x40011000u, 0x40004400u};
 
@@ -55,31 +56,39 @@ static int wait_for(volatile const uint32_t *reg, uint32_t mask, uint32_t value)
  * there is no receiver. */
 static void start_clock(void)
 {
-    FLASH_ACR = 5u | 7u << 8; /* 5 wait states, prefetch and caches: before the clock is raised */
-    RCC_PLLCFGR = 16u | 336u << 6 | 0u << 16 | 7u << 24 | 2u << 28; /* the last as it is after reset: reserved, or the F446's PLLR */
+    FLASH_ACR = 5u | (7u << 8); /* 5 wait states, prefetch and caches: before the clock is raised */
+    RCC_PLLCFGR = 16u | (336u << 6) | (7u << 24) | (2u << 28); /* the last as it is after reset: reserved, or the F446's PLLR */
     RCC_CR |= 1u << 24;
     if (!wait_for(&RCC_CR, 1u << 25, 1u << 25))
         return;
-    RCC_CFGR = 5u << 10 | 4u << 13 | 2u; /* APB1 a quarter, APB2 a half, system clock from the PLL */
+    RCC_CFGR = (5u << 10) | (4u << 13) | 2u; /* APB1 a quarter, APB2 a half, system clock from the PLL */
     wait_for(&RCC_CFGR, 3u << 2, 2u << 2);
+}
+
+/* Of a USART's clock; 16 is the least that a USART takes. */
+static uint32_t divider(uint32_t hz, uint32_t baud)
+{
+    const uint32_t nearest = (hz + baud / 2) / baud;
+    return nearest < 16 ? 16 : nearest;
 }
 
 void board_start(uint32_t baud)
 {
+    board_watchdog_start();
     start_clock();
-    RCC_AHB1ENR |= 1u | 1u << 22;
+    RCC_AHB1ENR |= 1u | (1u << 22);
     RCC_APB1ENR |= 1u << 17;
     RCC_APB2ENR |= 1u << 4;
     /* PA2, PA3, PA9, PA10: alternate function 7; a pull-up on what comes in, or an open line reads as a storm of bytes. */
-    GPIOA_MODER |= 2u << 4 | 2u << 6 | 2u << 18 | 2u << 20;
-    GPIOA_PUPDR |= 1u << 6 | 1u << 20;
-    GPIOA_AFRL |= 7u << 8 | 7u << 12;
-    GPIOA_AFRH |= 7u << 4 | 7u << 8;
+    GPIOA_MODER |= (2u << 4) | (2u << 6) | (2u << 18) | (2u << 20);
+    GPIOA_PUPDR |= (1u << 6) | (1u << 20);
+    GPIOA_AFRL |= (7u << 8) | (7u << 12);
+    GPIOA_AFRH |= (7u << 4) | (7u << 8);
     board_host_baud(baud);
-    BRR(USART[SENSOR]) = (APB1_HZ + baud / 2) / baud;
+    BRR(USART[SENSOR]) = divider(APB1_HZ, baud);
     for (int port = 0; port < PORTS; port++)
         CR1(USART[port]) = UE_TE_RE | RXNEIE;
-    NVIC_ISER1 = 1u << (USART1_IRQ - 32) | 1u << (USART2_IRQ - 32);
+    NVIC_ISER1 = (1u << (USART1_IRQ - 32u)) | (1u << (USART2_IRQ - 32u));
     SYST_RVR = CORE_HZ / 1000 - 1;
     SYST_CVR = 0;
     SYST_CSR = 7;
@@ -91,7 +100,7 @@ void board_start(uint32_t baud)
 
 void board_host_baud(uint32_t baud)
 {
-    BRR(USART[HOST]) = (APB2_HZ + baud / 2) / baud;
+    BRR(USART[HOST]) = divider(APB2_HZ, baud);
 }
 
 int board_has_dma(void)
@@ -114,7 +123,7 @@ uint32_t board_microseconds(void)
         left = SYST_CVR;
     } while (before != milliseconds);
     now = 1000 * before + (CORE_HZ / 1000 - 1 - left) / (CORE_HZ / 1000000);
-    if (last - now > 1000) /* not a millisecond that is not counted yet: however long ago somebody asked */
+    if ((last - now) > 1000u) /* not a millisecond that is not counted yet: however long ago somebody asked */
         last = now;
     return last;
 }
@@ -122,8 +131,10 @@ uint32_t board_microseconds(void)
 void board_wait_us(uint32_t us)
 {
     const uint32_t began = board_microseconds();
-    while (board_microseconds() - began < us)
+    while ((board_microseconds() - began) < us) {
         board_wait();
+        board_alive(); /* as long as the driver waits for a start and a self-test in here */
+    }
 }
 
 int board_read(enum port port)
@@ -164,14 +175,14 @@ void SysTick_Handler(void)
 static void receive(enum port port)
 {
     const uint32_t in = received[port].in, status = SR(USART[port]);
-    if ((status & RXNE) && in - received[port].out == RING) {
+    if (((status & RXNE) != 0u) && ((in - received[port].out) == RING)) {
         CR1(USART[port]) = UE_TE_RE;
         return;
     }
     if (!(status & (RXNE | ORE)))
         return;
     const uint8_t byte = (uint8_t)DR(USART[port]); /* which also takes an overrun back */
-    if (status & RXNE) {
+    if ((status & RXNE) != 0u) {
         received[port].bytes[in % RING] = byte;
         received[port].in = in + 1;
     }

@@ -6,12 +6,16 @@
 
 enum { USART1_IRQ = 37, USART2_IRQ = 38, DMA2_STREAM0_IRQ = 56 };
 
+/* The clocks; and what the host's port can of the last of them. */
+enum { CORE_HZ = 168000000, APB1_HZ = CORE_HZ / 4, APB2_HZ = CORE_HZ / 2, BAUD_LEAST = 9600, BAUD_MOST = APB2_HZ / 16 };
+
 /* The ports, by what is at the other end. */
 enum port { HOST, SENSOR, PORTS };
 
+/* Both ports at a rate; the played sensor's at 2625000 where it is more. */
 void board_start(uint32_t baud);
 
-/* The host's port at another rate, up to 5250000; what waits should have been sent (board_send.h). */
+/* The host's port at another rate, BAUD_LEAST to BAUD_MOST, at once.  board_send_baud changes it behind what waits. */
 void board_host_baud(uint32_t baud);
 
 /* Whether DMA2 is there: emulators may lack it. */

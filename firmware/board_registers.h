@@ -33,11 +33,11 @@
 #define DMA2_M0AR(stream) REG(DMA2 + 0x1C + 0x18 * (stream))
 
 enum {
-    DMA_ENABLE = 1 << 0,
-    DMA_TELLS = 1 << 4, /* interrupt at its end */
-    DMA_FROM_MEMORY = 1 << 6,
-    DMA_MEMORY_STEPS = 1 << 10,
-    DMA_URGENT = 3 << 16,
+    DMA_ENABLE = 1u << 0,
+    DMA_TELLS = 1u << 4, /* interrupt at its end */
+    DMA_FROM_MEMORY = 1u << 6,
+    DMA_MEMORY_STEPS = 1u << 10,
+    DMA_URGENT = 3u << 16,
     DMA_SPINS = 1000, /* until a stream that is switched off has stopped */
 };
 

@@ -1,4 +1,5 @@
-/* The sensor's SPI: SPI1 on PA5 to PA7 with the chip select on PA4, 5.25 MHz, mode 3; long transfers by DMA2. */
+/* The sensor's SPI: SPI1 on PA5 to PA7 with the chip select on PA4, mode 3, 5.25 MHz or what make SPI_DIVIDER= says;
+ * long transfers by DMA2. */
 #ifndef BOARD_SPI_H
 #define BOARD_SPI_H
 
@@ -10,6 +11,9 @@ void board_spi_select(int selected);
 
 /* As struct lsm6dsx_bus wants it: -1, 0, or 1 while DMA goes on by itself. */
 int board_spi_transfer(const uint8_t *out, uint8_t *in, unsigned count);
+
+/* Whether it carries the sensor's words at a true data rate; docs/boards.md has the table. */
+int board_spi_carries(float odr_hz);
 
 void DMA2_Stream0_Handler(void);
 

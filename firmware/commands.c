@@ -1,45 +1,70 @@
 #include "commands.h"
 
+#include "board.h"
 #include "board_send.h"
+#include "board_spi.h"
 #include "frames.h"
 #include "sensor.h"
 #include "status.h"
 #include "stream.h"
 
-/* The second byte of an answer. */
-enum result { DONE, UNKNOWN, IMPOSSIBLE, NO_SENSOR, TOO_QUICK, NOT_TAKEN, TEST_FAILED };
+/* The second byte of an answer; LATER is none: it comes when the sensor has done what was asked. */
+enum result { DONE, UNKNOWN, IMPOSSIBLE, NO_SENSOR, TOO_QUICK, NOT_TAKEN, TEST_FAILED, LATER };
 
-enum { BAUD_LEAST = 9600, BAUD_MOST = 5250000, TRIAL_MS = 5000, HEAD = 3 };
+enum { TRIAL_MS = 5000, HEAD = 3 };
 
 static struct {
     uint32_t before, began_ms; /* the port's rate of before, or 0 */
 } trial;
 
+/* The command that is being obeyed: no other one is taken meanwhile. */
+static struct {
+    enum port port;
+    uint8_t bytes[HEAD];
+    bool waits;
+} asked;
+
 static enum result set(const struct lsm6dsx_settings *settings)
 {
-    if (!lsm6dsx_possible(settings))
+    if (!lsm6dsx_possible(settings, sensor_state()->chip))
         return IMPOSSIBLE;
-    if (!stream_carries(fifo_rate_hz(settings->odr, sensor_state()->freq_fine), status_rate_of_port()))
+    const float hz = fifo_rate_hz(settings->odr, sensor_state()->freq_fine);
+    if (!stream_carries(hz, status_rate_of_port()) || !board_spi_carries(hz))
         return TOO_QUICK;
-    const enum fault fault = sensor_set(settings);
-    return fault == FAULTS ? DONE : sensor_found() ? NOT_TAKEN : NO_SENSOR;
+    sensor_set(settings);
+    return LATER;
 }
 
-static enum result test(uint16_t sequence, enum port port)
+static enum result was_set(void)
 {
-    struct lsm6dsx_tested tested;
-    struct frame frame;
+    const enum fault fault = sensor_outcome();
+    if (fault == FAULTS)
+        return DONE;
+    if (fault == LSM6DSX_IMPOSSIBLE)
+        return IMPOSSIBLE;
+    return sensor_found() ? NOT_TAKEN : NO_SENSOR;
+}
+
+static enum result test(void)
+{
     if (!sensor_found())
         return NO_SENSOR;
-    sensor_test(&tested);
+    sensor_test();
+    return LATER;
+}
+
+static enum result was_tested(uint16_t sequence, enum port port)
+{
+    const struct lsm6dsx_tested *tested = sensor_tested();
+    struct frame frame;
     frame_begin(&frame, FRAME_TESTED, sequence);
-    frame_u16(&frame, tested.failed);
+    frame_u16(&frame, tested->failed);
     for (int i = 0; i < 3; i++)
-        frame_f32(&frame, tested.gyro_dps[i]);
+        frame_f32(&frame, tested->gyro_dps[i]);
     for (int i = 0; i < 3; i++)
-        frame_f32(&frame, tested.accel_mg[i]);
-    stream_frame(port, &frame);
-    return tested.failed ? TEST_FAILED : DONE;
+        frame_f32(&frame, tested->accel_mg[i]);
+    (void)stream_frame(port, &frame);
+    return (tested->failed != 0u) ? TEST_FAILED : DONE;
 }
 
 static enum result possible_baud(uint32_t baud)
@@ -51,8 +76,7 @@ static enum result possible_baud(uint32_t baud)
 
 static void change_baud(uint32_t baud)
 {
-    board_send_all();
-    board_host_baud(baud);
+    board_send_baud(baud);
     status_baud(baud);
 }
 
@@ -62,7 +86,7 @@ static void answer(enum port port, const uint8_t *bytes, enum result result)
     frame_begin(&frame, FRAME_DONE, get_u16(bytes + 1));
     frame_u8(&frame, bytes[0]);
     frame_u8(&frame, (uint8_t)result);
-    stream_frame(port, &frame);
+    (void)stream_frame(port, &frame);
 }
 
 /* Bytes of a command, or 0 where there is none of that type. */
@@ -85,7 +109,7 @@ static unsigned length_of(uint8_t type)
     }
 }
 
-static enum result obey(enum port port, const uint8_t *bytes)
+static enum result obey(const uint8_t *bytes)
 {
     struct lsm6dsx_settings settings = sensor_state()->settings;
     const uint8_t *body = bytes + HEAD;
@@ -106,7 +130,7 @@ static enum result obey(enum port port, const uint8_t *bytes)
         stream_switch(bytes[0] == FRAME_START);
         return DONE;
     case FRAME_TEST:
-        return test(get_u16(bytes + 1), port);
+        return test();
     case FRAME_SET_BAUD:
         return possible_baud(get_u32(body));
     default:
@@ -119,15 +143,20 @@ int commands_take(enum port port, const uint8_t *bytes, unsigned count)
     const unsigned length = length_of(bytes[0]);
     if (bytes[0] <= FRAME_HELLO || bytes[0] >= 0x20) /* not a command at all */
         return 0;
-    const enum result result = !length ? UNKNOWN : length != count ? IMPOSSIBLE : obey(port, bytes);
-    answer(port, bytes, result);
-    if (result != DONE && result != TEST_FAILED)
+    const enum result result = !length ? UNKNOWN : length != count ? IMPOSSIBLE : obey(bytes);
+    if (result == LATER) {
+        asked.port = port;
+        asked.waits = true;
+        for (unsigned n = 0; n < HEAD; n++)
+            asked.bytes[n] = bytes[n];
         return 1;
-    if (bytes[0] == FRAME_SET_BAUD) {
+    }
+    answer(port, bytes, result);
+    if ((result == DONE) && (bytes[0] == FRAME_SET_BAUD)) {
         trial.before = trial.before ? trial.before : status_rate_of_port();
         trial.began_ms = board_milliseconds();
         change_baud(get_u32(bytes + HEAD));
-    } else {
+    } else if (result == DONE) {
         status_say();
     }
     return 1;
@@ -140,6 +169,13 @@ void commands_heard(void)
 
 void commands_service(void)
 {
+    if (asked.waits && !sensor_busy()) {
+        const enum result result = (asked.bytes[0] == FRAME_TEST) ? was_tested(get_u16(&asked.bytes[1]), asked.port) : was_set();
+        asked.waits = false;
+        answer(asked.port, asked.bytes, result);
+        if ((result == DONE) || (result == TEST_FAILED))
+            status_say();
+    }
     if (trial.before && board_milliseconds() - trial.began_ms >= TRIAL_MS) {
         change_baud(trial.before);
         trial.before = 0;

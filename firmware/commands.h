@@ -6,13 +6,14 @@
 
 #include "board.h"
 
-/* Obey a frame that came in on a port, and answer it there; 0 where it is no command. */
+/* Obey a frame that came in on a port, and answer it there; 0 where it is no command.  While the sensor is busy with one
+ * (sensor_busy), no frame may be given. */
 int commands_take(enum port port, const uint8_t *bytes, unsigned count);
 
 /* A frame with a good check has come in on the host's port: its new rate, if it has one, is understood. */
 void commands_heard(void);
 
-/* Go back to the rate of before, if nothing was received at the new one. */
+/* Answer what the sensor has done by now.  Go back to the port's rate of before, if nothing was received at the new one. */
 void commands_service(void);
 
 #endif

@@ -26,7 +26,12 @@
 #define BAUD 921600
 #endif
 
+/* Of the sensor's SPI: 84 MHz over 16, 32, 64, 128 or 256. */
+#ifndef SPI_DIVIDER
+#define SPI_DIVIDER 16
+#endif
+
 /* Of this program, as in the board frame. */
-enum { FIRMWARE_MAJOR = 1, FIRMWARE_MINOR = 0, FIRMWARE_PATCH = 0 };
+enum { FIRMWARE_MAJOR = 1, FIRMWARE_MINOR = 1, FIRMWARE_PATCH = 0 };
 
 #endif

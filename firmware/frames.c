@@ -7,15 +7,15 @@ static uint16_t crc16(const uint8_t *bytes, unsigned count)
                                       0x8108, 0x9129, 0xA14A, 0xB16B, 0xC18C, 0xD1AD, 0xE1CE, 0xF1EF};
     uint32_t crc = 0xFFFF;
     for (unsigned n = 0; n < count; n++) {
-        crc = (crc << 4 & 0xFFFF) ^ LEFT[crc >> 12 ^ bytes[n] >> 4];
-        crc = (crc << 4 & 0xFFFF) ^ LEFT[crc >> 12 ^ (bytes[n] & 15)];
+        crc = ((crc << 4) & 0xFFFFu) ^ LEFT[(crc >> 12) ^ (bytes[n] >> 4)];
+        crc = ((crc << 4) & 0xFFFFu) ^ LEFT[(crc >> 12) ^ (bytes[n] & 15u)];
     }
     return (uint16_t)crc;
 }
 
 static void put(struct frame *frame, uint32_t value, unsigned count)
 {
-    for (unsigned n = 0; n < count && frame->count < FRAME_MOST; n++, value >>= 8)
+    for (unsigned n = 0; (n < count) && (frame->count < FRAME_MOST); n++, value >>= 8)
         frame->bytes[frame->count++] = (uint8_t)value;
 }
 
@@ -106,12 +106,12 @@ unsigned frame_take(struct decoder *decoder, uint8_t byte)
 
 uint16_t get_u16(const uint8_t *from)
 {
-    return (uint16_t)(from[0] | from[1] << 8);
+    return (uint16_t)(from[0] | ((unsigned)from[1] << 8));
 }
 
 uint32_t get_u32(const uint8_t *from)
 {
-    return from[0] | (uint32_t)from[1] << 8 | (uint32_t)from[2] << 16 | (uint32_t)from[3] << 24;
+    return from[0] | ((uint32_t)from[1] << 8) | ((uint32_t)from[2] << 16) | ((uint32_t)from[3] << 24);
 }
 
 float get_f32(const uint8_t *from)

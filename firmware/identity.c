@@ -15,7 +15,7 @@ uint32_t identity_crc32(const uint8_t *bytes, unsigned count)
     for (unsigned n = 0; n < count; n++) {
         crc ^= bytes[n];
         for (int bit = 0; bit < 8; bit++)
-            crc = crc & 1 ? crc >> 1 ^ 0xEDB88320u : crc >> 1;
+            crc = ((crc & 1u) != 0u) ? ((crc >> 1) ^ 0xEDB88320u) : (crc >> 1);
     }
     return ~crc;
 }
@@ -24,7 +24,7 @@ uint32_t identity_serial(void)
 {
     uint8_t id[UNIQUE_ID_BYTES];
     for (unsigned n = 0; n < UNIQUE_ID_BYTES; n += 4)
-        put_u32(id + n, read_if_there(UNIQUE_ID + n));
+        put_u32(&id[n], read_if_there(UNIQUE_ID + n));
     const uint32_t serial = SERIAL ? SERIAL : identity_crc32(id, sizeof id);
     return serial ? serial : 1;
 }

@@ -2,24 +2,30 @@
 #include "lsm6dsx.h"
 #include "lsm6dsx_registers.h"
 
-int lsm6dsx_transfer(struct lsm6dsx *sensor, const uint8_t *out, uint8_t *in, unsigned count)
+enum { REGISTERS_MOST_US = 1000 }; /* 31 bytes take 0.2 ms at 1.6 MHz */
+
+bool lsm6dsx_transfer(struct lsm6dsx *sensor, const uint8_t *out, uint8_t *in, unsigned count)
 {
-    const uint32_t began = sensor->bus->time();
-    int result;
-    do
-        result = sensor->bus->transfer(out, in, count);
-    while (result == TRANSFER_BUSY && sensor->bus->time() - began < TRANSFER_MOST_US);
-    sensor->failed |= result != TRANSFER_DONE;
-    return result;
+    const uint32_t began_us = sensor->bus->time();
+    int result = TRANSFER_FAILED;
+    if (!sensor->failed) {
+        do
+            result = sensor->bus->transfer(out, in, count);
+        while ((result == TRANSFER_BUSY) && (sensor->bus->time() - began_us < REGISTERS_MOST_US));
+    }
+    if (result != TRANSFER_DONE)
+        sensor->failed = true;
+    return result == TRANSFER_DONE;
 }
 
 void lsm6dsx_read(struct lsm6dsx *sensor, uint8_t address, uint8_t *bytes, unsigned count)
 {
-    const uint8_t out = READ | address;
+    const uint8_t out = (uint8_t)(READ | address);
     sensor->bus->select(1);
-    if (lsm6dsx_transfer(sensor, &out, 0, 1) != TRANSFER_DONE || lsm6dsx_transfer(sensor, 0, bytes, count) != TRANSFER_DONE)
+    if (!lsm6dsx_transfer(sensor, &out, 0, 1) || !lsm6dsx_transfer(sensor, 0, bytes, count)) {
         for (unsigned n = 0; n < count; n++)
             bytes[n] = 0;
+    }
     sensor->bus->select(0);
 }
 
@@ -34,6 +40,6 @@ void lsm6dsx_write(struct lsm6dsx *sensor, uint8_t address, uint8_t value)
 {
     const uint8_t out[2] = {address, value};
     sensor->bus->select(1);
-    lsm6dsx_transfer(sensor, out, 0, 2);
+    (void)lsm6dsx_transfer(sensor, out, 0, 2); /* failed says what became of it */
     sensor->bus->select(0);
 }

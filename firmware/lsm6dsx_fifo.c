@@ -3,17 +3,29 @@
 /* Of TAG_SENSOR. */
 enum { GYRO = 1, ACCEL = 2, TEMPERATURE = 3, STAMP = 4, CONFIGURATION = 5 };
 
-/* What a time slot must have, by 1 << TAG_SENSOR. */
-enum { WHOLE = 1 << GYRO | 1 << ACCEL | 1 << STAMP };
+/* What a time slot must have, and what it may have, by 1 << TAG_SENSOR. */
+enum { WHOLE = 1 << GYRO | 1 << ACCEL | 1 << STAMP, WARM = 1 << TEMPERATURE };
 
 enum {
     QUICKEST = 10,
-    TICK_Q16 = 1 << 16,
-    NEAR = 256,          /* periods: a longer gap must have been one by the target's clock, too */
-    CLOCKS_US = 50000,   /* that the two may differ by, */
-    CLOCKS_SHARE = 16,   /* and a sixteenth */
-    NOMINAL_SHIFT = 14,  /* 2^-14: 61 ppm; 40000 / 6667 is 50 ppm off six */
+    NEAR = 256,         /* periods: a longer gap must have been one by the target's clock, too */
+    CLOCKS_SHARE = 16,  /* the two may differ by a sixteenth, */
+    CLOCKS_PERIODS = 64, /* by what is not known of the age of a full FIFO's words, */
+    GAIN_MOST = 12,
+    FROM_BELOW = 1, FROM_ABOVE = 2, BOTH = FROM_BELOW | FROM_ABOVE,
 };
+static const uint32_t CLOCKS_US = 50000; /* and by this */
+
+/* Ticks of a period at the highest rate.  Nobody has published what it is: 40000 / 6667 = 5.9997, or six, as both rates hang on one
+ * oscillator; 80 ppm are for what else it might be. */
+static const uint64_t SHORTEST_Q32 = (59992ull << 32) / 10000, LONGEST_Q32 = (60006ull << 32) / 10000;
+
+/* Of a stamp, in ticks.  It names a whole tick, and may be two late or early: nobody knows how soon after its sample it is taken.  So it
+ * is off the middle of its tick by 2.5, two are apart as their slots are to JITTERS, and the place that is held is off by as much, and by
+ * the lag of set_period.  A stamp that deviates from the place by more than STRAY is none.  CLIP is what moves the place at most, by half:
+ * a spoilt stamp moves it by three quarters of a tick, and teaches nothing. */
+static const uint64_t TICK = 1ull << 32, JITTERS = 5ull << 32, STRAY = 23ull << 30;
+static const int64_t CLIP = (int64_t)3 << 31;
 
 float fifo_rate_hz(uint8_t odr, int8_t freq_fine)
 {
@@ -29,16 +41,47 @@ uint64_t fifo_tick_q32(int8_t freq_fine)
 
 void fifo_gap(struct lsm6dsx_fifo *fifo)
 {
-    fifo->have = fifo->spoilt = fifo->open = fifo->ordered = 0;
+    fifo->have = fifo->spoilt = fifo->open = fifo->ordered = fifo->whole_before = fifo->waiting = 0;
+}
+
+/* The place follows the stamps as slowly as the period's doubt allows: its lag is doubt / gain, a quarter of a tick.  Where the stamps,
+ * and not what silicon can be, have bounded the period from both sides, its middle is good to a fifth of the doubt, as the jitter is
+ * seldom what it may be: then the doubt may add up to a tick.  At the lowest rate the lag is half a tick for the first second. */
+static void set_period(struct lsm6dsx_fifo *fifo, uint64_t shortest_q32, uint64_t longest_q32)
+{
+    fifo->shortest_q32 = shortest_q32;
+    fifo->longest_q32 = longest_q32;
+    fifo->doubt_q32 = (longest_q32 - shortest_q32) / 2;
+    fifo->period_q32 = shortest_q32 + fifo->doubt_q32;
+    const uint64_t allowed_q32 = fifo->bounded == BOTH ? TICK : TICK / 4;
+    fifo->gain = 1;
+    while (fifo->gain < GAIN_MOST && fifo->doubt_q32 << (fifo->gain + 1) <= allowed_q32)
+        fifo->gain++;
+}
+
+static void forget_period(struct lsm6dsx_fifo *fifo)
+{
+    fifo->bounded = 0;
+    set_period(fifo, SHORTEST_Q32 << (QUICKEST - fifo->odr), LONGEST_Q32 << (QUICKEST - fifo->odr));
+}
+
+/* From the middle of the last stamp's tick to the time of its slot, in 2^-32 us. */
+static uint64_t place_us_q32(const struct lsm6dsx_fifo *fifo)
+{
+    return (uint64_t)((int64_t)(fifo->tick_q32 >> 16) * (fifo->place_q32 / 65536));
 }
 
 void fifo_begin(struct lsm6dsx_fifo *fifo, uint8_t odr, int8_t freq_fine, uint16_t unsettled)
 {
-    (void)unsettled;
     fifo_gap(fifo);
-    fifo->warm = fifo->anchored = fifo->bad_stamps = 0;
+    if (fifo->joined)
+        fifo->time_q32 += place_us_q32(fifo);
+    fifo->warm = fifo->anchored = fifo->bad_stamps = fifo->settled = fifo->joined = 0;
+    fifo->unsettled = unsettled;
+    fifo->masked = (uint16_t)(MASKED_LEAST + (MASKED_MOST - MASKED_LEAST) / (1u << (QUICKEST - odr)));
+    fifo->odr = odr;
     fifo->tick_q32 = fifo_tick_q32(freq_fine);
-    fifo->period_q16 = (uint32_t)((((uint64_t)40000 << 16) << (QUICKEST - odr)) / 6667); /* both rates hang on one oscillator */
+    forget_period(fifo);
 }
 
 void fifo_temperature(struct lsm6dsx_fifo *fifo, int16_t value)
@@ -70,93 +113,216 @@ unsigned fifo_unknown_tag(const uint8_t *words, unsigned count)
 
 static int16_t get_i16(const uint8_t *from)
 {
-    return (int16_t)(uint16_t)(from[0] | from[1] << 8);
+    return (int16_t)(uint16_t)(from[0] | (uint16_t)from[1] << 8);
 }
 
-/* Sample periods since the last stamp, or 0 where they are not whole.  The periods' number is known modulo 4, too, from TAG_CNT. */
-static uint32_t periods_since(const struct lsm6dsx_fifo *fifo, uint32_t now_us)
+static int64_t within(int64_t value, int64_t most)
+{
+    return value > most ? most : value < -most ? -most : value;
+}
+
+/* A value times 2^-shift.  No division, which is dear. */
+static int64_t part(int64_t value, uint8_t shift)
+{
+    return value < 0 ? -(int64_t)((uint64_t)-value >> shift) : (int64_t)((uint64_t)value >> shift);
+}
+
+/* Whether the target's clock has seen as much time pass. */
+static int clocks_agree(const struct lsm6dsx_fifo *fifo, uint32_t ticks)
+{
+    const uint64_t step_us = ticks * (fifo->tick_q32 >> 16) >> 16, passed_us = fifo->made_us - fifo->stamped_us;
+    const uint64_t periods_us = CLOCKS_PERIODS * ((fifo->period_q32 >> 16) * (fifo->tick_q32 >> 16) >> 32);
+    const uint64_t apart_us = step_us > passed_us ? step_us - passed_us : passed_us - step_us;
+    return apart_us <= passed_us / CLOCKS_SHARE + periods_us + CLOCKS_US;
+}
+
+static void learn_from_here(struct lsm6dsx_fifo *fifo)
+{
+    fifo->learned_from = fifo->ticks;
+    fifo->learned = 0;
+    fifo->learned_again = 1;
+}
+
+/* The period from a stamp some time ago and the one in hand: the longer ago, the better.  Not each time, as a division is dear. */
+static void learn(struct lsm6dsx_fifo *fifo)
+{
+    const uint32_t ticks = fifo->ticks - fifo->learned_from;
+    const uint64_t ticks_q32 = (uint64_t)ticks << 32;
+    uint64_t shortest_q32 = fifo->shortest_q32, longest_q32 = fifo->longest_q32;
+    if (fifo->learned < fifo->learned_again)
+        return;
+    fifo->learned_again = fifo->learned + fifo->learned / 8 + 1;
+    if (ticks_q32 > JITTERS && (ticks_q32 - JITTERS) / fifo->learned > shortest_q32) {
+        shortest_q32 = (ticks_q32 - JITTERS) / fifo->learned;
+        fifo->bounded |= FROM_BELOW;
+    }
+    if ((ticks_q32 + JITTERS) / fifo->learned < longest_q32) {
+        longest_q32 = (ticks_q32 + JITTERS) / fifo->learned;
+        fifo->bounded |= FROM_ABOVE;
+    }
+    if (shortest_q32 < longest_q32) {
+        set_period(fifo, shortest_q32, longest_q32);
+    } else { /* the stamps stray by more than was thought; or their 32 bits have wrapped, after 29.8 hours */
+        forget_period(fifo);
+        learn_from_here(fifo);
+    }
+}
+
+/* Sample periods since the last stamp, or 0 where the one in hand does not follow.  TAG_CNT gives their number modulo 4: of what is left,
+ * the nearest.  That is certain as long as the period's doubt does not add up to two periods.  Where it does, the number is the most
+ * probable one, a fault is counted, and the time goes on by the sensor's ticks all the same. */
+static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS])
 {
     const uint32_t ticks = fifo->ticks - fifo->last_ticks;
-    const uint64_t steps_q16 = (uint64_t)ticks << 16;
-    uint32_t periods = 1;
-    if (ticks == 0 || ticks >> 31)
+    const int64_t period_q32 = (int64_t)fifo->period_q32;
+    uint32_t periods = (uint32_t)(((unsigned)fifo->count - fifo->last_count - 1u) & 3u) + 1u;
+    if (ticks == 0 || ticks >> 30)
         return 0;
-    if (steps_q16 > fifo->period_q16 + fifo->period_q16 / 2)
-        periods = (uint32_t)((steps_q16 + fifo->period_q16 / 2) / fifo->period_q16);
-    const uint64_t whole = (uint64_t)periods * fifo->period_q16;
-    const uint64_t off = steps_q16 > whole ? steps_q16 - whole : whole - steps_q16;
-    if (off > TICK_Q16 + TICK_Q16 / 2 + (whole >> NOMINAL_SHIFT)) /* a tick of either end */
-        return 0;
-    if (periods > NEAR) {
-        const uint64_t step_us = ticks * (fifo->tick_q32 >> 16) >> 16, passed_us = now_us - fifo->now_us;
-        if (step_us > passed_us + passed_us / CLOCKS_SHARE + CLOCKS_US)
-            return 0;
+    int64_t off_q32 = (int64_t)((uint64_t)ticks << 32) - fifo->place_q32 - periods * period_q32;
+    if (off_q32 >= 2 * period_q32) {
+        const int64_t fours = (off_q32 + 2 * period_q32) / (4 * period_q32);
+        periods += 4 * (uint32_t)fours;
+        off_q32 -= 4 * fours * period_q32;
     }
-    return ((periods ^ (uint32_t)(fifo->count - fifo->last_count)) & 3) == 0 ? periods : 0;
+    const uint64_t doubt_q32 = periods * fifo->doubt_q32, stray_q32 = STRAY + doubt_q32;
+    const int certain = stray_q32 < 2 * fifo->period_q32;
+    if (certain && (off_q32 > (int64_t)stray_q32 || off_q32 < -(int64_t)stray_q32))
+        return 0;
+    if (periods > NEAR && !clocks_agree(fifo, ticks))
+        return 0;
+    if (!certain) {
+        faults[FAULT_STAMP]++;
+        fifo->place_q32 = 0;
+        learn_from_here(fifo);
+        return periods;
+    }
+    const int64_t clipped_q32 = within(off_q32, CLIP);
+    if (doubt_q32 > TICK / 4) /* it may have strayed by as much meanwhile: that much goes back into the tick that the stamp names */
+        fifo->place_q32 = within(off_q32 - within(off_q32, (int64_t)(TICK / 2)), (int64_t)doubt_q32) - off_q32;
+    else
+        fifo->place_q32 = part(clipped_q32, fifo->gain) - off_q32;
+    fifo->learned += periods;
+    if (clipped_q32 == off_q32)
+        learn(fifo);
+    return periods;
+}
+
+/* Whether a whole slot goes on from the stamp before; the periods in between, if there is one. */
+static int goes_on(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS], uint32_t *periods)
+{
+    if (fifo->anchored) {
+        *periods = periods_since(fifo, faults);
+        if (*periods == 0) {
+            faults[FAULT_STAMP]++;
+            fifo->bad_stamps++;
+            return 0;
+        }
+    } else {
+        *periods = 0;
+        fifo->place_q32 = 0;
+        fifo->anchored = 1;
+        learn_from_here(fifo);
+    }
+    fifo->bad_stamps = 0;
+    return 1;
 }
 
 /* The first sample after a start: time and number go on by the target's clock, which wraps: of an absence beyond 71.6 minutes the
  * whole 71.6 are missing. */
-static void anchor(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS])
+static void join(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS])
 {
-    const uint64_t period_q32 = (fifo->tick_q32 >> 16) * fifo->period_q16;
+    const uint64_t period_q32 = (fifo->tick_q32 >> 16) * (fifo->period_q32 >> 16);
     if (fifo->streamed) {
-        const uint64_t gap_q32 = (uint64_t)(now_us - fifo->now_us) << 32;
+        const uint64_t gap_q32 = (uint64_t)(fifo->made_us - fifo->now_us) << 32;
         const uint32_t periods = gap_q32 > period_q32 ? (uint32_t)((gap_q32 + period_q32 / 2) / period_q32) : 1;
         fifo->time_q32 += periods * period_q32;
         fifo->number += periods;
         faults[FAULT_LOST] += periods - 1;
     } else {
-        fifo->time_q32 = (uint64_t)now_us << 32;
+        fifo->time_q32 = (uint64_t)fifo->made_us << 32;
         fifo->number = 1;
     }
-    fifo->elapsed_q16 = TICK_Q16 / 2;
-    fifo->anchored = fifo->streamed = 1;
+    fifo->time_q32 -= place_us_q32(fifo);
+    fifo->joined = fifo->streamed = 1;
 }
 
-/* Stamps are whole ticks, six to a period at the highest rate.  Time goes on by periods, and stays within the tick that the stamp names:
- * so neither the stamps' steps nor an error of the period gets into it. */
-static void advance(struct lsm6dsx_fifo *fifo, uint32_t periods, uint32_t faults[FAULTS])
+/* Whether the slot in hand may be a sample: the filters have settled, as far as can be seen. */
+static int is_settled(struct lsm6dsx_fifo *fifo, int whole)
 {
-    const uint32_t ticks = fifo->ticks - fifo->last_ticks;
-    const int64_t foreseen = (int64_t)fifo->elapsed_q16 + (int64_t)periods * fifo->period_q16 - ((int64_t)ticks << 16);
-    const uint32_t elapsed = foreseen < 0 ? 0 : foreseen >= TICK_Q16 ? TICK_Q16 - 1u : (uint32_t)foreseen;
-    fifo->time_q32 += ticks * fifo->tick_q32;
-    fifo->time_q32 += (uint64_t)((int64_t)(fifo->tick_q32 >> 16) * ((int64_t)elapsed - (int64_t)fifo->elapsed_q16));
-    fifo->elapsed_q16 = elapsed;
-    fifo->number += periods;
-    faults[FAULT_LOST] += periods - 1;
+    if (fifo->settled)
+        return 1;
+    if (fifo->unsettled > 0) {
+        fifo->unsettled--;
+        return 0;
+    }
+    if (!whole)
+        return 0;
+    for (int i = 0; i < 6; i++) {
+        if (fifo->values[i] >= MASKED && fifo->masked > 0) {
+            fifo->masked--;
+            return 0;
+        }
+    }
+    fifo->settled = 1;
+    return 1;
+}
+
+/* A temperature counts when the slots before and behind its own are whole as well: a false tag may make one of any word, and have it
+ * seem to belong to a neighbour, but then that word is missing in one of the three. */
+static void take_warmth(struct lsm6dsx_fifo *fifo, int whole)
+{
+    if (whole && fifo->whole_before && fifo->waiting)
+        fifo_temperature(fifo, fifo->waiting_warmth);
+    fifo->waiting = (uint8_t)(fifo->whole_before && (fifo->have & WARM) != 0);
+    fifo->waiting_warmth = fifo->warmth;
+    fifo->whole_before = (uint8_t)whole;
 }
 
 /* The slot in hand as a sample, if it is one; 1 or 0. */
-static int finish(struct lsm6dsx_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
+static int finish(struct lsm6dsx_fifo *fifo, int whole, uint32_t faults[FAULTS], struct fifo_sample *out)
 {
-    const int whole = fifo->open && fifo->have == WHOLE && !fifo->spoilt;
-    if (fifo->open > 1 && !whole) /* the first one may have begun before we came */
-        faults[FAULT_INCOMPLETE]++;
-    if (!whole || !fifo->warm)
+    uint32_t periods = 0;
+    const int settled = is_settled(fifo, whole);
+    take_warmth(fifo, whole);
+    if (!whole || !goes_on(fifo, faults, &periods))
         return 0;
-    if (!fifo->anchored) {
-        anchor(fifo, now_us, faults);
-    } else {
-        const uint32_t periods = periods_since(fifo, now_us);
-        if (!periods) {
-            faults[FAULT_STAMP]++;
-            fifo->bad_stamps++;
-            return 0;
-        }
-        advance(fifo, periods, faults);
+    if (fifo->joined) {
+        fifo->time_q32 += (fifo->ticks - fifo->last_ticks) * fifo->tick_q32;
+        fifo->number += periods;
+        faults[FAULT_LOST] += periods - 1;
     }
-    fifo->bad_stamps = 0;
     fifo->last_ticks = fifo->ticks;
     fifo->last_count = fifo->count;
-    fifo->now_us = now_us;
-    out->t_us = (uint32_t)(fifo->time_q32 >> 32);
+    fifo->stamped_us = fifo->made_us;
+    if (!settled || !fifo->warm)
+        return 0;
+    if (!fifo->joined)
+        join(fifo, faults);
+    fifo->now_us = fifo->made_us;
+    out->t_us = (uint32_t)((fifo->time_q32 + place_us_q32(fifo)) >> 32);
     out->number = fifo->number;
     for (int i = 0; i < 6; i++)
         out->registers[i] = fifo->values[i];
     out->registers[6] = fifo->temperature;
     return 1;
+}
+
+/* The slot in hand is over, and the next one, of this TAG_CNT, begins; 1 where a sample is complete. */
+static int turn_slot(struct lsm6dsx_fifo *fifo, uint8_t count, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
+{
+    const int whole = fifo->open && (fifo->have & WHOLE) == WHOLE && !fifo->spoilt;
+    const int complete = fifo->open && finish(fifo, whole, faults, out);
+    if (fifo->open > 1 && !whole) /* the first one may have begun before we came */
+        faults[FAULT_INCOMPLETE]++;
+    if (fifo->ordered && count != fifo->next)
+        faults[FAULT_ORDER]++;
+    fifo->open = fifo->ordered ? 2 : 1;
+    fifo->ordered = 1;
+    fifo->have = fifo->spoilt = 0;
+    fifo->count = count;
+    fifo->made_us = now_us;
+    fifo->next = (count + 1) & 3;
+    return complete;
 }
 
 int fifo_take(struct lsm6dsx_fifo *fifo, const uint8_t *word, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out)
@@ -167,29 +333,22 @@ int fifo_take(struct lsm6dsx_fifo *fifo, const uint8_t *word, uint32_t now_us, u
         faults[FAULT_PARITY]++;
         return 0;
     }
-    if (!fifo->open || count != fifo->count) {
-        complete = finish(fifo, now_us, faults, out);
-        if (fifo->ordered && count != fifo->next)
-            faults[FAULT_ORDER]++;
-        fifo->open = fifo->ordered ? 2 : 1;
-        fifo->ordered = 1;
-        fifo->have = fifo->spoilt = 0;
-        fifo->count = count;
-        fifo->next = (count + 1) & 3;
-    }
+    if (!fifo->open || count != fifo->count)
+        complete = turn_slot(fifo, count, now_us, faults, out);
     if (kind == GYRO || kind == ACCEL) {
         int16_t *to = fifo->values + (kind == GYRO ? 0 : 3);
         for (int i = 0; i < 3; i++)
             to[i] = get_i16(word + 1 + 2 * i);
     } else if (kind == STAMP) {
         fifo->ticks = word[1] | (uint32_t)word[2] << 8 | (uint32_t)word[3] << 16 | (uint32_t)word[4] << 24;
+    } else if (kind == TEMPERATURE) {
+        fifo->warmth = get_i16(word + 1);
     } else {
-        if (kind == TEMPERATURE)
-            fifo_temperature(fifo, get_i16(word + 1));
         return complete;
     }
     if (fifo->have >> kind & 1) {
-        faults[FAULT_ORDER] += !fifo->spoilt;
+        if (!fifo->spoilt)
+            faults[FAULT_ORDER]++;
         fifo->spoilt = 1;
     }
     fifo->have |= (uint8_t)(1 << kind);

@@ -17,21 +17,29 @@ enum fault {
     FAULT_CHANGED,    /* a register is not what was set */
     FAULT_IDENTITY,   /* WHO_AM_I is another's */
     FAULT_SILENT,     /* registers are right, but no words come */
-    FAULT_STAMP,      /* the sensor's stamp does not go on by whole periods */
+    FAULT_STAMP,      /* the sensor's stamp does not go on by whole periods, or by how many is not certain */
     FAULT_INCOMPLETE, /* time slots without gyroscope, accelerometer or stamp */
     FAULT_STARTS,     /* starts again, whether they succeeded or not */
     FAULT_LOST,       /* sample periods without a sample, as the stamps show them */
     FAULT_RATE,       /* registers as set, but samples come at another rate */
-    FAULTS
+    FAULTS,
+    LSM6DSX_IMPOSSIBLE /* no fault: the sensor is there, and has no such settings */
 };
+
+/* Words of a burst at most; a target with little RAM sets fewer.  The sensor's FIFO has 3 kB for words of seven bytes: 438. */
+#ifndef FIFO_WORDS
+#define FIFO_WORDS 96
+#endif
 
 enum {
     FIFO_WORD_BYTES = 7,
-    FIFO_WORDS = 96,                   /* in a burst; the FIFO holds more than four times as many */
     FIFO_SAMPLES = FIFO_WORDS / 3 + 2, /* of a burst at most */
     WORDS_PER_SLOT = 3,                /* and a temperature now and then */
     BAD_STAMPS = 4,                    /* in a row: then the sensor's time has restarted */
-    MANY_UNKNOWN = 0xFFFF,
+    MANY_UNKNOWN = 0x7FFF,
+    MASKED = 0x7FFD,   /* from here up a value is a mark of the sensor's: its filter has not settled.  0x7FFF is clipped, too */
+    MASKED_MOST = 512, /* slots at the highest rate that are dropped for such marks: 77 ms, as long again as a gyroscope takes; */
+    MASKED_LEAST = 8,  /* at others as many in that time, and so many */
 };
 
 struct fifo_sample {
@@ -44,18 +52,27 @@ struct lsm6dsx_fifo {
     /* The time slot in hand. */
     uint8_t have, count, spoilt, open; /* open: 0 none, 1 the first behind a gap, 2 another */
     int16_t values[6];
-    uint32_t ticks;
+    int16_t warmth; /* its temperature, if it has one */
+    uint32_t ticks, made_us; /* its stamp; the target's time when its first word was made */
     /* Between slots. */
-    uint8_t ordered, next;  /* whether the next TAG_CNT is known, and which it is */
-    uint8_t warm, anchored; /* whether the temperature is known, and a stamp that the next one goes on from */
-    uint8_t bad_stamps, last_count;
-    int16_t temperature;
-    uint32_t last_ticks;
-    /* Time.  A tick is 25 us / (1 + 0.0015 f), a sample period the quotient of the nominal rates in ticks. */
-    uint32_t period_q16, elapsed_q16; /* ticks; place within the tick at last_ticks */
-    uint64_t tick_q32, time_q32;      /* us of a tick; us of the last sample */
-    uint32_t number, now_us;          /* of the last sample; the target's time when it was made */
-    uint8_t streamed;                 /* whether there is a last sample */
+    uint8_t ordered, next;               /* whether the next TAG_CNT is known, and which it is */
+    uint8_t warm, waiting, whole_before; /* whether the temperature is known; the last slot had another; it was whole */
+    int16_t temperature, waiting_warmth;
+    /* After a start: slots that are no samples, further ones that may be masked; whether both are over. */
+    uint16_t unsettled, masked;
+    uint8_t settled;
+    /* The stamp that the next one goes on from. */
+    uint8_t anchored, bad_stamps, last_count;
+    uint32_t last_ticks, stamped_us; /* the target's time when it was made */
+    int64_t place_q32;               /* ticks from the middle of the tick that it names to the time of its slot, as estimated */
+    /* The sample period in ticks: what it is at least and at most, the middle, half of what lies between. */
+    uint64_t shortest_q32, longest_q32, period_q32, doubt_q32;
+    uint8_t odr, bounded, gain; /* whether stamps have bounded it from below, above; 2^-gain of one's deviation goes into the place */
+    uint32_t learned_from, learned, learned_again; /* a stamp, periods since then, at how many to learn again */
+    /* Time. */
+    uint64_t tick_q32, time_q32; /* us of a tick, 25 / (1 + 0.0015 f); us of the last stamp, before the first sample of the last one */
+    uint32_t number, now_us;     /* of the last sample; the target's time when it was made */
+    uint8_t joined, streamed;    /* whether there was a sample since the start, and whether ever */
 };
 
 /* True data rate in Hz, 6667 (1 + 0.0015 f) / coefficient. */
@@ -65,7 +82,7 @@ float fifo_rate_hz(uint8_t odr, int8_t freq_fine);
 uint64_t fifo_tick_q32(int8_t freq_fine);
 
 /* The sensor has been started: its stamps restart, time and number go on by the target's clock.  unsettled: time slots that come first
- * and are no samples, as the filters have not settled. */
+ * and are no samples, as the filters have not settled.  Behind them come, for a while, those with a value that the sensor has masked. */
 void fifo_begin(struct lsm6dsx_fifo *fifo, uint8_t odr, int8_t freq_fine, uint16_t unsettled);
 
 /* Words are missing: what follows need not follow on. */

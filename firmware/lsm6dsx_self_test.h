@@ -10,7 +10,23 @@ struct lsm6dsx_tested {
     float accel_mg[3];
 };
 
-/* Takes 0.8 s.  The sensor stands still behind it, all its settings gone: start it again. */
+/* A self-test under way. */
+struct lsm6dsx_self_test {
+    struct lsm6dsx_tested tested;
+    uint8_t phase, taken;     /* of four: gyroscope without and with the force, accelerometer; outputs taken */
+    bool done;
+    int32_t sum[2][3];        /* without and with the force */
+    int16_t least[3], most[3];
+    uint32_t since_us;        /* when the phase began, or the last output came */
+};
+
+/* Begin one.  Poll it each millisecond instead of the sensor; it waits as little as that. */
+void lsm6dsx_self_test_begin(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test);
+
+/* Whether it goes on; it takes 0.9 s.  Behind it the sensor stands still, all its settings gone, until lsm6dsx_poll starts it again. */
+bool lsm6dsx_self_test_poll(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test);
+
+/* For small targets: the whole of it at once. */
 void lsm6dsx_self_test(struct lsm6dsx *sensor, struct lsm6dsx_tested *tested);
 
 #endif

@@ -6,6 +6,7 @@
  * pace itself by the answers; without a sensor the stand-in then falls silent, and what was sent is streamed. */
 #include "answers.h"
 #include "board.h"
+#include "board_watchdog.h"
 #include "commands.h"
 #include "defaults.h"
 #include "frames.h"
@@ -56,20 +57,27 @@ static int listen(enum port port, int *fed)
 int main(void)
 {
     int fed = 0;
+    bool looked = false;
     answers_start();
     board_start(BAUD);
     status_start(BAUD);
     sensor_start();
-    status_say(); /* whose samples follow, before the first of them */
     for (;;) {
         int busy = 0;
-        for (int port = 0; port < PORTS; port++)
-            busy |= listen((enum port)port, &fed);
-        busy |= sensor_stream();
+        for (int port = 0; port < PORTS; port++) {
+            if (!sensor_busy()) /* what comes meanwhile waits its turn */
+                busy |= listen((enum port)port, &fed);
+        }
+        busy |= sensor_stream() ? 1 : 0;
+        if (!looked && !sensor_busy()) {
+            status_say(); /* whose samples follow, before the first of them */
+            looked = true;
+        }
         status_service();
         commands_service();
-        if (!fed && !sensor_found())
+        if (looked && !fed && !sensor_found())
             play_standin();
+        board_alive();
         if (!busy)
             board_wait();
     }

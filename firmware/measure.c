@@ -26,7 +26,7 @@ static uint32_t semihost(uint32_t operation, const void *argument)
 static uint32_t open_file(const char *name, uint32_t mode)
 {
     uint32_t length = 0;
-    while (name[length])
+    while (name[length] != 0)
         length++;
     const uint32_t block[3] = {(uint32_t)name, mode, length};
     return semihost(SYS_OPEN, block);
@@ -39,8 +39,8 @@ static void print_number(uint32_t value)
     *--at = ' ';
     do
         *--at = (char)('0' + value % 10);
-    while (value /= 10);
-    semihost(SYS_WRITE0, at);
+    while ((value /= 10) != 0);
+    (void)semihost(SYS_WRITE0, at);
 }
 
 static uint32_t thousand_nops(void)
@@ -65,7 +65,7 @@ int main(void)
         const uint32_t left = semihost(SYS_READ, read); /* bytes that were not read */
         if (left > sizeof in)
             break;
-        const uint32_t count = (sizeof in - left) / sizeof in[0];
+        const uint32_t count = ((sizeof in) - left) / sizeof in[0];
         if (count == 0)
             break;
         const uint32_t began = TIM2_CNT;
@@ -73,7 +73,7 @@ int main(void)
             tinygc_step(&state, &in[n], omega[n]);
         ticks += TIM2_CNT - began;
         const uint32_t write[3] = {outputs, (uint32_t)omega, count * sizeof omega[0]};
-        semihost(SYS_WRITE, write);
+        (void)semihost(SYS_WRITE, write);
         samples += count;
     }
     print_number(samples);
@@ -81,7 +81,7 @@ int main(void)
     print_number(thousand_nops());
     print_number((uint32_t)tinygc_self_test(&worst));
     print_number(worst > 0.0f);
-    semihost(SYS_EXIT, (void *)APPLICATION_EXIT);
+    (void)semihost(SYS_EXIT, (void *)APPLICATION_EXIT);
     return 0;
 }
 

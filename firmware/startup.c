@@ -2,10 +2,11 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "board_registers.h"
 #include "board_spi.h"
 #include "fault.h"
 
-#define CPACR (*(volatile uint32_t *)0xE000ED88)
+#define CPACR REG(0xE000ED88u)
 
 extern uint32_t data_start[], data_end[], data_load[], bss_start[], bss_end[], stack_top[];
 
@@ -20,16 +21,8 @@ void Reset_Handler(void)
         *to++ = *from++;
     for (uint32_t *to = bss_start; to < bss_end;)
         *to++ = 0;
-    main();
-    for (;;)
-        ;
-}
-
-/* A fault stops here, where a debugger finds it; the watchdog of a product would reset. */
-static void halt(void)
-{
-    for (;;)
-        ;
+    (void)main();
+    fault_reset(); /* it has no end */
 }
 
 typedef void (*vector)(void);
@@ -38,11 +31,8 @@ typedef void (*vector)(void);
 __attribute__((section(".vectors"), used)) static const vector VECTORS[16 + 82] = {
     [0] = (vector)(void *)stack_top,
     [1] = Reset_Handler,
-    [2] = halt, /* NMI */
-    [3] = HardFault_Handler,
-    [4] = halt, /* memory fault */
-    [5] = halt, /* bus fault */
-    [6] = halt, /* usage fault */
+    [2] = fault_reset,       /* NMI: nothing is set to cause one */
+    [3] = HardFault_Handler, /* and with it the faults of memory, bus and usage, which nobody has enabled apart */
     [15] = SysTick_Handler,
     [16 + USART1_IRQ] = USART1_Handler,
     [16 + USART2_IRQ] = USART2_Handler,

@@ -1,6 +1,7 @@
 #include "status.h"
 
 #include "board.h"
+#include "board_watchdog.h"
 #include "defaults.h"
 #include "identity.h"
 #include "sensor.h"
@@ -39,7 +40,7 @@ uint32_t status_rate_of_port(void)
 static void say_info(void)
 {
     const struct lsm6dsx_settings *settings = &sensor_state()->settings;
-    const int sensor = sensor_found();
+    const bool sensor = sensor_found();
     const float paced_hz = pace.odr_hz > 0.0f ? pace.odr_hz : (float)ODR_HZ;
     struct frame frame;
     frame_begin(&frame, FRAME_INFO, stream_sequence());
@@ -47,7 +48,7 @@ static void say_info(void)
     frame_u16(&frame, sensor ? settings->accel_fs_g : (uint16_t)ACCEL_FS_G);
     frame_f32(&frame, sensor ? sensor_rate_hz() : paced_hz);
     frame_u32(&frame, serial);
-    stream_frame(HOST, &frame);
+    (void)stream_frame(HOST, &frame);
 }
 
 static void say_board(void)
@@ -56,17 +57,18 @@ static void say_board(void)
     struct frame frame;
     frame_begin(&frame, FRAME_BOARD, stream_sequence());
     frame_u8(&frame, sensor_found() ? FROM_SENSOR : FROM_STANDIN);
-    frame_u8(&frame, (uint8_t)(stream_is_on() | sensor->running << 1));
+    const unsigned runs = sensor->running ? (1u << 1) : 0u, settles = (runs != 0u) && (sensor->fifo.settled == 0u) ? (1u << 2) : 0u;
+    frame_u8(&frame, (uint8_t)((unsigned)stream_is_on() | runs | settles | ((unsigned)board_was_reset() << 3)));
     frame_u8(&frame, FIRMWARE_MAJOR);
     frame_u8(&frame, FIRMWARE_MINOR);
     frame_u8(&frame, FIRMWARE_PATCH);
     frame_u8(&frame, sensor->who);
     frame_u8(&frame, (uint8_t)sensor->freq_fine);
-    for (int n = 1; n < LSM6DSX_KEPT; n++)
+    for (int n = LSM6DSX_KEPT_WHO + 1; n < LSM6DSX_KEPT; n++)
         frame_u8(&frame, sensor->kept[n]);
     frame_u32(&frame, rate_of_port);
     frame_f32(&frame, sensor_found() ? lsm6dsx_nominal_hz(sensor->settings.odr) : (float)ODR_HZ);
-    stream_frame(HOST, &frame);
+    (void)stream_frame(HOST, &frame);
 }
 
 static uint32_t all_faults(void)

@@ -108,6 +108,75 @@ def test_a_recorder_needs_no_model_and_other_options_are_built_anew(tmp_path):
     assert recorder(ODR_HZ="6667", BAUD="2000000") != other
 
 
+FAULTY = """
+#include "board.h"
+#include "board_spi.h"
+#include "fault.h"
+void SysTick_Handler(void) {}
+void USART1_Handler(void) {}
+void USART2_Handler(void) {}
+void DMA2_Stream0_Handler(void) {}
+static uint32_t semihost(uint32_t operation, uint32_t argument)
+{
+    register uint32_t r0 __asm("r0") = operation, r1 __asm("r1") = argument;
+    __asm volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
+    return r0;
+}
+__attribute__((section(".kept"))) static int starts;
+int main(void)
+{
+    read_if_there(0x30000000);
+    for (int n = 0; n < (int)(sizeof fault_record / 4); n++) {
+        static char text[12];
+        uint32_t word = ((uint32_t *)&fault_record)[n];
+        for (int digit = 7; digit >= 0; digit--, word >>= 4) text[digit] = "0123456789abcdef"[word & 15];
+        text[8] = ' ';
+        semihost(0x04, (uint32_t)text);
+    }
+    switch (starts++) {
+    case 0:
+    case 1:
+        UPSET;
+        break;
+    case 2:
+        return 0; /* an end that a board's program has none of */
+    default:
+        semihost(0x18, 0x20026);
+    }
+    for (;;) ;
+}
+"""
+
+
+@needs_board
+@pytest.mark.parametrize(
+    ("upset", "status"),
+    [
+        ("*(volatile uint32_t *)0x30000004", 0x8200),  # a precise error of the bus, at an address that is known
+        ('__asm volatile(".short 0xdeff")', 0x10000),  # an undefined instruction
+        ("((void (*)(void))0x30000000)()", 0x100),  # instructions from where there are none
+    ],
+)
+def test_a_fault_of_the_core_is_a_reset_and_its_cause_is_kept(upset, status, tmp_path):
+    """Twice, then ``main`` returns.  What was kept outlives each reset, and a read of what may not be there leaves nothing."""
+    source, elf, firmware = tmp_path / "faulty.c", tmp_path / "faulty.elf", ROOT / "firmware"
+    source.write_text(FAULTY.replace("UPSET", upset))
+    core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-std=c11", "-Os", "-ffreestanding", f"-I{firmware}"]
+    parts = [source, firmware / "startup.c", firmware / "fault.c", "-T", firmware / "stm32f405.ld", "-nostartfiles", "--specs=nano.specs"]
+    run(["arm-none-eabi-gcc", *core, *parts, "-o", elf], check=True)
+    semihosting = ["-semihosting-config", "enable=on,target=native", "-serial", "none"]
+    ran = run(["qemu-system-arm", *measure.MACHINE, *semihosting, "-kernel", elf], capture_output=True, text=True)
+    records = np.reshape([int(word, 16) for word in ran.stderr.split()], (4, 6))
+    assert ran.returncode == 0
+    assert records[0].tolist() == [0] * 6
+    np.testing.assert_array_equal(records[1:, 0], 0x0FA17)
+    np.testing.assert_array_equal(records[1:, 1], [1, 2, 2])
+    np.testing.assert_array_equal(records[1:, 4], status)
+    assert len(set(records[1:, 2])) == 1  # where it was
+    if status == 0x8200:
+        np.testing.assert_array_equal(records[1:, 5], 0x30000004)
+
+
 @pytest.fixture(scope="module")
 def elf(tmp_path_factory):
     if MISSING:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from tinygc.annexes.emulated.readings import Silicon
 from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 BYTE_S = 8 / 5.25e6
 READY_S = 0.02
 GYRO, ACCEL = 1, 2
+RATE_HZ = 40000 / 6 / 8  #: of code 7, typically
+SETTLED = Silicon(settling=0.0)
 
 
 def counting(t_s: np.ndarray):
     """At 833 Hz and +-500 dps the gyroscope's registers are the sample's number, its negative and itself; at 4 g the accelerometer's
     are, too."""
-    number = np.rint(t_s * 833.375) % 30000
+    number = np.rint(t_s * RATE_HZ) % 30000
     axes = [1, -1, 1]
     return np.outer(number * np.radians(0.0175), axes), np.outer(number * 0.122e-3 * 9.80665, axes), np.full(len(t_s), 30.0)
 

@@ -13,11 +13,18 @@ enum { ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES };
 struct lsm6dsx sensor;
 uint8_t registers[128];
 uint8_t stuck; /* a register that takes nothing, or 0 */
+uint8_t who = 0x6B; /* WHO_AM_I */
+uint8_t turned, turned_bits; /* a register some of whose bits read the wrong way round */
 uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
-uint32_t words_in, words_out, now_us, transfers, logged, breaks_after;
+uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after;
+uint32_t wakes_us;             /* before that a sensor answers zeros, and takes nothing */
+uint32_t longest_us, waits;    /* the longest poll; calls of the function that waits */
 uint16_t accesses[LOG]; /* address with READ, value << 8 */
-int behaviour, selected, overrun, busy_polls, pushed;
+uint32_t accessed_us[LOG];
+int behaviour, selected, overrun, busy_polls, pushed, shaken; /* pushed: by the force of the self-test, in 256 LSB; shaken: LSB */
+int line; /* a behaviour of the line, from a time to another */
+uint32_t line_from_us, line_until_us;
 
 static struct {
     int begun, polls;
@@ -28,7 +35,7 @@ static struct {
 void reset_registers(void)
 {
     memset(registers, 0, sizeof registers);
-    registers[WHO_AM_I] = LSM6DSX_WHO;
+    registers[WHO_AM_I] = who;
     registers[CTRL3_C] = IF_INC;
     registers[CTRL9_XL] = 0xE0;
     registers[INTERNAL_FREQ_FINE] = fine;
@@ -38,8 +45,10 @@ void reset_registers(void)
 
 static void note(uint8_t address, uint8_t value)
 {
-    if (logged < LOG)
-        accesses[logged++] = (uint16_t)(address | value << 8);
+    if (logged == LOG)
+        return;
+    accessed_us[logged] = now_us;
+    accesses[logged++] = (uint16_t)(address | value << 8);
 }
 
 static void get_ready(uint8_t address)
@@ -53,7 +62,9 @@ static void get_ready(uint8_t address)
         overrun = 0;
     registers[STATUS_REG] = XLDA | GDA | TDA;
     for (int i = 0; i < 3; i++) { /* the self-test's answer */
-        registers[OUTX_L_G + 2 * i + 1] = registers[CTRL5_C] & ST_G_POSITIVE ? (uint8_t)pushed : 0;
+        const int gyro = (registers[CTRL5_C] & ST_G_POSITIVE ? 256 * pushed : 0) + (transfers % 8 < 4 ? shaken : 0);
+        registers[OUTX_L_G + 2 * i] = (uint8_t)gyro;
+        registers[OUTX_L_G + 2 * i + 1] = (uint8_t)(gyro >> 8);
         registers[OUTX_L_A + 2 * i + 1] = registers[CTRL5_C] & ST_XL_POSITIVE ? (uint8_t)pushed : 0;
     }
 }
@@ -74,7 +85,7 @@ static uint8_t answer(void)
         return byte;
     }
     at.address++;
-    return registers[address];
+    return (uint8_t)(registers[address] ^ (address == turned ? turned_bits : 0));
 }
 
 static void take(uint8_t value)
@@ -90,7 +101,8 @@ static void take(uint8_t value)
 static int transfer(const uint8_t *out, uint8_t *in, unsigned count)
 {
     transfers++;
-    now_us += 2 * count;
+    if (behaviour == HANGS || behaviour == BUSY_FOR_EVER)
+        now_us += 2 * count;
     if (behaviour == HANGS)
         return TRANSFER_FAILED;
     if (behaviour == BUSY_FOR_EVER)
@@ -99,19 +111,25 @@ static int transfer(const uint8_t *out, uint8_t *in, unsigned count)
         return TRANSFER_BUSY;
     at.polls = 0;
     for (unsigned n = 0; n < count; n++) {
+        const int stands = now_us >= line_from_us && now_us < line_until_us ? line : now_us < wakes_us ? ZEROS : ANSWERS;
+        const int as = behaviour == ANSWERS ? stands : behaviour;
         uint8_t byte = 0xFF;
-        if (!at.begun) {
+        now_us += byte_us;
+        if (as == HANGS) { /* the sensor neither hears nor answers */
+            at.begun = 2;
+        } else if (at.begun == 2) { /* what it did not hear from the beginning it does not understand */
+        } else if (!at.begun) {
             at.begun = 1;
             at.address = out[n];
             if (at.address & READ)
                 get_ready(at.address);
         } else if (at.address & READ) {
             byte = answer();
-        } else if (behaviour == ANSWERS) {
+        } else if (behaviour == ANSWERS && now_us >= wakes_us) {
             take(out[n]);
         }
         if (in)
-            in[n] = behaviour == ZEROS ? 0x00 : behaviour == ONES ? 0xFF : byte;
+            in[n] = as == ZEROS ? 0x00 : as == ONES ? 0xFF : byte;
     }
     return TRANSFER_DONE;
 }
@@ -125,6 +143,7 @@ static void select_chip(int on)
 
 static void wait_us(uint32_t us)
 {
+    waits++;
     now_us += us;
 }
 
@@ -139,17 +158,24 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
 {
     const struct lsm6dsx_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
     behaviour = ANSWERS;
-    fine = warmth = stuck = 0;
-    now_us = transfers = logged = words_in = words_out = breaks_after = 0;
-    overrun = busy_polls = pushed = 0;
+    fine = warmth = stuck = turned = turned_bits = 0;
+    now_us = transfers = logged = words_in = words_out = breaks_after = wakes_us = longest_us = waits = line_from_us = line_until_us = 0;
+    byte_us = 2;
+    overrun = busy_polls = pushed = shaken = 0;
     reset_registers();
     lsm6dsx_attach(&sensor, &BUS, &settings);
 }
 
-int possible(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1, uint16_t lpf2)
+int possible(uint8_t chip, uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1, uint16_t lpf2)
 {
     const struct lsm6dsx_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
-    return lsm6dsx_possible(&settings);
+    return lsm6dsx_possible(&settings, lsm6dsx_chip_of(chip));
+}
+
+int unsettled(uint8_t odr, uint8_t lpf1, uint16_t lpf2, int8_t freq_fine)
+{
+    const struct lsm6dsx_settings settings = {500, 4, odr, lpf1, lpf2};
+    return lsm6dsx_unsettled(&settings, freq_fine);
 }
 
 int start(void)
@@ -169,8 +195,11 @@ unsigned poll(unsigned times, struct fifo_sample *out, unsigned most)
     struct fifo_sample some[FIFO_SAMPLES];
     unsigned count = 0;
     for (unsigned n = 0; n < times; n++) {
+        const uint32_t began_us = now_us;
         const unsigned got = lsm6dsx_poll(&sensor, some);
-        now_us += 1000;
+        const uint32_t took_us = now_us - began_us;
+        longest_us = took_us > longest_us ? took_us : longest_us;
+        now_us += took_us < 1000 ? 1000 - took_us : 0;
         for (unsigned i = 0; i < got && count < most; i++)
             out[count++] = some[i];
     }
@@ -187,6 +216,22 @@ int running(void)
     return sensor.running;
 }
 
+int starting(void)
+{
+    return sensor.starting;
+}
+
+int has_settled(void)
+{
+    return sensor.fifo.settled;
+}
+
+void restart(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1, uint16_t lpf2)
+{
+    sensor.settings = (struct lsm6dsx_settings){gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
+    lsm6dsx_restart(&sensor);
+}
+
 int freq_fine(void)
 {
     return sensor.freq_fine;
@@ -197,17 +242,46 @@ void self_test(struct lsm6dsx_tested *tested)
     lsm6dsx_self_test(&sensor, tested);
 }
 
-/* The FIFO's words without a bus, so many microseconds each. */
-unsigned take_words(uint8_t odr, int8_t freq_fine, const uint8_t *words, uint32_t count, uint32_t counts[FAULTS], struct fifo_sample *out, uint32_t word_us)
+/* The same by its steps, a millisecond each. */
+void self_test_by_steps(struct lsm6dsx_tested *tested)
 {
-    static struct lsm6dsx_fifo fifo;
+    struct lsm6dsx_self_test test;
+    int goes_on;
+    lsm6dsx_self_test_begin(&sensor, &test);
+    do {
+        const uint32_t began_us = now_us;
+        goes_on = lsm6dsx_self_test_poll(&sensor, &test);
+        longest_us = now_us - began_us > longest_us ? now_us - began_us : longest_us;
+        now_us += 1000;
+    } while (goes_on);
+    *tested = test.tested;
+}
+
+/* The FIFO's words without a bus, each made at its time.  again: the sensor was started again before them; else all is forgotten first. */
+static struct lsm6dsx_fifo fifo;
+
+unsigned take_words(int again, uint8_t odr, int8_t freq_fine, uint16_t unsettled, const uint8_t *words, const uint32_t *made_us, uint32_t count,
+                    uint32_t counts[FAULTS], struct fifo_sample *out)
+{
     unsigned samples = 0;
-    fifo = (struct lsm6dsx_fifo){0};
-    fifo_begin(&fifo, odr, freq_fine, 0);
-    fifo_temperature(&fifo, 0);
+    if (!again)
+        fifo = (struct lsm6dsx_fifo){0};
+    fifo_begin(&fifo, odr, freq_fine, unsettled);
+    if (!again)
+        fifo_temperature(&fifo, 0);
     for (uint32_t n = 0; n < count; n++)
-        samples += (unsigned)fifo_take(&fifo, words + n * FIFO_WORD_BYTES, n * word_us, counts, out + samples);
+        samples += (unsigned)fifo_take(&fifo, words + n * FIFO_WORD_BYTES, made_us[n], counts, out + samples);
     return samples;
+}
+
+int settled(void)
+{
+    return fifo.settled;
+}
+
+int bad_stamps(void)
+{
+    return fifo.bad_stamps;
 }
 
 /* The unique id of a chip, for identity.c. */

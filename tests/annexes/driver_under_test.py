@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import shutil
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -15,8 +16,8 @@ from conftest import ROOT
 from processes import run
 
 FIRMWARE = ROOT / "firmware"
-DRIVER = ("lsm6dsx.c", "lsm6dsx_bus.c", "lsm6dsx_fifo.c", "lsm6dsx_settings.c", "lsm6dsx_self_test.c")
-SOURCES = (*DRIVER, "identity.c", "frames.c")
+DRIVER = ("", "_bus", "_chips", "_fifo", "_rate", "_settings", "_start", "_self_test")
+SOURCES = (*(f"lsm6dsx{part}.c" for part in DRIVER), "identity.c", "frames.c")
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wdouble-promotion", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover")
 #: enum fault of lsm6dsx_fifo.h, in its order
 FAULTS = ("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset", "changed", "identity", "silent", "stamp", "incomplete")
@@ -27,8 +28,11 @@ ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES = range(5)
 RATES_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
 #: registers' addresses
 FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4, INT1_CTRL, WHO_AM_I, CTRL1_XL, CTRL2_G = 0x07, 0x08, 0x09, 0x0A, 0x0D, 0x0F, 0x10, 0x11
-CTRL3_C, CTRL4_C, CTRL6_C, CTRL8_XL, CTRL9_XL, CTRL10_C, FREQ_FINE = 0x12, 0x13, 0x15, 0x17, 0x18, 0x19, 0x63
-#: 1667 Hz in ticks
+CTRL3_C, CTRL4_C, CTRL6_C, CTRL8_XL, CTRL9_XL, CTRL10_C = 0x12, 0x13, 0x15, 0x17, 0x18, 0x19
+OUT_TEMP, FREQ_FINE = 0x20, 0x63
+ASM330LHH, LSM6DSO = 0x6B, 0x6C  #: WHO_AM_I
+#: 1667 Hz, its period in ticks
+ODR = 8
 PERIOD = 4 * 40000 / 6667
 SAMPLE = np.dtype([("t_us", "<u4"), ("number", "<u4"), ("registers", "<i2", (7,)), ("", "<u2")])
 
@@ -68,13 +72,41 @@ def accesses() -> list[tuple[int, int]]:
     return [(entry & 0xFF, entry >> 8) for entry in table[: number("logged", ctypes.c_uint32).value]]
 
 
-def started(odr: int = 8, gyro_fs_dps: int = 500, accel_fs_g: int = 4, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> ctypes.CDLL:
-    """The driver, its sensor running."""
+def attached(
+    odr: int = ODR, gyro_fs_dps: int = 500, accel_fs_g: int = 4, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0, who: int = ASM330LHH
+):
+    """The driver before its first transfer."""
     lib = library()
+    number("who", ctypes.c_uint8).value = who
     lib.attach(gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2)
     keep_fine(fine)
-    assert lib.start() == NONE
     return lib
+
+
+def accessed_us() -> list[int]:
+    """Their times."""
+    return list((ctypes.c_uint32 * 1024).in_dll(library(), "accessed_us")[: number("logged", ctypes.c_uint32).value])
+
+
+def started(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, settles: bool = True, **how) -> ctypes.CDLL:
+    """The driver, its sensor running, its filters settled unless they are to be left alone."""
+    lib = attached(odr, lpf1=lpf1, lpf2=lpf2, **how)
+    assert lib.start() == NONE
+    if settles:
+        settle(odr, lpf1, lpf2, how.get("fine", 0))
+    return lib
+
+
+def settle(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> None:
+    """Pass by the slots that are no samples yet, those before slot 0, each at its time."""
+    now_us, left = number("now_us", ctypes.c_uint32), library().unsettled(odr, lpf1, lpf2, fine)
+    watermark = registers()[FIFO_CTRL1] // 3
+    while left:
+        count = watermark if left >= 2 * watermark else left
+        now_us.value += max(0, int(count * 25 * period_of(odr)) - 2000)
+        push(slots(-left, count, odr))
+        assert len(poll(2)) == 0
+        left -= count
 
 
 def keep_fine(fine: int) -> None:
@@ -95,7 +127,7 @@ def words_of(slots: np.ndarray, ticks: np.ndarray, order: tuple[int, ...] = (GYR
     """FIFO words (3 n, 7) uint8 of time slots (n,): their number is in every value, so that a sample of two slots would show."""
     words = np.zeros((len(slots), len(order), 7), np.uint8)
     for place, kind in enumerate(order):
-        words[:, place, 0] = [tag(kind, int(slot)) for slot in slots & 3]
+        words[:, place, 0] = np.array([tag(kind, count) for count in range(4)], np.uint8)[slots & 3]
         values = np.zeros((len(slots), 3), "<i2")
         values[:] = registers_of(slots)[:, 0:3] if kind == GYRO else registers_of(slots)[:, 3:6]
         if kind == STAMP:
@@ -126,22 +158,50 @@ def poll(times: int, most: int = 1 << 18) -> np.ndarray:
     return out[: library().poll(times, out.ctypes.data_as(ctypes.c_void_p), most)]
 
 
-def take_words(words: np.ndarray, odr: int = 10, fine: int = 0, word_us: int = 50) -> tuple[np.ndarray, dict[str, int]]:
-    """The samples that the FIFO's part makes of these words, which come word_us apart, and the faults that it counts."""
+def take_words(
+    words: np.ndarray,
+    odr: int = 10,
+    fine: int = 0,
+    word_us: int = 50,
+    *,
+    made_us: np.ndarray | None = None,
+    unsettled: int = 0,
+    again: bool = False,
+) -> tuple[np.ndarray, dict[str, int]]:
+    """The samples that the FIFO's part makes of these words, and the faults that it counts.
+
+    The target makes them word_us apart, or at made_us (n,).  again: behind a restart, the words of the call before are not forgotten.
+    """
     data, counts = np.ascontiguousarray(words, np.uint8), (ctypes.c_uint32 * len(FAULTS))()
+    made = np.arange(len(data)) * word_us if made_us is None else np.asarray(made_us)
+    made = np.ascontiguousarray(made.astype(np.int64) & 0xFFFFFFFF, np.uint32)
     out = np.zeros(len(data) + 1, SAMPLE)
-    pointer = ctypes.c_void_p
-    count = library().take_words(odr, fine, data.ctypes.data_as(pointer), len(data), counts, out.ctypes.data_as(pointer), word_us)
+    at = [ctypes.c_void_p(array.ctypes.data) for array in (data, made, out)]
+    count = library().take_words(again, odr, fine, unsettled, at[0], at[1], len(data), counts, at[2])
     return out[:count], {name: number for name, number in zip(FAULTS, counts, strict=True) if number}
 
 
 ORDERS = tuple(itertools.permutations((GYRO, ACCEL, STAMP)))
 
 
-def slots(first: int, count: int) -> np.ndarray:
-    """Words of so many samples at 1667 Hz."""
+def period_of(odr: int) -> float:
+    """In ticks."""
+    return PERIOD * 2.0 ** (ODR - odr)
+
+
+def slots(first: int, count: int, odr: int = ODR) -> np.ndarray:
+    """Words of so many samples."""
     numbers = np.arange(first, first + count)
-    return words_of(numbers, np.floor(100.5 + numbers * PERIOD).astype(np.int64))
+    return words_of(numbers, np.floor(100.5 + numbers * period_of(odr)).astype(np.int64))
+
+
+def streamed_by_time(first: int, count: int, change: Callable[[np.ndarray], np.ndarray] = lambda words: words) -> np.ndarray:
+    """What comes of slots at 1667 Hz, ten in 6 ms, which are changed on their way."""
+    found = []
+    for place in range(first, first + count, 10):
+        push(change(slots(place, 10)))
+        found.append(poll(6))
+    return np.concatenate(found)
 
 
 def streamed(first: int, count: int, polls: int = 20) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What the sensor's driver does when the bus or the sensor fails, and how long it waits."""
+"""What the sensor's driver does when the bus or the sensor fails."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from driver_under_test import (
     ANSWERS,
+    ASM330LHH,
     BUSY_FOR_EVER,
     CTRL1_XL,
     CTRL2_G,
     CTRL6_C,
     CTRL10_C,
-    FAULTS,
     HANGS,
-    NONE,
+    LSM6DSO,
     ONES,
     PERIOD,
     WHO_AM_I,
@@ -30,14 +30,12 @@ from driver_under_test import (
     push,
     registers,
     registers_of,
+    settle,
     slots,
     started,
     streamed,
     tag,
 )
-
-#: microseconds: the longest that a start may take, filters and all
-LONGEST_START_US = 2_500_000
 
 
 def test_a_fifo_that_ran_over_is_counted_once_and_the_gap_is_numbered():
@@ -94,8 +92,9 @@ def test_a_sensor_that_was_away_with_its_bus_is_started_again():
     poll(300)
     library().reset_registers()
     fail_behind(ANSWERS)
-    poll(10)
+    poll(30)
     assert library().running()
+    settle()
     after, passed_us = streamed(0, 100), now_us.value - began_us
     assert faults().keys() == {"ones", "reset", "starts", "lost"}
     np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
@@ -125,6 +124,7 @@ def test_a_sensor_that_resets_itself():
     assert (registers()[CTRL2_G], library().freq_fine()) == (0x84, 12)
     assert faults()["reset"] == 1
     assert faults()["starts"] == 1
+    settle(fine=12)
     assert len(streamed(0, 100)) >= 80
 
 
@@ -141,12 +141,29 @@ def test_a_register_that_changed_spoils_the_burst_before_it(register, value):
     assert registers()[register] != value
 
 
-def test_another_chip_in_its_place():
+@pytest.mark.parametrize("who", [0x6A, LSM6DSO])
+def test_another_chip_in_its_place(who):
+    """Whose registers are as they were set: nobody has set another chip so."""
     started()
-    registers()[WHO_AM_I] = 0x6C
+    registers()[WHO_AM_I] = who
     assert len(streamed(0, 100)) == 0
-    assert faults()["identity"] == 1
+    assert faults() == {"identity": 1}
     assert not library().running()
+    registers()[WHO_AM_I] = ASM330LHH
+    poll(10)
+    assert library().running()
+
+
+def test_a_sibling_that_was_plugged_in_is_set_as_itself():
+    started()
+    streamed(0, 100)
+    number("who", ctypes.c_uint8).value = LSM6DSO
+    library().reset_registers()
+    poll(50)
+    assert library().running()
+    settle()
+    assert len(streamed(0, 100)) > 80
+    assert faults().keys() == {"reset", "starts", "lost"}
 
 
 def test_a_sensor_that_falls_silent_is_started_again():
@@ -154,19 +171,26 @@ def test_a_sensor_that_falls_silent_is_started_again():
     streamed(0, 100)
     assert len(poll(60)) == 0
     assert faults() == {"silent": 1, "starts": 1}
+    poll(25)
+    settle()
     assert len(streamed(0, 100)) > 80
 
 
-def test_tags_that_there_are_none_of():
-    """Of a burst with two of them no word counts, nor where one is so near its end that the bytes may have slipped."""
+@pytest.mark.parametrize("places", [((20, 21), (20, 60), (87,)), ((89,), (88,), (87, 88, 89))])
+def test_tags_that_there_are_none_of(places):
+    """Of a burst with two of them no word counts, nor where one is so near its end that the bytes may have slipped.  Behind three such
+    bursts in a row the sensor is started again."""
     started()
     streamed(0, 30)
-    for bad, first in (((20, 21), 30), ((20, 60), 60), ((87,), 90), ((89,), 120)):
+    for first, bad in zip((30, 60, 90), places, strict=True):
+        assert "silent" not in faults()
         words = slots(first, 30)
         words[list(bad), 0] = tag(9, 2)
         push(words)
-        assert len(poll(5)) == 0
-    assert faults() == {"tag": 4, "silent": 1, "starts": 1}
+        assert len(poll(3)) == 0
+    assert faults() == {"tag": 3, "silent": 1, "starts": 1}
+    poll(30)
+    assert library().running()
 
 
 @pytest.mark.parametrize("bad", range(3, 84))
@@ -192,16 +216,3 @@ def test_a_time_that_begins_anew_restarts_the_sensor():
     assert set(rest["registers"][:, 0]) <= set(registers_of(np.arange(5080, 5100))[:, 0])
     assert faults()["stamp"] >= 4
     assert faults()["starts"] == 1
-
-
-@pytest.mark.parametrize("behaviour", [HANGS, BUSY_FOR_EVER, ZEROS, ONES])
-def test_no_wait_is_without_a_bound(behaviour):
-    lib = library()
-    lib.attach(500, 4, 1, 0xFF, 800)
-    fail_behind(behaviour)
-    assert lib.start() == FAULTS.index({HANGS: "hang", BUSY_FOR_EVER: "hang", ZEROS: "zeros", ONES: "ones"}[behaviour])
-    assert number("now_us", ctypes.c_uint32).value < LONGEST_START_US
-    assert number("transfers", ctypes.c_uint32).value < 100_000
-    fail_behind(ANSWERS)
-    assert lib.start() == NONE
-    assert number("now_us", ctypes.c_uint32).value < 2 * LONGEST_START_US

@@ -8,44 +8,154 @@ import zlib
 import numpy as np
 import pytest
 from driver_under_test import (
+    ASM330LHH,
+    BUSY_FOR_EVER,
+    CTRL1_XL,
+    CTRL2_G,
+    CTRL3_C,
     HANGS,
+    LSM6DSO,
     NONE,
+    ONES,
+    WHO_AM_I,
+    ZEROS,
+    accessed_us,
+    accesses,
     fail_behind,
+    faults,
     library,
     number,
+    poll,
+    push,
     registers,
+    slots,
     started,
 )
+
+NOTHING_MEASURED = 0x8000
+CTRL5_C = 0x14
+#: microseconds: how long it takes, a poll of it on a bus of 1.6 MHz
+TAKES_US, LONGEST_POLL_US = 950_000, 500
+GOOD, BAD = 30, 2  # times 256 LSB
 
 
 class SelfTest(ctypes.Structure):
     _fields_ = (("failed", ctypes.c_uint16), ("gyro_dps", ctypes.c_float * 3), ("accel_mg", ctypes.c_float * 3))
 
 
+def self_tested(by_steps: bool = True) -> SelfTest:
+    result = SelfTest()
+    (library().self_test_by_steps if by_steps else library().self_test)(ctypes.byref(result))
+    return result
+
+
 @pytest.mark.parametrize(
     ("pushed", "failed"),
     [(0, 0x3F), (2, 0x3F), (3, 0x07), (8, 0x07), (9, 0), (39, 0), (40, 0x07), (54, 0x07), (55, 0x3F), (127, 0x3F)],
 )
-def test_the_limits_of_the_self_test(pushed, failed):
+@pytest.mark.parametrize("who", [ASM330LHH, LSM6DSO])
+def test_the_limits_of_the_self_test(pushed, failed, who):
     """In steps of 256 LSB: 2142 to 10000 LSB of the gyroscope, 737 to 13934 of the accelerometer."""
-    lib = started()
+    lib = started(who=who, settles=False)
     number("pushed").value = pushed
-    tested = SelfTest()
-    lib.self_test(ctypes.byref(tested))
-    assert tested.failed == failed
-    assert list(tested.gyro_dps) == pytest.approx([pushed * 256 * 0.070] * 3)
-    assert list(tested.accel_mg) == pytest.approx([pushed * 256 * 0.122] * 3)
-    assert registers()[0x14] == 0  # switched off again
-    assert not lib.running()
+    for by_steps in (True, False):
+        found = self_tested(by_steps)
+        assert found.failed == failed
+        assert list(found.gyro_dps) == pytest.approx([pushed * 256 * 0.070] * 3)
+        assert list(found.accel_mg) == pytest.approx([pushed * 256 * 0.122] * 3)
+        assert [registers()[address] for address in (CTRL1_XL, CTRL2_G, CTRL5_C)] == [0, 0, 0]  # switched off again
+        assert not lib.running()
     assert lib.start() == NONE
+    assert not faults()
 
 
-def test_a_self_test_of_nobody_fails():
-    lib = started()
-    fail_behind(HANGS)
-    tested = SelfTest()
-    lib.self_test(ctypes.byref(tested))
-    assert tested.failed == 0x8000
+def test_it_takes_its_time_in_steps():
+    """150 ms behind the reset, 100 ms behind each switch; no step waits for what comes next."""
+    started(settles=False)
+    number("pushed").value = GOOD
+    number("byte_us", ctypes.c_uint32).value = 5
+    waits = number("waits", ctypes.c_uint32).value
+    number("longest_us", ctypes.c_uint32).value = number("logged", ctypes.c_uint32).value = 0
+    began_us = number("now_us", ctypes.c_uint32).value
+    assert self_tested().failed == 0
+    assert number("now_us", ctypes.c_uint32).value - began_us < TAKES_US
+    assert number("longest_us", ctypes.c_uint32).value < LONGEST_POLL_US
+    assert number("waits", ctypes.c_uint32).value == waits
+    log = list(zip(accesses(), accessed_us(), strict=True))
+    reset_us = next(t_us for access, t_us in log if access == (CTRL3_C, 0x05))
+    on_us = next(t_us for access, t_us in log if access[0] == CTRL2_G and access[1])
+    assert on_us - reset_us >= 150_000
+    switched = [t_us for access, t_us in log if access[0] in (CTRL1_XL, CTRL2_G, CTRL5_C) and t_us >= on_us]
+    read = [t_us for access, t_us in log if access[0] == 0x80 | WHO_AM_I and t_us > switched[0]]
+    assert all(not any(t_us < first_us < t_us + 100_000 for first_us in read) for t_us in switched[:-3])
+
+
+@pytest.mark.parametrize("pushed", [GOOD, BAD])
+@pytest.mark.parametrize("behaviour", [ZEROS, ONES, HANGS])
+@pytest.mark.parametrize("lasts_us", [20, 300, 40_000])
+def test_a_line_that_sticks_never_fails_a_good_part_nor_passes_a_bad_one(pushed, behaviour, lasts_us):
+    """At any moment of the procedure: then nothing was measured."""
+    outcomes = set()
+    for from_us in moments(lasts_us):
+        started(settles=False)
+        number("pushed").value = pushed
+        begin_us = number("now_us", ctypes.c_uint32).value
+        number("line").value = behaviour
+        number("line_from_us", ctypes.c_uint32).value = begin_us + from_us
+        number("line_until_us", ctypes.c_uint32).value = begin_us + from_us + lasts_us
+        outcomes.add(self_tested().failed)
+    assert outcomes <= {NOTHING_MEASURED, 0 if pushed == GOOD else 0x3F}
+    assert NOTHING_MEASURED in outcomes
+
+
+def moments(lasts_us: int) -> np.ndarray:
+    """Where something goes over the line, mostly."""
+    started(settles=False)
+    number("pushed").value = GOOD
+    number("logged", ctypes.c_uint32).value = 0
+    begin_us = number("now_us", ctypes.c_uint32).value
+    assert self_tested().failed == 0
+    busy_us = np.array(accessed_us()) - begin_us
+    rng = np.random.default_rng(lasts_us)
+    return np.maximum(0, rng.choice(busy_us, 2000) + rng.integers(-min(lasts_us, 300), 70, 2000)).astype(int)
+
+
+@pytest.mark.parametrize("register", [CTRL1_XL, CTRL2_G, CTRL3_C, CTRL5_C])
+def test_a_register_that_does_not_take_it_is_nothing_measured(register):
+    """Neither a range or a rate, nor the force."""
+    started(settles=False)
+    number("pushed").value = GOOD
+    number("stuck", ctypes.c_uint8).value = register
+    found = self_tested()
+    assert found.failed == NOTHING_MEASURED
+    assert not any([*found.gyro_dps, *found.accel_mg])
+
+
+def test_a_part_that_does_not_lie_still_is_nothing_measured():
+    """300 LSB of the gyroscope, 21 dps, from one output to the next."""
+    started(settles=False)
+    number("pushed").value = GOOD
+    for lsb, failed in ((200, 0), (300, NOTHING_MEASURED)):
+        number("shaken").value = lsb
+        assert self_tested().failed == failed
+
+
+@pytest.mark.parametrize("behaviour", [HANGS, BUSY_FOR_EVER, ZEROS, ONES])
+def test_a_self_test_of_nobody_measures_nothing(behaviour):
+    started(settles=False)
+    fail_behind(behaviour)
+    number("longest_us", ctypes.c_uint32).value = 0
+    assert self_tested().failed == NOTHING_MEASURED
+    assert number("longest_us", ctypes.c_uint32).value <= 5000
+
+
+def test_a_burst_that_is_on_its_way_is_ended_first():
+    started()
+    number("pushed").value = GOOD
+    number("busy_polls").value = 3
+    push(slots(0, 20))
+    poll(1)
+    assert self_tested().failed == 0
 
 
 def test_the_serial_number_is_the_crc_of_the_chips_id_and_never_0():

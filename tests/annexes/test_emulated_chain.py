@@ -55,7 +55,7 @@ int main(void)
     irq(10);
     irq(56);
     sensor_on();
-    const double step_us = 1e6 * 16 / (6667.0 * (1 + 0.0015 * (int8_t)read_register(0x63)));
+    const double step_us = 1e6 * 16 / (40000 / 6.0 * (1 + 0.0015 * (int8_t)read_register(0x63)));
     for (;;) {
         unsigned used = 0;
         while (!(GPIOC(0x10) >> 4 & 1)) WFI();

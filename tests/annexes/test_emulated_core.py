@@ -169,6 +169,20 @@ def test_a_reset_that_is_asked_for_comes(tmp_path):
     assert machine.resets == 2
 
 
+def test_an_instruction_can_be_watched(tmp_path):
+    """Each of its runs, at its time, whatever runs between."""
+    text = """
+    __attribute__((noinline)) void work(void) { found[1]++; __asm volatile("" ::: "memory"); }
+    int main(void) { found[0] = (uint32_t)work; systick(168000); while (milliseconds < 5) { work(); WFI(); } return 0; }"""
+    elf = compiled(text, tmp_path)
+    address = found(alone(text, tmp_path))[0] & ~1
+    machine, at_s = Machine(elf), []
+    machine.cpu.watch(address, lambda: at_s.append(machine.clock.now_s()))
+    machine.run_until(0.05)
+    assert len(at_s) == found(machine, 2)[1] == 5
+    np.testing.assert_allclose(np.diff(at_s), 1e-3, atol=2e-6)
+
+
 def test_the_unique_id_is_there(tmp_path):
     text = "int main(void) { for (int i = 0; i < 3; i++) found[i] = REG(0x1FFF7A10 + 4 * i); return 0; }"
     machine = alone(text, tmp_path, uid=bytes(range(12)))

@@ -24,17 +24,17 @@ SNAP = 1e-3  #: of a sample: times closer to a sample than this get that sample
 def oscillator_of(odr_hz: float) -> Oscillator:
     """Return the oscillator of a unit with this true data rate: INTERNAL_FREQ_FINE, and the remainder of its steps of 0.15 %."""
     coefficient = 2 ** round(np.log2(CLOCK_HZ / odr_hz))
-    factor = odr_hz * coefficient / CLOCK_HZ
+    factor = odr_hz * coefficient / Oscillator().clock_hz()
     fine = int(np.clip(round((factor - 1) / FINE_STEP), -128, 127))
     return Oscillator(fine, fine, 1e6 * (factor / (1 + FINE_STEP * fine) - 1))
 
 
 def with_its_own_rate(unit: SimulatedUnit, nominal_hz: float) -> SimulatedUnit:
-    """Return the unit at exactly the data rate of its INTERNAL_FREQ_FINE, from 6667 Hz / 2^n and not the rounded name (416 Hz), so that
-    a program's computation from the register is exact."""
+    """Return the unit at exactly the data rate of its INTERNAL_FREQ_FINE, from the model's highest rate over 2^n and not from a rounded
+    name (416 Hz), so that what a program computes from stamp and register is exact."""
     coefficient = 2 ** round(np.log2(CLOCK_HZ / nominal_hz))
     fine = round((unit.odr_hz / nominal_hz - 1) / FINE_STEP)
-    return replace(unit, odr_hz=CLOCK_HZ / coefficient * (1 + FINE_STEP * fine))
+    return replace(unit, odr_hz=Oscillator(fine, fine).clock_hz() / coefficient)
 
 
 class Replayed:

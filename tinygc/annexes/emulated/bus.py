@@ -43,6 +43,10 @@ class CycleClock:
         self._events: list[tuple[float, int, TimedCall]] = []
         self._order = itertools.count()
 
+    def clear(self) -> None:
+        """Drop all scheduled calls."""
+        self._events.clear()
+
     def now(self) -> float:
         """Return cycles since the start."""
         return self.base + self.executed() * self.per_instruction
@@ -140,6 +144,11 @@ class Peripheral(Protocol):
         """Write a word."""
 
 
+#: of RCC_CSR, with the reset pin's flag, which every reset sets
+POWER_UP, SOFTWARE_RESET, WATCHDOG_RESET = 0x0E000000, 1 << 28 | 1 << 26, 1 << 29 | 1 << 26
+REMOVE_FLAGS = 1 << 24
+
+
 class Kept:
     """A peripheral that is not emulated: written values can be read back."""
 
@@ -156,11 +165,15 @@ class Kept:
 
 
 class Rcc(Kept):
-    """Clocks: every oscillator and the PLL are ready at once, and the switch follows immediately."""
+    """Clocks: every oscillator and the PLL are ready at once, and the switch follows immediately.
 
-    def __init__(self) -> None:
+    causes: flags of CSR that name the causes of resets, until the program removes them.
+    """
+
+    def __init__(self, causes: int = POWER_UP) -> None:
         super().__init__()
         self.words = {0x00: 0x83, 0x04: 0x24003010}
+        self.causes = causes
 
     def read(self, offset: int) -> int:
         """Read a word, with the ready flags."""
@@ -170,8 +183,20 @@ class Rcc(Kept):
         if offset == 0x08:
             return value & ~0xC | (value & 3) << 2
         if offset in (0x70, 0x74):
-            return value | sum(1 << bit + 1 for bit in (0,) if value >> bit & 1)
+            return value | (value & 1) << 1 | (self.causes if offset == 0x74 else 0)
         return value
+
+    def write(self, offset: int, value: int) -> None:
+        """Write a word."""
+        if offset == 0x74:
+            self.causes = 0 if value & REMOVE_FLAGS else self.causes
+            value &= 1
+        super().write(offset, value)
+
+    @property
+    def low_speed_on(self) -> bool:
+        """Whether the low-speed oscillator is switched on."""
+        return bool(super().read(0x74) & 1)
 
     def enabled(self, peripheral: int) -> bool:
         """Whether the peripheral's clock runs."""
@@ -245,9 +270,9 @@ class Bus:
         if block is self.rcc:
             self._live.clear()
 
-    def reset(self) -> None:
-        """Reset the bus; the peripherals must be added again."""
-        self.rcc = Rcc()
+    def reset(self, cause: int) -> None:
+        """Reset the bus for a cause, flags of RCC_CSR; the peripherals must be added again."""
+        self.rcc = Rcc(self.rcc.causes | cause)
         self.blocks = {RCC: self.rcc}
         self._live.clear()
 

@@ -27,7 +27,8 @@ def add_board_arguments(command: argparse.ArgumentParser) -> None:
         "--firmware",
         type=path_read,
         metavar="ELF",
-        help="run this program on an emulated STM32F405 with a model of the ASM330LHH that feels the session (docs/emulated-board.md)",
+        help="run this program on an emulated STM32F405 with a model of the sensor, an ASM330LHH or LSM6DSO, that feels the session "
+        "(docs/emulated-board.md)",
     )
 
 
@@ -64,10 +65,12 @@ def run(args: argparse.Namespace, source: BoardSource, terminal: Terminal, say: 
     """Stream until Ctrl-C or the end of ``--tail``.  Raises CalibrationError for an invalid program, and where the program faults."""
     from tinygc.annexes.emulated.board import EmulatedBoard, Replayed, oscillator_of
     from tinygc.annexes.emulated.cpu import ProgramError
+    from tinygc.annexes.emulated.readings import ASM330LHH, CHIPS, Silicon
     from tinygc.annexes.emulated.sensor import Asm330lhh
 
     motion = Replayed(source)
-    sensor = Asm330lhh(motion, oscillator_of(source.info.odr_hz), _faults(args.faults))
+    silicon = Silicon(chip=CHIPS.get(source.info.sensor or "", ASM330LHH))
+    sensor = Asm330lhh(motion, oscillator_of(source.info.odr_hz), _faults(args.faults), silicon=silicon)
     try:
         board = EmulatedBoard(
             args.firmware,
@@ -86,7 +89,7 @@ def run(args: argparse.Namespace, source: BoardSource, terminal: Terminal, say: 
     try:
         if not args.quiet and not is_standard_output(args.json):
             print(terminal.name, flush=True)
-        say(f"{args.firmware.name} on an emulated STM32F405: open it with another program; Ctrl-C ends")
+        say(f"{args.firmware.name} on an emulated STM32F405 with an {sensor.chip.name}: open it with another program; Ctrl-C ends")
         board.run()
     except ProgramError as error:
         raise CalibrationError(f"board: {args.firmware}: {error}") from None

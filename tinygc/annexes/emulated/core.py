@@ -100,6 +100,7 @@ class Nvic:
 
 CPUID, ICSR, VTOR, AIRCR, SHPR = 0xE000ED00, 0xE000ED04, 0xE000ED08, 0xE000ED0C, range(0xE000ED18, 0xE000ED24, 4)
 DEMCR, DWT_CTRL, CYCCNT = 0xE000EDFC, 0xE0001000, 0xE0001004
+DEBUG_FREEZE, IWDG_STOP = 0xE0042008, 1 << 12
 SYSTICK_CSR, SYSTICK_RVR, SYSTICK_CVR = 0xE000E010, 0xE000E014, 0xE000E018
 NVIC_FIRST, NVIC_LAST = 0xE000E100, 0xE000E4EF
 RESET_KEY, RESET_REQUEST = 0x05FA0000, 1 << 2
@@ -200,6 +201,11 @@ class Core:
         self._nvic, self._reset = nvic, reset
         self.ticks, self.cycles = SysTick(clock, nvic), CycleCounter(clock)
         self._kept: dict[int, int] = {CPUID: 0x410FC241, AIRCR: 0xFA050000, DWT_CTRL: 0x40000000}
+
+    @property
+    def watchdog_stops(self) -> bool:
+        """Whether the watchdog stands still while a debugger holds the core (DBG_IWDG_STOP)."""
+        return bool(self._kept.get(DEBUG_FREEZE, 0) & IWDG_STOP)
 
     def read(self, address: int, size: int) -> int:
         """Read some bytes."""

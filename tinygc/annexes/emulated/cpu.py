@@ -190,6 +190,10 @@ class Cpu:
 
     # Running
 
+    def watch(self, address: int, call: Callable[[], None]) -> None:
+        """Call a function each time that the instruction at an address is about to run."""
+        self._engine.hook_add(self._unicorn.UC_HOOK_CODE, lambda *_: call(), begin=address, end=address)
+
     def executed(self) -> int:
         """Return the instructions of the present run, without the current one; 0 between runs."""
         return self._words[self._place] - 1 if self.running else 0

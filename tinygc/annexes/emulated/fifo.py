@@ -28,20 +28,19 @@ from tinygc.annexes.emulated.readings import TEMP as TEMP_BYTES
 
 # The FIFO: words of seven bytes, a tag and six of data.
 
-WORDS = 512
 EMPTY = bytes(7)
 BYPASS, UNTIL_FULL, TO_FIFO, CONTINUOUS = 0, 1, 3, 6
 
 
 class Fifo:
-    """words: unread, oldest first; mode, limit (largest number of words): as the registers set them.
+    """words: unread, oldest first; capacity: largest number of them; mode, limit (the same or a watermark): as the registers set them.
 
     lost: words that were not read in time; overrun: one was lost and no room has been made since; latched: an overrun since the last read.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, capacity: int) -> None:
         self.words: deque[bytes] = deque()
-        self.mode, self.limit = BYPASS, WORDS
+        self.mode, self.limit, self.capacity = BYPASS, capacity, capacity
         self.slot = 0
         self._begun = b""
         self.lost = 0
@@ -100,23 +99,31 @@ class Fifo:
 
 #: order of the words in a slot
 ORDER = (TIMESTAMP, TEMPERATURE, GYRO, ACCEL)
+#: pairs of bits of a tag
+PAIRS = [1 << low | 1 << high for high in range(8) for low in range(high)]
 
 
 class Batching:
     """slot: ticks of the clock from one slot to the next, 0 where nothing is batched; most: largest number of words in a slot;
     counted: batch events of the sensor that COUNTER_BDR counts."""
 
-    def __init__(self, fifo: Fifo, faults: Iterable[Fault], order: tuple[int, ...] = ORDER):
+    def __init__(self, fifo: Fifo, faults: tuple[Fault, ...], order: tuple[int, ...] = ORDER):
         self._fifo, self._order = fifo, order
         self._faults = sorted((fault for fault in faults if fault.kind in WORD_KINDS), key=lambda fault: fault.at_s)
-        self._left = self._faults[0].words if self._faults else 0
+        self._halved = [fault for fault in faults if fault.kind == "rate"]
+        self._pairs = self._left = self._spared = 0
+        self._next_fault()
         self._held: bytes | None = None  # a word to be swapped with the next
         self.slot = self.most = self.counted = 0
         self._ticks: dict[int, int] = {}
-        self._watched = GYRO
+        self._watched = ACCEL
 
-    def set(self, ctrl3: int, ctrl4: int, gyro: int, accel: int, timestamps: bool, counts_accel: bool) -> None:
-        """Apply FIFO_CTRL3 and 4; gyro, accel: ticks of a sample, 0 where the sensor is off; counts_accel: what COUNTER_BDR counts."""
+    def _next_fault(self) -> None:
+        if self._faults:
+            self._left, self._spared = self._faults[0].words, self._faults[0].spared
+
+    def set(self, ctrl3: int, ctrl4: int, gyro: int, accel: int, timestamps: bool, counts_gyro: bool) -> None:
+        """Apply FIFO_CTRL3 and 4; gyro, accel: ticks of a sample, 0 where the sensor is off; counts_gyro: what COUNTER_BDR counts."""
         ticks = {}
         for sensor, on, batched in (
             (GYRO, gyro, BDR_GY_COEFFICIENTS.get(ctrl3 >> 4)),
@@ -132,10 +139,12 @@ class Batching:
                 ticks[TIMESTAMP] = decimation * self.slot
         self._ticks = {sensor: ticks[sensor] for sensor in self._order if sensor in ticks}
         self.most = len(ticks)
-        self._watched = ACCEL if counts_accel else GYRO
+        self._watched = GYRO if counts_gyro else ACCEL
 
     def batch(self, tick: int, t_s: float, sample: bytes, timestamp: Callable[[float], int]) -> None:
         """Add the words of the slot at a tick, at that time."""
+        if self._halved and tick // self.slot & 1 and any(fault.holds(t_s) for fault in self._halved):
+            return
         fifo = self._fifo
         fifo.slot = fifo.slot + 1 & 3
         for sensor, ticks in self._ticks.items():
@@ -167,33 +176,39 @@ class Batching:
         if not self._faults or t_s < self._faults[0].at_s:
             self._fifo.put(word)
             return
+        if self._spared:
+            self._spared -= 1
+            self._fifo.put(word)
+            return
         fault = self._faults[0]
         self._left -= 1
         if self._left <= 0:
             del self._faults[0]
-            self._left = self._faults[0].words if self._faults else 0
+            self._next_fault()
         if fault.kind == "swapped":
             self._held = word
         elif fault.kind != "missing":
-            self._fifo.put(bytes((_spoilt_tag(word[0], fault),)) + word[1:])
+            self._fifo.put(bytes((self._spoilt_tag(word[0], fault),)) + word[1:])
 
-
-def _spoilt_tag(tag: int, fault: Fault) -> int:
-    if fault.kind == "parity":
-        return tag ^ 1
-    if fault.kind == "tag_count":
-        return with_even_parity(tag ^ 4)
-    return tag_byte(fault.value, tag >> 1)
+    def _spoilt_tag(self, tag: int, fault: Fault) -> int:
+        if fault.kind == "parity":
+            return tag ^ 1
+        if fault.kind == "tag_count":
+            return with_even_parity(tag ^ 4)
+        if fault.kind == "tag_pair":
+            self._pairs += 1
+            return tag ^ (fault.mask or PAIRS[(self._pairs - 1) % len(PAIRS)])
+        return tag_byte(fault.value, tag >> 1)
 
 
 # FIFO_STATUS2, from the level of the FIFO and its settings.
 
 
 class FifoFlags:
-    """Status flags from a register file, a FIFO and its batching."""
+    """Status flags from a register file, a FIFO and its batching; threshold_high: a chip's."""
 
-    def __init__(self, registers: bytearray, fifo: Fifo, batching: Batching):
-        self._registers, self._fifo, self._batching = registers, fifo, batching
+    def __init__(self, registers: bytearray, fifo: Fifo, batching: Batching, threshold_high: int):
+        self._registers, self._fifo, self._batching, self._high = registers, fifo, batching, threshold_high
 
     @property
     def watermark(self) -> int:
@@ -203,7 +218,7 @@ class FifoFlags:
     @property
     def threshold(self) -> int:
         """Threshold of COUNTER_BDR."""
-        return (self._registers[readings.COUNTER_BDR_REG1] & 3) << 8 | self._registers[readings.COUNTER_BDR_REG2]
+        return (self._registers[readings.COUNTER_BDR_REG1] & self._high) << 8 | self._registers[readings.COUNTER_BDR_REG2]
 
     def flags(self) -> int:
         """Return the bits above the two of the level."""

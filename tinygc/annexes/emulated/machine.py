@@ -8,10 +8,22 @@ from pathlib import Path
 from typing import Protocol
 
 from tinygc.annexes.emulated import spi, usart
-from tinygc.annexes.emulated.bus import BLOCK, CORE_HZ, NEVER, Bus, CycleClock, Kept, TimedCall
+from tinygc.annexes.emulated.bus import (
+    BLOCK,
+    CORE_HZ,
+    NEVER,
+    POWER_UP,
+    SOFTWARE_RESET,
+    WATCHDOG_RESET,
+    Bus,
+    CycleClock,
+    Kept,
+    TimedCall,
+)
 from tinygc.annexes.emulated.core import SVCALL, Core, Exti, Gpio, Nvic, Syscfg
 from tinygc.annexes.emulated.cpu import CALLS, CORE, FLASH, RETURNS, UNIQUE_ID, WAITS, Cpu, segments
 from tinygc.annexes.emulated.spi import Dma
+from tinygc.annexes.emulated.watchdog import LSI_HZ, Iwdg
 
 #: of a Cortex-M4F with the flash's caches, for such programs: an estimate that only a real core could verify
 CYCLES_PER_INSTRUCTION = 1.5
@@ -63,9 +75,10 @@ class Machine:
     """An STM32F405 with the program of an ELF file, after reset.
 
     device: on the SPI; uid: the unique id, 12 bytes; stalls: (at_s, lasts_s), times in which the core stops, as with a debugger, while
-    everything else continues.
+    everything else continues; lsi_hz: low-speed oscillator, which the watchdog counts.
 
-    usart1, usart2: the ports; resets: number that the program has requested; slept: cycles in ``wfi``.
+    usart1, usart2: the ports; resets: number of resets, by the program or by its watchdog, and watchdog_resets: those by the watchdog;
+    slept: cycles in ``wfi``.
     Raises ValueError where the file is not a program for ARM, ProgramError where Unicorn is missing.
     """
 
@@ -76,6 +89,7 @@ class Machine:
         uid: bytes = UID,
         stalls: Iterable[tuple[float, float]] = (),
         cycles_per_instruction: float = CYCLES_PER_INSTRUCTION,
+        lsi_hz: float = LSI_HZ,
     ):
         self.device: Device = device or Nothing()
         self.bus, self.clock = Bus(), CycleClock(cycles_per_instruction)
@@ -84,16 +98,18 @@ class Machine:
         self._stalls = sorted((at_s * CORE_HZ, (at_s + lasts_s) * CORE_HZ) for at_s, lasts_s in stalls)
         self._segments = segments(elf)
         self.cpu.set_memory(UNIQUE_ID, uid)
-        self.resets, self.slept = 0, 0.0
-        self._end, self._reset_asked = 0.0, False
-        self._power_up()
+        self.resets, self.watchdog_resets, self.slept = 0, 0, 0.0
+        self._end, self._reset_asked, self._lsi_hz = 0.0, 0, lsi_hz
+        self._power_up(POWER_UP)
 
-    def _power_up(self) -> None:
-        """Set everything to its state after a reset; RAM keeps its contents."""
+    def _power_up(self, cause: int) -> None:
+        """Set everything to its state after a reset with a cause, flags of RCC_CSR; RAM keeps its contents."""
         bus, clock = self.bus, self.clock
-        bus.reset()
+        bus.reset(cause)
+        clock.clear()
         self.nvic = nvic = Nvic()
-        self.core = Core(clock, nvic, self._ask_reset)
+        self.core = Core(clock, nvic, lambda: self._ask_reset(SOFTWARE_RESET))
+        self.iwdg = Iwdg(clock, self._lsi_hz, lambda: bus.rcc.low_speed_on, lambda: self._ask_reset(WATCHDOG_RESET), bus.object)
         self.exti = Exti(nvic, self._watch)
         self.ports = {name: Gpio(clock, 0xA8000000 if name == "A" else 0) for name in "ABCDEFGHI"}
         self.dma = Dma(clock, self.cpu, nvic, bus.object)
@@ -106,7 +122,7 @@ class Machine:
         self.ports[INT1[0]].changes = lambda: self.device.int1_stays_until(clock.now_s()) * CORE_HZ + 1
         bus.blocks |= {0x40020000 + BLOCK * n: port for n, port in enumerate(self.ports.values())}
         bus.blocks |= {0x40011000: self.usart1, 0x40004400: self.usart2, spi.ADDRESS: self.spi, 0x40026400: self.dma}
-        bus.blocks |= {0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}
+        bus.blocks |= {0x40003000: self.iwdg, 0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}
         self._asleep, self._rises = False, 0
         self._pin_event: TimedCall | None = None
         self.device.select(False, clock.now_s())
@@ -114,9 +130,20 @@ class Machine:
             self.cpu.set_memory(address, data)
         self.cpu.reset(FLASH)
 
-    def _ask_reset(self) -> None:
-        self._reset_asked = True
+    def _ask_reset(self, cause: int) -> None:
+        self._reset_asked = cause
         self.cpu.limit(0)
+
+    def _reset(self) -> None:
+        cause, self._reset_asked = self._reset_asked, 0
+        self.resets += 1
+        self.watchdog_resets += cause == WATCHDOG_RESET
+        before = self.usart1, self.usart2
+        for port in before:
+            port.cut_off()
+        self._power_up(cause)
+        for old, new in zip(before, (self.usart1, self.usart2), strict=True):
+            new.sent, new.lost = old.sent, old.lost
 
     # The sensor's wires
 
@@ -198,8 +225,7 @@ class Machine:
         while clock.now() < self._end:
             clock.fire()
             if self._reset_asked:
-                self._reset_asked, self.resets = False, self.resets + 1
-                self._power_up()
+                self._reset()
                 nvic = self.nvic
             if self._stalls and self._stalls[0][0] <= clock.now():
                 self._let_pass(self._stalls[0][1])
@@ -229,6 +255,8 @@ class Machine:
         clock.base = max(before, min(cycle, clock.next(), self._end))
         if asleep:
             self.slept += clock.base - before
+        elif self.core.watchdog_stops:
+            self.iwdg.stand_still(clock.base - before)
 
     def _run(self, budget: int) -> None:
         why, executed = self.cpu.run(budget)

@@ -27,10 +27,9 @@ INTERNAL_FREQ_FINE = 0x63
 X_OFS_USR, Y_OFS_USR, Z_OFS_USR = 0x73, 0x74, 0x75
 FIFO_DATA_OUT_TAG, FIFO_DATA_OUT_LAST = 0x78, 0x7E
 
-IDENTITY = 0x6B
 TIMESTAMP_RESET = 0xAA
 
-#: address -> bits with a name in the map: all others are reserved, and stay 0
+#: address -> bits with a name in the ASM330LHH's map: all others are reserved, and stay 0
 WRITABLE = {
     PIN_CTRL: 0xFF,
     FIFO_CTRL1: 0xFF,
@@ -60,7 +59,10 @@ DEFAULTS = {PIN_CTRL: 0x3F, CTRL3_C: 0x04, CTRL9_XL: 0xE0}
 
 # CTRL3_C
 SW_RESET, IF_INC, H_LACTIVE, BDU, BOOT = 1 << 0, 1 << 2, 1 << 5, 1 << 6, 1 << 7
-SLEEP_G = 1 << 6  # CTRL4_C
+# CTRL1_XL, CTRL4_C, CTRL9_XL
+LPF2_XL_EN = 1 << 1
+LPF1_SEL_G, I2C_DISABLE, DRDY_MASK, SLEEP_G = 1 << 1, 1 << 2, 1 << 3, 1 << 6
+DEVICE_CONF = 1 << 1  # I3C_disable of the LSM6DSO
 TIMESTAMP_EN = 1 << 5  # CTRL10_C
 ODRCHG_EN, STOP_ON_WTM = 1 << 4, 1 << 7  # FIFO_CTRL2
 DATAREADY_PULSED = 1 << 7  # COUNTER_BDR_REG1
@@ -88,6 +90,7 @@ TEMPERATURE_LSB, TEMPERATURE_ZERO_C = 256.0, 25.0
 # Tags
 GYRO, ACCEL, TEMPERATURE, TIMESTAMP, CONFIG_CHANGE = 1, 2, 3, 4, 5
 
+#: the highest rate by its name, the timestamp's, and a step of INTERNAL_FREQ_FINE
 CLOCK_HZ, TICKS_HZ, FINE_STEP = 6667.0, 40000.0, 0.0015
 
 
@@ -100,6 +103,72 @@ def with_even_parity(byte: int) -> int:
 def tag_byte(sensor: int, count: int) -> int:
     """Return parity, TAG_CNT in bits 2:1, TAG_SENSOR in bits 7:3."""
     return with_even_parity((sensor & 31) << 3 | (count & 3) << 1)
+
+
+# The parts of the family, and what their documents leave open.
+
+
+@dataclass(frozen=True)
+class Chip:
+    """A part, by ST's header of its registers.
+
+    writable: address -> bits with a name; unmodelled: address -> those whose effect the model does not have; gyro_mdps: fs_g ->
+    mdps/LSB; threshold_high: the high bits of CNT_BDR_TH in COUNTER_BDR_REG1.
+    """
+
+    name: str
+    identity: int
+    writable: dict[int, int]
+    unmodelled: dict[int, int]
+    gyro_mdps: dict[int, float]
+    threshold_high: int
+
+
+ASM330LHH = Chip("ASM330LHH", 0x6B, WRITABLE, {}, GYRO_MDPS, 0b11)
+#: OIS, low-power modes, compression of the FIFO
+_LSM6DSO_MORE = {FIFO_CTRL2: 0b0100_0110, CTRL5_C: 0b1000_0000, CTRL6_C: 0b0001_0000, CTRL7_G: 0b1000_0101, CTRL8_XL: 0b0000_0010}
+LSM6DSO = Chip(
+    "LSM6DSO",
+    0x6C,
+    WRITABLE
+    | {address: WRITABLE[address] | bits for address, bits in _LSM6DSO_MORE.items()}
+    | {CTRL2_G: 0b1111_1110, COUNTER_BDR_REG1: 0b1110_0111},
+    _LSM6DSO_MORE,
+    {code: mdps for code, mdps in GYRO_MDPS.items() if code != 1},
+    0b111,
+)
+CHIPS = {chip.name: chip for chip in (ASM330LHH, LSM6DSO)}
+
+
+@dataclass(frozen=True)
+class Silicon:
+    """What a chip may do and no public source settles, or sources state in two ways; docs/emulated-board.md has the sources.
+
+    ticks_per_period: ticks of the timestamp in a period of the highest rate, 40000/6667 or 6; both have one oscillator.
+    stamp_jitter_ticks: a stamp in the FIFO is off by up to so many ticks either way, but none is before the last.
+    fifo_words: capacity of the FIFO, words of seven bytes.
+    settling: factor on all settling times; 0: settled at once.
+    mask_covers_all: whether DRDY_MASK masks the gyroscope's LPF1 and the accelerometer's LPF2, too.
+    gyro_off_s: shortest time that a gyroscope must stay off before it is switched on again.
+    chip: whose map it has; seed: of the jitter.
+
+    Raises ValueError for what no chip can be.
+    """
+
+    ticks_per_period: float = 6.0
+    stamp_jitter_ticks: int = 0
+    fifo_words: int = 438
+    settling: float = 1.0
+    mask_covers_all: bool = False
+    gyro_off_s: float = 0.010
+    chip: Chip = ASM330LHH
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 4 <= self.fifo_words <= 1023:
+            raise ValueError(f"fifo_words {self.fifo_words}: expected 4, a time slot, to 1023, what ten bits can say")
+        if self.ticks_per_period <= 0 or min(self.stamp_jitter_ticks, self.settling, self.gyro_off_s) < 0:
+            raise ValueError(f"{self}: expected times and counts that are not negative, and ticks_per_period above 0")
 
 
 # The sensor's input as a function of true time.
@@ -149,8 +218,9 @@ class Sampled:
 #: faults of the port: the line is stuck, though the sensor receives; or it neither receives nor answers, and the line is pulled up
 PORT_KINDS = ("zeros", "ones", "hang")
 #: faults of the FIFO's words
-WORD_KINDS = ("parity", "tag_count", "tag_unknown", "swapped", "missing")
-KINDS = (*PORT_KINDS, *WORD_KINDS, "reset", "identity", "int1")
+WORD_KINDS = ("parity", "tag_count", "tag_unknown", "tag_pair", "swapped", "missing")
+KINDS = (*PORT_KINDS, *WORD_KINDS, "reset", "register", "rate", "late", "identity", "int1")
+DEC_TS = 1 << 6  #: the bit of FIFO_CTRL4 that ``register`` flips by default
 
 
 @dataclass(frozen=True)
@@ -163,13 +233,17 @@ class Fault:
       parity        the next ``words`` words in the FIFO have a false parity bit
       tag_count     their TAG_CNT is two too high, with correct parity
       tag_unknown   their tag is ``value`` (31 by default), with correct parity
+      tag_pair      two bits of their tag are flipped, those of ``mask``, or each pair in its turn: the parity stays even
       swapped       the next word is swapped with the one after it
       missing       they never reach the FIFO
       reset         the sensor restarts by itself
+      register      the bits ``mask`` of the register ``address`` flip by themselves (by default the timestamps in the FIFO cease)
+      rate          words are batched at half the rate for ``lasts_s``, and the registers read as they were set
+      late          the sensor answers for the first time at that moment after power-up
       identity      WHO_AM_I reads ``value`` for ``lasts_s``
       int1          the interrupt's pin stays low for ``lasts_s``
 
-    Raises ValueError for an unknown kind.
+    Raises ValueError for an unknown kind, a register that cannot be written, and bits that are none of it.
     """
 
     kind: str
@@ -177,20 +251,41 @@ class Fault:
     lasts_s: float = math.inf
     words: int = 1
     value: int = 31
+    address: int = FIFO_CTRL4
+    mask: int = 0  #: 0: the kind's own
+    spared: int = 0  #: words from ``at_s`` on that nothing happens to; 0 hits the first of a time slot, as a rule the timestamp
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"no fault {self.kind!r}; there are {', '.join(KINDS)}")
+        if self.address not in WRITABLE:
+            raise ValueError(f"{self.kind}: 0x{self.address:02X} is no register that can be written")
+        if self.mask and self.kind not in ("register", "tag_pair"):
+            raise ValueError(f"{self.kind}: bits are of register and tag_pair only")
+        if self.kind == "tag_pair" and self.mask.bit_count() not in (0, 2):
+            raise ValueError(f"tag_pair: 0x{self.mask:02X} is not two bits")
 
     @classmethod
     def parse(cls, text: str) -> Fault:
-        """Parse ``KIND@S``, with ``+S`` for the duration and ``xN`` for the number of words: ``hang@20+0.5``, ``parity@10x3``.  Raises
-        ValueError for other text."""
-        form = re.fullmatch(r"(\w+)@([\d.]+)(?:\+([\d.]+))?(?:x(\d+))?", text.strip())
+        """Parse ``KIND@S``, with ``+S`` for the duration, ``xN`` for the number of words, and ``:ADDRESS`` and ``^BITS``, both hexadecimal,
+        behind the kind: ``hang@20+0.5``, ``parity@10x3``, ``register:09^77@20``.  Raises ValueError for other text."""
+        form = re.fullmatch(
+            r"(\w+)(?::([\da-fA-F]{1,2}))?(?:\^([\da-fA-F]{1,2}))?@(\d+\.?\d*|\.\d+)(?:\+(\d+\.?\d*|\.\d+))?(?:x(\d+))?", text.strip()
+        )
         if not form:
             raise ValueError(f"{text!r} is no fault; expected KIND@S, KIND@S+S or KIND@SxN, as in parity@10x3")
-        kind, at_s, lasts_s, words = form.groups()
-        return cls(kind, float(at_s), float(lasts_s) if lasts_s else math.inf, int(words or 1))
+        kind, address, mask, at_s, lasts_s, words = form.groups()
+        if address and kind != "register":
+            raise ValueError(f"{text!r}: an address is of register only")
+        place = int(address, 16) if address else FIFO_CTRL4
+        return cls(
+            kind,
+            float(at_s),
+            float(lasts_s) if lasts_s else math.inf,
+            int(words or 1),
+            address=place,
+            mask=int(mask or "0", 16),
+        )
 
     def holds(self, t_s: float) -> bool:
         """Whether the fault lasts at that time."""
@@ -201,10 +296,11 @@ class Fault:
 
 
 class Timestamp:
-    """Counter that stays at 0 until ``set``, and then counts at a rate that may change."""
+    """Counter that stays at 0 until ``set``, and then counts at a rate that may change; off: by how many ticks the next stamp is off."""
 
-    def __init__(self) -> None:
+    def __init__(self, off: Callable[[], int]) -> None:
         self._ticks, self._since_s, self._hz = 0.0, 0.0, 0.0
+        self._off, self._last = off, 0
 
     def exact(self, t_s: float) -> float:
         """Return the ticks at a time, with their fraction."""
@@ -214,9 +310,16 @@ class Timestamp:
         """Return the 32 bits at a time, including a tick that is due then."""
         return math.floor(self.exact(t_s) + 1e-6) % 2**32
 
+    def stamp(self, t_s: float) -> int:
+        """Return the 32 bits that the FIFO gets at a time: never less than the last."""
+        self._last = max(self._last, math.floor(self.exact(t_s) + 1e-6) + self._off())
+        return self._last % 2**32
+
     def set(self, ticks: float, t_s: float, hz: float) -> None:
         """Set the ticks at a time, and the rate from then on."""
         self._ticks, self._since_s, self._hz = ticks, t_s, hz
+        if not ticks:
+            self._last = 0
 
 
 # The true sample times, and the int16 registers at each of them.
@@ -238,9 +341,9 @@ class Oscillator:
         """Ratio of the true frequency to the typical one."""
         return (1 + FINE_STEP * (self.fine_on if on else self.fine_off)) * (1 + 1e-6 * self.residual_ppm)
 
-    def clock_hz(self) -> float:
-        """Return the frequency of the sample clock: 6667 Hz, typically."""
-        return CLOCK_HZ * self.factor(True)
+    def clock_hz(self, ticks_per_period: float = Silicon.ticks_per_period) -> float:
+        """Return the frequency of the sample clock, the highest rate: that of the timestamp over so many of its ticks."""
+        return self.ticks_hz(True) / ticks_per_period
 
     def ticks_hz(self, on: bool) -> float:
         """Return the frequency of the timestamp: 40 kHz, typically."""

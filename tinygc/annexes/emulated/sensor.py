@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from tinygc.annexes.emulated import readings as reg
-from tinygc.annexes.emulated.fifo import EMPTY, ORDER, WORDS, Batching, Fifo, FifoFlags, Int1
+from tinygc.annexes.emulated.fifo import EMPTY, ORDER, Batching, Fifo, FifoFlags, Int1
 from tinygc.annexes.emulated.readings import (
     ACCEL_OUT,
     FIFO_DATA_OUT_LAST,
@@ -23,8 +25,10 @@ from tinygc.annexes.emulated.readings import (
     Outputs,
     Readings,
     SelfTest,
+    Silicon,
     Timestamp,
 )
+from tinygc.annexes.emulated.settling import ACCEL_MASKED, GYRO_MASKED, LPF2_SAMPLES, Filters, Settling, lpf1_samples
 
 # The sensor: its registers in simulated time.
 
@@ -34,11 +38,19 @@ RATE_BITS = {reg.CTRL1_XL: 0xF0, reg.CTRL2_G: 0xF0, reg.FIFO_CTRL3: 0xFF}
 NEVER = math.inf
 
 
+class Made(NamedTuple):
+    """One sample: its true time, the 14 bytes of the output registers, and what was not settled or masked (bits of ``settling``)."""
+
+    t_s: float
+    registers: bytes
+    unsettled: int
+
+
 class Asm330lhh:
     """The model of the sensor; ``SensorPort`` connects it to SPI.  Times are s of true time and never decrease.
 
-    motion: its input; order: of the words in a time slot of the FIFO; keep: whether ``kept`` stores (t_s, the 14 bytes of the output
-    registers) of every sample; start_s: time from power-up, or an internal reset, until it answers.
+    motion: its input; order: of the words in a time slot of the FIFO; identity: another than the chip's; keep: whether ``kept`` stores
+    every sample; start_s: time from power-up, or an internal reset, until it answers; silicon: what no source settles.
 
     objections: a driver's errors that the map does not allow, each reported once; starts: number of start-ups; samples: number made.
     """
@@ -50,30 +62,38 @@ class Asm330lhh:
         faults: Iterable[Fault] = (),
         order: tuple[int, ...] = ORDER,
         self_test: SelfTest | None = None,
-        identity: int = reg.IDENTITY,
+        identity: int | None = None,
         keep: bool = False,
         start_s: float = START_S,
+        silicon: Silicon | None = None,
     ):
-        self._motion, self._oscillator = motion, oscillator or Oscillator()
-        self._self_test, self._identity, self._keep = self_test or SelfTest(), identity, keep
+        self._motion, self._oscillator, self.silicon = motion, oscillator or Oscillator(), silicon or Silicon()
+        self.chip = self.silicon.chip
+        self._self_test, self._identity, self._keep = self_test or SelfTest(), self.chip.identity if identity is None else identity, keep
         self.faults, self._start_s = tuple(faults), start_s
-        self._resets = sorted(fault.at_s for fault in self.faults if fault.kind == "reset")
+        #: what happens by itself, next first
+        self._events = sorted((fault for fault in self.faults if fault.kind in ("reset", "register")), key=lambda fault: fault.at_s)
+        self._first_s = max((fault.at_s for fault in self.faults if fault.kind == "late"), default=0.0)
         self._identities = [fault for fault in self.faults if fault.kind == "identity"]
-        self.fifo = Fifo()
+        self.fifo = Fifo(self.silicon.fifo_words)
         self._batching = Batching(self.fifo, self.faults, order)
         self._registers = bytearray(128)
-        self._flags = FifoFlags(self._registers, self.fifo, self._batching)
+        self._flags = FifoFlags(self._registers, self.fifo, self._batching, self.chip.threshold_high)
         self.outputs = Outputs()
         self._pin = Int1(self._registers, self._flags, self.outputs, self.faults)
         self.objections: dict[str, None] = {}
-        self.kept: list[tuple[float, bytes]] = []
+        self.kept: list[Made] = []
         self.starts = self.samples = 0
+        jitter, draw = self.silicon.stamp_jitter_ticks, random.Random(self.silicon.seed)
+        self._stamp_off = (lambda: draw.randint(-jitter, jitter)) if jitter else (lambda: 0)
+        self._gyro_code = 0  # odr_g that drives it; 0: off
+        self._gyro_on_s = self._gyro_off_s = -NEVER
         self._start(0.0)
 
     def _start(self, t_s: float) -> None:
         """Power up."""
         self.starts += 1
-        self._ready_s = t_s + self._start_s
+        self._ready_s = max(t_s + self._start_s, self._first_s)
         self._boot_s = self._sw_reset_s = t_s
         self._defaults(t_s)
 
@@ -84,21 +104,29 @@ class Asm330lhh:
             self._registers[address] = value
         self.outputs.clear()
         self.fifo.set_mode(0)
-        self.fifo.limit = WORDS
+        self.fifo.limit = self.fifo.capacity
         self._batching.counted = 0
         self._readings: Readings | None = None  # of the sensors that are on
         self._gyro = self._accel = 0  # ticks of a sample; 0: off
-        self._timestamp = Timestamp()
+        self._filters, self._lpf1, self._lpf2 = Filters(self.silicon), 0, 0  # samples of the filters
+        if self._gyro_code:
+            self._gyro_code, self._gyro_off_s = 0, t_s
+        self._timestamp = Timestamp(self._stamp_off)
         self._next_tick, self._next_s, self._sample_s = 0, NEVER, -NEVER
 
     # Time
 
     def advance(self, t_s: float) -> None:
         """Process all events up to a time."""
-        while self._resets and self._resets[0] <= t_s:
-            reset_s = self._resets.pop(0)
-            self._run(reset_s)
-            self._start(reset_s)
+        while self._events and self._events[0].at_s <= t_s:
+            fault = self._events.pop(0)
+            self._run(fault.at_s)
+            if fault.kind == "reset":
+                self._start(fault.at_s)
+            else:
+                before = self._registers[fault.address]
+                self._registers[fault.address] ^= fault.mask or reg.DEC_TS
+                self._configure(fault.address, before, fault.at_s)
         if self._next_s <= t_s:
             self._run(t_s)
 
@@ -109,18 +137,22 @@ class Asm330lhh:
         gyro, accel, temp, slot = self._gyro, self._accel, max(TEMPERATURE_TICKS, readings.step), batching.slot
         collects = fifo.collects and slot
         tick, now_s = self._next_tick, self._next_s
+        masks, until = bool(self._registers[reg.CTRL4_C] & reg.DRDY_MASK), self._filters.until
         while now_s <= t_s:
-            sample = readings.at(tick)
-            if gyro and tick % gyro == 0:
+            words = sample = readings.at(tick)
+            unsettled = 0
+            if tick < until:
+                sample, words, unsettled = self._filters.spoil(tick, sample, masks)
+            if gyro and tick % gyro == 0 and not unsettled & GYRO_MASKED:
                 outputs.update(GYRO_OUT, sample)
-            if accel and tick % accel == 0:
+            if accel and tick % accel == 0 and not unsettled & ACCEL_MASKED:
                 outputs.update(ACCEL_OUT, sample)
             if tick % temp == 0:
                 outputs.update(TEMP, sample)
             if collects and tick % slot == 0:
-                batching.batch(tick, now_s, sample, self._timestamp.at)
+                batching.batch(tick, now_s, words, self._timestamp.stamp)
             if self._keep:
-                self.kept.append((now_s, sample))
+                self.kept.append(Made(now_s, sample, unsettled))
             self.samples += 1
             self._sample_s = now_s
             tick += readings.step
@@ -132,6 +164,11 @@ class Asm330lhh:
         """Frequency of the timestamp with the present registers."""
         counts = self._registers[reg.CTRL10_C] & reg.TIMESTAMP_EN
         return self._oscillator.ticks_hz(self._readings is not None) if counts else 0.0
+
+    @property
+    def clock_hz(self) -> float:
+        """The true frequency of the sample clock, the highest rate."""
+        return self._oscillator.clock_hz(self.silicon.ticks_per_period)
 
     # Registers
 
@@ -182,6 +219,11 @@ class Asm330lhh:
         """Whether the port's address increments (if_inc)."""
         return bool(self._registers[reg.CTRL3_C] & reg.IF_INC)
 
+    @property
+    def cs_pull_up(self) -> bool:
+        """Whether the sensor itself pulls the chip select up: not with I2C_DISABLE and DEVICE_CONF (I3C_disable) together."""
+        return not (self._registers[reg.CTRL4_C] & reg.I2C_DISABLE and self._registers[reg.CTRL9_XL] & reg.DEVICE_CONF)
+
     def write(self, address: int, value: int, t_s: float) -> None:
         """Write one register at a time; ignored until the sensor has started up."""
         self.advance(t_s)
@@ -192,11 +234,14 @@ class Asm330lhh:
             if value == reg.TIMESTAMP_RESET:
                 self._timestamp.set(0.0, t_s, self._ticks_hz)
             return
-        if address not in reg.WRITABLE:
+        writable = self.chip.writable
+        if address not in writable:
             self._object(f"0x{address:02X} was written, which cannot be")
             return
-        if value & ~reg.WRITABLE[address]:
-            self._object(f"reserved bits of 0x{address:02X} were written: 0x{value & ~reg.WRITABLE[address]:02X}")
+        if reserved := value & ~writable[address]:
+            self._object(f"reserved bits of 0x{address:02X} were written: 0x{reserved:02X}")
+        if unknown := value & self.chip.unmodelled.get(address, 0):
+            self._object(f"bits of 0x{address:02X} were set whose effect is not modelled: 0x{unknown:02X}")
         if address == reg.CTRL3_C and value & reg.SW_RESET:
             self._defaults(t_s)
             self._sw_reset_s = t_s + SW_RESET_S
@@ -204,7 +249,7 @@ class Asm330lhh:
         if address == reg.CTRL3_C and value & reg.BOOT:
             self._boot_s = t_s + START_S
             value &= ~reg.BOOT
-        before, self._registers[address] = self._registers[address], value & reg.WRITABLE[address]
+        before, self._registers[address] = self._registers[address], value & writable[address]
         self._configure(address, before, t_s)
 
     def _object(self, what: str) -> None:
@@ -224,12 +269,12 @@ class Asm330lhh:
                 self._batching.counted = 0
                 r[address] &= ~reg.RST_COUNTER_BDR
             self._set_batching()
-        elif address in (reg.CTRL1_XL, reg.CTRL2_G, reg.CTRL4_C, reg.CTRL5_C):
+        elif address in (reg.CTRL1_XL, reg.CTRL2_G, reg.CTRL4_C, reg.CTRL5_C, reg.CTRL6_C, reg.CTRL8_XL):
             self._set_rates(t_s)
             self._say_change(before, address, t_s)
         elif reg.FIFO_CTRL1 <= address <= reg.FIFO_CTRL4:
             self.fifo.set_mode(r[reg.FIFO_CTRL4] & 7)
-            self.fifo.limit = self._flags.watermark if r[reg.FIFO_CTRL2] & reg.STOP_ON_WTM and self._flags.watermark else WORDS
+            self.fifo.limit = self._flags.watermark if r[reg.FIFO_CTRL2] & reg.STOP_ON_WTM and self._flags.watermark else self.fifo.capacity
             self._set_batching()
             self._say_change(before, address, t_s)
 
@@ -242,10 +287,11 @@ class Asm330lhh:
     def _set_rates(self, t_s: float) -> None:
         r = self._registers
         ticks = self._timestamp.exact(t_s)
+        gyro, accel = self._gyro, self._accel
         asleep = r[reg.CTRL4_C] & reg.SLEEP_G
         self._gyro = 0 if asleep else reg.COEFFICIENTS.get(r[reg.CTRL2_G] >> 4, 0)
         self._accel = reg.COEFFICIENTS.get(r[reg.CTRL1_XL] >> 4, 0)
-        if r[reg.CTRL2_G] & 15 not in reg.GYRO_MDPS:
+        if r[reg.CTRL2_G] & 15 not in self.chip.gyro_mdps:
             self._object(f"fs_g {r[reg.CTRL2_G] & 15} is no full scale")
         for name, code in (("odr_g", r[reg.CTRL2_G] >> 4), ("odr_xl", r[reg.CTRL1_XL] >> 4)):
             if code and code not in reg.COEFFICIENTS:
@@ -253,9 +299,10 @@ class Asm330lhh:
         steps = [step for step in (self._gyro, self._accel) if step]
         if not steps:
             self._readings, self._next_s = None, NEVER
+            self._filters = Filters(self.silicon)
         else:
             if self._readings is None:
-                self._readings = Readings(self._motion, t_s, self._oscillator.clock_hz())
+                self._readings = Readings(self._motion, t_s, self.clock_hz)
             tests = r[reg.CTRL5_C]
             self._readings.set(
                 min(steps),
@@ -266,8 +313,47 @@ class Asm330lhh:
             )
             self._next_tick = self._readings.after(t_s)
             self._next_s = self._readings.time_s(self._next_tick)
+        self._drive_gyro(t_s)
+        if self._readings:
+            self._settle(self._readings, gyro, accel)
         self._timestamp.set(ticks, t_s, self._ticks_hz)
         self._set_batching()
+
+    def _drive_gyro(self, t_s: float) -> None:
+        """Switch the gyroscope's drive on or off; it goes on while the gyroscope sleeps."""
+        code = self._registers[reg.CTRL2_G] >> 4
+        if code and not self._gyro_code:
+            self._gyro_on_s = t_s
+            if t_s < self._gyro_off_s + self.silicon.gyro_off_s:
+                least_ms = 1000 * self.silicon.gyro_off_s
+                self._object(f"the gyroscope was switched on less than {least_ms:g} ms after it had been switched off")
+        elif self._gyro_code and not code:
+            self._gyro_off_s = t_s
+        self._gyro_code = code
+
+    def _settle(self, readings: Readings, gyro: int, accel: int) -> None:
+        """Begin to settle where a rate or a filter has changed; gyro, accel: the ticks of a sample before."""
+        r, filters = self._registers, self._filters
+        lpf1, lpf2 = self._lpf1, self._lpf2
+        self._lpf1 = lpf1_samples(r[reg.CTRL6_C] & 7, r[reg.CTRL2_G] >> 4) if r[reg.CTRL4_C] & reg.LPF1_SEL_G and self._gyro else 0
+        self._lpf2 = LPF2_SAMPLES[r[reg.CTRL8_XL] >> 5] if r[reg.CTRL1_XL] & reg.LPF2_XL_EN and self._accel else 0
+        if not self._gyro:
+            filters.gyro = Settling()
+        else:
+            first = -(-self._next_tick // self._gyro) * self._gyro
+            if self._gyro != gyro:
+                on_for_s = readings.time_s(first) - self._gyro_on_s
+                filters.set_gyro(first, r[reg.CTRL2_G] >> 4, on_for_s, self.clock_hz, self._lpf1)
+            elif self._lpf1 != lpf1:
+                filters.refilter_gyro(first, self._lpf1)
+        if not self._accel:
+            filters.accel = Settling()
+        else:
+            first = -(-self._next_tick // self._accel) * self._accel
+            if self._accel != accel:
+                filters.set_accel(first, self._accel, self._lpf2)
+            elif self._lpf2 != lpf2:
+                filters.refilter_accel(first, self._lpf2)
 
     def _set_batching(self) -> None:
         r = self._registers
@@ -291,7 +377,7 @@ class Asm330lhh:
         """Return a time before which the pin cannot change without an access to a register; infinite where it cannot change at all."""
         self.advance(t_s)
         ctrl, level = self._registers[reg.INT1_CTRL], len(self.fifo.words)
-        edges = [self._ready_s, self._boot_s, *self._resets[:1], *self._pin.edges_s(self._sample_s, self._next_s)]
+        edges = [self._ready_s, self._boot_s, *(fault.at_s for fault in self._events[:1]), *self._pin.edges_s(self._sample_s, self._next_s)]
         if ctrl & reg.INT1_FIFO_TH and level < self._flags.watermark:
             edges.append(self._slots_later(self._flags.watermark - level))
         if ctrl & (reg.INT1_FIFO_OVR | reg.INT1_FIFO_FULL):

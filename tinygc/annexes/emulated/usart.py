@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 
@@ -13,6 +14,7 @@ SR, DR, BRR, CR1, CR2, CR3 = range(0, 24, 4)
 ORE, RXNE, TC, TXE = 1 << 3, 1 << 5, 1 << 6, 1 << 7
 RE, TE, RXNEIE, TCIE, TXEIE, UE = 1 << 2, 1 << 3, 1 << 5, 1 << 6, 1 << 7, 1 << 13
 DMAT = 1 << 7
+LEAST_DIVIDER = 16  #: of the clock, at 16 samples a bit (RM0090: USARTDIV is at least 1)
 BITS = 10  #: per byte: start, eight, stop
 
 
@@ -129,6 +131,9 @@ class Usart:
         if self._words[CR1] & (UE | TE) != UE | TE or not self._words[BRR]:
             self._bus.object(f"{self._name} sends while it is off")
             return False
+        if self._words[BRR] < LEAST_DIVIDER:
+            self._bus.object(f"{self._name}'s divider BRR is {self._words[BRR]}, below the {LEAST_DIVIDER} that it takes")
+            return False
         self._bus.check_clock()
         if not self._pins_right():
             self._bus.object(f"{self._name}'s pins are not its own (alternate function 7)")
@@ -145,6 +150,13 @@ class Usart:
         start = max(now, self._free_at)
         self._taken_at, self._free_at, self._completed = start, start + self._byte_cycles, True
         self.sent.append(byte)
+
+    def cut_off(self) -> None:
+        """A reset: keep what has been sent up to now of a transfer by DMA; what is on its way to the board is lost."""
+        if self._sending:
+            count = self._sending.ndtr - math.ceil(max(0.0, self._free_at - self._clock.now()) / self._byte_cycles)
+            self.sent += self._sending.fetch(max(0, count))
+        self.lost += len(self._coming)
 
     def _set_line(self) -> None:
         control, now = self._words[CR1], self._clock.now()

@@ -1,0 +1,176 @@
+"""The driver against what silicon may do: one row for each value of each parameter of the sensor's model, and for the bus's clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from emulated_driver import Driven, built, nominal_code
+
+from session.bench import frames
+from tinygc.annexes.emulated.readings import CHIPS, FIFO_CTRL3, Fault, Silicon
+
+HERE = Path(__file__).resolve().parent
+BEGIN_S, SETTLED_S = 0.4, 0.6
+AT_S = BEGIN_S + SETTLED_S + 1.0  #: what is done to the sensor is done then
+FILTERS_OFF = (0xFF, 2)
+AS_DESCRIBED = Silicon()
+
+
+@dataclass(frozen=True)
+class Case:
+    """A board with its sensor, and what is done to it.
+
+    filters: FTYPE or 0xFF, and the accelerometer's divisor, commanded where the counting begins; starts: counted from power-up on, without
+    a command; spi_divider: of the Makefile's option, 0: its default.
+    """
+
+    name: str
+    odr_hz: float
+    silicon: Silicon = AS_DESCRIBED
+    faults: tuple[Fault, ...] = ()
+    stalls: tuple[tuple[float, float], ...] = ()
+    filters: tuple[int, int] | None = None
+    starts: bool = False
+    seconds: float = 5.0
+    spi_divider: int = 0
+
+
+# The sweeps.
+
+
+def jitter() -> Iterator[Case]:
+    """The FIFO's stamps are off by up to so many ticks either way."""
+    for odr_hz in (12.5, 104.0, 833.0, 1667.0, 3333.0, 6667.0):
+        for ticks in (0, 1, 2):
+            yield Case(f"±{ticks} ticks", odr_hz, Silicon(stamp_jitter_ticks=ticks), seconds=max(4.0, 100 / odr_hz))
+
+
+def absence() -> Iterator[Case]:
+    """The sensor neither hears nor answers for a time, and goes on measuring."""
+    for odr_hz in (833.0, 3333.0, 6667.0):
+        for ticks in (40000 / 6667, 6.0, 6.0003):
+            for lasts_s in (0.3, 1.6, 4.0, 12.0):
+                faults = (Fault("hang", AT_S, lasts_s),)
+                yield Case(f"{lasts_s:g} s, {ticks:.4f} ticks", odr_hz, Silicon(ticks), faults, seconds=lasts_s + 3.0)
+
+
+def fifo() -> Iterator[Case]:
+    """The FIFO holds so many words, and the core is held for 0.3 s."""
+    for odr_hz in (833.0, 1667.0, 6667.0):
+        for words in (416, 438, 512):
+            yield Case(f"{words} words", odr_hz, Silicon(fifo_words=words), stalls=((AT_S, 0.3),), seconds=3.0)
+
+
+def settling() -> Iterator[Case]:
+    """Filters are set: from the command on, no unsettled sample may come."""
+    chips = {
+        "settles by the table": Silicon(),
+        "mask covers all": Silicon(mask_covers_all=True),
+        "half as long again": Silicon(settling=1.5),
+    }
+    for said, silicon in chips.items():
+        for odr_hz in (12.5, 208.0, 417.0, 833.0, 6667.0):
+            yield Case(f"no filter, {said}", odr_hz, silicon, filters=FILTERS_OFF, seconds=2.0)
+        for ftype in (7, 4):
+            for odr_hz in (208.0, 417.0, 833.0, 6667.0):
+                yield Case(f"FTYPE {ftype}, {said}", odr_hz, silicon, filters=(ftype, 2), seconds=2.0)
+        for divisor in (10, 20, 45, 100, 200, 400, 800):
+            yield Case(f"ODR/{divisor}, {said}", 833.0, silicon, filters=(0xFF, divisor), seconds=2.0)
+        yield Case(f"ODR/800, {said}", 52.0, silicon, filters=(0xFF, 800), seconds=14.0)
+
+
+def clock() -> Iterator[Case]:
+    """The bus's clock; nothing where the Makefile has no SPI_DIVIDER."""
+    if "SPI_DIVIDER" not in (HERE.parent / "firmware" / "Makefile").read_text():
+        return
+    for divider in (16, 32, 64, 128, 256):
+        for odr_hz in (833.0, 1667.0, 3333.0, 6667.0):
+            yield Case(f"{84 / divider:.3g} MHz", odr_hz, spi_divider=divider, seconds=4.0)
+
+
+def late() -> Iterator[Case]:
+    """The sensor answers for the first time so long after power-up."""
+    for at_s in (0.0, 0.05, 0.3, 1.0, 5.0):
+        yield Case(f"first answer after {at_s:g} s", 417.0, faults=(Fault("late", at_s),) if at_s else (), starts=True, seconds=at_s + 4.0)
+
+
+def spoilt() -> Iterator[Case]:
+    """Registers that change by themselves, batching at half the rate, and double bit errors in tags."""
+    for odr_hz in (104.0, 833.0, 6667.0):
+        code = 11 - nominal_code(odr_hz).bit_length()
+        flips = {
+            "DEC_TS off": {},
+            "BDR_GY off": {"mask": code << 4},
+            "BDR_XL off": {"mask": code},
+            "BDR halved": {"mask": (code ^ code - 1) * 17},
+        }
+        for name, how in flips.items():
+            fault = Fault("register", AT_S, address=FIFO_CTRL3, **how) if how else Fault("register", AT_S)
+            yield Case(name, odr_hz, faults=(fault,), seconds=6.0)
+        yield Case("batched at half the rate for 2 s", odr_hz, faults=(Fault("rate", AT_S, 2.0),), seconds=6.0)
+    for odr_hz in (833.0, 1667.0):
+        for spared, word in enumerate(("stamp", "gyroscope's word", "accelerometer's word")):
+            pairs = tuple(Fault("tag_pair", AT_S + 0.1 * n, spared=spared) for n in range(28))
+            yield Case(f"each pair of bits in the tag of a {word}", odr_hz, faults=pairs, seconds=5.0)
+
+
+def chips() -> Iterator[Case]:
+    """Each chip of the family that the model knows."""
+    for chip in CHIPS.values():
+        for odr_hz in (104.0, 833.0, 6667.0):
+            yield Case(chip.name, odr_hz, Silicon(chip=chip))
+
+
+SWEEPS = {sweep.__name__: sweep for sweep in (jitter, absence, fifo, settling, clock, late, spoilt, chips)}
+
+# A row of each.
+
+HEAD = (
+    "",
+    "Hz",
+    "made",
+    "lost",
+    "lost, by the numbers",
+    "doubled",
+    "falsified",
+    "unsettled",
+    "the board counts",
+    "starts",
+    "stamp off, µs",
+)
+
+
+def row(case: Case, elf: Path) -> list:
+    """What became of one case, by HEAD; behind it the objections and the CPU time, s."""
+    if case.spi_divider:
+        elf = built(elf.parent / f"spi{case.spi_divider}", SPI_DIVIDER=str(case.spi_divider))
+    began_s = time.process_time()
+    driven = Driven(elf, faults=case.faults, stalls=case.stalls, silicon=case.silicon)
+    said = ""
+    try:
+        if not case.starts:
+            driven.run(BEGIN_S)
+            driven.ask(frames.DATA_RATE, case.odr_hz)
+            driven.run(SETTLED_S)
+            driven.forget()
+        before = dict(driven.counts)
+        if case.filters:
+            driven.ask(frames.FILTERS, *case.filters)
+        driven.run(case.seconds)
+    except RuntimeError as error:
+        before, said = dict(driven.counts), f"{error}; "
+    counted = {name: count - before[name] for name, count in driven.counts.items() if count > before[name]}
+    said += ", ".join(f"{name} {count}" for name, count in counted.items() if name != "starts")
+    tail = [said or "nothing", counted.get("starts", 0)]
+    name = [case.name, f"{case.odr_hz:g}"]
+    try:
+        found = driven.verdict()
+    except ValueError as error:
+        cells = [*name, "–", "–", "–", "–", "–", "–", f"{error}; {tail[0]}", tail[1], "–"]
+    else:
+        figures = [found.made, found.missing, found.said_lost, found.doubled, found.falsified, found.unsettled]
+        cells = [*name, *figures, *tail, f"{found.off_us:.0f}"]
+    return [*cells, driven.objections, time.process_time() - began_s]

@@ -1,0 +1,72 @@
+#include "lsm6dsx_rate.h"
+
+#include "lsm6dsx.h"
+
+enum { GYRO = 1, ACCEL = 2, STAMP = 4 }; /* TAG_SENSOR */
+
+enum {
+    PERIODS_LEAST = 64,
+    ODD_STEPS = 4,
+    TICKS = 6,         /* of the stamps in a period at the highest rate, by name */
+    CLOCKS_SHARE = 16, /* the two clocks may differ by a sixteenth: 1 to 3 % of a target's RC oscillator, 0.1 % of the sensor's */
+    LOSS_SHARE = 8,    /* and an eighth of the words or samples may be missing, or too many, for another reason */
+};
+
+static const float WINDOW_US = 1e6f;
+
+void rate_gap(struct lsm6dsx_rate *rate)
+{
+    rate->begun = false;
+    rate->stamped = false;
+    rate->odd_steps = 0;
+}
+
+void rate_take(struct lsm6dsx_rate *rate, const uint8_t *word, uint8_t odr)
+{
+    const uint8_t kind = (uint8_t)(word[0] >> 3);
+    rate->gyro += (kind == GYRO) ? 1u : 0u;
+    rate->accel += (kind == ACCEL) ? 1u : 0u;
+    if (kind != STAMP)
+        return;
+    const uint32_t ticks = word[1] | ((uint32_t)word[2] << 8) | ((uint32_t)word[3] << 16) | ((uint32_t)word[4] << 24);
+    const uint32_t step = ticks - rate->last_ticks, period = (uint32_t)TICKS << (LSM6DSX_QUICKEST - odr);
+    const uint32_t off = (step > period) ? (step - period) : (period - step);
+    if (!rate->stamped || (off <= (period / 4u) + 1u))
+        rate->odd_steps = 0;
+    else if (rate->odd_steps < ODD_STEPS)
+        rate->odd_steps++;
+    rate->last_ticks = ticks;
+    rate->stamped = true;
+    rate->stamps++;
+}
+
+bool rate_steps_are_odd(const struct lsm6dsx_rate *rate)
+{
+    return rate->odd_steps >= ODD_STEPS;
+}
+
+static bool differs(float value, float expected, float share)
+{
+    const float off = (value > expected) ? (value - expected) : (expected - value);
+    return off > (2.0f + (expected / share));
+}
+
+bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uint32_t made_us, bool settled)
+{
+    const float passed_us = (float)(made_us - rate->began_us), periods = passed_us * 1e-6f * fifo_rate_hz(odr, freq_fine);
+    const float period_ticks = (float)((uint32_t)TICKS << (LSM6DSX_QUICKEST - odr));
+    bool wrong = false;
+    if ((rate->odd_steps > 0u) && !rate_steps_are_odd(rate)) /* a stamp that was spoilt on its way is no end of a window */
+        return false;
+    if (rate->begun && (rate->settled == settled)) {
+        if ((passed_us < WINDOW_US) || (periods < (float)PERIODS_LEAST))
+            return false;
+        wrong = differs((float)(rate->last_ticks - rate->first_ticks) / period_ticks, periods, (float)CLOCKS_SHARE) ||
+                differs((float)rate->gyro, periods, (float)LOSS_SHARE) || differs((float)rate->accel, periods, (float)LOSS_SHARE) ||
+                differs((float)rate->stamps, periods, (float)LOSS_SHARE) ||
+                (rate->settled && differs((float)rate->samples, periods, (float)LOSS_SHARE));
+    }
+    *rate = (struct lsm6dsx_rate){.began_us = made_us, .first_ticks = rate->last_ticks, .last_ticks = rate->last_ticks, .begun = true,
+                                  .odd_steps = rate->odd_steps, .stamped = rate->stamped, .settled = settled};
+    return wrong;
+}

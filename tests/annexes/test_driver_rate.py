@@ -1,0 +1,213 @@
+"""The FIFO's configuration is proved behind each burst; and where it reads as it was set, the rate that arrives is judged all the same."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+import pytest
+from driver_under_test import (
+    ACCEL,
+    FIFO_CTRL1,
+    FIFO_CTRL2,
+    FIFO_CTRL3,
+    FIFO_CTRL4,
+    GYRO,
+    PERIOD,
+    STAMP,
+    discard,
+    faults,
+    library,
+    number,
+    poll,
+    push,
+    registers,
+    registers_of,
+    settle,
+    slots,
+    started,
+    streamed_by_time,
+    tag,
+)
+
+#: samples at 1667 Hz: a window of a second, and a burst
+WINDOW = 1700
+
+
+def kinds(words: np.ndarray) -> np.ndarray:
+    return words[:, 0] >> 3
+
+
+def slot_of(words: np.ndarray) -> np.ndarray:
+    """The slot of each word, counted from the first: three to a slot."""
+    return np.arange(len(words)) // 3
+
+
+def without(kind: int, each: int):
+    """Of that kind only each so many-th word is batched."""
+    return lambda words: words[(kinds(words) != kind) | (slot_of(words) % each == 0)]
+
+
+def halved(words: np.ndarray) -> np.ndarray:
+    """Every second slot is batched, and TAG_CNT counts those: five of them in ten slots."""
+    kept = words[slot_of(words) % 2 == 0].copy()
+    first = int(kept[2, 1:5].copy().view("<u4")[0] / PERIOD) // 2
+    kept[:, 0] = [tag(int(kind), first + place // 3) for place, kind in enumerate(kinds(kept))]
+    return kept
+
+
+def one_slot_for_all(words: np.ndarray) -> np.ndarray:
+    words[:, 0] = [tag(int(kind), 0) for kind in kinds(words)]
+    return words
+
+
+@pytest.mark.parametrize(
+    ("register", "value"),
+    [
+        (FIFO_CTRL1, 0x00),  # no watermark
+        (FIFO_CTRL1, 0xF0),  # beyond what a burst takes
+        (FIFO_CTRL2, 0x80),  # stops at the watermark
+        (FIFO_CTRL3, 0x78),  # BDR_GY halved
+        (FIFO_CTRL3, 0x87),  # BDR_XL halved
+        (FIFO_CTRL3, 0x00),  # nothing is batched
+        (FIFO_CTRL4, 0x26),  # no stamps: DEC_TS
+        (FIFO_CTRL4, 0x46),  # no temperature
+        (FIFO_CTRL4, 0x60),  # bypass
+        (FIFO_CTRL4, 0x61),  # until full
+    ],
+)
+def test_a_fifo_that_is_set_otherwise_by_itself_is_set_again(register, value):
+    """Within 40 ms, whether words come or not; no word of it counts."""
+    started()
+    before = streamed_by_time(0, 100)
+    registers()[register] = value
+    if (register, value) in ((FIFO_CTRL3, 0x00), (FIFO_CTRL4, 0x60)):
+        discard()
+        assert len(poll(40)) == 0
+    else:
+        assert len(streamed_by_time(100, 60)) == 0
+    assert faults() == {"changed": 1, "starts": 1}
+    discard()
+    poll(25)
+    assert library().running()
+    assert registers()[register] != value
+    settle()
+    after = streamed_by_time(0, 100)
+    assert len(before) > 80
+    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [without(GYRO, 2), without(ACCEL, 2), without(GYRO, 100), without(STAMP, 100), without(STAMP, 8), halved, one_slot_for_all],
+    ids=["BDR_GY halved", "BDR_XL halved", "no gyroscope", "no stamps", "each eighth stamp", "all halved", "TAG_CNT stands"],
+)
+def test_another_rate_than_the_registers_say_is_counted_once_and_restarted(change):
+    """Within a second and a burst.  What is delivered until then is right."""
+    started()
+    during, place = [streamed_by_time(0, 100)], 100
+    while "starts" not in faults():
+        during.append(streamed_by_time(place, 10, change))
+        place += 10
+        assert place < WINDOW + 100
+    assert (faults()["rate"], faults()["starts"]) == (1, 1)
+    assert not {"silent", "changed", "overrun", "parity", "tag"} & faults().keys()
+    delivered = np.concatenate(during)
+    np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(delivered["number"] - delivered["number"][0]))
+    poll(25)
+    settle()
+    assert len(streamed_by_time(0, 100)) > 80
+
+
+@pytest.mark.parametrize(
+    "change",
+    [without(GYRO, 2), without(ACCEL, 100), without(STAMP, 100), halved, one_slot_for_all],
+    ids=["BDR_GY halved", "no accelerometer", "no stamps", "all halved", "TAG_CNT stands"],
+)
+def test_another_rate_from_the_start_on(change):
+    """The filters may seem never to settle: that is said within a second and twice the time that they take."""
+    started(settles=False)
+    delivered, place = [], 0
+    while "starts" not in faults():
+        delivered.append(streamed_by_time(place, 10, change))
+        place += 10
+        assert place < WINDOW + 2 * 150
+    assert (faults()["rate"], faults()["starts"]) == (1, 1)
+    found = np.concatenate(delivered)
+    steps = np.diff(found["registers"][:, 0].astype(int))
+    np.testing.assert_array_equal(steps, np.diff(found["number"].astype(int)))
+
+
+@pytest.mark.parametrize(("milliseconds", "wrong"), [(27, True), (29, False), (31, False), (33, True)])
+def test_the_sensors_clock_against_the_targets(milliseconds, wrong):
+    """50 slots take 30 ms: a tenth off is no rate that was set, 3 % are a target's RC oscillator at its worst."""
+    started()
+    for place in range(0, 2 * WINDOW, 50):
+        push(slots(place, 50))
+        poll(milliseconds)
+    assert ("rate" in faults()) == wrong
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_words_that_another_fault_explains_are_no_other_rate(share):
+    """A line that spoils tags: parity says so."""
+    rng = np.random.default_rng(7)
+
+    def spoil(words: np.ndarray) -> np.ndarray:
+        words[rng.random(len(words)) < share, 0] ^= 1
+        return words
+
+    started()
+    streamed_by_time(0, 2 * WINDOW, spoil)
+    assert faults()["parity"] > 2 * share * WINDOW
+    assert "rate" not in faults()
+    assert library().running()
+
+
+def test_a_stamp_that_is_spoilt_at_any_place_is_no_other_rate():
+    """Also the first and the last of a window."""
+    for spoilt in range(0, 20):
+        started()
+
+        def spoil(words: np.ndarray, spoilt: int = spoilt) -> np.ndarray:
+            words[3 * (spoilt // 2) + 2, 4] ^= 0x40 if spoilt % 2 else 0
+            return words
+
+        streamed_by_time(0, 10, spoil)
+        streamed_by_time(10, WINDOW - 40)
+        for place in range(WINDOW - 30, WINDOW + 30, 10):
+            streamed_by_time(place, 10, spoil)
+        assert "rate" not in faults()
+        assert library().running()
+
+
+def test_stamps_that_jitter_by_two_ticks_are_no_other_rate():
+    rng = np.random.default_rng(3)
+
+    def jitter(words: np.ndarray) -> np.ndarray:
+        stamps = words[2::3, 1:5].copy().view("<u4")
+        stamps += rng.integers(0, 3, stamps.shape).astype(np.uint32)
+        words[2::3, 1:5] = stamps.view(np.uint8)
+        return words
+
+    started()
+    found = streamed_by_time(0, 2 * WINDOW, jitter)
+    assert len(found) > 2 * WINDOW - 60
+    assert not faults()
+    np.testing.assert_array_equal(found["registers"][:, :6], registers_of(np.arange(len(found))))
+
+
+def test_a_target_that_comes_late_is_no_other_rate():
+    """The FIFO runs over again and again: that is said, and is all."""
+    started()
+    now_us = number("now_us", ctypes.c_uint32)
+    streamed_by_time(0, 700)
+    for place in range(1700, 8 * 1700 + 1, 1700):
+        discard()
+        now_us.value += 600_000
+        number("overrun").value = 1
+        push(slots(place, 30))
+        poll(18)
+        streamed_by_time(place + 30, 670)
+    assert faults()["overrun"] == 8
+    assert faults().keys() == {"overrun", "lost"}

@@ -1,0 +1,181 @@
+"""The board's program around the driver, on the emulated STM32F405: what it says and does while the sensor is late, settles or fails."""
+
+from __future__ import annotations
+
+import re
+import struct
+import sys
+
+import pytest
+from conftest import ROOT
+from f405_programs import tools_missing
+
+from session.bench import frames
+from session.bench.events import SENSOR, STANDIN, SelfTestResult
+from tinygc.annexes.emulated.machine import Machine
+from tinygc.annexes.emulated.readings import ASM330LHH, LSM6DSO, AtRest, Fault, Silicon
+from tinygc.annexes.emulated.sensor import SensorPort
+
+if MISSING := tools_missing():
+    pytest.skip(MISSING, allow_module_level=True)
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import emulated_driver
+import measure
+from emulated_driver import Driven, Watched
+
+pytestmark = pytest.mark.emulation
+
+if MISSING := measure.tools_missing():
+    pytest.skip(MISSING, allow_module_level=True)
+
+#: the board looks for its sensor so long
+LOOKS_S = 2.0
+BETWEEN_S = 0.3  #: a moment of the self-test at which nothing goes over the line: 0.1 s behind its reset
+
+
+class Heard(Driven):
+    """tested: results of the sensor's self-test; answered: (command's number, result) in their order; still: it lies still."""
+
+    def __init__(self, elf, still: bool = False, **how) -> None:
+        super().__init__(elf, **how)
+        self.tested: list[SelfTestResult] = []
+        if still:
+            self.sensor = Watched(AtRest(), faults=how.get("faults", ()), silicon=how.get("silicon", Silicon()))
+            self.machine = Machine(elf, SensorPort(self.sensor))
+
+    def _take(self, event) -> None:
+        if isinstance(event, SelfTestResult):
+            self.tested.append(event)
+        super()._take(event)
+
+    @property
+    def answered(self) -> list[tuple[int, int]]:
+        return list(self._answers.items())
+
+
+@pytest.fixture(scope="module")
+def elf(tmp_path_factory):
+    return emulated_driver.built(tmp_path_factory.mktemp("driver"))
+
+
+def test_a_sensor_that_answers_within_two_seconds_gets_no_stand_in(elf):
+    driven = Heard(elf, faults=[Fault("late", 1.5)])
+    driven.run(1.5)
+    assert (driven.board, driven.bytes) == (None, 0)  # nothing is said before it is known who speaks
+    driven.run(0.5)
+    assert (driven.board.source, driven.board.runs) == (SENSOR, True)
+    assert driven.made_up == 0
+    found = driven.verdict()
+    assert found.streamed > 100
+    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
+
+
+def test_one_that_answers_later_is_found_by_a_command(elf):
+    """It is not looked for all the time: one that is plugged in then is fed through its data lines."""
+    driven = Heard(elf, faults=[Fault("late", LOOKS_S + 0.5)])
+    driven.run(LOOKS_S + 2.0)
+    assert driven.board.source == STANDIN
+    assert driven.made_up > 500
+    assert driven.counts["zeros"] == 1  # once, however often it was looked for
+    driven.ask(frames.DATA_RATE, 833.0)
+    driven.run(0.5)
+    assert driven.board.source == SENSOR
+    assert driven.verdict().streamed > 200
+
+
+def test_commands_wait_their_turn_and_none_is_lost(elf):
+    """A self-test takes 0.9 s; what is asked for meanwhile is answered behind it, in its order."""
+    driven = Heard(elf, still=True)
+    driven.run(0.2)
+    asked = [(frames.SELF_TEST,), (frames.DATA_RATE, 1667.0), (frames.RANGES, 250, 2), (frames.RANGES, 300, 2), (frames.IDENTIFY,)]
+    for number, command in enumerate(asked, 1):
+        driven.machine.usart1.feed(frames.encode_command(command[0], number, *command[1:]))
+    driven.run(0.5)
+    assert driven.answered == []
+    driven.run(0.8)
+    assert driven.answered == [(1, 0), (2, 0), (3, 0), (4, 2), (5, 0)]
+    (result,) = driven.tested
+    assert result.failed == 0
+    assert list(result.gyro_dps) == pytest.approx([400.0] * 3, abs=0.1)
+    assert (driven.board.odr_hz, driven.info.gyro_fs_dps, driven.info.accel_fs_g) == (1667.0, 250.0, 2.0)
+    assert driven.counts["starts"] == 0
+    assert driven.objections == []
+
+
+@pytest.mark.parametrize("kind", ["zeros", "ones", "hang"])
+def test_a_line_that_sticks_during_the_self_test_is_nothing_measured(elf, kind):
+    for at_s, lasts_s, failed in ((0.5, 0.15, 0x8000), (0.9, 0.15, 0x8000), (BETWEEN_S, 0.03, 0)):
+        driven = Heard(elf, still=True, faults=[Fault(kind, at_s, lasts_s)])
+        driven.run(0.2)
+        driven.machine.usart1.feed(frames.encode_command(frames.SELF_TEST, 1))
+        driven.run(1.9)
+        (result,) = driven.tested
+        assert result.failed == failed
+        assert driven.answered == [(1, 6 if result.failed else 0)]
+        assert driven.board.runs  # again
+
+
+def test_settling_is_said_and_takes_what_the_filters_need(elf):
+    """The accelerometer's narrowest filter at 417 Hz: 597 slots, 1.43 s.  The answer does not wait for that."""
+    driven = Heard(elf)
+    driven.run(0.2)
+    driven.ask(frames.FILTERS, 0xFF, 800, within_s=0.1)
+    assert (driven.board.runs, driven.board.settles) == (True, True)
+    driven.forget()
+    driven.run(1.3)
+    assert not driven._chunks
+    driven.run(1.2)
+    assert (driven.board.runs, driven.board.settles) == (True, False)
+    found = driven.verdict()
+    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
+    assert found.streamed == pytest.approx(417 * 1.0105 * 1.07, abs=60)
+
+
+def test_an_lsm6dso_has_no_4000_dps(elf):
+    driven = Heard(elf, silicon=Silicon(chip=LSM6DSO))
+    driven.run(0.5)
+    with pytest.raises(RuntimeError, match="result 2"):
+        driven.ask(frames.RANGES, 4000, 4)
+    driven.ask(frames.RANGES, 2000, 4)
+    driven.run(0.3)
+    assert (driven.board.who_am_i, driven.info.gyro_fs_dps) == (0x6C, 2000.0)
+    assert driven.objections == []
+
+
+def test_a_model_whose_range_the_chip_has_not_begins_with_another(tmp_path):
+    """An option of make, or a model's own; the info frame says what it is.  Where the chip has it, it may come late."""
+    elf = measure.build("recorder.elf", tmp_path, tmp_path, GYRO_FS_DPS="4000", BAUD="2000000")
+    for chip, dps in ((ASM330LHH, 4000.0), (LSM6DSO, 500.0)):
+        for late_s in (0.01, 0.5):
+            driven = Heard(elf, silicon=Silicon(chip=chip), faults=[Fault("late", late_s)])
+            driven.run(0.3 + late_s)
+            assert (driven.board.source, driven.board.runs, driven.info.gyro_fs_dps) == (SENSOR, True, dps)
+
+
+def test_what_a_board_says_of_its_registers_is_what_was_set(elf):
+    """CTRL1_XL to CTRL10_C, of the last start."""
+    driven = Heard(elf)
+    driven.run(0.2)
+    driven.ask(frames.FILTERS, 3, 20)
+    assert struct.unpack("10B", driven.board.registers) == (0x6A, 0x64, 0x44, 0x0E, 0, 3, 0, 2 << 5, 0xE2, 0x20)
+    assert driven.board.firmware == "1.1.0"
+
+
+@pytest.mark.parametrize("row", [2, 5])
+def test_the_port_carries_what_the_page_says(elf, row):
+    """In kbit/s, at the nominal rate: samples, and the frames that come once a second."""
+    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
+    section = page.split("### What the port must carry")[1].split("\n### ")[0]
+    nominal_hz, stated = (float(cell) for cell in re.findall(r"^\| ([\d.]+) \| ([\d.]+) \|", section, re.M)[row])
+    driven = Heard(elf)
+    driven.run(0.2)
+    driven.ask(frames.DATA_RATE, nominal_hz)
+    driven.run(1.0)
+    driven.forget()
+    before = driven.bytes
+    driven.run(4.0)
+    samples = sum(len(chunk.t_us) for chunk in driven._chunks)
+    assert samples > 4 * nominal_hz
+    other = (driven.bytes - before) - frames.SAMPLE_BYTES * samples
+    assert 10 * (frames.SAMPLE_BYTES * nominal_hz + other / 4) / 1e3 == pytest.approx(stated, abs=0.06)

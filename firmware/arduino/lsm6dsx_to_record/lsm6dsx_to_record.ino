@@ -14,6 +14,9 @@ const unsigned long SPI_HZ = 4000000;   // 10 MHz at most; mode 3
 
 const unsigned long LINE_BYTES = 61; // at most, ten bits each, with 15 % to spare
 static_assert(LINE_BYTES * 10 * ODR_HZ / 100 * 115 <= BAUD, "BAUD does not carry the lines of this data rate: docs/boards.md, Baud rates");
+#ifdef __AVR__
+static_assert(ODR_HZ <= 417, "eight bits at 16 MHz do not write the lines of this data rate in time");
+#endif
 
 int transfer(const uint8_t *out, uint8_t *in, unsigned count) {
   for (unsigned n = 0; n < count; n++) {
@@ -47,8 +50,7 @@ void setup() {
   pinMode(CS, OUTPUT);
   digitalWrite(CS, HIGH);
   SPI.begin();
-  lsm6dsx_attach(&sensor, &BUS, &settings);
-  lsm6dsx_start(&sensor);
+  lsm6dsx_attach(&sensor, &BUS, &settings); // the first polls look for the sensor and start it
 }
 
 void print_header() {
@@ -61,7 +63,7 @@ void print_header() {
   Serial.print(" serial=");
   Serial.print(SERIAL_NUMBER);
   Serial.print(" sensor=");
-  Serial.println(sensor.who == 0x6C ? "LSM6DSO" : "ASM330LHH");
+  Serial.println(sensor.chip->name);
   Serial.print("# faults"); // counts, in the order of enum fault
   for (uint32_t count : sensor.faults) Serial.print(' '), Serial.print(count);
   Serial.println();
@@ -70,11 +72,11 @@ void print_header() {
 
 void loop() {
   static uint16_t lines;
-  static unsigned long tried_ms;
+  static unsigned long said_ms = millis();
   const unsigned count = lsm6dsx_poll(&sensor, samples);
-  if (!sensor.running && millis() - tried_ms >= 1000) {
-    tried_ms = millis();
-    Serial.print("# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND; WHO_AM_I reads ");
+  if (!sensor.running && millis() - said_ms >= 1000) {
+    said_ms = millis();
+    Serial.print("# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND, and its ranges; WHO_AM_I reads ");
     Serial.println(sensor.who);
   }
   for (unsigned n = 0; n < count; n++) {

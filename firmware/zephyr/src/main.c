@@ -16,7 +16,8 @@
 #define CONSOLE_BAUD DT_PROP_OR(DT_CHOSEN(zephyr_console), current_speed, 100000000)
 BUILD_ASSERT(61 * 10 * ODR_HZ / 100 * 115 <= CONSOLE_BAUD, "the console does not carry the lines of this data rate: its current-speed");
 
-/* Mode 3.  A message is several transfers: chip select stays low, and the bus ours, until it is released. */
+/* Mode 3.  A message is several transfers: chip select stays low, and the bus ours, until it is released.  The last 0 is a delay, which
+ * newer versions of Zephyr take from the devicetree and warn of. */
 #define OPERATION                                                                                                                            \
     (SPI_OP_MODE_MASTER | SPI_TRANSFER_MSB | SPI_WORD_SET(8) | SPI_MODE_CPOL | SPI_MODE_CPHA | SPI_HOLD_ON_CS | SPI_LOCK_ON)
 
@@ -54,7 +55,7 @@ static void print_header(void)
 {
     const uint32_t rate_mhz = (uint32_t)(1000.0f * fifo_rate_hz(sensor.settings.odr, sensor.freq_fine) + 0.5f);
     printk("# gyro_fs_dps=%u accel_fs_g=%u odr_hz=%u.%03u serial=%s sensor=%s\n", sensor.settings.gyro_fs_dps, sensor.settings.accel_fs_g,
-           rate_mhz / 1000, rate_mhz % 1000, SERIAL_NUMBER, sensor.who == 0x6C ? "LSM6DSO" : "ASM330LHH");
+           rate_mhz / 1000, rate_mhz % 1000, SERIAL_NUMBER, sensor.chip->name);
     printk("# faults"); /* counts, in the order of enum fault */
     for (int n = 0; n < FAULTS; n++)
         printk(" %u", sensor.faults[n]);
@@ -75,14 +76,13 @@ static void print_samples(unsigned count)
 int main(void)
 {
     const struct lsm6dsx_settings settings = {GYRO_FS_DPS, ACCEL_FS_G, lsm6dsx_odr(ODR_HZ == 12 ? 12.5f : ODR_HZ), LPF1_OFF, 2};
-    int64_t said_ms = 0;
-    lsm6dsx_attach(&sensor, &BUS, &settings);
-    lsm6dsx_start(&sensor);
+    int64_t said_ms = k_uptime_get();
+    lsm6dsx_attach(&sensor, &BUS, &settings); /* the first polls look for the sensor and start it */
     for (;; k_msleep(1)) {
         print_samples(lsm6dsx_poll(&sensor, samples));
         if (!sensor.running && k_uptime_get() - said_ms >= 1000) {
             said_ms = k_uptime_get();
-            printk("# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND; WHO_AM_I reads %u\n", sensor.who);
+            printk("# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND, and its ranges; WHO_AM_I reads %u\n", sensor.who);
         }
     }
 }

@@ -41,8 +41,9 @@ def boards(tmp_path_factory):
     """``boards(kind)``: the program of the sketch as it stands (mpu), with the page's block for ST's sensors (st), with its floats."""
     made = {}
     flags = ["-std=c++17", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{BOARD}"]
-    rest = tmp_path_factory.mktemp("board") / "board.o"
-    run(["g++", *flags, "-c", BOARD / "board.cpp", "-o", rest], check=True)
+    rest = [tmp_path_factory.mktemp("board") / f"{name}.o" for name in ("board", "wire_sensor")]
+    for made_of in rest:
+        run(["g++", *flags, "-c", BOARD / f"{made_of.stem}.cpp", "-o", made_of], check=True)
 
     def make(kind):
         if kind not in made:
@@ -55,7 +56,7 @@ def boards(tmp_path_factory):
             assert (text == SKETCH.read_text(encoding="utf-8")) == (kind in ("mpu", "slow"))
             text = text.replace("Serial.begin(115200)", "Serial.begin(38400)") if kind == "slow" else text
             (folder / "sketch.cpp").write_text(f'#include "Arduino.h"\n{text}', encoding="utf-8")
-            run(["g++", *flags, folder / "sketch.cpp", rest, "-o", folder / "board"], check=True)
+            run(["g++", *flags, folder / "sketch.cpp", *rest, "-o", folder / "board"], check=True)
             made[kind] = folder / "board"
         return made[kind]
 

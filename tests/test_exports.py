@@ -79,6 +79,7 @@ def test_kalibr_noise_is_two_sided_and_the_worst_axis():
 @pytest.mark.parametrize("name", MODELS)
 def test_ros_parameters(name):
     (text,) = exporter("ros").export(MODELS[name], context()).values()
+    assert "# No program reads this file as it is: its parameters are for a node of your own, which declares them.\n" in text
     table = yaml.safe_load(text)["/**"]["ros__parameters"]
     gyro = table["gyroscope"]
     matrix, K = (np.reshape(gyro[key], (3, 3)) for key in ("matrix", "g_sensitivity"))

@@ -1,4 +1,4 @@
-/* As much of an Arduino as the sketch of firmware/arduino needs, on this machine and in simulated time (board.cpp). */
+/* As much of an Arduino as the sketches of firmware/arduino need, on this machine and in simulated time (board.cpp). */
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -7,6 +7,11 @@
 unsigned long micros();
 unsigned long millis();
 void delay(unsigned long ms);
+void delayMicroseconds(unsigned us);
+
+enum { LOW, HIGH, OUTPUT = 1, SS = 10 };
+void pinMode(uint8_t pin, uint8_t mode);
+void digitalWrite(uint8_t pin, uint8_t level);
 
 /* A port whose bytes leave at its baud rate; whoever writes into a full buffer waits. */
 struct HardwareSerial {
@@ -14,9 +19,12 @@ struct HardwareSerial {
     size_t write(uint8_t byte);
     size_t print(const char *text);
     size_t print(char letter);
+    size_t print(int number);
+    size_t print(unsigned number);
     size_t print(unsigned long number);
     size_t print(double number, int digits = 2);
     size_t println(const char *text);
+    size_t println(int number);
     size_t println();
 };
 

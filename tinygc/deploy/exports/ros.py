@@ -1,4 +1,6 @@
-"""ROS 2: a parameter file with the calibration and sensor_msgs/Imu covariances, noise separate from calibration covariance."""
+"""ROS 2: a parameter file with the calibration and sensor_msgs/Imu covariances, noise separate from calibration covariance.
+
+ROS has no common format for a calibrated IMU: the file is for a node of one's own, and says so."""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from tinygc.models.model import Model
 
 NAME = "ros"
 FILE = "imu_calibration.yaml"
-SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances"
+SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances, for a node of one's own"
+OWN_NODE = "No program reads this file as it is: its parameters are for a node of your own, which declares them."
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
@@ -24,6 +27,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
     accelerometer = context.accelerometer
     head = remarks(
         context,
+        OWN_NODE,
         "omega = gyroscope.matrix m + gyroscope.offset - gyroscope.g_sensitivity a        rad/s; a: calibrated specific force, m/s^2",
         "a = accelerometer.matrix (a_measured - accelerometer.bias)        m/s^2, specific force: at rest +g on the axis that points up",
         f"    {context.accelerometer_words}",
@@ -57,7 +61,8 @@ def export_noise(context: Context) -> dict[str, str]:
     say_of_noise(context, NAME, found)
     say_of_rate(context, NAME)
     values = _covariances(context, found, np.eye(3), np.eye(3))
-    return {FILE: remarks(context, *_of_covariances(context, found)) + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
+    head = remarks(context, OWN_NODE, *_of_covariances(context, found))
+    return {FILE: head + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
 
 
 def _covariances(context: Context, found: dict[str, Densities], gyro: np.ndarray, accel: np.ndarray) -> dict[str, np.ndarray]:

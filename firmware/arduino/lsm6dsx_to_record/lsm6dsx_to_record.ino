@@ -1,0 +1,89 @@
+// An IMU of ST's family (ASM330LHH, LSM6DSO) on SPI for `calibrate.py record --baud 115200`: the driver of firmware/, its samples as text.
+// The driver's files belong into this folder: cp ../../lsm6dsx*.[ch] .  docs/boards.md explains wiring, rates and memory.
+#include <SPI.h>
+extern "C" {
+#include "lsm6dsx.h"
+}
+
+const unsigned long BAUD = 115200;
+const unsigned long ODR_HZ = 104; // 12 (that is 12.5), 26, 52, 104, 208, 417, 833
+const uint16_t GYRO_FS_DPS = 500, ACCEL_FS_G = 4;
+const char SERIAL_NUMBER[] = "bench-1"; // another one for each sensor
+const uint8_t CS = SS;                  // the sensor's chip select
+const unsigned long SPI_HZ = 4000000;   // 10 MHz at most; mode 3
+
+const unsigned long LINE_BYTES = 61; // at most, ten bits each, with 15 % to spare
+static_assert(LINE_BYTES * 10 * ODR_HZ / 100 * 115 <= BAUD, "BAUD does not carry the lines of this data rate: docs/boards.md, Baud rates");
+#ifdef __AVR__
+static_assert(ODR_HZ <= 417, "eight bits at 16 MHz do not write the lines of this data rate in time");
+#endif
+
+int transfer(const uint8_t *out, uint8_t *in, unsigned count) {
+  for (unsigned n = 0; n < count; n++) {
+    const uint8_t byte = SPI.transfer(out ? out[n] : 0);
+    if (in) in[n] = byte;
+  }
+  return TRANSFER_DONE;
+}
+
+void select_sensor(int selected) {
+  if (selected) SPI.beginTransaction(SPISettings(SPI_HZ, MSBFIRST, SPI_MODE3));
+  digitalWrite(CS, selected ? LOW : HIGH);
+  if (!selected) SPI.endTransaction();
+}
+
+void wait_us(uint32_t us) { // delayMicroseconds alone ends at 16383
+  delay(us / 1000);
+  delayMicroseconds(us % 1000);
+}
+
+uint32_t time_us() { return micros(); }
+
+const lsm6dsx_bus BUS = {transfer, select_sensor, wait_us, time_us};
+lsm6dsx sensor;
+fifo_sample samples[FIFO_SAMPLES];
+
+void setup() {
+  lsm6dsx_settings settings = {GYRO_FS_DPS, ACCEL_FS_G, 0, LPF1_OFF, 2};
+  settings.odr = lsm6dsx_odr(ODR_HZ == 12 ? 12.5f : ODR_HZ);
+  Serial.begin(BAUD);
+  pinMode(CS, OUTPUT);
+  digitalWrite(CS, HIGH);
+  SPI.begin();
+  lsm6dsx_attach(&sensor, &BUS, &settings); // the first polls look for the sensor and start it
+}
+
+void print_header() {
+  Serial.print("# gyro_fs_dps=");
+  Serial.print(sensor.settings.gyro_fs_dps);
+  Serial.print(" accel_fs_g=");
+  Serial.print(sensor.settings.accel_fs_g);
+  Serial.print(" odr_hz=");
+  Serial.print(fifo_rate_hz(sensor.settings.odr, sensor.freq_fine), 3);
+  Serial.print(" serial=");
+  Serial.print(SERIAL_NUMBER);
+  Serial.print(" sensor=");
+  Serial.println(sensor.chip->name);
+  Serial.print("# faults"); // counts, in the order of enum fault
+  for (uint32_t count : sensor.faults) Serial.print(' '), Serial.print(count);
+  Serial.println();
+  Serial.println("t_us,gx,gy,gz,ax,ay,az,temp");
+}
+
+void loop() {
+  static uint16_t lines;
+  static unsigned long said_ms = millis();
+  const unsigned count = lsm6dsx_poll(&sensor, samples);
+  if (!sensor.running && millis() - said_ms >= 1000) {
+    said_ms = millis();
+    Serial.print("# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND, and its ranges; WHO_AM_I reads ");
+    Serial.println(sensor.who);
+  }
+  for (unsigned n = 0; n < count; n++) {
+    const int16_t *r = samples[n].registers;
+    char line[LINE_BYTES + 1];
+    if (lines++ % 512 == 0) print_header();
+    snprintf(line, sizeof line, "%lu,%d,%d,%d,%d,%d,%d,%d", (unsigned long)samples[n].t_us, r[0], r[1], r[2], r[3], r[4], r[5], r[6]);
+    Serial.println(line);
+  }
+}

@@ -1,0 +1,88 @@
+/* An IMU of ST's family on SPI under Zephyr, for `calibrate.py record`: the driver of firmware/, its samples as text on the console.
+ * docs/boards.md explains wiring, rates and what has been tried. */
+#include <zephyr/devicetree.h>
+#include <zephyr/drivers/spi.h>
+#include <zephyr/kernel.h>
+#include <zephyr/sys/printk.h>
+
+#include "lsm6dsx.h"
+
+#define ODR_HZ 104 /* 12 (that is 12.5), 26, 52, 104, 208, 417, 833 */
+#define GYRO_FS_DPS 500
+#define ACCEL_FS_G 4
+#define SERIAL_NUMBER "bench-1" /* another one for each sensor */
+
+/* A line has 61 bytes at most, ten bits each; 15 % to spare.  A console without a speed is USB all the way. */
+#define CONSOLE_BAUD DT_PROP_OR(DT_CHOSEN(zephyr_console), current_speed, 100000000)
+BUILD_ASSERT(61 * 10 * ODR_HZ / 100 * 115 <= CONSOLE_BAUD, "the console does not carry the lines of this data rate: its current-speed");
+
+/* Mode 3.  A message is several transfers: chip select stays low, and the bus ours, until it is released.  The last 0 is a delay, which
+ * newer versions of Zephyr take from the devicetree and warn of. */
+#define OPERATION                                                                                                                            \
+    (SPI_OP_MODE_MASTER | SPI_TRANSFER_MSB | SPI_WORD_SET(8) | SPI_MODE_CPOL | SPI_MODE_CPHA | SPI_HOLD_ON_CS | SPI_LOCK_ON)
+
+static const struct spi_dt_spec spi = SPI_DT_SPEC_GET(DT_NODELABEL(imu), OPERATION, 0);
+
+static int transfer(const uint8_t *out, uint8_t *in, unsigned count)
+{
+    const struct spi_buf sent = {(void *)out, count}, received = {in, count}; /* null: zeros, and what comes is dropped */
+    const struct spi_buf_set out_set = {&sent, 1}, in_set = {&received, 1};
+    return spi_transceive_dt(&spi, &out_set, &in_set) == 0 ? TRANSFER_DONE : TRANSFER_FAILED;
+}
+
+static void select_imu(int selected)
+{
+    if (!selected)
+        spi_release_dt(&spi); /* it was selected by the first transfer */
+}
+
+static void wait_us(uint32_t us)
+{
+    k_usleep((int32_t)us);
+}
+
+/* Not by cycles: their microseconds do not wrap at 32 bits. */
+static uint32_t time_us(void)
+{
+    return (uint32_t)k_ticks_to_us_floor64((uint64_t)k_uptime_ticks());
+}
+
+static const struct lsm6dsx_bus BUS = {transfer, select_imu, wait_us, time_us};
+static struct lsm6dsx sensor;
+static struct fifo_sample samples[FIFO_SAMPLES];
+
+static void print_header(void)
+{
+    const uint32_t rate_mhz = (uint32_t)(1000.0f * fifo_rate_hz(sensor.settings.odr, sensor.freq_fine) + 0.5f);
+    printk("# gyro_fs_dps=%u accel_fs_g=%u odr_hz=%u.%03u serial=%s sensor=%s\n", sensor.settings.gyro_fs_dps, sensor.settings.accel_fs_g,
+           rate_mhz / 1000, rate_mhz % 1000, SERIAL_NUMBER, sensor.chip->name);
+    printk("# faults"); /* counts, in the order of enum fault */
+    for (int n = 0; n < FAULTS; n++)
+        printk(" %u", sensor.faults[n]);
+    printk("\nt_us,gx,gy,gz,ax,ay,az,temp\n");
+}
+
+static void print_samples(unsigned count)
+{
+    static uint16_t lines;
+    for (unsigned n = 0; n < count; n++) {
+        const int16_t *r = samples[n].registers;
+        if (lines++ % 512 == 0)
+            print_header();
+        printk("%u,%d,%d,%d,%d,%d,%d,%d\n", samples[n].t_us, r[0], r[1], r[2], r[3], r[4], r[5], r[6]);
+    }
+}
+
+int main(void)
+{
+    const struct lsm6dsx_settings settings = {GYRO_FS_DPS, ACCEL_FS_G, lsm6dsx_odr(ODR_HZ == 12 ? 12.5f : ODR_HZ), LPF1_OFF, 2};
+    int64_t said_ms = k_uptime_get();
+    lsm6dsx_attach(&sensor, &BUS, &settings); /* the first polls look for the sensor and start it */
+    for (;; k_msleep(1)) {
+        print_samples(lsm6dsx_poll(&sensor, samples));
+        if (!sensor.running && k_uptime_get() - said_ms >= 1000) {
+            said_ms = k_uptime_get();
+            printk("# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND, and its ranges; WHO_AM_I reads %u\n", sensor.who);
+        }
+    }
+}

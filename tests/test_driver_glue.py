@@ -1,0 +1,271 @@
+"""The driver of firmware/ on other boards: its glue for Arduino and Zephyr, compiled for this machine, with a sensor that makes known rows.
+
+``arduino_board/`` and ``zephyr_headers/`` are the boards in simulated time, ``small_imu.c`` is the sensor."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from pathlib import Path
+from subprocess import CalledProcessError
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import ROOT, broad
+from processes import run
+
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Comment, SampleChunk
+
+FIRMWARE = ROOT / "firmware"
+TESTS = ROOT / "tests"
+SKETCH = FIRMWARE / "arduino" / "lsm6dsx_to_record" / "lsm6dsx_to_record.ino"
+ZEPHYR = FIRMWARE / "zephyr"
+DRIVER = sorted(FIRMWARE.glob("lsm6dsx*.c"))
+FLAGS = ["-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", f"-I{FIRMWARE}", f"-I{TESTS}"]
+ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")  #: Debian's arduino-core-avr
+TICK_US = 25.0
+BOARDS = ["arduino", "zephyr"]
+
+
+class Chip(NamedTuple):
+    """An Arduino: its name on the page, its variant, where its chip select is, words in a burst, and the limits that the page states."""
+
+    board: str
+    variant: str
+    select: tuple[str, int]
+    words: int
+    flash_kb: int
+    ram: int
+
+
+CHIPS = {
+    "atmega328p": Chip("Uno, Nano", "standard", ("B", 2), 24, 24, 1550),
+    "atmega2560": Chip("Mega 2560", "mega", ("B", 0), 96, 28, 3200),
+}
+
+needs_gcc = pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("g++")), reason="not installed: gcc, g++")
+
+
+def compiled(compiler: str, *words: str | Path) -> None:
+    run([compiler, *FLAGS, *words], check=True, capture_output=True, text=True)
+
+
+def sketch(odr_hz: int, baud: int) -> str:
+    """The sketch as C++, for the data rate and the speed of its port."""
+    text = SKETCH.read_text(encoding="utf-8").replace("ODR_HZ = 104;", f"ODR_HZ = {odr_hz};")
+    return '#include "Arduino.h"\n' + text.replace("BAUD = 115200;", f"BAUD = {baud};")
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory):
+    """``boards(kind, odr_hz, baud, words)``: the program of a board, and words of the FIFO in a burst."""
+    folder, objects, made = tmp_path_factory.mktemp("glue"), {}, {}
+
+    def driver(words):
+        if words not in objects:
+            sources = (*DRIVER, TESTS / "small_imu.c")
+            objects[words] = [folder / f"{source.stem}_{words}.o" for source in sources]
+            for source, into in zip(sources, objects[words], strict=True):
+                compiled("gcc", "-std=c99", f"-DFIFO_WORDS={words}", "-c", source, "-o", into)
+        return objects[words]
+
+    def make(kind, odr_hz=104, baud=115200, words=96):
+        name = f"{kind}_{odr_hz}_{baud}_{words}"
+        if name not in made:
+            common = (f"-DFIFO_WORDS={words}", "-o", folder / name)
+            if kind == "arduino":
+                source = folder / f"{name}.cpp"
+                source.write_text(sketch(odr_hz, baud), encoding="utf-8")
+                rest = [TESTS / "arduino_board" / f"{of}.cpp" for of in ("board", "spi_sensor")]
+                compiled("g++", "-std=c++17", f"-I{TESTS / 'arduino_board'}", source, *rest, *driver(words), *common)
+            else:
+                text = (ZEPHYR / "src" / "main.c").read_text(encoding="utf-8").replace("ODR_HZ 104", f"ODR_HZ {odr_hz}")
+                source, main = folder / f"{name}.c", folder / f"{name}.main.o"
+                source.write_text(text, encoding="utf-8")
+                flags = ["-std=c11", "-Wdouble-promotion", f"-DCONSOLE_SPEED={baud}", f"-I{TESTS / 'zephyr_headers'}"]
+                compiled("gcc", *flags, f"-DFIFO_WORDS={words}", "-Dmain=app_main", "-c", source, "-o", main)
+                compiled("gcc", *flags, TESTS / "zephyr_headers" / "board.c", main, *driver(words), "-lm", *common)
+            made[name] = folder / name
+        return made[name]
+
+    return make
+
+
+def random_rows(count: int) -> np.ndarray:
+    """(count, 6) int16, below what stands for a sample that has not settled."""
+    return np.random.default_rng(3).integers(-32768, 0x7FFD, (count, 6))
+
+
+def sent(program: Path, rows: np.ndarray, *, who=0x6B, fine=0, ticks=6.0, answers_s=0.0, start_us=0.0) -> bytes:
+    """What the board sends while its sensor makes these rows."""
+    given = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
+    return run([program, who, fine, ticks, answers_s, start_us], input=given, stdin=None, capture_output=True, check=True).stdout
+
+
+def decoded(data: bytes) -> tuple[StreamDecoder, list, np.ndarray, np.ndarray]:
+    decoder = StreamDecoder()
+    events = [*decoder.feed(data), *decoder.finish()]
+    chunks = [event for event in events if isinstance(event, SampleChunk)]
+    return decoder, events, *(np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers"))
+
+
+def place(found: np.ndarray, rows: np.ndarray) -> int:
+    """Which row the first sample is."""
+    (first,) = np.flatnonzero((rows == found[0, :6]).all(axis=1))
+    return int(first)
+
+
+@pytest.mark.parametrize("path", [SKETCH, ZEPHYR / "src" / "main.c"], ids=lambda path: path.name)
+def test_the_glue_has_a_hundred_lines_at_most(path):
+    assert path.read_text(encoding="utf-8").count("\n") <= 100
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize(
+    ("chip", "who", "fine", "ticks", "start_us"),
+    [("ASM330LHH", 0x6B, 10, 40000 / 6667, 0.0), ("LSM6DSO", 0x6C, -3, 6.0, 2**32 - 3e6)],
+)
+def test_every_sample_arrives_as_the_sensor_made_it(boards, kind, chip, who, fine, ticks, start_us):
+    """None is lost, doubled or false behind the first one, and the stamps are the sensor's, also where 32 bits wrap."""
+    rows = random_rows(1000)
+    decoder, events, t_us, found = decoded(sent(boards(kind), rows, who=who, fine=fine, ticks=ticks, start_us=start_us))
+    assert (decoder.lost, decoder.implausible, decoder.resets, decoder.garbage) == (0, 0, 0, 0)
+    first = place(found, rows)
+    np.testing.assert_array_equal(found[:, :6], rows[first : first + len(found)])
+    assert first < 12  # slots in which the filters settle
+    assert first + len(found) > 1000 - 16  # what is left in the FIFO
+    assert np.all(found[:, 6] == 512)
+    period_us = ticks * 2**6 * TICK_US / (1 + 0.0015 * fine)
+    assert np.abs(np.diff(t_us) - period_us).max() < TICK_US + 1
+    assert (t_us[-1] - t_us[0]) / (len(t_us) - 1) == pytest.approx(period_us, rel=1e-5)
+    assert (decoder.info.gyro_fs_dps, decoder.info.accel_fs_g, decoder.info.serial, decoder.info.sensor) == (500, 4, "bench-1", chip)
+    assert decoder.info.odr_hz == pytest.approx(1e6 / period_us, rel=1e-4)
+    assert sum(isinstance(event, Comment) for event in events) == 2 * 2  # each 512 samples
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize("words", [broad(24), 96])
+def test_the_quickest_rate_that_text_carries(boards, kind, words):
+    """833 Hz at 921600 baud: the port takes most of the time, and the FIFO holds what comes meanwhile.  A small burst is enough."""
+    rows = random_rows(2000)
+    decoder, _, _, found = decoded(sent(boards(kind, 833, 921600, words), rows))
+    assert (decoder.lost, decoder.implausible, decoder.garbage) == (0, 0, 0)
+    first = place(found, rows)
+    np.testing.assert_array_equal(found[:, :6], rows[first : first + len(found)])
+    assert len(found) > 2000 - 120
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+def test_a_port_that_does_not_carry_the_rate_is_not_compiled(boards, kind):
+    with pytest.raises(CalledProcessError) as refused:
+        boards(kind, 208, 115200)
+    assert "does not carry the lines of this data rate" in refused.value.stderr
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+def test_a_sensor_that_is_not_there_is_named_once_a_second(boards, kind):
+    """Nobody drives the line, which is pulled up.  No sample is made up."""
+    said = sent(boards(kind), random_rows(10), answers_s=1e9).replace(b"\r", b"").splitlines()
+    assert set(said) == {b"# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND, and its ranges; WHO_AM_I reads 255"}
+    assert 2 <= len(said) <= 4
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+def test_a_sensor_that_answers_late_is_found(boards, kind):
+    """After 1.6 s: it is named once, and then its samples come."""
+    rows = random_rows(300)
+    data = sent(boards(kind), rows, answers_s=1.6)
+    assert data.startswith(b"# no sensor runs")
+    assert data.count(b"no sensor runs") == 1
+    _, _, t_us, found = decoded(data)
+    first = place(found, rows)
+    np.testing.assert_array_equal(found[:, :6], rows[first : first + len(found)])
+    assert len(found) > 270
+    assert t_us[0] > 1.6e6
+
+
+@pytest.fixture(scope="module")
+def avr(tmp_path_factory):
+    """``avr(chip, odr_hz, baud)``: the sketch for an Arduino's microcontroller, linked with its core, as the Arduino IDE does it."""
+    if not (shutil.which("avr-g++") and ARDUINO.is_dir()):
+        pytest.skip("not installed: gcc-avr, arduino-core-avr")
+
+    def make(chip, odr_hz, baud):
+        variant, words = CHIPS[chip].variant, CHIPS[chip].words
+        folder = tmp_path_factory.mktemp(chip)
+        (folder / "sketch.cpp").write_text(sketch(odr_hz, baud), encoding="utf-8")
+        core, spi = ARDUINO / "cores" / "arduino", ARDUINO / "libraries" / "SPI" / "src"
+        flags = ["-c", "-Os", "-flto", "-ffunction-sections", "-fdata-sections", f"-mmcu={chip}", "-DF_CPU=16000000L", "-DARDUINO=10819"]
+        flags += ["-DARDUINO_ARCH_AVR", "-DDECIMAL_DIG=__DECIMAL_DIG__", f"-DFIFO_WORDS={words}"]  # Debian's core wants DECIMAL_DIG
+        flags += [f"-I{path}" for path in (core, ARDUINO / "variants" / variant, spi, FIRMWARE)]
+        strict = ["-Wall", "-Wextra", "-Werror"]
+        plus = ["-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics"]
+        commands = [
+            ["avr-gcc", "-std=gnu11", "-w", *core.glob("*.c")],
+            ["avr-gcc", "-std=gnu11", *strict, *DRIVER],
+            ["avr-g++", *plus, "-w", *core.glob("*.cpp"), spi / "SPI.cpp"],
+            ["avr-g++", *plus, *strict, folder / "sketch.cpp"],
+        ]
+        for compiler, *words_ in commands:
+            run([compiler, *flags, *words_], cwd=folder, check=True)
+        elf = folder / "sketch.elf"
+        run(["avr-gcc", "-Os", "-flto", "-Wl,--gc-sections", f"-mmcu={chip}", *folder.glob("*.o"), "-lm", "-o", elf], check=True)
+        return elf
+
+    return make
+
+
+@pytest.mark.broad
+@pytest.mark.parametrize("chip", CHIPS)
+def test_it_fits_into_an_arduino(avr, chip):
+    """Flash and memory stay below what docs/boards.md says."""
+    printed = run(["avr-size", avr(chip, 104, 115200)], check=True, capture_output=True, text=True).stdout
+    text, data, bss = map(int, printed.splitlines()[1].split()[:3])
+    assert text + data < 1000 * CHIPS[chip].flash_kb
+    assert data + bss < CHIPS[chip].ram
+    row = f"{CHIPS[chip].board} | {CHIPS[chip].words} | {CHIPS[chip].flash_kb} kB | {CHIPS[chip].ram} bytes |"
+    assert row in (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.emulation
+@pytest.mark.parametrize("chip", CHIPS)
+def test_every_sample_arrives_from_an_emulated_arduino(avr, chip, tmp_path):
+    """At 417 Hz, the most that eight bits at 16 MHz print, in simavr; and the stack does not reach what else is in memory."""
+    emulator = tmp_path / "avr"
+    sources = [TESTS / "arduino_board" / "avr.c", TESTS / "small_imu.c"]
+    built = run(
+        ["gcc", "-std=c99", "-O2", "-Wall", "-Wextra", f"-I{TESTS}", *sources, "-lsimavr", "-lm", "-o", emulator],
+        capture_output=True,
+        text=True,
+    )
+    if built.returncode:
+        pytest.skip("not installed: libsimavr-dev")
+    elf, flash, rows = avr(chip, 417, 500000), tmp_path / "flash.bin", random_rows(600)
+    run(["avr-objcopy", "-O", "binary", elf, flash], check=True)
+    given = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
+    ran = run([emulator, chip, *CHIPS[chip].select, flash, 0x6B, 12, 6.0, 0], input=given, stdin=None, capture_output=True, check=True)
+    decoder, _, t_us, found = decoded(ran.stdout[: ran.stdout.rindex(b"\n") + 1])  # the last line is cut off
+    assert (decoder.lost, decoder.implausible, decoder.garbage) == (0, 0, 0)
+    first = place(found, rows)
+    np.testing.assert_array_equal(found[:, :6], rows[first : first + len(found)])
+    assert len(found) > 600 - 60
+    assert (t_us[-1] - t_us[0]) / (len(t_us) - 1) == pytest.approx(6.0 * 2**4 * TICK_US / 1.018, rel=1e-4)
+    symbols = run(["avr-nm", elf], check=True, capture_output=True, text=True).stdout
+    taken = int(re.search(r"^(\w+) . _end$", symbols, re.M)[1], 16) & 0xFFFF
+    assert int(ran.stderr) - taken > 200  # bytes that nothing has ever used
+
+
+@pytest.mark.slow
+def test_it_builds_under_zephyr(tmp_path):
+    """Against the true headers, where somebody has them: for a board with Arduino's header."""
+    if not os.environ.get("ZEPHYR_BASE") or shutil.which("west") is None:
+        pytest.skip("no Zephyr here: set ZEPHYR_BASE, and install west")
+    run(["west", "build", "-b", "nucleo_f446re", "-d", tmp_path / "build", ZEPHYR], check=True)

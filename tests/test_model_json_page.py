@@ -1,0 +1,166 @@
+"""A reader written from docs/model-json.md alone computes what an exported file says that must come out.
+
+Only the files are made by the project: nothing that computes a model is imported here.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from exported_models import LINEAR, MODELS, NET, claim, conditioned
+from exports_read_back import KNOWN, context
+
+from tinygc.deploy.exports import exporter
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.physics import CarriedNet, PhysicsModel
+
+G_MPS2 = 9.80665
+INPUTS = ("measured_rps", "specific_force_mps2", "temperature_c")
+
+
+def bend(h: np.ndarray, slope: float | np.ndarray) -> np.ndarray:
+    return np.where(h >= 0, h, slope * h)
+
+
+def page_average(temperature: np.ndarray, rate_hz: float) -> np.ndarray:
+    """(N,) degC, averaged over 1 s."""
+    width, last = max(1, round(rate_hz)), len(temperature) - 1
+    around = np.arange(len(temperature))[:, None] - width // 2 + np.arange(width)
+    return temperature[np.clip(around, 0, last)].mean(axis=1)
+
+
+def page_convolution(taps: np.ndarray, dilation: int, x: np.ndarray, slope: float) -> np.ndarray:
+    """(out, N) of x (in, N), which stood still before its first sample."""
+    before = np.repeat(x[:, :1], 6 * dilation, axis=1)
+    held = np.concatenate([before, x], axis=1)
+    n = np.arange(x.shape[1]) + 6 * dilation
+    return bend(sum(taps[:, :, i] @ held[:, n - (6 - i) * dilation] for i in range(7)), slope)
+
+
+def page_net(table: dict[str, Any], axis: int, x: np.ndarray) -> np.ndarray:
+    """g (N,) of one axis' x (N,)."""
+    y = x[None]
+    for name, dilation in zip(("conv1", "conv2", "conv3"), table["dilations"], strict=True):
+        y = page_convolution(np.array(table[name])[axis], dilation, y, table["slope"])
+    return y[0]
+
+
+def page_denoiser(table: dict[str, Any], rate: np.ndarray) -> np.ndarray:
+    """(N, 3) of rate (N, 3), each axis by itself."""
+    return np.stack([(page_net(table, axis, x) - page_net(table, axis, -x)) / 2 for axis, x in enumerate(rate.T)], axis=1)
+
+
+def page_element(reading: np.ndarray, lag_s: float, step_s: float) -> np.ndarray:
+    """(N,) degC of an element that follows, or leads, the reading (N,)."""
+    if lag_s == 0:
+        return reading
+    r = 0.0 if lag_s > 0 else 20.0
+    a = lag_s if lag_s > 0 else -lag_s / 19
+    c = np.exp(-step_s / a)
+    q = (1 - c) * a / step_s
+    y = [reading[0]]
+    for before, now in pairwise(reading):
+        y.append(c * y[-1] + (1 - q) * now + (q - c) * before)
+    return np.array(y) + r * (reading - np.array(y))
+
+
+def page_reader(table: dict[str, Any], m: np.ndarray, force: np.ndarray, temperature: np.ndarray, rate_hz: float) -> np.ndarray:
+    """(N, 3) rad/s: m (N, 3) rad/s, force (N, 3) m/s^2, temperature (N,) degC."""
+    kind = table["kind"]
+    w = {key: np.array(value) for key, value in table.get("weights", {}).items()}
+    warmer = page_average(temperature, rate_hz) - table.get("conditions", {}).get("first_temp_c", np.nan)
+    if kind == "linear":
+        return m @ w["E"].T + w["B"]
+    if kind == "tinygc":
+        return m + bend(m @ w["W1"].T + w["b1"], w["slope"]) @ w["W2"].T + w["b2"]
+    if kind == "tinygc_published":
+        return m + bend(bend(m @ w["W1"].T + w["b1"], w["slope1"]) @ w["W2"].T + w["b2"], w["slope2"])
+    if kind == "tinygc_denoised":
+        return page_denoiser(table["denoiser"], page_reader(table["calibration"], m, force, temperature, rate_hz))
+    if kind == "tinygc_conditions":
+        values = {"temperature": warmer[:, None], "force": force / G_MPS2}
+        c = np.concatenate([values[name] for name in table["inputs"]], axis=1)
+        return page_reader(table["net"], m, force, temperature, rate_hz) + c @ w["bias"].T + m * (c @ w["gain"].T)
+    if kind == "thermal":
+        thermal = {key: np.array(value) for key, value in table["thermal"].items()}
+        away = lambda celsius: np.clip(celsius, *thermal["range_c"]) - thermal["reference_c"]  # noqa: E731
+        elements = np.stack([page_element(temperature, lag, 1 / rate_hz) for lag in thermal["lag_s"]], axis=1)
+        zero = sum(row * away(elements) ** n for n, row in enumerate(thermal["zero_rps"]))
+        E = sum(matrix * away(temperature)[:, None, None] ** n for n, matrix in enumerate(thermal["E"]))
+        return np.einsum("nij,nj->ni", E, m - zero)
+    assert kind in ("physics", "tinygc_physics")
+    E, B = (np.array(table["linear"][key]) for key in ("E", "B"))
+    rate = m @ E.T + B
+    for effect in table["effects"]:
+        theta = np.array(effect["theta_si"])
+        if effect["id"] == "gyro.g_sensitivity":
+            rate = rate - force / G_MPS2 @ theta.reshape(3, 3).T
+        elif effect["id"] == "gyro.thermal_bias":
+            rate = rate - warmer[:, None] * theta
+        else:
+            assert effect["id"] == "gyro.thermal_scale"
+            rate = rate / (1 + warmer[:, None] * theta)
+    if kind == "physics":
+        return rate
+    return page_reader(table["net"], (rate - B) @ np.linalg.inv(E).T, force, temperature, rate_hz)
+
+
+def random_denoiser(slope: float) -> Denoiser:
+    """Weights of either sign, so that every layer bends: the channels' sums stay positive, or no constant rate would pass."""
+    vector = np.random.default_rng(9).normal(size=(3, 56)) + 0.4
+    return Denoiser.from_vector(vector, slope=slope).normalised()
+
+
+PHYSICS = PhysicsModel(LINEAR, tuple(map(claim, ("gyro.thermal_scale", "gyro.g_sensitivity", "gyro.thermal_bias"))), KNOWN)
+PAGE = {
+    **{name: MODELS[name] for name in ("linear", "tinygc", "tinygc_published", "tinygc_conditions", "tinygc_conditions, temperature")},
+    "tinygc_conditions, the other way round": conditioned("force", "temperature"),
+    "physics": PHYSICS,
+    "tinygc_physics": CarriedNet(PHYSICS, NET),
+    "tinygc_denoised": DenoisedNet(NET, random_denoiser(1.0), 208.0),
+    "tinygc_denoised, leaky": DenoisedNet(NET, random_denoiser(0.2), 208.0),
+    "tinygc_denoised, over other spans": DenoisedNet(LINEAR, replace(random_denoiser(0.5), dilations=(2, 1, 3)).normalised(), 208.0),
+}
+
+
+def exported(model: Any) -> dict[str, Any]:
+    (text,) = exporter("json").export(model, context()).values()
+    return json.loads(text)
+
+
+def worst(table: dict[str, Any]) -> float:
+    """rad/s: the largest difference between the reader's answers and the file's own."""
+    asked = table["self_test"]
+    answers = page_reader(table, *(np.array(asked[key]) for key in INPUTS), asked["rate_hz"])
+    return float(np.abs(answers - asked["omega_rps"]).max())
+
+
+@pytest.mark.parametrize("name", PAGE)
+def test_the_page_is_enough_to_compute_a_model(name):
+    assert worst(exported(PAGE[name])) < 1e-12
+
+
+@pytest.mark.parametrize("lags_s", [(0.0, 0.0, 0.0), (20.0, 0.0, -15.0), (0.3, 5.0, -0.2)])
+def test_the_page_is_enough_for_a_model_over_temperature(lags_s):
+    model = pytest.importorskip("tinygc.annexes.temperature.model", reason="the annex of temperature is not there")
+    rng = np.random.default_rng(8)
+    E = np.stack([np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 1e-4 * rng.normal(size=(3, 3)), 1e-6 * rng.normal(size=(3, 3))])
+    zero = rng.normal(size=(4, 3)) * np.array([1e-2, 1e-3, 1e-5, 1e-7])[:, None]
+    thermal = model.ThermalModel(E, zero, np.array(lags_s), reference_c=24.0, range_c=(25.2, 26.5))  # the test goes from 25 to 27
+    assert worst(exported(thermal)) < 1e-12
+
+
+def test_a_reader_without_the_half_difference_or_the_bend_is_found_out():
+    """So the tests above can fail: each is worth more than a hundredth of the full scale."""
+    table = exported(PAGE["tinygc_denoised, leaky"])
+    asked = table["self_test"]
+    rate = page_reader(table["calibration"], *(np.array(asked[key]) for key in INPUTS), asked["rate_hz"])
+    one_sided = np.stack([page_net(table["denoiser"], axis, x) for axis, x in enumerate(rate.T)], axis=1)
+    assert np.abs(one_sided - asked["omega_rps"]).max() > 0.1
+    table["denoiser"]["slope"] = 1.0
+    assert worst(table) > 0.1

@@ -23,7 +23,7 @@ static const uint64_t SHORTEST_Q32 = (59992ull << 32) / 10000, LONGEST_Q32 = (60
 /* Of a stamp, in ticks.  It names a whole tick, and may be two late or early: nobody knows how soon after its sample it is taken.  So it
  * is off the middle of its tick by 2.5, two are apart as their slots are to JITTERS, and the place that is held is off by as much, and by
  * the lag of set_period.  A stamp that deviates from the place by more than STRAY is none.  CLIP is what moves the place at most, by half:
- * a spoilt stamp moves it by three quarters of a tick, and teaches nothing. */
+ * a spoilt stamp moves it by three quarters of a tick. */
 static const uint64_t TICK = 1ull << 32, JITTERS = 5ull << 32, STRAY = 23ull << 30;
 static const int64_t CLIP = (int64_t)3 << 31;
 
@@ -46,7 +46,7 @@ void fifo_gap(struct lsm6dsx_fifo *fifo)
 
 /* The place follows the stamps as slowly as the period's doubt allows: its lag is doubt / gain, a quarter of a tick.  Where the stamps,
  * and not what silicon can be, have bounded the period from both sides, its middle is good to a fifth of the doubt, as the jitter is
- * seldom what it may be: then the doubt may add up to a tick.  At the lowest rate the lag is half a tick for the first second. */
+ * seldom what it may be: then the doubt may add up to a tick.  At the lowest rate the lag is half a tick for the first two seconds. */
 static void set_period(struct lsm6dsx_fifo *fifo, uint64_t shortest_q32, uint64_t longest_q32)
 {
     fifo->shortest_q32 = shortest_q32;
@@ -196,14 +196,12 @@ static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS]
         learn_from_here(fifo);
         return periods;
     }
-    const int64_t clipped_q32 = within(off_q32, CLIP);
     if (doubt_q32 > TICK / 4) /* it may have strayed by as much meanwhile: that much goes back into the tick that the stamp names */
         fifo->place_q32 = within(off_q32 - within(off_q32, (int64_t)(TICK / 2)), (int64_t)doubt_q32) - off_q32;
     else
-        fifo->place_q32 = part(clipped_q32, fifo->gain) - off_q32;
+        fifo->place_q32 = part(within(off_q32, CLIP), fifo->gain) - off_q32;
     fifo->learned += periods;
-    if (clipped_q32 == off_q32)
-        learn(fifo);
+    learn(fifo);
     return periods;
 }
 

@@ -249,7 +249,7 @@ def absent(ratio: float, odr: int, before: int, absent_s: float, jitter: int = 0
 
 @pytest.mark.parametrize("ratio", PERIODS)
 @pytest.mark.parametrize("odr", [1, broad(2), broad(3), broad(4), 5, broad(6), 7, broad(8), 9, 10])
-@pytest.mark.parametrize("jitter", [0, broad(1), broad(2)])
+@pytest.mark.parametrize("jitter", [0, broad(1), 2])
 def test_after_an_absence_the_count_is_right_or_a_fault_says_that_it_need_not_be(ratio, odr, jitter):
     """Whatever the period is and however well it is known by then: no good sample is dropped, and the time goes on by the sensor's."""
     certain = 0
@@ -475,7 +475,9 @@ def test_behind_a_restart_the_period_is_learned_anew():
     words = np.insert(words, 0, [tag(TEMPERATURE, 0), 0, 0, 0, 0, 0, 0], axis=0)
     words = np.insert(words, 4, [tag(TEMPERATURE, 1), 0, 0, 0, 0, 0, 0], axis=0)
     samples, _ = take_words(words, odr=9, again=True)
-    assert np.abs(ticks_off(samples, np.floor(exact[2:]), exact[2:])).max() <= 1.04
+    off = ticks_off(samples, np.floor(exact[2:]), exact[2:])
+    assert np.abs(off).max() <= 1.04
+    assert abs(off[1000:3000].mean()) <= 0.3  # the time lags a quarter of a tick at most
 
 
 def warm_words(slots: np.ndarray, order: tuple[int, ...], each: int) -> np.ndarray:

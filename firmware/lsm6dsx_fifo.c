@@ -4,12 +4,12 @@
 enum { GYRO = 1, ACCEL = 2, TEMPERATURE = 3, STAMP = 4, CONFIGURATION = 5 };
 
 /* What a time slot must have, and what it may have, by 1 << TAG_SENSOR. */
-enum { WHOLE = 1 << GYRO | 1 << ACCEL | 1 << STAMP, WARM = 1 << TEMPERATURE };
+enum { WHOLE = 1u << GYRO | 1u << ACCEL | 1u << STAMP, WARM = 1u << TEMPERATURE };
 
 enum {
     QUICKEST = 10,
-    NEAR = 256,         /* periods: a longer gap must have been one by the target's clock, too */
-    CLOCKS_SHARE = 16,  /* the two may differ by a sixteenth, */
+    NEAR = 256,          /* periods: a longer gap must have been one by the target's clock, too */
+    CLOCKS_SHARE = 16,   /* the two may differ by a sixteenth, */
     CLOCKS_PERIODS = 64, /* by what is not known of the age of a full FIFO's words, */
     GAIN_MOST = 12,
     FROM_BELOW = 1, FROM_ABOVE = 2, BOTH = FROM_BELOW | FROM_ABOVE,
@@ -18,13 +18,13 @@ static const uint32_t CLOCKS_US = 50000; /* and by this */
 
 /* Ticks of a period at the highest rate.  Nobody has published what it is: 40000 / 6667 = 5.9997, or six, as both rates hang on one
  * oscillator; 80 ppm are for what else it might be. */
-static const uint64_t SHORTEST_Q32 = (59992ull << 32) / 10000, LONGEST_Q32 = (60006ull << 32) / 10000;
+static const uint64_t SHORTEST_Q32 = (59992ULL << 32) / 10000, LONGEST_Q32 = (60006ULL << 32) / 10000;
 
 /* Of a stamp, in ticks.  It names a whole tick, and may be two late or early: nobody knows how soon after its sample it is taken.  So it
  * is off the middle of its tick by 2.5, two are apart as their slots are to JITTERS, and the place that is held is off by as much, and by
  * the lag of set_period.  A stamp that deviates from the place by more than STRAY is none.  CLIP is what moves the place at most, by half:
  * a spoilt stamp moves it by three quarters of a tick. */
-static const uint64_t TICK = 1ull << 32, JITTERS = 5ull << 32, STRAY = 23ull << 30;
+static const uint64_t TICK = 1ULL << 32, JITTERS = 5ULL << 32, STRAY = 23ULL << 30;
 static const int64_t CLIP = (int64_t)3 << 31;
 
 float fifo_rate_hz(uint8_t odr, int8_t freq_fine)
@@ -36,7 +36,7 @@ float fifo_rate_hz(uint8_t odr, int8_t freq_fine)
 uint64_t fifo_tick_q32(int8_t freq_fine)
 {
     const uint32_t divisor = (uint32_t)(2000 + 3 * freq_fine);
-    return ((50000ull << 32) + divisor / 2) / divisor;
+    return ((50000ULL << 32) + divisor / 2) / divisor;
 }
 
 void fifo_gap(struct lsm6dsx_fifo *fifo)
@@ -136,6 +136,15 @@ static int clocks_agree(const struct lsm6dsx_fifo *fifo, uint32_t ticks)
     return apart_us <= passed_us / CLOCKS_SHARE + periods_us + CLOCKS_US;
 }
 
+/* Whether the stamp in hand goes on by a period from the last one that the target's clock contradicted: then the clock has stood still,
+ * as where a core is held with its interrupts off. */
+static int confirms(const struct lsm6dsx_fifo *fifo)
+{
+    const int64_t step_q32 = (int64_t)((uint64_t)(fifo->ticks - fifo->contradicted) << 32);
+    const int64_t off_q32 = step_q32 - (int64_t)fifo->period_q32;
+    return within(off_q32, (int64_t)JITTERS) == off_q32;
+}
+
 static void learn_from_here(struct lsm6dsx_fifo *fifo)
 {
     fifo->learned_from = fifo->ticks;
@@ -188,8 +197,12 @@ static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS]
     const int certain = stray_q32 < 2 * fifo->period_q32;
     if (certain && (off_q32 > (int64_t)stray_q32 || off_q32 < -(int64_t)stray_q32))
         return 0;
-    if (periods > NEAR && !clocks_agree(fifo, ticks))
-        return 0;
+    if (periods > NEAR && !clocks_agree(fifo, ticks)) {
+        const int confirmed = certain && confirms(fifo);
+        fifo->contradicted = fifo->ticks;
+        if (!confirmed)
+            return 0;
+    }
     if (!certain) {
         faults[FAULT_STAMP]++;
         fifo->place_q32 = 0;
@@ -349,6 +362,6 @@ int fifo_take(struct lsm6dsx_fifo *fifo, const uint8_t *word, uint32_t now_us, u
             faults[FAULT_ORDER]++;
         fifo->spoilt = 1;
     }
-    fifo->have |= (uint8_t)(1 << kind);
+    fifo->have = (uint8_t)(fifo->have | 1u << kind);
     return complete;
 }

@@ -64,6 +64,7 @@ struct lsm6dsx_fifo {
     /* The stamp that the next one goes on from. */
     uint8_t anchored, bad_stamps, last_count;
     uint32_t last_ticks, stamped_us; /* the target's time when it was made */
+    uint32_t contradicted;           /* the last stamp that the target's clock did not agree with */
     int64_t place_q32;               /* ticks from the middle of the tick that it names to the time of its slot, as estimated */
     /* The sample period in ticks: what it is at least and at most, the middle, half of what lies between. */
     uint64_t shortest_q32, longest_q32, period_q32, doubt_q32;

@@ -191,15 +191,24 @@ def test_the_first_slot_need_not_be_whole():
     np.testing.assert_array_equal(samples["registers"][:, :6], registers_of(slots[1:-1]))
 
 
-def test_a_long_gap_counts_where_the_boards_clock_has_seen_it_too():
-    """Otherwise it is a stamp that was spoilt on its way, in any bit."""
+def test_a_long_gap_counts_where_the_boards_clock_or_the_next_stamp_has_seen_it_too():
+    """Otherwise it is a stamp that was spoilt on its way, in any bit.  The clock stands still where a core is held."""
     slots = np.concatenate([np.arange(10), np.arange(4010, 4030)])
-    words = words_of(slots, ticks_of(slots))
-    for made_us in (np.arange(len(words)) * 50, np.repeat(slots * 300, 3)):
-        samples, faults = take_words(words, made_us=made_us)
-        assert (len(samples), faults["stamp"]) == (10, 19)
-    samples, faults = take_words(words, made_us=np.repeat(slots * 150, 3))
+    ticks = ticks_of(slots)
+    samples, faults = take_words(words_of(slots, ticks), made_us=np.repeat(slots * 150, 3))
     assert (len(samples), faults) == (29, {"lost": 4000})
+    for made_us in (np.arange(3 * len(slots)) * 50, np.repeat(slots * 300, 3)):
+        samples, faults = take_words(words_of(slots, ticks), made_us=made_us)
+        assert faults == {"stamp": 1, "lost": 4001}
+        np.testing.assert_array_equal(samples["number"] - 1, np.delete(slots[:-1], 10))
+    slots = np.arange(40)
+    ticks = ticks_of(slots)
+    ticks[10] += 4 * 6 * 500
+    ticks[12] += 4 * 6 * 700
+    ticks[13] += 4 * 6 * 900
+    samples, faults = take_words(words_of(slots, ticks))
+    assert faults == {"stamp": 3, "lost": 3}
+    np.testing.assert_array_equal(samples["number"] - 1, np.delete(slots[:-1], [10, 12, 13]))
 
 
 def test_the_age_of_a_full_fifos_words_need_not_be_known():

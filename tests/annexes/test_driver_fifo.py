@@ -367,7 +367,7 @@ def test_time_does_not_drift_and_goes_on_evenly(ratio, late):
 @pytest.mark.parametrize("odr", [1, 5, 10])
 @pytest.mark.parametrize("late", [1, 2])
 def test_no_single_bit_of_a_late_stamp_makes_a_false_count(odr, late):
-    """Nor is the time off by more than three quarters of a further tick.  It costs its sample, and the next one where it seems to go back behind it."""
+    """Nor is the time off by more than three quarters of a further tick.  It costs its sample, and the next one if that is before it."""
     rng = np.random.default_rng(5)
     slots = np.concatenate([np.arange(40), np.arange(42, 80)])
     exact = 1000.3 + slots * 6.0 * 2 ** (10 - odr)

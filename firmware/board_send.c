@@ -94,6 +94,8 @@ void board_send_on(void)
 {
     if (waiting.by_dma && !landed())
         return;
+    if ((waiting.in - waiting.out) > RING) /* no program does that, an upset of a bit does: or old frames would be sent for hours */
+        waiting.out = waiting.until = waiting.in;
     change_rate();
     if (!waiting.by_dma)
         send_by_hand();

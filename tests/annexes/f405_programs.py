@@ -90,6 +90,7 @@ extern uint32_t data_start[], data_end[], data_load[], bss_start[], bss_end[], s
 __attribute__((section(".ccm"), used)) volatile uint32_t found[64];
 volatile uint32_t milliseconds;
 void halt(void) { for (;;) ; }
+__attribute__((weak)) void HardFault_Handler(void) { for (;;) ; }
 __attribute__((weak)) void SysTick_Handler(void) { milliseconds++; }
 __attribute__((weak)) void PendSV_Handler(void) {}
 __attribute__((weak)) void SVC_Handler(void) {}
@@ -109,7 +110,7 @@ void Reset_Handler(void)
 }
 typedef void (*vector)(void);
 __attribute__((section(".vectors"), used)) static const vector VECTORS[98] = {
-    [0] = (vector)(void *)stack_top, [1] = Reset_Handler, [2] = halt, [3] = halt, [11] = SVC_Handler, [14] = PendSV_Handler,
+    [0] = (vector)(void *)stack_top, [1] = Reset_Handler, [2] = halt, [3] = HardFault_Handler, [11] = SVC_Handler, [14] = PendSV_Handler,
     [15] = SysTick_Handler, [16 + 10] = EXTI4_Handler, [16 + 56] = DMA_Rx_Handler, [16 + 37] = USART1_Handler,
 };
 """

@@ -215,3 +215,44 @@ def test_memory_ends_where_the_parts_does(tmp_path):
     assert len(machine.cpu.memory(RAM, 128 * 1024)) == 128 * 1024
     with pytest.raises(ProgramError, match="no memory"):
         machine.cpu.memory(RAM + 128 * 1024, 1)
+
+
+FAULTS = """
+__attribute__((section(".kept"), used)) volatile uint32_t starts;
+void halt(void);
+int main(void)
+{
+    found[0] = ++starts;
+    if (starts == 1) { FAULT; }
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("fault", ["(void)REG(0x30000000)", '__asm volatile(".short 0xdeff")', "((void (*)(void))0x30000001)()"])
+def test_a_fault_enters_its_handler_where_that_is_wanted(fault, tmp_path):
+    """The handler asks for a reset; the second start comes to its end."""
+    text = FAULTS.replace("FAULT", fault).replace(
+        "void halt(void);", "void HardFault_Handler(void) { REG(0xE000ED0C) = 0x05FA0004; for (;;) ; }"
+    )
+    elf = compiled(text, tmp_path)
+    machine = Machine(elf, hard_faults=True)
+    machine.run_until(0.01)
+    assert (machine.resets, found(machine)) == (1, [2])
+    assert came_to_its_end(machine)
+    with pytest.raises(ProgramError, match="at 0x"):
+        Machine(elf).run_until(0.01)
+
+
+@pytest.mark.parametrize("fault", ["(void)REG(0x30000000)", '__asm volatile("mov sp, %0\\n\\tpush {r0}" :: "r"(0x30000000) : "memory")'])
+def test_a_fault_within_the_handler_or_without_a_stack_locks_up(fault, tmp_path):
+    """Until its watchdog comes, which waits for nobody."""
+    watched = "REG(0x40003000) = 0xCCCC;"
+    handler = "void HardFault_Handler(void) { (void)REG(0x30000000); }"
+    text = FAULTS.replace("FAULT", watched + fault).replace("void halt(void);", handler)
+    machine = Machine(compiled(text, tmp_path), hard_faults=True)
+    machine.run_until(0.4)
+    assert machine.locked_up
+    machine.run_until(0.6)  # 4096 counts of a quarter of 32 kHz
+    assert (machine.watchdog_resets, machine.locked_up, found(machine)) == (1, False, [2])
+    assert came_to_its_end(machine)

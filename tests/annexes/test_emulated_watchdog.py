@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from f405_programs import came_to_its_end, compiled, found, tools_missing
+from processes import run
 
 from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import SampleChunk
 from tinygc.annexes.emulated.readings import AtRest
 from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
@@ -25,6 +29,7 @@ from tinygc.annexes.emulated.machine import Machine
 
 pytestmark = pytest.mark.emulation
 
+RATE_HZ = 208
 LSI_HZ = (17e3, 32e3, 47e3)  #: least, typical and most of the data sheet
 WATCHED = """
 #define IWDG(o) REG(0x40003000 + (o))
@@ -159,7 +164,7 @@ def recorder(tmp_path_factory):
     if trouble := measure.tools_missing():
         pytest.skip(trouble)
     folder = tmp_path_factory.mktemp("watched")
-    return measure.build("recorder.elf", folder, folder, ODR_HZ="833")
+    return measure.build("recorder.elf", folder, folder, ODR_HZ=str(RATE_HZ))
 
 
 def bodies(stream: bytes) -> list[bytes]:
@@ -177,8 +182,8 @@ def samples(stream: bytes) -> int:
     return sum(body[0] == 0x01 for body in bodies(stream))
 
 
-def started(elf, lsi_hz: float, seconds: float = 2.0) -> Machine:
-    machine = Machine(elf, SensorPort(Asm330lhh(AtRest())), lsi_hz=lsi_hz)
+def started(elf, lsi_hz: float, seconds: float = 2.0, **how) -> Machine:
+    machine = Machine(elf, SensorPort(Asm330lhh(AtRest())), lsi_hz=lsi_hz, **how)
     machine.run_until(seconds)
     assert states(machine.usart1.take())[-1] & 0b1011 == 0b0011  # streamed, the sensor runs, no watchdog
     return machine
@@ -204,21 +209,87 @@ def test_a_board_that_hangs_is_reset_and_streams_again(recorder, lsi_hz, upset):
     machine.run_until(2.0 + 32032 / lsi_hz)
     assert (machine.resets, machine.watchdog_resets) == (1, 1)
     machine.usart1.take()
-    machine.run_until(machine.clock.now_s() + 2.0)
+    machine.run_until(machine.clock.now_s() + 1.5)
     stream = machine.usart1.take()
     assert states(stream)[-1] & 0b1011 == 0b1011
-    assert samples(stream) > 800
+    assert samples(stream) > 1.0 * RATE_HZ
     assert machine.watchdog_resets == 1
 
 
+def flip(machine: Machine, address: int, bit: int) -> None:
+    """One bit of the memory changes."""
+    (byte,) = machine.cpu.memory(address, 1)
+    machine.cpu.set_memory(address, bytes([byte ^ 1 << bit]))
+
+
+@pytest.mark.parametrize(
+    ("register", "bit", "resets"), [("PC", 13, 1), ("PC", 28, 1), ("SP", 30, 1), ("SP", 12, None), ("R4", 31, None), ("R9", 3, None)]
+)
+def test_a_bit_of_a_register_that_changes_costs_a_reset_at_most(recorder, register, bit, resets):
+    """A place where there is no program, a stack where there is no memory: a fault, or a core that locks up."""
+    machine = started(recorder, 32e3, hard_faults=True)
+    machine.cpu.set(register, machine.cpu.get(register) ^ 1 << bit | (register == "PC"))
+    machine.run_until(4.0)
+    machine.usart1.take()
+    machine.run_until(5.2)
+    assert samples(machine.usart1.take()) == pytest.approx(1.2 * RATE_HZ, rel=0.05)
+    assert machine.resets <= 1
+    assert resets is None or machine.resets == resets
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(60))
+def test_a_bit_of_the_memory_that_changes_ends_no_stream(recorder, seed):
+    """Any variable but the switch of the stream, which the host may have set: samples come again, each once."""
+    rng = np.random.default_rng(seed)
+    table = run(["arm-none-eabi-nm", "-S", recorder], capture_output=True, text=True, check=True).stdout
+    variables = [(int(at, 16), int(size, 16), name) for at, size, name in re.findall(r"^(2\w+) (\w+) [bdBD] (\S+)$", table, re.M)]
+    address, size, _ = [variable for variable in variables if variable[2] != "off"][rng.integers(len(variables) - 1)]
+    machine = started(recorder, 32e3, 1.0 + 0.01 * rng.random(), hard_faults=True)
+    flip(machine, address + size - 1 - int(rng.integers(min(size, 64))), int(rng.integers(8)))
+    machine.run_until(4.0)
+    decoder = StreamDecoder()
+    machine.usart1.take()
+    machine.run_until(5.2)
+    chunks = [chunk for chunk in decoder.feed(machine.usart1.take()) if isinstance(chunk, SampleChunk)]
+    assert sum(len(chunk.t_us) for chunk in chunks) == pytest.approx(1.2 * RATE_HZ, rel=0.05)
+    assert decoder.resets == 0
+
+
+def test_what_the_ring_cannot_hold_is_not_sent(recorder):
+    """A count of the ring with a bit too many: old frames would go out again for as long as it takes to send 4 GB."""
+    table = run(["arm-none-eabi-nm", recorder], capture_output=True, text=True, check=True).stdout
+    waiting = int(re.search(r"^(\w+) b waiting$", table, re.M)[1], 16)
+    machine = started(recorder, 32e3)
+    flip(machine, waiting + 8192 + 4 + 3, 6)  # out, which DMA's end moves on
+    machine.run_until(2.5)
+    machine.usart1.take()
+    machine.run_until(3.7)
+    assert samples(machine.usart1.take()) == pytest.approx(1.2 * RATE_HZ, rel=0.05)
+
+
+def test_a_recording_goes_on_behind_a_reset(recorder):
+    """The decoder of ``record`` takes it for what it is, and loses what was on its way."""
+    machine, decoder = started(recorder, 32e3), StreamDecoder()
+    for t_s in np.arange(2.1, 5.5, 0.1):
+        machine.run_until(t_s)
+        decoder.feed(machine.usart1.take())
+        if abs(t_s - 2.5) < 0.01:
+            hang(machine)
+    assert decoder.resets == 1
+    assert decoder.samples > 1.4 * RATE_HZ
+    assert decoder.lost == 0
+    assert decoder.garbage <= 100
+
+
 def test_a_board_that_works_is_never_reset(recorder):
-    """The quickest oscillator, its least period 0.68 s: a start, ten seconds, a command; a millisecond or two between two reloads."""
+    """The quickest oscillator, its least period 0.68 s: a start, six seconds, a command; a millisecond or two between two reloads."""
     machine = started(recorder, 47e3)
     machine.iwdg.longest_s = 0.0
-    machine.run_until(10.0)
+    machine.run_until(6.0)
     assert machine.iwdg.longest_s < 0.005
     machine.usart1.feed(frames.encode_command(frames.DATA_RATE, 1, 12.5))
-    machine.run_until(13.0)
+    machine.run_until(8.0)
     assert machine.resets == 0
     assert machine.iwdg.longest_s < 0.1
     assert machine.bus.objections == {}

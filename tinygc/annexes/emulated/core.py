@@ -8,7 +8,7 @@ from tinygc.annexes.emulated.bus import NEVER, CycleClock, Poll, TimedCall
 
 # Exceptions: which are pending, which are enabled, and which is taken next (ARMv7-M, B1.5).
 
-SVCALL, PENDSV, SYSTICK, EXTERNAL = 11, 14, 15, 16
+HARD_FAULT, SVCALL, PENDSV, SYSTICK, EXTERNAL = 3, 11, 14, 15, 16
 LINES = 82
 IDLE = 256  #: the priority without an exception
 PRIORITY_BITS = 0xF0  #: of eight, those that this part has
@@ -22,6 +22,7 @@ class Nvic:
         self.active: list[int] = []
         self.enabled = {SVCALL, PENDSV, SYSTICK}
         self.priority = [0] * (EXTERNAL + LINES)
+        self.priority[HARD_FAULT] = -1
         self._high: set[int] = set()  # interrupt lines that are high
 
     def line(self, interrupt: int, high: bool) -> None:

@@ -20,8 +20,8 @@ from tinygc.annexes.emulated.bus import (
     Kept,
     TimedCall,
 )
-from tinygc.annexes.emulated.core import SVCALL, Core, Exti, Gpio, Nvic, Syscfg
-from tinygc.annexes.emulated.cpu import CALLS, CORE, FLASH, RETURNS, UNIQUE_ID, WAITS, Cpu, segments
+from tinygc.annexes.emulated.core import HARD_FAULT, SVCALL, Core, Exti, Gpio, Nvic, Syscfg
+from tinygc.annexes.emulated.cpu import CALLS, CORE, FLASH, RETURNS, UNIQUE_ID, WAITS, Cpu, ProgramError, segments
 from tinygc.annexes.emulated.spi import Dma
 from tinygc.annexes.emulated.watchdog import LSI_HZ, Iwdg
 
@@ -75,10 +75,11 @@ class Machine:
     """An STM32F405 with the program of an ELF file, after reset.
 
     device: on the SPI; uid: the unique id, 12 bytes; stalls: (at_s, lasts_s), times in which the core stops, as with a debugger, while
-    everything else continues; lsi_hz: low-speed oscillator, which the watchdog counts.
+    everything else continues; lsi_hz: low-speed oscillator, which the watchdog counts.  hard_faults: whether a fault of the core enters its
+    handler, without its cause in the registers; else it ends the run, and says where.
 
     usart1, usart2: the ports; resets: number of resets, by the program or by its watchdog, and watchdog_resets: those by the watchdog;
-    slept: cycles in ``wfi``.
+    slept: cycles in ``wfi``; locked_up: whether the core stands still since a fault within its handler.
     Raises ValueError where the file is not a program for ARM, ProgramError where Unicorn is missing.
     """
 
@@ -90,6 +91,7 @@ class Machine:
         stalls: Iterable[tuple[float, float]] = (),
         cycles_per_instruction: float = CYCLES_PER_INSTRUCTION,
         lsi_hz: float = LSI_HZ,
+        hard_faults: bool = False,
     ):
         self.device: Device = device or Nothing()
         self.bus, self.clock = Bus(), CycleClock(cycles_per_instruction)
@@ -99,7 +101,7 @@ class Machine:
         self._segments = segments(elf)
         self.cpu.set_memory(UNIQUE_ID, uid)
         self.resets, self.watchdog_resets, self.slept = 0, 0, 0.0
-        self._end, self._reset_asked, self._lsi_hz = 0.0, 0, lsi_hz
+        self._end, self._reset_asked, self._lsi_hz, self._hard_faults = 0.0, 0, lsi_hz, hard_faults
         self._power_up(POWER_UP)
 
     def _power_up(self, cause: int) -> None:
@@ -123,7 +125,7 @@ class Machine:
         bus.blocks |= {0x40020000 + BLOCK * n: port for n, port in enumerate(self.ports.values())}
         bus.blocks |= {0x40011000: self.usart1, 0x40004400: self.usart2, spi.ADDRESS: self.spi, 0x40026400: self.dma}
         bus.blocks |= {0x40003000: self.iwdg, 0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}
-        self._asleep, self._rises = False, 0
+        self._asleep, self.locked_up, self._rises = False, False, 0
         self._pin_event: TimedCall | None = None
         self.device.select(False, clock.now_s())
         for address, data in self._segments:
@@ -228,35 +230,56 @@ class Machine:
                 self._reset()
                 nvic = self.nvic
             if self._stalls and self._stalls[0][0] <= clock.now():
-                self._let_pass(self._stalls[0][1])
+                passed = self._let_pass(self._stalls[0][1])
+                if self.core.watchdog_stops:
+                    self.iwdg.stand_still(passed)
                 if clock.now() >= self._stalls[0][1]:
                     del self._stalls[0]
+                continue
+            if self.locked_up:
+                self._let_pass(self._end)
                 continue
             budget = self._budget()
             if nvic.pending:
                 self._asleep = self._asleep and not nvic.wakes
                 number = nvic.due(self.cpu.get("PRIMASK") & 1, self.cpu.get("BASEPRI"))
                 if number:
-                    nvic.enter(number)
-                    self.cpu.enter(number, self.core.vectors)
-                    clock.base += EXCEPTION_CYCLES
+                    self._enter(number)
                     continue
                 if nvic.wakes:
                     budget = min(budget, MASKED_RUN)
             if self._asleep:
-                self._let_pass(min(clock.next(), self._end), asleep=True)
+                self.slept += self._let_pass(self._end)
                 continue
-            self._run(budget)
+            try:
+                self._run(budget)
+            except ProgramError as error:
+                self._fault(error)
 
-    def _let_pass(self, cycle: float, asleep: bool = False) -> None:
-        """Advance time without the core, up to the next event."""
+    def _let_pass(self, cycle: float) -> float:
+        """Advance time without the core, up to the next event; return the cycles."""
         clock = self.clock
         before = clock.now()
         clock.base = max(before, min(cycle, clock.next(), self._end))
-        if asleep:
-            self.slept += clock.base - before
-        elif self.core.watchdog_stops:
-            self.iwdg.stand_still(clock.base - before)
+        return clock.base - before
+
+    def _enter(self, number: int) -> None:
+        """Enter the handler of an exception."""
+        self.nvic.enter(number)
+        self.clock.base += EXCEPTION_CYCLES
+        try:
+            self.cpu.enter(number, self.core.vectors)
+        except ProgramError as error:
+            self._fault(error)
+
+    def _fault(self, error: ProgramError) -> None:
+        """Enter the handler of faults; within it, or without a stack, the core locks up (ARMv7-M, B1.5.15)."""
+        if not self._hard_faults:
+            raise error
+        if HARD_FAULT in self.nvic.active:
+            self.locked_up = True
+        else:
+            self._enter(HARD_FAULT)
 
     def _run(self, budget: int) -> None:
         why, executed = self.cpu.run(budget)
@@ -264,6 +287,8 @@ class Machine:
         if why == WAITS:
             self._asleep = not self.nvic.wakes
         elif why == RETURNS:
+            if not self.nvic.active:
+                raise ProgramError(f"return from an exception that there is none of, to 0x{self.cpu.pc:08x}")
             self.cpu.leave()
             self.nvic.leave()
             self.clock.base += EXCEPTION_CYCLES

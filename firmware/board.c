@@ -8,19 +8,19 @@
 #include "board_watchdog.h"
 #include "defaults.h"
 
-#define RCC_CR REG(RCC + 0x00)
-#define RCC_PLLCFGR REG(RCC + 0x04)
-#define RCC_CFGR REG(RCC + 0x08)
+#define RCC_CR REG(RCC + 0x00u)
+#define RCC_PLLCFGR REG(RCC + 0x04u)
+#define RCC_CFGR REG(RCC + 0x08u)
 #define FLASH_ACR REG(0x40023C00u)
 #define SYST_CSR REG(0xE000E010u)
 #define SYST_RVR REG(0xE000E014u)
 #define SYST_CVR REG(0xE000E018u)
 
 /* USART registers. */
-#define SR(base) REG((base) + 0x00)
-#define DR(base) REG((base) + 0x04)
-#define BRR(base) REG((base) + 0x08)
-#define CR1(base) REG((base) + 0x0C)
+#define SR(base) REG((base) + 0x00u)
+#define DR(base) REG((base) + 0x04u)
+#define BRR(base) REG((base) + 0x08u)
+#define CR1(base) REG((base) + 0x0Cu)
 
 enum {
     SPINS = 100000,

@@ -7,10 +7,10 @@
 #define REG(address) (*(volatile uint32_t *)(address))
 
 #define RCC 0x40023800u
-#define RCC_AHB1ENR REG(RCC + 0x30)
-#define RCC_APB1ENR REG(RCC + 0x40)
-#define RCC_APB2ENR REG(RCC + 0x44)
-#define RCC_APB2RSTR REG(RCC + 0x24)
+#define RCC_AHB1ENR REG(RCC + 0x30u)
+#define RCC_APB1ENR REG(RCC + 0x40u)
+#define RCC_APB2ENR REG(RCC + 0x44u)
+#define RCC_APB2RSTR REG(RCC + 0x24u)
 
 #define NVIC_ISER1 REG(0xE000E104u)
 
@@ -23,14 +23,14 @@
 
 /* DMA2: flags of streams 0 to 3 and 4 to 7, and the registers of a stream. */
 #define DMA2 0x40026400u
-#define DMA2_LISR REG(DMA2 + 0x00)
-#define DMA2_HISR REG(DMA2 + 0x04)
-#define DMA2_LIFCR REG(DMA2 + 0x08)
-#define DMA2_HIFCR REG(DMA2 + 0x0C)
-#define DMA2_CR(stream) REG(DMA2 + 0x10 + 0x18 * (stream))
-#define DMA2_NDTR(stream) REG(DMA2 + 0x14 + 0x18 * (stream))
-#define DMA2_PAR(stream) REG(DMA2 + 0x18 + 0x18 * (stream))
-#define DMA2_M0AR(stream) REG(DMA2 + 0x1C + 0x18 * (stream))
+#define DMA2_LISR REG(DMA2 + 0x00u)
+#define DMA2_HISR REG(DMA2 + 0x04u)
+#define DMA2_LIFCR REG(DMA2 + 0x08u)
+#define DMA2_HIFCR REG(DMA2 + 0x0Cu)
+#define DMA2_CR(stream) REG(DMA2 + 0x10u + 0x18u * (uint32_t)(stream))
+#define DMA2_NDTR(stream) REG(DMA2 + 0x14u + 0x18u * (uint32_t)(stream))
+#define DMA2_PAR(stream) REG(DMA2 + 0x18u + 0x18u * (uint32_t)(stream))
+#define DMA2_M0AR(stream) REG(DMA2 + 0x1Cu + 0x18u * (uint32_t)(stream))
 
 enum {
     DMA_ENABLE = 1u << 0,

@@ -4,10 +4,10 @@
 #include "board_registers.h"
 
 #define USART1 0x40011000u
-#define USART1_SR REG(USART1 + 0x00)
-#define USART1_DR REG(USART1 + 0x04)
-#define USART1_BRR REG(USART1 + 0x08)
-#define USART1_CR3 REG(USART1 + 0x14)
+#define USART1_SR REG(USART1 + 0x00u)
+#define USART1_DR REG(USART1 + 0x04u)
+#define USART1_BRR REG(USART1 + 0x08u)
+#define USART1_CR3 REG(USART1 + 0x14u)
 
 enum {
     RING = 8192, /* 50 ms at 6667 Hz */
@@ -94,8 +94,10 @@ void board_send_on(void)
 {
     if (waiting.by_dma && !landed())
         return;
-    if ((waiting.in - waiting.out) > RING) /* no program does that, an upset of a bit does: or old frames would be sent for hours */
-        waiting.out = waiting.until = waiting.in;
+    if ((waiting.in - waiting.out) > RING) { /* no program does that, an upset of a bit does: or old frames would be sent for hours */
+        waiting.out = waiting.in;
+        waiting.until = waiting.in;
+    }
     change_rate();
     if (!waiting.by_dma)
         send_by_hand();

@@ -5,10 +5,10 @@
 #include "defaults.h"
 
 #define SPI1 0x40013000u
-#define SPI_CR1 REG(SPI1 + 0x00)
-#define SPI_CR2 REG(SPI1 + 0x04)
-#define SPI_SR REG(SPI1 + 0x08)
-#define SPI_DR REG(SPI1 + 0x0C)
+#define SPI_CR1 REG(SPI1 + 0x00u)
+#define SPI_CR2 REG(SPI1 + 0x04u)
+#define SPI_SR REG(SPI1 + 0x08u)
+#define SPI_DR REG(SPI1 + 0x0Cu)
 
 #define POWER_OF_TWO(number) (((number) & ((number) - 1)) == 0)
 _Static_assert((SPI_DIVIDER >= 16) && (SPI_DIVIDER <= 256) && POWER_OF_TWO(SPI_DIVIDER), "SPI_DIVIDER is one of 16, 32, 64, 128, 256");
@@ -31,7 +31,7 @@ enum {
     CLEAR = 0x3Du | (0x3Du << 22),
     COMPLETE = 1u << 5, /* of stream 0 */
     ERRORS = (1u << 3) | (1u << 25),
-    LONG = 32,    /* bytes: below that, a byte at a time is quicker than setting up two streams */
+    LONG = 32,                 /* bytes: below that, a byte at a time is quicker than setting up two streams */
     SPINS = 125 * SPI_DIVIDER, /* a byte takes 16 SPI_DIVIDER cycles of the core */
     SPARE_US = 1000,           /* of the time that bytes take on the wire */
 };

@@ -83,20 +83,21 @@ static int landed(void)
 /* The next rate, once the last byte of the present one has left the port; or should have, as an error of DMA leaves no sign of that. */
 static void change_rate(void)
 {
-    const int left = ((USART1_SR & TC) != 0u) || ((board_milliseconds() - waiting.began_ms) >= waiting.most_ms);
-    if (!waiting.next_baud || ready() || !left)
+    if (!waiting.next_baud || ready())
         return;
-    board_host_baud(waiting.next_baud);
-    waiting.next_baud = 0;
+    if (((USART1_SR & TC) != 0u) || ((board_milliseconds() - waiting.began_ms) >= waiting.most_ms)) {
+        board_host_baud(waiting.next_baud);
+        waiting.next_baud = 0;
+    }
 }
 
 void board_send_on(void)
 {
     if (waiting.by_dma && !landed())
         return;
-    if ((waiting.in - waiting.out) > RING) { /* no program does that, an upset of a bit does: or old frames would be sent for hours */
+    if (((waiting.in - waiting.out) > RING) || (ready() > RING)) { /* an upset of a bit: or old frames would be sent for hours */
         waiting.out = waiting.in;
-        waiting.until = waiting.in;
+        waiting.next_baud = 0;
     }
     change_rate();
     if (!waiting.by_dma)

@@ -1,5 +1,5 @@
-/* The sensor's SPI: SPI1 on PA5 to PA7 with the chip select on PA4, mode 3, 5.25 MHz or what make SPI_DIVIDER= says;
- * long transfers by DMA2. */
+/* The sensor's SPI: SPI1 on PA5 to PA7 with the chip select on PA4, 5.25 MHz, mode 3; long transfers by DMA2.
+ * make SPI_DIVIDER= slows it. */
 #ifndef BOARD_SPI_H
 #define BOARD_SPI_H
 

@@ -15,7 +15,7 @@ import measure
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, STANDIN, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, Trouble
+from session.bench.events import BOARD_TYPE, FAULTS, STANDIN, BoardStatus, CommandResult, FaultCounts, Info, Trouble
 from session.io.units import DEG, G
 from tinygc.annexes.emulated.bus import CORE_HZ
 from tinygc.annexes.emulated.machine import Machine
@@ -115,7 +115,7 @@ class Driven:
         self.counts = dict.fromkeys(FAULTS, 0)
         self.troubles: list[Trouble] = []
         self.said: list[FaultCounts] = []
-        self._chunks: list[SampleChunk] = []
+        self._rest, self._frames, self._from_standin = b"", list[bytes](), False
         self._asked, self._answers = 0, {}
         self.made_up = 0
 
@@ -129,14 +129,24 @@ class Driven:
             self.bytes += len(data)
             for event in self.decoder.feed(data):
                 self._take(event)
+            self._keep(data)
+
+    def _keep(self, data: bytes) -> None:
+        """Keep the sensor's sample frames as they are: the decoder does not tell their numbers."""
+        *whole, self._rest = (self._rest + data).split(b"\0")
+        for frame in whole:
+            if len(frame) != frames.SAMPLE_BYTES:
+                if len(frame) >= frames.SHORTEST_OTHER:
+                    (message,), (good,) = frames.decode_blocks(np.frombuffer(frame, np.uint8)[None])
+                    if good and message[0] == BOARD_TYPE:
+                        self._from_standin = message[3] == STANDIN
+            elif self._from_standin:
+                self.made_up += 1
+            else:
+                self._frames.append(frame)
 
     def _take(self, event) -> None:
-        if isinstance(event, SampleChunk):
-            if self.board and self.board.source == STANDIN:
-                self.made_up += len(event.t_us)
-            else:
-                self._chunks.append(event)
-        elif isinstance(event, Info):
+        if isinstance(event, Info):
             self.info = event
         elif isinstance(event, BoardStatus):
             self.board = event
@@ -166,20 +176,21 @@ class Driven:
 
     def forget(self) -> None:
         """What was streamed and made up to now does not count."""
-        self._chunks, self.troubles = [], []
-        self.decoder.lost = 0
+        self._frames, self.troubles = [], []
         del self.sensor.kept[:-1000]  # the FIFO holds some of them
 
     def verdict(self) -> Verdict:
         """Of what was streamed since ``forget``.  ValueError where that holds no good sample."""
-        if not self._chunks:
+        if not self._frames:
             raise ValueError("no sample of the sensor was streamed")
+        bodies, whole = frames.decode_blocks(np.frombuffer(b"".join(self._frames), np.uint8).reshape(len(self._frames), -1))
+        streamed = np.ascontiguousarray(bodies[whole]).view(frames.SAMPLE).ravel()
+        got = streamed["registers"]
+        t_us = np.append(0, np.cumsum(np.diff(streamed["t_us"].astype(np.int64)) % 2**32))
         kept = self.sensor.kept
         made_s = np.array([made.t_s for made in kept])
         made = np.frombuffer(b"".join(made.registers for made in kept), "<i2").reshape(-1, 7)
         settled = np.array([made.unsettled & (GYRO_UNSETTLED | ACCEL_UNSETTLED) == 0 for made in kept])
-        t_us = np.concatenate([chunk.t_us for chunk in self._chunks])
-        got = np.concatenate([chunk.registers for chunk in self._chunks])
         masked = (got[:, :6] >= min(MASKS)).any(axis=1)
         keys = _spelled(made[:, 1:3])
         order = np.argsort(keys, kind="stable")
@@ -194,6 +205,9 @@ class Driven:
         kept_place = ~wrong & ~unsettled & ~doubled
         if not kept_place.any():
             raise ValueError(f"none of {len(got)} streamed samples is good: {np.count_nonzero(unsettled)} unsettled")
+        numbered = np.diff(streamed["sequence"][kept_place].astype(np.int64)) % 2**16
+        truly = np.diff(place[kept_place])
+        numbered += np.rint((truly - numbered) / 2**16).astype(np.int64) * 2**16  # the number has 16 bits
         limit_us = STAMP_US + TICK_US * self.silicon.stamp_jitter_ticks
         stamps = self._stamps(made_s, place[kept_place], t_us[kept_place], limit_us)
         late = np.flatnonzero(made_s < self.t_s - LATENCY_S)
@@ -203,9 +217,9 @@ class Driven:
             made=count,
             streamed=len(got),
             missing=int(count - np.count_nonzero(kept_place)),
-            said_lost=self.decoder.lost,
+            said_lost=int(np.sum(numbered - 1)),
             doubled=int(np.count_nonzero(doubled)),
-            falsified=int(np.count_nonzero(wrong & ~masked) + stamps.pop("false")),
+            falsified=int(np.count_nonzero(wrong & ~masked) + np.count_nonzero(~whole) + stamps.pop("false")),
             unsettled=int(np.count_nonzero(unsettled)),
             **stamps,
         )

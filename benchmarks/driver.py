@@ -305,7 +305,9 @@ def main() -> None:
             print_faults(rows)
         for name, sweep in driver_sweeps.SWEEPS.items():
             if name in chosen or "sweeps" in chosen:
-                found[name] = in_parallel(partial(driver_sweeps.row, elf=elf), list(sweep()), name, args.processes)
+                cases = list(sweep())
+                driver_sweeps.build_for(cases, elf)
+                found[name] = in_parallel(partial(driver_sweeps.row, elf=elf), cases, name, args.processes)
                 print_sweep(name, found[name])
     if args.json:
         args.json.write_text(json.dumps(found, indent=1) + "\n")

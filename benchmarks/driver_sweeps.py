@@ -143,10 +143,20 @@ HEAD = (
 )
 
 
+def _at_clock(elf: Path, divider: int) -> Path:
+    return elf.parent / f"spi{divider}"
+
+
+def build_for(cases: list[Case], elf: Path) -> None:
+    """Build the further programs that the cases need, in folders beside the first.  RuntimeError where that cannot be done."""
+    for divider in {case.spi_divider for case in cases} - {0}:
+        built(_at_clock(elf, divider), SPI_DIVIDER=str(divider))
+
+
 def row(case: Case, elf: Path) -> list:
     """What became of one case, by HEAD; behind it the objections and the CPU time, s."""
     if case.spi_divider:
-        elf = built(elf.parent / f"spi{case.spi_divider}", SPI_DIVIDER=str(case.spi_divider))
+        elf = _at_clock(elf, case.spi_divider) / elf.name
     began_s = time.process_time()
     driven = Driven(elf, faults=case.faults, stalls=case.stalls, silicon=case.silicon)
     said = ""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import argparse
+import re
+
 import numpy as np
 import pytest
 from asm330lhh_wire import ACCEL, GYRO, RATE_HZ, READY_S, SETTLED, Wire, counting, data, level, words
+from conftest import ROOT
 
-from tinygc.annexes.emulated.readings import LSM6DSO, AtRest, Fault, Oscillator, Silicon
+from tinygc.annexes.emulated import command
+from tinygc.annexes.emulated.readings import KINDS, LSM6DSO, AtRest, Fault, Oscillator, Silicon
 from tinygc.annexes.emulated.sensor import Asm330lhh
 
 TIMESTAMP = 4
@@ -391,6 +396,15 @@ def test_a_fault_is_said_with_its_register_and_bits():
     assert Fault.parse("tag_pair^18@5x2") == Fault("tag_pair", 5.0, words=2, mask=0x18)
     assert Fault.parse("rate@3+1.5") == Fault("rate", 3.0, 1.5)
     assert Fault.parse("late@.3") == Fault("late", 0.3)
+
+
+def test_every_kind_of_fault_is_named_in_the_help_and_on_the_page():
+    parser = argparse.ArgumentParser()
+    command.add_board_arguments(parser)
+    page = (ROOT / "docs" / "emulated-board.md").read_text()
+    for kind in KINDS:
+        assert re.search(rf"\b{kind}\b", parser.format_help())
+        assert f"`{kind}`" in page
 
 
 @pytest.mark.parametrize(

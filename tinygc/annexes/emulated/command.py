@@ -28,7 +28,8 @@ def add_board_arguments(command: argparse.ArgumentParser) -> None:
         type=path_read,
         metavar="ELF",
         help="run this program on an emulated STM32F405 with a model of the sensor, an ASM330LHH or LSM6DSO, that feels the session "
-        "(docs/emulated-board.md)",
+        "(docs/emulated-board.md); --faults is then KIND@S of zeros, ones, hang, reset, register, rate, late, identity, parity, tag_count, "
+        "tag_unknown, tag_pair, swapped, missing and int1",
     )
 
 

@@ -274,7 +274,8 @@ class Asm330lhh:
             self._say_change(before, address, t_s)
         elif reg.FIFO_CTRL1 <= address <= reg.FIFO_CTRL4:
             self.fifo.set_mode(r[reg.FIFO_CTRL4] & 7)
-            self.fifo.limit = self._flags.watermark if r[reg.FIFO_CTRL2] & reg.STOP_ON_WTM and self._flags.watermark else self.fifo.capacity
+            stops = r[reg.FIFO_CTRL2] & reg.STOP_ON_WTM and self._flags.watermark
+            self.fifo.limit = min(stops or self.fifo.capacity, self.fifo.capacity)
             self._set_batching()
             self._say_change(before, address, t_s)
 

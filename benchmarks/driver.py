@@ -52,7 +52,8 @@ def _off(name: str, address: int, mask: Callable[[int], int]) -> Injected:
 
 
 INJECTED = (
-    Injected("core held for 0.3 s: FIFO overrun", "stall", 0.3),
+    Injected("core held for 0.15 s: FIFO overrun", "stall", 0.15),
+    Injected("core and its clock held for 0.6 s", "stall", 0.6, times=5, apart_s=2.0),
     Injected("tag out of order", "tag_count"),
     Injected("unknown tag", "tag_unknown"),
     Injected("six unknown tags in a row", "tag_unknown", words=6),

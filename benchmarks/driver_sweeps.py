@@ -58,10 +58,10 @@ def absence() -> Iterator[Case]:
 
 
 def fifo() -> Iterator[Case]:
-    """The FIFO holds so many words, and the core is held for 0.3 s."""
-    for odr_hz in (833.0, 1667.0, 6667.0):
+    """The FIFO holds so many words, and the core is held for 0.15 s."""
+    for odr_hz in (1667.0, 3333.0, 6667.0):
         for words in (416, 438, 512):
-            yield Case(f"{words} words", odr_hz, Silicon(fifo_words=words), stalls=((AT_S, 0.3),), seconds=3.0)
+            yield Case(f"{words} words", odr_hz, Silicon(fifo_words=words), stalls=((AT_S, 0.15),), seconds=3.0)
 
 
 def settling() -> Iterator[Case]:

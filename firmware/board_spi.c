@@ -44,7 +44,7 @@ static struct {
     uint32_t began_us, most_us;
 } fetching;
 
-static const uint8_t ZERO;
+static const uint8_t ONES = 0xFF; /* a sensor that has missed the address takes it for a read */
 
 static void start_port(void)
 {
@@ -108,7 +108,7 @@ static int by_hand(const uint8_t *out, uint8_t *in, unsigned count)
     for (unsigned n = 0; n < count; n++) {
         if (!rises(TXE))
             return fail();
-        SPI_DR = out ? out[n] : 0;
+        SPI_DR = out ? out[n] : ONES;
         if (!rises(RXNE))
             return fail();
         const uint8_t byte = (uint8_t)SPI_DR;
@@ -123,7 +123,7 @@ static void begin_dma(uint8_t *in, unsigned count)
     DMA2_LIFCR = CLEAR;
     DMA2_PAR(RECEIVE) = DMA2_PAR(SEND) = (uint32_t)&SPI_DR;
     DMA2_M0AR(RECEIVE) = (uint32_t)in;
-    DMA2_M0AR(SEND) = (uint32_t)&ZERO;
+    DMA2_M0AR(SEND) = (uint32_t)&ONES;
     DMA2_NDTR(RECEIVE) = DMA2_NDTR(SEND) = count;
     SPI_CR2 = BY_DMA;
     DMA2_CR(RECEIVE) = DMA_CHANNEL(3) | DMA_URGENT | DMA_MEMORY_STEPS | DMA_TELLS | DMA_ENABLE;

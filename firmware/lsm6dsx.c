@@ -5,7 +5,7 @@
 enum { BAD_BURSTS = 3 }; /* in a row */
 
 static const uint32_t BOOT_MOST_US = 100000, BOOT_AGAIN_US = 10000; /* from power-up to a sensor that answers */
-static const uint32_t TRY_AGAIN_US = 100000;
+static const uint32_t TRY_AGAIN_US = 100000, RAN_LEAST_US = 50000;
 static const uint32_t LOOK_AGAIN_US = 2000; /* a tenth of what the FIFO holds at 6667 Hz: 3 kB are 438 words */
 static const uint32_t BURST_MOST_US = 20000; /* it takes 1 ms at 5.25 MHz */
 static const uint32_t QUIET_US = 15000, SILENCE_US = 50000; /* and four periods; a burst is due each 10 ms */
@@ -37,7 +37,8 @@ static void stand_still(struct lsm6dsx *sensor, enum fault fault)
     const bool once = sensor->running && ((fault == FAULT_RESET) || (fault == FAULT_CHANGED)); /* a bus that failed amid the registers looks so */
     const bool goes_on = sensor->set_up && (once || of_the_bus(fault));
     sensor->tried_us = sensor->bus->time();
-    sensor->again_us = goes_on ? LOOK_AGAIN_US : (sensor->set_up ? 0u : TRY_AGAIN_US); /* a start at once, for the first time */
+    const bool at_once = sensor->set_up && ((sensor->tried_us - sensor->step_us) >= RAN_LEAST_US); /* as the last start was of use */
+    sensor->again_us = goes_on ? LOOK_AGAIN_US : (at_once ? 0u : TRY_AGAIN_US);
     sensor->set_up = goes_on;
     sensor->running = false;
     sensor->starting = false;

@@ -23,7 +23,8 @@
 
 /* The four functions of a target.  SPI mode 3 (or 0). */
 struct lsm6dsx_bus {
-    /* Exchange bytes; out may be null (zeros are sent), or in (what comes is dropped).  TRANSFER_DONE, TRANSFER_FAILED within a
+    /* Exchange bytes; out may be null (send 0xFF: to a sensor that has missed the address a zero would be a write), or in (what comes
+     * is dropped).  TRANSFER_DONE, TRANSFER_FAILED within a
      * millisecond (a burst: within 5), or TRANSFER_BUSY: it goes on by itself, and the driver asks again with the same arguments.  Other
      * arguments, or an end of the selection, end one that still goes on.  A target that waits never says TRANSFER_BUSY. */
     int (*transfer)(const uint8_t *out, uint8_t *in, unsigned count);
@@ -95,8 +96,8 @@ void lsm6dsx_attach(struct lsm6dsx *sensor, const struct lsm6dsx_bus *bus, const
 void lsm6dsx_restart(struct lsm6dsx *sensor);
 
 /* The samples that have come since; most that there can be: FIFO_SAMPLES.  After a fault of the bus it goes on where the sensor is as it
- * was set; else it starts the sensor again, at once for the first time, then ten times a second, also a sensor that has never answered.
- * out may be null while the sensor does not run. */
+ * was set; else it starts the sensor again, at once where that has run for 50 ms, else ten times a second, also a sensor that has never
+ * answered.  out may be null while the sensor does not run. */
 unsigned lsm6dsx_poll(struct lsm6dsx *sensor, struct fifo_sample *out);
 
 /* For small targets: lsm6dsx_restart, and polls until it runs or has failed; 0.3 s at most.  FAULTS where it runs, LSM6DSX_IMPOSSIBLE

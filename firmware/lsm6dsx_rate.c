@@ -6,7 +6,8 @@ enum { GYRO = 1, ACCEL = 2, STAMP = 4 }; /* TAG_SENSOR */
 
 enum {
     PERIODS_LEAST = 64,
-    ODD_STEPS = 4,
+    ODD_STEPS = 4,     /* in a row, */
+    ODD_STEPS_MOST = 16, /* and so many are enough by themselves */
     TICKS = 6,         /* of the stamps in a period at the highest rate, by name */
     CLOCKS_SHARE = 16, /* the two clocks may differ by a sixteenth: 1 to 3 % of a target's RC oscillator, 0.1 % of the sensor's */
     LOSS_SHARE = 8,    /* and an eighth of the words or samples may be missing, or too many, for another reason */
@@ -33,7 +34,7 @@ void rate_take(struct lsm6dsx_rate *rate, const uint8_t *word, uint8_t odr)
     const uint32_t off = (step > period) ? (step - period) : (period - step);
     if (!rate->stamped || (off <= (period / 4u) + 1u))
         rate->odd_steps = 0;
-    else if (rate->odd_steps < ODD_STEPS)
+    else if (rate->odd_steps < ODD_STEPS_MOST)
         rate->odd_steps++;
     rate->last_ticks = ticks;
     rate->stamped = true;
@@ -56,6 +57,8 @@ bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uin
     const float passed_us = (float)(made_us - rate->began_us), periods = passed_us * 1e-6f * fifo_rate_hz(odr, freq_fine);
     const float period_ticks = (float)((uint32_t)TICKS << (LSM6DSX_QUICKEST - odr));
     bool wrong = false;
+    if (rate->odd_steps >= ODD_STEPS_MOST)
+        return true;
     if ((rate->odd_steps > 0u) && !rate_steps_are_odd(rate)) /* a stamp that was spoilt on its way is no end of a window */
         return false;
     if (rate->begun && (rate->settled == settled)) {

@@ -115,18 +115,16 @@ static int transfer(const uint8_t *out, uint8_t *in, unsigned count)
         const int as = behaviour == ANSWERS ? stands : behaviour;
         uint8_t byte = 0xFF;
         now_us += byte_us;
-        if (as == HANGS) { /* the sensor neither hears nor answers */
-            at.begun = 2;
-        } else if (at.begun == 2) { /* what it did not hear from the beginning it does not understand */
-        } else if (!at.begun) {
+        if (as == HANGS) { /* it neither hears nor answers */
+        } else if (!at.begun) { /* also amid a transfer, if it did not hear the address */
             at.begun = 1;
-            at.address = out[n];
+            at.address = out ? out[n] : 0xFF;
             if (at.address & READ)
                 get_ready(at.address);
         } else if (at.address & READ) {
             byte = answer();
         } else if (behaviour == ANSWERS && now_us >= wakes_us) {
-            take(out[n]);
+            take(out ? out[n] : 0xFF);
         }
         if (in)
             in[n] = as == ZEROS ? 0x00 : as == ONES ? 0xFF : byte;

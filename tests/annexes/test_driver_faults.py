@@ -216,3 +216,17 @@ def test_a_time_that_begins_anew_restarts_the_sensor():
     assert set(rest["registers"][:, 0]) <= set(registers_of(np.arange(5080, 5100))[:, 0])
     assert faults()["stamp"] >= 4
     assert faults()["starts"] == 1
+
+
+def test_a_sensor_that_misses_an_address_is_written_nothing():
+    """It takes the next byte for one.  A zero there would begin a write of zeros to all its registers."""
+    for from_us in range(0, 2500, 7):
+        started()
+        streamed(0, 30)
+        set_up = bytes(registers())[: CTRL10_C + 1]
+        number("line").value = HANGS
+        number("line_from_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + from_us
+        number("line_until_us", ctypes.c_uint32).value = number("line_from_us", ctypes.c_uint32).value + 5
+        streamed(30, 30, polls=10)
+        assert bytes(registers())[: CTRL10_C + 1] == set_up
+        assert "starts" not in faults()

@@ -103,7 +103,7 @@ def test_4000_dps_are_the_asm330lhhs():
 
 def test_the_gyroscope_is_off_for_10_ms_before_it_is_on_again():
     started(settles=False)
-    for restart in (library().start, lambda: (library().reset_registers(), poll(100))):
+    for restart in (library().start, lambda: (library().reset_registers(), poll(150))):
         number("logged", ctypes.c_uint32).value = 0
         restart()
         written = [(access, t_us) for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == CTRL2_G]

@@ -110,6 +110,7 @@ def test_another_rate_than_the_registers_say_is_counted_once_and_restarted(chang
         during.append(streamed_by_time(place, 10, change))
         place += 10
         assert place < WINDOW + 100
+    assert place < 200 or change is not halved  # all the stamps say so
     assert (faults()["rate"], faults()["starts"]) == (1, 1)
     assert not {"silent", "changed", "overrun", "parity", "tag"} & faults().keys()
     delivered = np.concatenate(during)
@@ -136,6 +137,14 @@ def test_another_rate_from_the_start_on(change):
     found = np.concatenate(delivered)
     steps = np.diff(found["registers"][:, 0].astype(int))
     np.testing.assert_array_equal(steps, np.diff(found["number"].astype(int)))
+
+
+def test_a_rate_that_no_start_mends_is_tried_ten_times_a_second_at_most():
+    started()
+    streamed_by_time(0, 1000, halved)
+    before = faults()["starts"]
+    streamed_by_time(1000, 2 * WINDOW, halved)
+    assert 8 < faults()["starts"] - before <= 20
 
 
 @pytest.mark.parametrize(("milliseconds", "wrong"), [(27, True), (29, False), (31, False), (33, True)])

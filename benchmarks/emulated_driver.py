@@ -174,6 +174,11 @@ class Driven:
         self.run(seconds)
         return 1 - (self.machine.slept - slept) / (self.machine.clock.now() - began)
 
+    @property
+    def streamed(self) -> int:
+        """Samples of the sensor that were streamed since ``forget``."""
+        return len(self._frames)
+
     def forget(self) -> None:
         """What was streamed and made up to now does not count."""
         self._frames, self.troubles = [], []

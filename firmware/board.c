@@ -133,7 +133,6 @@ void board_wait_us(uint32_t us)
     const uint32_t began = board_microseconds();
     while ((board_microseconds() - began) < us) {
         board_wait();
-        board_alive(); /* as long as the driver waits for a start and a self-test in here */
     }
 }
 

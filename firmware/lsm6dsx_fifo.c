@@ -284,7 +284,7 @@ static void take_warmth(struct lsm6dsx_fifo *fifo, int whole)
 {
     if (whole && fifo->whole_before && fifo->waiting)
         fifo_temperature(fifo, fifo->waiting_warmth);
-    fifo->waiting = (uint8_t)(fifo->whole_before && (fifo->have & WARM) != 0);
+    fifo->waiting = (fifo->whole_before && ((fifo->have & WARM) != 0u)) ? 1u : 0u;
     fifo->waiting_warmth = fifo->warmth;
     fifo->whole_before = (uint8_t)whole;
 }

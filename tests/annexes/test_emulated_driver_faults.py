@@ -124,7 +124,7 @@ def test_settling_is_said_and_takes_what_the_filters_need(elf):
     assert (driven.board.runs, driven.board.settles) == (True, True)
     driven.forget()
     driven.run(1.3)
-    assert not driven._chunks
+    assert not driven.streamed
     driven.run(1.2)
     assert (driven.board.runs, driven.board.settles) == (True, False)
     found = driven.verdict()
@@ -175,7 +175,7 @@ def test_the_port_carries_what_the_page_says(elf, row):
     driven.forget()
     before = driven.bytes
     driven.run(4.0)
-    samples = sum(len(chunk.t_us) for chunk in driven._chunks)
+    samples = driven.streamed
     assert samples > 4 * nominal_hz
     other = (driven.bytes - before) - frames.SAMPLE_BYTES * samples
     assert 10 * (frames.SAMPLE_BYTES * nominal_hz + other / 4) / 1e3 == pytest.approx(stated, abs=0.06)

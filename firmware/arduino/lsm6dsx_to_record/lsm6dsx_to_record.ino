@@ -20,7 +20,7 @@ static_assert(ODR_HZ <= 417, "eight bits at 16 MHz do not write the lines of thi
 
 int transfer(const uint8_t *out, uint8_t *in, unsigned count) {
   for (unsigned n = 0; n < count; n++) {
-    const uint8_t byte = SPI.transfer(out ? out[n] : 0);
+    const uint8_t byte = SPI.transfer(out ? out[n] : 0xFF);
     if (in) in[n] = byte;
   }
   return TRANSFER_DONE;

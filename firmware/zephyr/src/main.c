@@ -5,6 +5,8 @@
 #include <zephyr/kernel.h>
 #include <zephyr/sys/printk.h>
 
+#include <string.h>
+
 #include "lsm6dsx.h"
 
 #define ODR_HZ 104 /* 12 (that is 12.5), 26, 52, 104, 208, 417, 833 */
@@ -23,9 +25,12 @@ BUILD_ASSERT(61 * 10 * ODR_HZ / 100 * 115 <= CONSOLE_BAUD, "the console does not
 
 static const struct spi_dt_spec spi = SPI_DT_SPEC_GET(DT_NODELABEL(imu), OPERATION, 0);
 
+/* What is sent where only the answer counts: not zeros, as a sensor that missed the address would take these for writes. */
+static uint8_t ones[FIFO_WORDS * FIFO_WORD_BYTES];
+
 static int transfer(const uint8_t *out, uint8_t *in, unsigned count)
 {
-    const struct spi_buf sent = {(void *)out, count}, received = {in, count}; /* null: zeros, and what comes is dropped */
+    const struct spi_buf sent = {out ? (void *)out : ones, count}, received = {in, count}; /* null: what comes is dropped */
     const struct spi_buf_set out_set = {&sent, 1}, in_set = {&received, 1};
     return spi_transceive_dt(&spi, &out_set, &in_set) == 0 ? TRANSFER_DONE : TRANSFER_FAILED;
 }
@@ -77,6 +82,7 @@ int main(void)
 {
     const struct lsm6dsx_settings settings = {GYRO_FS_DPS, ACCEL_FS_G, lsm6dsx_odr(ODR_HZ == 12 ? 12.5f : ODR_HZ), LPF1_OFF, 2};
     int64_t said_ms = k_uptime_get();
+    memset(ones, 0xFF, sizeof ones);
     lsm6dsx_attach(&sensor, &BUS, &settings); /* the first polls look for the sensor and start it */
     for (;; k_msleep(1)) {
         print_samples(lsm6dsx_poll(&sensor, samples));

@@ -519,3 +519,20 @@ def test_no_two_bits_of_a_tag_make_a_false_temperature(order, each):
     assert np.all((kept[warm] - late[warm]) % each == 0)
     assert set(late[warm]) <= set(range(3 * each + 5))
     assert faults.get("parity", 0) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("odr", range(1, 11))
+@pytest.mark.parametrize(("ratio", "late"), [(40000 / 6667, 0), (6.0, 1), (6.0003, 2)])
+def test_a_million_samples_at_each_rate(odr, ratio, late):
+    """At 12.5 Hz that is a day: nothing is lost, the numbers are the slots', and the time never strays by more than is stated."""
+    slots = np.arange(1_000_001)
+    period = ratio * 2 ** (10 - odr)
+    exact = 2**31 + 0.3 + slots * period
+    ticks = np.floor(exact).astype(np.int64) + np.random.default_rng(odr).integers(-late, late + 1, len(slots))
+    words = words_of(slots, ticks)
+    samples, faults = take_words(words, odr=odr, made_us=np.repeat(exact * 25, 3))
+    assert not faults
+    np.testing.assert_array_equal(samples["number"] - 1, slots[:-1])
+    np.testing.assert_array_equal(samples["registers"][:, :6], registers_of(slots[:-1]))
+    assert np.abs(ticks_off(samples, ticks, exact)).max() <= late + 1.04

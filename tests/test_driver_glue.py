@@ -223,7 +223,7 @@ def avr(tmp_path_factory):
     return make
 
 
-@pytest.mark.broad
+@pytest.mark.emulation
 @pytest.mark.parametrize("chip", CHIPS)
 def test_it_fits_into_an_arduino(avr, chip):
     """Flash and memory stay below what docs/boards.md says."""

@@ -21,6 +21,8 @@ TARGETS = {
     "signed char, 64 bits": ("gcc", "-fsigned-char", "-pedantic"),
 }
 
+pytestmark = pytest.mark.emulation  # with the tools that the firmware is built with
+
 
 @cache
 def builds(compiler: tuple[str, ...]) -> bool:

@@ -158,4 +158,5 @@ def test_the_chip_that_answers_names_the_sensor_where_nobody_else_does(tmp_path,
     file = SessionFile(tmp_path, None, None, None, None, sensor=given)
     assert file.configure(INFO, board=board).sensor.model == model
     assert read_config(file.path).sensor.model == model
+    assert "LSM6DSO32 as well, but its accelerometer's ranges are twice as wide" in file.path.read_text()
     assert file.assumed == (model == "ASM330LHH")

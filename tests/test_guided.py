@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,9 +11,9 @@ import pytest
 from conftest import Table, broad, config
 from processes import PATIENCE_S
 
-from session.bench.events import Info, SampleChunk, Trouble
+from session.bench.events import SENSOR, BoardStatus, Info, SampleChunk, Trouble
 from session.bench.guide import Guide
-from session.bench.guided_session import GuidedRecording
+from session.bench.guided_session import RESET_SAYS, GuidedRecording
 from session.bench.messages import Kind, Stage
 from session.io.errors import OtherSensor
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
@@ -109,6 +110,15 @@ def test_pulled_and_reset_anywhere(at):
         assert guide.accepted == 4
         (warning,) = [change for change in said.changes if "a new log begins" in change.text]
         assert warning.at_s == pytest.approx(at * 50 / 208 if at > 4 else 0.0, abs=0.3)
+
+
+def test_each_of_a_boards_resets_is_said_with_what_it_came_of():
+    board = BoardStatus(SENSOR, True, True, "1.2.3", 0x6B, -4, bytes(10), 921600, 208.0)
+    hung = replace(board, by_watchdog=True)
+    steps = [INFO, board, *chunks(SESSION)[:14], hung, Trouble("reset"), *chunks(SESSION)[:14], Trouble("reset")]
+    _, said = led(Port([*steps, *chunks(SESSION, seed=1)]))
+    new_log = "the board was reset: a new log begins"
+    assert said.texts(Kind.WARNING) == [RESET_SAYS["watchdog"], new_log, new_log, RESET_SAYS["watchdog"]]
 
 
 def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):

@@ -11,8 +11,8 @@ from streams import INFO, frame_list, sent
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, SelfTestResult, Trouble
-from session.bench.guided_session import BY_WATCHDOG, MOST_SAID, NO_SENSOR, SETTLES, BoardReporter, SensorIdentity
+from session.bench.events import FAULTS, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, SelfTestResult, Trouble, starts_log
+from session.bench.guided_session import MOST_SAID, NO_SENSOR, RESET_SAYS, SETTLES, BoardReporter, SensorIdentity
 from session.bench.logwriter import LogWriter
 from session.io.errors import OtherSensor
 
@@ -54,6 +54,19 @@ def test_faults_of_firmware_1_0_have_no_rate():
     """Sixteen counts, as boards in the field send them."""
     (message,) = StreamDecoder().feed(HELLO + frame(struct.pack("<BH16I", 0x06, 0, *range(16))))[-1:]
     assert message.counts == (*range(16), 0)
+
+
+def test_the_order_of_the_counts_is_that_of_the_firmware():
+    """A frame as it goes over the wire, byte for byte: where each count is, by docs/firmware.md.  Overrun is 1, order 2, ..., rate 17."""
+    body = bytes.fromhex(
+        "06 0000 01000000 02000000 03000000 04000000 05000000 06000000 07000000 08000000 09000000 0a000000 0b000000 0c000000 0d000000"
+        "0e000000 0f000000 10000000 11000000"
+    )
+    (message,) = StreamDecoder().feed(HELLO + frame(body))[-1:]
+    assert message.text == (
+        "faults overrun=1 order=2 parity=3 tag=4 hang=5 zeros=6 ones=7 reset=8 changed=9 identity=10 silent=11 stamp=12 incomplete=13 "
+        "starts=14 lost=15 crowded_out=16 rate=17"
+    )
 
 
 def test_every_field_of_the_four_frames():
@@ -124,12 +137,14 @@ def test_a_log_keeps_them_as_comments(tmp_path):
 
 
 def heard(*data: bytes) -> list[str]:
-    words = BoardReporter()
-    return [
-        line
-        for event in StreamDecoder().feed(HELLO + b"".join(data))
-        for line in (words.hear(event) if not isinstance(event, Info) else [])
-    ]
+    """The lines of the messages and resets in a stream."""
+    words, said, decoder = BoardReporter(), [], StreamDecoder()
+    for event in decoder.feed(HELLO + b"".join(data)) + decoder.finish():
+        if starts_log(event):
+            said += words.was_reset()
+        elif not isinstance(event, (Info, SampleChunk, Trouble)):
+            said += words.hear(event)
+    return said
 
 
 def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
@@ -156,12 +171,57 @@ def test_a_stand_in_is_said():
     assert heard(board_frame(source=1)) == []
 
 
-def test_settling_filters_and_a_watchdogs_reset_are_said_once():
+def test_settling_filters_are_said_once():
     assert heard(board_frame(state=7), board_frame(state=7), board_frame(state=3)) == [SETTLES]
-    assert heard(board_frame(state=11), board_frame(state=11)) == [BY_WATCHDOG]
-    event = StreamDecoder().feed(HELLO + board_frame(state=12))[1]
-    assert (event.streams, event.runs, event.settles, event.by_watchdog) == (False, False, True, True)
-    assert event.text.endswith(" reset=watchdog")
+    event = StreamDecoder().feed(HELLO + board_frame(state=4))[1]
+    assert (event.streams, event.runs, event.settles, event.reset) == (False, False, True, "")
+
+
+#: states of a board that streams its sensor: as switched on, behind its watchdog's reset, behind a fault of its core
+ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
+WATCHDOG, FAULT = RESET_SAYS["watchdog"], RESET_SAYS["fault"]
+
+
+@pytest.mark.parametrize(
+    ("state", "flags", "comment"),
+    [(ON, (False, False), "00200"), (HUNG, (True, False), "watchdog"), (ASTRAY, (False, True), "fault"), (3 | 24, (True, True), "fault")],
+)
+def test_what_a_reset_came_of_is_in_the_log(state, flags, comment):
+    """Of a sensor, and of a stand-in."""
+    sensor, standin = (StreamDecoder().feed(HELLO + board_frame(source, state=state))[1] for source in (1, 0))
+    assert (sensor.by_watchdog, sensor.by_fault) == flags
+    assert sensor.text.endswith(f" reset={comment}" if any(flags) else REGISTERS.hex())
+    assert standin.text == "board source=stand-in firmware=1.2.3" + (f" reset={comment}" if any(flags) else "")
+
+
+def restarted(*states: int) -> list[bytes]:
+    """A board that starts again and again, each time with a status before its samples and two among them: their stamps begin anew."""
+    rows = b"".join(frame_list(*sent(1200, start_us=5000)))
+    return [board_frame(state=state) + rows[: len(rows) // 2] + board_frame(state=state) + rows[len(rows) // 2 :] for state in states]
+
+
+@pytest.mark.parametrize(
+    ("states", "says"),
+    [
+        ((ON, HUNG, HUNG, HUNG), [WATCHDOG, WATCHDOG, WATCHDOG]),  # the second and the third are said as well
+        ((ON, ASTRAY, HUNG, ASTRAY), [FAULT, WATCHDOG, FAULT]),
+        ((HUNG,), [WATCHDOG]),  # before this recording
+        ((HUNG, HUNG), [WATCHDOG, WATCHDOG]),
+        ((ON, HUNG, ON, HUNG), [WATCHDOG, WATCHDOG]),  # somebody pressed its button between them
+        ((ON, ON), []),
+    ],
+)
+def test_what_each_reset_came_of_is_said_once(states, says):
+    assert heard(*restarted(*states)) == says
+    assert "since power-up" in WATCHDOG  # nothing is claimed of this recording
+
+
+def test_what_a_reset_came_of_is_said_where_its_first_status_was_lost():
+    """Then the stamps show the reset first."""
+    begun, again = restarted(ON, HUNG)
+    cut = again[len(board_frame(state=HUNG)) :]
+    assert heard(begun, cut, again) == [WATCHDOG, WATCHDOG]
+    assert heard(begun, again, again) == [WATCHDOG, WATCHDOG]
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,8 @@ class BoardStatus:
     baud: int  #: of the host's port
     odr_hz: float  #: nominal
     settles: bool = False  #: the sensor runs, but its filters have not settled: no samples yet
-    by_watchdog: bool = False  #: whether the board's last reset was its watchdog's
+    by_watchdog: bool = False  #: whether the board's last reset since power-up was its watchdog's
+    by_fault: bool = False  #: whether it was behind a fault of its core
 
     @property
     def source_name(self) -> str:
@@ -132,13 +133,17 @@ class BoardStatus:
         return {STANDIN: STANDIN_NAME, SENSOR: SENSOR_NAME}.get(self.source, str(self.source))
 
     @property
+    def reset(self) -> str:
+        """What the board's last reset since power-up came of: ``fault``, ``watchdog``, or empty where somebody wanted it."""
+        return "fault" if self.by_fault else "watchdog" if self.by_watchdog else ""
+
+    @property
     def text(self) -> str:
         """As a log's comment, without the ``#``."""
-        source = f"board source={self.source_name} firmware={self.firmware}"
-        if self.source == STANDIN:  # which has no registers
-            return source
-        registers = f"who_am_i=0x{self.who_am_i:02X} freq_fine={self.freq_fine} registers={self.registers.hex()}"
-        return f"{source} {registers}" + (" reset=watchdog" if self.by_watchdog else "")
+        words = f"board source={self.source_name} firmware={self.firmware}"
+        if self.source != STANDIN:  # which has no registers
+            words += f" who_am_i=0x{self.who_am_i:02X} freq_fine={self.freq_fine} registers={self.registers.hex()}"
+        return words + (f" reset={self.reset}" if self.reset else "")
 
 
 @dataclass(frozen=True)
@@ -193,7 +198,7 @@ def decode_message(body: bytes) -> BoardMessage | None:
     values = _CONTENT[kind].unpack_from(body, _HEAD.size)
     if kind == BOARD_TYPE:
         source, state, major, minor, patch, who, fine, registers, baud, odr_hz = values
-        firmware, states = f"{major}.{minor}.{patch}", [bool(state >> bit & 1) for bit in range(4)]
+        firmware, states = f"{major}.{minor}.{patch}", [bool(state >> bit & 1) for bit in range(5)]
         return BoardStatus(source, states[0], states[1], firmware, who, fine, registers, baud, odr_hz, *states[2:])
     if kind == FAULTS_TYPE:
         return FaultCounts(values)

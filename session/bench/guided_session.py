@@ -73,7 +73,11 @@ FOUND = (
     "those before it hold no sensor's samples: take them out of the folder (check names them)"
 )
 SETTLES = "the sensor's filters settle: samples come once they have (narrow filters at a low rate take up to a minute)"
-BY_WATCHDOG = "the board's program had hung, and its watchdog has started it again: what it sent before is another log"
+#: by ``BoardStatus.reset``; a board says it until power-up, so it need not have happened in this recording
+RESET_SAYS = {
+    "watchdog": "the board's last reset since power-up was its watchdog's: its program had hung",
+    "fault": "the board's last reset since power-up was behind a fault of its core: its program had gone astray",
+}
 NOBODY = (0x00, 0xFF)  #: WHO_AM_I of a bus without an answer
 #: reports of faults; a sensor with a loose wire causes them all the time
 MOST_SAID = 20
@@ -88,11 +92,20 @@ class BoardReporter:
         self.counted: Counter[str] = Counter()  #: faults of the whole recording, by name
         self._reports = 0
         self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
+        # A reset shows in the board's status and in the stamps of its samples, mostly in this order; its cause is said once.
+        self._status_first = self._stamps_first = False  # so far only the one, or only the other
 
     def new_connection(self) -> None:
         """Messages from here on may be another board's, or of one that was switched on again."""
         self.board = self.faults = None
-        self._open_fault = False
+        self._open_fault = self._status_first = self._stamps_first = False
+
+    def was_reset(self) -> list[str]:
+        """The samples' stamps have begun anew: the line of what the reset came of, unless it is said already, or not known."""
+        cause = self.board.reset if self.board is not None else ""
+        known, self._status_first = self._status_first, False
+        self._stamps_first = not (known or cause)
+        return [RESET_SAYS[cause]] if cause and not known else []
 
     def changes_source(self, board: BoardStatus) -> bool:
         """Whether the samples come from another source from here on: the sensor instead of its stand-in, or the reverse."""
@@ -101,25 +114,28 @@ class BoardReporter:
     def hear(self, message: BoardMessage) -> list[str]:
         """The lines of a message; none where it brings no news."""
         if isinstance(message, BoardStatus):
-            before, changes, self.board = self.board, self.changes_source(message), message
-            if message.source == SENSOR:
-                said = [FOUND] if changes else []
-                if message.settles and not (before is not None and before.settles):
-                    said.append(SETTLES)
-                if message.by_watchdog and not (before is not None and before.by_watchdog):
-                    said.append(BY_WATCHDOG)
-                return said
-            if message.source != STANDIN or (before is not None and before.source == STANDIN):
-                return []
-            if message.who_am_i in NOBODY:
-                return [NO_SENSOR]
-            who = "a sensor answers on its bus, but did not start"
-            if message.who_am_i not in CHIPS:
-                who = f"a chip that is no {' and no '.join(CHIPS.values())} answers on its bus"
-            return [f"{NO_SENSOR}; {who}: WHO_AM_I 0x{message.who_am_i:02X}"]
+            return self._status(message)
         if isinstance(message, SelfTestResult):
             return [f"the sensor's self-test failed (bits 0x{message.failed:X})"] if message.failed else []
         return self._faults(message) if isinstance(message, FaultCounts) else []
+
+    def _status(self, message: BoardStatus) -> list[str]:
+        before, changes, self.board = self.board, self.changes_source(message), message
+        said = [FOUND] if changes and message.source == SENSOR else []
+        if message.source == SENSOR and message.settles and not (before is not None and before.settles):
+            said.append(SETTLES)
+        if before is None or message.reset != before.reset:
+            said += [RESET_SAYS[message.reset]] if message.reset else []
+            self._status_first = before is not None and not self._stamps_first
+        self._stamps_first = False
+        if message.source != STANDIN or (before is not None and before.source == STANDIN):
+            return said
+        if message.who_am_i in NOBODY:
+            return [*said, NO_SENSOR]
+        who = "a sensor answers on its bus, but did not start"
+        if message.who_am_i not in CHIPS:
+            who = f"a chip that is no {' and no '.join(CHIPS.values())} answers on its bus"
+        return [*said, f"{NO_SENSOR}; {who}: WHO_AM_I 0x{message.who_am_i:02X}"]
 
     def _faults(self, message: FaultCounts) -> list[str]:
         before, self.faults = self.faults, message
@@ -384,6 +400,7 @@ class GuidedRecording:
         self._checkpoints += 1
         self._sound = self._checkpoints
         self._early = []
+        because = self.board.was_reset() if kind == "reset" else []
         if kind == "reconnect":
             self.board.new_connection()
             self._same.new_connection()
@@ -397,6 +414,8 @@ class GuidedRecording:
         self._new_logs += 1
         if self._new_logs <= SHORT_STARTS:
             self._say(Kind.WARNING, f"{NEW_LOG_SAYS[kind]}: a new log begins")
+            for words in because:
+                self._say(Kind.WARNING, words)
         if self._new_logs == SHORT_STARTS:  # a board that resets again and again would fill the screen
             again = f"this was the {SHORT_STARTS}th time, later ones are not shown"
             self._say(Kind.WARNING, f"{again}; a start that lasts less than {SHORT_US / 1e6:g} s gets no log")

@@ -152,7 +152,7 @@ FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-f
 BOARD = "the board"
 BOARD_REMARKS = {
     "who_am_i": "107 is 0x6B: an ASM330LHH, or a sibling of it (ASM330LHHX, ISM330DHCX, LSM6DSR …); no register says which; "
-    "108 is 0x6C: an LSM6DSO, LSM6DSOX or LSM6DSO32"
+    "108 is 0x6C: an LSM6DSO or LSM6DSOX; an LSM6DSO32 as well, but its accelerometer's ranges are twice as wide: do not use it here"
 }
 MOST_A_SECOND = 99  #: notes
 SAME_MOMENT_S = 1e-3

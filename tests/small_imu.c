@@ -16,7 +16,7 @@ static const uint16_t TEMPERATURE_LSB = 512; /* 27 degC */
 static struct {
     uint8_t who, fine, registers[128], fifo[WORDS][WORD_BYTES];
     int16_t rows[ROWS_MOST][6];
-    long row_count, row; /* of the input; the next one that is made */
+    long row_count, row, spoilt; /* of the input; the next one that is made; the one with a false parity */
     double ticks_per_period, answers_us, tick_us, on_us, slot_us, row_us; /* slot_us, row_us: when the last slot and row were made */
     int selected, begun, overrun;
     uint8_t address, place, count;
@@ -41,6 +41,7 @@ void imu_begin(char **words)
     imu.fine = (uint8_t)atoi(words[1]);
     imu.ticks_per_period = atof(words[2]);
     imu.answers_us = 1e6 * atof(words[3]);
+    imu.spoilt = atol(words[4]);
     imu.tick_us = TICK_US / (1 + 0.0015 * (int8_t)imu.fine);
     for (int value; imu.row_count < ROWS_MOST * 6L && scanf("%d", &value) == 1; imu.row_count++)
         imu.rows[imu.row_count / 6][imu.row_count % 6] = (int16_t)value;
@@ -63,6 +64,7 @@ static void push(uint8_t kind, const uint8_t bytes[6])
     uint8_t *word = imu.fifo[(imu.first + imu.words++) % WORDS];
     word[0] = (uint8_t)(kind << 3 | (imu.count & 3) << 1);
     word[0] |= (uint8_t)(__builtin_popcount(word[0]) & 1);
+    word[0] ^= (uint8_t)(kind == ACCEL && imu.row == imu.spoilt);
     memcpy(word + 1, bytes, 6);
 }
 
@@ -156,6 +158,8 @@ uint8_t imu_exchange(uint8_t sent, double now_us)
         imu.address = sent;
         return 0xFF;
     }
+    if ((imu.address & 0x80) && sent != 0xFF)
+        abort();
     const uint8_t address = imu.address & 0x7F;
     if (address < FIFO_OUT)
         imu.address++;

@@ -9,8 +9,8 @@
 extern "C" {
 #endif
 
-/* Words of the command line: WHO_AM_I, INTERNAL_FREQ_FINE, ticks of a period at the highest rate, seconds after which it first answers.
- * Reads the rows gx gy gz ax ay az. */
+/* Words of the command line: WHO_AM_I, INTERNAL_FREQ_FINE, ticks of a period at the highest rate, seconds after which it first answers,
+ * the row whose accelerometer word has a false parity (-1: none's).  Reads the rows gx gy gz ax ay az. */
 void imu_begin(char **words);
 
 /* Whether rows are left, and are made: for four seconds nobody need have asked. */
@@ -19,7 +19,8 @@ int imu_goes_on(double now_us);
 /* Chip select; low where selected. */
 void imu_select(int selected);
 
-/* A byte each way, at the time in microseconds since power-up. */
+/* A byte each way, at the time in microseconds since power-up.  Aborts where anything but ones is sent in a read: a sensor that has
+ * missed the address would take it for a write. */
 uint8_t imu_exchange(uint8_t sent, double now_us);
 
 #ifdef __cplusplus

@@ -104,7 +104,7 @@ def test_every_sample_arrives_as_the_sensor_made_it(boards, family, says, regist
     assert (t_us[-1] - t_us[0]) / (len(t_us) - 1) == pytest.approx(PERIOD_US, rel=1e-4)
     assert decoder.info == says
     assert {address: written[address] for address in registers} == registers
-    assert sum(isinstance(event, Comment) for event in events) == 6  # each 512 samples
+    assert sum(isinstance(event, Comment) for event in events) == 8  # each four seconds
 
 
 def test_the_microseconds_may_wrap(boards):

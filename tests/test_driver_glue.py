@@ -18,6 +18,7 @@ from processes import run
 
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Comment, SampleChunk
+from session.bench.guided_session import UNKNOWN_S
 
 FIRMWARE = ROOT / "firmware"
 TESTS = ROOT / "tests"
@@ -53,15 +54,22 @@ def compiled(compiler: str, *words: str | Path) -> None:
     run([compiler, *FLAGS, *words], check=True, capture_output=True, text=True)
 
 
-def sketch(odr_hz: int, baud: int) -> str:
-    """The sketch as C++, for the data rate and the speed of its port."""
+def sketch(odr_hz: float, baud: int, dps: int = 500, g: int = 4) -> str:
+    """The sketch as C++, for the data rate, the speed of its port, and ranges."""
     text = SKETCH.read_text(encoding="utf-8").replace("ODR_HZ = 104;", f"ODR_HZ = {odr_hz};")
+    text = text.replace("GYRO_FS_DPS = 500, ACCEL_FS_G = 4;", f"GYRO_FS_DPS = {dps}, ACCEL_FS_G = {g};")
     return '#include "Arduino.h"\n' + text.replace("BAUD = 115200;", f"BAUD = {baud};")
+
+
+def zephyr(odr_hz: float, dps: int = 500, g: int = 4) -> str:
+    """Zephyr's program, for the data rate and ranges."""
+    text = (ZEPHYR / "src" / "main.c").read_text(encoding="utf-8").replace("ODR_HZ 104", f"ODR_HZ {odr_hz}")
+    return text.replace("GYRO_FS_DPS 500", f"GYRO_FS_DPS {dps}").replace("ACCEL_FS_G 4", f"ACCEL_FS_G {g}")
 
 
 @pytest.fixture(scope="module")
 def boards(tmp_path_factory):
-    """``boards(kind, odr_hz, baud, words)``: the program of a board, and words of the FIFO in a burst."""
+    """``boards(kind, odr_hz, baud, words, dps, g)``: the program of a board; words of the FIFO in a burst; ranges."""
     folder, objects, made = tmp_path_factory.mktemp("glue"), {}, {}
 
     def driver(words):
@@ -72,19 +80,18 @@ def boards(tmp_path_factory):
                 compiled("gcc", "-std=c99", f"-DFIFO_WORDS={words}", "-c", source, "-o", into)
         return objects[words]
 
-    def make(kind, odr_hz=104, baud=115200, words=96):
-        name = f"{kind}_{odr_hz}_{baud}_{words}"
+    def make(kind, odr_hz=104, baud=115200, words=96, dps=500, g=4):
+        name = f"{kind}_{odr_hz}_{baud}_{words}_{dps}_{g}"
         if name not in made:
             common = (f"-DFIFO_WORDS={words}", "-o", folder / name)
             if kind == "arduino":
                 source = folder / f"{name}.cpp"
-                source.write_text(sketch(odr_hz, baud), encoding="utf-8")
+                source.write_text(sketch(odr_hz, baud, dps, g), encoding="utf-8")
                 rest = [TESTS / "arduino_board" / f"{of}.cpp" for of in ("board", "spi_sensor")]
                 compiled("g++", "-std=c++17", f"-I{TESTS / 'arduino_board'}", source, *rest, *driver(words), *common)
             else:
-                text = (ZEPHYR / "src" / "main.c").read_text(encoding="utf-8").replace("ODR_HZ 104", f"ODR_HZ {odr_hz}")
                 source, main = folder / f"{name}.c", folder / f"{name}.main.o"
-                source.write_text(text, encoding="utf-8")
+                source.write_text(zephyr(odr_hz, dps, g), encoding="utf-8")
                 flags = ["-std=c11", "-Wdouble-promotion", f"-DCONSOLE_SPEED={baud}", f"-I{TESTS / 'zephyr_headers'}"]
                 compiled("gcc", *flags, f"-DFIFO_WORDS={words}", "-Dmain=app_main", "-c", source, "-o", main)
                 compiled("gcc", *flags, TESTS / "zephyr_headers" / "board.c", main, *driver(words), "-lm", *common)
@@ -99,10 +106,11 @@ def random_rows(count: int) -> np.ndarray:
     return np.random.default_rng(3).integers(-32768, 0x7FFD, (count, 6))
 
 
-def sent(program: Path, rows: np.ndarray, *, who=0x6B, fine=0, ticks=6.0, answers_s=0.0, start_us=0.0) -> bytes:
+def sent(program: Path, rows: np.ndarray, *, who=0x6B, fine=0, ticks=6.0, answers_s=0.0, spoilt=-1, start_us=0.0, ready_s=0.0) -> bytes:
     """What the board sends while its sensor makes these rows."""
     given = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
-    return run([program, who, fine, ticks, answers_s, start_us], input=given, stdin=None, capture_output=True, check=True).stdout
+    words = [program, who, fine, ticks, answers_s, spoilt, start_us, ready_s]
+    return run(words, input=given, stdin=None, capture_output=True, check=True).stdout
 
 
 def decoded(data: bytes) -> tuple[StreamDecoder, list, np.ndarray, np.ndarray]:
@@ -144,7 +152,7 @@ def test_every_sample_arrives_as_the_sensor_made_it(boards, kind, chip, who, fin
     assert (t_us[-1] - t_us[0]) / (len(t_us) - 1) == pytest.approx(period_us, rel=1e-5)
     assert (decoder.info.gyro_fs_dps, decoder.info.accel_fs_g, decoder.info.serial, decoder.info.sensor) == (500, 4, "bench-1", chip)
     assert decoder.info.odr_hz == pytest.approx(1e6 / period_us, rel=1e-4)
-    assert sum(isinstance(event, Comment) for event in events) == 2 * 2  # each 512 samples
+    assert sum(isinstance(event, Comment) for event in events) == 3  # the header, each four seconds; there was no fault
 
 
 @needs_gcc
@@ -158,6 +166,115 @@ def test_the_quickest_rate_that_text_carries(boards, kind, words):
     first = place(found, rows)
     np.testing.assert_array_equal(found[:, :6], rows[first : first + len(found)])
     assert len(found) > 2000 - 120
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize("odr_hz", [12, broad(26), 104, broad(417)])
+def test_who_comes_late_learns_the_ranges_in_time(boards, kind, odr_hz):
+    """Also at the lowest rate: the header comes by time.  Whoever misses it waits four seconds, and record waits ten."""
+    data = sent(boards(kind, odr_hz, 921600), random_rows(14 * odr_hz))
+    first = re.search(rb"^# gyro_fs_dps=500 .*\r?\n(.*\n)", data)
+    decoder, events, t_us, _ = decoded(data[first.end() :])
+    assert decoder.garbage == decoder.lost == 0
+    infos = [place for place, event in enumerate(events) if isinstance(event, Comment) and "gyro_fs_dps" in event.text]
+    assert len(infos) == 3
+    before = [event for event in events[: infos[0]] if isinstance(event, SampleChunk)]
+    waited_s = (before[-1].t_us[-1] - t_us[0]) * 1e-6
+    assert waited_s == pytest.approx(4.0, abs=0.2)
+    assert waited_s < UNKNOWN_S / 2
+    assert decoder.info.odr_hz == pytest.approx(12.5 if odr_hz == 12 else odr_hz, rel=0.05)
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+def test_faults_come_by_their_names(boards, kind):
+    """Those above 0, as the log of the firmware's frames has them."""
+    rows = random_rows(1000)
+    decoder, events, _, found = decoded(sent(boards(kind), rows, spoilt=500))
+    assert decoder.lost == 2  # as text has no check, the line before a gap is left out as well
+    said = [event.text for event in events if isinstance(event, Comment) and event.text.startswith("faults")]
+    assert said == ["faults parity=1 incomplete=1 lost=1"]
+    assert tuple(rows[500]) not in {tuple(row) for row in found[:, :6]}
+
+
+def test_the_names_are_those_of_the_driver():
+    (listed,) = re.findall(r"^enum fault \{(.*?)\n    FAULTS,", (FIRMWARE / "lsm6dsx_fifo.h").read_text(encoding="utf-8"), re.S | re.M)
+    faults = [name.lower() for name in re.findall(r"^    FAULT_(\w+),", listed, re.M)]
+    assert len(faults) == 16
+    (arduino,) = re.findall(r'NAMES\[\] PROGMEM = .*\n  "(.*)";', SKETCH.read_text(encoding="utf-8"))
+    assert arduino == f" {' '.join(faults)} "
+    (names,) = re.findall(r"NAMES\[FAULTS\] = \{(.*?)\}", (ZEPHYR / "src" / "main.c").read_text(encoding="utf-8"), re.S)
+    assert re.findall(r'"(\w+)"', names) == faults
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"odr_hz": 500}, "no such data rate; 12 is 12.5"),
+        ({"odr_hz": 100}, "no such data rate; 12 is 12.5"),
+        ({"dps": 300}, "the gyroscope has no such range"),
+        ({"g": 32}, "the accelerometer has no such range"),
+    ],
+    ids=str,
+)
+def test_what_the_sensor_does_not_have_is_not_compiled(boards, kind, settings, says):
+    with pytest.raises(CalledProcessError) as refused:
+        boards(kind, baud=921600, **settings)
+    assert says in refused.value.stderr
+
+
+@needs_gcc
+def test_zephyr_takes_time_by_its_ticks(tmp_path):
+    """A tick of 0.1 ms is as exact as it is, not the millisecond; and it goes on where 32 bits wrap."""
+    source = tmp_path / "time.c"
+    source.write_text(
+        f"""#define main app_main
+{zephyr(104)}
+#undef main
+#undef OPERATION
+#define main board_main
+#include "{TESTS / "zephyr_headers" / "board.c"}"
+#undef main
+int main(void)
+{{
+    now_us = 4294967296.0 - 1e5;
+    for (int n = 0; n < 300; n++) {{
+        const uint32_t before = time_us();
+        now_us += 850;
+        printk("%u\\n", time_us() - before);
+        now_us = 4294967296.0 - 1e5 + 1037.0 * n;
+    }}
+    return 0;
+}}
+""",
+        encoding="utf-8",
+    )
+    flags = ["-std=c11", "-DCONSOLE_SPEED=115200", f"-I{TESTS / 'zephyr_headers'}"]
+    compiled("gcc", *flags, source, *DRIVER, TESTS / "small_imu.c", "-lm", "-o", tmp_path / "time")
+    steps = {int(line) for line in run([tmp_path / "time"], capture_output=True, check=True).stdout.split()}
+    assert steps == {800, 900}
+
+
+@needs_gcc
+def test_a_bus_that_zephyr_has_not_made_ready_is_waited_for(boards):
+    """And named each second."""
+    rows = random_rows(300)
+    data = sent(boards("zephyr"), rows, ready_s=1.5)
+    assert data.count(b"# the SPI is not ready: look at its status and its pins in the overlay\n") == 2
+    _, _, _, found = decoded(data)
+    np.testing.assert_array_equal(found[:, :6], rows[place(found, rows) :][: len(found)])
+    assert len(found) > 250
+
+
+def test_zephyrs_vendor_prefix_is_listed():
+    bindings = ZEPHYR / "dts" / "bindings"
+    (compatible,) = re.findall(r'^compatible: "(.*)"$', (bindings / "tinygc,imu.yaml").read_text(encoding="utf-8"), re.M)
+    assert f'compatible = "{compatible}";' in (ZEPHYR / "app.overlay").read_text(encoding="utf-8")
+    rows = [line.split("\t") for line in (bindings / "vendor-prefixes.txt").read_text(encoding="utf-8").splitlines() if line[0] != "#"]
+    assert [row[0] for row in rows] == [compatible.partition(",")[0]]
 
 
 @needs_gcc
@@ -251,7 +368,7 @@ def test_every_sample_arrives_from_an_emulated_arduino(avr, chip, tmp_path):
     elf, flash, rows = avr(chip, 417, 500000), tmp_path / "flash.bin", random_rows(600)
     run(["avr-objcopy", "-O", "binary", elf, flash], check=True)
     given = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
-    ran = run([emulator, chip, *CHIPS[chip].select, flash, 0x6B, 12, 6.0, 0], input=given, stdin=None, capture_output=True, check=True)
+    ran = run([emulator, chip, *CHIPS[chip].select, flash, 0x6B, 12, 6.0, 0, -1], input=given, stdin=None, capture_output=True, check=True)
     decoder, _, t_us, found = decoded(ran.stdout[: ran.stdout.rindex(b"\n") + 1])  # the last line is cut off
     assert (decoder.lost, decoder.implausible, decoder.garbage) == (0, 0, 0)
     first = place(found, rows)

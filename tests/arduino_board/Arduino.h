@@ -9,6 +9,9 @@ unsigned long millis();
 void delay(unsigned long ms);
 void delayMicroseconds(unsigned us);
 
+#define PROGMEM
+inline uint8_t pgm_read_byte(const void *address) { return *(const uint8_t *)address; }
+
 enum { LOW, HIGH, OUTPUT = 1, SS = 10 };
 void pinMode(uint8_t pin, uint8_t mode);
 void digitalWrite(uint8_t pin, uint8_t level);

@@ -1,5 +1,5 @@
 /* An Arduino's microcontroller in simavr, with the sensor of small_imu.c on its SPI:
- * avr MCU SS_PORT SS_BIT FLASH.bin WHO FREQ_FINE TICKS ANSWERS_S < rows.  What the port sends is the standard output, and behind the
+ * avr MCU SS_PORT SS_BIT FLASH.bin WHO FREQ_FINE TICKS ANSWERS_S SPOILT < rows.  What the port sends is the standard output, and behind the
  * sensor's last row the least free memory, in bytes, is the standard error's. */
 #include <stdio.h>
 #include <stdlib.h>
@@ -61,7 +61,7 @@ static void on_port(struct avr_irq_t *irq, uint32_t byte, void *param)
 int main(int count, char **words)
 {
     static uint8_t flash[FLASH_MOST];
-    FILE *file = count > 8 ? fopen(words[4], "rb") : NULL;
+    FILE *file = count > 9 ? fopen(words[4], "rb") : NULL;
     const size_t size = file ? fread(flash, 1, sizeof flash, file) : 0;
     avr = avr_make_mcu_by_name(words[1]);
     if (!size || !avr)

@@ -1,4 +1,4 @@
-/* The SPI bus of the sketch's board, with the sensor of small_imu.c: board WHO FREQ_FINE TICKS ANSWERS_S START_US < rows. */
+/* The SPI bus of the sketch's board, with the sensor of small_imu.c: board WHO FREQ_FINE TICKS ANSWERS_S SPOILT START_US < rows. */
 #include <cstdlib>
 
 #include "SPI.h"
@@ -54,7 +54,7 @@ uint8_t SPIClass::transfer(uint8_t byte)
 int main(int, char **words)
 {
     imu_begin(words + 1);
-    now_us = began_us = std::atof(words[5]);
+    now_us = began_us = std::atof(words[6]);
     setup();
     for (; imu_goes_on(now_us - began_us); now_us += LOOP_US)
         loop();

@@ -1,4 +1,5 @@
-/* A board under Zephyr in simulated time, with the sensor of small_imu.c on its SPI: board WHO FREQ_FINE TICKS ANSWERS_S START_US < rows.
+/* A board under Zephyr in simulated time, with the sensor of small_imu.c on its SPI:
+ * board WHO FREQ_FINE TICKS ANSWERS_S SPOILT START_US READY_S < rows; after READY_S the SPI is ready.
  * Time passes by the bits on the bus, by what waits, and by what is printed: the console waits for each byte. */
 #include <stdarg.h>
 #include <stdio.h>
@@ -12,7 +13,7 @@
 enum { TICK_US = 100 }; /* CONFIG_SYS_CLOCK_TICKS_PER_SEC=10000 */
 
 static const unsigned OPERATION = SPI_MODE_CPOL | SPI_MODE_CPHA | SPI_WORD_SET(8); /* and it is the controller */
-static double now_us, began_us;
+static double now_us, began_us, ready_us;
 static int held;
 
 int app_main(void);
@@ -53,12 +54,20 @@ void printk(const char *format, ...)
     va_end(words);
 }
 
+bool spi_is_ready_dt(const struct spi_dt_spec *spec)
+{
+    (void)spec;
+    return now_us - began_us >= ready_us;
+}
+
 int spi_transceive_dt(const struct spi_dt_spec *spec, const struct spi_buf_set *tx_bufs, const struct spi_buf_set *rx_bufs)
 {
     const unsigned hold = SPI_HOLD_ON_CS | SPI_LOCK_ON;
     const struct spi_buf *out = tx_bufs->buffers, *in = rx_bufs->buffers;
     if ((spec->config.operation & ~hold) != OPERATION || tx_bufs->count != 1 || rx_bufs->count != 1 || out->len != in->len)
         abort(); /* nothing that the sensor would understand */
+    if (!spi_is_ready_dt(spec))
+        abort();
     if (!imu_goes_on(now_us - began_us))
         exit(0);
     if (!held)
@@ -87,6 +96,7 @@ int main(int count, char **words)
 {
     (void)count;
     imu_begin(words + 1);
-    now_us = began_us = atof(words[5]);
+    now_us = began_us = atof(words[6]);
+    ready_us = 1e6 * atof(words[7]);
     return app_main();
 }

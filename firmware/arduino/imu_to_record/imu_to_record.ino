@@ -28,11 +28,11 @@ void setup() {
 }
 
 void loop() {
-  static uint16_t samples;
+  static unsigned long said_us = micros() - 4000000; // record waits ten seconds for INFO: it comes each four
   if (!fetch(STATUS, 1) || (bytes[0] & NEW) != NEW) return;
   const unsigned long t_us = micros();                 // now, and not once it has been printed
   if (!fetch(FIRST, 14)) return;                       // a gap in the stamps, which record counts
-  if (samples++ % 512 == 0) Serial.println(INFO), Serial.println("t_us,gx,gy,gz,ax,ay,az,temp");
+  if (t_us - said_us >= 4000000) said_us = t_us, Serial.println(INFO), Serial.println("t_us,gx,gy,gz,ax,ay,az,temp");
   char line[64];
   snprintf(line, sizeof line, "%lu,%d,%d,%d,%d,%d,%d,%d", t_us, number(GYRO), number(GYRO + 1), number(GYRO + 2),
            number(ACCEL), number(ACCEL + 1), number(ACCEL + 2), number(TEMP));

@@ -4,14 +4,18 @@
 extern "C" {
 #include "lsm6dsx.h"
 }
-
 const unsigned long BAUD = 115200;
-const unsigned long ODR_HZ = 104; // 12 (that is 12.5), 26, 52, 104, 208, 417, 833
+const unsigned long ODR_HZ = 104; // 12 (which is 12.5), 26, 52, 104, 208, 417, 833
 const uint16_t GYRO_FS_DPS = 500, ACCEL_FS_G = 4;
 const char SERIAL_NUMBER[] = "bench-1"; // another one for each sensor
 const uint8_t CS = SS;                  // the sensor's chip select
 const unsigned long SPI_HZ = 4000000;   // 10 MHz at most; mode 3
 
+static_assert(ODR_HZ == 12 || ODR_HZ == 26 || ODR_HZ == 52 || ODR_HZ == 104 || ODR_HZ == 208 || ODR_HZ == 417 || ODR_HZ == 833 ||
+              ODR_HZ == 1667 || ODR_HZ == 3333 || ODR_HZ == 6667, "the sensor has no such data rate; 12 is 12.5");
+static_assert(GYRO_FS_DPS == 125 || GYRO_FS_DPS == 250 || GYRO_FS_DPS == 500 || GYRO_FS_DPS == 1000 || GYRO_FS_DPS == 2000 ||
+              GYRO_FS_DPS == 4000, "the gyroscope has no such range");
+static_assert(ACCEL_FS_G == 2 || ACCEL_FS_G == 4 || ACCEL_FS_G == 8 || ACCEL_FS_G == 16, "the accelerometer has no such range");
 const unsigned long LINE_BYTES = 61; // at most, ten bits each, with 15 % to spare
 static_assert(LINE_BYTES * 10 * ODR_HZ / 100 * 115 <= BAUD, "BAUD does not carry the lines of this data rate: docs/boards.md, Baud rates");
 #ifdef __AVR__
@@ -39,6 +43,9 @@ void wait_us(uint32_t us) { // delayMicroseconds alone ends at 16383
 
 uint32_t time_us() { return micros(); }
 
+const char NAMES[] PROGMEM = // of enum fault, in its order
+  " overrun order parity tag hang zeros ones reset changed identity silent stamp incomplete starts lost rate ";
+const unsigned long HEADER_MS = 4000; // from one to the next: record waits 10 s for it
 const lsm6dsx_bus BUS = {transfer, select_sensor, wait_us, time_us};
 lsm6dsx sensor;
 fifo_sample samples[FIFO_SAMPLES];
@@ -64,15 +71,19 @@ void print_header() {
   Serial.print(SERIAL_NUMBER);
   Serial.print(" sensor=");
   Serial.println(sensor.chip->name);
-  Serial.print("# faults"); // counts, in the order of enum fault
-  for (uint32_t count : sensor.faults) Serial.print(' '), Serial.print(count);
-  Serial.println();
+  const char *name = NAMES, *before = "# faults";
+  for (uint32_t count : sensor.faults) { // those above 0
+    if (count) Serial.print(before), before = "";
+    do if (count) Serial.print((char)pgm_read_byte(name));
+    while (pgm_read_byte(++name) != ' ');
+    if (count) Serial.print('='), Serial.print(count);
+  }
+  if (!*before) Serial.println();
   Serial.println("t_us,gx,gy,gz,ax,ay,az,temp");
 }
 
 void loop() {
-  static uint16_t lines;
-  static unsigned long said_ms = millis();
+  static unsigned long said_ms = millis(), header_ms = said_ms - HEADER_MS;
   const unsigned count = lsm6dsx_poll(&sensor, samples);
   if (!sensor.running && millis() - said_ms >= 1000) {
     said_ms = millis();
@@ -82,7 +93,7 @@ void loop() {
   for (unsigned n = 0; n < count; n++) {
     const int16_t *r = samples[n].registers;
     char line[LINE_BYTES + 1];
-    if (lines++ % 512 == 0) print_header();
+    if (millis() - header_ms >= HEADER_MS) header_ms = millis(), print_header();
     snprintf(line, sizeof line, "%lu,%d,%d,%d,%d,%d,%d,%d", (unsigned long)samples[n].t_us, r[0], r[1], r[2], r[3], r[4], r[5], r[6]);
     Serial.println(line);
   }

@@ -1,4 +1,5 @@
 #pragma once
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -32,5 +33,6 @@ struct spi_buf_set {
     size_t count;
 };
 
+bool spi_is_ready_dt(const struct spi_dt_spec *spec);
 int spi_transceive_dt(const struct spi_dt_spec *spec, const struct spi_buf_set *tx_bufs, const struct spi_buf_set *rx_bufs);
 int spi_release_dt(const struct spi_dt_spec *spec);

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import sys
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from f405_programs import came_to_its_end, compiled, found, tools_missing
-from processes import run
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
@@ -271,11 +269,10 @@ def test_a_board_names_the_cause_of_its_last_reset_alone(recorder):
 def test_a_bit_of_the_memory_that_changes_ends_no_stream(recorder, seed):
     """Any variable but the switch of the stream, which the host may have set: samples come again, each once."""
     rng = np.random.default_rng(seed)
-    table = run(["arm-none-eabi-nm", "-S", recorder], capture_output=True, text=True, check=True).stdout
-    variables = [(int(at, 16), int(size, 16), name) for at, size, name in re.findall(r"^(2\w+) (\w+) [bdBD] (\S+)$", table, re.M)]
-    address, size, _ = [variable for variable in variables if variable[2] != "off"][rng.integers(len(variables) - 1)]
+    variables = [symbol for symbol in measure.symbols(recorder) if symbol.kind in "bdBD" and symbol.size and symbol.name != "off"]
+    variable = variables[rng.integers(len(variables))]
     machine = started(recorder, 32e3, 1.0 + 0.01 * rng.random(), hard_faults=True)
-    flip(machine, address + size - 1 - int(rng.integers(min(size, 64))), int(rng.integers(8)))
+    flip(machine, variable.address + variable.size - 1 - int(rng.integers(min(variable.size, 64))), int(rng.integers(8)))
     machine.run_until(4.0)
     decoder = StreamDecoder()
     machine.usart1.take()
@@ -288,8 +285,7 @@ def test_a_bit_of_the_memory_that_changes_ends_no_stream(recorder, seed):
 @pytest.mark.parametrize("place", [8192 + 4 + 3, 8192 + 20 + 2])  # out, which the end of DMA moves on; next_baud
 def test_what_the_ring_cannot_hold_is_not_sent(recorder, place):
     """A count of the ring with a bit too many: old frames would go out again for as long as it takes to send 4 GB."""
-    table = run(["arm-none-eabi-nm", recorder], capture_output=True, text=True, check=True).stdout
-    waiting = int(re.search(r"^(\w+) b waiting$", table, re.M)[1], 16)
+    (waiting,) = [symbol.address for symbol in measure.symbols(recorder) if symbol.name == "waiting"]
     machine = started(recorder, 32e3)
     flip(machine, waiting + place, 6)
     machine.run_until(2.5)

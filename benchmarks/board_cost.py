@@ -7,8 +7,6 @@ a millisecond at most.  The watchdog wants one in each 0.68 s.  Needs the tools 
 from __future__ import annotations
 
 import argparse
-import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -21,13 +19,13 @@ import measure
 from common import markdown, progress
 from emulated_driver import BAUD, Driven
 from misra_check import write_model
-from stack import Stack, stack
+from stack import Stack, sections, stack
 
 from session.bench import frames
 from tinygc.annexes.emulated.bus import CORE_HZ
 from tinygc.annexes.emulated.cpu import RAM
 from tinygc.annexes.emulated.machine import Machine
-from tinygc.annexes.emulated.readings import Fault
+from tinygc.annexes.emulated.readings import KINDS, Fault
 
 PLACE = "status_service"  #: called once in each turn
 PAINT = 0x5A
@@ -67,18 +65,9 @@ class Turns:
         self._last = now
 
 
-def symbols(elf: Path) -> dict[str, int]:
-    """Symbol -> address."""
-    table = subprocess.run(["arm-none-eabi-nm", elf], capture_output=True, text=True, check=True).stdout
-    return {name: int(address, 16) for address, name in re.findall(r"^(\w+) \w (\S+)$", table, re.M)}
-
-
-def sections(elf: Path) -> dict[str, int]:
-    """Bytes of code and constants, of variables, and of the stack."""
-    table = subprocess.run(["arm-none-eabi-size", "-A", elf], capture_output=True, text=True, check=True).stdout
-    sizes = {name: int(size) for name, size in re.findall(r"^(\.\w+)\s+(\d+)", table, re.M)}
-    variables = sum(sizes.get(name, 0) for name in (".data", ".bss", ".kept"))
-    return {"code": sizes[".text"] + sizes.get(".data", 0), "variables": variables, "stack": sizes[".stack"]}
+def place(elf: Path) -> int:
+    """Address of PLACE."""
+    return next(symbol.address for symbol in measure.symbols(elf) if symbol.name == PLACE)
 
 
 def wait(driven: Driven) -> None:
@@ -112,25 +101,33 @@ def slow_port(driven: Driven) -> None:
 
 
 def faults_from(begin_s: float) -> list[Fault]:
-    """Every kind of fault, one behind the other, and one second without the sensor."""
-    kinds = ("parity", "tag_count", "tag_unknown", "missing", "swapped", "zeros", "ones", "hang", "identity", "reset")
+    """Every kind of fault that a running sensor can have, one behind the other, and one second without the sensor.
+
+    "int1" is none: this board does not read that pin.
+    """
+    kinds = [kind for kind in KINDS if kind not in ("late", "int1", "rate")]
     found = [Fault(kind, begin_s + 0.4 * n, FAULTY_S, 3) for n, kind in enumerate(kinds)]
-    return [*found, Fault("hang", begin_s + 0.4 * len(kinds), 1.0)]
+    then_s = begin_s + 0.4 * len(kinds)
+    return [*found, Fault("rate", then_s, 1.5), Fault("hang", then_s + 2.0, 1.0)]
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What the board does while its turns are measured; sensor: whether there is one."""
+    """What the board does while its turns are measured: at 6667 Hz, or from power-up on."""
 
     name: str
     do: Callable[[Driven], None]
     faults: tuple[Fault, ...] = ()
-    sensor: bool = True
+    from_power_up: bool = False
 
 
+FAULTS_FROM_S, FAULTS_S = 1.5, 9.5
 SITUATIONS = (
     Situation("streams 6667 Hz", wait),
-    Situation("6667 Hz, every kind of fault, 1 s without the sensor", lambda driven: driven.run(7.0), tuple(faults_from(1.5))),
+    Situation("starts, and its sensor answers 1 s late", lambda driven: driven.run(3.0), (Fault("late", 1.0),), from_power_up=True),
+    Situation(
+        "6667 Hz, every kind of fault, 1 s without the sensor", lambda driven: driven.run(FAULTS_S), tuple(faults_from(FAULTS_FROM_S))
+    ),
     Situation("is set anew, each kind of command", set_all),
     Situation("tests its sensor", test),
     Situation("changes its port's rate", slow_port),
@@ -140,34 +137,47 @@ SITUATIONS = (
 def turns_of(elf: Path, situation: Situation) -> tuple[Turn, float, list[str]]:
     """The longest turn, the longest time between two reloads of the watchdog, and what no board would do."""
     driven = Driven(elf, faults=situation.faults)
-    turns = Turns(driven.machine, symbols(elf)[PLACE])
-    driven.run(0.4)
-    driven.ask(frames.DATA_RATE, 6667.0)
-    driven.run(0.5)
-    turns.clear()
-    driven.machine.iwdg.longest_s = 0.0
+    turns = Turns(driven.machine, place(elf))
+    if not situation.from_power_up:
+        driven.run(0.4)
+        driven.ask(frames.DATA_RATE, 6667.0)
+        driven.run(0.5)
+        turns.clear()
+        driven.machine.iwdg.longest_s = 0.0
     situation.do(driven)
     resets = [f"{driven.machine.resets} resets"] if driven.machine.resets else []
     return turns.longest, driven.machine.iwdg.longest_s, [*driven.objections, *resets]
 
 
-def start_of(elf: Path) -> float:
-    """Seconds from power-up to the first turn."""
-    machine, began = Machine(elf), []
-    machine.cpu.watch(symbols(elf)[PLACE], lambda: began.append(machine.clock.now_s()))
-    machine.run_until(5.0)
-    return began[0]
+def start_of(machine: Machine) -> float:
+    """Seconds from power-up to the first byte that is sent, to a millisecond."""
+    t_ms = 0
+    while not machine.usart1.take():
+        t_ms += 1
+        machine.run_until(t_ms / 1e3)
+    return t_ms / 1e3
 
 
-def used(elf: Path, bound: Stack) -> int:
-    """Bytes of the stack that the board wrote, with each kind of fault and command."""
-    driven = Driven(elf, faults=faults_from(1.5))
-    driven.machine.cpu.set_memory(RAM, bytes([PAINT]) * bound.reserved)
-    driven.run(1.0)
-    set_all(driven)
-    test(driven)
-    data = driven.machine.cpu.memory(RAM, bound.reserved)
+def paint(machine: Machine, bound: Stack) -> None:
+    """Fill the stack of a machine that has not begun."""
+    machine.cpu.set_memory(RAM, bytes([PAINT]) * bound.reserved)
+
+
+def used(machine: Machine, bound: Stack) -> int:
+    """Bytes of a painted stack that were written."""
+    data = machine.cpu.memory(RAM, bound.reserved)
     return bound.reserved - (len(data) - len(data.lstrip(bytes([PAINT]))))
+
+
+def used_by_all(elf: Path, bound: Stack) -> int:
+    """With each kind of fault and command."""
+    driven = Driven(elf, faults=faults_from(FAULTS_FROM_S))
+    paint(driven.machine, bound)
+    driven.run(0.4)
+    set_all(driven)
+    driven.run(FAULTS_S)
+    test(driven)
+    return used(driven.machine, bound)
 
 
 def main() -> None:
@@ -180,26 +190,24 @@ def main() -> None:
         (folder / "model").mkdir()
         write_model(folder / "model")
         programs = {
-            "recorder": (measure.build("recorder.elf", folder, folder / "recorder", BAUD=str(BAUD)), folder / "recorder" / "recorder"),
-            "with the 195-parameter model": (
-                measure.build("tinygc.elf", folder / "model", folder / "modelled", BAUD=str(BAUD)),
-                folder / "modelled",
-            ),
+            "recorder": measure.build("recorder.elf", folder, folder / "recorder", BAUD=str(BAUD)),
+            "with the 195-parameter model": measure.build("tinygc.elf", folder / "model", folder / "modelled", BAUD=str(BAUD)),
         }
         rows = []
-        for program, (elf, objects) in programs.items():
+        for program, elf in programs.items():
             progress(program)
-            size, bound = sections(elf), stack(elf, objects)
-            row = [program, size["code"], size["variables"], bound.main, bound.interrupt, bound.fault, bound.total, used(elf, bound)]
-            rows.append([*row, bound.reserved, f"{1e3 * start_of(elf):.0f}"])
+            size, bound = sections(elf), stack(elf)
+            row = [program, size["code"], size["variables"], bound.main, bound.interrupt, bound.fault, bound.total]
+            starts = (start_of(Driven(elf).machine), start_of(Machine(elf)))
+            rows.append([*row, used_by_all(elf, bound), bound.reserved, *(f"{1e3 * start_s:.0f}" for start_s in starts)])
         progress("")
         head = ["program", "code and constants", "variables", "stack: main", "+ interrupt", "+ fault", "= bound", "used", "reserved"]
-        print(markdown([*head, "start-up without a sensor, ms"], rows))
+        print(markdown([*head, "first byte with a sensor, ms", "without one, ms"], rows))
         print()
         rows = []
         for situation in SITUATIONS:
             progress(situation.name)
-            turn, reload_s, objections = turns_of(programs["recorder"][0], situation)
+            turn, reload_s, objections = turns_of(programs["recorder"], situation)
             share = f"{100 * reload_s / WATCHDOG_S:.1f} %"
             row = [
                 situation.name,

@@ -16,7 +16,7 @@ _Static_assert((APB2_HZ / SPI_DIVIDER) <= 10000000, "the sensor's SPI ends at 10
 
 enum {
     /* A second on the bus: three words of 56 bits a sample; the temperature's words, a look at the FIFO's level each millisecond, and the
-     * registers that are read behind each of at most 300 bursts.  Of the clock, 80 %: between bytes that the core sends by hand it rests. */
+     * registers that are read behind each of at most 300 bursts.  Of the clock 80 %: between bytes that the core sends by hand it rests. */
     SAMPLE_BITS = 3 * 56,
     OTHER_BITS = (13 * 56) + (1000 * 24) + (300 * 168),
     CARRIED_BITS = APB2_HZ / SPI_DIVIDER / 5 * 4,
@@ -37,14 +37,15 @@ enum {
 };
 
 /* The quickest unit's oscillator is 19 % above its nominal rate. */
-_Static_assert((((double)ODR_HZ * 1.19 * SAMPLE_BITS) + OTHER_BITS) <= CARRIED_BITS, "the SPI does not carry this data rate: make SPI_DIVIDER=16");
+_Static_assert((((double)ODR_HZ * 1.19 * SAMPLE_BITS) + OTHER_BITS) <= CARRIED_BITS,
+               "the SPI does not carry this data rate: make SPI_DIVIDER=16");
 
 static struct {
     const uint8_t *in; /* where the bytes go that DMA is fetching, or null */
     uint32_t began_us, most_us;
 } fetching;
 
-static const uint8_t ONES = 0xFF; /* a sensor that has missed the address takes it for a read */
+static const uint8_t ONES = 0xFFu; /* a sensor that has missed the address takes it for a read */
 
 static void start_port(void)
 {

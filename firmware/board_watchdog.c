@@ -1,7 +1,10 @@
 #include "board_watchdog.h"
 
+#include <stdbool.h>
+
 #include "board.h"
 #include "board_registers.h"
+#include "fault.h"
 
 #ifndef WATCHDOG
 #define WATCHDOG 1
@@ -27,14 +30,24 @@ enum {
 
 /* Of RCC_CSR. */
 #define REMOVE_FLAGS (1u << 24)
-#define BY_PROGRAM (1u << 28)
-#define BY_WATCHDOG (1u << 29)
+#define SOFTWARE_RESET (1u << 28)
+#define WATCHDOG_RESET (1u << 29)
 
-static uint32_t causes;
+static enum cause cause;
+
+/* A fault's record counts once: the next reset that is asked for has nothing to do with it. */
+static enum cause cause_of(uint32_t flags)
+{
+    const bool faulty = (fault_record.known == FAULT_KNOWN) && (fault_record.fresh == 1u);
+    fault_record.fresh = 0;
+    if ((flags & WATCHDOG_RESET) != 0u)
+        return BY_WATCHDOG;
+    return (((flags & SOFTWARE_RESET) != 0u) && faulty) ? BY_FAULT : BY_OTHERS;
+}
 
 void board_watchdog_start(void)
 {
-    causes = RCC_CSR;
+    cause = cause_of(RCC_CSR);
     RCC_CSR |= REMOVE_FLAGS;
     if (!WATCHDOG)
         return;
@@ -57,7 +70,7 @@ void board_alive(void)
     alive_ms = now_ms;
 }
 
-int board_was_reset(void)
+enum cause board_cause(void)
 {
-    return (causes & (BY_PROGRAM | BY_WATCHDOG)) != 0;
+    return cause;
 }

@@ -8,7 +8,9 @@ void board_watchdog_start(void);
 /* The loop has done all its parts once more.  It counts only where time goes on, too: without SysTick nothing is done in time. */
 void board_alive(void);
 
-/* Whether the board reset itself the last time: its watchdog, or a fault of the core (fault.h). */
-int board_was_reset(void);
+/* Why the program started.  Others: power-up, the pin, or a reset that somebody asked for, as a flasher does. */
+enum cause { BY_OTHERS = 0, BY_WATCHDOG = 1, BY_FAULT = 2 }; /* the last: of the core; fault_record says which */
+
+enum cause board_cause(void);
 
 #endif

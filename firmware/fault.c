@@ -35,7 +35,7 @@ __attribute__((used)) static void on_fault(uint32_t *stacked)
 {
     if (!expected) {
         const uint32_t before = fault_record.known == FAULT_KNOWN ? fault_record.count : 0;
-        fault_record = (struct fault_record){FAULT_KNOWN, before + 1, stacked[6], stacked[5], CFSR, BFAR};
+        fault_record = (struct fault_record){FAULT_KNOWN, before + 1, stacked[6], stacked[5], CFSR, BFAR, 1};
         fault_reset();
     }
     expected = 0;

@@ -9,6 +9,7 @@ struct fault_record {
     uint32_t known; /* FAULT_KNOWN where the rest is one */
     uint32_t count; /* since power-up */
     uint32_t pc, lr, status, address; /* of the program; CFSR, BFAR */
+    uint32_t fresh; /* 1 until the program that follows has looked at it */
 };
 
 enum { FAULT_KNOWN = 0x0FA17 };

@@ -9,7 +9,8 @@
 
 enum { UNIQUE_ID = 0x1FFF7A10, UNIQUE_ID_BYTES = 12 };
 
-uint32_t identity_crc32(const uint8_t *bytes, unsigned count)
+/* CRC-32 (IEEE 802.3). */
+static uint32_t crc32_of(const uint8_t *bytes, unsigned count)
 {
     uint32_t crc = 0xFFFFFFFFu;
     for (unsigned n = 0; n < count; n++) {
@@ -25,6 +26,6 @@ uint32_t identity_serial(void)
     uint8_t id[UNIQUE_ID_BYTES];
     for (unsigned n = 0; n < UNIQUE_ID_BYTES; n += 4)
         put_u32(&id[n], read_if_there(UNIQUE_ID + n));
-    const uint32_t serial = SERIAL ? SERIAL : identity_crc32(id, sizeof id);
+    const uint32_t serial = SERIAL ? SERIAL : crc32_of(id, sizeof id);
     return serial ? serial : 1;
 }

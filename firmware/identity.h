@@ -7,7 +7,4 @@
 /* The serial number: SERIAL of the build where that is not 0, else the CRC-32 of the chip's unique id.  Never 0. */
 uint32_t identity_serial(void);
 
-/* CRC-32 (IEEE 802.3) of bytes. */
-uint32_t identity_crc32(const uint8_t *bytes, unsigned count);
-
 #endif

@@ -13,10 +13,10 @@ enum {
     OUTPUTS = 5,
     PHASES = 4,
     ALIKE_SHARE = 8, /* of the least that the force must do: what the outputs of a phase may differ by */
-    NOTHING_MEASURED = 0x8000,
     BURST = OUTX_L_A + 6 - WHO_AM_I,
 };
 
+static const uint16_t NOTHING_MEASURED = 0x8000;
 static const uint32_t BLANK_US = 150000, SWITCH_US = 100000;
 static const uint32_t OUTPUT_MOST_US = 100000; /* until the next output; 20 ms at 52 Hz */
 

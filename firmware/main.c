@@ -23,7 +23,7 @@ enum { BURST = 8 };
 static void play_standin(void)
 {
     static uint32_t played;
-    const uint32_t odr_mhz = (uint32_t)(ODR_HZ * 1000.0f);
+    const uint32_t odr_mhz = (uint32_t)((float)ODR_HZ * 1000.0f);
     const uint32_t due = (uint32_t)((uint64_t)board_milliseconds() * odr_mhz / 1000000u);
     int16_t registers[7];
     if (due - played > BURST)
@@ -37,7 +37,7 @@ static void play_standin(void)
 }
 
 /* Whether a byte has come in; fed: the model has received input. */
-static int listen(enum port port, int *fed)
+static int hear(enum port port, int *fed)
 {
     static struct decoder decoders[PORTS];
     const int byte = board_read(port);
@@ -66,7 +66,7 @@ int main(void)
         int busy = 0;
         for (int port = 0; port < PORTS; port++) {
             if (!sensor_busy()) /* what comes meanwhile waits its turn */
-                busy |= listen((enum port)port, &fed);
+                busy |= hear((enum port)port, &fed);
         }
         busy |= sensor_stream() ? 1 : 0;
         if (!looked && !sensor_busy()) {

@@ -23,6 +23,16 @@ SELF_TEST = {"tinygc_self_test"}
 
 
 @dataclass(frozen=True)
+class Symbol:
+    """A line of ``nm``: its kind is a letter; size in bytes, 0 where it has none."""
+
+    name: str
+    kind: str
+    address: int
+    size: int
+
+
+@dataclass(frozen=True)
 class Sizes:
     """Bytes: code (all functions but the self-test), weights (constants but its vectors), self_test (both), state."""
 
@@ -68,25 +78,26 @@ def build(target: str, model: Path, folder: Path, optimise: str = "-O2", **varia
     return folder / target
 
 
+def symbols(path: Path) -> list[Symbol]:
+    """Of a program or an object file."""
+    table = subprocess.run(["arm-none-eabi-nm", "-S", path], capture_output=True, text=True, check=True).stdout
+    rows = re.findall(r"^(\w+) (?:(\w{2,}) )?(\w) (\S+)$", table, re.M)
+    return [Symbol(name, kind, int(address, 16), int(size or "0", 16)) for address, size, kind, name in rows]
+
+
 def sizes(folder: Path) -> Sizes:
     """Of the ``tinygc_model.o`` in a build folder."""
-    table = subprocess.run(["arm-none-eabi-nm", "-S", folder / "tinygc_model.o"], capture_output=True, text=True, check=True).stdout
-    symbols = [(name, kind, int(size, 16)) for size, kind, name in re.findall(r"^\w+ (\w+) (\w) (\w+)$", table, re.M)]
-    test = sum(size for name, _, size in symbols if name in SELF_TEST or name.startswith("TEST_"))
-    use = [symbol for symbol in symbols if symbol[0] not in SELF_TEST and not symbol[0].startswith("TEST_")]
+    found = symbols(folder / "tinygc_model.o")
+    test = [symbol for symbol in found if symbol.name in SELF_TEST or symbol.name.startswith("TEST_")]
+    use = [symbol for symbol in found if symbol not in test]
+    # The measuring program holds one state; its size as the linker sees it.
+    (state,) = [symbol for symbol in symbols(folder / "measure.elf") if symbol.kind in "bB" and symbol.name.split(".")[0] == "state"]
     return Sizes(
-        code=sum(size for _, kind, size in use if kind in "tT"),
-        weights=sum(size for _, kind, size in use if kind in "rR"),
-        self_test=test,
-        state=_state_bytes(folder),
+        code=sum(symbol.size for symbol in use if symbol.kind in "tT"),
+        weights=sum(symbol.size for symbol in use if symbol.kind in "rR"),
+        self_test=sum(symbol.size for symbol in test),
+        state=state.size,
     )
-
-
-def _state_bytes(folder: Path) -> int:
-    """The measuring program holds one state; its size as the linker sees it."""
-    elf = folder / "measure.elf"
-    table = subprocess.run(["arm-none-eabi-nm", "-S", elf], capture_output=True, text=True, check=True).stdout
-    return int(re.search(r"^\w+ (\w+) [bB] state(?:\.\d+)?$", table, re.M)[1], 16)
 
 
 def run(elf: Path, inputs: np.ndarray, folder: Path) -> Measured:

@@ -5,6 +5,18 @@
 #include "defaults.h"
 #include "stream.h"
 
+#ifdef RECORDER
+/* What make was given.  With others the sensor would not start, and be set to 417 Hz, 500 dps, 4 g; a model's may be of another sensor. */
+#define IS_RATE(hz)                                                                                                                        \
+    (((hz) == 12.0) || ((hz) == 12.5) || ((hz) == 26.0) || ((hz) == 52.0) || ((hz) == 104.0) || ((hz) == 208.0) || ((hz) == 417.0) ||      \
+     ((hz) == 833.0) || ((hz) == 1667.0) || ((hz) == 3333.0) || ((hz) == 6667.0))
+#define IS_DPS(fs) (((fs) == 125) || ((fs) == 250) || ((fs) == 500) || ((fs) == 1000) || ((fs) == 2000) || ((fs) == 4000))
+#define IS_G(fs) (((fs) == 2) || ((fs) == 4) || ((fs) == 8) || ((fs) == 16))
+_Static_assert(IS_RATE((double)ODR_HZ), "ODR_HZ is one of 12.5 (or 12), 26, 52, 104, 208, 417, 833, 1667, 3333, 6667");
+_Static_assert(IS_DPS(GYRO_FS_DPS), "GYRO_FS_DPS is one of 125, 250, 500, 1000, 2000, 4000");
+_Static_assert(IS_G(ACCEL_FS_G), "ACCEL_FS_G is one of 2, 4, 8, 16");
+#endif
+
 /* A sensor may take its time after power-up.  Later it is not looked for: one that is plugged in then is fed through its data lines. */
 enum { LOOK_MS = 2000 };
 

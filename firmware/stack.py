@@ -1,5 +1,7 @@
 """The worst-case stack of a program, from the call graph that ``-fcallgraph-info=su`` leaves in a .ci file beside each object.
 
+Which objects were linked stands in the linker's map (``-Wl,-Map``) beside the program: other programs may have left theirs in the folder.
+
 Each function's own bytes are the compiler's; those of the C library's functions are counted from their disassembly.  A call through a
 pointer may lead to every function whose address the program holds.  Recursion, and a frame without a bound, are errors.
 
@@ -14,6 +16,8 @@ import subprocess
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import measure
 
 PREFIX = "arm-none-eabi-"
 VECTORS = 98  #: words at the program's beginning
@@ -51,10 +55,10 @@ class Stack:
         return self.main + self.interrupt + self.fault
 
 
-def stack(elf: Path, objects: Path) -> Stack:
-    """Of a program and the folder of its .ci files.  Raises StackError."""
-    graph = _compiled(objects)
-    symbols = _symbols(elf)
+def stack(elf: Path) -> Stack:
+    """Of a program with its map and the .ci files of its objects.  Raises StackError."""
+    graph = _compiled(elf.with_suffix(".map"))
+    symbols = {symbol.name: symbol.address for symbol in measure.symbols(elf)}
     _add_library(graph, elf)
     graph.calls[INDIRECT] = {name for name in graph.own if name.split(":")[-1] in _taken(elf, symbols)}
     graph.own[INDIRECT] = 0
@@ -70,9 +74,17 @@ def stack(elf: Path, objects: Path) -> Stack:
     )
 
 
-def _compiled(objects: Path) -> Graph:
+def sections(elf: Path) -> dict[str, int]:
+    """Bytes of code and constants, of variables, and of the stack."""
+    sizes = {name: int(size) for name, size in re.findall(r"^(\.\w+)\s+(\d+)", _tool("size", "-A", elf), re.M)}
+    variables = sum(sizes.get(name, 0) for name in (".data", ".bss", ".kept"))
+    return {"code": sizes[".text"] + sizes.get(".data", 0), "variables": variables, "stack": sizes[".stack"]}
+
+
+def _compiled(map_file: Path) -> Graph:
     graph = Graph()
-    for path in sorted(objects.glob("*.ci")):
+    for linked_object in re.findall(r"^LOAD (.+)\.o$", map_file.read_text(encoding="utf-8"), re.M):
+        path = measure.HERE / f"{linked_object}.ci"
         text = path.read_text(encoding="utf-8")
         for name, size, kind in re.findall(r'^node: \{ title: "([^"]+)" label: "[^"]*\\n(\d+) bytes \(([^)]+)\)"', text, re.M):
             if kind == "dynamic":
@@ -85,11 +97,6 @@ def _compiled(objects: Path) -> Graph:
 
 def _tool(name: str, *words: str | Path) -> str:
     return subprocess.run([PREFIX + name, *words], capture_output=True, text=True, check=True).stdout
-
-
-def _symbols(elf: Path) -> dict[str, int]:
-    table = re.findall(r"^(\w+) \w (\S+)$", _tool("nm", elf), re.M)
-    return {name: int(address, 16) for address, name in table}
 
 
 def _taken(elf: Path, symbols: dict[str, int]) -> set[str]:

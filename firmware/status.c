@@ -59,7 +59,7 @@ static void say_board(void)
     frame_u8(&frame, sensor_found() ? FROM_SENSOR : FROM_STANDIN);
     const uint8_t runs = sensor->running ? 2u : 0u;
     const uint8_t settles = (sensor->running && (sensor->fifo.settled == 0u)) ? 4u : 0u;
-    frame_u8(&frame, (uint8_t)((unsigned)stream_is_on() | (unsigned)runs | (unsigned)settles | ((unsigned)board_was_reset() << 3)));
+    frame_u8(&frame, (uint8_t)((unsigned)stream_is_on() | (unsigned)runs | (unsigned)settles | ((unsigned)board_cause() << 3)));
     frame_u8(&frame, FIRMWARE_MAJOR);
     frame_u8(&frame, FIRMWARE_MINOR);
     frame_u8(&frame, FIRMWARE_PATCH);

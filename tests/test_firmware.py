@@ -166,9 +166,9 @@ def test_a_fault_of_the_core_is_a_reset_and_its_cause_is_kept(upset, status, tmp
     run(["arm-none-eabi-gcc", *core, *parts, "-o", elf], check=True)
     semihosting = ["-semihosting-config", "enable=on,target=native", "-serial", "none"]
     ran = run(["qemu-system-arm", *measure.MACHINE, *semihosting, "-kernel", elf], capture_output=True, text=True)
-    records = np.reshape([int(word, 16) for word in ran.stderr.split()], (4, 6))
+    records = np.reshape([int(word, 16) for word in ran.stderr.split()], (4, 7))
     assert ran.returncode == 0
-    assert records[0].tolist() == [0] * 6
+    assert records[0].tolist() == [0] * 7
     np.testing.assert_array_equal(records[1:, 0], 0x0FA17)
     np.testing.assert_array_equal(records[1:, 1], [1, 2, 2])
     np.testing.assert_array_equal(records[1:, 4], status)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import pytest
@@ -10,17 +11,16 @@ from exported_models import MODELS
 from processes import run
 
 from session.bench import frames
-from tinygc.annexes.emulated.cpu import RAM, missing
+from tinygc.annexes.emulated.cpu import missing
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 
 sys.path.insert(0, str(ROOT / "firmware"))
 import measure
-from stack import EXCEPTION_BYTES, StackError, stack
+from misra_check import write_model
+from stack import EXCEPTION_BYTES, StackError, sections, stack
 
 pytestmark = [pytest.mark.emulation, pytest.mark.skipif(bool(measure.tools_missing()), reason=measure.tools_missing())]
-
-PAINT = 0x5A
 
 
 @pytest.fixture(scope="module")
@@ -29,28 +29,25 @@ def recorder(tmp_path_factory):
     return measure.build("recorder.elf", folder, folder, ODR_HZ="1667", BAUD="2000000")
 
 
-def used(machine, reserved: int) -> int:
-    """Bytes of a painted stack that were written."""
-    data = machine.cpu.memory(RAM, reserved)
-    return reserved - (len(data) - len(data.lstrip(bytes([PAINT]))))
-
-
 def test_the_recorders_stack_has_a_bound_that_the_board_comes_near_and_keeps(recorder):
     if trouble := missing():
         pytest.skip(trouble)
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    import board_cost
+
     from tinygc.annexes.emulated.machine import Machine
     from tinygc.annexes.emulated.readings import AtRest, Fault
     from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
-    bound = stack(recorder, recorder.parent / "recorder")
+    bound = stack(recorder)
     sensor = Asm330lhh(AtRest(), faults=[Fault("reset", 1.0), Fault("hang", 1.5, 0.05), Fault("parity", 1.7)])
     machine = Machine(recorder, SensorPort(sensor))
-    machine.cpu.set_memory(RAM, bytes([PAINT]) * bound.reserved)
+    board_cost.paint(machine, bound)
     machine.run_until(0.9)
     for number, command in enumerate(((frames.DATA_RATE, 6667.0), (frames.RANGES, 250, 2), (frames.SELF_TEST,), (frames.IDENTIFY,))):
         machine.usart1.feed(frames.encode_command(command[0], number, *command[1:]))
         machine.run_until(machine.clock.now_s() + 0.6)
-    measured = used(machine, bound.reserved)
+    measured = board_cost.used(machine, bound)
     assert machine.resets == 0
     assert measured <= bound.main + bound.interrupt
     assert measured > 0.5 * bound.main
@@ -64,9 +61,26 @@ def test_the_stack_with_a_model_fits(name, tmp_path):
     for file, text in source_files(program(MODELS[name]), Registers(), "A test.", {}).items():
         (tmp_path / file).write_text(text)
     elf = measure.build("tinygc.elf", tmp_path, tmp_path / "build")
-    bound = stack(elf, tmp_path / "build")
+    bound = stack(elf)
     assert "tinygc_self_test" in bound.deepest
     assert 1144 < bound.main < bound.total < bound.reserved == 4096
+    measure.build("measure.elf", tmp_path, tmp_path / "build")  # whose main is another, in the same folder
+    assert stack(elf) == bound
+
+
+def test_the_page_states_what_the_firmware_takes(tmp_path):
+    """Within 3 %: else run benchmarks/board_cost.py, and put its tables there."""
+    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
+    (tmp_path / "model").mkdir()
+    write_model(tmp_path / "model")
+    recorder = measure.build("recorder.elf", tmp_path, tmp_path, BAUD="2000000")
+    modelled = measure.build("tinygc.elf", tmp_path / "model", tmp_path, BAUD="2000000")
+    for name, elf in (("recorder", recorder), ("with the 195-parameter model", modelled)):
+        (row,) = re.findall(rf"^\| {name} \| (.*) \|$", page, re.M)
+        code, variables, main, interrupt, fault, total, _, reserved, *_ = (int(cell) for cell in row.split(" | "))
+        size, bound = sections(elf), stack(elf)
+        found = [size["code"], size["variables"], bound.main, bound.interrupt, bound.fault, bound.total, bound.reserved]
+        assert [code, variables, main, interrupt, fault, total, reserved] == pytest.approx(found, rel=0.03), name
 
 
 def test_the_loop_turns_each_millisecond_at_6667_hz(recorder):
@@ -101,9 +115,10 @@ def built(body: str, folder):
     source.write_text(LEAST.format(body=body))
     flags = ["-mcpu=cortex-m4", "-mthumb", "-O1", "-fcallgraph-info=su", "-nostartfiles", "--specs=nano.specs", "-ffunction-sections"]
     run(["arm-none-eabi-gcc", *flags, "-c", source, "-o", folder / "fault.o"], check=True)
-    elf = folder / "x.elf"
-    run(["arm-none-eabi-gcc", *flags[:2], *flags[4:6], "-T", ROOT / "firmware" / "stm32f405.ld", folder / "fault.o", "-o", elf], check=True)
-    return stack(elf, folder)
+    elf, script = folder / "x.elf", ROOT / "firmware" / "stm32f405.ld"
+    linking = [*flags[:2], *flags[4:6], "-T", script, f"-Wl,-Map={folder / 'x.map'}"]
+    run(["arm-none-eabi-gcc", *linking, folder / "fault.o", "-o", elf], check=True)
+    return stack(elf)
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def library() -> ctypes.CDLL:
     found.fifo_tick_q32.restype = ctypes.c_uint64
     found.fifo_tick_q32.argtypes = [ctypes.c_int8]
     found.lsm6dsx_odr.argtypes = [ctypes.c_float]
-    found.identity_serial.restype = found.identity_crc32.restype = ctypes.c_uint32
+    found.identity_serial.restype = ctypes.c_uint32
     return found
 
 

@@ -10,6 +10,8 @@ from conftest import ROOT, broad
 from f405_programs import tools_missing
 
 from session.bench import frames
+from tinygc.annexes.emulated.readings import AtRest
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -18,6 +20,8 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 import emulated_driver
 import measure
 from emulated_driver import Driven
+
+from tinygc.annexes.emulated.machine import Machine
 
 if MISSING := measure.tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -84,3 +88,54 @@ def test_what_a_clock_does_not_carry_is_not_built(divider, odr_hz, tmp_path):
 def test_a_divider_that_the_part_does_not_have_is_not_built(divider, tmp_path):
     with pytest.raises(RuntimeError, match="SPI_DIVIDER is one of 16, 32, 64, 128, 256"):
         measure.build("recorder.elf", tmp_path, tmp_path, SPI_DIVIDER=str(divider))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"ODR_HZ": "500"}, "ODR_HZ is one of 12.5 (or 12), 26, 52, 104, 208, 417, 833, 1667, 3333, 6667"),
+        ({"ODR_HZ": "12.6"}, "ODR_HZ is one of"),
+        ({"GYRO_FS_DPS": "300"}, "GYRO_FS_DPS is one of 125, 250, 500, 1000, 2000, 4000"),
+        ({"ACCEL_FS_G": "3"}, "ACCEL_FS_G is one of 2, 4, 8, 16"),
+    ],
+)
+def test_a_rate_or_range_that_no_sensor_has_is_not_built(options, said, tmp_path):
+    with pytest.raises(RuntimeError, match=re.escape(said)):
+        measure.build("recorder.elf", tmp_path, tmp_path, **options)
+
+
+@pytest.mark.parametrize("odr_hz", ["12.5", "12"])
+def test_a_recorder_begins_with_the_rate_and_the_ranges_that_make_was_given(odr_hz, tmp_path):
+    driven = Driven(measure.build("recorder.elf", tmp_path, tmp_path, ODR_HZ=odr_hz, GYRO_FS_DPS="250", ACCEL_FS_G="2"))
+    driven.run(1.0)
+    assert driven.info.odr_hz == pytest.approx(6667 * (1 + 0.0015 * 7) / 512)
+    assert (driven.info.gyro_fs_dps, driven.info.accel_fs_g) == (250.0, 2.0)
+
+
+class Heard(SensorPort):
+    """Keeps what the board sends behind the address of a read."""
+
+    def __init__(self, sensor: Asm330lhh):
+        super().__init__(sensor)
+        self.reads, self._first = [], None
+
+    def select(self, selected: bool, t_s: float) -> None:
+        super().select(selected, t_s)
+        self._first = None
+
+    def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
+        for byte in out:
+            if self._first is None:
+                self._first = byte
+            elif self._first & 0x80:
+                self.reads.append(byte)
+        return super().transfer(out, t_s, byte_s)
+
+
+def test_the_board_sends_ones_while_it_reads(tmp_path):
+    """By hand and by DMA: a sensor that has missed the address takes ones for a read, and zeros for a write."""
+    port = Heard(Asm330lhh(AtRest()))
+    machine = Machine(measure.build("recorder.elf", tmp_path, tmp_path), port)
+    machine.run_until(1.0)
+    assert len(port.reads) > 1000 * 2 + 3 * 7 * 300  # looks at the level each millisecond, and words
+    assert set(port.reads) == {0xFF}

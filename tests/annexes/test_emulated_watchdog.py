@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import sys
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from f405_programs import came_to_its_end, compiled, found, tools_missing
-from processes import run
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
@@ -23,13 +21,14 @@ if MISSING := tools_missing():
 sys.path.insert(0, str(ROOT / "firmware"))
 import measure
 
-from tinygc.annexes.emulated.core import SYSTICK_CSR
+from tinygc.annexes.emulated.core import AIRCR, RESET_KEY, RESET_REQUEST, SYSTICK_CSR
 from tinygc.annexes.emulated.cpu import CCM
 from tinygc.annexes.emulated.machine import Machine
 
 pytestmark = pytest.mark.emulation
 
 RATE_HZ = 208
+RUNS, SETTLES, BY_WATCHDOG, BY_FAULT = 0b11, 1 << 2, 1 << 3, 1 << 4  #: of the board's state; the first: it streams its sensor's samples
 LSI_HZ = (17e3, 32e3, 47e3)  #: least, typical and most of the data sheet
 WATCHED = """
 #define IWDG(o) REG(0x40003000 + (o))
@@ -178,6 +177,11 @@ def states(stream: bytes) -> list[int]:
     return [body[4] for body in bodies(stream) if body[0] == 0x05]
 
 
+def state(machine: Machine) -> int:
+    """The one that it has said last, but for whether its filters settle."""
+    return states(machine.usart1.take())[-1] & ~SETTLES
+
+
 def samples(stream: bytes) -> int:
     return sum(body[0] == 0x01 for body in bodies(stream))
 
@@ -185,7 +189,7 @@ def samples(stream: bytes) -> int:
 def started(elf, lsi_hz: float, seconds: float = 2.0, **how) -> Machine:
     machine = Machine(elf, SensorPort(Asm330lhh(AtRest())), lsi_hz=lsi_hz, **how)
     machine.run_until(seconds)
-    assert states(machine.usart1.take())[-1] & 0b1011 == 0b0011  # streamed, the sensor runs, no watchdog
+    assert state(machine) == RUNS
     return machine
 
 
@@ -211,7 +215,7 @@ def test_a_board_that_hangs_is_reset_and_streams_again(recorder, lsi_hz, upset):
     machine.usart1.take()
     machine.run_until(machine.clock.now_s() + 1.5)
     stream = machine.usart1.take()
-    assert states(stream)[-1] & 0b1011 == 0b1011
+    assert states(stream)[-1] & ~SETTLES == RUNS | BY_WATCHDOG
     assert samples(stream) > 1.0 * RATE_HZ
     assert machine.watchdog_resets == 1
 
@@ -223,25 +227,41 @@ def flip(machine: Machine, address: int, bit: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("register", "value"),
+    ("register", "value", "by"),
     [
-        ("PC", 0x30000001),  # no memory
-        ("PC", 0x080FFF01),  # behind the program, up to the memory's end
-        ("SP", 0x60000F00),  # no memory: neither the handler of a fault has a stack
-        ("SP", 0x20000010),  # the stack's own end, with the memory's behind it
+        ("PC", 0x30000001, BY_FAULT),  # no memory
+        ("PC", 0x080FFF01, BY_FAULT),  # behind the program, up to the memory's end
+        ("SP", 0x60000F00, BY_WATCHDOG),  # no memory: neither the handler of a fault has a stack
+        ("SP", 0x20000010, BY_WATCHDOG),  # the stack's own end, with the memory's behind it
     ],
 )
-def test_a_core_that_runs_astray_is_reset_and_streams_again(recorder, register, value):
-    """By the handler of faults, or where the core locks up by the watchdog."""
+def test_a_core_that_runs_astray_is_reset_and_streams_again(recorder, register, value, by):
+    """By the handler of faults at once, or where the core locks up by the watchdog."""
     machine = started(recorder, 32e3, hard_faults=True)
     machine.cpu.set(register, value)
+    machine.run_until(2.9)
+    assert machine.resets == (by == BY_FAULT)
     machine.run_until(4.0)
-    assert machine.resets == 1
-    stream = machine.usart1.take()
-    assert states(stream)[-1] & 0b1011 == 0b1011
+    assert (machine.resets, machine.watchdog_resets) == (1, by == BY_WATCHDOG)
+    assert state(machine) == RUNS | by
     machine.run_until(5.2)
     assert samples(machine.usart1.take()) == pytest.approx(1.2 * RATE_HZ, rel=0.05)
     assert machine.resets == 1
+
+
+def test_a_board_names_the_cause_of_its_last_reset_alone(recorder):
+    """A reset that somebody asks for, as a flasher does, is none of its own; neither is one behind a fault that was said before."""
+    machine, said = started(recorder, 32e3, 1.0, hard_faults=True), []
+
+    def ask() -> None:
+        machine.core.write(AIRCR, 4, RESET_KEY | RESET_REQUEST)
+
+    for n, upset in enumerate((ask, lambda: machine.cpu.set("PC", 0x30000001), ask, lambda: hang(machine), ask)):
+        upset()
+        machine.run_until(1.0 + 2.0 * (n + 1))
+        said.append(state(machine))
+        assert machine.resets == n + 1
+    assert said == [RUNS, RUNS | BY_FAULT, RUNS, RUNS | BY_WATCHDOG, RUNS]
 
 
 @pytest.mark.slow
@@ -249,11 +269,10 @@ def test_a_core_that_runs_astray_is_reset_and_streams_again(recorder, register, 
 def test_a_bit_of_the_memory_that_changes_ends_no_stream(recorder, seed):
     """Any variable but the switch of the stream, which the host may have set: samples come again, each once."""
     rng = np.random.default_rng(seed)
-    table = run(["arm-none-eabi-nm", "-S", recorder], capture_output=True, text=True, check=True).stdout
-    variables = [(int(at, 16), int(size, 16), name) for at, size, name in re.findall(r"^(2\w+) (\w+) [bdBD] (\S+)$", table, re.M)]
-    address, size, _ = [variable for variable in variables if variable[2] != "off"][rng.integers(len(variables) - 1)]
+    variables = [symbol for symbol in measure.symbols(recorder) if symbol.kind in "bdBD" and symbol.size and symbol.name != "off"]
+    variable = variables[rng.integers(len(variables))]
     machine = started(recorder, 32e3, 1.0 + 0.01 * rng.random(), hard_faults=True)
-    flip(machine, address + size - 1 - int(rng.integers(min(size, 64))), int(rng.integers(8)))
+    flip(machine, variable.address + variable.size - 1 - int(rng.integers(min(variable.size, 64))), int(rng.integers(8)))
     machine.run_until(4.0)
     decoder = StreamDecoder()
     machine.usart1.take()
@@ -266,8 +285,7 @@ def test_a_bit_of_the_memory_that_changes_ends_no_stream(recorder, seed):
 @pytest.mark.parametrize("place", [8192 + 4 + 3, 8192 + 20 + 2])  # out, which the end of DMA moves on; next_baud
 def test_what_the_ring_cannot_hold_is_not_sent(recorder, place):
     """A count of the ring with a bit too many: old frames would go out again for as long as it takes to send 4 GB."""
-    table = run(["arm-none-eabi-nm", recorder], capture_output=True, text=True, check=True).stdout
-    waiting = int(re.search(r"^(\w+) b waiting$", table, re.M)[1], 16)
+    (waiting,) = [symbol.address for symbol in measure.symbols(recorder) if symbol.name == "waiting"]
     machine = started(recorder, 32e3)
     flip(machine, waiting + place, 6)
     machine.run_until(2.5)
@@ -291,8 +309,9 @@ def test_a_recording_goes_on_behind_a_reset(recorder):
 
 
 def test_a_board_that_works_is_never_reset(recorder):
-    """The quickest oscillator, its least period 0.68 s: a start, six seconds, a command; a millisecond or two between two reloads."""
-    machine = started(recorder, 47e3)
+    """The quickest oscillator, its least period 0.68 s: a start, six seconds, a command; a millisecond or two between two reloads.  Then a
+    debugger holds the core for 3 s."""
+    machine = started(recorder, 47e3, stalls=[(8.5, 3.0)])
     machine.iwdg.longest_s = 0.0
     machine.run_until(6.0)
     assert machine.iwdg.longest_s < 0.005
@@ -300,6 +319,9 @@ def test_a_board_that_works_is_never_reset(recorder):
     machine.run_until(8.0)
     assert machine.resets == 0
     assert machine.iwdg.longest_s < 0.1
+    machine.run_until(12.0)
+    assert machine.resets == 0
+    assert state(machine) == RUNS
     assert machine.bus.objections == {}
 
 

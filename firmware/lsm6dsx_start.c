@@ -4,6 +4,7 @@
 
 static const uint32_t GYRO_OFF_US = 10000; /* before it may be switched on again; ST's own driver waits as long */
 static const uint32_t RESET_US = 1000, RESET_MOST_US = 100000;
+static const float TEMPERATURES_HZ = 12.5f; /* words of them in the FIFO; no sample comes before the first one */
 static const uint32_t ON_US = 10000; /* before FREQ_FINE is read: it may be another one before the sensors are on */
 
 void lsm6dsx_next(struct lsm6dsx *sensor, enum lsm6dsx_step step)
@@ -63,11 +64,7 @@ static enum fault begin(struct lsm6dsx *sensor)
     sensor->failed = false;
     sensor->freq_fine = (int8_t)lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE);
     fifo_begin(&sensor->fifo, sensor->settings.odr, sensor->freq_fine, lsm6dsx_unsettled(&sensor->settings, sensor->freq_fine));
-    if ((lsm6dsx_read_one(sensor, STATUS_REG) & TDA) != 0) {
-        uint8_t temperature[2];
-        lsm6dsx_read(sensor, OUT_TEMP_L, temperature, 2);
-        fifo_temperature(&sensor->fifo, (int16_t)(uint16_t)(temperature[0] | ((uint16_t)temperature[1] << 8)));
-    } /* else there is no sample before the first temperature comes through the FIFO */
+    sensor->word_us = (uint32_t)(1e6f / (((float)WORDS_PER_SLOT * fifo_rate_hz(sensor->settings.odr, sensor->freq_fine)) + TEMPERATURES_HZ));
     lsm6dsx_write(sensor, FIFO_CTRL4, CONTINUOUS);
     lsm6dsx_read(sensor, FIFO_CTRL1, sensor->kept, LSM6DSX_KEPT);
     const bool steady = lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE) == (uint8_t)sensor->freq_fine;
@@ -89,7 +86,7 @@ enum fault lsm6dsx_start_step(struct lsm6dsx *sensor)
         fault = lsm6dsx_reset_step(sensor);
     } else if (sensor->step == STEP_BLANK) {
         if (!lsm6dsx_possible(&sensor->settings, sensor->chip))
-            return LSM6DSX_IMPOSSIBLE;
+            return (sensor->found && !sensor->starting) ? FAULT_IDENTITY : LSM6DSX_IMPOSSIBLE; /* another chip in place of the one that ran */
         sensor->failed = false;
         lsm6dsx_write_settings(sensor);
         fault = sensor->failed ? FAULT_HANG : FAULTS;

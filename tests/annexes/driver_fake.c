@@ -15,7 +15,7 @@ uint8_t registers[128];
 uint8_t stuck; /* a register that takes nothing, or 0 */
 uint8_t who = 0x6B; /* WHO_AM_I */
 uint8_t turned, turned_bits; /* a register some of whose bits read the wrong way round */
-uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
+uint8_t fine; /* INTERNAL_FREQ_FINE, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
 uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after;
 uint32_t wakes_us;             /* before that a sensor answers zeros, and takes nothing */
@@ -39,7 +39,6 @@ void reset_registers(void)
     registers[CTRL3_C] = IF_INC;
     registers[CTRL9_XL] = 0xE0;
     registers[INTERNAL_FREQ_FINE] = fine;
-    registers[OUT_TEMP_L + 1] = warmth;
     words_out = words_in;
 }
 
@@ -60,7 +59,7 @@ static void get_ready(uint8_t address)
     registers[FIFO_STATUS1 + 1] = (uint8_t)((words >> 8 & 3) | (watermark && words >= watermark ? FIFO_WATERMARK : 0) | (overrun ? 0x48 : 0));
     if ((address & 0x7F) == FIFO_STATUS1)
         overrun = 0;
-    registers[STATUS_REG] = XLDA | GDA | TDA;
+    registers[STATUS_REG] = XLDA | GDA;
     for (int i = 0; i < 3; i++) { /* the self-test's answer */
         const int gyro = (registers[CTRL5_C] & ST_G_POSITIVE ? 256 * pushed : 0) + (transfers % 8 < 4 ? shaken : 0);
         registers[OUTX_L_G + 2 * i] = (uint8_t)gyro;
@@ -156,7 +155,7 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
 {
     const struct lsm6dsx_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
     behaviour = ANSWERS;
-    fine = warmth = stuck = turned = turned_bits = 0;
+    fine = stuck = turned = turned_bits = 0;
     now_us = transfers = logged = words_in = words_out = breaks_after = wakes_us = longest_us = waits = line_from_us = line_until_us = 0;
     byte_us = 2;
     overrun = busy_polls = pushed = shaken = 0;

@@ -166,7 +166,7 @@ def test_the_longest_poll_is_a_burst_and_its_proof():
     number("longest_us", ctypes.c_uint32).value = 0
     poll(40)
     assert library().running()
-    assert 150 < number("longest_us", ctypes.c_uint32).value < 500
+    assert 100 < number("longest_us", ctypes.c_uint32).value < 500
 
 
 @pytest.mark.parametrize("register", [CTRL1_XL, CTRL3_C])

@@ -35,7 +35,7 @@ from driver_under_test import (
 NOTHING_MEASURED = 0x8000
 CTRL5_C = 0x14
 #: microseconds: how long it takes, a poll of it on a bus of 1.6 MHz
-TAKES_US, LONGEST_POLL_US = 950_000, 500
+TAKES_US, LONGEST_POLL_US = 1_350_000, 500
 GOOD, BAD = 30, 2  # times 256 LSB
 
 

@@ -25,10 +25,15 @@ void lsm6dsx_restart(struct lsm6dsx *sensor)
     sensor->asked_us = sensor->step_us;
 }
 
-/* Whether it is one that the sensor need not have noticed, though transfers end. */
+/* Those that the sensor need not have noticed: registers read as none of its own, or transfers do not end. */
 static bool is_unreadable(enum fault fault)
 {
     return (fault == FAULT_ZEROS) || (fault == FAULT_ONES) || (fault == FAULT_IDENTITY);
+}
+
+static bool is_of_the_bus(enum fault fault)
+{
+    return (fault == FAULT_HANG) || is_unreadable(fault);
 }
 
 /* By the wrong IF_INC all registers read as one, by the wrong SIM as 0xFF.  Written blind, both are right again; nothing else changes,
@@ -43,9 +48,9 @@ static void make_readable(struct lsm6dsx *sensor)
 /* Count a fault once, however often it is found again before the sensor runs. */
 static void stand_still(struct lsm6dsx *sensor, enum fault fault)
 {
-    /* A bus that failed amid the registers looks so. */
-    const bool once = sensor->running && ((fault == FAULT_RESET) || (fault == FAULT_CHANGED));
-    const bool goes_on = sensor->set_up && (once || (fault == FAULT_HANG) || is_unreadable(fault));
+    const bool of_sensor = (fault == FAULT_RESET) || (fault == FAULT_CHANGED);
+    const bool once = of_sensor && (sensor->running || is_of_the_bus(sensor->reason)); /* a bus that failed amid the registers looks so */
+    const bool goes_on = sensor->set_up && (once || is_of_the_bus(fault));
     sensor->tried_us = sensor->bus->time();
     const bool at_once = sensor->set_up && ((sensor->tried_us - sensor->step_us) >= RAN_LEAST_US); /* as the last start was of use */
     sensor->again_us = goes_on ? LOOK_AGAIN_US : (at_once ? 0u : TRY_AGAIN_US);

@@ -64,7 +64,8 @@ static enum fault begin(struct lsm6dsx *sensor)
     sensor->failed = false;
     sensor->freq_fine = (int8_t)lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE);
     fifo_begin(&sensor->fifo, sensor->settings.odr, sensor->freq_fine, lsm6dsx_unsettled(&sensor->settings, sensor->freq_fine));
-    sensor->word_us = (uint32_t)(1e6f / (((float)WORDS_PER_SLOT * fifo_rate_hz(sensor->settings.odr, sensor->freq_fine)) + TEMPERATURES_HZ));
+    const float words_hz = ((float)WORDS_PER_SLOT * fifo_rate_hz(sensor->settings.odr, sensor->freq_fine)) + TEMPERATURES_HZ;
+    sensor->word_us = (uint32_t)(1e6f / words_hz);
     lsm6dsx_write(sensor, FIFO_CTRL4, CONTINUOUS);
     lsm6dsx_read(sensor, FIFO_CTRL1, sensor->kept, LSM6DSX_KEPT);
     const bool steady = lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE) == (uint8_t)sensor->freq_fine;
@@ -73,7 +74,8 @@ static enum fault begin(struct lsm6dsx *sensor)
     sensor->who = sensor->kept[LSM6DSX_KEPT_WHO];
     lsm6dsx_image(sensor, image);
     const enum fault fault = lsm6dsx_identity_fault(sensor->who);
-    return ((fault == FAULTS) && !(steady && lsm6dsx_alike(sensor->chip->known, image, sensor->kept, LSM6DSX_KEPT))) ? FAULT_CHANGED : fault;
+    const bool taken = steady && lsm6dsx_alike(sensor->chip->known, image, sensor->kept, LSM6DSX_KEPT);
+    return ((fault == FAULTS) && !taken) ? FAULT_CHANGED : fault;
 }
 
 enum fault lsm6dsx_start_step(struct lsm6dsx *sensor)
@@ -86,7 +88,7 @@ enum fault lsm6dsx_start_step(struct lsm6dsx *sensor)
         fault = lsm6dsx_reset_step(sensor);
     } else if (sensor->step == STEP_BLANK) {
         if (!lsm6dsx_possible(&sensor->settings, sensor->chip))
-            return (sensor->found && !sensor->starting) ? FAULT_IDENTITY : LSM6DSX_IMPOSSIBLE; /* another chip in place of the one that ran */
+            return (sensor->found && !sensor->starting) ? FAULT_IDENTITY : LSM6DSX_IMPOSSIBLE; /* another chip than the one that ran */
         sensor->failed = false;
         lsm6dsx_write_settings(sensor);
         fault = sensor->failed ? FAULT_HANG : FAULTS;

@@ -35,7 +35,8 @@ enum {
     INT1_FIFO_TH = 1u << 3,       /* INT1_CTRL */
     LPF2_XL_EN = 1u << 1,         /* CTRL1_XL */
     SW_RESET = 1u << 0,           /* CTRL3_C */
-    IF_INC = 1u << 2,             /* CTRL3_C */
+    IF_INC = 1u << 2,             /* CTRL3_C: addresses count up by themselves */
+    SIM = 1u << 3,                /* CTRL3_C: one line for both directions */
     BDU = 1u << 6,                /* CTRL3_C */
     LPF1_SEL_G = 1u << 1,         /* CTRL4_C */
     I2C_DISABLE = 1u << 2,        /* CTRL4_C */

@@ -25,7 +25,8 @@ static enum fault identify(struct lsm6dsx *sensor)
     sensor->who = lsm6dsx_read_one(sensor, WHO_AM_I);
     if (sensor->failed)
         return FAULT_HANG;
-    sensor->chip = lsm6dsx_chip_of(sensor->who);
+    if (lsm6dsx_chip_of(sensor->who) != 0)
+        sensor->chip = lsm6dsx_chip_of(sensor->who);
     return lsm6dsx_identity_fault(sensor->who);
 }
 

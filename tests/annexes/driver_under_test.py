@@ -24,7 +24,7 @@ FAULTS = ("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset",
 FAULTS += ("starts", "lost", "rate")
 NONE = len(FAULTS)
 GYRO, ACCEL, TEMPERATURE, STAMP, CONFIGURATION = 1, 2, 3, 4, 5
-ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES = range(5)
+ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES, FAILS_LATE = range(6)
 RATES_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
 #: registers' addresses
 FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4, INT1_CTRL, WHO_AM_I, CTRL1_XL, CTRL2_G = 0x07, 0x08, 0x09, 0x0A, 0x0D, 0x0F, 0x10, 0x11

@@ -5,7 +5,7 @@
 enum { BAD_BURSTS = 3 }; /* in a row */
 
 static const uint32_t BOOT_MOST_US = 100000, BOOT_AGAIN_US = 10000; /* from power-up to a sensor that answers */
-static const uint32_t TRY_AGAIN_US = 100000, RAN_LEAST_US = 50000;
+static const uint32_t TRY_AGAIN_US = 100000, RAN_LEAST_US = 50000, UNREADABLE_US = 100000;
 static const uint32_t LOOK_AGAIN_US = 2000; /* a tenth of what the FIFO holds at 6667 Hz: 3 kB are 438 words */
 static const uint32_t BURST_MOST_US = 20000; /* it takes 1 ms at 5.25 MHz */
 static const uint32_t QUIET_US = 15000, SILENCE_US = 50000; /* and four periods; a burst is due each 10 ms */
@@ -25,21 +25,38 @@ void lsm6dsx_restart(struct lsm6dsx *sensor)
     sensor->asked_us = sensor->step_us;
 }
 
-/* Whether it is one that the sensor need not have noticed. */
-static bool of_the_bus(enum fault fault)
+/* Those that the sensor need not have noticed: registers read as none of its own, or transfers do not end. */
+static bool is_unreadable(enum fault fault)
 {
-    return (fault == FAULT_HANG) || (fault == FAULT_ZEROS) || (fault == FAULT_ONES) || (fault == FAULT_IDENTITY);
+    return (fault == FAULT_ZEROS) || (fault == FAULT_ONES) || (fault == FAULT_IDENTITY);
+}
+
+static bool is_of_the_bus(enum fault fault)
+{
+    return (fault == FAULT_HANG) || is_unreadable(fault);
+}
+
+/* By the wrong IF_INC all registers read as one, by the wrong SIM as 0xFF.  Written blind, both are right again; nothing else changes,
+ * neither in a sensor that is as it was set, nor in one that does not hear. */
+static void make_readable(struct lsm6dsx *sensor)
+{
+    sensor->failed = false;
+    lsm6dsx_write(sensor, CTRL3_C, BDU | IF_INC);
+    sensor->unreadable_us = sensor->bus->time();
 }
 
 /* Count a fault once, however often it is found again before the sensor runs. */
 static void stand_still(struct lsm6dsx *sensor, enum fault fault)
 {
-    const bool once = sensor->running && ((fault == FAULT_RESET) || (fault == FAULT_CHANGED)); /* a bus that failed amid the registers looks so */
-    const bool goes_on = sensor->set_up && (once || of_the_bus(fault));
+    const bool of_sensor = (fault == FAULT_RESET) || (fault == FAULT_CHANGED);
+    const bool once = of_sensor && (sensor->running || is_of_the_bus(sensor->reason)); /* a bus that failed amid the registers looks so */
+    const bool goes_on = sensor->set_up && (once || is_of_the_bus(fault));
     sensor->tried_us = sensor->bus->time();
     const bool at_once = sensor->set_up && ((sensor->tried_us - sensor->step_us) >= RAN_LEAST_US); /* as the last start was of use */
     sensor->again_us = goes_on ? LOOK_AGAIN_US : (at_once ? 0u : TRY_AGAIN_US);
     sensor->set_up = goes_on;
+    if (sensor->running)
+        sensor->unreadable_us = sensor->tried_us;
     sensor->running = false;
     sensor->starting = false;
     sensor->step = STEP_STANDS;
@@ -78,24 +95,27 @@ static enum fault proof(struct lsm6dsx *sensor)
     return lsm6dsx_as_kept(sensor, now);
 }
 
-/* Whether words have come for twice the time that its filters take, and a fifth of a second, and no slot was a sample. */
+/* Whether words have come for twice the time that its filters take, and a fifth of a second, and no slot was a sample; or for a second
+ * more, and none was a temperature. */
 static bool never_settles(const struct lsm6dsx *sensor)
 {
+    const bool settled = sensor->fifo.settled != 0u;
+    if (settled && (sensor->fifo.warm != 0u))
+        return false;
     const float slots = 16.0f + (2.0f * (float)lsm6dsx_unsettled(&sensor->settings, sensor->freq_fine));
-    const float most_us = 2e5f + (1e6f * slots / fifo_rate_hz(sensor->settings.odr, sensor->freq_fine));
-    return (sensor->fifo.settled == 0u) && ((float)(sensor->bus->time() - sensor->step_us) > most_us);
+    const float most_us = (settled ? 1.2e6f : 2e5f) + (1e6f * slots / fifo_rate_hz(sensor->settings.odr, sensor->freq_fine));
+    return (float)(sensor->bus->time() - sensor->step_us) > most_us;
 }
 
 /* What a burst without a false tag has brought. */
 static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad, struct fifo_sample *out)
 {
     const uint8_t odr = sensor->settings.odr;
-    const uint32_t word_us = (uint32_t)(1e6f / ((float)WORDS_PER_SLOT * fifo_rate_hz(odr, sensor->freq_fine)));
     const uint32_t parity = sensor->faults[FAULT_PARITY];
     unsigned samples = 0;
     for (unsigned n = 0; n < words; n++) {
         const uint8_t *word = &sensor->words[FIFO_WORD_BYTES * n];
-        const uint32_t made_us = sensor->burst_us - (word_us * (sensor->level - n));
+        const uint32_t made_us = sensor->burst_us - (sensor->word_us * (sensor->level - n));
         if (n == bad) { /* and with it the slot in hand: a line that stuck for so long spoilt the word before, too */
             gap(sensor);
         } else {
@@ -106,8 +126,9 @@ static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad,
     sensor->rate.samples += samples;
     if (sensor->faults[FAULT_PARITY] != parity)
         rate_gap(&sensor->rate);
-    const uint32_t last_us = sensor->burst_us - (word_us * (sensor->level - words));
-    if (rate_is_wrong(&sensor->rate, odr, sensor->freq_fine, last_us, sensor->fifo.settled != 0u) || never_settles(sensor))
+    const bool emptied = sensor->level <= words; /* else nobody knows when its last word was made: a backlog may have lost others */
+    const bool samples_due = (sensor->fifo.settled != 0u) && (sensor->fifo.warm != 0u);
+    if ((emptied && rate_is_wrong(&sensor->rate, odr, sensor->freq_fine, sensor->burst_us, samples_due)) || never_settles(sensor))
         stand_still(sensor, FAULT_RATE);
     else if (sensor->fifo.bad_stamps >= BAD_STAMPS)
         stand_still(sensor, rate_steps_are_odd(&sensor->rate) ? FAULT_RATE : FAULT_STAMP);
@@ -196,7 +217,11 @@ static unsigned request_burst(struct lsm6dsx *sensor, unsigned words, struct fif
     const uint8_t address = READ | FIFO_DATA_OUT_TAG;
     sensor->burst_us = sensor->bus->time();
     sensor->bus->select(1);
-    (void)lsm6dsx_transfer(sensor, &address, 0, 1); /* where it fails, so does the next */
+    if (!lsm6dsx_transfer(sensor, &address, 0, 1)) {
+        sensor->bus->select(0);
+        stand_still(sensor, FAULT_HANG);
+        return 0;
+    }
     sensor->burst = words * FIFO_WORD_BYTES;
     return go_on(sensor, out);
 }
@@ -218,6 +243,8 @@ static void look(struct lsm6dsx *sensor)
 {
     const enum fault fault = proof(sensor);
     if (fault != FAULTS) {
+        if (is_unreadable(fault) && ((sensor->bus->time() - sensor->unreadable_us) >= UNREADABLE_US))
+            make_readable(sensor);
         stand_still(sensor, fault);
         return;
     }
@@ -238,7 +265,7 @@ static void start_on(struct lsm6dsx *sensor)
             sensor->overrun = false;
             run(sensor);
         }
-    } else if (!sensor->found && sensor->starting && of_the_bus(fault) && (fault != FAULT_HANG) && ((now_us - sensor->asked_us) < BOOT_MOST_US)) {
+    } else if (!sensor->found && sensor->starting && is_unreadable(fault) && ((now_us - sensor->asked_us) < BOOT_MOST_US)) {
         sensor->step = STEP_STANDS;
         sensor->tried_us = now_us;
         sensor->again_us = BOOT_AGAIN_US;
@@ -262,6 +289,8 @@ static void stand(struct lsm6dsx *sensor)
     }
     if (sensor->found)
         sensor->faults[FAULT_STARTS]++;
+    if (is_unreadable(sensor->reason))
+        make_readable(sensor);
     lsm6dsx_next(sensor, STEP_IDENTIFY);
     start_on(sensor);
 }

@@ -6,7 +6,7 @@
  *
  * Call lsm6dsx_poll each millisecond or so, and nothing else is needed: it looks for the sensor, starts it, and starts it again after a
  * fault.  It waits for nothing.  On a bus of at least 1.6 MHz it takes 5 ms at most, and those only for a burst of 96 words on a target
- * whose transfers wait: half a millisecond everywhere else, or 1 ms where a transfer does not end.  6667 Hz need 4 MHz, as
+ * whose transfers wait: half a millisecond everywhere else, or 2 ms where a transfer fails.  6667 Hz need 4 MHz, as
  * 20 000 words come in a second; the sensor does 10 MHz.
  *
  * With I2C off (CTRL4_C) and DEVICE_CONF set (CTRL9_XL), as here, the sensor's own pull-up at CS is off: a target that lets the line float
@@ -71,8 +71,10 @@ struct lsm6dsx {
     unsigned burst; /* bytes that are on their way, or 0 */
     uint16_t level; /* words in the FIFO when it was last read */
     uint32_t burst_us, data_us;          /* when the burst began, the last one ended */
+    uint32_t word_us;                    /* a word of the FIFO comes each so many */
     uint32_t step_us, asked_us;          /* when the step began, a start was asked for */
     uint32_t tried_us, again_us;         /* when a start last failed, and how long behind that comes the next */
+    uint32_t unreadable_us;              /* when it stopped, or was last made readable */
     uint8_t words[FIFO_WORDS * FIFO_WORD_BYTES];
 };
 

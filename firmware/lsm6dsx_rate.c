@@ -17,9 +17,7 @@ static const float WINDOW_US = 1e6f;
 
 void rate_gap(struct lsm6dsx_rate *rate)
 {
-    rate->begun = false;
-    rate->stamped = false;
-    rate->odd_steps = 0;
+    *rate = (struct lsm6dsx_rate){0};
 }
 
 void rate_take(struct lsm6dsx_rate *rate, const uint8_t *word, uint8_t odr)
@@ -32,7 +30,8 @@ void rate_take(struct lsm6dsx_rate *rate, const uint8_t *word, uint8_t odr)
     const uint32_t ticks = word[1] | ((uint32_t)word[2] << 8) | ((uint32_t)word[3] << 16) | ((uint32_t)word[4] << 24);
     const uint32_t step = ticks - rate->last_ticks, period = (uint32_t)TICKS << (LSM6DSX_QUICKEST - odr);
     const uint32_t off = (step > period) ? (step - period) : (period - step);
-    if (!rate->stamped || (off <= (period / 4u) + 1u))
+    rate->follows = rate->stamped && (off <= (period / 4u) + 1u);
+    if (!rate->stamped || rate->follows)
         rate->odd_steps = 0;
     else if (rate->odd_steps < ODD_STEPS_MOST)
         rate->odd_steps++;
@@ -54,12 +53,15 @@ static bool differs(float value, float expected, float share)
 
 bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uint32_t made_us, bool settled)
 {
-    const float passed_us = (float)(made_us - rate->began_us), periods = passed_us * 1e-6f * fifo_rate_hz(odr, freq_fine);
+    const float passed_us = rate->begun ? (float)(int32_t)(made_us - rate->began_us) : 0.0f;
+    const float periods = passed_us * 1e-6f * fifo_rate_hz(odr, freq_fine);
     const float period_ticks = (float)((uint32_t)TICKS << (LSM6DSX_QUICKEST - odr));
     bool wrong = false;
     if (rate->odd_steps >= ODD_STEPS_MOST)
         return true;
-    if ((rate->odd_steps > 0u) && !rate_steps_are_odd(rate)) /* a stamp that was spoilt on its way is no end of a window */
+    if (!rate->begun && (rate->stamps == 0u) && ((rate->gyro + rate->accel) > (2u * (uint32_t)PERIODS_LEAST)))
+        return true;
+    if ((!rate->follows && !rate_steps_are_odd(rate)) || (passed_us < 0.0f)) /* a stamp that was spoilt on its way is no end of a window */
         return false;
     if (rate->begun && (rate->settled == settled)) {
         if ((passed_us < WINDOW_US) || (periods < (float)PERIODS_LEAST))
@@ -70,6 +72,6 @@ bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uin
                 (rate->settled && differs((float)rate->samples, periods, (float)LOSS_SHARE));
     }
     *rate = (struct lsm6dsx_rate){.began_us = made_us, .first_ticks = rate->last_ticks, .last_ticks = rate->last_ticks, .begun = true,
-                                  .odd_steps = rate->odd_steps, .stamped = rate->stamped, .settled = settled};
+                                  .odd_steps = rate->odd_steps, .stamped = rate->stamped, .follows = rate->follows, .settled = settled};
     return wrong;
 }

@@ -23,7 +23,6 @@ enum {
     CTRL9_XL = 0x18,
     CTRL10_C = 0x19,
     STATUS_REG = 0x1E,
-    OUT_TEMP_L = 0x20,
     OUTX_L_G = 0x22,
     OUTX_L_A = 0x28,
     FIFO_STATUS1 = 0x3A,
@@ -36,7 +35,8 @@ enum {
     INT1_FIFO_TH = 1u << 3,       /* INT1_CTRL */
     LPF2_XL_EN = 1u << 1,         /* CTRL1_XL */
     SW_RESET = 1u << 0,           /* CTRL3_C */
-    IF_INC = 1u << 2,             /* CTRL3_C */
+    IF_INC = 1u << 2,             /* CTRL3_C: addresses count up by themselves */
+    SIM = 1u << 3,                /* CTRL3_C: one line for both directions */
     BDU = 1u << 6,                /* CTRL3_C */
     LPF1_SEL_G = 1u << 1,         /* CTRL4_C */
     I2C_DISABLE = 1u << 2,        /* CTRL4_C */
@@ -49,7 +49,6 @@ enum {
     TIMESTAMP_EN = 1u << 5,       /* CTRL10_C */
     XLDA = 1u << 0,               /* STATUS_REG */
     GDA = 1u << 1,                /* STATUS_REG */
-    TDA = 1u << 2,                /* STATUS_REG */
     FIFO_UNUSED = 1u << 2,        /* FIFO_STATUS2; reads 0 */
     FIFO_OVERRUN = (1u << 3) | (1u << 6), /* FIFO_STATUS2: latched, present */
     FIFO_WATERMARK = 1u << 7,     /* FIFO_STATUS2 */

@@ -1,8 +1,9 @@
-/* The procedure is the one by which ST's own Linux drivers judge the family: the mean of five outputs without and with the force, each 0.1 s
- * behind the switch, 0.15 s behind a reset.  The limits are in lsm6dsx_chips.c.
+/* The procedure is the one by which ST's own Linux drivers judge the family: the mean of five outputs without and with the force, each
+ * 0.1 s behind the switch, 0.15 s behind a reset.  It is measured without the force once more behind it: the change is against the mean of
+ * both, and where they differ the part has turned meanwhile.  The limits are in lsm6dsx_chips.c.
  *
- * A part fails for what was measured, never for a bus: each output comes in one burst with WHO_AM_I and the control registers, which must be
- * as they were set, and WHO_AM_I follows it once more.  Five outputs of a sensor that lies still are alike. */
+ * A part fails for what was measured, never for a bus: each output comes in one burst with WHO_AM_I and the control registers, which must
+ * be as they were set, and WHO_AM_I follows it once more.  Five outputs of a sensor that lies still are alike. */
 #include "lsm6dsx_self_test.h"
 
 #include "lsm6dsx_registers.h"
@@ -11,8 +12,9 @@ enum {
     GYRO_208HZ_2000DPS = (5u << 4) | 12u,
     ACCEL_52HZ_4G = (3u << 4) | (2u << 2),
     OUTPUTS = 5,
-    PHASES = 4,
-    ALIKE_SHARE = 8, /* of the least that the force must do: what the outputs of a phase may differ by */
+    STAGES = 3, /* of a part: without the force, with it, without it */
+    PHASES = 2 * STAGES,
+    ALIKE_SHARE = 8, /* of the least that the force must do: what the outputs of a phase may differ by, and the phases without the force */
     BURST = OUTX_L_A + 6 - WHO_AM_I,
 };
 
@@ -22,13 +24,13 @@ static const uint32_t OUTPUT_MOST_US = 100000; /* until the next output; 20 ms a
 
 static bool is_gyro(const struct lsm6dsx_self_test *test)
 {
-    return test->phase < 2u;
+    return test->phase < (uint8_t)STAGES;
 }
 
 /* The registers of the phase, as lsm6dsx_image has them. */
 static void image_of(const struct lsm6dsx *sensor, const struct lsm6dsx_self_test *test, uint8_t image[LSM6DSX_KEPT])
 {
-    const bool pushed = (test->phase % 2u) != 0u;
+    const bool pushed = (test->phase % (uint8_t)STAGES) == 1u;
     for (unsigned n = 0; n < LSM6DSX_KEPT; n++)
         image[n] = 0;
     image[WHO_AM_I - FIFO_CTRL1] = sensor->chip->who;
@@ -59,13 +61,14 @@ static bool take_output(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test)
     const uint8_t *output = &bytes[(is_gyro(test) ? OUTX_L_G : OUTX_L_A) - WHO_AM_I];
     image_of(sensor, test, image);
     lsm6dsx_read(sensor, WHO_AM_I, bytes, BURST);
+    const uint8_t *known = &sensor->chip->known[LSM6DSX_KEPT_WHO];
     const bool sure = (lsm6dsx_read_one(sensor, WHO_AM_I) == sensor->chip->who) &&
-                      lsm6dsx_alike(&sensor->chip->known[LSM6DSX_KEPT_WHO], &image[LSM6DSX_KEPT_WHO], bytes, LSM6DSX_KEPT - LSM6DSX_KEPT_WHO);
+                      lsm6dsx_alike(known, &image[LSM6DSX_KEPT_WHO], bytes, LSM6DSX_KEPT - LSM6DSX_KEPT_WHO);
     if ((bytes[STATUS_REG - WHO_AM_I] & (is_gyro(test) ? GDA : XLDA)) == 0)
         return sure && ((sensor->bus->time() - test->since_us) < (((test->taken == 0u) ? SWITCH_US : 0u) + OUTPUT_MOST_US));
     for (int i = 0; (i < 3) && (test->taken > 0u); i++) {
         const int16_t value = (int16_t)(uint16_t)(output[2 * i] | ((uint16_t)output[(2 * i) + 1] << 8));
-        test->sum[test->phase % 2u][i] += value;
+        test->sum[test->phase % (uint8_t)STAGES][i] += value;
         test->least[i] = ((test->taken == 1u) || (value < test->least[i])) ? value : test->least[i];
         test->most[i] = ((test->taken == 1u) || (value > test->most[i])) ? value : test->most[i];
     }
@@ -74,26 +77,32 @@ static bool take_output(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test)
     return sure;
 }
 
-/* Five outputs are there: whether they are alike. */
+/* Five outputs are there: whether they are alike, and behind the last stage whether the first one's were like them. */
 static bool lay_still(const struct lsm6dsx_self_test *test, const struct lsm6dsx_force *force)
 {
+    const float most_lsb = force->least_lsb / (float)ALIKE_SHARE;
+    const bool last = (test->phase % (uint8_t)STAGES) == 2u;
     bool still = true;
-    for (int i = 0; i < 3; i++)
-        still = still && (((float)test->most[i] - (float)test->least[i]) <= (force->least_lsb / (float)ALIKE_SHARE));
+    for (int i = 0; i < 3; i++) {
+        const float moved = (float)(test->sum[2][i] - test->sum[0][i]) / (float)OUTPUTS;
+        still = still && (((float)test->most[i] - (float)test->least[i]) <= most_lsb);
+        still = still && (!last || (((moved < 0.0f) ? -moved : moved) <= most_lsb));
+    }
     return still;
 }
 
-/* Both phases of a part are over: how far the force has moved it, and the axes that it has not moved as it should. */
+/* The stages of a part are over: how far the force has moved it, and the axes that it has not moved as it should. */
 static uint16_t judge(struct lsm6dsx_self_test *test, const struct lsm6dsx_force *force, float moved[3])
 {
     uint16_t failed = 0;
     for (unsigned i = 0; i < 3u; i++) {
-        const float lsb = (float)(test->sum[1][i] - test->sum[0][i]) / (float)OUTPUTS, size = (lsb < 0.0f) ? -lsb : lsb;
+        const float lsb = ((float)test->sum[1][i] - (0.5f * (float)(test->sum[0][i] + test->sum[2][i]))) / (float)OUTPUTS;
+        const float size = (lsb < 0.0f) ? -lsb : lsb;
         if ((size < force->least_lsb) || (size > force->most_lsb))
             failed |= (uint16_t)(1u << i);
         moved[i] = lsb * force->unit;
-        test->sum[0][i] = 0;
-        test->sum[1][i] = 0;
+        for (unsigned stage = 0; stage < (unsigned)STAGES; stage++)
+            test->sum[stage][i] = 0;
     }
     return failed;
 }
@@ -130,12 +139,13 @@ static void measure(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test)
     if (!take_output(sensor, test) || sensor->failed) {
         end(sensor, test, false);
     } else if (test->taken > OUTPUTS) {
-        if ((test->phase % 2u) != 0u) {
+        const bool still = lay_still(test, force);
+        if ((test->phase % (uint8_t)STAGES) == 2u) {
             const uint16_t failed = judge(test, force, is_gyro(test) ? test->tested.gyro_dps : test->tested.accel_mg);
             test->tested.failed |= (uint16_t)(is_gyro(test) ? failed : (failed << 3));
         }
-        if (!lay_still(test, force) || (test->phase == PHASES - 1))
-            end(sensor, test, lay_still(test, force));
+        if (!still || (test->phase == PHASES - 1))
+            end(sensor, test, still);
         else
             begin_phase(sensor, test, (uint8_t)(test->phase + 1u));
     }

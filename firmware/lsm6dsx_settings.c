@@ -122,15 +122,14 @@ bool lsm6dsx_alike(const uint8_t *known, const uint8_t *image, const uint8_t *no
 
 enum fault lsm6dsx_as_kept(const struct lsm6dsx *sensor, const uint8_t now[LSM6DSX_KEPT])
 {
-    bool zeros = true, ones = true, same = true;
+    bool zeros = true, ones = true;
     for (unsigned n = 0; n < LSM6DSX_KEPT; n++) {
         zeros = zeros && (now[n] == 0x00u);
         ones = ones && (now[n] == 0xFFu);
-        same = same && (now[n] == sensor->kept[n]);
     }
     const uint8_t who = now[LSM6DSX_KEPT_WHO];
     const bool off = (now[CTRL1_XL - FIFO_CTRL1] == 0u) && (now[CTRL2_G - FIFO_CTRL1] == 0u);
-    if (same)
+    if (lsm6dsx_alike(sensor->chip->known, sensor->kept, now, LSM6DSX_KEPT))
         return FAULTS;
     if (zeros || ones)
         return zeros ? FAULT_ZEROS : FAULT_ONES;

@@ -4,6 +4,7 @@
 
 static const uint32_t GYRO_OFF_US = 10000; /* before it may be switched on again; ST's own driver waits as long */
 static const uint32_t RESET_US = 1000, RESET_MOST_US = 100000;
+static const float TEMPERATURES_HZ = 12.5f; /* words of them in the FIFO; no sample comes before the first one */
 static const uint32_t ON_US = 10000; /* before FREQ_FINE is read: it may be another one before the sensors are on */
 
 void lsm6dsx_next(struct lsm6dsx *sensor, enum lsm6dsx_step step)
@@ -24,7 +25,8 @@ static enum fault identify(struct lsm6dsx *sensor)
     sensor->who = lsm6dsx_read_one(sensor, WHO_AM_I);
     if (sensor->failed)
         return FAULT_HANG;
-    sensor->chip = lsm6dsx_chip_of(sensor->who);
+    if (lsm6dsx_chip_of(sensor->who) != 0)
+        sensor->chip = lsm6dsx_chip_of(sensor->who);
     return lsm6dsx_identity_fault(sensor->who);
 }
 
@@ -63,11 +65,8 @@ static enum fault begin(struct lsm6dsx *sensor)
     sensor->failed = false;
     sensor->freq_fine = (int8_t)lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE);
     fifo_begin(&sensor->fifo, sensor->settings.odr, sensor->freq_fine, lsm6dsx_unsettled(&sensor->settings, sensor->freq_fine));
-    if ((lsm6dsx_read_one(sensor, STATUS_REG) & TDA) != 0) {
-        uint8_t temperature[2];
-        lsm6dsx_read(sensor, OUT_TEMP_L, temperature, 2);
-        fifo_temperature(&sensor->fifo, (int16_t)(uint16_t)(temperature[0] | ((uint16_t)temperature[1] << 8)));
-    } /* else there is no sample before the first temperature comes through the FIFO */
+    const float words_hz = ((float)WORDS_PER_SLOT * fifo_rate_hz(sensor->settings.odr, sensor->freq_fine)) + TEMPERATURES_HZ;
+    sensor->word_us = (uint32_t)(1e6f / words_hz);
     lsm6dsx_write(sensor, FIFO_CTRL4, CONTINUOUS);
     lsm6dsx_read(sensor, FIFO_CTRL1, sensor->kept, LSM6DSX_KEPT);
     const bool steady = lsm6dsx_read_one(sensor, INTERNAL_FREQ_FINE) == (uint8_t)sensor->freq_fine;
@@ -76,7 +75,8 @@ static enum fault begin(struct lsm6dsx *sensor)
     sensor->who = sensor->kept[LSM6DSX_KEPT_WHO];
     lsm6dsx_image(sensor, image);
     const enum fault fault = lsm6dsx_identity_fault(sensor->who);
-    return ((fault == FAULTS) && !(steady && lsm6dsx_alike(sensor->chip->known, image, sensor->kept, LSM6DSX_KEPT))) ? FAULT_CHANGED : fault;
+    const bool taken = steady && lsm6dsx_alike(sensor->chip->known, image, sensor->kept, LSM6DSX_KEPT);
+    return ((fault == FAULTS) && !taken) ? FAULT_CHANGED : fault;
 }
 
 enum fault lsm6dsx_start_step(struct lsm6dsx *sensor)
@@ -89,7 +89,7 @@ enum fault lsm6dsx_start_step(struct lsm6dsx *sensor)
         fault = lsm6dsx_reset_step(sensor);
     } else if (sensor->step == STEP_BLANK) {
         if (!lsm6dsx_possible(&sensor->settings, sensor->chip))
-            return LSM6DSX_IMPOSSIBLE;
+            return (sensor->found && !sensor->starting) ? FAULT_IDENTITY : LSM6DSX_IMPOSSIBLE; /* another chip than the one that ran */
         sensor->failed = false;
         lsm6dsx_write_settings(sensor);
         fault = sensor->failed ? FAULT_HANG : FAULTS;

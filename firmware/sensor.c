@@ -20,6 +20,9 @@ _Static_assert(IS_G(ACCEL_FS_G), "ACCEL_FS_G is one of 2, 4, 8, 16");
 /* A sensor may take its time after power-up.  Later it is not looked for: one that is plugged in then is fed through its data lines. */
 enum { LOOK_MS = 2000 };
 
+/* Any chip has these: if the model is of another sensor than this. */
+static const struct lsm6dsx_settings FALLBACK = {500, 4, 6, LPF1_OFF, 2};
+
 static const struct lsm6dsx_bus BUS = {board_spi_transfer, board_spi_select, board_wait_us, board_microseconds};
 
 static struct lsm6dsx sensor;
@@ -31,7 +34,7 @@ static bool looking, setting, testing;
 void sensor_start(void)
 {
     const struct lsm6dsx_settings settings = {GYRO_FS_DPS, ACCEL_FS_G, lsm6dsx_odr((float)ODR_HZ), LPF1_OFF, 2};
-    before = (struct lsm6dsx_settings){500, 4, 6, LPF1_OFF, 2}; /* if the model is of another sensor */
+    before = FALLBACK;
     looking = true;
     setting = true;
     board_spi_start();
@@ -66,7 +69,7 @@ static void end_of_start(void)
         return;
     setting = false;
     if ((outcome == LSM6DSX_IMPOSSIBLE) || !sensor.found)
-        sensor.settings = before;
+        sensor.settings = lsm6dsx_possible(&before, sensor.chip) ? before : FALLBACK;
     if (outcome == LSM6DSX_IMPOSSIBLE)
         lsm6dsx_restart(&sensor);
 }

@@ -23,7 +23,7 @@ float sensor_rate_hz(void);
 bool sensor_stream(void);
 
 /* Start it with other settings, or the same; outcome, once it is no longer busy: FAULTS where it runs, LSM6DSX_IMPOSSIBLE where it has
- * no such settings and keeps those of before, or the fault. */
+ * no such settings and keeps those of before (at power-up's fallback where it has not those either), or the fault. */
 void sensor_set(const struct lsm6dsx_settings *settings);
 enum fault sensor_outcome(void);
 

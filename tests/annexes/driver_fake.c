@@ -8,14 +8,15 @@
 #include "fault.h"
 
 enum { MOST_WORDS = 1 << 20, LOG = 1024 };
-enum { ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES };
+enum { ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES, FAILS_LATE };
 
 struct lsm6dsx sensor;
 uint8_t registers[128];
 uint8_t stuck; /* a register that takes nothing, or 0 */
 uint8_t who = 0x6B; /* WHO_AM_I */
-uint8_t turned, turned_bits; /* a register some of whose bits read the wrong way round */
-uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
+uint8_t turned, turned_bits; /* a register some of whose bits read the wrong way round, */
+uint32_t turned_until_us;    /* until then */
+uint8_t fine; /* INTERNAL_FREQ_FINE, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
 uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after;
 uint32_t wakes_us;             /* before that a sensor answers zeros, and takes nothing */
@@ -24,6 +25,7 @@ uint16_t accesses[LOG]; /* address with READ, value << 8 */
 uint32_t accessed_us[LOG];
 int behaviour, selected, overrun, busy_polls, pushed, shaken; /* pushed: by the force of the self-test, in 256 LSB; shaken: LSB */
 int line; /* a behaviour of the line, from a time to another */
+int ramp; /* LSB of the gyroscope in a second: it turns faster and faster */
 uint32_t line_from_us, line_until_us;
 
 static struct {
@@ -39,7 +41,6 @@ void reset_registers(void)
     registers[CTRL3_C] = IF_INC;
     registers[CTRL9_XL] = 0xE0;
     registers[INTERNAL_FREQ_FINE] = fine;
-    registers[OUT_TEMP_L + 1] = warmth;
     words_out = words_in;
 }
 
@@ -60,9 +61,10 @@ static void get_ready(uint8_t address)
     registers[FIFO_STATUS1 + 1] = (uint8_t)((words >> 8 & 3) | (watermark && words >= watermark ? FIFO_WATERMARK : 0) | (overrun ? 0x48 : 0));
     if ((address & 0x7F) == FIFO_STATUS1)
         overrun = 0;
-    registers[STATUS_REG] = XLDA | GDA | TDA;
+    registers[STATUS_REG] = XLDA | GDA;
     for (int i = 0; i < 3; i++) { /* the self-test's answer */
-        const int gyro = (registers[CTRL5_C] & ST_G_POSITIVE ? 256 * pushed : 0) + (transfers % 8 < 4 ? shaken : 0);
+        const int gyro = (registers[CTRL5_C] & ST_G_POSITIVE ? 256 * pushed : 0) + (transfers % 8 < 4 ? shaken : 0) +
+                         (int)((int64_t)ramp * now_us / 1000000);
         registers[OUTX_L_G + 2 * i] = (uint8_t)gyro;
         registers[OUTX_L_G + 2 * i + 1] = (uint8_t)(gyro >> 8);
         registers[OUTX_L_A + 2 * i + 1] = registers[CTRL5_C] & ST_XL_POSITIVE ? (uint8_t)pushed : 0;
@@ -84,8 +86,11 @@ static uint8_t answer(void)
         }
         return byte;
     }
-    at.address++;
-    return (uint8_t)(registers[address] ^ (address == turned ? turned_bits : 0));
+    if (registers[CTRL3_C] & IF_INC)
+        at.address++;
+    if (registers[CTRL3_C] & SIM) /* it answers on the other line */
+        return 0xFF;
+    return (uint8_t)(registers[address] ^ (address == turned && now_us < turned_until_us ? turned_bits : 0));
 }
 
 static void take(uint8_t value)
@@ -100,12 +105,15 @@ static void take(uint8_t value)
 
 static int transfer(const uint8_t *out, uint8_t *in, unsigned count)
 {
+    const int from_here = now_us >= line_from_us && now_us < line_until_us ? line : ANSWERS;
     transfers++;
-    if (behaviour == HANGS || behaviour == BUSY_FOR_EVER)
-        now_us += 2 * count;
+    if (behaviour == FAILS_LATE || from_here == FAILS_LATE)
+        now_us += count > 40 ? 4900 : 990;
     if (behaviour == HANGS)
+        now_us += 2 * count;
+    if (behaviour == HANGS || behaviour == FAILS_LATE || from_here == FAILS_LATE)
         return TRANSFER_FAILED;
-    if (behaviour == BUSY_FOR_EVER)
+    if (behaviour == BUSY_FOR_EVER || from_here == BUSY_FOR_EVER) /* asked again as soon as it says so */
         return TRANSFER_BUSY;
     if (!out && count > 32 && at.polls++ < busy_polls)
         return TRANSFER_BUSY;
@@ -156,10 +164,11 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
 {
     const struct lsm6dsx_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
     behaviour = ANSWERS;
-    fine = warmth = stuck = turned = turned_bits = 0;
+    fine = stuck = turned = turned_bits = 0;
+    turned_until_us = UINT32_MAX;
     now_us = transfers = logged = words_in = words_out = breaks_after = wakes_us = longest_us = waits = line_from_us = line_until_us = 0;
     byte_us = 2;
-    overrun = busy_polls = pushed = shaken = 0;
+    overrun = busy_polls = pushed = shaken = ramp = line = 0;
     reset_registers();
     lsm6dsx_attach(&sensor, &BUS, &settings);
 }

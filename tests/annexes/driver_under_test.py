@@ -24,12 +24,12 @@ FAULTS = ("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset",
 FAULTS += ("starts", "lost", "rate")
 NONE = len(FAULTS)
 GYRO, ACCEL, TEMPERATURE, STAMP, CONFIGURATION = 1, 2, 3, 4, 5
-ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES = range(5)
+ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES, FAILS_LATE = range(6)
 RATES_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
 #: registers' addresses
 FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4, INT1_CTRL, WHO_AM_I, CTRL1_XL, CTRL2_G = 0x07, 0x08, 0x09, 0x0A, 0x0D, 0x0F, 0x10, 0x11
 CTRL3_C, CTRL4_C, CTRL6_C, CTRL8_XL, CTRL9_XL, CTRL10_C = 0x12, 0x13, 0x15, 0x17, 0x18, 0x19
-OUT_TEMP, FREQ_FINE = 0x20, 0x63
+FREQ_FINE = 0x63
 ASM330LHH, LSM6DSO = 0x6B, 0x6C  #: WHO_AM_I
 #: 1667 Hz, its period in ticks
 ODR = 8
@@ -98,15 +98,22 @@ def started(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, settles: bool = Tru
 
 
 def settle(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> None:
-    """Pass by the slots that are no samples yet, those before slot 0, each at its time."""
-    now_us, left = number("now_us", ctypes.c_uint32), library().unsettled(odr, lpf1, lpf2, fine)
+    """Pass by the slots that are no samples yet, those before slot 0, each at its time; a temperature, 0, among them."""
+    now_us, total = number("now_us", ctypes.c_uint32), library().unsettled(odr, lpf1, lpf2, fine)
     watermark = registers()[FIFO_CTRL1] // 3
+    left = total
     while left:
         count = watermark if left >= 2 * watermark else left
         now_us.value += max(0, int(count * 25 * period_of(odr)) - 2000)
-        push(slots(-left, count, odr))
+        words = slots(-left, count, odr)
+        push(words if left == total else np.concatenate([warmth(-left), words]))
         assert len(poll(2)) == 0
         left -= count
+
+
+def warmth(slot: int, value: int = 0) -> np.ndarray:
+    """A slot's word of the temperature."""
+    return np.array([[tag(TEMPERATURE, slot), value & 0xFF, value >> 8 & 0xFF, 0, 0, 0, 0]], np.uint8)
 
 
 def keep_fine(fine: int) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-
 import numpy as np
 import pytest
 from driver_under_test import (
@@ -23,9 +21,6 @@ from driver_under_test import (
     FREQ_FINE,
     INT1_CTRL,
     LSM6DSO,
-    NONE,
-    OUT_TEMP,
-    TEMPERATURE,
     WHO_AM_I,
     accesses,
     faults,
@@ -35,10 +30,10 @@ from driver_under_test import (
     push,
     registers,
     registers_of,
-    settle,
     slots,
     started,
-    tag,
+    streamed_by_time,
+    warmth,
 )
 
 
@@ -93,16 +88,12 @@ def test_settings_that_no_sensor_has(settings):
 
 
 def test_samples_come_through_and_none_is_lost():
-    """In bursts that go on by themselves, with the temperature of the register until the FIFO has one."""
+    """In bursts that go on by themselves, each with the last temperature before it."""
     started()
-    number("warmth", ctypes.c_uint8).value = registers()[OUT_TEMP + 1] = 1
-    assert library().start() == NONE
-    settle()
     number("busy_polls").value = 2
     count, found = 20_000, []
-    warm = np.array([[tag(TEMPERATURE, 10_000), 0x00, 0x02, 0, 0, 0, 0]], np.uint8)
     for first in range(0, count, 10):
-        push(slots(first, 10) if first != 10_000 else np.concatenate([warm, slots(first, 10)]))
+        push(slots(first, 10) if first != 10_000 else np.concatenate([warmth(10_000, 512), slots(first, 10)]))
         found.append(poll(6))
     found = np.concatenate([*found, poll(20)])
     held = count - len(found)
@@ -110,4 +101,20 @@ def test_samples_come_through_and_none_is_lost():
     assert not faults()
     np.testing.assert_array_equal(np.diff(found["number"].astype(int)), 1)
     np.testing.assert_array_equal(found["registers"][:, :6], registers_of(np.arange(len(found))))
-    np.testing.assert_array_equal(found["registers"][:, 6], np.where(np.arange(len(found)) <= 10_000, 256, 512))
+    np.testing.assert_array_equal(found["registers"][:, 6], np.where(np.arange(len(found)) <= 10_000, 0, 512))
+
+
+def test_no_sample_before_the_fifo_has_brought_a_temperature():
+    """Nothing proves what OUT_TEMP reads, so it is never read.  Where none comes for a second, the sensor is started again."""
+    started(settles=False)
+    assert 0x20 not in {address & 0x7F for address, _ in accesses()}
+    assert len(streamed_by_time(0, 400)) == 0
+    assert library().has_settled()
+    push(np.concatenate([warmth(400, -300), slots(400, 10)]))
+    found = np.concatenate([poll(6), streamed_by_time(410, 40)])
+    np.testing.assert_array_equal(found["registers"], np.insert(registers_of(np.arange(401, 401 + len(found))), 6, -300, axis=1))
+    assert len(found) > 30
+    assert not faults()
+    started(settles=False)
+    streamed_by_time(0, 2800)
+    assert faults() == {"rate": 1, "starts": 1}

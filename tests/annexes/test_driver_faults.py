@@ -12,14 +12,19 @@ from driver_under_test import (
     BUSY_FOR_EVER,
     CTRL1_XL,
     CTRL2_G,
+    CTRL3_C,
     CTRL6_C,
     CTRL10_C,
+    FIFO_CTRL1,
     HANGS,
     LSM6DSO,
     ONES,
     PERIOD,
     WHO_AM_I,
     ZEROS,
+    accessed_us,
+    accesses,
+    attached,
     discard,
     fail_behind,
     faults,
@@ -34,7 +39,9 @@ from driver_under_test import (
     slots,
     started,
     streamed,
+    streamed_by_time,
     tag,
+    warmth,
 )
 
 
@@ -67,6 +74,7 @@ def test_a_bus_that_fails_is_counted_once_and_survived(name, behaviour):
     assert not library().running()
     assert faults() == {name: 1}
     fail_behind(ANSWERS)
+    number("overrun").value = 1  # which goes without saying
     waited_ms = 0
     while not library().running():
         waited_ms += 1
@@ -152,6 +160,120 @@ def test_another_chip_in_its_place(who):
     registers()[WHO_AM_I] = ASM330LHH
     poll(10)
     assert library().running()
+
+
+def test_a_chip_that_nobody_knows_in_its_place():
+    """Switched off, as it comes: it is none that has reset itself, and is not started."""
+    started()
+    number("who", ctypes.c_uint8).value = 0x6A
+    library().reset_registers()
+    assert len(poll(300)) == 0
+    assert faults() == {"identity": 1}
+    number("who", ctypes.c_uint8).value = ASM330LHH
+    library().reset_registers()
+    poll(50)
+    assert library().running()
+
+
+def test_a_sibling_without_its_range_in_its_place_is_counted():
+    """No range that it has was asked for: it is not started, and the one that was there before is as soon as it is back."""
+    lib = started(gyro_fs_dps=4000)
+    number("who", ctypes.c_uint8).value = LSM6DSO
+    library().reset_registers()
+    poll(1000)
+    assert not lib.running()
+    assert (faults()["reset"], faults()["identity"]) == (1, 1)
+    assert 5 < faults()["starts"] <= 12
+    assert registers()[CTRL2_G] == 0
+    number("who", ctypes.c_uint8).value = ASM330LHH
+    library().reset_registers()
+    poll(130)
+    assert (lib.running(), registers()[CTRL2_G]) == (1, 0x81)
+
+
+@pytest.mark.parametrize("lasts_ms", [300, 2000])
+@pytest.mark.parametrize("behaviour", [ZEROS, ONES])
+def test_a_line_that_sticks_while_writes_arrive_restarts_no_sensor(behaviour, lasts_ms):
+    """What is written meanwhile, ten times a second, is what CTRL3_C holds anyhow."""
+    started()
+    streamed(0, 100)
+    number("logged", ctypes.c_uint32).value = 0
+    number("line").value = behaviour
+    number("line_from_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value
+    number("line_until_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + 1000 * lasts_ms
+    poll(lasts_ms)
+    written = [access for access in accesses() if not access[0] & 0x80]
+    assert written == [(CTRL3_C, 0x44)] * len(written)
+    assert 2 <= len(written) <= lasts_ms / 100
+    poll(5)
+    assert library().running()
+    discard()
+    streamed(100 + round(1.667 * lasts_ms), 100)
+    assert "starts" not in faults()
+
+
+@pytest.mark.parametrize("behaviour", [ZEROS, ONES])
+def test_a_line_that_comes_back_amid_the_registers_restarts_no_sensor(behaviour):
+    """Half of them read wrong, as if they had changed: they are read once more."""
+    look_us = 0
+    for until_us in (1 << 20, *range(2, 46, 2)):
+        started()
+        streamed(0, 100)
+        number("logged", ctypes.c_uint32).value = 0
+        began_us = number("now_us", ctypes.c_uint32).value
+        number("line").value = behaviour
+        number("line_from_us", ctypes.c_uint32).value = began_us
+        number("line_until_us", ctypes.c_uint32).value = began_us + look_us + until_us
+        poll(30)
+        if not look_us:
+            look_us = accessed_us()[8] - began_us
+            assert accesses()[8] == (0x80 | FIFO_CTRL1, 0)
+        else:
+            assert library().running()
+            assert "starts" not in faults()
+
+
+FIRST, LAST, IF_INC, SIM = 0x07, 0x19, 0x04, 0x08
+#: reserved in the ASM330LHH, or they clear themselves: nothing comes of them
+RESERVED = {0x08: 0x6E, 0x0A: 0x08, 0x0B: 0x5C, 0x10: 0x01, 0x12: 0x02, 0x13: 0x91, 0x14: 0x90, 0x15: 0x10, 0x16: 0x8D, 0x17: 0x02}
+RESERVED |= {0x18: 0x01, 0x19: 0xDF}
+
+
+@pytest.mark.parametrize("register", [address for address in range(FIRST, LAST + 1) if address != WHO_AM_I])
+def test_no_bit_that_flips_ends_the_stream(register):
+    """Samples come again within 0.4 s.  Without IF_INC, and with SIM, no register can be read: that is mended without a restart.  A
+    reserved bit that flips is none of ours."""
+    for bit in (1 << place for place in range(8)):
+        started()
+        streamed_by_time(0, 100)
+        registers()[register] ^= bit
+        found, place = [], 100
+        while place < 100 + int(0.4 * 1667):
+            push(warmth(place))
+            found.append(streamed_by_time(place, 10))
+            place += 10
+        last = np.concatenate(found[-4:])
+        assert len(last) > 15
+        np.testing.assert_array_equal(last["registers"][:, 3], last["registers"][:, 0] + 15000)
+        if RESERVED.get(register, 0) & bit:
+            assert len(np.concatenate(found)) > 600
+            assert not faults()
+        elif register == CTRL3_C and bit in (IF_INC, SIM):
+            assert not {"starts", "changed", "rate"} & faults().keys()
+            assert registers()[CTRL3_C] == 0x44
+        else:
+            assert (faults()["changed"], faults()["starts"]) == (1, 1)
+        assert library().running()
+
+
+@pytest.mark.parametrize("bit", [IF_INC, SIM])
+def test_a_sensor_that_cannot_be_read_at_a_start_is_found(bit):
+    """The board has begun anew, and the sensor has not."""
+    lib = attached()
+    registers()[CTRL3_C] ^= bit
+    while not lib.running():
+        poll(1)
+        assert number("now_us", ctypes.c_uint32).value < 250_000
 
 
 def test_a_sibling_that_was_plugged_in_is_set_as_itself():

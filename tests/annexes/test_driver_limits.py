@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 
+import numpy as np
 import pytest
 from driver_under_test import (
     ANSWERS,
@@ -15,7 +16,9 @@ from driver_under_test import (
     CTRL4_C,
     CTRL6_C,
     CTRL8_XL,
+    FAILS_LATE,
     FAULTS,
+    FREQ_FINE,
     HANGS,
     LSM6DSO,
     NONE,
@@ -30,9 +33,12 @@ from driver_under_test import (
     library,
     number,
     poll,
+    push,
     registers,
+    slots,
     started,
     streamed_by_time,
+    warmth,
 )
 
 CHANGED, IMPOSSIBLE = FAULTS.index("changed"), NONE + 1
@@ -134,7 +140,7 @@ def test_no_start_is_without_an_end(behaviour):
     assert number("now_us", ctypes.c_uint32).value < 2 * LONGEST_START_US
 
 
-@pytest.mark.parametrize("behaviour", [ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES])
+@pytest.mark.parametrize("behaviour", [ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES, FAILS_LATE])
 @pytest.mark.parametrize("spins", [0, 3])
 def test_no_poll_takes_more_than_5_ms_and_none_waits(behaviour, spins):
     """Whatever it is in the midst of when the bus fails: each step of a start, a burst, a search; and when it is back."""
@@ -166,7 +172,69 @@ def test_the_longest_poll_is_a_burst_and_its_proof():
     number("longest_us", ctypes.c_uint32).value = 0
     poll(40)
     assert library().running()
-    assert 150 < number("longest_us", ctypes.c_uint32).value < 500
+    assert 100 < number("longest_us", ctypes.c_uint32).value < 500
+
+
+@pytest.mark.parametrize("behaviour", [BUSY_FOR_EVER, FAILS_LATE])
+def test_a_transfer_that_fails_late_is_the_last_one_of_its_poll(behaviour):
+    """On a bus of 4 MHz, from any transfer on: 1 ms until it is known, and what went before; 4.9 ms where it is the burst."""
+    for from_us in (*range(60), *range(60, 4000, 40)):
+        started()
+        streamed_by_time(0, 30)
+        number("longest_us", ctypes.c_uint32).value = 0
+        number("line").value = behaviour
+        number("line_from_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + from_us
+        number("line_until_us", ctypes.c_uint32).value = number("line_from_us", ctypes.c_uint32).value + 6000
+        streamed_by_time(30, 30)
+        longest_us = number("longest_us", ctypes.c_uint32).value
+        assert longest_us <= 2000 or (behaviour == FAILS_LATE and 4900 < longest_us < 5200)
+        assert faults().keys() <= {"hang", "lost"}
+    assert faults()["hang"] == 1
+
+
+def test_a_burst_that_never_ends_is_given_up():
+    started()
+    number("busy_polls").value = 1 << 30
+    push(slots(0, 20))
+    poll(19)
+    assert (faults(), number("selected").value) == ({}, 1)
+    poll(3)
+    assert (faults(), number("selected").value) == ({"hang": 1}, 0)
+
+
+def test_a_reset_that_does_not_end_is_said():
+    lib = attached()
+    number("turned", ctypes.c_uint8).value, number("turned_bits", ctypes.c_uint8).value = CTRL3_C, 0x01
+    assert lib.start() == FAULTS.index("reset")
+    assert 100_000 < number("now_us", ctypes.c_uint32).value < LONGEST_START_US
+    assert faults() == {"reset": 1}
+
+
+def test_a_freq_fine_that_was_misread_is_no_start():
+    """It is read on either side of the registers, and would be in every stamp."""
+    lib = attached()
+    assert lib.start() == NONE
+    first_us, second_us = (t_us for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == 0x80 | FREQ_FINE)
+    attached()
+    number("turned", ctypes.c_uint8).value, number("turned_bits", ctypes.c_uint8).value = FREQ_FINE, 0x10
+    number("turned_until_us", ctypes.c_uint32).value = (first_us + second_us) // 2
+    assert lib.start() == CHANGED
+    assert lib.start() == NONE
+
+
+def test_a_backlog_is_as_old_as_the_fifo_is_deep():
+    """The first sample's time: 137 slots of a FIFO that was not read since the start, in bursts of 96 words, and five more each poll."""
+    started(settles=False)
+    number("byte_us", ctypes.c_uint32).value = 1
+    read_us = number("now_us", ctypes.c_uint32).value
+    push(np.concatenate([slots(0, 1), warmth(1), slots(1, 136)]))
+    found, later = [], slots(137, 20)
+    for words in np.split(later, 12):
+        found.append(poll(1))
+        push(words)
+    first = np.concatenate(found)[0]
+    age_us = (137 - (int(first["registers"][0]) + 15_000)) * 600
+    assert int(first["t_us"]) == pytest.approx(read_us - age_us, abs=1200)
 
 
 @pytest.mark.parametrize("register", [CTRL1_XL, CTRL3_C])

@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 from driver_under_test import (
     ACCEL,
+    ANSWERS,
     FIFO_CTRL1,
     FIFO_CTRL2,
     FIFO_CTRL3,
     FIFO_CTRL4,
     GYRO,
+    HANGS,
     PERIOD,
     STAMP,
     discard,
+    fail_behind,
     faults,
     library,
     number,
+    period_of,
     poll,
     push,
     registers,
@@ -28,8 +32,10 @@ from driver_under_test import (
     started,
     streamed_by_time,
     tag,
+    warmth,
 )
 
+FIFO_STATUS1 = 0x3A
 #: samples at 1667 Hz: a window of a second, and a burst
 WINDOW = 1700
 
@@ -220,3 +226,87 @@ def test_a_target_that_comes_late_is_no_other_rate():
         streamed_by_time(place + 30, 670)
     assert faults()["overrun"] == 8
     assert faults().keys() == {"overrun", "lost"}
+
+
+def slow_words(slot: int, odr: int) -> np.ndarray:
+    """A slot's words, with a temperature at 12.5 Hz."""
+    words = slots(slot, 1, odr)
+    return np.concatenate([warmth(slot), words]) if slot % (1 << (odr - 1)) == 0 else words
+
+
+FIFO_HOLDS = 438  # words
+
+
+@pytest.mark.broad
+@pytest.mark.parametrize("clock", [-0.05, 0.0, 0.05])
+@pytest.mark.parametrize("away_s", [4, 8, 20])
+@pytest.mark.parametrize("odr", [1, 2, 3, 4])
+def test_an_absence_at_a_low_rate_restarts_no_good_sensor(odr, away_s, clock):
+    """12.5 to 104 Hz: the FIFO holds a backlog of up to 9 s, with a word more in each slot or in none; the target's clock is off by 5 %."""
+    lib, now_us = started(odr), number("now_us", ctypes.c_uint32)
+    period_us = 25 * period_of(odr) * (1 + clock)
+    began_us, slot = now_us.value, 0
+
+    def stream(until_us: float) -> np.ndarray:
+        nonlocal slot
+        found = []
+        while now_us.value < until_us:
+            while began_us + slot * period_us <= now_us.value:
+                push(slow_words(slot, odr))
+                slot += 1
+            found.append(poll(5))
+        return np.concatenate(found)
+
+    found = [stream(began_us + 3e6)]
+    fail_behind(HANGS)
+    found.append(stream(began_us + (3 + away_s) * 1e6))
+    fail_behind(ANSWERS)
+    read, written = number("words_out", ctypes.c_uint32), number("words_in", ctypes.c_uint32)
+    number("overrun").value = written.value - read.value > FIFO_HOLDS
+    read.value = max(read.value, written.value - FIFO_HOLDS)
+    found = np.concatenate([*found, stream(began_us + (17 + away_s) * 1e6)])
+    assert faults().keys() <= {"hang", "lost", "overrun"}
+    assert lib.running()
+    np.testing.assert_array_equal(found["registers"][:, :6], registers_of(found["number"] - found["number"][0]))
+    assert len(found) > 14e6 / period_us
+
+
+@pytest.mark.parametrize(
+    ("register", "bits"), [(FIFO_STATUS1, 1 << place) for place in range(8)] + [(FIFO_STATUS1 + 1, bits) for bits in (1, 2, 3)]
+)
+def test_a_level_that_was_misread_is_no_other_rate(register, bits):
+    """Behind a gap, where a window begins: the words seem to have been made before it, or long ago."""
+    for backlog in (20, 60):
+        started()
+        streamed_by_time(0, 100)
+        number("overrun").value = 1
+        streamed_by_time(200, 30)
+        number("turned", ctypes.c_uint8).value, number("turned_bits", ctypes.c_uint8).value = register, bits
+        number("turned_until_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + 900
+        push(slots(230, backlog))
+        poll(12)
+        streamed_by_time(230 + backlog, 2 * WINDOW)
+        assert not {"rate", "starts"} & faults().keys()
+
+
+def test_a_spoilt_first_stamp_begins_no_window():
+    """104 Hz, a slot in each burst: behind a gap nothing is known that its stamp could be held against."""
+    started(4)
+    for slot in range(250):
+        words = slots(slot, 1, 4)
+        if slot == 20:
+            number("overrun").value = 1
+            words[2, 3] ^= 0x40
+        push(words)
+        poll(10 if slot % 2 else 9)
+    assert not {"rate", "starts"} & faults().keys()
+    assert library().running()
+
+
+def test_no_stamps_behind_a_gap_are_another_rate():
+    """No window begins there; 64 slots without one are enough."""
+    started()
+    streamed_by_time(0, 100)
+    number("overrun").value = 1
+    streamed_by_time(200, 120, lambda words: words[kinds(words) != STAMP])
+    assert (faults()["rate"], faults()["starts"]) == (1, 1)

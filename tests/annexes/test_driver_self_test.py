@@ -35,7 +35,7 @@ from driver_under_test import (
 NOTHING_MEASURED = 0x8000
 CTRL5_C = 0x14
 #: microseconds: how long it takes, a poll of it on a bus of 1.6 MHz
-TAKES_US, LONGEST_POLL_US = 950_000, 500
+TAKES_US, LONGEST_POLL_US = 1_350_000, 500
 GOOD, BAD = 30, 2  # times 256 LSB
 
 
@@ -138,6 +138,54 @@ def test_a_part_that_does_not_lie_still_is_nothing_measured():
     for lsb, failed in ((200, 0), (300, NOTHING_MEASURED)):
         number("shaken").value = lsb
         assert self_tested().failed == failed
+
+
+@pytest.mark.parametrize("dps_per_s2", [-900, -800, -500, -300, -100, 100, 300, 500, 800, 900])
+@pytest.mark.parametrize("pushed", [6, 9, 12])
+def test_a_table_that_accelerates_is_nothing_measured(dps_per_s2, pushed):
+    """A force of 108, 161 and 215 dps: the turn would pass the first for a good one, or fail the others."""
+    started(settles=False)
+    number("pushed").value = pushed
+    number("ramp").value = round(dps_per_s2 / 0.070)
+    begin_at_rest()
+    assert self_tested().failed == NOTHING_MEASURED
+
+
+def begin_at_rest() -> None:
+    """The table's rate is that of the fake's time: it begins anew, so that it stays within 16 bits."""
+    number("now_us", ctypes.c_uint32).value = 0
+
+
+@pytest.mark.parametrize("dps_per_s2", [-60, -20, 20, 60])
+@pytest.mark.parametrize(("pushed", "failed"), [(8, 0x07), (9, 0), (39, 0), (40, 0x07)])
+def test_a_slow_acceleration_changes_no_verdict(dps_per_s2, pushed, failed):
+    """The force's change is against what is measured on either side of it: a turn that grows evenly leaves it as it is."""
+    started(settles=False)
+    number("pushed").value = pushed
+    number("ramp").value = round(dps_per_s2 / 0.070)
+    begin_at_rest()
+    found = self_tested()
+    assert found.failed == failed
+    assert list(found.gyro_dps) == pytest.approx([pushed * 256 * 0.070] * 3, abs=0.3)
+
+
+@pytest.mark.parametrize("behaviour", [ZEROS, ONES])
+def test_an_output_is_sure_only_if_the_line_is_alive_behind_it(behaviour):
+    """What sticks behind the registers, and amid the output, shows in WHO_AM_I that follows: also where the output is about zero anyhow."""
+    started(settles=False)
+    number("pushed").value = GOOD
+    number("logged", ctypes.c_uint32).value = 0
+    begin_us = number("now_us", ctypes.c_uint32).value
+    assert self_tested().failed == 0
+    read_us = [t_us - begin_us for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == 0x80 | WHO_AM_I]
+    for burst_us in read_us[2:10:2]:  # behind those of the start: of the gyroscope without the force, each with WHO_AM_I behind it
+        started(settles=False)
+        number("pushed").value = GOOD
+        begin_us = number("now_us", ctypes.c_uint32).value
+        number("line").value = behaviour
+        number("line_from_us", ctypes.c_uint32).value = begin_us + burst_us + 2 * (0x22 - WHO_AM_I)
+        number("line_until_us", ctypes.c_uint32).value = begin_us + burst_us + 200
+        assert self_tested().failed == NOTHING_MEASURED
 
 
 @pytest.mark.parametrize("behaviour", [HANGS, BUSY_FOR_EVER, ZEROS, ONES])

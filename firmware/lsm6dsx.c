@@ -34,7 +34,8 @@ static bool of_the_bus(enum fault fault)
 /* Count a fault once, however often it is found again before the sensor runs. */
 static void stand_still(struct lsm6dsx *sensor, enum fault fault)
 {
-    const bool once = sensor->running && ((fault == FAULT_RESET) || (fault == FAULT_CHANGED)); /* a bus that failed amid the registers looks so */
+    /* a bus that failed amid the registers looks so */
+    const bool once = sensor->running && ((fault == FAULT_RESET) || (fault == FAULT_CHANGED));
     const bool goes_on = sensor->set_up && (once || of_the_bus(fault));
     sensor->tried_us = sensor->bus->time();
     const bool at_once = sensor->set_up && ((sensor->tried_us - sensor->step_us) >= RAN_LEAST_US); /* as the last start was of use */
@@ -53,6 +54,18 @@ static void gap(struct lsm6dsx *sensor)
 {
     fifo_gap(&sensor->fifo);
     rate_gap(&sensor->rate);
+}
+
+/* Whether the FIFO ran over, by FIFO_STATUS2, whose mark of that a read clears. */
+static bool ran_over(struct lsm6dsx *sensor, uint8_t status)
+{
+    const bool overrun = (status & FIFO_OVERRUN) != 0u;
+    if (overrun) {
+        sensor->faults[FAULT_OVERRUN] += (sensor->overrun || ((status & FIFO_UNUSED) != 0u)) ? 0u : 1u;
+        sensor->overrun = true;
+        gap(sensor);
+    }
+    return overrun;
 }
 
 static void run(struct lsm6dsx *sensor)
@@ -114,13 +127,24 @@ static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad,
     return samples;
 }
 
-/* A burst that has come in whole: it counts if the registers behind it prove it, and if its tags do not show that bytes have slipped. */
+/* A burst that has come in whole: it counts if the registers behind it prove it, if the FIFO did not run over meanwhile, which mixes its
+ * slots, and if its tags do not show that bytes have slipped. */
 static unsigned take_burst(struct lsm6dsx *sensor, unsigned words, struct fifo_sample *out)
 {
     const enum fault fault = proof(sensor);
     const unsigned bad = fifo_unknown_tag(sensor->words, words);
+    uint8_t status[2];
     if (fault != FAULTS) {
         stand_still(sensor, fault);
+        return 0;
+    }
+    lsm6dsx_read(sensor, FIFO_STATUS1, status, 2);
+    if (sensor->failed) {
+        stand_still(sensor, FAULT_HANG);
+        return 0;
+    }
+    if (ran_over(sensor, status[1])) {
+        sensor->data_us = sensor->bus->time();
         return 0;
     }
     if ((bad < words) || (bad == MANY_UNKNOWN))
@@ -179,12 +203,7 @@ static unsigned words_due(struct lsm6dsx *sensor)
             stand_still(sensor, fault);
         return 0;
     }
-    const bool overrun = (status[1] & FIFO_OVERRUN) != 0;
-    if (overrun && !sensor->overrun) {
-        sensor->faults[FAULT_OVERRUN]++;
-        gap(sensor);
-    }
-    sensor->overrun = overrun;
+    sensor->overrun = ran_over(sensor, status[1]);
     sensor->level = (uint16_t)(status[0] | ((status[1] & 3u) << 8));
     if (sensor->level >= most)
         return most;
@@ -238,7 +257,8 @@ static void start_on(struct lsm6dsx *sensor)
             sensor->overrun = false;
             run(sensor);
         }
-    } else if (!sensor->found && sensor->starting && of_the_bus(fault) && (fault != FAULT_HANG) && ((now_us - sensor->asked_us) < BOOT_MOST_US)) {
+    } else if (!sensor->found && sensor->starting && of_the_bus(fault) && (fault != FAULT_HANG) &&
+               ((now_us - sensor->asked_us) < BOOT_MOST_US)) {
         sensor->step = STEP_STANDS;
         sensor->tried_us = now_us;
         sensor->again_us = BOOT_AGAIN_US;

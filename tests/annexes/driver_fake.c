@@ -17,7 +17,8 @@ uint8_t who = 0x6B; /* WHO_AM_I */
 uint8_t turned, turned_bits; /* a register some of whose bits read the wrong way round */
 uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
-uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after;
+uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after, held_at, lost;
+/* held_at: the word, from 1, behind which a core is held amid a burst, until the FIFO has run over by so many words as lost says */
 uint32_t wakes_us;             /* before that a sensor answers zeros, and takes nothing */
 uint32_t longest_us, waits;    /* the longest poll; calls of the function that waits */
 uint16_t accesses[LOG]; /* address with READ, value << 8 */
@@ -81,6 +82,10 @@ static uint8_t answer(void)
             words_out++;
             if (breaks_after && words_out == breaks_after)
                 behaviour = ZEROS;
+            if (held_at && words_out == held_at) {
+                words_out += lost;
+                overrun = 1;
+            }
         }
         return byte;
     }
@@ -157,7 +162,7 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
     const struct lsm6dsx_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
     behaviour = ANSWERS;
     fine = warmth = stuck = turned = turned_bits = 0;
-    now_us = transfers = logged = words_in = words_out = breaks_after = wakes_us = longest_us = waits = line_from_us = line_until_us = 0;
+    now_us = transfers = logged = words_in = words_out = breaks_after = held_at = lost = wakes_us = longest_us = waits = line_from_us = line_until_us = 0;
     byte_us = 2;
     overrun = busy_polls = pushed = shaken = 0;
     reset_registers();

@@ -19,6 +19,7 @@ from driver_under_test import (
     faults,
     library,
     number,
+    patterns,
     poll,
     push,
     registers,
@@ -28,6 +29,7 @@ from driver_under_test import (
     started,
     streamed_by_time,
     tag,
+    words_of,
 )
 
 #: samples at 1667 Hz: a window of a second, and a burst
@@ -220,3 +222,35 @@ def test_a_target_that_comes_late_is_no_other_rate():
         streamed_by_time(place + 30, 670)
     assert faults()["overrun"] == 8
     assert faults().keys() == {"overrun", "lost"}
+
+
+@pytest.mark.parametrize("odr", [8, 9, 10])
+@pytest.mark.parametrize("ratio", [5.9976, 40000 / 6667, 6.0, 6.0024])
+def test_late_stamps_cost_nothing_in_the_whole_driver(odr, ratio):
+    """At 6667 Hz two ticks either way are a third of a period, and a step of 2 or 10 ticks is none that is odd."""
+    count = 4000
+    for name, late in patterns(count).items():
+        started(odr)
+        numbers = np.arange(count)
+        words = words_of(numbers, np.floor(100.5 + numbers * ratio * 2 ** (10 - odr) + late).astype(np.int64))
+        each, found = 10 * 2 ** (odr - 8), []
+        for place in range(0, 3 * count, 3 * each):
+            push(words[place : place + 3 * each])
+            found.append(poll(6))
+        delivered = np.concatenate(found)
+        assert not faults(), name
+        assert len(delivered) >= count - 96
+        np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(np.arange(len(delivered))), err_msg=name)
+
+
+def test_twice_the_period_is_odd_at_the_highest_rate():
+    """A step of 12 ticks is one more off than jitter can make it: that is said within 40 slots, not in a window's second."""
+    started(10)
+    numbers = np.arange(400)
+    words = words_of(numbers, 100 + 12 * numbers)
+    for place in range(0, 1200, 60):
+        push(words[place : place + 60])
+        poll(6)
+        if "rate" in faults():
+            break
+    assert (faults()["rate"], place <= 3 * 100) == (1, True)

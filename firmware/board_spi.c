@@ -16,9 +16,10 @@ _Static_assert((APB2_HZ / SPI_DIVIDER) <= 10000000, "the sensor's SPI ends at 10
 
 enum {
     /* A second on the bus: three words of 56 bits a sample; the temperature's words, a look at the FIFO's level each millisecond, and the
-     * registers that are read behind each of at most 300 bursts.  Of the clock, 80 %: between bytes that the core sends by hand it rests. */
+     * registers and the level that are read behind each of at most 300 bursts.  Of the clock, 80 %: between bytes that the core sends by
+     * hand it rests. */
     SAMPLE_BITS = 3 * 56,
-    OTHER_BITS = (13 * 56) + (1000 * 24) + (300 * 168),
+    OTHER_BITS = (13 * 56) + (1000 * 24) + (300 * 192),
     CARRIED_BITS = APB2_HZ / SPI_DIVIDER / 5 * 4,
     DIVIDER_CODE = 3 + (SPI_DIVIDER > 16) + (SPI_DIVIDER > 32) + (SPI_DIVIDER > 64) + (SPI_DIVIDER > 128),
     MODE3_MASTER = 3u | (1u << 2) | ((unsigned)DIVIDER_CODE << 3) | (1u << 6) | (3u << 8), /* enabled, chip select by hand */
@@ -37,7 +38,8 @@ enum {
 };
 
 /* The quickest unit's oscillator is 19 % above its nominal rate. */
-_Static_assert((((double)ODR_HZ * 1.19 * SAMPLE_BITS) + OTHER_BITS) <= CARRIED_BITS, "the SPI does not carry this data rate: make SPI_DIVIDER=16");
+_Static_assert((((double)ODR_HZ * 1.19 * SAMPLE_BITS) + OTHER_BITS) <= CARRIED_BITS,
+               "the SPI does not carry this data rate: make SPI_DIVIDER=16");
 
 static struct {
     const uint8_t *in; /* where the bytes go that DMA is fetching, or null */

@@ -1,5 +1,5 @@
-/* Sources: ST's headers asm330lhh_reg.h and lsm6dso_reg.h for codes and bits, ST's Linux drivers st_asm330lhh and st_lsm6dsox for the limits
- * of the self-test.  Nobody here has read them in a data sheet: look there before a part is thrown away for them. */
+/* Sources: ST's headers asm330lhh_reg.h and lsm6dso_reg.h for codes and bits, ST's Linux drivers st_asm330lhh and st_lsm6dsox for the
+ * limits of the self-test.  Nobody here has read them in a data sheet: look there before a part is thrown away for them. */
 #include "lsm6dsx_chips.h"
 
 #include "lsm6dsx_registers.h"

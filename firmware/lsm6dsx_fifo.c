@@ -8,7 +8,6 @@ enum {
     NEAR = 256,          /* periods: a longer gap must have been one by the target's clock, too */
     CLOCKS_PERIODS = 64, /* the two may differ by CLOCKS_SHARE, by what is not known of the age of a full FIFO's words, */
     GAIN_MOST = 12,
-    FROM_BELOW = 1, FROM_ABOVE = 2, BOTH = FROM_BELOW | FROM_ABOVE,
 };
 static const uint32_t CLOCKS_US = 50000; /* and by this */
 static const uint32_t BACK_US = 4000000; /* that age is 3 s too high at most, at the lowest rate: so much later words may seem older */
@@ -41,24 +40,20 @@ void fifo_gap(struct lsm6dsx_fifo *fifo)
     fifo->have = fifo->spoilt = fifo->open = fifo->ordered = fifo->whole_before = fifo->counted = fifo->unsure = 0;
 }
 
-/* The place follows the stamps as slowly as the period's doubt allows: its lag is doubt / gain, a quarter of a tick.  Where the stamps,
- * and not what silicon can be, have bounded the period from both sides, its middle is good to a fifth of the doubt, as the jitter is
- * seldom what it may be: then the doubt may add up to a tick.  At the lowest rate the lag is half a tick for the first two seconds. */
+/* The place follows the stamps as slowly as the period's doubt allows: its lag is doubt / gain, half a tick. */
 static void set_period(struct lsm6dsx_fifo *fifo, uint64_t shortest_q32, uint64_t longest_q32)
 {
     fifo->shortest_q32 = shortest_q32;
     fifo->longest_q32 = longest_q32;
     fifo->doubt_q32 = (longest_q32 - shortest_q32) / 2;
     fifo->period_q32 = shortest_q32 + fifo->doubt_q32;
-    const uint64_t allowed_q32 = fifo->bounded == BOTH ? TICK : TICK / 4;
     fifo->gain = 1;
-    while (fifo->gain < GAIN_MOST && fifo->doubt_q32 << (fifo->gain + 1) <= allowed_q32)
+    while (fifo->gain < GAIN_MOST && fifo->doubt_q32 << (fifo->gain + 1) <= TICK / 2)
         fifo->gain++;
 }
 
 static void forget_period(struct lsm6dsx_fifo *fifo)
 {
-    fifo->bounded = 0;
     set_period(fifo, SHORTEST_Q32 << (QUICKEST - fifo->odr), LONGEST_Q32 << (QUICKEST - fifo->odr));
 }
 
@@ -174,14 +169,10 @@ static void learn(struct lsm6dsx_fifo *fifo)
         return;
     }
     fifo->learned_again = fifo->learned + fifo->learned / 8 + 1;
-    if (ticks_q32 > JITTERS && (ticks_q32 - JITTERS) / fifo->learned > shortest_q32) {
+    if (ticks_q32 > JITTERS && (ticks_q32 - JITTERS) / fifo->learned > shortest_q32)
         shortest_q32 = (ticks_q32 - JITTERS) / fifo->learned;
-        fifo->bounded |= FROM_BELOW;
-    }
-    if ((ticks_q32 + JITTERS) / fifo->learned < longest_q32) {
+    if ((ticks_q32 + JITTERS) / fifo->learned < longest_q32)
         longest_q32 = (ticks_q32 + JITTERS) / fifo->learned;
-        fifo->bounded |= FROM_ABOVE;
-    }
     if (shortest_q32 < longest_q32) {
         set_period(fifo, shortest_q32, longest_q32);
     } else { /* the stamps stray by more than was thought, or the period is none that can be */

@@ -75,7 +75,7 @@ struct lsm6dsx_fifo {
     int64_t place_q32;               /* ticks from the middle of the tick that it names to the time of its slot, as estimated */
     /* The sample period in ticks: what it is at least and at most, the middle, half of what lies between. */
     uint64_t shortest_q32, longest_q32, period_q32, doubt_q32;
-    uint8_t odr, bounded, gain; /* whether stamps have bounded it from below, above; 2^-gain of one's deviation goes into the place */
+    uint8_t odr, gain; /* 2^-gain of one's deviation goes into the place */
     uint32_t learned_from, learned, learned_again; /* a stamp, periods since then, at how many to learn again */
     /* Time. */
     uint64_t tick_q32, time_q32; /* us of a tick, 25 / (1 + 0.0015 f); us of the last stamp, before the first sample of the last one */

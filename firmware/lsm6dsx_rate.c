@@ -8,7 +8,7 @@ enum {
     ODD_STEPS_MOST = 16, /* and so many are enough by themselves */
     TICKS = 6,         /* of the stamps in a period at the highest rate, by name */
     STEP_SHARE = 8,    /* a step is odd that is off by STAMPS_STRAY ticks and an eighth of a period */
-    LOSS_SHARE = 8,    /* the clocks agree to CLOCKS_SHARE, and an eighth of the words or samples may be missing, or too many, for another reason */
+    LOSS_SHARE = 8,    /* an eighth of the words or samples may be missing, or too many, for another reason */
 };
 
 static const float WINDOW_US = 1e6f;
@@ -52,7 +52,8 @@ static bool differs(float value, float expected, float share)
 
 bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uint32_t made_us, bool settled)
 {
-    const float passed_us = (float)(made_us - rate->began_us), periods = passed_us * 1e-6f * fifo_rate_hz(odr, freq_fine);
+    const float passed_us = (float)(int32_t)(made_us - rate->began_us); /* below zero where it is not known so well */
+    const float periods = passed_us * 1e-6f * fifo_rate_hz(odr, freq_fine);
     const float period_ticks = (float)((uint32_t)TICKS << (LSM6DSX_QUICKEST - odr));
     bool wrong = false;
     if (rate->odd_steps >= ODD_STEPS_MOST)

@@ -1,8 +1,8 @@
-/* The procedure is the one by which ST's own Linux drivers judge the family: the mean of five outputs without and with the force, each 0.1 s
- * behind the switch, 0.15 s behind a reset.  The limits are in lsm6dsx_chips.c.
+/* The procedure is the one by which ST's own Linux drivers judge the family: the mean of five outputs without and with the force, each
+ * 0.1 s behind the switch, 0.15 s behind a reset.  The limits are in lsm6dsx_chips.c.
  *
- * A part fails for what was measured, never for a bus: each output comes in one burst with WHO_AM_I and the control registers, which must be
- * as they were set, and WHO_AM_I follows it once more.  Five outputs of a sensor that lies still are alike. */
+ * A part fails for what was measured, never for a bus: each output comes in one burst with WHO_AM_I and the control registers, which must
+ * be as they were set, and WHO_AM_I follows it once more.  Five outputs of a sensor that lies still are alike. */
 #include "lsm6dsx_self_test.h"
 
 #include "lsm6dsx_registers.h"
@@ -59,8 +59,9 @@ static bool take_output(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test)
     const uint8_t *output = &bytes[(is_gyro(test) ? OUTX_L_G : OUTX_L_A) - WHO_AM_I];
     image_of(sensor, test, image);
     lsm6dsx_read(sensor, WHO_AM_I, bytes, BURST);
+    const uint8_t *known = &sensor->chip->known[LSM6DSX_KEPT_WHO];
     const bool sure = (lsm6dsx_read_one(sensor, WHO_AM_I) == sensor->chip->who) &&
-                      lsm6dsx_alike(&sensor->chip->known[LSM6DSX_KEPT_WHO], &image[LSM6DSX_KEPT_WHO], bytes, LSM6DSX_KEPT - LSM6DSX_KEPT_WHO);
+                      lsm6dsx_alike(known, &image[LSM6DSX_KEPT_WHO], bytes, LSM6DSX_KEPT - LSM6DSX_KEPT_WHO);
     if ((bytes[STATUS_REG - WHO_AM_I] & (is_gyro(test) ? GDA : XLDA)) == 0)
         return sure && ((sensor->bus->time() - test->since_us) < (((test->taken == 0u) ? SWITCH_US : 0u) + OUTPUT_MOST_US));
     for (int i = 0; (i < 3) && (test->taken > 0u); i++) {

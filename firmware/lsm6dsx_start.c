@@ -76,7 +76,8 @@ static enum fault begin(struct lsm6dsx *sensor)
     sensor->who = sensor->kept[LSM6DSX_KEPT_WHO];
     lsm6dsx_image(sensor, image);
     const enum fault fault = lsm6dsx_identity_fault(sensor->who);
-    return ((fault == FAULTS) && !(steady && lsm6dsx_alike(sensor->chip->known, image, sensor->kept, LSM6DSX_KEPT))) ? FAULT_CHANGED : fault;
+    const bool taken = steady && lsm6dsx_alike(sensor->chip->known, image, sensor->kept, LSM6DSX_KEPT);
+    return ((fault == FAULTS) && !taken) ? FAULT_CHANGED : fault;
 }
 
 enum fault lsm6dsx_start_step(struct lsm6dsx *sensor)

@@ -393,8 +393,8 @@ def test_no_single_bit_of_a_late_stamp_makes_a_false_count(odr, late):
 @pytest.mark.parametrize("ratio", [broad(5.9994), 6.0, broad(6.0003)])
 @pytest.mark.parametrize("seed", [1, broad(2), broad(3)])
 def test_no_single_bit_of_any_stamp_makes_a_false_number_for_good(odr, ratio, seed):
-    """Each bit again and again, one stamp in some fifty, whatever the stamps do otherwise: it costs its own sample at most, and the next one
-    if that is before it."""
+    """Each bit again and again, one stamp in some forty, whatever the stamps do otherwise: it costs its own sample at most, and the next
+    one if that is before it."""
     rng = np.random.default_rng(seed)
     slots = np.arange(30_000)
     exact = 1000.3 + slots * ratio * 2 ** (10 - odr)
@@ -431,6 +431,39 @@ def test_the_two_clocks_may_differ_by_a_sixteenth(clock, refused):
     samples, faults = take_words(words_of(slots, ticks_of(slots)), made_us=np.repeat(slots * 150 * clock, 3))
     assert faults.get("stamp", 0) == refused
     assert len(samples) == len(slots) - 1 - refused
+
+
+@pytest.mark.parametrize("ratio", [5.9976, 6.0024])
+def test_before_the_period_is_known_time_lags_by_a_third_of_a_tick(ratio):
+    """It may be half a one.  A quicker pull would lag less, and make steps of stamps that jitter less even."""
+    slots = np.arange(1500)
+    exact = 1000.5 + slots * ratio
+    samples, _ = take_words(words_of(slots, np.floor(exact).astype(np.int64)))
+    lag = ticks_off(samples, np.floor(exact), exact)[700:].mean()
+    assert abs(lag) == pytest.approx(0.0024 * 128, abs=0.06)
+
+
+def test_time_follows_stamps_that_come_later_for_good():
+    """Within some 4096 periods, however well the period is known by then."""
+    slots = np.arange(432_000)
+    late = (slots >= 400_000).astype(np.int64)
+    samples, faults = take_words(words_of(slots, 1000 + 6 * slots + late))
+    assert not faults
+    off = ticks_off(samples, 1000 + 6 * slots, 1000.5 + 6 * slots)
+    assert off[399_000] == pytest.approx(0, abs=0.05)
+    assert off[-1] == pytest.approx(1, abs=0.05)
+
+
+def test_behind_an_absence_the_place_within_the_tick_is_kept():
+    """Where the stamp does not contradict it: it is known better than by one stamp."""
+    errors = []
+    for gap in range(2001, 2081, 4):
+        slots = runs(10_000, gap, 4)
+        exact = 1000.3 + slots * PERIOD
+        samples, _ = take_words(words_of(slots, np.floor(exact).astype(np.int64)), made_us=np.repeat(slots * 150, 3))
+        off = ticks_off(samples, np.floor(exact), exact)
+        errors.append(off[10_000] - off[9_999])
+    assert np.abs(errors).max() < 0.1
 
 
 @pytest.mark.parametrize(("absent", "refused"), [(2**30 // 3072 - 20, 1), (2**30 // 3072 + 20, 59)])

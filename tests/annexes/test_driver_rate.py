@@ -243,6 +243,18 @@ def test_late_stamps_cost_nothing_in_the_whole_driver(odr, ratio):
         np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(np.arange(len(delivered))), err_msg=name)
 
 
+def test_words_that_seem_older_than_those_before_are_no_other_rate():
+    """Of a FIFO that is fuller than a burst the age is a guess: it may be before the last burst's."""
+    started()
+    found = [streamed_by_time(0, 20)]
+    push(slots(20, 128))  # in no time
+    found.append(poll(8))
+    after = np.concatenate([*found, streamed_by_time(148, 100)])
+    assert not faults()
+    assert len(after) > 230
+    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
+
+
 def test_twice_the_period_is_odd_at_the_highest_rate():
     """A step of 12 ticks is one more off than jitter can make it: that is said within 40 slots, not in a window's second."""
     started(10)

@@ -16,9 +16,10 @@ _Static_assert((APB2_HZ / SPI_DIVIDER) <= 10000000, "the sensor's SPI ends at 10
 
 enum {
     /* A second on the bus: three words of 56 bits a sample; the temperature's words, a look at the FIFO's level each millisecond, and the
-     * registers that are read behind each of at most 300 bursts.  Of the clock 80 %: between bytes that the core sends by hand it rests. */
+     * registers and the level that are read behind each of at most 300 bursts.  Of the clock, 80 %: between bytes that the core sends by
+     * hand it rests. */
     SAMPLE_BITS = 3 * 56,
-    OTHER_BITS = (13 * 56) + (1000 * 24) + (300 * 168),
+    OTHER_BITS = (13 * 56) + (1000 * 24) + (300 * 192),
     CARRIED_BITS = APB2_HZ / SPI_DIVIDER / 5 * 4,
     DIVIDER_CODE = 3 + (SPI_DIVIDER > 16) + (SPI_DIVIDER > 32) + (SPI_DIVIDER > 64) + (SPI_DIVIDER > 128),
     MODE3_MASTER = 3u | (1u << 2) | ((unsigned)DIVIDER_CODE << 3) | (1u << 6) | (3u << 8), /* enabled, chip select by hand */

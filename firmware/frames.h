@@ -12,7 +12,7 @@ enum {
     FRAME_BOARD = 0x05,      /* status of the board and its sensor (status.c) */
     FRAME_FAULTS = 0x06,     /* u16 sequence, u32 counts */
     FRAME_DONE = 0x07,       /* u16 sequence, u8 command, u8 result: the answer to a command, with its sequence */
-    FRAME_TESTED = 0x08,     /* u16 sequence, u16 failed, f32 gyroscope x y z in dps, f32 accelerometer x y z in mg: of a sensor's self-test */
+    FRAME_TESTED = 0x08,     /* u16 sequence, u16 failed, f32 gyroscope x y z in dps, accelerometer x y z in mg: of a sensor's self-test */
     FRAME_HELLO = 0x10,      /* u16 sequence: run the model's self-test, forget the samples so far */
     FRAME_SET_RATE = 0x11,   /* u16 sequence, f32 Hz */
     FRAME_SET_RANGES = 0x12, /* u16 sequence, u16 dps, u16 g */

@@ -72,6 +72,18 @@ static void gap(struct lsm6dsx *sensor)
     rate_gap(&sensor->rate);
 }
 
+/* Whether the FIFO ran over, by FIFO_STATUS2, whose mark of that a read clears. */
+static bool ran_over(struct lsm6dsx *sensor, uint8_t status)
+{
+    const bool overrun = (status & FIFO_OVERRUN) != 0u;
+    if (overrun) {
+        sensor->faults[FAULT_OVERRUN] += (sensor->overrun || ((status & FIFO_UNUSED) != 0u)) ? 0u : 1u;
+        sensor->overrun = true;
+        gap(sensor);
+    }
+    return overrun;
+}
+
 static void run(struct lsm6dsx *sensor)
 {
     rate_gap(&sensor->rate);
@@ -135,13 +147,24 @@ static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad,
     return samples;
 }
 
-/* A burst that has come in whole: it counts if the registers behind it prove it, and if its tags do not show that bytes have slipped. */
+/* A burst that has come in whole: it counts if the registers behind it prove it, if the FIFO did not run over meanwhile, which mixes its
+ * slots, and if its tags do not show that bytes have slipped. */
 static unsigned take_burst(struct lsm6dsx *sensor, unsigned words, struct fifo_sample *out)
 {
     const enum fault fault = proof(sensor);
     const unsigned bad = fifo_unknown_tag(sensor->words, words);
+    uint8_t status[2];
     if (fault != FAULTS) {
         stand_still(sensor, fault);
+        return 0;
+    }
+    lsm6dsx_read(sensor, FIFO_STATUS1, status, 2);
+    if (sensor->failed) {
+        stand_still(sensor, FAULT_HANG);
+        return 0;
+    }
+    if (ran_over(sensor, status[1])) {
+        sensor->data_us = sensor->bus->time();
         return 0;
     }
     if ((bad < words) || (bad == MANY_UNKNOWN))
@@ -200,12 +223,7 @@ static unsigned words_due(struct lsm6dsx *sensor)
             stand_still(sensor, fault);
         return 0;
     }
-    const bool overrun = (status[1] & FIFO_OVERRUN) != 0;
-    if (overrun && !sensor->overrun) {
-        sensor->faults[FAULT_OVERRUN]++;
-        gap(sensor);
-    }
-    sensor->overrun = overrun;
+    sensor->overrun = ran_over(sensor, status[1]);
     sensor->level = (uint16_t)(status[0] | ((status[1] & 3u) << 8));
     if (sensor->level >= most)
         return most;

@@ -24,9 +24,9 @@
 /* The four functions of a target.  SPI mode 3 (or 0). */
 struct lsm6dsx_bus {
     /* Exchange bytes; out may be null (send 0xFF: to a sensor that has missed the address a zero would be a write), or in (what comes
-     * is dropped).  TRANSFER_DONE, TRANSFER_FAILED within a
-     * millisecond (a burst: within 5), or TRANSFER_BUSY: it goes on by itself, and the driver asks again with the same arguments.  Other
-     * arguments, or an end of the selection, end one that still goes on.  A target that waits never says TRANSFER_BUSY. */
+     * is dropped).  TRANSFER_DONE, TRANSFER_FAILED within a millisecond (a burst: within 5), or TRANSFER_BUSY: it goes on by itself, and
+     * the driver asks again with the same arguments.  Other arguments, or an end of the selection, end one that still goes on.  A target
+     * that waits never says TRANSFER_BUSY. */
     int (*transfer)(const uint8_t *out, uint8_t *in, unsigned count);
     void (*select)(int selected); /* chip select; it is low where selected */
     void (*wait)(uint32_t microseconds); /* only lsm6dsx_start and lsm6dsx_self_test call it */

@@ -2,15 +2,13 @@
 
 #include "lsm6dsx.h"
 
-enum { GYRO = 1, ACCEL = 2, STAMP = 4 }; /* TAG_SENSOR */
-
 enum {
     PERIODS_LEAST = 64,
     ODD_STEPS = 4,     /* in a row, */
     ODD_STEPS_MOST = 16, /* and so many are enough by themselves */
     TICKS = 6,         /* of the stamps in a period at the highest rate, by name */
-    CLOCKS_SHARE = 16, /* the two clocks may differ by a sixteenth: 1 to 3 % of a target's RC oscillator, 0.1 % of the sensor's */
-    LOSS_SHARE = 8,    /* and an eighth of the words or samples may be missing, or too many, for another reason */
+    STEP_SHARE = 8,    /* a step is odd that is off by STAMPS_STRAY ticks and an eighth of a period */
+    LOSS_SHARE = 8,    /* an eighth of the words or samples may be missing, or too many, for another reason */
 };
 
 static const float WINDOW_US = 1e6f;
@@ -23,14 +21,14 @@ void rate_gap(struct lsm6dsx_rate *rate)
 void rate_take(struct lsm6dsx_rate *rate, const uint8_t *word, uint8_t odr)
 {
     const uint8_t kind = (uint8_t)(word[0] >> 3);
-    rate->gyro += (kind == GYRO) ? 1u : 0u;
-    rate->accel += (kind == ACCEL) ? 1u : 0u;
-    if (kind != STAMP)
+    rate->gyro += (kind == TAG_GYRO) ? 1u : 0u;
+    rate->accel += (kind == TAG_ACCEL) ? 1u : 0u;
+    if (kind != TAG_STAMP)
         return;
-    const uint32_t ticks = word[1] | ((uint32_t)word[2] << 8) | ((uint32_t)word[3] << 16) | ((uint32_t)word[4] << 24);
+    const uint32_t ticks = fifo_stamp(word);
     const uint32_t step = ticks - rate->last_ticks, period = (uint32_t)TICKS << (LSM6DSX_QUICKEST - odr);
     const uint32_t off = (step > period) ? (step - period) : (period - step);
-    rate->follows = rate->stamped && (off <= (period / 4u) + 1u);
+    rate->follows = rate->stamped && (off <= STAMPS_STRAY + (period / STEP_SHARE));
     if (!rate->stamped || rate->follows)
         rate->odd_steps = 0;
     else if (rate->odd_steps < ODD_STEPS_MOST)

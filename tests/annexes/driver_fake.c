@@ -18,7 +18,8 @@ uint8_t turned, turned_bits; /* a register some of whose bits read the wrong way
 uint32_t turned_until_us;    /* until then */
 uint8_t fine; /* INTERNAL_FREQ_FINE, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
-uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after;
+uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after, held_at, lost;
+/* held_at: the word, from 1, behind which a core is held amid a burst, until the FIFO has run over by so many words as lost says */
 uint32_t wakes_us;             /* before that a sensor answers zeros, and takes nothing */
 uint32_t longest_us, waits;    /* the longest poll; calls of the function that waits */
 uint16_t accesses[LOG]; /* address with READ, value << 8 */
@@ -83,6 +84,10 @@ static uint8_t answer(void)
             words_out++;
             if (breaks_after && words_out == breaks_after)
                 behaviour = ZEROS;
+            if (held_at && words_out == held_at) {
+                words_out += lost;
+                overrun = 1;
+            }
         }
         return byte;
     }
@@ -166,7 +171,8 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
     behaviour = ANSWERS;
     fine = stuck = turned = turned_bits = 0;
     turned_until_us = UINT32_MAX;
-    now_us = transfers = logged = words_in = words_out = breaks_after = wakes_us = longest_us = waits = line_from_us = line_until_us = 0;
+    now_us = transfers = logged = words_in = words_out = breaks_after = held_at = lost = wakes_us = longest_us = waits = 0;
+    line_from_us = line_until_us = 0;
     byte_us = 2;
     overrun = busy_polls = pushed = shaken = ramp = line = 0;
     reset_registers();

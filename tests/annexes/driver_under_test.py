@@ -188,6 +188,21 @@ def take_words(
     return out[:count], {name: number for name, number in zip(FAULTS, counts, strict=True) if number}
 
 
+def patterns(count: int, seed: int = 3) -> dict[str, np.ndarray]:
+    """How early or late stamps may be, in ticks (count,)."""
+    rng, numbers = np.random.default_rng(seed), np.arange(count)
+    return {
+        "one, at random": rng.integers(-1, 2, count),
+        "two, at random": rng.integers(-2, 3, count),
+        "one, either way": rng.choice([-1, 1], count),
+        "two, either way": rng.choice([-2, 2], count),
+        "one, in turn": numbers % 2 * 2 - 1,
+        "two, in turn": numbers % 2 * 4 - 2,
+        "one late for long, then early": np.where(numbers // 700 % 2, 1, -1),
+        "two late for long, then early": np.where(numbers // 700 % 2, 2, -2),
+    }
+
+
 ORDERS = tuple(itertools.permutations((GYRO, ACCEL, STAMP)))
 
 

@@ -352,3 +352,51 @@ def test_a_sensor_that_misses_an_address_is_written_nothing():
         streamed(30, 30, polls=10)
         assert bytes(registers())[: CTRL10_C + 1] == set_up
         assert "starts" not in faults()
+
+
+@pytest.mark.parametrize("lost", [3, 12, 14, 24, 25])
+def test_a_fifo_that_runs_over_amid_a_burst_drops_the_burst(lost):
+    """Where a target is held whose transfers wait.  Behind four lost slots TAG_CNT goes on, and a slot would be made of two."""
+    for place in range(1, 96):
+        started()
+        before = streamed(0, 64)
+        first = number("words_out", ctypes.c_uint32).value
+        push(slots(64, 96))
+        number("held_at", ctypes.c_uint32).value, number("lost", ctypes.c_uint32).value = first + place, lost
+        after = np.concatenate([poll(9), streamed(160, 64)])
+        assert faults()["overrun"] == 1
+        assert faults().keys() <= {"overrun", "lost"}
+        assert len(after) >= 64 + 96 - 32 - lost // 3 - 3
+        np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
+
+
+def test_a_fifo_that_runs_over_again_and_again_is_a_gap_each_time():
+    """It is counted once as long as it lasts."""
+    started()
+    before = streamed(0, 64)
+    found = []
+    for place in range(100, 500, 100):  # 68 slots are missing, behind which TAG_CNT goes on
+        number("overrun").value = 1
+        push(slots(place, 32))
+        found.append(poll(1))
+    found.append(streamed(432, 64))
+    after = np.concatenate(found)
+    assert len(after) >= 4 * 31 + 63
+    assert faults()["overrun"] == 1
+    assert faults().keys() == {"overrun", "lost"}
+    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
+
+
+@pytest.mark.parametrize(("bad", "starts"), [(3, 0), (4, 1)])
+def test_four_stamps_in_a_row_that_do_not_go_on_start_the_sensor_again(bad, starts):
+    started()
+    streamed(0, 64)
+    discard()
+    words = slots(64, 32)  # a burst, whose last slot is not over yet
+    words[3 * (31 - bad) + 2 : 3 * 31 : 3, 4] ^= 0x40
+    push(words)
+    poll(1)
+    push(slots(96, 32))
+    poll(20)
+    assert faults().get("starts", 0) == starts
+    assert faults()["stamp"] == bad + starts  # the start has its reason

@@ -23,6 +23,7 @@ from driver_under_test import (
     library,
     number,
     period_of,
+    patterns,
     poll,
     push,
     registers,
@@ -33,6 +34,7 @@ from driver_under_test import (
     streamed_by_time,
     tag,
     warmth,
+    words_of,
 )
 
 FIFO_STATUS1 = 0x3A
@@ -310,3 +312,45 @@ def test_no_stamps_behind_a_gap_are_another_rate():
     number("overrun").value = 1
     streamed_by_time(200, 120, lambda words: words[kinds(words) != STAMP])
     assert (faults()["rate"], faults()["starts"]) == (1, 1)
+@pytest.mark.parametrize("odr", [8, 9, 10])
+@pytest.mark.parametrize("ratio", [5.9976, 40000 / 6667, 6.0, 6.0024])
+def test_late_stamps_cost_nothing_in_the_whole_driver(odr, ratio):
+    """At 6667 Hz two ticks either way are a third of a period, and a step of 2 or 10 ticks is none that is odd."""
+    count = 4000
+    for name, late in patterns(count).items():
+        started(odr)
+        numbers = np.arange(count)
+        words = words_of(numbers, np.floor(100.5 + numbers * ratio * 2 ** (10 - odr) + late).astype(np.int64))
+        each, found = 10 * 2 ** (odr - 8), []
+        for place in range(0, 3 * count, 3 * each):
+            push(words[place : place + 3 * each])
+            found.append(poll(6))
+        delivered = np.concatenate(found)
+        assert not faults(), name
+        assert len(delivered) >= count - 96
+        np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(np.arange(len(delivered))), err_msg=name)
+
+
+def test_words_that_seem_older_than_those_before_are_no_other_rate():
+    """Of a FIFO that is fuller than a burst the age is a guess: it may be before the last burst's."""
+    started()
+    found = [streamed_by_time(0, 20)]
+    push(slots(20, 128))  # in no time
+    found.append(poll(8))
+    after = np.concatenate([*found, streamed_by_time(148, 100)])
+    assert not faults()
+    assert len(after) > 230
+    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
+
+
+def test_twice_the_period_is_odd_at_the_highest_rate():
+    """A step of 12 ticks is one more off than jitter can make it: that is said within 40 slots, not in a window's second."""
+    started(10)
+    numbers = np.arange(400)
+    words = words_of(numbers, 100 + 12 * numbers)
+    for place in range(0, 1200, 60):
+        push(words[place : place + 60])
+        poll(6)
+        if "rate" in faults():
+            break
+    assert (faults()["rate"], place <= 3 * 100) == (1, True)

@@ -44,7 +44,7 @@ class Case:
     seconds: float = 5.0
     spi_divider: int = 0
     drift_ppm_s: float = 0.0
-    held: int = 0
+    held: tuple[int, float] | None = None
 
 
 # The sweeps.
@@ -149,7 +149,7 @@ def order() -> Iterator[Case]:
             told = f"{name}, {'slots' if slots else 'words'} are lost"
             for odr_hz in (833.0, 6667.0):
                 yield Case(f"{told}, core held for 0.3 s", odr_hz, silicon, stalls=((AT_S, 0.3), (AT_S + 0.9, 0.3)), seconds=4.0)
-            yield Case(f"{told}, bursts wait", 6667.0, silicon, seconds=8.0, held=10)
+            yield Case(f"{told}, bursts wait", 6667.0, silicon, seconds=8.0, held=(40, AT_S))
 
 
 def drift() -> Iterator[Case]:

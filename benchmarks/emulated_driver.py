@@ -75,17 +75,17 @@ class Watched(Asm330lhh):
 
 
 class HeldPort(SensorPort):
-    """One in so many bursts waits amid its bytes for 22 to 60 ms, in which nothing is clocked, as where the core clocks them itself and is
-    kept from it; stall: holds the core for so long, s.  holds: how many there were."""
+    """From a time on, one in so many bursts waits amid its bytes for 22 to 60 ms, in which nothing is clocked, as where the core clocks
+    them itself and is kept from it; stall: holds the core for so long, s.  holds: how many there were."""
 
-    def __init__(self, sensor: Asm330lhh, one_in: int):
+    def __init__(self, sensor: Asm330lhh, one_in: int, from_s: float):
         super().__init__(sensor)
-        self._draw, self._one_in, self.holds = np.random.default_rng(0), one_in, 0
+        self._draw, self._one_in, self._from_s, self.holds = np.random.default_rng(0), one_in, from_s, 0
         self.stall: Callable[[float], None] = lambda lasts_s: None
 
     def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
         """As the sensor's own, in two parts."""
-        if len(out) < LONG or self._draw.integers(self._one_in):
+        if t_s < self._from_s or len(out) < LONG or self._draw.integers(self._one_in):
             return super().transfer(out, t_s, byte_s)
         head, lasts_s = int(self._draw.integers(len(out))), float(self._draw.uniform(0.022, 0.060))
         self.holds += 1
@@ -119,7 +119,7 @@ class Verdict:
 
 class Driven:
     """An ELF file, the sensor, the host.  fine: INTERNAL_FREQ_FINE; faults, stalls, silicon, drift_ppm_s: as the model and the machine
-    take them; held: one in so many bursts waits (``HeldPort``), 0: none.
+    take them; held: (one in so many bursts, from a time on) waits (``HeldPort``).
 
     made_up: samples of the board's stand-in, which count for nothing.
     """
@@ -132,13 +132,13 @@ class Driven:
         stalls: Iterable[tuple[float, float]] = (),
         silicon: Silicon | None = None,
         drift_ppm_s: float = 0.0,
-        held: int = 0,
+        held: tuple[int, float] | None = None,
     ):
         self.silicon = silicon or Silicon()
         self.oscillator = oscillator = Oscillator(fine - 1, fine, drift_ppm_s=drift_ppm_s)
         self.clock_hz = oscillator.clock_hz(self.silicon.ticks_per_period)
         self.sensor = Watched(numbered(self.clock_hz, oscillator), oscillator, faults, keep=True, silicon=self.silicon)
-        self.port = HeldPort(self.sensor, held) if held else SensorPort(self.sensor)
+        self.port = HeldPort(self.sensor, *held) if held else SensorPort(self.sensor)
         self.machine = Machine(elf, self.port, stalls=stalls)
         if isinstance(self.port, HeldPort):
             self.port.stall = self.machine.stall
@@ -237,8 +237,8 @@ def judged(
     kept: list[Made],
     until_s: float,
     clock_hz: float,
-    silicon: Silicon = Silicon(),  # noqa: B008
-    oscillator: Oscillator = Oscillator(),  # noqa: B008
+    silicon: Silicon,
+    oscillator: Oscillator,
 ) -> Verdict:
     """Samples of the stream, ``frames.SAMPLE``, against all that a sensor with a numbered motion made; until_s: what was made later may
     still be on its way.  ValueError where none is good."""
@@ -301,11 +301,12 @@ def _stamps_off(made_s: np.ndarray, t_us: np.ndarray, grid: np.ndarray) -> tuple
 
 def _stale(made_s: np.ndarray, warmth: np.ndarray, place: np.ndarray, got: np.ndarray, period_s: float) -> np.ndarray:
     """Which temperatures of the samples at ``place`` are none of the last period; where samples are missing within it, a temperature may
-    be missing as well, and the one of a period before them holds on."""
+    be missing as well, and the last one that came within a whole period holds on."""
     at_s = made_s[place]
     before = (np.searchsorted(at_s, at_s - period_s, side="right") - 1).clip(0)
     gaps = np.cumsum(np.diff(place, prepend=place[0] - 1) > 1)
-    oldest_s = np.where(gaps > gaps[before], at_s[before] - period_s, at_s - period_s)
+    whole = (gaps == gaps[before]) & (at_s - period_s >= at_s[0])
+    oldest_s = np.maximum.accumulate(np.where(whole, at_s, at_s[0]) - period_s)
     oldest = (np.searchsorted(made_s, oldest_s, side="right") - 1).clip(0)
     newest = warmth[place].astype(int)
     return (newest - got) % WARMTHS > (newest - warmth[oldest]) % WARMTHS

@@ -7,6 +7,7 @@ import random
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -356,6 +357,7 @@ class Timestamp:
 # The true sample times, and the int16 registers at each of them.
 
 BLOCK, BLOCK_S = 256, 0.25  #: samples computed at once, and their longest duration
+Number = TypeVar("Number", float, np.ndarray)
 REGISTER_BYTES = 14  #: temperature, gyroscope, accelerometer: 0x20 to 0x2D
 
 
@@ -373,11 +375,11 @@ class Oscillator:
         """Ratio of the true frequency to the typical one."""
         return (1 + FINE_STEP * (self.fine_on if on else self.fine_off)) * (1 + 1e-6 * self.residual_ppm)
 
-    def elapsed_s(self, t_s):
+    def elapsed_s(self, t_s: Number) -> Number:
         """Return the time since the beginning as the oscillator counts it, at its first frequency; t_s: true, a number or an array."""
         return t_s * (1 + 0.5e-6 * self.drift_ppm_s * t_s)
 
-    def true_s(self, elapsed_s):
+    def true_s(self, elapsed_s: Number) -> Number:
         """Return the true time at which it counts so much: the inverse."""
         return 2 * elapsed_s / (1 + (1 + 2e-6 * self.drift_ppm_s * elapsed_s) ** 0.5)
 
@@ -434,7 +436,7 @@ class Readings:
         """Change the settings from the next sample on."""
         self.step, self._settings, self._data = step, (fs_g, fs_xl, added_dps, added_mg), b""
 
-    def time_s(self, tick):
+    def time_s(self, tick: Number) -> Number:
         """Return the time of a tick of the clock, or of an array of them."""
         return self._oscillator.true_s(self._zero_s + tick / self.clock_hz)
 

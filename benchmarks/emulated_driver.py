@@ -76,11 +76,13 @@ class Watched(Asm330lhh):
 
 class HeldPort(SensorPort):
     """From a time on, one in so many bursts waits amid its bytes for 22 to 60 ms, in which nothing is clocked, as where the core clocks
-    them itself and is kept from it; stall: holds the core for so long, s.  holds: how many there were."""
+    them itself and is kept from it; stall: holds the core for so long, s.  holds: how many there were;
+    held_s: their time."""
 
     def __init__(self, sensor: Asm330lhh, one_in: int, from_s: float):
         super().__init__(sensor)
-        self._draw, self._one_in, self._from_s, self.holds = np.random.default_rng(0), one_in, from_s, 0
+        self._draw, self._one_in, self._from_s = np.random.default_rng(0), one_in, from_s
+        self.holds, self.held_s = 0, 0.0
         self.stall: Callable[[float], None] = lambda lasts_s: None
 
     def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
@@ -89,6 +91,7 @@ class HeldPort(SensorPort):
             return super().transfer(out, t_s, byte_s)
         head, lasts_s = int(self._draw.integers(len(out))), float(self._draw.uniform(0.022, 0.060))
         self.holds += 1
+        self.held_s += lasts_s
         self.stall(lasts_s)
         return super().transfer(out[:head], t_s, byte_s) + super().transfer(out[head:], t_s + head * byte_s + lasts_s, byte_s)
 

@@ -125,6 +125,11 @@ def test_an_oscillator_that_drifts_takes_rate_and_ticks_along(ppm_s):
     assert first / last - 1 == pytest.approx(1e-6 * ppm_s * (times[-50] - times[50]), rel=0.02)
     ticks = int.from_bytes(link.read(0x40, 4), "little")
     assert ticks == pytest.approx(40000 * (link.t_s - READY_S) * (1 + 0.5e-6 * ppm_s * (link.t_s + READY_S)), abs=2)
+    link.write(0x42, 0xAA)
+    began_s = link.t_s
+    link.wait(0.5)
+    ticks = int.from_bytes(link.read(0x40, 4), "little")
+    assert ticks == pytest.approx(40000 * (link.t_s - began_s) * (1 + 1e-6 * ppm_s * (began_s + 0.25)), abs=2)
 
 
 @pytest.mark.parametrize("capacity", [416, 438, 512])

@@ -124,7 +124,7 @@ def test_a_full_fifo_costs_what_it_could_not_hold(elf, capacity):
 
 @pytest.mark.parametrize("order", [Silicon.order, (GYRO, ACCEL, TEMPERATURE, TIMESTAMP)])
 def test_bursts_that_wait_amid_their_words_cost_what_the_fifo_lost(elf, order):
-    """The core is held with them.  In 22 ms a FIFO of 438 words has lost its first slot."""
+    """The core is held with them.  A FIFO of 438 words holds 146 slots; a few more are lost with the burst, and when it is read anew."""
     driven = running(elf, 6667.0, silicon=Silicon(order=order, overrun_slots=True), held=(40, 0.8))
     before = driven.counts["overrun"]
     driven.run(3.0)
@@ -132,7 +132,7 @@ def test_bursts_that_wait_amid_their_words_cost_what_the_fifo_lost(elf, order):
     assert_said(found)
     assert driven.port.holds > 8
     assert driven.counts["overrun"] - before >= driven.port.holds - 2
-    assert 22 * driven.port.holds < found.missing < (60 - 15) * 6.7 * driven.port.holds
+    assert found.missing == pytest.approx(found.true_hz * driven.port.held_s - 146 * driven.port.holds, rel=0.5)
     assert driven.objections == []
 
 

@@ -287,7 +287,7 @@ def main() -> None:
         parser.error(f"no part {unknown.pop()!r}")
     chosen = args.parts or parts[:5]
     silicon = Silicon(chip=CHIPS[args.chip])
-    found: dict[str, object] = {}
+    found, cpu_s = dict[str, object](), 0.0
     with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
         try:
             elf = built(Path(folder))
@@ -314,6 +314,9 @@ def main() -> None:
                 driver_sweeps.build_for(cases, elf)
                 found[name] = in_parallel(partial(driver_sweeps.row, elf=elf), cases, name, args.processes)
                 print_sweep(name, found[name])
+                cpu_s += sum(row[-1] for row in found[name])
+        if cpu_s:
+            print(f"\nCPU of the sweeps: {cpu_s / 60:.1f} min.")
     if args.json:
         args.json.write_text(json.dumps(found, indent=1) + "\n")
 

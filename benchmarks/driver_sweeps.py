@@ -10,13 +10,20 @@ from pathlib import Path
 from emulated_driver import Driven, built, nominal_code
 
 from session.bench import frames
-from tinygc.annexes.emulated.readings import CHIPS, FIFO_CTRL3, Fault, Silicon
+from tinygc.annexes.emulated.readings import ACCEL, CHIPS, FIFO_CTRL3, GYRO, JITTERS, TEMPERATURE, TIMESTAMP, Fault, Silicon
 
 HERE = Path(__file__).resolve().parent
 BEGIN_S, SETTLED_S = 0.4, 0.6
 AT_S = BEGIN_S + SETTLED_S + 1.0  #: what is done to the sensor is done then
 FILTERS_OFF = (0xFF, 2)
 AS_DESCRIBED = Silicon()
+ORDERS = {
+    "stamp first": Silicon.order,
+    "gyroscope first": (GYRO, ACCEL, TEMPERATURE, TIMESTAMP),
+    "stamp between": (ACCEL, TIMESTAMP, GYRO, TEMPERATURE),
+}
+NEAR_6 = (40000 / 6667, 6.0, 6.0003)  #: ticks of a period
+WIDE_OF_6 = (5.9976, 6.0024)  #: 400 ppm off
 
 
 @dataclass(frozen=True)
@@ -24,7 +31,7 @@ class Case:
     """A board with its sensor, and what is done to it.
 
     filters: FTYPE or 0xFF, and the accelerometer's divisor, commanded where the counting begins; starts: counted from power-up on, without
-    a command; spi_divider: of the Makefile's option, 0: its default.
+    a command; spi_divider: of the Makefile's option, 0: its default; drift_ppm_s, held: as ``Driven`` takes them.
     """
 
     name: str
@@ -36,23 +43,32 @@ class Case:
     starts: bool = False
     seconds: float = 5.0
     spi_divider: int = 0
+    drift_ppm_s: float = 0.0
+    held: tuple[int, float] | None = None
 
 
 # The sweeps.
 
 
 def jitter() -> Iterator[Case]:
-    """The FIFO's stamps are off by up to so many ticks either way."""
+    """The FIFO's stamps are off by up to so many ticks: either way, in turn, in blocks, or only late; and a period is so many ticks."""
     for odr_hz in (12.5, 104.0, 833.0, 1667.0, 3333.0, 6667.0):
         for ticks in (0, 1, 2):
             yield Case(f"±{ticks} ticks", odr_hz, Silicon(stamp_jitter_ticks=ticks), seconds=max(4.0, 100 / odr_hz))
+    for kind in JITTERS[1:]:
+        for odr_hz in (833.0, 3333.0, 6667.0):
+            for ticks in (1, 2):
+                yield Case(f"{kind}, {ticks} ticks", odr_hz, Silicon(stamp_jitter_ticks=ticks, jitter=kind), seconds=4.0)
+    for period in (*NEAR_6[:1], *NEAR_6[2:], *WIDE_OF_6):
+        for odr_hz in (833.0, 6667.0):
+            yield Case(f"±2 ticks, {period:.4f} a period", odr_hz, Silicon(period, stamp_jitter_ticks=2), seconds=4.0)
 
 
 def absence() -> Iterator[Case]:
     """The sensor neither hears nor answers for a time, and goes on measuring."""
     for odr_hz in (833.0, 3333.0, 6667.0):
-        for ticks in (40000 / 6667, 6.0, 6.0003):
-            for lasts_s in (0.3, 1.6, 4.0, 12.0):
+        for ticks in sorted((*NEAR_6, *WIDE_OF_6)):
+            for lasts_s in (0.3, 1.6, 4.0, 12.0) if ticks in NEAR_6 else (1.6,):
                 faults = (Fault("hang", AT_S, lasts_s),)
                 yield Case(f"{lasts_s:g} s, {ticks:.4f} ticks", odr_hz, Silicon(ticks), faults, seconds=lasts_s + 3.0)
 
@@ -70,6 +86,7 @@ def settling() -> Iterator[Case]:
         "settles by the table": Silicon(),
         "mask covers all": Silicon(mask_covers_all=True),
         "half as long again": Silicon(settling=1.5),
+        "the mask first": Silicon(mask_first=True),
     }
     for said, silicon in chips.items():
         for odr_hz in (12.5, 208.0, 417.0, 833.0, 6667.0):
@@ -124,7 +141,27 @@ def chips() -> Iterator[Case]:
             yield Case(chip.name, odr_hz, Silicon(chip=chip))
 
 
-SWEEPS = {sweep.__name__: sweep for sweep in (jitter, absence, fifo, settling, clock, late, spoilt, chips)}
+def order() -> Iterator[Case]:
+    """The words of a time slot in another order, a FIFO that loses whole slots or single words, and bursts that wait amid their words."""
+    for name, words in ORDERS.items():
+        for slots in (False, True):
+            silicon = Silicon(order=words, overrun_slots=slots)
+            told = f"{name}, {'slots' if slots else 'words'} are lost"
+            for odr_hz in (833.0, 6667.0):
+                yield Case(f"{told}, core held for 0.3 s", odr_hz, silicon, stalls=((AT_S, 0.3), (AT_S + 0.9, 0.3)), seconds=4.0)
+            yield Case(f"{told}, bursts wait", 6667.0, silicon, seconds=8.0, held=(40, AT_S))
+
+
+def drift() -> Iterator[Case]:
+    """The sensor's oscillator drifts, by ppm a second."""
+    for ppm_s in (-50.0, -5.0, 5.0, 50.0):
+        for odr_hz in (104.0, 6667.0):
+            yield Case(f"{ppm_s:+g} ppm/s", odr_hz, seconds=6.0, drift_ppm_s=ppm_s)
+        faults = (Fault("hang", AT_S, 4.0),)
+        yield Case(f"{ppm_s:+g} ppm/s, away for 4 s", 6667.0, faults=faults, seconds=8.0, drift_ppm_s=ppm_s)
+
+
+SWEEPS = {sweep.__name__: sweep for sweep in (jitter, absence, fifo, settling, clock, late, spoilt, chips, order, drift)}
 
 # A row of each.
 
@@ -140,6 +177,7 @@ HEAD = (
     "the board counts",
     "starts",
     "stamp off, µs",
+    "behind restarts, ms",
 )
 
 
@@ -158,7 +196,7 @@ def row(case: Case, elf: Path) -> list:
     if case.spi_divider:
         elf = _at_clock(elf, case.spi_divider) / elf.name
     began_s = time.process_time()
-    driven = Driven(elf, faults=case.faults, stalls=case.stalls, silicon=case.silicon)
+    driven = Driven(elf, faults=case.faults, stalls=case.stalls, silicon=case.silicon, drift_ppm_s=case.drift_ppm_s, held=case.held)
     said = ""
     try:
         if not case.starts:
@@ -179,8 +217,8 @@ def row(case: Case, elf: Path) -> list:
     try:
         found = driven.verdict()
     except ValueError as error:
-        cells = [*name, "–", "–", "–", "–", "–", "–", f"{error}; {tail[0]}", tail[1], "–"]
+        cells = [*name, "–", "–", "–", "–", "–", "–", f"{error}; {tail[0]}", tail[1], "–", "–"]
     else:
         figures = [found.made, found.missing, found.said_lost, found.doubled, found.falsified, found.unsettled]
-        cells = [*name, *figures, *tail, f"{found.off_us:.0f}"]
+        cells = [*name, *figures, *tail, f"{found.off_us:.0f}", f"{found.restart_off_us / 1000:.2f}"]
     return [*cells, driven.objections, time.process_time() - began_s]

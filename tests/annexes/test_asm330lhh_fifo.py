@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from asm330lhh_wire import ACCEL, GYRO, RATE_HZ, READY_S, SETTLED, Wire, counting, data, level, words
 
-from tinygc.annexes.emulated.readings import Fault, Oscillator
+from tinygc.annexes.emulated.fifo import Fifo
+from tinygc.annexes.emulated.readings import Fault, Oscillator, Silicon
 from tinygc.annexes.emulated.sensor import Asm330lhh
 
 TEMPERATURE, TIMESTAMP, CHANGE = 3, 4, 5
@@ -40,7 +41,7 @@ def test_every_sample_of_both_sensors_is_in_the_fifo_once():
     assert len(gyro) > 800
     assert set(np.diff(gyro[:, 0])) == {1}
     np.testing.assert_array_equal(accel, gyro)
-    made = np.array([np.frombuffer(sample, "<i2")[1:4] for _, sample, _ in link.sensor.kept])
+    made = np.array([np.frombuffer(sample, "<i2")[1:4] for _, sample, *_ in link.sensor.kept])
     np.testing.assert_array_equal(gyro, made[: len(gyro)])
 
 
@@ -173,6 +174,53 @@ def test_a_late_host_loses_the_oldest_words_and_is_told():
     assert gyro[-1] == pytest.approx(round(link.t_s * RATE_HZ), abs=8)  # the newest are there
     assert not link.read(0x3B)[0] & 0x40
     assert link.sensor.fifo.lost == 2 * len(link.sensor.kept) - 438 - len(link.sensor.fifo.words)
+
+
+@pytest.mark.parametrize("capacity", [416, 417, 418, 438])
+def test_it_is_full_where_the_next_slot_has_no_room(capacity):
+    """Three words a slot: of the four, only 417 and 438 can be filled to the last word before one is lost."""
+    link = batching(ctrl4=0x46, silicon=Silicon(settling=0.0, fifo_words=capacity))
+    while not (full := link.read(0x3B)[0]) & 0x20:
+        link.wait(0.2 / RATE_HZ)
+    assert level(link) == capacity // 3 * 3
+    assert not full & 0x40
+    link.wait(1.5 / RATE_HZ)
+    assert link.read(0x3B)[0] & 0x40
+
+
+@pytest.mark.parametrize("order", [(4, 3, 1, 2), (1, 2, 3, 4), (2, 4, 1, 3)])
+def test_the_words_of_a_slot_have_their_order(order):
+    link = batching(ctrl4=0x76, code=7, silicon=Silicon(settling=0.0, order=order))
+    link.wait(0.1)
+    table = words(link)
+    slots = np.split(table[:, 0], np.flatnonzero(np.diff(table[:, 0] >> 1 & 3)) + 1)
+    said = {tuple(slot >> 3) for slot in slots}
+    assert said == {order, tuple(tag for tag in order if tag != TEMPERATURE)}
+
+
+@pytest.mark.parametrize("order", [(4, 3, 1, 2), (1, 2, 3, 4)])
+def test_a_full_fifo_loses_whole_slots_or_single_words(order):
+    def oldest(slots: bool) -> set[int]:
+        """The tags that the oldest word has, overrun by one slot after the other."""
+        link, found = batching(ctrl4=0x46, silicon=Silicon(settling=0.0, fifo_words=416, order=order, overrun_slots=slots)), set()
+        link.wait(0.5)
+        for _ in range(40):
+            link.wait(0.7 / RATE_HZ)
+            found.add(link.read(0x78)[0] >> 3)  # its tag alone: it stays
+        assert level(link) == (414 if slots else 416)
+        assert link.sensor.fifo.lost == 3 * len(link.sensor.kept) - level(link)
+        return found
+
+    assert oldest(True) == {order[0]}
+    assert oldest(False) == {order[1] if order[0] == TIMESTAMP and order[1] != TEMPERATURE else {4: 1, 1: 2}[order[0]]}
+
+
+def test_a_fifo_of_one_word_keeps_the_newest():
+    fifo = Fifo(1, whole_slots=True)
+    fifo.set_mode(6)
+    for value in range(3):
+        fifo.put(fifo.word(GYRO, bytes([value] * 6)))
+    assert [word[1] for word in fifo.words] == [2]
 
 
 def test_fifo_mode_stops_when_it_is_full():

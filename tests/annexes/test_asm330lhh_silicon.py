@@ -11,7 +11,7 @@ from asm330lhh_wire import ACCEL, GYRO, RATE_HZ, READY_S, SETTLED, Wire, countin
 from conftest import ROOT
 
 from tinygc.annexes.emulated import command
-from tinygc.annexes.emulated.readings import KINDS, LSM6DSO, AtRest, Fault, Oscillator, Silicon
+from tinygc.annexes.emulated.readings import JITTERS, KINDS, LSM6DSO, AtRest, Fault, Oscillator, Silicon
 from tinygc.annexes.emulated.sensor import Asm330lhh
 
 TIMESTAMP = 4
@@ -82,6 +82,56 @@ def test_jitter_moves_a_stamp_either_way_and_never_backwards():
     assert np.diff(wild).min() == 0
 
 
+def offs(ticks: int, kind: str, count: int = 20_000) -> np.ndarray:
+    return np.fromiter(Silicon(stamp_jitter_ticks=ticks, jitter=kind).stamps_off(), int, count)
+
+
+def test_jitter_has_kinds():
+    assert list(offs(2, "alternating", 4)) == [2, -2, 2, -2]
+    assert set(offs(2, "late")) == {0, 1, 2}
+    blocks = offs(2, "blocks")
+    assert set(blocks) == {-2, 2}
+    lengths = np.diff(np.flatnonzero(np.diff(blocks)))
+    assert lengths.max() > 64
+    assert np.median(lengths) > 20
+    for kind in JITTERS:
+        assert not offs(0, kind, 100).any()
+
+
+def test_jitter_of_each_kind_reaches_the_fifo():
+    def heard(**how) -> np.ndarray:
+        link = started(Silicon(settling=0.0, **how), 9)
+        link.wait(0.03)
+        return stamps(link)[2:]
+
+    for kind in JITTERS[1:]:
+        off = heard(stamp_jitter_ticks=2, jitter=kind) - heard()
+        assert set(off) <= set(offs(2, kind)), kind
+        assert off.any(), kind
+
+
+@pytest.mark.parametrize("ppm_s", [-200.0, 200.0])
+def test_an_oscillator_that_drifts_takes_rate_and_ticks_along(ppm_s):
+    link = Wire(Asm330lhh(LEVEL, Oscillator(drift_ppm_s=ppm_s), keep=True, silicon=SETTLED))
+    for address, value in ((0x12, 0x44), (0x19, 0x20), (0x09, 0x77), (0x0A, 0x46), (0x10, 0x78), (0x11, 0x74)):
+        link.write(address, value)
+    heard = []
+    for _ in range(50):
+        link.wait(0.1)
+        heard.append(stamps(link))
+    assert set(np.diff(np.concatenate(heard))) == {48}
+    times = np.array([made.t_s for made in link.sensor.kept])
+    first, last = np.diff(times[:100]).mean(), np.diff(times[-100:]).mean()
+    assert first / last - 1 == pytest.approx(1e-6 * ppm_s * (times[-50] - times[50]), rel=0.02)
+    ticks = int.from_bytes(link.read(0x40, 4), "little")
+    assert ticks == pytest.approx(40000 * (link.t_s - READY_S) * (1 + 0.5e-6 * ppm_s * (link.t_s + READY_S)), abs=2)
+    link.write(0x42, 0xAA)
+    began_s = link.t_s
+    link.wait(0.5)
+    ticks = int.from_bytes(link.read(0x40, 4), "little")
+    assert ticks == pytest.approx(40000 * (link.t_s - began_s) * (1 + 1e-6 * ppm_s * (began_s + 0.25)), abs=2)
+
+
 @pytest.mark.parametrize("capacity", [416, 438, 512])
 def test_the_fifo_holds_so_many_words(capacity):
     link = started(Silicon(settling=0.0, fifo_words=capacity), 7, counting)
@@ -94,7 +144,16 @@ def test_the_fifo_holds_so_many_words(capacity):
 
 
 @pytest.mark.parametrize(
-    "how", [{"fifo_words": 0}, {"fifo_words": 1024}, {"ticks_per_period": 0.0}, {"settling": -1.0}, {"gyro_off_s": -1.0}]
+    "how",
+    [
+        {"fifo_words": 0},
+        {"fifo_words": 1024},
+        {"ticks_per_period": 0.0},
+        {"settling": -1.0},
+        {"gyro_off_s": -1.0},
+        {"jitter": "wild"},
+        {"order": (1, 2)},
+    ],
 )
 def test_what_no_chip_can_be_is_refused(how):
     with pytest.raises(ValueError, match="expected"):
@@ -189,6 +248,51 @@ def test_the_mask_stands_for_samples_that_it_covers(covers_all):
         assert (values[all_of_it:] == values[-1]).all()
     assert unsettled(link, GYRO_MASKED) == (base + 48 if covers_all else base)
     assert unsettled(link, ACCEL_MASKED) == (12 if covers_all else 2)
+
+
+def test_discards_may_be_counted_behind_the_masked_samples():
+    """As st_asm330lhhx counts: it throws the masked words away, and then so many samples as its table says, 70 ms among them."""
+    link = started(Silicon(mask_first=True, fifo_words=1023), 7, ctrl=[(0x13, 0x0A), (0x15, 7), (0x17, 1 << 5)])
+    link.wait(0.27)
+    base = 3 + int(0.070 * RATE_HZ)
+    gyro = data(words(link), GYRO)
+    assert unsettled(link, GYRO_MASKED) == base
+    assert unsettled(link, GYRO_BIT) == 2 * base + 48
+    assert unsettled(link, ACCEL_MASKED) == 2
+    assert unsettled(link, ACCEL_BIT) == 2 * 2 + 10
+    assert (gyro[:base] >= 0x7FFD).all()
+    assert (gyro[base : 2 * base + 48] < gyro[-1] - 400).all()
+
+
+def test_a_filter_that_is_set_while_the_mask_holds_settles_behind_it():
+    """20 ms from switching on, LPF1: its 48 samples begin where the drive's 70 ms and 3 samples end."""
+    link = started(Silicon(), 7, ctrl=[(0x15, 7)])
+    link.wait(0.02)
+    link.write(0x13, 0x0A)
+    link.sensor.advance(0.3)
+    assert unsettled(link, GYRO_BIT) == 3 + int(0.070 * RATE_HZ) + 48
+    assert sum(bool(made.unsettled & GYRO_MASKED) for made in link.sensor.kept) < 3 + int(0.050 * RATE_HZ) + 2
+
+
+def test_a_clock_of_samples_that_begins_anew_has_another_number():
+    link = started(SETTLED, 7, faults=[Fault("reset", 0.5)])
+    link.wait(0.1)
+    link.write(0x13, 0x02)
+    link.wait(0.1)
+    link.write(0x10, 0x00)  # the gyroscope goes on
+    link.write(0x10, 0x78)
+    link.sensor.advance(0.6)
+    assert {made.grid for made in link.sensor.kept} == {1}
+    link.t_s = 0.6
+    link.write(0x11, 0x74)
+    link.wait(0.1)
+    link.write(0x11, 0x00)
+    link.wait(0.02)
+    link.write(0x11, 0x74)
+    link.sensor.advance(0.8)
+    grids = np.array([made.grid for made in link.sensor.kept])
+    assert set(grids) == {1, 2, 3}
+    assert set(np.diff(grids)) == {0, 1}
 
 
 @pytest.mark.parametrize("mask", [0x00, 0x08])

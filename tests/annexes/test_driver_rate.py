@@ -22,8 +22,8 @@ from driver_under_test import (
     faults,
     library,
     number,
-    period_of,
     patterns,
+    period_of,
     poll,
     push,
     registers,
@@ -312,6 +312,8 @@ def test_no_stamps_behind_a_gap_are_another_rate():
     number("overrun").value = 1
     streamed_by_time(200, 120, lambda words: words[kinds(words) != STAMP])
     assert (faults()["rate"], faults()["starts"]) == (1, 1)
+
+
 @pytest.mark.parametrize("odr", [8, 9, 10])
 @pytest.mark.parametrize("ratio", [5.9976, 40000 / 6667, 6.0, 6.0024])
 def test_late_stamps_cost_nothing_in_the_whole_driver(odr, ratio):

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.emulation
 
 
 def numbers(kept) -> np.ndarray:
-    return np.array([np.frombuffer(sample, "<i2") for _, sample, _ in kept])
+    return np.array([np.frombuffer(sample, "<i2") for _, sample, *_ in kept])
 
 
 def test_registers_over_polled_spi(tmp_path):

@@ -12,6 +12,7 @@ from tinygc.annexes.emulated.readings import (
     COEFFICIENTS,
     CONFIG_CHANGE,
     GYRO,
+    ORDER,
     TEMPERATURE,
     TEMPERATURE_TICKS,
     TIMESTAMP,
@@ -30,17 +31,19 @@ from tinygc.annexes.emulated.readings import TEMP as TEMP_BYTES
 
 EMPTY = bytes(7)
 BYPASS, UNTIL_FULL, TO_FIFO, CONTINUOUS = 0, 1, 3, 6
+TAG_CNT = 0b110
 
 
 class Fifo:
-    """words: unread, oldest first; capacity: largest number of them; mode, limit (the same or a watermark): as the registers set them.
+    """words: unread, oldest first; capacity: largest number of them; mode, limit (the same or a watermark): as the registers set them;
+    whole_slots: whether a full FIFO loses whole time slots.
 
     lost: words that were not read in time; overrun: one was lost and no room has been made since; latched: an overrun since the last read.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, whole_slots: bool = False) -> None:
         self.words: deque[bytes] = deque()
-        self.mode, self.limit, self.capacity = BYPASS, capacity, capacity
+        self.mode, self.limit, self.capacity, self._whole_slots = BYPASS, capacity, capacity, whole_slots
         self.slot = 0
         self._begun = b""
         self.lost = 0
@@ -67,16 +70,21 @@ class Fifo:
         return bytes((tag_byte(sensor, self.slot),)) + data
 
     def put(self, word: bytes) -> None:
-        """Append a word; in a full FIFO the oldest is dropped (continuous), or this one."""
+        """Append a word; in a full FIFO the oldest is dropped (continuous), alone or with its time slot, or this one."""
         if len(self.words) < self.limit:
             self.words.append(word)
             return
-        self.lost += 1
         self.overrun = self.latched = True
-        if self.mode != UNTIL_FULL:
-            self.words.append(word)
-            while len(self.words) > self.limit:
+        if self.mode == UNTIL_FULL:
+            self.lost += 1
+            return
+        before = len(self.words) + 1
+        self.words.append(word)
+        while len(self.words) > self.limit:
+            slot = self.words.popleft()[0] & TAG_CNT
+            while self._whole_slots and len(self.words) > 1 and self.words[0][0] & TAG_CNT == slot:
                 self.words.popleft()
+        self.lost += before - len(self.words)
 
     def begin(self) -> bytes:
         """Return the word to be read next, zeros where there is none, and keep it from the reading of its tag on."""
@@ -97,8 +105,6 @@ class Fifo:
 
 # The words that each time slot adds to the FIFO.
 
-#: order of the words in a slot
-ORDER = (TIMESTAMP, TEMPERATURE, GYRO, ACCEL)
 #: pairs of bits of a tag
 PAIRS = [1 << low | 1 << high for high in range(8) for low in range(high)]
 

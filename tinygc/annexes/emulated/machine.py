@@ -220,6 +220,13 @@ class Machine:
         """Share of the time in skipped waiting loops for a peripheral."""
         return self.clock.skipped / max(1.0, self.clock.now())
 
+    def stall(self, lasts_s: float) -> None:
+        """Stop the core from now on for a time."""
+        now = self.clock.now()
+        self._stalls.insert(0, (now, now + lasts_s * CORE_HZ))
+        if self.cpu.running:
+            self.cpu.limit(0)
+
     def run_until(self, t_s: float) -> None:
         """Run until a simulated time.  Raises ProgramError where the program faults."""
         clock, nvic = self.clock, self.nvic

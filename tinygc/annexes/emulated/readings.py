@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import random
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -139,16 +141,24 @@ LSM6DSO = Chip(
 )
 CHIPS = {chip.name: chip for chip in (ASM330LHH, LSM6DSO)}
 
+#: order of the words in a time slot of the FIFO
+ORDER = (TIMESTAMP, TEMPERATURE, GYRO, ACCEL)
+JITTERS = ("uniform", "alternating", "blocks", "late")
+LONGEST_BLOCK = 128  #: stamps in a row that are off by the same, where the jitter comes in blocks
+
 
 @dataclass(frozen=True)
 class Silicon:
     """What a chip may do and no public source settles, or sources state in two ways; docs/emulated-board.md has the sources.
 
     ticks_per_period: ticks of the timestamp in a period of the highest rate, 40000/6667 or 6; both have one oscillator.
-    stamp_jitter_ticks: a stamp in the FIFO is off by up to so many ticks either way, but none is before the last.
-    fifo_words: capacity of the FIFO, words of seven bytes.
+    stamp_jitter_ticks: a stamp in the FIFO is off by up to so many ticks, but none is before the last; jitter, of ``JITTERS``: uniform
+    either way; by all of them, to either side in turn; by all of them, to one side for a block of 1 to 128 stamps; uniform, but only late.
+    order: of the words in a time slot, by their tags.
+    fifo_words: capacity of the FIFO, words of seven bytes; overrun_slots: whether a full one loses its oldest time slot, or only a word.
     settling: factor on all settling times; 0: settled at once.
     mask_covers_all: whether DRDY_MASK masks the gyroscope's LPF1 and the accelerometer's LPF2, too.
+    mask_first: whether the samples of the discard table are counted behind those that the mask covers, or run together with them.
     gyro_off_s: shortest time that a gyroscope must stay off before it is switched on again.
     chip: whose map it has; seed: of the jitter.
 
@@ -157,9 +167,13 @@ class Silicon:
 
     ticks_per_period: float = 6.0
     stamp_jitter_ticks: int = 0
+    jitter: str = "uniform"
+    order: tuple[int, ...] = ORDER
     fifo_words: int = 438
+    overrun_slots: bool = False
     settling: float = 1.0
     mask_covers_all: bool = False
+    mask_first: bool = False
     gyro_off_s: float = 0.010
     chip: Chip = ASM330LHH
     seed: int = 0
@@ -169,6 +183,23 @@ class Silicon:
             raise ValueError(f"fifo_words {self.fifo_words}: expected 4, a time slot, to 1023, what ten bits can say")
         if self.ticks_per_period <= 0 or min(self.stamp_jitter_ticks, self.settling, self.gyro_off_s) < 0:
             raise ValueError(f"{self}: expected times and counts that are not negative, and ticks_per_period above 0")
+        if self.jitter not in JITTERS:
+            raise ValueError(f"jitter {self.jitter!r}: expected one of {', '.join(JITTERS)}")
+        if sorted(self.order) != sorted(ORDER):
+            raise ValueError(f"order {self.order}: expected the tags {ORDER} in any order")
+
+    def stamps_off(self) -> Iterator[int]:
+        """By how many ticks each stamp in turn is off."""
+        draw, most = random.Random(self.seed), self.stamp_jitter_ticks
+        while True:
+            if self.jitter == "uniform":
+                yield draw.randint(-most, most)
+            elif self.jitter == "alternating":
+                yield from (most, -most)
+            elif self.jitter == "blocks":
+                yield from [draw.choice((-most, most))] * draw.randint(1, LONGEST_BLOCK)
+            else:
+                yield draw.randint(0, most)
 
 
 # The sensor's input as a function of true time.
@@ -296,15 +327,16 @@ class Fault:
 
 
 class Timestamp:
-    """Counter that stays at 0 until ``set``, and then counts at a rate that may change; off: by how many ticks the next stamp is off."""
+    """Counter of an oscillator that stays at 0 until ``set``, and then counts at a rate that may change; off: by how many ticks each
+    further stamp is off."""
 
-    def __init__(self, off: Callable[[], int]) -> None:
+    def __init__(self, oscillator: Oscillator, off: Iterator[int]) -> None:
         self._ticks, self._since_s, self._hz = 0.0, 0.0, 0.0
-        self._off, self._last = off, 0
+        self._oscillator, self._off, self._last = oscillator, off, 0
 
     def exact(self, t_s: float) -> float:
         """Return the ticks at a time, with their fraction."""
-        return self._ticks + (t_s - self._since_s) * self._hz
+        return self._ticks + (self._oscillator.elapsed_s(t_s) - self._since_s) * self._hz
 
     def at(self, t_s: float) -> int:
         """Return the 32 bits at a time, including a tick that is due then."""
@@ -312,12 +344,12 @@ class Timestamp:
 
     def stamp(self, t_s: float) -> int:
         """Return the 32 bits that the FIFO gets at a time: never less than the last."""
-        self._last = max(self._last, math.floor(self.exact(t_s) + 1e-6) + self._off())
+        self._last = max(self._last, math.floor(self.exact(t_s) + 1e-6) + next(self._off))
         return self._last % 2**32
 
     def set(self, ticks: float, t_s: float, hz: float) -> None:
         """Set the ticks at a time, and the rate from then on."""
-        self._ticks, self._since_s, self._hz = ticks, t_s, hz
+        self._ticks, self._since_s, self._hz = ticks, self._oscillator.elapsed_s(t_s), hz
         if not ticks:
             self._last = 0
 
@@ -325,21 +357,31 @@ class Timestamp:
 # The true sample times, and the int16 registers at each of them.
 
 BLOCK, BLOCK_S = 256, 0.25  #: samples computed at once, and their longest duration
+Number = TypeVar("Number", float, np.ndarray)
 REGISTER_BYTES = 14  #: temperature, gyroscope, accelerometer: 0x20 to 0x2D
 
 
 @dataclass(frozen=True)
 class Oscillator:
     """fine_off, fine_on: INTERNAL_FREQ_FINE while both sensors are off, and while one is on; residual_ppm: excess of the true frequency
-    over the one that the register states."""
+    over the one that the register states, at the beginning, and drift_ppm_s, by which it rises; rate and ticks have it in common."""
 
     fine_off: int = 0
     fine_on: int = 0
     residual_ppm: float = 0.0
+    drift_ppm_s: float = 0.0
 
     def factor(self, on: bool) -> float:
         """Ratio of the true frequency to the typical one."""
         return (1 + FINE_STEP * (self.fine_on if on else self.fine_off)) * (1 + 1e-6 * self.residual_ppm)
+
+    def elapsed_s(self, t_s: Number) -> Number:
+        """Return the time since the beginning as the oscillator counts it, at its first frequency; t_s: true, a number or an array."""
+        return t_s * (1 + 0.5e-6 * self.drift_ppm_s * t_s)
+
+    def true_s(self, elapsed_s: Number) -> Number:
+        """Return the true time at which it counts so much: the inverse."""
+        return 2 * elapsed_s / (1 + (1 + 2e-6 * self.drift_ppm_s * elapsed_s) ** 0.5)
 
     def clock_hz(self, ticks_per_period: float = Silicon.ticks_per_period) -> float:
         """Return the frequency of the sample clock, the highest rate: that of the timestamp over so many of its ticks."""
@@ -382,10 +424,10 @@ def to_registers(
 
 
 class Readings:
-    """Samples at every ``step``-th tick of a clock, computed in blocks."""
+    """Samples at every ``step``-th tick of an oscillator's clock, computed in blocks."""
 
-    def __init__(self, motion: Motion, zero_s: float, clock_hz: float):
-        self._motion, self.zero_s, self.clock_hz = motion, zero_s, clock_hz
+    def __init__(self, motion: Motion, zero_s: float, clock_hz: float, oscillator: Oscillator):
+        self._motion, self._oscillator, self._zero_s, self.clock_hz = motion, oscillator, oscillator.elapsed_s(zero_s), clock_hz
         self._settings: tuple[int, int, float, float] = (0, 0, 0.0, 0.0)
         self.step = 1
         self._first, self._data = 0, b""
@@ -394,13 +436,13 @@ class Readings:
         """Change the settings from the next sample on."""
         self.step, self._settings, self._data = step, (fs_g, fs_xl, added_dps, added_mg), b""
 
-    def time_s(self, tick: int) -> float:
-        """Return the time of a tick of the clock."""
-        return self.zero_s + tick / self.clock_hz
+    def time_s(self, tick: Number) -> Number:
+        """Return the time of a tick of the clock, or of an array of them."""
+        return self._oscillator.true_s(self._zero_s + tick / self.clock_hz)
 
     def after(self, t_s: float) -> int:
         """Return the first tick with a sample after a time."""
-        tick = int((t_s - self.zero_s) * self.clock_hz) // self.step * self.step
+        tick = int((self._oscillator.elapsed_s(t_s) - self._zero_s) * self.clock_hz) // self.step * self.step
         while self.time_s(tick) <= t_s or tick <= 0:
             tick += self.step
         return tick
@@ -411,7 +453,7 @@ class Readings:
         if place < 0 or place >= len(self._data):
             ticks = tick + self.step * np.arange(max(1, min(BLOCK, int(BLOCK_S * self.clock_hz / self.step))))
             self._first, place = tick, 0
-            rate, force, temp_c = self._motion(self.zero_s + ticks / self.clock_hz)
+            rate, force, temp_c = self._motion(self.time_s(ticks))
             self._data = to_registers(rate, force, temp_c, *self._settings).tobytes()
         return self._data[place : place + REGISTER_BYTES]
 

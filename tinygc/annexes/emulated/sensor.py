@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Iterable
 from typing import NamedTuple
 
 from tinygc.annexes.emulated import readings as reg
-from tinygc.annexes.emulated.fifo import EMPTY, ORDER, Batching, Fifo, FifoFlags, Int1
+from tinygc.annexes.emulated.fifo import EMPTY, Batching, Fifo, FifoFlags, Int1
 from tinygc.annexes.emulated.readings import (
     ACCEL_OUT,
     FIFO_DATA_OUT_LAST,
@@ -39,18 +38,20 @@ NEVER = math.inf
 
 
 class Made(NamedTuple):
-    """One sample: its true time, the 14 bytes of the output registers, and what was not settled or masked (bits of ``settling``)."""
+    """One sample: its true time, the 14 bytes of the output registers, what was not settled or masked (bits of ``settling``), and the
+    number of its grid: the clock of samples begins anew where both sensors were off, as behind each start-up and reset."""
 
     t_s: float
     registers: bytes
     unsettled: int
+    grid: int
 
 
 class Asm330lhh:
     """The model of the sensor; ``SensorPort`` connects it to SPI.  Times are s of true time and never decrease.
 
-    motion: its input; order: of the words in a time slot of the FIFO; identity: another than the chip's; keep: whether ``kept`` stores
-    every sample; start_s: time from power-up, or an internal reset, until it answers; silicon: what no source settles.
+    motion: its input; identity: another than the chip's; keep: whether ``kept`` stores every sample; start_s: time from power-up, or an
+    internal reset, until it answers; silicon: what no source settles.
 
     objections: a driver's errors that the map does not allow, each reported once; starts: number of start-ups; samples: number made.
     """
@@ -60,7 +61,6 @@ class Asm330lhh:
         motion: Motion,
         oscillator: Oscillator | None = None,
         faults: Iterable[Fault] = (),
-        order: tuple[int, ...] = ORDER,
         self_test: SelfTest | None = None,
         identity: int | None = None,
         keep: bool = False,
@@ -75,17 +75,16 @@ class Asm330lhh:
         self._events = sorted((fault for fault in self.faults if fault.kind in ("reset", "register")), key=lambda fault: fault.at_s)
         self._first_s = max((fault.at_s for fault in self.faults if fault.kind == "late"), default=0.0)
         self._identities = [fault for fault in self.faults if fault.kind == "identity"]
-        self.fifo = Fifo(self.silicon.fifo_words)
-        self._batching = Batching(self.fifo, self.faults, order)
+        self.fifo = Fifo(self.silicon.fifo_words, self.silicon.overrun_slots)
+        self._batching = Batching(self.fifo, self.faults, self.silicon.order)
         self._registers = bytearray(128)
         self._flags = FifoFlags(self._registers, self.fifo, self._batching, self.chip.threshold_high)
         self.outputs = Outputs()
         self._pin = Int1(self._registers, self._flags, self.outputs, self.faults)
         self.objections: dict[str, None] = {}
         self.kept: list[Made] = []
-        self.starts = self.samples = 0
-        jitter, draw = self.silicon.stamp_jitter_ticks, random.Random(self.silicon.seed)
-        self._stamp_off = (lambda: draw.randint(-jitter, jitter)) if jitter else (lambda: 0)
+        self.starts = self.samples = self._grid = 0
+        self._stamps_off = self.silicon.stamps_off()
         self._gyro_code = 0  # odr_g that drives it; 0: off
         self._gyro_on_s = self._gyro_off_s = -NEVER
         self._start(0.0)
@@ -111,7 +110,7 @@ class Asm330lhh:
         self._filters, self._lpf1, self._lpf2 = Filters(self.silicon), 0, 0  # samples of the filters
         if self._gyro_code:
             self._gyro_code, self._gyro_off_s = 0, t_s
-        self._timestamp = Timestamp(self._stamp_off)
+        self._timestamp = Timestamp(self._oscillator, self._stamps_off)
         self._next_tick, self._next_s, self._sample_s = 0, NEVER, -NEVER
 
     # Time
@@ -152,7 +151,7 @@ class Asm330lhh:
             if collects and tick % slot == 0:
                 batching.batch(tick, now_s, words, self._timestamp.stamp)
             if self._keep:
-                self.kept.append(Made(now_s, sample, unsettled))
+                self.kept.append(Made(now_s, sample, unsettled, self._grid))
             self.samples += 1
             self._sample_s = now_s
             tick += readings.step
@@ -303,7 +302,8 @@ class Asm330lhh:
             self._filters = Filters(self.silicon)
         else:
             if self._readings is None:
-                self._readings = Readings(self._motion, t_s, self.clock_hz)
+                self._readings = Readings(self._motion, t_s, self.clock_hz, self._oscillator)
+                self._grid += 1
             tests = r[reg.CTRL5_C]
             self._readings.set(
                 min(steps),

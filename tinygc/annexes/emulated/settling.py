@@ -48,23 +48,26 @@ FIRST_LSB, LAST_LSB = 8192, 410  #: of the error: 25 % and 1.25 % of the registe
 
 @dataclass
 class Settling:
-    """Ticks of the sample clock: the first with a sample, the first that DRDY_MASK lets pass, the first that is settled, one sample."""
+    """Ticks of the sample clock: the first with a sample, the first that DRDY_MASK lets pass, the first that only the other filter has
+    not settled, the first that is settled, one sample."""
 
     first: int = 0
     unmasked: int = 0
+    filtered: int = 0
     settled: int = 0
     step: int = 1
 
-    def begin(self, first: int, step: int, masked: int, further: int) -> None:
-        """Begin anew at a tick: so many samples that the mask covers, and so many further."""
+    def begin(self, first: int, step: int, masked: int, behind: int, further: int) -> None:
+        """Begin anew at a tick: so many samples that the mask covers, so many behind them, and so many further of the other filter."""
         self.first, self.step = first, step
         self.unmasked = first + masked * step
-        self.settled = self.unmasked + further * step
+        self.filtered = self.unmasked + behind * step
+        self.settled = self.filtered + further * step
 
     def refilter(self, first: int, further: int) -> None:
         """Settle another filter from a tick on; what the mask covers goes on as it was."""
         self.first = first
-        self.settled = max(self.unmasked, first) + further * self.step
+        self.settled = max(self.filtered, first) + further * self.step
 
     def error_lsb(self, tick: int) -> int:
         """Return by how much the value at a tick is too low."""
@@ -77,7 +80,7 @@ class Filters:
     """Both sensors' settling.  until: the tick from which on everything is settled."""
 
     def __init__(self, silicon: Silicon):
-        self._factor, self._covers_all = silicon.settling, silicon.mask_covers_all
+        self._factor, self._covers_all, self._mask_first = silicon.settling, silicon.mask_covers_all, silicon.mask_first
         self.gyro, self.accel = Settling(), Settling()
         self.until = 0
 
@@ -90,12 +93,15 @@ class Filters:
         step = COEFFICIENTS[code]
         left_s = self._factor * GYRO_ON_S - on_for_s
         starting = math.floor(left_s * clock_hz / step) + 1 if left_s >= 0 and self._factor else 0
-        self.gyro.begin(first, step, starting + self.samples(GYRO_SAMPLES[code]), self.samples(lpf1))
-        self._limit()
+        self._begin(self.gyro, first, step, starting + self.samples(GYRO_SAMPLES[code]), lpf1)
 
     def set_accel(self, first: int, step: int, lpf2: int) -> None:
         """Begin at a tick; step: ticks of a sample; lpf2: samples of LPF2."""
-        self.accel.begin(first, step, self.samples(ACCEL_SAMPLES), self.samples(lpf2))
+        self._begin(self.accel, first, step, self.samples(ACCEL_SAMPLES), lpf2)
+
+    def _begin(self, sensor: Settling, first: int, step: int, masked: int, other: int) -> None:
+        """Begin to settle a sensor; other: samples of its filter that the mask need not cover."""
+        sensor.begin(first, step, masked, masked if self._mask_first else 0, self.samples(other))
         self._limit()
 
     def refilter_gyro(self, first: int, lpf1: int) -> None:

@@ -307,7 +307,7 @@ static void stand(struct lsm6dsx *sensor)
     }
     if (sensor->found)
         sensor->faults[FAULT_STARTS]++;
-    if (is_unreadable(sensor->reason))
+    if (is_unreadable(sensor->reason) && (sensor->found || (sensor->reason != FAULT_ZEROS))) /* zeros: it may be starting up */
         make_readable(sensor);
     lsm6dsx_next(sensor, STEP_IDENTIFY);
     start_on(sensor);

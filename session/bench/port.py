@@ -295,7 +295,7 @@ def _reason(error: Exception) -> str:
 
 #: a board with commands sends its status each second
 SPEAKS_S = 2.5
-#: to wait for an answer: a start takes 0.03 s, a self-test 0.9; a lost command is sent again
+#: to wait for an answer: a start takes 0.03 s, a self-test 1.3; a lost command is sent again
 ANSWER_S, TRIES = 3.5, 2
 #: both divide the STM32F405's 84 MHz exactly
 FASTER = (2_000_000, 3_000_000)

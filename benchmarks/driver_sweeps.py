@@ -129,9 +129,9 @@ def spoilt() -> Iterator[Case]:
             yield Case(name, odr_hz, faults=(fault,), seconds=6.0)
         yield Case("batched at half the rate for 2 s", odr_hz, faults=(Fault("rate", AT_S, 2.0),), seconds=6.0)
     for odr_hz in (833.0, 1667.0):
-        for spared, word in enumerate(("stamp", "gyroscope's word", "accelerometer's word")):
+        for spared, word in enumerate(("a stamp", "a gyroscope's word", "an accelerometer's word")):
             pairs = tuple(Fault("tag_pair", AT_S + 0.1 * n, spared=spared) for n in range(28))
-            yield Case(f"each pair of bits in the tag of a {word}", odr_hz, faults=pairs, seconds=5.0)
+            yield Case(f"each pair of bits in the tag of {word}", odr_hz, faults=pairs, seconds=5.0)
 
 
 def chips() -> Iterator[Case]:

@@ -1,6 +1,6 @@
-"""What the firmware takes of an STM32F405: memory and stack from the build, the longest turn of its loop on the emulated board.
+"""What the firmware takes of an STM32F405: memory and stack from the build, the longest pass of its loop on the emulated board.
 
-A turn is what lies between two returns of the main loop to the same place: all ports, the sensor, what is said, and the sleep at its end of
+A pass is what lies between two returns of the main loop to the same place: all ports, the sensor, what is said, and the sleep at its end of
 a millisecond at most.  The watchdog wants one in each 0.68 s.  Needs the tools of docs/firmware.md and Unicorn.
 """
 
@@ -27,23 +27,23 @@ from tinygc.annexes.emulated.cpu import RAM
 from tinygc.annexes.emulated.machine import Machine
 from tinygc.annexes.emulated.readings import KINDS, Fault
 
-PLACE = "status_service"  #: called once in each turn
+PLACE = "status_service"  #: called once in each pass
 PAINT = 0x5A
 WATCHDOG_S = 32_000 / 47e3  #: the least that it may take
 FAULTY_S = 0.05
 
 
 @dataclass(frozen=True)
-class Turn:
-    """The longest turn: seconds, of which awake, and instructions.  Each is the longest of its own kind."""
+class Pass:
+    """The longest pass: seconds, of which awake, and instructions.  Each is the longest of its own kind."""
 
     lasted_s: float
     awake_s: float
     instructions: int
 
 
-class Turns:
-    """Measures a machine's turns from now on."""
+class Passes:
+    """Measures a machine's passes from now on."""
 
     def __init__(self, machine: Machine, address: int):
         self._machine = machine
@@ -53,7 +53,7 @@ class Turns:
     def clear(self) -> None:
         """Begin anew."""
         self._last: tuple[float, float, int] | None = None
-        self.longest = Turn(0.0, 0.0, 0)
+        self.longest = Pass(0.0, 0.0, 0)
 
     def _next(self) -> None:
         machine, longest = self._machine, self.longest
@@ -61,7 +61,7 @@ class Turns:
         if self._last:
             cycles, slept, instructions = (new - old for new, old in zip(now, self._last, strict=True))
             awake_s = max(longest.awake_s, (cycles - slept) / CORE_HZ)
-            self.longest = Turn(max(longest.lasted_s, cycles / CORE_HZ), awake_s, max(longest.instructions, int(instructions)))
+            self.longest = Pass(max(longest.lasted_s, cycles / CORE_HZ), awake_s, max(longest.instructions, int(instructions)))
         self._last = now
 
 
@@ -113,7 +113,7 @@ def faults_from(begin_s: float) -> list[Fault]:
 
 @dataclass(frozen=True)
 class Situation:
-    """What the board does while its turns are measured: at 6667 Hz, or from power-up on."""
+    """What the board does while its passes are measured: at 6667 Hz, or from power-up on."""
 
     name: str
     do: Callable[[Driven], None]
@@ -134,19 +134,19 @@ SITUATIONS = (
 )
 
 
-def turns_of(elf: Path, situation: Situation) -> tuple[Turn, float, list[str]]:
-    """The longest turn, the longest time between two reloads of the watchdog, and what no board would do."""
+def passes_of(elf: Path, situation: Situation) -> tuple[Pass, float, list[str]]:
+    """The longest pass, the longest time between two reloads of the watchdog, and what no board would do."""
     driven = Driven(elf, faults=situation.faults)
-    turns = Turns(driven.machine, place(elf))
+    passes = Passes(driven.machine, place(elf))
     if not situation.from_power_up:
         driven.run(0.4)
         driven.ask(frames.DATA_RATE, 6667.0)
         driven.run(0.5)
-        turns.clear()
+        passes.clear()
         driven.machine.iwdg.longest_s = 0.0
     situation.do(driven)
     resets = [f"{driven.machine.resets} resets"] if driven.machine.resets else []
-    return turns.longest, driven.machine.iwdg.longest_s, [*driven.objections, *resets]
+    return passes.longest, driven.machine.iwdg.longest_s, [*driven.objections, *resets]
 
 
 def start_of(machine: Machine) -> float:
@@ -207,13 +207,13 @@ def main() -> None:
         rows = []
         for situation in SITUATIONS:
             progress(situation.name)
-            turn, reload_s, objections = turns_of(programs["recorder"], situation)
+            longest, reload_s, objections = passes_of(programs["recorder"], situation)
             share = f"{100 * reload_s / WATCHDOG_S:.1f} %"
             row = [
                 situation.name,
-                turn.instructions,
-                f"{1e3 * turn.awake_s:.2f}",
-                f"{1e3 * turn.lasted_s:.2f}",
+                longest.instructions,
+                f"{1e3 * longest.awake_s:.2f}",
+                f"{1e3 * longest.lasted_s:.2f}",
                 f"{1e3 * reload_s:.2f}",
                 share,
             ]
@@ -221,9 +221,9 @@ def main() -> None:
         progress("")
         head = [
             "the board",
-            "instructions of a turn",
+            "instructions of a pass",
             "awake, ms",
-            "turn, ms",
+            "pass, ms",
             "between two reloads, ms",
             "of the watchdog's least 0.68 s",
             "objections",

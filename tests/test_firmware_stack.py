@@ -1,4 +1,4 @@
-"""What the firmware takes: the bound of its stack, beside what the emulated board uses of it, and the longest turn of its loop."""
+"""What the firmware takes: the bound of its stack, beside what the emulated board uses of it, and the longest pass of its loop."""
 
 from __future__ import annotations
 

@@ -206,6 +206,7 @@ def test_the_command_runs_a_program_until_its_tail_is_over(firmware, tmp_path):
         (["--faults", "lost=0.1"], "no fault; expected KIND@S"),
         (["--faults", "fire@3"], "no fault 'fire'"),
         ([], "no program for ARM"),
+        (["--sensor", "BMI270"], "with --firmware there are ASM330LHH and LSM6DSO"),
     ],
 )
 def test_what_cannot_be_run_is_one_line(more, said, tmp_path):

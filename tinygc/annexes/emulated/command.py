@@ -55,10 +55,14 @@ def _faults(text: str) -> list[Fault]:
 
 
 def unit_of_the_model(options: SimulationOptions) -> SimulatedUnit:
-    """Return the simulated session's sensor, at the data rate of the register model."""
+    """Return the simulated session's sensor, at the data rate of the register model.  CalibrationError for a sensor without a model."""
     from tinygc.annexes.emulated.board import with_its_own_rate
+    from tinygc.annexes.emulated.readings import CHIPS
     from tinygc.simulation.simulator import unit_of
 
+    if options.sensor not in CHIPS:
+        known = " and ".join(CHIPS)
+        raise CalibrationError(f"board: --sensor {options.sensor}: with --firmware there are {known}; give one of them")
     return with_its_own_rate(unit_of(options), options.odr_hz)
 
 

@@ -1,0 +1,56 @@
+"""``benchmarks/frozen.py`` notices a changed number, a key that is gone and a changed word, and overlooks what differs from run to run."""
+
+import json
+
+import pytest
+
+from benchmarks.frozen import compare
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """Two folders of the same files, and a function that compares them."""
+    sides = [tmp_path / side for side in ("before", "after")]
+    for side in sides:
+        side.mkdir()
+        (side / "fit_out.json").write_text(
+            json.dumps({"tilt_deg": 0.0143, "versions": {"numpy": "2"}, "methods": {"pso": {"seconds": 0.25}}})
+        )
+        (side / "screen.txt").write_text(f"tilt 0.0143 deg\nPSO 12 0.25\n{side}/calibrate.py\n2026-11-28\n")
+    return sides, lambda: compare(*sides, tuple(sides))
+
+
+def test_equal_folders_differ_in_nothing(folders):
+    found = folders[1]()
+    assert (found.changed, found.gone, found.new, dict(found.texts)) == ([], [], [], {})
+    assert found.numbers > 2
+
+
+def test_a_number_counts_as_changed_from_one_in_a_billion_on(folders):
+    (_, after), compared = folders
+    file = after / "fit_out.json"
+    file.write_text(file.read_text().replace("0.0143", repr(0.0143 * (1 + 5e-10))))
+    assert compared().changed == []
+    file.write_text(file.read_text().replace(repr(0.0143 * (1 + 5e-10)), repr(0.0143 * (1 + 2e-9))))
+    assert len(compared().changed) == 1
+    (after / "screen.txt").write_text((after / "screen.txt").read_text().replace("0.0143", "0.0144"))
+    assert len(compared().changed) == 2
+
+
+def test_keys_files_and_words_that_one_version_alone_has_are_listed(folders):
+    (before, after), compared = folders
+    (after / "fit_out.json").write_text(json.dumps({"tilt": 0.0143, "methods": {"pso": {"seconds": 0.31}}}))
+    (before / "screen.txt").write_text((before / "screen.txt").read_text().replace("tilt", "closure"))
+    (after / "more.csv").write_text("1\n")
+    found = compared()
+    assert found.gone == ["fit_out.json: tilt_deg"]
+    assert found.new == ["file more.csv", "fit_out.json: tilt"]
+    assert len(found.texts) == 1
+
+
+def test_seconds_dates_and_versions_are_no_difference(folders):
+    (_, after), compared = folders
+    (after / "fit_out.json").write_text(json.dumps({"tilt_deg": 0.0143, "versions": {"numpy": "3"}, "methods": {"pso": {"seconds": 0.31}}}))
+    (after / "screen.txt").write_text((after / "screen.txt").read_text().replace("0.25", "0.31").replace("2026-11-28", "2026-11-29"))
+    found = compared()
+    assert (found.changed, dict(found.texts)) == ([], {})

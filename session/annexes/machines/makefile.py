@@ -29,7 +29,7 @@ LONGEST_PATTERN, MOST_WILDCARDS = 120, 3
 MOST_PATTERNS = 20
 _NUMBER = r"[-+]?\d{1,15}(?:\.\d{0,15})?(?:[eE][-+]?\d{1,3})?"
 FIELDS = {
-    **dict.fromkeys(("angle", "count", "rate", "clock", "temperature"), _NUMBER),
+    **dict.fromkeys(("angle", "count", "rate", "clock"), _NUMBER),
     "angles": rf"{_NUMBER}(?:,{_NUMBER}){{0,5}}",
     **dict.fromkeys(("state", "code", "fault"), r"[-+A-Za-z0-9_:.]{1,40}"),
     "word": r"[A-Za-z0-9_]{1,20}",

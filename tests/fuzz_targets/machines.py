@@ -22,10 +22,10 @@ from session.io.units import DEG
 LINES = tuple(make_names())
 CHOICES = ("table", "make", *LINES)
 TOKENS = [
-    *(b"<Idle|MPos:", b"|FS:0,0>\r\n", b"ok\r\n", b"ALARM:1\r\n", b"error:9\r\n", b"Grbl 1.1h\n", b"Count X:", b"AT 1 REST ", b"OK\n"),
-    *(b">", b"-->", b"{angle}", b"{state}", b"*", b"[[axis]]", b"nan", b"1e999", b"each = true", b"answers = ["),
+    *(b"<Idle|MPos:", b"|FS:0,0>\r\n", b"ok\r\n", b"ALARM:1\r\n", b"error:9\r\n", b"Grbl 1.1h\n", b"AT 1 REST ", b"OK\n"),
+    *(b">", b"{angle}", b"{state}", b"*", b"[[axis]]", b"nan", b"1e999", b"each = true", b"answers = ["),
 ]
-WORDS = {"grbl": "X", "marlin": "X", "scpi": "AXIS1", "line": "outer"}
+WORDS = {"grbl": "X", "scpi": "AXIS1", "line": "outer"}
 
 
 class Played:
@@ -51,7 +51,7 @@ class Played:
 
 def table_of(make: str) -> Description:
     """One axis."""
-    axis = Axis("outer", np.array([0.0, 0.0, 1.0]), -DEG * 180, DEG * 180, DEG * 30, DEG * 100, DEG * 0.1, 0.0, WORDS.get(make, "1"))
+    axis = Axis("outer", np.array([0.0, 0.0, 1.0]), -DEG * 180, DEG * 180, DEG * 30, DEG * 100, DEG * 0.1, 0.0, WORDS[make])
     return Description("table", make, (axis,))
 
 

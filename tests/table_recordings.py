@@ -92,23 +92,20 @@ class Bench:
         mechanics.unknown = [0.0] * len(mechanics.unknown)  # whoever homes it sees no jump of its angles
         self.bench.home()
 
-    def record(
-        self, segments=4, stop_at_target=False, closure_s=0.0, interrupted=None, each=None, rates=None, dwell_s=4.0, home=False, heated=()
-    ):
+    def record(self, segments=4, stop_at_target=False, closure_s=0.0, interrupted=None, each=None, rates=None, dwell_s=4.0, home=False):
         """Guide and messages of a recording into the folder, which may hold one already.
 
-        each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates: dps, of rate steps instead of turns;
-        heated: chamber.toml, temperatures, how a chamber is opened, its clock.
+        each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates: dps, of rate steps instead of turns.
         ``closed_with``: the error with which the table was let go of.
         """
         bench, said = self.bench, Said()
         session_file = SessionFile(self.folder, None, None, None, None)
-        machine = TurnedRecording(self.file, None, home, bench.opened, bench.clock.now_s, *heated[2:])
+        machine = TurnedRecording(self.file, None, home, bench.opened, bench.clock.now_s)
         if rates is None:
             guide = Guide(session_file.protocol, segments, stop_at_target, closure_s)
             machine.confirmed(False, segments, stop_at_target, closure_s, yes=True, quiet=True)
         else:
-            machine.confirmed_rates(rates, dwell_s, None, True, True, *heated[:2])
+            machine.confirmed_rates(rates, dwell_s, None, True, True)
             guide = machine.guide(session_file.protocol)
         recorder = Recorder(self.folder, PORT, port=bench.port)
         self.closed_with, self.mover = None, None

@@ -30,7 +30,6 @@ TOML_AND_FRAMES = {
     "tinygc-requirements/1",
     "tinygc-table/1",
     "tinygc-make/1",
-    "tinygc-chamber/1",
 }
 
 

@@ -1,6 +1,11 @@
-"""Tables of each make in this process: a description, the make's driver, and its virtual table at a clock that waits for nobody."""
+"""Tables of each make in this process: a description, the make's driver, and its virtual table at a clock that waits for nobody.
+
+``OWN`` is a make's file of one's own, with what no shipped make has; its controller is here.
+"""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 
@@ -9,15 +14,58 @@ from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.virtual import VirtualTable
-from session.annexes.machines.virtual_makes import FIRMWARE
+from session.annexes.machines.virtual_makes import FIRMWARE, Firmware
 from session.annexes.machines.virtual_motion import Fault
 from session.annexes.machines.wire import VirtualLink
 from session.io.units import DEG
 
+OWN = "./own_make.toml"
+
+
+class Own(Firmware):
+    """The controller of ``OWN``: a prompt behind each answer; the last axis homes all."""
+
+    END = "\r"
+
+    def __init__(self, mechanics):
+        super().__init__(mechanics)
+        self._rates_dps = [10.0] * len(self.words)
+
+    def lines(self, texts):
+        return "".join(text if text == ">" else text + self.END for text in texts).encode()
+
+    def alarm(self, problem):
+        return [{"estop": "! 1", "limit": "! 2", "home_fails": "! 3"}[problem]]
+
+    def answer(self, line):
+        word, *numbers = line.split()
+        said = self._answer(word, int(numbers[0]) - 1 if numbers else 0, float(numbers[1]) if len(numbers) > 1 else 0.0)
+        return [] if word == "HM" and self.later else [*said, ">"]
+
+    def _answer(self, word, axis, number):
+        mechanics = self.mechanics
+        if word == "TP":
+            return [" ".join(f"{name}={round(1000 * self.deg(k))}" for k, name in enumerate(self.words))]
+        if word == "ST":
+            mechanics.stop()
+        elif mechanics.once("unknown_error"):
+            return ["? 99"]
+        elif word == "CL":
+            return [] if mechanics.clear() else ["? 5"]
+        elif mechanics.stopped_by or mechanics.suffers("disabled"):
+            return ["? 5" if mechanics.stopped_by else "? 4"]
+        elif word == "SP":
+            self._rates_dps[axis] = number
+        elif word == "PA":
+            mechanics.turn_to(axis, number * DEG, self._rates_dps[axis] * DEG)
+        elif axis + 1 == len(self.words) and mechanics.home():
+            self.later = [">"]
+        return []
+
+
+FIRMWARE[OWN] = Own
 MAKES = tuple(FIRMWARE)
-WORDS = {"grbl": "XY", "marlin": "XY", "scpi": ("AXIS1", "AXIS2"), "line": ("outer", "inner")}
-#: makes of one axis
-SINGLE = ("aerosmith", "drive")
+WORDS = {"grbl": "XY", "scpi": ("AXIS1", "AXIS2"), "line": ("outer", "inner"), OWN: "AB"}
 
 
 def axis(name, word, limits=(-90, 270), direction=(0, 0, 1), **more):
@@ -27,7 +75,7 @@ def axis(name, word, limits=(-90, 270), direction=(0, 0, 1), **more):
 
 
 def description(make, limits=(-90, 270), axes=1, **settings):
-    words = WORDS.get(make, "12")
+    words = WORDS.get(make, "XY")
     rows = [axis("outer", words[0], limits), axis("inner", words[1], limits, (1, 0, 0))][:axes]
     return Description("table", make, tuple(rows), settings=settings)
 
@@ -41,7 +89,7 @@ class Bench:
         if not greets:
             self.virtual.feed()  # it was switched on before its port is opened
         self.link = VirtualLink(self.virtual, self.clock)
-        self.driver = open_table(table, folder, self.link, self.clock, stops)
+        self.driver = open_table(table, folder or Path(__file__).parent, self.link, self.clock, stops)
         self.guarded = Guarded(self.driver, self.clock)
 
     def confirm(self, *moves):

@@ -2,19 +2,22 @@
 
 import re
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from virtual_tables import MAKES, SINGLE, Bench, description
+from virtual_tables import MAKES, OWN, Bench, description
 
 from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import read_description
-from session.annexes.machines.dialogue import example
+from session.annexes.machines.dialogue import Dialogue, example
+from session.annexes.machines.makefile import read_make
 from session.annexes.machines.makes import MODULES, make_of, makes, open_table
 from session.annexes.machines.makes.hand import Hand
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault
+from session.annexes.machines.wire import VirtualLink
 from session.io.errors import CalibrationError, FormatError
 from session.io.units import DEG
 
@@ -44,7 +47,7 @@ def test_the_five_verbs(make):
         assert not table.settle().moving
 
 
-@pytest.mark.parametrize("make", [make for make in MAKES if make not in SINGLE])
+@pytest.mark.parametrize("make", MAKES)
 def test_two_axes_move_by_themselves(make):
     bench = Bench(description(make, axes=2))
     bench.confirm()
@@ -247,11 +250,7 @@ def test_each_make_has_a_first_description(make, tmp_path):
 @pytest.mark.parametrize("make", sorted(makes()))
 @pytest.mark.parametrize("axes", [2, 3])
 def test_each_make_has_a_first_description_of_more_axes(make, axes, tmp_path):
-    """Perpendicular axes with words of their own, which its requests take; a make of fewer is refused."""
-    if make not in MODULES and axes > make_of(description(make)).most_axes:
-        with pytest.raises(FormatError, match=rf"--axes {axes}: a table of make {make} has \d at most"):
-            template(make, axes)
-        return
+    """Perpendicular axes with words of their own, which its requests take."""
     (tmp_path / "table.toml").write_text(template(make, axes))
     table = read_description(tmp_path / "table.toml")
     directions = np.array([axis.direction for axis in table.axes])
@@ -310,8 +309,6 @@ where = [{ send = "W", answers = ["{angles}"] }]
     ],
 )
 def test_a_wrong_make_file_is_refused_in_one_line(before, after, expected, tmp_path):
-    from session.annexes.machines.makefile import read_make
-
     assert read_make(_written(tmp_path / "good.toml", GOOD)).where
     with pytest.raises(FormatError) as error:
         read_make(_written(tmp_path / "bad.toml", GOOD.replace(before, after)))
@@ -336,9 +333,8 @@ def test_no_pattern_makes_a_reader_wait():
     ("table", "expected"),
     [
         (description("grbl", steps=3.0), "no such setting"),
-        (description("aerosmith", axes=2), "at most 1"),
         (description("nothing"), "no make 'nothing'"),
-        (description("marlin", count_per_deg=0), "expected a number that is not 0"),
+        (description("grbl", count_per_deg=0), "expected a number that is not 0"),
     ],
 )
 def test_a_description_that_does_not_fit_its_make(table, expected):
@@ -491,41 +487,45 @@ def test_pyvisa_that_is_missing_is_one_line(monkeypatch):
         open_table(replace(description("scpi"), port="GPIB0::5::INSTR"))
 
 
-@pytest.mark.parametrize("make", ["grbl", "marlin"])
-def test_a_controller_that_says_nothing_while_it_homes(make):
-    """GRBL answers no report and Marlin no line before the marks are found; the acknowledgement of each axis is waited for."""
-    bench = Bench(description(make, axes=1 if make == "grbl" else 2))
+def test_a_controller_that_says_nothing_while_it_homes():
+    """GRBL answers no report before the marks are found; its acknowledgement is waited for."""
+    bench = Bench(description("grbl"))
     bench.confirm()
     with bench.guarded as table:
         table.home()
         table.settle()
-        for number in range(len(bench.table.axes)):
-            table.turn_to(number, 180 * DEG, 60 * DEG)
-            table.settle()
+        table.turn_to(0, 180 * DEG, 60 * DEG)
+        table.settle()
         begin_s = bench.clock.now_s()
         table.home()
         assert table.settle().angles == pytest.approx(0, abs=0.02 * DEG)
-        assert bench.clock.now_s() - begin_s > 9.0 * len(bench.table.axes)  # 180 deg at 20 dps, one after the other
-        assert [bench.motor(number)[0] for number in range(len(bench.table.axes))] == pytest.approx([0] * len(bench.table.axes))
+        assert bench.clock.now_s() - begin_s > 9.0  # 180 deg at 20 dps
+        assert bench.motor()[0] == pytest.approx(0)
 
 
 def test_each_axis_of_a_homing_is_awaited():
-    """Marlin homes one axis after the other, and acknowledges each: behind the first it is not asked where it is."""
-    bench = Bench(description("marlin", axes=2))
-    bench.driver.turn_to(0, 60 * DEG, 60 * DEG)
-    bench.driver.turn_to(1, 180 * DEG, 60 * DEG)
-    bench.clock.sleep(8)
+    """Each is acknowledged: behind the first it is not asked where it is."""
+    bench = Bench(description(OWN, axes=2))
+    bench.driver.turn_to(0, 90 * DEG, 60 * DEG)
+    bench.clock.sleep(4)
     bench.driver.home()
-    for _ in range(100):  # 10 s: the first has taken 3 s, the second takes 9
+    while bench.clock.now_s() < 7:  # 4.5 s: the first was acknowledged at once
         assert bench.driver.where().moving
-        bench.clock.sleep(0.05)
-    assert [abs(bench.motor(number)[0]) < DEG for number in (0, 1)] == [True, False]
-    assert bench.link.sent.endswith(b"G28 X\nG28 Y\n")
+    assert bench.motor()[0] > 20 * DEG
+    assert bench.link.sent.endswith(b"HM 1\rHM 2\r")
 
 
-@pytest.mark.parametrize(("make", "stop"), [("grbl", b"!\x18"), ("marlin", b"M112\n")])
-def test_homing_is_stopped_the_hard_way(make, stop):
-    bench = Bench(description(make))
+@pytest.mark.parametrize(("said", "moves"), [(b"30.0,2.5\n", True), (b"30.0,-2.5\n", True), (b"30.0,0.001\n", False)])
+def test_a_rate_that_is_answered_says_whether_it_moves(said, moves, tmp_path):
+    make = read_make(_written(tmp_path / "own.toml", GOOD.replace("{angles}", "{angle},{rate}").replace('"t"\n', '"t"\nmost_axes = 1\n')))
+    clock, table = SimulatedClock(), description("line")
+    device = SimpleNamespace(is_connected=True, feed=lambda data: said if data else b"")
+    where = Dialogue(table, make, VirtualLink(device, clock), clock).where()
+    assert (where.angles[0], where.moving) == (pytest.approx(30 * DEG), moves)
+
+
+def test_homing_is_stopped_the_hard_way():
+    bench = Bench(description("grbl"))
     bench.confirm()
     table = bench.guarded
     table.home()
@@ -537,6 +537,6 @@ def test_homing_is_stopped_the_hard_way(make, stop):
     assert bench.motor()[1] != 0
     bench.driver.stop()
     bench.clock.sleep(1)
-    assert bench.link.sent.endswith(stop)
+    assert bench.link.sent.endswith(b"!\x18")
     assert bench.motor()[1] == 0
     assert bench.motor()[0] > 100 * DEG

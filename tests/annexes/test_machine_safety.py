@@ -232,21 +232,21 @@ def test_stop_does_not_wait_for_an_answer():
 
 def test_a_move_that_is_half_sent_when_it_is_stopped_is_not_sent_on():
     """Rate first, then the angle: a stop between them."""
-    bench = Bench(description("aerosmith"))
+    bench = Bench(description("scpi"))
     read = bench.link.read
 
     def read_and_stop(longest_s):
-        if bench.link.sent.endswith(b"VEL 10.0000\r"):
+        if bench.link.sent.endswith(b"VEL 10.00000\n"):
             stopping = threading.Thread(target=bench.driver.stop)
             stopping.start()
             stopping.join()
         return read(longest_s)
 
     bench.link.read = read_and_stop
-    with pytest.raises(TableFault, match=r"stopped before 'POS 30\.0000' was sent"):
+    with pytest.raises(TableFault, match=r"stopped before 'AXIS1:POS 30\.00000' was sent"):
         bench.driver.turn_to(0, 30 * DEG, 10 * DEG)
-    assert b"POS" not in bench.link.sent
-    assert bench.link.sent.endswith(b"STO\r")
+    assert b"POS " not in bench.link.sent
+    assert bench.link.sent.endswith(b"ABOR\n")
 
 
 def test_a_program_that_does_not_look_any_more_is_stopped_for(monkeypatch):

@@ -10,7 +10,7 @@ from collections import deque
 import pytest
 from commandline import refused
 from processes import until
-from virtual_tables import MAKES, Bench, description
+from virtual_tables import MAKES, OWN, Bench, description
 
 from session.annexes.machines import safety, wire
 from session.annexes.machines.clocks import HostClock, SimulatedClock
@@ -47,7 +47,7 @@ def followed(bench, seconds, every_s=0.05):
 # A lost zero.
 
 
-@pytest.mark.parametrize("make", ["grbl", "marlin", "line"])
+@pytest.mark.parametrize("make", ["grbl", "line"])
 def test_a_table_that_restarted_on_opening_is_not_turned(make):
     """An Uno without switches: it takes the angle where it stands for zero, so that its limits mean nothing."""
     settings = {"homing": False} if make == "grbl" else {}
@@ -128,9 +128,7 @@ def test_an_angle_that_is_not_known_yet_is_no_number(commanded, run, monkeypatch
 # A motion that is not the one that was asked for.
 
 
-@pytest.mark.parametrize(
-    "make", [make for make in MAKES if make not in ("grbl", "marlin", "acutronic")]
-)  # these ask the mechanics otherwise
+@pytest.mark.parametrize("make", ["scpi", "line"])  # the others ask the mechanics otherwise
 def test_a_move_that_begins_late_is_stopped(make):
     """It says that it rests, and would turn 0.8 s after the request, watched by nobody."""
     bench = turning(make)
@@ -286,7 +284,7 @@ def test_a_move_that_does_not_end_is_stopped_in_time():
 # A turn at a rate has an end.
 
 
-@pytest.mark.parametrize("make", ["grbl", "marlin"])
+@pytest.mark.parametrize("make", ["grbl", OWN])
 @pytest.mark.parametrize("rate", [20, -20])
 def test_without_a_rate_mode_the_machine_ends_it_by_itself(make, rate):
     """The program is killed, and nobody stops it."""

@@ -1,4 +1,4 @@
-"""What ``table`` reads: ``table.toml``, a make's file, ``chamber.toml``, and what comes back over the line, by the input's first byte."""
+"""What ``table`` reads: ``table.toml``, a make's file, and what comes back over the line, by the input's first byte."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from fuzz_targets.rules import choose, finite
-from session.annexes.machines.chamber import read_chamber
 from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import Axis, Description, read_description
 from session.annexes.machines.dialogue import Dialogue, example
@@ -21,12 +20,12 @@ from session.annexes.machines.wire import VirtualLink
 from session.io.units import DEG
 
 LINES = tuple(make_names())
-CHOICES = ("table", "make", "chamber", *LINES)
+CHOICES = ("table", "make", *LINES)
 TOKENS = [
-    *(b"<Idle|MPos:", b"|FS:0,0>\r\n", b"ok\r\n", b"ALARM:1\r\n", b"error:9\r\n", b"Grbl 1.1h\n", b"Count X:", b"AT 1 REST ", b"OK\n"),
-    *(b">", b"-->", b"{angle}", b"{state}", b"*", b"[[axis]]", b"nan", b"1e999", b"each = true", b"answers = ["),
+    *(b"<Idle|MPos:", b"|FS:0,0>\r\n", b"ok\r\n", b"ALARM:1\r\n", b"error:9\r\n", b"Grbl 1.1h\n", b"AT 1 REST ", b"OK\n"),
+    *(b">", b"{angle}", b"{state}", b"*", b"[[axis]]", b"nan", b"1e999", b"each = true", b"answers = ["),
 ]
-WORDS = {"grbl": "X", "marlin": "X", "scpi": "AXIS1", "line": "outer"}
+WORDS = {"grbl": "X", "scpi": "AXIS1", "line": "outer"}
 
 
 class Played:
@@ -52,7 +51,7 @@ class Played:
 
 def table_of(make: str) -> Description:
     """One axis."""
-    axis = Axis("outer", np.array([0.0, 0.0, 1.0]), -DEG * 180, DEG * 180, DEG * 30, DEG * 100, DEG * 0.1, 0.0, WORDS.get(make, "1"))
+    axis = Axis("outer", np.array([0.0, 0.0, 1.0]), -DEG * 180, DEG * 180, DEG * 30, DEG * 100, DEG * 0.1, 0.0, WORDS[make])
     return Description("table", make, (axis,))
 
 
@@ -60,7 +59,7 @@ def run(data: bytes, folder: Path) -> None:
     """Read it; a table that is spoken to says finite angles or a fault."""
     kind, data = choose(data, CHOICES)
     path = folder / f"{kind}.toml"
-    if kind in ("table", "make", "chamber"):
+    if kind in ("table", "make"):
         path.write_bytes(data)
     if kind == "table":
         table = read_description(path)
@@ -69,8 +68,6 @@ def run(data: bytes, folder: Path) -> None:
         make = read_make(path)
         for _, text in example(table_of("line"), make):
             assert "\n" not in text
-    elif kind == "chamber":
-        read_chamber(path)
     else:
         clock = SimulatedClock()
         driver = Dialogue(table_of(kind), read_make(FOLDER / f"{kind}.toml"), Played(data, clock), clock)
@@ -101,10 +98,6 @@ def seeds() -> list[bytes]:
     """Descriptions and makes' files that come with the tool, and what virtual tables say."""
     found = [bytes([CHOICES.index("table")]) + template(make).encode() for make in makes()]
     found += [bytes([CHOICES.index("make")]) + (FOLDER / f"{make}.toml").read_bytes() for make in LINES]
-    found.append(
-        bytes([CHOICES.index("chamber")])
-        + b'schema = "tinygc-chamber/1"\nset = "T {temperature}"\nread = "T?"\nanswer = "{temperature}"\nleast_c = -40\nmost_c = 85\n'
-    )
     for make in LINES:
         clock = SimulatedClock()
         link = Recorded(VirtualTable(table_of(make), None, clock), clock)

@@ -428,17 +428,6 @@ def _version() -> str:
     return f"TinyGC {VERSION}"
 
 
-def temperatures_c(text: str) -> tuple[float, ...]:
-    """Parse temperatures such as ``10,25,40``, degC; ArgumentTypeError for one that is none."""
-    try:
-        temperatures = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        temperatures = ()
-    if not temperatures or not all(-273.15 < each < 1000 for each in temperatures):
-        raise argparse.ArgumentTypeError(f"{text[:40]!r}: expected temperatures in degC, such as 10,25,40")
-    return temperatures
-
-
 def rates_dps(text: str) -> tuple[float, ...]:
     """Parse rates such as ``50,100,200``, dps; ArgumentTypeError for one that is no rate above zero."""
     try:

@@ -158,17 +158,13 @@ def turned(args: argparse.Namespace, folder: Path, port: str) -> Iterator[Any]:
     What can be refused without it is refused before its port is opened, since --home moves it.
     """
     if args.table is None:
-        of_a_table = (args.table_port, args.rates, args.axis, args.chamber, args.temperatures)
+        of_a_table = (args.table_port, args.rates, args.axis)
         if args.yes or args.home or args.at_zero or any(value is not None for value in of_a_table):
-            raise CalibrationError(
-                "--yes, --home, --at-zero, --table-port, --rates, --axis, --chamber and --temperatures are of a table; add --table FILE"
-            )
+            raise CalibrationError("--yes, --home, --at-zero, --table-port, --rates and --axis are of a table; add --table FILE")
         yield None
         return
     if args.series or args.rest is not None:
         raise CalibrationError("--table turns one board; leave --series and --rest out")
-    if (args.chamber is None) != (args.temperatures is None) or (args.chamber is not None and args.rates is None):
-        raise CalibrationError("--chamber FILE and --temperatures C,… belong together, and to --rates: give all three")
     from session.bench.port import Port
 
     recording = need(MACHINE, "--table")
@@ -179,8 +175,7 @@ def turned(args: argparse.Namespace, folder: Path, port: str) -> Iterator[Any]:
     try:
         stops = args.stop_at_target or args.lot is not None
         if args.rates is not None:
-            heated = (args.chamber, args.temperatures or ())
-            machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet, *heated)
+            machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet)
         else:
             machine.confirmed(recording.is_raw(folder, args.like), args.segments, stops, args.closure, args.yes, args.quiet)
         yield machine

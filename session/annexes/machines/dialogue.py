@@ -24,8 +24,6 @@ from session.io.units import DEG
 
 #: how often ``where`` asks again where an answer is missing or garbled
 TRIES = 3
-#: a busy machine that says nothing for so long is silent
-BUSY_S = 10.0
 #: bytes of a line that has no end
 LONGEST_BUFFER = 4096
 #: behind a line that is no answer, one is waited for so long
@@ -64,7 +62,6 @@ class Dialogue:
         self._owed = 0  # of these
         self._alarm, self._restarted, self._only_looks = "", False, False
         self._answered, self._unread = "", ""  # the last lines that were an answer, and none
-        self._heard_s = clock.now_s()
         self._angles = np.full(len(words), np.nan)
         self._before: tuple[float, np.ndarray] | None = None
         with self._exchange:
@@ -247,7 +244,6 @@ class Dialogue:
         self._buffer = self._buffer[-LONGEST_BUFFER:]
         for line in lines:
             if said := line.decode("latin-1").strip()[:LONGEST_LINE]:
-                self._heard_s = self._clock.now_s()
                 self._lines.append(said)
 
     def _drain(self) -> None:
@@ -299,9 +295,7 @@ class Dialogue:
                 self._refuse_alarm()
                 if (meaning := self.make.refused.meaning(line)) is not None:
                     raise TableFault(f"{self.description.name}: {sent!r} was refused with {line!r} ({meaning})")
-                if any(pattern.match(line) is not None for pattern in self.make.busy):
-                    end_s = self._clock.now_s() + self._settings["answer_s"]
-                elif step.answers:  # an answer that is garbled: ask again soon
+                if step.answers:  # an answer that is garbled: ask again soon
                     end_s = min(end_s, self._clock.now_s() + AGAIN_S)
                 seen.append(line)
                 self._unread = line
@@ -334,14 +328,11 @@ class Dialogue:
     # Where it is.
 
     def _where_while_busy(self) -> Where | None:
-        """While homing keeps it from answering (GRBL, Marlin): the last angles; None once its acknowledgements came."""
+        """While homing keeps it from answering (GRBL): the last angles; None once its acknowledgements came."""
         self._receive(0.05)
         self._drain()
-        now_s = self._clock.now_s()
-        if self._awaited_home is not None and now_s > self._awaited_home:
+        if self._awaited_home is not None and self._clock.now_s() > self._awaited_home:
             raise TableFault(f"{self.description.name}: homing does not end within {self._settings['home_s']:g} s")
-        if self._awaited_home is not None and self.make.busy and now_s - self._heard_s > BUSY_S:
-            raise TableFault(f"{self.description.name}: silent for {BUSY_S:g} s while it homes")
         return None if self._awaited_home is None else Where(self._angles, True)
 
     def _ask_where(self) -> Where | None:

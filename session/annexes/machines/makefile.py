@@ -29,7 +29,7 @@ LONGEST_PATTERN, MOST_WILDCARDS = 120, 3
 MOST_PATTERNS = 20
 _NUMBER = r"[-+]?\d{1,15}(?:\.\d{0,15})?(?:[eE][-+]?\d{1,3})?"
 FIELDS = {
-    **dict.fromkeys(("angle", "count", "rate", "clock", "temperature"), _NUMBER),
+    **dict.fromkeys(("angle", "count", "rate", "clock"), _NUMBER),
     "angles": rf"{_NUMBER}(?:,{_NUMBER}){{0,5}}",
     **dict.fromkeys(("state", "code", "fault"), r"[-+A-Za-z0-9_:.]{1,40}"),
     "word": r"[A-Za-z0-9_]{1,20}",
@@ -135,7 +135,6 @@ class Make:
     prompt: str
     done: tuple[Pattern, ...]
     greeting: tuple[Pattern, ...]
-    busy: tuple[Pattern, ...]
     begin: tuple[Step, ...]
     home: tuple[Step, ...]
     turn_to: tuple[Step, ...]
@@ -198,7 +197,7 @@ SHAPE = Keys(
         "baud": Number(1, 1e8, whole=True),
         "most_axes": Number(1, 3, whole=True),
         "settings": Keys(),
-        "line": Keys({}, {"end": Text(), "prompt": Text(), "done": PATTERNS, "greeting": PATTERNS, "busy": PATTERNS}),
+        "line": Keys({}, {"end": Text(), "prompt": Text(), "done": PATTERNS, "greeting": PATTERNS}),
         "states": Keys({}, {"order": Text(), "moving": ListOf(Text()), "rest": ListOf(Text()), "faults": MapOf(Text())}),
         "refused": _MESSAGES,
         "alarms": _MESSAGES,
@@ -250,7 +249,6 @@ def read_make(path: Path) -> Make:
         prompt=line.get("prompt", ""),
         done=_patterns(line.get("done", [])),
         greeting=_patterns(line.get("greeting", [])),
-        busy=_patterns(line.get("busy", [])),
         begin=steps("begin"),
         home=steps("home"),
         turn_to=steps("turn_to"),

@@ -2,8 +2,6 @@
 
 A step is: rest, turn at a rate, wait until the rate has settled, dwell, rest.  An axis with limits is first set to the limit that the step
 turns away from.  Nothing is examined meanwhile; ``rates`` finds the steps in the log by the machine's angles, which ``table.csv`` holds.
-
-In a chamber all steps are made at each temperature, and each has a log of its own.  The recording is paused until the chamber is stable.
 """
 
 from __future__ import annotations
@@ -11,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from session.annexes.machines.chamber import ChamberOfRecording
 from session.annexes.machines.description import Description
 from session.annexes.machines.driver import TableDriver
 from session.annexes.machines.mover import BLIND_S, PAUSE, PUT_RIGHT
-from session.annexes.machines.verbs import TableFault, TableLimit
+from session.annexes.machines.verbs import TableLimit
 from session.bench.guide import Guide
 from session.bench.messages import AxisMove, GuideMessage, Instruction, Kind, Stage
 from session.bench.mover import Moment
@@ -34,14 +31,12 @@ MARGIN_RAD = 2 * DEG
 
 @dataclass(frozen=True)
 class RateStep:
-    """An axis at a rate with its sign, rad/s, for dwell_s once it has settled; start_rad: where it begins, None: anywhere; temperature_c:
-    of the chamber, None: there is none."""
+    """An axis at a rate with its sign, rad/s, for dwell_s once it has settled; start_rad: where it begins, None: anywhere."""
 
     axis: int
     rate_rps: float
     dwell_s: float
     start_rad: float | None = None
-    temperature_c: float | None = None
 
     def seconds(self, table: Description) -> float:
         """How long it takes, with its rests."""
@@ -71,9 +66,8 @@ class RatesGuide(Guide):
 
     stem = STEM
 
-    def __init__(self, protocol: Protocol, steps: int, in_chamber: bool = False):
+    def __init__(self, protocol: Protocol, steps: int):
         self.steps, self.made = steps, 0
-        self.soak = "the chamber is asked" if in_chamber else ""  #: what a paused recording waits for, and goes on by itself then
         self.says = ""  #: what the table does now
         self._begun = False
         super().__init__(protocol, 0)
@@ -86,13 +80,11 @@ class RatesGuide(Guide):
     @property
     def wants(self) -> RecordingDecision | None:
         """The log is begun before its first sample."""
-        return None if self._begun or self.stage is Stage.PAUSED else PAUSE if self.soak else BEGIN_RATES
+        return None if self._begun or self.stage is Stage.PAUSED else BEGIN_RATES
 
     @property
     def instruction(self) -> Instruction:
         """What happens: hands off."""
-        if self.stage is Stage.PAUSED and self.soak:
-            return Instruction(self.stage, f"hands off: {self.soak}", f"then it turns again by itself (s: not before p); {self.so_far}")
         if self.stage is Stage.HOLD_STILL:
             return Instruction(self.stage, "hands off: the table turns at known rates", f"{self.says}; {self.so_far}")
         return super().instruction
@@ -108,7 +100,7 @@ class RatesGuide(Guide):
                 self._say(Kind.STAGE, "it goes on")
         elif decision.word == "pause":
             self.stage = Stage.PAUSED
-            self._say(Kind.STAGE, self.soak or "paused: samples are stored, and belong to no step")
+            self._say(Kind.STAGE, "paused: samples are stored, and belong to no step")
         return self._messages
 
     def feed(self, samples: Samples) -> list[GuideMessage]:
@@ -128,10 +120,10 @@ class RatesGuide(Guide):
 
 
 class RateMover:
-    """Makes the steps, one after the other; one that was interrupted is made again.  chamber: of steps that have a temperature."""
+    """Makes the steps, one after the other; one that was interrupted is made again."""
 
-    def __init__(self, driver: TableDriver, steps: Sequence[RateStep], chamber: ChamberOfRecording | None = None):
-        self.driver, self._steps, self._chamber = driver, list(steps), chamber
+    def __init__(self, driver: TableDriver, steps: Sequence[RateStep]):
+        self.driver, self._steps = driver, list(steps)
         self.wants: RecordingDecision | None = None
         self._phase, self._since_s = "begin", 0.0
         self._stopped = self._was_paused = False
@@ -153,40 +145,17 @@ class RateMover:
         self._was_paused = paused
         log = moment.log if moment is not None else ""
         blind = moment is not None and driver.now_s() - moment.host_ns * NS > BLIND_S
-        why = f"the table is stopped: {driver.fault}; {PUT_RIGHT}" if driver.fault else ""
-        if not why and (problem := self._temperature(guide)):
-            why = f"{problem}, then p goes on"
-        if why and not self._stopped:
-            if driver.fault or driver.busy:  # a table at rest is not stopped: some lose their angles by it
-                driver.stop()
+        if driver.fault and not self._stopped:
+            driver.stop()
             self._stopped, self._phase, self.wants = True, "begin", PAUSE
-            messages.append(GuideMessage(Kind.WARNING, why, guide.now_s))
-        elif paused or guide.soak or blind or log != self._log:  # whatever comes: the present step is made again, from rest
+            messages.append(GuideMessage(Kind.WARNING, f"the table is stopped: {driver.fault}; {PUT_RIGHT}", guide.now_s))
+        elif paused or blind or log != self._log:  # whatever comes: the present step is made again, from rest
             if self._phase not in ("begin", "rest"):
                 driver.stop()
             self._phase, self._log = "begin", log
         elif guide.stage is Stage.HOLD_STILL and not self._stopped and driver.where is not None:
             messages += self._go_on(guide)
         return messages
-
-    def _temperature(self, guide: RatesGuide) -> str:
-        """Pause until the chamber is at the temperature of the present step, then go on; returns what is wrong with it."""
-        wanted_c = self._steps[guide.made].temperature_c if guide.made < len(self._steps) else None
-        if self._chamber is None or wanted_c is None or self._stopped:
-            return ""
-        try:
-            is_stable = self._chamber.is_stable(wanted_c)
-        except (TableFault, TableLimit) as error:
-            guide.soak = ""
-            return f"{error}; put it right"
-        paused = guide.stage is Stage.PAUSED
-        if not is_stable:
-            guide.soak = f"the chamber goes to {wanted_c:g} degC, and has to be stable there"
-            self.wants = None if paused else PAUSE
-        elif guide.soak:
-            guide.soak = ""
-            self.wants = BEGIN_RATES if paused else None
-        return ""
 
     def stop(self) -> None:
         """Bring the table to rest at once."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from session.annexes.machines.description import SCHEMA
 from session.annexes.machines.makes import MODULES, make_of_name
-from session.io.errors import FormatError
 from session.io.texts import comment
 
 TEMPLATE = """\
@@ -41,10 +40,7 @@ DOWN = ": [0, 0, 1] is down, so clockwise seen from above"
 #: what a make wants besides: a line of [settings], and the words of the axes (none: their names)
 SETTINGS = {
     "grbl": ("homing = true  # false without limit switches ($22 = 0)", "XYZ"),
-    "marlin": ("count_per_deg = 80  # steps to a degree, as of M92  <--", "XYZ"),
     "scpi": ("", ("AXIS1", "AXIS2", "AXIS3")),
-    "line": ("", ()),
-    "hand": ("", ()),
     "ximc": (
         "steps_per_deg = 100  # full steps of the motor to a degree of the stage  <--",
         tuple(f"xi-com:///dev/ttyACM{number}" for number in range(3)),
@@ -53,14 +49,12 @@ SETTINGS = {
 
 
 def template(make: str, axes: int = 1) -> str:
-    """The text of a ``table.toml`` to fill in, of one to three axes.  FormatError for a make that is not there, or has fewer axes."""
-    settings, words = SETTINGS.get(make, ("", "123"))
+    """The text of a ``table.toml`` to fill in, of one to three axes.  FormatError for a make that is not there."""
+    settings, words = SETTINGS.get(make, ("", ()))
     if make in MODULES:
         title, remarks, port = MODULES[make].TITLE, "", ""
     else:
         of = make_of_name(make)
-        if axes > of.most_axes:
-            raise FormatError(f"--axes {axes}: a table of make {make} has {of.most_axes} at most")
         title, remarks = of.title, f"# Unchecked: {comment(of.unchecked)}\n" if of.unchecked else ""
         port = f'port = "/dev/ttyUSB0"  # <-- `ports` lists what there is\nbaud = {of.baud}\n'
     text = TEMPLATE.format(

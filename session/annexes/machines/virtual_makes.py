@@ -7,7 +7,6 @@ file; its virtual table knows no more.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
 from session.annexes.machines.virtual_motion import BRAKE, Mechanics
 from session.io.errors import CalibrationError
@@ -71,8 +70,6 @@ class Firmware:
 
 class Grbl(Firmware):
     """GRBL 1.1 (its wiki: interface, jogging, commands); angles as mm, rates as mm/min."""
-
-    REFUSED_JOG = "error:16"
 
     def __init__(self, mechanics: Mechanics):
         super().__init__(mechanics)
@@ -174,13 +171,13 @@ class Grbl(Firmware):
             return "error:8"
         codes = [number for letter, number in words if letter == "G"]
         if set(codes) - {"20", "21", "53", "90", "91"}:
-            return self.REFUSED_JOG
+            return "error:16"
         moves = {letter: float(number) for letter, number in words if letter not in "GF"}
         feed = [float(number) for letter, number in words if letter == "F"]
         if not feed or feed[0] <= 0:
             return "error:22"
         if not moves or set(moves) - set("XYZABC") or "91" in codes or "20" in codes:
-            return self.REFUSED_JOG
+            return "error:16"
         far = {letter: self._numbers.get(130 + "XYZ".find(letter), 200.0) for letter in moves}
         if self._numbers[20] and not all(-far[letter] <= number <= 0 for letter, number in moves.items()):
             return "error:15"  # of both signs only what is not above 0
@@ -208,246 +205,6 @@ class Grbl(Firmware):
             if len(word) == 1 and word in "XYZABC":
                 places["XYZABC".index(word)] = self.deg(axis)
         return f"<{self._state()}|MPos:{','.join(f'{place:.3f}' for place in places)}|FS:0,0>"
-
-
-class Marlin(Firmware):
-    """Marlin 2 (marlinfw.org: G1, G28, M114, M410, M112); angles as mm, counts in steps."""
-
-    END = "\n"
-
-    def __init__(self, mechanics: Mechanics):
-        super().__init__(mechanics)
-        self._steps_per_deg = float(str(mechanics.description.settings.get("count_per_deg", 80)))
-        self._feed_dps = 10.0
-        self._is_killed = False
-        self._busy_s = 0.0
-        self._queue: list[str] = []
-
-    def greeting(self) -> bytes:
-        """The start-up message."""
-        return self.lines(["start", "echo:Marlin 2.1.2", "echo: Free Memory: 5061  PlannerBufferBytes: 1200"])
-
-    def alarm(self, problem: str) -> list[str]:
-        """Killed by its emergency stop, or an endstop that was hit."""
-        if problem == "limit":
-            self.mechanics.clear()
-            self._alarm = ""
-            return [f"echo:endstops hit:  {self.words[0]}:{self.deg(0):.2f}"]
-        self._is_killed = True
-        return ["Error:Printer halted. kill() called!" if problem == "estop" else "Error:Homing Failed, Printer halted. kill() called!"]
-
-    def events(self) -> bytes:
-        """While it is busy it says so every two seconds; then it takes the lines that came meanwhile."""
-        said = super().events()
-        while self._queue and not self.later:
-            said += self.lines(self.answer(self._queue.pop(0)))
-        if self.later and self.mechanics.now_s() >= self._busy_s:
-            self._busy_s = self.mechanics.now_s() + 2.0
-            said += self.lines(["echo:busy: processing"])
-        return said
-
-    def answer(self, line: str) -> list[str]:
-        """G-code.  ``M410`` and ``M112`` act at once (EMERGENCY_PARSER); while it homes, the others wait."""
-        mechanics = self.mechanics
-        code, *words = line.upper().split()
-        if code == "M112":
-            mechanics.stop(BRAKE)
-            self._is_killed, self.later = True, []
-            return ["Error:Printer halted. kill() called!"]
-        if self._is_killed:
-            return []
-        if code == "M410":
-            mechanics.stop(BRAKE)
-            return ["ok"]
-        if self.later:
-            self._queue.append(line)
-            return []
-        if mechanics.once("unknown_error"):
-            return ["Error:Code 4711", "ok"]
-        if code == "G28":
-            if mechanics.home([self.words.index(word) for word in words if word in self.words] or None):
-                self.later, self._busy_s = ["X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0", "ok"], mechanics.now_s() + 2.0
-            return []
-        if code == "M114":
-            return [self._where(), "ok"]
-        if code == "G1":
-            return self._move(words)
-        return ["ok"] if code in ("G21", "G90", "M17") else [f'echo:Unknown command: "{line}"', "ok"]
-
-    def _move(self, words: list[str]) -> list[str]:
-        if self.mechanics.suffers("disabled"):
-            return ["Error:stepper driver fault", "ok"]
-        values = {word[0]: float(word[1:]) for word in words if re.fullmatch(rf"[A-Z]{NUMBER}", word)}
-        self._feed_dps = values.pop("F", self._feed_dps * 60) / 60
-        for letter, value in values.items():
-            if letter in self.words:
-                self.mechanics.turn_to(self.words.index(letter), value * DEG, self._feed_dps * DEG)
-        return ["ok"]
-
-    def _where(self) -> str:
-        angles = {word: self.deg(axis) for axis, word in enumerate(self.words)}
-        said = " ".join(f"{letter}:{angles.get(letter, 0.0):.2f}" for letter in "XYZE")
-        return f"{said} Count " + " ".join(f"{letter}:{round(angles.get(letter, 0.0) * self._steps_per_deg)}" for letter in "XYZ")
-
-
-class Aerosmith(Firmware):
-    """A table language of three-letter words, one axis: ``HOM``, ``ACL``, ``JOG``, ``POS``, ``STO``, ``SRV``; a prompt ends an answer."""
-
-    END = "\r"
-
-    def lines(self, texts: list[str]) -> bytes:
-        """Lines, and the prompt where a request is answered."""
-        return "".join(text if text == ">" else text + self.END for text in texts).encode("latin-1")
-
-    def alarm(self, problem: str) -> list[str]:
-        """What it says by itself."""
-        return [{"estop": "FAULT 1", "limit": "FAULT 2", "home_fails": "FAULT 3"}[problem]]
-
-    def answer(self, line: str) -> list[str]:
-        """A word, and its number or a question mark."""
-        return [*self._answer(*line.upper().split()), ">"]
-
-    def _answer(self, word: str, number: str = "") -> list[str]:
-        mechanics = self.mechanics
-        if word == "STO":
-            mechanics.stop()
-            return []
-        if word in ("PPO?", "PVE?"):
-            return [f"{self.deg(0) if word == 'PPO?' else mechanics.tracks[0].state(mechanics.now_s())[1] / DEG:.4f}"]
-        if word == "FLT?":
-            return [{"": "0", "estop": "1", "limit": "2", "home_fails": "3"}[mechanics.stopped_by]]
-        if mechanics.once("unknown_error"):
-            return ["ERR 77"]
-        if word == "CLR":
-            return [] if mechanics.clear() else ["ERR 5"]
-        if word not in ("HOM", "ACL", "VEL", "JOG", "POS", "SRV") or (word != "HOM" and not re.fullmatch(NUMBER, number)):
-            return ["ERR 1"]
-        if word in ("HOM", "JOG", "POS") and (mechanics.stopped_by or mechanics.suffers("disabled")):
-            return ["ERR 5" if mechanics.stopped_by else "ERR 4"]
-        if word == "HOM":
-            mechanics.home()
-        elif word == "VEL":
-            self._rate_dps = float(number)
-        elif word == "JOG":
-            mechanics.turn_at(0, float(number) * DEG)
-        elif word == "POS":
-            mechanics.turn_to(0, float(number) * DEG, getattr(self, "_rate_dps", 10.0) * DEG)
-        return []
-
-
-class Acutronic(Firmware):
-    """Commands of several words behind colons, axes by number: ``:DEM:POS 1,30.0``, ``:MODE:POS 1``; no answer but to ``:READ``."""
-
-    def __init__(self, mechanics: Mechanics):
-        super().__init__(mechanics)
-        count = len(mechanics.tracks)
-        self._demand, self._rate_dps, self._closed = [0.0] * count, [10.0] * count, [False] * count
-        self._error = 0
-
-    def answer(self, line: str) -> list[str]:
-        """A command; errors are kept for ``:READ:ERR``."""
-        mechanics = self.mechanics
-        match = re.fullmatch(rf"(:[A-Z]+:[A-Z]+)(?: (\d))?(?:,({NUMBER}))?", line.upper())
-        command, axis, number = (match[1], int(match[2] or 1) - 1, float(match[3] or 0)) if match else ("", 0, 0.0)
-        if command == ":READ:ERR":
-            said, self._error = self._error, 0
-            stopped = {"": said, "estop": 901, "limit": 902, "home_fails": 903}[mechanics.stopped_by]
-            return [str(stopped)]
-        if axis >= len(mechanics.tracks):
-            self._error = 2
-        elif command == ":READ:POS":
-            return [f"{self.deg(axis):.5f}"]
-        elif command == ":MODE:ABORT":
-            if mechanics.is_moving(axis):
-                mechanics.tracks[axis].turn_at(mechanics.now_s(), 0.0, mechanics.description.axes[axis].acceleration_rps2)
-        elif command in (":INT:CLOSE", ":INT:OPEN"):
-            self._closed[axis] = command == ":INT:CLOSE"
-        elif command in (":DEM:POS", ":DEM:RATE"):
-            self._demand[axis] = number
-        elif command == ":LIM:RATE":
-            self._rate_dps[axis] = number
-        elif command == ":ERR:CLEAR":
-            self._error = 0 if mechanics.clear() else 901
-        elif command in (":MODE:POS", ":MODE:RATE", ":MODE:HOME"):
-            self._mode(command[6:], axis)
-        else:
-            self._error = 1
-        return []
-
-    def _mode(self, mode: str, axis: int) -> None:
-        mechanics = self.mechanics
-        if mechanics.once("unknown_error"):
-            self._error = 777
-        elif mechanics.stopped_by or mechanics.suffers("disabled") or not self._closed[axis]:
-            self._error = 30
-        elif mode == "POS":
-            mechanics.turn_to(axis, self._demand[axis] * DEG, self._rate_dps[axis] * DEG)
-        elif mode == "RATE":
-            mechanics.turn_at(axis, self._demand[axis] * DEG)
-        elif axis == 0:  # all axes are homed with the first
-            mechanics.home()
-
-
-class Drive(Firmware):
-    """A servo drive with words on a line, one axis: ``EN``, ``OPMODE``, ``J 10.0`` (rpm), ``MA``, ``PFB``, ``STOPPED``; prompt ``-->``."""
-
-    def __init__(self, mechanics: Mechanics):
-        super().__init__(mechanics)
-        self._is_enabled, self._mode, self._homed = False, 0, False
-
-    def lines(self, texts: list[str]) -> bytes:
-        """Lines, and the prompt behind an answer."""
-        return "".join(text if text == "-->" else text + self.END for text in texts).encode("latin-1")
-
-    def alarm(self, problem: str) -> list[str]:
-        """What it says by itself."""
-        self._is_enabled = False
-        return [{"estop": "FLT 23 emergency stop", "limit": "FLT 12 limit switch", "home_fails": "FLT 31 home not found"}[problem]]
-
-    def answer(self, line: str) -> list[str]:
-        """A word and its numbers."""
-        return [*self._answer(*line.upper().split()), "-->"]
-
-    def _answer(self, word: str, *numbers: str) -> list[str]:
-        mechanics = self.mechanics
-        known: dict[str, Callable[[], str]] = {
-            "PFB": lambda: f"{self.deg(0):.4f}",
-            "STOPPED": lambda: "0" if mechanics.is_moving() else "2",
-            "ACTIVE": lambda: str(int(self._is_enabled)),
-        }
-        if word in known and not numbers:
-            return [known[word]()]
-        if word in ("STOP", "K"):
-            mechanics.stop(BRAKE if word == "K" else 1.0)
-            self._is_enabled = self._is_enabled and word != "K"
-            return []
-        if mechanics.once("unknown_error"):
-            return ["ERR 7070"]
-        if word == "CLRFAULT":
-            return [] if mechanics.clear() else ["ERR 23"]
-        if word == "EN":
-            if mechanics.stopped_by or mechanics.suffers("disabled"):
-                return ["ERR 6"]
-            self._is_enabled = True
-            return []
-        if word == "OPMODE" and len(numbers) == 1:
-            self._mode = int(numbers[0])
-            return []
-        if word not in ("J", "MA", "MH"):
-            return ["ERR 1"]
-        if not self._is_enabled or mechanics.stopped_by or mechanics.suffers("disabled"):
-            return ["ERR 6"]
-        if (word == "J") != (self._mode == 0):
-            return ["ERR 20"]
-        if word == "MH":
-            mechanics.home()
-        elif word == "J" and len(numbers) == 1:
-            mechanics.turn_at(0, float(numbers[0]) * 6 * DEG)
-        elif word == "MA" and len(numbers) == 2:
-            mechanics.turn_to(0, float(numbers[0]) * DEG, float(numbers[1]) * 6 * DEG)
-        else:
-            return ["ERR 2"]
-        return []
 
 
 class Scpi(Firmware):
@@ -559,10 +316,6 @@ class Line(Firmware):
 
 FIRMWARE: dict[str, type[Firmware]] = {
     "grbl": Grbl,
-    "marlin": Marlin,
-    "aerosmith": Aerosmith,
-    "acutronic": Acutronic,
-    "drive": Drive,
     "scpi": Scpi,
     "line": Line,
 }

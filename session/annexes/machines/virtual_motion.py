@@ -68,7 +68,7 @@ class Fault:
 class Mechanics:
     """Axes, and the state of their controller.  Times are seconds of the table, from its start (``begin_s`` of the clock).
 
-    stopped_by: ``estop``, ``limit``, ``home_fails`` or nothing; restarts: how many so far; is_homed: whether it knows where it is.
+    stopped_by: ``estop``, ``limit``, ``home_fails`` or nothing; restarts: how many so far.
     """
 
     def __init__(self, table: Description, errors: TableErrors, clock: Clock, faults: Sequence[Fault]):
@@ -76,10 +76,9 @@ class Mechanics:
         self.begin_s = clock.now_s()
         self.tracks = tuple(AxisTrack(backlash=of.backlash) for of in errors.axes)
         self.unknown = [0.0] * len(self.tracks)  #: rad, said minus true
-        self.stopped_by, self.restarts, self.is_homed = "", 0, False
+        self.stopped_by, self.restarts = "", 0
         self._moves, self._is_pressed = 0, False
         self._homing_until_s: float | None = None
-        self._homing: Sequence[int] = ()
         self._losing: tuple[int, float, float] | None = None  # axis of a move that loses steps, and rad where it begins and ends
         self._waiting = list(faults)
         self._since_s: dict[str, float] = {}
@@ -92,9 +91,8 @@ class Mechanics:
             self._since_s[fault.kind] = fault.at_s
             self._strike(fault.kind, fault.at_s)
         if self._homing_until_s is not None and now_s >= self._homing_until_s:
-            self._homing_until_s, self.is_homed = None, True
-            for axis in self._homing:
-                self.unknown[axis] = 0.0
+            self._homing_until_s = None
+            self.unknown = [0.0] * len(self.tracks)
         return now_s
 
     def suffers(self, kind: str) -> bool:
@@ -163,16 +161,14 @@ class Mechanics:
         self.tracks[axis].turn_at(now_s, rate_rps, self._acceleration(axis))
         self._expect(now_s, now_s + 2.0)
 
-    def home(self, axes: Sequence[int] | None = None) -> bool:
-        """Begin to search the reference marks of all or some axes, which are at angles of zero; False where it fails."""
+    def home(self) -> bool:
+        """Begin to search the reference marks of all axes, which are at angles of zero; False where it fails."""
         self._count()
         now_s = self.now_s()
         if self.once("home_fails"):
             self.stopped_by = "home_fails"
             return False
-        self._homing = range(len(self.tracks)) if axes is None else axes
-        for axis in self._homing:
-            track = self.tracks[axis]
+        for axis, track in enumerate(self.tracks):
             if track.busy_until_s > now_s:
                 track.turn_at(now_s, 0.0, self._acceleration(axis))
             track.turn_to(track.busy_until_s if track.busy_until_s > now_s else now_s, 0.0, HOMING_RPS, self._acceleration(axis))
@@ -200,7 +196,6 @@ class Mechanics:
         now_s = self.now_s() if t_s is None else t_s
         self._stop(now_s, BRAKE)
         self.restarts += 1
-        self.is_homed = False
         self.clear()
         self.unknown = [-track.state(now_s)[0] for track in self.tracks]
 

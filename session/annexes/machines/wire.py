@@ -128,7 +128,7 @@ class VisaLink:
 
 
 class Device(Protocol):
-    """A virtual device: a ``VirtualTable`` or a ``VirtualChamber``."""
+    """A virtual device, such as a ``VirtualTable``."""
 
     @property
     def is_connected(self) -> bool:

@@ -14,8 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from session.annexes.machines import angles, description
-from session.annexes.machines.chamber import Chamber, ChamberDescription, ChamberOfRecording, open_chamber, read_chamber
-from session.annexes.machines.clocks import Clock, HostClock
 from session.annexes.machines.description import Axis, Description, read_description
 from session.annexes.machines.dials import write_attitudes
 from session.annexes.machines.driver import AngleFile, TableDriver
@@ -23,7 +21,7 @@ from session.annexes.machines.makes import open_table
 from session.annexes.machines.mover import MOST_OF_SCALE, TableMover
 from session.annexes.machines.rates import RateMover, RatesGuide, RateStep, steps_of
 from session.annexes.machines.safety import Guarded, Move
-from session.annexes.machines.verbs import TableFault, TableLimit, Where
+from session.annexes.machines.verbs import TableFault, Where
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
 from session.bench.rawfile import put_aside
@@ -79,7 +77,7 @@ class TurnedRecording:
 
     file: table.toml; port: instead of its own; home: search the reference marks once the plan is confirmed; at_zero: a person says that
     every axis stands at its zero; opened: opens the description in its folder; now_s: of a clock that is not the host's, and then the table
-    has no thread; chamber_opened, chamber_clock: of a chamber.  Raises FormatError, TableFault, and TableLimit for a table that has
+    has no thread.  Raises FormatError, TableFault, and TableLimit for a table that has
     restarted and lost its angles.
     """
 
@@ -90,8 +88,6 @@ class TurnedRecording:
         home: bool = False,
         opened: Opened = _opened,
         now_s: Callable[[], float] | None = None,
-        chamber_opened: Callable[[ChamberDescription, Clock], Chamber] = open_chamber,
-        chamber_clock: Clock | None = None,
         at_zero: bool = False,
     ):
         self.file, self._home, self._opened, self._now_s = file, home, opened, now_s
@@ -99,9 +95,6 @@ class TurnedRecording:
         if described.make == "hand":
             raise CalibrationError(f"{file}: make is 'hand', and record asks a person for each turn by itself: leave --table out")
         self.description = described if port is None else replace(described, port=port)
-        self._chamber: ChamberOfRecording | None = None
-        self._chamber_clock = chamber_clock or HostClock()
-        self._chamber_opened = chamber_opened
         self._guards = ExitStack()
         self._plan: list[Move] = []
         self._steps: list[RateStep] = []
@@ -141,11 +134,8 @@ class TurnedRecording:
         axis: str | None,
         yes: bool,
         quiet: bool = False,
-        chamber: Path | None = None,
-        temperatures_c: Sequence[float] = (),
     ) -> None:
-        """Print the plan of rate steps, and have it confirmed.  axis: its name, None: the innermost one; chamber: its chamber.toml, and the
-        temperatures at each of which all steps are made."""
+        """Print the plan of rate steps, and have it confirmed.  axis: its name, None: the innermost one."""
         table = self.description
         number = len(table.axes) - 1 if axis is None else table.axis(axis)
         self._steps = steps_of(table, number, [rate * DEG for rate in rates_dps], dwell_s)
@@ -156,13 +146,7 @@ class TurnedRecording:
         lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {in_words(seconds)}")
         limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
         lines.append(f"  {limits}")
-        described = None if chamber is None else read_chamber(chamber)
-        lines += [] if described is None else _chamber_lines(described, temperatures_c)
         self._ask([*lines, f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
-        if described is not None:
-            self._chamber = ChamberOfRecording(self._chamber_opened(described, self._chamber_clock), self._chamber_clock)
-            self._guards.callback(self._chamber.close)
-            self._steps = [replace(step, temperature_c=temperature_c) for temperature_c in temperatures_c for step in self._steps]
         fastest = max(abs(step.rate_rps) for step in self._steps)
         back = [] if of.is_endless else [Move.anywhere(table, number, of.fastest_rps)]
         self._plan = [Move.at(number, fastest, max(step.seconds(table) for step in self._steps)), *back]
@@ -183,7 +167,7 @@ class TurnedRecording:
 
     def guide(self, protocol: Protocol) -> RatesGuide:
         """The guide of the rate steps that were confirmed."""
-        return RatesGuide(protocol, len(self._steps), self._chamber is not None)
+        return RatesGuide(protocol, len(self._steps))
 
     def plan_lines(self, plan: TablePlan, segments: int, closure_s: float, parameters: int) -> list[str]:
         """The plan: axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
@@ -219,7 +203,7 @@ class TurnedRecording:
         self.moves.hold_s, self.moves.longest_s = guide.hold_s, LONGEST_TURN_SEGMENTS * guide.protocol.segment_s
         file, alone = AngleFile(folder / angles.NAME, self.description), self._now_s is None
         driver = TableDriver(table, file, self._now_s or time.monotonic, in_thread=alone)
-        return RateMover(driver, self._steps, self._chamber) if self._steps else TableMover(driver, self.moves)
+        return RateMover(driver, self._steps) if self._steps else TableMover(driver, self.moves)
 
     def finish(self, folder: Path, renamed: Mapping[str, str]) -> str:
         """Name the logs in ``table.csv`` as they are named now, and write ``attitudes.csv``; returns what was written, in words."""
@@ -275,20 +259,6 @@ def _grouped(names: Sequence[str]) -> list[str]:
         kind, _, which = name.rpartition(" ")
         kinds.setdefault(kind, []).append(which)
     return [f"{kind} {', '.join(which)}" for kind, which in kinds.items()]
-
-
-def _chamber_lines(of: ChamberDescription, temperatures_c: Sequence[float]) -> list[str]:
-    """The plan of a chamber.  TableLimit where it may not go to one of the temperatures."""
-    for each in temperatures_c:
-        if not of.least_c <= each <= of.most_c:
-            raise TableLimit(f"chamber: {each:g} degC, expected {of.least_c:g} to {of.most_c:g}; nothing was sent")
-    asked = ", ".join(f"{each:g}" for each in temperatures_c)
-    stable = f"within {of.within_c:g} degC for {in_words(of.stable_s)}, at most {in_words(of.longest_s)} after it was set"
-    rest = "it stays as it is" if of.rest_c is None else f"it is set to {of.rest_c:g} degC"
-    return [
-        f"  all of that at each of {asked} degC, once the chamber has been stable: {stable}",
-        f"  when the recording ends, also by Ctrl-C, the chamber stays on: {rest}",
-    ]
 
 
 def is_raw(folder: Path, like: Path | None) -> bool:

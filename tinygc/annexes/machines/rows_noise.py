@@ -35,8 +35,8 @@ USUAL_AT_REST_G = 1e-4
 MOST_OF_DECLARED, MOST_AT_REST_G = 3.0, 1e-3
 #: where the search begins: the word's jitter, s, resolution, rad, blur, s^2, wander of its stamps, s, and time of that wander, s
 USUAL_WORD = (2e-3, 1e-5, 1e-5, 3e-4, 0.5)
-#: bounds of all five: a motor's play and a filter shape the begin of a turn by some tenths of a millisecond, which no column has
-#: (benchmarks/table_errors.py --samples); the least resolution is that of a few digits of table.csv
+#: bounds of all five: a motor's play and a filter shape the begin of a turn by some tenths of a millisecond, which no column has;
+#: the least resolution is that of a few digits of table.csv
 WORD_BOUNDS = np.array([[3e-4, 0.1], [1e-6, 0.02], [1e-7, 0.01], [1e-5, 0.1], [0.05, 30.0]])
 
 

@@ -58,7 +58,7 @@ LOSSES, LOSS_SIGMAS = 4, 4.0
 #: s: filter of a sensor and stamps of the board, one sigma: a latency within them is nobody's fault
 DELAY_SIGMA_S = 0.005
 #: s: stamps of the word are late besides: an answer takes up to 20 ms (the timer of a USB converter, a busy computer), and is stamped in
-#: the middle; root mean square of 0 to 10 ms, set such that 20 ms have no name and 34 ms have (benchmarks/table_errors.py --stamps)
+#: the middle; root mean square of 0 to 10 ms, set such that 20 ms have no name and 34 ms have (benchmarks/table_errors.py stamps)
 LATE_STAMPS_S = 0.01 / np.sqrt(3)
 #: sensor's effects that read as a latency, where all axes have them alike
 AS_LATENCY = ("gyro.bandwidth", "timing.axis_skew")

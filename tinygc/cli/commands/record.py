@@ -21,7 +21,6 @@ from tinygc.cli.arguments import (
     path_read,
     rates_dps,
     stream_header,
-    temperatures_c,
     within,
 )
 from tinygc.cli.defaults import defaults_json
@@ -117,10 +116,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--rates", type=rates_dps, metavar="DPS,…", help=rates)
     command.add_argument("--dwell", type=within(0, 3600, "time", " s"), default=USUAL_DWELL_S, metavar="S", help="of a rate (%(default)g)")
     command.add_argument("--axis", metavar="NAME", help="of --rates: the axis that turns (the innermost one)")
-    chamber = "with --rates: chamber.toml of a temperature chamber; all steps are made at each of --temperatures, a log for each"
-    command.add_argument("--chamber", type=path_read, metavar="FILE", help=chamber)
-    degrees = "with --chamber, such as 10,25,40 (--temperatures=-10,25 where the first is below zero)"
-    command.add_argument("--temperatures", type=temperatures_c, metavar="C,…", help=degrees)
     homing = "with --table: it searches its reference marks first, once the plan is confirmed"
     command.add_argument("--home", action="store_true", help=homing)
     command.add_argument("--at-zero", action="store_true", help="with --table: all axes stand at zero, though its board has restarted")
@@ -186,8 +181,6 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     words += [] if args.table is None else ["--table", args.table, *(["--home"] if args.home else [])]
     words += [] if args.rates is None else ["--rates", ",".join(f"{rate:g}" for rate in args.rates), "--dwell", f"{args.dwell:g}"]
     words += [] if args.axis is None else ["--axis", args.axis]
-    words += [] if args.chamber is None else ["--chamber", args.chamber]
-    words += [] if args.temperatures is None else [f"--temperatures={','.join(f'{each:g}' for each in args.temperatures)}"]
     words += [] if args.table_port is None else ["--table-port", args.table_port]
     return command_line(*words)
 

@@ -19,8 +19,8 @@ from common import markdown
 from scipy.signal import csd, welch
 
 from session.io.units import DEG
+from tinygc.annexes.arrays.fusion import fuse
 from tinygc.annexes.arrays.model import ArrayModel
-from tinygc.annexes.arrays.voting import LiveArray
 from tinygc.closure.floor import allan_curve
 
 HERE = Path(__file__).resolve().parent.parent
@@ -126,7 +126,7 @@ def allan(name: str, pieces: list[np.ndarray], fused: list[np.ndarray], rate_hz:
 def shown(name: str, model: ArrayModel, raw: np.ndarray) -> None:
     """All tables of one recording."""
     units = np.einsum("nij,tnj->tni", model.matrices, raw) + model.offsets
-    fused = LiveArray(model)(raw)
+    fused = fuse(model, raw)
     together = np.concatenate([units, fused.rate[:, None]], axis=1)
     whole = rests(together, model.rate_hz)
     pieces, rates = [piece[:, :-1] for piece in whole], [piece[:, -1] for piece in whole]
@@ -145,7 +145,7 @@ def simulated(seconds: float) -> None:
             model = model_of(units(count, density=DENSITY * (density if np.isscalar(density) else density[:count])))
             samples = SEEDS * round(seconds * RATE_HZ)
             still = np.zeros((samples // SEEDS, 3))
-            each = [LiveArray(model)(measured(model, still, seed=10 * count + seed)).rate.std(axis=0) for seed in range(SEEDS)]
+            each = [fuse(model, measured(model, still, seed=10 * count + seed)).rate.std(axis=0) for seed in range(SEEDS)]
             found = np.sqrt(np.mean(np.square(each), axis=0)) / np.sqrt(RATE_HZ / 2)
             single = np.sqrt(np.mean([np.diag(unit.in_array(unit.noise_density)) for unit in model.units], axis=0))
             off = (found / model.noise_density - 1) * np.sqrt(2 * samples)

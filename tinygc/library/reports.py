@@ -237,10 +237,10 @@ def exported(
     inflation: str | None = None,
     watch_s: float | None = None,
 ) -> Exported:
-    """Export a fitted session folder, noise figures, or an array's model file; say: is called with each remark as it comes up;
+    """Export a fitted session folder or noise figures; say: is called with each remark as it comes up;
     watch_s: as of ``Exported.of``.
 
-    Raises CalibrationError for an array's folder, and ExportError as ``read_context``.
+    Raises CalibrationError for an array, and ExportError as ``read_context``.
     """
     remarks: list[str] = []
 
@@ -248,17 +248,8 @@ def exported(
         remarks.append(line)
         say(line)
 
-    if is_array_model(source):
-        if model is not None:
-            raise CalibrationError(f"--model goes with a session folder; {source} is an array's model itself")
-        if watch_s is not None:
-            raise CalibrationError(f"--watch goes with one sensor; {source} is an array's model")
-        if noise is not None or inflation is not None:
-            raise CalibrationError(f"--noise and --inflation go with one sensor; {source} is an array's model, which has its own noise")
-        name = _format(to)
-        return Exported(name, need("calibrations of arrays").export(source, name))
-    if model is None and is_array(source):
-        raise CalibrationError(f"{source}: an array; give its model, {source / 'fit' / 'model_array.json'}, which its fit writes")
+    if is_array_model(source) or (model is None and is_array(source)):
+        raise CalibrationError(f"{source}: an array, and an export holds one sensor; give one unit a folder of its own")
 
     def context(name: str) -> tuple[Model | None, Context]:
         return read_context(source, model, noted, anyway=anyway, noise=noise, inflation=inflation)
@@ -299,7 +290,7 @@ def export(
     Parameters
     ----------
     source : Fit, str or Path
-        A fit, the folder of a fitted session or of noise figures, ``noise.json``, or an array's model file.
+        A fit, the folder of a fitted session or of noise figures, or ``noise.json``.
     to : str
         ``json``, ``kalibr``, ``openvins``, ``vins``, ``gtsam``, ``ros``, ``xio``, ``px4``, ``ardupilot`` or ``c``.
     folder : str or Path, optional
@@ -336,7 +327,7 @@ def export(
     if is_fit(source):
         return source.export(to, folder, model=model, anyway=anyway, noise=noise, inflation=inflation, watch_s=watch_s)
     if not isinstance(source, str | os.PathLike):
-        raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or an array's model file")
+        raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or noise.json")
     made = exported(Path(source), to, model, anyway, lambda line: None, noise_source(noise), inflation, watch_s)
     if folder is not None:
         made.save(folder)

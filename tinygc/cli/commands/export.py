@@ -15,7 +15,7 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, help="session folder that was fitted, noise.json, or an array's model file")
+    command.add_argument("folder", type=path_read, help="session folder that was fitted, or noise.json")
     command.add_argument("--to", required=True, type=format_named, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
     command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the files go (export/ in the session folder)")

@@ -120,7 +120,7 @@ def reference(c, rates: np.ndarray, warmer: np.ndarray) -> tuple[np.ndarray, np.
 
 def test_the_filter_is_the_textbooks():
     wander = lambda t, span: np.full(3, _drift(t, span, None, BiasInstability(2 * DEG / 3600, ""))[0] + 1e-12 * t)  # noqa: E731
-    c = chosen(wander=wander, reference_c=None, per_k=np.full(3, 0.01 * DEG))
+    c = chosen(wander=wander, per_k=np.full(3, 0.01 * DEG))
     c = dataclasses.replace(c, per_k=100.0)
     rng, filters = np.random.default_rng(1), ZeroFilter(c)
     rates, warmer = 20 + rng.normal(size=300), np.linspace(0, 3, 300)

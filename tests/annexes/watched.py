@@ -55,9 +55,9 @@ def flat(**other) -> Expectation:
     return Expectation(**(given | other))
 
 
-def chosen(every_windows: float = 1e6, reference_c: float | None = None, **other) -> Settings:
+def chosen(every_windows: float = 1e6, **other) -> Settings:
     """The detector's numbers of ``flat``."""
-    return settings(flat(**other), every_windows * 1.92, reference_c)
+    return settings(flat(**other), every_windows * 1.92)
 
 
 def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Readings:

@@ -1,7 +1,7 @@
 """Arrays of units on one body: their clocks, mountings and the ages of their readings, on real recordings and on simulated ones.
 
 ``python benchmarks/array_clocks.py`` prints the tables of ../shared/mikov and ../shared/mimu, where they are there; ``simulated`` the
-pulls of clocks and ages, and how often a beat is claimed where there is none; ``strangers`` what two recordings of other motions give.
+pulls of clocks and ages, and how often a beat is claimed where there is none.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Iterator
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from session.annexes.arrays.recording import ArraySession, read_array
 from session.annexes.public import mikov, mimu
 from session.io.units import DEG
-from tinygc.annexes.arrays.clocks import nearest_clock, session_rates
 from tinygc.annexes.arrays.extrinsics import clock_fits, places_of
 from tinygc.annexes.arrays.latency import SampleAges, ages_of
 from tinygc.annexes.arrays.turn_differences import TurnDifferences, turn_differences
@@ -30,18 +28,16 @@ SHARED = ROOT.parent / "shared"
 #: s of each still that a fit integrates with a turn of theirs
 STILL_S = 2.0
 SETS = {"mikov": mikov.write_array, "mimu": mimu.write_array}
-KHZ = 1000.0
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("what", nargs="?", choices=("real", "simulated", "strangers"), default="real", help="which tables (%(default)s)")
+    parser.add_argument("what", nargs="?", choices=("real", "simulated"), default="real", help="which tables (%(default)s)")
     parser.add_argument("--seeds", type=int, default=100, help="simulated arrays of each kind (%(default)s)")
     args = parser.parse_args()
     if args.what == "simulated":
         return simulated(args.seeds)
-    arrays = list(recordings())
-    return strangers(arrays) if args.what == "strangers" else real(arrays)
+    return real(list(recordings()))
 
 
 def recordings() -> Iterator[ArraySession]:
@@ -75,33 +71,16 @@ def real(arrays: list[ArraySession]) -> None:
     print(markdown(("array", "unit", "offset, ms", "rate, ppm (positive: slow)", "agreement", "left, dps rms"), clocks), end="\n\n")
     print(markdown(("array", "unit", "mounting x, °", "y, °", "z, °", "largest sigma, °"), mountings), end="\n\n")
     print(markdown(("array", "unit", "beat, Hz", "sigma", "period, ms", "left, ms", "p", "gain, nats"), ages_rows), end="\n\n")
-    head = (
-        "array",
-        "turns",
-        "as a fit has it, ° rms",
-        "the turn alone",
-        "ages taken off",
-        "white noise",
-        "median turn",
-        "ages taken off",
-        "largest",
-    )
-    print(markdown(head, turns_rows))
+    figures = ("as a fit has it, ° rms", "the turn alone", "ages taken off", "white noise", "median turn", "ages taken off", "largest")
+    print(markdown(("array", "turns", *figures), turns_rows))
 
 
 def _age_row(ages: SampleAges) -> tuple[str, ...]:
     if not ages.found:
         return str(ages.number), "none", "", "", "", f"{ages.p_value:.0e}", ""
     period = f"{ages.period_s * 1e3:.3f} ± {ages.period_sigma_s * 1e3:.3f}"
-    return (
-        str(ages.number),
-        f"{ages.beat_hz:+.4f}",
-        f"{ages.beat_sigma_hz:.4f}",
-        period,
-        f"{ages.scatter_s * 1e3:.3f}",
-        f"{ages.p_value:.0e}",
-        f"{ages.gain:.0f}",
-    )
+    left = f"{ages.scatter_s * 1e3:.3f}"
+    return str(ages.number), f"{ages.beat_hz:+.4f}", f"{ages.beat_sigma_hz:.4f}", period, left, f"{ages.p_value:.0e}", f"{ages.gain:.0f}"
 
 
 def _turns_row(array: ArraySession, as_fitted: TurnDifferences, before: TurnDifferences, after: TurnDifferences) -> tuple[str, ...]:
@@ -116,31 +95,8 @@ def _turns_row(array: ArraySession, as_fitted: TurnDifferences, before: TurnDiff
     return array.name, str(len(one)), *figures
 
 
-def strangers(arrays: list[ArraySession]) -> None:
-    """The least agreement within an array, and the largest between units of two recordings."""
-    rates = {array.name: [session_rates(unit) for unit in array.units] for array in arrays}
-    rows = []
-    for array in arrays:
-        progress(array.name)
-        found = [nearest_clock(rates[array.name][0], mine) for mine in rates[array.name][1:]]
-        rows.append(_agreement_row(array.name, found))
-    for one, other in combinations(rates, 2):
-        progress(f"{one} {other}")
-        found = [nearest_clock(rates[one][0], mine) for mine in (rates[other][0], rates[other][1])]
-        found += [nearest_clock(rates[other][1], rates[one][0])]
-        rows.append(_agreement_row(f"{one} with {other}", found))
-    progress("")
-    print(markdown(("units of", "agreement, least", "largest", "correlation of speeds, least", "largest"), rows))
-
-
-def _agreement_row(name: str, found: list) -> tuple[str, ...]:
-    agreements = [0.0 if fit is None else fit.agreement for fit, _ in found]
-    likeness = [like for _, like in found]
-    return name, f"{min(agreements):.4f}", f"{max(agreements):.4f}", f"{min(likeness):.3f}", f"{max(likeness):.3f}"
-
-
 def simulated(seeds: int) -> None:
-    sys.path.insert(0, str(ROOT / "tests"))
+    sys.path.insert(0, str(ROOT / "tests" / "annexes"))
     from array_twins import Body, any_unit, array_of
 
     body = Body(turns=8, seed=4, still_s=2.0, shaken_s=12.0)
@@ -164,26 +120,16 @@ def simulated(seeds: int) -> None:
                 pull = (each.period_s - 1e-3) / each.period_sigma_s if each.found else np.nan
                 beats.append([each.found, (each.beat_hz - hz) / each.beat_sigma_hz if each.found else np.nan, pull])
     progress("")
-    inside, beat = np.abs(pulls) < 1, np.array(beats, dtype=float)
-    rows = [
-        (
-            "clock: offset within one sigma",
-            f"{inside[:, 0].mean():.2f}",
-            f"{np.sqrt(np.mean(np.square(pulls), axis=0))[0]:.2f}",
-            str(seeds),
-        ),
-        ("clock: rate within one sigma", f"{inside[:, 1].mean():.2f}", f"{np.sqrt(np.mean(np.square(pulls), axis=0))[1]:.2f}", str(seeds)),
-        ("beats found", f"{beat[:, 0].mean():.2f}", "", str(len(beat))),
-        ("beat within one sigma", f"{np.mean(np.abs(beat[:, 1]) < 1):.2f}", f"{np.sqrt(np.nanmean(beat[:, 1] ** 2)):.2f}", str(len(beat))),
-        (
-            "period within one sigma",
-            f"{np.mean(np.abs(beat[:, 2]) < 1):.2f}",
-            f"{np.sqrt(np.nanmean(beat[:, 2] ** 2)):.2f}",
-            str(len(beat)),
-        ),
-        ("beat claimed where there is none", f"{np.mean(claims):.4f}", "", str(len(claims))),
-    ]
+    beat = np.array(beats, dtype=float)
+    rows = [_pulls_row(name, values) for name, values in zip(("offset of a clock", "rate of a clock"), np.transpose(pulls), strict=True)]
+    rows += [_pulls_row(name, beat[beat[:, 0] > 0, k]) for k, name in ((1, "beat"), (2, "period"))]
+    rows += [("beats found", f"{beat[:, 0].mean():.2f}", "", str(len(beat)))]
+    rows += [("beat claimed where there is none", f"{np.mean(claims):.4f}", "", str(len(claims)))]
     print(markdown(("simulated", "share", "rms in sigmas", "of"), rows))
+
+
+def _pulls_row(name: str, values: np.ndarray) -> tuple[str, ...]:
+    return f"{name}, within one sigma", f"{np.mean(np.abs(values) < 1):.2f}", f"{np.sqrt(np.mean(values**2)):.2f}", str(len(values))
 
 
 if __name__ == "__main__":

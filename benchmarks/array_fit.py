@@ -93,17 +93,8 @@ def real(fits: list[ArrayFit]) -> None:
         own = ", ".join(f"{unit.own_rad[0] / DEG:.2f}" for unit in fit.units)
         figures = (f"{angle / DEG:.3f}" for angle in (split.minus_mean_rad, split.common, split.predicted))
         rows.append((fit.array.name, fit.bias, len(fit.same.spans), *figures, found, f"{split.p_value:.1g}", own))
-    head = (
-        "array",
-        "bias",
-        "turns",
-        "unit minus mean",
-        "common",
-        "fast motion predicted",
-        "found of it",
-        "p of nothing common",
-        "own excess",
-    )
+    parts = ("unit minus mean", "common", "fast motion predicted", "found of it", "p of nothing common", "own excess")
+    head = ("array", "bias", "turns", *parts)
     print(f"\nWhat turns miss by, degrees of tilt, rms a turn\n\n{markdown(head, rows)}")
 
 

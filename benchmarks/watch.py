@@ -1,40 +1,30 @@
-"""The watch: run lengths to a false alarm beside the stated, delays beside the bound, hours of rest, recorded rests, the C.
+"""The watch: run lengths to a false alarm beside the stated, delays beside the bound, recorded rests.
 
-python benchmarks/watch.py run-lengths | turns | delays | rests [--hours 100] | recorded | code
+python benchmarks/watch.py run-lengths | turns | delays | recorded
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
-
-import measure
 from common import markdown, progress
 
 import tinygc
 from session.io.files import read_npz
 from session.io.units import DEG, DEG_PER_HOUR, NS_PER_S, G
 from tinygc.annexes.watch.bars import squares_bar_of
-from tinygc.annexes.watch.detector import Detector, Judged, Window, ZeroFilter
-from tinygc.annexes.watch.embedded import SOURCE, watch_files
+from tinygc.annexes.watch.detector import Window, ZeroFilter
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse
 from tinygc.annexes.watch.settings import BLOCK_S, BLOCKS, Settings, settings
 from tinygc.annexes.watch.source import Readings
 from tinygc.annexes.watch.turns import MOST_SQUARE, RATIO
 from tinygc.annexes.watch.watch import FALSE_ALARM_EVERY_S, Watch
-from tinygc.attitude import rotation
 from tinygc.closure.floor import TIMES_S, wander_covariance
-from tinygc.deploy.embedded.source import FLAGS
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_of
 
@@ -42,7 +32,6 @@ WILD = Path(__file__).resolve().parent.parent.parent / "shared" / "wild"
 #: an ASM330LHH: N 0.21 °/√h, B 3 °/h, at 104 Hz
 WHITE, INSTABILITY, ACCEL_WHITE, ACCEL_INSTABILITY = 6.2e-5, 3 * DEG_PER_HOUR, 4.3e-4, 1e-4
 WINDOW_S = BLOCK_S * BLOCKS
-CORE = "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard"
 RATE_HZ = 104.0
 
 
@@ -119,8 +108,7 @@ def windows(
 def judged(chosen: Settings, rate: np.ndarray, gravity: np.ndarray, direction: np.ndarray) -> Window:
     """A window as the detector has it."""
     copies = rate.shape[1]
-    parts = (each.astype(np.float32) for each in (rate, gravity, direction))
-    return Window(*parts, np.zeros(copies, np.float32), np.ones((2, copies), np.float32))
+    return Window(rate, gravity, direction, np.zeros(copies), np.ones((2, copies)))
 
 
 def run_lengths() -> None:
@@ -212,8 +200,8 @@ def delays() -> None:
             found = filters.judge(judged(chosen, rate, gravity, direction))
             if after > 0:
                 innovation = change - response[:4].sum()
-                information.append((innovation / float(found.sigma[0, 0])) ** 2 / 2)
-                response = response + found.gain[:, 0].astype(float) * innovation
+                information.append((innovation / found.sigma[0, 0]) ** 2 / 2)
+                response = response + found.gain[:, 0] * innovation
                 response[1:3] *= chosen.decay
                 found_at[(found.alarm[0] != 0) & (found_at == 0)] = after
             elif (found.alarm != 0).any():
@@ -233,44 +221,6 @@ def delays() -> None:
     progress("")
     print(f"a false alarm every {length:.0f} windows of {WINDOW_S:g} s: log {np.log(length):.1f}; one σ is {unit:.4f} dps")
     print(markdown(["change", "size", "found within 4000 windows", "mean delay, windows", "bound", "information by then"], rows))
-
-
-def rests(hours: float) -> None:
-    """Hours of simulated rest, sample by sample, through the whole watch; a few handled stretches between."""
-    rng = np.random.default_rng(5)
-    watch = Watch(ModelInUse(LinearModel(np.eye(3), np.zeros(3)), {}, {}, None, None))
-    known = expectation()
-    import tinygc.annexes.watch.watch as module
-
-    module.expect = lambda model, rate_hz: dataclasses.replace(known, rate_hz=rate_hz)  # the true figures
-    began, events, t_ns = time.monotonic(), [], 0
-    period_ns = round(NS_PER_S / RATE_HZ)
-    piece_s = 600.0
-    gyro = Flicker(INSTABILITY, (3,), 1.0, rng)
-    accel = Flicker(ACCEL_INSTABILITY, (1,), 1.0, rng)
-    offset, direction = rng.normal(size=3) * 0.14 * DEG, np.array([0.0, 0.0, -1.0])
-    for number in range(round(hours * 3600 / piece_s)):
-        progress(f"{number * piece_s / 3600:.1f} h")
-        count = round(piece_s * RATE_HZ)
-        drift = np.repeat([gyro.next() for _ in range(int(piece_s) + 1)], round(RATE_HZ), axis=0)[:count]
-        longer = np.repeat([accel.next() for _ in range(int(piece_s) + 1)], round(RATE_HZ), axis=0)[:count]
-        rate = offset + drift + rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ)
-        force = direction * (G + longer) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
-        if number % 6 == 5:  # turned by a hand for a minute
-            turned = round(60 * RATE_HZ)
-            swing = np.sin(np.arange(turned) / RATE_HZ)[:, None] * np.array([0.8, -0.5, 0.3]) * np.hanning(turned)[:, None]
-            attitudes = rotation.matrix(rotation.accumulate(rotation.exp(swing / RATE_HZ)))
-            rate[:turned] += swing
-            force += (np.einsum("nji,j->ni", attitudes, direction) - direction)[np.minimum(np.arange(count), turned - 1)] * G
-            direction = attitudes[-1].T @ direction
-        stamps = t_ns + np.arange(count, dtype=np.int64) * period_ns
-        t_ns = int(stamps[-1]) + period_ns
-        events += [event for event in watch.take(Readings(stamps, rate, force, None)) if event.kind in ("alarm", "remark")]
-    events += list(watch.end())
-    progress("")
-    for event in events:
-        print(f"{event.t_s / 3600:8.3f} h  {event.words}")
-    print(f"{time.monotonic() - began:.0f} s of this computer")
 
 
 def recorded() -> None:
@@ -305,101 +255,11 @@ def recorded() -> None:
     print(markdown(["watched", "windows", "rms of the innovations x y z gravity", "alarms"], rows))
 
 
-#: the watch in the place of a model, so that firmware/measure.c runs it: its answer and two numbers of its state come out
-WRAPPED = {
-    "tinygc_model.h": """#include <stdint.h>
-#include "calibration_watch.h"
-typedef struct { float rate[3], force[3], temp_c; } tinygc_input;
-typedef tinygc_watch tinygc_state;
-void tinygc_start(tinygc_state *state);
-void tinygc_step(tinygc_state *state, const tinygc_input *in, float omega[3]);
-int tinygc_self_test(float *worst);
-""",
-    "tinygc_model.c": """#include "tinygc_model.h"
-#include "calibration_watch.c"
-void *memset(void *to, int value, __SIZE_TYPE__ count);
-void tinygc_start(tinygc_state *state) { tinygc_watch_start(state); }
-void tinygc_step(tinygc_state *state, const tinygc_input *in, float omega[3])
-{
-    omega[0] = (float)tinygc_watch_step(state, in->rate, in->force, in->temp_c);
-    omega[1] = state->P[0];
-    omega[2] = state->x[0][0];
-}
-int tinygc_self_test(float *worst) { *worst = 0.0f; return 0; }
-""",
-}
-
-
-def expected_outputs(chosen: Settings, inputs: np.ndarray) -> np.ndarray:
-    """What ``WRAPPED`` gives for inputs (N, 7), by the detector in Python."""
-    detector, found, at = Detector(chosen), np.zeros((len(inputs), 3), np.float32), 0
-    found[:, 1] = chosen.offset
-    for position, _, _, judged_now in detector.feed(inputs[:, :3], inputs[:, 3:6], inputs[:, 6]):
-        found[position - 1 :, 1:] = detector.filter.P[0, 0], detector.filter.x[0, 0, 0]
-        if judged_now is not None:
-            found[position - 1, 0] = answer_of(judged_now)
-        at = position
-    return found[:at]
-
-
-def answer_of(judged_now: Judged) -> int:
-    """What the C returns for a judged window."""
-    signs = judged_now.alarm[:, 0].astype(int).tolist()
-    return 1 + sum((2 << channel if sign > 0 else 32 << channel) for channel, sign in enumerate(signs) if sign)
-
-
-def code() -> None:
-    """Bytes of the C, its instructions on an emulated Cortex-M4F, and whether its bits are those of Python."""
-    if missing := measure.tools_missing():
-        sys.exit(f"watch: {missing}")
-    chosen, rng, count = settings(expectation(), FALSE_ALARM_EVERY_S), np.random.default_rng(7), 20_000
-    rest = np.column_stack(
-        [
-            rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ) + 1e-3,
-            rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ) + [0.0, 0.0, -G],
-            np.full(count, 25.0),
-        ]
-    )
-    rest[count // 2 :, 0] += 0.1 * DEG
-    moved = rest + np.column_stack([0.4 * np.sin(np.arange(count))[:, None] * np.ones(3), np.zeros((count, 4))])
-    rows = []
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        files = watch_files(chosen, "A benchmark.", {}, "30 days", RATE_HZ) | WRAPPED
-        for file, text in files.items():
-            (folder / file).write_text(text)
-        for optimise in ("-Os", "-O2"):
-            built = folder / optimise.strip("-")
-            elf = measure.build("measure.elf", folder, built, optimise)
-            compiled = ["arm-none-eabi-gcc", *FLAGS.split(), optimise, *CORE.split(), "-c", folder / SOURCE, "-o", folder / "watch.o"]
-            subprocess.run(compiled, check=True)
-            size = subprocess.run(["arm-none-eabi-size", folder / "watch.o"], check=True, capture_output=True, text=True).stdout.split()[6]
-            still, turning = (measure.run(elf, each.astype(np.float32), folder) for each in (rest, moved))
-            wanted = expected_outputs(chosen, rest.astype(np.float32))
-            differ = np.count_nonzero(still.rates[: len(wanted)].view(np.uint32) != wanted.view(np.uint32))
-            samples = chosen.window_samples
-            window = (still.instructions - turning.instructions) * samples
-            alarms = int(np.count_nonzero(wanted[:, 0] > 1))
-            cells = [size, f"{turning.instructions:.0f}", f"{window:.0f}", f"{differ} of {wanted.size}", f"{alarms}"]
-            rows.append([f"`{optimise}`", *cells])
-    head = [
-        "flags",
-        "bytes of code and constants",
-        "instructions a sample in motion",
-        "more a window at rest",
-        "bits that differ",
-        "alarms",
-    ]
-    print(markdown(head, rows))
-
-
 def main() -> None:
+    commands = {"run-lengths": run_lengths, "turns": turns, "delays": delays, "recorded": recorded}
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("run-lengths", "turns", "delays", "rests", "recorded", "code"))
-    parser.add_argument("--hours", type=float, default=100.0, help="of rests (%(default)s)")
-    args = parser.parse_args()
-    commands = {"run-lengths": run_lengths, "turns": turns, "delays": delays, "recorded": recorded, "code": code}
-    (commands | {"rests": lambda: rests(args.hours)})[args.what]()
+    parser.add_argument("what", choices=commands)
+    commands[parser.parse_args().what]()
 
 
 if __name__ == "__main__":

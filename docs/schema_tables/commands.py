@@ -168,16 +168,6 @@ _APPLY_ARRAY = _APPLY | {
     "left_out": COUNT,
     "at_end": COUNT,
     "units": [{"number": COUNT, "used_share": SHARE}],
-    "events": [
-        {
-            "t_s": NUMBER,
-            "unit": maybe(COUNT),
-            "what": words("out", "in", "disagree", "agree"),
-            "reason": TEXT,
-            "size_dps": maybe(SIZE),
-            "bar_dps": maybe(SIZE),
-        }
-    ],
 }
 _PERSONAL = {
     "file": TEXT,

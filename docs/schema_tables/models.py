@@ -156,7 +156,6 @@ _ARRAY = {
     ],
     "noise_correlation": maybe(_COVARIANCE),
     "joint_covariance": maybe(_COVARIANCE),
-    "disagreement": {"bias_rps": SIZE, "scale": SIZE, "delay_s": SIZE},
     "fused": {"noise_density_rps_rthz": VECTOR, "bias_instability_rps": maybe(VECTOR), "bias_sigma_rps": maybe(VECTOR)},
 }
 

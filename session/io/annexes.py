@@ -51,7 +51,6 @@ SERVICES = {
     "verification of a calibration": "tinygc.annexes.verification.library",
     "watch": "tinygc.annexes.watch.command",
     "the watch of a calibration": "tinygc.annexes.watch.library",
-    "a watch in C (export --watch)": "tinygc.annexes.watch.embedded",
     "history": "tinygc.annexes.history.command",
     "the history of a unit": "tinygc.annexes.history.library",
     "the history of a unit in a calibration report": "tinygc.annexes.history.report_section",

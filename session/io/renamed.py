@@ -24,7 +24,6 @@ RENAMED = {
     "tinygc.array.ages.ages": "tinygc.annexes.arrays.latency",
     "tinygc.array.fused.model_files": "tinygc.annexes.arrays.model",
     "tinygc.array.places.places": "tinygc.annexes.arrays.extrinsics",
-    "tinygc.deploy.array.live": "tinygc.annexes.arrays.voting",
     "tinygc.deploy.exports._linear": "tinygc.deploy.exports._text",
     "tinygc.deploy.exports._remarks": "tinygc.deploy.exports._text",
     "tinygc.effects.columns": "tinygc.effects.movement",

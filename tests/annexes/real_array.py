@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,11 +46,4 @@ def aligned(raw: np.ndarray) -> ArrayModel:
         density = np.diff(raw[rest, i], axis=0).std(axis=0) / np.sqrt(RATE_HZ)  # of white noise: sqrt(2) sigma in a difference
         sensor = Sensor("MPU-9150", f"mimu-{i}", RATE_HZ, FULL_SCALE_DPS, 16.0)
         found.append(FusedUnit(UnitPlace(i, mounting=mounting), LinearModel(E, -E @ zero[i]), density, sensor=sensor))
-    return build_array_model(found, RATE_HZ, measured=raw)
-
-
-def at_rest(model: ArrayModel, raw: np.ndarray) -> ArrayModel:
-    """The same array on another day: biases from its first rest."""
-    zero = raw[: round(FIRST_REST_S * model.rate_hz)].mean(axis=0)
-    units = [replace(unit, model=LinearModel(unit.model.E, -unit.model.E @ zero[i])) for i, unit in enumerate(model.units)]
-    return replace(model, units=tuple(units))
+    return build_array_model(found, RATE_HZ)

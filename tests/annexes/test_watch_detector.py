@@ -11,7 +11,7 @@ from conftest import DEG
 from watched import ACCEL_WHITE, RATE_HZ, WHITE, G, chosen, flat, known, model_file, samples
 
 from session.io.errors import CalibrationError, FormatError
-from tinygc.annexes.watch.detector import PROCESSES, STATES, WHOLE, Detector, Window, ZeroFilter, root
+from tinygc.annexes.watch.detector import PROCESSES, STATES, Detector, Window, ZeroFilter
 from tinygc.annexes.watch.expectation import ModelInUse, _drift, expect
 from tinygc.annexes.watch.settings import BLOCKS, CLIP, SHIFTS, TESTS, TIMES_S, settings
 from tinygc.closure.floor import BiasInstability
@@ -32,11 +32,8 @@ def windows(detector: Detector, *parts) -> list:
 def reading(rate: np.ndarray, gravity: np.ndarray | float = 0.0, warmer: float = 0.0, direction=(0.0, 0.0, -1.0)) -> Window:
     """A window of normalised rates (3, S)."""
     copies = rate.shape[1]
-    along = np.repeat(np.array(direction, np.float32)[:, None], copies, axis=1)
-    whole = np.ones(copies, np.float32)
-    return Window(
-        rate.astype(np.float32), (gravity * whole).astype(np.float32), along, np.float32(warmer) * whole, np.ones((2, copies), np.float32)
-    )
+    along, whole = np.repeat(np.array(direction)[:, None], copies, axis=1), np.ones(copies)
+    return Window(rate, gravity * whole, along, warmer * whole, np.ones((2, copies)))
 
 
 # What is a rest
@@ -80,8 +77,8 @@ def test_pieces_do_not_matter():
     list(whole.feed(part.gyro, part.accel))
     for begin in range(0, len(part.gyro), 7):
         list(pieces.feed(part.gyro[begin : begin + 7], part.accel[begin : begin + 7]))
-    np.testing.assert_array_equal(whole.filter.P, pieces.filter.P)
-    np.testing.assert_array_equal(whole.filter.cusum, pieces.filter.cusum)
+    np.testing.assert_allclose(whole.filter.P, pieces.filter.P, rtol=1e-12)
+    np.testing.assert_allclose(whole.filter.cusum, pieces.filter.cusum, rtol=1e-9)
 
 
 def test_the_earth_is_taken_off_along_gravity():
@@ -95,9 +92,9 @@ def test_the_earth_is_taken_off_along_gravity():
 def test_a_gap_ends_a_rest_and_lets_time_pass():
     detector = Detector(settings(flat(wander=lambda t, span: np.full(3, 1e-10 * t)), 1e6))
     list(detector.feed(*(getattr(samples(30, 5), name) for name in ("gyro", "accel"))))
-    before = float(detector.filter.P[0, 0])
+    before = float(detector.filter.P[0, 0, 0])
     detector.gap(round(3600 * RATE_HZ))
-    grown = (float(detector.filter.P[0, 0]) - before) * float(detector.chosen.rate_sigma_rps[0]) ** 2
+    grown = (float(detector.filter.P[0, 0, 0]) - before) * detector.chosen.rate_sigma_rps[0] ** 2
     assert grown == pytest.approx(1e-10 * 3600, rel=0.01)
     assert windows(detector, samples(2, 6)) == []
 
@@ -105,16 +102,11 @@ def test_a_gap_ends_a_rest_and_lets_time_pass():
 # The filters
 
 
-def test_the_root_is_one():
-    values = np.geomspace(1, 1e7, 200).astype(np.float32)
-    np.testing.assert_allclose(root(values), np.sqrt(values.astype(float)), rtol=3e-7)
-
-
 def reference(c, rates: np.ndarray, warmer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """z and the last covariance of one axis in float64, by the textbook's filter."""
-    decay = np.r_[1.0, c.decay.astype(float), 1.0, 1.0]
-    P = np.diag([float(c.offset), *np.zeros(PROCESSES), float(c.attitude), float(c.per_k)])
-    drive = np.diag([float(c.walk), *c.drive.astype(float), 0.0, 0.0])
+    """z and the last covariance of one axis, by the textbook's filter."""
+    decay = np.r_[1.0, c.decay, 1.0, 1.0]
+    P = np.diag([c.offset, *np.zeros(PROCESSES), c.attitude, c.per_k])
+    drive = np.diag([c.walk, *c.drive, 0.0, 0.0])
     x, found = np.zeros(STATES), []
     for rate, warm in zip(rates, warmer, strict=True):
         x, P = decay * x, decay[:, None] * P * decay + drive
@@ -126,19 +118,19 @@ def reference(c, rates: np.ndarray, warmer: np.ndarray) -> tuple[np.ndarray, np.
     return np.array(found), P
 
 
-def test_the_filter_is_the_textbooks_in_single_precision():
+def test_the_filter_is_the_textbooks():
     wander = lambda t, span: np.full(3, _drift(t, span, None, BiasInstability(2 * DEG / 3600, ""))[0] + 1e-12 * t)  # noqa: E731
-    c = chosen(wander=wander, reference_c=None, per_k=np.full(3, 0.01 * DEG))
-    c = dataclasses.replace(c, per_k=np.float32(100.0))
+    c = chosen(wander=wander, per_k=np.full(3, 0.01 * DEG))
+    c = dataclasses.replace(c, per_k=100.0)
     rng, filters = np.random.default_rng(1), ZeroFilter(c)
-    rates, warmer = 20 + rng.normal(size=300), np.linspace(0, 3, 300).astype(np.float32)
+    rates, warmer = 20 + rng.normal(size=300), np.linspace(0, 3, 300)
     z = []
     for rate, warm in zip(rates, warmer, strict=True):
         filters.predict()
-        z.append(float(filters.judge(reading(np.full((3, 1), rate), warmer=float(warm))).z[0, 0]))
-    expected, P = reference(c, rates.astype(np.float32).astype(float), warmer.astype(float))
-    np.testing.assert_allclose(z, expected, atol=5e-3)
-    np.testing.assert_allclose(filters.P[WHOLE, 0], P, atol=5e-3 * P.max())
+        z.append(float(filters.judge(reading(np.full((3, 1), rate), warmer=warm)).z[0, 0]))
+    expected, P = reference(c, rates, warmer)
+    np.testing.assert_allclose(z, expected, atol=1e-9)
+    np.testing.assert_allclose(filters.P[..., 0], P, atol=1e-9 * P.max())
 
 
 def simulated(c, count: int, copies: int, seed: int, rest: int | None = None):
@@ -160,8 +152,7 @@ def simulated(c, count: int, copies: int, seed: int, rest: int | None = None):
             slow_g[k] = c.decay[k] * slow_g[k] + rng.normal(size=copies) * np.sqrt(c.accel_drive[k])
         rate = zero + slow.sum(axis=0) + own + rng.normal(size=zero.shape)
         gravity = np.sum(along * accel, axis=0) + slow_g.sum(axis=0) + own_g + rng.normal(size=copies)
-        parts = (each.astype(np.float32) for each in (rate, gravity, along))
-        yield new, Window(*parts, np.zeros(copies, np.float32), np.ones((2, copies), np.float32))
+        yield new, Window(rate, gravity, along, np.zeros(copies), np.ones((2, copies)))
 
 
 #: wander that is as large as the white noise of a window
@@ -245,7 +236,7 @@ def test_one_window_alone_never_alarms(size):
         found = filters.judge(reading(np.full((3, 1), size if number == 30 else 0.0)))
         assert (found.alarm == 0).all()
         if number == 30 and size > 6:
-            assert found.z[0, 0] == np.float32(CLIP)
+            assert found.z[0, 0] == CLIP
             np.testing.assert_array_equal(filters.x, before)
 
 
@@ -277,7 +268,7 @@ def test_noise_that_is_larger_than_stated_is_taken_as_it_is():
     for _ in range(400):
         filters.predict()
         window = reading(rng.normal(size=(3, 40)) * np.sqrt(2), rng.normal(size=40) * np.sqrt(2))
-        z.append(filters.judge(dataclasses.replace(window, scatter=np.full((2, 40), 2.0, np.float32))).z)
+        z.append(filters.judge(dataclasses.replace(window, scatter=np.full((2, 40), 2.0))).z)
     np.testing.assert_allclose(np.std(z[300:], axis=(0, 2)), 1, atol=5 / np.sqrt(2 * 40 * 100))
 
 
@@ -291,7 +282,7 @@ def test_the_wander_is_nowhere_below_the_figures(B_dph, K):
     c = chosen(wander=drift)
     for t in np.geomspace(WINDOW_S, 86400, 30):
         processes = sum(2 * c.drive[k] / (1 - c.decay[k] ** 2) * (1 - np.exp(-t / TIMES_S[k])) for k in range(PROCESSES))
-        model = float(c.walk) * t / WINDOW_S + processes
+        model = c.walk * t / WINDOW_S + processes
         figures = float(drift(t, WINDOW_S)[0] / (WHITE**2 / WINDOW_S))
         assert 0.98 * figures < model < 1.35 * figures
 
@@ -301,24 +292,15 @@ def test_tests_share_the_rate_of_false_alarms():
     assert (np.diff([chosen(n).bar[0] for n in (1e3, 1e4, 1e5)]) > 2).all()
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 20.0, 10_000.0])
+@pytest.mark.parametrize("rate_hz", [5.0, 20.0])
 def test_a_rate_that_shows_no_rest_is_refused(rate_hz):
-    with pytest.raises(CalibrationError, match="samples a second; expected 32 to 4000"):
+    with pytest.raises(CalibrationError, match="samples a second; expected 32 or more"):
         settings(flat(rate_hz=rate_hz), 1e6)
 
 
 def test_a_false_alarm_every_minute_is_refused():
     with pytest.raises(CalibrationError, match="a false alarm every 60 s"):
         settings(flat(), 60.0)
-
-
-def test_the_integers_of_a_sample_are_the_nearest():
-    detector, rng = Detector(chosen()), np.random.default_rng(12)
-    rate, force = rng.uniform(-0.4, 0.4, (500, 3)), rng.uniform(-20, 20, (500, 3))
-    whole = detector.integers(rate, force, None)
-    assert whole[:, 7].all()
-    np.testing.assert_allclose(whole[:, :3], rate * 2**20, atol=0.55)
-    np.testing.assert_allclose(whole[:, 3:6], force * 2**14, atol=0.55)
 
 
 def rested(c, gravity_of, rests: int, seed: int, length: int = 6) -> list[int]:
@@ -387,7 +369,6 @@ def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
 
 
 def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path):
-    """Python and the exported C take it from there."""
     path = model_file(tmp_path / "model.json")
     table = json.loads(path.read_text())
     path.write_text(json.dumps(table | {"temperature_c": 31.5}))
@@ -395,7 +376,7 @@ def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path)
     found = expect(used, RATE_HZ)
     assert found.reference_c == 31.5
     assert "temperature of the calibration" not in found.assumed
-    assert settings(found, 1e6, 45.0).reference == np.float32(31.5)  # not that of the stream
+    assert settings(found, 1e6, 45.0).reference_c == 31.5  # not that of the stream
     for wrong in ("warm", True, 1e9, [1.0]):
         path.write_text(json.dumps(table | {"temperature_c": wrong}))
         with pytest.raises(FormatError, match=r"temperature_c is .*, expected a number"):

@@ -1,24 +1,20 @@
-"""A sensor under watch: its figures, rests and turns sample by sample, and the C of the detector as a library."""
+"""A sensor under watch: its figures, rests and turns sample by sample."""
 
 from __future__ import annotations
 
-import ctypes
 import json
 from pathlib import Path
 
 import numpy as np
-import processes
 from conftest import DEG
 
 from session.io.config import Accelerometer
 from tinygc import models
-from tinygc.annexes.watch.embedded import SOURCE, watch_files
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse
 from tinygc.annexes.watch.settings import Settings, settings
 from tinygc.annexes.watch.source import Readings
 from tinygc.annexes.watch.watch import Event, Watch
 from tinygc.attitude import rotation
-from tinygc.deploy.embedded.source import FLAGS
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table
 
@@ -59,9 +55,9 @@ def flat(**other) -> Expectation:
     return Expectation(**(given | other))
 
 
-def chosen(every_windows: float = 1e6, reference_c: float | None = None, **other) -> Settings:
+def chosen(every_windows: float = 1e6, **other) -> Settings:
     """The detector's numbers of ``flat``."""
-    return settings(flat(**other), every_windows * 1.92, reference_c)
+    return settings(flat(**other), every_windows * 1.92)
 
 
 def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Readings:
@@ -132,68 +128,3 @@ def csv(readings: Readings) -> str:
     lines = ["t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"]
     lines += [f"{t // 1000},{','.join(f'{each:.7f}' for each in (*g, *a))}" for t, g, a in rows]
     return "\n".join(lines) + "\n"
-
-
-class State(ctypes.Structure):
-    """``tinygc_watch``."""
-
-    _fields_ = (
-        ("squares", ctypes.c_int64 * 2),
-        ("window_squares", ctypes.c_int64 * 2),
-        ("sums", ctypes.c_int32 * 7),
-        ("window_sums", ctypes.c_int32 * 7),
-        ("P", ctypes.c_float * 15),
-        ("x", ctypes.c_float * 15),
-        ("gravity_P", ctypes.c_float * 28),
-        ("gravity_x", ctypes.c_float * 7),
-        ("own", ctypes.c_float),
-        ("noise", ctypes.c_float * 2),
-        ("cusum", ctypes.c_float * 32),
-        ("samples", ctypes.c_uint16),
-        ("ticks", ctypes.c_uint16),
-        ("spoilt", ctypes.c_uint8),
-        ("blocks", ctypes.c_uint8),
-        ("state", ctypes.c_uint8),
-        ("waiting", ctypes.c_uint8),
-    )
-
-
-class CompiledWatch:
-    """The C as a library; one state."""
-
-    def __init__(self, folder: Path, numbers: Settings, *flags: str):
-        for name, text in watch_files(numbers, "A test.", {"model": "a test"}, "30 days", RATE_HZ).items():
-            (folder / name).write_text(text, encoding="ascii")
-        library = folder / "watch.so"
-        command = ["gcc", *FLAGS.split(), *flags, "-O2", "-shared", "-fPIC", folder / SOURCE, "-o", library]
-        made = processes.run(command, capture_output=True, text=True)
-        assert made.returncode == 0, made.stderr
-        self.path = library
-        self.library = ctypes.CDLL(str(library))
-        self.library.tinygc_watch_step.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_float]
-        self.library.tinygc_watch_step.restype = ctypes.c_uint32
-        self.library.tinygc_watch_gap.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
-        self.state = State()
-        ctypes.memset(ctypes.addressof(self.state), 0xA5, ctypes.sizeof(State))  # what was in memory before must not matter
-        self.library.tinygc_watch_start(ctypes.byref(self.state))
-
-    def gap(self, samples: int) -> None:
-        """Lose samples."""
-        self.library.tinygc_watch_gap(ctypes.addressof(self.state), samples)
-
-    def zero(self) -> np.ndarray:
-        """(3,) float32 rad/s."""
-        found = np.zeros(3, np.float32)
-        self.library.tinygc_watch_zero(ctypes.byref(self.state), ctypes.c_void_p(found.ctypes.data))
-        return found
-
-    def run(self, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> list[tuple[int, int]]:
-        """(number of the sample from 1, answer) of each answer that is not 0."""
-        rate, force = (np.ascontiguousarray(each, dtype=np.float32) for each in (rate, force))
-        step, state, found = self.library.tinygc_watch_step, ctypes.addressof(self.state), []
-        at_rate, at_force = rate.ctypes.data, force.ctypes.data
-        for number, warm in enumerate(np.asarray(temp_c, np.float32).tolist()):
-            answer = step(state, at_rate + 12 * number, at_force + 12 * number, warm)
-            if answer:
-                found.append((number + 1, answer))
-        return found

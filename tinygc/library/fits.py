@@ -183,7 +183,6 @@ class Fit(Shown):
         anyway: bool = False,
         noise: NoiseFigures | Path | str | None = None,
         inflation: str | None = None,
-        watch_s: float | None = None,
     ) -> Exported:
         """Make the files of a calibration for another program, and write them if a folder is given; as ``tinygc.export`` of this fit."""
         from tinygc.deploy.exports._context import context_of_fit
@@ -195,7 +194,6 @@ class Fit(Shown):
             to,
             lambda name: context_of_fit(self.result, model, remarks.append, anyway=anyway, noise=figures, inflation=inflation),
             remarks,
-            watch_s,
         )
         if folder is not None:
             made.save(folder)

@@ -184,17 +184,12 @@ class Exported:
         return f"<Exported to {self.to}: {', '.join(self.files)}>"
 
     @classmethod
-    def of(
-        cls, to: str, source: Callable[[str], tuple[Model | None, Context]], remarks: Sequence[str], watch_s: float | None = None
-    ) -> Exported:
-        """Export in a format, by any of its names; source: of the format's name gives the model with its context, None for noise alone;
-        watch_s: mean time at rest to a false alarm of the watch that is to lie beside the C, s, None for none.
+    def of(cls, to: str, source: Callable[[str], tuple[Model | None, Context]], remarks: Sequence[str]) -> Exported:
+        """Export in a format, by any of its names; source: of the format's name gives the model with its context, None for noise alone.
 
         Raises CalibrationError for an unknown format, and ExportError for a model that the format cannot carry.
         """
         name = _format(to)
-        if watch_s is not None and name != "c":
-            raise ExportError(f"{name} has no watch; --watch goes with c")
         module, (model, context) = exports.exporter(name), source(name)
         if context.inflation is not None and name not in NOISE_FORMATS:
             raise ExportError(f"{name} has no noise densities to inflate; --inflation goes with {', '.join(NOISE_FORMATS)}")
@@ -204,10 +199,7 @@ class Exported:
             context.say(f"{name}: there is no model: the noise alone is exported, no calibration")
             return cls(name, module.export_noise(context), remarks)
         try:
-            files = module.export(model, context)
-            if watch_s is not None:
-                files |= need("a watch in C (export --watch)", "--watch").export_watch(model, context, watch_s)
-            return cls(name, files, remarks)
+            return cls(name, module.export(model, context), remarks)
         except ExportError as error:  # rest logs have a model over temperature, which few formats carry, and noise, which many do
             if context.noise is None or context.method != ONLY or name not in NOISE_FORMATS:
                 raise
@@ -235,12 +227,10 @@ def exported(
     say: Callable[[str], None],
     noise: NoiseSource = None,
     inflation: str | None = None,
-    watch_s: float | None = None,
 ) -> Exported:
-    """Export a fitted session folder, noise figures, or an array's model file; say: is called with each remark as it comes up;
-    watch_s: as of ``Exported.of``.
+    """Export a fitted session folder or noise figures; say: is called with each remark as it comes up.
 
-    Raises CalibrationError for an array's folder, and ExportError as ``read_context``.
+    Raises CalibrationError for an array, and ExportError as ``read_context``.
     """
     remarks: list[str] = []
 
@@ -248,22 +238,13 @@ def exported(
         remarks.append(line)
         say(line)
 
-    if is_array_model(source):
-        if model is not None:
-            raise CalibrationError(f"--model goes with a session folder; {source} is an array's model itself")
-        if watch_s is not None:
-            raise CalibrationError(f"--watch goes with one sensor; {source} is an array's model")
-        if noise is not None or inflation is not None:
-            raise CalibrationError(f"--noise and --inflation go with one sensor; {source} is an array's model, which has its own noise")
-        name = _format(to)
-        return Exported(name, need("calibrations of arrays").export(source, name))
-    if model is None and is_array(source):
-        raise CalibrationError(f"{source}: an array; give its model, {source / 'fit' / 'model_array.json'}, which its fit writes")
+    if is_array_model(source) or (model is None and is_array(source)):
+        raise CalibrationError(f"{source}: an array, and an export holds one sensor; give one unit a folder of its own")
 
     def context(name: str) -> tuple[Model | None, Context]:
         return read_context(source, model, noted, anyway=anyway, noise=noise, inflation=inflation)
 
-    return Exported.of(to, context, remarks, watch_s)
+    return Exported.of(to, context, remarks)
 
 
 def noise_source(noise: Any) -> NoiseSource:
@@ -292,14 +273,13 @@ def export(
     anyway: bool = False,
     noise: NoiseFigures | Path | str | None = None,
     inflation: str | None = None,
-    watch_s: float | None = None,
 ) -> Exported:
     """Make the files of a calibration, or of noise figures, for another program.
 
     Parameters
     ----------
     source : Fit, str or Path
-        A fit, the folder of a fitted session or of noise figures, ``noise.json``, or an array's model file.
+        A fit, the folder of a fitted session or of noise figures, or ``noise.json``.
     to : str
         ``json``, ``kalibr``, ``openvins``, ``vins``, ``gtsam``, ``ros``, ``xio``, ``px4``, ``ardupilot`` or ``c``.
     folder : str or Path, optional
@@ -312,8 +292,6 @@ def export(
         Noise figures of this unit: ``noise.json``, or a folder that holds it; those in the folder's ``fit`` by default.
     inflation : str, optional
         The kind of motion, of those in the figures, whose factors the densities are to have.
-    watch_s : float, optional
-        With ``c``: a watch of the calibration beside it, with this mean time at rest to a false alarm, s.
 
     Returns
     -------
@@ -334,10 +312,10 @@ def export(
 
     """
     if is_fit(source):
-        return source.export(to, folder, model=model, anyway=anyway, noise=noise, inflation=inflation, watch_s=watch_s)
+        return source.export(to, folder, model=model, anyway=anyway, noise=noise, inflation=inflation)
     if not isinstance(source, str | os.PathLike):
-        raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or an array's model file")
-    made = exported(Path(source), to, model, anyway, lambda line: None, noise_source(noise), inflation, watch_s)
+        raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or noise.json")
+    made = exported(Path(source), to, model, anyway, lambda line: None, noise_source(noise), inflation)
     if folder is not None:
         made.save(folder)
     return made

@@ -19,9 +19,8 @@ from session.io.reader import Reader
 from session.io.units import DEG, NS
 from tinygc.annexes.arrays.clocks import UnitClock
 from tinygc.annexes.arrays.extrinsics import ONE_READER, clocks_found
-from tinygc.annexes.arrays.fusion import Resampler
+from tinygc.annexes.arrays.fusion import Resampler, fuse
 from tinygc.annexes.arrays.model import ArrayModel, FusedUnit, load_array_model
-from tinygc.annexes.arrays.voting import LiveArray, VotingEvent
 from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
 from tinygc.deploy.calibration import Surroundings
 from tinygc.models.model import KnownSensor
@@ -147,7 +146,7 @@ def fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change: 
     """Return (T, 3) m/s^2 in the array's frame, at the first unit's accelerometer where positions are known.
 
     force (T, N, 3) m/s^2 calibrated, in each unit's body frame, NaN for none; rate (T, 3) rad/s, change (T, 3) rad/s^2 of the array; used
-    (T, N): units that are not rejected.  NaN where none of these has a force.
+    (T, N): units in the rate.  NaN where none of these has a force.
     """
     mountings = np.stack([unit.place.mounting for unit in model.units])
     turned = np.einsum("nij,tnj->tni", mountings, force)
@@ -183,8 +182,8 @@ class ArrayApplied:
     """Result of applying an array's model.
 
     out; which log; rows; left_out: sample times at which no unit gave a rate; at_end: rows in which every unit is saturated; used: share of
-    the rows that include each unit; events of fault detection, with their time in s from the log's first sample; clocks: ``model``,
-    ``same`` or ``found``; noise_density (3,) rad/s/sqrt(Hz) with all units; force: whether there is any; notes.
+    the rows that include each unit; clocks: ``model``, ``same`` or ``found``; noise_density (3,) rad/s/sqrt(Hz) with all units; force:
+    whether there is any; notes.
     """
 
     out: Path
@@ -193,7 +192,6 @@ class ArrayApplied:
     left_out: int
     at_end: int
     used: dict[int, float]
-    events: tuple[tuple[float, VotingEvent], ...]
     clocks: str
     noise_density: np.ndarray
     force: bool
@@ -214,17 +212,6 @@ class ArrayApplied:
             "left_out": self.left_out,
             "at_end": self.at_end,
             "units": [{"number": number, "used_share": share} for number, share in self.used.items()],
-            "events": [
-                {
-                    "t_s": at_s,
-                    "unit": event.unit,
-                    "what": event.what,
-                    "reason": event.reason,
-                    "size_dps": event.size_rps / DEG,
-                    "bar_dps": event.bar_rps / DEG,
-                }
-                for at_s, event in self.events
-            ],
         }
 
 
@@ -236,8 +223,6 @@ def apply_array(
     which: str | None = None,
     unit: str = "rps",
     progress: Progress = lambda what, done, of: None,
-    *,
-    vote: bool = True,
 ) -> ArrayApplied:
     """Fuse one log of an array's folder; which: its name without the unit, needed where there are several.
 
@@ -252,20 +237,13 @@ def apply_array(
         notes.append(f"the model has no unit {', '.join(map(str, strangers))}: left out")
     reading = ArrayLogs(model, clocks, logs[which], answers)
     force = any(each.has_force for each in reading.units)
-    live = LiveArray(model, vote=vote)
     counts: Counter[str] = Counter()
     used = np.zeros(len(model))
-    events: list[tuple[float, VotingEvent]] = []
     notes += _force_notes(model, reading, force)
 
     def fused() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        begins, before = None, 0
         for part in reading.moments():
-            found = live(part.rate)
-            begins = int(part.t_ns[0]) if begins is None else begins
-            for event in found.events:
-                events.append((float(part.t_ns[event.sample - before] - begins) * NS, event))
-            before += len(part.t_ns)
+            found = fuse(model, part.rate)
             counts["at_end"] += int(np.isinf(found.sigma).any(axis=1).sum())
             yield part.t_ns, found.rate, part.force, found.used
             progress("applying", *reading.progress)
@@ -289,7 +267,7 @@ def apply_array(
         if not counts["rows"]:
             raise DataError(f"{folder}: {which} has no moment at which a unit gives a rate; is it this array's?")
     if counts["left_out"]:
-        notes.append(f"{counts['left_out']} moments at which no unit that is believed gave a sample are left out")
+        notes.append(f"{counts['left_out']} moments at which no unit gave a sample are left out")
     if counts["at_end"]:
         notes.append(f"{counts['at_end']} samples are at the end of every unit's range: the rate was at least as great as written")
     share = {number: float(value) for number, value in zip(model.numbers, used / counts["rows"], strict=True)}
@@ -300,7 +278,6 @@ def apply_array(
         counts["left_out"],
         counts["at_end"],
         share,
-        tuple(events),
         source,
         model.noise_density,
         force,

@@ -6,7 +6,6 @@ Imports nothing heavy at its top, since the core's commands load it for its opti
 from __future__ import annotations
 
 import argparse
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -112,7 +111,7 @@ def explain(args: argparse.Namespace) -> int:
 
 
 def apply(args: argparse.Namespace, out: Path) -> int:
-    """Write an array's folder as one log: the fused units, and those that fault detection excluded."""
+    """Write an array's folder as one log of the fused units."""
     from session.io.units import DEG
     from tinygc.annexes.arrays import library
     from tinygc.reporting.terminal import progress_bar
@@ -123,10 +122,6 @@ def apply(args: argparse.Namespace, out: Path) -> int:
         done = library.apply(args.model, args.log, out, answers_of(args), args.which, args.unit, progress)
     density = ", ".join(f"{1e3 * value / DEG:.3g}" for value in done.noise_density)
     lines = [f"{done.out}: {done.rows} samples of {len(done.used)} units fused ({density} mdps/rtHz while all are in)"]
-    for at_s, event in done.events:
-        who = "the two units left" if event.unit is None else f"unit {event.unit}"
-        size = "" if math.isnan(event.size_rps) else f": {event.size_rps / DEG:.3g} dps, bar {event.bar_rps / DEG:.3g} dps"
-        lines.append(f"  {at_s:.3f} s: {who} {event.what}{f' ({event.reason}{size})' if event.reason else ''}")
     beside_log(args, [*lines, *(f"  {note}" for note in done.notes)], str(out) == STANDARD)
     write_json(args.json, done.to_json())
     return 0

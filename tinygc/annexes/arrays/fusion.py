@@ -1,14 +1,14 @@
-"""Build an array's model from its joint fit: agreement of the units, resampling, noise."""
+"""Build an array's model from its joint fit; the fused rate; resampling."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import nnls
+from numpy.typing import ArrayLike
 
 from session.annexes.arrays.recording import ArraySession
 from session.detect.events import FULL_SCALE_ROUNDING
@@ -17,134 +17,27 @@ from session.io.config import Accelerometer
 from session.io.errors import CalibrationError
 from session.io.folder import Session, hash_of_log
 from session.io.results import write_whole
-from session.io.units import DEG, NS
+from session.io.units import DEG
 from tinygc.annexes.arrays.clocks import UnitPlace
 from tinygc.annexes.arrays.model import (
     INSTABILITY,
     WHITE,
     ArrayModel,
-    Disagreement,
     FusedUnit,
     best_weights,
     combined,
     divisible,
     instability_covariance,
     to_table,
-    weighted_median,
     white_covariance,
 )
 from tinygc.closure.floor import FLICKER_FLOOR, BiasInstability
 from tinygc.models.linear import PARAMETERS, LinearModel
 
-# Disagreement between the units of an array: the vote's median, the units' noise and full scale, and the errors a calibration shows.
+# Readings at the end of a unit's range.
 
-#: limit of one unit's disagreement, relative to the units' median: no faulty unit in the calibration widens its own limit without bound
-MOST_OWN = 3.0
-#: largest share in the vote, relative to the units' median share
-MOST_SHARE = 1.5
-#: limit of a squared residual, relative to the expected one; beyond it, the residual is an outlier
-TRIMMED = 9.0
-_ROUNDS = 8
-#: a unit with fewer common samples is left out
-FEWEST_SAMPLES = 10
-#: s of a window, share of windows that may be worse, and the limit of the mean of u, the greatest of three squares, in the others
-WINDOW_S, WINDOWS, EXPECTED_U = 0.5, 0.005, 3.0
-#: rad/s, 5 dps: below it, a scale or a delay error does not show
-QUIET_RPS = 5 * DEG
-#: limit of a single u, so that one impact is no disagreement
-MOST_U = 36.0
 #: share of the full scale from which a reading is saturated
 END = 1 - FULL_SCALE_ROUNDING
-
-
-def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
-    """Estimate how much the units differ beyond white noise in a recording, measured (T, N, 3) rad/s at the same times, NaN for none.
-
-    Each unit's distance from the units' weighted median is modelled as |d|^2 = noise + 3 bias^2 + (scale |omega|)^2 + (delay
-    |domega/dt|)^2, by least squares with non-negative terms and outliers trimmed. The bias is at least the wander of differences at rest.
-    Of the units the greatest counts, but at most three times their median.  Delays and scales persist for seconds and do not average out
-    within a window, so all three are widened until all but ``WINDOWS`` of the windows of ``WINDOW_S`` hold.
-    """
-    calibrated = np.einsum("nij,tnj->tni", model.matrices, measured) + model.offsets
-    there = np.isfinite(calibrated).all(axis=2) & ~clips(model, measured)
-    middle = weighted_median(calibrated, there, vote_weights(model))
-    rate2 = np.square(middle).sum(axis=1)
-    change = np.square(np.diff(middle, axis=0)).sum(axis=1) * model.rate_hz**2
-    change2 = np.maximum(np.append(change, 0), np.insert(change, 0, 0))
-    noise, fixed = sample_variance(model), fixed_variance(model)
-    columns = np.column_stack([np.ones(len(rate2)), rate2, change2])
-    by_vector = columns * [3, 1, 1]  # a bias is independent on each axis; a scale or a delay error may lie on one axis entirely
-    apart_signed = calibrated - middle[:, None]
-    apart = np.square(apart_signed)
-    window = max(round(WINDOW_S * model.rate_hz), 2)
-    known = there & np.isfinite(columns).all(axis=1)[:, None]
-    quiet = np.nan_to_num(rate2, nan=np.inf) < QUIET_RPS**2
-    units = [i for i in range(len(model)) if known[:, i].sum() >= FEWEST_SAMPLES]
-    if not units:
-        return Disagreement()
-    parts = [_components(by_vector[known[:, i]], apart[known[:, i], i].sum(axis=1) - noise[i].sum(), float(noise[i].sum())) for i in units]
-    table = np.array(parts)
-    table[:, 0] = np.maximum(table[:, 0], [_wander(apart_signed[:, i], known[:, i] & quiet, noise[i], window) for i in units])
-    theta = _common(table)
-    worst = []
-    for i in units:
-        use = known[:, i]
-        u = (apart[use, i] / (noise[i] + fixed[i] + (columns[use] @ theta)[:, None])).max(axis=1)
-        means = np.convolve(np.minimum(u, MOST_U), np.full(window, 1 / window), "valid") if len(u) > window else u
-        worst.append(np.quantile(means, 1 - WINDOWS))
-    bias, scale, delay = np.sqrt(theta * max(float(_common(np.array(worst))) / EXPECTED_U, 1.0))
-    return Disagreement(float(bias), float(scale), float(delay))
-
-
-def _common(table: np.ndarray) -> np.ndarray:
-    """Return the greatest over all units (N, ...), but at most what three times the root of their median has."""
-    return np.minimum(table.max(axis=0), MOST_OWN**2 * np.median(table, axis=0))
-
-
-def _wander(apart: np.ndarray, use: np.ndarray, noise: np.ndarray, window: int) -> float:
-    """Return (rad/s)^2: variance, beyond white noise, of window means of differences (T, 3) at rest; greatest axis."""
-    still = apart[use][: use.sum() // window * window].reshape(-1, window, 3).mean(axis=1)
-    return float(max((np.square(still).mean(axis=0) - noise / window).max(), 0.0)) if len(still) else 0.0
-
-
-def _components(columns: np.ndarray, square: np.ndarray, noise: float) -> np.ndarray:
-    """Return (3,) variances that add up to squares (T,), whose spread follows their size; outliers are trimmed."""
-    size = np.maximum(columns.max(axis=0), 1e-300)
-    theta = np.zeros(3)
-    expected = np.full(len(square), noise + max(float(np.median(square)), 0.0))
-    for _ in range(_ROUNDS):
-        keep = square < TRIMMED * expected
-        theta = nnls((columns[keep] / size) / expected[keep, None], square[keep] / expected[keep])[0] / size
-        expected = noise + columns @ theta
-    return theta
-
-
-def vote_weights(model: ArrayModel) -> np.ndarray:
-    """Return (N,) weights of the units in the median, sum 1.
-
-    Each is the unit's share of the combination, at most one and a half times the units' median share, so that of three units no single one
-    can be the median by itself.
-    """
-    share = np.maximum(np.trace(model.weights, axis1=1, axis2=2), 1e-6)
-    share = np.minimum(share, MOST_SHARE * np.median(share))
-    return share / share.sum()
-
-
-def sample_variance(model: ArrayModel) -> np.ndarray:
-    """Return (N, 3) (rad/s)^2, each unit's white-noise variance of one sample, in the array's frame."""
-    return np.diag(model.density).reshape(-1, 3) * model.rate_hz / 2
-
-
-def fixed_variance(model: ArrayModel) -> np.ndarray:
-    """Return (N, 3) (rad/s)^2 in the array's frame of constant errors: bias of the disagreement, bias instability, parameters at rest."""
-    whole = np.full((len(model), 3), model.disagreement.bias_rps**2)
-    for i, unit in enumerate(model.units):
-        if unit.bias_instability is not None:
-            whole[i] += np.diag(unit.in_array(unit.bias_instability))
-        if unit.covariance is not None:
-            columns = unit.parameter_columns(np.zeros(3))
-            whole[i] += np.diag(columns @ unit.covariance @ columns.T)
-    return whole
 
 
 def ends(model: ArrayModel) -> np.ndarray:
@@ -157,6 +50,63 @@ def clips(model: ArrayModel, measured: np.ndarray) -> np.ndarray:
     """Return (..., N): whether a unit is saturated on any axis, for measured rates (..., N, 3) rad/s."""
     with np.errstate(invalid="ignore"):
         return (np.abs(measured) >= ends(model)[:, None]).any(axis=-1)
+
+
+# Fused rate: all units' rates in; one rate, its sigma, and the units that it is of.
+
+
+@dataclass(frozen=True, eq=False)
+class Fused:
+    """Rate of T moments in the array's frame.
+
+    rate (T, 3) rad/s, NaN where no unit gave one; sigma (T, 3) rad/s, infinite where every unit is saturated; used (T, N): units in the
+    rate.
+    """
+
+    rate: np.ndarray
+    sigma: np.ndarray
+    used: np.ndarray
+
+
+def fuse(model: ArrayModel, raw: ArrayLike) -> Fused:
+    """Combine measured rates raw (N, 3) or (T, N, 3) rad/s, a row NaN where a unit has none.  Raises CalibrationError for another shape.
+
+    A saturated unit is used only where all are.  The weights of the used units are renormalised, ``(sum of theirs)^-1 W_i``, which is
+    optimal where noise is independent.
+    """
+    rates = np.asarray(raw, dtype=float)
+    if rates.shape[-2:] != (len(model), 3) or rates.ndim not in (2, 3):
+        raise CalibrationError(f"raw has shape {rates.shape}, expected ({len(model)}, 3) or (T, {len(model)}, 3), rad/s")
+    rates = rates.reshape(-1, len(model), 3)
+    calibrated = np.einsum("nij,tnj->tni", model.matrices, rates) + model.offsets
+    present = np.isfinite(rates).all(axis=2)
+    used = present & ~clips(model, rates)
+    at_end = ~used.any(axis=1) & present.any(axis=1)
+    used = np.where(at_end[:, None], present, used)
+    own = model.parameter_sigma()
+    spread = _spread(model)
+    rate, sigma = np.full((len(used), 3), np.nan), np.full((len(used), 3), np.nan)
+    kinds, which = np.unique(used, axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    for kind, mask in enumerate(kinds):
+        if not mask.any():
+            continue
+        rows = which == kind
+        undo = np.linalg.inv(model.weights[mask].sum(axis=0))
+        rate[rows] = np.einsum("nij,tnj->ti", undo @ model.weights[mask], calibrated[rows][:, mask])
+        variance = np.diag(undo @ spread[mask].sum(axis=0) @ undo.T)
+        sigma[rows] = np.sqrt(variance + (0.0 if own is None else np.square(own)))
+    sigma[at_end] = np.inf
+    return Fused(rate, sigma, used)
+
+
+def _spread(model: ArrayModel) -> np.ndarray:
+    """Return (N, 3, 3) (rad/s)^2, each unit's part of a sample's variance of the combination."""
+    white = model.density * model.rate_hz / 2
+    alone = np.stack([white[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(model))])
+    spread: np.ndarray = model.weights @ alone @ model.weights.transpose(0, 2, 1)
+    # the contribution of correlation to the total is shared equally by all units
+    return spread * np.trace(combined(model.weights, white)) / np.trace(spread.sum(axis=0))
 
 
 # Resampling of one unit's samples at the array's sample times: cubic between four samples, in pieces, each sample read once.
@@ -230,7 +180,7 @@ class Resampler:
         return found
 
 
-# Build an array's model from a joint fit: weights with their reason, and the units' disagreement beyond noise.
+# Build an array's model from a joint fit: weights with their reason.
 
 #: averaging time for which the weights are optimal: a turn takes seconds, and the integrated rate is the attitude error
 AVERAGING_S = 3.0
@@ -242,16 +192,14 @@ def build_array_model(
     *,
     correlation: np.ndarray | None = None,
     joint_covariance: np.ndarray | None = None,
-    measured: np.ndarray | None = None,
     averaging_s: float = AVERAGING_S,
     session: str = "",
 ) -> ArrayModel:
     """Build the model of units with known parameters, extrinsics and noise; rate_hz: samples a second of the array.
 
     correlation (3 N, 3 N): of the units' white noise in the array's frame, where it was measured; joint_covariance (12 N, 12 N) of the
-    units' E and B, unit by unit; measured (T, N, 3) rad/s: the units' readings at the same times in the calibration, NaN where one has
-    none, from which their disagreement is estimated; averaging_s: averaging time for which the weights are optimal. Raises CalibrationError
-    for fewer than two units, and for noise for which no combination is optimal.
+    units' E and B, unit by unit; averaging_s: averaging time for which the weights are optimal. Raises CalibrationError for fewer than two
+    units, and for noise for which no combination is optimal.
     """
     units = tuple(units)
     if len(units) < 2:
@@ -277,8 +225,7 @@ def build_array_model(
         words = {WHITE: "white noise", INSTABILITY: "bias instability"}[best_for]
         reason = f"over {averaging_s:g} s white noise leaves {parts[0]:.2g} dps, bias instability {parts[1]:.2g} dps: best for {words}"
         weights = weights if best_for == WHITE else slow
-    model = ArrayModel(units, weights, float(rate_hz), best_for, reason + remark, correlation, Disagreement(), joint_covariance, session)
-    return model if measured is None else replace(model, disagreement=disagreement(model, measured))
+    return ArrayModel(units, weights, float(rate_hz), best_for, reason + remark, correlation, joint_covariance, session)
 
 
 def save_array_model(model: ArrayModel, path: Path) -> None:
@@ -286,7 +233,7 @@ def save_array_model(model: ArrayModel, path: Path) -> None:
     write_whole(path, to_table(model))
 
 
-# Array's model of a joint fit: its units, their noise, and their disagreement in the recording.
+# Array's model of a joint fit: its units and their noise.
 
 
 class FittedUnit(Protocol):
@@ -335,21 +282,4 @@ def array_model_of(array: ArraySession, fitted: Sequence[FittedUnit], covariance
         rows = np.concatenate([np.arange(PARAMETERS) + each * i for i in range(len(units))])
         joint = covariance[np.ix_(rows, rows)]
     rate_hz = 1 / fitted[0].session.logs[0].samples.period_s
-    measured = together([unit.session for unit in fitted], [unit.place for unit in fitted])
-    return build_array_model(units, rate_hz, joint_covariance=joint, measured=measured, session=array.name)
-
-
-def together(sessions: Sequence[Session], places: Sequence[UnitPlace]) -> np.ndarray:
-    """Return (T, N, 3) rad/s, all units' measured rates at the first one's sample times, log after log; NaN where one has none."""
-    whole = []
-    for logs in zip(*(session.logs for session in sessions), strict=True):
-        begins_ns = int(logs[0].samples.t_ns[0])
-        moments = (logs[0].samples.t_ns - begins_ns) * NS  # the array's clock is the first unit's
-        columns = []
-        for log, place in zip(logs, places, strict=True):
-            since, clock = (log.samples.t_ns - begins_ns) * NS, place.clock
-            resampler = Resampler(3)
-            resampler.push(since + clock.offset_s + clock.rate * (since + (begins_ns * NS - clock.about_s)), log.samples.gyro)
-            columns.append(resampler.at(moments))
-        whole.append(np.stack(columns, axis=1))
-    return np.concatenate(whole)
+    return build_array_model(units, rate_hz, joint_covariance=joint, session=array.name)

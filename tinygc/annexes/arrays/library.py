@@ -1,4 +1,4 @@
-"""Python interface of ``fit``, ``explain``, ``apply`` and ``export`` for an array: several units on one rigid body, estimated together."""
+"""Python interface of ``fit``, ``explain`` and ``apply`` for an array: several units on one rigid body, estimated together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from session.annexes.arrays.recording import ArraySession, read_array
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError
 from tinygc.annexes.arrays.apply import ArrayApplied, apply_array
-from tinygc.annexes.arrays.c_code import export_array
 from tinygc.annexes.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
 from tinygc.annexes.arrays.explanation import (
     ArrayExplanation,
@@ -133,8 +132,3 @@ def apply(
     if not folder.is_dir():
         raise CalibrationError(f"{folder}: no folder; an array's model takes the array's folder")
     return apply_array(model, folder, out, answers, which, unit, progress)
-
-
-def export(model: Path, to: str) -> dict[str, str]:
-    """Return file name -> text of an array's model file in a format.  ExportError for a format that holds one sensor only."""
-    return export_array(model, to)

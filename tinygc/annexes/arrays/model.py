@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -83,37 +83,6 @@ def blocks(matrices: np.ndarray) -> np.ndarray:
     return whole.reshape(count * size, count * size)
 
 
-# The weighted median of units, continuous in their values and weights.
-
-#: share of a unit's weight, on either side of its middle, in which it alone is the median
-ALONE = 0.25
-
-
-def weighted_median(values: np.ndarray, use: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the weighted median (T, 3) of values (T, N, 3), those with use (T, N), by weights (N,); NaN where no unit is used.
-
-    Sorted values occupy the middle halves of their weights, and the median is read at half the total weight, interpolated between two of
-    them: the mean of two equal units; the middle one of three, however far off another is.
-    """
-    used = np.where(use, weights, 0.0)
-    value = np.where(use[..., None], values, np.inf)
-    order = np.argsort(value, axis=1, kind="stable")
-    value = np.take_along_axis(value, order, axis=1)
-    weight = np.take_along_axis(np.broadcast_to(used[..., None], values.shape), order, axis=1)
-    total = used.sum(axis=1)[:, None]
-    middle_at = np.cumsum(weight, axis=1) - weight / 2 - total[:, None] / 2
-    begins, ends = middle_at - ALONE * weight, middle_at + ALONE * weight
-    there = np.arange(values.shape[1])[:, None] < use.sum(axis=1)[:, None, None]
-    last = np.maximum((there & (begins <= 0)).sum(axis=1) - 1, 0)[:, None]
-    following = np.minimum(last + 1, np.maximum(use.sum(axis=1) - 1, 0)[:, None, None])
-    low, high = (np.take_along_axis(value, which, axis=1)[:, 0] for which in (last, following))
-    end, begin = np.take_along_axis(ends, last, axis=1)[:, 0], np.take_along_axis(begins, following, axis=1)[:, 0]
-    between = (end < 0) & (begin > end)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        middle = np.where(between, low - end / np.where(between, begin - end, 1.0) * (high - low), low)
-    return np.where(total > 0, middle, np.nan)
-
-
 # Several units as one gyroscope: each unit's model and noise, and the best linear combination.
 #
 #     omega = sum_i W_i R_i (E_i m_i + B_i),   sum_i W_i = I
@@ -170,24 +139,12 @@ class FusedUnit:
         return self.place.mounting @ np.hstack([np.kron(np.eye(3), measured), np.eye(3)])
 
 
-@dataclass(frozen=True)
-class Disagreement:
-    """Difference between units beyond white noise, one sigma of each: bias_rps at rest; scale, of the rate; delay_s, of the rate's change.
-
-    Delays are from sampling times and filters.
-    """
-
-    bias_rps: float = 0.0
-    scale: float = 0.0
-    delay_s: float = 0.0
-
-
 @dataclass(frozen=True, eq=False)
 class ArrayModel:
     """Model of an array as one gyroscope.
 
     units; weights (N, 3, 3); rate_hz of the samples; best_for, ``white`` or ``instability``, and the reason; correlation (3 N, 3 N) of the
-    units' white noise in the array's frame, None where it is independent; disagreement; joint_covariance (12 N, 12 N) of all units' E and
+    units' white noise in the array's frame, None where it is independent; joint_covariance (12 N, 12 N) of all units' E and
     B, None where only the units' own are known; session it comes from.
     """
 
@@ -197,7 +154,6 @@ class ArrayModel:
     best_for: str = WHITE
     reason: str = ""
     correlation: np.ndarray | None = None
-    disagreement: Disagreement = field(default_factory=Disagreement)
     joint_covariance: np.ndarray | None = None
     session: str = ""
 
@@ -252,8 +208,7 @@ class ArrayModel:
         return np.sqrt(np.diag(row @ blocks(np.stack([each for each in own if each is not None])) @ row.T))
 
     def __call__(self, measured: np.ndarray) -> np.ndarray:
-        """Combine all units' measured rates (..., N, 3) rad/s of the same times into (..., 3) rad/s in the array's frame, without fault
-        detection."""
+        """Combine all units' measured rates (..., N, 3) rad/s of the same times into (..., 3) rad/s in the array's frame."""
         return np.einsum("nij,...nj->...i", self.weights @ self.matrices, measured) + np.einsum("nij,nj->i", self.weights, self.offsets)
 
     @cached_property
@@ -303,7 +258,6 @@ def _correlation(matrix: np.ndarray) -> str:
     return "" if np.abs(np.diag(matrix) - 1).max() < ROUNDING else "has a diagonal other than 1, expected a correlation"
 
 
-_SIGMA = Number(0, RATE.high)
 _CLOCK = Keys(
     dict.fromkeys(("offset_s", "about_s"), SECONDS) | {"rate": Number(-0.5, 0.5)},
     dict.fromkeys(("offset_sigma_s", "rate_sigma"), Number(0)),
@@ -342,7 +296,6 @@ SHAPE = Keys(
         "version": Text(),
         "noise_correlation": Maybe(Array((None, None), Number(-1 - ROUNDING, 1 + ROUNDING), _correlation)),
         "joint_covariance": Maybe(COVARIANCE),
-        "disagreement": Keys({"bias_rps": _SIGMA, "scale": Number(0, 10), "delay_s": Number(0, 10)}),
     },
 )
 
@@ -362,11 +315,6 @@ def to_table(model: ArrayModel) -> dict:
         "units": [_unit_table(unit, weights) for unit, weights in zip(model.units, model.weights, strict=True)],
         "noise_correlation": _listed(model.correlation),
         "joint_covariance": _listed(model.joint_covariance),
-        "disagreement": {
-            "bias_rps": model.disagreement.bias_rps,
-            "scale": model.disagreement.scale,
-            "delay_s": model.disagreement.delay_s,
-        },
         "fused": {
             "noise_density_rps_rthz": model.noise_density.tolist(),
             "bias_instability_rps": _listed(wander),
@@ -439,7 +387,6 @@ def from_table(table: Any, where: str = "array model") -> ArrayModel:
         table["best_for"],
         table.get("reason", ""),
         _array(table.get("noise_correlation")),
-        Disagreement(**{key: float(value) for key, value in table["disagreement"].items()}) if "disagreement" in table else Disagreement(),
         _array(table.get("joint_covariance")),
         table.get("session", ""),
     )

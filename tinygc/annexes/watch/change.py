@@ -35,8 +35,7 @@ class WindowRecord:
     @classmethod
     def of(cls, t_s: float, window: Window, judged: Judged) -> WindowRecord:
         """Of the first of the copies."""
-        z, sigma, gain = (each[:, 0].astype(float) for each in (judged.whole, judged.sigma, judged.gain))
-        return cls(t_s, z, sigma, gain, float(window.warmer[0]), bool(judged.taken[0]))
+        return cls(t_s, judged.whole[:, 0], judged.sigma[:, 0], judged.gain[:, 0], float(window.warmer[0]), bool(judged.taken[0]))
 
 
 @dataclass(frozen=True)

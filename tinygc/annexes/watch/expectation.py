@@ -20,7 +20,6 @@ from session.io.errors import CalibrationError
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
-from tinygc.deploy.exports._context import Context
 from tinygc.estimation.expected_zero import (
     END_S,
     USUAL_ACCEL_PER_K,
@@ -115,17 +114,6 @@ class ModelInUse:
             raise CalibrationError(f"{noise}: no {FILE} there; run `calibrate noise` first, or give the file itself")
         figures = None if found is None else read_figures(found)
         return cls(model, table, fit, config, figures, table.get("temperature_c"))
-
-    @classmethod
-    def of_export(cls, model: Model, context: Context) -> ModelInUse:
-        """The same of a model that is exported, so that the C has the settings of ``watch``.
-
-        Where the model's file does not have the temperature, as of an older fit, the logs have it.
-        """
-        temperature_c = context.table.get("temperature_c")
-        if temperature_c is None and (span_c := context.temperature_c()) is not None:
-            temperature_c = sum(span_c) / 2
-        return cls(model, context.table, context.fit, context.config, context.noise, temperature_c)
 
 
 def expect(known: ModelInUse, rate_hz: float) -> Expectation:

@@ -5,7 +5,7 @@
 
 dE (9) and the accelerometer's zero b (3) are one draw for all turns of a stream, so a Kalman filter whitens y; a CUSUM looks for a scatter
 of twice the stated sigma.  a is what each turn has of its own, mostly the Earth's rate across the vertical: that turns the reference too,
-and no rest shows it without its azimuth.  float64: a controller does without it.
+and no rest shows it without its azimuth.
 """
 
 from __future__ import annotations

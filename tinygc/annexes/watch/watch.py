@@ -202,7 +202,7 @@ class Watch:
         self._force_count += len(item.accel)
         rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
         k, steps = 0, np.full(n, self._period_s)
-        for _, quiet, window, judged in self._detector.feed(omega, item.accel, item.temp_c):
+        for quiet, window, judged in self._detector.feed(omega, item.accel, item.temp_c):
             block = (rate[k : k + n], measured[k : k + n], steps)
             k += n
             self.t_s = float(times[k - 1])
@@ -239,9 +239,9 @@ class Watch:
         self.windows += 1
         if self._direction is None:
             self._pending.append(block)
-        self._direction = window.direction[:, 0].astype(float)
+        self._direction = window.direction[:, 0]
         self._resting_rps = block[1].mean(axis=0)
-        self._here.append(np.concatenate([self._detector.filter.zero[:, 0], [window.gravity[0]], window.warmer]).astype(float))
+        self._here.append(np.concatenate([self._detector.filter.zero[:, 0], [window.gravity[0]], window.warmer]))
         if len(self._here) > 2:  # of a rest, the first and the last window are kept
             del self._here[1]
         self._windows_here += 1
@@ -267,7 +267,7 @@ class Watch:
             if self._turn is None:
                 self._turn = Turn(self._turn_test.x[:9])
                 self._measured_rps = self._resting_rps
-                self._zero_rps = self._detector.filter.lasting[0][:, 0].astype(float) * self._detector.chosen.rate_sigma_rps
+                self._zero_rps = self._detector.filter.lasting[0][:, 0] * self._detector.chosen.rate_sigma_rps
             omega, measured, dt = self._pending.popleft()
             self._turn.add(omega - self._zero_rps, measured - self._measured_rps, dt)
         turn = self._turn
@@ -275,14 +275,14 @@ class Watch:
             self._turn = None
             self._pending.clear()
             if turn is not None and turn.angle > LEAST_RAD:
-                yield from self._closed(turn, window.direction[:, 0].astype(float), judged)
+                yield from self._closed(turn, window.direction[:, 0], judged)
         self._pending.append(block)
         if turn is not None and turn.seconds > LONGEST_S:
             self._forget_turn()
 
     def _closed(self, turn: Turn, end: np.ndarray, judged: Judged) -> Iterator[Event]:
         """judged: the window behind the turn.  A zero that has jumped did so at an unknown moment of the turn."""
-        innovation = judged.whole[:3, 0].astype(float) * float(judged.sigma[0, 0])
+        innovation = judged.whole[:3, 0] * judged.sigma[0, 0]
         jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
         variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))
         assert self._direction is not None
@@ -328,7 +328,7 @@ class Watch:
         if zeros:
             changed = np.zeros(3)
             changed[zeros] = [sizes[k][0] * DEG for k in zeros]
-            zero = f.zero[:, 0].astype(float) * c.rate_sigma_rps
+            zero = f.zero[:, 0] * c.rate_sigma_rps
             cost = _cost_deg(changed)
             table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
             table |= {"cost_deg": cost, "zero_cost_deg": _cost_deg(zero)}
@@ -354,7 +354,7 @@ class Watch:
             return
         last, count = here[-1], self._windows_here
         zero = last[:3] * self.settings.rate_sigma_rps / DEG
-        sigma = np.sqrt(np.maximum(self._detector.filter.P[0, 0], 0)) * self.settings.rate_sigma_rps / DEG
+        sigma = np.sqrt(np.maximum(self._detector.filter.P[0, 0, 0], 0)) * self.settings.rate_sigma_rps / DEG
         gravity = float(last[3] * self.settings.gravity_sigma * self.expected.gravity_mps2 / MG)
         self.rests += 1
         self._here, self._windows_here = [], 0

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import duration, filled, folder_written, path_read
-from tinygc.cli.extensions import help_if_present
+from tinygc.cli.arguments import filled, folder_written, path_read
 from tinygc.cli.results import complain, output, write_json
 from tinygc.deploy import FORMATS, format_named
 
@@ -15,15 +14,12 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, help="session folder that was fitted, noise.json, or an array's model file")
+    command.add_argument("folder", type=path_read, help="session folder that was fitted, or noise.json")
     command.add_argument("--to", required=True, type=format_named, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
     command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the files go (export/ in the session folder)")
     command.add_argument("--noise", type=path_read, metavar="PATH", help="noise.json of this unit, or its folder (fit/noise.json)")
     command.add_argument("--inflation", type=filled, metavar="MOTION", help="enlarge noise densities by the factors of this kind of motion")
-    watch = "with c: watch the calibration on the controller; TIME at rest to a false alarm, on average (30d)"
-    watch_help = help_if_present("a watch in C (export --watch)", watch)
-    command.add_argument("--watch", type=duration, nargs="?", const="30d", metavar="TIME", help=watch_help)
     command.add_argument("--anyway", action="store_true", help="export a model that closes held-out segments worse than raw rates, too")
 
 
@@ -31,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     """Write a calibration in another program's format."""
     from tinygc.library.reports import exported
 
-    made = exported(args.folder, args.to, args.model, args.anyway, complain, args.noise, args.inflation, args.watch)
+    made = exported(args.folder, args.to, args.model, args.anyway, complain, args.noise, args.inflation)
     home = args.folder.parent if args.folder.is_file() else args.folder
     written = made.save(args.out or home / "export")
     for path in written:

@@ -21,7 +21,7 @@ PAGE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
 #: modules right in a package: its own file, and the door to an annex
 LOOSE = {"session": ["__init__.py", "public.py"], "tinygc": ["__init__.py"]}
 #: where names of annexes' modules stand as strings
-REGISTRIES = {"session.io.annexes", "session.io.renamed"}
+REGISTRIES = {"session.io.annexes"}
 #: folders of parts that use the tools of the folder that lists them
 PLUGINS = ("tinygc.cli.commands", "tinygc.deploy.exports", "tinygc.effects.entries", "tinygc.reporting.html.sections")
 

@@ -120,7 +120,7 @@ class ModelInUse:
     def of_export(cls, model: Model, context: Context) -> ModelInUse:
         """The same of a model that is exported, so that the C has the settings of ``watch``.
 
-        Where the model's file does not have the temperature, as of an older fit, the logs have it.
+        Where the model's file does not have the temperature, as of one that was written by hand, the logs have it.
         """
         temperature_c = context.table.get("temperature_c")
         if temperature_c is None and (span_c := context.temperature_c()) is not None:

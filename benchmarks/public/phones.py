@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from session.annexes.turntable.folder import GyroLog, turn_session_files
+from session.annexes.turntable.folder import GyroLog, write_turn_session
 from session.io.errors import FormatError
 from session.io.logfile import KnownTurn
 from session.io.units import DEG, NS_PER_S
 
-from .writing import AGAIN, found, placed, text_of
+from .writing import AGAIN, found, text_of
 
 NAME = re.compile(r"(?P<phone>\w+?)_(?P<axis>[XYZ])[GM]_(?P<speed>[\d.]+)_(?P<angle>\d+)(?P<each>i?)_(?P<number>\d+)\.csv")
 #: the authors do not say how well the table stops: half a step of a usual motor of 1.8 deg as the width of a rectangular distribution
@@ -59,7 +59,7 @@ def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
             "source": "ShallDa/gyroscope_calibration, BSD 3-Clause",
             "repeated_rows": f"{again} rows of ends that stand twice left out",
         }
-        yield placed(out / phone, turn_session_files(logs, turns, serial=phone, notes=notes))
+        yield write_turn_session(out / phone, logs, turns, serial=phone, notes=notes)
 
 
 def read_rates(path: Path) -> tuple[np.ndarray, np.ndarray, int]:

@@ -63,25 +63,18 @@ def rows(times: np.ndarray, *values: np.ndarray) -> Iterator[str]:
 
 
 def write_folder(folder: Path, toml: str, files: Mapping[str, Table], given: bool = True) -> Path:
-    """``session.toml`` and files of lines by their names, those of ``.gz`` packed; not given: with an accelerometer from its own stills."""
-    return placed(folder, {"session.toml": toml.encode()} | {name: _packed(name, *table) for name, table in files.items()}, given)
-
-
-def _packed(name: str, header: str, lines: Iterable[str]) -> bytes:
-    data = "\n".join(chain([header], lines, [""])).encode()
-    return gzip.compress(data, compresslevel=6, mtime=0) if name.endswith(".gz") else data
-
-
-def placed(folder: Path, contents: Mapping[str, bytes], given: bool = True) -> Path:
-    """The folder with these files, whole or not at all.  FormatError where it is there, SegmentError where its stills do not suffice."""
+    """``session.toml`` and files of lines by their names, those of ``.gz`` packed, whole or not at all; not given: with an accelerometer
+    from its own stills.  FormatError where the folder is there, SegmentError where its stills do not suffice."""
     if folder.exists():
         raise FormatError(f"{folder}: exists; choose another folder with --out, or remove that one")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".part-") as part:
         made = Path(part) / folder.name
         made.mkdir()
-        for name, data in contents.items():
-            (made / name).write_bytes(data)
+        (made / "session.toml").write_text(toml, encoding="utf-8")
+        for name, (header, lines) in files.items():
+            data = "\n".join(chain([header], lines, [""])).encode()
+            (made / name).write_bytes(gzip.compress(data, compresslevel=6, mtime=0) if name.endswith(".gz") else data)
         if not given:
             _calibrate_from_stills(made, folder)
         made.replace(folder)

@@ -433,9 +433,6 @@ def test_samples_that_whole_seconds_lack_are_missed(lost):
         evenly(whole, None, "x")
 
 
-SIX = r"ax: (\S+) ay: (\S+) az: (\S+) gx: (\S+) gy: (\S+) gz: (\S+)"
-
-
 def records():
     return [f"t: {t} ax: {i % 7}.5 ay: 0.25 az: 9.75 gx: {i % 5}.125 gy: 0.5 gz: 1.5" for i, t in enumerate(T_US)]
 

@@ -19,7 +19,7 @@ except ImportError as error:
 
 from session.io.errors import CalibrationError
 from session.io.texts import printable
-from tinygc.cli.arguments import parser, present_words, refuse_overwriting
+from tinygc.cli.arguments import parser, refuse_overwriting
 from tinygc.cli.defaults import take_defaults
 from tinygc.cli.results import ended_by_signals, standard_output
 
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with ended_by_signals():
-            words = present_words(sys.argv[1:] if arguments is None else arguments)
+            words = sys.argv[1:] if arguments is None else arguments
             if not words:  # who types the name alone asks what there is; a script whose variable is empty must not take it for done
                 parser().print_help()
                 return 2

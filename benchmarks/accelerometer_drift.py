@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 from common import markdown
+from public import mimu
 
-from session.annexes.public import mimu
 from session.detect.accelerometer import SHEARS
 from session.io.units import MG
 from tinygc.closure.prepared import prepare

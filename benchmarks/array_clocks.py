@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 from common import markdown, progress
+from public import mikov, mimu
 from scipy.spatial.transform import Rotation
 
 from session.annexes.arrays.recording import ArraySession, read_array
-from session.annexes.public import mikov, mimu
 from session.io.units import DEG
 from tinygc.annexes.arrays.extrinsics import clock_fits, places_of
 from tinygc.annexes.arrays.latency import SampleAges, ages_of

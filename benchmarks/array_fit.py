@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from common import markdown, progress
+from public import mikov, mimu
 from scipy.spatial.transform import Rotation
 
 from session.annexes.arrays.recording import read_array
-from session.annexes.public import mikov, mimu
 from session.io.units import DEG
 from tinygc.annexes.arrays.fit import ArrayFit, fit_array
 from tinygc.annexes.arrays.options import ArrayOptions

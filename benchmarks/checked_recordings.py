@@ -57,7 +57,7 @@ def main() -> None:
 def units_of(name: str, shared: Path, made: Path) -> Iterator[Unit]:
     """The units of a set with their session folders; none where the set is not there."""
     sources = [source for source in (shared / name, shared / "wild" / name) if source.is_dir()]
-    folders = [folder for source in sources for folder in import_module(f"session.annexes.public.{name}").write(source, made / name)]
+    folders = [folder for source in sources for folder in import_module(f"public.{name}").write(source, made / name)]
     if name == "mimu":
         for unit in range(8):
             yield Unit(name, f"u{unit}", tuple(folder for folder in folders if folder.name.endswith(f"u{unit}")))

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown, simulated
+from public.broad import RATE, read_hdf5
 from scipy.linalg import block_diag
 
-from session.annexes.public.broad import RATE, read_hdf5
 from session.io.errors import DataError
 from session.io.units import DEG, DEG_PER_HOUR, NS
 from tinygc.annexes.noise.inflation import Inflation, Wander, end_differences, inflations, truth_inflation

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common import in_parallel
+from public import euroc, mimu
 from real_recordings_page import missed, page, said_wrongly
 
-from session.annexes.public import euroc, mimu
 from session.io.errors import CalibrationError
 from session.io.folder import read_session
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
 import re
 import tempfile
 from collections import defaultdict
@@ -23,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown, simulated
+from public import mimu
 from scipy.linalg import sqrtm
 
-from session.annexes.public.__main__ import main as public
 from session.io.errors import CalibrationError
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
@@ -81,11 +80,7 @@ def main() -> None:
 
 def made(parent: Path) -> list[Path]:
     """Session folders of the authors' own files, the accelerometer as it was measured."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        if public(["mimu", str(SHARED), "--out", str(parent)]):
-            raise SystemExit(2)
-    return [Path(line) for line in said.getvalue().splitlines()]
+    return [*mimu.write(SHARED, parent)]
 
 
 def real(folders: list[Path]) -> None:

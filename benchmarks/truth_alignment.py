@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 from common import markdown
+from public.euroc import write_sequences
 from scipy.spatial.transform import Rotation
 
-from session.annexes.public.euroc import write_sequences
 from session.detect.truth_alignment import align
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, TruthReading
 from session.io.folder import Session, read_session
@@ -68,7 +68,7 @@ def _row(name: str, case: tuple, seeds: int) -> tuple[str, ...]:
 
 def _real(name: str) -> tuple[str, ...]:
     with tempfile.TemporaryDirectory() as folder:
-        alignment = align(read_session(write_sequences(EUROC, [name], Path(folder), segment_s=2.0))).alignment
+        alignment = align(read_session(write_sequences(EUROC, [name], Path(folder) / name, segment_s=2.0))).alignment
     assert alignment is not None
     shown = f"{1e3 * alignment.offset_s:+.3f} ± {1e3 * alignment.offset_sigma_s:.3f}"
     turned = ", ".join(f"{t:.2f} ± {s:.2f}" for t, s in zip(alignment.turned / DEG, alignment.turned_sigma / DEG, strict=True))

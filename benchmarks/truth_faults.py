@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 from common import markdown
+from public.euroc import write_sequences
 from scipy.spatial.transform import Rotation, Slerp
 from truth_alignment import EUROC, simulated
 
-from session.annexes.public.euroc import write_sequences
 from session.io.folder import Session, read_session
 from session.io.logfile import Truth
 from session.io.units import DEG, NS_PER_S, G
@@ -256,7 +256,7 @@ def _simulated(seed: int) -> Session:
 
 def _window(name: str, begin_s: float) -> Session:
     with tempfile.TemporaryDirectory() as folder:
-        session = read_session(write_sequences(EUROC, [name], Path(folder), segment_s=2.0))
+        session = read_session(write_sequences(EUROC, [name], Path(folder) / name, segment_s=2.0))
     (log,), (truth,) = session.logs, session.truths or ()
     first, last = np.searchsorted(log.samples.t_s, (begin_s, begin_s + WINDOW_S))
     samples = log.samples.between(int(first), int(last))

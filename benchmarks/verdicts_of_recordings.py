@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 from check_and_fit import sessions_of, write_sundevil
 from common import in_parallel, markdown
+from public import broad, euroc, mikov, mimu, repoimu
 from real_recordings import SHARED
 
-from session.annexes.public import broad, euroc, mikov, mimu, repoimu
 from tinygc.estimation.choice import SAME
 
 ROOT = Path(__file__).resolve().parents[1]

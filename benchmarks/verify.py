@@ -8,7 +8,7 @@ anew.
 
     python benchmarks/verify.py --null 200
     python benchmarks/verify.py --faults 3
-    python benchmarks/verify.py --mimu FOLDER       # sessions of ``python -m session.public mimu``, which are fitted there first
+    python benchmarks/verify.py --mimu FOLDER       # sessions of ``python -m benchmarks.public mimu``, which are fitted there first
 """
 
 from __future__ import annotations

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from session.annexes.public.euroc import write_sequences
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.public.euroc import write_sequences
 from session.io.units import DEG, G
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth

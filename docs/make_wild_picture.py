@@ -16,7 +16,9 @@ import matplotlib as mpl
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from session.annexes.public import broad, sundevil
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.public import broad, sundevil
 from session.detect.stills import find_stills, references
 from session.io.units import DEG
 from tinygc import Session, read_session

@@ -19,9 +19,5 @@ Arrays
     The last axis is x, y, z.  Sample ranges are half open: ``start <= i < stop``.
 """
 
-from session.io.renamed import install as _install_old_names
-
 #: the package's version, and what every file that is written says it was made with
 VERSION = "0.1.0"
-
-_install_old_names()

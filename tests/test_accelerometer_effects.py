@@ -161,7 +161,7 @@ def test_drifts_lie_within_their_sigmas_and_none_is_seldom_found(count):
 @pytest.mark.slow
 def test_eight_sensors_on_one_board_drift_and_keep_their_axes(shared, tmp_path):
     """mimu, its seventh day: every zero falls, gravity's length then fits, and nonorthogonality is that of the fifth day."""
-    from session.annexes.public import mimu
+    from benchmarks.public import mimu
 
     if not (source := shared / "wild" / "mimu").exists():
         pytest.skip("no ../shared/wild/mimu: recordings of eight MPU-9150")

@@ -89,7 +89,7 @@ def test_other_programs_read_nothing_but_numbers_below_the_header(name, folder, 
     assert run(tmp_path, tmp_path / f"{name}.json", tmp_path / "out.csv", "-o", tmp_path / "twice.csv") == 2
 
 
-def test_a_log_that_an_older_version_calibrated_is_known_by_its_comment(folder, tmp_path):
+def test_a_log_that_is_calibrated_by_its_comment_is_known(folder, tmp_path):
     header, rows = (folder / "log0001.csv").read_text().split("\n", 1)
     (tmp_path / "old.csv").write_text(f"{header}\n# calibrated=gyro,accel\n{rows}")
     assert run(tmp_path, tmp_path / "linear.json", tmp_path / "old.csv", "-o", tmp_path / "out.csv", "--session", folder) == 2

@@ -114,7 +114,7 @@ def test_what_apply_wrote_is_read_again_and_calibrated_once(folder, tmp_path, ca
     assert "calibrated already" in session.logs[0].notes[-1]
     # Through replay, too; and a second apply is refused in one line.
     assert (
-        calibrate.main(["replay", str(again / "log0001.csv"), "--out", str(tmp_path / "copy"), "--gyro-fs", "500", "--accel-fs", "4"]) == 0
+        calibrate.main(["import", str(again / "log0001.csv"), "--out", str(tmp_path / "copy"), "--gyro-fs", "500", "--accel-fs", "4"]) == 0
     )
     (tmp_path / "copy" / "session.toml").write_text(toml(OTHER))
     copy = read_session(tmp_path / "copy")

@@ -408,7 +408,3 @@ def test_what_a_stored_model_was_fitted_to(tmp_path, table, here, says):
     assert found.here is here
     assert says in found.says
     assert ("had its bias" in found.says) == ("had its bias" in says)
-    # Of a file of an earlier version, what ``fit`` left beside it is known.
-    if not table:
-        (tmp_path / "fitted.json").write_text(json.dumps({"key": {"inputs": hashes["own"]}}))
-        assert origin_of(tmp_path / "m.json", session).here is True

@@ -8,7 +8,7 @@ from conftest import DEG, Table, broad, session_of, write_session
 from looks import of, serious
 
 import tinygc
-from session.annexes.public import mimu
+from benchmarks.public import mimu
 from session.detect.first_look import check_session
 from session.io.config import LeftOut
 from session.io.errors import CalibrationError
@@ -98,7 +98,8 @@ def test_real_recordings_with_clipped_shaking_at_their_end_agree_with_gravity(sh
         pytest.skip("no recordings: shared/wild/mimu is not there")
     number, unit = int(name[1]), int(name[3])
     (_, (ticks, registers)) = next(each for each in mimu.experiments(shared / "wild" / "mimu") if each[0] == number)
-    folder = mimu.write_folder(tmp_path / name, mimu._toml(name), mimu.HEADER, mimu._lines(ticks, registers[:, unit]))
+    log = (mimu.HEADER, mimu._lines(ticks, registers[:, unit]))
+    folder = mimu.write_folder(tmp_path / name, mimu.TOML.format(serial=name), {mimu.LOG: log})
     findings = tinygc.check(folder)
     assert of(findings, "gyro scale").level == "ok"
     assert not {("gyro against gravity", "warning"), ("axes", "error")} & serious(findings)

@@ -76,7 +76,7 @@ def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys)
     names = ",".join([f"gyro_rad[{i}]" for i in range(3)] + [f"accelerometer_m_s2[{i}]" for i in range(3)])
     log.write_text(f"timestamp,{names}\n" + rows(samples.t_ns // 1000, *samples.gyro.T, *samples.accel.T))
     made, table = tmp_path / "made", tmp_path / "made.json"
-    command = ["replay", str(log), "--out", str(made)]
+    command = ["import", str(log), "--out", str(made)]
     assert calibrate.main([*command, "--gyro-fs", "500", "--accel-fs", "4", "--json", str(table)]) == 0
     assert "next:\n  python calibrate.py check" in capsys.readouterr().out
     assert json.loads(table.read_text())["dialects"] == ["PX4 sensor_combined"]

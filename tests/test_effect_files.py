@@ -217,7 +217,7 @@ def test_what_is_declared_must_be_possible():
         "parameter": Parameter("k", (3,), "dps"),
         "observable_in": ("turn",),
         "columns": lambda m: m.rate,
-        "says": str,
+        "describe": str,
         "discriminating_motion": "",
     }
     Effect(**good)
@@ -230,7 +230,7 @@ def test_what_is_declared_must_be_possible():
         "reach": 3,
         "columns": None,
         "scan": lambda values: [],
-        "gauge": "common delay",
+        "gauge_convention": "common delay",
         "device": "float x;",
         "picture": "a nice one",
         "linear_in": "force",  # which nine parameters are

@@ -259,7 +259,7 @@ def test_simulate_and_its_truth(tmp_path):
 
 def test_replay(folder, tmp_path):
     (log,) = folder.glob("log*")
-    assert_on_page(told("replay", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/2")
+    assert_on_page(told("import", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/2")
 
 
 @pytest.mark.slow
@@ -298,7 +298,7 @@ def test_board_record_and_ports(tmp_path):
         "drop",
         "note",
     }
-    assert_on_page(told("replay", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again", tmp_path / "x.json"), "tinygc-replay/2")
+    assert_on_page(told("import", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again", tmp_path / "x.json"), "tinygc-replay/2")
     assert_on_page(told("ports", tmp_path / "x.json"), "tinygc-ports/1")
 
 

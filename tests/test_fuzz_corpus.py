@@ -35,7 +35,7 @@ def test_no_input_that_was_kept_is_a_finding(name, tmp_path):
 
 
 def test_each_kept_input_belongs_to_a_reader_and_all_are_few():
-    assert {path.name for path in CORPUS.iterdir()} <= {*NAMES, "public", "binary_logs"}
+    assert {path.name for path in CORPUS.iterdir()} <= {*NAMES, "binary_logs"}
     assert sum(path.stat().st_size for path in CORPUS.rglob("*")) < MOST_BYTES
 
 

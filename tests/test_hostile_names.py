@@ -115,7 +115,7 @@ def test_pictures_are_drawn_under_such_a_name(evil, run, monkeypatch):
 @pytest.mark.parametrize("serial", ['a\nb\r\n[x] \x1b[31m \x7f \u2028\x85 😀 "\\ Ø-12 µ', os.fsdecode(b"\xe9")])
 def test_replay_reads_again_the_serial_number_that_it_wrote(serial, folder, tmp_path, run):
     made = tmp_path / "made"
-    clean(run("replay", folder / "log0001.csv", "--out", made, "--gyro-fs", "500", "--accel-fs", "4", "--serial", serial))
+    clean(run("import", folder / "log0001.csv", "--out", made, "--gyro-fs", "500", "--accel-fs", "4", "--serial", serial))
     assert read_config(made / "session.toml").sensor.serial == (serial if "\udce9" not in serial else r"\xe9")
     clean(run("check", made))
 
@@ -126,7 +126,7 @@ def test_the_name_of_a_log_says_nothing_of_it(axes, folder, tmp_path, run):
     log = folder / 'l\nmodel = "x"\n gyro_fs_dps=125 stamps=counted \u2028.csv'
     (folder / "log0001.csv").rename(log)
     made = tmp_path / "made"
-    clean(run("replay", log, "--out", made, "--gyro-fs", "500", "--accel-fs", "4", *axes))
+    clean(run("import", log, "--out", made, "--gyro-fs", "500", "--accel-fs", "4", *axes))
     table = tomllib.loads((made / "session.toml").read_text(encoding="utf-8"))
     assert set(table) == {"schema", "sensor"}
     assert table["sensor"]["gyro_fs_dps"] == 500
@@ -139,7 +139,7 @@ def test_what_a_log_says_of_itself_is_refused_before_it_is_written(folder, tmp_p
     log = folder / "log0001.csv"
     lines = [f"{9600 * n},0.1,{n % 3},0.3,0,0,-1" for n in range(1000)]
     log.write_text("\n".join(["# gyro_fs_dps=1e308 accel_fs_g=4", "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", *lines, ""]))
-    refused(run("replay", log, "--out", tmp_path / "made"), "gyro_fs_dps", "not written")
+    refused(run("import", log, "--out", tmp_path / "made"), "gyro_fs_dps", "not written")
     assert not (tmp_path / "made").exists()
 
 
@@ -188,7 +188,7 @@ def test_a_bias_beyond_any_gyroscope_is_refused(text, folder, run):
     "arguments",
     [
         *(("record", "--port", "none", option, "1e308") for option in ("--odr", "--gyro-fs", "--accel-fs")),
-        *(("replay", "log.csv", "--out", "x", option, "1e-308") for option in ("--odr", "--gyro-fs", "--accel-fs")),
+        *(("import", "log.csv", "--out", "x", option, "1e-308") for option in ("--odr", "--gyro-fs", "--accel-fs")),
         *(("board", option, "1e308") for option in ("--rate", "--gyro-fs", "--accel-fs")),
         ("record", "--port", "none", "--baud", "1" + "0" * 30),
         ("fit", "x", "--seed", "1" + "0" * 30),

@@ -10,7 +10,6 @@ from conftest import DEG, ROOT, Table
 from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, betaflight, make, rows, same, triads
 from written_texts import TEXTS, bursts, lines, mps2, phyphox, rps, sensor_logger
 
-import calibrate
 import tinygc
 from session.io.errors import DataError, FormatError
 from session.io.forms import form_of
@@ -334,13 +333,6 @@ def test_the_folder_is_named_as_the_log(tmp_path, run, monkeypatch):
     assert "no log" in said
 
 
-def test_the_earlier_name_of_the_command_works(tmp_path, capsys):
-    path = tmp_path / "data.csv"
-    path.write_bytes(TEXTS["EuRoC"].write(SAMPLES)[0][1])
-    assert calibrate.main(["replay", str(path), "--out", str(tmp_path / "s")]) == 0
-    assert re.search(r"clock: #?timestamp \[ns\] in ns \(header\); 104 Hz for", capsys.readouterr().out)
-
-
 def test_what_was_written_is_in_si(tmp_path):
     """rad/s and m/s² stay as they were written."""
     text = "time_s,gyro_x_rads,gyro_y_rads,gyro_z_rads,acc_x_ms2,acc_y_ms2,acc_z_ms2\n" + lines(
@@ -439,9 +431,6 @@ def test_samples_that_whole_seconds_lack_are_missed(lost):
     whole = np.delete(true_ns // 10**9 * 10**9, np.s_[5000 : 5000 + lost])
     with pytest.raises(DataError, match="samples are missing"):
         evenly(whole, None, "x")
-
-
-SIX = r"ax: (\S+) ay: (\S+) az: (\S+) gx: (\S+) gy: (\S+) gz: (\S+)"
 
 
 def records():

@@ -194,6 +194,7 @@ def test_a_model_that_follows_temperature_says_from_which_one_on(tmp_path):
         ("[]", "it is a list of 0, expected a table"),
         ("{}", "schema is missing"),
         ('{"schema": "tinygc-fit/3"}', 'schema is "tinygc-fit/3", expected one of tinygc-fit/2'),
+        ('{"schema": "tinygc-fit/1"}', 'schema is "tinygc-fit/1", expected one of tinygc-fit/2; run `calibrate.py fit` again'),
         ('{"schema": "tinygc-fit/2", "noise": {"gyro_dps_rthz": "x"}}', 'noise.gyro_dps_rthz is "x", expected 3 numbers'),
         ('{"schema": "tinygc-fit/2", "goodness": {"p_value": NaN}}', "goodness.p_value is NaN, which is not finite"),
         ('{"schema": "tinygc-fit/2", "goodness": {"p_value": true}}', "goodness.p_value is true, expected a number from 0 to 1"),

@@ -18,10 +18,8 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("session", "tinygc")
 PAGE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-#: modules right in a package: its own file, and the door to an annex
-LOOSE = {"session": ["__init__.py", "public.py"], "tinygc": ["__init__.py"]}
 #: where names of annexes' modules stand as strings
-REGISTRIES = {"session.io.annexes", "session.io.renamed"}
+REGISTRIES = {"session.io.annexes"}
 #: folders of parts that use the tools of the folder that lists them
 PLUGINS = ("tinygc.cli.commands", "tinygc.deploy.exports", "tinygc.effects.entries", "tinygc.reporting.html.sections")
 
@@ -91,7 +89,7 @@ def circle(edges: dict[str, set[str]]) -> list[str]:
 
 def test_the_page_lists_every_room_and_every_annex_once():
     listed = [room for floor in floors() for room in floor]
-    rooms = {room_of(module) for module in FILES if module.count(".") and module not in ("session.public",)}
+    rooms = {room_of(module) for module in FILES if module.count(".")}
     assert sorted(listed) == sorted(room for room in rooms if "annexes" not in room)
     assert set(annexes()) == {room for room in rooms if room.count(".") == 2}
     assert len(floors()) <= 8
@@ -100,7 +98,7 @@ def test_the_page_lists_every_room_and_every_annex_once():
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_module_lies_beside_the_rooms(package):
-    assert set(path.name for path in (ROOT / package).glob("*.py")) <= set(LOOSE[package])
+    assert set(path.name for path in (ROOT / package).glob("*.py")) == {"__init__.py"}
     for path in (ROOT / package).rglob("*"):
         assert not path.is_dir() or not any(path.glob("*.py")) or (path / "__init__.py").exists(), f"{path} does not say what it is"
 

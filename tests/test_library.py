@@ -195,7 +195,7 @@ def test_all_names_are_there_and_no_other():
 
 
 def home(name):
-    """A public name where it is defined: an old module that another test has imported may stand in its place (session/io/renamed.py)."""
+    """A public name where it is defined."""
     module = next(module for module, names in tinygc._HOMES.items() if name in names)
     return getattr(importlib.import_module(module), name)
 

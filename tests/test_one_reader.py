@@ -62,7 +62,7 @@ def test_a_log_of_ours_gives_apply_what_it_gives_fit(header, tmp_path):
     ],
 )  # fmt: skip
 def test_a_session_does_not_take_another_programs_log_for_its_own(header, said, tmp_path):
-    """What ``replay`` reads, a session's own folder refuses: its units and axes were never asked for."""
+    """What ``import`` reads, a session's own folder refuses: its units and axes were never asked for."""
     with pytest.raises(FormatError, match=said):
         read_log(log(tmp_path, header, registers(20)), SENSOR)
 

@@ -115,7 +115,7 @@ def fitted(tmp_path_factory) -> Path:
 def test_a_session_is_checked_replayed_and_its_model_applied(fitted, tmp_path):
     assert calibrate("check", fitted).returncode == 0
     log, out = fitted / "log0001.csv.gz", tmp_path / "again"
-    replay = calibrate("replay", log, "--out", out, "--gyro-fs", "500", "--accel-fs", "4")
+    replay = calibrate("import", log, "--out", out, "--gyro-fs", "500", "--accel-fs", "4")
     assert replay.returncode == 0, replay.stderr
     assert (out / "session.toml").is_file()
     model = fitted / "fit" / "model_least_squares.json"

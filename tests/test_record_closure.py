@@ -93,7 +93,7 @@ def test_a_cable_pulled_in_the_run_and_ctrl_c_after_it_lose_nothing(boards, tmp_
     assert all(after[name].startswith(data) for name, data in before.items())
     (closure,) = read_session(folder).closures
     assert closure.samples.duration_s > 20
-    assert calibrate("replay", folder / "raw.bin", "--out", tmp_path / "again").returncode == 0
+    assert calibrate("import", folder / "raw.bin", "--out", tmp_path / "again").returncode == 0
     assert {path.name for path in (tmp_path / "again").glob("*.csv")} == {name for name in after if name.endswith(".csv")}
     again = calibrate(*words, "--port", boards("c", run), "--resume", "--json", "-")  # all of it is there
     assert json.loads(again.stdout)["done"]
@@ -130,6 +130,6 @@ def test_keys_on_a_terminal(boards, tmp_path):
     segments = fitted(tmp_path / "s")["segments"]
     assert segments["used"] in (10, 11)  # what came while it stopped may have completed one
     assert sum("left out in session.toml" in str(entry) for entry in segments["rejected"]) == 1
-    assert calibrate("replay", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again").returncode == 0
+    assert calibrate("import", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again").returncode == 0
     for path in (tmp_path / "s").glob("*.csv"):
         assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()

@@ -221,8 +221,7 @@ def test_a_rest_between_turns_replays_to_the_same_logs(wire, tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--rest", "--series"], "--series is of turns, and with --rest nothing is turned"),
-        (["--rest", "1", "--closure"], "--closure is of turns"),
+        (["--rest", "1", "--closure"], "--closure is of turns, and with --rest nothing is turned"),
         (["--rest", "--view"], "--view is of turns"),
         (["--known-to", "10"], "--known-to says how well the noise of a rest is to be known; add --rest"),
         (["--rest", "-1"], "-1 is no time from 0 to 1000 h"),

@@ -44,25 +44,25 @@ def test_replay_makes_a_session_folder(wire, tmp_path, capsys):
     record(recorder, master, frames.encode_info(0, INFO) + b"".join(frame_list(t_us, registers, first=1)))
     recorder.close()
     raw = str(tmp_path / "s" / "raw.bin")
-    assert calibrate.main(["replay", raw, "--out", str(tmp_path / "a"), "--json", "-"]) == 0
+    assert calibrate.main(["import", raw, "--out", str(tmp_path / "a"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["samples"] == 3000
     assert (tmp_path / "a" / "log0001.csv").read_bytes() == (tmp_path / "s" / "log0001.csv").read_bytes()
     sensor = read_session(tmp_path / "a").config.sensor
     assert (sensor.odr_hz, sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.serial) == (1667.0, 500, 4, "77")
     (tmp_path / "s" / "session.toml").write_text(CONFIG)
-    assert calibrate.main(["replay", raw, "--out", str(tmp_path / "b")]) == 0
+    assert calibrate.main(["import", raw, "--out", str(tmp_path / "b")]) == 0
     assert (tmp_path / "b" / "session.toml").read_text() == CONFIG
-    assert calibrate.main(["replay", raw, "--out", str(tmp_path / "b")]) == 2
+    assert calibrate.main(["import", raw, "--out", str(tmp_path / "b")]) == 2
     assert "give --out a new folder" in capsys.readouterr().err
     capture = tmp_path / "capture.bin"  # of any other program
     capture.write_bytes(b"".join(line_list(t_us, registers)))
-    assert calibrate.main(["replay", str(capture), "--out", str(tmp_path / "c" / "d")]) == 2
+    assert calibrate.main(["import", str(capture), "--out", str(tmp_path / "c" / "d")]) == 2
     assert "--gyro-fs DPS --accel-fs G" in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
-    assert calibrate.main(["replay", str(capture), "--out", str(tmp_path / "c"), "--gyro-fs", "500", "--accel-fs", "4"]) == 0
+    assert calibrate.main(["import", str(capture), "--out", str(tmp_path / "c"), "--gyro-fs", "500", "--accel-fs", "4"]) == 0
     assert read_config(tmp_path / "c" / "session.toml").sensor.odr_hz == 1667.0
     capture.write_bytes(np.random.default_rng(0).bytes(5000))
-    assert calibrate.main(["replay", str(capture), "--out", str(tmp_path / "e")]) == 2
+    assert calibrate.main(["import", str(capture), "--out", str(tmp_path / "e")]) == 2
     assert "no samples" in capsys.readouterr().err
     assert not (tmp_path / "e").exists()
 

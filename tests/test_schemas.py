@@ -14,7 +14,6 @@ from conftest import ROOT, broad
 from formats_page import PAGE, SCHEMA, keys_on_page, strangers, validators
 from jsonschema import Draft202012Validator
 
-from session.io.renamed import RENAMED_KEYS, with_new_keys
 from tinygc.models.files import ANNEX_KINDS, KINDS
 
 #: what is no JSON
@@ -191,23 +190,6 @@ def test_most_keys_must_be_there():
 def test_the_session_of_the_checkout_has_a_truth_of_its_format():
     """It is older than two of the options: a key that is added keeps the number."""
     assert strangers(json.loads((ROOT / "data" / "session1" / "truth.json").read_text(encoding="utf-8"))) == []
-
-
-@pytest.mark.parametrize("schema", sorted(RENAMED_KEYS))
-def test_a_result_of_0_1_0_becomes_one_of_today(schema):
-    """An example with the keys that 0.1.0 had is read as one of today's schema: the readers' table of names is whole."""
-    validator = validators()[f"{schema}/2"]
-    old_names = {new: old for old, new in RENAMED_KEYS[schema].items()}
-
-    def older(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {old_names.get(key, key): older(inner) for key, inner in value.items()}
-        return [older(inner) for inner in value] if isinstance(value, list) else value
-
-    today = alternatives(f"{schema}/2")
-    old = [older(example) | {"schema": f"{schema}/1"} for example in today]
-    assert not all(validator.is_valid(each | {"schema": f"{schema}/2"}) for each in old)
-    assert [with_new_keys(each) for each in old] == today
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,13 @@ from tinygc.estimation.stated_noise import (
     accelerometer_factor,
     from_own_stills,
     prior_share,
+    shared_part,
     stated_covariance,
     stated_goodness,
     stated_joint_covariance,
-    stated_joint_shared,
     stated_noise,
     stated_response,
+    stated_sources,
 )
 from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, first_noise
@@ -390,7 +391,8 @@ def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case, mod
     whole, shared = both @ C @ both.T + before @ before.T, before @ before.T
     found = stated_joint_covariance(problem, by_hand.model, noise, by_hand.rates)
     alike(found, whole, 0.02)
-    alike(stated_joint_shared(problem, by_hand.model, noise, by_hand.rates) + whole, shared * (mode == "prior") + whole, 0.02)
+    sources = stated_sources(problem, by_hand.model, noise, by_hand.rates)
+    alike(shared_part(problem, sources) + whole, shared * (mode == "prior") + whole, 0.02)
     # An Earth's rate of an unknown heading, of which the channels know nothing.
     ends, vector = by_hand.plain.batch, by_hand.model.vector
 

@@ -85,15 +85,15 @@ def at(tmp_path_factory):
     one = home / "simulate"
     done("simulate", "--out", one, *SIMULATE, "--stop-sigma-deg", 0.05)
     record(home / "record")
-    done("replay", home / "record" / "raw.bin", "--out", home / "replay of frames")
+    done("import", home / "record" / "raw.bin", "--out", home / "replay of frames")
     for name, form in (("text", {}), ("units", {"physical": True})):
         raw = raw_bytes(home / f"raw {name}", **form)
-        done("replay", raw, "--out", home / f"replay of {name}", "--gyro-fs", 500, "--accel-fs", 4)
-    done("replay", one / "log0001.csv.gz", "--out", home / "replay of a log")
-    done("replay", one / "closure0001.csv.gz", "--out", home / "replay of a log", "--add", "closure")
-    done("replay", one / "log0001.csv.gz", "--out", home / "replay of two", "--serial", 'gyro "7" №\\')
+        done("import", raw, "--out", home / f"replay of {name}", "--gyro-fs", 500, "--accel-fs", 4)
+    done("import", one / "log0001.csv.gz", "--out", home / "replay of a log")
+    done("import", one / "closure0001.csv.gz", "--out", home / "replay of a log", "--add", "closure")
+    done("import", one / "log0001.csv.gz", "--out", home / "replay of two", "--serial", 'gyro "7" №\\')
     done("simulate", "--out", home / "another", *SIMULATE, "--seed", 7, "--unit-seed", 5)
-    done("replay", home / "another" / "log0001.csv.gz", "--out", home / "replay of two", "--add", "log")
+    done("import", home / "another" / "log0001.csv.gz", "--out", home / "replay of two", "--add", "log")
     done("accelerometer", home / "record", "--out", home / "accelerometer")
     rest = ("--rest-cycles", 1, "--rest-cycle-s", 600, "--rest-cold-c", 10, "--rest-warm-c", 45, "--odr-hz", 62.5, "--seed", 5)
     done("simulate", "--out", home / "rest", *rest)
@@ -103,7 +103,7 @@ def at(tmp_path_factory):
     done("fit", home / "rest")
     for word in ("rps", "dps"):
         done("apply", one / "fit" / "model_least_squares.json", one / "log0001.csv.gz", "-o", home / f"{word}.csv.gz", "--unit", word)
-        done("replay", home / f"{word}.csv.gz", "--out", home / f"calibrated {word}", "--gyro-fs", 500, "--accel-fs", 4)
+        done("import", home / f"{word}.csv.gz", "--out", home / f"calibrated {word}", "--gyro-fs", 500, "--accel-fs", 4)
     done("explain", one, "--no-pictures", "--json", home / "explain.json")
     done("report", one, *QUICK, "--json", home / "report.json", codes=(0, 1))
     for name in FORMATS:
@@ -138,7 +138,7 @@ READERS = {
     "fit": lambda folder, new: done("fit", folder, *QUICK, "--out", new, codes=(0, 1)),
     "accelerometer": lambda folder, new: done("accelerometer", folder, "--out", new),
     "plan": lambda folder, new: done("plan", folder, "--json", new.with_suffix(".json")),
-    "replay": lambda folder, new: done("replay", sorted(folder.glob("log*"))[0], "--out", new, "--gyro-fs", 500, "--accel-fs", 4),
+    "replay": lambda folder, new: done("import", sorted(folder.glob("log*"))[0], "--out", new, "--gyro-fs", 500, "--accel-fs", 4),
     "record --like": like,
     "read_session": lambda folder, new: tinygc.check(read_session(folder)),
 }
@@ -222,5 +222,5 @@ def test_a_turn_that_was_dropped_and_a_note_are_read(at, tmp_path):
     done("check", folder)
     done("fit", folder, *QUICK, codes=(0, 1))
     done("report", folder, *QUICK, "--no-explain", codes=(0, 1))
-    done("replay", folder / "raw.bin", "--out", tmp_path / "again")
+    done("import", folder / "raw.bin", "--out", tmp_path / "again")
     assert (tmp_path / "again" / "session.toml").read_bytes() == (folder / "session.toml").read_bytes()

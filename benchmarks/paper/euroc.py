@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from public.euroc import write_sequences, write_test_windows, write_training_windows
 
-from session.annexes.public.euroc import write_sequences, write_test_windows, write_training_windows
 from session.io.folder import read_session
 from session.io.units import DEG
 from tinygc.closure.build import build_problem

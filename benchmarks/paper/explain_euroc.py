@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 from common import markdown
+from public.euroc import write_sequences, write_training_windows
 
 from paper.euroc import EUROC
-from session.annexes.public.euroc import write_sequences, write_training_windows
 from session.io.folder import read_session
 from session.io.units import DEG, MG
 from tinygc.closure.build import build_problem

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from public.euroc import true_bias_rps
 
 from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, Euroc, euroc_folders, read_euroc
-from session.annexes.public.euroc import true_bias_rps
 from session.io.units import DEG
 from tinygc.closure.truth import orientation_error
 from tinygc.estimation.bias_of_day import from_gravity

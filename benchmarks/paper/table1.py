@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 from common import markdown
+from public.euroc import true_bias_rps
 from scipy.optimize import minimize
 
 from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, TEST, Euroc
-from session.annexes.public.euroc import true_bias_rps
 from session.io.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.estimation.bias_of_day import from_gravity, from_start

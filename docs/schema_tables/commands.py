@@ -234,11 +234,6 @@ TABLES = {
     },
     "tinygc-readers/1": {"readers": [{"name": TEXT, "example": TEXT, "needs": TEXT}]},
     "tinygc-record/1": _RECORD,
-    "tinygc-series/1": {
-        "folder?": TEXT,
-        "boards": [{"serial": TEXT, "session": TEXT, "done": FLAG, "segments": COUNT, "ended": TEXT}],
-        "defaults?": _PERSONAL,
-    },
     "tinygc-board/1": {"samples": COUNT, "dropped": COUNT, "starts": COUNT, "take": maybe(COUNT)},
     "tinygc-ports/1": {
         "ports": [

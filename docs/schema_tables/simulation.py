@@ -48,7 +48,7 @@ OPTIONS = {
     "stop_sigma_deg": SIZE,
     "unit_seed": WHOLE,
 }
-#: which simulations of 0.1.0 did not have yet
+#: which the simulation of the checkout, data/session1, does not have
 _LATER = ("sensor", "stop_sigma_deg")
 _ARRAY = {
     "units": COUNT,

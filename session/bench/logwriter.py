@@ -213,7 +213,7 @@ class LogWriter:
         try:
             yield
         except OSError as error:
-            do = "make room, then go on with record --resume, or replay raw.bin"
+            do = "make room, then go on with record --resume, or import raw.bin"
             raise StorageError(f"{self.folder}: {error.strerror or error}; {do}") from None
 
     def _write(self, event: Event) -> None:

@@ -116,7 +116,7 @@ def _wrong_unit(where: str, true_hz: float, sensor: Sensor, factor: float) -> Fi
     fast = factor > 1
     times = round(factor if fast else 1 / factor)
     says = f"{true_hz:.6g} Hz by the stamps, {sensor.odr_hz:g} Hz declared: time runs {times} times too {'fast' if fast else 'slowly'}"
-    do = f"{(FASTER if fast else SLOWER)[times]}? correct the name of the time column (t_ns, t_us, t_s), or --time-unit of replay"
+    do = f"{(FASTER if fast else SLOWER)[times]}? correct the name of the time column (t_ns, t_us, t_s), or --time-unit of import"
     named = (FASTER if fast else SLOWER)[times]
     return Finding("error", where, "time unit", says, do, (Correction(f"the time column is in another unit: {named}", "time", factor),))
 

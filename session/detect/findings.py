@@ -93,7 +93,7 @@ ARGUMENTS = {
     "name the columns gx_rps, gy_rps, gz_rps": 'give rate_unit="rad/s"',
     "the values are in g, but the header says ax_mps2; correct the header": 'the values are in g; give force_unit="g"',
     "the values are in m/s², but the header says ax_g; correct the header": 'the values are in m/s²; give force_unit="m/s^2"',
-    "correct the name of the time column (t_ns, t_us, t_s), or --time-unit of replay": "give t_s in seconds",
+    "correct the name of the time column (t_ns, t_us, t_s), or --time-unit of import": "give t_s in seconds",
     "is the time column's unit right (us read as ns)?": "is t_s in seconds?",
     "correct the columns or their signs where the log is written": "correct the columns of gyro_rps or their signs",
     "correct the columns where the log is written": "correct the columns of gyro_rps",

@@ -25,7 +25,6 @@ SERVICES = {
     "discoveries in a calibration report": "tinygc.annexes.discovery.report_section",
     "earlier discoveries": "tinygc.annexes.discovery.report_section",
     "calibrations over temperature": "tinygc.annexes.temperature.library",
-    "public recordings": "session.annexes.public.__main__",
     "commands on arrays": "tinygc.annexes.arrays.command",
     "calibrations of arrays": "tinygc.annexes.arrays.library",
     "lots and fleets": "tinygc.annexes.lots.library",

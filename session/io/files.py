@@ -31,9 +31,7 @@ KB, MB = 1 << 10, 1 << 20
 MOST_TOML = MB
 #: a result as JSON.  The longest of ours has some hundred bytes for each segment; what Python makes of JSON takes up to 30 times its length
 MOST_JSON = 16 * MB
-#: a file of a public recording, all of which is held at once, as text in cells; the longest known has 10 MB
-MOST_PUBLIC = 64 * MB
-#: arrays of a public recording that was put together; the largest has 20 MB
+#: arrays or texts of one archive; the largest known has 20 MB
 MOST_ARCHIVE = 256 * MB
 #: without these names of the system's nothing waits either (Windows)
 NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -105,15 +103,15 @@ def read_bytes(path: Path, most: int) -> bytes:
         return data
 
 
-def read_text(path: Path, most: int, do: str = "save it in UTF-8", mark: bool = False) -> str:
+def read_text(path: Path, most: int, mark: bool = False) -> str:
     """All of a text file in UTF-8, line ends as they are, a byte order mark only with ``mark``.
 
-    FormatError as ``read_bytes``, and for what is no text; do: what to do then.
+    FormatError as ``read_bytes``, and for what is no text.
     """
     try:
         return read_bytes(path, most).decode("utf-8" if mark else "utf-8-sig")
     except UnicodeDecodeError:
-        raise FormatError(f"{path}: not UTF-8 text; {do}") from None
+        raise FormatError(f"{path}: not UTF-8 text; save it in UTF-8") from None
 
 
 def unreadable(path: Path, error: OSError | ValueError) -> FormatError:

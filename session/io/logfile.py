@@ -108,7 +108,7 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
     """Read one log file; gyro_alone: its accelerometer, which it may lack, is not read, and the specific force is NaN.
 
     Raises FormatError (what cannot be read: line and column are named) or DataError (a single sample).
-    A last line that was cut off is left out and noted.  A log of another program is refused: ``replay`` makes it one of ours.
+    A last line that was cut off is left out and noted.  A log of another program is refused: ``import`` makes it one of ours.
     """
     reader = Reader(path, None, sensor.wanted, gyro_alone=gyro_alone)
     layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from session.io.errors import FormatError
-from session.io.results import Keys, MapOf, Mismatch, Number, Text, require, shown
+from session.io.results import Keys, MapOf, Mismatch, Number, Text, require, require_schema, shown
 from session.io.toml import read_toml
 
 SCHEMA = "tinygc-requirements/1"
@@ -164,8 +163,7 @@ def requirements_of(table: Mapping[str, Any], source: str) -> Requirements | Non
 def read_requirements(path: Path) -> Requirements:
     """Requirements of a file.  Raises FormatError, in one line, for what is none."""
     table = read_toml(path)
-    if table.get("schema") != SCHEMA:
-        raise FormatError(f'{path}: no requirements, expected schema = "{SCHEMA}" at the top')
+    require_schema(table, SCHEMA, str(path), "write it at the top (docs/requirements.md)")
     sections = {key: value for key, value in table.items() if key != "schema"}
     require(sections, RequirementsShape(), str(path), "correct it there (docs/requirements.md)")
     found = requirements_of(sections, str(path))

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from session.io.errors import FormatError
 from session.io.files import MOST_JSON, naming, read_bytes
 from session.io.names import refuse_recorded
-from session.io.renamed import with_new_keys
 from session.io.texts import escaped_json, unicode_text
 
 if TYPE_CHECKING:
@@ -328,10 +327,15 @@ def require(value: Any, shape: Shape, where: str, do: str = _FIT_AGAIN) -> None:
         raise FormatError(f"{where}: {mismatch}; {do}") from None
 
 
+def require_schema(value: Any, schema: str, where: str, do: str = _FIT_AGAIN) -> None:
+    """As ``require``, of the schema alone: a reader reads the present number of its format, and refuses any other."""
+    require(value, Keys({"schema": Text((schema,))}), where, do)
+
+
 def read_required(path: Path, shape: Shape, do: str = _FIT_AGAIN) -> dict:
-    """What a JSON file holds, by the current names of its keys.  Raises FormatError as ``require``, and for what is no JSON."""
+    """What a JSON file holds.  Raises FormatError as ``require``, and for what is no JSON."""
     try:
-        table = with_new_keys(read_json(path))
+        table = read_json(path)
     except FormatError as error:
         raise FormatError(f"{error}; {do}") from None
     require(table, shape, str(path), do)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.annexes.public.mimu import experiments
+from benchmarks.public.mimu import experiments
 from session.io.config import Sensor
 from session.io.units import DEG
 from tinygc.annexes.arrays.clocks import UnitPlace

@@ -11,8 +11,8 @@ from conftest import DEG
 from formats_page import strangers
 
 import calibrate
+from benchmarks.public import mikov
 from session.annexes.arrays.recording import read_array
-from session.annexes.public import mikov
 from session.io.config import LeftOut
 from session.io.texts import shell_word
 from tinygc import SimulationOptions

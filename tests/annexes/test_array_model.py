@@ -104,7 +104,7 @@ def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
 
 
 WRONG = {
-    "schema": (lambda table: table.update(schema="tinygc-model/1"), "no array's model"),
+    "schema": (lambda table: table.update(schema="tinygc-model/1"), "schema is"),
     "rates": (lambda table: table.update(rates="dps"), "rates are"),
     "one unit": (lambda table: table.update(units=table["units"][:1]), "units has 1 entries, expected 2"),
     "twice": (lambda table: table["units"][0].update(number=1), "unit 1 stands twice"),

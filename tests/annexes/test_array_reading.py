@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import calibrate
+from benchmarks.public.__main__ import main as public
 from session.annexes.arrays.recording import array_log_paths, read_array
-from session.annexes.public.__main__ import main as public
 from session.io.errors import DataError, FormatError
 from session.io.names import is_array
 from tinygc import CalibrationError, check, read_session
@@ -256,13 +256,6 @@ def test_mikov_as_an_array(shared, tmp_path, capsys):
     for number, unit in zip(array.numbers, array.units, strict=True):
         alone = read_session(shared / "mikov" / f"imu{number}")
         assert np.array_equal(unit.logs[0].samples.gyro, alone.logs[0].samples.gyro)
-
-
-def test_what_is_no_array_in_the_public_sets(shared, capsys):
-    assert public(["xsens", str(shared / "xsens"), "--array"]) == 2
-    assert "--array: xsens is no array; expected mikov or mimu" in capsys.readouterr().err
-    assert public(["mimu", str(shared / "mimu"), "--array", "--accelerometer", "stills"]) == 2
-    assert "leave one of the two out" in capsys.readouterr().err
 
 
 @pytest.mark.broad

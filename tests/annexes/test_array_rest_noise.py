@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.public import mikov, mimu
 from session.annexes.arrays.recording import read_array
-from session.annexes.public import mikov, mimu
 from session.detect.check_stills import ACCEL_NOISE, GYRO_NOISE
 from session.detect.findings import Finding
 from tinygc.annexes.arrays.checks import _with_source, noise_of_fits

@@ -140,5 +140,5 @@ def test_limits_that_are_none_are_refused_in_one_line(tmp_path, text, says):
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):
-    with pytest.raises(FormatError, match="no limits of a lot"):
+    with pytest.raises(FormatError, match="expected one of tinygc-limits/1"):
         read_limits(limits(tmp_path, "", "[gyro_bias_mdps]\nupper = 1\n"))

@@ -15,7 +15,6 @@ ROOT = Path(__file__).resolve().parents[2]
 #: annex -> its folders
 FOLDERS = {
     "arrays": ("session/annexes/arrays", "tinygc/annexes/arrays"),
-    "public": ("session/annexes/public",),
     "logs": ("session/annexes/logs",),
     "lots": ("tinygc/annexes/lots",),
     "temperature": ("tinygc/annexes/temperature",),
@@ -37,7 +36,6 @@ GONE = {
         ["explain", "body"],
         ["apply", "array.json", "body", "-o", "a.csv"],
     ),
-    "public": (),
     "logs": (),
     "lots": (
         ["fleet", "data"],
@@ -87,7 +85,7 @@ IMPORT = """
 import importlib, sys
 from pathlib import Path
 for path in sorted(p for room in ("session", "tinygc") for p in Path(room).rglob("*.py")):
-    if "annexes" not in path.parts and path.stem != "__main__" and path != Path("session/public.py"):
+    if "annexes" not in path.parts and path.stem != "__main__":
         importlib.import_module(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
 """
 

@@ -99,7 +99,7 @@ def test_the_public_sweep(shared):
 
     folder = shared / "tofupilot"
     if not (folder / "rest0001.csv.gz").exists():
-        pytest.skip(f"no recording: {folder} is not there (python -m session.public tofupilot)")
+        pytest.skip(f"no recording: {folder} is not there (python -m benchmarks.public tofupilot)")
     log = read_rest(folder / "rest0001.csv.gz", read_config(folder / "session.toml").sensor)
     found = fit_rests([(log, None)], with_accel=False)
     assert [sweep.direction for sweep in found.sweeps] == [-1, 1, -1]

@@ -72,9 +72,9 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path):
         ([folder and folder.GyroLog("log1", np.arange(3), np.zeros((3, 3)))] * 2, "two of one name"),
     ],
 )
-def test_logs_that_no_folder_can_hold_are_refused(logs, words):
+def test_logs_that_no_folder_can_hold_are_refused(tmp_path, logs, words):
     with pytest.raises(DataError, match=words):
-        folder.turn_session_files(logs, TURNED.known())
+        folder.write_turn_session(tmp_path / "s", logs, TURNED.known())
 
 
 def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):

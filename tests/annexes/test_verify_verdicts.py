@@ -27,7 +27,7 @@ NONE = LinearModel(np.eye(3), np.zeros(3))
 #: noise of the old fit, as fit.json holds it
 WANDER = {"name": "noise.bias_wander", "size": 2.0, "sigma": 1.0}
 STILL = {"name": "noise.still_rate", "size": 0.001, "sigma": 0.001}
-CALM = {"noise": {"components": [WANDER, STILL, {"name": "noise.turn", "size": 1, "sigma": 1}]}}
+CALM = {"schema": "tinygc-fit/2", "noise": {"components": [WANDER, STILL, {"name": "noise.turn", "size": 1, "sigma": 1}]}}
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,6 @@ from annex import annex
 
 #: of each target, a module of this folder
 NAMES = ["logs", "session_toml", "beside_logs", "decoder", "raw", "model", "replay", "results", "arguments"]
-if annex("session.annexes.public"):
-    NAMES.append("public")
 if annex("session.annexes.logs"):
     NAMES.append("binary_logs")
 if annex("tinygc.annexes.noise.inputs"):

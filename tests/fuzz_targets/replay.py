@@ -1,4 +1,4 @@
-"""Logs of other programs made session folders: ``replay``, its options and the first look included."""
+"""Logs of other programs made session folders: ``import``, its options and the first look included."""
 
 from __future__ import annotations
 

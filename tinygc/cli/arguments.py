@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 from session.io.errors import CalibrationError
 from session.io.names import has_recorded_name, is_session
 from session.io.texts import printable, program
-from tinygc.cli.commands import ALIASES, COMMANDS, command_module, present_commands
+from tinygc.cli.commands import COMMANDS, command_module, present_commands
 from tinygc.cli.extensions import add_annex_arguments
 from tinygc.estimation.options import CHOSEN
 
@@ -223,11 +223,6 @@ class _Parser(argparse.ArgumentParser):
             listed = "" if near and command else f", expected {', '.join(known)}"  # the commands would fill three lines
             said = f"{str(value)[:80]!r} is no {'command' if command else 'choice'}{listed}{near}"
             raise argparse.ArgumentError(None if command else action, said)
-
-
-def present_words(words: Sequence[str]) -> list[str]:
-    """Return the words with today's name of the command in the place of an earlier one."""
-    return [ALIASES.get(words[0], words[0]), *words[1:]] if words else []
 
 
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""Parts of ``record``: views, series of boards, the page after the end, the coach."""
+"""Parts of ``record``: views, the page after the end, the coach."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -19,8 +18,6 @@ from typing import IO, TYPE_CHECKING, Any
 from session.io.annexes import find, is_present, need
 from session.io.errors import CalibrationError
 from session.io.texts import command_line, printable
-from tinygc.cli.defaults import defaults_json
-from tinygc.cli.results import Interruption, complain, output, print_commands, write_json
 
 if TYPE_CHECKING:
     from session.bench.guide import Guide, View
@@ -29,7 +26,6 @@ if TYPE_CHECKING:
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
     from session.bench.rest_guide import RestGuide
-    from session.bench.session_file import BoardSeries
     from session.io.config import Config, Protocol, Site
     from tinygc.planning.coach import Coach
 
@@ -139,7 +135,7 @@ def refuse_with_rest(args: argparse.Namespace) -> None:
         if args.known_to != KNOWN_TO:
             raise CalibrationError("--known-to says how well the noise of a rest is to be known; add --rest")
         return
-    turns = {"--series": args.series, "--lot": args.lot, "--closure": args.closure, "--view": args.view}
+    turns = {"--lot": args.lot, "--closure": args.closure, "--view": args.view}
     if given := next((name for name, value in turns.items() if value), None):
         raise CalibrationError(f"{given} is of turns, and with --rest nothing is turned; leave one of them out")
     if args.stop_at_target and not is_present(LIVE_NOISE):
@@ -163,8 +159,8 @@ def turned(args: argparse.Namespace, folder: Path, port: str) -> Iterator[Any]:
             raise CalibrationError("--yes, --home, --at-zero, --table-port, --rates and --axis are of a table; add --table FILE")
         yield None
         return
-    if args.series or args.rest is not None:
-        raise CalibrationError("--table turns one board; leave --series and --rest out")
+    if args.rest is not None:
+        raise CalibrationError("--table turns, and with --rest nothing is turned; leave one of them out")
     from session.bench.port import Port
 
     recording = need(MACHINE, "--table")
@@ -368,102 +364,6 @@ def _last_line(said: IO[bytes]) -> str:
     said.seek(0)
     lines = said.read().decode("utf-8", "replace").strip().splitlines()
     return lines[-1] if lines else ""
-
-
-# ``record --series``: several boards in sequence at one bench; each recording begins when a board is plugged in.
-
-#: functions of ``record``: lead one recording to its end (None: start again); report what was recorded, return whether interrupted
-Led = Callable[..., Any]
-Tell = Callable[..., bool]
-
-
-def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
-    """Record board after board until Ctrl-C, which keeps all; ``series.json`` lists them, as does the JSON.  130: a board interrupted."""
-    from session.bench.session_file import SERIES_SCHEMA as SCHEMA
-    from session.bench.session_file import BoardListener, BoardSeries
-    from session.io.errors import StorageError
-
-    if args.resume:
-        raise CalibrationError(
-            "--resume: a series goes on with each board that was begun; leave it out, and give the series' folder with --out"
-        )
-    series = BoardSeries(args.out or Path("data") / f"series-{datetime.now().astimezone():%Y-%m-%d}")
-    listener, last, code = BoardListener(lambda: _port(args), args.baud, args.header), None, 0
-    with page_server(args) as page, Interruption() as wanted:  # one for the whole series, so that no Ctrl-C is missed
-        while not wanted():
-            _say(args, "plug in the next board" if last is None else "unplug it, plug in the next board; Ctrl-C ends the row", ring=True)
-            serial = listener.next_board(last, wanted)
-            if serial is None or listener.name is None:
-                break
-            last = serial
-            if (before := series.done(serial)) is not None:
-                _say(args, f"board {serial} is done already ({series.folder / before.session}, {before.segments} segments)", ring=True)
-                continue
-            folder, begun = series.place(serial)
-            _say(args, f"board {serial or 'without a serial number'}: {folder}{', which goes on' if begun else ''}", ring=True)
-            try:
-                if _one(args, series, serial, folder, begun, listener.name, page, wanted, led, tell):
-                    code = 130
-                    break
-            except StorageError:
-                raise
-            except CalibrationError as error:
-                complain(str(error))
-    done = sum(each.done for each in series.entries)
-    output(args).print(f"{series.folder}: {done} of {len(series.entries)} boards done", soft_wrap=True)
-    if series.entries:
-        print_commands(args, "next:", command_line("fleet", series.folder))
-    write_json(
-        args.json, {"schema": SCHEMA, "folder": str(series.folder), "boards": [vars(e) for e in series.entries]} | defaults_json(args)
-    )
-    return code
-
-
-def _one(
-    args: argparse.Namespace,
-    series: BoardSeries,
-    serial: str,
-    folder: Path,
-    begun: bool,
-    port: str,
-    page: PageServer | None,
-    wanted: Interruption,
-    led: Led,
-    tell: Tell,
-) -> bool:
-    """Record one board's session; return whether it was interrupted."""
-    from session.bench.session_file import SeriesEntry
-
-    of_one = argparse.Namespace(**{**vars(args), "out": folder, "resume": begun})
-    while (found := led(of_one, folder, port, wanted, page)) is None:
-        pass  # the recording began again, without the bytes of another board
-    interrupted = tell(of_one, folder, port, *found)
-    guide = found[0]
-    ended = datetime.now().astimezone().isoformat(timespec="seconds")
-    series.add(SeriesEntry(serial, folder.name, guide.stage.value == "done", guide.accepted, ended))
-    return interrupted
-
-
-def _port(args: argparse.Namespace) -> str | None:
-    """Return the requested port, or the only possible one; None while there is none, or more than one."""
-    from session.bench.port import only_candidate
-    from session.io.errors import DeviceError
-
-    if args.port:
-        return str(args.port)
-    try:
-        return only_candidate().name
-    except DeviceError:
-        return None
-
-
-def _say(args: argparse.Namespace, words: str, ring: bool = False) -> None:
-    """Print a line, with a bell on a terminal."""
-    bell = "\a" if ring and not args.mute and sys.stderr.isatty() else ""
-    if not args.quiet:
-        print(f"{bell}{printable(words)}", file=sys.stderr, flush=True)
-    elif bell:
-        print(bell, end="", file=sys.stderr, flush=True)
 
 
 # The coach of a recording, and the lot that it may use as a prior.

@@ -73,9 +73,7 @@ def model_of(path: Path) -> Path:
         raise CalibrationError(f"{path}: a folder without a fit; run `{command_line('fit', path)}` first, or give a model file")
     use = read_fit(fit / "fit.json").get("use") or {}
     if (name := use.get("model")) is None:
-        raise CalibrationError(
-            f"{fit / 'fit.json'}: this fit recommends no model ({use.get('why', 'it is an older one')}); give a model file"
-        )
+        raise CalibrationError(f"{fit / 'fit.json'}: this fit recommends no model ({use.get('why', 'it says of none')}); give a model file")
     name = Path(name).name
     if not (fit / name).is_file():
         raise CalibrationError(f"{fit / name}: not there, and the fit recommends it; run `{command_line('fit', path)}` again")

@@ -6,7 +6,6 @@ changed: model selection, refitting, simulation, plots, live use, exports and C 
 ``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` tests an effect.
 """
 
-from session.io.renamed import announce
 from tinygc.effects import signals
 from tinygc.effects.catalogue import catalogue, effect_of, load_folder, using
 from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
@@ -87,10 +86,3 @@ __all__ = [
     "using",
     "without_vibration",
 ]
-
-
-def __getattr__(name: str) -> object:
-    if name == "FoundAt":  # in effect files of 0.1.0, those that ``explain --discover`` wrote among them
-        announce("FoundAt", "ReferenceConditions")
-        return ReferenceConditions
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from session.io.renamed import renamed_fields
 from tinygc.effects.movement import Conditions
 
 #: passes of rate <- measured - add(rate): each multiplies the error by the effect's own size, some per cent
@@ -32,7 +31,6 @@ class Cost:
         return Cost(self.multiply + other.multiply, self.add + other.add, self.compare + other.compare)
 
 
-@renamed_fields(says="formula")
 @dataclass(frozen=True, eq=False)
 class PerAxisC:
     """The correction r_i -= term with one coefficient for each axis.
@@ -56,7 +54,6 @@ class PerAxisC:
         return {self.name: theta} if self.constants is None else self.constants(theta, known)
 
 
-@renamed_fields(says="formula")
 @dataclass(frozen=True, eq=False)
 class MatrixC:
     """The correction r -= K f, f the specific force in m/s^2; matrix(theta, known) -> K (3, 3); name and formula as in ``PerAxisC``."""
@@ -66,7 +63,6 @@ class MatrixC:
     matrix: Callable[[np.ndarray, Conditions], np.ndarray]
 
 
-@renamed_fields(says="formula")
 @dataclass(frozen=True, eq=False)
 class StageC:
     """Any other correction in C, with a state if it needs one.

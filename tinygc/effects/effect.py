@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from session.io.renamed import renamed_fields
 from session.io.units import DEG, G
 from tinygc.effects.device import NONE, PASSES, DeviceCode
 from tinygc.effects.inversion import MOST_PASSES, substituted
@@ -115,7 +114,6 @@ class Derived:
         return {self.name: self.of(theta)}, {self.name: float(np.sqrt(slope @ covariance @ slope))}
 
 
-@renamed_fields(told="observable")
 @dataclass(frozen=True, eq=False)
 class Parts:
     """A parameter that the JSON splits into several quantities.
@@ -205,7 +203,6 @@ PAIRS = (
 OF_TURNS = ("rate", "angular acceleration", "vibration")
 
 
-@renamed_fields(says="predicted", closure_says="closure_predicted")
 @dataclass(frozen=True, eq=False)
 class PictureData:
     """Input of an effect's own picture: Q stills and S segments of one explained recording; SI, in the sensor's axes.
@@ -253,15 +250,6 @@ OBSERVABLE_IN = ("still", "turn", "reference", "timing")
 LINEAR_IN = ("force", "temperature")
 
 
-@renamed_fields(
-    seen_in="observable_in",
-    says="describe",
-    splits="discriminating_motion",
-    regime="conditions",
-    gauge="gauge_convention",
-    found_at="reference_conditions",
-    looks="total_reach",
-)
 @dataclass(frozen=True, eq=False, repr=False)
 class Effect:
     """One entry of the catalogue.

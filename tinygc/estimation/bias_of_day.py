@@ -12,7 +12,7 @@ import numpy as np
 from session import VERSION
 from session.detect.truth_segments import find_rests, moments_inside
 from session.io import folder as hashes
-from session.io.errors import FitError, FormatError, SegmentError
+from session.io.errors import FitError, SegmentError
 from session.io.files import result_folder
 from session.io.folder import Session, hash_of_log
 from session.io.numeric import runs_of
@@ -27,7 +27,6 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.closure.stills import StillSet
-from tinygc.estimation import results
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.results import SCHEMA
 from tinygc.models.denoiser import DenoisedNet
@@ -235,13 +234,13 @@ class Origin:
 
 
 def origin_of(path: Path, session: Session, table: dict | None = None) -> Origin:
-    """Compare the logs' hashes in the model file, or in ``fit``'s record in the same folder, with those of the session's logs; table: what
-    the file holds, where it was read before."""
+    """Compare the logs' hashes in the model file with those of the session's logs; table: what the file holds, where it was read
+    before."""
     table = read_json(path) if table is None else table
     logs = {hash_of_log(log) for log in session.logs}
     stored = table["stored"] if isinstance(table.get("stored"), dict) else table
     name = stored.get("session") if isinstance(stored.get("session"), str) else None
-    known = _hashes(stored.get("sha256")) or (_beside(path) if stored is table else set())
+    known = _hashes(stored.get("sha256"))
     if logs & known:
         return Origin(name, True, "the stored model was fitted to this very session: its closure is that of fitted segments")
     if name == session.name:
@@ -259,14 +258,6 @@ def origin_of(path: Path, session: Session, table: dict | None = None) -> Origin
 
 def _hashes(entry: object) -> set[str]:
     return {value for value in entry.values() if isinstance(value, str)} if isinstance(entry, dict) else set()
-
-
-def _beside(path: Path) -> set[str]:
-    """Read the hashes from the file that ``fit`` writes next to its models."""
-    try:
-        return _hashes(read_json(path.parent / results.SAVED_NAME)["key"]["inputs"])
-    except (FormatError, KeyError, TypeError):
-        return set()
 
 
 # A stored calibration in a new session: E is kept, the bias is taken from the first still, from gravity, or from the user.

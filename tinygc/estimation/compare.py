@@ -14,7 +14,6 @@ from session.io.config import Accelerometer, Config, read_config
 from session.io.errors import DataError, FitError, FormatError
 from session.io.folder import hash_of_log, sha256_of
 from session.io.names import log_paths, refuse_array
-from session.io.renamed import renamed_fields
 from session.io.results import json_text, read_json_text
 from session.io.texts import command_line, printable
 from tinygc import models
@@ -123,7 +122,7 @@ class TriadComparison:
 
 
 def read_triad(table: dict, fit: dict, config: Config, where: str) -> SessionTriad:
-    """Read a triad from a model file and its ``fit.json``; from session.toml for older fits.  Raises FormatError for a damaged file."""
+    """Read a triad from a model file and its ``fit.json``.  Raises FormatError for a damaged file."""
     said = fit.get("accelerometer") or {}
     mode = said.get("mode", "given")
     left = said.get("unobserved") or []
@@ -137,10 +136,8 @@ def read_triad(table: dict, fit: dict, config: Config, where: str) -> SessionTri
     return SessionTriad(mode, calibration, covariance, shared, tuple(name for name in ACCELEROMETER_NAMES if name in left))
 
 
-def _part(joint: Any, key: str, where: str) -> np.ndarray | None:
-    """Return the accelerometer's part (9, 9) of a joint covariance; None where an older fit has none."""
-    if isinstance(joint, dict) and key == "shared" and key not in joint:
-        return None
+def _part(joint: Any, key: str, where: str) -> np.ndarray:
+    """Return the accelerometer's part (9, 9) of a joint covariance."""
     try:
         matrix = np.asarray(joint[key], dtype=float)
     except (KeyError, TypeError, ValueError):
@@ -251,7 +248,6 @@ class Calibrated:
         return printable(self.folder.resolve().name)
 
 
-@renamed_fields(word="name")
 @dataclass(frozen=True)
 class Moved:
     """A quantity that differs in one session from the rest: by how much, in unit, and by how many sigmas; p_value is corrected for the

@@ -22,13 +22,13 @@ from tinygc.estimation.session_times import date_of
 #: folders below the one that is listed: data/2026/session1
 DEEPEST = 3
 MOST_FOLDERS = 10_000
-EXPLAINED = Keys({"verdict": Text()})
+EXPLAINED = Keys({"schema": Text(("tinygc-explain/2",)), "verdict": Text()})
 
 
 @dataclass(frozen=True)
 class ListedSession:
     """One session folder.  date: of the recording, UTC, and date_from: ``port``, ``notes`` or ``file`` (a log's time); method: that of the
-    model to use (None for an older fit); held_out_deg, floor_deg: of it, or of least squares; verdict: of ``explain``; problem: why it
+    model to use (None where there is none); held_out_deg, floor_deg: of it, or of least squares; verdict: of ``explain``; problem: why it
     cannot be read; units: number in an array, whose logs and closure runs each include all units; an unknown part is None."""
 
     folder: Path

@@ -241,11 +241,6 @@ def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedN
     return total(stated_sources(problem, model, noise, still_rates))
 
 
-def stated_joint_shared(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
-    """Return its part (21, 21) from an error of the given calibration, which sessions with the same one share."""
-    return shared_part(problem, stated_sources(problem, model, noise, still_rates))
-
-
 def stated_sources(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> list[Source]:
     """Return the sources (12, 12) of the linear model's vector, or (21, 21) of both sensors where they were estimated jointly: L C L' of
     each source of the channels, and what was known beforehand."""

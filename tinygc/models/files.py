@@ -13,7 +13,7 @@ from typing import Any
 
 from session.io.annexes import MissingAnnexError, need
 from session.io.errors import FormatError
-from session.io.results import read_json, require, shown
+from session.io.results import read_json, require, require_schema, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
@@ -42,8 +42,7 @@ def to_dict(model: Model, **more: Any) -> dict:
 
 def from_dict(table: Any, where: str = "model") -> Model:
     """Read a model of any kind from its table.  Raises FormatError for an invalid table."""
-    if not isinstance(table, dict) or table.get("schema") != SCHEMA:
-        raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
+    require_schema(table, SCHEMA, where)
     if (units := table.get("units", UNITS)) != UNITS:
         raise FormatError(f'{where}: units are {shown(units)}, expected "{UNITS}"; convert the numbers, or fit again')
     kind = table.get("kind")

@@ -119,31 +119,6 @@ def write_turn_session(
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FormatError(f"{out}: is there, and is no empty folder; choose another one")
-    with result_folder(out), tempfile.TemporaryDirectory(dir=out, prefix=".part-") as part:
-        for name, data in turn_session_files(logs, turns, model=model, serial=serial, gyro_fs_dps=gyro_fs_dps, notes=notes).items():
-            (Path(part) / name).write_bytes(data)
-        try:
-            read_turn_session(Path(part))
-        except CalibrationError as error:
-            raise type(error)(str(error).replace(part, str(out))) from None
-        for path in sorted(Path(part).iterdir()):
-            path.replace(out / path.name)
-    return out
-
-
-def turn_session_files(
-    logs: Sequence[GyroLog],
-    turns: Sequence[KnownTurn],
-    *,
-    model: str = "unknown",
-    serial: str = "",
-    gyro_fs_dps: float | None = None,
-    notes: Mapping[str, Note] | None = None,
-) -> dict[str, bytes]:
-    """Names and contents of the files of such a folder; the same arguments give the same bytes.
-
-    Raises DataError for logs that no folder can hold.
-    """
     _refuse(logs)
     names = [f"{log.name}.csv.gz" for log in logs]
     toml = 'schema = "tinygc-session/1"\n\n[sensor]\n' + line("model", model) + line("serial", serial)
@@ -156,7 +131,16 @@ def turn_session_files(
         files[name] = gzip.compress("\n".join([HEADER, *_rows(log), ""]).encode(), compresslevel=6, mtime=0)
     rows = [f"{t.turn},{t.words},{t.angle_rad / DEG:.10g},{t.sigma_rad / DEG:.10g},{t.log or ''}" for t in turns]
     files[NAME] = "\n".join([",".join((*COLUMNS, LOG)), *rows, ""]).encode()
-    return files
+    with result_folder(out), tempfile.TemporaryDirectory(dir=out, prefix=".part-") as part:
+        for name, data in files.items():
+            (Path(part) / name).write_bytes(data)
+        try:
+            read_turn_session(Path(part))
+        except CalibrationError as error:
+            raise type(error)(str(error).replace(part, str(out))) from None
+        for path in sorted(Path(part).iterdir()):
+            path.replace(out / path.name)
+    return out
 
 
 def _refuse(logs: Sequence[GyroLog]) -> None:

@@ -20,7 +20,6 @@ from session.io.units import DEG, NS
 # Unit quaternions, scalar first, as plain numbers: NumPy is slow on four of them, and a resumed recording has millions.
 
 Quaternion = tuple[float, float, float, float]
-Vector = tuple[float, float, float]
 NONE: Quaternion = (1.0, 0.0, 0.0, 0.0)
 UP = np.array([0.0, 0.0, 1.0])
 

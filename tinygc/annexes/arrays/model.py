@@ -12,7 +12,7 @@ import numpy as np
 from session import VERSION
 from session.io.config import Accelerometer, Sensor
 from session.io.errors import CalibrationError, FormatError
-from session.io.results import Array, Keys, ListOf, Maybe, Number, Text, read_json, require, shown
+from session.io.results import Array, Keys, ListOf, Maybe, Number, Text, read_json, require, require_schema, shown
 from tinygc.annexes.arrays.clocks import UnitClock, UnitPlace
 from tinygc.models.files import ARRAY_SCHEMA as SCHEMA
 from tinygc.models.linear import LinearModel
@@ -363,8 +363,7 @@ def load_array_model(path: Path | str) -> ArrayModel:
 
 def from_table(table: Any, where: str = "array model") -> ArrayModel:
     """Return the model; raises FormatError, which describes the error in the table."""
-    if not isinstance(table, dict) or table.get("schema") != SCHEMA:
-        raise FormatError(f'{where}: no array\'s model of this tool, expected "schema": "{SCHEMA}"')
+    require_schema(table, SCHEMA, where)
     if (units := table.get("rates", UNITS)) != UNITS:
         raise FormatError(f'{where}: rates are {shown(units)}, expected "{UNITS}"; convert the numbers, or fit again')
     require(table, SHAPE, where)

@@ -10,7 +10,7 @@ from scipy.special import bdtrc, gammaincinv, ndtr, ndtri, pdtrc, stdtr
 
 from session.io.errors import FormatError
 from session.io.requirements import bounds_of
-from session.io.results import Mismatch
+from session.io.results import Mismatch, require_schema
 from session.io.toml import read_toml
 from tinygc.annexes.lots.lot import SENSOR_ERRORS
 from tinygc.estimation.requirements import quantile
@@ -30,8 +30,7 @@ def read_limits(path: Path | str) -> dict[str, tuple[float, float]]:
     Raises FormatError, in one line, for an unknown key, a limit that is no number, and a lower one that is not below the upper.
     """
     table = read_toml(Path(path))
-    if table.get("schema") != SCHEMA:
-        raise FormatError(f'{path}: no limits of a lot, expected schema = "{SCHEMA}" at the top')
+    require_schema(table, SCHEMA, str(path), "write it at the top (docs/lots.md)")
     sections = {name: value for name, value in table.items() if name != "schema"}
     try:
         found = bounds_of(sections, GROUPS, KEYS, "docs/lots.md")

@@ -98,8 +98,7 @@ def write_csv(table: Table, file: TextIO) -> int:
         with read_as_written(table, row[0]):
             cells[effects] = " ".join(effect["id"] for effect in told_by(cells[effects] or "[]"))
             cells[findings] = "; ".join(
-                f"{each['where']}: {each['what']}: {each.get('description', each.get('says'))}"  # says: in rows of 0.1.0
-                for each in told_by(cells[findings] or "[]")
+                f"{each['where']}: {each['what']}: {each['description']}" for each in told_by(cells[findings] or "[]")
             )
         writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
         count += 1

@@ -12,8 +12,7 @@ from scipy.special import gammaincinv, stdtr
 
 from session import VERSION
 from session.io.errors import FormatError
-from session.io.renamed import with_new_keys
-from session.io.results import Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require, shown, write_whole
+from session.io.results import Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require, require_schema, shown, write_whole
 from tinygc.annexes.lots.capability import Capability, ControlChart, capability, chart
 from tinygc.annexes.lots.gauge import Gauge, gauge
 from tinygc.annexes.lots.hierarchy import Hierarchy, hierarchy
@@ -299,9 +298,7 @@ def read_lot(path: Path | str) -> Lot:
 
 def lot_of_table(table: Any, where: str) -> Lot:
     """Build the lot from parsed JSON; where: its file's name.  Raises FormatError as ``read_lot``."""
-    table = with_new_keys(table)
-    if not isinstance(table, dict) or table.get("schema") != SCHEMA:
-        raise FormatError(f'{where}: no lot of this tool, expected "schema": "{SCHEMA}"; make it with calibrate.py lot or fleet')
+    require_schema(table, SCHEMA, where, _AGAIN)
     require(table, LOT, where, _AGAIN)
     if table["names"] != list(NAMES):
         raise FormatError(

@@ -29,8 +29,6 @@ FREQUENCY, GAIN, PHASE = ("frequency_hz", "frequency", "f_hz", "freq_hz", "freq"
 MODELS: dict[str, tuple[str, int]] = {"flat": ("flat", 0), "first": ("first order", 1), "second": ("second order", 2)}
 #: beyond any table and any sensor
 MOST_HZ, MOST_GAIN, MOST_DELAY_S = 1e5, 1e6, 10.0
-#: power at the end of the band
-HALF_POWER = 1 / np.sqrt(2)
 #: what a model may leave of gain and phase, rms, as a share and in rad, and still be said to describe them
 POOR = 0.05
 

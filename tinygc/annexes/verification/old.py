@@ -15,12 +15,12 @@ from session.io.config import Accelerometer
 from session.io.errors import FormatError
 from session.io.folder import Session, hash_of_log
 from session.io.names import is_session, refuse_array
-from session.io.results import read_json
 from session.io.texts import command_line, printable
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import models
 from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.estimation.results import read_fit
 from tinygc.models.files import is_array_model
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 from tinygc.models.model import Model, accelerometer_of
@@ -171,7 +171,7 @@ def variance_and_freedom(size: float, sigma: float) -> tuple[float, float]:
 
 def _of_fit(path: Path) -> tuple[tuple[float, int] | None, dict[str, tuple[float, float]]]:
     """Chi-square and degrees of freedom of ``goodness`` in fit.json, None where there is none; ``OldCalibration.noise``."""
-    table = read_json(path) if path.is_file() else {}
+    table = read_fit(path) if path.is_file() else {}
     goodness: tuple[float, int] | None = None
     found: dict[str, tuple[float, float]] = {}
     with contextlib.suppress(KeyError, TypeError, ValueError):

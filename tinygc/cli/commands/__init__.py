@@ -48,9 +48,6 @@ COMMANDS = {
     "completion": "tinygc.cli.commands.completion",
 }
 
-#: earlier names of commands, which still work
-ALIASES = {"replay": "import"}
-
 
 def command_module(name: str) -> ModuleType:
     """Return the module of a command.  Raises MissingAnnexError where its annex is not installed."""

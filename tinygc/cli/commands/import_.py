@@ -1,4 +1,4 @@
-"""``import``, once ``replay``: make a session folder of any log, or of bytes captured from a port."""
+"""``import``: make a session folder of any log, or of bytes captured from a port."""
 
 from __future__ import annotations
 

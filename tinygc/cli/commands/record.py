@@ -79,8 +79,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="session folder to write (the next free data/sessionN)")
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
-    row = "one board after the other: a session folder each, named by the serial number, in --out (data/ and the date)"
-    command.add_argument("--series", action="store_true", help=row)
     command.add_argument("--segments", type=count(1), default=USUAL_SEGMENTS, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
     lot = "prior from a production lot (lot.json): the coach states how many turns are enough, and stops there"
@@ -139,10 +137,6 @@ def run(args: argparse.Namespace) -> int:
     args.machine = None
     if args.lot is not None:
         args.lot_read = lot_of(args)
-    if args.series:
-        from tinygc.cli.recording import run_series
-
-        return run_series(args, _led, _tell)
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
@@ -219,13 +213,12 @@ def _tell(
         print_commands(args, "next:", command_line("check", folder), command_line("fit", folder))
     elif is_present(NOISE):
         print_commands(args, "next:", command_line("noise", folder))
-    if not args.series:
-        write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
+    write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
 
 
 def _led(
-    args: argparse.Namespace, folder: Path, port: str, wanted: Interruption, page: PageServer | None, announce: bool = False
+    args: argparse.Namespace, folder: Path, port: str, wanted: Interruption, page: PageServer | None, announce: bool
 ) -> tuple[Guide, Recorder, SessionFile, bool] | None:
     """Lead one recording to its end; return its parts and whether it was interrupted, or None where it must begin again: it held another
     board's bytes, which are now in a separate file."""

@@ -1,5 +1,7 @@
 """Made-up files in the formats in which the authors of public recordings publish theirs; every number is ours."""
 
+import struct
+
 import numpy as np
 
 MIMU_ANSWER = b"\xa0\x28\x00\xc8"
@@ -103,3 +105,19 @@ def repoimu_text(count=25, seed=0):
     rows[1, 1:5] = 0
     head = "Time (s);Vicon Orientation;;;;IMU Acceleration;;;IMU Gyroscope;;;IMU Magnetometer;;;\n;W;X;Y;Z;X;Y;Z;X;Y;Z;X;Y;Z;\n"
     return head + "".join(";".join(f"{value:.8g}" for value in row) + "\n" for row in rows), rows
+
+
+def rda_bytes(values, rate_hz=100.0):
+    """An R workspace of one matrix (N, 6) as SMAC-Group's imudata holds it, before it is packed."""
+
+    def text(word):
+        return struct.pack(">II", 0x00040009, len(word)) + word.encode()
+
+    def attribute(name, body):
+        return struct.pack(">II", 0x402, 1) + text(name) + body
+
+    dim = struct.pack(">IIii", 0xD, 2, *values.shape)
+    attributes = attribute("dim", dim) + attribute("freq", struct.pack(">IId", 0xE, 1, rate_hz))
+    body = struct.pack(">II", 0x30E, values.size) + values.T.astype(">f8").tobytes() + attributes + struct.pack(">I", 0xFE)
+    start = b"RDX2\nX\n" + struct.pack(">III", 2, 0x30401, 0x20300)
+    return start + struct.pack(">II", 0x402, 1) + text("adis_16405_imu1") + body + struct.pack(">I", 0xFE)

@@ -6,10 +6,11 @@ Full scales follow from the steps of the numbers.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from session.annexes.public.writing import copied, found, rows_of_numbers, write_array_of_folders, write_folder
+from .writing import LOG, found, rows_of_numbers, write_folder
 
 COLUMNS = ("ax", "ay", "az", "gx", "gy", "gz")
 RATE_HZ = 100
@@ -38,27 +39,20 @@ folders = [{names}]
 
 
 def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
-    """``out/imu0`` and so on, as many as there are logs, one after the other.
-
-    The authors give no calibration; not given: an accelerometer from each recording's own stills.  FormatError for a line that is none;
-    not given: what ``placed`` raises.
-    """
+    """``out/imu0`` and so on, as many as there are logs, one after the other."""
     for path in found(source, "imu[0-9].log", "data"):
-        yield _written(path, out, given)
-
-
-def _written(path: Path, out: Path, given: bool) -> Path:
-    rows = rows_of_numbers(path, COLUMNS)
-    lines = (f"{number / RATE_HZ:.2f},{','.join(row[3:] + row[:3])}" for number, row in enumerate(rows))
-    return write_folder(out / path.stem, TOML.format(number=path.stem.removeprefix("imu")), HEADER, lines, given)
+        rows = rows_of_numbers(path, COLUMNS)
+        lines = (f"{number / RATE_HZ:.2f},{','.join(row[3:] + row[:3])}" for number, row in enumerate(rows))
+        yield write_folder(out / path.stem, TOML.format(number=path.stem.removeprefix("imu")), {LOG: (HEADER, lines)}, given)
 
 
 def write_array(source: Path, out: Path) -> Iterator[Path]:
     """``out/mikov``, an array of the units whose logs, or session folders made of them before, lie in the source."""
     folder = out / "mikov"
     if sessions := sorted(path.parent for path in source.glob("imu[0-9]/session.toml")):
-        units = [copied(session, folder / session.name) for session in sessions]
+        units = [Path(shutil.copytree(session, folder / session.name)) for session in sessions]
     else:
-        units = [_written(path, folder, True) for path in found(source, "imu[0-9].log", "data")]
+        units = [*write(source, folder)]
     names = ", ".join(f'"{unit.name}"' for unit in units)
-    yield write_array_of_folders(folder, ARRAY.format(names=names))
+    (folder / "session.toml").write_text(ARRAY.format(names=names), encoding="utf-8")
+    yield folder

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from session.annexes.public.writing import found, rows_of_numbers, write_folder
+from .writing import LOG, found, rows_of_numbers, write_folder
 
 COLUMNS = ("time", "IMUX", "IMUY", "IMUZ", "GYROX", "GYROY", "GYROZ", "MAG1", "MAG2", "MAG3", "MAG4", "pressure", "temperature")
 HEADER = "t_s,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2,temp_c"
@@ -33,8 +33,7 @@ reference = "gravity"
 
 
 def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
-    """``out/long`` and ``out/short``, one after the other.  given: as in ``mikov``.  FormatError for a line that is none."""
+    """``out/long`` and ``out/short``, one after the other."""
     for path in found(source, "IMU_Rev2_Data_*.txt", "Rev2_IMU_Data"):
-        rows = rows_of_numbers(path, COLUMNS)
-        lines = (",".join([row[0], *row[4:7], *row[1:4], row[12]]) for row in rows)
-        yield write_folder(out / path.stem.removeprefix("IMU_Rev2_Data_").lower(), TOML, HEADER, lines, given)
+        lines = (",".join([row[0], *row[4:7], *row[1:4], row[12]]) for row in rows_of_numbers(path, COLUMNS))
+        yield write_folder(out / path.stem.removeprefix("IMU_Rev2_Data_").lower(), TOML, {LOG: (HEADER, lines)}, given)

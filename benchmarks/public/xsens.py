@@ -6,16 +6,17 @@ nominal scale for all axes stands for them here, and the accelerometer's scale w
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from session.annexes.public.writing import found, rows_of_numbers, write_folder
 from session.detect.accelerometer import section
 from session.io.config import Accelerometer
 from session.io.errors import FormatError
 
-COUNTS = 65536
+from .writing import AGAIN, LOG, found, rows_of_numbers, write_folder
+
 OFFSET = 32768  #: counts at zero, of imu_tk's example
 ACCEL_PER_MPS2 = 414.0
 GYRO_PER_RPS = 4774.0
@@ -46,34 +47,17 @@ reference = "gravity"
 """
 
 
-def write(source: Path, out: Path, given: bool = True) -> list[Path]:
-    """``out/xsens``; given: with imu_tk's own accelerometer, else its own stills'.
-
-    FormatError for files that are not the authors'; not given: what ``placed`` raises.
-    """
+def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
+    """``out/xsens``; given: with imu_tk's own accelerometer."""
     (acc_path,) = found(source, "xsens_acc.mat", "bin/test_data")
     gyro_path = acc_path.with_name("xsens_gyro.mat")
-    t_s, accel = _counts(acc_path)
-    t_gyro, gyro = _counts(gyro_path)
-    if len(t_s) != len(t_gyro) or (t_s != t_gyro).any():
-        raise FormatError(f"{gyro_path}: its {len(t_gyro)} times are not the {len(t_s)} of {acc_path.name}; download both again")
-    rates, forces = (gyro - OFFSET) / GYRO_PER_RPS, (accel - OFFSET) / ACCEL_PER_MPS2
+    accel, gyro = (np.array(rows_of_numbers(path, ("seconds", "x", "y", "z")), dtype=float) for path in (acc_path, gyro_path))
+    if accel.shape != gyro.shape or (accel[:, 0] != gyro[:, 0]).any():
+        raise FormatError(f"{gyro_path}: its {len(gyro)} times are not the {len(accel)} of {acc_path.name}; {AGAIN}")
+    rates, forces = (gyro[:, 1:] - OFFSET) / GYRO_PER_RPS, (accel[:, 1:] - OFFSET) / ACCEL_PER_MPS2
     lines = (
         f"{t:.6f},{','.join(f'{value:.7f}' for value in rate)},{','.join(f'{value:.6f}' for value in force)}"
-        for t, rate, force in zip(t_s.tolist(), rates.tolist(), forces.tolist(), strict=True)
+        for t, rate, force in zip(accel[:, 0].tolist(), rates.tolist(), forces.tolist(), strict=True)
     )
     known = f"# imu_tk's own result.\n{section(BY_IMU_TK)}\n" if given else ""
-    return [write_folder(out / "xsens", TOML.format(accelerometer=known), HEADER, lines, given)]
-
-
-def _counts(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """t (N,) s, increasing, and counts (N, 3)."""
-    values = np.array(rows_of_numbers(path, ("seconds", "x", "y", "z")), dtype=float)
-    t_s, counts = values[:, 0], values[:, 1:]
-    wrong = (counts != np.rint(counts)) | (counts < 0) | (counts >= COUNTS)
-    if wrong.any():
-        row, axis = (int(i) for i in np.argwhere(wrong)[0])
-        raise FormatError(f"{path}: sample {row + 1} has {counts[row, axis]:g}, expected raw counts from 0 to {COUNTS - 1}")
-    if (np.diff(t_s) <= 0).any():
-        raise FormatError(f"{path}: the time of sample {int(np.argmax(np.diff(t_s) <= 0)) + 2} does not go on from the one before")
-    return t_s, counts
+    yield write_folder(out / "xsens", TOML.format(accelerometer=known), {LOG: (HEADER, lines)}, given)

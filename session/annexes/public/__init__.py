@@ -1,1 +1,0 @@
-"""Public recordings as session folders, from their authors' own files."""

@@ -57,7 +57,7 @@ RENAMED_KEYS: dict[str, dict[str, str]] = {
         "splits": "discriminating_motion",
         "beside": "catalogue_effects",
     },
-    "tinygc-lot": {"says": "description", "seen": "observed", "seen_sigma": "observed_sigma"},
+    "tinygc-lot": {"says": "description"},
     "tinygc-fit": {
         "says": "description",
         "widened": "variance_inflation",

@@ -20,9 +20,9 @@ def truth(seed=0):
     return mean, C / np.outer(size, size) * np.outer(SPREAD, SPREAD)
 
 
-def simulated_lot(units, seed, sessions=1, noise=0.2, repeat=0.1, drift=0.0, tails=np.inf, wild=0.0, without_accelerometer=0.0, people=()):
+def simulated_lot(units, seed, sessions=1, noise=0.2, repeat=0.1, drift=0.0, tails=np.inf, wild=0.0, without_accelerometer=0.0):
     """UnitResults; sizes in spreads.  sessions: of each unit, or of some in turn; drift over the whole lot; wild: share of units that do
-    not belong; people: (name, offset in spreads) of operators, in turn."""
+    not belong."""
     mean, covariance = truth()
     rng, results = np.random.default_rng(seed), []
     root = np.linalg.cholesky(covariance)
@@ -36,10 +36,9 @@ def simulated_lot(units, seed, sessions=1, noise=0.2, repeat=0.1, drift=0.0, tai
             R = B @ B.T
             size = noise * SPREAD * np.exp(0.3 * rng.normal(size=COUNT)) / np.sqrt(np.diag(R))
             R = R * np.outer(size, size)
-            who, offset = people[s % len(people)] if people else ("", 0.0)
-            values = unit + SPREAD * (offset + repeat * rng.normal(size=COUNT)) + np.linalg.cholesky(R) @ rng.normal(size=COUNT)
+            values = unit + SPREAD * (repeat * rng.normal(size=COUNT)) + np.linalg.cholesky(R) @ rng.normal(size=COUNT)
             if rng.random() < without_accelerometer:
                 values[12:] = R[12:] = R[:, 12:] = np.nan
             name = f"{u:05d}-{s}"
-            results.append(UnitResult(name, f"serial {u:05d}", name, values, R, order=float(len(results)), operator=who))
+            results.append(UnitResult(name, f"serial {u:05d}", name, values, R, order=float(len(results))))
     return results

@@ -43,7 +43,6 @@ GONE = {
         ["fleet", "data"],
         ["lot", "data"],
         ["fit", "data/session1", "--lot", "lot.json"],
-        ["plan", "data/session1", "--lot", "lot.json"],
     ),
     "temperature": (
         ["fit", "data/session1", "--temperature"],

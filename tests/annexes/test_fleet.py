@@ -126,17 +126,6 @@ def test_moved_and_copied_folders_are_known_by_what_is_in_them(copied, tmp_path)
     assert asked(out, f"SELECT count(*) FROM {EACH}") == [(4,)]  # a copy is no further measurement
 
 
-@pytest.mark.broad
-def test_a_copy_beside_the_first_waits_for_its_result(copied, tmp_path):
-    """Both are seen before either is computed."""
-    shutil.copytree(copied / "unit0", copied / "unit0copy")
-    executor = Here()
-    executor.capacity = 9
-    tally, computed = ran(copied, tmp_path / "out", executor=executor)
-    assert len(computed) == 4
-    assert (tally.done, tally.reused) == (4, 1)
-
-
 @pytest.mark.parametrize(
     "other",
     [{"steps": ("fit",)}, {"seed": 1}, {"earth": False}, {"accelerometer": "fit"}],
@@ -229,15 +218,3 @@ def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_p
             tally = run_fleet(listed_folders([f"{gone}\n", "\n"]), table, Here(), QUICK)
         assert (tally.failed, tally.done) == (not there, there)
     assert asked(tmp_path / "out", "SELECT key IS NULL, error FROM folders") == [(0, None)]
-
-
-@pytest.mark.broad
-def test_an_array_is_a_row_that_says_what_it_is(copied, tmp_path):
-    log = next((copied / "unit0").glob("log*"))
-    for unit in (0, 1):
-        shutil.copyfile(log, log.with_name(f"log0001.unit{unit}.csv.gz"))
-    log.unlink()
-    assert ran(copied, tmp_path / "out", FIT)[0].failed == 1
-    ((error,),) = asked(tmp_path / "out", "SELECT error FROM results WHERE status = 'failed'")
-    assert "array" in error
-    assert str(tmp_path) not in error

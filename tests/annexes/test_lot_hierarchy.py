@@ -5,15 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import optimize, stats
-from simulated_lots import COUNT, SPREAD, simulated_lot, truth
+from simulated_lots import COUNT, simulated_lot
 from small_lots import Dense, believed, small_lot
 
 from tinygc import CalibrationError
 from tinygc.annexes.lots import hierarchy as subject
-from tinygc.annexes.lots.hierarchy import EXACT_UNITS, OFF_SCALES, Sums, add, hierarchy, in_si, tails_of, updated
+from tinygc.annexes.lots.hierarchy import OFF_SCALES, Sums, add, hierarchy, in_si, tails_of, updated
 from tinygc.annexes.lots.lot import LotSessions, lot_sessions
 
-MEAN, COVARIANCE = truth()
 KNOWN = [0, 10]
 TWICE = [0, 10, 21, 31]  # of mean and drift
 S = np.array([[0.8, 0.3], [0.3, 0.5]])
@@ -87,20 +86,6 @@ def test_the_next_unit_comes_one_step_after_the_last_of_a_drift():
     assert found.next_covariance[np.ix_(KNOWN, KNOWN)] == pytest.approx(ahead @ covariance @ ahead.T * np.outer(s, s), rel=1e-6)
 
 
-@pytest.mark.parametrize("p", [0.0099, 0.0101])
-def test_a_drift_shows_at_one_percent(p):
-    """Two equal units of one number, in perfect order: the p-value is set by the size of the drift."""
-    lot = small_lot([1] * 8, known=(10,))
-    belief = believed([[0.5]], [[0.0]], known=(10,))
-    _, covariance = Dense(lot, [[0.5]], [[0.0]], (10,)).solved()
-    exact = stats.t.isf(p / 2, 6) * np.sqrt(covariance[1, 1])
-    lot = dataclasses.replace(lot, values=lot.centre + lot.scale * exact * (lot.place[:, None] / 7 - 0.5))
-    sums = passed(lot, belief)
-    found = in_si(lot, updated(lot, belief, sums, 3), sums, True)
-    assert found.drift_p == pytest.approx(p, rel=1e-5)
-    assert found.drifts == (p < 0.01)
-
-
 @pytest.mark.parametrize(("counts", "freedom"), [([1, 2, 3, 2], 2), ([1, 2], 1)])
 def test_the_spread_moves_along_the_restricted_likelihoods_gradient(counts, freedom):
     """S (outer - weight) S / units is a step of EM, and outer - weight twice the gradient; the uncertainty of mean and drift is in it."""
@@ -117,20 +102,6 @@ def test_the_spread_moves_along_the_restricted_likelihoods_gradient(counts, free
     assert np.diag(after) == pytest.approx(np.diag(step), rel=1e-6)
     assert after[0, 1] == pytest.approx(after[1, 0])
     assert after[0, 1] == pytest.approx(keep * step[0, 1], rel=1e-6)
-
-
-def test_a_large_lot_shares_out_the_uncertainty_of_its_mean():
-    """Where all units are alike, exactly as one by one."""
-    lot = small_lot([1] * 5)
-    covariances = np.repeat(lot.covariances[:1], lot.sessions, axis=0)
-    lot = dataclasses.replace(lot, covariances=covariances)
-    belief = with_gls(lot, S, V, off=1e-300)
-    one, shared = passed(lot, belief), passed(lot, belief, EXACT_UNITS + 1)
-    assert passed(lot, belief, EXACT_UNITS).outer == pytest.approx(one.outer, rel=1e-9)
-    assert shared.outer == pytest.approx(one.outer, rel=1e-9, abs=1e-12)
-    uneven = dataclasses.replace(lot, covariances=np.where(np.arange(5)[:, None] < 2, 9.0, 1.0) * covariances)
-    belief = with_gls(uneven, S, V, off=1e-300)
-    assert passed(uneven, belief, EXACT_UNITS + 1).outer[0, 0] != pytest.approx(passed(uneven, belief).outer[0, 0], rel=1e-4)
 
 
 def test_repeatability_is_the_mean_square_of_what_a_session_adds_given_all():
@@ -152,21 +123,6 @@ def test_repeatability_is_the_mean_square_of_what_a_session_adds_given_all():
     after = updated(lot, belief, sums, 3).repeatability[pair]
     assert np.diag(after) == pytest.approx(np.diag(expected) / 5, rel=1e-6)
     assert after[0, 1] == pytest.approx(expected[0, 1] / 5 * 5**2 / (5**2 + 3**2), rel=1e-6)
-
-
-@pytest.mark.parametrize("p", [0.9e-4, 1.1e-4])
-def test_a_session_at_one_in_ten_thousand_does_not_count_for_repeatability(p):
-    """By the distance from the unit as all of its sessions tell it, whose covariance is that of one session less the unit's."""
-    lot = small_lot([1, 1, 2], known=(10,))
-    belief = believed([[1e6]], [[0.2]], known=(10,))
-    rows = np.flatnonzero(lot.unit == 2)
-    noise = lot.covariance(rows)[:, 10, 10] + 0.2
-    # Two sessions of an unknown unit: each is off by its share of their difference, and the distance of both is the same.
-    apart = np.sqrt(stats.chi2.isf(p, 1) * noise.sum())
-    values = lot.values.copy()
-    values[rows[1], 10] = values[rows[0], 10] + apart * lot.scale[10]
-    sums = passed(dataclasses.replace(lot, values=values), belief)
-    assert sums.repeats == (2 if p > 1e-4 else 0)
 
 
 # Student's t, and units that do not belong
@@ -238,23 +194,6 @@ def test_a_unit_belongs_by_bayes_theorem(tails):
     assert list(OFF_SCALES) == [5, 15, 50]
 
 
-def test_the_weight_of_a_unit_that_may_not_belong_enters_every_sum():
-    lot = small_lot([1, 2, 2], seed=1)
-    belief = believed(S, V, off=0.5)
-    sums = passed(lot, belief, subject.FEWEST_JUDGED)
-    member, (y, noise) = np.concatenate(sums.member), joined_units(lot)
-    W, along = np.linalg.inv(noise + S), lot.place / 2 - 0.5
-    pair = np.ix_(KNOWN, KNOWN)
-    assert sums.weight[pair] == pytest.approx(np.einsum("u,uij->ij", member, W), rel=1e-6)
-    pulled = np.einsum("uij,uj->ui", W, y)
-    assert sums.outer[pair] == pytest.approx((member[:, None] * pulled).T @ pulled, rel=1e-6)
-    assert sums.right[TWICE] == pytest.approx(np.concatenate([member @ pulled, (member * along) @ pulled]), rel=1e-6)
-    for power, block in ((0, (0, 0)), (1, (0, 1)), (1, (1, 0)), (2, (1, 1))):
-        part = sums.information.reshape(2, COUNT, 2, COUNT)[block[0], :, block[1]][pair]
-        assert part == pytest.approx(np.einsum("u,uij->ij", member * along**power, W), rel=1e-6, abs=1e-9)
-    assert sums.repeats == pytest.approx(2 * member[1:].sum())
-
-
 def test_tails_are_those_of_the_largest_likelihood():
     """Against a fine grid, with SciPy's t; each unit by its probability of belonging."""
     delta = stats.f.ppf((np.arange(60) + 0.5) / 60, 2, 4) * 2
@@ -267,21 +206,6 @@ def test_tails_are_those_of_the_largest_likelihood():
     assert tails_of(delta, told, member) == pytest.approx(best, rel=1e-3)
     # Heavier tails than any covariance has.
     assert tails_of(stats.f.ppf((np.arange(60) + 0.5) / 60, 2, 1) * 2, told, member) == pytest.approx(2.5, rel=1e-3)
-
-
-@pytest.mark.parametrize(("p", "taken"), [(0.0095, True), (0.0105, False)])
-def test_tails_are_taken_at_one_percent(p, taken):
-    """Half of chi-square with one degree of freedom, since tails lie on one side of none: the last distance is moved to that p-value."""
-    told, member, rest = np.full(40, 2), np.ones(40), stats.chi2.ppf((np.arange(39) + 0.5) / 40, 2)
-
-    def gain(last):
-        y = np.column_stack([np.sqrt(np.append(rest, last)), np.zeros(40)])
-        of = lambda inverse: -np.sum(stats.multivariate_t([0, 0], df=1 / inverse).logpdf(y))  # noqa: E731
-        best = optimize.minimize_scalar(of, bounds=(1e-4, 0.4), method="bounded").fun
-        return 2 * (-best - np.sum(stats.norm.logpdf(y)))
-
-    last = optimize.brentq(lambda last: stats.chi2.sf(max(gain(last), 0), 1) / 2 - p, 10, 60, xtol=1e-3)
-    assert np.isfinite(tails_of(np.append(rest, last), told, member)) == taken
 
 
 def test_few_units_have_no_tails():
@@ -338,19 +262,6 @@ def test_freedom_is_fishers_information_of_the_variance(tails):
     assert np.isnan(found.spread_freedom[0])
 
 
-def test_freedom_of_several_numbers_with_tails():
-    """The inverse of the information matrix of a bivariate t's three shape numbers, by draws of its scores."""
-    lot = small_lot([1] * 4)
-    lot = dataclasses.replace(lot, covariances=lot.covariances * 1e-9)
-    belief = believed(np.eye(2), 1e-9 * np.eye(2), tails=5.0, beta_covariance=np.eye(2 * COUNT))
-    freedom = in_si(lot, belief, passed(lot, belief), True).spread_freedom[KNOWN]
-    y = stats.multivariate_t([0, 0], np.eye(2), df=5.0, seed=1).rvs(300_000)
-    weight = 7 / (5 + np.sum(y**2, axis=1))
-    scores = np.column_stack([(weight * y[:, 0] ** 2 - 1) / 2, (weight * y[:, 1] ** 2 - 1) / 2, weight * y[:, 0] * y[:, 1]])
-    variance = np.linalg.inv(np.cov(scores.T))[0, 0]
-    assert freedom == pytest.approx(2 / variance * 4 * (4 - 2) / 4, rel=0.01)
-
-
 # To the end
 
 
@@ -393,16 +304,6 @@ def test_a_large_lot_begins_with_a_part_of_it_and_ends_the_same(monkeypatch):
     found = hierarchy(lot)
     assert not found.settled
     assert len(parts) == 4 + 4 + 9
-
-
-@pytest.mark.broad
-def test_one_unit_in_twenty_that_does_not_belong_moves_nothing():
-    clean, wild = (hierarchy(lot_sessions(simulated_lot(300, 4, [1, 2], wild=share))) for share in (0.0, 0.05))
-    assert 0.02 < wild.off < 0.09
-    assert np.all(np.abs(wild.mean - clean.mean) < 3 * np.sqrt(np.diag(clean.mean_covariance)))
-    size = np.sqrt(np.diag(wild.spread)) / SPREAD
-    assert size == pytest.approx(np.ones(COUNT), abs=0.17)  # four of its own sigmas
-    assert np.mean(size) == pytest.approx(1, abs=0.04)
 
 
 def test_without_a_repeated_session_or_an_accelerometer_neither_is_told():

@@ -48,17 +48,6 @@ def test_sensor_errors_are_those_that_a_sensor_is_made_of():
     assert (names[11], names[20]) == ("gyro_bias_z_mdps", "accel_bias_z_mg")
 
 
-def test_each_error_has_its_own_number_to_first_order():
-    """The sign is the correction's: a scale that is too large is corrected by one that is too small."""
-    for n in range(COUNT):
-        moved = sensor_errors(NONE + 1e-6 * (np.arange(COUNT) == OWN[n])) * UNITS
-        assert abs(moved[n]) == pytest.approx(1e-6, rel=1e-4)
-        assert np.sort(np.abs(moved))[:-1].max() < 1e-11
-    values = NONE.copy()
-    values[[3, 13]] = np.nan
-    assert set(np.flatnonzero(np.isnan(sensor_errors(values)))) == {int(np.flatnonzero(n == OWN)[0]) for n in (3, 13)}
-
-
 def test_a_covariance_goes_over_by_the_derivative():
     rng = np.random.default_rng(1)
     at, root = NONE + 0.05 * rng.normal(size=COUNT), 1e-4 * rng.normal(size=(COUNT, COUNT))
@@ -148,10 +137,3 @@ def test_numbers_known_of_one_unit_are_no_lots_and_two_sessions_make_them_known_
     assert chunk.place.tolist() == [0, 1]
     with pytest.raises(CalibrationError, match="got 1"):
         lot_sessions([result("a", "A", 0.0), result("b", "A", 1.0)])
-
-
-def test_the_scale_is_no_less_than_the_noise():
-    lot = lot_sessions([result(str(k), f"u{k}", float(k), sigma=sigma, values=(2.0,)) for k, sigma in enumerate((0.1, 0.3, 0.7))])
-    assert lot.scale[10] == pytest.approx(0.3)
-    assert lot.scale[3] == 1
-    assert lot.covariance(slice(None))[:, 10, 10] == pytest.approx((np.array([0.1, 0.3, 0.7]) / 0.3) ** 2)

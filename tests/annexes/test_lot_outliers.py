@@ -94,32 +94,6 @@ def test_a_drift_is_taken_off_where_it_shows():
     assert "u07" not in {each.serial for each in outliers(moved, about)}
 
 
-def test_a_combination_is_described_by_its_least_expected_numbers():
-    """The distance of all together, and each number by its sigma given the other."""
-    lot = small_lot([1] * 12)
-    narrow = np.array([[1.0, 0.97], [0.97, 1.0]])
-    lot = dataclasses.replace(lot, covariances=lot.covariances * 1e-4)
-    moved = of_unit(lot, 3, np.array([1.1, -1.1]))
-    (each,) = outliers(moved, believing(lot, narrow, V * 1e-4))
-    N = lot.covariance(slice(3, 4))[0][np.ix_(KNOWN, KNOWN)] + V * 1e-4 + narrow
-    r = np.array([1.1, -1.1])
-    assert each.reasons[0].what == "combination"
-    assert each.reasons[0].value == pytest.approx(r @ np.linalg.solve(N, r), rel=1e-6)
-    assert each.reasons[0].sigmas == pytest.approx(np.sqrt(each.reasons[0].value))
-    J = (jacobian(np.where(np.isin(np.arange(COUNT), KNOWN), lot.centre, np.nan)) * lot.scale)[np.ix_(BLAMED, KNOWN)]
-    C = J @ N @ J.T
-    given = {}
-    for k, other in ((0, 1), (1, 0)):
-        expected = C[k, other] / C[other, other] * (J @ r)[other]
-        left = C[k, k] - C[k, other] ** 2 / C[other, other]
-        given[SENSOR_ERRORS[BLAMED[k]].key] = ((J @ r)[k], ((J @ r)[k] - expected) / np.sqrt(left))
-    assert {reason.what: (reason.value, reason.sigmas) for reason in each.reasons[1:]} == {
-        k: pytest.approx(v, rel=1e-6) for k, v in given.items()
-    }
-    assert abs(each.reasons[1].sigmas) >= abs(each.reasons[2].sigmas)
-    assert "their combination is" in each.says
-
-
 def found_of(results):
     lot = lot_sessions(results)
     return outliers(lot, hierarchy(lot))

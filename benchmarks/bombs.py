@@ -188,7 +188,7 @@ READERS = {
         "record --port {O} --like {S} --out {O}", "list {S}", "history {S} --out {O}", "noise {S} --out {O}", "table check --table {B}",
     ],
     "model": [
-        "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}", "noise --curve {B}",
+        "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "noise --curve {B}",
         "fit {S} --methods least_squares --requirements {B}", "report {S} --methods least_squares --certificate {O} --as-found {B}",
         "watch {B} {L}", "verify {B} {L}",
     ],

@@ -76,9 +76,9 @@ class LinearTwin:
         components = tuple(Component(name, each, 1.0, "", 1.0, name) for name, each in zip((TURN, STILL_RATE), V, strict=True))
         return SessionNoise(components, [np.arange(self.n)], SimpleNamespace(rms_rad=0.0), np.zeros(2), np.zeros(2))
 
-    def evidence(self, odds=None) -> Evidence:
+    def evidence(self) -> Evidence:
         with patch.object(evidence, "first_noise", lambda twin, white: twin.noise(white)):
-            return Evidence(self, odds)
+            return Evidence(self)
 
     # What a fit asks of a twin.
 

@@ -30,7 +30,6 @@ KEYS = {
 MORE = {
     "families",
     "considered",
-    "lot_effects",
     "lines_end_hz",
     "findings",
     "logs",

@@ -1,7 +1,5 @@
 """Selection: p-values over a family of candidates that resemble one another."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from linear_twin import effect, linear_twin, stepped
@@ -9,7 +7,6 @@ from scipy import stats
 
 from tinygc.explanation.evidence import (
     Selection,
-    component_names,
     linear_estimate,
     orthonormal,
     selection_of,
@@ -228,8 +225,3 @@ def test_a_claim_is_taken_out_of_a_fit():
     less = without_claim(fit, 0)
     np.testing.assert_allclose(less.r, fit.r - nothing.whiten(twin.columns_of(a)) @ fit.state.claims[0].theta, atol=1e-9)
     np.testing.assert_allclose(less.J[:, 15:], nothing.whiten(twin.columns_of(b)))
-
-
-def test_components_have_the_names_of_axes():
-    names = [component_names(SimpleNamespace(parameter=SimpleNamespace(shape=s, size=int(np.prod(s))))) for s in ((), (3,), (3, 3), (2,))]
-    assert names == [("value",), ("x", "y", "z"), ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"), ("0", "1")]

@@ -372,7 +372,7 @@ def test_results_show_themselves(fits, folders):
         (lambda: tinygc.report(3), "session is of type int"),
         (lambda: tinygc.array(3), "units is of type int, expected an array's folder"),
         (lambda: tinygc.fleet("x", "y", job=1), "fleet: no option 'job'; did you mean jobs?"),
-        (lambda: tinygc.lot("x", limit=1), "lot: no option 'limit'; did you mean limits?"),
+        (lambda: tinygc.lot("x", models=1), "lot: no option 'models'; did you mean model?"),
         (lambda: tinygc.sensors("asm330lh"), "is no sensor that is known; is ASM330LHH meant?"),
         (lambda: tinygc.list_sessions("nowhere"), "nowhere: no folder; give one with session folders in it"),
     ],
@@ -394,12 +394,10 @@ def test_a_wrong_argument_is_one_line(call, complaint):
         (lambda fit: fit.plot(3), "plot: path is 3, expected a path"),
         (lambda fit: tinygc.compare([fit, None]), "sessions holds None, expected a Fit or the path of a fitted session"),
         (lambda fit: tinygc.rebias(fit.source, fit, exclude=["a"]), "rebias: exclude is ['a'], expected a list of whole numbers"),
-        (lambda fit: tinygc.plan(fit.source, lot=3), "plan: lot is 3, expected a path"),
         (lambda fit: tinygc.apply(fit, "x.csv", "y.csv", gyro_fs_dps="fast"), "gyro_fs_dps is 'fast', expected a number above 0"),
         (lambda fit: tinygc.apply(fit, "x.csv", "y.csv", columns=3), "columns is 3, expected text"),
         (lambda fit: tinygc.sensors(3), "sensors: name is 3, expected text"),
         (lambda fit: tinygc.fleet(3, "x"), "fleet: folders is 3, expected a path, or a list of paths"),
-        (lambda fit: tinygc.lot("x", limits=3), "limits is 3, expected a file, or (lower, upper) by the key of each number"),
     ],
 )
 def test_an_argument_of_another_kind_is_one_line(fits, call, complaint):

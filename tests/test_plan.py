@@ -46,7 +46,6 @@ def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
     plan = propose(short, 4)
     proposals = plan.proposals
     assert plan.asked is None
-    assert plan.lot is None
     assert plan.enough is None or plan.enough >= len(proposals)
     names = [*(f"accelerometer {name}" for name in NAMES), *map(parameter_words, linear.NAMES)]
     assert proposals[0].parameter == names[int(np.argmax(sigma))]

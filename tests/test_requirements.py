@@ -549,6 +549,6 @@ def test_what_is_no_requirement_is_refused_in_one_line(tmp_path, text, says):
 
 def test_another_file_is_no_file_of_requirements(tmp_path):
     path = tmp_path / "other.toml"
-    path.write_text('schema = "tinygc-limits/1"\n')
+    path.write_text('schema = "tinygc-table/1"\n')
     with pytest.raises(FormatError, match="expected one of tinygc-requirements/1"):
         read_requirements(path)

@@ -1,7 +1,6 @@
 """The numbers that matter, by other people's programs: lmfit, statsmodels, AllanTools, and the certificates of NIST.
 
-Rotations are held to SciPy's in tests/test_rotation.py and tests/small_turns.py, the gauge study to the AIAG manual in
-tests/annexes/test_lot_gauge.py.
+Rotations are held to SciPy's in tests/test_rotation.py and tests/small_turns.py.
 """
 
 import numpy as np

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .commands import FINDING
-from .fit import ALIGNMENT, AT_REST, COMPONENT, EVENT, INSTABILITY, LEFT_OUT, LOT, SPLIT
+from .fit import ALIGNMENT, AT_REST, COMPONENT, EVENT, INSTABILITY, LEFT_OUT, SPLIT
 from .shapes import (
     COUNT,
     FLAG,
@@ -175,18 +175,6 @@ _EXPLAIN = _HEAD | {
     "findings": [_CLAIM | {"share": maybe(NUMBER)}],
     "families": [{"id": TEXT, "size_dps": SIZE, "shares": {"<id>": SHARE}, "description": TEXT}],
     "considered": [{"id": TEXT, "probability": SHARE, "moments": COUNT, "closure_rms_deg": maybe(_CHANGE)}],
-    "lot_effects": [
-        {
-            "id": TEXT,
-            "share": SHARE,
-            "probability": SHARE,
-            "parameters": PARAMETERS,
-            "std": PARAMETERS,
-            "worth_sigmas": NUMBER,
-            "worth_closure_deg": SIZE,
-            "equivalent": [TEXT],
-        }
-    ],
     "lines_end_hz": maybe(SIZE),
     "fit": {"holdout_closure_rms_deg": _HELD_OUT, "excess_removed": maybe(NUMBER), "segments_after": COUNT},
     "channels": dict.fromkeys(("closure", "still", "length"), _CHANNEL),
@@ -295,6 +283,5 @@ TABLES = {
         "requested": maybe(TEXT),
         "proposals": [{"words": TEXT, "parameter": TEXT, "now": maybe(NUMBER), "after": maybe(NUMBER)}],
         "enough": maybe(COUNT),
-        "lot": maybe(LOT),
     },
 }

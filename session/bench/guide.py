@@ -80,7 +80,7 @@ class Guide:
         self._before_s = 0.0  # duration of earlier logs
         self.at_rest = False  #: whether the samples go to a rest log
         self.board_faults: Mapping[str, int] = {}  #: what the board has reported of itself, by name
-        self.keys, self._remark = "", ""  # the screen's last line; the coach's remark on the whole session
+        self.keys = ""  # the screen's last line
         self.waits_for = ""  # what the port or the stream lacks
         self._messages: list[GuideMessage] = []
         self._begin_log()
@@ -128,9 +128,6 @@ class Guide:
     def advise(self, advice: Advice | None, stills: int | None = None) -> list[GuideMessage]:
         """Take the coach's advice, given at so many stills; its movement counts only while the board keeps that attitude."""
         self._messages, self.advice = [], advice
-        if advice and advice.says and advice.says != self._remark:
-            self._remark = advice.says
-            self._say(Kind.STAGE, self._remark)
         if stills in (None, len(self.taken.stills)) and self.turn.path_rad < STIR_DEG * DEG:
             self.asked_for.answered(advice)
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:

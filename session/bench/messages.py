@@ -118,7 +118,6 @@ class Advice:
     movements: tuple[RequestedTurn, ...] = ()  #: the rotations of ``words``, in order
     sigmas: tuple[tuple[str, float], ...] = ()  #: name of each parameter, and its sigma divided by its target
     up: tuple[float, float, float] | None = None  #: unit vector in the board's frame that is vertical where the movements begin
-    says: str = ""  #: remark on the whole session, such as the number of turns that is enough
     moves: tuple[AxisMove, ...] = ()  #: the rotations of ``words`` for a machine that turns the table, one after the other
 
 

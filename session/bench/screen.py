@@ -165,11 +165,10 @@ def _segments(guide: Guide) -> Table:
 def _coach(guide: Guide) -> str:
     if guide.advice is None:
         return "–"
-    whole = f"; {guide.advice.says}" if guide.advice.says else ""
     if not guide.advice.missing:
-        return guide.advice.reason + whole
+        return guide.advice.reason
     worst = guide.advice.missing[0].replace(" times its target", "×")
-    return f"{len(guide.advice.missing)} parameters above target; {worst}{whole}"
+    return f"{len(guide.advice.missing)} parameters above target; {worst}"
 
 
 def _stream(health: StreamHealth) -> Text:

@@ -18,7 +18,6 @@ SERVICES = {
     "arrays out of one log": "session.annexes.arrays.importing",
     "binary logs": "session.annexes.logs.registry",
     "a lot as prior (--lot)": "tinygc.annexes.lots.fit",
-    "what a lot knows of one unit (--lot)": "tinygc.annexes.lots.explanation",
     "checks of arrays": "tinygc.annexes.arrays.checks",
     "a search beyond the catalogue (--discover)": "tinygc.annexes.discovery.engine",
     "reports of a discovery": "tinygc.annexes.discovery.report",

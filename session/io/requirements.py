@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -66,22 +66,21 @@ class Requirements:
     source: str = ""
 
 
-# Limits of any set of quantities, as TOML sections with lower, upper or both.
+# Limits of quantities, as TOML sections with lower, upper or both.
 
 
-def bounds_of(sections: Mapping[str, Any], groups: Mapping[str, Iterable[str]], keys: Iterable[str], page: str) -> dict:
+def _bounds_of(sections: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """(lower, upper) by key, infinite where one side is open; a group's name stands for all of its keys, a key of its own wins.
 
-    page: that lists the names.  Raises Mismatch for an unknown name, a limit that is no number, and a lower one that is not below the
-    upper.
+    Raises Mismatch for an unknown name, a limit that is no number, and a lower one that is not below the upper.
     """
-    known, found = list(keys), dict[str, tuple[float, float]]()
-    for name in sorted(sections, key=lambda each: each in known):
-        if name not in known and name not in groups:
-            near = difflib.get_close_matches(name, [*groups, *known], 1)
-            hint = f"did you mean {near[0]}?" if near else f"the names are in {page}"
+    found = dict[str, tuple[float, float]]()
+    for name in sorted(sections, key=lambda each: each in QUANTITIES):
+        if name not in QUANTITIES and name not in GROUPS:
+            near = difflib.get_close_matches(name, [*GROUPS, *QUANTITIES], 1)
+            hint = f"did you mean {near[0]}?" if near else "the names are in docs/requirements.md"
             raise Mismatch(f"{name:.60} is no quantity that has limits; {hint}")
-        found |= dict.fromkeys(groups.get(name, (name,)), _limits(sections[name], name))
+        found |= dict.fromkeys(GROUPS.get(name, (name,)), _limits(sections[name], name))
     return found
 
 
@@ -127,7 +126,7 @@ class RequirementsShape(MapOf):
             self.refuse(value, where)
         _RULE.check(value, where)
         try:
-            limits = bounds_of({k: v for k, v in value.items() if k not in _RULE.may}, GROUPS, QUANTITIES, "docs/requirements.md")
+            limits = _bounds_of({k: v for k, v in value.items() if k not in _RULE.may})
         except Mismatch as mismatch:
             raise Mismatch(f"{where}.{mismatch}" if where else str(mismatch)) from None
         for key, (lower, upper) in limits.items():
@@ -156,7 +155,7 @@ def requirements_of(table: Mapping[str, Any], source: str) -> Requirements | Non
     sections = {key: value for key, value in table.items() if key not in _RULE.may}
     ruled = {key: table[key] for key in ("guard", "risk", "least_ratio") if key in table}
     rule = Rule(table.get("rule", SIMPLE), **{key: float(value) for key, value in ruled.items()})
-    limits = bounds_of(sections, GROUPS, QUANTITIES, "docs/requirements.md")
+    limits = _bounds_of(sections)
     return Requirements(limits, rule, table.get("reference", ""), source)
 
 

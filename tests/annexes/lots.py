@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from session.io.results import write_whole
 from session.io.units import DEG
 from tinygc.annexes.lots.lot import NAMES, Lot
+from tinygc.annexes.lots.report import lot_table
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session, unit_of
 from tinygc.simulation.write import write_simulation
@@ -28,6 +30,10 @@ def lot(sigma: np.ndarray = SIGMA, **changes) -> Lot:
     none = np.zeros((12, 12))
     made = Lot(MODEL, 500, 500, whole(MEAN), whole(none), whole(np.diag(sigma**2)), np.inf, whole(none))
     return replace(made, **changes)
+
+
+def write_lot(path: Path, made: Lot) -> None:
+    write_whole(path, lot_table(made))
 
 
 def session_of_unit(folder: Path, vector: np.ndarray, segments: int, seed: int = 3) -> Path:

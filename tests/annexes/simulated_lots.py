@@ -20,26 +20,21 @@ def truth(seed=0):
     return mean, C / np.outer(size, size) * np.outer(SPREAD, SPREAD)
 
 
-def simulated_lot(units, seed, sessions=1, noise=0.2, repeat=0.1, drift=0.0, tails=np.inf, wild=0.0, without_accelerometer=0.0, people=()):
-    """UnitResults; sizes in spreads.  sessions: of each unit, or of some in turn; drift over the whole lot; wild: share of units that do
-    not belong; people: (name, offset in spreads) of operators, in turn."""
+def simulated_lot(units, seed, sessions=1, noise=0.2, drift=0.0, without_accelerometer=0.0):
+    """UnitResults; sizes in spreads.  sessions: of each unit, or of some in turn; drift over the whole lot."""
     mean, covariance = truth()
     rng, results = np.random.default_rng(seed), []
     root = np.linalg.cholesky(covariance)
     for u in range(units):
-        heavy = np.sqrt((tails - 2) / rng.chisquare(tails)) if np.isfinite(tails) else 1.0
-        unit = mean + drift * SPREAD * (u / max(units - 1, 1) - 0.5) + heavy * root @ rng.normal(size=COUNT)
-        if rng.random() < wild:
-            unit = unit + 20 * SPREAD * rng.normal(size=COUNT)
+        unit = mean + drift * SPREAD * (u / max(units - 1, 1) - 0.5) + root @ rng.normal(size=COUNT)
         for s in range(sessions if np.isscalar(sessions) else sessions[u % len(sessions)]):
             B = np.eye(COUNT) + 0.3 * rng.normal(size=(COUNT, COUNT))
             R = B @ B.T
             size = noise * SPREAD * np.exp(0.3 * rng.normal(size=COUNT)) / np.sqrt(np.diag(R))
             R = R * np.outer(size, size)
-            who, offset = people[s % len(people)] if people else ("", 0.0)
-            values = unit + SPREAD * (offset + repeat * rng.normal(size=COUNT)) + np.linalg.cholesky(R) @ rng.normal(size=COUNT)
+            values = unit + SPREAD * (0.1 * rng.normal(size=COUNT)) + np.linalg.cholesky(R) @ rng.normal(size=COUNT)
             if rng.random() < without_accelerometer:
                 values[12:] = R[12:] = R[:, 12:] = np.nan
             name = f"{u:05d}-{s}"
-            results.append(UnitResult(name, f"serial {u:05d}", name, values, R, order=float(len(results)), operator=who))
+            results.append(UnitResult(name, f"serial {u:05d}", name, values, R, order=float(len(results))))
     return results

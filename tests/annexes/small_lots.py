@@ -6,7 +6,7 @@ from tinygc.annexes.lots.hierarchy import Belief
 from tinygc.annexes.lots.lot import COUNT, UnitResult, lot_sessions
 
 
-def small_lot(counts, known=(0, 10), seed=0, size=1.0, **of_session):
+def small_lot(counts, known=(0, 10), seed=0):
     """A lot whose units have so many sessions each, and only these of the 21 numbers; stated covariances differ from session to session."""
     rng, results = np.random.default_rng(seed), []
     for unit, count in enumerate(counts):
@@ -14,10 +14,9 @@ def small_lot(counts, known=(0, 10), seed=0, size=1.0, **of_session):
         for session in range(count):
             values, covariance = np.full(COUNT, np.nan), np.full((COUNT, COUNT), np.nan)
             root = 0.3 * np.eye(len(known)) + 0.1 * rng.normal(size=(len(known),) * 2)
-            values[list(known)] = size * (3 + at + 0.5 * rng.normal(size=len(known)))
-            covariance[np.ix_(known, known)] = size**2 * root @ root.T
-            more = {name: of[len(results)] for name, of in of_session.items()}
-            results.append(UnitResult(f"{unit}-{session}", f"u{unit:02d}", f"s{unit}-{session}", values, covariance, order=unit, **more))
+            values[list(known)] = 3 + at + 0.5 * rng.normal(size=len(known))
+            covariance[np.ix_(known, known)] = root @ root.T
+            results.append(UnitResult(f"{unit}-{session}", f"u{unit:02d}", f"s{unit}-{session}", values, covariance, order=unit))
     return lot_sessions(results)
 
 

@@ -119,9 +119,8 @@ def test_the_earth_that_one_unit_names_is_one_term_of_all(tmp_path):
 
 def test_options_of_one_session_are_refused_in_a_line(hit, capsys):
     _, folder = hit
-    for option in ("--lot", "--noise"):
-        assert calibrate.main(["explain", str(folder), option, "some.json", "--quiet"]) == 2
-        assert f"{option}: of no use with" in capsys.readouterr().err
+    assert calibrate.main(["explain", str(folder), "--noise", "some.json", "--quiet"]) == 2
+    assert "--noise: of no use with" in capsys.readouterr().err
     assert calibrate.main(["compare", str(folder), str(folder), "--quiet"]) == 2
     assert "an array of 3 units" in capsys.readouterr().err
     assert calibrate.main(["export", str(folder), "--to", "json", "--quiet"]) == 2

@@ -11,11 +11,10 @@ from scipy import stats
 
 from tinygc import check, fit
 from tinygc.annexes.lots import fleet_row, fleet_session
-from tinygc.annexes.lots.fleet_row import FleetOptions, cell_of, key_of
+from tinygc.annexes.lots.fleet_row import FleetOptions, key_of
 from tinygc.annexes.lots.fleet_run import listed_folders, run_fleet
-from tinygc.annexes.lots.fleet_summary import unit_results, weighed_of
+from tinygc.annexes.lots.fleet_summary import unit_results
 from tinygc.annexes.lots.fleet_table import EACH, open_table
-from tinygc.annexes.lots.lot import Weighed
 from tinygc.explanation.engine import explain_session
 
 
@@ -75,25 +74,9 @@ def test_what_was_injected_is_recovered_within_the_sigmas(fleet, whole):
         off = each.values[:12] - expected
         total += off @ np.linalg.solve(each.covariance[:12, :12], off)
         assert each.serial == f"SIM-{truth['options']['seed']}"
-    assert 0.001 < stats.chi2.sf(total, 48) < 0.999
-
-
-def test_what_is_weak_is_kept_for_the_lot(whole):
-    """Every effect that has columns, named or not; and the covariance is one of all 21 numbers."""
-    for each in unit_results(whole):
-        assert len(each.effects) > 10
-        weighed = each.effects["gyro.g_sensitivity"]
-        assert set(weighed.estimates) == set(weighed.sigmas)
-        assert all(sigma > 0 for sigma in weighed.sigmas.values())
-        assert each.covariance.shape == (21, 21)
         np.testing.assert_array_equal(each.covariance, each.covariance.T)
-        assert np.linalg.eigvalsh(each.covariance[:12, :12])[0] > 0
-        np.testing.assert_array_equal(np.isnan(each.values), np.isnan(each.sigmas))
-
-
-def test_what_an_effect_does_not_tell_stays_untold():
-    told = Weighed({"x": 1.5, "y": np.nan}, {"x": 0.25, "y": np.nan}, 36.0, True, 0.75)
-    assert repr(weighed_of(cell_of({"gyro.bias_step": vars(told)}))["gyro.bias_step"]) == repr(told)
+        np.testing.assert_array_equal(np.isnan(each.values), np.isnan(np.diag(each.covariance)))
+    assert 0.001 < stats.chi2.sf(total, 48) < 0.999
 
 
 @pytest.mark.broad
@@ -141,17 +124,6 @@ def test_moved_and_copied_folders_are_known_by_what_is_in_them(copied, tmp_path)
     names = [os.path.basename(folder) for (folder,) in asked(out, "SELECT folder FROM folders ORDER BY 1")]
     assert names == ["elsewhere", "unit1", "unit1copy", "unit2", "unit3"]
     assert asked(out, f"SELECT count(*) FROM {EACH}") == [(4,)]  # a copy is no further measurement
-
-
-@pytest.mark.broad
-def test_a_copy_beside_the_first_waits_for_its_result(copied, tmp_path):
-    """Both are seen before either is computed."""
-    shutil.copytree(copied / "unit0", copied / "unit0copy")
-    executor = Here()
-    executor.capacity = 9
-    tally, computed = ran(copied, tmp_path / "out", executor=executor)
-    assert len(computed) == 4
-    assert (tally.done, tally.reused) == (4, 1)
 
 
 @pytest.mark.parametrize(
@@ -246,15 +218,3 @@ def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_p
             tally = run_fleet(listed_folders([f"{gone}\n", "\n"]), table, Here(), QUICK)
         assert (tally.failed, tally.done) == (not there, there)
     assert asked(tmp_path / "out", "SELECT key IS NULL, error FROM folders") == [(0, None)]
-
-
-@pytest.mark.broad
-def test_an_array_is_a_row_that_says_what_it_is(copied, tmp_path):
-    log = next((copied / "unit0").glob("log*"))
-    for unit in (0, 1):
-        shutil.copyfile(log, log.with_name(f"log0001.unit{unit}.csv.gz"))
-    log.unlink()
-    assert ran(copied, tmp_path / "out", FIT)[0].failed == 1
-    ((error,),) = asked(tmp_path / "out", "SELECT error FROM results WHERE status = 'failed'")
-    assert "array" in error
-    assert str(tmp_path) not in error

@@ -13,7 +13,7 @@ from tinygc.annexes.lots.fleet_page import page
 from tinygc.annexes.lots.fleet_row import COLUMNS, FIGURES, LONG, VALUES, empty
 from tinygc.annexes.lots.fleet_run import Tally
 from tinygc.annexes.lots.fleet_session import Outcome
-from tinygc.annexes.lots.fleet_summary import MOST_LISTED, distribution, reason_of, summarise
+from tinygc.annexes.lots.fleet_summary import MOST_LISTED, distribution, summarise
 from tinygc.annexes.lots.fleet_table import open_table, read_table
 from tinygc.reporting.html.markup import Section
 
@@ -90,11 +90,6 @@ def test_a_distribution_is_that_of_the_values():
     alone = distribution(np.array([3.0]))
     assert alone.counts.sum() == 1
     assert distribution(np.array([])) is None
-
-
-def test_failures_of_one_cause_are_one_reason():
-    lines = [f"log000{n}.csv line {n}: {n} columns, expected 8" for n in (1, 2)]
-    assert reason_of(lines[0]) == reason_of(lines[1]) == "… line … columns, expected …"
 
 
 @pytest.mark.broad

@@ -7,16 +7,14 @@ import pytest
 from simulated_lots import simulated_lot
 
 from session.io.errors import FormatError
-from tinygc.annexes.lots.lot import PooledEffect
-from tinygc.annexes.lots.report import lot_of, lot_of_table, lot_table, read_lot, write_lot
-
-EFFECT = PooledEffect(0.25, {"matrix_xx": 1e-4}, {"matrix_xx": float("nan")}, 1e-8, 12)
+from session.io.results import write_whole
+from tinygc.annexes.lots.report import lot_of, lot_of_table, lot_table, read_lot
 
 
 @pytest.fixture(scope="module")
 def lot():
     """Of twelve units without accelerometers, and no repeated session: much is null."""
-    return lot_of(simulated_lot(12, 0, without_accelerometer=1.0), "ASM330LHH", effects={"gyro.g_sensitivity": EFFECT}).lot
+    return lot_of(simulated_lot(12, 0, without_accelerometer=1.0), "ASM330LHH").lot
 
 
 @pytest.fixture
@@ -25,14 +23,11 @@ def table(lot):
 
 
 def test_what_is_written_reads_back_the_same(lot, tmp_path):
-    write_lot(tmp_path / "lot.json", lot, more=1)
+    write_whole(tmp_path / "lot.json", lot_table(lot, more=1))
     again = read_lot(tmp_path / "lot.json")
     for name in ("mean", "mean_covariance", "spread", "repeatability"):
         assert np.array_equal(getattr(again, name), getattr(lot, name), equal_nan=True), name
     assert (again.sensor, again.units, again.sessions, again.tails) == ("ASM330LHH", 12, 12, np.inf)
-    effect = again.effects["gyro.g_sensitivity"]
-    assert (effect.share, effect.p_value, effect.units, effect.mean) == (0.25, 1e-8, 12, {"matrix_xx": 1e-4})
-    assert np.isnan(effect.spread["matrix_xx"])
     assert np.isnan(again.repeatability).all()
     assert np.isnan(again.mean[12:]).all()
 
@@ -64,8 +59,6 @@ def changed(key, value):
         (changed(["mean", 0], None), "mean_covariance tells of E_xx, whose mean is null"),
         (changed(["mean", 0], "1"), r"mean\[0\] is \"1\", expected a number"),
         (changed(["tails"], 0), "tails is 0, expected a number above 0"),
-        (changed(["effects", "gyro.g_sensitivity", "share"], 1.5), "share is 1.5, expected a number from 0 to 1"),
-        (changed(["effects", "gyro.g_sensitivity", "spread", "matrix_xx"], -1), "expected a number of at least 0"),
     ],
 )
 def test_what_is_no_lot_is_refused_in_one_line(table, change, says):

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from conftest import broad
 from formats_page import strangers
-from lots import MEAN, SIGMA, lot, session_of_unit
+from lots import MEAN, SIGMA, lot, session_of_unit, write_lot
 from processes import calibrate
 
 import tinygc
 from tinygc.annexes.lots import fit as lots_fit
 from tinygc.annexes.lots.fit import Belonging, LotFile, LotUse, belonging, fit_with_lot, prior_of
-from tinygc.annexes.lots.report import write_lot
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
 from tinygc.closure.prior import vague
@@ -187,25 +186,6 @@ def test_a_bias_that_the_lot_does_not_tell_is_sought_about_the_first_still(probl
     np.testing.assert_array_equal(found.level.prior.centre[BIAS], problem.first.B)
 
 
-@pytest.mark.parametrize("probability", [0.97, 0.9999])
-def test_a_share_is_told_between_nothing_and_all(problem, monkeypatch, probability):
-    monkeypatch.setattr(lots_fit, "prior_share", lambda *given: np.diag([1.5, -0.5, *[0.0] * 10]))
-    assert Judged(problem, monkeypatch, probability).use.share[:2].tolist() == [1.0, 0.0]
-
-
-def test_beside_a_fit_the_prior_is_given_only_where_the_unit_belongs(recorded, monkeypatch):
-    asked = []
-    monkeypatch.setattr(lots_fit, "stated_noise", lambda problem: "its noise")
-    for used in ("yes", "partly", "no"):
-        use = LotUse("lot.json", "00", 50, Belonging(0.5, 1.0, 12, 0.5), used, np.zeros(12), np.zeros((12, 12)))
-        monkeypatch.setattr(lots_fit, "fit_with_lot", lambda *given, use=use: asked.append(given) or (None, None, None, use))
-        prior, told = LotFile(lot(), "lot.json", "00").prior_beside(recorded)
-        assert told is use
-        assert (prior is None) == (used != "yes")
-        assert asked[-1][0] is recorded
-        assert asked[-1][3] == "its noise"
-
-
 def test_a_use_is_told_in_words_and_in_json():
     found = Belonging(0.5, 3.25, 12, 0.02)
     share = np.zeros(PARAMETERS)
@@ -248,20 +228,6 @@ def file(tmp_path_factory):
     path = tmp_path_factory.mktemp("lot") / "lot.json"
     write_lot(path, lot())
     return path
-
-
-@pytest.mark.broad
-def test_eight_turns_with_the_lot_reach_the_sigmas_of_twenty_without(eight, file, drawn, tmp_path):
-    """A lot of 50 ppm; the errors are within what is stated (chi-square of twelve below its 0.1 %)."""
-    with_lot = tinygc.fit(eight, methods=("least_squares",), lot=file).result
-    without = tinygc.fit(session_of_unit(tmp_path / "twenty", drawn, 20, seed=8), methods=("least_squares",)).result
-    alone = tinygc.fit(eight, methods=("least_squares",)).result
-    rms = [float(np.sqrt(np.mean(np.diag(result.covariance)[:9]))) for result in (alone, without, with_lot)]
-    assert rms[0] > 1.5 * rms[1]
-    assert rms[2] < 1.05 * rms[1]
-    assert with_lot.lot.used == "yes"
-    error = with_lot.linear.model.vector - drawn
-    assert error @ np.linalg.solve(with_lot.covariance, error) < 32.9
 
 
 @pytest.mark.broad

@@ -1,46 +1,10 @@
-"""The annexes' forms of the restricted likelihood against its definition with full matrices, and against ``noise.reml``."""
+"""An array's form of the restricted likelihood against its definition with full matrices, and against ``noise.reml``."""
 
 import numpy as np
 import pytest
 
 from tinygc.annexes.arrays.system import System
-from tinygc.annexes.lots.gauge import cells_of, minus_twice_log_likelihood, variances
 from tinygc.noise.reml import estimate
-
-
-@pytest.fixture(scope="module")
-def study():
-    """Sessions of units and operators, with cells that are empty, single and repeated: y, part, appraiser."""
-    rng = np.random.default_rng(1)
-    y = rng.normal(size=(6, 1, 1)) + 0.5 * rng.normal(size=(1, 4, 1)) + 0.3 * rng.normal(size=(6, 4, 1)) + 0.2 * rng.normal(size=(6, 4, 3))
-    part, who, _ = np.indices(y.shape)
-    kept = rng.random(y.shape) < 0.6
-    return y[kept], part[kept], who[kept]
-
-
-def matrices(part, who):
-    """Covariances (n, n) of unit size: parts, appraisers, their interaction, repeats."""
-    alike = part[:, None] == part, who[:, None] == who
-    return [each.astype(float) for each in (*alike, alike[0] & alike[1], np.eye(len(part)))]
-
-
-def test_the_likelihood_of_a_study_is_its_definition(study):
-    y, part, who = study
-    V, ones, off = matrices(part, who), np.ones((len(y), 1)), []
-    for sizes in ([1, 0.25, 0.09, 0.04], [0.2, 1.5, 0.01, 0.5], [2, 0, 0, 0.1]):
-        C = sum(size * v for size, v in zip(sizes, V, strict=True))
-        solved = np.linalg.solve(C, np.column_stack([y, ones]))
-        weight = float(ones[:, 0] @ solved[:, 1])
-        dense = np.linalg.slogdet(C)[1] + np.log(weight) + y @ solved[:, 0] - (ones[:, 0] @ solved[:, 0]) ** 2 / weight
-        off.append(minus_twice_log_likelihood(np.array(sizes, dtype=float), cells_of(y, part, who)) - dense)
-    assert off == pytest.approx([off[0]] * 3, abs=1e-9)
-
-
-def test_the_variances_of_a_study_are_those_of_the_core(study):
-    y, part, who = study
-    n = len(y)
-    found = estimate(y, 1e6 * np.ones((n, 1)), 1e-9 * np.eye(n), matrices(part, who), np.ones(4), [None] * 4, [np.arange(n)], steps=200)
-    assert variances(cells_of(y, part, who))[0] == pytest.approx(found.s**2, rel=0.02, abs=1e-3)
 
 
 @pytest.fixture(scope="module")

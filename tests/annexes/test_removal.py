@@ -41,7 +41,6 @@ GONE = {
         ["fleet", "data"],
         ["lot", "data"],
         ["fit", "data/session1", "--lot", "lot.json"],
-        ["plan", "data/session1", "--lot", "lot.json"],
     ),
     "temperature": (
         ["fit", "data/session1", "--temperature"],

@@ -24,7 +24,6 @@ from tinygc.cli.commands import record
     "given",
     [
         ["--table", "t.toml", "--home", "--stop-at-target", "--segments", "12", "--closure", "30", "--table-port", "p"],
-        ["--stop-at-target", "--lot", "lot.json"],
         ["--rest", "2", "--stop-at-target", "--known-to", "10"],
         ["--table", "t.toml", "--rates", "10,20", "--dwell", "5", "--axis", "inner"],
     ],

@@ -11,7 +11,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
     from session.bench.rest_guide import RestGuide
-    from session.io.config import Config, Protocol, Site
+    from session.io.config import Protocol, Site
     from tinygc.planning.coach import Coach
 
 
@@ -135,7 +134,7 @@ def refuse_with_rest(args: argparse.Namespace) -> None:
         if args.known_to != KNOWN_TO:
             raise CalibrationError("--known-to says how well the noise of a rest is to be known; add --rest")
         return
-    turns = {"--lot": args.lot, "--closure": args.closure, "--view": args.view}
+    turns = {"--closure": args.closure, "--view": args.view}
     if given := next((name for name, value in turns.items() if value), None):
         raise CalibrationError(f"{given} is of turns, and with --rest nothing is turned; leave one of them out")
     if args.stop_at_target and not is_present(LIVE_NOISE):
@@ -169,11 +168,10 @@ def turned(args: argparse.Namespace, folder: Path, port: str) -> Iterator[Any]:
     Port(port, args.baud).close()  # DeviceError where there is no board
     machine = recording.TurnedRecording(args.table, args.table_port, args.home, at_zero=args.at_zero)
     try:
-        stops = args.stop_at_target or args.lot is not None
         if args.rates is not None:
             machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet)
         else:
-            machine.confirmed(recording.is_raw(folder, args.like), args.segments, stops, args.closure, args.yes, args.quiet)
+            machine.confirmed(recording.is_raw(folder, args.like), args.segments, args.stop_at_target, args.closure, args.yes, args.quiet)
         yield machine
     finally:
         machine.close()
@@ -366,27 +364,10 @@ def _last_line(said: IO[bytes]) -> str:
     return lines[-1] if lines else ""
 
 
-# The coach of a recording, and the lot that it may use as a prior.
+# The coach of a recording.
 
 
-def lot_of(args: argparse.Namespace) -> Any:
-    """Read the lot before the port is opened, so that an invalid lot stops the recording early."""
-    if args.no_coach:
-        raise CalibrationError("--lot tells the coach how many turns are enough; leave it or --no-coach out")
-    lots = need("a lot as prior (--lot)")
-    lot = lots.read_lot(args.lot)
-    lots.require_usable(lot, lot.sensor, str(args.lot))
-    return lot
-
-
-def of_lot_model(args: argparse.Namespace, config: Config) -> Config:
-    """Return the configuration of a board of the lot's model.  Raises CalibrationError for another model."""
-    if config.sensor.model != args.lot_read.sensor:
-        raise CalibrationError(f"{args.lot}: a lot of {args.lot_read.sensor}, and the board is {config.sensor.model}; leave --lot out")
-    return config
-
-
-def coach_of(lot: Any, machine: Any = None) -> Callable[[Progress], Advice]:
+def coach_of(machine: Any = None) -> Callable[[Progress], Advice]:
     """Return the coach; its modules are loaded in its own thread, not before the recording starts.  machine: what turns the table."""
     coach: Coach | None = None
 
@@ -395,8 +376,7 @@ def coach_of(lot: Any, machine: Any = None) -> Callable[[Progress], Advice]:
         if coach is None:
             from tinygc.planning.coach import Coach
 
-            beforehand = None if lot is None else partial(need("what a lot knows of one unit (--lot)").board_prior, lot)
-            coach = Coach(beforehand=beforehand, machine=None if machine is None else machine.moves)
+            coach = Coach(machine=None if machine is None else machine.moves)
         return coach(progress)
 
     return advise

@@ -145,7 +145,8 @@ def covariance_parts(
     sensitivity = closure.sensitivity(batch, rate)
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
     weight = 1 / floor.sigma[..., None] ** 2
-    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + _information(prior)
+    hessian = np.einsum("sdp,sdq->pq", design * weight, design)
+    hessian += np.diag(1 / PRIOR_SIGMA**2) if prior is None else prior.information
     meat = {cause: np.einsum("sdp,sdq->pq", design * weight, part.times(design * weight)) for cause, part in floor.parts.items()}
     if still_rates is not None:
         rows = still_rates.columns()
@@ -183,25 +184,18 @@ def _unseen_rates(earth: EarthRate) -> np.ndarray:
     return np.zeros((0, 3))
 
 
-def _information(prior: GaussianPrior | None) -> np.ndarray:
-    return np.diag(1 / PRIOR_SIGMA**2) if prior is None else prior.information
-
-
 def covariance_from_columns(
     design: np.ndarray,
     floor: Floor,
     wander: BiasWander,
     more_prior: np.ndarray | None = None,
     information: np.ndarray | None = None,
-    known: GaussianPrior | None = None,
 ) -> np.ndarray:
     """(P, P) covariance from the segments' columns (S, d, P) alone: ``parameter_covariance`` without still rates and heading.
 
-    Further parameters may follow the 12, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data; known: prior of
-    the 12.
+    Further parameters may follow the 12, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data.
     """
     prior = np.diag(1 / np.concatenate([PRIOR_SIGMA, [] if more_prior is None else more_prior]) ** 2)
-    prior[: linear.PARAMETERS, : linear.PARAMETERS] = _information(known)
     weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design) + prior
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -441,15 +441,14 @@ def decide(
     seed: int,
     progress: Callable[[str], None] = lambda what: None,
     begin: tuple[Effect, ...] = (),
-    odds: Mapping[str, float] | None = None,
     most_rad: float = math.inf,
 ) -> Naming:
     """Compare the catalogue's effects with each other, with unnamed shapes, and with no effect.
 
-    begin: effects found in a part of the recording, from which the search may start; odds: prior odds of effects known from a lot, by id;
-    most_rad: tilt rms of held-out segments, above which effects are not kept.
+    begin: effects found in a part of the recording, from which the search may start; most_rad: tilt rms of held-out segments, above which
+    effects are not kept.
     """
-    evidence, tried = Evidence(twin, odds), candidates(twin)
+    evidence, tried = Evidence(twin), candidates(twin)
     progress("detecting")
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
     start = min(evidence.nothing, evidence.of(begin, evidence.nothing), key=lambda h: h.score)

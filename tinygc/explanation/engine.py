@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
 
 from session.detect.findings import Finding, as_arguments
 from session.io.errors import CalibrationError
@@ -25,36 +24,10 @@ from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.measured import measured_noise
-from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.refit import Replay
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
-
-
-class KnownEffect(Protocol):
-    """An effect known for units of this kind, as measured in this recording."""
-
-    @property
-    def words(self) -> str:
-        """Describe the effect in one line."""
-        ...
-
-    def to_json(self) -> dict[str, Any]:
-        """Return one entry of ``lot_effects`` of ``tinygc-explain/2``."""
-        ...
-
-
-class KnownEffects(Protocol):
-    """Prior knowledge of the effects of a kind of unit, before one of its units is recorded."""
-
-    @property
-    def odds(self) -> Mapping[str, float]:
-        """Prior odds that a unit has an effect, by the effect's id."""
-        ...
-
-    def in_unit(self, twin: Twin, whiten: Whitener, fit: Refit) -> Sequence[KnownEffect]:
-        """Estimate each known effect in the recorded unit, in addition to a fit; the most probable first."""
-        ...
 
 
 @dataclass(eq=False)
@@ -62,8 +35,7 @@ class Explanation:
     """The result of an explanation; docs/explain.md defines the verdicts.
 
     findings: shapes without a name. channel_p, left: p-values of the channels under one calibration, before and after the claims. own_p:
-    p-values of each channel by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit. of_lot:
-    effects known for this kind of unit.
+    p-values of each channel by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit.
     """
 
     session: Session
@@ -84,7 +56,6 @@ class Explanation:
     detection_limits: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
     considered: list[Considered] = field(default_factory=list)
-    of_lot: Sequence[KnownEffect] = ()
 
     @property
     def whiten(self) -> Whitener:
@@ -112,10 +83,9 @@ def explain_session(
     use_earth: bool = True,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     prepared: Prepared | None = None,
-    known: KnownEffects | None = None,
     noise: Path | None = None,
 ) -> Explanation:
-    """Explain a session's mismatch.  prepared: the session, if it has been prepared already; known: effects that its kind may have; noise:
+    """Explain a session's mismatch.  prepared: the session, if it has been prepared already; noise:
     figures at rest of the unit (``noise.measured.measured_noise``). Raises what ``prepare`` raises.
 
     A given calibration of the accelerometer is not changed: whether it is correct is one of the hypotheses.
@@ -127,12 +97,12 @@ def explain_session(
     progress("least squares", 1, 6)
     stated = _by_fit(fitted, problem)
     mended = repair(problem, lambda what: progress(what, 2, 6))
-    twin, naming, proof = _decided(problem, mended, seed, progress, known, stated)
+    twin, naming, proof = _decided(problem, mended, seed, progress, stated)
     # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
     in_turns = mended.found.keys() - {"reference.not_still"}
     if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
         mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
-        twin, naming, proof = _decided(problem, mended, seed, progress, known, stated)
+        twin, naming, proof = _decided(problem, mended, seed, progress, stated)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
@@ -148,7 +118,6 @@ def explain_session(
     explanation.within = within_stills(twin)
     explanation.detection_limits = detection_limits(twin, whiten, naming.fit)
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
-    explanation.of_lot = () if known is None else known.in_unit(twin, whiten, naming.fit)
     explanation.verdict = _verdict(explanation)
     return explanation
 
@@ -169,14 +138,13 @@ def _decided(
     mended: RepairedProblem,
     seed: int,
     progress: Callable[[str, int, int], None],
-    known: KnownEffects | None,
     stated: FitClosure,
 ) -> tuple[Twin, Naming, Proof]:
     """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
     most_rad = stated.most_rad if mended.problem is problem else math.inf
-    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, {} if known is None else known.odds, most_rad)
+    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, most_rad)
     naming = replace(naming, fit=in_gauge(twin, naming.whiten, naming.fit))
     progress("proof on held-out segments", 5, 6)
     return twin, naming, prove(problem, twin, naming.whiten, naming.fit, stated)

@@ -206,19 +206,6 @@ def spacing(values: np.ndarray, at: float) -> float:
 WIDE = 10.0
 
 
-def component_names(effect: Effect) -> tuple[str, ...]:
-    """Names of the components of an effect's parameter: ``value``; ``x``, ``y``, ``z``; ``xx``, ``xy``, … row by row; else their
-    indices."""
-    shape = effect.parameter.shape
-    if not shape:
-        return ("value",)
-    if shape == (3,):
-        return tuple("xyz")
-    if shape == (3, 3):
-        return tuple(row + column for row in "xyz" for column in "xyz")
-    return tuple(str(number) for number in range(effect.parameter.size))
-
-
 def linear_estimate(r: np.ndarray, J: np.ndarray, columns: np.ndarray, plausible: float) -> tuple[np.ndarray, np.ndarray]:
     """Estimate theta (P,) and its covariance (P, P) from whitened residuals r (n,), the columns J (n, p) of what is fitted with it, and its
     own columns (n, P).  The remaining residual is r + columns theta."""
@@ -291,11 +278,10 @@ def _key(effects: tuple[Effect, ...]) -> tuple:
 
 
 class Evidence:
-    """Evidence of the hypotheses of one recording, each evaluated once.  odds: prior odds, by id, of effects known from a lot of such
-    units."""
+    """Evidence of the hypotheses of one recording, each evaluated once."""
 
-    def __init__(self, twin: Twin, odds: Mapping[str, float] | None = None):
-        self.twin, self._odds = twin, odds or {}
+    def __init__(self, twin: Twin):
+        self.twin = twin
         self.whiteners = Whiteners(twin)
         self.first_noise = first_noise(twin, self.whiteners.white)
         self.first_whiten = self.whiteners.white.with_more(self.first_noise.covariance)
@@ -395,7 +381,7 @@ class Evidence:
         """Complexity penalty of an effect, -2 log: its prior odds, its scale, the number of shapes tried under its id, and the position of
         the parameters within their prior."""
         shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
-        return price(effect, shapes, self._odds.get(effect.id))
+        return price(effect, shapes)
 
     def without(self, component: str) -> Evidence:
         """Return the evidence of the same recording with one noise component removed."""
@@ -424,12 +410,9 @@ class Evidence:
         self._shapes |= Counter(effect.id for effect in tried)
 
 
-def price(effect: Effect, shapes: int, odds: float | None = None) -> float:
-    """``Evidence.price`` of an effect with this number of trial shapes; odds: prior odds of the effect from a lot of units, if known.
-
-    The mean size in the lot is not used: a unit may have more or less of the effect than the others.
-    """
-    return 2 * float(np.log(SCALES / (odds or PRIOR_ODDS)) + np.log(shapes)) + effect.parameter.size
+def price(effect: Effect, shapes: int) -> float:
+    """``Evidence.price`` of an effect with this number of trial shapes."""
+    return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
 
 
 def least_gain(effect: Effect, shapes: int) -> float:

@@ -340,7 +340,6 @@ def to_json(e: Explanation) -> dict:
         "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
         "families": [family.to_json() for family in families_of(e)],
         "considered": [each.to_json() for each in e.considered],
-        "lot_effects": [each.to_json() for each in e.of_lot],
         "lines_end_hz": lines_end_hz(e.twin),
         "fit": {
             "holdout_closure_rms_deg": {

@@ -177,7 +177,6 @@ def explain(
     *,
     seed: int = 0,
     use_earth: bool = True,
-    lot: Any = None,
     discover: bool = False,
     check_on: Sequence[Session | Path | str] = (),
     noise: Path | str | None = None,
@@ -193,8 +192,6 @@ def explain(
         Seed of the random draws behind the critical values.
     use_earth : bool, optional
         Whether the Earth's rotation is subtracted.
-    lot : Lot, str or Path, optional
-        A production lot, or its file: effects that the unit may have.
     discover : bool, optional
         Search for an equation outside the catalogue (docs/discover.md).
     check_on : sequence of Session, str or Path, optional
@@ -226,11 +223,11 @@ def explain(
     where = session_or_folder(session)
     others = _others(where, check_on)
     figures = None if noise is None else Path(noise)
-    why = _explained(where, seed, use_earth, lot, discover, figures, progress)
+    why = _explained(where, seed, use_earth, discover, figures, progress)
     checked = []
     for other in others:
         try:
-            explained = _explained(other, seed, use_earth, None, False, figures, progress).explanation
+            explained = _explained(other, seed, use_earth, False, figures, progress).explanation
             checked.append(check(why.explanation, explained, seed))
         except CalibrationError as error:  # of the other recording: the first one's result stands
             checked.append(Checked(other, None, error=str(error)))
@@ -251,7 +248,7 @@ def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> li
     return list(found.values())
 
 
-def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, discover: bool, noise: Path | None, progress: Progress) -> Why:
+def _explained(where: Session | Path, seed: int, use_earth: bool, discover: bool, noise: Path | None, progress: Progress) -> Why:
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     if config.protocol.reference == "truth":
         if discover:
@@ -259,12 +256,9 @@ def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, disc
                 "--discover searches turns between stills, and this session's reference is a truth file; leave it out, or record "
                 "turns between stills"
             )
-        if lot is not None:
-            raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise))
     search = need("a search beyond the catalogue (--discover)") if discover else None
-    known = None if lot is None else need("what a lot knows of one unit (--lot)").known_effects(lot, config.sensor.model)
-    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known, noise=noise)
+    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise)
     turned = not explanation.session.in_memory and (explanation.session.folder / "table.csv").exists()
     bench = find("the table's own errors") if turned else None
     turned_by = None if bench is None else bench.explain_table(explanation.problem, seed)

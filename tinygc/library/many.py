@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -182,14 +182,8 @@ def fleet(
 
 
 @public()
-def lot(
-    table: Path | str,
-    *,
-    model: str | None = None,
-    limits: Path | str | Mapping[str, tuple[float, float]] | None = None,
-    seed: int = 0,
-) -> Any:
-    """Compute the statistics of a lot of sensors: spread, drift, repeatability, outliers, capability.
+def lot(table: Path | str, *, model: str | None = None) -> Any:
+    """Compute the statistics of a lot of sensors: mean, spread, drift, units that do not belong.
 
     Parameters
     ----------
@@ -197,10 +191,6 @@ def lot(
         The folder that ``fleet`` wrote, or its fleet.sqlite.
     model : str, optional
         Of a table with several models of sensors, this one.
-    limits : str, Path or mapping, optional
-        Limits of its numbers: a TOML file (docs/lots.md), or (lower, upper) by the number's key.
-    seed : int, optional
-        Of the random draws behind intervals.
 
     Returns
     -------
@@ -218,7 +208,4 @@ def lot(
     >>> tinygc.lot("fleet").save("lot.json")  # doctest: +SKIP
 
     """
-    if limits is not None and not is_path(limits) and not isinstance(limits, Mapping):
-        raise CalibrationError(f"limits is {limits!r:.60}, expected a file, or (lower, upper) by the key of each number")
-    known = Path(str(limits)) if is_path(limits) else limits
-    return need("lots and fleets").lot(Path(table), model=model, limits=known, seed=seed)
+    return need("lots and fleets").lot(Path(table), model=model)

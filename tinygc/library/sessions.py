@@ -207,8 +207,7 @@ class Plan(Shown):
     def lines(self) -> list[str]:
         """What the command prints."""
         asked, enough = self.requested, self.enough
-        said = [] if self.result.lot is None else [self.result.lot.words]
-        said += [f"explain asks: {asked}"] if asked else []
+        said = [f"explain asks: {asked}"] if asked else []
         for number, move in enumerate(self.proposals, start=1):
             said.append(f"{number}. {move.words}: {move.parameter}, {move.now:.1f} -> {move.after:.1f} times its target sigma")
         if self.proposals and enough is not None:
@@ -226,13 +225,12 @@ class Plan(Shown):
 
     def to_json(self) -> dict:
         """``tinygc-plan/2`` (docs/formats.md)."""
-        lot = None if self.result.lot is None else self.result.lot.to_json()
-        found = {"requested": self.requested, "proposals": [vars(each) for each in self.proposals], "enough": self.enough, "lot": lot}
+        found = {"requested": self.requested, "proposals": [vars(each) for each in self.proposals], "enough": self.enough}
         return {"schema": "tinygc-plan/2", **found}
 
 
 @public()
-def plan(session: Session | Path | str, *, count: int = 5, lot: Path | str | None = None) -> Plan:
+def plan(session: Session | Path | str, *, count: int = 5) -> Plan:
     """Say which movements to record next.
 
     Parameters
@@ -241,8 +239,6 @@ def plan(session: Session | Path | str, *, count: int = 5, lot: Path | str | Non
         What was recorded so far, or its folder.
     count : int, optional
         Movements at most.
-    lot : str or Path, optional
-        File of a production lot, as prior: fewer turns are enough.
 
     Returns
     -------
@@ -264,7 +260,7 @@ def plan(session: Session | Path | str, *, count: int = 5, lot: Path | str | Non
     """
     if count < 1:
         raise CalibrationError(f"count is {count!r}, expected a whole number of 1 or more")
-    return Plan(propose(session_or_folder(session), count, None if lot is None else Path(lot)))
+    return Plan(propose(session_or_folder(session), count))
 
 
 # ``tinygc.simulate``: simulate a session and its truth; other commands read it like a recorded one.

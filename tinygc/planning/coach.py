@@ -8,7 +8,6 @@ from the present attitude.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
@@ -20,7 +19,6 @@ from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
-from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -63,14 +61,6 @@ class _Seen:
     own: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class BoardPrior:
-    """The prior of a board's gyroscope; None where this board contradicts it; ``says`` describes that in a line."""
-
-    prior: GaussianPrior | None
-    says: str
-
-
 class Turnable(Protocol):
     """A machine whose moves the coach chooses from, instead of the turns that an operator can make."""
 
@@ -95,21 +85,18 @@ class Rehearsal:
 class Coach:
     """A callable that returns ``Advice`` for the session so far.
 
-    targets (12,) of the gyroscope's parameters.  beforehand: function that returns the prior of boards of this kind from the turns so far,
-    their columns (S, 2, 12), noise (S, 2, 2) and the attitudes (S, 2, 4) of their ends, and whether the turns' closure may be used.
-    machine: what turns the table, None: an operator.  Of a machine the gain per time counts, and what none of its turns shows does not.
+    targets (12,) of the gyroscope's parameters.  machine: what turns the table, None: an operator.  Of a machine the gain per time counts,
+    and what none of its turns shows does not.
     ahead: choose its turns by the end of the session, while it moves (``lookahead``), instead of by the gain of each.
     """
 
     def __init__(
         self,
         targets: np.ndarray = TARGETS,
-        beforehand: Callable[..., BoardPrior] | None = None,
         machine: Turnable | None = None,
         ahead: bool = True,
     ):
-        self._gyro_targets, self._beforehand, self._machine = targets, beforehand, machine
-        self._board = BoardPrior(None, "")
+        self._gyro_targets, self._machine = targets, machine
         self._seen: dict[int, _Seen] = {}
         self._progress = Progress(())
         self._own: OwnAccelerometer | None = None
@@ -132,16 +119,14 @@ class Coach:
             return Advice("", reason, True, missing, sigmas=_named(sigma))
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
-            says = self._board.says or ("" if self._beforehand is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
             beyond = () if self._machine is None or not progress.stills else self.best_turn(progress.stills[-1].accel_mean).moves
-            return Advice("", reason, reached=True, sigmas=_named(sigma), says=says, moves=beyond)
+            return Advice("", reason, reached=True, sigmas=_named(sigma), moves=beyond)
         # The board lies as in the last still, which need not be the end of an accepted turn.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self._next_turn(lies.accel_mean, kept)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
         moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad, words) for part, words in zip(turn.parts, turn.steps, strict=True))
-        says = self._says(lies.accel_mean)
-        return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), says, turn.moves)
+        return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), turn.moves)
 
     @property
     def _stuck(self) -> np.ndarray:
@@ -167,25 +152,8 @@ class Coach:
             sigmas.append(np.sqrt(np.diag(np.linalg.inv(place.information))))
         return Rehearsal(tuple(turns), tuple(sigmas))
 
-    def _says(self, measured: np.ndarray) -> str:
-        """Describe, for a board with a prior, how many turns are enough, or why the prior is rejected."""
-        if self._beforehand is None or self._board.says:
-            return self._board.says
-        more = self.turns_to_go(measured)
-        return "" if more is None else f"{_turns(len(self._seen) + more, 'is', 'are')} enough for this one"
-
-    def turns_to_go(self, measured: np.ndarray) -> int | None:
-        """Return how many of its requested turns reach every target, from where the accelerometer reads ``measured`` (3,); None: more than
-        ``MOST_TO_GO``."""
-        place = self._place(measured)
-        for count in range(MOST_TO_GO):
-            if np.diag(np.linalg.inv(place.information)).max() <= 1:
-                return count
-            place = place.after(*self._rated(place).first())
-        return None
-
     def look(self, progress: Progress) -> None:
-        """Update the columns and the prior from the session so far."""
+        """Update the columns from the session so far."""
         self._progress = progress
         self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
         if self._machine is not None and progress.turns:
@@ -198,12 +166,6 @@ class Coach:
             if found is None or (found.ends * self._directions(turn)).sum(axis=1).min() < MOVED:
                 found = self._of(turn)
             self._seen[id(turn)] = found
-        if self._beforehand is not None:
-            seen = list(self._seen.values())
-            ends = np.array([[rotation.from_gravity(direction) for direction in each.ends] for each in seen])
-            columns12 = np.array([each.columns[:, : linear.PARAMETERS] for each in seen])
-            own = np.array([each.own for each in seen])
-            self._board = self._beforehand(tuple(progress.turns), columns12, own, ends, by_turns=self._own is None)
 
     @property
     def targets(self) -> np.ndarray:
@@ -223,11 +185,11 @@ class Coach:
         middle_s = np.array([each.turn.middle_s for each in seen])
         design, wander = np.array([each.columns for each in seen]), BiasWander(middle_s, PLANNED_INSTABILITY_RPS)
         if self._own is None:
-            return covariance_from_columns(design, floor, wander, known=self._board.prior)
+            return covariance_from_columns(design, floor, wander)
         lengths = np.zeros((design.shape[-1],) * 2)
         if self._progress.stills:
             lengths[linear.PARAMETERS :, linear.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
-        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths, self._board.prior)
+        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths)
 
     @property
     def sigma(self) -> np.ndarray:
@@ -351,10 +313,6 @@ def _contents(turns: list[Turn]) -> bytes:
     """Where a machine's turns begin and what they are, in the body's axes: turns that agree in both have the same columns."""
     vectors = [turns[0].up, *(part.axis * part.angle_rad for turn in turns for part in turn.parts)]
     return bytes([len(turn.parts) for turn in turns]) + (np.round(vectors, 3) + 0.0).tobytes()
-
-
-def _turns(count: int, one: str, many: str) -> str:
-    return f"{count} turn {one}" if count == 1 else f"{count} turns {many}"
 
 
 def _vector(vector: np.ndarray) -> tuple[float, float, float]:

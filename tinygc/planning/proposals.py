@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -11,7 +11,6 @@ import numpy as np
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SCALES, length_columns
 from session.detect.check_references import with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import with_bridges
-from session.io.annexes import need
 from session.io.errors import FormatError
 from session.io.folder import Session, read_session, sha256_of
 from session.io.results import Keys, MapOf, Maybe, Text, read_required
@@ -21,7 +20,6 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
-from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
@@ -85,32 +83,21 @@ class Proposal:
 @dataclass(frozen=True, eq=False)
 class RecordingPlan:
     """The plan of a session: proposals; asked: the recording that `explain` requested, if any; enough: how many such turns reach every
-    target, None for more than ``MOST``; lot: the use of a production lot, if one was given."""
+    target, None for more than ``MOST``."""
 
     proposals: list[Proposal]
     asked: str | None
     enough: int | None
-    lot: PriorUse | None = None
 
 
-def propose(where: Session | Path, count: int = 5, lot: Path | None = None) -> RecordingPlan:
-    """Plan after a session, or a session folder; lot: file of a production lot.  Raises the errors of ``build_problem`` and ``lot_for``."""
+def propose(where: Session | Path, count: int = 5) -> RecordingPlan:
+    """Plan after a session, or a session folder.  Raises the errors of ``build_problem``."""
     session, _ = with_own_accelerometer(where if isinstance(where, Session) else read_session(where))
-    given = None if lot is None else need("a lot as prior (--lot)").lot_for(lot, session.config.sensor.model)
     session, _ = with_aligned_truth(session)
-    problem = build_problem(with_bridges(session), prior=None if given is None else given.prior)
-    known, use = known_of(problem), None
-    if given is not None:
-        prior, use = given.prior_beside(problem)
-        if prior is not None:
-            own = slice(len(known.covariance) - linear.PARAMETERS, None)
-            information = np.linalg.inv(known.covariance)
-            information[own, own] += np.linalg.inv(prior.covariance)
-            known = replace(known, covariance=np.linalg.inv(information))
-    all_turns = best_turns(known, MOST)
+    all_turns = best_turns(known_of(build_problem(with_bridges(session))), MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
     asked = None if session.in_memory else requested_by_explain(session.folder)
-    return RecordingPlan(all_turns[:count], asked, enough, use)
+    return RecordingPlan(all_turns[:count], asked, enough)
 
 
 @dataclass(frozen=True, eq=False)

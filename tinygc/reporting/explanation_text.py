@@ -86,7 +86,6 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
         Text(""),
     ]
     parts += _considered(e)
-    parts += [one_line(f"of the lot: {each.words}") for each in e.of_lot]
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
         parts.append(Text(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many"))
     parts += _noise(e)

@@ -90,11 +90,8 @@ def explain(args: argparse.Namespace) -> int:
     from tinygc.annexes.arrays.explanation import array_verdict_line
     from tinygc.reporting.terminal import progress_bar
 
-    for option in ("lot", "noise"):
-        if getattr(args, option) is not None:
-            raise CalibrationError(
-                f"--{option}: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own"
-            )
+    if args.noise is not None:
+        raise CalibrationError(f"--noise: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own")
     if args.discover:
         raise CalibrationError(
             f"--discover: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own and search there"

@@ -7,17 +7,16 @@ import argparse
 from tinygc.cli.arguments import file_written, path_read
 from tinygc.cli.results import output, verdict, write_json
 
-SUMMARY = "statistics of a lot of sensors: spread, drift, repeatability, outliers"
+SUMMARY = "statistics of a lot of sensors: mean, spread, drift, units that do not belong"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's own arguments."""
     command.add_argument("table", type=path_read, metavar="FLEET", help="the folder that fleet wrote, or its fleet.sqlite")
     command.add_argument("--out", type=file_written, metavar="FILE", help="write the lot's file, for fit --lot")
-    command.add_argument("--html", type=file_written, metavar="FILE", help="write a page with control charts")
-    command.add_argument("--limits", type=path_read, metavar="FILE", help="limits of its numbers, TOML (docs/lots.md): capability")
+    command.add_argument("--html", type=file_written, metavar="FILE", help="write a page")
     command.add_argument("--model", metavar="NAME", help="of a table with several models of sensors, this one")
-    command.add_argument("--strict", action="store_true", help="exit 1 if the lot drifts, or a unit or session does not belong")
+    command.add_argument("--strict", action="store_true", help="exit 1 if the lot drifts, or a unit does not belong")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -25,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.annexes.lots.text import headline
     from tinygc.library.many import lot
 
-    found = lot(args.table, model=args.model, limits=args.limits, seed=args.seed)
+    found = lot(args.table, model=args.model)
     report = found.result
     output(args).print(found.page)
     verdict(args, headline(report))

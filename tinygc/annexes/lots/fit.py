@@ -20,7 +20,7 @@ from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.estimation.bias import BiasChoice, choose
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions, MethodFit
-from tinygc.estimation.stated_noise import StatedNoise, prior_share, stated_covariance, stated_goodness, stated_noise
+from tinygc.estimation.stated_noise import StatedNoise, prior_share, stated_covariance, stated_goodness
 from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel, bias_only
 
 # A lot as prior of one unit's gyroscope, and the probability that the unit belongs to it (docs/lots.md).
@@ -232,11 +232,6 @@ class LotFile:
     def prior(self, start: np.ndarray) -> GaussianPrior:
         """Return the prior of a unit that belongs to the lot; start (12,): the centre of numbers unknown to the lot."""
         return prior_of(self.lot, start)
-
-    def prior_beside(self, problem: Problem) -> tuple[GaussianPrior | None, LotUse]:
-        """Return the lot's prior for a problem's unit, None where the unit does not belong or that is undecided; and the decision."""
-        *_, use = fit_with_lot(problem, FitOptions(methods=("least_squares",)), self, stated_noise(problem))
-        return (prior_of(self.lot, problem.first.vector) if use.used == "yes" else None), use
 
 
 def lot_for(path: Path, sensor: str) -> LotFile:

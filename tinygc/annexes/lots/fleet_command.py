@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.annexes.lots.library import LOT, PAGE, summed_up
 
     tally = _computed(args) if args.folders or args.listed is not None else None
-    found = summed_up(args.out, tally, args.limit, args.seed)
+    found = summed_up(args.out, tally, args.limit)
     summary, page = found.result, args.out / PAGE
     _write_csv(args)
     if found.lot is None and (args.out / LOT).exists():

@@ -163,7 +163,7 @@ FIGURES = {
     "p_value": REAL,
 }
 #: long columns, at the end of a row, so that a query of a number need not read past them
-LONG = {"effects": TEXT, "findings": TEXT, "covariance": BLOB, "weighed": TEXT}
+LONG = {"effects": TEXT, "findings": TEXT, "covariance": BLOB}
 #: column names of parameters, and of their sigmas
 VALUES = NAMES
 SIGMAS = tuple(f"sigma_{name}" for name in NAMES)

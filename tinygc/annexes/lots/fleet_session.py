@@ -18,7 +18,6 @@ from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.texts import printable
-from tinygc.annexes.lots.explanation import effects_of
 from tinygc.annexes.lots.fleet_row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
 from tinygc.closure.prepared import Prepared, first_look_at_fit, prepare
 from tinygc.effects import using
@@ -170,6 +169,5 @@ def _explained(session: Session, prepared: Prepared, options: FleetOptions) -> R
             "effects": cell_of([claim.to_json() for claim in truth.claimed]),
         }
     found = explain_session(session, seed=options.seed, use_earth=options.earth, prepared=prepared)
-    weighed = {name: vars(each) for name, each in effects_of(found).items()}
     effects = cell_of([claim.to_json() for claim in found.claimed])
-    return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects, "weighed": cell_of(weighed)}
+    return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects}

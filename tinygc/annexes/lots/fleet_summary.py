@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
@@ -14,10 +14,9 @@ import numpy as np
 
 from session.io.errors import CalibrationError
 from session.io.texts import printable
-from tinygc.annexes.lots.effects import pooled
 from tinygc.annexes.lots.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
 from tinygc.annexes.lots.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
-from tinygc.annexes.lots.lot import UnitResult, Weighed
+from tinygc.annexes.lots.lot import UnitResult
 from tinygc.annexes.lots.report import LotReport, lot_of
 from tinygc.estimation.requirements import simply_accepted
 
@@ -25,8 +24,8 @@ from tinygc.estimation.requirements import simply_accepted
 
 #: order of production: by time where known, then by name, with s2 before s10
 IN_ORDER = f"ORDER BY ifnull(recorded, '') = '', recorded, {COUNTED}(folder), folder"
-#: left out: bytes are for programs only, and weighed is as long as all other columns
-NOT_IN_CSV = ("covariance", "weighed")
+#: left out: bytes are for programs only
+NOT_IN_CSV = ("covariance",)
 
 
 def unit_results(out: Path) -> Iterator[UnitResult]:
@@ -40,7 +39,7 @@ def unit_results(out: Path) -> Iterator[UnitResult]:
 
 def results_of(table: Table) -> Iterator[UnitResult]:
     """Yield the fitted sessions of an open table, as ``unit_results``."""
-    names = ("key", "folder", "serial", "recorded", "held_out_deg", "floor_deg", "operator", "station", "effects", "weighed", "covariance")
+    names = ("key", "folder", "serial", "covariance")
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
     for order, row in enumerate(table.each(sql)):
         told = dict(zip(names, row, strict=False))
@@ -51,13 +50,7 @@ def results_of(table: Table) -> Iterator[UnitResult]:
                 session=Path(told["folder"]).name,
                 values=np.array(row[len(names) :], dtype=float),
                 covariance=unpacked(told["covariance"]),
-                recorded=told["recorded"] or "",
                 order=float(order),
-                closure_deg=told["held_out_deg"],
-                floor_deg=told["floor_deg"],
-                operator=told["operator"] or "",
-                station=told["station"] or "",
-                effects=weighed_of(told["weighed"]),
             )
         yield found
 
@@ -69,16 +62,6 @@ def read_as_written(table: Table, folder: str) -> Iterator[None]:
         yield
     except (ValueError, TypeError, KeyError, AttributeError):
         raise not_as_written(table.path, folder) from None
-
-
-def weighed_of(text: str | None) -> Mapping[str, Weighed]:
-    """Return the estimates that ``compute`` stored for each effect, by id; NaN for null, where unknown."""
-    found = {}
-    for name, each in told_by(text or "{}").items():
-        for key in ("estimates", "sigmas"):
-            each[key] = {component: np.nan if value is None else value for component, value in each[key].items()}
-        found[name] = Weighed(**each)
-    return found
 
 
 def write_csv(table: Table, file: TextIO) -> int:
@@ -282,7 +265,7 @@ MOST_NAMED = 5
 FEWEST_UNITS = 8
 
 
-def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple[float, float]] | None = None, seed: int = 0) -> LotReport:
+def lot_of_table(table: Table, model: str | None = None) -> LotReport:
     """Compute the lot of an open table.
 
     Raises CalibrationError where its sensors are of several models and none is named, and where fewer than two units were fitted.
@@ -294,20 +277,16 @@ def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple
         raise CalibrationError(f"{table.path}: no fitted session of a {printable(model)}; there are {named or 'none at all'}")
     if model is None and len(models) > 1:
         raise CalibrationError(f"{table.path}: sensors of {len(models)} models ({named}), and a lot is of one; name it with --model")
-    keys = None
+    results = results_of(table)
     if model is not None and len(models) > 1:
         keys = {key for (key,) in table.rows(f"SELECT key {fitted} AND ifnull(model, '') = ?", (model,))}
-    effects = pooled(_chosen(results_of(table), keys), seed)
-    return lot_of(_chosen(results_of(table), keys), model or (models[0] if models else ""), limits, effects, seed)
+        results = (each for each in results if each.key in keys)
+    return lot_of(results, model or (models[0] if models else ""))
 
 
-def lot_if_any(table: Table, seed: int = 0) -> LotReport | None:
+def lot_if_any(table: Table) -> LotReport | None:
     """Compute the lot of an open table if its fitted sensors are of one model and enough for a page; else return None."""
     models, units = table.rows(
         f"SELECT count(DISTINCT ifnull(model, '')), count(DISTINCT serial) FROM {EACH} WHERE held_out_deg IS NOT NULL"
     )[0]
-    return lot_of_table(table, seed=seed) if models == 1 and units >= FEWEST_UNITS else None
-
-
-def _chosen(results: Iterator[UnitResult], keys: set[str] | None) -> Iterator[UnitResult]:
-    return results if keys is None else (each for each in results if each.key in keys)
+    return lot_of_table(table) if models == 1 and units >= FEWEST_UNITS else None

@@ -204,8 +204,8 @@ class Hierarchy:
     mean (21,) at the middle of production and mean_covariance (21, 21); drift (21,) from the first unit to the last, drift_covariance;
     drift_p, that none of them drifts; next_mean (21,) and next_covariance of the next unit's, with the drift if it is significant (drifts);
     spread (21, 21), covariance between units; spread_freedom (21,): its variances' degrees of freedom of chi-square; tails; repeatability
-    (21, 21) and repeatability_freedom (21,); noise (21,): one sigma of a session, as stated, root mean square; off: share of units that do
-    not belong; belongs (U,): the probability that each does; belief: the same in scales; passes, and whether settled.
+    (21, 21); off: share of units that do not belong; belongs (U,): the probability that each does; belief: the same in scales; whether
+    settled.
     """
 
     mean: np.ndarray
@@ -220,29 +220,24 @@ class Hierarchy:
     spread_freedom: np.ndarray
     tails: float
     repeatability: np.ndarray
-    repeatability_freedom: np.ndarray
-    noise: np.ndarray
     off: float
     belongs: np.ndarray
     belief: Belief
-    passes: int
     settled: bool
 
 
-def hierarchy(lot: LotSessions, tails: bool = True) -> Hierarchy:
-    """Estimate the lot's numbers by restricted likelihood; tails: whether Student's t is allowed as the units' distribution."""
-    belief, passes = _begin(lot), 0
+def hierarchy(lot: LotSessions) -> Hierarchy:
+    """Estimate the lot's numbers by restricted likelihood."""
+    belief = _begin(lot)
     rng = np.random.default_rng(0)
     shuffled = rng.permutation(lot.units)
     size = BEGIN_UNITS
-    settled = False
     while True:
         units = None if size * 2 >= lot.units else _part(lot, shuffled, size)
         most = MOST_PASSES if units is not None or lot.units <= 2 * BEGIN_UNITS else LAST_PASSES
-        belief, sums, done, settled = _settle(lot, belief, units, most, tails)
-        passes += done
+        belief, sums, settled = _settle(lot, belief, units, most)
         if units is None:
-            return in_si(lot, belief, sums, passes, settled)
+            return in_si(lot, belief, sums, settled)
         size *= GROWTH
 
 
@@ -269,7 +264,7 @@ def _begin(lot: LotSessions) -> Belief:
     return Belief(np.zeros((2, COUNT)), np.zeros((2 * COUNT,) * 2), np.diag(spread), np.diag(np.where(lot.twice, apart, 0.0)))
 
 
-def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: int, tails: bool) -> tuple[Belief, Sums, int, bool]:
+def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: int) -> tuple[Belief, Sums, bool]:
     """Run passes until all changes are small against the sigmas; every third one extrapolates the two before it."""
     count = lot.units if units is None else len(units)
     sums, steps, leap = Sums(), [], LEAP
@@ -277,16 +272,16 @@ def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: in
         sums = Sums()
         for _, chunk in lot.chunks(units):
             add(sums, chunk, belief, count)
-        after = updated(lot, belief, sums, count, tails)
+        after = updated(lot, belief, sums, count)
         steps.append(_step(lot, belief, after))
         rate = _rates(steps)
         moved = _moved(lot, belief, after, sums, steps[-1], rate)
         belief = after
         if moved < SETTLED and (len(steps) > 1 or lot.units > BEGIN_UNITS):
-            return belief, sums, number, True
+            return belief, sums, True
         if len(steps) == LEAP_AFTER and number < most:
             belief, steps, leap = _leapt(belief, steps[-1], rate, leap), [], leap * TIRED
-    return belief, sums, most, False
+    return belief, sums, False
 
 
 def _step(lot: LotSessions, before: Belief, after: Belief) -> np.ndarray:
@@ -311,7 +306,7 @@ def _leapt(belief: Belief, step: np.ndarray, rate: np.ndarray, longest: float) -
     return replace(belief, spread=grown, repeatability=belief.repeatability * np.outer(again, again))
 
 
-def updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: bool) -> Belief:
+def updated(lot: LotSessions, belief: Belief, sums: Sums, units: int) -> Belief:
     """Return the estimate after a pass: generalised least squares for beta, one step of expectation and maximisation for the rest."""
     known = np.tile(lot.known, 2)
     block = np.ix_(known, known)
@@ -326,7 +321,7 @@ def updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: boo
     if sums.repeats > 1:
         repeatability = _sound(sums.repeated / sums.repeats, sums.repeats, told, lot.twice)
     delta, numbers, member = (np.concatenate(part) for part in (sums.delta, sums.told, sums.member))
-    found = tails_of(delta, numbers, member) if tails and units > 3 * told else np.inf
+    found = tails_of(delta, numbers, member) if units > 3 * told else np.inf
     off = (len(member) - sums.belongs + 0.2) / (len(member) + 20)
     return Belief(beta, covariance, spread, repeatability, found, float(off))
 
@@ -362,7 +357,7 @@ def _moved(lot: LotSessions, before: Belief, after: Belief, sums: Sums, step: np
     return float(max(np.max(np.abs(after.beta - before.beta) / sigma), np.max(sizes)))
 
 
-def in_si(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bool) -> Hierarchy:
+def in_si(lot: LotSessions, belief: Belief, sums: Sums, settled: bool) -> Hierarchy:
     """Convert the estimate to SI."""
     factor = belief.tails / (belief.tails - 2) if np.isfinite(belief.tails) else 1.0
     numbers = max(int(lot.known.sum()), 1)
@@ -383,10 +378,6 @@ def in_si(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bo
         next_mean, next_K = _without_drift(lot, sums, widened)
     spread, repeatability = _hidden(belief.spread * factor, hidden), _hidden(belief.repeatability, ~lot.twice)
     s = lot.scale
-    noise = np.full(COUNT, np.nan)
-    noise[lot.known] = np.sqrt(np.nanmean(lot.sigmas()[:, lot.known] ** 2, axis=0))
-    spread_freedom, repeat_freedom = _freedoms(lot, belief, sums)
-    member = np.concatenate(sums.member)
     return Hierarchy(
         lot.centre + s * mean,
         np.outer(s, s) * _hidden(K[0, :, 0], hidden),
@@ -397,15 +388,12 @@ def in_si(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bo
         lot.centre + s * next_mean,
         np.outer(s, s) * _hidden(next_K, hidden),
         np.outer(s, s) * spread,
-        spread_freedom,
+        _freedom(lot, belief, sums),
         belief.tails,
         np.outer(s, s) * repeatability,
-        repeat_freedom,
-        noise,
         max(0.0, 1 - sums.belongs / lot.units),
-        member,
+        np.concatenate(sums.member),
         belief,
-        passes,
         settled,
     )
 
@@ -424,21 +412,14 @@ def _hidden(matrix: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     return np.where(hidden[:, None] | hidden, np.nan, (matrix + matrix.T) / 2)
 
 
-def _freedoms(lot: LotSessions, belief: Belief, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
-    """Return the degrees of freedom of chi-square of the spread's and the repeatability's variances (21,).
+def _freedom(lot: LotSessions, belief: Belief, sums: Sums) -> np.ndarray:
+    """Return the degrees of freedom of chi-square of the spread's variances (21,).
 
     2 variance^2 / (its own variance), by Fisher's information of each alone; tails reduce them: a Student's t of p numbers tells less of
     its scale, and of the scale of all together least (Tyler 1982).
     """
-    spread, again = np.diag(belief.spread), np.diag(belief.repeatability)
     kurtosis, numbers = 1.0, max(int(lot.known.sum()), 1)
     if np.isfinite(belief.tails):
         kurtosis = (belief.tails + numbers) / (belief.tails + numbers + 2) * belief.tails / (belief.tails + 1)
-    freedom = spread**2 * sums.spread_info * (max(lot.units - 2, 0.5) / lot.units) * kurtosis
-    return np.where(lot.known, freedom, np.nan), np.where(lot.twice, again**2 * sums.repeat_info, np.nan)
-
-
-def without_tails(belief: Belief) -> Belief:
-    """Return the normal belief with the same covariance."""
-    factor = belief.tails / (belief.tails - 2) if np.isfinite(belief.tails) else 1.0
-    return replace(belief, spread=belief.spread * factor, tails=np.inf)
+    freedom = np.diag(belief.spread) ** 2 * sums.spread_info * (max(lot.units - 2, 0.5) / lot.units) * kurtosis
+    return np.where(lot.known, freedom, np.nan)

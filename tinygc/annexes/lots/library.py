@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from session.io.errors import CalibrationError
-from tinygc.annexes.lots.capability import read_limits
 from tinygc.annexes.lots.fleet_page import save as save_fleet_page
 from tinygc.annexes.lots.fleet_row import FleetOptions
 from tinygc.annexes.lots.fleet_run import Cluster, Processes, Tally, run_fleet, session_folders
@@ -17,9 +16,10 @@ from tinygc.annexes.lots.fleet_table import open_table, read_table
 from tinygc.annexes.lots.page import lot_sections
 from tinygc.annexes.lots.page import save as save_lot_page
 from tinygc.annexes.lots.report import LotReport, save, to_json
-from tinygc.annexes.lots.rest_noise import UnitNoise, noise_section, unit_noises
+from tinygc.annexes.lots.rest_noise import noise_section, unit_noises
 from tinygc.annexes.lots.text import fleet_page, lot_page
 from tinygc.library.records import Shown
+from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.terminal import Group
 
 #: in the output folder of a fleet
@@ -82,10 +82,10 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def summed_up(out: Path, tally: Tally | None, limit_deg: float | None, seed: int) -> Fleet:
+def summed_up(out: Path, tally: Tally | None, limit_deg: float | None) -> Fleet:
     """Sum up the table in ``out``, and write its page, and the lot's file where there is a lot."""
     with read_table(out) as table:
-        summary, offered, lot = summarise(table, limit_deg), to_check(table), lot_if_any(table, seed)
+        summary, offered, lot = summarise(table, limit_deg), to_check(table), lot_if_any(table)
         noise = noise_section(unit_noises(table))
     save_fleet_page(summary, out / PAGE, [*(lot_sections(lot) if lot else ()), *([] if noise is None else [noise])])
     if lot:
@@ -114,7 +114,7 @@ def fleet(
         tally = compute(session_folders(places), out, options, jobs=jobs, scheduler=scheduler, retry=retry, progress=progress)
         if not tally.folders:
             raise no_session(places)
-    return summed_up(out, tally, limit_deg, options.seed)
+    return summed_up(out, tally, limit_deg)
 
 
 def no_session(places: Iterable[Path]) -> CalibrationError:
@@ -124,10 +124,10 @@ def no_session(places: Iterable[Path]) -> CalibrationError:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LotStatistics(Shown):
-    """Result of ``tinygc.lot``; ``result`` holds all numbers; noise: figures at rest of the units that have any."""
+    """Result of ``tinygc.lot``; ``result`` holds all numbers; noise: at rest of the units whose figures are known."""
 
     result: LotReport
-    noise: Sequence[UnitNoise] = ()
+    noise: Sequence[NoiseFigures] = ()
 
     def __repr__(self) -> str:
         return f"<LotStatistics: {len(self.result.outliers)} outliers>"
@@ -147,14 +147,13 @@ class LotStatistics(Shown):
         return Path(path)
 
     def save_page(self, path: Path | str) -> Path:
-        """Write a page with control charts; returns the path."""
+        """Write a page; returns the path."""
         noise = noise_section(self.noise)
         return save_lot_page(self.result, Path(path), [] if noise is None else [noise])
 
 
-def lot(table: Path, *, model: str | None, limits: Path | Mapping[str, tuple[float, float]] | None, seed: int) -> LotStatistics:
+def lot(table: Path, *, model: str | None) -> LotStatistics:
     """Compute the statistics of a fleet's table: the folder of ``fleet``, or its fleet.sqlite."""
     folder = table.parent if table.name == TABLE else table
-    known = read_limits(limits) if isinstance(limits, Path) else None if limits is None else dict(limits)
     with read_table(folder) as opened:
-        return LotStatistics(lot_of_table(opened, model, known, seed), unit_noises(opened))
+        return LotStatistics(lot_of_table(opened, model), unit_noises(opened))

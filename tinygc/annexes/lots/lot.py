@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from session.io.errors import CalibrationError
 from session.io.numeric import sigma_of
@@ -14,26 +13,7 @@ from session.io.units import DEG, G
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX
 
-# A lot: the numbers of its units, in SI and in displayed units.
-
 # A lot: prior knowledge of the next unit of a kind.
-
-
-@dataclass(frozen=True, eq=False)
-class PooledEffect:
-    """An effect over a lot.
-
-    share of the units that have it; mean and spread (one sigma between units that have it) of each of its parameters, SI, by name; p_value:
-    that no unit has it, corrected for the whole catalogue; units: how many have an estimate; equivalent: other effects that could be the
-    cause.
-    """
-
-    share: float
-    mean: Mapping[str, float]
-    spread: Mapping[str, float]
-    p_value: float
-    units: int
-    equivalent: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +34,6 @@ class Lot:
     spread: np.ndarray
     tails: float
     repeatability: np.ndarray
-    effects: Mapping[str, PooledEffect] = field(default_factory=dict)
 
 
 # One session's results for one unit: the numbers a lot is made of.
@@ -75,29 +54,13 @@ ACCELEROMETER_NAMES = (
 NAMES = (*linear.NAMES, *ACCELEROMETER_NAMES)
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """A session's estimate of one effect of the catalogue, reported or not: values and one sigma of its parameters in SI, by name.
-
-    chi_square: improvement of the fit with it; named: whether explain reported it; probability that it is present, or None.
-    """
-
-    estimates: Mapping[str, float]
-    sigmas: Mapping[str, float]
-    chi_square: float
-    named: bool
-    probability: float | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class UnitResult:
     """Result of one session.
 
-    key, the hash of its inputs, options and version; serial of the unit; session, its folder's name; recorded, its time as ISO 8601, or
-    empty; order, its place in production (by time where that is known, else by name).
-
-    values (21,) in the order of ``NAMES``, NaN where unknown (the accelerometer was given, an axis was not turned); covariance (21, 21),
-    NaN in those rows; closure_deg held out, and floor_deg; operator and station, where the notes name them; effects by id.
+    key, the hash of its inputs, options and version; serial of the unit; session, its folder's name; values (21,) in the order of
+    ``NAMES``, NaN where unknown (the accelerometer was given, an axis was not turned); covariance (21, 21), NaN in those rows; order, its
+    place in production (by time where that is known, else by name).
     """
 
     key: str
@@ -105,18 +68,7 @@ class UnitResult:
     session: str
     values: np.ndarray
     covariance: np.ndarray
-    recorded: str = ""
     order: float = 0.0
-    closure_deg: float | None = None
-    floor_deg: float | None = None
-    operator: str = ""
-    station: str = ""
-    effects: Mapping[str, Weighed] = field(default_factory=dict)
-
-    @property
-    def sigmas(self) -> np.ndarray:
-        """Return (21,) sigmas."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 # The 21 numbers of a lot as sensor errors, rather than as the correction that removes them.
@@ -217,8 +169,6 @@ def error_covariance(covariance: np.ndarray, J: np.ndarray) -> np.ndarray:
     return np.where(lost[..., :, None] | lost[..., None, :], np.nan, found)
 
 
-# The sessions of a lot as arrays, in the order of production.
-
 # Sessions of a lot as compact arrays, in the order of production, sized for a hundred thousand.
 
 COUNT = len(NAMES)
@@ -251,8 +201,7 @@ class LotSessions:
 
     told (S, 21): known values.  Sessions of a unit are adjacent: first (U,), count (U,); serials (U,); place (U,): production index of the
     unit; centre (21,) and scale (21,): median and robust sigma over all sessions, SI; known (21,): numbers known of at least two units;
-    twice (21,): numbers with two sessions of at least one unit.  keys, names, operators, stations (S,), closure and floor (S,) degrees;
-    order (S,).
+    twice (21,): numbers with two sessions of at least one unit; names (S,).
     """
 
     values: np.ndarray
@@ -267,11 +216,6 @@ class LotSessions:
     known: np.ndarray
     twice: np.ndarray
     names: list[str]
-    operators: list[str]
-    stations: list[str]
-    closure_deg: np.ndarray
-    floor_deg: np.ndarray
-    order: np.ndarray
 
     @property
     def units(self) -> int:
@@ -329,8 +273,7 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
         sensor_errors.add(each.key)
         values.append(np.array(each.values, dtype=float))
         packed += np.asarray(each.covariance, dtype=float)[TRIANGLE].tobytes()
-        row = (each.serial or f"\0{each.key}", each.order, each.session, each.operator, each.station, each.closure_deg, each.floor_deg)
-        rows.append(row)
+        rows.append((each.serial or f"\0{each.key}", each.order, each.session))
     serials = np.array([row[0] for row in rows], dtype=object)
     names, of_unit = np.unique(serials.astype(str), return_inverse=True) if rows else (np.array([]), np.array([], dtype=int))
     if len(names) < 2:
@@ -365,11 +308,6 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
         units_telling >= 2,
         np.any(np.add.reduceat(told.astype(int), first) >= 2, axis=0),
         [row[2] for row in rows],
-        [row[3] for row in rows],
-        [row[4] for row in rows],
-        np.array([row[5] if row[5] is not None else np.nan for row in rows], dtype=float),
-        np.array([row[6] if row[6] is not None else np.nan for row in rows], dtype=float),
-        order[sort],
     )
 
 
@@ -390,52 +328,3 @@ def _scaled(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np
         both = told[:, i[k]] & told[:, j[k]]
         covariances[:, k] = np.where(both, covariances[:, k] / (scale[i[k]] * scale[j[k]]), UNTOLD if i[k] == j[k] else 0.0)
     return told, centre, scale
-
-
-# Values of each session in displayed units, with their stated sigmas, and a test of the stated sigmas by repeated sessions.
-
-_AT_ONCE = 4096
-
-
-@dataclass(frozen=True, eq=False)
-class SessionErrors:
-    """Displayed values of all sessions.
-
-    values and sigmas (S, 21) in displayed units and their order, NaN where unknown; unit (S,); first (U,): the row of each unit's first
-    session.
-    """
-
-    values: np.ndarray
-    sigmas: np.ndarray
-    unit: np.ndarray
-    first: np.ndarray
-
-
-def session_errors(lot: LotSessions, J: np.ndarray) -> SessionErrors:
-    """Convert all sessions; J (21, 21): derivative of the displayed numbers by the lot's vector, at its mean."""
-    JS = J * lot.scale
-    sigmas = np.empty((lot.sessions, len(UNITS)))
-    for begin in range(0, lot.sessions, _AT_ONCE):
-        part = slice(begin, begin + _AT_ONCE)
-        told = lot.told[part]
-        noise = np.where(told[:, :, None] & told[:, None, :], lot.covariance(part), 0.0)
-        sigmas[part] = np.sqrt(np.maximum(np.einsum("snj,nj->sn", JS @ noise, JS), 0.0))
-    values = sensor_errors(lot.values)
-    return SessionErrors(values, np.where(np.isfinite(values), sigmas, np.nan), lot.unit, lot.first)
-
-
-def stated(found: SessionErrors) -> tuple[np.ndarray, np.ndarray]:
-    """Compare the stated sigmas with the differences between sessions of one unit, each number alone, about each unit's weighted mean.
-
-    Returns ratio (21,), 1 where they agree, and p-value (21,) of so large a ratio by chance; NaN where no unit has two sessions.
-    """
-    weight = np.where(np.isfinite(found.values), 1 / found.sigmas**2, 0.0)
-    y = np.where(np.isfinite(found.values), found.values, 0.0)
-    total = np.add.reduceat(weight, found.first)
-    mean = np.add.reduceat(weight * y, found.first) / np.where(total > 0, total, 1.0)
-    chi_square = np.sum(weight * (y - mean[found.unit]) ** 2, axis=0)
-    told = np.add.reduceat((weight > 0).astype(int), found.first)
-    freedom = np.maximum(told - 1, 0).sum(axis=0)
-    some = freedom > 0
-    ratio = np.where(some, np.sqrt(chi_square / np.maximum(freedom, 1)), np.nan)
-    return ratio, np.where(some, chdtrc(np.maximum(freedom, 1), chi_square), np.nan)

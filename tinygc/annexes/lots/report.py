@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincinv, stdtr
+from scipy.special import stdtr
 
 from session import VERSION
 from session.io.errors import FormatError
-from session.io.results import Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require, require_schema, shown, write_whole
-from tinygc.annexes.lots.capability import Capability, ControlChart, capability, chart
-from tinygc.annexes.lots.gauge import Gauge, gauge
+from session.io.results import Keys, ListOf, Maybe, Number, Text, read_json, require, require_schema, shown, write_whole
 from tinygc.annexes.lots.hierarchy import Hierarchy, hierarchy
 from tinygc.annexes.lots.lot import (
     NAMES,
@@ -22,24 +20,17 @@ from tinygc.annexes.lots.lot import (
     SENSOR_ERRORS,
     Lot,
     LotSessions,
-    PooledEffect,
     SensorError,
-    SessionErrors,
     UnitResult,
     error_covariance,
     jacobian,
     lot_sessions,
     sensor_errors,
-    session_errors,
-    stated,
 )
 from tinygc.annexes.lots.outliers import Outlier, outliers
 
 # Report of a lot: one function from the results of sessions to a record for tables, pages and files.
 
-#: fewest points for a control chart
-FEWEST_POINTS = 8
-CONFIDENCE = 0.95
 PER_UNITS = 1000
 
 
@@ -47,9 +38,8 @@ PER_UNITS = 1000
 class LotQuantity:
     """One number of the lot in its unit.
 
-    mean and its sigma; spread between units with its 95 % interval; noise, one sigma of a session as stated; repeatability, one sigma from
-    session to session beyond that, with its interval; drift per 1000 units, its sigma, and the p-value that there is none; ratio of the
-    differences between sessions of one unit to the stated sigmas, and its p-value.  NaN where unknown.
+    units that tell it; mean and its sigma; spread between units; repeatability, one sigma from session to session beyond what a session
+    states; drift per 1000 units, its sigma, and the p-value that there is none.  NaN where unknown.
     """
 
     error: SensorError
@@ -57,179 +47,66 @@ class LotQuantity:
     mean: float
     mean_sigma: float
     spread: float
-    spread_interval: tuple[float, float]
-    noise: float
     repeatability: float
-    repeatability_interval: tuple[float, float]
     drift_per_1000: float
     drift_sigma: float
     drift_p_value: float
-    stated_ratio: float
-    stated_p_value: float
 
 
 @dataclass(frozen=True, eq=False)
 class LotReport:
-    """The lot as a prior, with its report.
-
-    its numbers in displayed units; charts, gauges and capabilities by a number's key; outliers; the sessions and readings used; appraisers:
-    ``operator`` or ``station``, or empty where fewer than two are named.
-    """
+    """The lot as a prior, with its report: its numbers in displayed units; outliers; the estimate that they are of; notes, sentences."""
 
     lot: Lot
     quantities: tuple[LotQuantity, ...]
-    charts: Mapping[str, ControlChart]
-    gauges: Mapping[str, Gauge]
-    capabilities: Mapping[str, Capability]
     outliers: tuple[Outlier, ...]
-    appraisers: str
     hierarchy: Hierarchy
-    sessions: LotSessions
-    session_errors: SessionErrors
-    notes: tuple[str, ...] = field(default_factory=tuple)
+    notes: tuple[str, ...] = ()
 
 
-def lot_of(
-    results: Iterable[UnitResult],
-    sensor: str = "",
-    limits: Mapping[str, tuple[float, float]] | None = None,
-    effects: Mapping[str, PooledEffect] | None = None,
-    seed: int = 0,
-) -> LotReport:
-    """Report on the sessions of a lot, in any order.
-
-    limits: lower and upper by a number's key (``capability.py``); seed: of intervals. Raises CalibrationError where fewer than two units
-    determine any number.
-    """
+def lot_of(results: Iterable[UnitResult], sensor: str = "") -> LotReport:
+    """Report on the sessions of a lot, in any order.  Raises CalibrationError where fewer than two units determine any number."""
     sessions = lot_sessions(results)
     found = hierarchy(sessions)
-    J = jacobian(found.mean)
-    read = session_errors(sessions, J)
-    quantities = _quantities(sessions, found, J, read)
-    known = [n for n, each in enumerate(quantities) if each.units >= 2]
-    charts = {}
-    for n in known:
-        points = _points(read, n)
-        if len(points) >= FEWEST_POINTS:
-            again = np.nan_to_num(quantities[n].repeatability)
-            noise = np.hypot(read.sigmas[points, n], again)
-            charts[SENSOR_ERRORS[n].key] = chart(read.values[points, n], noise, found.tails, len(known), read.unit[points])
-    what, who = _appraisers(sessions)
-    bounds = limits or {}
-    gauges, capabilities = {}, {}
-    belongs = found.belongs[read.unit] > 0.5
-    for n in known:
-        key, limit = SENSOR_ERRORS[n].key, bounds.get(SENSOR_ERRORS[n].key, (-np.inf, np.inf))
-        width = limit[1] - limit[0]
-        gauges[key] = gauge(
-            np.where(belongs, read.values[:, n], np.nan), read.unit, who, width if np.isfinite(width) else float("nan"), what, seed
-        )
-        if key in bounds:
-            each, first = quantities[n], read.values[_points(read, n), n]
-            within = charts[key].short_term if key in charts else each.spread
-            noise, freedom = float(np.hypot(each.noise, np.nan_to_num(each.repeatability))), float(found.spread_freedom[OWN[n]])
-            capabilities[key] = capability(limit, each.mean, each.spread, noise, within, freedom, found.tails, first)
     lot = Lot(
-        sensor,
-        sessions.units,
-        sessions.sessions,
-        found.next_mean,
-        found.next_covariance,
-        found.spread,
-        found.tails,
-        found.repeatability,
-        effects or {},
+        sensor, sessions.units, sessions.sessions, found.next_mean, found.next_covariance, found.spread, found.tails, found.repeatability
     )
-    odd = tuple(outliers(sessions, found))
-    return LotReport(lot, quantities, charts, gauges, capabilities, odd, what, found, sessions, read, _notes(sessions, found, what))
+    return LotReport(lot, _quantities(sessions, found), tuple(outliers(sessions, found)), found, _notes(sessions, found))
 
 
-def _quantities(lot: LotSessions, found: Hierarchy, J: np.ndarray, read: SessionErrors) -> tuple[LotQuantity, ...]:
-    known = lot.known[OWN]
+def _quantities(lot: LotSessions, found: Hierarchy) -> tuple[LotQuantity, ...]:
+    J, known = jacobian(found.mean), lot.known[OWN]
     mean = np.where(known, sensor_errors(np.where(np.isfinite(found.mean), found.mean, lot.centre)), np.nan)
 
     def sigma(covariance: np.ndarray) -> np.ndarray:
         return np.sqrt(np.diag(error_covariance(covariance, J)))
 
     of_mean, spread, again, of_drift = map(sigma, (found.mean_covariance, found.spread, found.repeatability, found.drift_covariance))
-    drift = J @ np.nan_to_num(found.drift)
     per = PER_UNITS / max(lot.units - 1, 1)
-    p = 2 * stdtr(max(lot.units - 2, 1), -np.abs(drift) / of_drift)
-    ratio, ratio_p = stated(read)
-    units = np.logical_or.reduceat(np.isfinite(read.values), read.first).sum(axis=0)
-    squares = np.where(np.isfinite(read.sigmas), read.sigmas**2, 0.0).sum(axis=0) / np.maximum(np.isfinite(read.sigmas).sum(axis=0), 1)
-    return tuple(
-        LotQuantity(
-            SENSOR_ERRORS[n],
-            int(units[n]),
-            float(mean[n]),
-            float(of_mean[n]),
-            float(spread[n]),
-            _interval(float(spread[n]), float(found.spread_freedom[OWN[n]])),
-            float(np.sqrt(squares[n])) if units[n] else float("nan"),
-            float(again[n]),
-            _interval(float(again[n]), float(found.repeatability_freedom[OWN[n]])),
-            float(drift[n] * per) if known[n] and lot.units > 2 else float("nan"),
-            float(of_drift[n] * per) if lot.units > 2 else float("nan"),
-            float(p[n]) if lot.units > 2 else float("nan"),
-            float(ratio[n]),
-            float(ratio_p[n]),
-        )
-        for n in range(len(SENSOR_ERRORS))
-    )
+    drift = np.where(known, J @ np.nan_to_num(found.drift), np.nan) * per
+    p = 2 * stdtr(max(lot.units - 2, 1), -np.abs(drift / per) / of_drift)
+    of_drift, drift, p = (each if lot.units > 2 else np.full(len(p), np.nan) for each in (of_drift * per, drift, p))
+    units = np.logical_or.reduceat(lot.told[:, OWN], lot.first).sum(axis=0)
+    columns = zip(units.tolist(), *(each.tolist() for each in (mean, of_mean, spread, again, drift, of_drift, p)), strict=True)
+    return tuple(LotQuantity(error, *row) for error, row in zip(SENSOR_ERRORS, columns, strict=True))
 
 
-def _interval(sigma: float, freedom: float) -> tuple[float, float]:
-    """Return the 95 % interval of a standard deviation with these degrees of freedom of chi-square."""
-    if not (np.isfinite(sigma) and np.isfinite(freedom)):
-        return (float("nan"), float("nan"))
-    if freedom < 1:  # not distinct from zero
-        return (0.0, float("nan"))
-    lo, hi = 2 * gammaincinv(freedom / 2, [(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2])
-    return (float(sigma * np.sqrt(freedom / lo)), float(sigma * np.sqrt(freedom / hi)))
-
-
-def _points(read: SessionErrors, n: int) -> np.ndarray:
-    """Return the rows of each unit's first session with a value: the test at the end of production, in its order."""
-    rows = np.flatnonzero(np.isfinite(read.values[:, n]))
-    _, first = np.unique(read.unit[rows], return_index=True)
-    return rows[first]
-
-
-def _appraisers(lot: LotSessions) -> tuple[str, np.ndarray | None]:
-    """Return the kind of appraiser, operators, or stations where only these differ, and their numbers, or None.
-
-    At least two have to be named; sessions without a name form one more.
-    """
-    for what, names in (("operator", lot.operators), ("station", lot.stations)):
-        kinds, numbers = np.unique(np.array(names, dtype=object).astype(str), return_inverse=True)
-        if len(kinds[kinds != ""]) > 1:
-            return what, numbers
-    return "", None
-
-
-def _notes(lot: LotSessions, found: Hierarchy, what: str) -> tuple[str, ...]:
+def _notes(lot: LotSessions, found: Hierarchy) -> tuple[str, ...]:
     told = []
     if not found.settled:
         told.append("the lot's variances had not converged when the passes over it ended; they are those of the last pass")
     if not (lot.count > 1).any():
         told.append("no unit has two sessions: repeatability is unknown, and is part of the spread between units")
-    elif not what:
-        told.append("fewer than two operators or stations are named: reproducibility is unknown")
     if lot.units < 3 * int(lot.known.sum()):
         told.append(
             f"{lot.units} units are few for {int(lot.known.sum())} numbers: correlations are shrunk towards zero, tails are not estimated"
         )
     if (off := int(np.sum(found.belongs <= 0.5))) > 0:
-        told.append(
-            f"{off} of {lot.units} units probably do not belong to the lot; its numbers and its gauge study are those of the others"
-        )
+        told.append(f"{off} of {lot.units} units probably do not belong to the lot; its numbers are those of the others")
     if lot.units <= 2:
         told.append("two units have no drift")
     return tuple(told)
 
-
-# A lot as a file, ``tinygc-lot/2`` (docs/formats.md), and its report as JSON.
 
 # A lot as a file: JSON of format ``tinygc-lot/2`` (docs/formats.md), null for unknown values.
 
@@ -238,19 +115,8 @@ _AGAIN = "make the lot again, or correct the file"
 #: tolerance of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: the rounding of JSON
 _ROUNDING = 1e-9
 _COUNT = Number(low=1, whole=True)
-_SHARE = Number(low=0, high=1)
 _VECTOR = ListOf(Maybe(Number()))
 _MATRIX = ListOf(_VECTOR)
-_EFFECT = Keys(
-    must={
-        "share": _SHARE,
-        "mean": MapOf(Maybe(Number())),
-        "spread": MapOf(Maybe(Number(low=0))),
-        "p_value": _SHARE,
-        "units": Number(low=0, whole=True),
-    },
-    may={"equivalent": ListOf(Text())},
-)
 LOT = Keys(
     must={
         "sensor": Text(),
@@ -263,7 +129,6 @@ LOT = Keys(
         "tails": Maybe(Number(low=0, above=True)),
         "repeatability": _MATRIX,
     },
-    may={"effects": MapOf(_EFFECT)},
 )
 
 
@@ -281,14 +146,8 @@ def lot_table(lot: Lot, **more: Any) -> dict:
         "spread": lot.spread.tolist(),
         "tails": lot.tails,
         "repeatability": lot.repeatability.tolist(),
-        "effects": {name: vars(effect) for name, effect in lot.effects.items()},
         **more,
     }
-
-
-def write_lot(path: Path | str, lot: Lot, **more: Any) -> None:
-    """Write the lot's file atomically; non-finite values become null.  Raises StorageError for a full disk."""
-    write_whole(Path(path), lot_table(lot, **more))
 
 
 def read_lot(path: Path | str) -> Lot:
@@ -306,10 +165,6 @@ def lot_of_table(table: Any, where: str) -> Lot:
         )
     if table["sessions"] < table["units"]:
         raise FormatError(f"{where}: sessions is {table['sessions']}, expected at least one for each unit of {table['units']}; {_AGAIN}")
-    effects = {
-        name: PooledEffect(e["share"], _known(e["mean"]), _known(e["spread"]), e["p_value"], e["units"], tuple(e.get("equivalent", ())))
-        for name, e in table.get("effects", {}).items()
-    }
     mean = _array(table, "mean", where, 1)
     lot = Lot(
         table["sensor"],
@@ -320,16 +175,11 @@ def lot_of_table(table: Any, where: str) -> Lot:
         _covariance(table, "spread", where),
         float("inf") if table["tails"] is None else float(table["tails"]),
         _covariance(table, "repeatability", where),
-        effects,
     )
     for key, matrix in (("mean_covariance", lot.mean_covariance), ("spread", lot.spread), ("repeatability", lot.repeatability)):
         for i in np.flatnonzero(np.isnan(mean) & np.isfinite(np.diag(matrix))):
             raise FormatError(f"{where}: {key} tells of {NAMES[i]}, whose mean is null; expected null there, too; {_AGAIN}")
     return lot
-
-
-def _known(values: dict[str, float | None]) -> dict[str, float]:
-    return {name: float("nan") if value is None else float(value) for name, value in values.items()}
 
 
 def _array(table: dict, key: str, where: str, dimensions: int) -> np.ndarray:
@@ -367,8 +217,8 @@ def _covariance(table: dict, key: str, where: str) -> np.ndarray:
 
 # A lot's report as JSON: the file that ``fit --lot`` reads, with the report's other figures (docs/formats.md).
 
-#: most alarms and outliers in a file; their total number is also given
-MOST_ALARMS, MOST_OUTLIERS = 20, 1000
+#: most outliers in a file; their total number is also given
+MOST_OUTLIERS = 1000
 
 
 def to_json(report: LotReport) -> dict:
@@ -376,16 +226,12 @@ def to_json(report: LotReport) -> dict:
     drift = report.hierarchy
     return lot_table(
         report.lot,
-        appraisers=report.appraisers or None,
         drift_p_value=drift.drift_p,
         drifts=drift.drifts,
         off_share=drift.off,
         settled=drift.settled,
         notes=list(report.notes),
         quantities=[_quantity(each) for each in report.quantities if each.units],
-        charts={key: _chart(each, report) for key, each in report.charts.items()},
-        gauges={key: _gauge(each) for key, each in report.gauges.items()},
-        capabilities={key: asdict(each) for key, each in report.capabilities.items()},
         outliers_found=len(report.outliers),
         outliers=[_outlier(each) for each in report.outliers[:MOST_OUTLIERS]],
     )
@@ -398,49 +244,6 @@ def save(report: LotReport, path: Path | str) -> None:
 
 def _quantity(each: LotQuantity) -> dict:
     return {"key": each.error.key, "unit": each.error.unit, **{name: value for name, value in vars(each).items() if name != "error"}}
-
-
-def _chart(each: ControlChart, report: LotReport) -> dict:
-    return {
-        "points": len(each.y),
-        "centre": each.centre,
-        "short_term": each.short_term,
-        "limit_sigmas": each.limit,
-        "ewma_limit_sigmas": each.ewma_limit,
-        "moving_range_limit": each.range_limit,
-        "beyond_limit": len(each.alarms),
-        "alarms": _points_table(each.alarms, each),
-        "ewma_beyond_limit": len(each.ewma_alarms),
-        "ewma_alarms": _points_table(each.ewma_alarms, each),
-        "rules": [
-            {"rule": name, "found": each.counts[name], "by_chance": each.chance[name], "broken": name in each.broken}
-            for name in each.counts
-        ],
-    }
-
-
-def _points_table(alarms: np.ndarray, chart: ControlChart) -> list[dict[str, Any]]:
-    return [{"place": int(chart.place[n]), "value": float(chart.y[n]), "sigmas": float(chart.score[n])} for n in alarms[:MOST_ALARMS]]
-
-
-def _gauge(each: Gauge) -> dict:
-    table = None
-    if each.table is not None:
-        kept = zip(("part", "appraiser", "interaction", "repeat"), each.table.freedom, each.table.squares, strict=True)
-        table = {
-            "pooled": each.table.pooled,
-            "interaction_p_value": each.table.interaction_p,
-            "rows": [{"source": name, "freedom": float(f), "sum_of_squares": float(s)} for name, f, s in kept],
-        }
-    names = ("ev", "av", "interaction", "grr", "pv", "tv", "percent_grr", "percent_tolerance", "method", "parts", "sessions", "verdict")
-    return {
-        **{name: getattr(each, name) for name in names},
-        "ndc": each.ndc,
-        "percent_grr_interval": list(each.percent_grr_interval),
-        "ndc_interval": list(each.ndc_interval),
-        "anova": table,
-        "why_not": each.why or None,
-    }
 
 
 def _outlier(each: Outlier) -> dict:

@@ -7,45 +7,39 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.texts import printable
-from tinygc.annexes.lots.lot import SENSOR_ERRORS, PooledEffect
-from tinygc.annexes.lots.report import LotQuantity, LotReport
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
+from session.io.texts import NONE, printable
+from tinygc.annexes.lots.report import LotReport
+from tinygc.reporting.terminal import Group, Table, Text, one_line
 
 if TYPE_CHECKING:
     from tinygc.annexes.lots.fleet_run import Tally
     from tinygc.annexes.lots.fleet_summary import Summary
 
 
-# A lot: numbers, repeatability, charts, outliers, capability.
+# A lot: numbers, units that do not belong, notes.
 
-NONE = "–"
 MOST_OUTLIERS = 10
-#: p-value below which a drift, or a ratio of repeats to stated sigmas, is marked
+#: p-value below which a drift is marked
 MARKED_P = 0.01
 #: fewest units for a drift per 1000
 FEWEST_DRIFT = 30
-#: ppm below which a tail follows from the formula only, not from sensors
-LEAST_PPM = 0.001
-UNIT_OF = {each.key: each for each in SENSOR_ERRORS}
+COLUMNS = ("", "mean ± sigma", "spread", "repeats within", "drift per 1000")
+CAPTION = (
+    "spread: one sigma between units, measurement noise taken out; repeats within: one sigma from session to session beyond what is stated"
+)
 
 
 def lot_page(report: LotReport) -> Group:
-    """Headline, tables, control charts, outliers, notes."""
-    parts: list[RenderableType] = [headline(report), _numbers(report)]
-    if any(np.isfinite(each.percent_grr) for each in report.gauges.values()):
-        parts.append(_gauges(report))
-    if report.capabilities:
-        parts.append(_capabilities(report))
-    parts += [*_charts(report), *_outliers(report)]
-    parts += [one_line(f"Effect of the lot: {effect_words(name, found)}.", "bold yellow") for name, found in report.lot.effects.items()]
-    return Group(*parts, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
-
-
-def effect_words(name: str, found: PooledEffect) -> str:
-    """Describe a pooled effect: its name, share of units, and significance."""
-    as_well = f"; could as well be {', '.join(found.equivalent)}" if found.equivalent else ""
-    return f"{name}, in {found.share:.0%} of {found.units} units that tell, p = {found.p_value:.2g}{as_well}"
+    """Headline, table, outliers, notes."""
+    table = Table(title="Sensor errors", title_justify="left", box=None, padding=(0, 1), caption=CAPTION, caption_justify="left")
+    for column in COLUMNS:
+        table.add_column(column, justify="right" if column else "left")
+    for row, drifts in rows_of(report, fixed):
+        table.add_row(*row[:-1], Text(row[-1], "bold red" if drifts else ""))
+    lines = [one_line(f"{each.says} (p = {each.p_value:.1g})", "bold red") for each in report.outliers[:MOST_OUTLIERS]]
+    if len(report.outliers) > MOST_OUTLIERS:
+        lines.append(Text(f"and {len(report.outliers) - MOST_OUTLIERS} more"))
+    return Group(headline(report), table, *lines, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
 
 
 def headline(report: LotReport) -> Text:
@@ -55,7 +49,7 @@ def headline(report: LotReport) -> Text:
     tails = "" if np.isinf(lot.tails) else f"; tails of {lot.tails:.3g} degrees of freedom"
     odd = len(report.outliers)
     open_ = int(np.sum(found.belongs <= 0.5))
-    which = f"{odd} unit{'s' * (odd != 1)} or sessions do not belong" if odd else "all belong"
+    which = f"{odd} unit{'s do' if odd != 1 else ' does'} not belong" if odd else "all belong"
     if not odd and open_:
         which = f"none is odd beyond chance, {open_} may not belong"
     name = f"{lot.sensor}: " if lot.sensor else ""
@@ -64,136 +58,35 @@ def headline(report: LotReport) -> Text:
     )
 
 
-def _numbers(report: LotReport) -> Table:
-    table = Table(title="Sensor errors", title_justify="left", box=None, padding=(0, 1))
-    for column in ("", "mean ± sigma", "spread", "noise", "repeats within", "drift per 1000", "repeats / stated"):
-        table.add_column(column, justify="right" if column else "left")
+def rows_of(report: LotReport, fixed: Callable[[float, int], str]) -> list[tuple[list[str], bool]]:
+    """Return the cells of each number that any unit tells, by ``COLUMNS``, and whether it drifts; fixed: how numbers are written."""
+    rows = []
     for each in report.quantities:
         if not each.units:
             continue
         digits = decimals(each.mean_sigma)
-        fine = max(digits, decimals(each.noise))  # noise is often far below the spread between units
-        drift = drift_words(report, each, fixed)
-        table.add_row(
+        drift = NONE
+        if report.lot.units >= FEWEST_DRIFT and np.isfinite(each.drift_per_1000):
+            drift = " ± ".join(fixed(value, decimals(each.drift_sigma)) for value in (each.drift_per_1000, each.drift_sigma))
+        row = [
             f"{each.error.name}, {each.error.unit}",
             f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
             fixed(each.spread, digits),
-            fixed(each.noise, fine),
-            fixed(each.repeatability, fine),
-            Text(drift, "bold red" if report.hierarchy.drifts and each.drift_p_value < MARKED_P else ""),
-            Text(fixed(each.stated_ratio, 2), "bold red" if each.stated_p_value < MARKED_P / len(SENSOR_ERRORS) else ""),
-        )
-    table.caption = (
-        "spread: one sigma between units, measurement noise taken out; noise: one sigma of a session, as stated; "
-        "repeats within: one sigma from session to session beyond that"
-    )
-    table.caption_justify = "left"
-    return table
-
-
-def drift_words(report: LotReport, each: LotQuantity, written: Callable[[float, int], str]) -> str:
-    """Return the drift per 1000 units with its sigma; a dash for a lot too small for it."""
-    if report.lot.units < FEWEST_DRIFT or not np.isfinite(each.drift_per_1000):
-        return NONE
-    digits = decimals(each.drift_sigma)
-    return f"{written(each.drift_per_1000, digits)} ± {written(each.drift_sigma, digits)}"
-
-
-def _gauges(report: LotReport) -> Table:
-    who = report.appraisers or "nobody is named"
-    title = f"Measurement system (one sigma; appraisers: {who})"
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
-    for column in ("", "EV", "AV", "GRR", "PV", "%GRR", "95 %", "% of tolerance", "ndc", ""):
-        table.add_column(column, justify="right" if column else "left")
-    for key, each in report.gauges.items():
-        digits = decimals(each.grr)
-        lo, hi = each.percent_grr_interval
-        table.add_row(
-            f"{UNIT_OF[key].name}, {UNIT_OF[key].unit}",
-            *(fixed(value, digits) for value in (each.ev, each.av, each.grr, each.pv)),
-            fixed(each.percent_grr, 1),
-            f"{fixed(lo, 1)} to {fixed(hi, 1)}",
-            fixed(each.percent_tolerance, 1),
-            str(int(each.ndc)) if np.isfinite(each.ndc) else NONE,
-            each.verdict,
-        )
-    return table
-
-
-def _capabilities(report: LotReport) -> Table:
-    table = Table(title="Capability, measurement noise taken out", title_justify="left", box=None, padding=(0, 1))
-    for column in [
-        "",
-        "limits",
-        "Cp",
-        "Cpk",
-        "Pp",
-        "Ppk",
-        "95 %",
-        "Ppk as seen",
-        "ppm outside",
-        "found",
-        "accepted wrongly, ppm",
-        "guard band",
-    ]:
-        table.add_column(column, justify="right" if column else "left")
-    for key, each in report.capabilities.items():
-        lo, hi = each.overall.centred_interval
-        table.add_row(
-            f"{UNIT_OF[key].name}, {UNIT_OF[key].unit}",
-            f"{_limit(each.lower)} to {_limit(each.upper)}",
-            fixed(each.within.index, 2),
-            fixed(each.within.centred, 2),
-            fixed(each.overall.index, 2),
-            Text(fixed(each.overall.centred, 2), "bold red" if each.overall.centred < 1 else ""),
-            f"{fixed(lo, 2)} to {fixed(hi, 2)}",
-            fixed(each.observed.centred, 2),
-            ppm(each.ppm_tails),
-            f"{each.found_outside} of {each.units}",
-            ppm(each.false_accept_ppm),
-            fixed(each.guard_band, decimals(each.guard_band)),
-        )
-    return table
-
-
-def ppm(value: float) -> str:
-    """Format parts per million, down to the smallest countable value."""
-    return f"{value:.3g}" if value >= LEAST_PPM or value == 0 else f"< {LEAST_PPM:g}"
-
-
-def _limit(value: float) -> str:
-    return f"{value:g}" if np.isfinite(value) else "none"
-
-
-def _charts(report: LotReport) -> list[Text]:
-    lines = []
-    for key, each in report.charts.items():
-        said = []
-        if len(each.ewma_alarms):
-            said.append(f"its moving average leaves its limits from unit {int(each.place[each.ewma_alarms[0]]) + 1} on")
-        said += [f"{rule} {each.counts[rule]} times, {each.chance[rule]:.1f} by chance" for rule in each.broken]
-        if said:
-            lines.append(one_line(f"{UNIT_OF[key].name}: {'; '.join(said)}", "yellow"))
-    if report.charts and not lines:
-        lines.append(Text("Control charts: no rule is broken more often than by chance."))
-    return lines
-
-
-def _outliers(report: LotReport) -> list[Text]:
-    lines = [one_line(f"{each.says} (p = {each.p_value:.1g})", "bold red") for each in report.outliers[:MOST_OUTLIERS]]
-    if len(report.outliers) > MOST_OUTLIERS:
-        lines.append(Text(f"and {len(report.outliers) - MOST_OUTLIERS} more"))
-    return lines
-
-
-def decimals(sigma: float) -> int:
-    """Return the decimals that show two digits of a sigma."""
-    return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if np.isfinite(sigma) and sigma > 0 else 2
+            fixed(each.repeatability, max(digits, decimals(each.repeatability))),  # often far below the spread between units
+            drift,
+        ]
+        rows.append((row, report.hierarchy.drifts and each.drift_p_value < MARKED_P))
+    return rows
 
 
 def fixed(value: float, digits: int) -> str:
     """Format with this many decimals, or a dash."""
     return f"{value:.{digits}f}" if np.isfinite(value) else NONE
+
+
+def decimals(sigma: float) -> int:
+    """Return the decimals that show two digits of a sigma."""
+    return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if np.isfinite(sigma) and sigma > 0 else 2
 
 
 # A fleet's table in a few lines.

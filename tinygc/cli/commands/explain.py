@@ -24,9 +24,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or one of an array")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    lot = "effects of a production lot (lot.json): how probable each is in this unit, and its usual size"
-    lot = help_if_present("what a lot knows of one unit (--lot)", lot)
-    command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
     search = help_if_present("a search beyond the catalogue (--discover)", search)
     command.add_argument("--discover", action="store_true", help=search)
@@ -56,7 +53,6 @@ def run(args: argparse.Namespace) -> int:
             args.folder,
             seed=args.seed,
             use_earth=not args.no_earth,
-            lot=args.lot,
             discover=args.discover,
             check_on=args.check_on,
             noise=args.noise,

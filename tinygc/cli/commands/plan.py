@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from tinygc.cli.arguments import count, path_read
-from tinygc.cli.extensions import help_if_present
 from tinygc.cli.results import output, write_json
 
 SUMMARY = "say which movements to record next"
@@ -15,8 +14,6 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder")
-    lot = help_if_present("a lot as prior (--lot)", "prior from a production lot (lot.json): fewer turns are enough")
-    command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     command.add_argument("--count", type=count(1), default=5, help="movements at most (%(default)s)")
 
 
@@ -24,10 +21,8 @@ def run(args: argparse.Namespace) -> int:
     """Recommend what to record next."""
     from tinygc.library.sessions import plan
 
-    found = plan(args.folder, count=args.count, lot=args.lot)
-    first, *lines = found.lines
-    output(args).print(first, soft_wrap=found.result.lot is not None)  # what is said of the lot stays on one line
-    for line in lines:
+    found = plan(args.folder, count=args.count)
+    for line in found.lines:
         output(args).print(line)
     write_json(args.json, found.to_json())
     return 0

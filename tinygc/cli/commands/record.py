@@ -37,9 +37,7 @@ from tinygc.cli.recording import (
     faults_of,
     files_left,
     left_out,
-    lot_of,
     missing,
-    of_lot_model,
     page_address,
     page_server,
     refuse_with_rest,
@@ -81,8 +79,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
     command.add_argument("--segments", type=count(1), default=USUAL_SEGMENTS, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
-    lot = "prior from a production lot (lot.json): the coach states how many turns are enough, and stops there"
-    command.add_argument("--lot", type=path_read, metavar="FILE", help=help_if_present("a lot as prior (--lot)", lot))
     command.add_argument(
         "--closure",
         type=closure_seconds,
@@ -135,8 +131,6 @@ def run(args: argparse.Namespace) -> int:
 
     refuse_with_rest(args)
     args.machine = None
-    if args.lot is not None:
-        args.lot_read = lot_of(args)
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
@@ -170,7 +164,6 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     words += ["--stop-at-target"] if args.stop_at_target else []
     words += [] if args.known_to == KNOWN_TO else ["--known-to", f"{args.known_to:g}"]
     words += [] if args.view is None else ["--view"]
-    words += [] if args.lot is None else ["--lot", args.lot]
     words += ["--closure", f"{args.closure:g}"] if args.closure else []
     words += [] if args.table is None else ["--table", args.table, *(["--home"] if args.home else [])]
     words += [] if args.rates is None else ["--rates", ",".join(f"{rate:g}" for rate in args.rates), "--dwell", f"{args.dwell:g}"]
@@ -240,7 +233,7 @@ def _led(
     if args.rates is not None:
         guide: Guide = args.machine.guide(session_file.protocol)
     elif args.rest is None:
-        guide = Guide(session_file.protocol, args.segments, args.stop_at_target or args.lot is not None, args.closure)
+        guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
     else:
         guide = rest_guide(args, session_file.protocol)
     failed, problem, guided, interrupted = None, None, None, False
@@ -249,12 +242,10 @@ def _led(
             typed = keys if keys.there else None
 
             def configure(info: Info | None, waited_s: float) -> Config | None:
-                config = session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, recorder.setting.speaks)
-                return config if config is None or args.lot is None else of_lot_model(args, config)
+                return session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, recorder.setting.speaks)
 
             turns = args.rest is None and args.rates is None
-            lot = None if args.lot is None else args.lot_read
-            coach, wished = coach_of(lot, args.machine) if turns and not args.no_coach else None, None if page is None else page.wishes
+            coach, wished = coach_of(args.machine) if turns and not args.no_coach else None, None if page is None else page.wishes
             mover = None if args.machine is None else args.machine.mover(folder, guide)
             guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished, mover)
             guided.lead(wanted)

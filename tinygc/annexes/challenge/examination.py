@@ -52,7 +52,8 @@ NEEDS = {
 
 def drawn(pool: Sequence[str], rng: np.random.Generator) -> dict[str, float]:
     """Id -> strength of one to three effects of the pool."""
-    most, ids = int(rng.integers(1, MOST + 1)), []
+    most = int(rng.integers(1, MOST + 1))
+    ids: list[str] = []
     for name in map(str, rng.permutation(pool)):
         apart = not ALONE & {name, *ids} and not any(name in group and group & set(ids) for group in ALIKE)
         if not ids or (len(ids) < most and apart):

@@ -172,7 +172,7 @@ BOMBS = [
 #: place of a bomb, up to its number -> commands that read it; {S} session folder, {B} the bomb, {M} a good model, {L} a good log, {O} new
 SESSION_READERS = [
     "check {S}", "fit {S} --methods least_squares", "explain {S}", "report {S} --methods least_squares", "plan {S}",
-    "accelerometer {S} --out {O}", "fleet {S} --out {O} --jobs 1", "board {S} --link {O}", "challenge --on {S} --out {O}",
+    "accelerometer {S} --out {O}", "fleet {S} --out {O} --jobs 1", "board {S} --link {O}", "challenge --on {S} --cases 1",
 ]  # fmt: skip
 READERS = {
     "log": [

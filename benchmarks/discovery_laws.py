@@ -101,11 +101,12 @@ def unit_closure(options: SimulationOptions, added) -> tuple[float, float]:
 def signals_of(options: SimulationOptions, added, size: float) -> tuple[Movement, np.ndarray]:
     """Movement without noise, as the chip's low-pass shows it, and the law's rate (N, 3) behind the same low-pass."""
     plan, unit = simulator.plan_of(options), simulator.unit_of(options)
-    t, factor, run_up = simulator.fine_grid(unit.odr_hz, int(np.ceil(plan.log_s * unit.odr_hz)))
+    factor, run_up = simulator.oversampling(unit.odr_hz), simulator.run_up_samples(unit.odr_hz)
+    t = simulator.fine_times(unit.odr_hz, -run_up, int(np.ceil(plan.log_s * unit.odr_hz)))
     rate, force, temp = simulator.true_signals(options, unit, plan, t)
 
     def sampled(values: np.ndarray, hz: float) -> np.ndarray:
-        return simulator.low_pass(values, hz, 0.0, unit.odr_hz, factor, np.random.default_rng(0))[run_up:]
+        return simulator.LowPass(hz, 0.0, unit.odr_hz, factor, np.random.default_rng(0))(values)[run_up:]
 
     hz = GYRO_LPF2_HZ[options.odr_hz]
     law, shown = sampled(size * added(t, rate, force, temp), hz), sampled(rate, hz)

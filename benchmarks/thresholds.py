@@ -2,8 +2,8 @@
 
     python benchmarks/thresholds.py [mends|naming|strong|truth …] [--only NAME …] [--markdown FILE]
 
-mends: registers and stills of sessions that hide what is found there, or nothing; naming: the names for what is hidden in the rates, for
-nothing and for what no catalogue has; strong: the same where an effect at its full size leaves what its model simplifies; truth:
+mends: registers and stills of sessions that hide what is found there, or nothing; naming: the names for what is hidden in the rates, and
+for nothing; strong: the same where an effect at its full size leaves what its model simplifies; truth:
 sessions with a truth file, 30 turns, each with one thing wrong or nothing.  A share above a half is halved and doubled in its distance
 from 1, a whole number rounded.  A constant that moves nothing is not critical in these sessions; others may need it.
 """
@@ -112,36 +112,31 @@ def settings(stage: str, only: list[str] | None) -> list[tuple[str, str, float]]
 
 
 def hidden_in(stage: str) -> list:
-    """What is looked at: challenge cases, or kinds of a wrong truth with their seeds."""
+    """What is looked at: concealed effects with the session's options, or kinds of a wrong truth with their seeds."""
     if stage == "truth":
         return [(kind, seed) for kind in TRUTH_KINDS for seed in (1, 2)]
-    from tinygc.annexes.challenge.cases import Case
     from tinygc.simulation.options import SimulationOptions
 
-    def case(ids: tuple[str, ...], strength: float | None, seed: int) -> Case:
+    def case(ids: tuple[str, ...], strength: float, seed: int) -> tuple[dict[str, float], SimulationOptions]:
         options = SimulationOptions(closure_s=0.0, segments=24, seed=seed, odr_hz=104.0, warm_up_c=6.0 if "thermal" in str(ids) else 2.0)
-        return Case(f"case{seed:03d}", ids, () if strength is None else (strength,) * len(ids), options, seed)
+        return dict.fromkeys(ids, strength), options
 
-    nothing = [case((), None, seed) for seed in range(8 if stage == "mends" else 4)]
+    nothing = [case((), 1.0, seed) for seed in range(8 if stage == "mends" else 4)]
     if stage == "mends":
         kinds = ("gyro.saturation", "timing.dropped_samples", "data.glitches", "reference.not_still")
         return nothing + [case((kind,), s, 100 + 10 * i + j) for i, kind in enumerate(kinds) for j, s in enumerate((1.0, 0.5, 0.2, 0.05))]
     if stage == "strong":
         alone = ("gyro.bandwidth", "gyro.scale_nonlinearity", "gyro.angular_acceleration", "gyro.vibration_rectification")
         pairs = (("gyro.bandwidth", "gyro.g_sensitivity"), ("timing.axis_skew", "gyro.scale_nonlinearity"))
-        hidden = [*((name,) for name in alone), *pairs, ("outside.root_scale",)]
+        hidden = [*((name,) for name in alone), *pairs]
         return [case(ids, 1.0, 500 + i) for i, ids in enumerate(hidden)]
     ones = (
         *(("gyro.g_sensitivity", 0.2), ("gyro.scale_asymmetry", 0.05), ("gyro.bias_step", 0.2), ("gyro.bandwidth", 0.5)),
         *(("timing.axis_skew", 0.2), ("timing.gyro_accel_offset", 0.5), ("reference.accelerometer", 0.5), ("gyro.thermal_bias", 0.5)),
     )
     two = (("gyro.g_sensitivity", "gyro.bias_step"), ("gyro.angular_acceleration", "gyro.scale_nonlinearity"))
-    outside = ("outside.rate_product", "outside.oscillation")
     return (
-        nothing
-        + [case((name,), s, 200 + i) for i, (name, s) in enumerate(ones)]
-        + [case(pair, 0.5, 300 + i) for i, pair in enumerate(two)]
-        + [case((name,), 1.0, 400 + i) for i, name in enumerate(outside)]
+        nothing + [case((name,), s, 200 + i) for i, (name, s) in enumerate(ones)] + [case(pair, 0.5, 300 + i) for i, pair in enumerate(two)]
     )
 
 
@@ -166,7 +161,7 @@ def _judged(hidden: set[str], look: Callable[[], tuple[set[str], bool]]) -> tupl
 
 
 def _concealed(case, folder: Path, stage: str):
-    from tinygc.annexes.challenge.cases import conceal
+    from tinygc.annexes.challenge.examination import conceal
     from tinygc.closure.build import build_problem
     from tinygc.explanation.claims import offset_claim
     from tinygc.explanation.data_repair import repair
@@ -175,7 +170,8 @@ def _concealed(case, folder: Path, stage: str):
     from tinygc.noise.twin import Twin
     from tinygc.simulation.write import write_files
 
-    simulation, toml, _ = conceal(case)
+    strengths, options = case
+    simulation, toml, _ = conceal(strengths, options, np.random.default_rng(options.seed))
     write_files(simulation, folder, toml)
     problem = build_problem(read_session(folder))
 
@@ -190,7 +186,7 @@ def _concealed(case, folder: Path, stage: str):
         names |= {claim.effect.id for claim in offset_claim(turn_gravity(twin, decision.fit), [])}
         return names, bool(names) or decision.refused
 
-    return {name for name in case.ids if not name.startswith("outside")}, mends if stage == "mends" else naming
+    return set(strengths), mends if stage == "mends" else naming
 
 
 TRUTH_KINDS = {

@@ -54,10 +54,9 @@ OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "opt
 STANDS_FOR = {
     "<method>": lambda word: word in METHODS,
     "<file>": lambda word: re.fullmatch(r"[\w-]+(\.unit\d+)?\.(csv|csv\.gz|toml|json)", word),
-    "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.", "law.")),
+    "<id>": lambda word: word in EFFECTS or word.startswith("unknown."),
     "<parameter>": lambda word: word in PARAMETERS,
     "<option>": lambda word: word in OPTIONS,
-    "<case>": lambda word: re.fullmatch(r"case\d+", word),
     "<quantity>": lambda word: re.fullmatch(r"(gyro|accel)_\w+_(ppm|mrad|mdps|mg)", word),
     "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
     "<cause>": lambda word: re.fullmatch(r"[a-z][a-z0-9 _-]*", word),

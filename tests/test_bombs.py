@@ -288,14 +288,13 @@ def test_what_a_shell_has_opened_may_be_waited_for(tmp_path):
 #: names that open a file or parse all of one
 OPENING = {"read_text", "read_bytes", "fromfile", "loadtxt", "genfromtxt", "memmap"}
 #: (module, function) that may: the one place; a parser of lines that were read within bounds; a member of an archive that was opened there;
-#: a log that is held open to be added to; the page's own files; and the seal of a challenge, whose ``open`` is no file's
+#: a log that is held open to be added to; and the page's own files
 ALLOWED = {
     ("session/io/files.py", "open"),
     ("session/io/files.py", "fdopen"),
     ("session/bench/rawfile.py", "open"),  # which reads nothing of it
     ("session/bench/page/server.py", "read_bytes"),
     ("tinygc/cli/recording.py", "read_bytes"),  # the report that was just made
-    ("tinygc/annexes/challenge/examination.py", "open"),
     ("session/io/numbers.py", "loadtxt"),
     # libraries that read a format of their own, of a file that is there, within the bounds of a log
     ("session/annexes/logs/arrow.py", "open"),

@@ -103,7 +103,7 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
     assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/arguments.py)"
     assert {name for name, option in outputs(file_written) if option == "--json"} == set(present_commands())
     assert set(outputs(file_written, log_written)) > {("report", "--out"), ("apply", "--out"), ("board", "--config"), ("board", "--link")}
-    names = "check record import accelerometer noise rates history budget fit explain export challenge simulate fleet demo"
+    names = "check record import accelerometer noise rates history budget fit explain export simulate fleet demo"
     assert {name for name, _ in outputs(folder_written)} == set(names.split()) & set(present_commands())
     for command in command_parsers().values():
         assert isinstance(command.get_default("paths"), Paths)

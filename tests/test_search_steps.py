@@ -98,7 +98,7 @@ def found(scores, tried="abc", off=None, effects=EFFECTS, **options):
 
 def test_effects_are_added_while_each_adds_evidence():
     chain = {"a": -10.0, "ab": -20.0, "abc": -30.0, "abcd": -40.0, "abcde": -50.0, "abcdef": -60.0}
-    assert found(chain, NAMES)[0] == "abcde"  # one more than a challenge hides
+    assert found(chain, NAMES)[0] == "abcde"
     assert found(chain, NAMES, most=2)[0] == "ab"
     assert found({"a": -10.0, "ab": -10.0})[0] == "a"
     assert found({"a": 0.0})[0] == ""

@@ -21,7 +21,7 @@ from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation import simulator, write
 from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body
 from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
-from tinygc.simulation.simulator import low_pass, oversampling, simulate_session, true_signals
+from tinygc.simulation.simulator import LowPass, oversampling, simulate_session, true_signals
 from tinygc.simulation.write import write_session
 
 SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)
@@ -110,7 +110,7 @@ def test_gyro_at_rest_feels_the_earth():
 def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
     factor, block = oversampling(odr_hz), int(odr_hz / 5)
     still = np.zeros((1500 * block * factor, 3))
-    noise = low_pass(still, GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, factor, np.random.default_rng(6))
+    noise = LowPass(GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, factor, np.random.default_rng(6))(still)
     means = noise.reshape(-1, block, 3).mean(axis=1)
     assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.05)
 

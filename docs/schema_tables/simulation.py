@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from .explain import VERDICT
 from .shapes import (
     COUNT,
     FLAG,
-    HASH,
     INTERVAL,
     MATRIX,
     NULL,
     NUMBER,
     PARAMETERS,
-    SHARE,
     SIZE,
     TEXT,
     VECTOR,
@@ -90,118 +87,30 @@ _REST = {
     }
 }
 
-_SOURCE = words("stated", "model", "nothing")
-_SEALED = {
-    "effects": _HIDDEN,
-    "strength": maybe(NUMBER),
-    "strengths": {"<id>": maybe(NUMBER)},
-    "odr_hz": SIZE,
-    "bias_instability_dph": SIZE,
-    "instability_source": _SOURCE,
-    "options": {"<option>": depth(either(NUMBER, NULL, FLAG, TEXT), 1)},
-}
-_SCORE = {
-    "name": TEXT,
-    "kind": words("nothing", "one", "two", "three", "four", "outside", "beside"),
-    "truth": [TEXT],
-    "strength": maybe(NUMBER),
-    "verdict": TEXT,
-    "claimed": [TEXT],
-    "exact": FLAG,
-    "found": [TEXT],
-    "wrong": [TEXT],
-    "missed": [TEXT],
-    "sigmas": [maybe(NUMBER)],
-    "right": [FLAG],
-    "removed": maybe(NUMBER),
-    "statements": [{"id": TEXT, "probability": SHARE, "claimed": FLAG, "right": FLAG}],
-    "odr_hz": SIZE,
-    "instability_dph": SIZE,
-    "instability_source": _SOURCE,
-}
-_KIND = dict.fromkeys(("sessions", "named_exactly", "named_with_equivalents", "wrongly_named", "missed"), COUNT)
 _CHALLENGE = {
     "seed": COUNT,
-    "sha256": HASH,
-    "sessions": {"<case>": {"truth": _SEALED, "verdict": TEXT, "named": {"<id>": [TEXT]}, "score": _SCORE}},
-    "totals": {
-        **dict.fromkeys(("sessions", "refused", "nulls", "false_alarms", "hidden", "named_exactly"), COUNT),
-        **dict.fromkeys(("named_with_equivalents", "wrongly_named", "missed"), COUNT),
-        **dict.fromkeys(("outsiders", "outsiders_seen", "outsiders_wrongly_named", "outsiders_undecided"), COUNT),
-        "kinds": [{"kind": TEXT, **_KIND}],
-        "groups": [
-            {"by": TEXT, "group": TEXT, **dict.fromkeys(("sessions", "wrongly_named", "nulls", "false_alarms"), COUNT)},
-        ],
-        "reliability": [
-            {"low": SHARE, "high": SHARE, "number": COUNT, "share_right": maybe(SHARE), "mean_stated": maybe(SHARE)},
-        ],
-        "ece": maybe(SHARE),
-        "ece_claimed": maybe(SHARE),
-        "error_median_sigmas": maybe(SIZE),
-        "share_within_3_sigmas": maybe(SHARE),
-        "share_within_3_sigmas_or_tenth": maybe(SHARE),
-        "excess_removed_median": maybe(NUMBER),
-    },
-}
-
-#: a drawn law has its expression among its parameters
-_LAWS = {"<id>": {"<parameter>": depth(either(NUMBER, TEXT), 3)}}
-_LAW_SCORE = {
-    "name": TEXT,
-    "kind": words("law", "beside", "catalogue", "nothing"),
-    "hidden": [TEXT],
-    "law": maybe(TEXT),
-    "strength": maybe(NUMBER),
-    "expression": maybe(TEXT),
-    "outcome": words("found", "catalogue_equal", "ambiguous", "wrong", "missed", "silent", "invented"),
-    "equations": [TEXT],
-    "named": [TEXT],
-    "misnamed": FLAG,
-    "correlation": maybe(NUMBER),
-    "listed": maybe(NUMBER),
-    "removed": maybe(NUMBER),
-    "p_value": maybe(SHARE),
-    "chance_p": maybe(SHARE),
-    "seconds": SIZE,
-    "why": maybe(TEXT),
-}
-_WITH_LAW = dict.fromkeys(("sessions", "found", "catalogue_equal", "ambiguous", "wrong", "missed"), COUNT)
-_WITHOUT = dict.fromkeys(("sessions", "silent", "ambiguous", "invented"), COUNT)
-_DISCOVER = {
-    "seed": COUNT,
-    "sha256": HASH,
-    "sessions": {"<case>": {"truth": _SEALED | {"effects": _LAWS}, "verdict": TEXT, "score": _LAW_SCORE}},
-    "totals": {
-        **dict.fromkeys(("sessions", "far", "misnamed", "ambiguous_with_equal"), COUNT),
-        "with_law": _WITH_LAW,
-        "strengths": [{"strength": NUMBER, **_WITH_LAW}],
-        "nothing": _WITHOUT,
-        "catalogue": _WITHOUT,
-        **dict.fromkeys(("removed_median", "removed_least"), maybe(NUMBER)),
-        **dict.fromkeys(("seconds_median", "seconds_most"), maybe(SIZE)),
-    },
-}
-_POWER = {
-    "session": TEXT,
-    "seed": COUNT,
-    "sha256": HASH,
-    "verdict": VERDICT,
+    "recording": maybe(TEXT),
     "own": [TEXT],
-    "effects": [
+    "sessions": [
         {
-            "id": TEXT,
-            "unit": TEXT,
-            "detection_limit": maybe(SIZE),
-            "detected_from": maybe(SIZE),
-            "ratio": maybe(SIZE),
-            "agrees": maybe(FLAG),
-            "tried": [{"size": SIZE, "found": FLAG, "named": [TEXT], "wrong": [TEXT], "lost": [TEXT]}],
+            "verdict": TEXT,
+            "hidden": [
+                {
+                    "id": TEXT,
+                    "strength": NUMBER,
+                    "parameters": PARAMETERS,
+                    "size": maybe(SIZE),
+                    "detection_limit": maybe(SIZE),
+                    "unit": TEXT,
+                    "outcome": words("right", "limit", "missed"),
+                }
+            ],
+            "wrong": [TEXT],
+            "before_deg": maybe(SIZE),
+            "after_deg": maybe(SIZE),
         }
     ],
-    "agreement": {
-        **dict.fromkeys(("predicted", "detected", "agree", "disagree", "not_decided"), COUNT),
-        "median_ratio": maybe(SIZE),
-    },
+    "totals": dict.fromkeys(("hidden", "right", "missed", "limit", "wrong"), COUNT),
 }
 
 TABLES = {
@@ -225,7 +134,5 @@ TABLES = {
         ],
         "jerks_s": [NUMBER],
     },
-    "tinygc-challenge/2": _CHALLENGE,
-    "tinygc-discover-challenge/2": _DISCOVER,
-    "tinygc-power/2": _POWER,
+    "tinygc-challenge/3": _CHALLENGE,
 }

@@ -12,7 +12,7 @@ from session.io.units import DEG
 from tinygc.annexes.discovery import engine
 from tinygc.annexes.discovery.form import Factor, LawForm
 
-#: the law, what is near it, and some that have nothing to do with it; benchmarks/discovered_files.py searches among all forms
+#: the law, what is near it, and some that have nothing to do with it
 FORMS = [
     LAWS["cross"][0],
     *(LawForm((Factor("rate", name),)) for name in ("square", "cube", "root_cube")),

@@ -11,7 +11,6 @@ import pytest
 
 import tinygc
 from tinygc import CalibrationError, read_session
-from tinygc.annexes.challenge.examination import explained
 from tinygc.annexes.challenge.proof_sessions import SIZE, inject
 from tinygc.effects import load_folder, using
 
@@ -138,14 +137,6 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
         assert name in err
         assert why in err
     assert run("export", folder, "--to", "ros", "--model", "physics", "--effects", FOREIGN, "--out", tmp_path / "ros")[0] == 2
-
-
-@pytest.mark.slow
-def test_another_process_is_told_the_folders(made, known):
-    """As the challenge starts one for each session."""
-    injected = made("gyro.thermal_curvature")
-    with using([FOREIGN]):
-        assert [effect["id"] for effect in explained(injected.folder)["effects"]] == ["gyro.thermal_curvature"]
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ GONE = {
     "budget": (["budget", "data/session1"],),
     "discovery": (["explain", "data/session1", "--discover"],),
     "emulated": (["board", "--firmware", "board.elf"],),
-    "challenge": (["challenge", "--cases", "1", "--out", "c"],),
+    "challenge": (["challenge", "--cases", "1"],),
     "machines": (["table", "list"],),
     "turntable": (["fit", "phone"],),
     "certificate": (["report", "data/session1", "--certificate"], ["report", "data/session1", "--dcc", "dcc.xml"]),

@@ -405,7 +405,7 @@ INSTEAD = 60.0
 UNUSUAL_P = 0.01
 MOST_FINDINGS = 2  #: unnamed shapes in addition to the named effects: as many as fit on a page
 #: ratio of held-out closures that is tolerated of an effect that the stills show: above the 1.02 of a g-sensitivity of four times its limit
-#: in a recording whose turns miss for another reason (``challenge --on``, mimu e5u4)
+#: in a recording whose turns miss for another reason (mimu e5u4)
 TOLERATED = 1.05
 
 

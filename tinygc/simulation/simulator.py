@@ -102,11 +102,6 @@ class LowPass:
         return filtered[:: self._factor]
 
 
-def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: float, factor: int, rng: np.random.Generator) -> np.ndarray:
-    """``LowPass`` of a whole signal (N, 3) on the fine grid of factor * odr_hz."""
-    return LowPass(bandwidth_hz, density, odr_hz, factor, rng)(signal)
-
-
 def registers_of(value: np.ndarray, full_scale: float, per_lsb: float) -> np.ndarray:
     """Register values (N, 3) int16 of measured rates or forces in SI: rounded, clipped at full scale and at the 16-bit range."""
     largest = min(round(full_scale / per_lsb), REGISTER_MAX)
@@ -236,13 +231,6 @@ def record_pieces(
             accel=registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
             temp=temperature_registers(temp_c[skipped * factor :: factor], temperature_rng, units),
         )
-
-
-def fine_grid(odr_hz: float, count: int) -> tuple[np.ndarray, int, int]:
-    """Times (N,) s of the grid for ``count`` samples, grid points per sample, and samples in the run-up, which is discarded after
-    filtering."""
-    run_up = run_up_samples(odr_hz)
-    return fine_times(odr_hz, -run_up, count), oversampling(odr_hz), run_up
 
 
 def run_up_samples(odr_hz: float) -> int:

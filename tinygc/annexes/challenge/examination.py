@@ -1,394 +1,339 @@
-"""The blind test from end to end: inject, seal, explain, open, score, and its tables."""
+"""Conceal effects in sessions, have ``explain`` name them blind, and count what it names.
+
+``rate_effects`` and ``other_effects`` conceal, and know nothing of the catalogue; ``explain`` gets the session alone.
+"""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-import secrets
-import shutil
-import subprocess
-import sys
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
-from session.io.errors import DataError, FormatError
-from session.io.files import MOST_JSON, naming, read_bytes
-from tinygc.annexes.challenge.cases import MAKERS, STRENGTHS, Case, conceal, draw_cases, options_chosen
-from tinygc.annexes.challenge.rate_effects import Maker
-from tinygc.annexes.challenge.score import CLAIMS_FROM, KINDS, Score, calibration_error, groups, reliability, score
-from tinygc.annexes.challenge.worker import DISCOVER
-from tinygc.effects.catalogue import loaded_folders
+from session.io.errors import CalibrationError, DataError
+from session.io.folder import Session, read_session
+from session.io.units import G
+from tinygc.annexes.challenge.other_effects import OTHER_EFFECTS
+from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS, Concealment, Maker, Scene
+from tinygc.closure.prepared import prepare
+from tinygc.closure.problem import conditions
+from tinygc.effects import Movement, catalogue, movement_of
+from tinygc.explanation.decision import SAID
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import to_json as answer_of
 from tinygc.reporting.terminal import Group, Table, Text
-from tinygc.simulation.write import write_files
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulator import Simulation, plan_of, simulate_session
+from tinygc.simulation.write import config_text, write_files
 
-# Seal the truth: a file that cannot be read without the key, which only the examiner's memory holds until the end.
-#
-# The SHA-256 of the truth is printed before anything is explained and checked when the file is opened, so neither can be changed between.
+# What is drawn: one to three effects that a recording can tell apart, and the strength of each.
 
-KEY_BYTES = 32
-
-
-@dataclass(frozen=True)
-class Seal:
-    """path of the sealed file; sha256 of the truth as text; the key."""
-
-    path: Path
-    sha256: str
-    key: bytes
-
-    def open(self) -> dict:
-        """Decrypt the truth.  Raises DataError if the file is not the one that was sealed."""
-        text = _masked(read_bytes(self.path, MOST_JSON), self.key)
-        if hashlib.sha256(text).hexdigest() != self.sha256:
-            raise DataError(f"{self.path}: this is not the truth that was sealed; its SHA-256 has changed")
-        return json.loads(text)
-
-
-def seal(truth: dict, path: Path) -> Seal:
-    """Encrypt the JSON-ready truth into a file."""
-    text = (json.dumps(truth, indent=1, ensure_ascii=False) + "\n").encode()
-    key = secrets.token_bytes(KEY_BYTES)
-    path.write_bytes(_masked(text, key))
-    return Seal(path, hashlib.sha256(text).hexdigest(), key)
+MAKERS: dict[str, Maker] = {**RATE_EFFECTS, **OTHER_EFFECTS}
+MOST = 3
+STRENGTHS = (1.0, 0.5, 0.2, 0.05)
+#: never two of these at once: all contain a common delay of the axes; or, in a log of minutes, one curve over time is nearly the other
+ALIKE = (
+    {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew", "timing.gyro_accel_offset"},
+    {"gyro.bias_drift", "gyro.thermal_bias", "gyro.bias_step"},
+    {"data.glitches", "timing.dropped_samples"},
+)
+#: hidden alone
+ALONE = {"gyro.saturation", "reference.not_still", "earth.rotation"}
+#: options without which a session does not show an effect
+NEEDS = {
+    "gyro.thermal_bias": {"warm_up_c": 10.0},
+    "gyro.thermal_scale": {"warm_up_c": 10.0},
+    "earth.rotation": {"latitude_deg": 60.0, "segments": 80},
+}
 
 
-def _masked(data: bytes, key: bytes) -> bytes:
-    """XOR with a one-time pad: the key is used for one file only."""
-    pad = hashlib.shake_256(key).digest(len(data))
-    return bytes(a ^ b for a, b in zip(data, pad, strict=True))
+def drawn(pool: Sequence[str], rng: np.random.Generator) -> dict[str, float]:
+    """Id -> strength of one to three effects of the pool."""
+    most = int(rng.integers(1, MOST + 1))
+    ids: list[str] = []
+    for name in map(str, rng.permutation(pool)):
+        apart = not ALONE & {name, *ids} and not any(name in group and group & set(ids) for group in ALIKE)
+        if not ids or (len(ids) < most and apart):
+            ids.append(name)
+    return {name: float(rng.choice(STRENGTHS)) for name in ids}
 
 
-# The record of a blind test, and its common steps once the truth is sealed: explain, open, write.
-
-PROCESSES = 2
-SESSIONS, SEALED, OPENED, ANSWERS = "sessions", "sealed_truth.bin", "truth.json", "answers.json"
+# Conceal in a simulated session.
 
 
-class Scored(Protocol):
-    """One session's score: its name, and the kind of hidden effect."""
-
-    @property
-    def name(self) -> str:
-        """Name of the session."""
-
-    @property
-    def kind(self) -> str:
-        """Kind of the hidden effects."""
+def simulated(strengths: Mapping[str, float], rng: np.random.Generator, folder: Path) -> tuple[Session, dict[str, dict]]:
+    """A simulated session that hides these effects, and the truth."""
+    chosen: dict[str, Any] = {"segments": int(rng.integers(30, 51)), "warm_up_c": 1.5, "seed": int(rng.integers(2**31))}
+    for name in strengths:
+        chosen |= NEEDS.get(name, {})
+    simulation, config, truth = conceal(strengths, SimulationOptions(closure_s=0.0, **chosen), rng)
+    write_files(simulation, folder, config)
+    return read_session(folder), truth
 
 
-AnyScore = TypeVar("AnyScore", bound=Scored)
+def conceal(
+    strengths: Mapping[str, float], options: SimulationOptions, rng: np.random.Generator
+) -> tuple[Simulation, str, dict[str, dict]]:
+    """A simulation with these effects, its session.toml without the remarks that tell its options, and the truth: id -> parameters."""
+    plan = plan_of(options)
+    hidden = [MAKERS[name](Scene(rng, strength, options, plan)) for name, strength in strengths.items()]
+    for one in hidden:
+        plan = one.movement(plan) if one.movement else plan
+    distorts, disturbs = [one.distort for one in hidden if one.distort], [one.disturb for one in hidden if one.disturb]
+
+    def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
+        for function in distorts:
+            rate = function(t, rate, force, temp)
+        return rate
+
+    def disturb(t: np.ndarray, force: np.ndarray) -> np.ndarray:
+        for function in disturbs:
+            force = function(t, force)
+        return force
+
+    simulation = simulate_session(options, distort if distorts else None, plan=plan, disturb=disturb if disturbs else None)
+    truth = {one.id: dict(one.truth) for one in hidden}
+    for one in hidden:
+        if one.spoil:
+            log, more = one.spoil(simulation.log)
+            simulation, truth[one.id] = replace(simulation, log=log), truth[one.id] | more
+    left_out = ("#", *(("latitude_deg", "heading_deg") if any(one.without_latitude for one in hidden) else ()))
+    lines = config_text(simulation, concealed=False).split("\n")
+    return simulation, "\n".join(line for line in lines if not line.startswith(left_out)), truth
+
+
+# Conceal in a recording: the true rate is taken as measured, E m + B, and only what the effects change is added to m.
+
+#: share of the differences between neighbouring values of a log that are one step; rare values differ by several
+STEP_SHARE = 0.1
+#: what changes the rate alone
+IN_RECORDINGS = sorted(set(RATE_EFFECTS) - {"gyro.vibration_rectification"})
 
 
 @dataclass(frozen=True, eq=False)
-class Examination(Generic[AnyScore]):
-    """sha256 of the truth as it was printed before; the scores, one for each session; truth and answers by session."""
+class Host:
+    """A recording, as a ``Place`` and a ``Course``: session; movement of each log by its linear fit; back: E^-1 (3, 3) of that fit."""
+
+    session: Session
+    movements: tuple[Movement, ...]
+    back: np.ndarray
+    gyro_fs_dps: float
+    odr_hz: float
+    temperature_start_c: float
+    latitude_deg: float
+    turns: tuple[tuple[float, float], ...]
+    log_s: float
+
+
+def host_of(folder: Path) -> Host:
+    """The recording in a folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError where it has truth files."""
+    session = read_session(folder)
+    if session.config.protocol.reference == "truth":
+        raise DataError(
+            f"{folder}: a recording beside truth files is not supported; give one whose stills are compared with gravity or dials"
+        )
+    problem = prepare(session).problem
+    known, first, began = conditions(problem), problem.first, problem.began_s
+    moved = tuple(movement_of(log.samples, first(log.samples.gyro), known, float(s)) for log, s in zip(problem.logs, began, strict=False))
+    bridged = zip(session.logs, problem.session.logs, strict=True)
+    return Host(
+        session=replace(session, logs=tuple(replace(log, samples=whole.samples) for log, whole in bridged)),
+        movements=moved,
+        back=np.linalg.inv(first.E),
+        gyro_fs_dps=session.config.sensor.gyro_fs_dps,
+        odr_hz=1 / moved[0].dt_s,
+        temperature_start_c=25.0 if session.logs[0].samples.temp_c is None else float(moved[0].first_temp_c),
+        latitude_deg=session.config.site.latitude_deg or 0.0,
+        turns=tuple((began[each.log] + each.start_s, began[each.log] + each.start_s + each.duration_s) for each in problem.used),
+        log_s=float(began[-1]),
+    )
+
+
+def injected(host: Host, strengths: Mapping[str, float], rng: np.random.Generator) -> tuple[Session, dict[str, dict]]:
+    """The recording with these effects in its readings, and the truth."""
+    hidden = [RATE_EFFECTS[name](Scene(rng, strength, host, host)) for name, strength in strengths.items()]
+    logs = []
+    for log, moved in zip(host.session.logs, host.movements, strict=True):
+        gyro = np.asarray(log.samples.gyro)
+        change = (_distorted(hidden, moved) - moved.rate) @ host.back.T
+        logs.append(replace(log, samples=replace(log.samples, gyro=in_steps(gyro, change, rng))))
+    return replace(host.session, logs=tuple(logs)), {one.id: dict(one.truth) for one in hidden}
+
+
+def _distorted(hidden: Iterable[Concealment], moved: Movement) -> np.ndarray:
+    rate = moved.rate
+    for one in hidden:
+        assert one.distort is not None  # all of IN_RECORDINGS change the rate
+        rate = one.distort(moved.t_s, rate, moved.force_g * G, moved.temp_c)
+    return rate
+
+
+def in_steps(old: np.ndarray, change: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Readings with a change, in whole steps from the old ones: a fraction of a step is rounded up with a probability equal to it, since
+    the old reading's place between two steps is unknown."""
+    gaps = np.concatenate([np.diff(np.unique(axis)) for axis in old.T])
+    step = float(np.quantile(gaps, STEP_SHARE)) if len(gaps) else 1e-9
+    return old + step * np.floor(change / step + rng.uniform(size=change.shape))
+
+
+# The answer for one session, against the truth.
+
+RIGHT, MISSED, LIMIT = "right", "missed", "limit"
+#: prefix of shapes without a name in ``explain``: no names, so never wrong ones
+NAMELESS = "unknown."
+#: in a recording never wrong: the Earth turns; and the delay of its clocks, where it measures one beyond two sigmas without naming it
+EARTH, DELAY, DELAY_SIGMAS = "earth.rotation", "timing.gyro_accel_offset", 2.0
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One concealed effect: id, strength, parameters as in docs/formats/effects.md; size and detection_limit in the parameter's unit, None
+    without; outcome: right (named, or among the equivalents of a name), limit (not named, and smaller than ``explain`` states that this
+    session shows), or missed."""
+
+    id: str
+    strength: float
+    parameters: dict
+    size: float | None
+    detection_limit: float | None
+    unit: str
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One session: verdict of ``explain``; what it hid; wrong names; held-out closure before and after, deg rms, None where refused."""
+
+    verdict: str
+    hidden: tuple[Hidden, ...]
+    wrong: tuple[str, ...]
+    before_deg: float | None
+    after_deg: float | None
+
+
+@dataclass(frozen=True)
+class Examination:
+    """recording: its name, None for simulated sessions; own: names that it gets untouched, neither right nor wrong; the answers."""
 
     seed: int
-    sha256: str
-    scores: list[AnyScore]
-    truth: dict[str, dict]
-    said: dict[str, dict]
+    recording: str | None
+    own: tuple[str, ...]
+    sessions: tuple[Answer, ...]
 
 
-def asked_blind(
-    folders: Sequence[Path], answer: Callable[[Path], dict], what: str, progress: Callable[[str, int, int], None]
-) -> dict[str, dict]:
-    """Answers for the session folders, by name; several run at once."""
-    said = {}
-    with ThreadPoolExecutor(PROCESSES) as pool:
-        for folder, result in zip(folders, pool.map(answer, folders), strict=True):
-            said[folder.name] = result
-            progress(what, len(said), len(folders))
-    return said
+def size_of(name: str, truth: Mapping[str, Any]) -> float | None:
+    """Size of an effect's parameter in its unit, as detection limits are: of delays what differs between the axes, which alone closure
+    shows; None for what occurs at moments or has no such parameter."""
+    effect = catalogue()[name]
+    value = truth.get(effect.parameter.name)
+    if value is None or effect.occurs is not None:
+        return None
+    numbers, delays = np.ravel(value).astype(float), list(getattr(effect.gauge_convention, "delays", ()))
+    if delays:
+        numbers[delays] -= numbers[delays].mean()
+    return float(np.linalg.norm(numbers))
 
 
-def opened(folder: Path, closed: Seal, said: dict[str, dict]) -> dict[str, dict]:
-    """Write the answers and then the truth into the folder of the test, and return the truth."""
-    _write(folder / ANSWERS, said)
-    truth = closed.open()
-    _write(folder / OPENED, truth)
-    return truth
+def judged(strengths: Mapping[str, float], truth: Mapping[str, dict], said: dict, own: Iterable[str] = ()) -> Answer:
+    """Compare the truth with ``said`` (``tinygc-explain/2``); own: names that are neither right nor wrong."""
+    names = {claim["id"]: {claim["id"], *claim["equivalent"]} for claim in said["effects"]}
+    found, hidden = set().union(*names.values()), []
+    for name, parameters in truth.items():
+        size, limits = size_of(name, parameters), said["detection_limits"].get(name)
+        limit = None if limits is None else limits["size"]
+        small = size is not None and limits is not None and (limit is None or size < limit)
+        outcome = RIGHT if name in found else LIMIT if small else MISSED
+        hidden.append(Hidden(name, strengths[name], parameters, size, limit, catalogue()[name].parameter.unit, outcome))
+    wrong = tuple(name for name, ids in names.items() if not ids & truth.keys() and name not in own and not name.startswith(NAMELESS))
+    closure = said["fit"]["holdout_closure_rms_deg"] if "fit" in said else {"before": None, "after": None}
+    return Answer(said["verdict"], tuple(hidden), wrong, closure["before"], closure["after"])
 
 
-def _write(path: Path, table: dict) -> None:
-    path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+def explained(session: Session) -> dict:
+    """What ``explain`` says of a session; a refusal is an answer, too."""
+    try:
+        return answer_of(explain_session(session))
+    except CalibrationError:
+        return {"verdict": "refused", "effects": [], "detection_limits": {}}
 
 
-def as_table(
-    schema: str, result: Examination[AnyScore], totals: dict, more: Callable[[AnyScore, dict], dict] = lambda score, said: {}
-) -> dict:
-    """JSON-ready: every session with its truth, its verdict and its score, and the totals; more: of a score and an answer, keys that extend
-    or replace a session's own."""
-    return {
-        "schema": schema,
-        "seed": result.seed,
-        "sha256": result.sha256,
-        "sessions": {
-            each.name: {
-                "truth": result.truth[each.name],
-                "verdict": result.said[each.name]["verdict"],
-                "score": vars(each) | {"kind": each.kind},
-                **more(each, result.said[each.name]),
-            }
-            for each in result.scores
-        },
-        "totals": totals,
-    }
-
-
-# The tables of the blind test: by effect and strength, and totals.
-
-TITLES = {"nothing": "nothing hidden", "beside": "beside an outsider", **{kind: f"{kind} at once" for kind in ("two", "three", "four")}}
-#: kinds of sessions with effects of the catalogue only
-HIDDEN = ("one", "two", "three", "four")
-LAST = list(TITLES.values())
-
-
-def challenge_tables(result: Examination[Score]) -> Group:
-    """The printed output of ``calibrate.py challenge``."""
-    tables = [part for table in _tables(result.scores) for part in (table, Text(""))]
-    return Group(*tables, Text("\n".join(sentences(result.scores))))
-
-
-def markdown(result: Examination[Score]) -> str:
-    """The same tables in Markdown, for a README."""
-    return "\n\n".join([*map(_markdown, _tables(result.scores)), "\n".join(f"- {line}" for line in sentences(result.scores))]) + "\n"
-
-
-def _tables(scores: list[Score]) -> list[Table]:
-    stated = any(each.statements for each in scores)
-    return [_by_effect(scores), _by_strength(scores), *([_by_probability(scores)] if stated else []), _by_session(scores)]
-
-
-def _markdown(table: Table) -> str:
-    columns = [list(column.cells) for column in table.columns]
-    lines: list[Sequence[object]] = [[column.header for column in table.columns], ["---"] * len(columns), *zip(*columns, strict=True)]
-    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
-
-
-def _by_effect(scores: list[Score]) -> Table:
-    strengths = [f"× {strength:g}" for strength in STRENGTHS]
-    table = Table(
-        "hidden", *strengths, "wrong names", "error, median σ", "within 3 σ", "excess gone", title="named (exactly or among equivalents) of"
-    )
-    groups: dict[str, list[Score]] = {}
-    for each in scores:
-        groups.setdefault(TITLES.get(each.kind) or each.truth[0], []).append(each)
-    for name in sorted(groups, key=lambda name: (name in LAST, name.startswith("outside"), LAST.index(name) if name in LAST else 0, name)):
-        group = groups[name]
-        cells = [_named_of([each for each in group if each.strength == strength]) for strength in STRENGTHS]
-        if group[0].kind == "nothing":
-            cells = [f"{sum(each.alarmed for each in group)} alarms of {len(group)}", "", "", ""]
-        table.add_row(name, *cells, str(sum(len(each.wrong) for each in group)), *_parameters(group))
-    return table
-
-
-def _named_of(group: list[Score]) -> str:
-    """``named/of``; for effects outside the catalogue, which cannot be named: ``seen/of seen``."""
-    if not group:
-        return ""
-    if group[0].kind == "outside":
-        return f"{sum(each.alarmed for each in group)}/{len(group)} seen"
-    return f"{sum(each.covered for each in group)}/{len(group)}"
-
-
-def _by_strength(scores: list[Score]) -> Table:
-    heads = ("strength", "sessions", "named exactly", "or with equivalents", "wrongly named", "missed", "error, median σ", "within 3 σ")
-    table = Table(*heads, "excess gone", title="sessions that hide effects of the catalogue, by the weakest of them")
-    hidden = [each for each in scores if each.kind in HIDDEN]
-    for strength in (*STRENGTHS, None):
-        group = hidden if strength is None else [each for each in hidden if each.strength == strength]
-        if group:
-            counts = map(str, _counts(group).values())
-            table.add_row("all" if strength is None else f"× {strength:g}", str(len(group)), *counts, *_parameters(group))
-    return table
-
-
-def _counts(group: list[Score]) -> dict[str, int]:
-    """Number of sessions by naming result."""
-    return {
-        "named_exactly": sum(each.exact for each in group),
-        "named_with_equivalents": sum(each.covered for each in group),
-        "wrongly_named": sum(bool(each.wrong) for each in group),
-        "missed": sum(bool(each.missed) for each in group),
-    }
-
-
-def _by_probability(scores: list[Score]) -> Table:
-    table = Table("stated probability", "names", "share right", "mean stated", title="is a stated probability what it says?")
-    for each in reliability(one for scored in scores for one in scored.statements):
-        if each.low >= CLAIMS_FROM and each.share_right is not None and each.mean_stated is not None:
-            right, stated = f"{100 * each.share_right:.1f} %", f"{100 * each.mean_stated:.1f} %"
-            table.add_row(f"{each.low:g} to {each.high:g}", str(each.number), right, stated)
-    return table
-
-
-def _by_session(scores: list[Score]) -> Table:
-    table = Table("by", "", "sessions", "wrongly named", "nothing hidden", "false alarms", title="where alarms and wrong names come from")
-    for row in groups(scores):
-        table.add_row(*map(str, row.values()))
-    return table
-
-
-def _parameters(group: Sequence[Score]) -> tuple[str, str, str]:
-    sigmas = [x for each in group for x in each.sigmas]
-    removed = [each.removed for each in group if each.removed is not None]
-    return (
-        f"{np.median(sigmas):.2f}" if sigmas else "–",
-        f"{100 * np.mean(np.array(sigmas) < 3):.0f} %" if sigmas else "–",
-        f"{100 * np.median(removed):.1f} %" if removed else "–",
-    )
-
-
-def totals(scores: list[Score]) -> dict:
-    """Counts and medians over all sessions, JSON-ready."""
-    kinds = {kind: [each for each in scores if each.kind == kind] for kind in KINDS}
-    hidden = [each for kind in HIDDEN for each in kinds[kind]]
-    sigmas = [x for each in hidden for x in each.sigmas]
-    right = [x for each in hidden for x in each.right]
-    removed = [each.removed for each in hidden if each.removed is not None and each.found]
-    stated = [one for each in scores for one in each.statements]
-    return {
-        "sessions": len(scores),
-        "refused": sum(each.verdict == "refused" for each in scores),
-        "nulls": len(kinds["nothing"]),
-        "false_alarms": sum(each.alarmed for each in kinds["nothing"]),
-        "hidden": len(hidden),
-        **_counts(hidden),
-        "outsiders": len(kinds["outside"]),
-        "outsiders_seen": sum(each.alarmed for each in kinds["outside"]),
-        "outsiders_wrongly_named": sum(bool(each.wrong) for each in kinds["outside"]),
-        "outsiders_undecided": sum(bool(each.claimed) and not each.wrong for each in kinds["outside"]),
-        "kinds": [{"kind": kind, "sessions": len(group), **_counts(group)} for kind, group in kinds.items() if group],
-        "groups": groups(scores),
-        "reliability": [vars(each) for each in reliability(stated)],
-        "ece": calibration_error(stated),
-        "ece_claimed": calibration_error(one for one in stated if one.claimed),
-        "error_median_sigmas": float(np.median(sigmas)) if sigmas else None,
-        "share_within_3_sigmas": float(np.mean(np.array(sigmas) < 3)) if sigmas else None,
-        "share_within_3_sigmas_or_tenth": float(np.mean(right)) if right else None,
-        "excess_removed_median": float(np.median(removed)) if removed else None,
-    }
-
-
-def sentences(scores: list[Score]) -> list[str]:
-    """The totals as sentences."""
-    t = totals(scores)
-    lines = [
-        f"{t['hidden']} sessions hide one to four effects: {t['named_exactly']} named exactly, {t['named_with_equivalents']} exactly or "
-        f"with equivalents that contain the truth, {t['wrongly_named']} with a wrong name, {t['missed']} with something missed",
-        *_by_kind(t["kinds"]),
-        f"{t['nulls']} hide nothing: {t['false_alarms']} false alarms",
-        f"{t['outsiders']} hide what no catalogue has: {t['outsiders_seen']} seen, {t['outsiders_wrongly_named']} wrongly given a name, "
-        f"{t['outsiders_undecided']} said to be ambiguous between a name and a shape without one",
-    ]
-    if t["error_median_sigmas"] is not None:
-        lines.append(
-            f"parameters: median error {t['error_median_sigmas']:.2f} sigmas, {100 * t['share_within_3_sigmas']:.1f} % within 3 sigmas, "
-            f"{100 * t['share_within_3_sigmas_or_tenth']:.1f} % within 3 sigmas or a tenth"
-        )
-    if t["excess_removed_median"] is not None:
-        lines.append(f"share of the held-out misfit removed: median {100 * t['excess_removed_median']:.1f} %")
-    if t["ece"] is not None:
-        claimed = "" if t["ece_claimed"] is None else f" ({100 * t['ece_claimed']:.1f} % over the names that are claimed)"
-        lines.append(f"stated probabilities: expected calibration error {100 * t['ece']:.1f} %{claimed}")
-    if t["refused"]:
-        lines.append(f"{t['refused']} were refused by the first look")
-    return lines
-
-
-def _by_kind(kinds: list[dict]) -> list[str]:
-    """A line for each kind of session with several effects."""
-    return [
-        f"{each['sessions']} hide {'one or two effects ' if each['kind'] == 'beside' else ''}{TITLES[each['kind']]}: "
-        f"{each['named_with_equivalents']} right, {each['wrongly_named']} with a wrong name, {each['missed']} with something missed"
-        for each in kinds
-        if each["kind"] in ("two", "three", "four", "beside")
-    ]
-
-
-# The blind test from end to end: inject, seal, explain, open, score.
-
-ROOT = Path(__file__).resolve().parents[3]
+def own_names(untouched: dict) -> set[str]:
+    """Names of an untouched recording, with their equivalents, and those that it weighs as high as a name."""
+    own = {name for claim in (*untouched["effects"], *untouched["findings"]) for name in (claim["id"], *claim["equivalent"])}
+    own |= {one["id"] for one in untouched["considered"] if one["probability"] >= SAID}
+    gravity = untouched["turn_gravity"]
+    return own | ({DELAY} if abs(gravity["offset_s"]) > DELAY_SIGMAS * gravity["offset_std_s"] else set())
 
 
 def examine(
-    folder: Path,
-    count: int,
-    seed: int,
-    *,
-    segments: int | None = None,
-    announce: Callable[[str], None] = lambda text: None,
-    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
-) -> Examination[Score]:
-    """Test ``explain`` on ``count`` sessions in ``folder``, which must be empty or new.
-
-    segments: of every session, instead of drawn; announce: called with the SHA-256 before anything is explained.
-    """
-    new_folder(folder)
-    cases = draw_cases(count, seed, segments)
-    closed = hide(folder, cases, progress)
-    announce(f"truth sealed, SHA-256 {closed.sha256}")
-    said = asked_blind([folder / SESSIONS / case.name for case in cases], explained, "explaining blind", progress)
-    truth = opened(folder, closed, said)
-    scores = [score(name, truth[name], said[name]) for name in truth]
-    return Examination(seed, closed.sha256, scores, truth, said)
-
-
-def new_folder(folder: Path) -> None:
-    """Make the folder of a blind test.  FormatError where it is not empty."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise FormatError(f"{folder}: not empty; give a new folder")
-    with naming(folder):
-        (folder / SESSIONS).mkdir(parents=True)
+    count: int, seed: int, on: Path | None = None, *, progress: Callable[[str, int, int], None] = lambda what, done, of: None
+) -> Examination:
+    """Conceal effects in ``count`` simulated sessions, or in copies of the recording ``on``, and explain each blind."""
+    rng, host, own, pool = np.random.default_rng(seed), None, set(), sorted(MAKERS)
+    if on is not None:
+        host = host_of(on)
+        untouched = answer_of(explain_session(host.session))
+        own, limits = own_names(untouched), untouched["detection_limits"]
+        pool = [name for name in IN_RECORDINGS if name in limits and limits[name]["size"] and name not in own]
+        if not pool:
+            raise DataError(f"{on}: of {len(IN_RECORDINGS)} effects it has each already, or shows none of any plausible size")
+    answers = []
+    for number in range(count):
+        progress("concealing and explaining", number, count)
+        strengths = drawn(pool, rng)
+        with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
+            session, truth = simulated(strengths, rng, Path(folder) / "session") if host is None else injected(host, strengths, rng)
+            answers.append(judged(strengths, truth, explained(session), own | {EARTH} if host else ()))
+    return Examination(seed, None if host is None else host.session.name, tuple(sorted(own)), tuple(answers))
 
 
-def hide(folder: Path, cases: list[Case], progress: Callable[[str, int, int], None], makers: Mapping[str, Maker] = MAKERS) -> Seal:
-    """Write the session folders, and the sealed truth next to them."""
-    truth = {}
-    for done, case in enumerate(cases):
-        progress("hiding", done, len(cases))
-        simulation, config, effects = conceal(case, makers)
-        write_files(simulation, folder / SESSIONS / case.name, config)
-        truth[case.name] = {
-            "effects": effects,
-            "strength": case.strength,
-            "strengths": dict(zip(case.ids, case.strengths, strict=True)),
-            "odr_hz": case.options.odr_hz,
-            "bias_instability_dph": case.options.bias_instability_dph,
-            "instability_source": case.instability_source,
-            "options": options_chosen(case.options),
-        }
-    return seal(truth, folder / SEALED)
+# What is printed and written.
 
 
-def explained(folder: Path, discover: bool = False) -> dict:
-    """``tinygc-explain/2`` of a session folder from a process of its own with the same effect folders (verdict ``refused`` where it
-    refuses); discover: search for laws, too, and write their files there."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "tinygc.annexes.challenge.worker", *([DISCOVER] if discover else []), ".", *map(str, loaded_folders())]
-    run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-    if run.returncode != 0:
-        raise DataError(f"{folder.name}: explaining ended with {run.returncode}: {run.stderr.strip()[-500:]}")
-    return json.loads(run.stdout)
+def totals(result: Examination) -> dict:
+    """Counts over all sessions."""
+    hidden = [one.outcome for each in result.sessions for one in each.hidden]
+    counts = {outcome: hidden.count(outcome) for outcome in (RIGHT, MISSED, LIMIT)}
+    return {"hidden": len(hidden), **counts, "wrong": sum(len(each.wrong) for each in result.sessions)}
 
 
-def without_sessions(folder: Path, everything: bool = False) -> None:
-    """Remove the sessions of a blind test, or its whole folder."""
-    shutil.rmtree(folder if everything else folder / SESSIONS)
+def to_json(result: Examination) -> dict:
+    """``tinygc-challenge/3``."""
+    return {"schema": "tinygc-challenge/3", **asdict(result), "totals": totals(result)}
 
 
-def to_json(result: Examination[Score]) -> dict:
-    """``tinygc-challenge/2``: every session with its truth, its answer and its score, and the totals."""
+def page(result: Examination) -> Group:
+    """The table and what it comes to."""
+    where = "simulated sessions" if result.recording is None else f"copies of {result.recording}"
+    table = Table(
+        "", "concealed", "size", "detection limit", "answer", "closure before", "after", title=f"concealed in {where}, and explained blind"
+    )
+    for number, each in enumerate(result.sessions, 1):
+        rows = [(one.id, _sized(one, one.size), _sized(one, one.detection_limit), one.outcome) for one in each.hidden]
+        rows += [("", "", "", f"wrong: {name}") for name in each.wrong]
+        closure = ("–", each.verdict) if each.before_deg is None else (f"{each.before_deg:.3f}°", f"{each.after_deg:.3f}°")
+        for place, row in enumerate(rows):
+            table.add_row(*(("", *row, "", "") if place else (str(number), *row, *closure)))
+    return Group(table, Text(""), Text("\n".join(sentences(result))))
 
-    def more(score: Score, said: dict) -> dict:
-        named = {effect["id"]: effect["equivalent"] for effect in said["effects"]}
-        return {"named": named, "score": vars(score) | {"kind": score.kind, "statements": [vars(one) for one in score.statements]}}
 
-    return as_table("tinygc-challenge/2", result, totals(result.scores), more)
+def _sized(one: Hidden, size: float | None) -> str:
+    return "–" if size is None else f"{size:.2g} {one.unit}"
+
+
+def sentences(result: Examination) -> list[str]:
+    """The totals in words."""
+    t = totals(result)
+    closed = [(each.before_deg, each.after_deg) for each in result.sessions if each.before_deg is not None and each.after_deg is not None]
+    lines = [f"its own, neither right nor wrong: {', '.join(result.own)}"] if result.own else []
+    lines.append(
+        f"{len(result.sessions)} sessions conceal {t['hidden']} effects: {t[RIGHT]} right (named, or among the equivalents of a name), "
+        f"{t[LIMIT]} below the detection limit, {t[MISSED]} missed; {t['wrong']} wrong names"
+    )
+    if closed:
+        before, after = np.median(closed, axis=0)
+        lines.append(f"held-out closure, median: {before:.3f}° before, {after:.3f}° after")
+    return lines

@@ -9,7 +9,8 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,34 +22,76 @@ from session.io.samples import Samples
 from session.io.units import DEG, MG, NS_PER_S
 from tinygc import models
 from tinygc.annexes.challenge.proof_sessions import (
-    FAILED,
-    NOT_CHECKED,
-    PASSED,
     SIZE,
     EffectTrial,
+    FittedProof,
     NotChecked,
-    ProofPart,
-    Report,
-    Wrong,
     explanation_of,
+    fitted,
+    inject,
     log,
     movement,
-    recover,
     trial,
 )
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.embedded.program import Program, program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
 from tinygc.deploy.embedded.stages import Inputs
-from tinygc.effects import Effect, EffectError, Movement, NoC, ReferenceConditions
+from tinygc.effects import Derived, Effect, EffectError, NoC, ReferenceConditions
 from tinygc.effects.catalogue import having, tried
-from tinygc.explanation.engine import Explanation
+from tinygc.explanation.claims import readable
 from tinygc.reporting.pictures.canvas import pair_of_panels
 from tinygc.reporting.pictures.panels import draw_claim
 
 if TYPE_CHECKING:
-    from tinygc.annexes.challenge.proof_sessions import FittedProof
     from tinygc.reporting.pictures.canvas import Axes, FigureCanvasAgg
+
+# The result of a check: a line for each part.
+
+PASSED, FAILED, NOT_CHECKED = "passed", "failed", "not checked"
+
+
+class Wrong(Exception):
+    """Raised where a part of a check fails, with one line."""
+
+
+@dataclass(frozen=True)
+class ProofPart:
+    """name; result: passed, failed or not checked; says: the numbers, or why."""
+
+    name: str
+    result: str
+    says: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """id of the effect, and its parts in order."""
+
+    id: str
+    parts: tuple[ProofPart, ...]
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the parts that failed."""
+        return tuple(part.name for part in self.parts if part.result == FAILED)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no part failed."""
+        return not self.failed
+
+    def __getitem__(self, name: str) -> ProofPart:
+        return next(part for part in self.parts if part.name == name)
+
+    def __str__(self) -> str:
+        return "\n".join([self.id, *(f"  {part.name:8} {part.result:11}  {part.says}" for part in self.parts)])
+
+    def require(self) -> Report:
+        """Return itself; AssertionError with the whole report where a part failed: ``check(EFFECT).require()`` is a test."""
+        if not self.ok:
+            raise AssertionError(str(self))
+        return self
 
 
 # Words, units and JSON.
@@ -150,30 +193,58 @@ def columns(trial: EffectTrial) -> str:
 
 def undo(trial: EffectTrial) -> str:
     """Check that ``correct`` restores the true rate, or ``correct_force`` the force, and changes nothing without parameters."""
-    effect, moved = trial.effect, movement(USUAL_HZ, trial.at, 10.0)
-    if effect.kind == "force":
-        return _undo_force(effect, moved, trial.theta)
-    if effect.kind != "rate":
+    effect, moved, theta = trial.effect, movement(USUAL_HZ, trial.at, 10.0), trial.theta
+    if effect.kind not in ("rate", "force"):
         raise NotChecked(f"of kind {effect.kind}: it is not undone in the rate")
-    distorted = effect.distort(moved, trial.theta)
-    done = float(np.abs(distorted - moved.rate).max())
-    back = effect.correct(distorted, moved.with_rate(distorted), trial.theta)
-    left = float(np.abs(back - moved.rate)[ENDS:-ENDS].max()) / done if done > 0 else np.inf
+    if effect.kind == "force":
+        name, true, bent = "correct_force", moved.force_g, effect.distort_force(moved, theta)
+        back, idle = effect.correct_force(moved.with_force(bent), theta), effect.correct_force(moved, 0 * theta)
+    else:
+        name, true, bent = "correct", moved.rate, effect.distort(moved, theta)
+        back, idle = effect.correct(bent, moved.with_rate(bent), theta), effect.correct(moved.rate, moved, 0 * theta)
+    done = float(np.abs(bent - true).max())
+    left = float(np.abs(back - true)[ENDS:-ENDS].max()) / done if done > 0 else np.inf
     if not left < UNDONE_WITHIN:
-        raise Wrong(f"correct leaves {100 * left:.2g} % of what distort did (at most {100 * UNDONE_WITHIN:g} %)")
-    zero = np.zeros_like(trial.theta)
-    if np.abs(effect.correct(moved.rate, moved, zero) - moved.rate).max() > 1e-12:
-        raise Wrong("correct changes the rate although all parameters are zero")
-    return f"correct leaves {100 * left:.2g} % of what distort did"
+        raise Wrong(f"{name} leaves {100 * left:.2g} % of what the effect did (at most {100 * UNDONE_WITHIN:g} %)")
+    if np.abs(idle - true).max() > 1e-12:
+        raise Wrong(f"{name} changes something although all parameters are zero")
+    return f"{name} leaves {100 * left:.2g} % of what the effect did"
 
 
-def _undo_force(effect: Effect, moved: Movement, theta: np.ndarray) -> str:
-    measured = effect.distort_force(moved, theta)
-    done = float(np.abs(measured - moved.force_g).max())
-    left = float(np.abs(effect.correct_force(moved.with_force(measured), theta) - moved.force_g).max()) / done if done > 0 else np.inf
-    if not left < UNDONE_WITHIN:
-        raise Wrong(f"correct_force leaves {100 * left:.2g} % of what distort_force did (at most {100 * UNDONE_WITHIN:g} %)")
-    return f"correct_force leaves {100 * left:.2g} % of what distort_force did"
+# Inject and recover: the errors of the fitted parameters in simulated sessions agree with their stated sigmas.
+
+SESSIONS = 3
+#: most that one number may be off, in sigmas and shares of its size together: what any model of an effect simplifies (filters, sampling)
+MOST_SIGMAS, MODEL_SHARE = 4.5, 0.01
+#: least rms of the errors in their sigmas: below it the sigmas are too large
+LEAST_RMS = 0.1
+#: sigma as a share of the size above which most parameters are not significant, so that their errors are uninformative
+HARDLY_SEEN = 1 / 3
+
+
+def recover(sessions: Sequence[FittedProof]) -> str:
+    """Check the errors of all parameters in all sessions."""
+    error, sigma, size = (np.concatenate(column) for column in zip(*map(_errors, sessions), strict=True))
+    rms, worst = float(np.sqrt(np.mean((error / sigma) ** 2))), float((np.abs(error) / size).max())
+    says = f"{len(sessions)} sessions, {len(error)} numbers: errors {rms:.2f} sigma rms, at most {100 * worst:.2g} % of the size"
+    if (np.abs(error) > MOST_SIGMAS * np.hypot(sigma, MODEL_SHARE * size)).any():
+        raise Wrong(f"{says}: more than the stated sigmas and {100 * MODEL_SHARE:g} % allow")
+    if rms < LEAST_RMS:
+        raise Wrong(f"{says}: the stated sigmas are too large")
+    return says + ("; hardly seen at this size: give a larger size=" if np.median(sigma / size) > HARDLY_SEEN else "")
+
+
+def _errors(one: FittedProof) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors (n,) and stated sigmas (n,) of the JSON's numbers, and the injected size (n,)."""
+    claim, truth, effect = one.claim, one.injected.theta, one.claim.effect
+    widen = max(1.0, one.fit.chi_square / max(len(one.fit.r) - one.fit.J.shape[1], 1))
+    _, parameters, std = readable(claim, one.fit.theta_covariance(0) * widen)
+    if isinstance(effect.derived, Derived):
+        name, true = effect.derived.name, effect.derived.of(truth)
+        return np.array([parameters[name] - true]), np.array([std[name]]), np.abs([true])
+    sigma = np.ravel(std[effect.parameter.name]) * effect.parameter.si
+    keep = sigma > 0  # a convention fixes one entry exactly
+    return (claim.theta - truth)[keep], sigma[keep], np.full(int(keep.sum()), np.sqrt(np.mean(truth**2)))
 
 
 # Use on whole logs, on pieces and sample by sample, within the declared reach.
@@ -326,18 +397,14 @@ def _compiled(chosen: Program, inputs: Inputs) -> np.ndarray:
 INK = 0.002
 
 
-def picture(effect: Effect, e: Explanation | None) -> str:
+def picture(found: FittedProof) -> str:
     """Check that both panels have data, ink and axis labels."""
     try:
         canvas, panels = pair_of_panels()
     except ImportError:
         raise NotChecked("no matplotlib on this machine") from None
-    if e is None:
-        raise NotChecked("no explanation shows it: give one with explanation=")
-    claim = next((claim for claim in [*e.claimed, *e.findings] if claim.effect.id == effect.id), None)
-    if claim is None:
-        raise Wrong(f"the explanation that was given claims no {effect.id}")
-    draw_claim(e, claim, *panels)
+    e = explanation_of(found)
+    draw_claim(e, e.claimed[0], *panels)
     shares = []
     for name, panel in zip(("left", "right"), panels, strict=True):
         if not panel.has_data():
@@ -365,61 +432,31 @@ def _ink(canvas: FigureCanvasAgg, panel: Axes) -> float:
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 
 
-def check(
-    effect: Effect,
-    *,
-    size: float | None = None,
-    value: float | None = None,
-    seeds: int = 3,
-    explanation: Explanation | None = None,
-    parts: Sequence[str] = PARTS,
-) -> Report:
+def check(effect: Effect, *, size: float | None = None, value: float | None = None, parts: Sequence[str] = PARTS) -> Report:
     """See ``tinygc.effects.testing.check``."""
     if unknown := [name for name in parts if name not in PARTS]:
         raise EffectError(f"{unknown[0]!r} is no part of a check; choose among {', '.join(PARTS)}")
     tried(effect, "check")
     if size is not None and not (size > 0 and isfinite(size)):
         raise EffectError(f"size is {size!r}, expected more than 0, in SI units: the size of the injected parameters")
-    if seeds < 1:
-        raise EffectError(f"seeds is {seeds!r}, expected 1 or more: the number of simulated sessions")
-    size = SIZE * effect.parameter.plausible if size is None else size
-    strong = trial(effect, size, 1, value)
-    found = []
+    injected_size = SIZE * effect.parameter.plausible if size is None else size
+    strong = trial(effect, injected_size, value)
 
-    def recovered() -> str:
-        says, first = recover(effect, size, seeds, value)
-        found.append(first)
-        return says
-
-    def drawn() -> str:
-        shown = explanation
-        if shown is None and effect.kind in ("rate", "force", "earth"):
-            if not found:
-                found.append(recover_one(effect, size, value))
-            shown = explanation_of(found[0])
-        return picture(effect, shown)
+    @cache
+    def session(seed: int) -> FittedProof:
+        with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
+            return fitted(effect, inject(effect, Path(folder) / "session", injected_size, seed, value))
 
     run: dict[str, Callable[[], str]] = {
         "columns": lambda: columns(strong),
         "undo": lambda: undo(strong),
-        "recover": recovered,
+        "recover": lambda: recover([session(seed) for seed in range(1, SESSIONS + 1)]),
         "units": lambda: units(strong),
-        "picture": drawn,
+        "picture": lambda: picture(session(1)),
         "live": lambda: live(strong),
         "c": lambda: c(strong),
     }
     return Report(effect.id, tuple(_part(name, run[name]) for name in PARTS if name in parts))
-
-
-def recover_one(effect: Effect, size: float, value: float | None) -> FittedProof:
-    """Fit one session with the effect, without testing the result."""
-    import tempfile
-    from pathlib import Path
-
-    from tinygc.annexes.challenge.proof_sessions import fitted, inject
-
-    with tempfile.TemporaryDirectory() as folder:
-        return fitted(effect, inject(effect, Path(folder) / "1", size, 1, value))
 
 
 def _part(name: str, run: Callable[[], str]) -> ProofPart:

@@ -49,10 +49,6 @@ class Place(Protocol):
         """Temperature at the first sample, degC."""
 
     @property
-    def warm_up_c(self) -> float:
-        """Change of the temperature from there, degC."""
-
-    @property
     def latitude_deg(self) -> float:
         """Latitude, north positive."""
 

@@ -65,7 +65,7 @@ def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) 
 
 # The turns of a long session by which all forms are screened.
 
-#: turns: the work grows with their square (benchmarks/discover_speed.py)
+#: turns: the work grows with their square
 MOST_TURNS = 120
 #: neighbours selected together, so that they share the stills between them
 TURN_NEIGHBOURS = 10
@@ -138,9 +138,9 @@ class Chance:
 
 # One pass over all forms: their projected columns, block by block, so that memory does not grow with the number of forms.
 
-#: bytes of partners' values at once, and products of components that are projected at once (benchmarks/discover_speed.py)
+#: bytes of partners' values at once, and products of components that are projected at once
 TILE_BYTES, TOGETHER = 1 << 26, 1536
-#: most unwanted partners between two wanted ones for which one larger product is faster than two (benchmarks/discover_speed.py)
+#: most unwanted partners between two wanted ones for which one larger product is faster than two
 GAP = 16
 
 Progress = Callable[[str, int, int], None]

@@ -522,7 +522,7 @@ def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
 
 # Reasons to reject a law.
 
-#: largest share of searches in which chance does as well: benchmarks/discover.py reports no law where none is hidden with it
+#: largest share of searches in which chance does as well
 CHANCE = 0.01
 #: largest p of chance improving the held-out data as much: one-sided, as ``explain``'s own veto
 HELD_OUT_P = 0.05

@@ -221,8 +221,8 @@ def _moves(twin: Twin, have: Hypothesis, law: Effect, form: LawForm, replay: Rep
 
 # The search over forms against a hypothesis: screened linearly, refined, ranked with re-estimated noise, refitted exactly.
 
-#: shapes that are refined and ranked by their linear columns in each projection: benchmarks/discover.py finds the law among the first
-#: three in nearly all sessions
+#: shapes that are refined and ranked by their linear columns in each projection: the law is among the first three in nearly all
+#: sessions
 MOST_REFINED = 14
 #: most promising forms in each projection that are checked for replacing the calibration
 MOST_ASKED = 60

@@ -8,7 +8,6 @@ anew.
 
     python benchmarks/verify.py --null 200
     python benchmarks/verify.py --faults 3
-    python benchmarks/verify.py --mimu FOLDER       # sessions of ``python -m session.public mimu``, which are fitted there first
 """
 
 from __future__ import annotations
@@ -26,19 +25,12 @@ from common import in_parallel, markdown
 from scipy.signal import lfilter
 
 import tinygc
-from session.io.folder import Session, read_session
-from session.io.results import read_json
+from session.io.folder import Session
 from session.io.units import DEG, MG
 from tinygc.annexes.verification.cost import LIMIT_DEG, minute_of
-from tinygc.annexes.verification.expected import Spread, expected_parts, spread_of_unit
-from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
-from tinygc.annexes.verification.questions import PLAUSIBLE, ask, todays_noise
-from tinygc.annexes.verification.rows import LENGTH, Rows, rows_of
+from tinygc.annexes.verification.old import OldCalibration, read_old
 from tinygc.annexes.verification.verdict import BIAS, HOLDS, Options, Verification, verify_session
 from tinygc.attitude import rotation
-from tinygc.closure.residual import closure_angles
-from tinygc.estimation.between_sessions import course
-from tinygc.estimation.compare import read_calibrated
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.library.sessions import Simulated
 from tinygc.models.linear import LinearModel
@@ -268,122 +260,14 @@ def faults(count: int, turns: int, only: str | None) -> list[str]:
     return [markdown(head, rows)]
 
 
-# Real units: eight MPU-9150, up to six sessions each, every pair of sessions of a unit.
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Folders of two sessions of one unit, those of all other units, and the other ones of this unit."""
-
-    then: Path
-    today: Path
-    others: tuple[Path, ...]
-    history: tuple[Path, ...]
-
-
-def unit_and_session(folder: Path) -> tuple[str, str]:
-    """``e1u3`` is experiment 1 of unit 3."""
-    session, unit = folder.name[1:].split("u")
-    return unit, session
-
-
-def spread_of_others(folders: tuple[Path, ...]) -> Spread:
-    """Variance between sessions of one unit, over all units but the one that is verified."""
-    by_unit: dict[str, list[Path]] = {}
-    for folder in folders:
-        by_unit.setdefault(unit_and_session(folder)[0], []).append(folder)
-    sums, freedom = np.zeros(COUNT), 0
-    for own in by_unit.values():
-        sessions, values, stated = [read_calibrated(folder) for folder in own], np.zeros((len(own), COUNT)), np.zeros((len(own), COUNT))
-        for j, each in enumerate(sessions):
-            fit = each.triad.fit
-            values[j, GYROSCOPE], stated[j, GYROSCOPE] = each.vector, np.diag(each.covariance)
-            values[j, ACCELEROMETER] = fit.values
-            stated[j, ACCELEROMETER] = np.diag(fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T)
-        models = [course(values[:, q], stated[:, q], np.arange(len(own), dtype=float)).model for q in range(COUNT)]
-        sums, freedom = sums + np.array([model.freedom * model.counted**2 for model in models]), freedom + models[0].freedom
-    return Spread(sums / freedom, float(freedom), "sessions of the other units")
-
-
-def run_pair(pair: Pair) -> tuple[str, str, dict[str, tuple[float, ...]], tuple[float, ...]]:
-    """p of each question with the usual spread, that of the other units, and that of the unit's own other sessions; tilt, degrees, that
-    today's turns miss with the old E and, held out, with today's own fit; rms of gravity's length in today's stills, mg, with the old
-    accelerometer and, held out, with today's own."""
-    old, session = read_old(pair.then), read_session(pair.today)
-    rows = rows_of(session, old)
-    noise = todays_noise(rows)
-    found = {}
-    for name, spread in (
-        ("usual", spread_of_unit(old, rows)),
-        ("other units", spread_of_others(pair.others)),
-        ("own history", spread_of_unit(old, rows, pair.history)),
-    ):
-        asked = ask(rows, expected_parts(old, rows, spread), noise, old)
-        found[name] = tuple(question.p_value if question.asked else 1.0 for question in asked)
-    own = read_calibrated(pair.today)
-    twin = rows.twin
-    assert twin is not None
-    model = LinearModel(old.linear.E, old.linear.B + (own.vector - old.linear.vector)[9:])  # E is compared: B is today's
-    tilt = float(np.degrees(np.sqrt(np.mean(np.sum(closure_angles(twin.batch, model)[:, :2] ** 2, axis=1)))))
-    held_out = read_json(pair.today / "fit" / "fit.json")["methods"]["least_squares"]["holdout"]["tilt_rms_deg"]
-    return pair.then.name, pair.today.name, found, (tilt, float(held_out), *lengths_mg(rows))
-
-
-def lengths_mg(rows: Rows) -> tuple[float, float]:
-    """Rms of gravity's length about its mean, with the old accelerometer, and with one fitted to every second still and used on the
-    others."""
-    part = rows.kinds[LENGTH]
-    r, A = rows.r[part], rows.parameters[part, ACCELEROMETER] * PLAUSIBLE[ACCELEROMETER]
-    A = np.column_stack([A, np.full(len(r), 0.02)])
-    left = np.empty_like(r)
-    for fold in (0, 1):
-        own = np.arange(len(r)) % 2 == fold
-        fitted = np.linalg.solve(A[~own].T @ A[~own] + (0.1 * MG) ** 2 * np.eye(A.shape[1]), A[~own].T @ r[~own])
-        left[own] = r[own] - A[own] @ fitted
-    return float(np.std(r) / MG), float(np.std(left) / MG)
-
-
-def real(folder: Path, most: int) -> list[str]:
-    """All pairs of sessions of one unit, or ``most`` of them."""
-    folders = sorted(each.parent.parent for each in folder.glob("e*u*/fit/model_least_squares.json"))
-    pairs = []
-    for then in folders:
-        others = tuple(each for each in folders if unit_and_session(each)[0] != unit_and_session(then)[0])
-        mine = [each for each in folders if unit_and_session(each)[0] == unit_and_session(then)[0] and each != then]
-        pairs += [Pair(then, today, others, tuple(each for each in mine if each != today)) for today in mine]
-    chosen = np.random.default_rng(0).permutation(len(pairs))[: most or len(pairs)]
-    found = in_parallel(run_pair, [pairs[k] for k in sorted(chosen)], "pairs")
-    rows, level = [], 1 - 0.95 ** (1 / 4)
-    for name in ("usual", "other units", "own history"):
-        p = np.array([each[2][name] for each in found])
-        any_ = float(np.mean((p < level).any(axis=1)))
-        rows.append(
-            [name, str(len(p)), f"{100 * any_:.1f} %", *(f"{np.mean(p[:, k] < level):.3f} / {np.median(p[:, k]):.2f}" for k in range(4))]
-        )
-    tilt = np.array([each[3] for each in found])
-    moved = np.array([each[2]["usual"][2] for each in found]) < level
-    e_moved = np.array([each[2]["usual"][0] for each in found]) < level
-    said = [f"tilt of today's turns, E of then and B of today / all of today, held out: median {np.median(tilt[:, 0] / tilt[:, 1]):.2f}"]
-    for what, which in (("where E is said to hold", ~e_moved), ("where it is not", e_moved)):
-        if which.any():
-            said.append(f"{what}: {np.median(tilt[which, 0] / tilt[which, 1]):.2f} ({which.sum()} pairs)")
-    ratio = tilt[:, 2] / tilt[:, 3]
-    said.append(f"gravity's length, old accelerometer / own, held out: {np.median(ratio[moved]):.2f} where it is said to have changed")
-    return [markdown(["spread", "pairs", "any no", "E: share of no / median p", "B", "gravity", "noise"], rows), *said]
-
-
 def main() -> None:
     """Print what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--null", type=int, default=0, metavar="N", help="sessions without a fault")
     parser.add_argument("--faults", type=int, default=0, metavar="N", help="sessions of each fault and size")
     parser.add_argument("--only", choices=tuple(FAULTS), help="one fault alone")
-    parser.add_argument("--mimu", type=Path, metavar="DIR", help="folder of fitted sessions e1u0, e1u1, … of the public set")
-    parser.add_argument("--pairs", type=int, default=0, metavar="N", help="of these, drawn at random (all)")
     parser.add_argument("--turns", type=int, default=TODAY, help="of today")
     args = parser.parse_args()
-    if args.mimu is not None:
-        print("\n".join(real(args.mimu, args.pairs)), flush=True)
     for lines in ([nulls(args.null, args.turns)] if args.null else []) + (
         [faults(args.faults, args.turns, args.only)] if args.faults else []
     ):

@@ -52,11 +52,6 @@ MODES = (
     (adis16405, ADIS, True),
     (phones, PHONE, True),
 )
-TOKENS = [
-    *["e+00", "nan", "inf", "1e308", "-0", "1e-320", "9223372036854775807", "9223372036854775808", "1_0", "１", "\x1c", "\x85", "\u2028"],
-    *["\n", "\r", "\r\n", "\t", ",", " ", "#", "\0", "\ufeff", "n_samples,gyr_x,gyr_y,gyr_z,acc_x,acc_y,acc_z", "timestamp", "imu.gyro.x"],
-    *["PK\x03\x04", "\x93NUMPY", "{'descr': '<i8', 'fortran_order': False, 'shape': (2,), }", "\xaa", "|O", "<f8", "65535", "32768"],
-]
 
 
 def _good() -> dict[str, bytes]:

@@ -16,23 +16,14 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Simulation, registers_of, simulate_session
 from tinygc.simulation.write import config_text
 
-#: header of the columns, and what one of each is in SI
-UNITS = {
-    "dps, g": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", DEG, G),
-    "degrees called radians": ("gx_rps,gy_rps,gz_rps,ax_g,ay_g,az_g", DEG, G),
-    "radians called degrees": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", 1.0, G),
-    "g called m/s²": ("gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2", DEG, G),
-    "m/s² called g": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", DEG, 1.0),
-}
-
 
 @dataclass
 class Recording:
     """A session as a family changes it.
 
     t_s (N,), gyro rad/s and accel m/s^2 (N, 3) as measured, temp_c (N,); turns: rows (start, stop) of each; E (3, 3), B (3,) rad/s: the
-    truth.  session.toml is written from simulation; calibrated: whether it holds the accelerometer's calibration; units of the columns,
-    None for registers; comment of the log.
+    truth.  session.toml is written from simulation; calibrated: whether it holds the accelerometer's calibration; physical: whether
+    the columns are in dps and g, and not registers; comment of the log.
     """
 
     simulation: Simulation
@@ -44,7 +35,7 @@ class Recording:
     E: np.ndarray
     B: np.ndarray
     calibrated: bool = True
-    units: str | None = None
+    physical: bool = False
     comment: str = ""
 
     @property
@@ -73,7 +64,7 @@ class Recording:
 
     def mix(self, by: np.ndarray) -> None:
         """Rates times a matrix, as numbers that no register limits; the truth follows."""
-        self.units, self.gyro, self.E = "dps, g", self.gyro @ by.T, self.E @ np.linalg.inv(by)
+        self.physical, self.gyro, self.E = True, self.gyro @ by.T, self.E @ np.linalg.inv(by)
 
     def drop(self, rows: np.ndarray, closed: bool = False) -> None:
         """Leave rows out; closed: the stamps of the others close the gap."""
@@ -128,17 +119,6 @@ def noise_like(values: np.ndarray, row: tuple[int, int], rng: np.random.Generato
     return np.std(values[row[0] : row[1]], axis=0) * rng.standard_normal(values.shape)
 
 
-@family("accelerometer dead, level")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    level = r.simulation.unit.measured_force(np.array([0.0, 0.0, -G]))
-    r.accel = level + noise_like(r.accel, r.rests[0], rng)
-
-
-@family("gyro axis stuck")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro[:, 1] = r.gyro[0, 1]
-
-
 SWAP = np.eye(3)[[1, 0, 2]]
 FAMILIES |= {
     "gyro axes swapped": lambda r, rng: r.mix(SWAP),
@@ -148,14 +128,7 @@ FAMILIES |= {
     "rates × 1.95": lambda r, rng: r.mix(1.95 * np.eye(3)),
     "rates × 1.05": lambda r, rng: r.mix(1.05 * np.eye(3)),
     "one rate × 1.2": lambda r, rng: r.mix(np.diag([1.0, 1.2, 1.0])),
-    **{name: lambda r, rng, name=name: setattr(r, "units", name) for name in list(UNITS)[1:]},
 }
-
-
-@family("accelerometer upside down")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.accel = -r.accel
-    r.leave_uncalibrated()
 
 
 # Time.
@@ -201,12 +174,6 @@ FAMILIES |= {
     "clock jumps 2 ms in each turn": lambda r, rng: jump(r, 2e-3),
     "clock jumps 0.25 ms in each turn": lambda r, rng: jump(r, 0.25e-3),
 }
-
-
-@family("readings repeated in place of the next")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    held = np.flatnonzero(rng.random(len(r.t_s) - 1) < 0.05) + 1
-    r.gyro[held], r.accel[held] = r.gyro[held - 1], r.accel[held - 1]
 
 
 def late(values: np.ndarray, t_s: np.ndarray, delay_s: float) -> np.ndarray:
@@ -413,16 +380,15 @@ def damaged(name: str, seed: int) -> Recording:
 def write(r: Recording, folder: Path) -> None:
     """The session folder of a damaged recording."""
     options, units = r.simulation.options, r.simulation.options.register_units
-    if r.units is None:
+    if not r.physical:
         header = "t_us,gx,gy,gz,ax,ay,az,temp"
         gyro = registers_of(r.gyro, options.gyro_fs_dps * DEG, units.gyro_rps)
         accel = registers_of(r.accel, options.accel_fs_g * G, units.accel_mps2)
         temp = np.rint(units.temperature_lsb(r.temp_c, len(r.t_s)))
         table, row = np.column_stack([np.rint(r.t_s * 1e6), gyro, accel, temp]), ",".join(["%d"] * 8)
     else:
-        columns, rate, force = UNITS[r.units]
-        header, row = f"t_us,{columns},temp_c", "%d" + ",%.6f" * 7
-        table = np.column_stack([np.rint(r.t_s * 1e6), r.gyro / rate, r.accel / force, r.temp_c])
+        header, row = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c", "%d" + ",%.6f" * 7
+        table = np.column_stack([np.rint(r.t_s * 1e6), r.gyro / DEG, r.accel / G, r.temp_c])
     rows = [row % tuple(values) for values in table.tolist()]
     (folder / "log0001.csv").write_text("\n".join([r.comment + header, *rows, ""]))
     (folder / "session.toml").write_text(config_text(r.simulation, concealed=False, calibrated=r.calibrated))

@@ -1,7 +1,7 @@
-"""One simulated session as the logs of many programs: what is typed, what is asked, the fit against the truth, and damaged files.
+"""One simulated session as the logs of many programs: what is typed, what is asked, and the fit against the truth.
 
 ``python benchmarks/any_log.py`` writes each log by the writers of ``tests/``, imports it by the command line, fits it, and compares the
-twelve numbers with the truth.  Then it damages each file in five ways; each must be refused in one line, or read to the damage.
+twelve numbers with the truth.
 """
 
 from __future__ import annotations
@@ -9,17 +9,15 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
-import json
-import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from common import markdown
+from common import markdown, progress
 
 import calibrate
 import tinygc
@@ -104,51 +102,12 @@ def asked(message: str) -> int:
     return given.count("--") if given else int("--" in message)
 
 
-def damages(data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Cut in half, its last byte missing, a byte changed, zeros in the middle, nothing but its head."""
-    half = len(data) // 2
-    yield "half", data[:half]
-    yield "last byte", data[:-1]
-    yield "a byte", data[:half] + bytes([data[half] ^ 0xFF]) + data[half + 1 :]
-    yield "zeros", data[:half] + bytes(min(200, len(data) - half)) + data[half + 200 :]
-    yield "head", data[:64]
-
-
-def files_of(path: Path) -> list[Path]:
-    return [path] if path.is_file() else sorted(each for each in path.rglob("*") if each.is_file())
-
-
-def of_damage(kind: Kind, samples: Samples, work: Path) -> tuple[int, int, list[str]]:
-    """How many damaged logs were read, how many refused in one line, and what else happened."""
-    read = refused = 0
-    wrong: list[str] = []
-    for number in range(5):
-        folder = Path(tempfile.mkdtemp(dir=work))
-        paths = kind.write(samples, folder)
-        largest = max((each for path in paths for each in files_of(path)), key=lambda each: each.stat().st_size)
-        how, data = list(damages(largest.read_bytes()))[number]
-        largest.write_bytes(data)
-        try:
-            code, said = called("import", *paths, "--out", folder / "made", *kind.options)
-        except Exception as error:  # a traceback is what is looked for
-            wrong.append(f"{how}: {type(error).__name__}: {error}"[:150])
-            continue
-        one_line = code in (2, 3) and said.startswith("calibrate: ") and said.count("\n") == 1
-        read, refused = read + (code == 0), refused + one_line
-        if code != 0 and not one_line:
-            wrong.append(f"{how}: code {code}, {said[:120]!r}")
-        shutil.rmtree(folder)
-    return read, refused, wrong
-
-
 def row_of(
     kind: Kind, samples: Samples, truth: np.ndarray, native: tinygc.Fit | None, given: str, work: Path
 ) -> tuple[dict, tinygc.Fit | None]:
     folder = work / "".join(letter for letter in kind.name if letter.isalnum())
     folder.mkdir()
-    start = time.perf_counter()
-    paths = kind.write(samples, folder)
-    wrote_s, out = time.perf_counter() - start, folder / "made"
+    paths, out = kind.write(samples, folder), folder / "made"
     start = time.perf_counter()
     code, said = called("import", *paths, "--out", out)
     questions = 0 if code == 0 else asked(said)
@@ -160,19 +119,15 @@ def row_of(
         return row | {"said": said.strip()}, None
     with (out / "session.toml").open("a") as toml:
         toml.write(given)
-    start = time.perf_counter()
     try:
         fit = tinygc.fit(out, methods=("raw", "least_squares"))
     except CalibrationError as error:
         return row | {"said": str(error)}, None
-    fit_s = time.perf_counter() - start
     values = np.array([each.value for each in fit.parameters.values()])
     sigmas = np.array([each.sigma for each in fit.parameters.values()])
     z = (values - truth) / sigmas
     other = z if native is None else (values - np.array([each.value for each in native.parameters.values()])) / sigmas
     return row | {
-        "wrote_s": wrote_s,
-        "fit_s": fit_s,
         "rms_sigmas": float(np.sqrt(np.mean(z**2))),
         "most_sigmas": float(np.abs(z).max()),
         "from_native": float(np.abs(other).max()) if native is not None else 0.0,
@@ -183,8 +138,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="kinds whose name holds this")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--no-damage", action="store_true")
-    parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     simulated = tinygc.simulate(segments=TURNS, odr_hz=RATE_HZ, closure_s=0.0, seed=args.seed, latitude_deg=52.0, gravity_mps2=9.8127)
     (log,) = simulated.session.logs
@@ -198,7 +151,6 @@ def main() -> None:
     truth = np.array([*np.ravel(simulated.truth["E"]), *np.multiply(simulated.truth["B_dps"], DEG)])
     accelerometer = simulated.session.config.accelerometer
     given = GIVEN.format(matrix=accelerometer.matrix.tolist(), bias=accelerometer.bias_mps2.tolist())
-    short = samples.between(0, 1500)
     rows, native = [], None
     with tempfile.TemporaryDirectory() as place:
         work = Path(place)
@@ -207,23 +159,18 @@ def main() -> None:
                 continue
             row, fit = row_of(kind, samples, truth, native, given, work)
             native = native or fit
-            if not args.no_damage:
-                read, refused, wrong = of_damage(kind, short, work)
-                row |= {"damaged_read": read, "damaged_refused": refused, "damaged_wrong": wrong}
             rows.append(row)
-            print(json.dumps(row), file=sys.stderr, flush=True)
-    if args.json:
-        args.json.write_text(json.dumps(rows, indent=1))
-    head = ["log", "options typed", "asked", "import, s", "fit, s", "rms σ", "most σ", "from own σ", "damaged: read", "refused", "else"]
+            progress(f"{len(rows)} of {len(KINDS)}: {kind.name}")
+    progress("")
+    head = ["log", "options typed", "asked", "import, s", "rms σ", "most σ", "from own σ"]
     print(markdown(head, map(_cells, rows)))
 
 
 def _cells(row: dict) -> list[str]:
-    keys = ("fit_s", "rms_sigmas", "most_sigmas", "from_native")
-    fitted = [f"{row[key]:.2f}" for key in keys] if "fit_s" in row else [row["said"], "", "", ""]
-    damaged = [str(row.get(f"damaged_{what}", "")) for what in ("read", "refused")] + ["; ".join(row.get("damaged_wrong", ()))]
+    keys = ("rms_sigmas", "most_sigmas", "from_native")
+    fitted = [f"{row[key]:.2f}" for key in keys] if "rms_sigmas" in row else [row["said"], "", ""]
     typed = f"`{row['typed']}`" if row["typed"] else ""
-    return [row["log"], typed, str(row["questions"]), f"{row['import_s']:.2f}", *fitted, *damaged]
+    return [row["log"], typed, str(row["questions"]), f"{row['import_s']:.2f}", *fitted]
 
 
 if __name__ == "__main__":

@@ -1,7 +1,4 @@
-"""Is the budget right?  Its sums, its propagation by draws, and each share with its source switched off.
-
-    python benchmarks/budget.py sums [--draws 300]       20 sessions, real and simulated: to the bit; Monte Carlo by source and in total
-    python benchmarks/budget.py shares [--seeds 40]      pairs of simulated sessions that differ in one source alone
+"""Is the budget right?  Each share with its source switched off: pairs of simulated sessions that differ in one source alone.
 
 A pair has the same motion and the same other errors, so the difference of the two estimates is what the source did.  Its mean square over
 the seeds, over the variance that the budgets state for that source, is one where the budget is right.
@@ -10,29 +7,21 @@ the seeds, over the variance that the budgets state for that source, is one wher
 from __future__ import annotations
 
 import argparse
-import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from common import first_still_heading_deg, in_parallel, markdown, with_heading
-from real_recordings import SHARED, jobs_of
 
-from session.io.errors import CalibrationError
 from session.io.folder import Session
 from session.io.units import DEG, MG, G
 from tinygc import simulate
-from tinygc.annexes.budget.library import budget_of_fit
-from tinygc.annexes.budget.use import Use
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.assembly import CLOCK, ROUNDING
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult
-from tinygc.estimation.sources import total
 from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 from tinygc.noise.components import STILL_RATE
@@ -48,73 +37,10 @@ STAYS = 0.1
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("sums", "shares"))
-    parser.add_argument("--draws", type=int, default=300, help="of all sources, a fifth of it of each alone (%(default)s)")
     parser.add_argument("--seeds", type=int, default=40, help="pairs of each source (%(default)s)")
-    parser.add_argument("--only", default="", help="of shares: only sources whose name has this")
-    parser.add_argument("--processes", type=int, default=1, help="(%(default)s)")
+    parser.add_argument("--only", default="", help="only sources whose name has this")
     args = parser.parse_args()
-    began = time.perf_counter()
-    (sums if args.what == "sums" else shares)(args)
-    print(f"\n{time.perf_counter() - began:.0f} s.")
-
-
-# Sums, and draws.
-
-
-@dataclass(frozen=True)
-class Recording:
-    folder: Path | None
-    options: SimulationOptions | None
-    draws: int
-
-    @property
-    def name(self) -> str:
-        return f"simulated, seed {self.options.seed}" if self.options is not None else f"{self.folder.parent.name}/{self.folder.name}"
-
-
-def sums(args: argparse.Namespace) -> None:
-    with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
-        sets = {"xsens": 1, "mikov": 3, "mimu": 6}
-        folders = [job.folder for name, some in sets.items() for job in [*jobs_of(name, SHARED, Path(made))][:some]]
-        folders += [Path(__file__).resolve().parents[1] / "data" / "session1", *sorted((SHARED / "concealed").glob("case*"))[:4]]
-        jobs = [Recording(folder, None, args.draws) for folder in folders if folder.exists()]
-        jobs += [Recording(None, SimulationOptions(**USUAL | {"seed": seed}), args.draws) for seed in range(20 - len(jobs))]
-        rows = in_parallel(one_recording, jobs, "session", args.processes)
-    head = ["session", "sums to the bit", "draws", "variances by source", "farthest, sigmas", "by chance up to", "total: drawn / stated"]
-    print(markdown([*head, "farthest, sigmas", "ends apart, u"], rows))
-
-
-def one_recording(job: Recording) -> list[str]:
-    try:
-        session = simulate(job.options).session if job.options is not None else job.folder
-        result = fit_session(session, FitOptions(methods=("least_squares",)))
-        exact = np.array_equal(total(result.sources), result.covariance)
-        made = budget_of_fit(result, Use())
-        for i, budget in enumerate(made.parameters):
-            exact = exact and budget.variance == result.covariance[i, i]
-        drawn = budget_of_fit(result, Use(), tuple(each.name for each in made.parameters), job.draws, 1).drawn
-    except CalibrationError as error:
-        return [job.name, f"refused: {error}", *[""] * 7]
-    assert drawn is not None
-    ratios = np.array([(each.drawn_u / each.u) ** 2 for each in drawn.quantities])
-    spread = 2 / (9 * drawn.draws)
-    sigmas = (np.cbrt(ratios) - (1 - spread)) / np.sqrt(spread)
-    apart = max(each.apart / each.u for each in drawn.quantities)
-    return [
-        job.name,
-        "yes" if exact else "NO",
-        f"{drawn.draws} + {len(result.sources)} x {drawn.by_source}",
-        str(len(drawn.sources)),
-        f"{drawn.farthest.sigmas:+.1f} ({drawn.farthest.parameter}, {drawn.farthest.source})",
-        f"{drawn.bound:.1f}",
-        f"{ratios.mean():.2f}",
-        f"{sigmas[np.argmax(np.abs(sigmas))]:+.1f}",
-        f"{apart:.2f}",
-    ]
-
-
-# Shares.
+    shares(args)
 
 
 @dataclass(frozen=True)
@@ -214,7 +140,7 @@ class Job:
 def shares(args: argparse.Namespace) -> None:
     chosen = [n for n, pair in enumerate(PAIRS) if args.only in pair.source]
     jobs = [Job(n, seed) for n in chosen for seed in range(1, args.seeds + 1)]
-    results = in_parallel(one_pair, jobs, "pair", args.processes)
+    results = in_parallel(one_pair, jobs, "pair")
     rows = []
     for n in chosen:
         own = [result for job, result in zip(jobs, results, strict=True) if job.pair == n and result is not None]

@@ -2,7 +2,7 @@
 
 Simulated sessions (40 segments, closure run of 54 to 58 s), with and without bias instability, each fitted three times: with the
 heading of the table given, with it unknown, and with the Earth's rotation left out.  The closure run is never fitted.  The floor is
-what the sensor's white noise alone must leave.  Recordings in ../shared/closure are added where there are any.
+what the sensor's white noise alone must leave.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import read_closure_runs
-from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.choice import run_figures
 from tinygc.estimation.denoiser import of_problem, train_denoiser
-from tinygc.estimation.held_out import run_method
 from tinygc.estimation.network import train_second_order
-from tinygc.estimation.options import DenoiseOptions, FitOptions
+from tinygc.estimation.options import DenoiseOptions
 from tinygc.estimation.particle_swarm import fit_pso
 from tinygc.models.linear import bias_only
 from tinygc.simulation.options import SimulationOptions
@@ -37,6 +36,7 @@ TITLES = {
     "tinygc": "TinyGC-Net",
     "tinygc_denoised": "TinyGC-Net, denoised",
 }
+METHODS = ("raw", "raw_bias_removed", "least_squares", "tinygc")
 EARTH = {"given": "heading given", "unknown": "heading unknown", "none": "Earth's rotation left out"}
 INSTABILITIES_DPH = (0.0, 3.0)
 CLOSURE_S = (54.0, 58.0)
@@ -47,25 +47,19 @@ RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "closure"
 class Job:
     seed: int
     instability_dph: float
-    methods: tuple[str, ...]
-    held_out: bool
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sessions", type=int, default=24, help="simulated sessions (%(default)s)")
     parser.add_argument("--seed", type=int, default=1000, help="of the first session (%(default)s)")
-    parser.add_argument("--pso", action="store_true", help="the swarm, too")
-    parser.add_argument("--held-out", action="store_true", help="the held-out closure of the segments, too: slow")
-    parser.add_argument("--recordings", type=Path, default=RECORDINGS, metavar="DIR", help="folder of recorded sessions (%(default)s)")
     args = parser.parse_args()
-    methods = ("raw", "raw_bias_removed", "least_squares", *(["pso"] if args.pso else []), "tinygc")
     seeds = range(args.seed, args.seed + args.sessions)
-    jobs = [Job(seed, dph, methods, args.held_out) for dph in INSTABILITIES_DPH for seed in seeds]
+    jobs = [Job(seed, dph) for dph in INSTABILITIES_DPH for seed in seeds]
     results = in_parallel(one_session, jobs, "session")
     print(f"Closure runs of {CLOSURE_S[0]:.0f} to {CLOSURE_S[1]:.0f} s after a fit to 40 segments, {args.sessions} simulated sessions.")
     print("RMSE over roll, pitch, yaw at the return, degrees: median (and quartiles).\n")
-    print(markdown(["bias instability", "Earth", *(TITLES[m] for m in methods), "floor"], _closure_rows(jobs, results, methods)))
+    print(markdown(["bias instability", "Earth", *(TITLES[m] for m in METHODS), "floor"], _closure_rows(jobs, results)))
     heading_error = np.array([result["heading_error_deg"] for result in results])
     sigma = np.array([result["heading_sigma_deg"] for result in results])
     print("\nHeading estimated from the stills, error in degrees rms and mean stated sigma:", end=" ")
@@ -76,10 +70,6 @@ def main() -> None:
     print("; ".join(words) + ".")
     bent = sum(r["bent"] for r in results)
     print(f"TinyGC-Net chose a bent (not linear) solution in {bent} of {len(results)} fits with the heading unknown.")
-    if args.held_out:
-        print("\nTilt of held-out segments, heading unknown, degrees rms: median.\n")
-        print(markdown(["bias instability", *(TITLES[m] for m in methods), "floor"], _held_out_rows(jobs, results, methods)))
-    _print_recordings(args.recordings, methods)
 
 
 def one_session(job: Job) -> dict:
@@ -89,28 +79,22 @@ def one_session(job: Job) -> dict:
     truth_deg = first_still_heading_deg(options)
     with simulated(options) as folder:
         session = read_session(folder)
-    return figures(session, job.methods, truth_deg, job.held_out)
+    return figures(session, truth_deg)
 
 
-def figures(session: Session, methods: tuple[str, ...], heading_deg: float | None, held_out: bool) -> dict:
-    """RMSE in degrees by Earth and method, of the session's first closure run; ``heading_deg`` or None where nobody knows it."""
-    result = {"rmse_deg": {}, "held_out_deg": {}, "heading_error_deg": np.nan, "heading_sigma_deg": np.inf, "bent": False}
+def figures(session: Session, heading_deg: float) -> dict:
+    """RMSE in degrees by Earth and method, of the session's first closure run."""
+    result = {"rmse_deg": {}, "heading_error_deg": np.nan, "heading_sigma_deg": np.inf, "bent": False}
     for earth in EARTH:
-        if earth == "given" and heading_deg is None:
-            continue
         known = with_heading(session, (heading_deg + 180) % 360 - 180 if earth == "given" else None)
         problem = build_problem(known, use_earth=earth != "none")
         run = read_closure_runs(problem)[0]
-        models = {name: fit_model(name, problem) for name in methods}
+        models = {name: fit_model(name, problem) for name in METHODS}
         result["rmse_deg"][earth] = {name: run_figures(run.errors(model))["rmse_deg"] for name, model in models.items()}
         result["floor_deg"] = rms(run.floor_rad) / DEG
         if earth == "unknown":
             result["bent"] = bool(np.abs(models["tinygc"].slope - 1).max() > 1e-6)
-            if held_out:
-                fits = {name: run_method(name, problem, FitOptions()) for name in methods}
-                result["held_out_deg"] = {name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()}
-                result["held_out_floor_deg"] = problem.floor.tilt_rms / DEG
-            if problem.earth.source == "estimated" and heading_deg is not None:
+            if problem.earth.source == "estimated":
                 error = problem.earth.heading_rad / DEG - heading_deg
                 result["heading_error_deg"] = (error + 180) % 360 - 180
                 result["heading_sigma_deg"] = problem.earth.heading_sigma_rad / DEG
@@ -118,7 +102,7 @@ def figures(session: Session, methods: tuple[str, ...], heading_deg: float | Non
 
 
 def fit_model(name: str, problem: Problem, still_rates: bool = False):
-    """One method's model of all segments, without the folds that ``run_method`` adds."""
+    """One method's model of all segments, without the folds that ``fit`` adds."""
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
     rates = problem.still_rates if still_rates else None
     if name == "raw":
@@ -137,40 +121,18 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _closure_rows(jobs: list[Job], results: list[dict], methods: tuple[str, ...]):
+def _closure_rows(jobs: list[Job], results: list[dict]):
     for dph in INSTABILITIES_DPH:
         chosen = [result for job, result in zip(jobs, results, strict=True) if job.instability_dph == dph]
         floor = f"{np.median([result['floor_deg'] for result in chosen]):.4f}"
         for earth, words in EARTH.items():
-            columns = ([result["rmse_deg"][earth][method] for result in chosen] for method in methods)
+            columns = ([result["rmse_deg"][earth][method] for result in chosen] for method in METHODS)
             yield [f"{dph:g} °/h", words, *map(_median, columns), floor]
 
 
 def _median(values: list[float]) -> str:
     low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
     return f"{middle:.4f} ({low:.3f}–{high:.3f})" if middle < 1 else f"{middle:.1f} ({low:.1f}–{high:.1f})"
-
-
-def _held_out_rows(jobs: list[Job], results: list[dict], methods: tuple[str, ...]):
-    for dph in INSTABILITIES_DPH:
-        chosen = [result for job, result in zip(jobs, results, strict=True) if job.instability_dph == dph]
-        medians = [np.median([result["held_out_deg"][method] for result in chosen]) for method in methods]
-        floor = np.median([result["held_out_floor_deg"] for result in chosen])
-        yield [f"{dph:g} °/h", *(f"{value:.4f}" for value in medians), f"{floor:.4f}"]
-
-
-def _print_recordings(folder: Path, methods: tuple[str, ...]) -> None:
-    folders = sorted(path.parent for path in folder.glob("*/session.toml"))
-    if not folders:
-        return
-    rows = []
-    for path in folders:
-        session = read_session(path)
-        found = figures(session, methods, session.config.site.heading_deg, held_out=False)
-        for earth, errors in found["rmse_deg"].items():
-            rows.append([path.name, EARTH[earth], *(f"{errors[m]:.4f}" for m in methods), f"{found['floor_deg']:.4f}"])
-    print("\nRecordings (heading given where session.toml gives it):\n")
-    print(markdown(["", "Earth", *(TITLES[m] for m in methods), "floor"], rows))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,6 @@ class Job:
     seed: int
     segments: int
     instability_dph: float
-    use_still_rates: bool
 
 
 def main() -> None:
@@ -37,15 +36,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=2000, help="of the first session (%(default)s)")
     parser.add_argument("--segments", type=int, default=40, help="per session (%(default)s)")
     parser.add_argument("--bias-instability", type=float, default=3.0, metavar="DPH", help="°/h, as the simulator (%(default)s)")
-    parser.add_argument("--still-rates", action="store_true", help="with the mean rates of the stills as data, too")
     args = parser.parse_args()
-    jobs = [Job(args.seed + i, args.segments, args.bias_instability, args.still_rates) for i in range(args.sessions)]
+    jobs = [Job(args.seed + i, args.segments, args.bias_instability) for i in range(args.sessions)]
     results = in_parallel(one_session, jobs, "session")
     z = np.array([result["z"] for result in results])
     print(
-        f"{len(z)} simulated sessions of {args.segments} segments, bias instability {args.bias_instability:g} °/h"
-        + (", with still rates" if args.still_rates else "")
-        + ": share of the errors within one and two stated sigmas.\n"
+        f"{len(z)} simulated sessions of {args.segments} segments, bias instability {args.bias_instability:g} °/h: "
+        "share of the errors within one and two stated sigmas.\n"
     )
     rows = [_row(name, z[:, i]) for i, name in enumerate(NAMES)]
     print(markdown(["parameter", "within 1σ", "within 2σ", "error rms / σ", "mean error / σ"], [*rows, _row("all", z.ravel())]))
@@ -78,11 +75,10 @@ def one_session(job: Job) -> dict:
     truth = np.concatenate([unit.E.ravel(), unit.B])
     with simulated(options) as folder:
         problem = build_problem(read_session(folder))
-    rates = problem.still_rates if job.use_still_rates else None
-    fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]), still_rates=rates)
+    fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]))
     noise = stated_noise(problem)
     found, widened = stated_goodness(problem, fit.model, noise)
-    whole, accelerometer = stated_covariance(problem, fit.model, noise, job.use_still_rates)
+    whole, accelerometer = stated_covariance(problem, fit.model, noise, False)
     covariance = widened * (whole - accelerometer)
     sigma, error = np.sqrt(np.diag(covariance)), fit.model.vector - truth
     return {

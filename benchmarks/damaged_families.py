@@ -10,22 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from session.detect.stills import SessionStills
-from session.io.folder import read_session
 from session.io.units import DEG, MG, G
 from tinygc.simulation.movement import move, table_to_body
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Simulation, registers_of, simulate_session
 from tinygc.simulation.write import config_text
-
-#: header of the columns, and what one of each is in SI
-UNITS = {
-    "dps, g": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", DEG, G),
-    "degrees called radians": ("gx_rps,gy_rps,gz_rps,ax_g,ay_g,az_g", DEG, G),
-    "radians called degrees": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", 1.0, G),
-    "g called m/s²": ("gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2", DEG, G),
-    "m/s² called g": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", DEG, 1.0),
-}
 
 
 @dataclass
@@ -33,10 +22,8 @@ class Recording:
     """A session as a family changes it.
 
     t_s (N,), gyro rad/s and accel m/s^2 (N, 3) as measured, temp_c (N,); turns: rows (start, stop) of each; E (3, 3), B (3,) rad/s: the
-    truth.  session.toml is written from simulation; calibrated: whether it holds the accelerometer's calibration; stated_fs_dps: another
-    full scale than the true one; units of the columns, None for registers; comment of the log; run_began_s: another first stamp of the
-    closure run, where there is one; dials: damage to the readings (stills, 3)
-    in degrees, where there are any; edit: damage to the written rows.
+    truth.  session.toml is written from simulation; calibrated: whether it holds the accelerometer's calibration; physical: whether
+    the columns are in dps and g, and not registers; comment of the log.
     """
 
     simulation: Simulation
@@ -48,12 +35,8 @@ class Recording:
     E: np.ndarray
     B: np.ndarray
     calibrated: bool = True
-    stated_fs_dps: float | None = None
-    units: str | None = None
+    physical: bool = False
     comment: str = ""
-    run_began_s: float | None = None
-    dials: Callable[[np.ndarray], None] | None = None
-    edit: Callable[[list[str], np.random.Generator], list[str]] | None = None
 
     @property
     def since(self) -> np.ndarray:
@@ -81,7 +64,7 @@ class Recording:
 
     def mix(self, by: np.ndarray) -> None:
         """Rates times a matrix, as numbers that no register limits; the truth follows."""
-        self.units, self.gyro, self.E = "dps, g", self.gyro @ by.T, self.E @ np.linalg.inv(by)
+        self.physical, self.gyro, self.E = True, self.gyro @ by.T, self.E @ np.linalg.inv(by)
 
     def drop(self, rows: np.ndarray, closed: bool = False) -> None:
         """Leave rows out; closed: the stamps of the others close the gap."""
@@ -136,40 +119,6 @@ def noise_like(values: np.ndarray, row: tuple[int, int], rng: np.random.Generato
     return np.std(values[row[0] : row[1]], axis=0) * rng.standard_normal(values.shape)
 
 
-@family("accelerometer dead, level")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    level = r.simulation.unit.measured_force(np.array([0.0, 0.0, -G]))
-    r.accel = level + noise_like(r.accel, r.rests[0], rng)
-
-
-@family("accelerometer dead from the middle on")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    start = r.rests[len(r.rests) // 2][0]
-    r.accel[start:] = r.accel[start + 5] + noise_like(r.accel, r.rests[0], rng)[start:]
-
-
-@family("accelerometer axis stuck")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.accel[:, 1] = r.accel[0, 1]
-
-
-@family("gyro axis dead")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro[:, 2] = r.gyro[5, 2] + noise_like(r.gyro, r.rests[0], rng)[:, 2]
-
-
-@family("gyro axis stuck")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro[:, 1] = r.gyro[0, 1]
-
-
-@family("accelerometer frozen in turns")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    for start, stop in r.turns:  # a FIFO that starves: the last reading is repeated
-        middle = (start + stop) // 2
-        r.accel[middle : middle + 20] = r.accel[middle]
-
-
 SWAP = np.eye(3)[[1, 0, 2]]
 FAMILIES |= {
     "gyro axes swapped": lambda r, rng: r.mix(SWAP),
@@ -179,25 +128,7 @@ FAMILIES |= {
     "rates × 1.95": lambda r, rng: r.mix(1.95 * np.eye(3)),
     "rates × 1.05": lambda r, rng: r.mix(1.05 * np.eye(3)),
     "one rate × 1.2": lambda r, rng: r.mix(np.diag([1.0, 1.2, 1.0])),
-    **{name: lambda r, rng, name=name: setattr(r, "units", name) for name in list(UNITS)[1:]},
 }
-
-
-@family("full scale stated too high")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.stated_fs_dps, r.E = 2 * r.simulation.options.gyro_fs_dps, r.E / 2
-
-
-@family("accelerometer axes swapped")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.accel = r.accel @ SWAP.T
-    r.leave_uncalibrated()
-
-
-@family("accelerometer upside down")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.accel = -r.accel
-    r.leave_uncalibrated()
 
 
 # Time.
@@ -223,36 +154,15 @@ def _(r: Recording, rng: np.random.Generator) -> None:
     r.t_s = r.t_s * (1 + draw(rng, 0.005, ()))
 
 
-@family("milliseconds called seconds")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.t_s = r.t_s * 1e3
-
-
 @family("2 rows lost in each turn, stamps closed up")
 def _(r: Recording, rng: np.random.Generator) -> None:
     r.drop(np.concatenate([(start + stop) // 2 + np.arange(2) for start, stop in r.turns]), closed=True)
-
-
-@family("1 row lost in three turns, stamps closed up")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.drop(np.array([sum(r.turns[i]) // 2 for i in (2, 6, 11)]), closed=True)
-
-
-@family("rows lost, stamps kept")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.drop(np.concatenate([(start + stop) // 2 + np.arange(3) for start, stop in r.turns]))
 
 
 @family("gap of 0.3 s in four turns")
 def _(r: Recording, rng: np.random.Generator) -> None:
     rows = round(0.3 * r.simulation.options.odr_hz)
     r.drop(np.concatenate([sum(r.turns[i]) // 2 + np.arange(rows) for i in (1, 5, 9, 12)]))
-
-
-@family("a whole turn missing, stamps closed up")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    start, stop = r.turns[7]
-    r.drop(np.arange(start - 5, stop + 5), closed=True)
 
 
 def jump(r: Recording, seconds: float) -> None:
@@ -264,27 +174,6 @@ FAMILIES |= {
     "clock jumps 2 ms in each turn": lambda r, rng: jump(r, 2e-3),
     "clock jumps 0.25 ms in each turn": lambda r, rng: jump(r, 0.25e-3),
 }
-
-
-@family("stamps jitter by 1 ms")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.t_s = np.abs(r.t_s + np.clip(1e-3 * rng.standard_normal(len(r.t_s)), -2e-3, 2e-3))
-
-
-@family("rows doubled, stamp and all")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.edit = lambda rows, rng: [row for row in rows for _ in range(1 + (rng.random() < 0.02))]
-
-
-@family("readings repeated in place of the next")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    held = np.flatnonzero(rng.random(len(r.t_s) - 1) < 0.05) + 1
-    r.gyro[held], r.accel[held] = r.gyro[held - 1], r.accel[held - 1]
-
-
-@family("rows of nan")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.edit = lambda rows, rng: [row if i % 700 else row.split(",")[0] + ",nan" * 6 + ",0" for i, row in enumerate(rows, start=1)]
 
 
 def late(values: np.ndarray, t_s: np.ndarray, delay_s: float) -> np.ndarray:
@@ -383,40 +272,9 @@ def _(r: Recording, rng: np.random.Generator) -> None:
     r.gyro = r.gyro + r.accel / G @ draw(rng, 0.05 * DEG, (3, 3)).T
 
 
-@family("rates rectify vibration in turns")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    shaking = 0.7 * G * r.turning * rng.standard_normal(r.accel.shape)
-    r.accel, r.gyro = r.accel + shaking, r.gyro + draw(rng, 0.3 * DEG) * (np.linalg.norm(shaking, axis=1, keepdims=True) / G) ** 2
-
-
-@family("accelerometer vibrates in turns")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.accel = r.accel + 0.7 * G * r.turning * rng.standard_normal(r.accel.shape)
-
-
 @family("noise × 2")
 def _(r: Recording, rng: np.random.Generator) -> None:
     r.gyro = r.gyro + np.sqrt(3) * noise_like(r.gyro, r.rests[0], rng)
-
-
-@family("rates rounded to 0.1 dps")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro, r.units = np.round(r.gyro / DEG, 1) * DEG, "dps, g"
-
-
-@family("spikes in the rates")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    for start, stop in r.turns:
-        r.gyro[rng.integers(start + 20, stop - 20)] += draw(rng, 150 * DEG)
-
-
-@family("another unit from the middle on")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    scale, zero = 1 + draw(rng, 0.01), draw(rng, 0.5 * DEG)
-    second = r.since > 0.5
-    r.gyro = np.where(second, r.gyro * scale, r.gyro)
-    r.E = r.E @ np.diag(1 / ((1 + scale) / 2))
-    change(r, zero * second)
 
 
 # The accelerometer, which gives the references.
@@ -474,20 +332,6 @@ def tilt(r: Recording, angle: np.ndarray, axis_t: Sequence[float]) -> None:
     r.gyro = r.gyro + np.gradient(angle, r.t_s)[:, None] * r.body(axis)
 
 
-@family("operator touches the table in rests")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    angle = np.zeros(len(r.t_s))
-    for start, stop in r.rests:
-        span = (stop - start) // 2
-        angle[start + 10 : start + 10 + span] += draw(rng, 0.15 * DEG, ()) * np.sin(np.linspace(0, np.pi, span)) ** 2
-    tilt(r, angle, (0.6, 0.8, 0.0))
-
-
-@family("table creeps at 0.05 dps in rests, about the vertical")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    tilt(r, np.cumsum(1 - r.turning[:, 0]) * 0.05 * DEG * np.median(np.diff(r.t_s)), (0.0, 0.0, 1.0))
-
-
 @family("table creeps at 0.05 dps in rests, tilting")
 def _(r: Recording, rng: np.random.Generator) -> None:
     back = np.zeros(len(r.t_s))  # each turn undoes what the rest before it crept
@@ -497,67 +341,27 @@ def _(r: Recording, rng: np.random.Generator) -> None:
     tilt(r, back, (1.0, 0.0, 0.0))
 
 
-@family("one rest turns at 0.3 dps about the vertical")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    start, stop = r.rests[5]
-    tilt(r, np.clip(np.arange(len(r.t_s)) - start, 0, stop - start) * 0.3 * DEG * np.median(np.diff(r.t_s)), (0.0, 0.0, 1.0))
-
-
-@family("shaken hard at the end, beyond the full scale")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    rows = np.arange(round(20 / np.median(np.diff(r.t_s))))
-    since = rows / len(rows) * 20
-    wave = np.stack([np.sin(2 * np.pi * (hz * since + phase)) for hz, phase in ((1.9, 0.1), (2.3, 0.6), (3.1, 0.3))], axis=1)
-    r.t_s = np.concatenate([r.t_s, r.t_s[-1] + (rows + 1) * np.median(np.diff(r.t_s))])
-    r.gyro = np.concatenate([r.gyro, 900 * DEG * wave])
-    r.accel = np.concatenate([r.accel, r.accel[-1] + 2 * G * wave[:, ::-1]])
-    r.temp_c = np.concatenate([r.temp_c, r.temp_c[-1] + 0 * rows])
-
-
-# What a person enters, and the closure run.
-
-
-@family("closure run's clock starts at 0")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.run_began_s = 0.0
+# What a person enters.
 
 
 FAMILIES |= {
-    "closure run": lambda r, rng: None,
     "latitude of the wrong sign": lambda r, rng: r.options(latitude_deg=-r.simulation.options.latitude_deg),
     "gravity wrong by 0.5 %": lambda r, rng: r.options(gravity_mps2=9.84),
-}
-
-
-def read_dials(r: Recording, change: Callable[[np.ndarray], None]) -> None:
-    """Give the session dial readings, which ``change`` alters in place."""
-    r.dials = change
-
-
-FAMILIES |= {
-    "dials read well": lambda r, rng: read_dials(r, lambda readings: None),
-    "dials: one off by 90°": lambda r, rng: read_dials(r, lambda readings: np.add.at(readings, (6, 0), 90.0)),
-    "dials: one row twice": lambda r, rng: read_dials(r, lambda readings: np.copyto(readings[6], readings[5])),
-    "dials: two rows exchanged": lambda r, rng: read_dials(r, lambda readings: np.copyto(readings[6:8], readings[7:5:-1].copy())),
 }
 
 
 # From a simulation to a recording, and from a recording to a folder.
 
 
-#: families that need a closure run, and how long it is, s
-CLOSURE_S = {"closure run": 30.0, "closure run's clock starts at 0": 30.0}
-
-
 @lru_cache(maxsize=4)
-def simulated(seed: int, closure_s: float) -> Simulation:
+def simulated(seed: int) -> Simulation:
     """The session that the families damage: 16 turns; 104 Hz or 208 Hz."""
-    return simulate_session(SimulationOptions(seed=seed, segments=16, closure_s=closure_s, odr_hz=(104.0, 208.0)[seed % 2]))
+    return simulate_session(SimulationOptions(seed=seed, segments=16, closure_s=0.0, odr_hz=(104.0, 208.0)[seed % 2]))
 
 
-def damaged(name: str, seed: int) -> tuple[Recording, np.random.Generator]:
-    """A family's recording, and what further draws of its damage come from."""
-    simulation, rng = simulated(seed, CLOSURE_S.get(name, 0.0)), np.random.default_rng([seed, zlib.crc32(name.encode())])
+def damaged(name: str, seed: int) -> Recording:
+    """A family's recording."""
+    simulation, rng = simulated(seed), np.random.default_rng([seed, zlib.crc32(name.encode())])
     units, log = simulation.options.register_units, simulation.log
     t_s, temp_c = log.t_us * 1e-6, units.temperature_c(log.temp)
     assert temp_c is not None  # the simulated sensor has a thermometer
@@ -570,39 +374,21 @@ def damaged(name: str, seed: int) -> tuple[Recording, np.random.Generator]:
     )
     r = Recording(simulation, t_s, gyro, accel, temp_c, turns, simulation.unit.E, simulation.unit.B)
     FAMILIES[name](r, rng)
-    return r, rng
+    return r
 
 
-def write(r: Recording, folder: Path, rng: np.random.Generator) -> None:
+def write(r: Recording, folder: Path) -> None:
     """The session folder of a damaged recording."""
-    options, units, run = r.simulation.options, r.simulation.options.register_units, r.simulation.closure
-    if r.units is None:
+    options, units = r.simulation.options, r.simulation.options.register_units
+    if not r.physical:
         header = "t_us,gx,gy,gz,ax,ay,az,temp"
         gyro = registers_of(r.gyro, options.gyro_fs_dps * DEG, units.gyro_rps)
         accel = registers_of(r.accel, options.accel_fs_g * G, units.accel_mps2)
         temp = np.rint(units.temperature_lsb(r.temp_c, len(r.t_s)))
         table, row = np.column_stack([np.rint(r.t_s * 1e6), gyro, accel, temp]), ",".join(["%d"] * 8)
     else:
-        columns, rate, force = UNITS[r.units]
-        header, row = f"t_us,{columns},temp_c", "%d" + ",%.6f" * 7
-        table = np.column_stack([np.rint(r.t_s * 1e6), r.gyro / rate, r.accel / force, r.temp_c])
+        header, row = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c", "%d" + ",%.6f" * 7
+        table = np.column_stack([np.rint(r.t_s * 1e6), r.gyro / DEG, r.accel / G, r.temp_c])
     rows = [row % tuple(values) for values in table.tolist()]
-    rows = rows if r.edit is None else r.edit(rows, rng)
     (folder / "log0001.csv").write_text("\n".join([r.comment + header, *rows, ""]))
-    if run is not None:
-        t_us = run.t_us if r.run_began_s is None else run.t_us - run.t_us[0] + round(r.run_began_s * 1e6)
-        rows = [",".join(map(str, values)) for values in np.column_stack([t_us, run.gyro, run.accel, run.temp]).tolist()]
-        (folder / "closure0001.csv").write_text("\n".join(["t_us,gx,gy,gz,ax,ay,az,temp", *rows, ""]))
-    text = config_text(r.simulation, concealed=False, calibrated=r.calibrated)
-    if r.stated_fs_dps is not None:
-        text = text.replace(f"gyro_fs_dps = {options.gyro_fs_dps:g}", f"gyro_fs_dps = {r.stated_fs_dps:g}")
-    (folder / "session.toml").write_text(text)
-    if r.dials is not None:
-        session = read_session(folder)
-        stills = SessionStills(session).of(session.logs[0]).stills
-        middles = np.array([session.logs[0].samples.t_s[[still.start, still.stop - 1]].mean() for still in stills])
-        readings = move(r.simulation.plan, middles).angles[::-1].T / DEG + 0.03 * rng.standard_normal((len(stills), 3))
-        r.dials(readings)
-        table = [f"{i},{roll:.2f},{pitch:.2f},{yaw:.2f}" for i, (roll, pitch, yaw) in enumerate(readings)]
-        (folder / "attitudes.csv").write_text("\n".join(["still,roll_deg,pitch_deg,yaw_deg", *table, ""]))
-        (folder / "session.toml").write_text(text.replace('reference = "gravity"', 'reference = "table"'))
+    (folder / "session.toml").write_text(config_text(r.simulation, concealed=False, calibrated=r.calibrated))

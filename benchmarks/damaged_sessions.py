@@ -1,6 +1,6 @@
 """What becomes of a session that is damaged: refused, warned of, or certified; and is its calibration right?
 
-    python benchmarks/damaged_sessions.py [--seeds 8] [--family "one rate 5 ms late" …] [--combined] [--processes 2] [--json OUT]
+    python benchmarks/damaged_sessions.py [--seeds 8] [--family "one rate 5 ms late" …] [--processes 2]
 
 A simulated session, whose truth is known, is damaged in one way (``FAMILIES``) and written as a folder; then ``check`` and ``fit`` (least
 squares) look at it.  Each case ends as one of ``OUTCOMES``.  *Warned*: anything but a plain pass of check and fit.  *Wrong*: one of the
@@ -11,7 +11,6 @@ is the mean over the session; where it mixes or scales columns, it is what is ri
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -33,12 +32,6 @@ OUTCOMES = (REFUSED, "warned, right", "silent, right", "warned, wrong", "silent,
 # What the tool says of it.
 
 
-def combined_sigma(result) -> np.ndarray | None:
-    """(12,): with what any effect of the catalogue that the recording still allows would move; None where a fit does not state it."""
-    systematic = getattr(result, "systematic", None)
-    return None if systematic is None else np.sqrt(np.diag(result.covariance) + np.asarray(systematic) ** 2)
-
-
 def doubts_of(result) -> list[str]:
     """What a fit says against itself, in short: its verdict, misfit, and what it noticed."""
     answer = result.verdict().answer
@@ -55,12 +48,12 @@ def one_case(job: tuple[str, int]) -> dict:
     from tinygc import check, fit
 
     name, seed = job
-    r, rng = damaged(name, seed)
+    r = damaged(name, seed)
     case: dict = {"family": name, "seed": seed, "z": None, "z_combined": None, "widening": None}
     with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
         folder = Path(parent) / "damaged"
         folder.mkdir()
-        write(r, folder, rng)
+        write(r, folder)
         try:
             findings = check(folder)
             errors = [f"{each.what}: {each.says}" for each in findings if each.level == "error"]
@@ -74,25 +67,24 @@ def one_case(job: tuple[str, int]) -> dict:
     said = [f"check: {each.what}" for each in findings if each.level == "warning"]
     said = list(dict.fromkeys(said + [each for each in doubts_of(result) if each.replace("fit:", "check:") not in said]))
     error = result.linear.model.vector - np.concatenate([r.E.ravel(), r.B])
-    stated, combined = np.sqrt(np.diag(result.covariance)), combined_sigma(result)
-    case |= {"z": (error / stated).tolist(), "error": error.tolist(), "p_value": result.goodness.p_value}
-    if combined is not None:
-        case |= {"z_combined": (error / combined).tolist(), "widening": float(np.median(combined / stated))}
+    systematic = np.zeros(12) if result.systematic is None else result.systematic
+    stated, combined = np.sqrt(np.diag(result.covariance)), np.sqrt(np.diag(result.covariance) + systematic**2)
+    case |= {"z": error / stated, "z_combined": error / combined, "widening": float(np.median(combined / stated))}
     return case | {"end": "warned" if said else "silent", "said": said}
 
 
-def outcome(case: dict, key: str = "z") -> str:
-    """One of ``OUTCOMES``; key: by which sigmas a case is wrong, ``z`` or, where a fit states them, ``z_combined``."""
-    z = case["z"] if case[key] is None else case[key]
+def outcome(case: dict) -> str:
+    """One of ``OUTCOMES``."""
+    z = case["z"]
     return case["end"] if z is None else f"{case['end']}, {'right' if np.abs(z).max() <= WRONG else 'wrong'}"
 
 
 # The table.
 
 
-def row_of(name: str, cases: Sequence[dict], key: str) -> list[str]:
+def row_of(name: str, cases: Sequence[dict]) -> list[str]:
     """One line of the table: outcomes, the largest error in stated and in combined sigmas, which number it is, what was said most."""
-    counts = Counter(outcome(case, key) for case in cases)
+    counts = Counter(outcome(case) for case in cases)
     fitted = [case for case in cases if case["z"] is not None]
     silent = [case for case in fitted if case["end"] == "silent"]
     worst = max(fitted, key=lambda case: np.abs(case["z"]).max(), default=None)
@@ -126,19 +118,14 @@ def main() -> None:
     seeds = "seed of the first (%(default)s); undamaged, none of 10 to 39 is wrong by chance"
     parser.add_argument("--first", type=int, default=10, metavar="SEED", help=seeds)
     parser.add_argument("--family", nargs="+", default=list(FAMILIES), choices=list(FAMILIES), metavar="NAME", help="only these")
-    parser.add_argument("--combined", action="store_true", help="wrong by the combined sigmas, where a fit states them")
     parser.add_argument("--processes", type=int, default=2, help="(%(default)s)")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write every case")
     args = parser.parse_args()
     jobs = [(name, seed) for seed in range(args.first, args.first + args.seeds) for name in args.family]
     cases = in_parallel(one_case, jobs, "case", args.processes)
-    if args.json:
-        args.json.write_text(json.dumps(cases, indent=1))
-    key, sigmas = ("z_combined", "combined") if args.combined else ("z", "stated")
-    print(f"{len(args.family)} families × {args.seeds} seeds.  Wrong: a number beyond {WRONG:g} {sigmas} sigmas of the truth.\n")
+    print(f"{len(args.family)} families × {args.seeds} seeds.  Wrong: a number beyond {WRONG:g} stated sigmas of the truth.\n")
     header = ["family", *OUTCOMES, "largest error/σ", "of silent ones", "in combined σ", "said most"]
-    rows = [row_of(name, [case for case in cases if case["family"] == name], key) for name in args.family]
-    total = row_of("all", cases, key)
+    rows = [row_of(name, [case for case in cases if case["family"] == name]) for name in args.family]
+    total = row_of("all", cases)
     print(markdown(header, [*rows, [*total[:-1], ""]]))
     clean, others = ([case for case in cases if (case["family"] == "clean") == which] for which in (True, False))
     print()

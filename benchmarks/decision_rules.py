@@ -1,25 +1,20 @@
-"""Are decisions wrong as often as they say?  Limits near the truth, of closures and sensor errors, and closures of real recordings.
+"""Are decisions wrong as often as they say?  Limits near the truth, of closures and sensor errors.
 
 ``closures``: rms tilts of many sets of segments about a truth that is known: how often a stated U holds it, and how often a set at its
 limit passes by a guard band of U.  ``runs``: closure runs of known noise whose true errors are drawn: how often the stated probability of
 conformity is right, near the floor and far from it.  ``sessions``: simulated sessions whose sensor errors are known, against limits laid
-at random about the truth: whether values that state a probability of conformity p conform in that share.  ``real``: on recordings beside
-the checkout, whether two halves of a session's segments state closures that agree within their U.
+at random about the truth: whether values that state a probability of conformity p conform in that share.
 """
 
 from __future__ import annotations
 
 import argparse
-import tempfile
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown, simulated
-from real_recordings import Job, jobs_of
 from scipy import stats
 
-from session.io.errors import CalibrationError
 from session.io.requirements import GUARDED, Rule
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
@@ -34,18 +29,16 @@ SETS = 2000
 #: limits in sigmas about the truth, for each sensor error of each session
 LIMITS = 20
 FARTHEST = 4.0
-SETS_OF_RECORDINGS = ("mikov", "mimu", "xsens")
 BANDS = (0.0, 0.025, 0.16, 0.5, 0.84, 0.975, 1.0)
 OPTIONS = FitOptions(methods=("raw", "raw_bias_removed", "least_squares"))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=("closures", "runs", "sessions", "real"))
+    parser.add_argument("part", choices=("closures", "runs", "sessions"))
     parser.add_argument("--sessions", type=int, default=60, help="(%(default)s)")
-    parser.add_argument("--shared", type=Path, default=Path("../shared"), help="(%(default)s)")
     args = parser.parse_args()
-    {"closures": closures, "runs": runs, "sessions": sessions, "real": real}[args.part](args)
+    {"closures": closures, "runs": runs, "sessions": sessions}[args.part](args)
 
 
 # Closures of known truth
@@ -139,38 +132,6 @@ def _session(seed: int) -> list[tuple[float, bool]]:
         for limit in true + each.sigma * rng.uniform(-FARTHEST, FARTHEST, LIMITS):
             found.append((conforms_probability(each.value, each.sigma, (-np.inf, limit), each.freedom), bool(true <= limit)))
     return found
-
-
-# Real recordings
-
-
-def real(args: argparse.Namespace) -> None:
-    with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
-        jobs = [job for name in SETS_OF_RECORDINGS for job in jobs_of(name, args.shared, Path(made))]
-        found = [each for each in in_parallel(_halves, jobs, "recording") if each is not None]
-    rows = []
-    for name in SETS_OF_RECORDINGS:
-        own = [pulls for of, pulls in found if of == name]
-        if own:
-            pulls = np.concatenate(own)
-            rows.append([name, str(len(own)), str(len(pulls)), f"{np.sum(np.abs(pulls) <= 1)}", f"{np.sqrt(np.mean(pulls**2)):.2f} U"])
-    print(markdown(["set", "recordings", "differences", "within their U", "rms"], rows))
-
-
-def _halves(job: Job) -> tuple[str, np.ndarray] | None:
-    """Differences of two closures in their joint U: first against second half of the segments, and blocks of five in turns."""
-    try:
-        fit = fit_session(job.folder, OPTIONS)
-    except CalibrationError:
-        return None
-    angles, count = fit.linear.held_out, len(fit.problem.used)
-    if count < 14:
-        return None
-    pulls = []
-    for part in (np.arange(count) < count // 2, (np.arange(count) // 5) % 2 == 0):
-        one, other = (closure_measured(angles[which], np.flatnonzero(which)) for which in (part, ~part))
-        pulls.append(np.log(one.value / other.value) / np.hypot(one.expanded / one.value, other.expanded / other.value))
-    return job.set_name, np.array(pulls)
 
 
 if __name__ == "__main__":

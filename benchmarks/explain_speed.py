@@ -1,10 +1,10 @@
 """How long ``explain`` takes, step by step, and how it grows with segments and samples.
 
-    python benchmarks/explain_speed.py [--segments 20 40 80 160 320 640] [--odr 104 208 416 833] [--null]
+    python benchmarks/explain_speed.py [--segments 20 40 80 160 320 640]
 
-Each session hides a bias that follows temperature and gravity, so that the naming has two rounds and lookalikes to refit; ``--null``
-hides nothing.  Each runs in a fresh process of one thread; the times are its CPU seconds, so that whatever else the machine does is
-left out (two threads take a little less), and the memory is its largest.
+Each session hides a bias that follows temperature and gravity, so that the naming has two rounds and lookalikes to refit.
+Each runs in a fresh process of one thread; the times are its CPU seconds, so that whatever else the machine does is left out (two
+threads take a little less), and the memory is its largest.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from common import markdown, progress
 
 from session.io.units import DEG, G
-from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
+from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 STEPS = ("reading", "boring causes", "registers", "stills", "digital twin", "naming", "lookalikes", "beyond the catalogue", "proof")
@@ -55,14 +55,14 @@ def peak_memory_mb() -> float:
     return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), float("nan"))
 
 
-def measured(options: SimulationOptions, null: bool) -> dict:
+def measured(options: SimulationOptions) -> dict:
     """Simulate, and explain in a fresh process."""
 
     def distort(t, rate, force, temp):
         return rate + K_THERMAL * (temp - options.temperature_start_c)[:, None] + K_GRAVITY * force[:, ::-1] / G
 
     with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
-        folder = write_session(options, Path(parent) / "session", distort=None if null else distort)
+        folder = write_session(options, Path(parent) / "session", distort=distort)
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, __file__, "--one", str(folder)]
         return json.loads(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
@@ -90,27 +90,17 @@ def growth(title: str, sizes: list[float], results: list[dict]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--segments", type=int, nargs="*", default=[20, 40, 80, 160, 320, 640])
-    parser.add_argument("--odr", type=float, nargs="*", default=sorted(GYRO_LPF2_HZ)[1:5])
-    parser.add_argument("--null", action="store_true", help="hide nothing")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.one:
         print(json.dumps(timed(args.one)))
         return
-    if args.segments:
-        results = []
-        for segments in args.segments:
-            progress(f"{segments} segments")
-            results.append(measured(SimulationOptions(segments=segments, closure_s=0.0, warm_up_c=6.0, seed=1), args.null))
-        progress("")
-        print(growth("segments, 208 Hz: CPU seconds", args.segments, results), end="\n\n")
-    if args.odr:
-        results = []
-        for odr_hz in args.odr:
-            progress(f"{odr_hz:g} Hz")
-            results.append(measured(SimulationOptions(odr_hz=odr_hz, closure_s=0.0, warm_up_c=6.0, seed=1), args.null))
-        progress("")
-        print(growth("Hz, 40 segments: CPU seconds", args.odr, results))
+    results = []
+    for segments in args.segments:
+        progress(f"{segments} segments")
+        results.append(measured(SimulationOptions(segments=segments, closure_s=0.0, warm_up_c=6.0, seed=1)))
+    progress("")
+    print(growth("segments, 208 Hz: CPU seconds", args.segments, results))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ and how many units still meet the requirement on the day that was stated.
 
     python benchmarks/history.py                      # all of it, about 8 minutes of one core
     python benchmarks/history.py --units 50 --only forecast
-    python benchmarks/history.py DIR …                # what the histories of fitted folders say, as the command prints it
 """
 
 from __future__ import annotations
@@ -15,18 +14,14 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from itertools import permutations
-from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown
 
 from tinygc.annexes.history.estimate import history_of
-from tinygc.annexes.history.forecast import draws_of, outlooks_of, parse_accuracy, parse_limit
-from tinygc.annexes.history.library import history_of_paths
+from tinygc.annexes.history.forecast import draws_of, outlooks_of, parse_limit
 from tinygc.annexes.history.sessions import NUMBERS, ZERO, UnitSession
 from tinygc.estimation.between_sessions import CHANCE
-from tinygc.estimation.repeatability import between_sessions
 from tinygc.estimation.session_times import YEAR_S, Moment
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
@@ -217,34 +212,12 @@ def forecasts(units: int) -> None:
     print(f"{units} units a row.\n\n{markdown([*head, 'a year on, within 68 %', 'within 95 %'], rows)}\n")
 
 
-def folders(paths: Sequence[Path]) -> None:
-    from tinygc.reporting.terminal import as_text
-
-    found = history_of_paths(paths, {}, [parse_accuracy("1deg/60s")], "", None, lambda what, done, of: None)
-    print(as_text(found.page))
-    apart = []
-    for unit in found.units:
-        biases, own = (np.array([getattr(session, name) for session in unit.sessions]) for name in ("bias", "bias_covariance"))
-        for i, j in permutations(range(len(biases)), 2):
-            others = [k for k in range(len(biases)) if k not in (i, j)]
-            if len(others) > 1:
-                spread = between_sessions(biases[others], own[others], [unit.sessions[k].moment for k in others])
-                apart.append(np.abs(biases[i] - biases[j]) / spread.sigma(own[i] + own[j]))
-    if apart:
-        inside = [f"{100 * np.mean(np.array(apart) < sigmas):.0f} %" for sigmas in (1, 2)]
-        print(f"\nEach session against each other one, the spread from the rest: {' and '.join(inside)} within one and two sigmas.")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="*", type=Path, help="fitted session folders, whose histories are printed instead")
     what = "units a row of the first table; a fifth of shocks, a third of forecasts (%(default)s)"
     parser.add_argument("--units", type=int, default=200, help=what)
     parser.add_argument("--only", choices=("statements", "shocks", "forecast"), help="one table")
     args = parser.parse_args()
-    if args.folders:
-        folders(args.folders)
-        return
     for name, table, part in (("statements", statements, 1), ("shocks", shocks, 5), ("forecast", forecasts, 3)):
         if args.only in (None, name):
             table(max(args.units // part, 2))

@@ -3,7 +3,6 @@
     python benchmarks/mutation.py                       every subject, 150 mutants of each
     python benchmarks/mutation.py priors verdicts       some
     python benchmarks/mutation.py --all priors          every mutant of a subject
-    python benchmarks/mutation.py --again FILE          what survived in an earlier run with --json FILE
     python benchmarks/mutation.py --week                every mutant of this week's subject
     python benchmarks/mutation.py --fixed               the short list that CI runs; exit code 1 if one survives
 
@@ -93,8 +92,6 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="every mutant instead of a sample")
     parser.add_argument("--week", action="store_true", help="every mutant of one subject, another each week")
     parser.add_argument("--fixed", action="store_true", help="the tables `fixed` of all subjects; what CI runs")
-    parser.add_argument("--again", type=Path, metavar="JSON", help="only those that survived in an earlier --json")
-    parser.add_argument("--json", type=Path, help="write every mutant with its outcome")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="mutants at the same time (%(default)s)")
     args = parser.parse_args()
     subjects = read_subjects()
@@ -105,19 +102,14 @@ def main() -> int:
     unknown = set(args.subjects) - set(subjects)
     if unknown:
         parser.error(f"no subject {', '.join(sorted(unknown))}; there are {', '.join(subjects)}")
-    results = []
-    before = [r["subject"] for r in json.loads(args.again.read_text()) if r["survivors"]] if args.again else None
-    for name in args.subjects or before or subjects:
-        results.append(examine(subjects[name], args))
-        if args.json:
-            args.json.write_text(json.dumps(results, indent=1))
+    results = [examine(subjects[name], args) for name in args.subjects or subjects]
     print("\n| subject | mutants in all | tried | equivalent | killed | survived | score | at least (95 %) | tests, CPU s | minutes |")
     print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
     for r in results:
-        tried = r["killed"] + len(r["survivors"])
+        tried = r["killed"] + r["survivors"]
         score, limit = 100 * r["killed"] / max(tried, 1), 100 * lower_limit(r["killed"], tried)
         print(
-            f"| {r['subject']} | {r['all']} | {tried + r['equivalent']} | {r['equivalent']} | {r['killed']} | {len(r['survivors'])} "
+            f"| {r['subject']} | {r['all']} | {tried + r['equivalent']} | {r['equivalent']} | {r['killed']} | {r['survivors']} "
             f"| {score:.1f} % | {limit:.1f} % | {r['test_s']:.1f} | {r['minutes']:.1f} |"
         )
     return 0
@@ -205,9 +197,6 @@ def examine(subject: Subject, args) -> dict:
     chosen = sorted(everyone, key=lambda mutant: hashlib.sha256(f"{args.seed} {mutant.name}".encode()).digest())
     if not args.all:
         chosen = chosen[: args.sample]
-    if args.again:
-        earlier = {name for r in json.loads(args.again.read_text()) if r["subject"] == subject.name for name in r["survivors"]}
-        chosen = [mutant for mutant in everyone if mutant.name in earlier]
     tried = [mutant for mutant in chosen if mutant.name not in known]
     preload()
     timed = measure(subject)
@@ -218,8 +207,7 @@ def examine(subject: Subject, args) -> dict:
         print(f"  survived: line {mutant.line}: {mutant.name}", flush=True)
     return {
         "subject": subject.name, "all": len(everyone), "equivalent": len(chosen) - len(tried), "killed": len(tried) - len(survivors),
-        "survivors": [mutant.name for mutant in survivors], "test_s": timed["seconds"],
-        "outcomes": Counter(outcomes), "minutes": (time.monotonic() - started) / 60,
+        "survivors": len(survivors), "test_s": timed["seconds"], "minutes": (time.monotonic() - started) / 60,
     }  # fmt: skip
 
 

@@ -10,10 +10,8 @@ that much larger.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown, simulated
@@ -74,11 +72,8 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0, help="of the first session")
     parser.add_argument("--noise-factor", type=float, default=1.0, help="all noise so many times the datasheet's")
-    parser.add_argument("--json", type=Path, help="write every session's result")
     args = parser.parse_args()
     results = in_parallel(explained, [(args.seed + i, args.noise_factor) for i in range(args.sessions)], "null sessions")
-    if args.json:
-        args.json.write_text(json.dumps(results, indent=1))
     refused = [result for result in results if "refused" in result]
     results = [result for result in results if "refused" not in result]
     count, alarms = len(results), [result for result in results if result["verdict"] != "no_mismatch"]

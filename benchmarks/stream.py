@@ -1,4 +1,4 @@
-"""The stream decoder: samples per second, and what becomes of damaged frames that pass their CRC."""
+"""The stream decoder: what becomes of damaged frames that pass their CRC."""
 
 from __future__ import annotations
 
@@ -17,20 +17,16 @@ from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.virtual_board import flipped
 
 RATE_HZ = 1667
-BLOCKS = (512, 4096, 65536)
 BLOCK_FRAMES = 20_000
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=1_000_000, help="of the throughput")
     parser.add_argument("--frames", type=int, default=1_200_000, help="that are sent in each case of damage")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     rows = hand_turned()
-    print(f"Samples per second on one core, and how many times {RATE_HZ} Hz; by the bytes that arrive at once\n")
-    print(markdown(("stream", *(f"{size} B" for size in BLOCKS)), throughput(rows, args.samples)))
-    print(f"\nDamaged frames, {args.frames} sent in each case\n")
+    print(f"Damaged frames, {args.frames} sent in each case\n")
     header = ("damage", "frames damaged", "pass the CRC", "of them left out", "enter the log", "good ones left out", "× real time")
     print(markdown(header, (damage(name, spoil, rows, args) for name, spoil in DAMAGE.items())))
 
@@ -46,31 +42,6 @@ def stream_of(rows: np.ndarray, first: int, count: int) -> tuple[np.ndarray, np.
     index = np.arange(first, first + count)
     place = index % (2 * len(rows))
     return index * 600, rows[np.where(place < len(rows), place, 2 * len(rows) - 1 - place)]
-
-
-def throughput(rows: np.ndarray, samples: int) -> list[tuple]:
-    t_us, registers = stream_of(rows, 0, samples)
-    table = np.column_stack([t_us, registers])
-    text = b"".join(
-        ("%d,%d,%d,%d,%d,%d,%d,%d\n" * len(part) % tuple(part.ravel().tolist())).encode()
-        for part in np.array_split(table, samples // 50_000 + 1)
-    )
-    streams = {"frames": frames.encode_samples(np.arange(samples), t_us, registers).tobytes(), "text": text}
-    result = []
-    for name, data in streams.items():
-        cells = []
-        for size in BLOCKS:
-            progress(f"{name}, {size} B")
-            decoder, began = StreamDecoder(), time.process_time()
-            for start in range(0, len(data), size):
-                decoder.feed(data[start : start + size])
-            decoder.finish()
-            rate = samples / (time.process_time() - began)
-            assert decoder.samples == samples
-            cells.append(f"{rate:,.0f} ({rate / RATE_HZ:.0f}×)")
-        result.append((name, *cells))
-    progress("")
-    return result
 
 
 def bit_flips(coded: np.ndarray, rng: np.random.Generator) -> bytes:

@@ -1,6 +1,5 @@
-"""Rest logs: how long ten million samples take, how true the sigmas are, and what is claimed where temperature does nothing.
+"""Rest logs: how true the sigmas are, and what is claimed where temperature does nothing.
 
-    python benchmarks/temperature.py speed [--samples 10000000]     # whole process: reading, Allan deviation, fits, files
     python benchmarks/temperature.py cover [--seeds 100]            # errors of slope, bend and lag in their own sigmas
     python benchmarks/temperature.py nulls [--seeds 100]            # share in which a dependence, or a lag, is claimed
     python benchmarks/temperature.py knots [--seeds 30]             # cover with fewer and with more knots
@@ -11,10 +10,6 @@ cover and nulls draw block means of a second directly, with code of their own: w
 from __future__ import annotations
 
 import argparse
-import resource
-import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -26,7 +21,6 @@ from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc.annexes.temperature import axis_fit
 from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis, make_knots, sweeps_of
 
-ROOT = Path(__file__).resolve().parent.parent
 ZERO, SLOPE, BEND, ABOUT_C = 0.5, 0.034, 2e-4, 40.0
 COVERED = {
     "4 cycles of 1 h, lag 40 s": {"lag_s": 40.0},
@@ -40,7 +34,6 @@ NULLS = {
     "1 cycle, the same walk": {"cycles": 1.0, "walk": 1e-4},
     "half a cycle, the same walk": {"cycles": 0.5, "walk": 1e-4},
 }
-TOML = 'schema = "tinygc-session/1"\n[sensor]\nmodel = "ASM330LHH"\nodr_hz = 416\ngyro_fs_dps = 500\naccel_fs_g = 4\n'
 
 
 def drawn(seed: int, cycles: float = 4.0, lag_s: float = 0.0, flicker_dph: float = 3.0, walk: float = 0.0, follows: bool = True) -> RestLog:
@@ -111,42 +104,9 @@ def knots(seeds: int) -> None:
         print(f"{count:4} knots: rms {rms}; slope ± {sigma:.2g}, {seconds:.2f} s each")
 
 
-def speed(samples: int) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "session.toml").write_text(TOML)
-        write_registers(folder / "rest0001.csv", samples)
-        size = (folder / "rest0001.csv").stat().st_size
-        began = time.perf_counter()
-        code = "import resource, sys, calibrate; calibrate.main(sys.argv[1:]); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
-        command = [sys.executable, "-c", code, "fit", str(folder), "--quiet"]
-        peak = subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout.split()[-1]
-        used = resource.getrusage(resource.RUSAGE_CHILDREN)
-        cpu_s, wall_s = used.ru_utime + used.ru_stime, time.perf_counter() - began
-        print(f"{samples} samples, {size / 1e6:.0f} MB: {wall_s:.1f} s, of them {cpu_s:.1f} s computing; {int(peak) / 1e3:.0f} MB at most")
-
-
-def write_registers(path: Path, samples: int) -> None:
-    rng = np.random.default_rng(0)
-    with path.open("w") as file:
-        file.write("t_us,gx,gy,gz,ax,ay,az,temp\n")
-        for start in range(0, samples, 200_000):
-            t_s = np.arange(start, min(start + 200_000, samples)) / 416.0
-            heat = 40 - 35 * np.cos(2 * np.pi * t_s / 6000)
-            temp = (heat - 25) * 256 + rng.normal(size=len(t_s)) * 3
-            gyro = [20, -30, 10] + (heat[:, None] - 25) * [1, 2, -0.5] + rng.normal(size=(len(t_s), 3)) * 4
-            accel = [0, 0, -8192] + rng.normal(size=(len(t_s), 3)) * 8
-            rows = np.rint(np.column_stack([t_s * 1e6, gyro, accel, temp])).astype(np.int64)
-            file.write("%d,%d,%d,%d,%d,%d,%d,%d\n" * len(rows) % tuple(rows.ravel().tolist()))
-
-
 if __name__ == "__main__":
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("part", choices=("speed", "cover", "nulls", "knots"))
-    arguments.add_argument("--samples", type=int, default=10_000_000)
+    arguments.add_argument("part", choices=("cover", "nulls", "knots"))
     arguments.add_argument("--seeds", type=int, default=100)
     chosen = arguments.parse_args()
-    if chosen.part == "speed":
-        speed(chosen.samples)
-    else:
-        {"cover": cover, "nulls": nulls, "knots": knots}[chosen.part](chosen.seeds)
+    {"cover": cover, "nulls": nulls, "knots": knots}[chosen.part](chosen.seeds)

@@ -1,7 +1,7 @@
 """Files that exhaust whoever reads them without bounds: one line, at once, within a fraction of the memory that they ask for.
 
-The bombs are those of ``benchmarks/bombs.py``, which runs every command on every one of them in a process of its own.  Here the readers
-themselves take all of them, in one process whose peak the kernel tells, and every command takes those that would make it wait.
+The readers themselves take all of ``bombs.py``, in one process whose peak the kernel tells, and every command takes those that would make
+it wait.
 """
 
 import ast
@@ -27,11 +27,10 @@ from tinygc.cli.arguments import parser, path_read
 from tinygc.cli.commands import present_commands
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "benchmarks"))
 
 if os.name != "posix":
     pytest.skip("devices, named pipes and sockets as files are POSIX's", allow_module_level=True)
-from bombs import BOMBS, READERS, measured, readers_of  # noqa: E402
+from bombs import BOMBS, READERS, readers_of  # noqa: E402
 
 #: of a process that has NumPy; a bomb of JSON within its bound takes the most
 MOST_MB, MOST_CPU_S = 1000, 20
@@ -87,13 +86,6 @@ for line in sys.stdin:
     signal.alarm(0)
     peak_mb = int(re.search(r"VmHWM:\s+([0-9]+)", open("/proc/self/status").read())[1]) / 1024
     print(json.dumps([number, said, peak_mb, time.process_time() - began]), flush=True)
-"""
-#: writes rows for ever so long
-FEED = """
-import sys
-print("t_us,gx,gy,gz,ax,ay,az,temp")
-for start in range(0, int(sys.argv[1]), 1000):
-    sys.stdout.write("".join(f"{4808 * i},{i % 99},2,3,4,5,-8192,6\\n" for i in range(start, start + 1000)))
 """
 #: what is no bomb to the reader alone, but to who comes behind it, or is accepted as it should be
 HARMLESS = {
@@ -158,25 +150,6 @@ def test_a_bomb_is_refused_in_one_line_within_a_gigabyte(taken, number):
     assert cpu_s < MOST_CPU_S
 
 
-@pytest.mark.slow
-def test_apply_takes_no_more_memory_for_a_longer_stream(tmp_path):
-    """A day's rows through standard input would be gigabytes; fifteen times as many rows as before take the same."""
-    peaks_mb = []
-    for count in (100_000, 1_500_000):
-        begin, end = os.pipe()
-        words = [str(ROOT / "calibrate.py"), "apply", str(linear_model(tmp_path)), "-", "-o", str(tmp_path / f"{count}.csv"),
-                 "--gyro-fs", "500", "--accel-fs", "4"]  # fmt: skip
-        with started([sys.executable, "-c", FEED, count], stdout=end) as feeding:
-            os.close(end)
-            run = measured(words, most_s=PATIENCE_S, stdin=begin)
-            os.close(begin)
-            assert feeding.wait() == 0
-        assert run.code == 0, run.said
-        assert f"{count} samples" in run.said
-        peaks_mb.append(run.mb)
-    assert peaks_mb[1] < peaks_mb[0] + 10
-
-
 @pytest.fixture
 def impatient():
     """A test that waits for a pipe ends."""
@@ -209,7 +182,7 @@ OF_A_FOLDER = {
     "bomb", [(pytest.param if bomb.name == "named pipe" else broad)(bomb, id=f"{bomb.place}-{bomb.name}") for bomb in ENDLESS]
 )
 def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impatient):
-    """Every command that reads such a file, as ``benchmarks/bombs.py`` lists them."""
+    """Every command that reads such a file, as ``bombs.py`` lists them."""
     model = linear_model(tmp_path)
     log = shutil.copyfile(folder / "log0001.csv", tmp_path / "log.csv")
     path = bomb.put(folder)

@@ -2,34 +2,51 @@
 
 import json
 import shutil
-import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import DEG, ROOT
+from conftest import DEG
 from scipy import stats
 
 import calibrate
 from session.io.errors import FormatError
-from tinygc.estimation.compare import agreement, compare, read_calibrated
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from repeatability import Job, calibrated
+from tinygc.closure.build import build_problem
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.estimation.compare import Calibrated, agreement, compare, read_calibrated
+from tinygc.library.sessions import Simulated
+from tinygc.models.linear import bias_only
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulator import simulate_session, unit_of
 
 SEGMENTS = 14
+
+
+def calibrated(seed: int, scale_ppm: float = 0.0) -> Calibrated:
+    """A session of one simulated unit, whose x axis reads ``scale_ppm`` more, fitted as ``fit`` does."""
+    options = SimulationOptions(seed=seed, unit_seed=1, segments=SEGMENTS, closure_s=0.0, odr_hz=104.0)
+    unit = unit_of(options)
+    unit = replace(unit, E=unit.E @ np.diag([1 / (1 + 1e-6 * scale_ppm), 1, 1]))
+    session = Simulated({}, simulate_session(options, unit=unit)).session
+    problem = build_problem(session)
+    fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]))
+    found = goodness(problem.batch, problem.floor, fit.model, problem.wander)
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, None, problem.wander)
+    return Calibrated(Path(f"day{seed}"), session.config, fit.model.vector, covariance, fit.unobserved, (str(seed),), ())
 
 
 @pytest.fixture(scope="module")
 def unit():
     """Two quick sessions of one simulated unit: other movements, other noise, the bias wandering by itself in each."""
-    return [calibrated(Job(500 + i, SEGMENTS, 104.0)) for i in range(2)]
+    return [calibrated(500 + i) for i in range(2)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ppm", [600.0, -900.0])
 def test_a_changed_scale_factor_is_found_and_named(unit, ppm):
-    changed = calibrated(Job(700, SEGMENTS, 104.0, scale_ppm=ppm))
+    changed = calibrated(700, ppm)
     for sessions in ([unit[0], changed], [unit[0], unit[1], changed]):
         found = compare(sessions)
         assert found.lasting.p_value < 1e-6

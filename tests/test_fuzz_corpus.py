@@ -1,6 +1,6 @@
 """Every reader on the inputs that fuzzing kept: good ones, those that reach most of its lines, and all on which something fell.
 
-``benchmarks/fuzz.py`` looks for more of them; what counts as a finding is in ``fuzz_targets/rules.py``.
+What counts as a finding is in ``fuzz_targets/rules.py``.
 """
 
 from __future__ import annotations

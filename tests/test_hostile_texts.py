@@ -1,23 +1,20 @@
 """Texts of files, boards and people stay texts wherever they go: read back by each format's own reader, nothing is injected.
 
-The texts, the places and the readers are those of ``benchmarks/hostile_texts.py``, which prints the table.
+The texts, the places and the readers are those of ``hostile_texts.py``.
 """
 
 import json
 import os
 import shutil
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, broad
+from conftest import broad
+from hostile_texts import HOSTILE, LINE_ENDS, LINEAR, LONG, PAYLOADS, PLACES, context, injected
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from processes import PIPE, run
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from hostile_texts import HOSTILE, LINE_ENDS, LINEAR, LONG, PAYLOADS, PLACES, context, injected
 
 from session.io.results import json_text
 from session.io.texts import comment, printable, shell_word, unicode_text
@@ -70,7 +67,7 @@ def test_no_text_at_all_injects_anything_into_c(text):
 
 
 def test_the_readers_see_an_injection():
-    """What the table would say if nothing were escaped: the checks above can fail."""
+    """What would be said if nothing were escaped: the checks above can fail."""
     from hostile_texts import Place, ardupilot, c_statements, elements, lines_but_comments, terminal, toml_lines, yaml_table
 
     for read, wrong in (

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from calibrate import main as calibrate
+from session.detect import accelerometer
 from session.detect.accelerometer import IDENTITY, units
 from session.io.config import Accelerometer
 from session.io.units import DEG, MG
@@ -19,15 +19,29 @@ from tinygc.closure.joint import fit_joint, recalibrated
 from tinygc.closure.prepared import prepare
 from tinygc.estimation.fit import fit_session
 from tinygc.explanation.decision import tilt_rms
+from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulatedUnit
 
 ROOT = Path(__file__).resolve().parent.parent
 SESSION1 = ROOT / "data" / "session1"
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from joint_coverage import errors_of, in_triad  # noqa: E402
 
 LEAST_SQUARES = FitOptions(methods=("least_squares",))
 GRAVITY = 9.7946
+
+
+def triad(unit):
+    """Q, U: f = Q U (m - b), Q (3, 3) the turn from the triad's frame to the simulator's body, U upper triangular."""
+    q, u = np.linalg.qr(unit.accel_matrix)
+    sign = np.sign(np.diag(u))
+    return q * sign, u * sign[:, None]
+
+
+def errors_of(joint, unit):
+    """(9,) of the correction of the accelerometer."""
+    before = np.linalg.inv(accelerometer.matrix_of(joint.x)) @ joint.accelerometer.matrix
+    start = joint.accelerometer.bias_mps2 - np.linalg.solve(before, joint.x[accelerometer.BIAS])
+    matrix = triad(unit)[1] @ np.linalg.inv(before)
+    return joint.x - np.concatenate([matrix[accelerometer.UPPER], before @ (unit.accel_bias - start)])
 
 
 def with_accelerometer(session, accelerometer):
@@ -88,8 +102,9 @@ def test_session1_without_its_calibration_and_with_more_errors_is_as_good(sessio
     assert result.joint_covariance.shape == (21, 21)
     unit = spoilt_unit(session1, more, zero)
     joint = result.problem.joint
-    gyroscope = result.linear.model.vector - in_triad(unit).vector
-    error = np.concatenate([errors_of(joint.x, joint.accelerometer, unit), gyroscope])
+    q, _ = triad(unit)
+    gyroscope = result.linear.model.vector - LinearModel(q.T @ unit.E, q.T @ unit.B).vector
+    error = np.concatenate([errors_of(joint, unit), gyroscope])
     assert np.abs(error / np.sqrt(np.diag(result.joint_covariance))).max() < 4
     low, high = chi2.ppf([5e-4, 1 - 5e-4], 21)
     assert low < error @ np.linalg.solve(result.joint_covariance, error) < high

@@ -1,15 +1,12 @@
 """A method that cannot run on a session says so in its row; the others stand."""
 
 import json
-import sys
 
 import pytest
-from conftest import ROOT, SESSION_TOML, Table, write_session
+from conftest import SESSION_TOML, Table, write_session
+from recorded_files import write_sundevil
 
 import tinygc
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from check_and_fit import write_sundevil
 
 METHODS = ("raw", "least_squares", "pso", "tinygc", "tinygc_denoised")
 

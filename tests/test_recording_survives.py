@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import multiprocessing
 import os
 import select
 import signal
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +25,29 @@ from session.bench.recorder import Recorder
 from session.io.errors import StorageError
 from session.replay.raw import convert_raw
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
-from full_disk import FullDisk
-
 wire = pytest.fixture(make_wire, name="wire")
 other_wire = pytest.fixture(make_wire, name="other_wire")
 
 
 LAST_WORD = b"no frame has these words in it"
+
+
+class FullDisk:
+    """``os``, with a disk on which the raw file may grow by ``room`` bytes."""
+
+    def __init__(self, room: int):
+        self.room = room
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(os, name)
+
+    def write(self, file: int, data: bytes) -> int:
+        """As ``os.write``, while there is room."""
+        if not self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        written = os.write(file, data[: self.room])
+        self.room -= written
+        return written
 
 
 def _record_for_ever(folder: Path, name: str) -> None:

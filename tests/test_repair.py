@@ -3,19 +3,16 @@
 import gzip
 import hashlib
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, ROOT, SESSION_TOML, Table, broad, write_session
+from conftest import DEG, SESSION_TOML, Table, broad, write_session
+from recorded_files import write_sundevil
 
 import tinygc
 from session.io.errors import CalibrationError
 from session.replay.repair import repair
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from check_and_fit import write_sundevil
 
 G = 9.80665
 PHYSICAL = SESSION_TOML.replace("ASM330LHH", "unknown")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from adversarial_streams import ADVERSARIAL
 from conftest import broad
 from processes import until
 from recording_wires import caught_up, make_wire, replayed
@@ -20,9 +18,6 @@ from session.bench.port import Received
 from session.bench.recorder import BLOCK, Recorder
 from session.bench.session_file import SessionFile
 from session.io.config import Protocol
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
-from adversarial_streams import ADVERSARIAL
 
 wire = pytest.fixture(make_wire, name="wire")
 READ = 4096  #: a read of the port

@@ -6,10 +6,10 @@ Work is counted, not timed: bytes looked at (``examined``), and calls of functio
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from adversarial_streams import ADVERSARIAL, ORDINARY
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import INFO, decode, frame_list, line_list, rng, same, samples, sent, troubles
@@ -17,9 +17,6 @@ from streams import INFO, decode, frame_list, line_list, rng, same, samples, sen
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Comment, Info
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
-from adversarial_streams import ADVERSARIAL, ORDINARY
 
 pytestmark = pytest.mark.broad
 

@@ -127,8 +127,8 @@ WANDERS_MPS2 = 0.05 * MG
 # The nine numbers are constants.  Stills lie in one attitude after the other, so a zero that moves with time passes for another matrix,
 # nonorthogonality above all.  To first order it moves steadily: f = M (m - b - d s), s the share of the session from its middle, -1/2 to
 # 1/2, so that b is the zero at the middle.  Its three numbers are fitted wherever stills are to spare, significant or not: what is not
-# significant may still be there, and belongs into the sigmas of the nine.  Between six days of eight MPU-9150, nonorthogonalities differ
-# by 0.9 of their sigmas so, by 2.3 without (benchmarks/accelerometer_drift.py).
+# significant may still be there, and belongs into the sigmas of the nine.  Between six days of eight MPU-9150, nonorthogonalities differed
+# by 0.9 of their sigmas so, by 2.3 without.
 
 #: p-value at which a constant zero is rejected, as a fit is by its residuals (``tinygc/estimation/verdict.py``)
 DRIFT_P = 0.01

@@ -1,7 +1,7 @@
-"""Every reader as a function of bytes: for the coverage-guided fuzzer (``benchmarks/fuzz.py``) and for the test that replays its corpus.
+"""Every reader as a function of bytes, for the test that replays what fuzzing kept.
 
 A target is a module with ``run(data, folder)``, which reads ``data`` as one kind of file, written into an empty ``folder``, and checks
-what it got; ``seeds()``, good inputs of our own simulation; and ``TOKENS``, words that mean something to the reader.
+what it got; and ``seeds()``, good inputs of our own simulation.
 """
 
 from __future__ import annotations

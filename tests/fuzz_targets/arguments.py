@@ -8,7 +8,6 @@ import io
 from functools import cache
 from pathlib import Path
 
-from fuzz_targets.material import UNIT_HEADER
 from fuzz_targets.rules import LONGEST_MESSAGE
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS
@@ -30,32 +29,6 @@ OPTIONS = (
     ),
     *("--force", "--add", "--serial", "--segments", "--exclude", "--physics", "--conditions", "--version", "--resume", "--like"),
 )
-TOKENS = [
-    *OPTIONS,
-    *[f"{name}\n" for name in COMMANDS],
-    *[
-        "1e308",
-        "-1e308",
-        "nan",
-        "inf",
-        "1e-320",
-        "0",
-        "-1",
-        "9" * 30,
-        "1_000",
-        "１",
-        "٣",
-        "a=b",
-        "=",
-        "x,y,z",
-        "y,-x,z",
-        "1,2,3",
-        "3,17",
-        "--",
-        "-",
-    ],
-    *["\x1b[31m", "\u2028", "\x85", "\ufeff", "\x7f", UNIT_HEADER, "least_squares", "physics", "auto", "gravity", "force", "us", "dps"],
-]
 
 
 def seeds() -> list[bytes]:

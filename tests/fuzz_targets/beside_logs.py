@@ -24,12 +24,6 @@ FILES = (
     ("explain/explain.json", ""),
 )
 TURNED = np.column_stack([np.cos(0.1 * np.arange(COUNT)), np.sin(0.1 * np.arange(COUNT)), np.zeros((COUNT, 2))])
-TOKENS = [
-    *["t_us", "t_ns", "t_s", "qw", "qx", "qy", "qz", "window", "t_us,qw,qx,qy,qz\n", "t_s,qx,qy,qz,qw,window\n", "1,0,0,0", "0,0,0,1"],
-    *["still,roll_deg,pitch_deg,yaw_deg\n", "still", "99999", "100000", "-1", "turn,axis,angle_deg,sigma_deg\n", "log", "log0001.csv"],
-    *["0;0.7;0.7", "+x", "-z", "1e308", "1e-320", "nan", "inf", "-0", "4611686018427387904", "9" * 30, "#", '"', "\n", "\r", "\r\n", "\0"],
-    *["\x0b", "\x0c", "\x1c", "\x85", "\u2028", "\ufeff", "1_0", "１", "٣", " ", "\t", '"next":', '"logs":', "null", "[", "{", "../", "/"],
-]
 
 
 def seeds() -> list[bytes]:

@@ -29,19 +29,6 @@ FORMATS = (
     (numpy_file, written.write_npz, "a.npz"),
     (arrow, written.write_feather, "a.feather"),
 )
-TOKENS = [
-    "timestamp",
-    "gyro_rad",
-    "sensor_msgs/Imu",
-    "\xa3\x95",
-    "GyrX",
-    "gyro",
-    "\xff\xff\xff\xff",
-    "\0\0\0\0",
-    "float[3] ",
-    "op=",
-    "conn=",
-]
 
 
 @cache

@@ -21,11 +21,6 @@ LATER = 60
 LATER_US = 3_000_000_000 + 9600 * np.arange(LATER)
 LATER_REGISTERS = np.tile(REGISTERS[:1], (LATER, 1))
 LATER_FRAMES = b"".join(row.tobytes() for row in frames.encode_samples(7000 + np.arange(LATER), LATER_US, LATER_REGISTERS))
-TOKENS = [
-    *["\0", "\n", "\r\n", "\n\0", "\0\n", "#", "# ", "# gyro_fs_dps=500 accel_fs_g=4 odr_hz=104 serial=7\n", f"{REGISTER_HEADER}\n"],
-    *[f"{UNIT_HEADER}\n", "t_ns", "t_s", "temp_c", "1000000,1,2,3,4,5,6,7\n", "4294967295", "-32768", "32767", "-0", "00", "1e5", "-.5"],
-    *["9223372036854775807", "999999999999999999", " ", "\t", ",", ",,", "\ufffd", "\x01", "\x02", "\x18", "\x19", "\x11", "\x12"],
-]
 
 
 def seeds() -> list[bytes]:

@@ -46,33 +46,6 @@ FOREIGN = (
 MODES = ("standard", "packed", "gzip", "rest", "unknown", *FOREIGN)
 SMALL = 200
 
-TOKENS = [
-    *[
-        "t_us",
-        "t_ns",
-        "t_s",
-        "gx",
-        "gy",
-        "gz",
-        "ax",
-        "ay",
-        "az",
-        "temp",
-        "gx_dps",
-        "gx_rps",
-        "gy_dps",
-        "ax_g",
-        "ax_mps2",
-        "temp_c",
-        "calibrated=gyro,accel",
-    ],
-    *[REGISTER_HEADER, UNIT_HEADER, "4294967295", "9223372036854775807", "-9223372036854775808", "1e308", "1e-320", "nan", "inf", "-0"],
-    *["\n", "\r\n", "\r", "\0", "\ufeff", "#", "# a=b", '"', ";", "\t", ",", "12:59:59.9", "23:59:59", "32768", "-32769", "1_000", "0x1"],
-    *["\x0b", "\x0c", "\x1c", "\x85", "\u2028", "Timestamp[ms]", "[mg]", "(deg/s)", "timestamp", "1,5", "1e5", "T", "Time"],
-    *["rtcDate", "rtcTime", "#timestamp [ns]", "w_RS_S_x [rad s^-1]", "a_RS_S_x [m s^-2]", "time (us)", "gyroADC[0]", "accSmooth[0]"],
-    *["١", "𝟙", "½", "１", "1 000", "+5", "--5", "5.", ".5", "1e", "99999999999999999999999999"],
-]
-
 
 def seeds() -> list[bytes]:
     """One for each way in."""

@@ -21,10 +21,6 @@ from session.io.units import DEG
 
 LINES = tuple(make_names())
 CHOICES = ("table", "make", *LINES)
-TOKENS = [
-    *(b"<Idle|MPos:", b"|FS:0,0>\r\n", b"ok\r\n", b"ALARM:1\r\n", b"error:9\r\n", b"Grbl 1.1h\n", b"AT 1 REST ", b"OK\n"),
-    *(b">", b"{angle}", b"{state}", b"*", b"[[axis]]", b"nan", b"1e999", b"each = true", b"answers = ["),
-]
 WORDS = {"grbl": "X", "scpi": "AXIS1", "line": "outer"}
 
 

@@ -13,7 +13,6 @@ from tinygc.annexes.noise import inputs
 from tinygc.annexes.noise.curve_file import read_curve
 from tinygc.noise.figures import TERMS, read_figures
 
-TOKENS = [b"(deg/s)", b"[m/s2]", b"deg/h", b"nan", b"1e308", b"-0", b"# ", b'"sigma": null', b'"gyro"', b"t_us", b"gx_dps"]
 CHOICES = ("curve", "figures", "rest")
 
 

@@ -12,20 +12,6 @@ from tinygc.annexes.rates.points import read_points, read_table
 from tinygc.annexes.rates.sweep import fit_response, is_response, read_response
 from tinygc.annexes.rates.terms import terms
 
-TOKENS = [
-    b"rate_dps",
-    b"mean_v",
-    b"std_v",
-    b"readings",
-    b"frequency_hz",
-    b"gain",
-    b"phase_deg",
-    b"nan",
-    b"1e308",
-    b"1e-300",
-    b"-0",
-    b"sensor",
-]
 CHOICES = ("points", "response")
 #: a law is chosen of tables this short, so that an input takes no second
 SHORT = 12

@@ -27,11 +27,6 @@ MODES = (
 )
 #: raw.times stands before it, raw.bin behind
 BETWEEN = b"\n====\n"
-TOKENS = [
-    *["open", "close", "begin log0001", "begin closure0001", "keep closure0001", "pause", "drop 4100000", "note hello", "begin ../x"],
-    *["begin ", "keep log0001", "1000,0,", "2000,100,open", "9" * 30, "\0", "\n", "\r\n", "#", BETWEEN.decode(), f"{REGISTER_HEADER}\n"],
-    *[f"{UNIT_HEADER}\n", f"# {INFO.text}\n", "serial=", "sensor=", "odr_hz=1e5", "gyro_fs_dps=1e-5", "accel_fs_g=", "nan", "inf"],
-]
 
 
 def seeds() -> list[bytes]:

@@ -28,7 +28,6 @@ MODES = (
 )
 #: between two files of one recording
 BETWEEN = b"\n====\n"
-TOKENS = [*logs.TOKENS, BETWEEN.decode(), "# gyro_fs_dps=500 accel_fs_g=4 odr_hz=104 serial=7 sensor=MPU-9250\n", "stamps=counted"]
 
 
 def seeds() -> list[bytes]:

@@ -26,7 +26,6 @@ from tinygc.reporting.terminal import as_text
 MODEL = "fit/model_least_squares.json"
 FILES = (MODEL, "fit/fit.json", "fit/fitted.json", "fit/rebiased.json")
 MODES = ("compare", *(f"export {name}" for name in FORMATS), "origin")
-TOKENS: list[str] = []
 
 
 @cache

@@ -65,12 +65,6 @@ at_s = 12.5
 PLAIN = WHOLE[: WHOLE.index("gyro_bias")] + '[protocol]\nreference = "gravity"\n'
 MODES = ("read", "add", "section", "recorder")
 #: the numbers of a sensor, which are any float of their range: ``record`` writes them anew
-TOKENS = [
-    *[line for line in WHOLE.splitlines() if line],
-    *["'''", '"""', "\\u0000", "\\uD800", "\\U0010FFFF", "\r\n", "\r", "\0", "\ufeff", "inf", "-inf", "nan", "1e308", "-0.0", "0x10"],
-    *["1_000", "true", "false", "{", "}", "[", "]", "[[", "]]", ".", "=", "1979-05-27", "07:32:00", "[notes]", "[[exclude]]", "#", "\t"],
-    *["\x7f", "\x1b[31m", "\u2028", "\x85", "[sensor.x]", "sensor.odr_hz = 3", "a.b.c = 1", "9" * 30, "[[notes]]", "notes = {}"],
-]
 
 
 def seeds() -> list[bytes]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Training data of a denoiser: segments with the samples before and after them, and the stills.
 
 REACH = (KERNEL - 1) * sum(DILATIONS)
-#: number of segments, and of stills, that is enough for 56 weights an axis (benchmarks/long_sessions.py)
+#: number of segments, and of stills, that is enough for 56 weights an axis (benchmarks/whole_process.py)
 ENOUGH = 400
 #: samples at rest used for the noise, an hour of them: of longer rests the first samples of each, and never fewer than a few seconds
 MOST_AT_REST, FEWEST_OF_EACH = 1 << 20, 1 << 10

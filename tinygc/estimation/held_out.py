@@ -42,7 +42,7 @@ def run_method(
 
 # Fit to all segments, then to all but each fold in turn, for the closure on held-out segments.
 
-#: segments from which on a search may begin at another's result and use gathered data (benchmarks/long_sessions.py)
+#: segments from which on a search may begin at another's result and use gathered data (benchmarks/whole_process.py)
 MANY = 400
 
 

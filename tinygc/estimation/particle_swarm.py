@@ -38,7 +38,7 @@ class SwarmOptions:
 
 #: largest number of successive swarms; the box of each, as a share of the one before
 LEGS, NEARER = 6, 0.05
-#: segments beyond which a swarm uses one quadratic form for all of them (benchmarks/long_sessions.py)
+#: segments beyond which a swarm uses one quadratic form for all of them (benchmarks/whole_process.py)
 GATHERED = 400
 #: half angles in sigmas: difference below which the quadratic closure equals the exact one
 AS_SEEN = 1e-4

@@ -41,7 +41,7 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRA
 # It is estimated once in a fit.  Without stills between turns (a truth file), with a bias for each log, and in sessions of
 # more than ``MOST_SEGMENTS`` segments, only the floor and the bias instability are used.
 
-#: largest session with a dense covariance of all channels: its inverse costs the cube of the session (benchmarks/fit_speed.py)
+#: largest session with a dense covariance of all channels: its inverse costs the cube of the session (benchmarks/whole_process.py)
 MOST_SEGMENTS = 400
 #: names of sources of variance: of components, by their names; of the accelerometer's calibration and of gravity's length at the site
 COMPONENTS = {

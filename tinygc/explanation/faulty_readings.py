@@ -45,8 +45,8 @@ def in_parts(samples: Samples) -> Iterator[tuple[int, range, Samples]]:
 # jump exceeds that noise by its size.  A loss jumps once and permanently, in gyro and accelerometer together (a false reading jumps away
 # and back: ``find_glitches``).  What is found can be repaired, so that the rest of the recording can still be explained.
 
-#: third differences of this many times the local scatter (all six channels together) are a jump (benchmarks/thresholds.py: half of it gives
-#: false names)
+#: third differences of this many times the local scatter (all six channels together) are a jump (not critical:
+#: benchmarks/thresholds.py)
 JUMP = 12.0
 #: the two peaks of a short false reading are of similar size, and each has at least a third of itself, reversed, beyond it; a step's second
 #: peak is half of its first, and a corner has nothing beyond: the thresholds lie between
@@ -203,10 +203,10 @@ SIDE = 4  #: samples on either side that carry the cubic: twice as many as it ha
 #: an excursion is false if it deviates from the cubic by this many times the readings' scatter (three axes: once in 10^13)
 BEYOND = 8.0
 #: the cubic may miss its supporting readings by this share of the excursion; it misses those of an excursion that does not return by half
-#: (benchmarks/thresholds.py: double of it gives false names)
+#: (not critical: benchmarks/thresholds.py)
 CAME_BACK = 0.12
-#: an excursion deviates from the straight lines of both sides by this share of itself (benchmarks/thresholds.py: half of it gives false
-#: names)
+#: an excursion deviates from the straight lines of both sides by this share of itself (not critical:
+#: benchmarks/thresholds.py)
 SHARE = 0.5
 #: with noise alone, a cubic misses its supporting readings by at most this many times their scatter (not critical:
 #: benchmarks/thresholds.py)

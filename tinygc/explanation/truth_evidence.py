@@ -209,7 +209,7 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
 
 # Claims and result of a session with a truth file.
 
-IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``: impossible for a gyroscope (benchmarks/thresholds.py: double lets false names in)
+IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``: impossible for a gyroscope
 SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, where noise gives 0 or less
 
 LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles

@@ -1,32 +1,23 @@
-"""Files that are made to exhaust whoever reads them, each through every command that reads it: memory, seconds, exit code, the line said.
+"""Files that are made to exhaust whoever reads them, and the commands that read each.
 
 A bomb is small to write (a packed run of zeros, a sparse file, a link to a device) and stands where a session, a model or a raw file is
-expected.  ``--checkout`` runs another version of the tool; a command that takes more than ``--most-mb`` or ``--most-s`` is stopped.
+expected.
 """
 
 from __future__ import annotations
 
-import argparse
 import gzip
 import os
 import re
-import shutil
 import socket
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
 GB, MB = 1 << 30, 1 << 20
 HEADER = "t_us,gx,gy,gz,ax,ay,az,temp\n"
 ROW = "{},1,2,3,4,5,-4096,6\n"
 TRUTH = "t_us,qw,qx,qy,qz\n"
-#: a folder in which every command finds what it needs, but for the bomb
-SESSION = ROOT / "data" / "session1"
 
 
 @dataclass(frozen=True)
@@ -199,97 +190,3 @@ READERS = {
 def readers_of(bomb: Bomb) -> list[str]:
     """The commands that read it."""
     return READERS[re.match("[a-z]+", bomb.place)[0]]
-
-
-@dataclass(frozen=True)
-class Run:
-    """Of one command: peak resident memory, MB; seconds of CPU; exit code, or None where it was stopped; what it said."""
-
-    mb: float
-    cpu_s: float
-    code: int | None
-    said: str
-
-
-#: runs the tool, then says the peak that the kernel has seen: what ``wait4`` says counts its parent's as well
-WRAPPED = """
-import re, runpy, sys
-words, peak = sys.argv[1:-1], sys.argv[-1]
-sys.argv = words
-try:
-    runpy.run_path(words[0], run_name="__main__")
-finally:
-    with open("/proc/self/status") as status, open(peak, "w") as file:
-        file.write(re.search("VmHWM:\\\\s+([0-9]+)", status.read())[1])
-"""
-
-
-def measured(words: list[str], most_mb: float = 4096, most_s: float = 60, checkout: Path = ROOT, stdin: int = subprocess.DEVNULL) -> Run:
-    """Run ``python …`` in a process of its own, stopped where it takes too much; what the system says that it took."""
-    begin, peak_mb = time.monotonic(), 0.0
-    environment = os.environ | {"PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    with tempfile.TemporaryFile() as said, tempfile.NamedTemporaryFile() as peak:
-        command = [sys.executable, "-c", WRAPPED, *words, peak.name]
-        child = subprocess.Popen(command, cwd=checkout, env=environment, stdout=said, stderr=said, stdin=stdin)
-        stopped = False
-        while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
-            peak_mb = max(peak_mb, resident_mb(child.pid))
-            if not stopped and (time.monotonic() - begin > most_s or peak_mb > most_mb):
-                stopped = True
-                child.kill()
-            time.sleep(0.02)
-        _, status, used = ended
-        child.returncode = os.waitstatus_to_exitcode(status)
-        said.seek(0)
-        text = " ".join(said.read().decode(errors="replace").replace("First look", "").split())
-        peak_mb = int(peak.read() or 0) / 1024 or peak_mb
-    return Run(peak_mb, used.ru_utime + used.ru_stime, None if stopped else child.returncode, text)
-
-
-def resident_mb(pid: int) -> float:
-    """Of a running process."""
-    try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / MB
-    except (OSError, IndexError):
-        return 0.0
-
-
-def commands(bomb: Bomb, work: Path, whole: Path) -> Iterator[tuple[str, list[str]]]:
-    """The name of each command that reads the bomb, and its words; work: an empty folder; whole: a session that was fitted."""
-    session = Path(shutil.copytree(whole, work / "session", copy_function=shutil.copyfile))
-    path = bomb.put(session)
-    places = {"S": session, "B": path, "M": whole / "fit" / "model_least_squares.json", "L": whole / "log0001.csv.gz"}
-    for number, line in enumerate(readers_of(bomb)):
-        yield line.split()[0], line.format(**places, O=work / f"out{number}").split()
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", help="bombs and places whose name has this in it")
-    parser.add_argument("--commands", default="", help="commands, with commas (all that read the bomb)")
-    parser.add_argument("--checkout", type=Path, default=ROOT, help="the version to run (this one)")
-    parser.add_argument("--most-mb", type=float, default=4096)
-    parser.add_argument("--most-s", type=float, default=60)
-    args = parser.parse_args()
-    wanted = set(filter(None, args.commands.split(",")))
-    print("| bomb | command | peak MB | CPU s | exit code | said |\n| --- | --- | ---: | ---: | ---: | --- |")
-    with tempfile.TemporaryDirectory(prefix="tinygc-bombs-") as parent:
-        whole = Path(shutil.copytree(SESSION, Path(parent) / "whole", copy_function=shutil.copyfile))
-        tool = str(args.checkout.resolve() / "calibrate.py")
-        subprocess.run([sys.executable, tool, "fit", whole, "--methods", "least_squares", "--quiet"], check=True)
-        for number, bomb in enumerate(BOMBS):
-            if args.only not in f"{bomb.place}: {bomb.name}":
-                continue
-            (work := Path(parent) / str(number)).mkdir()
-            for name, words in commands(bomb, work, whole):
-                if wanted and name not in wanted:
-                    continue
-                run = measured([tool, *words], args.most_mb, args.most_s, args.checkout.resolve())
-                code = "stopped" if run.code is None else str(run.code)
-                said = run.said.replace(parent, "").replace("|", "\\|")[:160]
-                print(f"| {bomb.place}: {bomb.name} | {name} | {run.mb:.0f} | {run.cpu_s:.1f} | {code} | {said} |", flush=True)
-            shutil.rmtree(work)
-
-
-if __name__ == "__main__":
-    main()

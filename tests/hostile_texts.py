@@ -2,12 +2,11 @@
 
 Serial number, model, session, method, names of files, notes: each is set to each hostile text.  What is written is read back as the
 program that it is for would read it, and held against what a harmless text gives: a line, a key, a statement or an element more is
-injected.  Prints a table, and each text that did.
+injected.
 """
 
 from __future__ import annotations
 
-import argparse
 import ast
 import json
 import re
@@ -304,23 +303,3 @@ PLACES = {
     "XML": Place(certified, xml_elements),
     "style element": Place(lambda text: f"<style>{css_text(text)}</style>", elements),
 }
-
-
-def main() -> None:
-    """The table."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
-    texts = tuple(dict.fromkeys((*HOSTILE, *LONG)))
-    print("| format | hostile texts | read as they should be | lines injected |\n| --- | ---: | ---: | ---: |")
-    told, total = [], 0
-    for name, place in PLACES.items():
-        counts = {text: injected(place, text) for text in texts}
-        bad = {text: count for text, count in counts.items() if count}
-        total += sum(bad.values())
-        told += [f"{name}: {text!r:.80}: {count}" for text, count in bad.items()]
-        print(f"| {name} | {len(texts)} | {len(texts) - len(bad)} | {sum(bad.values())} |")
-    print(f"\n{len(texts)} texts × {len(PLACES)} places; {total} lines injected ({UNREADABLE}: cannot be read, or a value was changed)")
-    print("\n".join(f"- {line}" for line in told))
-
-
-if __name__ == "__main__":
-    main()

@@ -18,8 +18,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 
-import measure
 from common import markdown, progress
+from emulator import build as kit
 
 import tinygc
 from session.io.files import read_npz
@@ -350,7 +350,7 @@ def answer_of(judged_now: Judged) -> int:
 
 def code() -> None:
     """Bytes of the C, its instructions on an emulated Cortex-M4F, and whether its bits are those of Python."""
-    if missing := measure.tools_missing():
+    if missing := kit.tools_missing():
         sys.exit(f"watch: {missing}")
     chosen, rng, count = settings(expectation(), FALSE_ALARM_EVERY_S), np.random.default_rng(7), 20_000
     rest = np.column_stack(
@@ -370,11 +370,11 @@ def code() -> None:
             (folder / file).write_text(text)
         for optimise in ("-Os", "-O2"):
             built = folder / optimise.strip("-")
-            elf = measure.build("measure.elf", folder, built, optimise)
+            elf = kit.build("measure.elf", folder, built, optimise)
             compiled = ["arm-none-eabi-gcc", *FLAGS.split(), optimise, *CORE.split(), "-c", folder / SOURCE, "-o", folder / "watch.o"]
             subprocess.run(compiled, check=True)
             size = subprocess.run(["arm-none-eabi-size", folder / "watch.o"], check=True, capture_output=True, text=True).stdout.split()[6]
-            still, turning = (measure.run(elf, each.astype(np.float32), folder) for each in (rest, moved))
+            still, turning = (kit.run(elf, each.astype(np.float32), folder) for each in (rest, moved))
             wanted = expected_outputs(chosen, rest.astype(np.float32))
             differ = np.count_nonzero(still.rates[: len(wanted)].view(np.uint32) != wanted.view(np.uint32))
             samples = chosen.window_samples

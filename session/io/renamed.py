@@ -15,7 +15,6 @@ from typing import Any, TypeVar, cast
 
 T = TypeVar("T")
 
-_EMULATED = "tinygc.annexes.emulated"
 #: old name -> new name
 RENAMED = {
     "session.common.errors": "session.io.errors",
@@ -34,12 +33,6 @@ RENAMED = {
     "tinygc.effects.reach": "tinygc.effects.movement",
     "tinygc.fleet.results": "tinygc.annexes.lots.fleet_summary",
     "tinygc.lot.report": "tinygc.annexes.lots.report",
-    "tinygc.simulation.asm330lhh.faults": f"{_EMULATED}.readings",
-    "tinygc.simulation.asm330lhh.motion": f"{_EMULATED}.readings",
-    "tinygc.simulation.asm330lhh.port": f"{_EMULATED}.sensor",
-    "tinygc.simulation.asm330lhh.readings": f"{_EMULATED}.readings",
-    "tinygc.simulation.asm330lhh.sensor": f"{_EMULATED}.sensor",
-    "tinygc.simulation.stm32f405.machine": f"{_EMULATED}.machine",
 }
 #: packages that are gone, and that Python asks for on the way to an old name
 _PARENTS = {name.rsplit(".", count)[0] for name in RENAMED for count in range(1, name.count("."))}

@@ -23,6 +23,7 @@ pytestmark = pytest.mark.emulation
 
 LOOKS_S = 2.0  #: so long the board looks for its sensor
 BETWEEN_S = 0.3  #: a moment of the self-test at which nothing goes over the line: 0.1 s behind its reset
+# FREQ_FINE is 0 where it lies still: with 7 an output at 52 Hz comes each 19.0005 ms, and may meet the look of each ms time and again.
 
 
 @pytest.fixture(scope="module")

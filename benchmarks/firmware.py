@@ -17,8 +17,8 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 
-import measure
 from common import markdown, progress
+from emulator import build as kit
 
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--model", type=Path, help="a model file instead of those that a fit of the session gives")
     parser.add_argument("--samples", type=int, default=10_000, help="random samples for the comparison (%(default)s)")
     args = parser.parse_args()
-    if missing := measure.tools_missing():
+    if missing := kit.tools_missing():
         sys.exit(f"firmware: {missing}")
     session = read_session(args.session)
     with tempfile.TemporaryDirectory(prefix="tinygc-") as name:
@@ -90,8 +90,8 @@ def _measure(method: str, model, session: Session, folder: Path, samples: int) -
     rows, differ, said = [], 0, []
     for flags in ("-Os", "-O2", "-O2 -ffp-contract=fast"):
         build = folder / flags.replace(" ", "")
-        found = measure.run(measure.build("measure.elf", folder, build, flags), inputs, folder)
-        size = measure.sizes(build)
+        found = kit.run(kit.build("kit.elf", folder, build, flags), inputs, folder)
+        size = kit.sizes(build)
         share = found.instructions * ODR_HZ / CORE_HZ
         numbers = [size.code, size.weights, size.state, size.self_test, round(found.instructions)]
         rows.append([method, str(chosen.parameters), f"`{flags}`", *map(str, numbers), f"{100 * share:.2f} %"])

@@ -13,7 +13,6 @@ POSIX_ONLY = {
         "board",
         "board_takes",
         "decisions",
-        "emulated_board",
         "ending",
         "firmware",
         "record",

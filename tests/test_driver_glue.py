@@ -1,10 +1,9 @@
-"""The driver of firmware/ on other boards: its glue for Arduino and Zephyr, compiled for this machine, with a sensor that makes known rows.
+"""The driver of firmware/ on an Arduino: its glue, compiled for this machine, with a sensor that makes known rows.
 
-``arduino_board/`` and ``zephyr_headers/`` are the boards in simulated time, ``small_imu.c`` is the sensor."""
+``arduino_board/`` is the board in simulated time, ``small_imu.c`` is the sensor."""
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 from pathlib import Path
@@ -23,12 +22,10 @@ from session.bench.guided_session import UNKNOWN_S
 FIRMWARE = ROOT / "firmware"
 TESTS = ROOT / "tests"
 SKETCH = FIRMWARE / "arduino" / "lsm6dsx_to_record" / "lsm6dsx_to_record.ino"
-ZEPHYR = FIRMWARE / "zephyr"
 DRIVER = sorted(FIRMWARE.glob("lsm6dsx*.c"))
 FLAGS = ["-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", f"-I{FIRMWARE}", f"-I{TESTS}"]
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")  #: Debian's arduino-core-avr
 TICK_US = 25.0
-BOARDS = ["arduino", "zephyr"]
 
 
 class Chip(NamedTuple):
@@ -61,15 +58,9 @@ def sketch(odr_hz: float, baud: int, dps: int = 500, g: int = 4) -> str:
     return '#include "Arduino.h"\n' + text.replace("BAUD = 115200;", f"BAUD = {baud};")
 
 
-def zephyr(odr_hz: float, dps: int = 500, g: int = 4) -> str:
-    """Zephyr's program, for the data rate and ranges."""
-    text = (ZEPHYR / "src" / "main.c").read_text(encoding="utf-8").replace("ODR_HZ 104", f"ODR_HZ {odr_hz}")
-    return text.replace("GYRO_FS_DPS 500", f"GYRO_FS_DPS {dps}").replace("ACCEL_FS_G 4", f"ACCEL_FS_G {g}")
-
-
 @pytest.fixture(scope="module")
 def boards(tmp_path_factory):
-    """``boards(kind, odr_hz, baud, words, dps, g)``: the program of a board; words of the FIFO in a burst; ranges."""
+    """``boards(odr_hz, baud, words, dps, g)``: the board's program; words of the FIFO in a burst; ranges."""
     folder, objects, made = tmp_path_factory.mktemp("glue"), {}, {}
 
     def driver(words):
@@ -80,21 +71,14 @@ def boards(tmp_path_factory):
                 compiled("gcc", "-std=c99", f"-DFIFO_WORDS={words}", "-c", source, "-o", into)
         return objects[words]
 
-    def make(kind, odr_hz=104, baud=115200, words=96, dps=500, g=4):
-        name = f"{kind}_{odr_hz}_{baud}_{words}_{dps}_{g}"
+    def make(odr_hz=104, baud=115200, words=96, dps=500, g=4):
+        name = f"{odr_hz}_{baud}_{words}_{dps}_{g}"
         if name not in made:
-            common = (f"-DFIFO_WORDS={words}", "-o", folder / name)
-            if kind == "arduino":
-                source = folder / f"{name}.cpp"
-                source.write_text(sketch(odr_hz, baud, dps, g), encoding="utf-8")
-                rest = [TESTS / "arduino_board" / f"{of}.cpp" for of in ("board", "spi_sensor")]
-                compiled("g++", "-std=c++17", f"-I{TESTS / 'arduino_board'}", source, *rest, *driver(words), *common)
-            else:
-                source, main = folder / f"{name}.c", folder / f"{name}.main.o"
-                source.write_text(zephyr(odr_hz, dps, g), encoding="utf-8")
-                flags = ["-std=c11", "-Wdouble-promotion", f"-DCONSOLE_SPEED={baud}", f"-I{TESTS / 'zephyr_headers'}"]
-                compiled("gcc", *flags, f"-DFIFO_WORDS={words}", "-Dmain=app_main", "-c", source, "-o", main)
-                compiled("gcc", *flags, TESTS / "zephyr_headers" / "board.c", main, *driver(words), "-lm", *common)
+            source = folder / f"{name}.cpp"
+            source.write_text(sketch(odr_hz, baud, dps, g), encoding="utf-8")
+            rest = [TESTS / "arduino_board" / f"{of}.cpp" for of in ("board", "spi_sensor")]
+            flags = ["-std=c++17", f"-I{TESTS / 'arduino_board'}", f"-DFIFO_WORDS={words}"]
+            compiled("g++", *flags, source, *rest, *driver(words), "-o", folder / name)
             made[name] = folder / name
         return made[name]
 
@@ -106,10 +90,10 @@ def random_rows(count: int) -> np.ndarray:
     return np.random.default_rng(3).integers(-32768, 0x7FFD, (count, 6))
 
 
-def sent(program: Path, rows: np.ndarray, *, who=0x6B, fine=0, ticks=6.0, answers_s=0.0, spoilt=-1, start_us=0.0, ready_s=0.0) -> bytes:
+def sent(program: Path, rows: np.ndarray, *, who=0x6B, fine=0, ticks=6.0, answers_s=0.0, spoilt=-1, start_us=0.0) -> bytes:
     """What the board sends while its sensor makes these rows."""
     given = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
-    words = [program, who, fine, ticks, answers_s, spoilt, start_us, ready_s]
+    words = [program, who, fine, ticks, answers_s, spoilt, start_us]
     return run(words, input=given, stdin=None, capture_output=True, check=True).stdout
 
 
@@ -126,21 +110,19 @@ def place(found: np.ndarray, rows: np.ndarray) -> int:
     return int(first)
 
 
-@pytest.mark.parametrize("path", [SKETCH, ZEPHYR / "src" / "main.c"], ids=lambda path: path.name)
-def test_the_glue_has_a_hundred_lines_at_most(path):
-    assert path.read_text(encoding="utf-8").count("\n") <= 100
+def test_the_glue_has_a_hundred_lines_at_most():
+    assert SKETCH.read_text(encoding="utf-8").count("\n") <= 100
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
 @pytest.mark.parametrize(
     ("chip", "who", "fine", "ticks", "start_us"),
     [("ASM330LHH", 0x6B, 10, 40000 / 6667, 0.0), ("LSM6DSO", 0x6C, -3, 6.0, 2**32 - 3e6)],
 )
-def test_every_sample_arrives_as_the_sensor_made_it(boards, kind, chip, who, fine, ticks, start_us):
+def test_every_sample_arrives_as_the_sensor_made_it(boards, chip, who, fine, ticks, start_us):
     """None is lost, doubled or false behind the first one, and the stamps are the sensor's, also where 32 bits wrap."""
     rows = random_rows(1000)
-    decoder, events, t_us, found = decoded(sent(boards(kind), rows, who=who, fine=fine, ticks=ticks, start_us=start_us))
+    decoder, events, t_us, found = decoded(sent(boards(), rows, who=who, fine=fine, ticks=ticks, start_us=start_us))
     assert (decoder.lost, decoder.implausible, decoder.resets, decoder.garbage) == (0, 0, 0, 0)
     first = place(found, rows)
     np.testing.assert_array_equal(found[:, :6], rows[first : first + len(found)])
@@ -156,12 +138,11 @@ def test_every_sample_arrives_as_the_sensor_made_it(boards, kind, chip, who, fin
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
 @pytest.mark.parametrize("words", [broad(24), 96])
-def test_the_quickest_rate_that_text_carries(boards, kind, words):
+def test_the_quickest_rate_that_text_carries(boards, words):
     """833 Hz at 921600 baud: the port takes most of the time, and the FIFO holds what comes meanwhile.  A small burst is enough."""
     rows = random_rows(2000)
-    decoder, _, _, found = decoded(sent(boards(kind, 833, 921600, words), rows))
+    decoder, _, _, found = decoded(sent(boards(833, 921600, words), rows))
     assert (decoder.lost, decoder.implausible, decoder.garbage) == (0, 0, 0)
     first = place(found, rows)
     np.testing.assert_array_equal(found[:, :6], rows[first : first + len(found)])
@@ -169,11 +150,10 @@ def test_the_quickest_rate_that_text_carries(boards, kind, words):
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
 @pytest.mark.parametrize("odr_hz", [12, broad(26), 104, broad(417)])
-def test_who_comes_late_learns_the_ranges_in_time(boards, kind, odr_hz):
+def test_who_comes_late_learns_the_ranges_in_time(boards, odr_hz):
     """Also at the lowest rate: the header comes by time.  Whoever misses it waits four seconds, and record waits ten."""
-    data = sent(boards(kind, odr_hz, 921600), random_rows(14 * odr_hz))
+    data = sent(boards(odr_hz, 921600), random_rows(14 * odr_hz))
     first = re.search(rb"^# gyro_fs_dps=500 .*\r?\n(.*\n)", data)
     decoder, events, t_us, _ = decoded(data[first.end() :])
     assert decoder.garbage == decoder.lost == 0
@@ -187,11 +167,10 @@ def test_who_comes_late_learns_the_ranges_in_time(boards, kind, odr_hz):
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
-def test_faults_come_by_their_names(boards, kind):
+def test_faults_come_by_their_names(boards):
     """Those above 0, as the log of the firmware's frames has them."""
     rows = random_rows(1000)
-    decoder, events, _, found = decoded(sent(boards(kind), rows, spoilt=500))
+    decoder, events, _, found = decoded(sent(boards(), rows, spoilt=500))
     assert decoder.lost == 2  # as text has no check, the line before a gap is left out as well
     said = [event.text for event in events if isinstance(event, Comment) and event.text.startswith("faults")]
     assert said == ["faults parity=1 incomplete=1 lost=1"]
@@ -204,12 +183,9 @@ def test_the_names_are_those_of_the_driver():
     assert len(faults) == 16
     (arduino,) = re.findall(r'NAMES\[\] PROGMEM = .*\n  "(.*)";', SKETCH.read_text(encoding="utf-8"))
     assert arduino == f" {' '.join(faults)} "
-    (names,) = re.findall(r"NAMES\[FAULTS\] = \{(.*?)\}", (ZEPHYR / "src" / "main.c").read_text(encoding="utf-8"), re.S)
-    assert re.findall(r'"(\w+)"', names) == faults
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
@@ -220,86 +196,32 @@ def test_the_names_are_those_of_the_driver():
     ],
     ids=str,
 )
-def test_what_the_sensor_does_not_have_is_not_compiled(boards, kind, settings, says):
+def test_what_the_sensor_does_not_have_is_not_compiled(boards, settings, says):
     with pytest.raises(CalledProcessError) as refused:
-        boards(kind, baud=921600, **settings)
+        boards(baud=921600, **settings)
     assert says in refused.value.stderr
 
 
 @needs_gcc
-def test_zephyr_takes_time_by_its_ticks(tmp_path):
-    """A tick of 0.1 ms is as exact as it is, not the millisecond; and it goes on where 32 bits wrap."""
-    source = tmp_path / "time.c"
-    source.write_text(
-        f"""#define main app_main
-{zephyr(104)}
-#undef main
-#undef OPERATION
-#define main board_main
-#include "{TESTS / "zephyr_headers" / "board.c"}"
-#undef main
-int main(void)
-{{
-    now_us = 4294967296.0 - 1e5;
-    for (int n = 0; n < 300; n++) {{
-        const uint32_t before = time_us();
-        now_us += 850;
-        printk("%u\\n", time_us() - before);
-        now_us = 4294967296.0 - 1e5 + 1037.0 * n;
-    }}
-    return 0;
-}}
-""",
-        encoding="utf-8",
-    )
-    flags = ["-std=c11", "-DCONSOLE_SPEED=115200", f"-I{TESTS / 'zephyr_headers'}"]
-    compiled("gcc", *flags, source, *DRIVER, TESTS / "small_imu.c", "-lm", "-o", tmp_path / "time")
-    steps = {int(line) for line in run([tmp_path / "time"], capture_output=True, check=True).stdout.split()}
-    assert steps == {800, 900}
-
-
-@needs_gcc
-def test_a_bus_that_zephyr_has_not_made_ready_is_waited_for(boards):
-    """And named each second."""
-    rows = random_rows(300)
-    data = sent(boards("zephyr"), rows, ready_s=1.5)
-    assert data.count(b"# the SPI is not ready: look at its status and its pins in the overlay\n") == 2
-    _, _, _, found = decoded(data)
-    np.testing.assert_array_equal(found[:, :6], rows[place(found, rows) :][: len(found)])
-    assert len(found) > 250
-
-
-def test_zephyrs_vendor_prefix_is_listed():
-    bindings = ZEPHYR / "dts" / "bindings"
-    (compatible,) = re.findall(r'^compatible: "(.*)"$', (bindings / "tinygc,imu.yaml").read_text(encoding="utf-8"), re.M)
-    assert f'compatible = "{compatible}";' in (ZEPHYR / "app.overlay").read_text(encoding="utf-8")
-    rows = [line.split("\t") for line in (bindings / "vendor-prefixes.txt").read_text(encoding="utf-8").splitlines() if line[0] != "#"]
-    assert [row[0] for row in rows] == [compatible.partition(",")[0]]
-
-
-@needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
-def test_a_port_that_does_not_carry_the_rate_is_not_compiled(boards, kind):
+def test_a_port_that_does_not_carry_the_rate_is_not_compiled(boards):
     with pytest.raises(CalledProcessError) as refused:
-        boards(kind, 208, 115200)
+        boards(208, 115200)
     assert "does not carry the lines of this data rate" in refused.value.stderr
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
-def test_a_sensor_that_is_not_there_is_named_once_a_second(boards, kind):
+def test_a_sensor_that_is_not_there_is_named_once_a_second(boards):
     """Nobody drives the line, which is pulled up.  No sample is made up."""
-    said = sent(boards(kind), random_rows(10), answers_s=1e9).replace(b"\r", b"").splitlines()
+    said = sent(boards(), random_rows(10), answers_s=1e9).replace(b"\r", b"").splitlines()
     assert set(said) == {b"# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND, and its ranges; WHO_AM_I reads 255"}
     assert 2 <= len(said) <= 4
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", BOARDS)
-def test_a_sensor_that_answers_late_is_found(boards, kind):
+def test_a_sensor_that_answers_late_is_found(boards):
     """After 1.6 s: it is named once, and then its samples come."""
     rows = random_rows(300)
-    data = sent(boards(kind), rows, answers_s=1.6)
+    data = sent(boards(), rows, answers_s=1.6)
     assert data.startswith(b"# no sensor runs")
     assert data.count(b"no sensor runs") == 1
     _, _, t_us, found = decoded(data)
@@ -378,11 +300,3 @@ def test_every_sample_arrives_from_an_emulated_arduino(avr, chip, tmp_path):
     symbols = run(["avr-nm", elf], check=True, capture_output=True, text=True).stdout
     taken = int(re.search(r"^(\w+) . _end$", symbols, re.M)[1], 16) & 0xFFFF
     assert int(ran.stderr) - taken > 200  # bytes that nothing has ever used
-
-
-@pytest.mark.slow
-def test_it_builds_under_zephyr(tmp_path):
-    """Against the true headers, where somebody has them: for a board with Arduino's header."""
-    if not os.environ.get("ZEPHYR_BASE") or shutil.which("west") is None:
-        pytest.skip("no Zephyr here: set ZEPHYR_BASE, and install west")
-    run(["west", "build", "-b", "nucleo_f446re", "-d", tmp_path / "build", ZEPHYR], check=True)

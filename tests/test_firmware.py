@@ -6,31 +6,25 @@ import contextlib
 import ctypes
 import re
 import struct
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import serial
 from conftest import ROOT
+from emulator import build as kit
 from exported_models import MODELS, WHOLE, as_inputs, random_inputs
 from processes import CALIBRATE, PATIENCE_S, PIPE, run, started, until
-
-sys.path.insert(0, str(ROOT / "firmware"))
-
-import measure
-import play
-from play import Board, read_registers
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 from session.bench.recorder import Recorder
-from session.io.errors import DeviceError, FormatError
 from tinygc import read_session
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 
-MISSING = measure.tools_missing()
+MISSING = kit.tools_missing()
 on_board = pytest.mark.skipif(bool(MISSING), reason=MISSING)
 
 
@@ -54,8 +48,8 @@ def write_model(folder: Path, name: str) -> Path:
 def test_no_bit_differs_on_the_board_over_10_000_samples(name, tmp_path):
     model, table = write_model(tmp_path / "model", name), random_inputs()
     for optimise in ("-O2", "-Os"):
-        elf = measure.build("measure.elf", model, tmp_path / optimise, optimise)
-        found = measure.run(elf, table, tmp_path)
+        elf = kit.build("measure.elf", model, tmp_path / optimise, optimise)
+        found = kit.run(elf, table, tmp_path)
         expected = program(MODELS[name]).run(as_inputs(table))
         assert np.count_nonzero(found.rates.view(np.uint32) != expected.view(np.uint32)) == 0
         assert (found.self_test, found.exact) == (0, True)
@@ -66,12 +60,12 @@ def test_the_195_parameters_fit_and_are_quick_enough(tmp_path):
     """Code below 1 kB and state below 1.5 kB at -Os, fewer than 2500 instructions a sample at -O2; a nop counts as one."""
     model = write_model(tmp_path / "model", "tinygc_denoised")
     assert program(WHOLE).parameters == 195
-    measure.build("measure.elf", model, tmp_path / "small", "-Os")
-    small = measure.sizes(tmp_path / "small")
+    kit.build("measure.elf", model, tmp_path / "small", "-Os")
+    small = kit.sizes(tmp_path / "small")
     assert 500 < small.code < 1024
     assert small.weights < 4 * 195 + 100  # and the sensor's sensitivities
     assert 1000 < small.state < 1536
-    found = measure.run(measure.build("measure.elf", model, tmp_path / "fast", "-O2"), random_inputs(2000), tmp_path)
+    found = kit.run(kit.build("measure.elf", model, tmp_path / "fast", "-O2"), random_inputs(2000), tmp_path)
     assert found.per_nop == pytest.approx(1, abs=0.005)
     assert 2 * 189 < found.instructions < 2500
 
@@ -87,25 +81,13 @@ def test_what_does_not_fit_is_an_error_of_the_linker(tmp_path):
             text.replace("void tinygc_start", f"{big}void tinygc_start").replace("state->unused = 0;", "big[0] = 0, state->unused = 0;")
         )
         with pytest.raises(RuntimeError, match=f"`{region}' overflowed"):
-            measure.build("tinygc.elf", model, tmp_path / region)
+            kit.build("tinygc.elf", model, tmp_path / region)
 
 
 @needs_board
 def test_a_folder_without_a_model_is_named(tmp_path):
     with pytest.raises(RuntimeError, match=r"no model in .*export SESSION --to c"):
-        measure.build("tinygc.elf", tmp_path / "none", tmp_path / "build")
-
-
-@pytest.mark.slow
-@needs_board
-def test_a_recorder_needs_no_model_and_other_options_are_built_anew(tmp_path):
-    """For the first recording, before there is a model.  What was built for another rate is not taken for this one."""
-    recorder = lambda **options: measure.build("recorder.elf", tmp_path / "none", tmp_path / "build", **options).read_bytes()  # noqa: E731
-    first, again, other = (recorder(ODR_HZ=rate) for rate in ("417", "417", "833"))
-    assert first == again != other
-    with pytest.raises(RuntimeError, match="BAUD does not carry this data rate"):
-        recorder(ODR_HZ="6667")
-    assert recorder(ODR_HZ="6667", BAUD="2000000") != other
+        kit.build("tinygc.elf", tmp_path / "none", tmp_path / "build")
 
 
 FAULTY = """
@@ -165,7 +147,7 @@ def test_a_fault_of_the_core_is_a_reset_and_its_cause_is_kept(upset, status, tmp
     parts = [source, firmware / "startup.c", firmware / "fault.c", "-T", firmware / "stm32f405.ld", "-nostartfiles", "--specs=nano.specs"]
     run(["arm-none-eabi-gcc", *core, *parts, "-o", elf], check=True)
     semihosting = ["-semihosting-config", "enable=on,target=native", "-serial", "none"]
-    ran = run(["qemu-system-arm", *measure.MACHINE, *semihosting, "-kernel", elf], capture_output=True, text=True)
+    ran = run(["qemu-system-arm", *kit.MACHINE, *semihosting, "-kernel", elf], capture_output=True, text=True)
     records = np.reshape([int(word, 16) for word in ran.stderr.split()], (4, 7))
     assert ran.returncode == 0
     assert records[0].tolist() == [0] * 7
@@ -182,34 +164,74 @@ def elf(tmp_path_factory):
     if MISSING:
         pytest.skip(MISSING)
     folder = tmp_path_factory.mktemp("board")
-    return measure.build("tinygc.elf", write_model(folder / "model", "tinygc_denoised"), folder, SERIAL="4711")
+    return kit.build("tinygc.elf", write_model(folder / "model", "tinygc_denoised"), folder, SERIAL="4711")
 
 
 @contextlib.contextmanager
-def emulator_of(elf):
+def board_of(elf):
+    """The pseudo-terminals of the host and of whoever plays a sensor, of a board under QEMU."""
     with contextlib.ExitStack() as running:
-        start = lambda command, **how: running.enter_context(started(command, limit_s=4 * PATIENCE_S, **how))  # noqa: E731
-        yield running.enter_context(measure.Emulator(elf, start))
+        yield kit.ports_under_qemu(elf, lambda command, **how: running.enter_context(started(command, limit_s=4 * PATIENCE_S, **how)))
 
 
 @pytest.fixture(scope="module")
 def board(elf):
     """One for all tests: its stand-in has fallen silent once somebody has spoken to it."""
-    with emulator_of(elf) as emulator:
-        yield emulator
+    with board_of(elf) as ports:
+        yield ports
 
 
-@pytest.fixture(autouse=True)
-def patience(monkeypatch):
-    """A busy machine lets the emulator wait for as long as it likes."""
-    monkeypatch.setattr(play, "SILENCE_S", PATIENCE_S)
+class Link:
+    """One of the board's ports."""
+
+    IN_FLIGHT = 8  #: samples that may be on their way: fewer bytes than the board's ring holds
+    CALIBRATED, SELF_TEST = struct.Struct("<BHIfff"), struct.Struct("<BHHfI")
+
+    def __init__(self, port: str):
+        self._port, self._buffer, self._bodies = serial.Serial(port, 921600, timeout=0.5), b"", []
+        self.close, self.send = self._port.close, self._port.write
+
+    def hello(self) -> tuple[int, float, int]:
+        """The board's self-test: failed, worst, model.  What is sent before QEMU has seen the terminal open is lost, so it is repeated."""
+
+        def ask():
+            self.send(frames.encode_blocks(np.array([[0x10, 0, 0]], np.uint8)).tobytes())
+            while (body := self.next()) and body[0] != 0x04:
+                pass
+            return body
+
+        return self.SELF_TEST.unpack(until(ask, what="a self-test"))[2:]
+
+    def calibrate(self, t_us: np.ndarray, registers: np.ndarray) -> np.ndarray:
+        """Rates (N, 3) float32 rad/s for samples: t_us (N,), registers (N, 7) int16."""
+        coded, rates = frames.encode_samples(np.arange(len(t_us)), t_us, registers), np.zeros((len(t_us), 3), np.float32)
+        for first in range(0, len(rates), self.IN_FLIGHT):
+            self.send(coded[first : first + self.IN_FLIGHT].tobytes())
+            for n in range(first, min(first + self.IN_FLIGHT, len(rates))):
+                while (body := until(self.next, what="an answer"))[0] != 0x03:
+                    pass
+                _, sequence, _, *rates[n] = self.CALIBRATED.unpack(body)
+                assert sequence == n & 0xFFFF
+        return rates
+
+    def next(self) -> bytes | None:
+        """The next good frame without its CRC; None where half a second passes without a byte."""
+        while not self._bodies:
+            data = self._port.read(max(1, self._port.in_waiting))
+            if not data:
+                return None
+            *tokens, self._buffer = (self._buffer + data).split(b"\0")
+            fit = [token for token in tokens if frames.SHORTEST_OTHER <= len(token) <= frames.LONGEST_OTHER]
+            decoded = [frames.decode_blocks(np.frombuffer(token, np.uint8)[None]) for token in fit]
+            self._bodies += [body[0].tobytes() for body, good in decoded if good[0]]
+        return self._bodies.pop(0)
 
 
 @pytest.mark.emulation
 def test_the_stand_in_can_be_recorded_at_once(elf, tmp_path):
     """Nobody has spoken to the board: it streams at the sensor's pace, without a gap, and says what it is."""
-    with emulator_of(elf) as board:
-        recorder = Recorder(tmp_path, board.ports[0])
+    with board_of(elf) as ports:
+        recorder = Recorder(tmp_path, ports[0])
         until(lambda: recorder.decoder.samples >= 300, recorder.poll, "300 samples")
         recorder.close()
     decoder = recorder.decoder
@@ -226,12 +248,12 @@ def test_the_stand_in_can_be_recorded_at_once(elf, tmp_path):
 def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(board, tmp_path):
     """A log is played to the board as if by its sensor, ``calibrate.py record`` guides and records what the board streams: the log is
     whole, and what the board calibrated is what the host makes of it."""
-    t_us, registers = (rows[:2700] for rows in read_registers(ROOT / "data" / "session1" / "log0001.csv.gz"))
-    link = Board(board.ports[1])
-    test = link.hello()
-    assert (test.failed, test.worst, test.model) == (0, 0.0, program(WHOLE).identity)
+    rows = np.loadtxt(ROOT / "data" / "session1" / "log0001.csv.gz", np.int64, delimiter=",", skiprows=2, max_rows=2700)
+    t_us, registers = rows[:, 0], rows[:, 1:].astype(np.int16)
+    link = Link(board[1])
+    assert link.hello() == (0, 0.0, program(WHOLE).identity)
     folder = tmp_path / "recorded"
-    command = [*CALIBRATE, "record", "--port", board.ports[0], "--out", folder, "--segments", 1, "--no-coach", "--mute"]
+    command = [*CALIBRATE, "record", "--port", board[0], "--out", folder, "--segments", 1, "--no-coach", "--mute"]
     with contextlib.closing(link), started(command, stderr=PIPE, stdout=PIPE, text=True) as record:
         until(lambda: (folder / "raw.times").exists() and "open" in (folder / "raw.times").read_text(), what="an open port")
         rates = link.calibrate(t_us, registers)
@@ -256,28 +278,17 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(boa
 
 
 @pytest.mark.emulation
-def test_a_board_that_is_asked_over_the_recorders_port_answers_there(board):
-    """Request and response on one port, among the samples that it streams."""
-    registers = np.random.default_rng(0).integers(-20000, 20000, (50, 7)).astype(np.int16)
-    link = Board(board.ports[0])
-    assert link.hello().failed == 0
-    rates = link.calibrate(np.arange(50) * 4808 + 0xFFFFFF00, registers)
-    link.close()
-    np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
-
-
-@pytest.mark.emulation
 def test_commands_are_answered_and_without_a_sensor_say_so(elf):
     """QEMU has no ASM330LHH: the board says so, and streams its stand-in.  Stopped, it is silent; asked, it says who it is."""
-    with emulator_of(elf) as emulator, contextlib.closing(Board(emulator.ports[0])) as link:
+    with board_of(elf) as ports, contextlib.closing(Link(ports[0])) as link:
         answers, said = {}, {}
         asked = [(0x11, struct.pack("<f", 833)), (0x12, struct.pack("<HH", 250, 2)), (0x13, struct.pack("<BH", 1, 20))]
         asked += [(0x16, b""), (0x15, b""), (0x17, b""), (0x17, b"1"), (0x19, b""), (0x18, struct.pack("<I", 7)), (0x14, b"")]
-        until(lambda: (link._next() or b" ")[0] == 0x01, what="a sample")
+        until(lambda: (link.next() or b" ")[0] == 0x01, what="a sample")
         for number, (command, body) in enumerate(asked):
-            link._send(frames.encode_blocks(np.frombuffer(struct.pack("<BH", command, number) + body, np.uint8)[None]).tobytes())
+            link.send(frames.encode_blocks(np.frombuffer(struct.pack("<BH", command, number) + body, np.uint8)[None]).tobytes())
         while len(answers) < len(asked):
-            body = until(link._next, what="a frame")  # None: a busy machine was silent for a while
+            body = until(link.next, what="a frame")  # None: a busy machine was silent for a while
             said[body[0]] = body
             if body[0] == 0x07:
                 _, number, command, result = struct.unpack("<BHBB", body)
@@ -297,53 +308,16 @@ def test_garbage_on_the_line_is_passed_over(board):
     """Broken frames, overlong ones, unknown types, and a sample whose CRC is wrong: none is answered, none breaks what follows."""
     rng = np.random.default_rng(1)
     good = frames.encode_samples(np.array([7]), np.array([1]), np.zeros((1, 7), np.int16)).tobytes()
-    link = Board(board.ports[1])
+    link = Link(board[1])
     link.hello()
     for garbage in (rng.bytes(3000), bytes(50), b"\xff" * 500 + b"\0", good[:9] + b"\x55" + good[10:], good[:-6] + b"\0", b"\x03\x10\0"):
-        link._send(garbage)
-    link._send(b"\0")
+        link.send(garbage)
+    link.send(b"\0")
     registers = np.ones((3, 7), np.int16)
     link.hello()
     rates = link.calibrate(np.arange(3), registers)
     link.close()
     np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
-
-
-@pytest.mark.slow
-@pytest.mark.emulation
-def test_play_writes_the_rates_that_the_board_answers(board, tmp_path):
-    """The command of docs/firmware.md, on the first second of a closure run."""
-    t_us, registers = read_registers(ROOT / "data" / "session1" / "closure0001.csv.gz")
-    log, out = tmp_path / "log.csv", tmp_path / "rates.csv"
-    rows = np.column_stack([t_us, registers])[:208]
-    np.savetxt(log, rows, fmt="%d", delimiter=",", header="t_us,gx,gy,gz,ax,ay,az,temp", comments="")
-    command = [sys.executable, ROOT / "firmware" / "play.py", board.ports[1], log, "-o"]
-    ran = run([*command, out], capture_output=True, text=True)
-    assert (ran.returncode, ran.stderr) == (0, "")
-    assert f"model {program(WHOLE).identity:08x}, self-test passed, worst 0 rad/s" in ran.stdout
-    table = np.loadtxt(out, delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(table[:, 0], t_us[:208])
-    np.testing.assert_array_equal(table[:, 1:].astype(np.float32), program(WHOLE).run(SENSOR.inputs(registers[:208])))
-    ran = run(command[:3], capture_output=True, text=True)  # the self-test alone
-    assert (ran.returncode, ran.stderr, ran.stdout.count("\n")) == (0, "", 1)
-    ran = run([*command, tmp_path / "no" / "rates.csv"], capture_output=True, text=True)
-    assert ran.returncode == 2
-    assert ran.stderr.count("\n") == 1
-
-
-def test_a_port_that_is_none_is_a_device_error(tmp_path):
-    with pytest.raises(DeviceError, match="cannot be opened"):
-        Board(str(tmp_path / "ttyNONE"))
-
-
-@pytest.mark.parametrize(
-    "text", ["", "t_us,gx\n", "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n1,2,3,4,5,6,7\n", "t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3\n"]
-)
-def test_only_logs_of_registers_can_be_played(text, tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text(text)
-    with pytest.raises(FormatError, match="expected a log of registers"):
-        read_registers(path)
 
 
 # The frames' C on this machine, against the Python that is its other end.

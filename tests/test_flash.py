@@ -10,13 +10,12 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from emulator import build as kit
 from processes import environment, run
 
 if shutil.which("make") is None or sys.platform == "win32":
     pytest.skip("needs make and a shell", allow_module_level=True)
 
-sys.path.insert(0, str(ROOT / "firmware"))
-import measure
 
 CALLS = {
     "dfu-util": "-a 0 -s 0x08000000:leave -D {build}/{name}.bin",
@@ -94,9 +93,9 @@ def test_without_a_flasher_one_line_and_nothing_is_built(bench, words, says):
 @pytest.mark.emulation
 def test_the_bytes_that_are_flashed_begin_with_stack_and_reset(tmp_path):
     """At 0x08000000 the core looks for its stack and its first instruction, a Thumb address in the flash."""
-    if trouble := measure.tools_missing():
+    if trouble := kit.tools_missing():
         pytest.skip(trouble)
-    image = measure.build("recorder.bin", tmp_path / "none", tmp_path / "build").read_bytes()
+    image = kit.build("recorder.bin", tmp_path / "none", tmp_path / "build").read_bytes()
     stack, reset = struct.unpack_from("<II", image)
     assert 0x20000000 < stack <= 0x20000000 + 128 * 1024
     assert stack % 8 == 0

@@ -3,13 +3,11 @@
 import gzip
 import os
 import shutil
-import sys
 from pathlib import Path
 
-import processes
 import pytest
 from commandline import refused
-from recorded_files import RECORDED, contents, make_recording
+from recorded_files import RECORDED, make_recording
 
 from session.io.errors import StorageError
 from session.io.names import is_recorded
@@ -49,15 +47,3 @@ def test_a_simulation_replaces_only_a_simulation(run, simulated, tmp_path):
     (made / "raw.bin").unlink()
     (made / "session.toml").write_text((made / "session.toml").read_text().partition("\n")[2])
     refused(run(*again), "session.toml", "not replaced")
-
-
-def test_the_player_of_logs_replaces_none(recording, tmp_path):
-    """``firmware/play.py``, which is no command of ``calibrate.py``."""
-    before = contents(recording)
-    for out in (recording / "log0001.csv", recording / "raw.bin"):
-        words = [sys.executable, ROOT / "firmware" / "play.py", tmp_path / "port", recording / "log0001.csv", "-o", out]
-        done = processes.run(words, capture_output=True, text=True)
-        assert done.returncode == 2
-        assert done.stderr.startswith("play: --out ")
-        assert len(done.stderr.splitlines()) == 1
-        assert contents(recording) == before

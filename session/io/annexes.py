@@ -44,7 +44,6 @@ SERVICES = {
     "rates of a table": "tinygc.annexes.rates.library",
     "rate steps recorded with a machine": "tinygc.annexes.rates.recording",
     "equations of curves (rates --discover)": "tinygc.annexes.rates.discovery",
-    "the emulated board": "tinygc.annexes.emulated.command",
     "verify": "tinygc.annexes.verification.command",
     "verification of a calibration": "tinygc.annexes.verification.library",
     "watch": "tinygc.annexes.watch.command",

@@ -22,7 +22,6 @@ FOLDERS = {
     "rates": ("tinygc/annexes/rates",),
     "budget": ("tinygc/annexes/budget",),
     "discovery": ("tinygc/annexes/discovery",),
-    "emulated": ("tinygc/annexes/emulated",),
     "challenge": ("tinygc/annexes/challenge",),
     "machines": ("session/annexes/machines", "tinygc/annexes/machines"),
     "turntable": ("session/annexes/turntable", "tinygc/annexes/turntable"),
@@ -52,14 +51,13 @@ GONE = {
     "rates": (["rates", "table.csv"],),
     "budget": (["budget", "data/session1"],),
     "discovery": (["explain", "data/session1", "--discover"],),
-    "emulated": (["board", "--firmware", "board.elf"],),
     "challenge": (["challenge", "--cases", "1"],),
     "machines": (["table", "list"],),
     "turntable": (["fit", "phone"],),
     "certificate": (["report", "data/session1", "--certificate"], ["report", "data/session1", "--dcc", "dcc.xml"]),
 }
 #: options that an annex serves
-OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--firmware", "--certificate", "--dcc")
+OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--certificate", "--dcc")
 MAIN_JOB = (
     ["check", "data/session1"],
     ["fit", "data/session1", "--methods", "raw,least_squares", "--folds", "2"],

@@ -14,7 +14,6 @@ from session.io.annexes import find, is_present, need
 
 #: command -> service of an annex that extends it -> options that report a missing annex
 EXTENSIONS: dict[str, dict[str, tuple[str, ...]]] = {
-    "board": {"the emulated board": ("--firmware",)},
     "fit": {"rest logs and temperature": ("--temperature", "--temperature-order")},
     "simulate": {"rest logs and temperature": ("--rest-cycles",), "commands on arrays": ("--units",)},
 }

@@ -88,11 +88,6 @@ class Terminal:
         poll.register(self._master, 0)
         return not any(events & (select.POLLHUP | select.POLLERR) for _, events in poll.poll(0))
 
-    @property
-    def waiting(self) -> int:
-        """Number of buffered bytes that the terminal has not accepted yet."""
-        return len(self._waiting)
-
     def write(self, data: bytes) -> bool:
         """Send data, and buffer what does not fit.  False: ``data`` was dropped, since the buffer is full or there is no reader."""
         if not self.has_reader:

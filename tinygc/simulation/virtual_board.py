@@ -23,7 +23,7 @@ from session.io.sensors.profile import REGISTER_MAX
 from session.io.texts import comment
 from session.io.units import DEG, G
 from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, MovementPlan, Stroke, not_faster, stroke
-from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import RegisterLog, plan_of, simulate_session
 
 if TYPE_CHECKING:
@@ -166,14 +166,14 @@ class BoardSource:
         return self.rows[np.concatenate([before, np.arange(max(start, 0), min(max(stop, 0), len(self.rows))), behind]).astype(np.int64)]
 
 
-def simulated(options: SimulationOptions, calibrated: bool = True, unit: SimulatedUnit | None = None) -> BoardSource:
+def simulated(options: SimulationOptions, calibrated: bool = True) -> BoardSource:
     """Simulate a session in which the table is set onto its index mark before the closure run, if any, without a break in the data.
 
-    calibrated: whether session.toml holds the accelerometer's pre-calibration; unit: replaces the sensor that is drawn.
+    calibrated: whether session.toml holds the accelerometer's pre-calibration.
     """
     from tinygc.simulation.write import config_text
 
-    simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)), unit=unit)
+    simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)))
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
     info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.unit_drawn_from), options.sensor)
     return BoardSource(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -59,9 +58,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
     command.add_argument("--gyro-fs", type=gyro_full_scale, default=500.0, metavar="DPS", help="its full scale (%(default)g)")
     command.add_argument("--accel-fs", type=accel_full_scale, default=4.0, metavar="G", help="its full scale (%(default)g)")
-    command.add_argument(
-        "--speed", type=_speed, default=1.0, metavar="X", help="so many times faster than real (%(default)g); max with --firmware"
-    )
+    command.add_argument("--speed", type=positive, default=1.0, metavar="X", help="so many times faster than real (%(default)g)")
     command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
     command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
     command.add_argument("--uptime", type=seconds, default=0.0, metavar="S", help="device time at the start (%(default)g)")
@@ -69,7 +66,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--faults",
         default="",
         metavar="NAME=X,…",
-        help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s; with --firmware the sensor's, as hang@20+0.5",
+        help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s",
     )
     command.add_argument(
         "--memory",
@@ -84,13 +81,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--table-faults", default="", metavar="NAME@S,…", help="what goes wrong with the table (docs/tables.md)")
     command.add_argument("--table-resets", action="store_true", help="the table restarts when its port is opened, as an Arduino Uno does")
     command.add_argument("--config", type=file_written, metavar="FILE", help="write the session.toml that belongs to the stream")
-
-
-def _speed(text: str) -> float:
-    return math.inf if text == "max" else positive(text)
-
-
-_speed.__name__ = "number"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -118,18 +108,13 @@ def _board(args: argparse.Namespace) -> int:
         raise CalibrationError("board: frames hold registers; leave --frames or --physical out")
     if args.folder and args.take:
         raise CalibrationError("board: a folder is streamed as it was recorded; leave --take out")
-    if args.table and (args.folder or args.firmware or args.speed != 1):
-        raise CalibrationError("board: --table is a board of its own, in real time; leave the folder, --firmware and --speed out")
+    if args.table and (args.folder or args.speed != 1):
+        raise CalibrationError("board: --table is a board of its own, in real time; leave the folder and --speed out")
     if not args.table and (args.table_link or args.table_faults or args.table_resets):
         raise CalibrationError("board: --table-link, --table-faults and --table-resets are of a table; add --table FILE")
-    if args.firmware:
-        need("the emulated board").check_options(args)
-    elif args.speed == math.inf:
-        raise CalibrationError("board: --speed max: only with --firmware, whose time is its own")
-    faults = LineFaults() if args.firmware else LineFaults.parse(args.faults)
+    faults = LineFaults.parse(args.faults)
     # A faster board needs a larger buffer, because the host is no faster.
-    hurry = max(1.0, args.speed) if args.speed < math.inf else 1.0
-    terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * hurry))
+    terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed)))
     table = None
     try:
         if args.table:
@@ -145,8 +130,6 @@ def _board(args: argparse.Namespace) -> int:
     with terminal, table or nullcontext():
         if table:
             say(f"the table is at {table.name}")
-        if args.firmware:
-            return need("the emulated board").run(args, source, terminal, say)
         board = VirtualBoard(
             source=source,
             terminal=terminal,
@@ -194,6 +177,6 @@ def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) ->
     again = "" if take == 1 else " (the same sensor, turned anew; --take 1 streams the first again)"
     say(f"simulating a session, take {take} of seed {args.seed}{again} …")
     options = taken(options, take)
-    source = simulated(options, calibrated=not raw, unit=need("the emulated board").unit_of_the_model(options) if args.firmware else None)
+    source = simulated(options, calibrated=not raw)
     remember(link, args.seed, take)
     return replace(source, number=take)

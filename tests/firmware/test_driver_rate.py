@@ -1,0 +1,280 @@
+"""The FIFO's configuration is proved behind each burst; and where it reads as it was set, the rate that arrives is judged all the same."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+import pytest
+from driver_under_test import (
+    ACCEL,
+    FIFO_CTRL1,
+    FIFO_CTRL2,
+    FIFO_CTRL3,
+    FIFO_CTRL4,
+    GYRO,
+    PERIOD,
+    STAMP,
+    discard,
+    faults,
+    library,
+    number,
+    patterns,
+    poll,
+    push,
+    registers,
+    registers_of,
+    settle,
+    slots,
+    started,
+    streamed_by_time,
+    tag,
+    words_of,
+)
+
+FIFO_STATUS1 = 0x3A
+#: samples at 1667 Hz: a window of a second, and a burst
+WINDOW = 1700
+
+
+def kinds(words: np.ndarray) -> np.ndarray:
+    return words[:, 0] >> 3
+
+
+def slot_of(words: np.ndarray) -> np.ndarray:
+    """The slot of each word, counted from the first: three to a slot."""
+    return np.arange(len(words)) // 3
+
+
+def without(kind: int, each: int):
+    """Of that kind only each so many-th word is batched."""
+    return lambda words: words[(kinds(words) != kind) | (slot_of(words) % each == 0)]
+
+
+def halved(words: np.ndarray) -> np.ndarray:
+    """Every second slot is batched, and TAG_CNT counts those: five of them in ten slots."""
+    kept = words[slot_of(words) % 2 == 0].copy()
+    first = int(kept[2, 1:5].copy().view("<u4")[0] / PERIOD) // 2
+    kept[:, 0] = [tag(int(kind), first + place // 3) for place, kind in enumerate(kinds(kept))]
+    return kept
+
+
+def one_slot_for_all(words: np.ndarray) -> np.ndarray:
+    words[:, 0] = [tag(int(kind), 0) for kind in kinds(words)]
+    return words
+
+
+@pytest.mark.parametrize(
+    ("register", "value"),
+    [
+        (FIFO_CTRL1, 0x00),  # no watermark
+        (FIFO_CTRL1, 0xF0),  # beyond what a burst takes
+        (FIFO_CTRL2, 0x80),  # stops at the watermark
+        (FIFO_CTRL3, 0x78),  # BDR_GY halved
+        (FIFO_CTRL3, 0x87),  # BDR_XL halved
+        (FIFO_CTRL3, 0x00),  # nothing is batched
+        (FIFO_CTRL4, 0x26),  # no stamps: DEC_TS
+        (FIFO_CTRL4, 0x46),  # no temperature
+        (FIFO_CTRL4, 0x60),  # bypass
+        (FIFO_CTRL4, 0x61),  # until full
+    ],
+)
+def test_a_fifo_that_is_set_otherwise_by_itself_is_set_again(register, value):
+    """Within 40 ms, whether words come or not; no word of it counts."""
+    started()
+    before = streamed_by_time(0, 100)
+    registers()[register] = value
+    if (register, value) in ((FIFO_CTRL3, 0x00), (FIFO_CTRL4, 0x60)):
+        discard()
+        assert len(poll(40)) == 0
+    else:
+        assert len(streamed_by_time(100, 60)) == 0
+    assert faults() == {"changed": 1, "starts": 1}
+    discard()
+    poll(25)
+    assert library().running()
+    assert registers()[register] != value
+    settle()
+    after = streamed_by_time(0, 100)
+    assert len(before) > 80
+    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [without(GYRO, 2), without(ACCEL, 2), without(GYRO, 100), without(STAMP, 100), without(STAMP, 8), halved, one_slot_for_all],
+    ids=["BDR_GY halved", "BDR_XL halved", "no gyroscope", "no stamps", "each eighth stamp", "all halved", "TAG_CNT stands"],
+)
+def test_another_rate_than_the_registers_say_is_counted_once_and_restarted(change):
+    """Within a second and a burst.  What is delivered until then is right."""
+    started()
+    during, place = [streamed_by_time(0, 100)], 100
+    while "starts" not in faults():
+        during.append(streamed_by_time(place, 10, change))
+        place += 10
+        assert place < WINDOW + 100
+    assert place < 200 or change is not halved  # all the stamps say so
+    assert (faults()["rate"], faults()["starts"]) == (1, 1)
+    assert not {"silent", "changed", "overrun", "parity", "tag"} & faults().keys()
+    delivered = np.concatenate(during)
+    np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(delivered["number"] - delivered["number"][0]))
+    poll(25)
+    settle()
+    assert len(streamed_by_time(0, 100)) > 80
+
+
+@pytest.mark.parametrize(
+    "change",
+    [without(GYRO, 2), without(ACCEL, 100), without(STAMP, 100), halved, one_slot_for_all],
+    ids=["BDR_GY halved", "no accelerometer", "no stamps", "all halved", "TAG_CNT stands"],
+)
+def test_another_rate_from_the_start_on(change):
+    """The filters may seem never to settle: that is said within a second and twice the time that they take."""
+    started(settles=False)
+    delivered, place = [], 0
+    while "starts" not in faults():
+        delivered.append(streamed_by_time(place, 10, change))
+        place += 10
+        assert place < WINDOW + 2 * 150
+    assert (faults()["rate"], faults()["starts"]) == (1, 1)
+    found = np.concatenate(delivered)
+    steps = np.diff(found["registers"][:, 0].astype(int))
+    np.testing.assert_array_equal(steps, np.diff(found["number"].astype(int)))
+
+
+def test_a_rate_that_no_start_mends_is_tried_ten_times_a_second_at_most():
+    started()
+    streamed_by_time(0, 1000, halved)
+    before = faults()["starts"]
+    streamed_by_time(1000, 2 * WINDOW, halved)
+    assert 8 < faults()["starts"] - before <= 20
+
+
+@pytest.mark.parametrize(("milliseconds", "wrong"), [(27, True), (29, False), (31, False), (33, True)])
+def test_the_sensors_clock_against_the_targets(milliseconds, wrong):
+    """50 slots take 30 ms: a tenth off is no rate that was set, 3 % are a target's RC oscillator at its worst."""
+    started()
+    for place in range(0, 2 * WINDOW, 50):
+        push(slots(place, 50))
+        poll(milliseconds)
+    assert ("rate" in faults()) == wrong
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_words_that_another_fault_explains_are_no_other_rate(share):
+    """A line that spoils tags: parity says so."""
+    rng = np.random.default_rng(7)
+
+    def spoil(words: np.ndarray) -> np.ndarray:
+        words[rng.random(len(words)) < share, 0] ^= 1
+        return words
+
+    started()
+    streamed_by_time(0, 2 * WINDOW, spoil)
+    assert faults()["parity"] > 2 * share * WINDOW
+    assert "rate" not in faults()
+    assert library().running()
+
+
+def test_a_stamp_that_is_spoilt_at_any_place_is_no_other_rate():
+    """Also the first and the last of a window."""
+    for spoilt in range(0, 20):
+        started()
+
+        def spoil(words: np.ndarray, spoilt: int = spoilt) -> np.ndarray:
+            words[3 * (spoilt // 2) + 2, 4] ^= 0x40 if spoilt % 2 else 0
+            return words
+
+        streamed_by_time(0, 10, spoil)
+        streamed_by_time(10, WINDOW - 40)
+        for place in range(WINDOW - 30, WINDOW + 30, 10):
+            streamed_by_time(place, 10, spoil)
+        assert "rate" not in faults()
+        assert library().running()
+
+
+def test_a_target_that_comes_late_is_no_other_rate():
+    """The FIFO runs over again and again: that is said, and is all."""
+    started()
+    now_us = number("now_us", ctypes.c_uint32)
+    streamed_by_time(0, 700)
+    for place in range(1700, 8 * 1700 + 1, 1700):
+        discard()
+        now_us.value += 600_000
+        number("overrun").value = 1
+        push(slots(place, 30))
+        poll(18)
+        streamed_by_time(place + 30, 670)
+    assert faults()["overrun"] == 8
+    assert faults().keys() == {"overrun", "lost"}
+
+
+@pytest.mark.parametrize(
+    ("register", "bits"), [(FIFO_STATUS1, 1 << place) for place in range(8)] + [(FIFO_STATUS1 + 1, bits) for bits in (1, 2, 3)]
+)
+def test_a_level_that_was_misread_is_no_other_rate(register, bits):
+    """Behind a gap, where a window begins: the words seem to have been made before it, or long ago."""
+    for backlog in (20, 60):
+        started()
+        streamed_by_time(0, 100)
+        number("overrun").value = 1
+        streamed_by_time(200, 30)
+        number("turned", ctypes.c_uint8).value, number("turned_bits", ctypes.c_uint8).value = register, bits
+        number("turned_until_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + 900
+        push(slots(230, backlog))
+        poll(12)
+        streamed_by_time(230 + backlog, 2 * WINDOW)
+        assert not {"rate", "starts"} & faults().keys()
+
+
+def test_no_stamps_behind_a_gap_are_another_rate():
+    """No window begins there; 64 slots without one are enough."""
+    started()
+    streamed_by_time(0, 100)
+    number("overrun").value = 1
+    streamed_by_time(200, 120, lambda words: words[kinds(words) != STAMP])
+    assert (faults()["rate"], faults()["starts"]) == (1, 1)
+
+
+@pytest.mark.parametrize("odr", [8, 9, 10])
+@pytest.mark.parametrize("ratio", [5.9976, 40000 / 6667, 6.0, 6.0024])
+def test_late_stamps_cost_nothing_in_the_whole_driver(odr, ratio):
+    """At 6667 Hz two ticks either way are a third of a period, and a step of 2 or 10 ticks is none that is odd."""
+    count = 4000
+    for name, late in patterns(count).items():
+        started(odr)
+        numbers = np.arange(count)
+        words = words_of(numbers, np.floor(100.5 + numbers * ratio * 2 ** (10 - odr) + late).astype(np.int64))
+        each, found = 10 * 2 ** (odr - 8), []
+        for place in range(0, 3 * count, 3 * each):
+            push(words[place : place + 3 * each])
+            found.append(poll(6))
+        delivered = np.concatenate(found)
+        assert not faults(), name
+        assert len(delivered) >= count - 96
+        np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(np.arange(len(delivered))), err_msg=name)
+
+
+def test_words_that_seem_older_than_those_before_are_no_other_rate():
+    """Of a FIFO that is fuller than a burst the age is a guess: it may be before the last burst's."""
+    started()
+    found = [streamed_by_time(0, 20)]
+    push(slots(20, 128))  # in no time
+    found.append(poll(8))
+    after = np.concatenate([*found, streamed_by_time(148, 100)])
+    assert not faults()
+    assert len(after) > 230
+    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
+
+
+def test_twice_the_period_is_odd_at_the_highest_rate():
+    """A step of 12 ticks is one more off than jitter can make it: that is said within 40 slots, not in a window's second."""
+    started(10)
+    numbers = np.arange(400)
+    words = words_of(numbers, 100 + 12 * numbers)
+    for place in range(0, 1200, 60):
+        push(words[place : place + 60])
+        poll(6)
+        if "rate" in faults():
+            break
+    assert (faults()["rate"], place <= 3 * 100) == (1, True)

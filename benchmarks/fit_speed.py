@@ -1,8 +1,4 @@
-"""How long each step of the main job takes, on one session of 40 segments at 208 Hz; ratios are of times measured in one run.
-
-The sample-by-sample loop that one epoch is compared with integrates as the paper's published code does: a first-order quaternion step
-per sample, renormalised, in a Python loop over time, batched over the segments, with PyTorch's autograd through it.
-"""
+"""How long each step of the main job takes, on one session of 40 segments at 208 Hz; ratios are of times measured in one run."""
 
 from __future__ import annotations
 
@@ -28,7 +24,6 @@ from session.io.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
-from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.particle_swarm import fit_pso
@@ -57,7 +52,6 @@ def main() -> None:
         *_still_detection(session, args.repeat),
         ["stills, segments, attitudes, floor (`build_problem`)", f"{best(lambda: build_problem(session), args.repeat):.2f} s", ""],
         *_methods(problem, args),
-        *_epoch(problem.batch, args.repeat),
         *_whole_job(args.folder),
     ]
     progress("")
@@ -140,67 +134,8 @@ def _methods(problem: Problem, args: argparse.Namespace):
             yield ["… and the 5 folds of the held-out closure", f"{folds:.2f} s", ""]
 
 
-def _epoch(batch: Batch, repeat: int):
-    """One epoch of the network, forward and backward: through the tree product, and sample by sample."""
-    import torch
-
-    from tinygc.attitude.rotation import compose, multiply
-    from tinygc.closure.residual import residual, segment_residuals
-    from tinygc.models.nets import CalibrationNet
-
-    progress("one epoch")
-    weights = torch.as_tensor(CalibrationNet.identity().vector).requires_grad_()
-    rate, earth, start = (torch.as_tensor(x) for x in (batch.rate, batch.earth, batch.start))
-    t_s = torch.nn.functional.pad(torch.as_tensor(batch.dt).cumsum(1), (1, 0))
-
-    def tree():
-        r = segment_residuals(batch, CalibrationNet.from_vector(weights)(rate))
-        return descend((r**2).mean())
-
-    def loop():
-        """Per sample: mean of two rates, step from the stamps, quaternion product component by component, renormalised."""
-        omega = CalibrationNet.from_vector(weights)(rate) - earth
-        q = start
-        for k in range(t_s.shape[1] - 1):
-            mean = (omega[:, k, :] + omega[:, k + 1, :]) * 0.5
-            dt = t_s[:, k + 1] - t_s[:, k]
-            half = mean * torch.stack([dt, dt, dt], dim=1) * 0.5
-            step = torch.cat([torch.ones(len(half), 1, dtype=half.dtype), half], 1)
-            (a, b, c, d), (w, x, y, z) = torch.unbind(q, -1), torch.unbind(step, -1)
-            q = torch.stack(
-                [
-                    a * w - b * x - c * y - d * z,
-                    a * x + b * w + c * z - d * y,
-                    a * y - b * z + c * w + d * x,
-                    a * z + b * y - c * x + d * w,
-                ],
-                -1,
-            )
-            q = torch.nn.functional.normalize(q, dim=1)
-        return descend((residual(q, batch.end, batch.yaw_known) ** 2).mean())
-
-    def tree_of_first_order_steps():
-        omega = CalibrationNet.from_vector(weights)(rate) - earth
-        half = (omega[:, :-1] + omega[:, 1:]) / 2 * torch.diff(t_s, dim=1)[..., None] / 2
-        steps = torch.nn.functional.normalize(torch.cat([torch.ones_like(half[..., :1]), half], -1), dim=-1)
-        return descend((residual(multiply(start, compose(steps)), batch.end, batch.yaw_known) ** 2).mean())
-
-    def descend(loss):
-        weights.grad = None
-        loss.backward()
-        return float(loss.detach()), weights.grad.clone()
-
-    (slow_loss, slow_gradient), (loss, gradient) = loop(), tree_of_first_order_steps()
-    same = max(abs(loss / slow_loss - 1), float((gradient - slow_gradient).norm() / slow_gradient.norm()))
-    fast, slow = best(tree, 3 * repeat), best(loop, repeat)
-    yield ["one epoch, tree product, exact steps", f"{fast * 1e3:.0f} ms", ""]
-    yield ["one epoch, sample by sample, first-order steps", f"{slow * 1e3:.0f} ms", ""]
-    yield ["… ratio", f"{slow / fast:.0f}", "at least 30"]
-    yield ["… the two agree where the steps are the same (loss and gradient, relative)", f"{same:.0e}", ""]
-
-
 def _whole_job(folder: Path):
-    """Time and peak memory of the whole command in a process of its own, with and without what needs torch."""
+    """Time and peak memory of the whole command in a process of its own, of two methods and of all."""
     for methods in ("raw,least_squares", "raw,raw_bias_removed,least_squares,pso,tinygc,tinygc_denoised"):
         progress(f"fit --methods {methods}")
         began = time.perf_counter()

@@ -302,8 +302,7 @@ def _smoothing(material: Material, calibration: Model) -> Term:
     root = np.concatenate([root, np.broadcast_to(pins, (3, *pins.shape))], axis=1)
     design = np.zeros((3, root.shape[1], 3, REACH + 1))
     design[np.arange(3), :, np.arange(3)] = root
-    design = design.reshape(-1, 3, REACH + 1)
-    return np.zeros(len(design)), design, best
+    return np.zeros(3 * root.shape[1]), design.reshape(-1, 3, REACH + 1), best
 
 
 def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: int) -> Term:

@@ -7,12 +7,9 @@ COPY tinygc tinygc
 RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheel .
 
 FROM python:3.11-slim
-# PyTorch for the CPU alone: the default build brings gigabytes for GPUs.
 COPY constraints.txt /tmp/constraints.txt
 COPY --from=wheel /wheel /tmp/wheel
-RUN python -m pip install --no-cache-dir -c /tmp/constraints.txt torch \
-        --index-url https://download.pytorch.org/whl/cpu --extra-index-url https://pypi.org/simple \
-    && python -m pip install --no-cache-dir -c /tmp/constraints.txt /tmp/wheel/*.whl \
+RUN python -m pip install --no-cache-dir -c /tmp/constraints.txt /tmp/wheel/*.whl \
     && useradd --uid 1000 --create-home calibrate \
     && mkdir /work && chown calibrate /work
 USER calibrate

@@ -23,7 +23,6 @@ from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.choice import run_figures
 from tinygc.estimation.denoiser import of_problem, train_denoiser
 from tinygc.estimation.network import train_second_order
-from tinygc.estimation.options import DenoiseOptions
 from tinygc.estimation.particle_swarm import fit_pso
 from tinygc.models.linear import bias_only
 from tinygc.simulation.options import SimulationOptions
@@ -114,7 +113,7 @@ def fit_model(name: str, problem: Problem, still_rates: bool = False):
     if name == "pso":
         return fit_pso(batch, sigma, start, seed=0, still_rates=rates)
     net = train_second_order(batch, sigma, still_rates=rates).net
-    return net if name == "tinygc" else train_denoiser(of_problem(problem), net, DenoiseOptions()).model
+    return net if name == "tinygc" else train_denoiser(of_problem(problem), net).model
 
 
 def rms(values: np.ndarray) -> float:

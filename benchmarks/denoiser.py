@@ -1,4 +1,4 @@
-"""The denoiser's trade-off: noise at rest, delay and closure, by loss and delay, beside Butterworth and Savitzky-Golay filters.
+"""The denoiser's trade-off: noise at rest, delay and closure, by loss, beside Butterworth and Savitzky-Golay filters of its delay.
 
 Simulated sessions of an ASM330LHH at 208 Hz: a fit to all segments, a denoiser trained on the same, and then judged on another log of the
 same sensor that neither has seen (half of the segments), and on the closure run.  Recordings of ../shared/closure as well.
@@ -30,13 +30,11 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.estimation import denoiser
 from tinygc.estimation.choice import run_figures
-from tinygc.estimation.denoiser import REACH, Material, of_problem, train_denoiser
+from tinygc.estimation.denoiser import DELAY, Material, of_problem, train_adamw, train_denoiser
 from tinygc.estimation.network import train_second_order
-from tinygc.estimation.options import DenoiseOptions
-from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.denoiser import REACH, DenoisedNet
 from tinygc.simulation.options import SimulationOptions
 
-DELAYS = (5, 8, 12, 16, 24)
 TAPS = REACH + 1
 
 
@@ -80,11 +78,9 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=8, help="simulated sessions (%(default)s)")
     parser.add_argument("--seed", type=int, default=5000, help="of the first session (%(default)s)")
     parser.add_argument("--recordings", type=Path, default=RECORDINGS, metavar="DIR", help="folder of recorded sessions (%(default)s)")
-    parser.add_argument("--bent", action="store_true", help="leaky ReLUs of slope 0.7, 0.3 and 0.01, too: AdamW, slow")
     args = parser.parse_args()
     folders = sorted(path.parent for path in args.recordings.glob("*/session.toml"))
-    jobs = [(folder, args.bent) for folder in (*folders, *range(args.seed, args.seed + args.sessions))]
-    results = in_parallel(one_session, jobs, "session")
+    results = in_parallel(one_session, [*folders, *range(args.seed, args.seed + args.sessions)], "session")
     header = ["", "noise at rest", "delay", "in motion", "closure, segments", "closure run, deg"]
     print(f"Simulated, medians of {args.sessions} sessions:\n")
     print(markdown(header, _rows(results[len(folders) :])))
@@ -93,16 +89,15 @@ def main() -> None:
         print(markdown(header, _rows([result])))
 
 
-def one_session(job) -> dict:
+def one_session(source: Path | int) -> dict:
     """Figures by the filter's name."""
-    source, bent = job
     if isinstance(source, Path):
-        return _figures(read_session(source), bent)
+        return _figures(read_session(source))
     with simulated(SimulationOptions(seed=source, closure_s=55.0)) as folder:
-        return _figures(read_session(folder), bent)
+        return _figures(read_session(folder))
 
 
-def _figures(session: Session, bent: bool) -> dict:
+def _figures(session: Session) -> dict:
     problem = build_problem(session)
     run = read_closure_runs(problem)[0]
     whole = of_problem(problem)
@@ -111,21 +106,15 @@ def _figures(session: Session, bent: bool) -> dict:
     unseen = replace(whole.pick(~half), stills=whole.stills[1::2])
     net = train_second_order(seen.batch, seen.sigma).net
     calibrated = _closures(unseen, run, net, net)[0]
-    filters = {"calibrated alone": Filter(np.ones(1), np.ones(1), 0)}
-    filters |= {"endpoint (the paper's)": _trained(seen, net, DenoiseOptions(loss="endpoint"))}
-    filters["endpoint, AdamW"] = _trained(seen, net, DenoiseOptions(loss="endpoint", optimizer="adamw"))
-    filters["still"] = _trained(seen, net, DenoiseOptions(loss="still"))
-    for delay in DELAYS:
-        filters[f"neighbours, {delay} samples"] = _trained(seen, net, DenoiseOptions(delay=delay))
-        filters[f"Butterworth, {delay}"] = butterworth(delay)
-        filters[f"Savitzky–Golay, {delay}"] = savitzky_golay(delay)
-    for slope in (0.7, 0.3, 0.01) if bent else ():
-        filters[f"neighbours, 12 samples, slope {slope:g}"] = _trained(seen, net, DenoiseOptions(slope=slope))
+    filters = {
+        "calibrated alone": Filter(np.ones(1), np.ones(1), 0),
+        "endpoint": train_denoiser(seen, net, "endpoint").model,
+        "endpoint, as in the paper": train_adamw(seen, net, 0, lambda done, of: None).model,
+        f"neighbours, {DELAY} samples": train_denoiser(seen, net).model,
+        "Butterworth": butterworth(DELAY),
+        "Savitzky–Golay": savitzky_golay(DELAY),
+    }
     return {name: _judge(unseen, run, net, model, calibrated) for name, model in filters.items()}
-
-
-def _trained(material: Material, net, options: DenoiseOptions) -> DenoisedNet:
-    return train_denoiser(material, net, options).model
 
 
 def _judge(unseen: Material, run: ClosureRun, net, model, calibrated) -> dict:

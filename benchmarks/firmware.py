@@ -30,7 +30,7 @@ from tinygc.deploy.embedded.stages import Inputs
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import save_models
-from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.denoiser import DenoisedNet
 
 CORE_HZ, ODR_HZ = 168e6, 833
 METHODS = ("least_squares", "tinygc", "tinygc_denoised")
@@ -144,8 +144,7 @@ def _single(model):
     if isinstance(model, DenoisedNet):
         return dataclasses.replace(model, calibration=_single(model.calibration), denoiser=_single(model.denoiser))
     values = {field.name: getattr(model, field.name) for field in dataclasses.fields(model)}
-    fixed = ("slope", "dilations") if isinstance(model, Denoiser) else ()
-    tensors = {name: torch.tensor(np.asarray(value), dtype=torch.float32) for name, value in values.items() if name not in fixed}
+    tensors = {name: torch.tensor(np.asarray(value), dtype=torch.float32) for name, value in values.items()}
     return dataclasses.replace(model, **tensors)
 
 

@@ -1,4 +1,4 @@
-"""What a looser tie of TinyGC-Net promises with its first step, against what it gives once settled: sets ``PROMISE`` in training.py.
+"""What a looser tie of TinyGC-Net promises with its first step, against what it gives once settled: sets ``PROMISE`` in network.py.
 
 Simulated sessions of 40 turns with what ``asymmetry.py`` conceals, and less.  Gains are over the linear solution, of the left-out errors of
 the segments in pairs, in standard errors; "promised" is the most that any tie's first step does, "given" the most that one gives.  "Bends"
@@ -11,12 +11,13 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from asymmetry import CASES, NETS, Case
+from asymmetry import CASES, Case
 from common import in_parallel, markdown, simulated
 
 from session.io.folder import read_session
 from tinygc.closure.build import build_problem
 from tinygc.estimation import network
+from tinygc.models.nets import CalibrationNet
 from tinygc.simulation.options import SimulationOptions
 
 SMALLER = (Case("asymmetry ±0.1 %", asymmetry=0.001), Case("cubic 0.3 %", cubic=0.003))
@@ -32,35 +33,30 @@ def main() -> None:
     results = in_parallel(one_session, jobs, "session")
     rows = []
     for number, case in enumerate(cases):
-        of_case = results[number * args.sessions : (number + 1) * args.sessions]
-        for name in NETS:
-            promised, given, all_ties, tool = np.array([found[name] for found in of_case]).T
-            spans = (f"{values.min():.1f} to {values.max():.1f}" for values in (promised, given))
-            rows.append([case.words, name, *spans, f"{sum(all_ties > 0)}, {sum(tool > 0)}", f"{sum(all_ties == tool)} of {len(tool)}"])
-    print(markdown(["concealed", "net", "promised", "given", "bends", "same"], rows))
+        promised, given, all_ties, tool = np.array(results[number * args.sessions : (number + 1) * args.sessions]).T
+        spans = (f"{values.min():.1f} to {values.max():.1f}" for values in (promised, given))
+        rows.append([case.words, *spans, f"{sum(all_ties > 0)}, {sum(tool > 0)}", f"{sum(all_ties == tool)} of {len(tool)}"])
+    print(markdown(["concealed", "promised", "given", "bends", "same"], rows))
 
 
-def one_session(job: tuple[Case, int]) -> dict[str, tuple[float, float, float, float]]:
-    """By net: gain promised, gain given, the tie chosen of all, and by the tool."""
+def one_session(job: tuple[Case, int]) -> tuple[float, float, float, float]:
+    """Gain promised, gain given, the tie chosen of all, and by the tool."""
     case, seed = job
     options = SimulationOptions(seed=seed, segments=40, closure_s=0.0, gyro_misalignment=case.misalignment)
     with simulated(options, distort=case.distort) as folder:
         problem = build_problem(read_session(folder))
     batch, sigma = problem.batch, problem.floor.sigma
-    return {
-        name: (*_all_ties(batch, sigma, kind), network.train_second_order(batch, sigma, start=kind.identity()).tie)
-        for name, kind in NETS.items()
-    }
+    return (*_all_ties(batch, sigma), network.train_second_order(batch, sigma).tie)
 
 
-def _all_ties(batch, sigma, kind) -> tuple[float, float, float]:
+def _all_ties(batch, sigma) -> tuple[float, float, float]:
     """Gains in standard errors, and the tie that is chosen where each is settled."""
-    rows = network._Problem(batch, sigma, None, "exact", kind.identity(), None)
-    (_, prior), *rungs = rows.start.rungs(rows.typical_rps, network.TIES)
-    vector, r, unbent, _ = rows.settle(rows.identity, prior, network.MAX_STEPS)
+    rows = network._Problem(batch, sigma, None)
+    (_, prior), *rungs = CalibrationNet.identity().rungs(rows.typical_rps)
+    vector, r, unbent, _ = rows.settle(rows.identity, prior)
     linear, lowest, chosen, promised, given = rows.linear(vector, r), unbent, 0.0, [], []
     for tie, prior in rungs:
-        vector, _, left_out, _ = rows.settle(vector, prior, network.MAX_STEPS)
+        vector, _, left_out, _ = rows.settle(vector, prior)
         promised.append(_gain(linear.left_out(prior), unbent))
         given.append(_gain(left_out, unbent))
         if network._less(left_out, lowest, network.BELIEF):

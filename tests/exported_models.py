@@ -6,10 +6,9 @@ import numpy as np
 
 from tinygc.deploy.embedded.stages import Inputs
 from tinygc.effects import AppliedEffect, Conditions, NoC, catalogue
-from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
 DEG = np.pi / 180
@@ -21,9 +20,9 @@ LINEAR = LinearModel(np.eye(3) + 0.012 * RNG.normal(size=(3, 3)), 0.01 * RNG.nor
 NET = CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.01 * RNG.normal(size=27))
 
 
-def denoiser(slope: float = 1.0) -> Denoiser:
+def denoiser() -> Denoiser:
     """One that smooths."""
-    return Denoiser.from_vector(np.abs(RNG.normal(size=(3, 56))), slope=slope).normalised()
+    return Denoiser.from_vector(np.abs(RNG.normal(size=(3, 56)))).normalised()
 
 
 def claim(effect: str) -> AppliedEffect:
@@ -36,12 +35,6 @@ def physics(*effects: str) -> PhysicsModel:
     return PhysicsModel(LINEAR, tuple(map(claim, effects)), KNOWN)
 
 
-def conditioned(*names: str) -> ConditionsModel:
-    start = ConditionsNet.identity(names)
-    size = np.concatenate([np.full(27, 0.01), np.full(start.bias.size, 1e-3), np.full(start.gain.size, 1e-3)])
-    return ConditionsModel(start.with_vector(start.vector + size * RNG.normal(size=size.shape)), KNOWN)
-
-
 WHOLE = DenoisedNet(NET, denoiser(), 208.0)
 MODELS = {
     "linear": LINEAR,
@@ -49,12 +42,7 @@ MODELS = {
     **{effect: physics(effect) for effect in CARRIED},
     "physics": physics(*CARRIED),
     "tinygc_physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.thermal_bias"), NET),
-    "tinygc_published": PublishedNet.identity().with_vector(PublishedNet.identity().vector + 0.05 * RNG.normal(size=26)),
-    "tinygc_conditions, temperature": conditioned("temperature"),
-    "tinygc_conditions, force": conditioned("force"),
-    "tinygc_conditions": conditioned("temperature", "force"),
     "tinygc_denoised": WHOLE,
-    "tinygc_denoised, leaky": DenoisedNet(NET, denoiser(0.3), 208.0),
     "all of it": DenoisedNet(CarriedNet(physics(*CARRIED), NET), denoiser(), 208.0),
 }
 

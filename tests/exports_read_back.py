@@ -8,9 +8,8 @@ from conftest import DEG, config
 from session.io.samples import Samples
 from tinygc.deploy.exports._context import Context
 from tinygc.effects import AppliedEffect, Conditions, catalogue
-from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.linear import LinearModel
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import PhysicsModel
 
 RNG = np.random.default_rng(11)
@@ -49,11 +48,8 @@ def agree(there, model):
     assert np.abs(there - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
-PUBLISHED = PublishedNet(UNBENT.W1, UNBENT.b1, np.ones(1), UNBENT.W2, UNBENT.b2, np.ones(1))
-TOLD = ConditionsModel(ConditionsNet(UNBENT, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN)
 MODELS = {
     "linear": LINEAR,
-    "published net": PUBLISHED,
     "net that does not bend": UNBENT,
     "g-sensitivity": physics(LINEAR, "gyro.g_sensitivity"),
 }

@@ -4,10 +4,9 @@ import numpy as np
 from conftest import DEG, Table
 
 from tinygc.effects import AppliedEffect, Conditions, catalogue
-from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
 RATE_HZ = 104.0
@@ -34,8 +33,6 @@ MANY = ("gyro.thermal_bias", "gyro.g_sensitivity", "gyro.bandwidth", "timing.axi
 MODELS = {
     "linear": LINEAR,
     "net": NET,
-    "published": PublishedNet(NET.W1, NET.b1, np.array([0.99]), NET.W2, NET.b2, np.array([1.01])),
-    "conditions": ConditionsModel(ConditionsNet(NET, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN),
     "denoised": DenoisedNet(NET, smoothing(), RATE_HZ),
     "physics": physics(*MANY),
     "net behind physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.scale_asymmetry"), NET),

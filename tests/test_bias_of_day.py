@@ -216,19 +216,11 @@ def test_a_segment_left_out_is_not_judged(two_days, tmp_path):
     "more",
     [
         ["--resume"],
-        ["--optimizer", "adamw"],
-        ["--variant", "published"],
+        ["--as-in-paper"],
         ["--physics", "auto"],
-        ["--conditions", "force"],
         ["--methods", "raw"],
         ["--folds", "3"],
         ["--still-rates"],
-        ["--integrator", "first-order"],
-        ["--loss", "distance"],
-        ["--epochs", "5"],
-        ["--denoise-loss", "still"],
-        ["--denoise-delay", "5"],
-        ["--parts", "2"],
         ["--bias-per-log"],
     ],
 )
@@ -241,10 +233,10 @@ def test_what_a_bias_of_the_day_does_not_heed_is_refused(two_days, more, capsys)
 
 
 @pytest.mark.broad
-@pytest.mark.parametrize("more", [["--methods", "raw"], ["--methods", "tinygc"], ["--methods", "raw", "--optimizer", "adamw"]])
+@pytest.mark.parametrize("more", [["--methods", "raw"], ["--methods", "tinygc"], ["--methods", "raw", "--as-in-paper"]])
 def test_nothing_to_resume_is_said(two_days, more, capsys):
     assert calibrate.main(["fit", str(two_days / "second"), "--resume", *more]) == 2
-    assert "--optimizer adamw" in capsys.readouterr().err
+    assert "--as-in-paper" in capsys.readouterr().err
 
 
 @pytest.mark.broad

@@ -14,12 +14,11 @@ from session.io.registers import DEFAULT, RegisterUnits
 from tinygc.deploy import ExportError
 from tinygc.deploy.embedded.program import TOLERANCE, Program, Registers, program, vectors
 from tinygc.deploy.embedded.source import LONGEST, commented, constant, initialiser, literal, source_files
-from tinygc.deploy.embedded.stages import CalibrationNetStage, Conditioned, Denoise, Inputs, Linear, Published, affine, single, table
+from tinygc.deploy.embedded.stages import CalibrationNetStage, Denoise, Inputs, Linear, affine, single, table
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
-from tinygc.models.denoiser import Denoiser
+from tinygc.models.denoiser import DILATIONS, Denoiser
 from tinygc.models.linear import LinearModel
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import PhysicsModel
 
 G = 9.80665
@@ -83,63 +82,39 @@ def small_net() -> CalibrationNet:
     return CalibrationNet(**{name: value for name, value in zip(("W1", "b1", "slope", "W2", "b2"), (W1, B1, SLOPE, W2, B2), strict=True)})
 
 
-def test_nets_by_hand():
+def test_a_net_by_hand():
     np.testing.assert_array_equal(CalibrationNetStage(small_net()).run(given(), ROWS), net_by_hand(ROWS))
-    published = PublishedNet(W1=W1, b1=B1, slope1=np.array([0.5]), W2=W2, b2=B2, slope2=np.array([0.25]))
-    expected = ROWS + bent(bent(ROWS @ W1.T + B1, 0.5) @ W2.T + B2, 0.25)
-    np.testing.assert_array_equal(Published(published).run(given(), ROWS), expected)
 
 
-@pytest.mark.parametrize("names", [("temperature",), ("force",), ("temperature", "force")])
-def test_conditions_add_biases_and_gains_by_hand(names):
-    """Temperature from its first value, force in g."""
-    start = ConditionsNet.identity(names)
-    rng = np.random.default_rng(1)
-    bias, gain = (rng.integers(-4, 5, start.bias.shape) / 8 for _ in range(2))
-    net = start.with_vector(np.concatenate([small_net().vector, bias.ravel(), gain.ravel()]))
-    force, temp_c = np.array([[1.0, 0, -1], [0.5, 2, 0]]) * G, np.array([27.0, 24.0])
-    c = np.column_stack([{"temperature": (temp_c - KNOWN.first_temp_c)[:, None], "force": force / G}[name] for name in names])
-    stage = Conditioned(ConditionsModel(net, KNOWN))
-    found = stage.run(given(ROWS, force, temp_c), ROWS)
-    np.testing.assert_allclose(found, net_by_hand(ROWS) + c @ net.bias.T + ROWS * (c @ net.gain.T), rtol=5e-6)
-    count = c.shape[1]
-    assert stage.body.count("CONDITION_AT_C") == ("temperature" in names)
-    assert f"const float c[{count}]" in stage.body
-    assert f"k < {count}" in stage.body
-
-
-@pytest.mark.parametrize("slope", [1.0, 0.5])
-def test_a_denoiser_is_three_causal_convolutions_of_each_axis(slope):
+def test_a_denoiser_is_three_causal_convolutions_of_each_axis():
     """Written out sample by sample; before the first, the rate has stood."""
-    smooth = Denoiser.from_vector(np.random.default_rng(2).integers(-4, 5, (3, 56)) / 8, slope=slope)
+    smooth = Denoiser.from_vector(np.random.default_rng(2).integers(-4, 5, (3, 56)) / 8)
     rate = np.random.default_rng(3).integers(-8, 9, (60, 3)) / 8
+    layers = (smooth.conv1, smooth.conv2, smooth.conv3)
 
     def net(series, axis):
         x = series[None]
-        for w, dilation in zip((smooth.conv1, smooth.conv2, smooth.conv3), smooth.dilations, strict=True):
+        for w, dilation in zip(layers, DILATIONS, strict=True):
             y = np.zeros((w.shape[1], x.shape[1]))
             for n in range(x.shape[1]):
                 for tap in range(w.shape[3]):
                     at = max(n - (w.shape[3] - 1 - tap) * dilation, 0)
                     y[:, n] += w[axis, :, :, tap] @ x[:, at]
-            x = bent(y, slope)
+            x = y
         return x[0]
 
-    expected = np.stack([net(rate[:, a], a) if slope == 1 else (net(rate[:, a], a) - net(-rate[:, a], a)) / 2 for a in range(3)], axis=1)
+    expected = np.stack([net(rate[:, a], a) for a in range(3)], axis=1)
     stage = Denoise(smooth)
     np.testing.assert_allclose(stage.run(given(rate), rate.astype(F)), expected, rtol=2e-6, atol=1e-5)
     sizes = [
         tuple(map(int, size)) for size in re.findall(r"float ring\d((?:\[\d+\])+);", stage.state) for size in [re.findall(r"\d+", size)]
     ]
-    slots = [(w.shape[3] - 1) * d + 1 for w, d in zip((smooth.conv1, smooth.conv2, smooth.conv3), smooth.dilations, strict=True)]
-    inputs = [w.shape[2] for w in (smooth.conv1, smooth.conv2, smooth.conv3)]
-    assert sizes == [(1 if slope == 1 else 2, 3, s, i) for s, i in zip(slots, inputs, strict=True)]
-    layers = (smooth.conv1, smooth.conv2, smooth.conv3)
-    products, bends = sum(w.size for w in layers), 3 * sum(w.shape[1] for w in layers)
-    cost = (stage.cost.multiply, stage.cost.add, stage.cost.compare)  # of two signs, and their half difference on three axes
-    assert cost == ((products, products, 0) if slope == 1 else (2 * products + 2 * bends + 3, 2 * products + 3, 2 * bends))
+    slots = [(w.shape[3] - 1) * d + 1 for w, d in zip(layers, DILATIONS, strict=True)]
+    assert sizes == [(3, s, w.shape[2]) for s, w in zip(slots, layers, strict=True)]
+    products = sum(w.size for w in layers)
+    assert (stage.cost.multiply, stage.cost.add, stage.cost.compare) == (products, products, 0)
     assert stage.state_bytes == 4 * sum(np.prod(size) for size in sizes) + 4
-    for n, (w, s) in enumerate(zip((smooth.conv1, smooth.conv2, smooth.conv3), slots, strict=True), 1):
+    for n, (w, s) in enumerate(zip(layers, slots, strict=True), 1):
         np.testing.assert_array_equal(stage.constants[f"CONV{n}"].reshape(3, w.shape[3], *w.shape[1:3]), np.moveaxis(w, 3, 1))
         assert f"newest[{n - 1}] + 1u < {s}u" in stage.body
 

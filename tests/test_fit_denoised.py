@@ -1,29 +1,13 @@
 """`fit` with the further nets: what the command line gives a user."""
 
 import json
-from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import ROOT
 
 import calibrate
-from session.io.units import DEG
-from tinygc import SimulationOptions, models
+from tinygc import models
 from tinygc.estimation import adamw, network
-from tinygc.simulation.write import write_session
-
-
-@pytest.fixture(scope="module")
-def warm(tmp_path_factory) -> Path:
-    """A session whose zero follows the temperature."""
-    options = SimulationOptions(seed=11, closure_s=20.0, warm_up_c=9.0, segments=40)
-    slope = np.array([0.014, -0.037, 0.018]) * DEG
-
-    def distort(t_s, rate, force, temp_c):
-        return rate + slope * (temp_c - options.temperature_start_c)[:, None]
-
-    return write_session(options, tmp_path_factory.mktemp("warm") / "warm", distort=distort)
 
 
 def fit(folder, out, *more):
@@ -47,47 +31,32 @@ def test_denoised_beside_calibrated(tmp_path):
     assert len(json.loads((tmp_path / "fitted.json").read_text())["methods"]["tinygc_denoised"]["notes"]["loss"]) > 5
 
 
-@pytest.mark.slow
-def test_a_net_that_is_told_the_temperature(warm, tmp_path):
-    """33 parameters take most of what the linear model with one bias leaves; the model file carries it."""
-    _, table = fit(warm, tmp_path, "--methods", "least_squares", "--conditions", "temperature", "--bias", "ends")
-    linear, told = (table["methods"][name]["holdout"]["tilt_rms_deg"] for name in ("least_squares", "tinygc_conditions"))
-    assert table["methods"]["tinygc_conditions"]["parameters"] == 33
-    assert told < 0.7 * linear
-    bias = models.load(tmp_path / "model_tinygc_conditions.json").net.bias[:, 0] / DEG
-    np.testing.assert_allclose(bias, [-0.014, 0.037, -0.018], atol=0.004)
-
-
-@pytest.mark.slow
-def test_where_conditions_do_not_matter_they_are_left_alone(tmp_path):
-    _, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "least_squares", "--conditions", "temperature,force", "--folds", "2")
-    linear, told = (table["methods"][name]["holdout"]["tilt_rms_deg"] for name in ("least_squares", "tinygc_conditions"))
-    assert table["methods"]["tinygc_conditions"]["parameters"] == 51
-    assert told == pytest.approx(linear, rel=0.02)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "more",
-    [
-        [],
-        ["--parts", "3"],
-        pytest.param(["--variant", "published", "--still-rates"], marks=pytest.mark.slow),
-        pytest.param(["--optimizer", "adamw", "--epochs", "3"], marks=pytest.mark.slow),
-    ],
-)
-def test_the_papers_own_loss(tmp_path, more):
-    """On one day it is nearly the squared loss; it goes with every kind of net and of training."""
-    how = ["--methods", "tinygc", "--loss", "distance", "--folds", "2", *more]
-    _, table = fit(ROOT / "data" / "session1", tmp_path, *how)
-    assert table["options"]["loss"] == "distance"
-    assert table["methods"]["tinygc"]["holdout"]["tilt_rms_deg"] < (3.0 if "adamw" in more else 0.02)
+@pytest.mark.broad
+def test_as_in_the_paper(simulated, tmp_path, monkeypatch):
+    """Both nets by AdamW; every other method as it is, with the first-order integrator; the file says what trained it."""
+    monkeypatch.setattr(adamw, "EPOCHS", 3)
+    folder, how = simulated(), ["--methods", "least_squares,tinygc,tinygc_denoised", "--folds", "2"]
+    usual, paper = (fit(folder, tmp_path / name, *how, *more)[1] for name, more in (("usual", []), ("paper", ["--as-in-paper"])))
+    assert (usual["options"]["as_in_paper"], paper["options"]["as_in_paper"]) == (False, True)
+    tilt = {name: method["holdout"]["tilt_rms_deg"] for name, method in paper["methods"].items()}
+    assert tilt["least_squares"] == pytest.approx(usual["methods"]["least_squares"]["holdout"]["tilt_rms_deg"], rel=0.2)
+    assert tilt["tinygc"] > 10 * tilt["least_squares"]  # of three epochs
+    assert paper["methods"]["tinygc_denoised"]["denoiser"]["loss"] == "endpoint"
+    notes = {name: of["notes"] for name, of in json.loads((tmp_path / "paper" / "fitted.json").read_text())["methods"].items()}
+    assert [len(notes[name]["loss"]) for name in ("tinygc", "tinygc_denoised")] == [3, 3]
+    export = ["export", str(folder), "--to", "json", "--anyway"]
+    for name, versions in (("usual", set()), ("paper", {"torch"})):
+        model = tmp_path / name / "model_tinygc.json"
+        assert calibrate.main([*export, "--model", str(model), "--out", str(tmp_path / name)]) == 0
+        (made,) = (path for path in (tmp_path / name).glob("*.json") if "versions" in path.read_text())
+        assert {"torch"} & set(json.loads(made.read_text())["versions"]) == versions
 
 
 @pytest.mark.slow
 def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeypatch):
     """Ctrl-C in the second of six trainings; resumed, the numbers are those of a fit that was left alone."""
-    how = ["--methods", "tinygc", "--optimizer", "adamw", "--epochs", "8", "--folds", "2"]
+    how = ["--methods", "tinygc", "--as-in-paper", "--folds", "2"]
+    monkeypatch.setattr(adamw, "EPOCHS", 8)
     alone = fit(ROOT / "data" / "session1", tmp_path / "alone", *how)[1]
     told, train = [], adamw.minimise
 
@@ -109,10 +78,3 @@ def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeyp
     assert told[12:] == [5, 6, 7, 8, *range(1, 9)]
     assert resumed["methods"]["tinygc"]["holdout"] == alone["methods"]["tinygc"]["holdout"]
     assert not list(out.glob("checkpoint*"))
-
-
-def test_unknown_conditions_are_refused(capsys):
-    with pytest.raises(SystemExit) as left:
-        calibrate.main(["fit", "x", "--conditions", "weather"])
-    assert left.value.code == 2
-    assert "temperature,force" in capsys.readouterr().err

@@ -50,7 +50,7 @@ def folder(tmp_path_factory, simulated):
     """A session with a closure run, fitted; what fit said is beside it."""
     folder = tmp_path_factory.mktemp("formats") / "session"
     shutil.copytree(simulated(), folder)
-    words = ("--methods", "least_squares,tinygc,tinygc_denoised", "--folds", 2, "--conditions", "temperature")
+    words = ("--methods", "least_squares,tinygc,tinygc_denoised", "--folds", 2)
     told("fit", folder, *words, "--physics", "gyro.thermal_bias", folder.parent / "fit.json")
     return folder
 
@@ -149,7 +149,7 @@ def test_a_repair(tmp_path):
 def test_fit_and_every_file_that_it_leaves(folder):
     table = json.loads((folder.parent / "fit.json").read_text(encoding="utf-8"))
     assert_on_page(table, "tinygc-fit/2")
-    assert {"tinygc_conditions", "physics", "tinygc_physics", "tinygc_denoised"} <= set(table["methods"])
+    assert {"physics", "tinygc_physics", "tinygc_denoised"} <= set(table["methods"])
     assert table["closure_runs"]
     files = {path.name: json.loads(path.read_text(encoding="utf-8")) for path in (folder / "fit").iterdir()}
     assert {name for name in files if not name.startswith("model_")} == {"fit.json", "fitted.json"}
@@ -159,16 +159,15 @@ def test_fit_and_every_file_that_it_leaves(folder):
     for model in files.values():
         assert_on_page(model, "tinygc-model/1")
         kinds.add(model["kind"])
-    assert kinds == {"linear", "tinygc", "tinygc_denoised", "tinygc_conditions", "physics", "tinygc_physics"}
+    assert kinds == {"linear", "tinygc", "tinygc_denoised", "physics", "tinygc_physics"}
 
 
 @pytest.mark.broad
-def test_the_other_nets_and_a_bias_for_each_log(folder, tmp_path):
-    words = ("--methods", "raw,raw_bias_removed,tinygc", "--variant", "published", "--still-rates", "--bias-per-log", "--folds", 2)
+def test_a_bias_for_each_log(folder, tmp_path):
+    words = ("--methods", "raw,raw_bias_removed,tinygc", "--still-rates", "--bias-per-log", "--folds", 2)
     table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
     assert_on_page(table, "tinygc-fit/2")
     model = json.loads((tmp_path / "fit" / "model_tinygc.json").read_text(encoding="utf-8"))
-    assert model["kind"] == "tinygc_published"
     assert "bias_sigma_rps" not in model  # one log shows no spread
     assert_on_page(model, "tinygc-model/1")
 

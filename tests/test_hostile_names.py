@@ -193,7 +193,6 @@ def test_a_bias_beyond_any_gyroscope_is_refused(text, folder, run):
         ("record", "--port", "none", "--baud", "1" + "0" * 30),
         ("fit", "x", "--seed", "1" + "0" * 30),
         ("fit", "x", "--folds", "1" + "0" * 30),
-        ("fit", "x", "--denoise-delay", "1" + "0" * 30),
         ("fit", "x", "--temperature", "--temperature-order", "1000000"),
         ("plan", "x", "--count", "1" + "0" * 30),
         *(

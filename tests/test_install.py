@@ -73,7 +73,7 @@ def test_demo_is_the_session_of_the_checkout_and_recovers_its_truth(run, tmp_pat
 
 @pytest.mark.broad
 @pytest.mark.parametrize("start", [WITH_TORCH, WITHOUT_TORCH], ids=["installed", "missing"])
-def test_no_command_loads_torch_where_no_net_is_trained_by_adamw(start, tmp_path):
+def test_no_command_loads_torch_but_a_training_as_in_the_paper(start, tmp_path):
     done = commands(start, [*COMMANDS, "demo", "fit s --folds 2 --out nets"], tmp_path)
     assert done.stderr == ""
     lines = [line for line in done.stdout.splitlines() if line.startswith("did ")]
@@ -82,9 +82,9 @@ def test_no_command_loads_torch_where_no_net_is_trained_by_adamw(start, tmp_path
 
 
 def test_a_net_that_needs_torch_says_so_in_one_line(simulated, tmp_path):
-    line = f"fit {simulated()} --methods tinygc --optimizer adamw --epochs 1 --folds 2 --out {tmp_path}"
+    line = f"fit {simulated()} --as-in-paper --folds 2 --out {tmp_path}"
     done = commands(WITHOUT_TORCH, [line], tmp_path)
-    needs = "training TinyGC-Net with AdamW needs PyTorch; python -m pip install torch, or leave out --optimizer adamw"
+    needs = "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out --as-in-paper"
     assert done.stderr == f"calibrate: {needs}\n"
     assert done.stdout == "did fit 2 False\n"
 

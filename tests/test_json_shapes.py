@@ -132,7 +132,7 @@ def without(table, path):
     return changed
 
 
-LARGE = ("published", "conditions", "denoised", "net behind physics", "linear with all that stands beside it")
+LARGE = ("denoised", "net behind physics", "linear with all that stands beside it")
 
 
 @pytest.mark.filterwarnings("error")

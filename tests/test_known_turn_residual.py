@@ -12,7 +12,6 @@ from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import vertical_only
-from tinygc.closure import problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import Batch, KnownTurns
 from tinygc.models import linear
@@ -129,19 +128,6 @@ def test_torch_gives_the_same_and_its_gradient_is_finite_where_nothing_is_left()
     np.testing.assert_allclose(r.detach().numpy(), closure.segment_residuals(batch, batch.rate), atol=1e-15)
     (r**2).sum().backward()
     assert torch.isfinite(rate.grad).all()
-
-
-def test_a_part_of_a_sequence_keeps_its_own_angle():
-    """The tilt is carried from part to part; a known angle is of its own turn alone."""
-    turns = Turns(6, seed=4)
-    model = LinearModel.from_vector(PERFECT.vector + TYPICAL)
-    batch = with_net_angles(turns.batch(model), turns.q)
-    before = np.array([-1, 0, 1, -1, 3, 4])
-    alone, joined = closure.segment_residuals(batch, batch.rate), problem.residuals(batch, batch.rate, before)
-    np.testing.assert_allclose(joined[:, 2], alone[:, 2], atol=1e-12)
-    assert np.abs(joined[:, :2] - alone[:, :2]).max() > 1e-3
-    design = np.random.default_rng(0).normal(size=(6, 3, 12))
-    np.testing.assert_array_equal(problem.carried(design, before, turns_known=True)[:, 2], design[:, 2])
 
 
 def with_net_angles(batch, q, known=None, error_rad=0.0, sigma_rad=1e-6):

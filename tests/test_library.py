@@ -256,9 +256,8 @@ def test_the_story_runs(capsys):
         ({"folds": 0}, "folds is 0, expected a whole number of 2 or more"),
         ({"methods": ()}, r"methods is \(\), expected some of raw"),
         ({"methods": "resnet"}, r"methods is \('resnet',\), expected some of raw"),
-        ({"integrator": "euler"}, "integrator is 'euler', expected one of exact, first-order"),
-        ({"conditions": ("weather",)}, "expected some of temperature, force"),
-        ({"epochs": 1.5}, "epochs is 1.5, expected a whole number"),
+        ({"bias": "magic"}, "bias is 'magic', expected one of auto, ends, stills"),
+        ({"folds": 2.5}, "folds is 2.5, expected a whole number"),
     ],
 )
 def test_options_that_cannot_be_are_refused_in_one_line(simulated, choices, complaint):

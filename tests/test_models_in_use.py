@@ -46,7 +46,7 @@ def test_pieces_join_without_a_seam(name, piece):
     np.testing.assert_allclose(np.concatenate(parts), expected, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["linear", "net", "published", "denoised", broad("net behind physics")])
+@pytest.mark.parametrize("name", ["linear", "net", "denoised", broad("net behind physics")])
 def test_sample_by_sample_gives_the_same(name):
     calibration = Calibration(MODELS[name], 1 / SAMPLES.period_s)
     expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)

@@ -98,7 +98,7 @@ def at(tmp_path_factory):
     rest = ("--rest-cycles", 1, "--rest-cycle-s", 600, "--rest-cold-c", 10, "--rest-warm-c", 45, "--odr-hz", 62.5, "--seed", 5)
     done("simulate", "--out", home / "rest", *rest)
     models = "least_squares,tinygc,tinygc_denoised"
-    done("fit", one, "--methods", models, "--folds", 2, "--conditions", "temperature", "--physics", "gyro.thermal_bias", codes=(0, 1))
+    done("fit", one, "--methods", models, "--folds", 2, "--physics", "gyro.thermal_bias", codes=(0, 1))
     done("fit", one, "--model", one / "fit" / "model_least_squares.json", "--bias", "start", codes=(0, 1))
     done("fit", home / "rest")
     for word in ("rps", "dps"):
@@ -170,7 +170,7 @@ def test_a_session_is_compared_exported_and_reported(writer, at, tmp_path):
 
 
 MODELS = {
-    **{f"fit: {name}": f"simulate/fit/model_{name}.json" for name in ("least_squares", "tinygc", "tinygc_denoised", "tinygc_conditions")},
+    **{f"fit: {name}": f"simulate/fit/model_{name}.json" for name in ("least_squares", "tinygc", "tinygc_denoised")},
     "fit: physics": "simulate/fit/model_physics.json",
     "fit --model": "simulate/fit/model_rebiased.json",
     "fit of rests": "rest/fit/model_thermal.json",

@@ -46,7 +46,7 @@ Records:
 
 Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands of ``calibrate.py`` call these functions
 as well; docs/library.md has the function of each.
-Nothing heavy is imported before a name is used; torch only where a network is trained by AdamW.
+Nothing heavy is imported before a name is used; torch only where a fit is to train its nets as in the paper.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The tables and figures of the paper that TinyGC-Net comes from, a module each, on its public data and on our own."""
+"""The tables of the paper that TinyGC-Net comes from, a module each, on its public data and on our own."""

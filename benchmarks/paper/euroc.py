@@ -1,4 +1,4 @@
-"""EuRoC for the paper's tables: the training windows, the held-out ones and the test sequences, each through a session folder."""
+"""EuRoC for the paper's tables: the training windows and the test sequences, each through a session folder."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from public.euroc import write_sequences, write_test_windows, write_training_windows
+from public.euroc import write_sequences, write_training_windows
 
 from session.io.folder import read_session
 from session.io.units import DEG
@@ -24,12 +24,11 @@ TEST = ("MH_02", "MH_04", "V1_01", "V1_03", "V2_02")
 
 @dataclass(frozen=True, eq=False)
 class Euroc:
-    """training: the 243 windows; with_mislabelled: all 261; held_out: the 198 windows of the test sequences; tests by name: whole
-    sequences, in segments of 5 s; days: the training windows with a bias for each sequence."""
+    """training: the 243 windows; with_mislabelled: all 261; tests by name: whole sequences, in segments of 5 s; days: the training windows
+    with a bias for each sequence."""
 
     training: Problem
     with_mislabelled: Problem
-    held_out: Problem
     tests: dict[str, Problem]
     days: Levelled
 
@@ -58,7 +57,6 @@ def read_euroc(parent: Path) -> Euroc:
     return Euroc(
         training=training,
         with_mislabelled=build_problem(read_session(write_training_windows(EUROC, parent / "all", mislabelled=True))),
-        held_out=build_problem(read_session(write_test_windows(EUROC, parent / "held_out"))),
         tests={name: read_sequence(parent, name) for name in TEST},
         days=level_days(training),
     )

@@ -118,20 +118,11 @@ def write_training_windows(euroc: Path, folder: Path, *, mislabelled: bool = Fal
     The windows of one sequence are laid one after the other at their own times; those that are really of another sequence have times
     of their own, too, so each label gets one more log for them.
     """
-    data = _segments(euroc, "train_", ("t", "gyro", "acc", "q_wxyz", "seq", "mislabelled"))
+    names = ("t", "gyro", "acc", "q_wxyz", "seq", "mislabelled")
+    arrays = read_npz(euroc / "euroc_segments.npz", tuple(f"train_{name}" for name in names))
+    data = {name.removeprefix("train_"): values for name, values in arrays.items()}
     kept = ~data["mislabelled"] | mislabelled
     return _write_windows(folder, {key: values[kept] for key, values in data.items()})
-
-
-def write_test_windows(euroc: Path, folder: Path) -> Path:
-    """The 198 windows of the test sequences, likewise: what a fit's held-out loss can be measured on."""
-    data = _segments(euroc, "test_", ("t", "gyro", "acc", "q_wxyz", "seq"))
-    return _write_windows(folder, data | {"mislabelled": np.zeros(len(data["seq"]), dtype=bool)})
-
-
-def _segments(euroc: Path, prefix: str, keys: tuple[str, ...]) -> dict[str, np.ndarray]:
-    arrays = read_npz(euroc / "euroc_segments.npz", tuple(f"{prefix}{key}" for key in keys))
-    return {name.removeprefix(prefix): values for name, values in arrays.items()}
 
 
 def _write_windows(folder: Path, data: dict[str, np.ndarray]) -> Path:

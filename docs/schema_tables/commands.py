@@ -26,8 +26,6 @@ from .shapes import (
 KINDS = (
     "linear",
     "tinygc",
-    "tinygc_published",
-    "tinygc_conditions",
     "tinygc_denoised",
     "physics",
     "tinygc_physics",
@@ -35,7 +33,7 @@ KINDS = (
 )
 LEVELS = ("ok", "note", "warning", "error")
 FINDING = named("finding", {"level": words(*LEVELS), "where": TEXT, "what": TEXT, "description": TEXT, "advice": TEXT})
-VERSIONS = {name: maybe(TEXT) for name in ("TinyGC", "commit", "Python", "numpy", "scipy", "torch")}
+VERSIONS = {name: maybe(TEXT) for name in ("TinyGC", "commit", "Python", "numpy", "scipy")} | {"torch?": TEXT}
 
 _RMS = {"raw_bias_removed": SIZE, "least_squares": SIZE}
 _CLOSURE = {

@@ -50,22 +50,6 @@ _NESTED = other("tinygc-model/1")
 _KINDS = {
     "linear": {"weights": _LINEAR},
     "tinygc": {"weights": {"W1": MATRIX, "b1": VECTOR, "slope": VECTOR, "W2": MATRIX, "b2": VECTOR}},
-    "tinygc_published": {
-        "weights": {
-            "W1": MATRIX,
-            "b1": VECTOR,
-            "slope1": array(NUMBER, 1),
-            "W2": MATRIX,
-            "b2": VECTOR,
-            "slope2": array(NUMBER, 1),
-        }
-    },
-    "tinygc_conditions": {
-        "weights": {"bias": array(NUMBER, 3, None), "gain": array(NUMBER, 3, None)},
-        "inputs": [words("temperature", "force")],
-        "conditions": _CONDITIONS,
-        "net": _NESTED,
-    },
     "tinygc_denoised": {
         "calibration": _NESTED,
         "rate_hz": SIZE,
@@ -73,7 +57,6 @@ _KINDS = {
         "denoiser": {
             "window": COUNT,
             "dilations": [COUNT],
-            "slope": NUMBER,
             "conv1": _CONVOLUTION,
             "conv2": _CONVOLUTION,
             "conv3": _CONVOLUTION,

@@ -13,7 +13,7 @@ from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS
 
 OPTIONS = (
-    *("--json", "--seed", "--quiet", "--effects", "--methods", "--epochs", "--bias", "--limit", "--strict", "--to", "--model", "--out"),
+    *("--json", "--seed", "--quiet", "--effects", "--methods", "--bias", "--limit", "--strict", "--to", "--model", "--out"),
     *(
         "--odr",
         "--gyro-fs",
@@ -27,7 +27,7 @@ OPTIONS = (
         "--closure",
         "--help",
     ),
-    *("--force", "--add", "--serial", "--segments", "--exclude", "--physics", "--conditions", "--version", "--resume", "--like"),
+    *("--force", "--add", "--serial", "--segments", "--exclude", "--physics", "--as-in-paper", "--version", "--resume", "--like"),
 )
 
 

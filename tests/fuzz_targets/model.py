@@ -19,11 +19,10 @@ from session.io.units import DEG, G
 from tinygc import models
 from tinygc.deploy.apply import apply_model
 from tinygc.effects import AppliedEffect, Conditions, effect_of
-from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_of, accelerometer_table, sensor_of, sensor_table
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
 LOG = f"t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c\n{lines(T_US, RATES_DPS, FORCES_G, np.full(COUNT, 25.5))}"
@@ -43,8 +42,7 @@ def tables() -> list[dict]:
         effect = effect if effect.scan is None else effect.at(50.0 * effect.scan.si)
         claims.append(AppliedEffect(effect, np.full(effect.parameter.size, 0.01 * effect.parameter.plausible)))
     physics = PhysicsModel(linear, tuple(claims), known)
-    conditions = ConditionsModel(ConditionsNet.identity(("temperature", "force")), known)
-    found = [linear, net, PublishedNet.identity(), conditions, DenoisedNet(net, Denoiser.identity(), 104.0), physics]
+    found = [linear, net, DenoisedNet(net, Denoiser.identity(), 104.0), physics]
     found += [CarriedNet(PhysicsModel(linear, tuple(claims[:2]), known), net)]
     if temperature := annex("tinygc.annexes.temperature.model"):
         polynomials = np.stack([np.eye(3), 1e-4 * np.eye(3)]), np.full((3, 3), 1e-5)

@@ -290,14 +290,6 @@ def methods(text: str) -> list[str]:
     return list(dict.fromkeys(chosen))
 
 
-def conditions(text: str) -> tuple[str, ...]:
-    """Parse a net's inputs besides the rate, separated by commas."""
-    known, chosen = ("temperature", "force"), tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if not chosen or not set(chosen) <= set(known):
-        raise argparse.ArgumentTypeError(f"{text!r}: choose among {','.join(known)}")
-    return chosen
-
-
 def count(least: int, most: int = MOST) -> Callable[[str], int]:
     """Return a parser of whole numbers from ``least`` to ``most``."""
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from tinygc.cli.arguments import (
     METHODS,
     accel_full_scale,
-    conditions,
     count,
     data_rate,
     gyro_full_scale,
@@ -40,7 +39,6 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
         _add_methods(command)
     command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
     command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
-    command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
     command.add_argument(
         "--bias-per-log", action="store_true", help="each log has a bias of its own, as of several days; their median is kept"
     )
@@ -67,34 +65,15 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
 
 
 def _add_methods(command: argparse.ArgumentParser) -> None:
-    """Add the choice of methods, and the options of those that are trained."""
+    """Add the choice of methods, and of the training of those that are nets."""
     command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
-    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
-    command.add_argument(
-        "--loss", choices=("squared", "distance"), default="squared", help="of TinyGC-Net; distance: the paper's, where days differ"
-    )
-    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
-    command.add_argument(
-        "--denoise-loss",
-        choices=("neighbours", "still", "endpoint"),
-        default="neighbours",
-        help="what tinygc_denoised learns; endpoint: the paper's",
-    )
-    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="maximum output delay, in samples (%(default)s)")
-    command.add_argument(
-        "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
-    )
-    command.add_argument(
-        "--parts", type=count(1), default=1, metavar="M", help="train TinyGC-Net on sequences of so many segments (%(default)s)"
-    )
-    command.add_argument(
-        "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
-    )
+    what = "train the nets as the paper does: AdamW (needs PyTorch), the distance at the ends, the first-order integrator"
+    command.add_argument("--as-in-paper", action="store_true", help=what)
 
 
 def fit_options(args: argparse.Namespace) -> FitOptions:
     """Return the fit's options from the parsed arguments, without physics."""
-    from tinygc.estimation.options import DenoiseOptions, FitOptions
+    from tinygc.estimation.options import FitOptions
 
     chosen = {name: getattr(args, name) for name in FitOptions.__dataclass_fields__ if hasattr(args, name)}
     methods = tuple(args.methods)
@@ -106,8 +85,6 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         "bias": args.bias or "auto",
         "physics": None,
     }
-    if hasattr(args, "denoise_loss"):
-        chosen["denoise"] = DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs)
     return FitOptions(**chosen)
 
 

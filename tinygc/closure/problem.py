@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from session.io.units import DEG, MG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
-from tinygc.attitude.rotation import Array
 from tinygc.closure.at_rest import MeasuredNoise
 from tinygc.closure.floor import BiasInstability, BiasWander, Floor, bias_instability_of
 from tinygc.closure.least_squares import OBSERVED_BELOW, StillRates
@@ -374,67 +372,3 @@ def conditions(problem: Problem) -> Conditions:
         fs_rps=problem.session.config.sensor.gyro_fs_dps * DEG,
         first_temp_c=float("nan") if first.temp_c is None else float(first.temp_c[: max(1, round(1 / first.period_s))].mean()),
     )
-
-
-# Sequences of m parts with an end reference each (the paper's Figure 4): the attitude is carried from part to part without a reset.
-#
-# A part is a segment; parts are joined where one begins where the previous one ended.  A single segment is a sequence of one part.
-# In a sequence the errors of the parts add up, while the noise of the inner references counts once; there are no new references.
-
-
-def consecutive(segments: Sequence[Segment]) -> np.ndarray:
-    """(S,) segment numbers, consecutive where a segment begins with the still or sample that ended the previous one."""
-    numbers = [0]
-    for before, after in pairwise(segments):
-        joined = before.log == after.log and (before.last is after.first if after.first is not None else before.stop == after.start + 1)
-        numbers.append(numbers[-1] + (1 if joined else 2))
-    return np.array(numbers[: len(segments)], dtype=int)
-
-
-def previous(order: np.ndarray, parts: int) -> np.ndarray:
-    """(S,) the row that each part continues, -1 where a sequence begins: at every ``parts``-th number and after a gap."""
-    rows = np.arange(len(order))
-    joined = np.zeros(len(order), dtype=bool)
-    joined[1:] = (np.diff(order) == 1) & (order[1:] % parts != 0)
-    return np.where(joined, rows - 1, -1)
-
-
-def place(before: np.ndarray) -> np.ndarray:
-    """(S,) position of each part within its sequence, from 0."""
-    at = np.zeros(len(before), dtype=int)
-    for row, one in enumerate(before):
-        at[row] = 0 if one < 0 else at[one] + 1
-    return at
-
-
-def residuals(batch: Batch, rate: Array, before: np.ndarray, integrator: str = "exact") -> Array:
-    """As ``closure.segment_residuals``, but each part begins at the predicted end of the previous one; NumPy or torch."""
-    return residuals_of_turns(batch, closure.turned(batch, rate, integrator), before)
-
-
-def residuals_of_turns(batch: Batch, turn: Array, before: np.ndarray) -> Array:
-    """As ``residuals``, from the body's rotation (S, 4) in each part."""
-    start, first = (closure.like(turn, array) for array in (batch.start, (before < 0)[:, None]))
-    end = rotation.multiply(start, turn)
-    xp = rotation.namespace(turn)
-    rows = np.maximum(before, 0)
-    for _ in range(int(place(before).max())):
-        end = rotation.multiply(xp.where(first > 0, start, end[rows]), turn)
-    return closure.batch_residual(batch, end, turn)
-
-
-def carried(design: np.ndarray, before: np.ndarray, turns_known: bool = False) -> np.ndarray:
-    """(S, d, P) columns of each part plus those of the parts before it: errors add up in the table frame, to first order.
-
-    turns_known: the third component is a turn's angle about its own axis, which carries nothing.
-    """
-    total, d = design.copy(), 2 if turns_known else design.shape[1]
-    for row, one in enumerate(before):
-        if one >= 0:
-            total[row, :d] += total[one, :d]
-    return total
-
-
-def carried_sigma(sigma: np.ndarray, before: np.ndarray, turns_known: bool = False) -> np.ndarray:
-    """(S, …) rad: sigmas accumulated over the parts, whose noise is taken as independent."""
-    return np.sqrt(carried(sigma**2, before, turns_known))

@@ -216,7 +216,7 @@ def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array
 
 
 def batch_residual(batch: Batch, q_pred: Array, turn: Array | None = None) -> Array:
-    """Residual (..., S, d) of predicted ends q_tb (..., S, 4); turn: the gyro's rotations, where predictions continue another segment."""
+    """Residual (..., S, d) of predicted ends q_tb (..., S, 4); turn: the gyro's rotations (S, 4), where they are known already."""
     tilt = residual(q_pred, batch.end, batch.yaw_known)
     if batch.turns is None:
         return tilt

@@ -17,7 +17,7 @@ from session.io.samples import Samples
 from session.io.units import MG, NS, SI, G, beyond_any_sensor
 from tinygc import models
 from tinygc.effects.movement import NOWHERE, Reach
-from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.denoiser import REACH, DenoisedNet, Denoiser
 from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerometer_table, sensor_of
 
 # Inputs of a model besides the rate, and the samples around one that it depends on, from the declarations of its effects.
@@ -188,10 +188,10 @@ class Stream:
         """Denoise causally, each rate from its window; before the log the first rate is repeated."""
         if not len(raw):
             return np.zeros((0, 3))
-        rate, reach = self._model.without_denoiser()(raw), denoiser.reach
-        before = np.repeat(rate[:1], reach, axis=0) if self._tail is None else self._tail
+        rate = self._model.without_denoiser()(raw)
+        before = np.repeat(rate[:1], REACH, axis=0) if self._tail is None else self._tail
         held = np.concatenate([before, rate])
-        self._tail = held[len(held) - reach :]
+        self._tail = held[len(held) - REACH :]
         return denoiser.windowed(held)
 
     def flush(self) -> np.ndarray:

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
-# The paper's optimiser as one loop for both subnets: AdamW with a cosine decay, seeded by its start, resumable bit for bit.
+# The paper's optimiser as one loop for both subnets: 2000 epochs of AdamW with a cosine decay, seeded by its start, resumable bit for bit.
 #
 # Only this module and its callers import torch.  A checkpoint is JSON: numbers, the losses so far, and a fingerprint of the data and
 # settings, so that no run is resumed with others.  A fit consists of many trainings; the checkpoint of a finished one stays until the fit
 # is complete (``forget``), so that a resumed fit repeats none.  Training runs on the device of its tensors.
 
 SCHEMA = "tinygc-checkpoint/1"
+EPOCHS = 2000
 #: s between two checkpoints
 EVERY_S = 5.0
 
@@ -41,7 +42,7 @@ def device() -> str:
         if error.name != "torch":
             raise
         raise CalibrationError(
-            "training TinyGC-Net with AdamW needs PyTorch; python -m pip install torch, or leave out --optimizer adamw"
+            "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out --as-in-paper"
         ) from None
 
     return "cuda" if torch.cuda.is_available() else "cpu"
@@ -51,7 +52,6 @@ def minimise(
     loss_of: Callable[[Tensor], Tensor],
     start: np.ndarray,
     *,
-    epochs: int,
     learning_rate: float,
     identity: list,
     checkpoint: Checkpoint | None = None,
@@ -65,7 +65,7 @@ def minimise(
 
     weights = torch.as_tensor(start, device=device()).clone().requires_grad_()
     optimizer = torch.optim.AdamW([weights], lr=learning_rate, weight_decay=0.0)
-    mark = _fingerprint([start, np.array([epochs, learning_rate]), *identity])
+    mark = _fingerprint([start, np.array([EPOCHS, learning_rate]), *identity])
     best, losses = start.copy(), []
     if checkpoint is not None and checkpoint.resume and checkpoint.path.exists():
         state = _read(checkpoint.path, mark, start.shape)
@@ -77,8 +77,8 @@ def minimise(
     whole: dict | None = None
     written = time.monotonic()
     try:
-        for epoch in range(len(losses), epochs):
-            optimizer.param_groups[0]["lr"] = learning_rate * (1 + math.cos(math.pi * epoch / epochs)) / 2
+        for epoch in range(len(losses), EPOCHS):
+            optimizer.param_groups[0]["lr"] = learning_rate * (1 + math.cos(math.pi * epoch / EPOCHS)) / 2
             optimizer.zero_grad()
             loss = loss_of(weights)
             if not torch.isfinite(loss):
@@ -94,7 +94,7 @@ def minimise(
                 if time.monotonic() - written > EVERY_S:
                     _write(checkpoint.path, whole)
                     written = time.monotonic()
-            progress(epoch + 1, epochs)
+            progress(epoch + 1, EPOCHS)
     except KeyboardInterrupt:
         if checkpoint is not None and whole is not None:
             _write(checkpoint.path, whole)

@@ -17,7 +17,6 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.network import distance_weights
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import BIAS, NAMES
 
@@ -147,12 +146,14 @@ def _rms(angles: np.ndarray) -> float:
 # A calibration over several days: one E for all, a bias for each log, and the spread of the biases.
 #
 # E is stable, the bias is not.  A single bias for logs of several days distorts E (on the EuRoC windows by 0.4 %).  Here each log has a
-# bias of its own, E is common, and the stored bias is the logs' median: an outlying day affects neither.  Weights follow the distances,
-# as in ``fit_distance``, for the same reason.
+# bias of its own, E is common, and the stored bias is the logs' median: an outlying day affects neither.  Weights follow the distances, for
+# the same reason: they make a squared loss a sum of distances (Weiszfeld 1937), in which outlying segments, or days, have less weight.
 
 #: iterations of the weights by distance, each with Gauss-Newton steps of three nearly linear parameters
 PASSES = 25
 STEPS = 3
+#: below this share of the median distance a segment's weight grows no further
+LEAST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +182,13 @@ def level_days(problem: Problem) -> Levelled:
         sigma = problem.floor.sigma * distance_weights(batch, model)[:, None]
     known = offsets[np.isfinite(offsets).all(axis=1)]
     return Levelled(batch, sigma, offsets, np.sqrt(np.sum(known**2, axis=0) / max(len(known) - 1, 1)))
+
+
+def distance_weights(batch: Batch, model: RateMap) -> np.ndarray:
+    """Return factors (S,) on the segments' sigmas that make a squared loss a sum of distances at the model."""
+    distance = np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)
+    typical = max(float(np.median(distance)), 1e-12)
+    return np.sqrt(np.maximum(distance / typical, LEAST))
 
 
 def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Train the denoising subnet with the calibration frozen: its data, its losses, second order and AdamW."""
+"""Train the denoising subnet with the calibration frozen: its data, its losses, second order, and as in the paper."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.adamw import device, minimise
 from tinygc.estimation.held_out import run_method, tell
-from tinygc.estimation.options import DENOISE_LOSSES, Checkpoint, DenoiseOptions, FitOptions, MethodFit, Progress
-from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, DenoisedNet, Denoiser
+from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, Progress
+from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, REACH, DenoisedNet, Denoiser
 from tinygc.models.model import Model
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # Training data of a denoiser: segments with the samples before and after them, and the stills.
 
-REACH = (KERNEL - 1) * sum(DILATIONS)
 #: number of segments, and of stills, that is enough for 56 weights an axis (benchmarks/whole_process.py)
 ENOUGH = 400
 #: samples at rest used for the noise, an hour of them: of longer rests the first samples of each, and never fewer than a few seconds
@@ -223,22 +222,24 @@ class DenoiserTraining:
     loss: tuple[float, ...]
 
 
-def start(seed: int, slope: float = 1.0) -> Denoiser:
+def start(seed: int) -> Denoiser:
     """Return the identity with a second, trainable channel, which has no output weight yet."""
     noise = Denoiser.from_vector(0.1 * np.random.default_rng(seed).standard_normal((3, PARAMETERS // 3)))
-    net = Denoiser.identity(slope)
+    net = Denoiser.identity()
     net.conv1[:, 1], net.conv2[:, 1] = noise.conv1[:, 1], noise.conv2[:, 1]
     return net
 
 
-# Levenberg-Marquardt on the taps of the linear denoiser: a fraction of a second.
+# Levenberg-Marquardt on the taps of the denoiser: a fraction of a second.
 
 #: rows (R,), their design (R, 3, K), and the taps (3, K) at which the rows hold
 Term = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 #: sigma of the prior around the weights at the start.  It determines what no loss observes, such as one layer's scale against another's;
 #: the endpoint loss alone needs a close one, or it trades noise (up to thirty times more) for closure
-PRIOR_SIGMA = {"endpoint": 0.1, "still": 3.0, "neighbours": 3.0}
+PRIOR_SIGMA = {"endpoint": 0.1, "neighbours": 3.0}
+#: samples by which the output of ``neighbours`` is late, and the factor by which its noise at rest falls
+DELAY, REDUCTION = 12, 3.2
 
 
 MAX_STEPS = 80
@@ -258,16 +259,16 @@ PIN = 1e4
 ROUNDS = 2
 
 
-def taps_and_jacobian(vector: np.ndarray, dilations: tuple[int, int, int] = DILATIONS) -> tuple[np.ndarray, np.ndarray]:
-    """Return taps (3, K) of the linear subnet with unit gain, newest first, and their derivatives (3, K, 56) by its weights.
+def taps_and_jacobian(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return taps (3, K) of the subnet with unit gain, newest first, and their derivatives (3, K, 56) by its weights.
 
     They are computed in the frequency domain, where convolutions are products, linear in each of the three layers.
     """
-    net = Denoiser.from_vector(vector, dilations=dilations)
-    taps = 1 + (KERNEL - 1) * sum(dilations)
+    net = Denoiser.from_vector(vector)
+    taps = REACH + 1
     length = 2 * taps
     lag = np.arange(KERNEL)[::-1, None] * np.arange(length // 2 + 1)
-    unit = [np.exp(-2j * np.pi * dilation * lag / length) for dilation in dilations]  # (KERNEL, F) each
+    unit = [np.exp(-2j * np.pi * dilation * lag / length) for dilation in DILATIONS]  # (KERNEL, F) each
     c1, c2, c3 = (np.einsum("aoci,if->aocf", weight, u) for weight, u in zip((net.conv1, net.conv2, net.conv3), unit, strict=True))
     first, third = c1[:, :, 0], c3[:, 0]
     through = np.einsum("aof,aocf->acf", third, c2)
@@ -286,53 +287,22 @@ def taps_and_jacobian(vector: np.ndarray, dilations: tuple[int, int, int] = DILA
     return h, (jacobian - h[..., None] * jacobian.sum(axis=1)[:, None]) / gain[..., None]
 
 
-def train_second_order(
-    material: Material,
-    calibration: Model,
-    options: DenoiseOptions,
-    progress: Progress = lambda step, steps: None,
-    near: Denoiser | None = None,
-    closing: bool = True,
-) -> DenoiserTraining:
-    """Train the linear subnet's taps for the loss, after this calibration; as ``train_denoiser``.
-
-    closing: whether the closure is part of the loss.
-    """
-    terms = [] if options.loss == "endpoint" else [_smoothing(material, calibration, options)]
-    delay = options.delay if options.loss == "neighbours" else 0
-    vector, losses = (start(options.seed) if near is None else near).vector, []
-    steps = MAX_STEPS if near is None else NEAR_STEPS
-    for number in range(ROUNDS):
-        rows = [_closing(material, calibration, taps_and_jacobian(vector)[0], delay)] if closing else []
-        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[options.loss], steps)
-        losses += trace
-        progress(number + 1, ROUNDS)
-    denoiser = Denoiser.from_vector(vector).normalised()
-    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
-
-
-def _smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Term:
+def _smoothing(material: Material, calibration: Model) -> Term:
     """Return rows and their design (rows, 3, K): the square root of the quadratic loss, less its minimum, in units of that minimum."""
     rates = [calibration(x) for x in material.stretches]
     stills = [calibration(x) for x in material.stills]
-    risk = measure(rates, stills, REACH + 1, options.delay)
+    risk = measure(rates, stills, REACH + 1, DELAY)
     if not (np.isfinite(risk.motion).all() and (risk.noise[:, 0] > 0).all()):
         raise FitError("no noise in the stills to learn from, or rates that are not finite; is the log made of smoothed values?")
-    if options.loss == "still":
-        best = np.linalg.solve(risk.covariance, np.ones((3, REACH + 1, 1)))[..., 0]
-        best, form = best / best.sum(axis=1, keepdims=True), risk.covariance
-    else:
-        best, weight = risk.ideal(options.reduction)
-        form = risk.motion + weight[:, None, None] * risk.covariance
+    best, weight = risk.ideal(REDUCTION)
+    form = risk.motion + weight[:, None, None] * risk.covariance
     least = np.einsum("ai,aij,aj->a", best, form, best)
     root = np.linalg.cholesky(form).transpose(0, 2, 1) * np.sqrt(risk.samples / least)[:, None, None]
-    if options.loss == "neighbours":
-        pins = moments(REACH + 1, options.delay)[1:] * PIN
-        root = np.concatenate([root, np.broadcast_to(pins, (3, *pins.shape))], axis=1)
+    pins = moments(REACH + 1, DELAY)[1:] * PIN
+    root = np.concatenate([root, np.broadcast_to(pins, (3, *pins.shape))], axis=1)
     design = np.zeros((3, root.shape[1], 3, REACH + 1))
     design[np.arange(3), :, np.arange(3)] = root
-    design = design.reshape(-1, 3, REACH + 1)
-    return np.zeros(len(design)), design, best
+    return np.zeros(3 * root.shape[1]), design.reshape(-1, 3, REACH + 1), best
 
 
 def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: int) -> Term:
@@ -390,121 +360,78 @@ def _or_none(residuals: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], v
         return None
 
 
-# The denoiser by the paper's AdamW in PyTorch: the same losses for any slope of its leaky ReLUs; the best epoch is kept.
+# The denoiser as in the paper: AdamW in PyTorch on the endpoint loss; the best epoch is kept.
 
 #: a third of the calibration's: the subnet's taps are products of three weights
 LEARNING_RATE = 0.003
-#: size of the added noise that shows the dependence of an output on its target's noise
-DOSE = 0.1
 
 
 def train_adamw(
-    material: Material, calibration: Model, options: DenoiseOptions, progress: Progress, checkpoint: Checkpoint | None = None
+    material: Material, calibration: Model, seed: int, progress: Progress, checkpoint: Checkpoint | None = None
 ) -> DenoiserTraining:
-    """Train by AdamW as ``train_denoiser``.  For a nonlinear net the shared noise is estimated by added noise (Ramani 2008)."""
+    """Train by AdamW as ``train_denoiser``."""
     where = device()
     import torch
 
-    batch, smoothing = material.batch, options.loss != "endpoint"
-    delay = options.delay if options.loss == "neighbours" else 0
+    batch = material.batch
     context = np.ascontiguousarray(calibration(material.context))
     x, weight = (torch.as_tensor(array, device=where) for array in (context, 2 / material.sigma.reshape(len(batch), -1)))
-    if smoothing:
-        quiet = _noise(material, calibration)
-        parts = (quiet, _tiled(quiet, context.shape, options.seed), *_scales(material, calibration, options))
-        noise, dose, scale, rest = (torch.as_tensor(array, device=where) for array in parts)
 
     def loss_of(vector: Tensor) -> Tensor:
-        net = Denoiser.from_vector(vector, options.slope).normalised()
-        y = net.windowed(x)
-        r = closure.segment_residuals(batch, y[:, delay : delay + batch.rate.shape[1]]) * weight
-        loss = (r**2).mean()
-        if smoothing:
-            loss = loss + (scale * rest * (net.windowed(noise) ** 2).mean(0)).sum()
-        if options.loss == "neighbours":
-            target, doses = (array[:, REACH - delay : x.shape[1] - delay] for array in (x, dose))
-            shared = doses * (net.windowed(x + DOSE * dose) - y) / DOSE
-            loss = loss + (scale * ((y - target) ** 2 + 2 * shared).mean((0, 1))).sum()
-        return loss
+        y = Denoiser.from_vector(vector).normalised().windowed(x)
+        r = closure.segment_residuals(batch, y[:, : batch.rate.shape[1]]) * weight
+        return (r**2).mean()
 
-    begin = start(options.seed, options.slope).vector
-    if options.loss == "neighbours":
-        # From the identity, a delay of 0, hundreds of epochs are not enough: it begins at the linear solution of the second order.
-        begin = train_second_order(material, calibration, replace(options, slope=1.0)).model.denoiser.vector
     # The best epoch is kept: at the identity the endpoint loss is near its minimum already.
     _, best, losses = minimise(
         loss_of,
-        begin,
-        epochs=options.epochs,
+        start(seed).vector,
         learning_rate=LEARNING_RATE,
-        identity=[context, batch.dt, batch.earth, batch.start, batch.end, material.sigma, np.array(list(repr(options).encode()))],
+        identity=[context, batch.dt, batch.earth, batch.start, batch.end, material.sigma],
         checkpoint=checkpoint,
         progress=progress,
     )
-    denoiser = Denoiser.from_vector(best, options.slope).normalised()
+    denoiser = Denoiser.from_vector(best).normalised()
     return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
 
 
-def _noise(material: Material, calibration: Model) -> np.ndarray:
-    """Return the rates (M, 3) rad/s of all stills in sequence, each about its mean."""
-    return np.concatenate([calibration(still) - calibration(still).mean(axis=0) for still in material.stills])
-
-
-def _tiled(noise: np.ndarray, shape: tuple[int, ...], seed: int) -> np.ndarray:
-    """Return measured noise in another order, (S, T, 3)."""
-    starts = np.random.default_rng(seed).integers(len(noise), size=(shape[0], 1))
-    return noise[(starts + np.arange(shape[1])) % len(noise)]
-
-
-def _scales(material: Material, calibration: Model, options: DenoiseOptions) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weight of a squared error of each axis (3,), one over the noise's variance, and rest's weight against motion (3,)."""
-    rates = [calibration(x) for x in material.stretches]
-    risk = measure(rates, [calibration(x) for x in material.stills], REACH + 1, options.delay)
-    weight = risk.ideal(options.reduction)[1] if options.loss == "neighbours" else np.ones(3)
-    return 1 / (risk.noise[:, 0] * np.maximum(weight, 1)), weight
-
-
-# Train the denoising subnet, calibration frozen: second order in NumPy where it is linear, the paper's AdamW in PyTorch.
+# Train the denoising subnet, calibration frozen: second order in NumPy, or as in the paper in PyTorch.
 #
-# There are three losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since integration hides
-# noise. ``still`` adds the variance in the stills: it smooths as much as it can, and distorts the movement.  ``neighbours``, the default,
-# adds that and the expected error in motion (``Risk``), weighed so that noise at rest falls by a stated factor at a stated delay.
+# There are two losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since integration hides
+# noise.  ``neighbours`` adds the variance in the stills and the expected error in motion (``Risk``), weighed so that noise at rest falls by
+# a stated factor at a stated delay.
 #
-# For slope 1, the closure is linear in the taps to first order, and the other losses are quadratic in them.  All samples therefore reduce
-# to a matrix of 49 x 49 an axis, and training is Levenberg-Marquardt on 168 weights: a fraction of a second.
+# The closure is linear in the taps to first order, and the other loss is quadratic in them.  All samples therefore reduce to a matrix of
+# 49 x 49 an axis, and training is Levenberg-Marquardt on 168 weights: a fraction of a second.
 
 
 def train_denoiser(
     material: Material,
     calibration: Model,
-    options: DenoiseOptions,
+    loss: str = "neighbours",
+    *,
+    seed: int = 0,
     progress: Progress = lambda step, steps: None,
-    checkpoint: Checkpoint | None = None,
     near: Denoiser | None = None,
+    closing: bool = True,
 ) -> DenoiserTraining:
-    """Train the whole net with this calibration frozen; checkpoint (``Checkpoint``) for AdamW; near: the result of ``train_smoothing``,
-    from which the second order converges faster.
+    """Train the whole net with this calibration frozen, by the second order.
 
-    Raises FitError where the loss is not finite, or there is nothing to smooth.
+    loss: "neighbours" or "endpoint"; near: the weights that smooth best, from which it converges faster; closing: whether the closure is
+    part of the loss.  Raises FitError where the loss is not finite, or there is nothing to smooth.
     """
-    if options.loss not in DENOISE_LOSSES:
-        raise ValueError(f"loss is {options.loss!r}, expected one of {', '.join(DENOISE_LOSSES)}")
-    if not 0 <= options.delay <= REACH:
-        raise FitError(f"a delay of {options.delay} samples is not within the denoiser's reach of {REACH}")
-    if not _is_second_order(options):
-        return train_adamw(material, calibration, options, progress, checkpoint)
-    return train_second_order(material, calibration, options, progress, near)
-
-
-def train_smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Denoiser | None:
-    """Return the best weights for the loss without the closure, from rates alone; None where the closure is all of it, and for AdamW."""
-    if options.loss == "endpoint" or not _is_second_order(options):
-        return None
-    return train_second_order(material, calibration, options, closing=False).model.denoiser
-
-
-def _is_second_order(options: DenoiseOptions) -> bool:
-    return options.optimizer != "adamw" and options.slope == 1
+    neighbours = loss == "neighbours"
+    terms = [_smoothing(material, calibration)] if neighbours else []
+    vector, losses = (start(seed) if near is None else near).vector, []
+    steps = MAX_STEPS if near is None else NEAR_STEPS
+    for number in range(ROUNDS):
+        taps = taps_and_jacobian(vector)[0]
+        rows = [_closing(material, calibration, taps, DELAY if neighbours else 0)] if closing else []
+        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps)
+        losses += trace
+        progress(number + 1, ROUNDS)
+    denoiser = Denoiser.from_vector(vector).normalised()
+    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
 
 
 # The method ``tinygc_denoised``: the frozen calibration of ``tinygc``, and the denoising subnet after it.
@@ -519,28 +446,31 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     """
     calibrated = before.get("tinygc") or run_method("tinygc", problem, options, progress)
     material = of_problem(problem)
-    how = replace(options.denoise, optimizer=options.optimizer, seed=options.seed)
-    if not material.stills or problem.session.truths is not None:
-        # A session without rests does not show the noise, and a vehicle's few stills do not show the noise of its flight.
-        how = replace(how, loss="endpoint")
-    elif (longest := max(map(len, material.stills))) <= REACH and how.loss != "endpoint":
+    # A session without rests does not show the noise, and a vehicle's few stills do not show the noise of its flight.
+    endpoint = options.as_in_paper or not material.stills or problem.session.truths is not None
+    if not endpoint and (longest := max(map(len, material.stills))) <= REACH:
         window_s, still_s = (REACH + 1) / material.rate_hz, longest / material.rate_hz
         raise FitError(f"its window of {REACH + 1} samples ({window_s:.2g} s) is longer than the stills (at most {still_s:.2g} s)")
-    steps = len(calibrated.fold_models) + 1
+    steps, loss = len(calibrated.fold_models) + 1, "endpoint" if endpoint else "neighbours"
+    smooth: Denoiser | None = None
+
+    def train(seen: Material, calibration: Model, done: int, label: str) -> DenoiserTraining:
+        told = partial(tell, progress, done, steps)
+        if options.as_in_paper:
+            return train_adamw(seen, calibration, options.seed, told, options.checkpoint(f"denoiser_{label}"))
+        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=told, near=smooth)
+
     began = time.perf_counter()
-    trained = train_denoiser(
-        material.enough(), calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole")
-    )
+    trained = train(material.enough(), calibrated.model, 0, "whole")
     seconds = time.perf_counter() - began
-    smooth = train_smoothing(material.enough(), calibrated.model, how)
+    if not endpoint:
+        smooth = train_denoiser(material.enough(), calibrated.model, seed=options.seed, closing=False).model.denoiser
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
-        told = partial(tell, progress, k + 1, steps)
-        seen, checkpoint = material.pick(fold != k).enough(), options.checkpoint(f"denoiser_fold{k}")
-        part = train_denoiser(seen, calibration, how, told, checkpoint, smooth)
+        part = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}")
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
-    notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}
+    notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": loss}}
     angles = denoised_angles(material, trained.model, options.integrator)
     return MethodFit("tinygc_denoised", trained.model, angles, held_out, calibrated.seconds + seconds, notes)
 
@@ -554,10 +484,10 @@ def figures(material: Material, model: DenoisedNet) -> dict:
     """Return the figures for the user: noise_reduction (3,), the factor by which the standard deviation in the stills falls (None where no
     still is as long as the window); delay_s; delay_samples."""
     before, after = [], []
-    for still in (each for each in material.stills if len(each) > model.denoiser.reach + 1):
+    for still in (each for each in material.stills if len(each) > REACH + 1):
         rate = model.calibration(still)
         filtered = model.denoiser.windowed(rate)
-        before.append(rate[model.denoiser.reach :] - rate.mean(axis=0))
+        before.append(rate[REACH:] - rate.mean(axis=0))
         after.append(filtered - filtered.mean(axis=0))
     ratio = None
     if before:

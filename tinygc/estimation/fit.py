@@ -19,11 +19,12 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation import results
+from tinygc.estimation.adamw import device
 from tinygc.estimation.assembly import stated_uncertainty
 from tinygc.estimation.bias import choose
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.estimation.options import NETS, FitOptions, MethodFit
 from tinygc.estimation.repeatability import BiasRepeatability, repeatability_of
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import stated_noise
@@ -148,16 +149,16 @@ def _run_methods(
     """
     known = {} if saved is None else results.saved_methods(saved, level, options, results.inputs_of(problem))
     known.setdefault("least_squares", linear)
+    if options.as_in_paper and any(name in NETS and name not in known for name in options.methods):
+        device()  # what is missing is said before the work
     fits: dict[str, MethodFit] = {}
     not_run: dict[str, str] = {}
-    names = (*options.methods, *(["tinygc_conditions"] if options.conditions else []))
-    for name in names:
-        words = "tinygc with " + " and ".join(options.conditions) if name == "tinygc_conditions" else name.replace("_", " ")
+    for name in options.methods:
         own = problem if name in RAW else level
         try:
-            fits[name] = known.get(name) or run_method(name, own, options, partial(progress, words), fits)
+            fits[name] = known.get(name) or run_method(name, own, options, partial(progress, name.replace("_", " ")), fits)
         except (DataError, FitError, SegmentError) as error:  # of the session; files and options concern them all
             not_run[name] = str(error)
-            if len(not_run) == len(names):
+            if len(not_run) == len(options.methods):
                 raise
     return fits, tuple(name for name in options.methods if name in known and known[name] is not linear), not_run

@@ -12,7 +12,7 @@ import numpy as np
 
 from tinygc.closure.least_squares import StillRates, naming_segments
 from tinygc.closure.prior import GaussianPrior
-from tinygc.closure.problem import Problem, consecutive
+from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit, Progress
 from tinygc.models.linear import LinearModel, bias_only
@@ -50,8 +50,7 @@ MANY = 400
 class FitInput:
     """Input of one fit: some of the segments, or all.
 
-    batch of S segments; sigma (S, d) rad; start: the model that removes the first still's bias; still_rates where they are data; order
-    (S,): consecutive numbers where a segment begins with the still that the one before ended with, None where each stands alone; whole:
+    batch of S segments; sigma (S, d) rad; start: the model that removes the first still's bias; still_rates where they are data; whole:
     the model fitted to all segments, for a fold; among (S all,) bool: the segments of a fold; same: whether their references are
     those of the fit to all; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s from the stills, where it is not fitted;
     prior: of the problem.
@@ -62,7 +61,6 @@ class FitInput:
     options: FitOptions
     start: LinearModel
     still_rates: StillRates | None
-    order: np.ndarray | None
     progress: Progress
     whole: Model | None = None
     among: np.ndarray | None = None
@@ -73,10 +71,9 @@ class FitInput:
 
     def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> FitInput:
         """Select the segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
-        order = None if self.order is None else self.order[seen]
         same = batch is self.batch
         batch, sigma, label = batch.pick(seen), self.sigma[seen], f"fold{number}"
-        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, among=seen, same=same, progress=progress, label=label)
+        return replace(self, batch=batch, sigma=sigma, whole=whole, among=seen, same=same, progress=progress, label=label)
 
 
 #: a model, and notes on how it was found
@@ -97,7 +94,6 @@ def held_out(
         # A session with a truth file may never rest: then the bias that closes it replaces the first still's.
         start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
         still_rates=problem.still_rates if options.still_rates else None,
-        order=consecutive(problem.used) if options.parts > 1 else None,
         progress=lambda done, of: progress(done, of * steps),
         rest_rps=problem.rest_rps,
         prior=problem.prior,

@@ -30,7 +30,7 @@ class Method:
     (problem, options, progress, before), ``before`` being the methods fitted already, by name; None for named physics, which
     is an argument of ``fit_session``;
     parameters: number of fitted parameters, None for as many as its model has; chosen: whether ``--methods`` may name it (the others have
-    an option of their own); trained: whether AdamW can train it.
+    an option of their own); trained: whether it is a net, which ``--as-in-paper`` trains otherwise.
     """
 
     name: str
@@ -50,13 +50,14 @@ METHODS = {
         Method("pso", "PSO", "tinygc.estimation.particle_swarm:run"),
         Method("tinygc", "TinyGC-Net", "tinygc.estimation.network:run", trained=True),
         Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.estimation.denoiser:run", trained=True),
-        Method("tinygc_conditions", "TinyGC-Net with conditions", "tinygc.estimation.conditions:run", chosen=False),
         Method("physics", "linear model with physics", chosen=False),
         Method("tinygc_physics", "TinyGC-Net with physics", chosen=False),
     )
 }
 #: methods that ``--methods`` may name, and its default
 CHOSEN = tuple(method.name for method in METHODS.values() if method.chosen)
+#: methods that ``as_in_paper`` trains with PyTorch
+NETS = tuple(method.name for method in METHODS.values() if method.trained)
 
 
 # The result of a method: a model, and its closure error.
@@ -82,25 +83,6 @@ class MethodFit:
         return self.model.parameters if own is None else own
 
 
-# Options of the denoiser.
-
-DENOISE_LOSSES = ("endpoint", "still", "neighbours")
-
-
-@dataclass(frozen=True)
-class DenoiseOptions:
-    """Options of the denoiser: loss; delay in samples and noise reduction factor at rest that ``neighbours`` aims at; slope of the leaky
-    ReLUs (AdamW only, if not 1); optimizer, epochs, seed of the start."""
-
-    loss: str = "neighbours"
-    delay: int = 12
-    reduction: float = 3.2
-    slope: float = 1.0
-    optimizer: str = "second-order"
-    epochs: int = 400
-    seed: int = 0
-
-
 # The checkpoint of a training: only its path is part of the options; ``minimise`` reads and writes the file.
 
 NAME = "checkpoint_{}.json"
@@ -116,10 +98,8 @@ class Checkpoint:
 
 # Options of a fit.
 
-INTEGRATORS, OPTIMIZERS = ("exact", "first-order"), ("second-order", "adamw")
 BIASES = ("auto", "ends", "stills")
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
-LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), ("temperature", "force")
 
 
 @dataclass(frozen=True)
@@ -136,32 +116,18 @@ class FitOptions:
         Seed of the swarm, 0 or more.
     still_rates : bool, optional
         Whether the mean rate in each still is also data.
-    integrator : {"exact", "first-order"}, optional
-        The second is the paper's.
-    optimizer : {"second-order", "adamw"}, optional
-        Optimizer of the nets; the second is the paper's.
-    epochs : int, optional
-        Epochs of adamw.
-    loss : {"squared", "distance"}, optional
-        Loss of the net; the second is the paper's, not squared.
+    as_in_paper : bool, optional
+        Whether the nets are trained as in the paper: AdamW (PyTorch) on the distance at the ends, which the first-order integrator gives.
     earth : bool, optional
         Whether the Earth's rotation is subtracted.
     physics : tuple of str, optional
         Ids of effects to fit as well, ``("auto",)`` for those that ``explain`` would report.
     exclude : tuple of int, optional
         Numbers of segments to leave out.
-    denoise : DenoiseOptions, optional
-        Options of tinygc_denoised.
-    variant : {"paper", "published"}, optional
-        Of the calibration subnet: 27 parameters, or 26.
-    parts : int, optional
-        Segments over which the net's training propagates the attitude.
-    conditions : tuple of str, optional
-        Inputs of a further net, some of ``temperature``, ``force``.
     checkpoints : Path, optional
-        Folder of AdamW's checkpoints.
+        Folder of the checkpoints of a training as in the paper.
     resume : bool, optional
-        Whether AdamW continues from its checkpoints.
+        Whether that training continues from its checkpoints.
     bias_per_log : bool, optional
         Whether each log has a bias of its own, of which the median is kept.
     bias : {"auto", "ends", "stills"}, optional
@@ -199,17 +165,10 @@ class FitOptions:
     folds: int = 5
     seed: int = 0
     still_rates: bool = False
-    integrator: str = "exact"
-    optimizer: str = "second-order"
-    epochs: int = 2000
-    loss: str = "squared"
+    as_in_paper: bool = False
     earth: bool = True
     physics: tuple[str, ...] | None = None
     exclude: tuple[int, ...] = ()
-    denoise: DenoiseOptions = field(default_factory=DenoiseOptions)
-    variant: str = "paper"
-    parts: int = 1
-    conditions: tuple[str, ...] = ()
     checkpoints: Path | None = None
     resume: bool = False
     bias_per_log: bool = False
@@ -221,21 +180,13 @@ class FitOptions:
     requirements: Path | None = None
 
     def __post_init__(self) -> None:
-        for name in ("methods", "physics", "conditions"):
+        for name in ("methods", "physics"):
             if isinstance(getattr(self, name), str):
                 object.__setattr__(self, name, (getattr(self, name),))
         self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
-        for name, known in (
-            ("integrator", INTEGRATORS),
-            ("optimizer", OPTIMIZERS),
-            ("loss", LOSSES),
-            ("variant", VARIANTS),
-            ("bias", BIASES),
-            ("accelerometer", ACCELEROMETERS),
-        ):
+        for name, known in (("bias", BIASES), ("accelerometer", ACCELEROMETERS)):
             self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
-        self._require(set(self.conditions) <= set(CONDITIONS), "conditions", f"some of {', '.join(CONDITIONS)}")
-        for name, least in (("folds", 2), ("seed", 0), ("epochs", 1), ("parts", 1)):
+        for name, least in (("folds", 2), ("seed", 0)):
             value = getattr(self, name)
             self._require(isinstance(value, int) and value >= least, name, f"a whole number of {least} or more")
 
@@ -243,8 +194,18 @@ class FitOptions:
         if not fine:
             raise CalibrationError(f"{name} is {getattr(self, name)!r}, expected {expected}")
 
+    @property
+    def integrator(self) -> str:
+        """The integrator of every method's attitudes: the paper's is of first order."""
+        return "first-order" if self.as_in_paper else "exact"
+
+    @property
+    def by_torch(self) -> bool:
+        """Whether PyTorch trains any of the methods."""
+        return self.as_in_paper and not set(NETS).isdisjoint(self.methods)
+
     def checkpoint(self, name: str) -> Checkpoint | None:
         """Return the checkpoint of one training, or None."""
-        if self.checkpoints is None or self.optimizer != "adamw":
+        if self.checkpoints is None or not self.as_in_paper:
             return None
         return Checkpoint(self.checkpoints / NAME.format(name), self.resume)

@@ -46,17 +46,18 @@ if TYPE_CHECKING:
 
 # The versions that made a result.
 
-PACKAGES = ("numpy", "scipy", "torch")
+PACKAGES = ("numpy", "scipy")
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of this project, its commit if it runs from a checkout, Python, and the numerical packages."""
+def versions(by_torch: bool = False) -> dict[str, str]:
+    """Return the versions of this project, its commit if it runs from a checkout, Python, and the numerical packages; by_torch: whether
+    PyTorch trained what they are of."""
     found = {"TinyGC": VERSION}
     if commit := _commit():
         found["commit"] = commit
     found["Python"] = platform.python_version()
-    for name in PACKAGES:
+    for name in (*PACKAGES, *(["torch"] if by_torch else [])):
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
@@ -365,12 +366,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
         "options": {
             "seed": result.options.seed,
             "folds": min(result.options.folds, len(problem.used)),
-            "integrator": result.options.integrator,
-            "optimizer": result.options.optimizer,
-            "loss": result.options.loss,
-            "variant": result.options.variant,
-            "parts": result.options.parts,
-            "conditions": list(result.options.conditions),
+            "as_in_paper": result.options.as_in_paper,
             "bias_per_log": result.options.bias_per_log,
             "bias": result.options.bias,
             "accelerometer": result.options.accelerometer,
@@ -408,6 +404,7 @@ FILE_SHAPE = Keys(
         "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
         "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
         "verdict": Maybe(Keys(may={"answer": Text(), "headline": Text()})),
+        "options": Maybe(Keys(may={"as_in_paper": Flag()})),
         "use": Maybe(Keys(may={"method": Maybe(Text()), "model": Maybe(Text()), "why": Maybe(Text())})),
     },
 )
@@ -442,7 +439,7 @@ def read_fit(path: Path, do: str = "fit again") -> dict:
 
 SAVED_NAME, SAVED_SCHEMA = "fitted.json", "tinygc-fitted/1"
 #: options that do not affect the numbers of a method
-IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume", "history", "noise", "requirements")
+IRRELEVANT = ("methods", "physics", "checkpoints", "resume", "history", "noise", "requirements")
 _ANGLES = Array((None, None))
 _METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
 SAVED_SHAPE = Keys({"schema": Text((SAVED_SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD)})

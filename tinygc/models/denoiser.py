@@ -15,20 +15,18 @@ from tinygc.models.model import FACTOR, BaseModel, Model
 
 # TinyGC-Net's denoising subnet: per axis, causal, three convolutions 1 -> 2 -> 2 -> 1 of kernel 7, no biases: 14 + 28 + 14 = 56 weights.
 #
-#     y1 = L(conv1 * x),  y2 = L(conv2 * y1),  g(x) = L(conv3 * y2),      L(h) = h where h >= 0, slope h below
-#     f(x) = (g(x) - g(-x)) / 2
+#     y1 = conv1 * x,  y2 = conv2 * y1,  f(x) = conv3 * y2
 #
 # Dilations 1, 2, 5 give a receptive field of 1 + 6 (1 + 2 + 5) = 49 samples, the largest for kernel 7 within the paper's window of N = 50;
 # the oldest of the 50 has no weight.
 #
-# **Odd symmetry.**  A leaky ReLU treats negative rates differently from positive ones.  f is exactly odd for any weights, as half the
-# difference of the net's outputs for x and -x.  Without biases f is also homogeneous, f(c x) = c f(x) for every c, so one number per
-# axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` divides conv3 by it, so constant rates pass unchanged.
+# **Unit gain.**  f of a constant 1 is the gain at *every* constant rate.  ``normalised`` divides conv3 by it, so constant rates pass
+# unchanged.
 #
 # **The integral of any signal.**  The unit gain holds for constant rates.  The integral of a changing rate, which determines the attitude,
-# is preserved for every signal if and only if f is linear.  So the default slope is 1, where L is the identity, f(x) = g(x), one pass is
-# enough, and the subnet is a filter of 49 taps made of three short ones.  A smaller slope (the paper's) does not preserve the integral, and
-# being homogeneous it cannot separate rest from motion by magnitude.
+# is preserved for every signal if and only if f is linear.  So the slope of the leaky ReLUs is 1: the subnet is a filter of 49 taps made of
+# three short ones.  A smaller slope (the paper's) does not preserve the integral, and being homogeneous it cannot separate rest from motion
+# by magnitude.
 #
 # The input before the first sample equals the first sample, so a log that begins at rest begins without a transient.
 
@@ -38,6 +36,8 @@ DILATIONS = (1, 2, 5)
 SHAPES = {"conv1": (3, 2, 1, KERNEL), "conv2": (3, 2, 2, KERNEL), "conv3": (3, 1, 2, KERNEL)}
 #: parameters of all three axes: 56 each
 PARAMETERS = 168
+#: samples before the newest one that have a weight
+REACH = (KERNEL - 1) * sum(DILATIONS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,25 +46,23 @@ class Denoiser:
 
     Its input must be of the same library as its weights; the type ``Any`` stands for either.
 
-    conv1 (3, 2, 1, 7), conv2 (3, 2, 2, 7), conv3 (3, 1, 2, 7); slope of the three leaky ReLUs, fixed; dilations of the three layers.
+    conv1 (3, 2, 1, 7), conv2 (3, 2, 2, 7), conv3 (3, 1, 2, 7).
     """
 
     conv1: np.ndarray
     conv2: np.ndarray
     conv3: np.ndarray
-    slope: float = 1.0
-    dilations: tuple[int, int, int] = DILATIONS
 
     @classmethod
-    def identity(cls, slope: float = 1.0) -> Denoiser:
+    def identity(cls) -> Denoiser:
         """The exact identity: the newest sample, through the first channels."""
         weights = {name: np.zeros(shape) for name, shape in SHAPES.items()}
         for weight in weights.values():
             weight[:, 0, 0, -1] = 1.0
-        return cls(weights["conv1"], weights["conv2"], weights["conv3"], slope).normalised()
+        return cls(weights["conv1"], weights["conv2"], weights["conv3"]).normalised()
 
     @classmethod
-    def from_vector(cls, vector: Any, slope: float = 1.0, dilations: tuple[int, int, int] = DILATIONS) -> Denoiser:
+    def from_vector(cls, vector: Any) -> Denoiser:
         """Build from weights (3, 56): conv1, conv2, conv3 of each axis."""
         parts, at = [], 0
         for shape in SHAPES.values():
@@ -72,7 +70,7 @@ class Denoiser:
             parts.append(vector[:, at : at + size].reshape(shape))
             at += size
         conv1, conv2, conv3 = parts
-        return cls(conv1, conv2, conv3, slope, dilations)
+        return cls(conv1, conv2, conv3)
 
     @property
     def vector(self) -> Any:
@@ -81,16 +79,11 @@ class Denoiser:
         return xp.concatenate([getattr(self, name).reshape(3, -1) for name in SHAPES], -1)
 
     @property
-    def reach(self) -> int:
-        """Number of samples before the newest one that have a weight."""
-        return (KERNEL - 1) * sum(self.dilations)
-
-    @property
     def gain(self) -> Any:
         """(3,) gain at a constant rate; 1 if normalised."""
         xp = rotation.namespace(self.conv1)
         one = xp.ones_like(self.conv1[:, 0, :, :1])
-        return self._odd(xp.concatenate([one] * (self.reach + 1), -1))[:, 0, 0]
+        return self._net(xp.concatenate([one] * (REACH + 1), -1))[:, 0, 0]
 
     def normalised(self) -> Denoiser:
         """Scale to exactly unit gain at every constant rate.  Raises ValueError if the gain is not positive."""
@@ -102,50 +95,40 @@ class Denoiser:
     def __call__(self, rate: Any) -> Any:
         """Denoised rate (..., N, 3) rad/s at every sample; the input is constant before its first sample."""
         xp = rotation.namespace(rate)
-        held = xp.concatenate([rate[..., :1, :]] * self.reach + [rate], -2)
+        held = xp.concatenate([rate[..., :1, :]] * REACH + [rate], -2)
         return self.windowed(held)
 
     def windowed(self, rate: Any) -> Any:
-        """Denoised rate (..., N - reach, 3), with the first ``reach`` samples as history only: a window of 50 gives its newest two."""
+        """Denoised rate (..., N - REACH, 3), with the first ``REACH`` samples as history only: a window of 50 gives its newest two."""
         xp = rotation.namespace(rate)
         x = xp.moveaxis(rate, -1, -2)[..., None, :]
-        return xp.moveaxis(self._odd(x)[..., 0, :], -2, -1)
+        return xp.moveaxis(self._net(x)[..., 0, :], -2, -1)
 
     def stream(self) -> DenoiserStream:
         """A filter that works sample by sample, as on a microcontroller."""
         return DenoiserStream(self)
 
     def taps(self) -> np.ndarray:
-        """(3, reach + 1): impulse response, newest sample first; complete if slope is 1 (NumPy only)."""
-        impulse = np.zeros((2 * self.reach + 1, 3))
-        impulse[self.reach] = 1.0
+        """(3, REACH + 1): impulse response, newest sample first (NumPy only)."""
+        impulse = np.zeros((2 * REACH + 1, 3))
+        impulse[REACH] = 1.0
         return self.windowed(impulse).T
 
     @property
     def delay_samples(self) -> np.ndarray:
         """(3,) delay of the response to a steady ramp, in samples (NumPy only)."""
-        ramp = np.arange(-self.reach, 1.0)[:, None] + np.full(3, 1e3)
+        ramp = np.arange(-REACH, 1.0)[:, None] + np.full(3, 1e3)
         return 1e3 - self.windowed(ramp)[-1]
 
     def _layers(self) -> Iterator[tuple[np.ndarray, int]]:
-        return zip((self.conv1, self.conv2, self.conv3), self.dilations, strict=True)
-
-    def _odd(self, x: Any) -> Any:
-        if self.slope == 1:
-            return self._net(x)
-        return (self._net(x) - self._net(-x)) / 2
+        return zip((self.conv1, self.conv2, self.conv3), DILATIONS, strict=True)
 
     def _net(self, x: Any) -> Any:
-        """g(x) (..., 3, 1, N - reach) of x (..., 3, 1, N)."""
+        """f(x) (..., 3, 1, N - REACH) of x (..., 3, 1, N)."""
         for weight, dilation in self._layers():
             length = x.shape[-1] - (KERNEL - 1) * dilation
-            x = self._leaky(sum(weight[..., i] @ x[..., i * dilation : i * dilation + length] for i in range(KERNEL)))
+            x = sum(weight[..., i] @ x[..., i * dilation : i * dilation + length] for i in range(KERNEL))
         return x
-
-    def _leaky(self, h: Any) -> Any:
-        if self.slope == 1:
-            return h
-        return rotation.namespace(h).where(h >= 0, h, self.slope * h)
 
 
 class DenoiserStream:
@@ -153,7 +136,6 @@ class DenoiserStream:
 
     def __init__(self, denoiser: Denoiser):
         self._denoiser = denoiser
-        self._signs = np.array([1.0] if denoiser.slope == 1 else [1.0, -1.0])
         self.reset()
 
     def reset(self) -> None:
@@ -162,21 +144,21 @@ class DenoiserStream:
 
     def step(self, rate: np.ndarray) -> np.ndarray:
         """Denoise one sample (3,) rad/s."""
-        y = self._signs[:, None, None] * np.asarray(rate, dtype=float)[None, :, None]  # (sign, axis, channel)
+        y = np.asarray(rate, dtype=float)[:, None]  # (axis, channel)
         if self._memory is None:
             self._memory = self._stand(y)
         for number, (weight, dilation) in enumerate(self._denoiser._layers()):
             memory = np.concatenate([self._memory[number][..., 1:], y[..., None]], axis=-1)
             self._memory[number] = memory
-            y = self._denoiser._leaky(np.einsum("aoci,saci->sao", weight, memory[..., ::dilation]))
-        return np.tensordot(self._signs, y[..., 0], 1) / len(self._signs)
+            y = np.einsum("aoci,aci->ao", weight, memory[..., ::dilation])
+        return y[..., 0]
 
     def _stand(self, y: np.ndarray) -> list[np.ndarray]:
         """Steady state of each layer for a constant input y."""
         memory = []
         for weight, dilation in self._denoiser._layers():
             memory.append(np.repeat(y[..., None], (KERNEL - 1) * dilation + 1, axis=-1))
-            y = self._denoiser._leaky(np.einsum("aoci,saci->sao", weight, memory[-1][..., ::dilation]))
+            y = np.einsum("aoci,aci->ao", weight, memory[-1][..., ::dilation])
         return memory
 
 
@@ -234,18 +216,12 @@ class DenoisedNet(BaseModel):
 
 # TinyGC-Net with its denoiser as JSON: the calibration's table and the three convolutions.
 
-EQUATION = (
-    "omega = calibration(m); per axis y1 = L(conv1 * omega), y2 = L(conv2 * y1), g = L(conv3 * y2), L(h) = h if h >= 0 else slope * h; "
-    "denoised = (g(omega) - g(-omega)) / 2, which is g(omega) where slope is 1"
-)
+EQUATION = "omega = calibration(m); per axis y1 = conv1 * omega, y2 = conv2 * y1, denoised = conv3 * y2"
 #: tolerance of the gain at a constant rate, for rounding to seven digits
 GAIN_WITHIN = 1e-6
 _NET = Keys(
-    {
-        "slope": Number(0, 1),
-        "dilations": Array((3,), Number(1, WINDOW, whole=True)),
-        **{name: Array(shape, FACTOR) for name, shape in SHAPES.items()},
-    }
+    {"dilations": Array((3,), Number(1, WINDOW, whole=True)), **{name: Array(shape, FACTOR) for name, shape in SHAPES.items()}},
+    {"slope": Number(0, 1)},  # of earlier versions, 1 in all but experiments
 )
 _DENOISED = Keys({"rate_hz": Number(0, 1e6, above=True), "denoiser": _NET, "calibration": Keys()})
 
@@ -253,7 +229,7 @@ _DENOISED = Keys({"rate_hz": Number(0, 1e6, above=True), "denoiser": _NET, "cali
 def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
     """Table of the weights (axis, channel out, channel in, tap), the last tap on the newest sample, taps ``dilation`` samples apart."""
     net = model.denoiser
-    table: dict[str, Any] = {"window": WINDOW, "dilations": list(net.dilations), "slope": net.slope}
+    table: dict[str, Any] = {"window": WINDOW, "dilations": list(DILATIONS)}
     table |= {name: np.asarray(getattr(net, name)).tolist() for name in SHAPES}
     return {
         "equation": EQUATION,
@@ -269,10 +245,9 @@ def from_table(table: dict, where: str, read: Callable[..., Any]) -> DenoisedNet
     require(table, _DENOISED, where)
     entries = table["denoiser"]
     weights = {name: np.asarray(entries[name], dtype=float) for name in SHAPES}
-    first, second, third = map(int, entries["dilations"])
-    if 1 + (KERNEL - 1) * (first + second + third) > WINDOW:
-        raise FormatError(f"{where}: denoiser.dilations reach farther than the {WINDOW} samples of the window; fit again")
-    denoiser = Denoiser(**weights, slope=float(entries["slope"]), dilations=(first, second, third))
+    if tuple(entries["dilations"]) != DILATIONS or entries.get("slope", 1) != 1:
+        raise FormatError(f"{where}: the denoiser has other dilations than {DILATIONS}, or another slope than 1; fit again")
+    denoiser = Denoiser(**weights)
     if not np.abs(denoiser.gain - 1).max() <= GAIN_WITHIN:
         raise FormatError(f"{where}: the denoiser's gain at a constant rate is {denoiser.gain}, expected 1: it would miscalibrate")
     calibration = read(table.get("calibration"), f"{where}: calibration")

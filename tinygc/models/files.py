@@ -25,8 +25,6 @@ ALL_COVARIED = ("linear", "physics")
 KINDS = {
     "linear": "tinygc.models.nets",
     "tinygc": "tinygc.models.nets",
-    "tinygc_published": "tinygc.models.nets",
-    "tinygc_conditions": "tinygc.models.conditions_net",
     "tinygc_denoised": "tinygc.models.denoiser",
     "physics": "tinygc.models.physics",
     "tinygc_physics": "tinygc.models.physics",

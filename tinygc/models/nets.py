@@ -1,4 +1,4 @@
-"""TinyGC-Net's calibration subnet (Cui et al. 2024), the authors' published variant, and models that are arrays of weights."""
+"""TinyGC-Net's calibration subnet (Cui et al. 2024), and models that are arrays of weights."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from session.io.errors import CalibrationError
 from session.io.results import Array, Keys, require
 from tinygc.attitude import rotation
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
@@ -18,9 +17,8 @@ from tinygc.models.model import FACTOR, MATRIX, RATE, BaseModel
 #
 #     h = W1 m + b1,   omega = m + W2 PReLU(h) + b2,   PReLU(h) = h for h >= 0, a h below, one slope a per axis
 #
-# 12 + 3 + 12 = 27 parameters, as in the paper's table.  (The authors' published code has a scalar PReLU after each block, 26: see
-# ``PublishedNet``.)  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; other
-# slopes make it nonlinear.
+# 12 + 3 + 12 = 27 parameters, as in the paper's table.  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With
+# a = 1 it is the linear model; other slopes make it nonlinear.
 
 PARAMETERS = 27
 #: prior sigma of the slopes about 1, where the net is linear: from fixed to free
@@ -61,10 +59,6 @@ class CalibrationNet(BaseModel):
             parts.append(vector[at : at + size].reshape(shape))
             at += size
         return cls(*parts)
-
-    def with_vector(self, vector: Any) -> CalibrationNet:
-        """The same kind of net with other weights, as training needs it."""
-        return self.from_vector(vector)
 
     def rungs(self, typical_rps: float, ties: tuple[float, ...] = TIES) -> list[tuple[float, np.ndarray]]:
         """(tie, prior sigma (27,) of the weights around the identity), from the linear model to a free one.
@@ -118,104 +112,12 @@ class CalibrationNet(BaseModel):
         return np.concatenate([part.reshape(segments, d, -1) for part in parts], axis=-1)
 
 
-# The calibration subnet of the authors' published code: a scalar PReLU after each of the two blocks, 12 + 1 + 12 + 1 = 26 parameters.
-#
-#     h = P1(W1 m + b1),   omega = m + P2(W2 h + b2),   P(x) = x for x >= 0, slope x below, one slope each
-#
-# The second kink lies where the *correction* changes its sign, which for a gyroscope with a bias is not near zero rate.  This net, too,
-# starts at the exact identity (both slopes 1), is tied to the linear model, and is nonlinear only if that improves held-out segments.
+# Kinds that consist of arrays of weights: the linear model, and TinyGC-Net.
 
-PUBLISHED_PARAMETERS = 26
-
-
-@dataclass(frozen=True, eq=False)
-class PublishedNet(BaseModel):
-    """The weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope1 (1,), W2 (3, 3), b2 (3,) rad/s, slope2 (1,)."""
-
-    kind: ClassVar[str] = "tinygc_published"
-    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {"W1": (3, 3), "b1": (3,), "slope1": (1,), "W2": (3, 3), "b2": (3,), "slope2": (1,)}
-
-    W1: np.ndarray
-    b1: np.ndarray
-    slope1: np.ndarray
-    W2: np.ndarray
-    b2: np.ndarray
-    slope2: np.ndarray
-
-    @classmethod
-    def identity(cls) -> PublishedNet:
-        """No correction, exactly."""
-        return cls(np.eye(3), np.zeros(3), np.ones(1), np.zeros((3, 3)), np.zeros(3), np.ones(1))
-
-    def with_vector(self, vector: Any) -> PublishedNet:
-        """Build from 26 weights in the order of the fields, matrices row by row."""
-        parts, at = [], 0
-        for shape in self.SHAPES.values():
-            size = int(np.prod(shape))
-            parts.append(vector[at : at + size].reshape(shape))
-            at += size
-        return type(self)(*parts)
-
-    @property
-    def parameters(self) -> int:
-        """Number of parameters: 26."""
-        return PUBLISHED_PARAMETERS
-
-    def with_bias_moved(self, change: np.ndarray) -> PublishedNet:
-        """Increase b2 by ``change`` (3,) rad/s.  Raises CalibrationError if the net is nonlinear behind it."""
-        if not np.allclose(self.slope2, 1):
-            raise CalibrationError("the stored net bends behind its bias (published variant): its bias cannot be moved; give another model")
-        return replace(self, b2=self.b2 + change)
-
-    @property
-    def vector(self) -> Any:
-        """(26,) all weights."""
-        xp = rotation.namespace(self.W1)
-        return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
-
-    def rungs(self, typical_rps: float, ties: tuple[float, ...] = TIES) -> list[tuple[float, np.ndarray]]:
-        """(tie, prior sigma (26,)), as ``CalibrationNet.rungs``."""
-        inner = np.array([1.0] * 9 + [typical_rps] * 3) * INNER_TIE
-        bent = np.concatenate([inner, np.ones(1)])
-        return [(tie, np.concatenate([bent * max(tie, 1e-9), PRIOR_SIGMA, [max(tie, 1e-9)]])) for tie in ties]
-
-    def __call__(self, rate: Any) -> Any:
-        """Calibrated rate (..., 3) rad/s from the measured one."""
-        xp = rotation.namespace(rate)
-        h = rate @ self.W1.T + self.b1
-        u = xp.where(h >= 0, h, self.slope1 * h) @ self.W2.T + self.b2
-        return rate + xp.where(u >= 0, u, self.slope2 * u)
-
-    def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """(S, d, 26): rotation of the end attitude per weight, from sensitivity (S, T, d, 3) and rates (S, T, 3) (NumPy only)."""
-        h = rate @ self.W1.T + self.b1
-        bent = np.where(h >= 0, h, self.slope1 * h)
-        u = bent @ self.W2.T + self.b2
-        segments, d = len(rate), sensitivity.shape[2]
-        outer = sensitivity * np.where(u >= 0, 1.0, self.slope2)[:, :, None]
-        inner = (outer @ self.W2) * np.where(h >= 0, 1.0, self.slope1)[:, :, None]
-
-        def by(turn: np.ndarray, values: np.ndarray) -> np.ndarray:
-            return np.einsum("stdi,stj->sdij", turn, values, optimize=True).reshape(segments, d, -1)
-
-        parts = [
-            by(inner, rate),
-            inner.sum(1),
-            np.einsum("stdi,sti->sd", outer @ self.W2, np.minimum(h, 0))[..., None],
-            by(outer, bent),
-            outer.sum(1),
-            np.einsum("stdi,sti->sd", sensitivity, np.minimum(u, 0))[..., None],
-        ]
-        return np.concatenate(parts, axis=-1)
-
-
-# Kinds that consist of arrays of weights: the linear model, TinyGC-Net, and the net of the authors' published code.
-
-CLASSES: dict[str, Any] = {each.kind: each for each in (LinearModel, CalibrationNet, PublishedNet)}
+CLASSES: dict[str, Any] = {each.kind: each for each in (LinearModel, CalibrationNet)}
 EQUATIONS = {
     "linear": "omega = E @ m + B, m the measured rate in rad/s",
     "tinygc": "h = W1 @ m + b1; omega = m + W2 @ (h if h >= 0 else slope * h) + b2, m the measured rate in rad/s",
-    "tinygc_published": "h = P1(W1 @ m + b1); omega = m + P2(W2 @ h + b2), P(x) = x if x >= 0 else slope * x, m the measured rate in rad/s",
 }
 
 
@@ -224,7 +126,7 @@ def to_table(model: Any, write: Callable[..., dict]) -> dict:
     return {"equation": EQUATIONS[model.kind], "weights": {name: np.asarray(getattr(model, name)).tolist() for name in model.SHAPES}}
 
 
-def from_table(table: dict, where: str, read: Callable[..., Any]) -> LinearModel | CalibrationNet | PublishedNet:
+def from_table(table: dict, where: str, read: Callable[..., Any]) -> LinearModel | CalibrationNet:
     """Read the model from its table.  Raises FormatError for an invalid table."""
     cls = CLASSES[table["kind"]]
     require(table, Keys({"weights": Keys({name: weight(name, shape) for name, shape in cls.SHAPES.items()})}), where)

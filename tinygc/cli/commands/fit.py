@@ -30,7 +30,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     more = "further folders; with --temperature, of the same sensor"
     command.add_argument("more", type=path_read, nargs="*", metavar="folder", help=more)
     add_fit_arguments(command, OF_DAY)
-    command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
+    command.add_argument("--resume", action="store_true", help="go on with a training --as-in-paper that was interrupted")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
     command.add_argument("--model", type=path_read, metavar="FILE", help="a stored calibration, whose bias alone is taken anew (--bias)")
     command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
@@ -64,9 +64,9 @@ def _fit(args: argparse.Namespace) -> Done:
         return need("rest logs and temperature").fit(args)
     if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
-    if args.resume and not _resumable(args):
+    if args.resume and not fit_options(args).by_torch:
         raise CalibrationError(
-            "--resume goes on with an adamw training, and this fit has none; add --optimizer adamw and a method that is trained "
+            "--resume goes on with a training as in the paper, and this fit has none; add --as-in-paper and a method that is trained "
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
     from tinygc.estimation.adamw import forget
@@ -128,13 +128,6 @@ def _physics(words: str) -> tuple[str, ...]:
             f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}, or its folder with --effects DIR"
         )
     return ids
-
-
-def _resumable(args: argparse.Namespace) -> bool:
-    """Whether any part of the fit is trained by adamw."""
-    from tinygc.estimation.options import METHODS
-
-    return args.optimizer == "adamw" and any(METHODS[name].trained for name in args.methods)
 
 
 def _rebias(args: argparse.Namespace) -> Done:

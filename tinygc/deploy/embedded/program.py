@@ -16,23 +16,20 @@ from session.io.sensors.profile import Thermometer
 from tinygc.deploy import ExportError, annex_exports
 from tinygc.deploy.embedded.stages import (
     CalibrationNetStage,
-    Conditioned,
     Denoise,
     Inputs,
     Linear,
     ProgramStage,
-    Published,
     affine,
     effect_stage,
     single,
     table,
 )
 from tinygc.effects import Cost
-from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import Model
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
 # A model as stages in single precision, in the order in which a device runs them.
@@ -110,8 +107,6 @@ def _net_behind_physics(model: CarriedNet) -> list[ProgramStage]:
 STAGES: dict[type, Callable[[Any], list[ProgramStage]]] = {
     LinearModel: _linear,
     CalibrationNet: lambda model: [CalibrationNetStage(model)],
-    PublishedNet: lambda model: [Published(model)],
-    ConditionsModel: lambda model: [Conditioned(model)],
     DenoisedNet: _denoised,
     PhysicsModel: _physics,
     CarriedNet: _net_behind_physics,

@@ -5,18 +5,15 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from textwrap import indent
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.io.units import G
 from tinygc.deploy import ExportError
 from tinygc.effects import AppliedEffect, Conditions, Cost, MatrixC, NoC, PerAxisC, StageC
-from tinygc.models.conditions_net import CONDITIONS, ConditionsModel
-from tinygc.models.denoiser import Denoiser
+from tinygc.models.denoiser import DILATIONS, Denoiser
 from tinygc.models.linear import LinearModel
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 
 # The interface of a stage of an embedded program, and helpers that all stages share.
 
@@ -124,7 +121,7 @@ class Linear(ProgramStage):
         return rate + affine(self._w, rate)
 
 
-# The calibration subnet in single precision, in three kinds: the paper's, the published one, and one with conditions as inputs.
+# The calibration subnet in single precision.
 
 
 def prelu(x: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -155,87 +152,11 @@ affine(OUTER, h, s);
         return rate + affine(self.constants["OUTER"], h)
 
 
-class Published(ProgramStage):
-    """The authors' 26 parameters: r + P2(W2 P1(W1 r + b1) + b2), one slope after each block."""
-
-    formula = "r += P2(W2 P1(W1 r + b1) + b2), P(x) = x where positive, slope x below"
-    cost = COST + COST + Cost(multiply=6, add=3, compare=6)
-    body = """\
-float s[3], h[3];
-affine(HIDDEN, r, s);
-for (int i = 0; i < 3; i++)
-    h[i] = s[i] >= 0.0f ? s[i] : SLOPES[0] * s[i];
-affine(OUTER, h, s);
-for (int i = 0; i < 3; i++)
-    r[i] += s[i] >= 0.0f ? s[i] : SLOPES[1] * s[i];"""
-
-    def __init__(self, net: PublishedNet):
-        hidden, outer = table(net.W1, net.b1, "the net"), table(net.W2, net.b2, "the net")
-        self.constants = {"HIDDEN": hidden, "OUTER": outer, "SLOPES": single([*net.slope1, *net.slope2], "the net")}
-
-    def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """Apply the body to rates (N, 3) float32, in the same order of operations."""
-        first, second = self.constants["SLOPES"]
-        h = prelu(affine(self.constants["HIDDEN"], rate), first)
-        return rate + prelu(affine(self.constants["OUTER"], h), second)
-
-
-class Conditioned(ProgramStage):
-    """A net of 27 parameters plus the effects of temperature and force on biases and gains: net(r) + bias c + r (gain c)."""
-
-    formula = "r = net(r) + bias c + r (gain c), c the temperature less T0 or the force, or both; in net(r):"
-
-    def __init__(self, model: ConditionsModel):
-        self._net, names = CalibrationNetStage(model.net.net), model.net.names
-        units = np.concatenate([[1.0 / G if name == "force" else 1.0] * CONDITIONS[name][0] for name in names])
-        self._bias, self._gain = (single(weight * units, "the conditions") for weight in (model.net.bias, model.net.gain))
-        self._names = names
-        self.formula = f"{self.formula} {self._net.formula}"
-        self.constants = {**self._net.constants, "CONDITION_BIAS": self._bias, "CONDITION_GAIN": self._gain}
-        fill = []
-        for name in names:
-            if name == "temperature":
-                self._at = single([model.known.first_temp_c], "the conditions")
-                self.constants["CONDITION_AT_C"] = self._at
-                fill.append("in->temp_c - CONDITION_AT_C[0]")
-            else:
-                fill += [f"in->force[{axis}]" for axis in range(3)]
-        count = len(fill)
-        self.cost = self._net.cost + Cost(multiply=6 * count + 3, add=6 * count + 6 + ("temperature" in names))
-        self.body = f"""\
-const float c[{count}] = {{{", ".join(fill)}}};
-float more[3];
-for (int i = 0; i < 3; i++) {{
-    float bias = 0.0f, gain = 0.0f;
-    for (int k = 0; k < {count}; k++) {{
-        bias += CONDITION_BIAS[i][k] * c[k];
-        gain += CONDITION_GAIN[i][k] * c[k];
-    }}
-    more[i] = bias + r[i] * gain;
-}}
-{{
-{indent(self._net.body, "    ")}
-}}
-for (int i = 0; i < 3; i++)
-    r[i] += more[i];"""
-
-    def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """Apply the body to rates (N, 3) float32, in the same order of operations."""
-        parts = [(inputs.temp_c - self._at)[:, None] if name == "temperature" else inputs.force for name in self._names]
-        c = np.concatenate(parts, axis=1)
-        bias = gain = np.zeros_like(rate)
-        for k in range(c.shape[1]):
-            bias = bias + self._bias[:, k] * c[:, k, None]
-            gain = gain + self._gain[:, k] * c[:, k, None]
-        more = bias + rate * gain
-        return self._net.run(inputs, rate) + more
-
-
 # The denoising subnet in single precision: three causal convolutions per axis, each with a ring buffer of samples, so that a window is
 # never recomputed.
 #
 # A layer keeps the (kernel - 1) dilation + 1 newest samples of its own input.  Before the first sample the input is assumed constant at
-# that sample's value.  Where the leaky ReLUs are not linear (slope < 1) the net runs on x and on -x, with one ring buffer for each sign.
+# that sample's value.
 
 _LAYER = """\
 /* {number}: {inputs} channel(s) to {outputs}, kernel {kernel}, dilation {dilation}.  The oldest sample comes first. */
@@ -263,47 +184,37 @@ class Denoise(ProgramStage):
 
     def __init__(self, denoiser: Denoiser):
         self._weights = [single(w, "the denoiser") for w in (denoiser.conv1, denoiser.conv2, denoiser.conv3)]
-        self._dilations = tuple(denoiser.dilations)
-        self._slope = None if denoiser.slope == 1 else single(denoiser.slope, "the denoiser")
-        self._signs = 1 if self._slope is None else 2
         shapes = [weight.shape[1:3] for weight in self._weights]
-        self._slots = [(w.shape[-1] - 1) * dilation + 1 for w, dilation in zip(self._weights, self._dilations, strict=True)]
-        self.formula = f"r = conv3(conv2(conv1(r))) per axis, dilations {self._dilations}"
-        if self._slope is not None:
-            self.formula = f"r = (g(r) - g(-r)) / 2, g the three convolutions, leaky ReLUs of slope {denoiser.slope:g}"
+        self._slots = [(w.shape[-1] - 1) * dilation + 1 for w, dilation in zip(self._weights, DILATIONS, strict=True)]
+        self.formula = f"r = conv3(conv2(conv1(r))) per axis, dilations {DILATIONS}"
         self.constants = {f"CONV{n}": w.transpose(0, 3, 1, 2).reshape(3, -1) for n, w in enumerate(self._weights, 1)}
-        if self._slope is not None:
-            self.constants["LEAK"] = self._slope.reshape(1)
         self.state = "".join(
-            f"    float ring{n}[{self._signs}][3][{slots}][{inputs}];\n"
-            for n, (slots, (_, inputs)) in enumerate(zip(self._slots, shapes, strict=True), 1)
+            f"    float ring{n}[3][{slots}][{inputs}];\n" for n, (slots, (_, inputs)) in enumerate(zip(self._slots, shapes, strict=True), 1)
         )
         self.state += "    unsigned char newest[3];\n    unsigned char running;\n"
         rings = sum(slots * inputs for slots, (_, inputs) in zip(self._slots, shapes, strict=True))
         self.functions, self.body = "\n".join(self._layer(n) for n in range(3)), self._statements()
-        self.state_bytes = 4 * 3 * self._signs * rings + 4
-        products = sum(w.size for w in self._weights) * self._signs
-        bends = sum(w.shape[1] for w in self._weights) * 3 * self._signs if self._signs == 2 else 0
-        self.cost = Cost(products + bends + (3 if bends else 0), products + (3 if bends else 0), bends)
+        self.state_bytes = 4 * 3 * rings + 4
+        products = sum(w.size for w in self._weights)
+        self.cost = Cost(products, products)
 
     start = "state->newest[0] = state->newest[1] = state->newest[2] = 0;\nstate->running = 0;"
 
     def _layer(self, n: int) -> str:
         _, outputs, inputs, kernel = self._weights[n].shape
         products = [f"y{o} += w[{o * inputs + i}] * v[{i}];" for o in range(outputs) for i in range(inputs)]
-        bent = "y{o}" if self._slope is None else "y{o} >= 0.0f ? y{o} : LEAK[0] * y{o}"
         return _LAYER.format(
             number=n + 1,
             inputs=inputs,
             outputs=outputs,
             kernel=kernel,
-            dilation=self._dilations[n],
+            dilation=DILATIONS[n],
             slots=self._slots[n],
             stride=inputs * outputs,
             accumulators=", ".join(f"y{o} = 0.0f" for o in range(outputs)),
             store="\n".join(f"        ring[newest + n][{i}] = x[{i}];" for i in range(inputs)),
             products="\n".join(f"        {product}" for product in products),
-            results="\n".join(f"    y[{o}] = {bent.format(o=o)};" for o in range(outputs)),
+            results="\n".join(f"    y[{o}] = y{o};" for o in range(outputs)),
         )
 
     def _statements(self) -> str:
@@ -311,31 +222,21 @@ class Denoise(ProgramStage):
         fills = [f"state->running ? 1 : {slots}" for slots in self._slots]
         channels = [weight.shape[1] for weight in self._weights]
         call = [
-            f"layer{n}(CONV{n}[i], state->ring{n}[sign][i], state->newest[{n - 1}], {fill}, {source}, {target});"
+            f"layer{n}(CONV{n}[i], state->ring{n}[i], state->newest[{n - 1}], {fill}, {source}, {target});"
             for n, (fill, source, target) in enumerate(zip(fills, ("x", "y1", "y2"), ("y1", "y2", "y3"), strict=True), 1)
         ]
         locals_ = ", ".join(f"y{n}[{count}]" for n, count in enumerate(channels, 1))
-        if self._signs == 1:
-            lines = ["for (int i = 0; i < 3; i++) {", f"    float x[1] = {{r[i]}}, {locals_};"]
-            lines += [f"    {line.replace('[sign]', '[0]')}" for line in call] + ["    r[i] = y3[0];", "}"]
-        else:
-            lines = ["for (int i = 0; i < 3; i++) {", "    float odd[2];", "    for (int sign = 0; sign < 2; sign++) {"]
-            lines += [f"        float x[1] = {{sign ? -r[i] : r[i]}}, {locals_};"] + [f"        {line}" for line in call]
-            lines += ["        odd[sign] = y3[0];", "    }", "    r[i] = (odd[0] - odd[1]) * 0.5f;", "}"]
+        lines = ["for (int i = 0; i < 3; i++) {", f"    float x[1] = {{r[i]}}, {locals_};"]
+        lines += [f"    {line}" for line in call] + ["    r[i] = y3[0];", "}"]
         for n, slots in enumerate(self._slots):
             lines.append(f"state->newest[{n}] = (unsigned char)(state->newest[{n}] + 1u < {slots}u ? state->newest[{n}] + 1u : 0u);")
         return "\n".join([*lines, "state->running = 1;"])
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
         """Apply the body to rates (N, 3) float32, in the same order of operations."""
-        if self._slope is None:
-            return self._net(rate)
-        return (self._net(rate) - self._net(-rate)) * np.float32(0.5)
-
-    def _net(self, rate: np.ndarray) -> np.ndarray:
         x = rate.T[:, None, :]  # (axis, channel, sample)
         count = x.shape[-1]
-        for weight, dilation in zip(self._weights, self._dilations, strict=True):
+        for weight, dilation in zip(self._weights, DILATIONS, strict=True):
             _, outputs, channels, kernel = weight.shape
             held = np.concatenate([np.repeat(x[..., :1], (kernel - 1) * dilation, axis=-1), x], axis=-1)
             y = np.zeros((3, outputs, count), dtype=np.float32)
@@ -343,7 +244,7 @@ class Denoise(ProgramStage):
                 for channel in range(channels):
                     at = tap * dilation
                     y = y + weight[:, :, channel, tap, None] * held[:, channel, None, at : at + count]
-            x = y if self._slope is None else np.where(y >= 0, y, self._slope * y)
+            x = y
         return x[:, 0, :].T
 
 

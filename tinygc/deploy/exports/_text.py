@@ -16,11 +16,10 @@ from session.io.units import DEG, G
 from tinygc.deploy import ExportError, annex_exports
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports._context import Context
-from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import Model
-from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
 # What formats with a matrix and a bias can carry of a model, and a refusal of the rest.
@@ -28,8 +27,6 @@ from tinygc.models.physics import CarriedNet, PhysicsModel
 #: slopes this near to 1 differ from it only by the rounding of a fit
 UNBENT = 1e-9
 ELSEWHERE = "export --to json carries every model, or choose another with --model"
-#: nets that no linear format carries, with their descriptions
-NETS_BESIDE = {CarriedNet.kind: "a net behind physics", ConditionsModel.kind: "a net that is told temperature or force"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +61,13 @@ def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> Linea
     """Return a model that is linear but for effects ``linear_in`` what the format ``carries``.  Raises ExportError for others."""
     if isinstance(model, DenoisedNet):
         raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
-    if isinstance(model, CalibrationNet | PublishedNet):
-        slopes = np.concatenate([np.ravel(getattr(model, name)) for name in model.SHAPES if name.startswith("slope")])
-        if np.abs(slopes - 1).max() > UNBENT:
-            raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {slopes.tolist()}); {ELSEWHERE}")
+    if isinstance(model, CalibrationNet):
+        if np.abs(model.slope - 1).max() > UNBENT:
+            raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {model.slope.tolist()}); {ELSEWHERE}")
         linear = LinearModel(np.eye(3) + model.W2 @ model.W1, model.W2 @ model.b1 + model.b2)
     K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
-    if model.kind in NETS_BESIDE:
-        raise ExportError(f"{name} cannot carry {NETS_BESIDE[model.kind]}; {ELSEWHERE}")
+    if isinstance(model, CarriedNet):
+        raise ExportError(f"{name} cannot carry a net behind physics; {ELSEWHERE}")
     if (annex := annex_exports(model)) is not None:
         raise ExportError(f"{name} cannot carry {annex.CARRIED}")
     if isinstance(model, PhysicsModel):

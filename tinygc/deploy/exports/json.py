@@ -6,6 +6,7 @@ from session.io.results import json_text
 from tinygc import models
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import self_test
+from tinygc.estimation.options import NETS
 from tinygc.estimation.results import versions
 from tinygc.models import linear
 from tinygc.models.model import Model, accelerometer_table, sensor_table
@@ -19,7 +20,8 @@ SUMMARY = "documented JSON with covariance, units, hashes and a self-test"
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export any model."""
     table = models.to_dict(model)
-    table |= {"method": context.method, "session": context.session, "versions": versions()}
+    by_torch = context.method in NETS and (context.fit.get("options") or {}).get("as_in_paper", False)
+    table |= {"method": context.method, "session": context.session, "versions": versions(by_torch)}
     if context.covariance is not None:
         table |= {
             "covariance": context.covariance.tolist(),

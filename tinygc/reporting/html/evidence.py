@@ -373,7 +373,7 @@ def gather(
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),
-        versions=versions(),
+        versions=versions(fit.options.by_torch),
         made=_now(),
         limit_deg=limit_deg,
         reused=fit.reused,

@@ -8,7 +8,7 @@ from session.io.texts import degrees, significant
 from session.io.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.estimation.choice import tilt_rms
-from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.denoiser import REACH, DenoisedNet
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.evidence import ReportData, density
 from tinygc.reporting.html.markup import Section, render
@@ -27,7 +27,7 @@ def section(evidence: ReportData) -> Section | None:
     model, problem = fit.model, evidence.problem
     assert isinstance(model, DenoisedNet)
     before, after = (still_pieces(problem, one) for one in (model.calibration, model))
-    settle = [slice(min(model.denoiser.reach, len(piece) // 2), None) for piece in before]
+    settle = [slice(min(REACH, len(piece) // 2), None) for piece in before]
     quiet = [_scatter([piece[part] for piece, part in zip(pieces, settle, strict=True)]) for pieces in (before, after)]
     calibrated = evidence.fit.methods.get("tinygc")
     still = max(range(len(before)), key=lambda i: len(before[i]))

@@ -44,8 +44,7 @@ def section(evidence: ReportData) -> Section:
         settings=[
             ("Seed", options.seed),
             ("Folds", min(options.folds, len(evidence.problem.used))),
-            ("Integrator", options.integrator),
-            ("Net’s optimizer", options.optimizer),
+            ("Nets", "trained as in the paper" if options.as_in_paper else "trained by the second order"),
             ("Rates of the stills as data", "yes" if options.still_rates else "no"),
             ("Earth’s rotation", "taken off" if options.earth and evidence.problem.earth.source != "none" else "left in"),
             ("Explain", "run" if evidence.verdict else "not run"),

@@ -103,21 +103,14 @@ def repeated(lot: LotSessions, belongs: np.ndarray) -> np.ndarray:
     return np.where(freedom > 0, np.maximum((share * square).sum(axis=0), 0.0) / np.maximum(freedom, 1), np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class Line:
-    """Weighted least squares of a mean and a drift: beta (21, 2), covariance (21, 2, 2), weights w (U, 21), residuals (U, 21)."""
+def line(y: np.ndarray, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mean and drift (21, 2) of values (U, 21) at x (U, 21) with weights w, their covariance (21, 2, 2), residuals (U, 21).
 
-    beta: np.ndarray
-    covariance: np.ndarray
-    w: np.ndarray
-    residual: np.ndarray
-
-
-def line(y: np.ndarray, x: np.ndarray, w: np.ndarray) -> Line:
-    """Fit a line to values (U, 21) at x (U, 21), with weights w; where x is zero, a mean."""
+    Where x is zero there is no drift.
+    """
     covariance = np.linalg.pinv(moments(w, x), hermitian=True)
     beta = (covariance @ np.stack([(w * y).sum(axis=0), (w * x * y).sum(axis=0)], axis=-1)[..., None])[..., 0]
-    return Line(beta, covariance, w, y - beta[:, 0] - x * beta[:, 1])
+    return beta, covariance, y - beta[:, 0] - x * beta[:, 1]
 
 
 def moments(w: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -128,14 +121,15 @@ def moments(w: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def spread_of(y: np.ndarray, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Return the spread's variances (21,) of the largest restricted likelihood, by Fisher's scoring; noise (U, 21), infinite if unknown."""
-    scale = variance = np.sum(np.where(np.isfinite(noise), line(y, x, np.where(np.isfinite(noise), 1.0, 0.0)).residual, 0.0) ** 2, axis=0)
+    told = np.isfinite(noise)
+    scale = variance = (np.where(told, line(y, x, 1.0 * told)[2], 0.0) ** 2).sum(axis=0)
     for _ in range(STEPS):
         w = 1 / (noise + variance)
-        of = line(y, x, w)
-        hat = of.covariance @ moments(w**2, x)
+        _, covariance, residual = line(y, x, w)
+        hat = covariance @ moments(w**2, x)
         trace = w.sum(axis=0) - np.einsum("nii->n", hat)
-        information = (w**2).sum(axis=0) - np.einsum("nij,nji->n", of.covariance, 2 * moments(w**3, x)) + np.einsum("nij,nji->n", hat, hat)
-        step = (((w * of.residual) ** 2).sum(axis=0) - trace) / np.where(information > 0, information, np.inf)
+        information = (w**2).sum(axis=0) - np.einsum("nij,nji->n", covariance, 2 * moments(w**3, x)) + np.einsum("nij,nji->n", hat, hat)
+        step = (((w * residual) ** 2).sum(axis=0) - trace) / np.where(information > 0, information, np.inf)
         before, variance = variance, np.maximum(variance + step, 0.0)
         if (np.abs(variance - before) <= SETTLED * scale).all():
             break
@@ -152,18 +146,19 @@ def without(lot: LotSessions, odd: np.ndarray) -> LotEstimate:
     along, end = (np.nan_to_num(several * each) for each in (lot.place[:, None] - 0.5, 0.5 + 1 / max(lot.units - 1, 1)))
     weighed, filled = np.where(told, noise, np.inf), np.nan_to_num(y)
     variance = spread_of(filled, along, weighed)
-    of = line(filled, along, 1 / (weighed + variance))
+    w = 1 / (weighed + variance)
+    beta, covariance, _ = line(filled, along, w)
     freedom = np.maximum(units - np.where(units > 2, 2, 1), 1)
-    mean, drift = of.beta.T
-    (mean_variance, mixed), (_, drift_variance) = np.moveaxis(of.covariance, 0, -1)
+    mean, drift = beta.T
+    (mean_variance, mixed), (_, drift_variance) = np.moveaxis(covariance, 0, -1)
     drift_sigma = several * np.sqrt(drift_variance)
     p = 2 * np.sum(units >= 2) * stdtr(freedom, -np.abs(drift) / drift_sigma)
     drift_p = float(np.min(p, initial=1.0, where=np.isfinite(p)))
     if drift_p < DRIFT_P:
         next_mean, next_variance = mean + end * drift, mean_variance + 2 * end * mixed + end**2 * drift_variance
     else:
-        next_variance = 1 / (known * of.w.sum(axis=0))
-        next_mean = next_variance * (of.w * filled).sum(axis=0)
+        next_variance = 1 / (known * w.sum(axis=0))
+        next_mean = next_variance * (w * filled).sum(axis=0)
     off = known * (y - mean - along * drift)
     off_sigma = np.sqrt(noise + variance + mean_variance + 2 * along * mixed + along**2 * drift_variance)
     return LotEstimate(

@@ -16,9 +16,8 @@ import numpy as np
 from common import markdown
 
 from session.io.units import DEG
-from tinygc.annexes.lots.hierarchy import hierarchy
+from tinygc.annexes.lots.estimate import estimate
 from tinygc.annexes.lots.lot import NAMES, UnitResult, lot_sessions
-from tinygc.annexes.lots.outliers import outliers
 
 COUNT = len(NAMES)
 #: between units, one sigma of each number, SI
@@ -44,10 +43,10 @@ def scaling(most: int) -> None:
         began = time.process_time()
         lot = lot_sessions(many(units, 0))
         read = time.process_time()
-        found = hierarchy(lot)
+        found = estimate(lot)
         ended = time.process_time()
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        ratio = float(np.mean(np.sqrt(np.diag(found.spread)) / SPREAD))
+        ratio = float(np.mean(found.spread / SPREAD))
         times = (f"{read - began:.1f}", f"{ended - read:.1f}", f"{1e3 * (ended - began) / units:.2f}")
         rows.append([str(units), *times, f"{peak:.0f}", f"{ratio:.4f}"])
         units *= 10
@@ -61,13 +60,13 @@ def coverage(lots: int, units: int, wild: float) -> None:
     sizes, odd = [], 0
     for seed in range(lots):
         lot = lot_sessions(many(units, seed, repeated=0.5, sessions=3, wild=wild))
-        found = hierarchy(lot)
-        z = np.abs(found.mean - mean) / np.sqrt(np.diag(found.mean_covariance))
-        drift = np.abs(found.drift) / np.sqrt(np.diag(found.drift_covariance))
+        found = estimate(lot)
+        z = np.abs(found.mean - mean) / found.mean_sigma
+        drift = np.abs(found.drift) / found.drift_sigma
         for name, hits in zip(inside, (z < 1, z < 2, drift < 2), strict=True):
             inside[name].append(hits)
-        sizes.append([np.diag(found.spread) / SPREAD**2, np.diag(found.repeatability) / (0.1 * SPREAD) ** 2])
-        odd += len(outliers(lot, found)) > 0
+        sizes.append([(found.spread / SPREAD) ** 2, (found.repeatability / (0.1 * SPREAD)) ** 2])
+        odd += found.odd.any()
     rows = [[name, f"{100 * float(np.mean(each)):.1f} %"] for name, each in inside.items()]
     names = ("variance of units / truth, mean", "variance of repeats / truth, mean")
     rows += [[name, f"{size:.3f}"] for name, size in zip(names, np.mean(sizes, axis=(0, 2)), strict=True)]

@@ -112,10 +112,9 @@ def lot_of_units(spread: tuple[float, float, float], units: int) -> Lot:
     """From the true numbers of so many units."""
     rng = np.random.default_rng(123)
     rows = np.array([drawn(spread, rng) for _ in range(units)])
-    mean, covariance = rows.mean(axis=0), np.cov(rows.T)
-    whole = lambda part: np.pad(part, [(0, len(LOT_NAMES) - PARAMETERS)] * np.ndim(part), constant_values=np.nan)  # noqa: E731
-    zero = np.zeros((PARAMETERS, PARAMETERS))
-    return Lot("simulated", units, units, whole(mean), whole(covariance / units), whole(covariance), np.inf, whole(zero))
+    sigma = rows.std(axis=0, ddof=1)
+    numbers = (rows.mean(axis=0), sigma / np.sqrt(units), sigma, np.zeros(PARAMETERS))
+    return Lot("simulated", units, units, *(np.pad(part, (0, len(LOT_NAMES) - PARAMETERS), constant_values=np.nan) for part in numbers))
 
 
 def one_unit(job: Job) -> dict:

@@ -19,7 +19,7 @@ from tinygc.models.files import ANNEX_KINDS, KINDS
 #: what is no JSON
 OTHERS = {f"tinygc-{name}/1" for name in ("session", "frame", "defaults", "limits", "table", "make", "requirements")}
 FORMATS = sorted(set(SCHEMA.findall(PAGE)) - OTHERS)
-LONG = ("tinygc-explain/2", "tinygc-fit/2", "tinygc-lot/2", "tinygc-model/1")
+LONG = ("tinygc-explain/2", "tinygc-fit/2", "tinygc-lot/3", "tinygc-model/1")
 each_format = pytest.mark.parametrize("name", FORMATS)
 
 

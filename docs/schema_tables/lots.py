@@ -6,7 +6,7 @@ from .commands import LEVELS
 from .explain import VERDICT
 from .shapes import COUNT, FLAG, NUMBER, SHARE, SIZE, TEXT, array, maybe
 
-_MATRIX = array(maybe(NUMBER), 21, 21)
+_SIGMAS = array(maybe(SIZE), 21)
 _LOT = {
     "version": TEXT,
     "sensor": TEXT,
@@ -14,15 +14,12 @@ _LOT = {
     "sessions": COUNT,
     "names": array(TEXT, 21),
     "mean": array(maybe(NUMBER), 21),
-    "mean_covariance": _MATRIX,
-    "spread": _MATRIX,
-    "tails": maybe(SIZE),
-    "repeatability": maybe(_MATRIX),
+    "mean_sigma": _SIGMAS,
+    "spread": _SIGMAS,
+    "repeatability": _SIGMAS,
     "notes?": [TEXT],
     "drift_p_value?": maybe(SHARE),
     "drifts?": FLAG,
-    "off_share?": SHARE,
-    "settled?": FLAG,
     "quantities?": [
         {
             "key": TEXT,
@@ -62,4 +59,4 @@ _FLEET = {
     "distributions": [{"figure": TEXT, "sessions": COUNT, "quantiles": array(NUMBER, 5)}],
 }
 
-TABLES = {"tinygc-lot/2": _LOT, "tinygc-fleet/1": _FLEET}
+TABLES = {"tinygc-lot/3": _LOT, "tinygc-fleet/1": _FLEET}

@@ -24,12 +24,8 @@ SIGMA = np.array([5e-5] * 9 + [0.02 * DEG] * 3)
 def lot(sigma: np.ndarray = SIGMA, **changes) -> Lot:
     """Normal about no correction, one sigma (12,) between units; the accelerometer's numbers are not told."""
 
-    def whole(part: np.ndarray) -> np.ndarray:
-        return np.pad(part, [(0, len(NAMES) - 12)] * np.ndim(part), constant_values=np.nan)
-
-    none = np.zeros((12, 12))
-    made = Lot(MODEL, 500, 500, whole(MEAN), whole(none), whole(np.diag(sigma**2)), np.inf, whole(none))
-    return replace(made, **changes)
+    whole = [np.pad(part, (0, len(NAMES) - 12), constant_values=np.nan) for part in (MEAN, np.zeros(12), sigma, np.zeros(12))]
+    return replace(Lot(MODEL, 500, 500, *whole), **changes)
 
 
 def write_lot(path: Path, made: Lot) -> None:

@@ -73,14 +73,14 @@ def parts(problem):
 
 
 class Judged:
-    """``fit_with_lot`` with a belonging of this probability and weight; what was given to the judgement."""
+    """``fit_with_lot`` with a belonging of this probability; what was given to the judgement."""
 
-    def __init__(self, problem, monkeypatch, probability, weight=1.0, few=False, options=OPTIONS, noise=None, of=None):
+    def __init__(self, problem, monkeypatch, probability, few=False, options=OPTIONS, noise=None, of=None):
         really, self.given = belonging, []
 
         def judge(*given):
             self.given.append(given)
-            return replace(really(*given), probability=probability, weight=weight)
+            return replace(really(*given), probability=probability)
 
         monkeypatch.setattr(lots_fit, "belonging", judge)
         monkeypatch.setattr(lots_fit, "FEWEST_SEGMENTS", len(problem.batch) + few)
@@ -104,8 +104,8 @@ def test_a_unit_that_belongs_is_judged_and_fitted_with_the_prior_of_its_noise(pr
     K, sigma = refits.share, np.sqrt(np.diag(prior.covariance))
     close(found.use.more, K @ prior.covariance @ K.T, sigma)
     np.testing.assert_allclose(found.use.share, np.diag(K), atol=2e-3)
-    ((judged, moved, noise, kept, tails),) = found.given
-    assert (judged.weight, tails) == (prior.weight, np.inf)
+    ((judged, moved, noise, kept),) = found.given
+    assert judged.weight == prior.weight
     np.testing.assert_allclose(moved, found.vector - MEAN, rtol=0, atol=1e-12)
     close(noise, refits.noise, sigma)
     np.testing.assert_allclose(kept * np.outer(1 / sigma, sigma), (np.eye(PARAMETERS) - K) * np.outer(1 / sigma, sigma), atol=2e-3)
@@ -160,18 +160,6 @@ def test_the_lot_is_used_in_part_between_its_thresholds(problem, parts, monkeypa
     both = p * (of_lot.noise + of_lot.share @ with_lot.covariance @ of_lot.share.T) + (1 - p) * (alone.noise + more)
     close(found.use.more, both + p * (1 - p) * np.outer(apart, apart) - of_lot.noise, sigma)
     np.testing.assert_allclose(found.use.share, p * np.diag(of_lot.share), atol=2e-3)
-
-
-@pytest.mark.parametrize(("weight", "factor"), [(0.5, 2.0), (1.25, 0.8)])
-def test_with_tails_the_prior_is_as_wide_as_the_unit_is_far_out(problem, monkeypatch, weight, factor):
-    found = Judged(problem, monkeypatch, 1.0, weight=weight, of=lot(tails=5.0))
-    start = bias_only(problem.still_rates.rate[0]).vector
-    prior = prior_of(lot(), start, 5.0).weighed(found.level.prior.weight).scaled(factor)
-    assert prior.covariance[0, 0] == pytest.approx(factor * 0.6 * SIGMA[0] ** 2, rel=1e-3)
-    np.testing.assert_allclose(found.level.prior.covariance, prior.covariance, rtol=1e-12)
-    refits = Refits(problem, prior)
-    np.testing.assert_allclose(found.vector, refits.fit, rtol=0, atol=1e-9)
-    close(found.use.more, refits.share @ prior.covariance @ refits.share.T, np.sqrt(np.diag(prior.covariance)))
 
 
 def test_a_bias_that_the_lot_does_not_tell_is_sought_about_the_first_still(problem, monkeypatch):
@@ -275,7 +263,7 @@ def test_a_unit_that_does_not_belong_is_left_alone_and_named(file, drawn, tmp_pa
 
 @pytest.mark.slow
 def test_a_broken_file_and_options_without_a_prior_are_refused_in_one_line(eight, file, tmp_path):
-    (tmp_path / "broken.json").write_text('{"schema": "tinygc-lot/2"')
+    (tmp_path / "broken.json").write_text('{"schema": "tinygc-lot/3"')
     for words, says in (
         (("--lot", tmp_path / "broken.json"), "broken JSON"),
         (("--lot", tmp_path / "none.json"), "none.json"),

@@ -12,7 +12,7 @@ from simulated_lots import simulated_lot
 import calibrate
 from tinygc.annexes.lots.lot import NAMES
 from tinygc.annexes.lots.page import page
-from tinygc.annexes.lots.report import lot_of, read_lot, save, to_json
+from tinygc.annexes.lots.report import lot_of, read_lot, save
 from tinygc.annexes.lots.text import lot_page
 
 
@@ -38,7 +38,7 @@ def test_the_report_says_what_was_put_in(report):
     assert bias.spread == pytest.approx(600, rel=0.35)
     # 1.5 spreads over 60 units, per 1000; the sensor's bias is minus the correction's.
     assert bias.drift_per_1000 == pytest.approx(-1.5 * 600 * 1000 / 59, abs=4 * bias.drift_sigma)
-    assert report.hierarchy.drifts
+    assert report.estimate.drifts
     (odd,) = report.outliers
     assert odd.serial == "serial <b>"
     assert odd.reasons[0].what == "gyro_bias_y_mdps"
@@ -60,11 +60,8 @@ def test_the_page_is_whole_and_escaped(report):
 
 
 def test_the_file_is_on_the_page_of_formats_and_is_a_prior(report, tmp_path):
-    table = to_json(report)
-    assert table["tails"] == np.inf
     save(report, tmp_path / "lot.json")
     kept = json.loads((tmp_path / "lot.json").read_text(encoding="utf-8"))
-    assert kept["tails"] is None
     assert not strangers(kept)
     assert read_lot(tmp_path / "lot.json").mean == pytest.approx(report.lot.mean)
 
@@ -76,13 +73,6 @@ def test_a_lot_of_two_units_says_what_it_cannot():
     assert "two units have no drift" in text
     assert "accel" not in text
     assert "nan" not in text
-
-
-def test_a_doubtful_unit_is_not_said_to_belong(report):
-    found = dataclasses.replace(report.hierarchy, belongs=np.r_[0.4, np.ones(59)])
-    doubtful = dataclasses.replace(report, outliers=(), hierarchy=found)
-    assert "none is odd beyond chance, 1 may not belong" in printed(doubtful)
-    assert "all belong" in printed(dataclasses.replace(doubtful, hierarchy=dataclasses.replace(found, belongs=np.ones(60))))
 
 
 def written_fleet(folder, first_model):

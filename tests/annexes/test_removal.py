@@ -108,7 +108,7 @@ def without(annexes: tuple[str, ...], folder: Path) -> Path:
     for name, table in (
         ("array.json", {"schema": "tinygc-array-model/1"}),
         ("thermal.json", {"schema": "tinygc-model/1", "kind": "thermal"}),
-        ("lot.json", {"schema": "tinygc-lot/2"}),
+        ("lot.json", {"schema": "tinygc-lot/3"}),
     ):
         (folder / name).write_text(json.dumps(table))
     return folder

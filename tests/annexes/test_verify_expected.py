@@ -129,12 +129,12 @@ def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):
 
 
 def test_a_lots_repeatability_is_in_the_order_of_the_parameters(tmp_path, monkeypatch):
-    lot = SimpleNamespace(repeatability=np.diag(np.arange(1.0, 22.0)), sessions=30, units=10)
+    lot = SimpleNamespace(repeatability=np.sqrt(np.arange(1.0, 22.0)), sessions=30, units=10)
     annex = SimpleNamespace(lot_for=lambda path, sensor: SimpleNamespace(lot=lot))
     monkeypatch.setattr("tinygc.annexes.verification.expected.need", lambda service, option: annex)
     found = spread_of_unit(written(tmp_path), rows_with(), lot=tmp_path / "lot.json")
-    assert found.variance[GYROSCOPE].tolist() == list(range(1, 13))  # a lot has the gyroscope first
-    assert found.variance[ACCELEROMETER].tolist() == list(range(13, 22))
+    assert found.variance[GYROSCOPE] == pytest.approx(np.arange(1, 13))  # a lot has the gyroscope first
+    assert found.variance[ACCELEROMETER] == pytest.approx(np.arange(13, 22))
     assert (found.freedom, found.assumed) == (20.0, False)
     lot.repeatability[9:12] = np.nan
     assert spread_of_unit(written(tmp_path), rows_with(), lot=tmp_path / "lot.json").assumed

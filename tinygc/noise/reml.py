@@ -7,9 +7,8 @@ turns: correlations beyond a block add little information, and the cost of the f
 
 Explain, fit and the temperature annex call ``estimate``.  Where a covariance has a structure that makes the same likelihood cheaper, its
 annex writes it in that form, and a test holds it to this one (tests/test_reml.py): an array's components are variances of single rows
-(``annexes.arrays.system``).  Two estimates are of other kinds: the bias instability of stills has innovations with outliers, and the
-posterior mean over a grid in place of a maximum (``closure.floor``); a lot has covariance matrices of 21 parameters and units with
-Student's tails (``annexes.lots.hierarchy``).
+(``annexes.arrays.system``).  A lot's spreads are one variance each (``annexes.lots.estimate``).  One estimate is of another kind: the bias
+instability of stills has innovations with outliers, and the posterior mean over a grid in place of a maximum (``closure.floor``).
 """
 
 from __future__ import annotations

@@ -33,4 +33,4 @@ def run(args: argparse.Namespace) -> int:
     if args.html is not None:
         found.save_page(args.html)
     write_json(args.json, found.to_json())
-    return 1 if args.strict and (report.hierarchy.drifts or report.outliers) else 0
+    return 1 if args.strict and (report.estimate.drifts or report.outliers) else 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
+from scipy.special import chdtrc
 
 from session.detect.segments import FEWEST_SEGMENTS
 from session.io.errors import CalibrationError
@@ -25,9 +25,9 @@ from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel, bi
 
 # A lot as prior of one unit's gyroscope, and the probability that the unit belongs to it (docs/lots.md).
 #
-# The next session's numbers are normal about the lot's mean, with the covariance of that mean, of the spread between units, and of the
-# change from session to session.  A unit that does not belong has one number, or all of them, several times as far off: both hypotheses are
-# weighted, and the lot contributes nothing under the second.
+# The next session's numbers are normal about the lot's mean, each by itself, with the variances of that mean, of the spread between units,
+# and of the change from session to session.  A unit that does not belong has one number, or all of them, several times as far off: both
+# hypotheses are weighted, and the lot contributes nothing under the second.
 
 #: fewest units for a covariance of twelve numbers of the next unit
 FEWEST_UNITS = 10
@@ -41,21 +41,17 @@ UNSEEN = 1e-9
 LEAST = 1e-6
 
 
-def prior_of(lot: Lot, start: np.ndarray, tails: float = np.inf) -> GaussianPrior:
-    """Return the prior of the next session of a unit that belongs to the lot.
+def prior_of(lot: Lot, start: np.ndarray) -> GaussianPrior:
+    """Return the prior of the next session of a unit that belongs to the lot; start (12,): the centre of numbers unknown to the lot."""
+    known = _known(lot)
+    told = (lot.spread, np.nan_to_num(lot.mean_sigma), np.nan_to_num(lot.repeatability))
+    variance = sum(each[:PARAMETERS] ** 2 for each in told) + (LEAST * PRIOR_SIGMA) ** 2
+    return GaussianPrior(np.where(known, lot.mean[:PARAMETERS], start), np.diag(np.where(known, variance, PRIOR_SIGMA**2)), known)
 
-    start (12,): the centre of numbers unknown to the lot; tails: degrees of freedom; if finite, the scale matrix is used instead of the
-    covariance.
-    """
-    mean, known = lot.mean[:PARAMETERS], np.isfinite(lot.mean[:PARAMETERS])
-    known &= np.isfinite(np.diag(lot.spread)[:PARAMETERS])
-    centre = np.where(known, mean, start)
-    block = np.ix_(known, known)
-    covariance = np.diag(PRIOR_SIGMA**2)
-    spread = lot.spread[:PARAMETERS, :PARAMETERS] * ((tails - 2) / tails if 2 < tails < np.inf else 1.0)
-    more = sum(np.nan_to_num(part[:PARAMETERS, :PARAMETERS], nan=0.0) for part in (lot.mean_covariance, lot.repeatability))
-    covariance[block] = (spread + more)[block] + np.diag((LEAST * PRIOR_SIGMA[known]) ** 2)
-    return GaussianPrior(centre, (covariance + covariance.T) / 2, known)
+
+def _known(lot: Lot) -> np.ndarray:
+    """Return (12,): the gyroscope's numbers that the lot tells."""
+    return np.isfinite(lot.mean + lot.spread)[:PARAMETERS]
 
 
 def require_usable(lot: Lot, sensor: str, where: str) -> None:
@@ -66,14 +62,10 @@ def require_usable(lot: Lot, sensor: str, where: str) -> None:
         raise CalibrationError(
             f"{where}: a lot of {lot.units} units, expected at least {FEWEST_UNITS} for a prior; add sessions of more units"
         )
-    known = np.isfinite(lot.mean[:PARAMETERS]) & np.isfinite(np.diag(lot.spread)[:PARAMETERS])
-    if not known.any():
+    if not _known(lot).any():
         raise CalibrationError(
             f"{where}: tells none of the gyroscope's {PARAMETERS} numbers; estimate the lot from sessions that were fitted"
         )
-    spread = lot.spread[np.ix_(*[np.flatnonzero(known)] * 2)]
-    if not np.isfinite(spread).all() or np.linalg.eigvalsh((spread + spread.T) / 2)[0] < -1e-9 * np.trace(spread):
-        raise CalibrationError(f"{where}: its spread is no covariance; estimate the lot again")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,18 +73,16 @@ class Belonging:
     """Membership test of a unit.
 
     probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot and session together, over the directions
-    (freedom) that the session observes; p_value of so large a one in a unit that belongs; weight: of the lot's covariance by its tails, 1
-    where the lot is normal.
+    (freedom) that the session observes; p_value of so large a one in a unit that belongs.
     """
 
     probability: float
     distance: float
     freedom: int
     p_value: float
-    weight: float = 1.0
 
 
-def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray, tails: float = np.inf) -> Belonging:
+def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray) -> Belonging:
     """Test whether a unit belongs, from the shift of its fit with the lot's prior away from the lot's mean.
 
     moved (12,): the fit's vector less the centre; noise (12, 12): covariance of the fit by the session's own noise; kept (12, 12): response
@@ -110,8 +100,6 @@ def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: 
     square, freedom = float(d @ d), int(seen.sum())
     if freedom == 0:
         return Belonging(1.0 - OFF_LOT, 0.0, 0, 1.0)
-    p_value = float(chdtrc(freedom, square) if not np.isfinite(tails) else fdtrc(freedom, tails, square / freedom))
-    log_in = _log_in(square, freedom, tails)
     # a unit that does not belong: one number, or all, each from a normal this many times as wide
     shift = project.T @ to
     outside = []
@@ -124,18 +112,9 @@ def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: 
             outside.append((_log_normal(d, np.eye(freedom) + more * np.outer(alone, alone)), 0.5 / prior.known.sum()))
     logs = np.array([log + np.log(share / len(OFF_SCALES)) for log, share in outside])
     log_out = float(np.logaddexp.reduce(logs))
-    odds = np.log1p(-OFF_LOT) + log_in - np.log(OFF_LOT) - log_out
-    weight = (tails + freedom) / (tails + square) if np.isfinite(tails) else 1.0
-    return Belonging(float(1 / (1 + np.exp(-np.clip(odds, -700, 700)))), float(np.sqrt(square)), freedom, p_value, weight)
-
-
-def _log_in(square: float, freedom: int, tails: float) -> float:
-    if not np.isfinite(tails):
-        return -square / 2
-    from scipy.stats import multivariate_t
-
-    found = multivariate_t.logpdf(np.append(np.sqrt(square), np.zeros(freedom - 1)), np.zeros(freedom), np.eye(freedom), tails)
-    return float(found) + freedom / 2 * np.log(2 * np.pi)
+    odds = np.log1p(-OFF_LOT) - square / 2 - np.log(OFF_LOT) - log_out
+    probability = float(1 / (1 + np.exp(-np.clip(odds, -700, 700))))
+    return Belonging(probability, float(np.sqrt(square)), freedom, float(chdtrc(freedom, square)))
 
 
 def _log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
@@ -149,7 +128,7 @@ def farthest(lot: Lot, vector: np.ndarray, covariance: np.ndarray, seen: np.ndar
 
     The fit is without the lot's prior; None where no parameter is observed.
     """
-    sigma = np.sqrt(np.diag(lot.spread)[:PARAMETERS])
+    sigma = lot.spread[:PARAMETERS]
     off = vector - lot.mean[:PARAMETERS]
     both = np.abs(off) / np.sqrt(sigma**2 + np.diag(covariance))
     both[~(seen & np.isfinite(both))] = -1.0
@@ -257,22 +236,17 @@ def fit_with_lot(
     """
     lot, still = given.lot, problem.still_rates.rate
     start = bias_only(still[0] if len(still) else -problem.first.B).vector
-    prior = prior_of(lot, start, lot.tails)
-    prior = prior.weighed(_noise_factor(problem, noise))
+    prior = prior_of(lot, start).weighed(_noise_factor(problem, noise))
     bias_from, level, linear = choose(problem.changed(prior=prior), options)
-    found, share, _ = _judged(level, linear, noise, options, lot)
-    if found.probability > FOREIGN and abs(found.weight - 1) > 1e-6:  # with tails, a unit farther out belongs to a wider part of the lot
-        prior = prior.scaled(1 / found.weight)
-        bias_from, level, linear = choose(problem.changed(prior=prior), options)
-        _, share, _ = _judged(level, linear, noise, options, lot)
-    weighed = level.prior
-    assert weighed is not None
+    share = prior_share(level, _model(linear), options.still_rates)
+    inside = _noise_covariance(level, linear, noise, options)
+    found = belonging(prior, _model(linear).vector - prior.centre, inside, np.eye(PARAMETERS) - share)
     few = len(problem.batch) < FEWEST_SEGMENTS
     if found.probability >= (BELONGS if few else SURE):
-        more = share @ weighed.covariance @ share.T
+        more = share @ prior.covariance @ share.T
         return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
     # with few turns the unit's own numbers are hardly determined, and the report states so
-    own_prior = vague(start).weighed(weighed.weight) if few else None
+    own_prior = vague(start).weighed(prior.weight) if few else None
     free = level.changed(prior=own_prior)
     alone = run_method("least_squares", free, options)
     covariance = _noise_covariance(free, alone, noise, options)
@@ -291,23 +265,11 @@ def fit_with_lot(
     apart = own - _model(alone).vector
     vector = own - (1 - p) * apart
     mixed = LinearModel.from_vector(vector)
-    inside = _noise_covariance(level, linear, noise, options)
-    whole = p * (inside + share @ weighed.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
+    whole = p * (inside + share @ prior.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
     linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed, options.integrator))
     used, off = ("yes", None) if p >= BELONGS else ("partly", off)
     use = LotUse(given.file, given.hash, lot.units, found, used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
     return bias_from, level, linear, use
-
-
-def _judged(
-    level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions, lot: Lot
-) -> tuple[Belonging, np.ndarray, np.ndarray]:
-    """Return the belonging of the unit; K (12, 12) of ``prior_share``; the noise's covariance (12, 12)."""
-    prior, model = level.prior, _model(linear)
-    assert prior is not None
-    share = prior_share(level, model, options.still_rates)
-    covariance = _noise_covariance(level, linear, noise, options)
-    return belonging(prior, model.vector - prior.centre, covariance, np.eye(PARAMETERS) - share, lot.tails), share, covariance
 
 
 def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions) -> np.ndarray:

@@ -138,7 +138,7 @@ class LotStatistics(Shown):
         return lot_page(self.result)
 
     def to_json(self) -> dict:
-        """``tinygc-lot/2`` (docs/formats.md)."""
+        """``tinygc-lot/3`` (docs/formats.md)."""
         return to_json(self.result)
 
     def save(self, path: Path | str) -> Path:

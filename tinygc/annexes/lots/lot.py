@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from session.io.errors import CalibrationError
-from session.io.numeric import sigma_of
 from session.io.units import DEG, G
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX
@@ -20,19 +19,17 @@ from tinygc.models.linear import BIAS, MATRIX
 class Lot:
     """The numbers ``tinygc.annexes.lots.lot.NAMES`` over units of one kind.
 
-    mean (21,) of the next unit, drift included; mean_covariance (21, 21) of that mean; spread (21, 21), the covariance between units,
-    without measurement noise; tails: degrees of freedom of the units' distribution (Student's t, infinity where it is normal);
-    repeatability (21, 21), the covariance of one unit from session to session beyond the stated one; units and sessions: how many it was
-    made of; sensor: their model.  Numbers unknown to all sessions are NaN, in rows and columns, too.
+    mean (21,) of the next unit, drift included, and its sigma; spread (21,), one sigma between units, without measurement noise;
+    repeatability (21,), one sigma of a unit from session to session beyond the stated one; units and sessions: how many it was made of;
+    sensor: their model.  Unknown numbers are NaN.
     """
 
     sensor: str
     units: int
     sessions: int
     mean: np.ndarray
-    mean_covariance: np.ndarray
+    mean_sigma: np.ndarray
     spread: np.ndarray
-    tails: float
     repeatability: np.ndarray
 
 
@@ -161,60 +158,29 @@ def jacobian(values: np.ndarray) -> np.ndarray:
     return (sensor_errors(at + steps) - sensor_errors(at - steps)).T / (2 * _STEP)
 
 
-def error_covariance(covariance: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """Return (…, 21, 21) in displayed units from SI; NaN where unknown."""
-    unknown = ~np.isfinite(np.einsum("...ii->...i", covariance))
-    found = J @ np.where(unknown[..., :, None] | unknown[..., None, :], 0.0, covariance) @ J.T
-    lost = unknown[..., OWN]
-    return np.where(lost[..., :, None] | lost[..., None, :], np.nan, found)
+def error_sigmas(sigmas: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Return (…, 21) in displayed units from SI; NaN where unknown."""
+    return np.where(np.isfinite(sigmas[..., OWN]), np.sqrt(np.nan_to_num(sigmas) ** 2 @ (J**2).T), np.nan)
 
 
-# Sessions of a lot as compact arrays, in the order of production, sized for a hundred thousand.
+# Sessions of a lot as arrays, in the order of production.
 
 COUNT = len(NAMES)
-TRIANGLE = np.triu_indices(COUNT)
-#: variance of an unknown number, in squares of the parameter's scale: it has no weight, and matrices stay invertible
-UNTOLD = 1e8
-#: units processed at once: some 20 MB
-CHUNK = 1024
-
-
-@dataclass(frozen=True, eq=False)
-class UnitChunk:
-    """Units and their sessions.
-
-    y (S, 21) and noise (S, 21, 21) in scales about the centre; first (U,) of each unit among the sessions; count (U,); place (U,), of 0 to
-    1 through production; told (U,): number of values known from its sessions.
-    """
-
-    y: np.ndarray
-    noise: np.ndarray
-    first: np.ndarray
-    count: np.ndarray
-    place: np.ndarray
-    told: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class LotSessions:
-    """Sessions of a lot: values (S, 21), SI, NaN where unknown; covariances (S, 231), their upper triangles, in units of scale (21,).
+    """Sessions of a lot: values (S, 21) and their variances (S, 21), SI; told (S, 21): those that are known.
 
-    told (S, 21): known values.  Sessions of a unit are adjacent: first (U,), count (U,); serials (U,); place (U,): production index of the
-    unit; centre (21,) and scale (21,): median and robust sigma over all sessions, SI; known (21,): numbers known of at least two units;
-    twice (21,): numbers with two sessions of at least one unit; names (S,).
+    Sessions of a unit are adjacent: first (U,), count (U,); serials (U,), in the order of production; names (S,).
     """
 
     values: np.ndarray
-    covariances: np.ndarray
+    variances: np.ndarray
     told: np.ndarray
     first: np.ndarray
     count: np.ndarray
     serials: list[str]
-    place: np.ndarray
-    centre: np.ndarray
-    scale: np.ndarray
-    known: np.ndarray
-    twice: np.ndarray
     names: list[str]
 
     @property
@@ -232,31 +198,10 @@ class LotSessions:
         """Return (S,): the unit of each session."""
         return np.repeat(np.arange(self.units), self.count)
 
-    def sigmas(self) -> np.ndarray:
-        """Return the stated sigmas (S, 21), SI; NaN where unknown."""
-        diagonal = np.flatnonzero(TRIANGLE[0] == TRIANGLE[1])
-        return np.where(self.told, np.sqrt(self.covariances[:, diagonal]) * self.scale, np.nan)
-
-    def covariance(self, sessions: np.ndarray | slice) -> np.ndarray:
-        """Return the stated covariances (…, 21, 21), in scales; ``UNTOLD`` where unknown."""
-        packed = self.covariances[sessions]
-        full = np.empty((len(packed), COUNT, COUNT))
-        full[:, TRIANGLE[0], TRIANGLE[1]] = packed
-        full[:, TRIANGLE[1], TRIANGLE[0]] = packed
-        return full
-
-    def chunks(self, units: np.ndarray | None = None, at_once: int = CHUNK) -> Iterator[tuple[np.ndarray, UnitChunk]]:
-        """Yield the numbers of units and their data, chunk by chunk; all units, or the given ones."""
-        numbers = np.arange(self.units) if units is None else units
-        last = max(self.units - 1, 1)
-        for begin in range(0, len(numbers), at_once):
-            part = numbers[begin : begin + at_once]
-            count = self.count[part]
-            first = np.concatenate([[0], np.cumsum(count)[:-1]])
-            rows = np.repeat(self.first[part] - first, count) + np.arange(count.sum())
-            y = np.where(self.told[rows], (self.values[rows] - self.centre) / self.scale, 0.0)
-            told = np.logical_or.reduceat(self.told[rows], first).sum(axis=1)
-            yield part, UnitChunk(y, self.covariance(rows), first, count, self.place[part] / last, told)
+    @property
+    def place(self) -> np.ndarray:
+        """Return (U,): the place of each unit in production, of 0 to 1."""
+        return np.linspace(0.0, 1.0, self.units)
 
 
 def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
@@ -264,67 +209,28 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
 
     Raises CalibrationError where fewer than two units have any value.
     """
-    rows, sensor_errors = [], set()
-    values, packed = [], bytearray()  # grows in place, and becomes the array without a copy
+    rows = {}
     for each in results:
         variance = np.diag(each.covariance)
-        if each.key in sensor_errors or not (np.isfinite(each.values) & (variance > 0)).any():
-            continue
-        sensor_errors.add(each.key)
-        values.append(np.array(each.values, dtype=float))
-        packed += np.asarray(each.covariance, dtype=float)[TRIANGLE].tobytes()
-        rows.append((each.serial or f"\0{each.key}", each.order, each.session))
-    serials = np.array([row[0] for row in rows], dtype=object)
-    names, of_unit = np.unique(serials.astype(str), return_inverse=True) if rows else (np.array([]), np.array([], dtype=int))
+        if each.key not in rows and (np.isfinite(each.values) & (variance > 0)).any():
+            rows[each.key] = (each.serial or f"\0{each.key}", each.order, each.session, each.values, variance.copy())
+    serials, order, sessions, values, variances = zip(*rows.values(), strict=True) if rows else ((),) * 5
+    names, of_unit = np.unique(np.array(serials, dtype=str), return_inverse=True)
     if len(names) < 2:
         raise CalibrationError(f"a lot needs fitted sessions of two units or more, got {len(names)}; give more, or name their serials")
-    order = np.array([row[1] for row in rows], dtype=float)
     made = np.full(len(names), np.inf)
     np.minimum.at(made, of_unit, order)
-    place = np.empty(len(names))
-    place[np.lexsort((names, made))] = np.arange(len(names))
-    sort = np.lexsort((order, place[of_unit]))
-    count = np.bincount(place[of_unit].astype(int))
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    rows = [rows[i] for i in sort]
-    all_values = np.array(values)[sort]
-    covariances = np.frombuffer(packed).reshape(len(rows), -1)
-    if (sort != np.arange(len(rows))).any():
-        covariances = covariances[sort]
-    shown = [names[i] for i in np.argsort(place)]
-    serial = ["" if str(name).startswith("\0") else str(name) for name in shown]
-    told, centre, scale = _scaled(all_values, covariances)
-    units_telling = np.logical_or.reduceat(told, first).sum(axis=0)
+    by_place = np.lexsort((names, made))
+    place = np.argsort(by_place)[of_unit]
+    sort = np.lexsort((order, place))
+    count = np.bincount(place)
+    y, variance = np.array(values, dtype=float)[sort], np.array(variances, dtype=float)[sort]
     return LotSessions(
-        np.where(told, all_values, np.nan),
-        covariances,
-        told,
-        first,
+        y,
+        variance,
+        np.isfinite(y) & np.isfinite(variance) & (variance > 0),
+        np.cumsum(count) - count,
         count,
-        serial,
-        np.arange(len(names), dtype=float),
-        centre,
-        scale,
-        units_telling >= 2,
-        np.any(np.add.reduceat(told.astype(int), first) >= 2, axis=0),
-        [row[2] for row in rows],
+        ["" if str(name).startswith("\0") else str(name) for name in names[by_place]],
+        [sessions[i] for i in sort],
     )
-
-
-def _scaled(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return told, centre and scale; covariances are scaled in place, with ``UNTOLD`` for unknown values."""
-    i, j = TRIANGLE
-    diagonal = np.flatnonzero(i == j)
-    variance = covariances[:, diagonal]
-    told = np.isfinite(values) & np.isfinite(variance) & (variance > 0)
-    centre, scale = np.zeros(COUNT), np.ones(COUNT)
-    for n in range(COUNT):
-        if told[:, n].any():
-            mine = values[told[:, n], n]
-            centre[n] = np.median(mine)
-            noise = np.sqrt(np.median(variance[told[:, n], n]))
-            scale[n] = max(float(sigma_of(mine - centre[n])), noise)
-    for k in range(len(i)):
-        both = told[:, i[k]] & told[:, j[k]]
-        covariances[:, k] = np.where(both, covariances[:, k] / (scale[i[k]] * scale[j[k]]), UNTOLD if i[k] == j[k] else 0.0)
-    return told, centre, scale

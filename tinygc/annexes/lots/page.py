@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from session import VERSION
 from session.io.files import result_folder
 from session.io.results import write_text_whole
-from session.io.texts import fixed, probability, significant
+from session.io.texts import fixed, probability
 from tinygc.annexes.lots.report import LotReport
 from tinygc.annexes.lots.text import CAPTION, COLUMNS, rows_of
 from tinygc.reporting.html.markup import Section, escape, paragraph, table
@@ -22,11 +20,10 @@ MOST_OUTLIERS = 50
 def lot_sections(report: LotReport) -> list[Section]:
     """Return the sections of a page."""
     rows = rows_of(report, fixed)
-    drift = probability(report.hierarchy.drift_p)
-    said = f"The lot {'drifts' if report.hierarchy.drifts else 'does not drift beyond chance'} ({drift}, all numbers together)."
-    tails = "" if np.isinf(report.lot.tails) else f" Its units have tails of {significant(report.lot.tails, 2)} degrees of freedom."
+    drift = probability(report.estimate.drift_p)
+    said = f"The lot {'drifts' if report.estimate.drifts else 'does not drift beyond chance'} ({drift}, all numbers together)."
     marked = [number for number, (_, drifts) in enumerate(rows) if drifts]
-    html = paragraph(f"{report.lot.units} units, {report.lot.sessions} sessions. {said}{tails}")
+    html = paragraph(f"{report.lot.units} units, {report.lot.sessions} sessions. {said}")
     html += table(COLUMNS, [row for row, _ in rows], CAPTION, marked=marked)
     html += "".join(paragraph(f"{escape(note[:1].upper() + note[1:])}.", "soft") for note in report.notes)
     return [Section("lot", "The lot", html), Section("lot-outliers", "What does not belong", _outliers(report))]

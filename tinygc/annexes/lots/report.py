@@ -1,4 +1,4 @@
-"""A lot's report: one record from the results of sessions, and its files (``tinygc-lot/2``, docs/formats.md)."""
+"""A lot's report: one record from the results of sessions, and its files (``tinygc-lot/3``, docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.special import stdtr
 from session import VERSION
 from session.io.errors import FormatError
 from session.io.results import Keys, ListOf, Maybe, Number, Text, read_json, require, require_schema, shown, write_whole
-from tinygc.annexes.lots.hierarchy import Hierarchy, hierarchy
+from tinygc.annexes.lots.estimate import LotEstimate, estimate
 from tinygc.annexes.lots.lot import (
     NAMES,
     OWN,
@@ -22,7 +22,7 @@ from tinygc.annexes.lots.lot import (
     LotSessions,
     SensorError,
     UnitResult,
-    error_covariance,
+    error_sigmas,
     jacobian,
     lot_sessions,
     sensor_errors,
@@ -60,74 +60,60 @@ class LotReport:
     lot: Lot
     quantities: tuple[LotQuantity, ...]
     outliers: tuple[Outlier, ...]
-    hierarchy: Hierarchy
+    estimate: LotEstimate
     notes: tuple[str, ...] = ()
 
 
 def lot_of(results: Iterable[UnitResult], sensor: str = "") -> LotReport:
     """Report on the sessions of a lot, in any order.  Raises CalibrationError where fewer than two units determine any number."""
     sessions = lot_sessions(results)
-    found = hierarchy(sessions)
-    lot = Lot(
-        sensor, sessions.units, sessions.sessions, found.next_mean, found.next_covariance, found.spread, found.tails, found.repeatability
-    )
+    found = estimate(sessions)
+    lot = Lot(sensor, sessions.units, sessions.sessions, found.next_mean, found.next_sigma, found.spread, found.repeatability)
     return LotReport(lot, _quantities(sessions, found), tuple(outliers(sessions, found)), found, _notes(sessions, found))
 
 
-def _quantities(lot: LotSessions, found: Hierarchy) -> tuple[LotQuantity, ...]:
-    J, known = jacobian(found.mean), lot.known[OWN]
-    mean = np.where(known, sensor_errors(np.where(np.isfinite(found.mean), found.mean, lot.centre)), np.nan)
-
-    def sigma(covariance: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.diag(error_covariance(covariance, J)))
-
-    of_mean, spread, again, of_drift = map(sigma, (found.mean_covariance, found.spread, found.repeatability, found.drift_covariance))
-    per = PER_UNITS / max(lot.units - 1, 1)
-    drift = np.where(known, J @ np.nan_to_num(found.drift), np.nan) * per
-    p = 2 * stdtr(max(lot.units - 2, 1), -np.abs(drift / per) / of_drift)
-    of_drift, drift, p = (each if lot.units > 2 else np.full(len(p), np.nan) for each in (of_drift * per, drift, p))
+def _quantities(lot: LotSessions, found: LotEstimate) -> tuple[LotQuantity, ...]:
+    J, per = jacobian(found.mean), PER_UNITS / max(lot.units - 1, 1)
+    sigmas = (found.mean_sigma, found.spread, found.repeatability, found.drift_sigma * per)
+    of_mean, spread, again, of_drift = (error_sigmas(each, J) for each in sigmas)
+    drift = np.where(np.isfinite(of_drift), J @ np.nan_to_num(found.drift), np.nan) * per
+    p = 2 * stdtr(found.freedom[OWN], -np.abs(drift) / of_drift)
     units = np.logical_or.reduceat(lot.told[:, OWN], lot.first).sum(axis=0)
-    columns = zip(units.tolist(), *(each.tolist() for each in (mean, of_mean, spread, again, drift, of_drift, p)), strict=True)
+    columns = zip(
+        units.tolist(), *map(np.ndarray.tolist, (sensor_errors(found.mean), of_mean, spread, again, drift, of_drift, p)), strict=True
+    )
     return tuple(LotQuantity(error, *row) for error, row in zip(SENSOR_ERRORS, columns, strict=True))
 
 
-def _notes(lot: LotSessions, found: Hierarchy) -> tuple[str, ...]:
+def _notes(lot: LotSessions, found: LotEstimate) -> tuple[str, ...]:
     told = []
-    if not found.settled:
-        told.append("the lot's variances had not converged when the passes over it ended; they are those of the last pass")
     if not (lot.count > 1).any():
         told.append("no unit has two sessions: repeatability is unknown, and is part of the spread between units")
-    if lot.units < 3 * int(lot.known.sum()):
-        told.append(
-            f"{lot.units} units are few for {int(lot.known.sum())} numbers: correlations are shrunk towards zero, tails are not estimated"
-        )
-    if (off := int(np.sum(found.belongs <= 0.5))) > 0:
-        told.append(f"{off} of {lot.units} units probably do not belong to the lot; its numbers are those of the others")
+    if found.odd.any():
+        told.append(f"the numbers are those without the {int(found.odd.sum())} of {lot.units} units that do not belong")
     if lot.units <= 2:
         told.append("two units have no drift")
     return tuple(told)
 
 
-# A lot as a file: JSON of format ``tinygc-lot/2`` (docs/formats.md), null for unknown values.
+# A lot as a file: JSON of format ``tinygc-lot/3`` (docs/formats.md), null for unknown values.
 
-SCHEMA = "tinygc-lot/2"
+SCHEMA = "tinygc-lot/3"
+#: 21 numbers each, in the order of ``NAMES``
+VECTORS = ("mean", "mean_sigma", "spread", "repeatability")
 _AGAIN = "make the lot again, or correct the file"
-#: tolerance of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: the rounding of JSON
-_ROUNDING = 1e-9
 _COUNT = Number(low=1, whole=True)
-_VECTOR = ListOf(Maybe(Number()))
-_MATRIX = ListOf(_VECTOR)
+_SIGMAS = ListOf(Maybe(Number(low=0)))
 LOT = Keys(
     must={
         "sensor": Text(),
         "units": _COUNT,
         "sessions": _COUNT,
         "names": ListOf(Text()),
-        "mean": _VECTOR,
-        "mean_covariance": _MATRIX,
-        "spread": _MATRIX,
-        "tails": Maybe(Number(low=0, above=True)),
-        "repeatability": _MATRIX,
+        "mean": ListOf(Maybe(Number())),
+        "mean_sigma": _SIGMAS,
+        "spread": _SIGMAS,
+        "repeatability": _SIGMAS,
     },
 )
 
@@ -141,11 +127,7 @@ def lot_table(lot: Lot, **more: Any) -> dict:
         "units": lot.units,
         "sessions": lot.sessions,
         "names": list(NAMES),
-        "mean": lot.mean.tolist(),
-        "mean_covariance": lot.mean_covariance.tolist(),
-        "spread": lot.spread.tolist(),
-        "tails": lot.tails,
-        "repeatability": lot.repeatability.tolist(),
+        **{key: getattr(lot, key).tolist() for key in VECTORS},
         **more,
     }
 
@@ -165,54 +147,11 @@ def lot_of_table(table: Any, where: str) -> Lot:
         )
     if table["sessions"] < table["units"]:
         raise FormatError(f"{where}: sessions is {table['sessions']}, expected at least one for each unit of {table['units']}; {_AGAIN}")
-    mean = _array(table, "mean", where, 1)
-    lot = Lot(
-        table["sensor"],
-        table["units"],
-        table["sessions"],
-        mean,
-        _covariance(table, "mean_covariance", where),
-        _covariance(table, "spread", where),
-        float("inf") if table["tails"] is None else float(table["tails"]),
-        _covariance(table, "repeatability", where),
-    )
-    for key, matrix in (("mean_covariance", lot.mean_covariance), ("spread", lot.spread), ("repeatability", lot.repeatability)):
-        for i in np.flatnonzero(np.isnan(mean) & np.isfinite(np.diag(matrix))):
-            raise FormatError(f"{where}: {key} tells of {NAMES[i]}, whose mean is null; expected null there, too; {_AGAIN}")
-    return lot
-
-
-def _array(table: dict, key: str, where: str, dimensions: int) -> np.ndarray:
-    """Return (21,) or (21, 21), NaN for null."""
-    rows, size = table[key], len(NAMES)
-    lengths = [len(rows)] + ([len(row) for row in rows] if dimensions == 2 else [])
-    for at, length in enumerate(lengths):
-        if length != size:
-            place = key if at == 0 else f"{key}[{at - 1}]"
-            raise FormatError(f"{where}: {place} has {length} entries, expected {size}, one for each name; {_AGAIN}")
-    return np.array(rows, dtype=float)
-
-
-def _covariance(table: dict, key: str, where: str) -> np.ndarray:
-    """Return (21, 21), symmetric and without negative variances where known, NaN in whole rows and columns where not."""
-    matrix = _array(table, key, where, 2)
-    unknown = np.isnan(np.diag(matrix))
-    for i, j in np.argwhere(np.isnan(matrix) != (unknown[:, None] | unknown)):
-        raise FormatError(f"{where}: {key}[{i}][{j}] is {shown(table[key][i][j])}, expected null in whole rows and columns only; {_AGAIN}")
-    told = matrix[np.ix_(~unknown, ~unknown)]
-    scale = np.sqrt(np.abs(np.diag(told)))
-    scaled = told / np.where(scale > 0, np.outer(scale, scale), 1.0) if told.size else told
-    wrong = ""
-    if (np.abs(scaled - scaled.T) > _ROUNDING).any():
-        wrong = "is not symmetric"
-    elif told.size and ((np.diag(told) < 0).any() or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING * len(told)):
-        wrong = "has a negative variance"
-    elif (np.abs(told[scale == 0]) > 0).any():
-        wrong = "has a covariance with a number of no variance"
-    if wrong:
-        raise FormatError(f"{where}: {key} {wrong}, expected a covariance; {_AGAIN}")
-    matrix[np.ix_(~unknown, ~unknown)] = (told + told.T) / 2
-    return matrix
+    for key in VECTORS:
+        if len(table[key]) != len(NAMES):
+            raise FormatError(f"{where}: {key} has {len(table[key])} entries, expected {len(NAMES)}, one for each name; {_AGAIN}")
+    vectors = (np.array(table[key], dtype=float) for key in VECTORS)
+    return Lot(table["sensor"], table["units"], table["sessions"], *vectors)
 
 
 # A lot's report as JSON: the file that ``fit --lot`` reads, with the report's other figures (docs/formats.md).
@@ -222,14 +161,12 @@ MOST_OUTLIERS = 1000
 
 
 def to_json(report: LotReport) -> dict:
-    """Return ``tinygc-lot/2``."""
-    drift = report.hierarchy
+    """Return ``tinygc-lot/3``."""
+    drift = report.estimate
     return lot_table(
         report.lot,
         drift_p_value=drift.drift_p,
         drifts=drift.drifts,
-        off_share=drift.off,
-        settled=drift.settled,
         notes=list(report.notes),
         quantities=[_quantity(each) for each in report.quantities if each.units],
         outliers_found=len(report.outliers),

@@ -44,17 +44,13 @@ def lot_page(report: LotReport) -> Group:
 
 def headline(report: LotReport) -> Text:
     """Number of units, drift, outliers."""
-    lot, found = report.lot, report.hierarchy
+    lot, found = report.lot, report.estimate
     drift = f"it drifts (p = {found.drift_p:.2g})" if found.drifts else f"no drift is seen (p = {found.drift_p:.2g})"
-    tails = "" if np.isinf(lot.tails) else f"; tails of {lot.tails:.3g} degrees of freedom"
     odd = len(report.outliers)
-    open_ = int(np.sum(found.belongs <= 0.5))
     which = f"{odd} unit{'s do' if odd != 1 else ' does'} not belong" if odd else "all belong"
-    if not odd and open_:
-        which = f"none is odd beyond chance, {open_} may not belong"
     name = f"{lot.sensor}: " if lot.sensor else ""
     return one_line(
-        f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}{tails}.", "bold yellow" if odd or found.drifts else "bold"
+        f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}.", "bold yellow" if odd or found.drifts else "bold"
     )
 
 
@@ -75,7 +71,7 @@ def rows_of(report: LotReport, fixed: Callable[[float, int], str]) -> list[tuple
             fixed(each.repeatability, max(digits, decimals(each.repeatability))),  # often far below the spread between units
             drift,
         ]
-        rows.append((row, report.hierarchy.drifts and each.drift_p_value < MARKED_P))
+        rows.append((row, report.estimate.drifts and each.drift_p_value < MARKED_P))
     return rows
 
 

@@ -80,7 +80,7 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
         return Spread(found, np.inf, "given in session.toml")
     if lot is not None:
         known = need("a lot as prior (--lot)", "--lot").lot_for(lot, rows.session.config.sensor.model).lot
-        repeats = np.diag(known.repeatability)
+        repeats = known.repeatability**2
         found[GYROSCOPE], found[ACCELEROMETER] = repeats[:12], repeats[12:]
         if np.isfinite(found[ZERO]).all():
             return Spread(found, float(max(1, known.sessions - known.units)), f"{known.sessions} sessions of {known.units} units of a lot")

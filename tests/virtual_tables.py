@@ -8,15 +8,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from virtual_line import SimulatedClock, VirtualLink
 
-from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.virtual_makes import FIRMWARE, Firmware
 from session.annexes.machines.virtual_motion import Fault
-from session.annexes.machines.wire import VirtualLink
 from session.io.units import DEG
 
 OWN = "./own_make.toml"

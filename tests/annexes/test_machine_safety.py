@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
+from virtual_line import VirtualLink
 from virtual_tables import MAKES, Bench, description
 
 from session.annexes.machines.clocks import HostClock
@@ -17,7 +18,6 @@ from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault, TableLimit
 from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.virtual_motion import Fault
-from session.annexes.machines.wire import VirtualLink
 from session.io.units import DEG
 
 TABLE = description("line")

@@ -21,9 +21,13 @@ from common import in_parallel, markdown, simulated
 from public.broad import RATE, read_hdf5
 from scipy.linalg import block_diag
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from truth_inflation import Wander, end_differences, truth_inflation
+
 from session.io.errors import DataError
 from session.io.units import DEG, DEG_PER_HOUR, NS
-from tinygc.annexes.noise.inflation import Inflation, Wander, end_differences, inflations, truth_inflation
+from tinygc.annexes.noise.inflation import Inflation, inflations
 from tinygc.attitude import rotation
 from tinygc.closure.floor import allan_curve
 from tinygc.closure.least_squares import fit_least_squares

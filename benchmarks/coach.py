@@ -133,8 +133,7 @@ class CoachedHand:
         t_s = np.arange(begin_s - 1.0, begin_s + seconds + 1.0, 1 / 50)
         moved = motion.move(MovementPlan(before, tuple(strokes), (), 0.0, None, 0.0), t_s)
         ends = [
-            Still(0, 1, 0.0, 2.0, np.zeros(3), np.zeros(3), np.zeros(3), self._force(a), np.zeros(3), np.zeros(3), 25.0)
-            for a in (before, self._angles)
+            Still(0, 1, 0.0, 2.0, np.zeros(3), np.zeros(3), self._force(a), np.zeros(3), np.zeros(3), 25.0) for a in (before, self._angles)
         ]
         samples = Samples(np.rint(t_s * 1e9).astype(np.int64), moved.rate, np.zeros_like(moved.rate))
         segment = Segment(0, 0, *ends, 0, len(t_s), t_s[0], t_s[-1] - t_s[0], seconds, 90.0)

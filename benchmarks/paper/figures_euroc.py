@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from public.euroc import true_bias_rps
 
 from paper.adamw_runs import adamw_run
-from paper.euroc import EUROC, Euroc, euroc_folders, read_euroc
+from paper.euroc import EUROC, Euroc, euroc_folders, orientation_error, read_euroc
 from session.io.units import DEG
-from tinygc.closure.truth import orientation_error
 from tinygc.estimation.bias_of_day import from_gravity
 from tinygc.estimation.network import fit_distance, train_second_order
 

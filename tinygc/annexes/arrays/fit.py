@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
 from session import VERSION
@@ -237,13 +236,6 @@ class UnitFit:
         """Return the sigmas (12,) by the unit's own gravity alone."""
         return np.sqrt(np.diag(self.covariance_alone))
 
-    @property
-    def best_gain(self) -> float:
-        """Return the largest ratio of sigma alone to the array's, over all directions of the twelve: yaw about the vertical."""
-        factor = np.linalg.cholesky(self.covariance[:PARAMETERS, :PARAMETERS])
-        white = solve_triangular(factor, self.covariance_alone, lower=True)
-        return float(np.sqrt(np.linalg.eigvalsh(solve_triangular(factor, white.T, lower=True))[-1]))
-
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
@@ -288,19 +280,18 @@ def fit_array(
     *,
     places: tuple[UnitPlace, ...] | None = None,
     bias: str = "auto",
-    with_ages: bool = True,
     use_earth: bool = True,
     accelerometer: str = "auto",
     progress: Callable[[str], None] = lambda what: None,
 ) -> ArrayFit:
     """Estimate all units jointly.
 
-    places: clocks and mountings, if known; with_ages: whether the latencies of readings that beat against the reader are subtracted from
+    places: clocks and mountings, if known; where they are not, the latencies of readings that beat against the reader are subtracted from
     their stamps; bias: one of ``BIASES``; accelerometer as in ``prepare``.  Raises the errors of ``places_of``, and FitError where fewer
     than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
-    ages = ages_of(array, clock_fits(array)) if with_ages and places is None and of_one_reader(array) else ()
+    ages = ages_of(array, clock_fits(array)) if places is None and of_one_reader(array) else ()
     sampled = corrected(array, ages) if any(each.found for each in ages) else array
     units, left = prepare_units(sampled, places or places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)

@@ -278,7 +278,6 @@ class ArrayFit:
 def fit_array(
     array: ArraySession,
     *,
-    places: tuple[UnitPlace, ...] | None = None,
     bias: str = "auto",
     use_earth: bool = True,
     accelerometer: str = "auto",
@@ -286,14 +285,13 @@ def fit_array(
 ) -> ArrayFit:
     """Estimate all units jointly.
 
-    places: clocks and mountings, if known; where they are not, the latencies of readings that beat against the reader are subtracted from
-    their stamps; bias: one of ``BIASES``; accelerometer as in ``prepare``.  Raises the errors of ``places_of``, and FitError where fewer
-    than two units can be used or they have no turns in common.
+    The latencies of readings that beat against the reader are subtracted from their stamps.  bias: one of ``BIASES``; accelerometer as in
+    ``prepare``.  Raises the errors of ``places_of``, and FitError where fewer than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
-    ages = ages_of(array, clock_fits(array)) if places is None and of_one_reader(array) else ()
+    ages = ages_of(array, clock_fits(array)) if of_one_reader(array) else ()
     sampled = corrected(array, ages) if any(each.found for each in ages) else array
-    units, left = prepare_units(sampled, places or places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
+    units, left = prepare_units(sampled, places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)
     progress("motion beyond the data rate")
     missed = missed_between(units, same)

@@ -75,7 +75,7 @@ def build_truth_problem(
     at = attitudes(batch, model(batch.rate))
     batch = replace(batch, earth=earth.in_body(at))
     model = fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
-    logs = [_with_attitudes(log, number, batch, accepted, at, model) for number, log in enumerate(logs)]
+    logs = [_with_attitudes(log, number, accepted, at) for number, log in enumerate(logs)]
     floor = _floor(batch, at, accepted, ends, logs, protocol.truth_sigma_deg * DEG)
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     floor = floor.widened(more) if widened else floor
@@ -142,7 +142,7 @@ def _earth(session: Session) -> EarthRate:
     return vertical_only(site.latitude_deg) if site.heading_deg is None else with_heading(site.latitude_deg, site.heading_deg)
 
 
-def _with_attitudes(log: StillSet, number: int, batch: Batch, segments: list[Segment], at: np.ndarray, model: LinearModel) -> StillSet:
+def _with_attitudes(log: StillSet, number: int, segments: list[Segment], at: np.ndarray) -> StillSet:
     """Set the attitudes of the stills from truth and gyro."""
     q = []
     for still in log.stills:

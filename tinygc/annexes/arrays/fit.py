@@ -188,9 +188,6 @@ def solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition
 
 # Fit of an array: each unit's calibration and extrinsics, and the residuals of its turns, split into common and individual parts.
 
-#: source of each turn's bias; auto: the stills, if they reduce the units' own errors significantly
-BIASES = ("auto", "ends", "stills")
-
 
 @dataclass(frozen=True, eq=False)
 class UnitFit:
@@ -285,8 +282,9 @@ def fit_array(
 ) -> ArrayFit:
     """Estimate all units jointly.
 
-    The latencies of readings that beat against the reader are subtracted from their stamps.  bias: one of ``BIASES``; accelerometer as in
-    ``prepare``.  Raises the errors of ``places_of``, and FitError where fewer than two units can be used or they have no turns in common.
+    The latencies of readings that beat against the reader are subtracted from their stamps.  bias: source of each turn's bias, ends, stills
+    or auto: the stills, if they reduce the units' own errors significantly; accelerometer as in ``prepare``.  Raises the errors of
+    ``places_of``, and FitError where fewer than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
     ages = ages_of(array, clock_fits(array)) if of_one_reader(array) else ()

@@ -59,6 +59,7 @@ def forms_of(largest: dict[str, float], count: int) -> list:
 def timed(folder: Path, count: int, projections: int) -> dict:
     """Seconds by step, and MB, of screening one folder in this process."""
     from session.io.folder import read_session
+    from tinygc.annexes.discovery.constants import refined
     from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
     from tinygc.annexes.discovery.quantities import largest_of
     from tinygc.annexes.discovery.screening import screened
@@ -87,7 +88,8 @@ def timed(folder: Path, count: int, projections: int) -> dict:
     best = step("chance and order", lambda: screening.chance.level(0.05) and forms[screening.order[0]])
     distinct = step("forms that differ", lambda: screening.distinct)
     step("same as the best", lambda: screening.same_as(best))
-    step("sharpening five", lambda: [screening.refined(forms[number]) for number in screening.order[:5]])
+    every, last = screening.all_responses, screening.all_projections[-1]
+    step("sharpening five", lambda: [refined(forms[number], every, last) for number in screening.order[:5]])
     step("learnable", lambda: learnable(screening, 0.01))
     step("learnable from", lambda: learnable_from(screening, best, np.full(best.size, 1e-3), 0.01))
     more_mb = peak_memory_mb() - before_mb

@@ -16,7 +16,7 @@ from scipy import stats
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.io.folder import Session
 from session.io.logfile import Log
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
@@ -90,7 +90,7 @@ def recorded(options: SimulationOptions, scale_ppm: float = 0.0) -> Session:
 def as_session(options: SimulationOptions, unit: SimulatedUnit, log) -> Session:
     """As the folder would be read."""
     gyro, accel = gyro_rps_per_lsb(options.gyro_fs_dps), accel_mps2_per_lsb(options.accel_fs_g)
-    samples = Samples(log.t_us * 1000, log.gyro * gyro, log.accel * accel, temperature_c(log.temp))
+    samples = Samples(log.t_us * 1000, log.gyro * gyro, log.accel * accel, RegisterUnits(DEFAULT, None, None).temperature_c(log.temp))
     config = Config(
         Sensor("ASM330LHH", "simulated", options.odr_hz, options.gyro_fs_dps, options.accel_fs_g),
         Accelerometer(unit.accel_matrix, unit.accel_bias),

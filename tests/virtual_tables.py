@@ -100,11 +100,11 @@ class Bench:
 
     def motor(self, number=0):
         """Where its motor is by now: angle, rad, and rate, rad/s."""
-        return self.virtual.tracks[number].state(self.clock.now_s() - self.virtual.begin_s)
+        return self.virtual.tracks[number].state(self.clock.now_s() - self.virtual.mechanics.begin_s)
 
     def comes_to_rest(self):
         """Wait until no motor turns any more; False where one turns for ever."""
         end_s = max(track.busy_until_s for track in self.virtual.tracks)
         if end_s < np.inf:
-            self.clock.sleep(end_s - self.clock.now_s() + self.virtual.begin_s)
+            self.clock.sleep(end_s - self.clock.now_s() + self.virtual.mechanics.begin_s)
         return end_s < np.inf

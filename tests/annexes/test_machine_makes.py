@@ -121,7 +121,7 @@ def test_units_of_the_make_and_its_sense():
 def test_the_own_clock_is_read(make):
     bench = Bench(description(make))
     bench.clock.sleep(12.5)
-    assert bench.driver.where().table_s == pytest.approx(bench.clock.now_s() - bench.virtual.begin_s, abs=0.1)
+    assert bench.driver.where().table_s == pytest.approx(bench.clock.now_s() - bench.virtual.mechanics.begin_s, abs=0.1)
 
 
 def test_a_locked_grbl_says_so_and_is_homed():

@@ -17,11 +17,14 @@ from common import markdown, progress
 from public import mikov, mimu
 from scipy.spatial.transform import Rotation
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from turn_differences import TurnDifferences, turn_differences
+
 from session.annexes.arrays.recording import ArraySession, read_array
 from session.io.units import DEG
 from tinygc.annexes.arrays.extrinsics import clock_fits, places_of
 from tinygc.annexes.arrays.latency import SampleAges, ages_of
-from tinygc.annexes.arrays.turn_differences import TurnDifferences, turn_differences
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

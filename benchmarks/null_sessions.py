@@ -18,6 +18,7 @@ from common import in_parallel, markdown, simulated
 from scipy import stats
 
 from session.io.errors import CalibrationError
+from tinygc.noise.channels import channel_p_values
 from tinygc.simulation.options import SimulationOptions
 
 RATES_HZ = (62.5, 104.0, 208.0, 416.0, 833.0)
@@ -60,7 +61,7 @@ def explained(job: tuple[int, float]) -> dict:
         "verdict": result.verdict,
         "p_value": result.p_value,
         "first_p": result.naming.first_p,
-        "channel_p": result.channel_p,
+        "channel_p": channel_p_values(result.twin, result.whiten, result.naming.first.r, result.naming.first.J),
         "named": [claim.effect.id for claim in result.claimed],
         "findings": [finding.effect.id for finding in result.findings],
         "seconds": time.perf_counter() - began,

@@ -16,13 +16,15 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from table_simulation import LostSteps, fixed_moves
+from table_summaries import Stamps, Summary, draw
 
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.mechanics import AxisErrors, TableErrors
 from session.io.units import DEG
 from tinygc.annexes.machines.selection import Selected, select
-from tinygc.annexes.machines.simulation import LostSteps, fixed_moves
-from tinygc.annexes.machines.summaries import Stamps, Summary, draw
 from tinygc.effects.catalogue import catalogue
 
 X, Y, Z = np.eye(3)

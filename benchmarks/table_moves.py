@@ -74,7 +74,7 @@ def beforehand() -> list[tuple[AxisMove, ...]]:
     """The best fixed sequence."""
     with tempfile.TemporaryDirectory() as folder:
         moves = TableMoves(bench(folder, 0).description, np.zeros(3), HOLD_STILLS * Protocol().still_s)
-    return [turn.moves for turn in Coach(machine=moves).rehearse(False, enough=True, ahead=True).turns]
+    return [turn.moves for turn in Coach(machine=moves).rehearse(False, ahead=True).turns]
 
 
 def one(job: tuple[str, int, int, list[tuple[AxisMove, ...]]]) -> list[tuple[float, float]]:

@@ -17,7 +17,7 @@ from common import in_parallel, markdown
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.io.folder import Session
 from session.io.logfile import Log
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from session.io.units import MDPS
 from tinygc.closure.build import build_problem
@@ -37,7 +37,7 @@ def one_seed(job: tuple[int, float]) -> list[float]:
     simulation = simulate_session(options)
     log, unit = simulation.log, simulation.unit
     gyro, accel = log.gyro * gyro_rps_per_lsb(options.gyro_fs_dps), log.accel * accel_mps2_per_lsb(options.accel_fs_g)
-    samples = Samples(log.t_us * 1000, gyro, accel, temperature_c(log.temp.astype(float)))
+    samples = Samples(log.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(log.temp.astype(float)))
     config = Config(
         Sensor("ASM330LHH", "", options.odr_hz, options.gyro_fs_dps, options.accel_fs_g),
         Accelerometer(unit.accel_matrix, unit.accel_bias),

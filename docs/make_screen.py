@@ -18,7 +18,7 @@ from session.bench.guide import Guide
 from session.bench.messages import Kind, Stage
 from session.bench.screen import REMEMBERED, view
 from session.io.config import Protocol, Sensor
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc.planning.coach import Coach
@@ -33,7 +33,7 @@ def main() -> None:
     log = simulation.log
     gyro = log.gyro * gyro_rps_per_lsb(500)
     accel = simulation.unit.accel_matrix @ (log.accel * accel_mps2_per_lsb(4) - simulation.unit.accel_bias)[..., None]
-    samples = Samples(log.t_us * 1000, gyro, accel[..., 0], temperature_c(log.temp.astype(float)))
+    samples = Samples(log.t_us * 1000, gyro, accel[..., 0], RegisterUnits(DEFAULT, None, None).temperature_c(log.temp.astype(float)))
     turn_s = next(stop for start, stop in simulation.plan.turns if stop > 60)
     trembles = (samples.t_s > turn_s) & (samples.t_s < turn_s + 1.2)
     gyro[trembles] += HAND_DPS * DEG * np.random.default_rng(0).standard_normal((int(trembles.sum()), 3))

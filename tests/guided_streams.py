@@ -7,7 +7,7 @@ from session.bench.guide import Guide
 from session.bench.messages import Kind
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from tinygc import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
@@ -33,7 +33,7 @@ def said(changes, kind: Kind) -> list[str]:
 def simulated(segments=10, **options) -> Samples:
     log = simulate_session(SimulationOptions(segments=segments, closure_s=0.0, **options)).log
     gyro, accel = log.gyro * gyro_rps_per_lsb(500), log.accel * accel_mps2_per_lsb(4)
-    return Samples(log.t_us * 1000, gyro, accel, temperature_c(log.temp.astype(float)))
+    return Samples(log.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(log.temp.astype(float)))
 
 
 def offline(samples: Samples, odr_hz=208.0):

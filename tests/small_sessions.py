@@ -138,7 +138,7 @@ def _still(start, t_ns, measured, accel, number, noise, rng) -> Still:
     force = accel[start] + noise * ACCEL[number] / np.sqrt(2 * duration_s) * rng.normal(size=3)
     none = np.zeros(3)
     start_s = (t_ns[start] - t_ns[0]) * 1e-9
-    return Still(start, stop, start_s, duration_s, measured[start:stop].mean(axis=0), none, none, force, none, none, 25.0)
+    return Still(start, stop, start_s, duration_s, measured[start:stop].mean(axis=0), none, force, none, none, 25.0)
 
 
 def _spd(rng, d: int) -> np.ndarray:

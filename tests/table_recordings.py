@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
+from virtual_bench import PORT, VirtualBench
+
 from session.annexes.machines.description import read_description
 from session.annexes.machines.mechanics import TableErrors
 from session.annexes.machines.verbs import TableFault
@@ -14,7 +16,6 @@ from session.bench.guided_session import GuidedRecording
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from tinygc.annexes.machines.recording import TurnedRecording
-from tinygc.annexes.machines.virtual_bench import PORT, VirtualBench
 from tinygc.planning.coach import Coach
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import config_text

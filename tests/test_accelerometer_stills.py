@@ -13,14 +13,13 @@ from session.detect.accelerometer import (
     RUNGS,
     attitudes_of,
     fit_lengths,
-    from_stills,
     why_not,
     with_section,
     write_calibrated_copy,
 )
 from session.detect.check_references import own_fit
 from session.io.config import Accelerometer
-from session.io.errors import FormatError, SegmentError
+from session.io.errors import FormatError
 from session.io.units import MG
 
 MATRIX = np.array([[0.99, 0.01, -0.02], [0, 1.01, 0.005], [0, 0, 0.995]])
@@ -211,8 +210,6 @@ def test_as_many_numbers_as_there_are_attitudes():
     assert why_not(fit_lengths(force[:8], GRAVITY)) == "the stills lie in 8 attitudes, too few for an accelerometer's 9 numbers"
     ring = GRAVITY * np.stack([np.cos(np.arange(9) * 0.6), np.sin(np.arange(9) * 0.6), np.zeros(9)], axis=1)
     assert why_not(fit_lengths(ring, GRAVITY)) == "the 9 attitudes of the stills do not fix an accelerometer's 9 numbers"
-    with pytest.raises(SegmentError, match="too few for an accelerometer's 9 numbers: rest it on all six sides"):
-        from_stills([Table().tumble(3).samples()])
 
 
 def test_six_sides_know_their_sigmas_from_the_noise_of_the_stills():
@@ -224,17 +221,6 @@ def test_six_sides_know_their_sigmas_from_the_noise_of_the_stills():
     found = own_fit(session_of(table.samples(accel_ug=400.0, registers=False)))
     assert (found.rung.count, found.attitudes) == (6, 6)
     assert found.sigma_mps2 == pytest.approx(np.hypot(0.05 * MG, 0.4 * MG / np.sqrt(2 * 3)), rel=0.1)
-
-
-def tumbled():
-    table = Table().tumble(24, rest_s=1.2, turn_s=1.5, seed=5)  # a still of one second, not of two
-    samples = table.samples(100.0, registers=False)
-    return samples.with_accel(as_measured(samples.accel))
-
-
-def test_stills_are_found_before_the_accelerometer_is_calibrated():
-    found = from_stills([tumbled()], GRAVITY)
-    assert left_mg(found, np.random.default_rng(0)) < 0.3
 
 
 MULTILINE = """schema = "tinygc-session/1"  # [accelerometer] is below

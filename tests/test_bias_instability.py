@@ -209,7 +209,7 @@ def rests(temp=True):
         stills = []
         for k, (a, b) in enumerate(spans):
             force, none = rng.normal(size=3) * 9, np.zeros(3)
-            still = Still(a, b, a * 0.01, (b - a) * 0.01, rng.normal(size=3), none, none, force, none, none, 21.0 + k, bumps=int(k == 3))
+            still = Still(a, b, a * 0.01, (b - a) * 0.01, rng.normal(size=3), none, force, none, none, 21.0 + k, bumps=int(k == 3))
             stills.append(replace(still, problem="creeps" if k == 2 else None))
         noise = Noise(np.array([1.0, 2, 3]) * (number + 1), np.ones(3))
         q_tb = Rotation.random(len(spans), random_state=number).as_quat(scalar_first=True)
@@ -274,7 +274,7 @@ def test_the_estimate_is_the_posterior_over_all_axes_without_other_causes(source
         part = slice(200 * k, 200 * k + 150)
         gyro[part] += (1000 * after[k] * [1, -2, 3, -3][:steps]).sum() * DPH
         gyro[part] += q[k].inv().apply(earth.rate_t) + [50 * DPH, 0, 0] + rng.normal(size=3) * 15 * DPH
-        stills.append(Still(part.start, part.stop, 2.0 * k, 1.5, none, none, none, q[k].inv().apply([0, 0, -9.8]), none, none, 25.0))
+        stills.append(Still(part.start, part.stop, 2.0 * k, 1.5, none, none, q[k].inv().apply([0, 0, -9.8]), none, none, 25.0))
     noise = Noise(np.array([1.0, 1.2, 0.9]) * 60 * DPH * np.sqrt(0.02), np.ones(3))
     log = StillSet(Samples(t_ns, gyro, gyro, np.full(rows, 25.0)), stills, noise, q.as_quat(scalar_first=True), np.zeros(count, dtype=int))
     middles = np.array([(400 * k + 149) / 2 * 0.01 for k in range(count)])

@@ -23,7 +23,7 @@ DIAL_RAD, STOP_RAD = 3e-3, 1e-4
 def still(q, duration_s):
     zero = np.zeros(3)
     force = Rotation.from_quat(q, scalar_first=True).inv().apply([0, 0, -GRAVITY])
-    return Still(0, 312, 0.0, duration_s, zero, zero, zero, force, zero, zero, 25.0)
+    return Still(0, 312, 0.0, duration_s, zero, zero, force, zero, zero, 25.0)
 
 
 def made(kind):

@@ -78,7 +78,7 @@ def small(turns=24, stated=False, noise=1.0, bad=0.0, one_axis=False, site_mps2=
     q = Rotation.concatenate(attitudes)
     batch = replace(batch, start=wxyz(q[:-1]), end=wxyz(Rotation.from_rotvec(ends) * q[1:]))
     none = np.zeros(3)
-    stills = [Still(10 * i, 10 * i + 5, 1.0 * i, seconds[i], none, none, none, f, none, none, 25.0) for i, f in enumerate(force)]
+    stills = [Still(10 * i, 10 * i + 5, 1.0 * i, seconds[i], none, none, f, none, none, 25.0) for i, f in enumerate(force)]
     creeping = replace(stills[0], accel_mean=np.array([1.0, 2.0, 3.0]), problem="creeps")
     segments = [Segment(i, int(second[i]), stills[i], stills[i + 1], 0, 1, 0.0, 1.0, 1.0, 90.0) for i in range(turns)]
     segments.insert(2, replace(segments[1], problem="left out"))

@@ -134,7 +134,7 @@ def at_rest_session(N: float, seed: int, lsb: float = 0.0, count: int = 6, rows:
     gyro[::rows] += rng.normal(size=(count, 3)) * 0.1  # what turns does not show the noise, and shows the steps
     gyro = np.rint(gyro / lsb) * lsb if lsb else gyro
     none = np.zeros(3)
-    stills = [Still(k * rows + 25, (k + 1) * rows - 25, 0.0, 1.0, none, none, none, none, none, none, 25.0) for k in range(count)]
+    stills = [Still(k * rows + 25, (k + 1) * rows - 25, 0.0, 1.0, none, none, none, none, none, 25.0) for k in range(count)]
     t_ns = (np.arange(len(gyro)) * round(period_s * 1e9)).astype(np.int64)
     return SimpleNamespace(logs=[SimpleNamespace(samples=Samples(t_ns, gyro, gyro, None), stills=stills)])
 

@@ -131,7 +131,7 @@ def test_each_still_tells_by_its_white_noise_and_what_the_accelerometer_wanders(
     """Of 2 and 8 s: half the mean square density by the seconds, and the square of the rest."""
     noise, force = Noise(np.full(3, 1e-4), np.array([1e-3, 2e-3, 3e-3])), forces(2, 1)
     stills = tuple(
-        Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 3, row, *[np.zeros(3)] * 2, 25.0)
+        Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 2, row, *[np.zeros(3)] * 2, 25.0)
         for seconds, row in zip((2.0, 8.0), read_by(RAW, force), strict=True)
     )
     known = turns.OwnAccelerometer(RAW, 4e-4)

@@ -26,8 +26,8 @@ from benchmarks.public.__main__ import main
 from benchmarks.public.broad import read_hdf5
 from benchmarks.public.euroc import to_down, write_training_windows
 from benchmarks.public.mimu import read_frames
+from benchmarks.public.writing import from_stills
 from benchmarks.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
-from session.detect.accelerometer import from_stills
 from session.io.config import read_config
 from session.io.rests import read_rest
 from session.io.units import G

@@ -45,5 +45,5 @@ def test_info_is_an_event_of_its_own(wire, tmp_path):
     recorder = Recorder(tmp_path / "s", wire[1])
     events = record(recorder, wire[0], b"".join(frame_list(*sent(100))) + frames.encode_info(100, INFO))
     assert [event for event in events if isinstance(event, Info)] == [INFO]
-    assert recorder.odr_hz == INFO.odr_hz
+    assert recorder.decoder.info.odr_hz == INFO.odr_hz
     recorder.close()

@@ -38,7 +38,7 @@ CONFIG = config(odr_hz=100.0)  # 500 dps, whose register ends at 573; stills of 
 
 def still(start, stop, down=DOWN, bias=(0.0, 0, 0), problem=None):
     none = np.zeros(3)
-    return Still(start, stop, start / 100, (stop - start) / 100, np.array(bias), none, none, np.array(down), none, none, 25.0, 0, problem)
+    return Still(start, stop, start / 100, (stop - start) / 100, np.array(bias), none, np.array(down), none, none, 25.0, 0, problem)
 
 
 def samples_of(count, gyro=0.0):

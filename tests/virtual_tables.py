@@ -8,15 +8,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from virtual_line import SimulatedClock, VirtualLink
 
-from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.virtual_makes import FIRMWARE, Firmware
 from session.annexes.machines.virtual_motion import Fault
-from session.annexes.machines.wire import VirtualLink
 from session.io.units import DEG
 
 OWN = "./own_make.toml"
@@ -101,11 +100,11 @@ class Bench:
 
     def motor(self, number=0):
         """Where its motor is by now: angle, rad, and rate, rad/s."""
-        return self.virtual.tracks[number].state(self.clock.now_s() - self.virtual.begin_s)
+        return self.virtual.tracks[number].state(self.clock.now_s() - self.virtual.mechanics.begin_s)
 
     def comes_to_rest(self):
         """Wait until no motor turns any more; False where one turns for ever."""
         end_s = max(track.busy_until_s for track in self.virtual.tracks)
         if end_s < np.inf:
-            self.clock.sleep(end_s - self.clock.now_s() + self.virtual.begin_s)
+            self.clock.sleep(end_s - self.clock.now_s() + self.virtual.mechanics.begin_s)
         return end_s < np.inf

@@ -11,11 +11,16 @@ from pathlib import Path
 import numpy as np
 from public.euroc import write_sequences, write_training_windows
 
+from session.detect.truth_segments import moments_inside
 from session.io.folder import read_session
+from session.io.logfile import Truth
+from session.io.samples import Samples
 from session.io.units import DEG
+from tinygc.attitude import rotation
+from tinygc.attitude.rotation import steps
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import Problem
-from tinygc.closure.truth import absolute_orientation_error
+from tinygc.closure.residual import RateMap
 from tinygc.estimation.bias import Levelled, level_days
 
 EUROC = Path(__file__).resolve().parents[3] / "shared" / "euroc"
@@ -39,9 +44,24 @@ class Euroc:
 
 
 def sequence_error_deg(problem: Problem, model) -> float:
-    """AOE of a whole sequence, in degrees."""
+    """AOE of a whole sequence, in degrees: sqrt(mean |log(R_true^T R_carried)|^2) over all moments (Brossard et al. 2020)."""
     session = problem.session
-    return absolute_orientation_error(session.logs[0].samples, session.truths[0], model) / DEG
+    _, error = orientation_error(session.logs[0].samples, session.truths[0], model)
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) / DEG
+
+
+def orientation_error(samples: Samples, truth: Truth, model: RateMap) -> tuple[np.ndarray, np.ndarray]:
+    """Orientation error at the truth's moments within the log: t_s (K,) since the first, and rotation vectors (K, 3) rad in body axes.
+
+    ``model`` maps measured rates (N, 3) to calibrated ones.  Raises DataError if truth and log do not share their times.
+    """
+    rows, q_true = moments_inside(samples, truth)
+    part = samples.between(int(rows[0]), int(rows[-1]) + 1)
+    # The model runs over the whole log, since it may have memory.
+    rate = np.asarray(model(samples.gyro))[rows[0] : rows[-1] + 1]
+    running = rotation.accumulate(steps(rate, part.dt_s))
+    q = np.concatenate([q_true[:1], rotation.multiply(q_true[0], running)])[rows - rows[0]]
+    return part.t_s[rows - rows[0]], rotation.log(rotation.multiply(rotation.conjugate(q_true), q))
 
 
 @contextmanager

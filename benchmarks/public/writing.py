@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import gzip
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from session.detect.accelerometer import REMARK, from_stills, with_section
+from session.detect.accelerometer import REMARK, fit_lengths, force_of, times_of, why_not, with_section
+from session.detect.stills import find_stills, references
+from session.io.config import Accelerometer
 from session.io.errors import FormatError, SegmentError
 from session.io.folder import read_session
+from session.io.samples import Samples
+from session.io.units import STANDARD_GRAVITY_MPS2
 
 LOG, TRUTH, REST = "log0001.csv.gz", "truth0001.csv.gz", "rest0001.csv.gz"
 AGAIN = "download it again"
@@ -79,6 +83,20 @@ def write_folder(folder: Path, toml: str, files: Mapping[str, Table], given: boo
             _calibrate_from_stills(made, folder)
         made.replace(folder)
     return folder
+
+
+def from_stills(samples: Sequence[Samples], gravity_mps2: float = STANDARD_GRAVITY_MPS2, still_s: float = 1.0) -> Accelerometer:
+    """The pre-calibration that brings every still's mean specific force to ``gravity_mps2``, upper triangular, with its bias.
+
+    samples: the logs, accelerometer as measured in m/s^2.  A few stills that are none hardly count.  Raises SegmentError where the
+    stills are too few or their attitudes too alike for all nine numbers.
+    """
+    logs = [references(find_stills(log, still_s)[0]) for log in samples]
+    middle_s, duration_s = times_of(logs, samples)
+    found = fit_lengths(force_of([still for log in logs for still in log]), gravity_mps2, middle_s=middle_s, duration_s=duration_s)
+    if found.unobserved:
+        raise SegmentError(f"{why_not(found)}: rest it on all six sides and some edges, or leave its calibration out")
+    return found.accelerometer
 
 
 def _calibrate_from_stills(made: Path, folder: Path) -> None:

@@ -81,8 +81,8 @@ class LogWriter:
     short starts after many others get none.
     """
 
-    def __init__(self, folder: Path, stem: str = "log"):
-        self.folder, self.stem = folder, stem
+    def __init__(self, folder: Path):
+        self.folder, self.stem = folder, "log"
         self.paths: list[Path] = []  #: the logs so far, in order
         self.put_aside: list[Path] = []  #: where logs went that somebody had changed
         self.physical: bool | None = None  #: whether the samples are in physical units; None before the first
@@ -96,7 +96,7 @@ class LogWriter:
         self._held: list[Event] = []  # since the last start, while it may be short
         self.not_logged = self.not_logged_starts = 0  #: samples of short starts without a log, and those starts
         self.renamed: dict[str, str] = {}  #: logs that ``keep`` has named: first name -> last name
-        self._own_stem = stem  # while another board's samples are written
+        self._own_stem = self.stem  # while another board's samples are written
 
     def begin(self, stem: str) -> None:
         """The next sample begins a new file ``stem*.csv``."""

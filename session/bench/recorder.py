@@ -202,11 +202,6 @@ class Recorder:
                 events += [event for item in group for event in self._take_state(item)]
         return events
 
-    @property
-    def odr_hz(self) -> float | None:
-        """The true data rate: from the board's info, else from its stamps."""
-        return self.decoder.info.odr_hz if self.decoder.info else self.decoder.measured_odr_hz
-
     def _take_state(self, item: Opened | Closed | Exception) -> list[Event]:
         if isinstance(item, Exception):
             raise item

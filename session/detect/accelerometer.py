@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from session.detect.stills import Still, find_stills, references
+from session.detect.stills import Still
 from session.io.config import Accelerometer
-from session.io.errors import FormatError, SegmentError
+from session.io.errors import FormatError
 from session.io.files import MOST_TOML, naming, read_text, result_folder
 from session.io.numeric import sigma_of
 from session.io.samples import Samples, start_times
 from session.io.toml import parse_toml
-from session.io.units import DEG, MG, STANDARD_GRAVITY_MPS2
+from session.io.units import DEG, MG
 
 # The nine numbers of a triad of accelerometers, and which of them a recording can tell.
 #
@@ -397,21 +397,7 @@ def _gain(design: np.ndarray) -> float:
     return float(1 / smallest) if smallest > 0 else float("inf")
 
 
-# An accelerometer's calibration from the stills of whole logs.
-
-
-def from_stills(samples: Sequence[Samples], gravity_mps2: float = STANDARD_GRAVITY_MPS2, still_s: float = 1.0) -> Accelerometer:
-    """The pre-calibration that brings every still's mean specific force to ``gravity_mps2``, upper triangular, with its bias.
-
-    samples: the logs, accelerometer as measured in m/s^2.  A few stills that are none hardly count.  Raises SegmentError where the
-    stills are too few or their attitudes too alike for all nine numbers.
-    """
-    logs = [references(find_stills(log, still_s)[0]) for log in samples]
-    middle_s, duration_s = times_of(logs, samples)
-    found = fit_lengths(force_of([still for log in logs for still in log]), gravity_mps2, middle_s=middle_s, duration_s=duration_s)
-    if found.unobserved:
-        raise SegmentError(f"{why_not(found)}: rest it on all six sides and some edges, or leave its calibration out")
-    return found.accelerometer
+# The stills of whole logs.
 
 
 def times_of(stills: Sequence[Sequence[Still]], samples: Sequence[Samples]) -> tuple[np.ndarray, float]:

@@ -149,7 +149,7 @@ BUMP_RAD = 0.1 * DEG
 class Still:
     """One still phase, samples ``start <= i < stop``.
 
-    gyro_mean (3,) rad/s; accel_mean (3,) m/s^2; gyro_std, accel_std (3,) scatter of single samples; gyro_slope (3,) rad/s^2;
+    gyro_mean (3,) rad/s; accel_mean (3,) m/s^2; gyro_std, accel_std (3,) scatter of single samples;
     tilt_rate (3,) rad/s: how fast gravity's direction turns, in body axes (nothing about the vertical);
     temp_c or NaN; problem: why it is no reference, or None; bumps: disturbances inside that it survived.
     """
@@ -160,7 +160,6 @@ class Still:
     duration_s: float
     gyro_mean: np.ndarray
     gyro_std: np.ndarray
-    gyro_slope: np.ndarray
     accel_mean: np.ndarray
     accel_std: np.ndarray
     tilt_rate: np.ndarray
@@ -349,7 +348,6 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
         duration_s=float((samples.t_ns[last] - samples.t_ns[first]) * NS) + samples.period_s,
         gyro_mean=gyro.mean,
         gyro_std=gyro.std,
-        gyro_slope=gyro.slope,
         accel_mean=accel.mean,
         accel_std=accel.std,
         tilt_rate=tilt_rate,

@@ -33,8 +33,8 @@ class QuestionsError(FormatError):
         super().__init__(f"{file} ({dialect}) does not say {listed}; give {' '.join(question.typed for question in self.questions)}")
 
 
-def all_of(errors: list[QuestionsError], more: Iterable[Question] = ()) -> QuestionsError:
-    """One error of several files' questions, and of more."""
+def all_of(errors: list[QuestionsError]) -> QuestionsError:
+    """One error of several files' questions."""
     files = " and ".join(dict.fromkeys(error.file for error in errors))
     dialects = " and ".join(dict.fromkeys(error.dialect for error in errors))
-    return QuestionsError(files, dialects, [*(question for error in errors for question in error.questions), *more])
+    return QuestionsError(files, dialects, [question for error in errors for question in error.questions])

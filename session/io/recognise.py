@@ -380,7 +380,7 @@ def _layout(
         finer += tuple((column, int(_unit("time", word, "--columns t=", name, questions).si or 1)) for column, word, _ in terms)
     told = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
     triads = {
-        kind: _triad(columns, kind, told[kind] or facts.get(f"{kind}_unit"), axes, name, row, questions)
+        kind: _triad(columns, kind, told[kind] or facts.get(f"{kind}_unit"), axes, name, questions)
         for kind, axes in (("gyro", answers.gyro_axes), ("accel", answers.accel_axes))
     }
     temp = columns.get("temp")
@@ -441,9 +441,7 @@ def _first_row(lines: list[str], delimiter: str | None) -> list[str]:
     return next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "").split(delimiter)
 
 
-def _triad(
-    columns: dict[str, Column], kind: str, stated: str | None, axes: str, name: str, row: list[str], questions: list[Question]
-) -> Triad | None:
+def _triad(columns: dict[str, Column], kind: str, stated: str | None, axes: str, name: str, questions: list[Question]) -> Triad | None:
     letter = kind[0]
     if f"{letter}x" not in columns:
         return None

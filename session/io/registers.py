@@ -152,14 +152,6 @@ def _look_up(profile: Profile, table: Mapping[float, float] | None, full_scale: 
     return table[full_scale]
 
 
-def temperature_c(lsb: np.ndarray, model: str = DEFAULT) -> np.ndarray:
-    """Temperature register (N,) in degC; FormatError where its meaning is not known."""
-    values = RegisterUnits(model, None, None).temperature_c(lsb)
-    if values is None:
-        raise FormatError(f"{model}: what its temperature register means is not known; log temp_c, or no temperature")
-    return values
-
-
 def require_registers(values: np.ndarray, where: str = "") -> None:
     """Raise FormatError where values (N, …) that are taken for registers have fractions: they are in a unit that nobody named."""
     if (values % 1).any():

@@ -13,9 +13,6 @@ from session.io.units import NS_PER_S, TIME
 from session.replay.join import Joined
 from session.replay.sources import BY_FILE, Source
 
-#: columns of one sensor that are named one by one
-NAMED = 3
-
 
 def said_took(
     sources: Sequence[Source], joined: Joined, answers: Answers, assumed: Sequence[str], rate_hz: float, duration_s: float

@@ -1,6 +1,6 @@
 """Rest logs for the tests: simulated ones as records, and as files."""
 
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.rests import RestLog, rest_from_samples
 from session.io.samples import Samples
 from tinygc.annexes.temperature.options import RestOptions
@@ -15,7 +15,7 @@ SESSION = SimulationOptions(odr_hz=62.5)
 def rest_samples(seed: int = 0, chip: Chip = CHIP, **options) -> Samples:
     made = simulate_rest(RestOptions(**{"cycles": 3.0, "cycle_s": 1800.0, **options}), chip, seed)
     gyro, accel = made.gyro * gyro_rps_per_lsb(chip.gyro_fs_dps), made.accel * accel_mps2_per_lsb(chip.accel_fs_g)
-    return Samples(made.t_us * 1000, gyro, accel, temperature_c(made.temp))
+    return Samples(made.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(made.temp))
 
 
 def rest_log(seed: int = 0, name: str = "rest0001.csv", chip: Chip = CHIP, **options) -> RestLog:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from array_twins import DEG, Body, Unit, any_unit, array_of
+from turn_differences import turn_differences
 
 from session.annexes.arrays.recording import ArraySession
 from session.io.units import NS
 from tinygc.annexes.arrays.extrinsics import clock_fits
 from tinygc.annexes.arrays.latency import SampleAges, ages_of, corrected, sawtooth
-from tinygc.annexes.arrays.turn_differences import turn_differences
 
 READER_HZ = 62.5
 

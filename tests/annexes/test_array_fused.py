@@ -59,8 +59,7 @@ def test_the_sigma_of_some_units_with_unlike_axes_is_that_of_drawn_noise():
 
 
 def test_parts_of_correlated_noise_add_up_to_that_of_the_combination():
-    model = plain([0.1, 0.2], correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
-    assert model.correlation is not None
+    model = replace(plain([0.1, 0.2]), correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
     np.testing.assert_allclose(fuse(model, np.zeros((2, 3))).sigma[0], model.noise_density * np.sqrt(RATE_HZ / 2))
 
 

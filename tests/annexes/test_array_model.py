@@ -12,7 +12,7 @@ from simulated_array import DENSITY, RATE_HZ, model_of, motion, units
 from session.io.errors import FormatError
 from tinygc import CalibrationError
 from tinygc.annexes.arrays.fusion import build_array_model, save_array_model
-from tinygc.annexes.arrays.model import best_weights, combined, divisible, from_table, load_array_model, to_table
+from tinygc.annexes.arrays.model import best_weights, combined, from_table, load_array_model, to_table
 
 RNG = np.random.default_rng(16)
 
@@ -67,18 +67,6 @@ def test_weights_are_best_for_what_is_greater_over_a_turn():
     assert model_of([replace(unit, bias_instability=None) for unit in quiet_slow]).best_for == "white"
 
 
-def test_a_correlation_that_makes_a_weight_negative_is_left_out_and_said():
-    found = units(2, density=[1e-4, 3e-4])
-    correlation = np.kron(np.array([[1, 0.8], [0.8, 1]]), np.eye(3))
-    model = model_of(found, correlation=correlation)
-    assert model.correlation is None
-    assert "correlation is left out" in model.reason
-    assert divisible(model.weights, model.fused_density)
-    little = model_of(found, correlation=np.kron(np.array([[1, 0.1], [0.1, 1]]), np.eye(3)))
-    assert little.correlation is not None
-    assert little.noise_density.max() > model.noise_density.max()
-
-
 def test_the_parameters_sigma_is_that_of_drawn_parameters():
     """Monte Carlo over E and B of all units, at a rate at which both matter."""
     model, omega = model_of(units(3)), np.array([2.0, -1.0, 0.5])
@@ -94,7 +82,7 @@ def test_the_parameters_sigma_is_that_of_drawn_parameters():
 
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
     found = [replace(unit, sha256=("0" * 64, "1" * 64)) for unit in units(3)]
-    model = model_of(found, correlation=np.eye(9), joint_covariance=np.eye(36) * 1e-8, session="a\nb")
+    model = replace(model_of(found, joint_covariance=np.eye(36) * 1e-8, session="a\nb"), correlation=np.eye(9))
     save_array_model(model, tmp_path / "array.json")
     again = load_array_model(tmp_path / "array.json")
     assert to_table(again) == to_table(model)

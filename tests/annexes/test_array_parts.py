@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from conftest import DEG
 from scipy.interpolate import CubicSpline
-from scipy.linalg import eigh
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from small_array import small_array
@@ -220,14 +219,6 @@ def test_a_number_is_unobserved_from_its_share_of_the_prior_on():
     unit = unit_fit(np.diag(np.append(size, np.ones(12))) ** 2)
     np.testing.assert_allclose(unit.sigma, size)
     assert unit.unobserved == NAMES[1::2]
-
-
-def test_the_best_gain_is_the_root_of_the_greatest_generalised_eigenvalue():
-    rng = np.random.default_rng(3)
-    root, other = rng.normal(size=(2, 24, 24))
-    unit = unit_fit(root @ root.T, (other @ other.T)[:12, :12])
-    np.testing.assert_allclose(unit.sigma_alone, np.sqrt(np.diag(unit.covariance_alone)))
-    assert unit.best_gain == pytest.approx(np.sqrt(eigh(unit.covariance_alone, unit.covariance[:12, :12], eigvals_only=True)[-1]))
 
 
 # One fit from its files on.

@@ -55,21 +55,21 @@ def test_too_few_differences_say_nothing():
 
 
 def test_absence_is_stated_with_its_limit_only():
-    shared = SharedNoise(np.eye(2), 0.01, 0.02, 100)
+    shared = SharedNoise(0.01, 0.02)
     assert shared.upper == pytest.approx(0.01 + 1.6449 * 0.02, abs=1e-4)
     assert shared.statement("gyro").words.startswith("motion of the body in the gyro noise at rest: below 4.3 % with 95 %")
-    unknown = SharedNoise(np.eye(2), 0.2, 0.3, 100)
+    unknown = SharedNoise(0.2, 0.3)
     assert unknown.statement("gyro").standing is Standing.UNDECIDED
     assert unknown.source.endswith("is not told")
 
 
 def test_a_units_warning_says_what_the_others_tell_of_it():
     finding = Finding("warning", "unit 1: log", GYRO_NOISE, "9 times as much", "does the table vibrate?")
-    own = _with_source(finding, {GYRO_NOISE: SharedNoise(np.eye(2), 0.0, 0.01, 100)})
+    own = _with_source(finding, {GYRO_NOISE: SharedNoise(0.0, 0.01)})
     assert "this sensor's own" in own.do
-    assert "a hand moves the body" in _with_source(finding, {GYRO_NOISE: SharedNoise(np.eye(2), 0.9, 0.01, 100)}).do
-    assert _with_source(finding, {GYRO_NOISE: SharedNoise(np.eye(2), 0.4, 0.3, 100)}) is finding
-    assert _with_source(finding, {ACCEL_NOISE: SharedNoise(np.eye(2), 0.0, 0.01, 100)}) is finding
+    assert "a hand moves the body" in _with_source(finding, {GYRO_NOISE: SharedNoise(0.9, 0.01)}).do
+    assert _with_source(finding, {GYRO_NOISE: SharedNoise(0.4, 0.3)}) is finding
+    assert _with_source(finding, {ACCEL_NOISE: SharedNoise(0.0, 0.01)}) is finding
 
 
 def test_the_mikov_body_moves_at_rest(shared, tmp_path):

@@ -10,7 +10,7 @@ from simulated_twins import make_twin_of
 
 from session.io.units import DEG
 from tinygc.annexes.discovery import screening as spread
-from tinygc.annexes.discovery.constants import refined
+from tinygc.annexes.discovery.constants import gain_of, refined
 from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
 from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, places
 from tinygc.annexes.discovery.equivalence import as_effect
@@ -196,7 +196,7 @@ def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
             projection = Projection(seen.twin, seen.whiten, fit)
             basis = basis_of(law, seen.responses, projection)
             found = refined(law.with_constants((below if share < 0.5 else above,)), seen.responses, projection)
-            assert found.gain > np.sum((basis.T @ projection.residual) ** 2) - 20
+            assert gain_of(seen.responses.columns(found), projection) > np.sum((basis.T @ projection.residual) ** 2) - 20
 
 
 def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from virtual_line import SimulatedClock, VirtualLink
 from virtual_tables import MAKES, OWN, Bench, description
 
-from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import read_description
 from session.annexes.machines.dialogue import Dialogue, example
 from session.annexes.machines.makefile import read_make
@@ -17,7 +17,6 @@ from session.annexes.machines.makes.hand import Hand
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault
-from session.annexes.machines.wire import VirtualLink
 from session.io.errors import CalibrationError, FormatError
 from session.io.units import DEG
 
@@ -122,7 +121,7 @@ def test_units_of_the_make_and_its_sense():
 def test_the_own_clock_is_read(make):
     bench = Bench(description(make))
     bench.clock.sleep(12.5)
-    assert bench.driver.where().table_s == pytest.approx(bench.clock.now_s() - bench.virtual.begin_s, abs=0.1)
+    assert bench.driver.where().table_s == pytest.approx(bench.clock.now_s() - bench.virtual.mechanics.begin_s, abs=0.1)
 
 
 def test_a_locked_grbl_says_so_and_is_homed():

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
+from virtual_line import VirtualLink
 from virtual_tables import MAKES, Bench, description
 
 from session.annexes.machines.clocks import HostClock
@@ -17,7 +18,6 @@ from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault, TableLimit
 from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.virtual_motion import Fault
-from session.annexes.machines.wire import VirtualLink
 from session.io.units import DEG
 
 TABLE = description("line")
@@ -110,7 +110,7 @@ def test_no_limit_is_ever_passed(make):
         bench.clock.sleep(rng.exponential(2.0))
         if rng.random() < 0.7:
             table.settle()
-    t_s = np.linspace(0, bench.clock.now_s() - bench.virtual.begin_s, 20_000)
+    t_s = np.linspace(0, bench.clock.now_s() - bench.virtual.mechanics.begin_s, 20_000)
     said, _ = bench.virtual.tracks[0].said_and_sense(t_s)
     assert said.min() >= limits[0] * DEG - 1e-6
     assert said.max() <= limits[1] * DEG + 1e-6
@@ -227,7 +227,7 @@ def test_stop_does_not_wait_for_an_answer():
     assert clock.now_s() - begin_s < 0.6
     assert link.sent.endswith(b"WHERE\nSTOP\n")
     asked.join()
-    assert virtual.tracks[0].state(clock.now_s() - virtual.begin_s)[1] == 0
+    assert virtual.tracks[0].state(clock.now_s() - virtual.mechanics.begin_s)[1] == 0
 
 
 def test_a_move_that_is_half_sent_when_it_is_stopped_is_not_sent_on():

@@ -10,10 +10,11 @@ from collections import deque
 import pytest
 from commandline import refused
 from processes import until
+from virtual_line import SimulatedClock, VirtualLink
 from virtual_tables import MAKES, OWN, Bench, description
 
 from session.annexes.machines import safety, wire
-from session.annexes.machines.clocks import HostClock, SimulatedClock
+from session.annexes.machines.clocks import HostClock
 from session.annexes.machines.description import read_description
 from session.annexes.machines.driver import AngleFile, TableDriver
 from session.annexes.machines.makes import open_table
@@ -22,7 +23,7 @@ from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault, TableLimit, Where
 from session.annexes.machines.virtual import VirtualTable
-from session.annexes.machines.wire import LineLost, SerialLink, VirtualLink
+from session.annexes.machines.wire import LineLost, SerialLink
 from session.bench.messages import AxisMove
 from session.io.errors import FormatError
 from session.io.units import DEG

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from truth_inflation import Wander, end_differences, truth_densities, truth_inflation
 
 from session.io.errors import DataError, FormatError
 from session.io.folder import read_session
@@ -18,16 +19,12 @@ from tinygc.annexes.noise.inflation import (
     STILLS,
     UNDERSAMPLING,
     UNNAMED,
-    Wander,
     at_rest,
     back_and_forth,
-    end_differences,
     inflation_lines,
     inflations,
     inflations_of_folder,
     one_way,
-    truth_densities,
-    truth_inflation,
     walk_density,
 )
 from tinygc.attitude import rotation

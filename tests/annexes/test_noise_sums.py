@@ -143,10 +143,10 @@ def test_halves_that_differ_are_said():
     quiet, loud = six(30_000, DT, 8, N=1.0), six(30_000, DT, 9, N=1.0, K=2.0)
     loud += quiet[-1] - loud[0]
     rest = rest_of(sums_of(np.concatenate([quiet, loud]), DT))
-    (line,) = unsteady([rest], 0, [rest.blocks.mean[:, 0]], DT)
+    (line,) = unsteady([rest], [rest.blocks.mean[:, 0]], DT)
     assert "the noise of its second half is" in line
     same = rest_of(sums_of(six(60_000, DT, 10, N=1.0, K=1.0), DT))
-    assert unsteady([same], 0, [same.blocks.mean[:, 0]], DT) == []
+    assert unsteady([same], [same.blocks.mean[:, 0]], DT) == []
 
 
 def test_bad_input_is_refused():

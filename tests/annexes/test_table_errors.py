@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
+from table_simulation import LostSteps, fixed_moves
+from table_summaries import Summary, draw
 
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.mechanics import AxisErrors, TableErrors, normals, true_attitudes
@@ -16,8 +18,6 @@ from tinygc.annexes.machines.explanation import TableExplanation
 from tinygc.annexes.machines.rows import Comparison, moved, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, NoiseModel
 from tinygc.annexes.machines.selection import DELAY_SIGMA_S, Named, _fitted, select
-from tinygc.annexes.machines.simulation import LostSteps, fixed_moves
-from tinygc.annexes.machines.summaries import Summary, draw
 from tinygc.effects.catalogue import effect_of
 from tinygc.reporting.terminal import as_text
 

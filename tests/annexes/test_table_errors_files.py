@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from formats_page import strangers
+from table_simulation import LostSteps, fixed_moves, simulate_on_table
 
 import tinygc
 from session.annexes.machines.angles import AngleLog, read_angles
@@ -17,7 +18,6 @@ from session.io.results import json_text
 from session.io.units import DEG, NS
 from tinygc.annexes.machines.explanation import explain_table
 from tinygc.annexes.machines.observed import observe, on_its_clock
-from tinygc.annexes.machines.simulation import LostSteps, fixed_moves, simulate_on_table
 from tinygc.closure.prepared import prepare
 from tinygc.reporting.terminal import as_text
 from tinygc.simulation.options import SimulationOptions

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 from table_recordings import OPTIONS, table_toml
+from virtual_line import SimulatedClock
 
 pytest.importorskip("tinygc.simulation.terminal", reason="a pseudo-terminal is POSIX's", exc_type=ImportError)
 
-from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import read_description
 from session.annexes.machines.virtual import VirtualTable
 from tinygc.annexes.machines.board import TableUnderBoard

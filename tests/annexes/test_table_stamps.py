@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from table_simulation import fixed_moves
+from table_summaries import Stamps, Summary, draw
 
 from session.annexes.machines.angles import AngleLog
 from session.annexes.machines.description import Axis, Description
@@ -12,8 +14,6 @@ from tinygc.annexes.machines.observed import Turn, held_up_from, said_at, stamps
 from tinygc.annexes.machines.rows import Comparison
 from tinygc.annexes.machines.rows_noise import NoiseModel, of_answers
 from tinygc.annexes.machines.selection import DELAY_SIGMA_S, LATE_STAMPS_S, select
-from tinygc.annexes.machines.simulation import fixed_moves
-from tinygc.annexes.machines.summaries import Stamps, Summary, draw
 
 RATE_RPS = 60 * DEG
 TABLE = Description(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from annex import annex
 from conftest import broad
-from turntables import Turned, within_one_sigma
+from turntables import Turned, turn_session, within_one_sigma
 
 import tinygc
 from session.io.units import DEG
@@ -149,7 +149,7 @@ def test_a_gap_is_bridged_and_explains_only_what_it_lacks():
 
     def fitted(stamps, readings):
         log = folder.GyroLog("log", np.delete(stamps, gap), np.delete(readings, gap, axis=0))
-        return tinygc.fit_turns(folder.turn_session([log], turned.known()))
+        return tinygc.fit_turns(turn_session([log], turned.known()))
 
     bridged = fitted(t_ns, gyro)
     assert bridged.estimate.used.all()  # at a constant rate the trapezoid takes in what is missing
@@ -190,7 +190,7 @@ def test_a_misalignment_moves_the_scale_by_no_more_than_the_bound():
     t_ns, gyro = dataclasses.replace(turned, plus=(0, 0, 0), minus=(0, 0, 0)).arrays()
     S = np.eye(3)
     S[0, 2], S[2, 0] = 1.5 * DEG, 1.0 * DEG
-    found = tinygc.fit_turns(folder.turn_session([folder.GyroLog("log", t_ns, (gyro - turned.bias) @ S.T)], turned.known()))
+    found = tinygc.fit_turns(turn_session([folder.GyroLog("log", t_ns, (gyro - turned.bias) @ S.T)], turned.known()))
     for scale in found.scales:
         assert 1e-5 < abs(scale.value) < scale.axis_bound
 
@@ -214,7 +214,7 @@ def test_a_knock_parts_no_rest():
     turned = Turned(PLAN[:4], noise=0.002)
     t_ns, gyro = turned.arrays()
     gyro[60:75, 1] += 0.5
-    found = tinygc.fit_turns(folder.turn_session([folder.GyroLog("log", t_ns, gyro)], turned.known()))
+    found = tinygc.fit_turns(turn_session([folder.GyroLog("log", t_ns, gyro)], turned.known()))
     assert found.estimate.used.all()
     assert len(found.logs[0].rests) == len(turned.plan) + 1
     assert len(found.logs[0].rests[0].spans) == 2
@@ -238,7 +238,7 @@ def test_a_turn_that_the_log_begins_or_ends_in_is_named():
     turned = Turned(PLAN[:4], noise=0.002)
     t_ns, gyro = turned.arrays()
     log = folder.GyroLog("log", t_ns[200:-200], gyro[200:-200])
-    found = tinygc.fit_turns(folder.turn_session([log], turned.known()))
+    found = tinygc.fit_turns(turn_session([log], turned.known()))
     assert list(found.estimate.used) == [False, True, True, False]
     assert "no rest before it" in found.angles[0].problem
     assert "no rest behind it" in found.angles[3].problem
@@ -252,7 +252,7 @@ def test_a_turn_about_another_axis_or_the_other_way_is_named(axis, angle_deg, wo
     turned = Turned(((0, 90, 90.0), (0, 90, 90.0)), noise=0.002)
     first, second = turned.known()
     stated = dataclasses.replace(first, axis=np.eye(3)[axis], words="xyz"[axis], angle_rad=angle_deg * DEG)
-    found = tinygc.fit_turns(folder.turn_session([folder.GyroLog("log", *turned.arrays())], [stated, second]))
+    found = tinygc.fit_turns(turn_session([folder.GyroLog("log", *turned.arrays())], [stated, second]))
     assert found.estimate.used[0] == (words is None)
     assert words is None or words in found.angles[0].problem
 
@@ -260,20 +260,20 @@ def test_a_turn_about_another_axis_or_the_other_way_is_named(axis, angle_deg, wo
 def test_clipped_turns_and_turns_that_are_not_there_are_named():
     turned = Turned(((0, 90, 90.0), (0, 180, 150.0)), noise=0.002)
     logs = [folder.GyroLog("log", *turned.arrays())]
-    found = tinygc.fit_turns(folder.turn_session(logs, turned.known(), gyro_fs_dps=125))
+    found = tinygc.fit_turns(turn_session(logs, turned.known(), gyro_fs_dps=125))
     assert [angle.problem is None for angle in found.angles] == [True, False]
     assert "reaches the full scale of 125 dps" in found.angles[1].problem
     beyond = [dataclasses.replace(turn, turn=turn.turn + 1) for turn in turned.known()]
-    found = tinygc.fit_turns(folder.turn_session(logs, beyond))
+    found = tinygc.fit_turns(turn_session(logs, beyond))
     assert "holds 2 turns" in found.angles[1].problem
     with pytest.raises(tinygc.FitError, match="none of 1 stated turns can be used"):
-        tinygc.fit_turns(folder.turn_session(logs, beyond[1:]))
+        tinygc.fit_turns(turn_session(logs, beyond[1:]))
 
 
 def test_turns_are_counted_over_all_logs_where_no_log_is_named():
     one, two = Turned(PLAN[:2], noise=0.002), Turned(PLAN[2:5], noise=0.002, seed=1)
     logs = [folder.GyroLog("log1", *one.arrays()), folder.GyroLog("log2", *two.arrays())]
     known = [dataclasses.replace(turn, log=None) for turn in Turned(PLAN[:5]).known()]
-    found = tinygc.fit_turns(folder.turn_session(logs, known))
+    found = tinygc.fit_turns(turn_session(logs, known))
     assert found.estimate.used.all()
     assert [angle.log for angle in found.angles] == ["log1", "log1", "log2", "log2", "log2"]

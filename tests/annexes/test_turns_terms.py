@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from annex import annex
 from scipy.stats import norm
-from turntables import Turned
+from turntables import Turned, turn_session
 
 import tinygc
 from session.detect import rounding
@@ -20,7 +20,7 @@ rests = annex("session.annexes.turntable.rests")
 
 
 def fitted(t_ns, gyro, known):
-    return tinygc.fit_turns(folder.turn_session([folder.GyroLog("log", t_ns, gyro)], known))
+    return tinygc.fit_turns(turn_session([folder.GyroLog("log", t_ns, gyro)], known))
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.05, 0.2, 0.4])
@@ -266,7 +266,7 @@ def test_a_rest_that_scatters_beyond_chance_has_its_own_scatter():
     rough[:200] += np.repeat(0.002 * np.random.default_rng(3).normal(size=(20, 3)), 10, axis=0)
     logs = [folder.GyroLog(f"log{i}", t_ns, step(noise=0.001, seed=i)[1]) for i in range(8)] + [folder.GyroLog("log9", t_ns, rough)]
     turns = [dataclasses.replace(known[0], log=log.name) for log in logs]
-    found = tinygc.fit_turns(folder.turn_session(logs, turns))
+    found = tinygc.fit_turns(turn_session(logs, turns))
     last = found.logs[-1].rests[0]
     own = last.blocks.var(axis=0, ddof=1) / len(last.blocks)
     assert found.angles[-1].rests[0][2] == pytest.approx(own @ found.angles[-1].direction ** 2, rel=1e-9)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from virtual_line import SimulatedClock, VirtualLink
 
 from fuzz_targets.rules import choose, finite
-from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import Axis, Description, read_description
 from session.annexes.machines.dialogue import Dialogue, example
 from session.annexes.machines.makefile import FOLDER, make_names, read_make
@@ -16,7 +16,6 @@ from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault
 from session.annexes.machines.virtual import VirtualTable
-from session.annexes.machines.wire import VirtualLink
 from session.io.units import DEG
 
 LINES = tuple(make_names())

@@ -375,13 +375,6 @@ def step_vectors(rate: Array, dt: Array) -> Array:
     return join([m + c * coning for m, c in zip(mean, bent, strict=True)])
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Vector product (..., 3), for arrays and tensors."""
-    ax, ay, az = split(a)
-    bx, by, bz = split(b)
-    return join([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
 def sample_weights(dt: np.ndarray) -> np.ndarray:
     """Trapezoidal weights (..., T) s of the samples."""
     pad = np.zeros_like(dt[..., :1])

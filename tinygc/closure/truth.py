@@ -9,19 +9,16 @@ import numpy as np
 
 from session.detect.segments import Segment, without_excluded
 from session.detect.stills import LogStills, Noise, SessionStills
-from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_inside
+from session.detect.truth_segments import TruthEnds, cut_at_truth
 from session.io.errors import SegmentError
 from session.io.folder import Session
-from session.io.logfile import Truth
 from session.io.samples import Samples, start_times
 from session.io.units import DEG
-from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, no_earth, vertical_only, with_heading
-from tinygc.attitude.rotation import steps
 from tinygc.closure.floor import TRUTH, Floor, gyro_variance
 from tinygc.closure.least_squares import StillRates, fit_least_squares
 from tinygc.closure.problem import LEFT_OUT, Problem, widened_by_bridges
-from tinygc.closure.residual import Batch, RateMap, attitudes
+from tinygc.closure.residual import Batch, attitudes
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel, bias_only
 
@@ -78,7 +75,7 @@ def build_truth_problem(
     at = attitudes(batch, model(batch.rate))
     batch = replace(batch, earth=earth.in_body(at))
     model = fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
-    logs = [_with_attitudes(log, number, batch, accepted, at, model) for number, log in enumerate(logs)]
+    logs = [_with_attitudes(log, number, accepted, at) for number, log in enumerate(logs)]
     floor = _floor(batch, at, accepted, ends, logs, protocol.truth_sigma_deg * DEG)
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     floor = floor.widened(more) if widened else floor
@@ -145,7 +142,7 @@ def _earth(session: Session) -> EarthRate:
     return vertical_only(site.latitude_deg) if site.heading_deg is None else with_heading(site.latitude_deg, site.heading_deg)
 
 
-def _with_attitudes(log: StillSet, number: int, batch: Batch, segments: list[Segment], at: np.ndarray, model: LinearModel) -> StillSet:
+def _with_attitudes(log: StillSet, number: int, segments: list[Segment], at: np.ndarray) -> StillSet:
     """Set the attitudes of the stills from truth and gyro."""
     q = []
     for still in log.stills:
@@ -178,29 +175,3 @@ def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
     attitude = np.array(q).reshape(-1, 4)
     turned = earth.in_body(attitude) if len(attitude) else np.zeros((0, 3))
     return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), attitude, np.array(middle_s))
-
-
-# Absolute orientation error (AOE) of a run: the attitude integrated from the gyro alone, from the first true one, against the truth.
-#
-# AOE = sqrt(mean |log(R_true^T R_carried)|^2) over all moments of the truth (Brossard et al. 2020, and the paper's Table 1).  Yaw and tilt
-# have equal weight, as have early and late errors.
-
-
-def orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> tuple[np.ndarray, np.ndarray]:
-    """Orientation error at the truth's moments within the log: t_s (K,) since the first, and rotation vectors (K, 3) rad in body axes.
-
-    ``model`` maps measured rates (N, 3) to calibrated ones.  Raises DataError if truth and log do not share their times.
-    """
-    rows, q_true = moments_inside(samples, truth)
-    part = samples.between(int(rows[0]), int(rows[-1]) + 1)
-    # The model runs over the whole log, since it may have memory.
-    rate = np.asarray(model(samples.gyro))[rows[0] : rows[-1] + 1]
-    running = rotation.accumulate(steps(rate, part.dt_s, integrator))
-    q = np.concatenate([q_true[:1], rotation.multiply(q_true[0], running)])[rows - rows[0]]
-    return part.t_s[rows - rows[0]], rotation.log(rotation.multiply(rotation.conjugate(q_true), q))
-
-
-def absolute_orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> float:
-    """Absolute orientation error (AOE), rad."""
-    _, error = orientation_error(samples, truth, model, integrator)
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

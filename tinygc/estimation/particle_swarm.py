@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -21,21 +20,13 @@ from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 # ``minimise`` is general; ``fit_pso`` gives it the residual that every method minimises, to second order about where a
 # swarm begins (``Nearby``), and repeats the swarm until that is exact.  Integrating every sample would cost ten times as much.
 
-
-@dataclass(frozen=True)
-class SwarmOptions:
-    """Options of the swarm: particles; largest number of steps; constriction 0.7298 with both attractions 1.496 (Clerc and Kennedy,
-    phi = 4.1).  The search stops when the best has improved by less than ``tolerance`` (relative) over ``patience`` steps: a swarm that
-    begins around its best must contract before it finds a better one."""
-
-    particles: int = 48
-    steps: int = 500
-    constriction: float = 0.7298
-    attraction: float = 1.49618
-    patience: int = 80
-    tolerance: float = 1e-6
-
-
+#: of the swarm: particles, and the largest number of steps
+PARTICLES, STEPS = 48, 500
+#: with both attractions (Clerc and Kennedy, phi = 4.1)
+CONSTRICTION, ATTRACTION = 0.7298, 1.49618
+#: steps over which the best has improved by less than this, relative, at the end of a search: a swarm that begins around its best must
+#: contract before it finds a better one
+PATIENCE, TOLERANCE = 80, 1e-6
 #: largest number of successive swarms; the box of each, as a share of the one before
 LEGS, NEARER = 6, 0.05
 #: segments beyond which a swarm uses one quadratic form for all of them (benchmarks/whole_process.py)
@@ -51,28 +42,26 @@ def minimise(
     centre: np.ndarray,
     half_width: np.ndarray,
     rng: np.random.Generator,
-    options: SwarmOptions | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> np.ndarray:
     """Return the best position (D,) found for ``cost``, which maps (P, D) to (P,), from a box around ``centre``."""
-    options = options or SwarmOptions()
-    shape = (options.particles, len(centre))
+    shape = (PARTICLES, len(centre))
     x = centre + half_width * rng.uniform(-1, 1, shape)
     x[0] = centre
     v = half_width * rng.uniform(-0.5, 0.5, shape)
     own, own_cost = x.copy(), cost(x)
     history = []
-    for step in range(options.steps):
+    for step in range(STEPS):
         best = own[np.argmin(own_cost)]
-        pull = rng.uniform(0, options.attraction / options.constriction, (2, *shape))
-        v = options.constriction * (v + pull[0] * (own - x) + pull[1] * (best - x))
+        pull = rng.uniform(0, ATTRACTION / CONSTRICTION, (2, *shape))
+        v = CONSTRICTION * (v + pull[0] * (own - x) + pull[1] * (best - x))
         x = x + v
         now = cost(x)
         better = now < own_cost
         own[better], own_cost[better] = x[better], now[better]
         history.append(own_cost.min())
-        progress(step + 1, options.steps)
-        if step > options.patience and history[-1 - options.patience] - history[-1] < options.tolerance * history[-1]:
+        progress(step + 1, STEPS)
+        if step > PATIENCE and history[-1 - PATIENCE] - history[-1] < TOLERANCE * history[-1]:
             break
     return own[np.argmin(own_cost)]
 

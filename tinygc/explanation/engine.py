@@ -34,7 +34,7 @@ from tinygc.noise.whitening import Whitener
 class Explanation:
     """The result of an explanation; docs/explain.md defines the verdicts.
 
-    findings: shapes without a name. channel_p, left: p-values of the channels under one calibration, before and after the claims. own_p:
+    findings: shapes without a name. left: p-values of the channels under one calibration, after the claims. own_p:
     p-values of each channel by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit.
     """
 
@@ -50,7 +50,6 @@ class Explanation:
     claimed: list[Claim] = field(default_factory=list)
     findings: list[Claim] = field(default_factory=list)
     left: dict[str, float] = field(default_factory=dict)
-    channel_p: dict[str, float] = field(default_factory=dict)
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[Finding] = field(default_factory=list)
     detection_limits: dict[str, float] = field(default_factory=dict)
@@ -112,7 +111,7 @@ def explain_session(
     p_value = min([naming.p_value, *(claim.p_value for claim in before_the_fit)])
     explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond)
     explanation.considered = considered_of(mended, naming.considered)
-    explanation.channel_p, explanation.left = (channel_p_values(twin, whiten, fit.r, fit.J) for fit in (naming.first, naming.fit))
+    explanation.left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)

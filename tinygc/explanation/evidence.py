@@ -71,18 +71,6 @@ class Selection(Generic[Name]):
         self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
         self._lowest: np.ndarray | None = None
 
-    def log_p(self, r: np.ndarray) -> np.ndarray:
-        """(groups, …) logarithm of each group's p-value for residuals r (n, …); use it only to rank the groups."""
-        r = r - self.q @ (self.q.T @ r)
-        rss = np.sum(r**2, axis=0)
-        found = []
-        for group in self.groups:
-            rank = group.basis.shape[1]
-            freedom = self.n - self.q.shape[1] - rank
-            gain = np.sum((group.basis.T @ r) ** 2, axis=0)
-            found.append(_log_f_tail((gain / rank) / np.maximum((rss - gain) / freedom, 1e-300), rank, freedom))
-        return np.array(found)
-
     def gains(self, r: np.ndarray) -> dict[Name, float]:
         """Chi-square that each candidate would remove."""
         r = r - self.q @ (self.q.T @ r)

@@ -84,7 +84,6 @@ def columns(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
 #
 # The reference axes are those of the pre-calibrated accelerometer.  Six misalignments are three nonorthogonalities and one rotation.
 
-AXES = "xyz"
 #: a quantity that changes by this much per unit of an unobserved parameter is not observed either
 DEPENDS = 0.1
 #: k of the expanded uncertainty, where its degrees of freedom are not counted

@@ -73,17 +73,17 @@ TOGETHER = 64
 class Whitener:
     """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels.
 
-    white (n, n): white noise and the pre-calibration's allowance; more (n, n): further covariance.
+    white (n, n): white noise and the pre-calibration's allowance.
     """
 
-    def __init__(self, twin: Twin, more: np.ndarray | None = None):
+    def __init__(self, twin: Twin):
         s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
         self.sizes = s * d, 3 * q, q
         self.parts = {"closure": slice(0, s * d), "still": slice(s * d, s * d + 3 * q), "length": slice(s * d + 3 * q, s * d + 4 * q)}
         self._allowances = _precalibration(twin)
         self.white = _covariance(twin) + self._allowances @ self._allowances.T
         self._rows: slice | np.ndarray = slice(None)
-        self._set(self.white if more is None else self.white + more)
+        self._set(self.white)
 
     def _set(self, covariance: np.ndarray) -> None:
         self._factor = np.linalg.cholesky(covariance)

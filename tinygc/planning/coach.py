@@ -136,15 +136,15 @@ class Coach:
             return np.zeros(len(self.targets), dtype=bool)
         return _stalled(self._sigma_of(count // 2), self.sigma, count)
 
-    def rehearse(self, own: bool, most: int = MOST_TO_GO, enough: bool = False, ahead: bool = False) -> Rehearsal:
-        """Choose turn after turn of the machine, before any was made; own: whether the accelerometer is not calibrated; enough: end where
-        every target is met; ahead: choose each by the end of the session (``lookahead``), instead of its own gain."""
+    def rehearse(self, own: bool, most: int = MOST_TO_GO, ahead: bool = False) -> Rehearsal:
+        """Choose turn after turn of the machine, before any was made; own: whether the accelerometer is not calibrated.  It ends
+        where every target is met.  ahead: choose each by the end of the session (``lookahead``), instead of its own gain."""
         alone = Coach(self._gyro_targets, machine=self._machine)
         alone._own, alone._zero_rps = as_known(None, ()) if own else None, self._zero_rps
         prior = np.concatenate([linear.PRIOR_SIGMA, accel.PRIOR_SIGMA]) if own else linear.PRIOR_SIGMA
         place = Place(np.diag((alone.targets / prior) ** 2), np.array([0.0, 0.0, -G]), None)
         turns, sigmas, kept = list[Turn](), list[np.ndarray](), list[Turn]()
-        while len(turns) < most and not (enough and sigmas and sigmas[-1].max() <= 1):
+        while len(turns) < most and not (sigmas and sigmas[-1].max() <= 1):
             kept = soonest(alone._rated, place, kept[1:]) if ahead else []
             turn, rows = alone._rated(place).first(kept)
             place = place.after(turn, rows)

@@ -78,15 +78,14 @@ def write_session(
     folder: Path,
     force: bool = False,
     distort: Distort | None = None,
-    effects: Mapping[str, object] | None = None,
 ) -> Path:
     """Simulate a session and write its folder; returns the folder.
 
-    distort as for ``simulate_session``; effects: those that it hides, by id (docs/formats.md), only for truth.json.  The same arguments
+    distort as for ``simulate_session``.  The same arguments
     give the same bytes.  Raises FormatError if the folder is not empty: ``force`` replaces an earlier simulation, nothing else.
     """
     check_folder(folder, force)
-    return write_simulation(simulate_session(options, distort), folder, force, effects, concealed=distort is not None)
+    return write_simulation(simulate_session(options, distort), folder, force, concealed=distort is not None)
 
 
 def write_simulation(

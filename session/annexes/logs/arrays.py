@@ -105,7 +105,7 @@ def streams_of(
 def plans(path: Path, what: str, arrays: Sequence[Array], columns: str | None) -> list[Plan]:
     """What the arrays mean.  FormatError lists them where that is not clear; what: the file in words, ``an HDF5 file``."""
     arrays = [array for array in arrays if array.dtype.kind in "iufM" and array.rows]
-    made = [_stated(path, what, arrays, columns)] if columns is not None else _clear(path, what, arrays)
+    made = [_stated(path, arrays, columns)] if columns is not None else _clear(path, what, arrays)
     if not made:
         raise FormatError(
             f"{path}: {what} in which no gyroscope and no accelerometer is clear by name; {_listed(arrays)}; --columns names it, {EXPECTED}"
@@ -213,7 +213,7 @@ def _time(path: Path, what: str, rows: int, of: str, said: Sequence[tuple[Array,
 # By ``--columns``.
 
 
-def _stated(path: Path, what: str, arrays: Sequence[Array], text: str) -> Plan:
+def _stated(path: Path, arrays: Sequence[Array], text: str) -> Plan:
     """The stream that a person has named."""
     wanted = parse_columns(text, KEY, EXPECTED)
     there = {array.name: array for array in arrays}

@@ -30,10 +30,8 @@ READERS = {
     "NumPy": "session.annexes.logs.numpy_file",
     "Arrow": "session.annexes.logs.arrow",
 }
-#: of a file, enough for every reader to know its own
-HEAD = 4096
 
 
 def reader_of(path: Path, head: bytes) -> ModuleType | None:
-    """The module that reads a file which begins with head (some ``HEAD`` bytes; of a folder none); None where no reader knows it."""
+    """The module that reads a file which begins with head (some 4096 bytes; of a folder none); None where no reader knows it."""
     return next((module for module in map(import_module, READERS.values()) if module.is_mine(path, head)), None)

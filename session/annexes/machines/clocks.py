@@ -1,8 +1,7 @@
-"""Clocks that pace a conversation: the host's, and one that a test turns on by itself."""
+"""Clocks that pace a conversation: the host's, or one of another kind."""
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import Protocol
 
@@ -28,20 +27,3 @@ class HostClock:
     def sleep(self, seconds: float) -> None:
         """Wait for a time."""
         time.sleep(seconds)
-
-
-class SimulatedClock:
-    """Time that passes only where somebody waits: hours of a virtual table within a second."""
-
-    def __init__(self, now_s: float = 0.0):
-        self._now_s = now_s
-        self._lock = threading.Lock()
-
-    def now_s(self) -> float:
-        """Seconds so far."""
-        return self._now_s
-
-    def sleep(self, seconds: float) -> None:
-        """Let a time pass at once."""
-        with self._lock:
-            self._now_s += max(seconds, 0.0)

@@ -20,7 +20,7 @@ LATE_S = 0.6
 
 
 class VirtualTable:
-    """A controller of ``description.make``, with ``tracks``, the true motion of each axis in seconds since ``begin_s`` of the clock.
+    """A controller of ``description.make``, with ``tracks``, the true motion of each axis in seconds since it was switched on.
 
     errors: play of each axis (the other errors are the stage's: ``true_attitudes``); ``latency_s`` of its word.  The same seed changes
     the same bytes of garbled answers.
@@ -47,11 +47,6 @@ class VirtualTable:
     def tracks(self) -> tuple[AxisTrack, ...]:
         """Motion of each axis's motor, in seconds of the table."""
         return self.mechanics.tracks
-
-    @property
-    def begin_s(self) -> float:
-        """Time of the clock at the tracks' zero."""
-        return self.mechanics.begin_s
 
     @property
     def is_connected(self) -> bool:

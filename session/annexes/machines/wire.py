@@ -1,4 +1,4 @@
-"""The line to a table: bytes out, bytes in.  A serial port, an instrument through VISA, or a virtual table in this process."""
+"""The line to a table: bytes out, bytes in.  A serial port, or an instrument through VISA."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from session.io.texts import command_line
 
 #: errors of a port that cannot be opened
 UNOPENED: tuple[type[Exception], ...] = (*UNPLUGGED, ValueError)
-#: s between two looks for bytes
-POLL_S = 0.01
 #: at a port: an answer is stamped when it is seen
 PORT_POLL_S = 0.001
 #: s after which a port that takes no bytes counts as lost
@@ -125,51 +123,3 @@ class VisaLink:
         with contextlib.suppress(*self._errors):
             self._resource.close()
             self._manager.close()
-
-
-class Device(Protocol):
-    """A virtual device, such as a ``VirtualTable``."""
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether the cable is in."""
-        ...
-
-    def feed(self, data: bytes = b"") -> bytes:
-        """Take what was sent; what is received by now."""
-        ...
-
-
-class VirtualLink:
-    """A virtual device in this process: what is sent is answered at once, and waiting turns its clock on."""
-
-    def __init__(self, device: Device, clock: Clock):
-        self.device, self._clock = device, clock
-        self._lock, self._received = threading.Lock(), b""
-        #: everything that was sent, for tests
-        self.sent = b""
-
-    def write(self, data: bytes) -> None:
-        """Send bytes."""
-        self._feed(data)
-
-    def read(self, longest_s: float) -> bytes:
-        """What has come."""
-        end_s = self._clock.now_s() + longest_s
-        while True:
-            self._feed(b"")
-            with self._lock:
-                data, self._received = self._received, b""
-            if data or self._clock.now_s() >= end_s:
-                return data
-            self._clock.sleep(POLL_S)
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-    def _feed(self, data: bytes) -> None:
-        with self._lock:
-            self.sent += data
-            self._received += self.device.feed(data)
-        if not self.device.is_connected:
-            raise LineLost(f"the line to the table is lost (virtual cable); is the cable in? {PRESS}")

@@ -6,7 +6,6 @@ Other programs' recordings become such a folder through ``write_turn_session``.
 from __future__ import annotations
 
 import gzip
-import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.arrays import USUAL_DPS, samples_of_arrays
-from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.io.arrays import USUAL_DPS
+from session.io.config import read_config
 from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.files import require_file, result_folder
 from session.io.folder import Session, read_logs
-from session.io.logfile import COLUMNS, LOG, NAME, KnownTurn, Log, read_known_turns
+from session.io.logfile import COLUMNS, LOG, NAME, KnownTurn, read_known_turns
 from session.io.names import TURNS, log_paths
 from session.io.texts import printable
 from session.io.toml import Note, line, setting
-from session.io.units import DEG, NS, NS_PER_S
+from session.io.units import DEG, NS_PER_S
 
 HEADER = "t_ns,gx_rps,gy_rps,gz_rps"
 
@@ -69,37 +68,6 @@ class GyroLog:
     name: str
     t_ns: np.ndarray
     gyro_rps: np.ndarray
-
-
-def turn_session(
-    logs: Sequence[GyroLog],
-    turns: Sequence[KnownTurn],
-    *,
-    name: str = "turns",
-    model: str = "unknown",
-    serial: str = "",
-    gyro_fs_dps: float | None = None,
-) -> Session:
-    """A session of logs that were never files; ``turns`` name their logs as they are named here.
-
-    gyro_fs_dps: the smallest usual full scale that holds all rates where it is not given.  Raises DataError for what no file may hold.
-    """
-    _refuse(logs)
-    held = []
-    for log in logs:
-        samples = samples_of_arrays(f"{log.name}: ", (log.t_ns * NS, log.gyro_rps, np.zeros((len(log.t_ns), 3))), None, (1.0, 1.0))
-        samples = replace(samples, t_ns=np.asarray(log.t_ns, dtype=np.int64), accel=np.full((len(log.t_ns), 3), np.nan))
-        held.append(Log(Path(log.name), samples, raw=False, in_memory=True))
-    for turn in turns:
-        sensor_axis(turn)
-        if turn.log is not None and turn.log not in [log.name for log in logs]:
-            raise DataError(f"{turn.name}: no such log; expected {', '.join(log.name for log in logs[:6])}")
-    if not turns:
-        raise DataError(f"{name}: no turn of known angle; a gyroscope alone is calibrated by them")
-    sensor = Sensor(model, serial, _rate_hz(logs), gyro_fs_dps or _full_scale(logs), math.nan)
-    return Session(
-        Path(name), Config(sensor, Accelerometer(source="none"), Site(), Protocol(reference=TURNS)), tuple(held), (), turns=tuple(turns)
-    )
 
 
 def write_turn_session(

@@ -239,7 +239,7 @@ def apply_array(
     force = any(each.has_force for each in reading.units)
     counts: Counter[str] = Counter()
     used = np.zeros(len(model))
-    notes += _force_notes(model, reading, force)
+    notes += _force_notes(model, force)
 
     def fused() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         for part in reading.moments():
@@ -327,7 +327,7 @@ def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path], answers: Ans
     return all(float(np.median(each)) <= limit_ns for each in far)
 
 
-def _force_notes(model: ArrayModel, reading: ArrayLogs, force: bool) -> list[str]:
+def _force_notes(model: ArrayModel, force: bool) -> list[str]:
     if not force:
         return ["specific force: left out, no unit with an accelerometer in its log has one that is calibrated"]
     weights = force_weights(model)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from session.annexes.arrays.recording import ArraySession
 from session.detect.check_references import with_own_accelerometer
@@ -35,12 +34,11 @@ class Mounting:
     """Estimated mounting of a unit.
 
     matrix (3, 3): takes vectors of the unit's body frame to the array's; covariance (3, 3) rad^2, of a turn about the array's axes;
-    scatter_rad: of gravity's directions, NaN with too few of them; stills: how many of them both units have.
+    stills: how many both units have.
     """
 
     matrix: np.ndarray
     covariance: np.ndarray
-    scatter_rad: float
     stills: int
 
 
@@ -67,7 +65,7 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
             sigma = max(float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom)), LEAST_RAD)
         if abs(sigma - before) <= 1e-6 * before:
             break
-    return Mounting(mounting, np.linalg.inv(information), sigma if 2 * count > 3 else float("nan"), count)
+    return Mounting(mounting, np.linalg.inv(information), count)
 
 
 def _weighed(ours: np.ndarray, theirs: np.ndarray, from_rates: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
@@ -81,11 +79,6 @@ def _weighed(ours: np.ndarray, theirs: np.ndarray, from_rates: np.ndarray, sigma
     matrix = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
     information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
     return matrix, information
-
-
-def rotation_vector(matrix: np.ndarray) -> np.ndarray:
-    """Return the rotation vector (3,) rad of a rotation matrix."""
-    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
 
 
 # Extrinsics of the units of an array: clock and mounting of each, from their rates and from gravity in their stills.

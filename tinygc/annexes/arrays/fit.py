@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
 from session import VERSION
@@ -189,9 +188,6 @@ def solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition
 
 # Fit of an array: each unit's calibration and extrinsics, and the residuals of its turns, split into common and individual parts.
 
-#: source of each turn's bias; auto: the stills, if they reduce the units' own errors significantly
-BIASES = ("auto", "ends", "stills")
-
 
 @dataclass(frozen=True, eq=False)
 class UnitFit:
@@ -237,13 +233,6 @@ class UnitFit:
         """Return the sigmas (12,) by the unit's own gravity alone."""
         return np.sqrt(np.diag(self.covariance_alone))
 
-    @property
-    def best_gain(self) -> float:
-        """Return the largest ratio of sigma alone to the array's, over all directions of the twelve: yaw about the vertical."""
-        factor = np.linalg.cholesky(self.covariance[:PARAMETERS, :PARAMETERS])
-        white = solve_triangular(factor, self.covariance_alone, lower=True)
-        return float(np.sqrt(np.linalg.eigvalsh(solve_triangular(factor, white.T, lower=True))[-1]))
-
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
@@ -286,23 +275,21 @@ class ArrayFit:
 def fit_array(
     array: ArraySession,
     *,
-    places: tuple[UnitPlace, ...] | None = None,
     bias: str = "auto",
-    with_ages: bool = True,
     use_earth: bool = True,
     accelerometer: str = "auto",
     progress: Callable[[str], None] = lambda what: None,
 ) -> ArrayFit:
     """Estimate all units jointly.
 
-    places: clocks and mountings, if known; with_ages: whether the latencies of readings that beat against the reader are subtracted from
-    their stamps; bias: one of ``BIASES``; accelerometer as in ``prepare``.  Raises the errors of ``places_of``, and FitError where fewer
-    than two units can be used or they have no turns in common.
+    The latencies of readings that beat against the reader are subtracted from their stamps.  bias: source of each turn's bias, ends, stills
+    or auto: the stills, if they reduce the units' own errors significantly; accelerometer as in ``prepare``.  Raises the errors of
+    ``places_of``, and FitError where fewer than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
-    ages = ages_of(array, clock_fits(array)) if with_ages and places is None and of_one_reader(array) else ()
+    ages = ages_of(array, clock_fits(array)) if of_one_reader(array) else ()
     sampled = corrected(array, ages) if any(each.found for each in ages) else array
-    units, left = prepare_units(sampled, places or places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
+    units, left = prepare_units(sampled, places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)
     progress("motion beyond the data rate")
     missed = missed_between(units, same)

@@ -26,7 +26,6 @@ from tinygc.annexes.arrays.model import (
     FusedUnit,
     best_weights,
     combined,
-    divisible,
     instability_covariance,
     to_table,
     white_covariance,
@@ -190,42 +189,33 @@ def build_array_model(
     units: Sequence[FusedUnit],
     rate_hz: float,
     *,
-    correlation: np.ndarray | None = None,
     joint_covariance: np.ndarray | None = None,
-    averaging_s: float = AVERAGING_S,
     session: str = "",
 ) -> ArrayModel:
     """Build the model of units with known parameters, extrinsics and noise; rate_hz: samples a second of the array.
 
-    correlation (3 N, 3 N): of the units' white noise in the array's frame, where it was measured; joint_covariance (12 N, 12 N) of the
-    units' E and B, unit by unit; averaging_s: averaging time for which the weights are optimal. Raises CalibrationError for fewer than two
-    units, and for noise for which no combination is optimal.
+    joint_covariance (12 N, 12 N) of the units' E and B, unit by unit. Raises CalibrationError for fewer than two units, and for noise for
+    which no combination is optimal.
     """
     units = tuple(units)
     if len(units) < 2:
         raise CalibrationError(f"an array of {len(units)} unit, expected two or more")
     if len(set(numbers := [unit.number for unit in units])) < len(numbers):
         raise CalibrationError(f"units {', '.join(map(str, numbers))}: a number stands twice")
-    remark = ""
-    white = white_covariance(units, correlation)
-    weights, fused = best_weights(white)
-    if correlation is not None and not divisible(weights, fused):
-        correlation, white = None, white_covariance(units)
-        weights, fused = best_weights(white)
-        remark = "; the noise's correlation is left out, since by it a unit would have a negative weight"
+    weights, fused = best_weights(white_covariance(units))
     wander = instability_covariance(units)
     best_for, reason = WHITE, "no bias instability of every unit is known, so the weights are best for white noise"
     if wander is not None:
         # Allan variances: white N^2 / tau with N^2 half the one-sided density; flicker the square of 0.664 B, at any tau (IEEE 952, C.1)
         slow, _ = best_weights(wander)
-        by_white = np.trace(fused) / 2 / averaging_s
+        by_white = np.trace(fused) / 2 / AVERAGING_S
         by_wander = FLICKER_FLOOR**2 * np.trace(combined(weights, wander))
         best_for = WHITE if by_white >= by_wander else INSTABILITY
         parts = [np.sqrt(part / 3) / DEG for part in (by_white, by_wander)]
         words = {WHITE: "white noise", INSTABILITY: "bias instability"}[best_for]
-        reason = f"over {averaging_s:g} s white noise leaves {parts[0]:.2g} dps, bias instability {parts[1]:.2g} dps: best for {words}"
+        reason = f"over {AVERAGING_S:g} s white noise leaves {parts[0]:.2g} dps, bias instability {parts[1]:.2g} dps: best for {words}"
         weights = weights if best_for == WHITE else slow
-    return ArrayModel(units, weights, float(rate_hz), best_for, reason + remark, correlation, joint_covariance, session)
+    return ArrayModel(units, weights, float(rate_hz), best_for, reason, None, joint_covariance, session)
 
 
 def save_array_model(model: ArrayModel, path: Path) -> None:

@@ -28,7 +28,6 @@ from tinygc.annexes.arrays.system import (
     with_earth,
 )
 from tinygc.annexes.arrays.units import ArrayUnit, SameStills
-from tinygc.attitude.earth import EarthRate
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
 from tinygc.explanation.standing import LEVEL
@@ -148,7 +147,7 @@ class Joint:
     """Result of the joint estimate.
 
     state: the final one; start; rows of each unit; same: the common stills; where: rows of the system; solution: the last step's, whose
-    change is zero; events; earths by yaw group; missed_rad (Q-1,): predicted tilt error of all units from fast motion.
+    change is zero; events; missed_rad (Q-1,): predicted tilt error of all units from fast motion.
     """
 
     state: ArrayState
@@ -158,7 +157,6 @@ class Joint:
     where: RowMap
     solution: Solution
     events: tuple[ArrayEvent, ...]
-    earths: dict[int, EarthRate]
     missed_rad: np.ndarray
 
     @property
@@ -251,7 +249,7 @@ def estimate(
         state = state.moved(solution.x, ParameterLayout(len(rows), len(same)))
         if turn > 1 and not new and np.abs(solution.x[: ParameterLayout(len(rows), len(same)).attitudes.stop]).max() < SETTLED:
             break
-    return Joint(state, start, rows, same, where, solution, tuple(events), earths, missed_rad)
+    return Joint(state, start, rows, same, where, solution, tuple(events), missed_rad)
 
 
 def _first_sizes(system: System, where: RowMap, units: int) -> np.ndarray:

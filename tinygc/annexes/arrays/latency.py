@@ -256,15 +256,12 @@ def _moved(state: np.ndarray, frequency: np.ndarray, seconds: float) -> np.ndarr
 class Difference:
     """One unit's difference from the others, over all its logs, at readings that all units cover.
 
-    t_s (N,) s array clock, as stamped; log and row (N,) of each; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the
-    others' mean at that time; rate and slope (N, 3), rad/s and rad/s^2, of that mean.
+    t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at
+    that time; slope (N, 3) rad/s^2 of that mean.
     """
 
     t_s: np.ndarray
-    log: np.ndarray
-    row: np.ndarray
     excess: np.ndarray
-    rate: np.ndarray
     slope: np.ndarray
 
 
@@ -300,13 +297,13 @@ class SharedMotion:
                 rate = np.mean([(splines[o][number](at) - self.offsets[o][number]) @ self.maps[o].T for o in others], axis=0)
                 slope = np.mean([slopes[o][number](at) @ self.maps[o].T for o in others], axis=0)
                 parts.append((at, np.full(len(rows), number), rows, mine.rate[rows], rate, slope))
-            t_s, log, row, read, rate, slope = (np.concatenate(each) for each in zip(*parts, strict=True))
+            t_s, log, _, read, rate, slope = (np.concatenate(each) for each in zip(*parts, strict=True))
             logs = len(self.moved[unit])
             design = np.hstack([read, (log[:, None] == np.arange(logs)).astype(float)])
             age = np.concatenate([self.stamped[unit][i].t_s[part[2]] - self.moved[unit][i].t_s[part[2]] for i, part in enumerate(parts)])
             target = rate - age[:, None] * slope  # the others' rate at the time of the reading
             coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
-            found.append(Difference(t_s, log, row, design @ coefficients - rate, rate, slope))
+            found.append(Difference(t_s, design @ coefficients - rate, slope))
             maps.append(coefficients[:3].T)
             offsets.append(-np.linalg.solve(coefficients[:3].T, coefficients[3:].T).T)
         self.maps, self.offsets = maps, offsets

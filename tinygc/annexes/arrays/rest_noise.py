@@ -29,13 +29,11 @@ HALF = 0.5
 class SharedNoise:
     """Correlation of noise at rest between units, in the band of means of 0.1 s.
 
-    pairs (U, U): of each two units, over all axes; value: mean of the pairs, and its sigma; differences: how many of each axis.
+    value: mean of all pairs of units, over all axes, and its sigma.
     """
 
-    pairs: np.ndarray
     value: float
     sigma: float
-    differences: int
 
     @property
     def p_value(self) -> float:
@@ -106,14 +104,13 @@ def correlated(groups: Sequence[Sequence[np.ndarray]]) -> SharedNoise | None:
     count = sum(len(group[0]) for group in groups)
     if count < FEWEST:
         return None
-    pairs = _correlation(products.sum(axis=0))
     above = np.triu_indices(units, 1)
-    value = float(pairs[above].mean())
+    value = float(_correlation(products.sum(axis=0))[above].mean())
     parts = np.array([part.sum(axis=0) for part in np.array_split(products, min(GROUPS, len(products)))])
     without = np.array([_correlation(products.sum(axis=0) - part)[above].mean() for part in parts]) if len(parts) > 1 else np.array([value])
     spread = np.sqrt((len(without) - 1) / len(without) * np.sum((without - without.mean()) ** 2))
     chance = np.sqrt(OF_DIFFERENCES / (3 * count * len(above[0])))
-    return SharedNoise(pairs, value, float(max(spread, chance)), count)
+    return SharedNoise(value, float(max(spread, chance)))
 
 
 def _correlation(products: np.ndarray) -> np.ndarray:

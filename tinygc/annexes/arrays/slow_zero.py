@@ -44,11 +44,6 @@ class PooledSlowZero:
     sizes_rps: dict[int, float]
     named: dict[int, tuple[str, ...]]
 
-    @property
-    def best(self) -> str:
-        """Return the id of the most probable member."""
-        return next(iter(self.shares))
-
 
 def slow_zero_of(explanations: Mapping[int, Explanation], progress: Callable[[int], None] = lambda unit: None) -> PooledSlowZero | None:
     """Weigh the family over all units; None where no unit's explanation names a member, or all units can have none."""

@@ -131,7 +131,6 @@ class Content:
     model: LinearModel
     covariance: np.ndarray
     temperature_c: tuple[float, float, float] | None
-    program: str
 
     @property
     def is_draft(self) -> bool:
@@ -198,7 +197,6 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         model=LinearModel.from_vector(vector),
         covariance=covariance,
         temperature_c=_temperature(data),
-        program=f"TinyGC {data.versions['TinyGC']}" + (f", commit {data.versions['commit']}" if "commit" in data.versions else ""),
     )
 
 

@@ -13,7 +13,7 @@ from tinygc.annexes.discovery.projections import Projection, seen_basis
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.effects import Movement
 
-# A form's constants at the largest gain of its linear columns, and their sigmas.
+# A form's constants at the largest gain of its linear columns.
 
 #: search range of a constant as a factor either way, where its neighbours on a grid are unknown
 REACH = 2.5
@@ -23,35 +23,19 @@ MOST_EVALUATIONS, SCANNED = 40, 9
 DECIDED_SCANNED = 81
 #: ln of a constant: tolerance of the maximum, a tenth of a sigma for constants known to a per cent
 PRECISION = 1e-3
-#: the curvature is computed where the gain has fallen by one (one sigma): tolerance, and steps towards it
-FALLEN, STEPS = (0.3, 3.0), 5
-#: ln of a constant: the first step, and the range of accepted steps
-FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-5, 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class RefinedForm:
-    """form with its best constants; gain: chi-square; constants_sigma: of each constant in its unit, one sigma with all others free; inf
-    where the gain does not determine it."""
-
-    form: LawForm
-    gain: float
-    constants_sigma: tuple[float, ...]
-
-
-def refined(form: LawForm, responses: Responses, projection: Projection, reach: float | np.ndarray = REACH) -> RefinedForm:
-    """Refine the constants against one hypothesis; reach (constants,): range as a factor either way, up to the neighbours on a grid."""
+def refined(form: LawForm, responses: Responses, projection: Projection) -> LawForm:
+    """The form with its constants refined against one hypothesis."""
     begin = np.log(form.constants)
 
     def gain(logs: np.ndarray) -> float:
-        return _gain(responses.columns(form.with_constants(np.exp(logs))), projection)
+        return gain_of(responses.columns(form.with_constants(np.exp(logs))), projection)
 
     if not len(begin):
-        return RefinedForm(form, gain(begin), ())
+        return form
     scanned = DECIDED_SCANNED if any(factor.through.decided for factor in form.factors) else SCANNED
-    at = _highest(gain, begin, np.broadcast_to(np.log(reach), begin.shape), scanned)
-    sigma = _sigmas(gain, at) * np.exp(at)
-    return RefinedForm(form.with_constants(np.exp(at)), gain(at), tuple(sigma.tolist()))
+    return form.with_constants(np.exp(_highest(gain, begin, np.full(begin.shape, np.log(REACH)), scanned)))
 
 
 def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.ndarray, scanned: int) -> np.ndarray:
@@ -79,34 +63,6 @@ def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.n
         found = minimize(lambda x: -gain(x), at, method="Nelder-Mead", bounds=list(zip(low, high, strict=True)), options=simplex_options)
         end = found.x
     return end if -found.fun >= highest else at
-
-
-def _sigmas(gain: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
-    """(constants,) ln: one sigma of each, where chi-square has risen by one, from the local curvature."""
-    top, count = gain(at), len(at)
-    steps = np.array([_step(gain, at, top, unit) for unit in np.eye(count)])
-    moves = np.diag(steps)
-    fallen = np.zeros((count, count))
-    for i in range(count):
-        fallen[i, i] = 2 * top - gain(at + moves[i]) - gain(at - moves[i])
-        for j in range(i):
-            corners = (gain(at + a * moves[i] + b * moves[j]) * a * b for a in (1, -1) for b in (1, -1))
-            fallen[i, j] = fallen[j, i] = -sum(corners) / 4
-    # In steps, chi-square rises by x' fallen x / 2.
-    if np.linalg.eigvalsh(fallen)[0] <= 0:
-        return np.full(count, np.inf)
-    return np.sqrt(2 * np.diag(np.linalg.inv(fallen))) * steps
-
-
-def _step(gain: Callable[[np.ndarray], float], at: np.ndarray, top: float, unit: np.ndarray) -> float:
-    """Distance along one constant at which the gain has fallen by about one."""
-    step = FIRST_STEP
-    for _ in range(STEPS):
-        fallen = top - (gain(at + step * unit) + gain(at - step * unit)) / 2
-        if FALLEN[0] < fallen < FALLEN[1]:
-            break
-        step = float(np.clip(step / np.sqrt(max(fallen, 1e-2)), LEAST_STEP, MOST_STEP))
-    return step
 
 
 # A form with one constant per axis: the grammar has one for all axes, but a gyroscope has three structures.
@@ -164,10 +120,10 @@ def _by_axis(form: LawForm, number: int, axes: np.ndarray, responses: Responses,
         return np.where(of_these, responses.columns(of(ln)), columns)
 
     def highest(of_these: np.ndarray) -> tuple[float, float]:
-        return _highest_of_one(lambda ln: _gain(with_axes(of_these, ln), projection), begin)
+        return _highest_of_one(lambda ln: gain_of(with_axes(of_these, ln), projection), begin)
 
     begin, columns = float(np.log(form.constants[number])), responses.columns(form)
-    alone = _gain(columns, projection)
+    alone = gain_of(columns, projection)
     # The common constant is refined first; otherwise its error would count in favour of the axes.
     ln, found = highest(axes >= 0)
     if found > alone:
@@ -190,5 +146,6 @@ def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float
     return float(found.x), -float(found.fun)
 
 
-def _gain(columns: np.ndarray, projection: Projection) -> float:
+def gain_of(columns: np.ndarray, projection: Projection) -> float:
+    """Chi-square that stacked columns (n, P) remove from what a hypothesis leaves."""
     return float(np.sum((seen_basis(columns, projection).T @ projection.residual) ** 2))

@@ -75,7 +75,6 @@ class _AssessedLaw:
     axis, where these differ; against_gravity: whether gravity during the turns is nearer without it; threshold: the range of
     one that the recording leaves open, where it matters."""
 
-    law: Effect
     form: LawForm
     round: SearchRound
     better: float
@@ -173,7 +172,6 @@ def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
     without = searched.without(law)
     near = _near(searched, law)
     return _AssessedLaw(
-        law,
         evidence.forms[law.id],
         round_,
         without.score - best.score,

@@ -19,13 +19,10 @@ ONE, OTHER = "one", "other"
 
 @dataclass(frozen=True)
 class LawCode:
-    """lines: of a function of ``m``, the last of which returns the columns; shape: of the parameter; helpers: names of ``tinygc.effects``
-    that they use; libraries: numpy and signals, where used."""
+    """lines: of a function of ``m``, the last of which returns the columns; shape: of the parameter."""
 
     lines: tuple[str, ...]
     shape: tuple[int, ...]
-    helpers: tuple[str, ...]
-    libraries: tuple[str, ...]
 
 
 #: a session's property -> the constant of a file that holds it for the session where the law was found
@@ -51,14 +48,8 @@ def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str
         lines.append(f"{variable} = {made}")
     more, columns = ([], _one(form)) if single else _two(form)
     lines, columns = _shorter([*lines, *more], columns)
-    text = "\n".join([*lines, f"return {columns}"])
     per_axis = form.size // 3
-    helpers = tuple(name for name in HELPERS if re.search(rf"\b{name}\(", text))
-    libraries = tuple(name for name in ("np", "signals") if re.search(rf"\b{name}\.", text))
-    return LawCode((*lines, f"return {columns}"), (3,) if per_axis == 1 else (3, per_axis), helpers, libraries)
-
-
-HELPERS = ("before", "behind", "cross", "diagonal", "full", "rows", "without_vibration")
+    return LawCode((*lines, f"return {columns}"), (3,) if per_axis == 1 else (3, per_axis))
 
 
 def _source(factor: Factor, fixed: Sequence[str]) -> str:

@@ -221,7 +221,7 @@ def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, righ
             left.plot([], [], "o-", ms=4, color=colour, label=f"{name}{_number(law, each.series)}")
             right.plot([], [], "o", ms=4, color=colour, label=f"{name}, with the law")
     else:
-        _levels(e, law, own, points[0], times, one, left, right)
+        _levels(law, own, points[0], times, one, left, right)
     _laws(law, own, points, times, one, left)
     if not along:
         _edges(law, points, times, unit, left)
@@ -289,7 +289,7 @@ def _edges(law: Law, points: list[Points], times: float, unit: str, axes: Axes) 
             label = "_"  # labelled once
 
 
-def _levels(e: Explanation, law: Law, own: Fitted, points: Points, times: float, one: float, left: Axes, right: Axes) -> None:
+def _levels(law: Law, own: Fitted, points: Points, times: float, one: float, left: Axes, right: Axes) -> None:
     """Draw one series of a law of two quantities, coloured by the level of the second."""
     assert points.level is not None
     other = other_of(law.form)

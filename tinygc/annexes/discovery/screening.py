@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from tinygc.annexes.discovery.constants import RefinedForm, refined
 from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
 from tinygc.annexes.discovery.responses import ColumnPlan, ResponseBlock, Responses, SessionValues, planned
@@ -21,11 +20,10 @@ from tinygc.noise.whitening import Whitener
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A law with equal coefficients: quantity, form; whitened (n,): its response in the projection's whitened channels, unit (m,): the same
+    """A law with equal coefficients: quantity; whitened (n,): its response in the projection's whitened channels, unit (m,): the same
     orthogonal to the nuisance and normalised, at the size rms: rad/s of its added rate beyond a calibration."""
 
     quantity: str
-    form: LawForm
     whitened: np.ndarray
     unit: np.ndarray
     rms: float
@@ -46,7 +44,7 @@ def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projec
             continue
         rms = beside_calibration(form, np.ones(form.size), responses.values) / length
         if factor.quantity not in best or rms < best[factor.quantity].rms:
-            best[factor.quantity] = Probe(factor.quantity, form, whitened / length, free / length, rms)
+            best[factor.quantity] = Probe(factor.quantity, whitened / length, free / length, rms)
     return tuple(best.values())
 
 
@@ -384,10 +382,6 @@ class Screening:
         for form in self.forms:
             found.setdefault(form.shape, []).append(form)
         return found
-
-    def refined(self, form: LawForm, projection: int = -1) -> RefinedForm:
-        """The form with its constants refined in one of the projections."""
-        return refined(form, self.all_responses, self.all_projections[projection])
 
     @cached_property
     def leaders(self) -> np.ndarray:

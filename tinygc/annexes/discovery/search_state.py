@@ -114,8 +114,6 @@ def _floor(floor: Floor, held: np.ndarray) -> Floor:
 
 # The result of a search for an equation.
 
-VERDICTS = ("found", "ambiguous", "none")
-
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:

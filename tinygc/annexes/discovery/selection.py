@@ -263,8 +263,7 @@ def with_a_form(
         projection, fit = screening.all_projections[number], projections[number][1]
         takes = partial(takes_calibration, responses=screening.all_responses, projection=projection, fit=fit)
         for at in _first_of_each_shape(forms, screening.promise[number], takes):
-            sharp = refined(forms[at], screening.all_responses, projection)
-            effect = evidence.effect_of(sharp.form)
+            effect = evidence.effect_of(refined(forms[at], screening.all_responses, projection))
             promised[effect.id] = float(screening.tested[at])
             trials.append((evidence.guess(base, add=effect).score, effect, base))
     trials.sort(key=lambda trial: trial[0])

@@ -71,14 +71,14 @@ def _curve(history: UnitHistory, each: NumberHistory, place: int) -> Curve:
     si, at = each.number.si, history.at[each.sessions]
     mean = float(np.mean(each.values)) / si
     label = f"{each.number.component} {significant(mean, 4)}"
-    grid, course, low, high = _course(history, each, at)
+    grid, course, low, high = _course(each, at)
     values, sigmas = each.values / si - mean, each.sigmas / si
     shows = each.course is not None and (each.course.drifts or bool(each.course.steps))
     course, low, high = (part / si - mean for part in (course, low, high))
     return Curve(label, "xyz"[place], each.sessions, at, values, sigmas, grid, course, low, high, shows)
 
 
-def _course(history: UnitHistory, each: NumberHistory, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _course(each: NumberHistory, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Level, steps and drift on a grid, with their 68 %; a step stands in the middle of its interval."""
     none = np.zeros(0)
     if each.course is None:

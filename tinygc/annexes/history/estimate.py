@@ -177,12 +177,12 @@ class UnitHistory:
         return tuple(sorted(found, key=lambda step: step.p_value))
 
 
-def history_of(sessions: Sequence[UnitSession], remarks: Sequence[str] = ()) -> UnitHistory:
+def history_of(sessions: Sequence[UnitSession]) -> UnitHistory:
     """Estimate the history of one unit from its sessions, in any order."""
     order, at = times_of([session.moment for session in sessions])
     ordered = tuple(sessions[i] for i in order)
     dated = all(session.moment is not None for session in ordered) and len({s.moment.when for s in ordered if s.moment}) > 1
-    said = list(remarks)
+    said = []
     if len(ordered) > 1 and not dated:
         lacking = [session.name for session in ordered if session.moment is None]
         why = f"{lacking[0]} has no date" if lacking else "all sessions have one date"

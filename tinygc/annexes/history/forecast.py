@@ -132,9 +132,9 @@ class Draws:
             yield level + years * growth + scatter * normal + shocks
 
 
-def draws_of(history: UnitHistory, seed: int = 0, count: int = DRAWS) -> Draws:
+def draws_of(history: UnitHistory) -> Draws:
     """Draw differences from the last calibration."""
-    rng = np.random.default_rng(seed)
+    rng, count = np.random.default_rng(0), DRAWS
     n, Q = len(history.sessions), len(NUMBERS)
     errors = np.zeros((count, n, Q))
     for j, session in enumerate(history.sessions):
@@ -173,13 +173,11 @@ def _shocks(history: UnitHistory, rng: np.random.Generator, count: int) -> tuple
     return arrivals, rng.normal(size=(count, MOST_SHOCKS, len(NUMBERS))) * np.sqrt(square)
 
 
-def outlooks_of(
-    history: UnitHistory, requirements: Sequence[Requirement], today: datetime | None = None, seed: int = 0
-) -> tuple[Outlook, ...]:
+def outlooks_of(history: UnitHistory, requirements: Sequence[Requirement], today: datetime | None = None) -> tuple[Outlook, ...]:
     """Until when the last calibration meets each requirement; today: now by default."""
     if not requirements:
         return ()
-    draws = None if len(history.sessions) < 2 else draws_of(history, seed)
+    draws = None if len(history.sessions) < 2 else draws_of(history)
     return tuple(_outlook(history, each, draws, today or datetime.now(UTC)) for each in requirements)
 
 

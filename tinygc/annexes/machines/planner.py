@@ -150,7 +150,7 @@ def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -
     own: whether the accelerometer is not calibrated.  The session itself chooses by what it has seen, so its turns may differ; their limits
     do not.
     """
-    rehearsal = Coach(machine=moves).rehearse(own, max(segments, MOST_TO_GO), enough=True)
+    rehearsal = Coach(machine=moves).rehearse(own, max(segments, MOST_TO_GO))
     turns = rehearsal.turns[:segments]
     if not stop_at_target and len(turns) < segments:  # every target is met: further turns are like those before
         turns = tuple(turns[number % len(turns)] for number in range(segments))

@@ -81,10 +81,9 @@ class Named:
 
 @dataclass(frozen=True, eq=False)
 class Unseen:
-    """A direction of an error that these attitudes do not show; direction (P,), unit; hidden_in: parts of the state that take it up."""
+    """A direction of an error that these attitudes do not show; hidden_in: parts of the state that take it up."""
 
     candidate: Candidate
-    direction: np.ndarray
     hidden_in: tuple[str, ...]
 
 
@@ -114,13 +113,12 @@ class Selected:
 @dataclass(frozen=True, eq=False)
 class _Judged:
     """A candidate beside a base: place: of its columns among all; s (P,): 1 / sigma of each singular direction in plausible sizes; right
-    (P, P): these directions, in columns; gain of those that are seen; p_value of its own; log_evidence."""
+    (P, P): these directions, in columns; p_value of its own; log_evidence."""
 
     candidate: Candidate
     place: slice
     s: np.ndarray
     right: np.ndarray
-    gain: float
     p_value: float
     log_evidence: float
 
@@ -194,7 +192,7 @@ class _Base:
             weighed = np.where(seen, z**2 * s**2 / (1 + s**2) - np.log1p(s**2), 0.0)
             gain = float(np.sum(z[seen] ** 2))
             p_value = float(chi2.sf(gain, int(seen.sum()))) if seen.any() else 1.0
-            found.append(_Judged(each, place, s, right, gain, p_value, float(weighed.sum()) / 2 - np.log(each.tried)))
+            found.append(_Judged(each, place, s, right, p_value, float(weighed.sum()) / 2 - np.log(each.tried)))
             start = place.stop
         return self._weighed_anew(found)
 
@@ -236,9 +234,7 @@ class _Base:
             column = each.candidate.columns * each.candidate.plausible
             evidence = (self.noise.value - self.model.value_of(self.r, np.concatenate([self.fitted, column], axis=1))) / 2
             gain = max(0.0, 2 * evidence + float(np.log1p(each.s**2).sum()))
-            weighed = replace(
-                each, gain=gain, p_value=float(chi2.sf(gain, len(each.s))), log_evidence=evidence - np.log(each.candidate.tried)
-            )
+            weighed = replace(each, p_value=float(chi2.sf(gain, len(each.s))), log_evidence=evidence - np.log(each.candidate.tried))
             if number in once or weighed.log_evidence > each.log_evidence:
                 judged[number] = weighed
         return judged
@@ -447,7 +443,7 @@ def _not_named(base: _Base, judged: list[_Judged]) -> tuple[list[tuple[Candidate
         weakest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
         limits.append((each.candidate, float(bar * weakest)))
         for direction in each.right[:, ~each.seen].T:
-            unseen.append(Unseen(each.candidate, direction, _hidden_in(base, each, direction)))
+            unseen.append(Unseen(each.candidate, _hidden_in(base, each, direction)))
     return limits, unseen
 
 

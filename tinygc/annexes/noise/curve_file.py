@@ -72,10 +72,10 @@ def read_curve(path: Path, units: str | None = None) -> AllanCurve:
     if len(rows) < LEAST_ROWS:
         raise FormatError(f"{path.name}: {len(rows)} averaging times, expected {LEAST_ROWS} at least: rows of tau and deviations")
     table = np.array(rows)
-    return AllanCurve(table[:, 0], _sensors(path.name, table[:, 1:], _units(path.name, words, units)))
+    return AllanCurve(table[:, 0], _sensors(path.name, table[:, 1:], _units(words, units)))
 
 
-def _units(name: str, words: list[str], told: str | None) -> list[tuple[str, float]]:
+def _units(words: list[str], told: str | None) -> list[tuple[str, float]]:
     """The sensor and the SI value of each unit, in the order of the columns."""
     texts = [text.strip() for text in told.split(",")] if told else [text.strip() for line in words for text in BRACKETS.findall(line)]
     found: list[tuple[str, float]] = []

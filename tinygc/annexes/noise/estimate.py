@@ -83,7 +83,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         found = _axis(groups, period_s, _lines_hz(sections[:, :, channel], period_s))
         axes.append(found)
         bands.append(allan_points(groups, period_s, found))
-        remarks += unsteady(rests, channel, part.residuals, period_s)
+        remarks += unsteady(rests, part.residuals, period_s)
         if part.order:
             remarks.append(f"temperature moves it by {_shown(part.rms, kind)} rms, which is taken off.")
         for remark in remarks:

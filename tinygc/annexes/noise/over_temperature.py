@@ -22,13 +22,12 @@ LEAST_BLOCKS = 100
 @dataclass(frozen=True, eq=False)
 class TemperaturePart:
     """Of one channel: residuals, of each rest (B,), its block means less the part; columns, of each rest (B, p), of what was estimated;
-    rms of the part, SI; order of the polynomial; lag_s of the element."""
+    rms of the part, SI; order of the polynomial."""
 
     residuals: list[np.ndarray]
     columns: list[np.ndarray]
     rms: float = 0.0
     order: int = 0
-    lag_s: float = 0.0
 
 
 def is_long(rest: Rest) -> bool:
@@ -78,4 +77,4 @@ def temperature_part(rests: Sequence[Rest], channel: int, knots: Knots | None) -
         wide[mask] = of_powers
         residuals.append(less)
         columns.append(wide)
-    return TemperaturePart(residuals, columns, float(np.std(zero)), found.order, found.tau_s)
+    return TemperaturePart(residuals, columns, float(np.std(zero)), found.order)

@@ -315,7 +315,7 @@ def _coarse(rest: Rest, means: np.ndarray, columns: np.ndarray) -> tuple[list[tu
     return found, Group(size, number - number[0], basis, np.outer(z, z), 1.0, top=True, middle=middle - number[0])
 
 
-def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray], period_s: float) -> list[str]:
+def unsteady(rests: Sequence[Rest], residuals: Sequence[np.ndarray], period_s: float) -> list[str]:
     """Say of each rest where its slow noise differs between its halves by more than chance: a warming sensor, a spell of draught."""
     said = []
     for rest, means in zip(rests, residuals, strict=True):

@@ -54,7 +54,7 @@ def ratios_of(samples: int) -> tuple[int, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Means of blocks in the order of time, B blocks of ``size`` samples, less the first reading ``about`` (6,).
+    """Means of blocks in the order of time, B blocks of ``size`` samples, less the first reading.
 
     number (B,): which block of the rest's time; run (B,): which run without a gap; chunk (B,): which chunk of sums holds it; mean (B, 6)
     rad/s, m/s^2; temp_c (B,) degC, NaN without; peak (B, 6): farthest reading from the mean; stuck (B,): readings that repeat all six.
@@ -68,7 +68,6 @@ class Blocks:
     temp_c: np.ndarray
     peak: np.ndarray
     stuck: np.ndarray
-    about: np.ndarray
 
     def __len__(self) -> int:
         return len(self.number)
@@ -257,6 +256,5 @@ class RestSums:
             np.zeros((0, 6)),
             np.zeros(0, int),
         )
-        about = np.zeros(CHANNELS) if self._about is None else self._about
-        blocks = Blocks(self.size, number, run, chunk, mean, temp, peak, stuck, about)
+        blocks = Blocks(self.size, number, run, chunk, mean, temp, peak, stuck)
         return blocks, summed, np.concatenate([np.zeros((0, len(self.ratios))), *counts])

@@ -80,7 +80,7 @@ def terms(choice: Choice) -> list[TermRow]:
     rows.append(_nonlinearity(choice, within))
     rows += _over_all(found, within)
     rows.append(_asymmetry(choice, within, tested))
-    rows.append(_hysteresis(choice, scale, tested))
+    rows.append(_hysteresis(choice, scale))
     rows.append(_dead_band(choice, tested))
     rows += _saturation(found)
     line = choice.line
@@ -278,7 +278,7 @@ def _asymmetry(choice: Choice, within: Range, tested: str) -> TermRow:
     return _limited(key, name, _probe(choice, "asymmetry"), 2e6 / scale, "ppm", condition)
 
 
-def _hysteresis(choice: Choice, scale: float, tested: str) -> TermRow:
+def _hysteresis(choice: Choice, scale: float) -> TermRow:
     """Output on the way up less output on the way down at one rate, as a rate."""
     points = choice.points
     key, name = "hysteresis", "hysteresis"

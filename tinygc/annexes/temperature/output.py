@@ -454,7 +454,7 @@ MODEL, FIGURES, PICTURE = "model_thermal.json", "temperature.json", "temperature
 UNITS = "E: 1/degC^n, zero: rad/s/degC^n, lag: s; product of the two parameters' units"
 
 
-def save_thermal(fit: ThermalFit, folder: Path, pictures: bool = True) -> Path:
+def save_thermal(fit: ThermalFit, folder: Path) -> Path:
     """Write the model, the figures and, where matplotlib is installed, the picture into a folder; return the folder.
 
     Raises StorageError for files that cannot be written.
@@ -462,7 +462,7 @@ def save_thermal(fit: ThermalFit, folder: Path, pictures: bool = True) -> Path:
     with result_folder(folder):
         write_whole(folder / MODEL, model_table(fit))
         write_whole(folder / FIGURES, to_json(fit))
-        if pictures and has_matplotlib():
+        if has_matplotlib():
             draw(fit, folder / PICTURE)
     return folder
 

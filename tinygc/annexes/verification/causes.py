@@ -121,12 +121,11 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """best: the most probable explanation; nothing: that without a cause; probability: of best among all that were compared; rivals: in
+    """best: the most probable explanation; probability: of best among all that were compared; rivals: in
     place of each cause of best, those that this recording does not tell apart from it; alone: log evidence of each single cause beside
     none."""
 
     best: Explanation
-    nothing: Explanation
     probability: float
     rivals: dict[str, tuple[str, ...]]
     alone: dict[str, float]
@@ -387,7 +386,7 @@ def diagnose(evidence: Evidence, causes: Sequence[Cause]) -> Diagnosis:
         )
     unique = {tuple(sorted(each.names)): each.log_evidence for each in sorted(compared, key=lambda each: each.log_evidence)}
     probability = float(np.exp(best.log_evidence - logsumexp(list(unique.values()))))
-    return Diagnosis(best, nothing, probability, rivals, alone)
+    return Diagnosis(best, probability, rivals, alone)
 
 
 def _best_of_each(evidence: Evidence, fixed: Explanation, causes: Sequence[Cause]) -> list[Explanation]:

@@ -40,7 +40,7 @@ MOST_TURNS = 10
 #: m/s^2
 USUAL_TURN_DEG, USUAL_LENGTH_MPS2 = 0.05, 1e-3
 #: s of a full turn in a minute of use; where on the way it is looked at: a misalignment shows most half way round
-TURN_S, ON_THE_WAY = 4.0, (0.25, 0.5, 0.75, 1.0)
+TURN_S, RATE_HZ, ON_THE_WAY = 4.0, 50.0, (0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +103,9 @@ def cost_of(
     )
 
 
-def turn_about(axis: int, share: float, rate_hz: float = 50.0) -> Motion:
+def turn_about(axis: int, share: float) -> Motion:
     """A share of a full turn about an axis of the sensor."""
-    t = np.arange(round(TURN_S * rate_hz) + 1) / rate_hz
+    t = np.arange(round(TURN_S * RATE_HZ) + 1) / RATE_HZ
     rate = np.zeros((len(t), 3))
     rate[:, axis] = share * 2 * np.pi / TURN_S * (1 - np.cos(2 * np.pi * t / TURN_S))
     return Motion(rate, np.diff(t), f"{360 * share:g}° about {'xyz'[axis]}")
@@ -160,21 +160,21 @@ def _bound_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) -
     return float((np.linalg.norm(slopes @ change, axis=1) + BOUND * sigma).max() / DEG)
 
 
-def turns_that_tell(rows: Rows, noise: TodaysNoise, W: np.ndarray, limit_deg: float, count: int = MOST_TURNS) -> list[Proposal]:
+def turns_that_tell(rows: Rows, noise: TodaysNoise, W: np.ndarray, limit_deg: float) -> list[Proposal]:
     """Turns that bring what is open below the limit, the best first; none where nothing is open."""
     limit = limit_deg * DEG / BOUND
     wanted = np.full(COUNT, limit / (2 * np.pi * np.sqrt(3)))
     wanted[ACCELEROMETER] = np.r_[np.full(6, limit / np.sqrt(2)), np.full(3, limit * STANDARD_GRAVITY_MPS2 / np.sqrt(2))]
     wanted[ZERO] = limit / MINUTE_S
-    return best_turns(_known(rows, noise, W, wanted), count)
+    return best_turns(_known(rows, noise, W, wanted), MOST_TURNS)
 
 
-def turns_that_separate(rows: Rows, noise: TodaysNoise, spans: list[np.ndarray], count: int = 3) -> list[Proposal]:
+def turns_that_separate(rows: Rows, noise: TodaysNoise, spans: list[np.ndarray]) -> list[Proposal]:
     """Turns that tell causes apart, each of which moves the parameters along its columns (21, k)."""
     together = np.concatenate(spans, axis=1)
     floor = np.diag((1e-4 * PLAUSIBLE) ** 2)
     covariance = together @ together.T + floor
-    return best_turns(_known(rows, noise, covariance, np.sqrt(np.diag(covariance)) / 10 + 1e-5 * PLAUSIBLE), count)
+    return best_turns(_known(rows, noise, covariance, np.sqrt(np.diag(covariance)) / 10 + 1e-5 * PLAUSIBLE), 3)
 
 
 def _known(rows: Rows, noise: TodaysNoise, covariance: np.ndarray, wanted: np.ndarray) -> Known:

@@ -91,9 +91,7 @@ def todays_noise(rows: Rows) -> TodaysNoise:
     return TodaysNoise(covariance, tuple(parts), found, rows.noise_freedom)
 
 
-def noise_beside(
-    rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None, steps: int = SCORING_STEPS
-) -> ComponentEstimate:
+def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None) -> ComponentEstimate:
     """Sizes of the components beside columns J (n, p) of one sigma each."""
     parts = rows.components
     if not parts:
@@ -108,7 +106,7 @@ def noise_beside(
         rows.blocks,
         start,
         with_sigma,
-        steps,
+        SCORING_STEPS,
     )
 
 

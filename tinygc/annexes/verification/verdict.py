@@ -25,7 +25,7 @@ from tinygc.annexes.verification.cost import (
     turns_that_separate,
     turns_that_tell,
 )
-from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
+from tinygc.annexes.verification.expected import ZERO, Part, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
 from tinygc.annexes.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.annexes.verification.rows import Rows, rows_of
@@ -73,7 +73,6 @@ class Verification:
     headline: str
     questions: tuple[Question, ...]
     parts: tuple[Part, ...]
-    spread: Spread
     noise: TodaysNoise
     bounds: tuple[Bound, ...]
     cost: Cost
@@ -189,7 +188,6 @@ def verify_session(
         headline=decision.headline,
         questions=questions,
         parts=tuple(parts),
-        spread=spread,
         noise=noise,
         bounds=found_bounds,
         cost=cost,

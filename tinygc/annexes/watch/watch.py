@@ -124,7 +124,7 @@ class Watch:
                 return
             self._early = []
             yield self._start(item)
-        for piece in _parts(item, self._gap_ns, self._last_ns):
+        for piece in _parts(item, self._gap_ns):
             yield from self._piece(piece)
 
     def _start(self, item: Readings) -> Event:
@@ -371,7 +371,7 @@ class Watch:
                     raise DataError("one sample alone came; a watch needs seconds of them")
                 self._early = []
                 yield self._start(item)
-                for piece in _parts(item, self._gap_ns, None):
+                for piece in _parts(item, self._gap_ns):
                     yield from self._piece(piece)
         else:
             rest = self._stream.flush()
@@ -432,7 +432,7 @@ def _joined(items: list[Readings]) -> Readings:
     return Readings(t_ns, gyro, accel, temp_c)
 
 
-def _parts(item: Readings, gap_ns: int, last_ns: int | None) -> Iterator[tuple[int, Readings]]:
+def _parts(item: Readings, gap_ns: int) -> Iterator[tuple[int, Readings]]:
     """Parts without gaps, each with the ns before it where that is a gap, negative where stamps go back; 0 for none."""
     steps = np.diff(item.t_ns)
     cuts = np.flatnonzero((steps > gap_ns) | (steps < 0)) + 1

@@ -53,23 +53,23 @@ def log_axis(values: ArrayLike, label: str = "", margin: float = 1.4) -> Axis:
     return Axis(_round_down(lo), 1 / _round_down(1 / hi), label, log=True)
 
 
-def linear_axis(values: ArrayLike, label: str = "", zero: bool = False, margin: float = 0.06) -> Axis:
+def linear_axis(values: ArrayLike, label: str = "", zero: bool = False) -> Axis:
     """A linear axis around values."""
     numbers = np.asarray(values, float)
     numbers = numbers[np.isfinite(numbers)]
     lo, hi = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 1.0)
     if zero:
         lo, hi = min(lo, 0.0), max(hi, 0.0)
-    room = margin * (hi - lo) or max(abs(hi), 1e-12) * 0.1
+    room = 0.06 * (hi - lo) or max(abs(hi), 1e-12) * 0.1
     return Axis(lo if zero and lo == 0 else lo - room, hi if zero and hi == 0 else hi + room, label)
 
 
 class Chart:
     """Chart with two axes; its content is clipped to the frame."""
 
-    def __init__(self, width: int, height: int, x: Axis, y: Axis, about: str, left: int = 58, right: int = 14, top: int = 12):
+    def __init__(self, width: int, height: int, x: Axis, y: Axis, about: str, left: int = 58, right: int = 14):
         self.width, self.height, self.x, self.y, self._about = width, height, x, y, about
-        self.left, self.top = left, top + (16 if y.label else 0)
+        self.left, self.top = left, 12 + (16 if y.label else 0)
         self.inner_width, self.inner_height = width - left - right, height - self.top - (42 if x.label else 26)
         self._parts: list[str] = []
         self._frame()

@@ -321,14 +321,12 @@ def gather(
     *,
     explain: bool = True,
     limit_deg: float | None = None,
-    fit_folder: Path | None = None,
     fit: FitResult | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ReportData:
     """Run fit and explain of a session or a session folder.
 
-    fit_folder: folder with earlier output of ``fit`` (the session's ``fit`` by default); fit: the fit of this session with these options,
-    where it was run before.
+    fit: the fit of this session with these options, where it was run before; else earlier output is in the session's ``fit``.
     The session is read, checked and turned into a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
     progress = progress or (lambda what, done, of: None)
@@ -346,7 +344,7 @@ def gather(
     logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain and prepared is not None else {}
     discovery = find("earlier discoveries") if explain and folder is not None else None
     if fit is None:
-        saved = fit_folder or (None if folder is None else folder / "fit")
+        saved = None if folder is None else folder / "fit"
         fit = fit_session(session, options, progress, saved=saved, prepared=prepared, physics=physics_methods)
     truth = fit.session.config.protocol.reference == "truth"
     if options.exclude and prepared is not None and explain:  # segments excluded from the fit are explained all the same

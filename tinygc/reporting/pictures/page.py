@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +14,7 @@ from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import is_refitted
 from tinygc.noise.channels import own_residuals
 from tinygc.noise.twin import Variable
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, save
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas
 from tinygc.reporting.pictures.panels import draw_claim
 from tinygc.reporting.pictures.values import lengths_per_still, rates_per_still
 
@@ -24,11 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_ROWS = 4  #: number of causes drawn, strongest first
-
-
-def draw(e: Explanation, path: Path) -> None:
-    """Write the page as PNG.  Raises CalibrationError if matplotlib is missing."""
-    save(figure_of(e), path)
 
 
 def figure_of(e: Explanation) -> Figure:

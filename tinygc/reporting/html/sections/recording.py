@@ -14,8 +14,6 @@ from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemisphe
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 
-#: columns of the picture over time, two per pixel of the wide version
-COLUMNS = 1600
 REFERENCES = {"gravity": "gravity", "table": "table dials", "truth": "truth file"}
 #: instants of a turn whose axes are drawn
 AXES_PER_TURN = 25

@@ -12,15 +12,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from virtual_line import SimulatedClock, VirtualLink
 
-from session.annexes.machines.clocks import SimulatedClock
 from session.annexes.machines.description import Description
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.mechanics import TableErrors
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.virtual_motion import Fault
-from session.annexes.machines.wire import VirtualLink
 from session.bench import frames
 from session.bench.events import Info
 from session.bench.port import Closed, Opened, Received

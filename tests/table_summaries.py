@@ -1,7 +1,7 @@
 """What a session of a table would observe, drawn without its samples: thousands of times faster, for questions of statistics alone.
 
 The truth is exact (``mechanics.true_attitudes``) at the edges of equal blocks; the sensor's noise and effects are those of its means over
-them.  Sessions of samples are simulated by ``simulation.py``; a test holds both to each other.
+them.  Sessions of samples are simulated by ``table_simulation.py``; a test holds both to each other.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from table_simulation import LostSteps, Move
 
 from session.annexes.machines.description import Description
 from session.annexes.machines.mechanics import AxisTrack, TableErrors, true_attitudes
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
 from tinygc.annexes.machines.observed import Observed, held_up_from, said_at, stamps_beside
-from tinygc.annexes.machines.simulation import LostSteps, Move
 from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
 

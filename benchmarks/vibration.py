@@ -20,7 +20,7 @@ from common import in_parallel, markdown
 from session.io.folder import read_session
 from session.io.registers import accel_mps2_per_lsb
 from session.io.units import DEG, G
-from tinygc.annexes.challenge.rate_effects import Scene, vibration_rectification
+from tinygc.annexes.challenge.other_effects import bench, vibration_rectification
 from tinygc.closure.build import build_problem
 from tinygc.explanation.physics import fit_physics
 from tinygc.simulation.options import SimulationOptions
@@ -44,7 +44,7 @@ def fitted(job: Job) -> dict:
     odr_hz, band_hz, seed = job
     options = SimulationOptions(segments=40, closure_s=0.0, seed=seed, odr_hz=odr_hz)
     plan = plan_of(options)
-    one = vibration_rectification(Scene(np.random.default_rng(seed), 1.0, options, plan), band_hz)
+    one = vibration_rectification(bench(np.random.default_rng(seed), 1.0, options, plan), band_hz)
     assert one.disturb is not None  # it shakes the accelerometer
     shaken = simulate_session(options, one.distort, plan=plan, disturb=one.disturb)
     quiet = simulate_session(options, one.distort, plan=plan)

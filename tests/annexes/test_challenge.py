@@ -16,8 +16,6 @@ from tinygc import SimulationOptions
 from tinygc.annexes.challenge.examination import (
     ALIKE,
     ALONE,
-    IN_RECORDINGS,
-    MAKERS,
     NEEDS,
     STRENGTHS,
     Examination,
@@ -34,7 +32,7 @@ from tinygc.annexes.challenge.examination import (
     size_of,
     to_json,
 )
-from tinygc.annexes.challenge.rate_effects import Scene
+from tinygc.annexes.challenge.other_effects import MAKERS, bench
 from tinygc.effects import Movement, catalogue
 from tinygc.simulation.options import draw_unit
 from tinygc.simulation.simulator import plan_of, simulate_session, true_signals
@@ -87,7 +85,7 @@ def test_two_codes_of_one_effect_agree(name):
     """The examiner's own code against the catalogue's, on the same movement: the parameters mean the same in both."""
     options = SimulationOptions(segments=8, closure_s=0.0, warm_up_c=8.0)
     plan = plan_of(options)
-    hidden = MAKERS[name](Scene(np.random.default_rng(3), 1.0, options, plan))
+    hidden = MAKERS[name](bench(np.random.default_rng(3), 1.0, options, plan))
     t = np.arange(0, plan.log_s, 1 / 1664)
     rate, force, temp = true_signals(options, draw_unit(options, np.random.default_rng(0)), plan, t)
     effect, g = catalogue()[name], 9.80665
@@ -228,6 +226,5 @@ def test_a_strong_effect_in_a_copy_of_a_recording_is_named(host):
 
     rng = np.random.default_rng(0)
     for name in ("gyro.g_sensitivity", "gyro.scale_asymmetry"):
-        assert name in IN_RECORDINGS
         session, truth = injected(host, {name: 1.0}, rng)
         assert judged({name: 1.0}, truth, explained(session)).hidden[0].outcome == "right"

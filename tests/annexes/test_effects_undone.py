@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from session.io.units import DEG
-from tinygc.annexes.challenge.proof_sessions import movement
+from tinygc.annexes.challenge.proofs import movement
 from tinygc.effects import Effect, EffectError, NoC, Parameter, Reach, ReferenceConditions, diagonal, full, signals
 from tinygc.effects.inversion import MOST_PASSES, substituted
 

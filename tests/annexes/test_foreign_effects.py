@@ -11,7 +11,7 @@ import pytest
 
 import tinygc
 from tinygc import CalibrationError, read_session
-from tinygc.annexes.challenge.proof_sessions import SIZE, inject
+from tinygc.annexes.challenge.proofs import SIZE, inject
 from tinygc.effects import load_folder, using
 
 FOREIGN = Path(__file__).parents[1] / "foreign_effects"
@@ -37,13 +37,13 @@ def strangers():
 
 @pytest.fixture(scope="module")
 def made(known, tmp_path_factory):
-    """``made(id)``: a session with the effect in it, and what was injected; once each."""
+    """``made(id)``: the folder of a session with the effect in it, and what was injected; once each."""
     found = {}
 
     def make(name: str):
         if name not in found:
-            effect = known[name]
-            found[name] = inject(effect, tmp_path_factory.mktemp("foreign") / name, 2 * SIZE * effect.parameter.plausible, 4)
+            effect, folder = known[name], tmp_path_factory.mktemp("foreign") / name
+            found[name] = folder, inject(effect, folder, 2 * SIZE * effect.parameter.plausible, 4)
         return found[name]
 
     return make
@@ -57,9 +57,9 @@ def all_but(quick: str) -> list:
 @pytest.mark.broad
 @pytest.mark.parametrize("name", all_but("gyro.shock_recovery"))
 def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strangers, run, tmp_path):
-    injected, effect = made(name), known[name]
+    (hidden, injected), effect = made(name), known[name]
     folder = tmp_path / "session"
-    shutil.copytree(injected.folder, folder)
+    shutil.copytree(hidden, folder)
 
     # Without its folder it has no name, and nothing of the folder is looked at.
     code, _, err = run("fit", folder, "--physics", name)
@@ -78,7 +78,7 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
     assert (np.abs(found - injected.theta) < 5 * std).all(), (found, injected.theta, std)
     assert (std < 0.5 * np.abs(injected.theta).max()).all()
     if effect.scan is not None:
-        assert named["parameters"]["shock_min"] == pytest.approx(injected.value / 60, abs=0.02)
+        assert named["parameters"]["shock_min"] == pytest.approx(injected.effect.shape["shock_min"], abs=0.02)
     assert (folder / "explain" / "explain.png").stat().st_size > 20_000
 
     # Fitted, and saved with its numbers.
@@ -141,7 +141,7 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
 
 @pytest.mark.slow
 def test_a_report_takes_it_over(made, known, strangers, run, tmp_path):
-    injected, out = made("gyro.thermal_curvature"), tmp_path / "report.html"
-    code, _, err = run("report", injected.folder, "--methods", "least_squares", "--effects", FOREIGN, "--out", out)
+    (hidden, _), out = made("gyro.thermal_curvature"), tmp_path / "report.html"
+    code, _, err = run("report", hidden, "--methods", "least_squares", "--effects", FOREIGN, "--out", out)
     assert code == 0, err
     assert "gyro.thermal_curvature" in out.read_text()

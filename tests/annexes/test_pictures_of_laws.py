@@ -11,7 +11,7 @@ from known_effects import movement
 from matplotlib.figure import Figure
 
 from session.io.units import DEG
-from tinygc.annexes.challenge.proof_sessions import explanation_of, fitted, inject
+from tinygc.annexes.challenge.proofs import explanation_of, fitted, inject
 from tinygc.effects import Effect, Parameter, catalogue, diagonal, using
 from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, STILLS, TURNS
 from tinygc.noise.twin import Variable
@@ -39,8 +39,9 @@ def known(tmp_path_factory):
 
     @cache
     def make(effect: Effect, size: float):
-        injected = inject(effect, tmp_path_factory.mktemp("law") / "session", size, seed=4)
-        e = explanation_of(fitted(effect, injected))
+        folder = tmp_path_factory.mktemp("law") / "session"
+        injected = inject(effect, folder, size, seed=4)
+        e = explanation_of(fitted(injected, folder))
         return e, e.claimed[0], injected.theta
 
     return lambda effect, size: make(catalogue()[effect] if isinstance(effect, str) else effect, size)

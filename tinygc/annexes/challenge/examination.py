@@ -8,6 +8,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ import numpy as np
 from session.io.errors import CalibrationError, DataError
 from session.io.folder import Session, read_session
 from session.io.units import G
-from tinygc.annexes.challenge.other_effects import OTHER_EFFECTS
-from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS, Concealment, Maker, Scene
+from tinygc.annexes.challenge.other_effects import MAKERS, bench
+from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import conditions
 from tinygc.effects import Movement, catalogue, movement_of
@@ -31,7 +32,6 @@ from tinygc.simulation.write import config_text, write_files
 
 # What is drawn: one to three effects that a recording can tell apart, and the strength of each.
 
-MAKERS: dict[str, Maker] = {**RATE_EFFECTS, **OTHER_EFFECTS}
 MOST = 3
 STRENGTHS = (1.0, 0.5, 0.2, 0.05)
 #: never two of these at once: all contain a common delay of the axes; or, in a log of minutes, one curve over time is nearly the other
@@ -79,22 +79,16 @@ def conceal(
 ) -> tuple[Simulation, str, dict[str, dict]]:
     """A simulation with these effects, its session.toml without the remarks that tell its options, and the truth: id -> parameters."""
     plan = plan_of(options)
-    hidden = [MAKERS[name](Scene(rng, strength, options, plan)) for name, strength in strengths.items()]
+    hidden = [MAKERS[name](bench(rng, strength, options, plan)) for name, strength in strengths.items()]
     for one in hidden:
         plan = one.movement(plan) if one.movement else plan
-    distorts, disturbs = [one.distort for one in hidden if one.distort], [one.disturb for one in hidden if one.disturb]
-
-    def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
-        for function in distorts:
-            rate = function(t, rate, force, temp)
-        return rate
 
     def disturb(t: np.ndarray, force: np.ndarray) -> np.ndarray:
-        for function in disturbs:
-            force = function(t, force)
+        for one in hidden:
+            force = one.disturb(t, force) if one.disturb else force
         return force
 
-    simulation = simulate_session(options, distort if distorts else None, plan=plan, disturb=disturb if disturbs else None)
+    simulation = simulate_session(options, partial(distorted, hidden), plan=plan, disturb=disturb)
     truth = {one.id: dict(one.truth) for one in hidden}
     for one in hidden:
         if one.spoil:
@@ -105,70 +99,53 @@ def conceal(
     return simulation, "\n".join(line for line in lines if not line.startswith(left_out)), truth
 
 
+def distorted(hidden: Iterable[Concealment], t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
+    """The rate with what is hidden, one after the other."""
+    for one in hidden:
+        rate = one.distort(t, rate, force, temp) if one.distort else rate
+    return rate
+
+
 # Conceal in a recording: the true rate is taken as measured, E m + B, and only what the effects change is added to m.
 
 #: share of the differences between neighbouring values of a log that are one step; rare values differ by several
 STEP_SHARE = 0.1
-#: what changes the rate alone
-IN_RECORDINGS = sorted(set(RATE_EFFECTS) - {"gyro.vibration_rectification"})
 
 
 @dataclass(frozen=True, eq=False)
 class Host:
-    """A recording, as a ``Place`` and a ``Course``: session; movement of each log by its linear fit; back: E^-1 (3, 3) of that fit."""
+    """A recording: session; movement of each log by its linear fit; back: E^-1 (3, 3) of that fit; place: full scale in dps, first
+    temperature in degC and length in s, for a ``Scene``."""
 
     session: Session
     movements: tuple[Movement, ...]
     back: np.ndarray
-    gyro_fs_dps: float
-    odr_hz: float
-    temperature_start_c: float
-    latitude_deg: float
-    turns: tuple[tuple[float, float], ...]
-    log_s: float
+    place: tuple[float, float, float]
 
 
 def host_of(folder: Path) -> Host:
     """The recording in a folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError where it has truth files."""
     session = read_session(folder)
     if session.config.protocol.reference == "truth":
-        raise DataError(
-            f"{folder}: a recording beside truth files is not supported; give one whose stills are compared with gravity or dials"
-        )
+        raise DataError(f"{folder}: a recording beside truth files is not supported; give one that gravity or dials judge")
     problem = prepare(session).problem
     known, first, began = conditions(problem), problem.first, problem.began_s
     moved = tuple(movement_of(log.samples, first(log.samples.gyro), known, float(s)) for log, s in zip(problem.logs, began, strict=False))
     bridged = zip(session.logs, problem.session.logs, strict=True)
-    return Host(
-        session=replace(session, logs=tuple(replace(log, samples=whole.samples) for log, whole in bridged)),
-        movements=moved,
-        back=np.linalg.inv(first.E),
-        gyro_fs_dps=session.config.sensor.gyro_fs_dps,
-        odr_hz=1 / moved[0].dt_s,
-        temperature_start_c=25.0 if session.logs[0].samples.temp_c is None else float(moved[0].first_temp_c),
-        latitude_deg=session.config.site.latitude_deg or 0.0,
-        turns=tuple((began[each.log] + each.start_s, began[each.log] + each.start_s + each.duration_s) for each in problem.used),
-        log_s=float(began[-1]),
-    )
+    start_c = 25.0 if session.logs[0].samples.temp_c is None else float(moved[0].first_temp_c)
+    whole = replace(session, logs=tuple(replace(log, samples=old.samples) for log, old in bridged))
+    return Host(whole, moved, np.linalg.inv(first.E), (session.config.sensor.gyro_fs_dps, start_c, float(began[-1])))
 
 
 def injected(host: Host, strengths: Mapping[str, float], rng: np.random.Generator) -> tuple[Session, dict[str, dict]]:
     """The recording with these effects in its readings, and the truth."""
-    hidden = [RATE_EFFECTS[name](Scene(rng, strength, host, host)) for name, strength in strengths.items()]
+    hidden = [RATE_EFFECTS[name](Scene(rng, strength, *host.place)) for name, strength in strengths.items()]
     logs = []
     for log, moved in zip(host.session.logs, host.movements, strict=True):
         gyro = np.asarray(log.samples.gyro)
-        change = (_distorted(hidden, moved) - moved.rate) @ host.back.T
+        change = (distorted(hidden, moved.t_s, moved.rate, moved.force_g * G, moved.temp_c) - moved.rate) @ host.back.T
         logs.append(replace(log, samples=replace(log.samples, gyro=in_steps(gyro, change, rng))))
     return replace(host.session, logs=tuple(logs)), {one.id: dict(one.truth) for one in hidden}
-
-
-def _distorted(hidden: Iterable[Concealment], moved: Movement) -> np.ndarray:
-    rate = moved.rate
-    for one in hidden:
-        assert one.distort is not None  # all of IN_RECORDINGS change the rate
-        rate = one.distort(moved.t_s, rate, moved.force_g * G, moved.temp_c)
-    return rate
 
 
 def in_steps(old: np.ndarray, change: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -277,9 +254,9 @@ def examine(
         host = host_of(on)
         untouched = answer_of(explain_session(host.session))
         own, limits = own_names(untouched), untouched["detection_limits"]
-        pool = [name for name in IN_RECORDINGS if name in limits and limits[name]["size"] and name not in own]
+        pool = [name for name in sorted(RATE_EFFECTS) if name in limits and limits[name]["size"] and name not in own]
         if not pool:
-            raise DataError(f"{on}: of {len(IN_RECORDINGS)} effects it has each already, or shows none of any plausible size")
+            raise DataError(f"{on}: of {len(RATE_EFFECTS)} effects it has each already, or shows none of any plausible size")
     answers = []
     for number in range(count):
         progress("concealing and explaining", number, count)
@@ -317,15 +294,6 @@ def page(result: Examination) -> Group:
         closure = ("–", each.verdict) if each.before_deg is None else (f"{each.before_deg:.3f}°", f"{each.after_deg:.3f}°")
         for place, row in enumerate(rows):
             table.add_row(*(("", *row, "", "") if place else (str(number), *row, *closure)))
-    return Group(table, Text(""), Text("\n".join(sentences(result))))
-
-
-def _sized(one: Hidden, size: float | None) -> str:
-    return "–" if size is None else f"{size:.2g} {one.unit}"
-
-
-def sentences(result: Examination) -> list[str]:
-    """The totals in words."""
     t = totals(result)
     closed = [(each.before_deg, each.after_deg) for each in result.sessions if each.before_deg is not None and each.after_deg is not None]
     lines = [f"its own, neither right nor wrong: {', '.join(result.own)}"] if result.own else []
@@ -336,4 +304,8 @@ def sentences(result: Examination) -> list[str]:
     if closed:
         before, after = np.median(closed, axis=0)
         lines.append(f"held-out closure, median: {before:.3f}° before, {after:.3f}° after")
-    return lines
+    return Group(table, Text(""), Text("\n".join(lines)))
+
+
+def _sized(one: Hidden, size: float | None) -> str:
+    return "–" if size is None else f"{size:.2g} {one.unit}"

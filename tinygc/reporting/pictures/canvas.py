@@ -18,7 +18,6 @@ from tinygc.explanation.claims import Claim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg as FigureCanvasAgg
     from matplotlib.figure import Figure as Figure
 
 
@@ -42,13 +41,11 @@ def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]) ->
     return figure, figure.subplots(rows, 2)
 
 
-def pair_of_panels() -> tuple[FigureCanvasAgg, Any]:
-    """Canvas that gives a figure's pixels, and the figure's two panels.  Raises ImportError if matplotlib is missing."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def pair_of_panels() -> Any:
+    """Two panels of a figure of their own, for who has matplotlib."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13, 4), layout="constrained")
-    return FigureCanvasAgg(figure), figure.subplots(1, 2)
+    return Figure(figsize=(13, 4), layout="constrained").subplots(1, 2)
 
 
 def colour_scale(low: float, high: float) -> tuple[Any, Any]:

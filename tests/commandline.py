@@ -21,12 +21,3 @@ def refused(result, *words):
     assert "Traceback" not in out + err
     for word in words:
         assert word in lines[0], (word, lines[0])
-
-
-def set_cell(row, column, text):
-    def change(lines):
-        cells = lines[row].split(",")
-        cells[column] = text
-        return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
-
-    return change

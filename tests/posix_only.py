@@ -23,7 +23,6 @@ POSIX_ONLY = {
         "recording_port",
         "recording_removed",
         "recording_survives",
-        "written_and_read",
     ]
 }
 

@@ -1,7 +1,5 @@
 """Made-up files in the formats in which the authors of public recordings publish theirs; every number is ours."""
 
-import struct
-
 import numpy as np
 
 MIMU_ANSWER = b"\xa0\x28\x00\xc8"
@@ -71,53 +69,3 @@ def _write_table(folder, head, times, values):
     folder.mkdir(parents=True)
     rows = [",".join([str(t), *map(repr, row)]) for t, row in zip(times.tolist(), values.tolist(), strict=True)]
     (folder / "data.csv").write_text("\n".join([head, *rows, ""]))
-
-
-def tofupilot_text(count=60, seed=0):
-    """A header and rows (count, 9) with tabs, as TofuPilot's example has them."""
-    rng = np.random.default_rng(seed)
-    names = ["timestamp", *(f"imu.gyro.{a}" for a in "xyz"), *(f"imu.acc.{a}" for a in "xyz"), "imu.status", "imu.temperature"]
-    rows = np.column_stack(
-        [rng.normal(size=(count, 3)) * 0.01, rng.normal(size=(count, 3)) * 0.1 - [0, 0, 9.7], np.linspace(50, 20, count)]
-    )
-    lines = [
-        "\t".join([f"{256551281491968 + 505403 * k}", *(f"{v:.9g}" for v in row[:6]), "0", f"{row[6]:.8f}"]) for k, row in enumerate(rows)
-    ]
-    return "\n".join(["\t".join(names), *lines]) + "\n", rows
-
-
-def broad_arrays(count=25, seed=0):
-    """As BROAD's files hold them, the markers unseen in the first rows."""
-    rng = np.random.default_rng(seed)
-    q = rng.normal(size=(count, 4))
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    q[:3] = np.nan
-    gyro, accel = rng.normal(0, 5, (2, count, 3))
-    return {"imu_gyr": gyro, "imu_acc": accel, "opt_quat": q, "movement": np.arange(count, dtype=np.int8) % 2}
-
-
-def repoimu_text(count=25, seed=0):
-    """Two header lines and rows (count, 14) with semicolons; the cameras saw nothing in the second row."""
-    rng = np.random.default_rng(seed)
-    rows = np.round(rng.normal(size=(count, 14)), 5)
-    rows[:, 0] = np.round(2.69 + 0.01 * np.arange(count), 2)
-    rows[:, 1:5] /= np.linalg.norm(rows[:, 1:5], axis=1, keepdims=True)
-    rows[1, 1:5] = 0
-    head = "Time (s);Vicon Orientation;;;;IMU Acceleration;;;IMU Gyroscope;;;IMU Magnetometer;;;\n;W;X;Y;Z;X;Y;Z;X;Y;Z;X;Y;Z;\n"
-    return head + "".join(";".join(f"{value:.8g}" for value in row) + "\n" for row in rows), rows
-
-
-def rda_bytes(values, rate_hz=100.0):
-    """An R workspace of one matrix (N, 6) as SMAC-Group's imudata holds it, before it is packed."""
-
-    def text(word):
-        return struct.pack(">II", 0x00040009, len(word)) + word.encode()
-
-    def attribute(name, body):
-        return struct.pack(">II", 0x402, 1) + text(name) + body
-
-    dim = struct.pack(">IIii", 0xD, 2, *values.shape)
-    attributes = attribute("dim", dim) + attribute("freq", struct.pack(">IId", 0xE, 1, rate_hz))
-    body = struct.pack(">II", 0x30E, values.size) + values.T.astype(">f8").tobytes() + attributes + struct.pack(">I", 0xFE)
-    start = b"RDX2\nX\n" + struct.pack(">III", 2, 0x30401, 0x20300)
-    return start + struct.pack(">II", 0x402, 1) + text("adis_16405_imu1") + body + struct.pack(">I", 0xFE)

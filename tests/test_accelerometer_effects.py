@@ -148,17 +148,6 @@ def test_a_drift_is_in_the_axes_of_the_sensor():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [20, 40])
-def test_drifts_lie_within_their_sigmas_and_none_is_seldom_found(count):
-    """Binomial limits of four sigmas; of 20 stills eight are to spare, whose scatter widens Student's t to 64 %."""
-    fits = [drifting(count, seed, 2.0) for seed in range(150)]
-    errors = np.array([(found.drift.mps2 - drift) / found.drift.sigma_mps2 for found, _, drift in fits if found.drift is not None])
-    assert 0.56 < np.mean(np.abs(errors) < 1) < 0.76
-    nulls = [found.drift.p_value for found, *_ in (drifting(count, seed, 0.0) for seed in range(300)) if found.drift is not None]
-    assert np.mean(np.array(nulls) < DRIFT_P) < 0.01 + 4 * np.sqrt(0.01 / 300)
-
-
-@pytest.mark.slow
 def test_eight_sensors_on_one_board_drift_and_keep_their_axes(shared, tmp_path):
     """mimu, its seventh day: every zero falls, gravity's length then fits, and nonorthogonality is that of the fifth day."""
     from benchmarks.public import mimu

@@ -166,14 +166,6 @@ def test_a_model_of_this_very_session_is_said_to_be_that(two_days, tmp_path):
 
 
 @pytest.mark.broad
-def test_a_denoised_model_closes_as_it_does_in_its_fit(with_nets, tmp_path):
-    first = with_nets / "first"
-    table = rebiased(first, first / "fit" / "model_tinygc_denoised.json", tmp_path, "--bias", "start")
-    fitted = json.loads((first / "fit" / "fit.json").read_text())["methods"]["tinygc_denoised"]["train"]
-    assert table["methods"]["stored"]["holdout"]["tilt_rms_deg"] == pytest.approx(fitted["tilt_rms_deg"], rel=1e-6)
-
-
-@pytest.mark.broad
 def test_a_bias_under_a_wrong_matrix_is_said_to_be_doubtful(two_days, tmp_path):
     E = np.eye(3) + np.array([[0.02, 0.01, 0], [0, -0.02, 0.01], [0.01, 0, 0.02]])
     (tmp_path / "wrong.json").write_text(json.dumps(models.to_dict(LinearModel(E, np.zeros(3)))))

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import threading
 
 import numpy as np
 import pytest
 from conftest import broad
-from processes import CALIBRATE, PATIENCE_S, PIPE, heard, started
+from processes import PATIENCE_S
 from recording_wires import CountedTerminal, PatientClock
 from streams import INFO, samples, smooth_registers
 
 import calibrate
-from session.bench.events import Info, SampleChunk
+from session.bench.events import Info
 from session.bench.recorder import Recorder
 from session.io.config import Sensor
 from session.io.logfile import read_log
@@ -70,23 +69,6 @@ def test_a_board_in_physical_units_is_recorded_as_well(tmp_path):
     begin = len(rows) - (board.sent - round(INFO.odr_hz)) + (0 if len(rows) == board.sent else 1)
     np.testing.assert_allclose(rows[begin : begin + 2000], SOURCE.rows, atol=1e-2)  # "%.7g": a board's float32
     assert INFO in [event for event in events if isinstance(event, Info)]
-
-
-@pytest.mark.slow
-def test_resets_and_a_pulled_cable_begin_new_logs(tmp_path):
-    board, recorder, events = recorded_from(
-        tmp_path,
-        BoardSource(smooth_registers(60_000), INFO),
-        speed=10.0,
-        frames=True,
-        faults=LineFaults(reset=5.0, unplug=14.0, garbage=100),
-    )
-    kinds = [event.kind for event in events if not isinstance(event, SampleChunk | Info) and event.kind in ("reset", "reconnect")]
-    assert kinds.count("reconnect") == 1
-    assert kinds.count("reset") >= 2
-    assert board.starts >= 4
-    assert len(recorder.logs.paths) == 1 + len(kinds)
-    assert recorder.decoder.garbage >= 200
 
 
 def test_a_reader_that_does_not_read_is_not_waited_for(tmp_path):
@@ -144,25 +126,6 @@ def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
 def test_faults_that_are_none(text, capsys):
     assert calibrate.main(["board", "--faults", text]) == 2
     assert capsys.readouterr().err.startswith("calibrate: --faults")
-
-
-@pytest.mark.slow
-def test_the_command_streams_until_it_is_told_to_stop(tmp_path):
-    link = tmp_path / "port"
-    command = [*CALIBRATE, "board", "--segments", "1", "--link", link, "--config", tmp_path / "c.toml", "--json", tmp_path / "j"]
-    with started(command, stdout=PIPE, stderr=PIPE, text=True) as board:
-        assert heard(board.stdout, lambda line: True) == [f"{link}\n"]
-        reader = os.open(link, os.O_RDONLY | os.O_NOCTTY)
-        assert sum(len(os.read(reader, 100)) for _ in range(40)) > 400
-        board.send_signal(signal.SIGINT)
-        _, said = board.communicate()
-        os.close(reader)
-    assert board.returncode == 130
-    assert "Traceback" not in said
-    assert "samples sent" in said
-    assert json.loads((tmp_path / "j").read_text())["samples"] > 0
-    assert not os.path.lexists(link)
-    assert "gyro_fs_dps = 500" in (tmp_path / "c.toml").read_text()
 
 
 def test_ports_as_json(capsys):

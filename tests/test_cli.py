@@ -169,14 +169,6 @@ def test_check_has_exit_codes_and_json(run, folder, tmp_path):
     assert "Traceback" not in err
 
 
-@pytest.mark.broad
-def test_simulate_makes_a_session_that_fit_reads(run, tmp_path):
-    folder = tmp_path / "made"
-    assert run("simulate", "--out", folder, "--segments", "8", "--closure", "0", "--seed", "2", "--odr-hz", "104", "--quiet") == (0, "", "")
-    assert run("fit", folder, *QUICK)[0] == 0
-    assert run("simulate", "--out", folder, "--segments", "8", "--closure", "0", "--force", "--quiet")[0] == 0
-
-
 def test_report_names_methods_floor_and_parameters(run, folder):
     code, out, _ = run("fit", folder, "--methods", "raw,least_squares", "--verbose")
     assert code == 0

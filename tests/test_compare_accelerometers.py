@@ -1,10 +1,8 @@
 """``compare``: accelerometers side by side, and calibrations of rates that were fitted in different body frames."""
 
-import json
 import re
 import shutil
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -82,37 +80,6 @@ def test_what_was_given_to_both_is_shared_and_what_each_estimated_is_not(days):
     # 0.1 mg at one g of the scale that all axes share cancels between sessions that were given it, and nothing is left to compare.
     assert same.triads.agreement.freedom == PARAMETERS - 1
     assert own.triads.agreement.freedom == PARAMETERS
-
-
-@pytest.mark.slow
-def test_the_page_and_the_json_have_nine_numbers_of_each(days, tmp_path, capsys):
-    command = ["compare", str(days / "monday"), str(days / "bare"), "--json", str(tmp_path / "c.json")]
-    assert calibrate.main(command) == 0
-    page = capsys.readouterr().out
-    assert "Accelerometers side by side" in page
-    assert "The accelerometers agree" in page
-    table = json.loads((tmp_path / "c.json").read_text())["accelerometer"]
-    assert table["modes"] == ["prior", "fit"]
-    assert len(table["quantities"]) == PARAMETERS
-    assert all(sigma > 0 for quantity in table["quantities"] for sigma in quantity["sigmas"])
-    # What is not observed has no value, and is left out of the agreement.
-    fit = days / "bare" / "fit" / "fit.json"
-    was = fit.read_text()
-    try:
-        said = json.loads(was)
-        said["accelerometer"]["unobserved"] = ["scale z", "nonorthogonality xz"]
-        fit.write_text(json.dumps(said))
-        assert calibrate.main(command) == 0
-        assert capsys.readouterr().out.count("not observed") == 2
-        table = json.loads((tmp_path / "c.json").read_text())["accelerometer"]
-        assert table["freedom"] == PARAMETERS - 2
-        assert [q["values"][1] for q in table["quantities"]].count(None) == 2
-        said["accelerometer"]["mode"] = "guessed"
-        fit.write_text(json.dumps(said))
-        assert calibrate.main(command) == 2
-        assert capsys.readouterr().err.count("\n") == 1
-    finally:
-        Path(fit).write_text(was)
 
 
 def test_a_turn_into_one_frame_is_exact():

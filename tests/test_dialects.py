@@ -5,20 +5,11 @@ import gzip
 import numpy as np
 import pytest
 from conftest import DEG, write_session
-from dialect_logs import ACCEL, DIALECTS, GYRO, SAMPLES, T_US, TEMP, betaflight, inertial, make, rows, same, triads
+from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, TEMP, betaflight, inertial, make, rows, same, triads
 
 from session.io.errors import FormatError
 from session.io.units import G, parse_unit
 from tinygc import CalibrationError, read_session
-
-
-@pytest.mark.parametrize("name", DIALECTS)
-def test_every_dialect_gives_the_samples_of_our_own_format(name, tmp_path):
-    made = make(tmp_path, DIALECTS[name]())
-    assert made.dialects == (name,)
-    session = same(made, temp=name == "OpenLog Artemis")
-    assert session.config.sensor.odr_hz == pytest.approx(104, rel=2e-3)
-    assert any("calibrate.py check" in step for step in made.next)
 
 
 def test_own_log_is_copied_byte_for_byte(tmp_path):
@@ -78,13 +69,6 @@ def test_files_of_different_clocks_are_read_between_samples(tmp_path):
     assert samples.t_ns[0] == 9_600_000
     assert samples.t_ns[-1] <= accel_t[-1] * 1000
     assert any("read between" in note and "left out" in note for note in made.notes)
-
-
-def test_no_value_is_invented_in_a_gap_of_the_other_file(tmp_path):
-    gyro, accel = hsdatalog()
-    lines = accel.split("\n")
-    made = make(tmp_path, gyro, "\n".join(lines[:300] + lines[340:]))
-    assert len(read_session(made.folder).logs[0].samples) == len(SAMPLES) - 40
 
 
 def test_ximu3_temperature_is_a_file_of_its_own(tmp_path):

@@ -6,7 +6,6 @@ from dialect_logs import (
     SAMPLES,
     inertial,
     make,
-    rows,
 )
 
 from session.io.dialects import Answers
@@ -59,33 +58,3 @@ def test_a_full_disk_under_a_copied_log_is_not_the_logs_fault(tmp_path, monkeypa
         make(tmp_path, own)
     assert "LOG.CSV" not in str(said.value)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["LOG.CSV", "own"]
-
-
-@pytest.mark.broad
-def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys):
-    """A simulated session, written as a logger would, is replayed, and fits as the session itself."""
-    import json
-
-    import calibrate
-    from session.io.logfile import read_log
-
-    folder = simulated()
-    sensor = read_session(folder).config.sensor
-    samples = read_log(folder / "log0001.csv.gz", sensor).samples
-    log = tmp_path / "sensor_combined_0.csv"
-    names = ",".join([f"gyro_rad[{i}]" for i in range(3)] + [f"accelerometer_m_s2[{i}]" for i in range(3)])
-    log.write_text(f"timestamp,{names}\n" + rows(samples.t_ns // 1000, *samples.gyro.T, *samples.accel.T))
-    made, table = tmp_path / "made", tmp_path / "made.json"
-    command = ["import", str(log), "--out", str(made)]
-    assert calibrate.main([*command, "--gyro-fs", "500", "--accel-fs", "4", "--json", str(table)]) == 0
-    assert "next:\n  python calibrate.py check" in capsys.readouterr().out
-    assert json.loads(table.read_text())["dialects"] == ["PX4 sensor_combined"]
-    head, site = (made / "session.toml").read_text().split("# Fill in"), (folder / "session.toml").read_text()
-    (made / "session.toml").write_text(head[0] + site[site.index("[accelerometer]") :])
-    found = {}
-    for where in (folder, made):
-        result = tmp_path / "fit.json"
-        fit = ["fit", str(where), "--methods", "least_squares", "--folds", "2", "--out", str(tmp_path / "fit"), "--quiet"]
-        assert calibrate.main([*fit, "--json", str(result)]) == 0
-        found[where] = json.loads(result.read_text())["methods"]["least_squares"]["train"]["tilt_rms_deg"]
-    assert found[made] == pytest.approx(found[folder], rel=1e-6)

@@ -8,10 +8,8 @@ from dialect_logs import (
     EPOCH_NS,
     EUROC,
     GYRO,
-    NONE,
     SAMPLES,
     T_US,
-    TEMP,
     clock,
     inertial,
     make,
@@ -47,17 +45,6 @@ def test_duplicate_and_irregular_stamps_are_ordinary(tmp_path):
     log = read_session(made.folder).logs[0]
     assert len(log.samples) == len(SAMPLES) - 3
     assert any("repeat the stamp" in note for note in log.notes)
-
-
-def test_coarse_stamps_are_counted_along(tmp_path):
-    """A clock of 10 ms under 104 samples a second: the counted times are right to a fraction of the clock's step."""
-    text = ARTEMIS + rows(["1/1/2024"] * len(T_US), clock(T_US, 2), *ACCEL["mg"].T, *GYRO["dps"].T, NONE, NONE, NONE, TEMP, NONE)
-    made = make(tmp_path, text)
-    (note,) = [note for note in made.notes if "share a stamp" in note]
-    assert "counted" in note
-    t_s = same(made, exact_time=False).logs[0].samples.t_s
-    assert np.abs(t_s - SAMPLES.t_s).max() < 2e-3
-    assert np.abs(np.diff(t_s) - 1 / 104).max() < 1e-5
 
 
 def test_coarse_stamps_over_lost_samples_are_refused(tmp_path):

@@ -125,16 +125,3 @@ def test_recorded_stills_tell_the_heading_that_the_file_gives(shared):
     assert earth.source == "estimated"
     assert earth.heading_sigma_rad / DEG < 12
     assert abs(wrapped(earth.heading_rad - given_deg * DEG)) < 3 * earth.heading_sigma_rad
-
-
-@pytest.mark.broad
-def test_simulated_stills_tell_the_heading_that_its_file_gives(simulated):
-    """The simulation begins at the table's index where it gives the heading: one meaning of the word for both."""
-    session = read_session(simulated(segments=30, with_heading=True, bias_instability_dph=0.0, closure_s=0.0))
-    given_deg = session.config.site.heading_deg
-    blind = replace(session, config=replace(session.config, site=replace(session.config.site, heading_deg=None)))
-    earth = build_problem(blind).earth
-    assert earth.heading_sigma_rad / DEG < 12
-    assert abs(wrapped(earth.heading_rad - given_deg * DEG)) < 3 * earth.heading_sigma_rad
-    assert build_problem(session).earth.source == "given"
-    assert build_problem(session, use_earth=False).earth.source == "none"

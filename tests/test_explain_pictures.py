@@ -1,8 +1,6 @@
 """Pictures of explanations: each cause has a panel of its own that shows it, with numbers that are those of the claim."""
 
-import re
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,13 +12,9 @@ from tinygc.effects import Effect, Parameter, catalogue, diagonal
 from tinygc.explanation.engine import explain_session
 from tinygc.noise.turn_gravity import velocity_equations
 from tinygc.noise.twin import READ, Variable, variable_of
-from tinygc.reporting.explanation_text import explanation_page
-from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.pictures.canvas import BEFORE, PALE
-from tinygc.reporting.pictures.page import figure_of
 from tinygc.reporting.pictures.panels import PAIRS, draw_claim, in_stills
 from tinygc.reporting.pictures.values import per_parameter, strongest
-from tinygc.reporting.terminal import as_text
 
 session = pytest.fixture(make_session, scope="module", name="session")
 explained = pytest.fixture(make_explained, scope="module", name="explained")
@@ -123,18 +117,6 @@ def test_a_shape_without_a_name_is_there_before_and_gone_after(explained):
         of = per_parameter(explanation, claim, entry)
         assert np.std(of.before - of.law) < 0.5 * np.std(of.before)
         assert np.std(of.after) < 0.5 * np.std(of.before)
-
-
-@pytest.mark.slow
-def test_what_shapes_without_a_name_do_to_the_closure_is_told(explained):
-    """On the picture, on the page, in the report."""
-    explanation, _ = explained("oscillating")
-    closure = figure_of(explanation).axes[2]
-    assert [text.get_text().split(",")[0] for text in closure.get_legend().get_texts()] == ["before", "after", "floor"]
-    assert re.search(r"held-out closure: \S+ before, \S+ after", as_text(explanation_page(explanation)))
-    html = section(SimpleNamespace(explanation=explanation)).html
-    for words in ("Ring: with what is named", "Recorded in each still against what unknown.periodic says", "Proof: closure of segments"):
-        assert words in html
 
 
 def test_an_effect_of_a_matrix_is_drawn_along_its_strongest_column():

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import yaml
-from exports_read_back import MEASURED, agree
 
 from tinygc import models
 
@@ -21,32 +20,6 @@ def fitted(simulated, tmp_path_factory):
     shutil.copytree(simulated(), folder)
     assert calibrate.main(["fit", str(folder), "--methods", "raw,least_squares,tinygc", "--folds", "2", "--quiet"]) == 0
     return folder
-
-
-@pytest.fixture
-def exported(fitted, tmp_path):
-    """``exported("json")``: the one file's text."""
-    import calibrate
-
-    def make(*arguments):
-        assert calibrate.main(["export", str(fitted), "--quiet", "--out", str(tmp_path / "out"), "--to", *arguments]) == 0
-        return {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "out").iterdir()}
-
-    return make
-
-
-def test_json_holds_its_own_proof(exported):
-    """A stranger with nothing but the file's equation gets the self-test's rates."""
-    ((name, text),) = exported("json").items()
-    assert name == "Unit_7_b.json"
-    table = json.loads(text)
-    test, weights = table["self_test"], table["weights"]
-    omega = np.array(test["measured_rps"]) @ np.array(weights["E"]).T + weights["B"]
-    np.testing.assert_allclose(omega, test["omega_rps"], rtol=1e-12, atol=1e-15)
-    assert np.shape(table["covariance"]) == (12, 12)
-    assert len(table["covariance_of"]) == 12
-    assert all(len(digest) == 64 for digest in table["sha256"].values())
-    assert {"log0001.csv.gz", "session.toml", "model_least_squares.json"} <= set(table["sha256"])
 
 
 # The command
@@ -71,20 +44,6 @@ def test_command_refuses_what_is_not_there(fitted, tmp_path, capsys):
     assert calibrate.main(["export", str(unfitted), "--to", "json"]) == 2
     assert "calibrate.py fit" in capsys.readouterr().err
     assert not (unfitted / "export").exists()
-
-
-def test_same_fit_same_bytes(exported):
-    assert exported("kalibr") == exported("kalibr")
-
-
-def test_a_fitted_net_that_found_nothing_to_bend_for_is_carried(fitted, exported):
-    """Its slopes are 1 but for rounding; the rates are the net's."""
-    net = models.load(fitted / "fit" / "model_tinygc.json")
-    if np.abs(net.slope - 1).max() > 1e-9:
-        pytest.skip("the net bends on this session")
-    (text,) = exported("ros", "--model", "tinygc").values()
-    gyro = yaml.safe_load(text)["/**"]["ros__parameters"]["gyroscope"]
-    agree(MEASURED @ np.reshape(gyro["matrix"], (3, 3)).T + gyro["offset"], net)
 
 
 # Noise figures beside a fit
@@ -117,14 +76,3 @@ def test_figures_beside_the_model_are_exported_with_it(with_figures, tmp_path):
         assert "NOT CALIBRATED" not in text
         E = models.load(with_figures / "fit" / "model_least_squares.json").E
         np.testing.assert_allclose(np.transpose(table["R_IMUtoGYRO"]) @ np.linalg.inv(table["Tw"]), E, atol=1e-12)
-
-
-def test_a_fit_in_python_takes_figures_as_well(with_figures):
-    import tinygc
-
-    fit = tinygc.fit(with_figures, methods=("least_squares",))
-    known = with_figures / "fit" / "noise.json"
-    (plain,), (made,) = (fit.export("vins", noise=given).files.values() for given in (None, str(known)))
-    assert yaml.safe_load(made)["gyr_n"] == pytest.approx(5e-4 * np.sqrt(2 * fit.result.session.config.sensor.odr_hz))
-    assert "GUESSED" in plain
-    assert made == tinygc.export(fit, "vins", noise=known).files["vins_imu.yaml"]

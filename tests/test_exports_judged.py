@@ -22,11 +22,6 @@ def fitted_here(fitted, tmp_path):
     return tmp_path / "session"
 
 
-@pytest.mark.broad
-def test_what_fit_wrote_may_be_exported(fitted_here, run):
-    assert run("export", fitted_here, "--to", "px4")[0] == 0
-
-
 @pytest.mark.parametrize(
     ("without", "says"),
     [

@@ -1,6 +1,5 @@
 """What ``fit`` states with the noise that a recording shows: sigmas that hold, and where the bias comes from."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -57,22 +56,3 @@ def test_an_option_that_is_none_is_refused(run, tmp_path):
     refused(run("report", tmp_path, "--bias", "start"))
     with pytest.raises(CalibrationError, match="bias is 'middle'"):
         FitOptions(bias="middle")
-
-
-@pytest.mark.broad
-def test_the_command_says_which_and_what_noise(drifting, run, tmp_path):
-    code, out, _ = run("fit", drifting, "--methods", "least_squares", "--verbose", "--out", tmp_path / "fit", "--json", tmp_path / "x.json")
-    said = " ".join(out.split())
-    assert code == 0
-    assert "Non-white noise included in the sigmas" in said
-    assert "from the stills around it" in said
-    assert "held out with the ends" in said
-    table = json.loads((tmp_path / "x.json").read_text())
-    assert table["bias_from"]["used"] == "stills"
-    assert table["bias_from"]["stills_holdout_tilt_rms_deg"] < table["bias_from"]["ends_holdout_tilt_rms_deg"]
-    assert {c["name"] for c in table["noise"]["components"]} >= {"noise.bias_wander", "noise.still_rate", "noise.reference", "noise.turn"}
-    assert all({"name", "size", "sigma", "unit", "description"} == set(c) for c in table["noise"]["components"])
-    model = json.loads((tmp_path / "fit" / "model_least_squares.json").read_text())
-    covariance, accelerometer = (np.array(model[key]) for key in ("covariance", "accelerometer_covariance"))
-    assert np.linalg.eigvalsh(covariance).min() > 0
-    assert np.all(np.diag(accelerometer) < np.diag(covariance))

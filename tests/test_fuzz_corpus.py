@@ -17,25 +17,21 @@ CORPUS = Path(__file__).parent / "corpus"
 MOST_BYTES = 150_000
 
 
-@pytest.mark.parametrize(
-    "name", [broad(name) if name in ("results", "raw", "decoder", "replay", "binary_logs") else name for name in NAMES]
-)
+@pytest.mark.parametrize("name", [broad(name) if name in ("raw", "replay") else name for name in NAMES])
 def test_no_input_that_was_kept_is_a_finding(name, tmp_path):
     reader = target(name)
-    seeds = reader.seeds()
-    kept = {path.name: path.read_bytes() for path in sorted((CORPUS / name).glob("*"))}
     fell, accepted = [], 0
-    for called, data in [*((f"seed {number}", seed) for number, seed in enumerate(seeds)), *kept.items()]:
+    for path in sorted((CORPUS / name).glob("*")):
         try:
-            accepted += attempt(reader, data, tmp_path / "one")
+            accepted += attempt(reader, path.read_bytes(), tmp_path / "one")
         except Finding as finding:
-            fell.append(f"{called}: {finding} ({finding.place})")
+            fell.append(f"{path.name}: {finding} ({finding.place})")
     assert not fell, "\n".join(fell)
-    assert accepted >= len(seeds) / 3  # what is refused at its first byte tries nothing
+    assert accepted  # what is refused at its first byte tries nothing
 
 
 def test_each_kept_input_belongs_to_a_reader_and_all_are_few():
-    assert {path.name for path in CORPUS.iterdir()} <= {*NAMES, "binary_logs"}
+    assert {path.name for path in CORPUS.iterdir()} == set(NAMES)
     assert sum(path.stat().st_size for path in CORPUS.rglob("*")) < MOST_BYTES
 
 

@@ -11,7 +11,6 @@ import tomllib
 import processes
 import pytest
 from commandline import refused
-from html_pages import parsed
 
 from session.io.config import read_config
 from session.io.logfile import read_log
@@ -71,24 +70,6 @@ def test_every_command_takes_a_name_that_is_no_text(evil, simulated, run):
     assert "another sensor" in clean(run("compare", evil, other))
     clean(run("fit", other, "--model", evil / "fit" / "model_least_squares.json", "--bias", "start"))
     clean(run("fit", evil, "--model", evil / "fit" / "model_least_squares.json", "--bias", "start"))
-
-
-@pytest.mark.broad
-def test_the_report_shows_such_texts_and_obeys_none(evil, simulated, tmp_path, run):
-    plain = tmp_path / "plain"
-    shutil.copytree(simulated(), plain)
-    path = plain / "session.toml"
-    text = re.sub(r'serial = "[^"]*"', 'serial = "another"', path.read_text(encoding="utf-8"))  # than the log says, as in the other
-    path.write_text(text + '\n[notes]\na = "b"\n', encoding="utf-8")
-    pages = []
-    for folder in (evil, plain):
-        clean(run("report", folder, "--no-explain", *FIT, "--out", folder / "page.html"), codes=(0, 1))
-        pages.append(parsed((folder / "page.html").read_text(encoding="utf-8")))
-    assert pages[0].tags == pages[1].tags
-    words = " ".join(pages[0].words)
-    assert SHOWN in words
-    assert r"s\nINJECTED\x1b[31m[/red]</h1><script>\u202e*/\u2028#" in words
-    assert r"</dd>\u2029[link=x]" in words
 
 
 @pytest.mark.broad

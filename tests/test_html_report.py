@@ -116,44 +116,6 @@ def test_its_code_calibrates_as_the_model_does(simulated, text):
     assert names["E"] == pytest.approx(model.E, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, simulated):
-    """A g-sensitivity concealed in the log; the page's own line and its own file, run as they stand."""
-    from base64 import b64decode
-    from html import unescape
-
-    import tinygc
-    from session.io.units import G
-    from tinygc import SimulationOptions
-    from tinygc.simulation.write import write_session as write_simulation
-
-    K = np.array([[0.1, 0, -0.05], [0, 0.15, 0], [0.08, 0, 0.1]])
-    options = SimulationOptions(segments=20, closure_s=0.0, seed=3, odr_hz=104.0)
-    folder = write_simulation(options, tmp_path / "s", distort=lambda t_s, rate, force, temp_c: rate + force / G @ K.T * DEG)
-    page = report_of(folder, tmp_path / "r.html", "--methods", "raw,least_squares", "--quiet").read_text(encoding="utf-8")
-    line = unescape(re.search(r"<code>(omega = tinygc[^<]*)</code>", page)[1])
-    assert line == 'omega = tinygc.load("model_physics.json")(m, acc=acc)'
-    (tmp_path / "model_physics.json").write_bytes(b64decode(re.search(r"data:application/json;base64,([^\"]+)", page)[1]))
-    offered = json.loads((tmp_path / "model_physics.json").read_text())
-    covariance = np.array(offered["covariance"])  # the page points to it
-    assert "covariance, which the model" in page
-    assert len(offered["covariance_of"]) == len(covariance) == 12 + 9
-    assert offered["covariance_of"][-1] == "gyro.g_sensitivity[8]"
-    assert np.sqrt(np.diag(covariance)[12:]).max() / DEG * G < 0.1
-    assert np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() > 0
-    rng = np.random.default_rng(0)
-    names = {"tinygc": tinygc, "m": rng.normal(size=(50, 3)), "acc": 9.8 * rng.normal(size=(50, 3))}
-    exec(line.replace("model_physics.json", str(tmp_path / "model_physics.json")), names)
-    # The long way that the page shows for those without this tool.
-    codes = [unescape(found) for found in re.findall(r"<code>(.*?)</code>", page, re.S)]
-    linear = next(found for found in codes if found.startswith("import numpy")).replace("registers *", "m + 0 *")
-    physics = next(found for found in codes if found.startswith("K = "))
-    there = {"m": names["m"], "f_g": names["acc"] / G, "registers": names["m"]}
-    exec(linear + "\n" + physics, there)
-    assert there["omega"] == pytest.approx(names["omega"], abs=1e-8)
-    assert there["K"] / DEG == pytest.approx(K, abs=0.02)
-
-
 @pytest.mark.broad
 @pytest.mark.parametrize(("limit", "code", "word"), [broad("5", 0, "PASS, with doubts"), ("0.0001", 1, "FAIL")])
 def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
@@ -190,16 +152,6 @@ def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
 
     (tmp_path / NAME).write_text(text)
     assert saved_methods(tmp_path, build_problem(read_session(simulated())), FitOptions(), {}) == {}
-
-
-@pytest.mark.slow
-def test_a_broken_saved_fit_is_not_believed(simulated, tmp_path):
-    folder = tmp_path / "s"
-    shutil.copytree(simulated(), folder)
-    calibrate.main(["fit", str(folder), "--methods", "raw,least_squares", "--quiet"])
-    (folder / "fit" / "model_least_squares.json").write_text('{"schema": "tinygc-model/1"')
-    out = report_of(folder, tmp_path / "r.html", *QUICK)
-    assert "Taken from the session" not in out.read_text(encoding="utf-8")
 
 
 def test_text_from_files_stays_text(simulated, tmp_path):
@@ -278,12 +230,3 @@ def test_bad_destinations_are_refused_before_the_work(simulated, tmp_path, capfd
     assert "--out another file" in capfd.readouterr().err
     assert calibrate.main(["report", str(tmp_path / "none"), *QUICK]) == 2
     assert "not found" in capfd.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_same_twice_is_the_same_bytes(simulated, tmp_path, monkeypatch):
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
-    pages = [report_of(simulated(), tmp_path / f"{k}.html", *QUICK).read_text(encoding="utf-8") for k in range(2)]
-    without_seconds = [re.sub(r"<td[^>]*>\d+\.\d\d</td></tr>", "", page) for page in pages]
-    assert without_seconds[0] == without_seconds[1]
-    assert "2023-11-14 22:13 UTC" in pages[0]

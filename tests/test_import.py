@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from conftest import DEG, ROOT, Table
 from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, betaflight, make, rows, same, triads
-from written_texts import TEXTS, bursts, lines, mps2, phyphox, rps, sensor_logger
+from written_texts import TEXTS, bursts, phyphox, sensor_logger
 
 import tinygc
 from session.io.errors import DataError, FormatError
 from session.io.forms import form_of
 from session.io.questions import QuestionsError
 from session.io.stamps import evenly
-from session.io.units import G
 from tinygc import read_session
 
 WILD = ROOT.parent / "shared" / "wild"
@@ -333,20 +332,6 @@ def test_the_folder_is_named_as_the_log(tmp_path, run, monkeypatch):
     assert "no log" in said
 
 
-def test_what_was_written_is_in_si(tmp_path):
-    """rad/s and m/s² stay as they were written."""
-    text = "time_s,gyro_x_rads,gyro_y_rads,gyro_z_rads,acc_x_ms2,acc_y_ms2,acc_z_ms2\n" + lines(
-        T_US / 1e6, *rps(SAMPLES), *mps2(SAMPLES), digits=12
-    )
-    made = make(tmp_path, text)
-    assert made.log.read_text().splitlines()[0] == "t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
-    samples = read_session(made.folder).logs[0].samples
-    np.testing.assert_allclose(samples.gyro, SAMPLES.gyro, atol=1e-12)
-    np.testing.assert_allclose(samples.accel, SAMPLES.accel, atol=1e-11)
-    assert np.abs(samples.gyro).max() > 10 * DEG
-    assert np.abs(samples.accel).max() > 0.9 * G
-
-
 @pytest.mark.skipif(not (WILD / "repoimu").exists(), reason="the public recordings are not beside the project")
 def test_a_public_table_with_two_lines_of_names(tmp_path, run):
     """RepoIMU: groups in the first line, axes in the second, a time without a second name, and a semicolon at each end."""
@@ -375,19 +360,6 @@ def test_a_public_log_whose_rates_are_half_of_the_truth_is_found_out(tmp_path, r
 
 
 # From Python
-
-
-def test_python_reads_and_imports_what_the_command_does(tmp_path):
-    path = tmp_path / "sketch.csv"
-    path.write_text(USUAL)
-    told = {"gyro_unit": "dps", "accel_unit": "g"}
-    log = tinygc.read_log(path, **told)
-    np.testing.assert_allclose(log.gyro_rps, SAMPLES.gyro, atol=1e-10)
-    np.testing.assert_allclose(log.accel_mps2, SAMPLES.accel, atol=1e-9)
-    np.testing.assert_allclose(log.t_s, (SAMPLES.t_ns - SAMPLES.t_ns[0]) * 1e-9, atol=1e-9)
-    made = tinygc.import_log(path, tmp_path / "s", **told)
-    assert made.took == log.took
-    np.testing.assert_array_equal(made.session.logs[0].samples.gyro, log.session().logs[0].samples.gyro)
 
 
 def test_python_is_asked_for_keywords(tmp_path):
@@ -504,11 +476,6 @@ def test_a_peak_in_coarse_steps_is_no_end_of_a_range(tmp_path):
     gyro = np.rint(GYRO["dps"] / 5) * 5
     text = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n" + rows(T_US / 1e3, *ACCEL["g"].T, *gyro.T)
     assert make(tmp_path, text, gyro_unit="dps", accel_unit="g", gyro_fs_dps=None).samples == len(T_US)
-
-
-def test_units_below_our_own_names_are_read(tmp_path):
-    text = "time,gx,gy,gz,ax,ay,az\nms,deg/s,deg/s,deg/s,g,g,g\n" + rows(T_US / 1e3, *triads("dps", "g"))
-    same(make(tmp_path, text))
 
 
 @pytest.mark.parametrize("behind", [" gx: 0.5 gy: 0.5 gz: 0.5", " gz: 0.5"])

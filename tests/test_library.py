@@ -13,15 +13,11 @@ import processes
 import pytest
 from conftest import DEG, ROOT
 
-import calibrate
 import tinygc
 from session.io.config import Protocol
 from session.io.errors import DataError, FitError
 from tinygc import CalibrationError
 from tinygc.deploy.calibration import Calibration
-
-HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0.08, 0.0], [0.0, 0.02, 0.06]]}}
-
 
 #: functions and classes whose docstrings have an example
 EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare", "explain", "export", "fit", "fit_temperature", "fit_turns"]
@@ -70,46 +66,6 @@ def test_a_session_of_arrays_is_the_session_of_its_files(simulated, fitted, tmp_
     assert fitted.closure_runs.keys() != from_files.closure_runs.keys()  # a run of arrays has no file's name
     (mine,), (theirs,) = fitted.closure_runs.values(), from_files.closure_runs.values()
     assert mine["least_squares"]["rmse_deg"] == pytest.approx(theirs["least_squares"]["rmse_deg"], rel=1e-6)
-
-
-def test_the_truth_lies_within_the_sigmas(simulated, fitted):
-    truth = {f"E_{i}{j}": simulated.truth["E"][n][m] for n, i in enumerate("xyz") for m, j in enumerate("xyz")}
-    pulls = [(fitted.parameters[name].value - value) / fitted.parameters[name].sigma for name, value in truth.items()]
-    assert np.abs(pulls).max() < 4
-    assert np.sqrt(np.mean(np.square(pulls))) < 2
-    assert fitted.parameters["B_x"].unit == "rad/s"
-    assert fitted.parameters["E_xx"].unit == "1"
-
-
-def test_the_command_says_what_the_library_says(simulated, fitted, tmp_path, capsys):
-    folder = simulated.save(tmp_path / "session")
-    assert calibrate.main(["fit", str(folder), "--methods", "raw,least_squares", "--json", str(tmp_path / "fit.json")]) == 0
-    printed = capsys.readouterr().out
-    ours, theirs = fitted.to_json(), json.loads((tmp_path / "fit.json").read_text())
-    mine, other = (table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"] for table in (ours, theirs))
-    assert other == pytest.approx(mine, rel=1e-6)
-    shown = [line for line in fitted.summary().splitlines() if line.startswith("scale factor error")]
-    assert shown
-    assert shown[0].split() == next(line for line in printed.splitlines() if line.startswith("scale factor error")).split()
-
-
-@pytest.mark.slow
-def test_what_is_hidden_is_found_and_drawn(tmp_path):
-    pytest.importorskip("matplotlib")
-    why = tinygc.explain(tinygc.simulate(segments=24, closure_s=0.0, seed=5, effects=HIDDEN).session)
-    assert why.verdict == "explained"
-    (effect,) = why.effects
-    assert effect.id == "gyro.g_sensitivity"
-    assert effect.probability > 0.9
-    assert all(0 <= chance < 0.1 for chance in effect.rivals.values())
-    assert why.considered == why.to_json()["considered"]
-    off = np.subtract(effect.parameters["matrix_dps_per_g"], HIDDEN[effect.id]["matrix_dps_per_g"])
-    assert (np.abs(off) < 4 * np.array(effect.std["matrix_dps_per_g"])).all()
-    figure = why.plot(tmp_path / "why.png")
-    assert (tmp_path / "why.png").read_bytes().startswith(b"\x89PNG")
-    assert len(figure.axes) >= 4
-    assert "gyro.g_sensitivity" in why.summary()
-    assert why.to_json()["verdict"] == "explained"
 
 
 def test_everything_has_a_short_name_and_a_table(simulated, fitted):
@@ -268,13 +224,6 @@ def test_options_that_cannot_be_are_refused_in_one_line(simulated, choices, comp
 def test_one_name_stands_for_a_tuple_of_one():
     assert tinygc.FitOptions(methods="raw", physics="auto").methods == ("raw",)
     assert tinygc.FitOptions(physics="auto").physics == ("auto",)
-
-
-@pytest.mark.broad
-def test_a_folder_may_be_text(simulated, tmp_path):
-    folder = simulated.save(tmp_path / "session")
-    assert tinygc.read_session(str(folder)).name == "session"
-    assert [f.what for f in tinygc.check(str(folder))] == [f.what for f in tinygc.check(tinygc.read_session(folder))]
 
 
 @pytest.mark.parametrize(

@@ -129,12 +129,6 @@ def test_a_report_of_a_fit_does_not_fit_again(fits, folders, tmp_path, monkeypat
         tinygc.report(fits[0], explane=False)
 
 
-@pytest.mark.broad
-def test_a_report_of_arrays_with_its_explanation(of_arrays):
-    made = of_arrays.report()
-    assert made.to_json()["verdict"] == "no_mismatch"
-
-
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_export_of_a_fit_is_the_commands(kind, fits, of_arrays, folders, tmp_path):
     exported = fits[0].export(kind, tmp_path / "mine")

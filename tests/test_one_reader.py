@@ -98,13 +98,6 @@ def test_seconds_of_some_days_are_right_to_the_nanosecond():
     assert stamps.tolist() == t_ns.tolist()
 
 
-def test_digits_of_other_scripts_are_refused_in_one_line(tmp_path):
-    rows = [f"{i / 100},1,2,3,0,0,1" for i in range(9)]
-    rows[4] = "0.04,1,2.5\u0663,3,0,0,1"
-    with pytest.raises(FormatError, match=r"line 6: .*cannot be read as numbers"):
-        read_log(log(tmp_path, UNITS, rows), SENSOR)
-
-
 def test_a_log_may_begin_with_any_number_of_comments(tmp_path):
     comments = "".join(f"# line={number} of a long preamble that some board writes before anything else\n" for number in range(3000))
     path = log(tmp_path, comments + REGISTERS, registers(20))

@@ -16,7 +16,6 @@ from recorded_files import RECORDED, contents, make_recording
 from tinygc.cli.arguments import Paths, file_written, folder_written, log_written, parser, path_read
 from tinygc.cli.commands import command_module, present_commands
 
-ROOT = Path(__file__).resolve().parent.parent
 recording = pytest.fixture(make_recording, name="recording")
 KINDS = (path_read, file_written, log_written, folder_written)
 #: what a help page calls a path

@@ -3,7 +3,6 @@
 import gzip
 import os
 import shutil
-from pathlib import Path
 
 import pytest
 from commandline import refused
@@ -13,7 +12,6 @@ from session.io.errors import StorageError
 from session.io.names import is_recorded
 from session.io.results import write_text_whole
 
-ROOT = Path(__file__).resolve().parent.parent
 recording = pytest.fixture(make_recording, name="recording")
 
 

@@ -68,23 +68,3 @@ def test_fit_says_the_mended_floor_and_the_run_that_is_not_mended(lossy, tmp_pat
     assert table["closure_runs"][0]["lost_at_s"] == pytest.approx([at_s], abs=0.01)
     assert "closure0001.csv.gz: samples seem lost in it" in printed
     assert "nothing in a closure run is mended" in printed
-
-
-@pytest.mark.slow
-def test_without_a_loss_there_is_one_floor_and_no_word(whole, tmp_path, capsys):
-    words = ["fit", str(whole), "--physics", "auto", "--methods", "least_squares", "--out", str(tmp_path)]
-    assert calibrate.main([*words, "--json", str(tmp_path / "f.json")]) == 0
-    table, printed = json.loads((tmp_path / "f.json").read_text()), capsys.readouterr().out
-    assert table["noise"]["closure_floor_repaired_rms_deg"] == pytest.approx(table["noise"]["closure_floor_rms_deg"])
-    assert table["closure_runs"][0]["lost_at_s"] == []
-    assert "mended" not in printed
-    assert "lost" not in printed
-
-
-@pytest.mark.slow
-def test_the_report_says_it_beside_the_run_that_fails(lossy, tmp_path):
-    folder, _ = lossy
-    out = tmp_path / "r.html"
-    words = ["report", str(folder), "--methods", "raw,least_squares", "--no-explain", "--out", str(out), "--quiet"]
-    assert calibrate.main(words) == 1  # turns that lack samples teach a calibration worse than none
-    assert "samples seem lost in it" in out.read_text(encoding="utf-8")

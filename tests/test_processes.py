@@ -78,21 +78,6 @@ def test_what_hangs_is_killed_and_whoever_reads_is_told():
 
 
 @posix
-def test_a_test_that_fails_leaves_nothing_running():
-    pair = []
-
-    def fails():
-        with started([sys.executable, "-c", PAIR], stdout=PIPE, text=True) as running:
-            pair.extend(started_pair(running))
-            raise RuntimeError("the test's own")
-
-    with pytest.raises(RuntimeError, match="the test's own"):
-        fails()
-    assert len(pair) == 2
-    until(lambda: not any(map(alive, pair)), what="the end of both")
-
-
-@posix
 def test_who_starts_commands_may_be_killed_and_they_end():
     """As a continuous integration does with a test run that takes too long."""
     tests = f"""

@@ -1,7 +1,6 @@
 """Public sets as session folders (``benchmarks/public``): what is in the authors' files is in the folders, to the digit; what is damaged
 is refused in one line."""
 
-import lzma
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +8,9 @@ import pytest
 from conftest import DEG, Table
 from looks import of
 from public_files import (
-    broad_arrays,
     mikov_text,
     mimu_data,
     mimu_frames,
-    rda_bytes,
-    repoimu_text,
-    tofupilot_text,
     write_euroc,
     write_mimu,
     write_xsens,
@@ -28,8 +23,6 @@ from benchmarks.public.euroc import to_down, write_training_windows
 from benchmarks.public.mimu import read_frames
 from benchmarks.public.writing import from_stills
 from benchmarks.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
-from session.io.config import read_config
-from session.io.rests import read_rest
 from session.io.units import G
 from tinygc import read_session
 from tinygc.closure.build import build_problem
@@ -69,21 +62,6 @@ def test_xsens_counts_come_back_from_a_clone_and_no_folder_is_replaced(tmp_path,
         theirs = read_session(shared / "xsens").config
         assert (config.sensor, config.site, config.protocol) == (theirs.sensor, theirs.site, theirs.protocol)
         np.testing.assert_array_equal(config.accelerometer.bias_mps2, theirs.accelerometer.bias_mps2)
-
-
-def test_xsens_refuses(tmp_path, capsys):
-    refused(capsys, ["xsens", tmp_path], "xsens_acc.mat", "download")
-    write_xsens(tmp_path)
-    gyro = tmp_path / "xsens_gyro.mat"
-    lines = gyro.read_text().splitlines(keepends=True)
-    gyro.write_text("".join(lines[:-1]))
-    refused(capsys, ["xsens", tmp_path], "29 times", "30")
-    gyro.write_text("".join([*lines[:4], "  0.1  1  2  nan\n", *lines[5:]]))
-    refused(capsys, ["xsens", tmp_path], "xsens_gyro.mat", "line 5", "4 numbers")
-    gyro.write_bytes(b"\xff\xfe\x00\x01")
-    refused(capsys, ["xsens", tmp_path], "not UTF-8")
-    gyro.unlink()
-    refused(capsys, ["xsens", tmp_path], "xsens_gyro.mat")
 
 
 def test_mikov_numbers_stay_as_they_are_written(tmp_path, capsys):
@@ -149,21 +127,6 @@ def test_euroc_as_its_authors_publish_it_and_from_archives(tmp_path, capsys):
         assert (tmp_path / "a" / "V1_01" / name).read_bytes() == (tmp_path / "b" / "V1_01" / name).read_bytes()
 
 
-def test_euroc_refuses(tmp_path, capsys):
-    refused(capsys, ["euroc", tmp_path], "mav0/imu0/data.csv")
-    write_euroc(tmp_path / "V1_01_easy")
-    imu = tmp_path / "V1_01_easy" / "mav0" / "imu0" / "data.csv"
-    whole = imu.read_text()
-    imu.write_text(whole + "1.40363657975856E+018,1,2,3,4,5,6\n")
-    refused(capsys, ["euroc", tmp_path], "data.csv", "whole ns")
-    imu.write_text(whole)
-    truth = tmp_path / "V1_01_easy" / "mav0" / "state_groundtruth_estimate0" / "data.csv"
-    truth.write_text("#timestamp\n" + "\n".join(f"{t},0,0,0,2,0,0,0,0,0,0,0,0,0,0,0,0" for t in range(5)))
-    refused(capsys, ["euroc", tmp_path], "not of length 1")
-    (tmp_path / "euroc_V2_01_easy.npz").write_bytes(b"PK\x03\x04")
-    refused(capsys, ["euroc", tmp_path], "euroc_V2_01_easy.npz")
-
-
 def test_up_becomes_down():
     """A level vehicle, z up, yawed by 30 deg: body z up is down's opposite, and the turn has the other sense."""
     half = 15 * DEG
@@ -189,107 +152,6 @@ def test_mimu_frames_come_back_bit_for_bit_and_decoded_before(tmp_path, capsys):
             np.testing.assert_array_equal(np.rint(samples.gyro / DEG * 16.4), registers[:, unit, 3:])
             np.testing.assert_array_equal(np.rint(samples.accel / G * 2048), registers[:, unit, :3])
             np.testing.assert_array_equal(samples.t_ns, np.rint((ticks - ticks[0]) / 0.064))
-
-
-@pytest.mark.parametrize(
-    ("spoil", "said"),
-    [
-        (lambda frames: [*frames[:7], frames[7][:50], *frames[8:]], "frame 7"),
-        (lambda frames: [*frames[:7], frames[7][:20] + bytes([frames[7][20] ^ 1]) + frames[7][21:], *frames[8:]], "frame 7"),
-        (lambda frames: frames[:9] + frames[11:], "frame 9"),
-        (lambda frames: [b"rubbish"], "no whole frame"),
-        (lambda frames: [], "no whole frame"),
-    ],
-)
-def test_mimu_refuses_damaged_frames(tmp_path, capsys, spoil, said):
-    write_mimu(tmp_path, spoil(mimu_frames(*mimu_data())))
-    refused(capsys, ["mimu", tmp_path], "data.bin", said)
-    assert not (tmp_path / "sessions").exists()
-
-
-def rest_of(capsys, *arguments):
-    """The configuration and the rest log of the one folder that the command printed."""
-    assert main(list(map(str, arguments))) == 0
-    folder = Path(capsys.readouterr().out.strip())
-    config, parts = read_config(folder / "session.toml"), []
-    return config, read_rest(folder / "rest0001.csv.gz", config.sensor, parts.append), parts
-
-
-def test_tofupilots_rest_log_comes_back(tmp_path, capsys):
-    text, rows = tofupilot_text()
-    path = tmp_path / "imu_raw_data.csv"
-    path.write_text(text)
-    _, log, parts = rest_of(capsys, "tofupilot", tmp_path)
-    gyro, temp = (np.concatenate([getattr(part, name) for part in parts]) for name in ("gyro", "temp_c"))
-    np.testing.assert_allclose(gyro, rows[:, :3], rtol=1e-8)
-    np.testing.assert_allclose(temp, rows[:, 6], atol=1e-8)
-    assert log.duration_s == pytest.approx(60 * 0.505403, abs=4)
-    path.write_text(text.rstrip().rsplit("\t", 1)[0])
-    refused(capsys, ["tofupilot", tmp_path, "--out", tmp_path / "again"], "line 61", "expected 9 numbers")
-
-
-@pytest.mark.parametrize("packed", [True, False])
-def test_adis16405_becomes_a_rest_log(tmp_path, capsys, packed):
-    """As R wrote it, and as the arrays that were read from it."""
-    rng = np.random.default_rng(0)
-    gyro, accel = 0.05 * rng.integers(-40, 40, (400, 3)), 0.00333 * rng.integers(-5, 5, (400, 3))
-    path = tmp_path / "data" / "adis_16405_imu1.rda"
-    if packed:
-        path.parent.mkdir()
-        path.write_bytes(lzma.compress(rda_bytes(np.column_stack([gyro, accel]))))
-    else:
-        np.savez(tmp_path / "adis16405_imu1.npz", gyro_dps=gyro.astype(np.float32), accel_g=accel.astype(np.float32), rate_hz=100.0)
-    config, rest, _ = rest_of(capsys, "adis16405", tmp_path)
-    assert (rest.samples, len(rest), config.sensor.odr_hz, rest.has_temperature) == (400, 4, 100, False)
-    np.testing.assert_allclose(rest.gyro / DEG, gyro.reshape(4, 100, 3).mean(axis=1), atol=1e-9)
-    np.testing.assert_allclose(rest.accel / G, accel.reshape(4, 100, 3).mean(axis=1), atol=1e-9)
-    if packed:
-        path.write_bytes(lzma.compress(rda_bytes(np.zeros((9, 6)))[:200]))
-        refused(capsys, ["adis16405", tmp_path], "no R workspace")
-
-
-def test_broad_as_its_authors_publish_it(tmp_path, capsys):
-    h5py = pytest.importorskip("h5py")
-    arrays, path = broad_arrays(), tmp_path / "data_hdf5" / TRIAL
-    path.parent.mkdir()
-    with h5py.File(path, "w") as file:
-        file.attrs["sampling_rate"] = 285.714286
-        for name, array in arrays.items():
-            file[name] = array
-    session = made(capsys, "broad", tmp_path, "--out", tmp_path / "out")["trial05"]
-    samples, (truth,) = session.logs[0].samples, session.truths
-    np.testing.assert_array_equal(samples.gyro, arrays["imu_gyr"])
-    np.testing.assert_array_equal(samples.accel, arrays["imu_acc"])
-    np.testing.assert_array_equal(samples.t_ns, np.rint(np.arange(25) * (1e9 / 285.714286)))
-    np.testing.assert_array_equal(truth.t_ns, samples.t_ns[3:])  # the markers are unseen in the first rows
-    path.write_text("time,x\n")
-    refused(capsys, ["broad", tmp_path], TRIAL, "not the authors' HDF5 file")
-
-
-def test_repoimu_numbers_stay_as_they_are_written(tmp_path, capsys):
-    text, rows = repoimu_text()
-    (tmp_path / "TStick_Test06_Trial1.csv").write_text(text)
-    session = made(capsys, "repoimu", tmp_path)["Test06_Trial1"]
-    samples, (truth,) = session.logs[0].samples, session.truths
-    np.testing.assert_allclose(samples.gyro, rows[:, 8:11], rtol=1e-7)
-    np.testing.assert_allclose(samples.accel, rows[:, 5:8], rtol=1e-7)
-    np.testing.assert_array_equal(samples.t_ns - samples.t_ns[0], 10_000_000 * np.arange(25))
-    seen = np.delete(np.arange(25), 1)
-    np.testing.assert_array_equal(truth.t_ns, samples.t_ns[seen])
-    np.testing.assert_allclose(truth.q_nb, rows[seen, 1:5], atol=2e-8)
-
-
-def test_the_rocket_board_stays_as_its_authors_converted_it(tmp_path, capsys):
-    values = np.round(np.random.default_rng(0).normal(0, 5, (30, 13)), 6)
-    values[:, 0] = 0.05 * np.arange(30)
-    text = "".join("\t".join(f"{value:.6f}" for value in row) + "\n" for row in values)
-    (tmp_path / "IMU_Rev2_Data_Short.txt").write_text(text)
-    session = made(capsys, "sundevil", tmp_path)["short"]
-    samples = session.logs[0].samples
-    np.testing.assert_allclose(samples.gyro / DEG, values[:, 4:7], rtol=1e-12)
-    np.testing.assert_array_equal(samples.accel, values[:, 1:4])
-    np.testing.assert_array_equal(samples.temp_c, values[:, 12])
-    assert session.config.sensor.gyro_fs_dps == 250  # their own, which the recording contradicts
 
 
 # The authors' own files.

@@ -148,17 +148,6 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, run, tmp_path):
     assert (tmp_path / "s" / "log0001.csv").read_bytes() == log
 
 
-@pytest.mark.slow
-def test_bad_bytes_are_counted_and_the_session_goes_on(board, tmp_path):
-    port = board(*SLOW_SENSOR, "--frames", "--faults", "lost=0.001,garbage=500,torn=0.001")
-    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 2, "--json", "-")
-    assert result.returncode == 0, result.stderr
-    told = json.loads(result.stdout)
-    assert told["lost"] > 0
-    assert told["garbage_bytes"] + told["crc_errors"] > 0
-    assert told["segments"]["accepted"] == 2
-
-
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [

@@ -1,13 +1,10 @@
 """A drift or a step belongs to the time of its own session: a model that undoes one refuses every other, and has a form for any time."""
 
 import json
-import re
 import shutil
-from base64 import b64decode
 
 import numpy as np
 import pytest
-from html_pages import report_of
 from models_in_use import KNOWN, LINEAR, NET, SAMPLES, physics
 
 import calibrate
@@ -223,19 +220,3 @@ def test_export_refuses_it_and_takes_the_one_for_any_time(fitted, tmp_path, caps
     assert "undoes gyro.bias_drift" in err
     assert "--model physics_at_end" in err
     assert calibrate.main([*words, "physics_at_end"]) == 0
-
-
-@pytest.mark.slow
-def test_the_report_offers_the_model_for_any_time(fitted, tmp_path):
-    folder, other, _ = fitted
-    page = report_of(folder, tmp_path / "r.html", "--methods", "least_squares", "--quiet").read_text(encoding="utf-8")
-    assert "gyro.bias_drift followed the time of this session" in page
-    assert "calibrate.py apply model_physics_at_end.json LOG.csv" in page
-    offered = json.loads(b64decode(re.search(r"data:application/json;base64,([^\"]+)", page)[1]))
-    assert offered["method"] == "physics_at_end"
-    model = models.from_dict(offered)
-    assert model.session_s is None
-    (tmp_path / "m.json").write_text(json.dumps(offered))
-    log = other / "log0001.csv.gz"
-    assert calibrate.main(["apply", str(tmp_path / "m.json"), str(log), "-o", str(tmp_path / "x.csv"), "--quiet"]) == 0
-    assert np.abs(gyro(tmp_path / "x.csv") / DEG).max() < 500

@@ -18,7 +18,6 @@ COUNT = 60
 T_US, REGISTERS = sent(COUNT, start_us=2**32 - 20_000)
 FRAMES = b"".join(frame_list(T_US, REGISTERS))
 LINES = b"".join(line_list(T_US, REGISTERS))
-HEADER = b"t_us,gx,gy,gz,ax,ay,az,temp\n"
 INFO_FRAME = frames.encode_info(0, INFO)
 SETTINGS = settings(max_examples=120)
 

@@ -88,17 +88,6 @@ def test_what_is_sent_is_what_the_log_holds(header, time, columns, tmp_path):
     assert (live.temp_c is None) == (columns == 6)
 
 
-def test_it_does_not_matter_how_the_bytes_are_cut():
-    t_us, values = values_of(300)
-    data = b"boot\r\n" + COMMENT + b"".join(lines_of(t_us, values)).replace(b"\n", b"\r\n")
-    whole = samples(decode(data)[1])
-    rng = np.random.default_rng(5)
-    for _ in range(20):
-        parts = samples(decode(data, rng.integers(0, len(data), 30))[1])
-        np.testing.assert_array_equal(parts[0], whole[0])
-        np.testing.assert_array_equal(parts[1], whole[1])
-
-
 def test_what_ends_a_spoilt_line_is_no_line_however_the_bytes_are_cut():
     """Found by fuzzing: read byte by byte, what was kept for a search could begin within a line that had been passed over, at a header."""
     t_us, values = values_of(20)

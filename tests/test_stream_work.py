@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import sys
 
-import numpy as np
 import pytest
 from adversarial_streams import ADVERSARIAL, ORDINARY
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import INFO, decode, frame_list, line_list, rng, same, samples, sent, troubles
+from streams import INFO, frame_list, line_list, same, sent
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Comment, Info
 
 pytestmark = pytest.mark.broad
 
@@ -109,21 +107,3 @@ def test_zeros_behind_each_line_cost_no_sample(padding):
     events = [event for start in range(0, len(data), 700) for event in decoder.feed(data[start : start + 700])] + decoder.finish()
     assert same(events, t_us, registers)
     assert (decoder.garbage, decoder.lost, decoder.resets) == (0, 0, 0)
-
-
-@pytest.mark.parametrize("name", list(ADVERSARIAL))
-def test_what_is_bounded_is_bounded_alike_however_the_bytes_are_cut(name):
-    """Floods of words, of changes between text and frames, of headers, of restarts: each of the bounds is met here by some stream."""
-    data, draws = ADVERSARIAL[name](150_000, 2), rng(3)
-    whole = told(decode(data))
-    for largest in (40_000, 3000):
-        cuts = np.cumsum(draws.integers(1, largest, 4 * len(data) // largest))
-        assert told(decode(data, cuts[cuts < len(data)].tolist())) == whole
-
-
-def told(decoded: tuple[StreamDecoder, list]) -> tuple:
-    """All that a decoder has said, in a form that can be compared."""
-    decoder, events = decoded
-    t_us, registers = samples(events)
-    words = [event for event in events if isinstance(event, (Comment, Info))]
-    return t_us.tobytes(), registers.tobytes(), troubles(events), words, decoder.garbage

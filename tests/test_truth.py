@@ -140,13 +140,6 @@ def test_a_truth_of_another_time_or_too_short_is_refused(folder):
 
 
 @pytest.mark.broad
-def test_fit_and_check_run_on_such_a_folder(folder, capsys):
-    assert calibrate.main(["check", str(folder), "--quiet"]) == 0
-    assert calibrate.main(["fit", str(folder), "--methods", "raw,raw_bias_removed,least_squares", "--json", "-"]) == 0
-    assert '"yaw_rms_deg": 0.0' in capsys.readouterr().out
-
-
-@pytest.mark.broad
 def test_rates_of_stills_are_refused_where_there_is_no_still(folder, capsys):
     assert calibrate.main(["fit", str(folder), "--still-rates", "--methods", "tinygc", "--quiet"]) == 2
     said = capsys.readouterr().err

@@ -1,19 +1,11 @@
 """The wandering bias: its covariance by integration, the Allan deviation of its data sheet, and uncertainties that hold under it."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from session.io.units import DEG, DEG_PER_HOUR
-from tinygc import FitOptions, read_session
-from tinygc.closure.build import build_problem
+from session.io.units import DEG_PER_HOUR
 from tinygc.closure.floor import ESTIMATED, UNKNOWN, BiasInstability, BiasWander, wander_covariance
-from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.estimation.fit import fit_session
-from tinygc.models.linear import LinearModel, bias_only
 from tinygc.simulation.simulator import bias_instability
 
 #: a Gauss-Markov process for each octave of correlation times from half a second to 2048 s, each of variance B^2 ln 2 / pi
@@ -121,35 +113,3 @@ def test_an_instability_without_a_sigma_or_a_source_says_so():
     assert (given.words, unknown.words) == ("7.5 °/h, given", UNKNOWN)
     assert list(given.to_json().values()) == [pytest.approx(7.5), None, "given"]
     assert list(unknown.to_json().values()) == [None, None, UNKNOWN]
-
-
-@pytest.mark.broad
-def test_a_fit_says_uncertainties_with_the_wander(simulated):
-    """As far as it shows in this recording, whose bias wanders by 3 °/h; what is stated of B is near what the data sheet's figure gives."""
-    result = fit_session(simulated(), FitOptions(methods=("least_squares",), folds=2, bias="ends"))
-    problem, model = result.problem, result.linear.model
-    given, still = (
-        parameter_covariance(problem.batch, problem.floor, model, problem.earth, None, moments) for moments in (problem.wander, None)
-    )
-    stated = result.covariance
-    assert np.all(np.diag(stated)[9:] > 1.1 * np.diag(still)[9:])
-    np.testing.assert_allclose(np.sqrt(np.diag(stated - result.accelerometer_covariance)[9:] / np.diag(given)[9:]), 1, atol=0.4)
-
-
-@pytest.mark.slow
-def test_uncertainties_are_true_in_the_simulator(simulated):
-    """End to end, from registers: 30 sessions of 20 turns, 68 % of 360 errors within one sigma.  Those of one session hang together: 0.15 /
-    sqrt(30) = 0.03."""
-    errors = []
-    for seed in range(30):
-        folder = simulated(segments=20, closure_s=0.0, seed=seed)
-        truth = json.loads((folder / "truth.json").read_text())
-        true = LinearModel(np.array(truth["E"]), np.array(truth["B_dps"]) * DEG).vector
-        problem = build_problem(read_session(folder))
-        model = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])).model
-        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, None, problem.wander)
-        errors.append((model.vector - true) / np.sqrt(np.diag(covariance)))
-    assert np.mean(np.abs(errors) < 1) == pytest.approx(0.683, abs=0.08)
-    assert np.mean(np.abs(errors) < 2) == pytest.approx(0.954, abs=0.04)
-    # Each parameter by itself: 30 squares of a standard normal.
-    np.testing.assert_allclose(np.mean(np.square(errors), axis=0), 1, atol=4 * np.sqrt(2 / 30))

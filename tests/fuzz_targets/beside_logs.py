@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import gzip
 from pathlib import Path
 
 import numpy as np
 
-from fuzz_targets.material import COUNT, T_US, UNIT_HEADER, UNIT_LINES, lines
+from fuzz_targets.material import UNIT_HEADER, UNIT_LINES
 from fuzz_targets.rules import choose, finite
 from session.io.folder import read_session
 from tinygc.planning.proposals import requested_by_explain
@@ -23,21 +22,6 @@ FILES = (
     ("turns.csv", ""),
     ("explain/explain.json", ""),
 )
-TURNED = np.column_stack([np.cos(0.1 * np.arange(COUNT)), np.sin(0.1 * np.arange(COUNT)), np.zeros((COUNT, 2))])
-
-
-def seeds() -> list[bytes]:
-    """A good one of each file."""
-    truth = f"t_us,qw,qx,qy,qz\n{lines(T_US, TURNED, form='{:.7f}')}"
-    windows = f"t_s,qx,qy,qz,qw,window\n{lines(T_US / 1e6, np.roll(TURNED, -1, 1), np.arange(COUNT) // 2, form='{:.7f}')}"
-    dials = f"# dial\nstill,roll_deg,pitch_deg,yaw_deg\n{lines(np.arange(COUNT), 10 * FULL)}"
-    turns = "turn,axis,angle_deg,sigma_deg,log\n0,x,360,0.05,log0001.csv\n1,-z,-90,0.1,\n2,0;0.7;0.7,720,0.5,log0001\n"
-    asked = '{"next": "turn about x", "logs": {"log0001.csv": "00"}}'
-    texts = [truth.encode(), gzip.compress(truth.encode(), mtime=0), windows.encode(), dials.encode(), turns.encode(), asked.encode()]
-    return [bytes([mode]) + text for mode, text in enumerate(texts)]
-
-
-FULL = np.arange(3 * COUNT).reshape(COUNT, 3) / 7
 
 
 def run(data: bytes, folder: Path) -> None:

@@ -3,23 +3,10 @@
 from __future__ import annotations
 
 import gzip
-import re
 from pathlib import Path
 
 import numpy as np
 
-from fuzz_targets.material import (
-    COUNT,
-    FORCES_G,
-    RATES_DPS,
-    REGISTER_HEADER,
-    REGISTER_LINES,
-    REGISTERS,
-    T_US,
-    UNIT_HEADER,
-    UNIT_LINES,
-    lines,
-)
 from fuzz_targets.rules import choose, finite
 from session.io.config import Sensor
 from session.io.dialects import Answers
@@ -45,58 +32,6 @@ FOREIGN = (
 )
 MODES = ("standard", "packed", "gzip", "rest", "unknown", *FOREIGN)
 SMALL = 200
-
-
-def seeds() -> list[bytes]:
-    """One for each way in."""
-    plain = {"standard": f"{REGISTER_HEADER}\n{REGISTER_LINES}", "unknown": f"# serial=7\n{UNIT_HEADER}\n{UNIT_LINES}"}
-    plain["packed"], plain["rest"] = plain["standard"], f"{REGISTER_HEADER}\n{lines(40 * T_US, REGISTERS)}"
-    found = [bytes([MODES.index(mode)]) + text.encode() for mode, text in plain.items()]
-    found.append(bytes([MODES.index("gzip")]) + gzip.compress(plain["unknown"].encode(), mtime=0))
-    ns = lines(T_US * 1000 + 1_403_636_579_763_555_584, RATES_DPS, FORCES_G)
-    clock = lines(["12/31/2023"] * COUNT, [f"23:59:{59 + t / 1e6:09.6f}" for t in T_US % 900_000], FORCES_G, RATES_DPS)
-    axes = [f"{what}{axis}" for what in ("w_RS_S_{} [rad s^-1]", "a_RS_S_{} [m s^-2]") for axis in [""]]
-    euroc = ",".join(name.format(axis) for name in axes for axis in "xyz")
-    logs = [
-        f"#timestamp [ns],{euroc}\n{ns}",
-        f"rtcDate,rtcTime,aX,aY,aZ,gX,gY,gZ\n{clock}",
-        lines(T_US, RATES_DPS, FORCES_G),
-        "Time;a;b;c;d;e;f;g\n" + lines(T_US / 1000, RATES_DPS, FORCES_G * 1000, np.full(COUNT, 25.5), separator=";").replace(".", ","),
-        lines(RATES_DPS, FORCES_G),
-        "loopIteration, time (us), gyroADC[0], gyroADC[1], gyroADC[2], accSmooth[0], accSmooth[1], accSmooth[2]\n"
-        + lines(np.arange(COUNT), T_US, np.rint(RATES_DPS), np.rint(FORCES_G * 2048)),
-        "ready\nTimestamp[ms] A_X [mg] A_Y [mg] A_Z [mg] G_X [mdps] G_Y [mdps] G_Z [mdps]\n"
-        + lines(T_US / 1000, FORCES_G * 1000, RATES_DPS * 1000, separator=" "),
-    ]
-    found += [bytes([len(MODES) - len(FOREIGN) + min(number, len(FOREIGN) - 1)]) + text.encode() for number, text in enumerate(logs)]
-    plain_text, packed, in_columns = (len(MODES) - len(FOREIGN) + 1, len(MODES) - 2, len(MODES) - 1)
-    found += [bytes([packed if re.match(r"\d+,[0-9A-F]{24}", text) else plain_text]) + text.encode() for text in forms()]
-    return [*found, bytes([in_columns]) + f"x\n{lines(T_US // 10**6, T_US, RATES_DPS, FORCES_G)}".encode()]
-
-
-def forms() -> list[str]:
-    """Text that is no table: names and numbers on one line and on three, JSON, hexadecimal, a monitor's clock, two lines of names."""
-    values = np.column_stack([RATES_DPS, FORCES_G]).tolist()
-    words = "".join(f"{t},{''.join(f'{round(v) & 0xFFFF:04X}' for v in row)}\n" for t, row in zip(T_US, values, strict=True))
-    pairs = [f"t:{t} gx:{a} gy:{b} gz:{c} ax:{d} ay:{e} az:{f}\n" for t, (a, b, c, d, e, f) in zip(T_US, values, strict=True)]
-    three = [
-        f"t: {t}\nGyro X: {a}, Y: {b}, Z: {c} dps\nAccel X: {d} Y: {e} Z: {f} g\n"
-        for t, (a, b, c, d, e, f) in zip(T_US, values, strict=True)
-    ]
-    objects = [
-        f'{{"t_us": {t}, "gyro": [{a}, {b}, {c}], "accel": {{"x": {d}, "y": {e}, "z": {f}}}}}\n'
-        for t, (a, b, c, d, e, f) in zip(T_US, values, strict=True)
-    ]
-    table = lines(T_US, RATES_DPS, FORCES_G)
-    return [
-        "".join(pairs),
-        "ready\n" + "".join(three),
-        "".join(objects),
-        words,
-        "".join(f"12:30:{i % 60:02d}.000 -> {line}" for i, line in enumerate(pairs)),
-        "gx,gy,gz,ax,ay,az\n" + "".join(",".join(f"0x{round(v) & 0xFFFF:04X}" for v in row) + "\n" for row in values),
-        "time,gyro,,,accel,,\nus,x,y,z,x,y,z\n" + table,
-    ]
 
 
 def run(data: bytes, folder: Path) -> None:

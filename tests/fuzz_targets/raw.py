@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzz_targets.material import FRAMES, INFO, INFO_FRAME, REGISTER_HEADER, REGISTER_LINES, UNIT_HEADER, UNIT_LINES
+from fuzz_targets.material import UNIT_HEADER
 from fuzz_targets.rules import choose, finite, must_hold
-from session.bench.rawfile import RAW, TIMES, TIMES_HEADER, decision_of, read_marks
+from session.bench.rawfile import RAW, TIMES, decision_of, read_marks
 from session.io.config import read_config
 from session.io.errors import DataError
 from session.io.logfile import read_log
@@ -27,34 +27,6 @@ MODES = (
 )
 #: raw.times stands before it, raw.bin behind
 BETWEEN = b"\n====\n"
-
-
-def seeds() -> list[bytes]:
-    """Frames and text, with every decision between them."""
-    text, units = f"{REGISTER_HEADER}\n{REGISTER_LINES}".encode(), f"{UNIT_HEADER}\n{UNIT_LINES}".encode()
-    said = f"# {INFO.text} sensor=MPU-9250\n".encode()
-    events = [
-        "open x",
-        "begin log0001",
-        "begin closure0001",
-        "keep closure0002",
-        "pause",
-        "drop 4060000",
-        "begin log0002",
-        "note a b",
-        "close",
-    ]
-    marks = "".join(f"{1000 + k},{40 * k},{event}\n" for k, event in enumerate(events))
-    times = f"{TIMES_HEADER}\n{marks}".encode()
-    return [
-        b"\0" + times + BETWEEN + INFO_FRAME + FRAMES,
-        b"\1" + times + BETWEEN + said + text + b"\0" + FRAMES,
-        b"\2" + BETWEEN + said + text,
-        b"\2" + BETWEEN + said + units,
-        b"\3" + times + BETWEEN + text + text,
-        b"\4" + times + BETWEEN + UNIT_LINES.encode(),
-        b"\0" + BETWEEN + FRAMES,
-    ]
 
 
 def run(data: bytes, folder: Path) -> None:

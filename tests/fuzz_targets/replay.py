@@ -6,10 +6,7 @@ import contextlib
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from fuzz_targets import logs
-from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, UNIT_HEADER, UNIT_LINES, lines
 from fuzz_targets.rules import choose, finite, must_hold
 from session.io.config import read_config
 from session.io.dialects import Answers
@@ -28,23 +25,6 @@ MODES = (
 )
 #: between two files of one recording
 BETWEEN = b"\n====\n"
-
-
-def seeds() -> list[bytes]:
-    """Those of the reader, and two files of one recording."""
-    foreign = len(MODES) - len(logs.FOREIGN)
-    found = [bytes([foreign + data[0] - (len(logs.MODES) - len(logs.FOREIGN))]) + data[1:] for data in logs.seeds() if data[0] >= 5]
-    gyro = "Time,G_x [dps],G_y [dps],G_z [dps]\n" + lines(T_US / 1e6, RATES_DPS)
-    accel = "Time;A_x [g];A_y [g];A_z [g];Temp [c]\n" + lines(T_US / 1e6 + 0.003, FORCES_G, np.full(COUNT, 25.5), separator=";")
-    said = "# gyro_fs_dps=500 accel_fs_g=4 sensor=MPU-9250 serial=7"
-    ours = f"{said}\n{UNIT_HEADER},temp_c\n{lines(T_US, RATES_DPS, FORCES_G, np.full(COUNT, 25.5))}"
-    return [
-        *found,
-        b"\0" + f"{UNIT_HEADER}\n{UNIT_LINES}".encode(),
-        b"\1" + ours.encode(),
-        b"\3" + f"{UNIT_HEADER}\n{UNIT_LINES}".encode(),
-        b"\0" + gyro.encode() + BETWEEN + accel.encode(),
-    ]
 
 
 def run(data: bytes, folder: Path) -> None:

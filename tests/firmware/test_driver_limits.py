@@ -26,7 +26,6 @@ from driver_under_test import (
     accessed_us,
     accesses,
     attached,
-    discard,
     fail_behind,
     faults,
     library,
@@ -157,38 +156,6 @@ def test_no_poll_takes_more_than_5_ms_and_none_waits(behaviour, spins):
             place += 10
         assert number("longest_us", ctypes.c_uint32).value <= LONGEST_POLL_US
         assert number("waits", ctypes.c_uint32).value == 0
-
-
-def test_the_longest_poll_is_a_burst_and_its_proof():
-    """96 words on a bus of 1.6 MHz on a target that waits: 3.5 ms.  Without a burst none takes half a millisecond."""
-    started()
-    number("byte_us", ctypes.c_uint32).value = SLOW_BYTE_US
-    number("longest_us", ctypes.c_uint32).value = 0
-    streamed_by_time(0, 100)
-    discard()
-    poll(20)
-    library().restart(500, 4, 10, 0, 800)
-    number("longest_us", ctypes.c_uint32).value = 0
-    poll(40)
-    assert library().running()
-    assert 100 < number("longest_us", ctypes.c_uint32).value < 500
-
-
-@pytest.mark.parametrize("behaviour", [BUSY_FOR_EVER, FAILS_LATE])
-def test_a_transfer_that_fails_late_is_the_last_one_of_its_poll(behaviour):
-    """On a bus of 4 MHz, from any transfer on: 1 ms until it is known, and what went before; 4.9 ms where it is the burst."""
-    for from_us in (*range(60), *range(60, 4000, 40)):
-        started()
-        streamed_by_time(0, 30)
-        number("longest_us", ctypes.c_uint32).value = 0
-        number("line").value = behaviour
-        number("line_from_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + from_us
-        number("line_until_us", ctypes.c_uint32).value = number("line_from_us", ctypes.c_uint32).value + 6000
-        streamed_by_time(30, 30)
-        longest_us = number("longest_us", ctypes.c_uint32).value
-        assert longest_us <= 2000 or (behaviour == FAILS_LATE and 4900 < longest_us < 5200)
-        assert faults().keys() <= {"hang", "lost"}
-    assert faults()["hang"] == 1
 
 
 def test_a_burst_that_never_ends_is_given_up():

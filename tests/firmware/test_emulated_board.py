@@ -151,15 +151,3 @@ def test_the_port_carries_what_the_page_says(elf, row):
     assert samples > 4 * nominal_hz
     other = (driven.bytes - before) - frames.SAMPLE_BYTES * samples
     assert 10 * (frames.SAMPLE_BYTES * nominal_hz + other / 4) / 1e3 == pytest.approx(stated, abs=0.06)
-
-
-@pytest.mark.parametrize("mask", [0x04, 0x40])
-def test_a_sensor_that_cannot_be_read_is_made_readable(elf, mask):
-    """IF_INC and BDU of CTRL3_C flip: the stream goes on within half a second, whether it needs a restart or not."""
-    driven = Driven(elf, faults=[Fault("register", 1.0, address=0x12, mask=mask)])
-    driven.run(1.5)
-    driven.forget()
-    driven.run(1.2)
-    assert driven.board.runs
-    assert driven.verdict().streamed > 400
-    assert driven.counts["starts"] <= 1

@@ -129,18 +129,6 @@ def test_lost_slots_that_nothing_shows_are_never_guessed_at():
     np.testing.assert_array_equal(samples["number"] - 1, slots[:-1])
 
 
-def test_a_stamp_that_is_wrong_costs_one_sample():
-    slots = np.arange(100)
-    ticks = ticks_of(slots)
-    for wrong in (7, -7, 1 << 20, -(1 << 20), 1 << 31):
-        spoilt = ticks.copy()
-        spoilt[50] += wrong
-        samples, faults = take_words(words_of(slots, spoilt))
-        assert faults == {"stamp": 1, "lost": 1}
-        assert library().bad_stamps() == 0
-        np.testing.assert_array_equal(samples["number"] - 1, np.delete(slots[:-1], 50))
-
-
 def test_temperature_is_that_of_before_and_other_words_change_nothing():
     slots = np.arange(20)
     words = list(words_of(slots, ticks_of(slots)))

@@ -12,9 +12,6 @@ from driver_under_test import (
     BUSY_FOR_EVER,
     CTRL2_G,
     CTRL3_C,
-    CTRL4_C,
-    CTRL6_C,
-    CTRL8_XL,
     FAILS_LATE,
     FAULTS,
     FREQ_FINE,
@@ -42,26 +39,6 @@ from driver_under_test import (
 CHANGED, IMPOSSIBLE = FAULTS.index("changed"), NONE + 1
 #: microseconds: a poll on a bus of 1.6 MHz, a byte each 5; a start that blocks; no call of its own waits
 LONGEST_POLL_US, SLOW_BYTE_US, LONGEST_START_US = 5000, 5, 300_000
-
-
-@pytest.mark.parametrize(
-    ("stuck", "lpf1", "lpf2", "fault"),
-    [
-        (CTRL4_C, 3, 2, CHANGED),  # without LPF1, which was asked for
-        (CTRL6_C, 3, 2, CHANGED),  # another LPF1
-        (CTRL8_XL, 0xFF, 20, CHANGED),  # another LPF2
-        (CTRL6_C, 0xFF, 2, NONE),  # LPF1 is off: which it would be does not matter
-        (CTRL8_XL, 0xFF, 4, NONE),  # its code is 0
-    ],
-)
-def test_a_filter_that_was_not_taken_is_no_start(stuck, lpf1, lpf2, fault):
-    """Its bandwidth and its delay would be in every sample."""
-    started(lpf1=lpf1, lpf2=lpf2, settles=False)
-    number("stuck", ctypes.c_uint8).value = stuck
-    assert library().start() == fault
-    assert faults().get("changed", 0) == (fault == CHANGED)
-    number("stuck", ctypes.c_uint8).value = 0
-    assert library().start() == NONE
 
 
 #: bits with a meaning, by the maker's headers: of the ASM330LHH, and of the LSM6DSO where they differ; COUNTER_BDR_REG1 without one

@@ -15,7 +15,7 @@ if MISSING := tools_missing():
 
 from emulator import driven as kit
 from emulator.driven import Driven, Verdict, judged
-from emulator.sensor import CHIPS, CTRL1_XL, CTRL2_G, CTRL3_C, FIFO_CTRL3, Fault, Silicon
+from emulator.sensor import CHIPS, CTRL1_XL, CTRL2_G, CTRL3_C, Fault, Silicon
 
 pytestmark = pytest.mark.emulation
 
@@ -114,24 +114,6 @@ def test_a_fault_costs_what_it_must_and_is_counted(elf, kind):
     assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
     assert found.missing == found.said_lost or kind == "reset"  # whose sensor made none meanwhile
     assert found.missing <= {"parity": 1, "tag_unknown": 18, "missing": 1, "reset": 300, "identity": 80}.get(kind, 40)
-
-
-@pytest.mark.parametrize(
-    "fault",
-    [Fault("register", 1.2), Fault("register", 1.2, address=FIFO_CTRL3, mask=0x11), Fault("rate", 1.2, 1.0)],
-    ids=["stamps cease", "half the rate", "half the rate, registers as set"],
-)
-def test_a_fifo_that_fills_otherwise_than_set_is_noticed_and_set_anew(elf, fault):
-    driven = running(elf, 833.0, faults=[fault])
-    before = dict(driven.counts)
-    driven.run(3.0)
-    found = driven.verdict()
-    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
-    risen = {name for name, count in driven.counts.items() if count > before[name]}
-    assert risen & {"changed", "rate", "silent"}
-    streamed = found.streamed
-    driven.run(1.0)
-    assert driven.verdict().streamed - streamed == pytest.approx(842, abs=10)
 
 
 @pytest.mark.parametrize("chip", CHIPS.values(), ids=CHIPS)

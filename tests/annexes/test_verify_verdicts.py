@@ -261,12 +261,6 @@ def test_a_recording_does_not_verify_the_model_that_was_fitted_to_it(unit, today
     assert "agrees with itself" in found.headline
 
 
-def test_quiet_prints_the_verdict_alone(model, today, run, tmp_path):
-    _, out, _ = run("verify", model, rest_log(tmp_path / "rest.csv", today), "--quiet")
-    assert out.startswith("undecided: ")
-    assert out.count("\n") == 1
-
-
 def test_the_written_covariance_of_b_is_that_of_b_anew(model, today, tmp_path):
     found = tinygc.verify(model, today)
     written = np.array(json.loads(found.save_model(tmp_path / "anew.json").read_text())["covariance"])

@@ -137,11 +137,3 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
         assert name in err
         assert why in err
     assert run("export", folder, "--to", "ros", "--model", "physics", "--effects", FOREIGN, "--out", tmp_path / "ros")[0] == 2
-
-
-@pytest.mark.slow
-def test_a_report_takes_it_over(made, known, strangers, run, tmp_path):
-    injected, out = made("gyro.thermal_curvature"), tmp_path / "report.html"
-    code, _, err = run("report", injected.folder, "--methods", "least_squares", "--effects", FOREIGN, "--out", out)
-    assert code == 0, err
-    assert "gyro.thermal_curvature" in out.read_text()

@@ -70,16 +70,6 @@ def test_the_scale_error_of_each_turn_is_on_the_law_that_was_put_in(known):
         assert rms(of.before / of.sigma) > 10
 
 
-def test_what_turns_left_out_are_does_not_depend_on_what_they_ask_for(known):
-    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
-    naming = replace(e.naming, fit=replace(e.naming.fit, state=replace(e.naming.fit.state, horizontal=np.array([1e-3, -1e-3]))))
-    other = replace(e, naming=naming)
-    variable = variable_for(e, claim)
-    here, there = (per_turn(which, claim, "scale", 0, variable) for which in (e, other))
-    np.testing.assert_allclose(here.x, there.x, rtol=1e-3)
-    assert np.abs(here.before - there.before).max() > here.sigma.max()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["timing.axis_skew", "gyro.bandwidth"])
 def test_the_slope_of_a_lag_is_the_lag(known, name):

@@ -131,9 +131,3 @@ def test_simulate_says_what_no_chamber_does(tmp_path, run):
     assert code == 2
     assert "--rest-cold-c" in err
     assert not (tmp_path / "s").exists()
-
-
-def test_the_same_seed_gives_the_same_bytes(tmp_path):
-    options, session = RestOptions(cycles=0.2), SimulationOptions(odr_hz=62.5, seed=5)
-    one, two = (write_rest(options, session, tmp_path / name) for name in ("a", "b"))
-    assert (one / "rest0001.csv.gz").read_bytes() == (two / "rest0001.csv.gz").read_bytes()

@@ -238,13 +238,6 @@ def test_a_jump_between_rests_is_seen_and_knocks_are_no_turns(model, today, tmp_
         assert found.answer == FAILS
 
 
-def test_a_zero_that_moved_at_rest_is_taken_anew(model, today, run, tmp_path):
-    code, out, _ = run("verify", model, rest_log(tmp_path / "rest.csv", today, shift=0.6), "--write", tmp_path / "anew.json")
-    assert code == 1
-    assert "take B anew: B = " in out.splitlines()[0]
-    assert (tmp_path / "anew.json").exists()
-
-
 def test_what_its_own_screen_rejects_is_not_written(model, unit, tmp_path):
     found = tinygc.verify(model, session_of(replace(unit, E=unit.E @ np.diag([1.02, 1, 1]))))
     with pytest.raises(DataError, match="not written with B anew: E departs"):

@@ -135,16 +135,6 @@ def test_no_poll_takes_more_than_5_ms_and_none_waits(behaviour, spins):
         assert number("waits", ctypes.c_uint32).value == 0
 
 
-def test_a_burst_that_never_ends_is_given_up():
-    started()
-    number("busy_polls").value = 1 << 30
-    push(slots(0, 20))
-    poll(19)
-    assert (faults(), number("selected").value) == ({}, 1)
-    poll(3)
-    assert (faults(), number("selected").value) == ({"hang": 1}, 0)
-
-
 def test_a_reset_that_does_not_end_is_said():
     lib = attached()
     number("turned", ctypes.c_uint8).value, number("turned_bits", ctypes.c_uint8).value = CTRL3_C, 0x01

@@ -49,15 +49,6 @@ def test_the_rate_of_the_units_that_are_left_and_its_sigma():
     np.testing.assert_array_equal(fused.used.sum(axis=1), [3, 2, 1, 0])
 
 
-def test_the_sigma_of_some_units_with_unlike_axes_is_that_of_drawn_noise():
-    model = model_of([replace(unit, noise_density=DENSITY * np.array([1.0, 3.0, 0.5])) for unit in units(4)])
-    model = replace(model, units=tuple(replace(unit, covariance=None) for unit in model.units))
-    raw = measured(model, np.zeros((100_000, 3)))
-    raw[:, 2] = np.nan
-    fused = fuse(model, raw)
-    np.testing.assert_allclose(fused.rate.std(axis=0), fused.sigma[0], rtol=5 / np.sqrt(2 * len(raw)))
-
-
 def test_parts_of_correlated_noise_add_up_to_that_of_the_combination():
     model = replace(plain([0.1, 0.2]), correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
     np.testing.assert_allclose(fuse(model, np.zeros((2, 3))).sigma[0], model.noise_density * np.sqrt(RATE_HZ / 2))

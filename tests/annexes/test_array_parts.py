@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG
+from lever_motion import TRUTH_M, motion
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from small_array import small_array
-from test_array_positions import TRUTH_M, motion
 
 from session.annexes.arrays.recording import read_array
 from session.io.errors import CalibrationError

@@ -23,17 +23,6 @@ def groups(common: float, units: int = 4, stills: int = 20, blocks: int = 40, se
     return found
 
 
-def test_independent_noise_is_the_units_own_within_a_limit():
-    pulls = []
-    for seed in range(40):
-        shared = correlated(groups(0.0, seed=seed))
-        pulls.append(shared.value / shared.sigma)
-        assert shared.is_own
-        assert not shared.is_common
-    assert abs(np.mean(pulls)) < 3 / np.sqrt(40)
-    assert 0.5 < np.std(pulls) < 1.3  # the sigma is at least that of white noise
-
-
 def test_the_sigma_of_independent_noise_is_that_of_differences():
     """A correlation of N differences has variance 1.5 / N: white noise's 1 / N, and twice a quarter for neighbours."""
     values = [correlated(groups(0.0, units=2, stills=5, seed=seed)).value for seed in range(300)]

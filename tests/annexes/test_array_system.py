@@ -304,16 +304,6 @@ def test_leverage_is_how_far_the_solution_follows_a_row(few):
     assert found.leverage[4] == 0
 
 
-def test_the_scores_information_is_the_exact_one_where_rows_are_independent(few):
-    """Rows that nothing connects: the expected information is half the sum of (V / variance)^2."""
-    apart = replace(few, design=np.zeros((16, 3)))
-    t = np.array([0.4, 0.7])
-    variance, counted = apart.base + t @ apart.V, ~apart.out
-    _, information = apart.solved(t).score()
-    np.testing.assert_allclose(information, np.einsum("gi,hi->gh", apart.V[:, counted], apart.V[:, counted] / variance[counted] ** 2) / 2)
-    np.testing.assert_allclose(apart.solved(t).sigma(), 1 / np.sqrt(np.diag(information)))
-
-
 def test_further_rows_are_rejected_beside_those_that_are(few):
     np.testing.assert_array_equal(np.flatnonzero(few.without(np.arange(16) == 7).out), [4, 7])
 

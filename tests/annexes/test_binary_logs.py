@@ -11,7 +11,7 @@ import pytest
 import written_logs as written
 
 from session.annexes.logs import ardupilot, betaflight, mcap_file, registry, ros, rosbag1, rosbag2, ulog
-from session.annexes.logs.registry import HEAD, READERS, reader_of
+from session.annexes.logs.registry import HEAD, reader_of
 from session.io.annexes import need
 from session.io.errors import FormatError
 from session.io.units import parse_unit
@@ -98,17 +98,6 @@ def test_a_file_is_known_by_its_bytes_whatever_its_name(tmp_path):
 
 def test_the_core_finds_the_readers_by_name():
     assert need("binary logs") is registry
-
-
-def test_every_reader_says_what_it_is():
-    import importlib
-
-    for name, module in READERS.items():
-        reader = importlib.import_module(module)
-        assert name == reader.NAME
-        assert reader.EXAMPLE
-        assert "\n" not in reader.EXAMPLE
-        assert (reader.PACKAGE == "") == (reader.EXTRA == "") == (reader.LICENCE == "")
 
 
 @pytest.mark.parametrize(

@@ -138,24 +138,3 @@ def test_zeros_in_the_middle_cost_the_messages_that_they_hit(name, files, tmp_pa
     assert COUNT - 60 <= len(stream) < COUNT + 1
     np.testing.assert_array_equal(stream.t_ns[-20:], T_NS[-20:])
     assert any("damaged" in note for note in stream.notes)
-
-
-@pytest.mark.broad
-@every_format
-def test_damage_anywhere_is_no_traceback(name, files, tmp_path):
-    """A hundred draws: cuts, flipped bytes, runs of zeros, everywhere and in the first bytes, where formats describe themselves."""
-    data, suffix = files[name]
-    path = tmp_path / f"a{suffix}"
-    rng = np.random.default_rng(11)
-    for draw in range(100):
-        spoilt = bytearray(data)
-        if draw % 4 == 0:
-            spoilt = spoilt[: rng.integers(len(data))]
-        elif draw % 4 == 1:
-            start = int(rng.integers(len(data)))
-            spoilt[start : start + 300] = bytes(len(spoilt[start : start + 300]))
-        else:
-            for place in rng.integers(len(data) if draw % 4 == 2 else min(len(data), 2000), size=2):
-                spoilt[place] ^= int(rng.integers(1, 256))
-        path.write_bytes(bytes(spoilt))
-        answers(name, path)

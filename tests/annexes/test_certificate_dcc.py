@@ -163,12 +163,6 @@ def test_the_ellipsoid_of_the_twelve_holds_95_percent(written):
     assert float(factor) == pytest.approx(4.585, abs=1e-3)
 
 
-def test_nothing_is_said_to_be_agreed_and_the_operator_of_the_notes_is_named(data):
-    text = dcc_text(content_of(with_fields(data, FIELDS.replace('operator = "Operatorword"\n', ""))))
-    assert "agreed" not in text
-    assert "Noteoperator" in text
-
-
 def test_what_people_wrote_stays_text(data, schema):
     fields = FIELDS.replace("Customerword", "A & B <b>]]> ü &lt;")
     text = dcc_text(content_of(with_fields(data, fields, serial="S\x07\x1b[31m<x/>")))

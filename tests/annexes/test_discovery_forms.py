@@ -6,8 +6,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, offered, places
-from tinygc.annexes.discovery.equivalence import FactorValues, columns_of, distinct_forms, some_movement, span_projections
+from tinygc.annexes.discovery.enumeration import bits, enumerated, places
+from tinygc.annexes.discovery.equivalence import FactorValues, distinct_forms, some_movement, span_projections
 from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm, patterns_of
 from tinygc.annexes.discovery.quantities import QUANTITIES, largest_of
 from tinygc.annexes.discovery.words import LONGEST, equation, in_words, regime, splits, what
@@ -156,12 +156,6 @@ def test_every_form_has_words(forms):
         assert READ[variable][1] == unit
 
 
-def test_constants_go_round(forms):
-    for form in forms[::97]:
-        assert form.with_constants(form.constants) == form
-        assert form.with_constants(2 * np.array(form.constants)).shape == form.shape
-
-
 # Laws of physics
 
 
@@ -261,22 +255,3 @@ def test_a_law_of_physics_is_a_form(name, movement, values, forms, record_proper
 def test_what_is_no_law_is_no_form(movement, values, forms):
     noise = np.random.default_rng(8).standard_normal(movement.rate.shape)
     assert _correlation(forms[::31], values, noise, NEAR).max() < 0.5
-
-
-@pytest.mark.parametrize(
-    ("quantity", "function"),
-    [("rate", "dead_zone"), ("rate", "beyond"), ("rate", "soft"), ("rate", "band"), ("time", "decay"), ("time", "wave"), ("rate", None)],
-)
-def test_a_constant_between_two_places_is_found_from_the_nearer(quantity, function, movement, values):
-    largest = largest_of([movement])[quantity]
-    if function is None:  # a lag
-        grid = np.array(sorted({lag_s for _, _, lag_s in offered(quantity, few=False) if lag_s is not None}))
-        made = [LawForm((Factor(quantity, "size", None, lag_s),)) for lag_s in grid]
-    else:
-        grid = np.array(sorted(constant_at(quantity, function, place, largest) for place in places(quantity, function)))
-        made = [LawForm((Factor(quantity, function, constant),)) for constant in grid]
-    for at in (len(grid) // 3, len(grid) // 2, 2 * len(grid) // 3):
-        true = made[0].with_constants((np.sqrt(grid[at] * grid[at + 1]),))
-        law = columns_of(true, movement) @ np.linspace(1, 2, true.size)
-        found = _correlation(made, values, law, NEAR)
-        assert _sharpened(made[int(np.argmax(found))], values, law)[0] > 0.98

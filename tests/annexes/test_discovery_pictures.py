@@ -92,29 +92,3 @@ def test_the_page_of_a_law_and_its_runner_up(warm, tmp_path):
     assert "with the runner-up" in figure.axes[1].get_title()
     save(figure, tmp_path / "discover.png")
     assert (tmp_path / "discover.png").stat().st_size > 20_000
-
-
-@pytest.mark.parametrize("name", ["matrix", broad("warm rate"), "lag"])
-def test_laws_of_every_kind_have_a_page(warm, name):
-    """Matrices show their strongest entries; laws of two quantities one axis, in colours; laws with a memory what they say."""
-    pytest.importorskip("matplotlib")
-    answer = found(law_of(*LAWS[name]))
-    pairs = pairs_of(warm[0], answer)
-    figure = figure_of(warm[0], answer, pairs)
-    panels = [axes for axes in figure.axes if axes.get_title()]
-    assert len(panels) in (2, 4)
-    for axes in panels:
-        readable(axes)
-    bars = [axes for axes in figure.axes if not axes.get_title()]
-    assert len(bars) == (len(panels) // 2 if name == "warm rate" else 0)
-    begins = {"matrix": "specific force along", "warm rate": "rate about", "lag": "what the law says"}
-    assert panels[0].get_xlabel().startswith(begins[name])
-
-
-def test_the_edges_of_a_dead_zone_are_drawn_and_said_once(tmp_path):
-    e = explain_session(hidden("dead zone", tmp_path / "zone"))
-    figure = figure_of(e, answer := found(law_of(*LAWS["dead zone"])), pairs_of(e, answer))
-    (left, *_) = figure.axes
-    edges = [line for line in left.lines if line.get_linestyle() == ":"]
-    assert sorted(line.get_xdata()[0] for line in edges) == pytest.approx([-50.0, 50.0])
-    assert [text for text in left.get_legend_handles_labels()[1] if text.startswith("width")] == ["width ±50 dps"]

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +14,7 @@ import calibrate
 from session.io.results import json_text
 from session.io.units import DEG
 from tinygc import CalibrationError, closure, explain
-from tinygc.annexes.discovery import engine, law_fits
+from tinygc.annexes.discovery import engine
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import best_trial, pairs_of
 from tinygc.annexes.discovery.report import DiscoveryReport
@@ -113,13 +112,6 @@ def test_there_is_one_next_step_and_the_search_says_it(e):
     assert told.to_json()["next"].startswith("to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³: from a still with ")
     for rivals in ((), (runner_up(CUBE, worse=40.0),)):  # what is so much worse is drawn, and asks for nothing
         assert DiscoveryReport(e, found(told_law(runners_up=rivals))).to_json()["next"].startswith("record a second session")
-
-
-def test_laws_that_no_turn_tells_apart_are_told_by_the_condition(e):
-    same = runner_up(LawForm((Factor("rate", "dead_zone", 0.1001),)))
-    warm = law_of(*LAWS["warm"], runners_up=(runner_up(LawForm((Factor("temperature", "square"),))),))
-    for law in (told_law(runners_up=(same,)), warm):
-        assert DiscoveryReport(e, found(law, verdict="ambiguous")).to_json()["next"].endswith(f": {same.discriminating_motion}")
 
 
 def test_of_two_laws_each_has_its_own_numbers(e):
@@ -225,14 +217,6 @@ def test_a_law_has_no_name_that_a_loaded_effect_has(monkeypatch):
     assert engine._free_id(CUBE, []) == "discovered.cube_rate"
 
 
-def test_where_the_range_is_too_small_for_any_turn_words_tell_what_to_change(e, monkeypatch):
-    monkeypatch.setattr(law_fits, "trials", lambda movement: [])
-    discovery = found(told_law(runners_up=(runner_up(CUBE),)))
-    said = law_fits.next_of(e, discovery, pairs_of(e, discovery))
-    assert said.startswith("to tell ")
-    assert said.endswith(": turn slowly and quickly about the same axis")
-
-
 def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):
     asked(found(told_law()))
     effects, ran = tmp_path / "explain" / "effects", tmp_path / "ran"
@@ -263,15 +247,6 @@ def test_an_array_is_refused_in_one_line(folder, tmp_path, capsys):
     assert said.count("\n") == 1
 
 
-def test_what_is_left_beyond_noise_is_said(e):
-    more = replace(DECIDED, noise_p=2e-5)
-    lines = lines_of(DiscoveryReport(e, found(told_law(held_out=(DECIDED, more)))).to_json())
-    assert " ".join(lines).count("the rest is more than the sensor's own noise") == 1
-    assert "sensor's own noise (p = 2e-05)" in " ".join(lines)
-    (law,) = DiscoveryReport(e, found(told_law(held_out=(more,)))).to_json()["discovery"]["laws"]
-    assert law["held_out"][0]["noise_p"] == 2e-5
-
-
 def test_each_number_of_a_matrix_says_which_axis_it_adds_to_and_which_it_follows(e):
     lines = lines_of(DiscoveryReport(e, found(law_of(*LAWS["matrix"]))).to_json())
     rows = [line.split(": ")[-1].strip() for line in lines if " ← " in line]
@@ -293,17 +268,6 @@ def test_terms_stand_in_the_order_of_the_numbers(form, some):
     terms = terms_of(form)
     assert len(terms) == form.size == len(set(terms))
     assert {number: terms[number] for number in some} == some
-
-
-def test_what_an_equation_abbreviates_is_said_where_it_is_printed_and_nothing_else(e):
-    clipped = runner_up(LawForm((Factor("rate", "within", 0.1),)))
-    lines = lines_of(DiscoveryReport(e, found(told_law(runners_up=(clipped,)))).to_json())
-    (said,) = [line for line in lines if line.startswith("in these equations: ")]
-    assert said == "in these equations: clip(x, ±c) = x held within ±c"
-    assert "dz(x, c) = x beyond ±c" in next(line for line in lines if line.startswith("discovered."))
-    assert not [
-        line for line in lines_of(DiscoveryReport(e, found(law_of(*LAWS["cross"]))).to_json()) if line.startswith("in these equations")
-    ]
 
 
 def test_a_file_in_the_place_of_the_effects_folder_is_said_before_the_search(folder, tmp_path, monkeypatch, capsys):

@@ -74,25 +74,6 @@ def test_the_picture(days, tmp_path, run):
     assert (tmp_path / "out" / PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_first_screen_is_what_matters_and_the_gyroscope(days, run):
-    _, out, _ = run("history", days, "--require", "bias 5 dps", "--today", "2026-02-01")
-    lines = [line.rstrip() for line in out.splitlines()]
-    assert lines[1].startswith("bias 5 dps: holds until")
-    assert lines[2].startswith("the bias of any other session: ±")
-    table = [line for line in lines if line.startswith(("scale factor error", "misalignment", "bias ")) and ", " in line[:28]]
-    assert len(table) == 12
-    assert max(map(len, table)) <= 100, table
-    assert "accelerometer bias" not in out
-    _, everything, _ = run("history", days, "--all")
-    assert everything.count("accelerometer bias x, mg") == everything.count("bias z, dps") == 2
-
-
-def test_dates_that_were_given_are_said_to_be(days, tmp_path, run):
-    dates = tmp_path / "dates.csv"
-    dates.write_text("".join(f"day{k},{day}\n" for k, day in enumerate(DATES, 1)))
-    assert "dates are from --dates" in run("history", days, "--dates", dates)[1]
-
-
 def test_names_of_folders_are_text_wherever_they_go(fitted, tmp_path, run):
     first, *_ = moved_copies(fitted, tmp_path / "unit", BIASES[:2])
     first.rename(first.with_name("<b>[bold]$x^$\x1b"))
@@ -184,18 +165,6 @@ def test_a_fleets_table_is_a_history_too(fitted, tmp_path):
     (same,) = tinygc.history(place).units
     for one, other in zip(unit.numbers, same.numbers, strict=True):
         np.testing.assert_allclose(one.values, other.values, atol=1e-2 * other.sigmas.max())
-
-
-@pytest.mark.broad
-def test_any_session_agrees_with_fit(days, tmp_path, run):
-    others = sorted(path for path in days.iterdir() if path.name != "day5")
-    words = [word for other in others for word in ("--history", other)]
-    assert run("fit", days / "day5", "--methods", "least_squares", "--quiet", *words)[0] == 0
-    in_fit = json.loads((days / "day5" / "fit" / "fit.json").read_text())["bias_any_session"]
-    in_history = tinygc.history(others).to_json()["units"][0]["bias_any_session"]
-    assert in_fit["spread_dps"] == pytest.approx(in_history["spread_dps"], rel=1e-9)
-    assert "less drift" in in_fit["source"]
-    assert max(in_fit["spread_dps"]) < 0.2
 
 
 def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_path):

@@ -3,7 +3,6 @@
 import contextlib
 import re
 
-import numpy as np
 import pytest
 from virtual_tables import MAKES, Bench, description
 
@@ -68,12 +67,6 @@ def test_each_fault_ends_safe(kind, make):
         assert said_rest or "not seen at rest" in str(fault)
 
 
-@pytest.mark.parametrize("make", MAKES)
-def test_a_cable_that_drops_says_to_press_the_stop(make):
-    _, fault = session(make, "cable@move2")
-    assert "press its own emergency stop" in str(fault)
-
-
 def test_silence_stops_it_though_nothing_is_heard():
     """The controller still hears: the stop arrives, and the motor rests before the move would have ended."""
     bench = Bench(description("line"), "silence@move1")
@@ -99,11 +92,6 @@ def test_a_turn_at_a_rate_that_stalls_is_seen():
         bench.guarded.settle()
 
 
-def test_the_same_seed_garbles_the_same_bytes():
-    said = {bytes(Bench(description("grbl"), "garbled@0").virtual.feed(b"?")) for _ in range(3)}
-    assert len(said) == 1
-
-
 @pytest.mark.parametrize("text", ["estop", "estop@3", "stall@move2,cable@1.5", ""])
 def test_faults_are_parsed(text):
     assert len(Fault.parse(text)) == len(list(filter(None, text.split(","))))
@@ -113,19 +101,6 @@ def test_faults_are_parsed(text):
 def test_a_wrong_fault_is_named(text):
     with pytest.raises(CalibrationError, match="expected NAME@SECONDS or NAME@moveN"):
         Fault.parse(text)
-
-
-def test_errors_of_the_table_are_in_its_tracks():
-    """Play of an axis is that of its track."""
-    from session.annexes.machines.mechanics import AxisErrors, TableErrors
-
-    bench = Bench(description("line"), errors=TableErrors((AxisErrors(backlash=0.5 * DEG),)))
-    bench.driver.turn_to(0, DEG, DEG)
-    bench.clock.sleep(5)
-    bench.driver.turn_to(0, 0.8 * DEG, DEG)
-    bench.clock.sleep(5)
-    _, sense = bench.virtual.tracks[0].said_and_sense(np.array([4.5, 10.0]))
-    assert sense.tolist() == pytest.approx([1.0, 0.2])
 
 
 @pytest.mark.parametrize("make", MAKES)

@@ -60,26 +60,6 @@ def test_two_axes_move_by_themselves(make):
     assert [bench.motor(number)[0] / DEG for number in (0, 1)] == pytest.approx([120, -45], abs=0.02)
 
 
-@pytest.mark.parametrize("make", MAKES)
-def test_an_axis_without_limits_turns_on(make):
-    bench = Bench(description(make, limits=None))
-    bench.confirm()
-    with bench.guarded as table:
-        table.home()
-        table.settle()
-        for rate in (50, -25):
-            before = table.where().angles[0]
-            table.turn_at(0, rate * DEG)
-            for _ in range(100):
-                assert table.where().moving
-                bench.clock.sleep(0.1)
-            assert bench.motor()[1] == pytest.approx(rate * DEG, rel=1e-3)
-            assert abs(table.where().angles[0] - before) > 8 * abs(rate) * DEG
-        table.turn_at(0, 0.0)
-        assert not table.settle().moving
-        assert bench.motor()[1] == 0
-
-
 def test_grbl_hears_its_documented_grammar_and_nothing_else():
     """Jogs of at most 80 characters, real-time characters, and $H: interface and jogging pages of GRBL 1.1."""
     bench = Bench(description("grbl"))

@@ -21,7 +21,7 @@ from session.annexes.machines.makes import open_table
 from session.annexes.machines.makes.hand import Hand
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
-from session.annexes.machines.verbs import TableFault, TableLimit, Where
+from session.annexes.machines.verbs import TableFault, TableLimit
 from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.wire import LineLost, SerialLink
 from session.bench.messages import AxisMove
@@ -105,25 +105,6 @@ def commanded(tmp_path, monkeypatch):
 def test_yes_does_not_say_that_it_stands_at_zero(commanded, run):
     refused(run("table", "turn", "outer", "30", "--yes"), "has restarted")
     assert b"TURN" not in commanded.link.sent
-
-
-def test_an_angle_that_is_not_known_yet_is_no_number(commanded, run, monkeypatch):
-    """While it homes, GRBL says no angle."""
-    monkeypatch.setattr("tinygc.annexes.machines.command.TELL_S", 0.0)
-    commanded.driver._angles[:] = float("nan")
-    where, found = commanded.driver.where, []
-
-    def homing():
-        found.append(where())
-        commanded.clock.sleep(0.1)
-        return Where(commanded.driver._angles * float("nan"), True) if len(found) < 4 else where()
-
-    commanded.virtual.mechanics.turn_to(0, 1.0, 1.0)
-    commanded.driver.where = homing
-    code, out, err = run("table", "home", "--yes")
-    assert code == 0
-    assert "outer not known yet" in err
-    assert "nan" not in out + err
 
 
 # A motion that is not the one that was asked for.

@@ -1,7 +1,6 @@
 """``noise`` from the command line and in Python: one screen, the files, the JSON; with an estimator that returns what is known."""
 
 import dataclasses
-import io
 import json
 import re
 
@@ -17,9 +16,8 @@ from session.io.units import DEG
 from tinygc.annexes.noise import library, text
 from tinygc.annexes.noise.library import Noise
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, open_lines, open_terms
-from tinygc.annexes.noise.units import TERM_UNITS, duration_words
-from tinygc.noise.figures import TERMS, Inflation, Line, SensorNoise, read_figures
-from tinygc.reporting.terminal import PlainConsole, as_text
+from tinygc.noise.figures import Inflation, SensorNoise, read_figures
+from tinygc.reporting.terminal import as_text
 
 #: s, after which a term of each axis is known
 AFTER = {0: 3.1 * 3600, 1: 900.0, 2: float("inf")}
@@ -148,30 +146,6 @@ def test_a_result_shows_itself(tmp_path):
 # The screen
 
 
-def everything(kind: str) -> SensorNoise:
-    """A sensor of which each axis shows all terms."""
-    units = TERM_UNITS[kind]
-    return SensorNoise(
-        tuple(axis(**{name: shown(12.3 * units[name].si, 0.02, tau_s=31.0 if name == "G" else None) for name in TERMS}) for _ in "xyz")
-    )
-
-
-@pytest.mark.parametrize("sensor", ["ASM330LHH", "LSM6DSO", "unheard of", ""])
-@pytest.mark.parametrize("many", [False, True])
-def test_the_first_screen_fits_a_terminal(sensor, many):
-    of = figures(sensor=sensor)
-    if many:
-        of = dataclasses.replace(of, gyro=everything("gyro"), accel=everything("accel"))
-    said = tuple(f"Something that takes up most of a line was left out between {second} and {second + 1} s of it." for second in range(12))
-    terminal = PlainConsole(file=io.StringIO(), width=100)
-    terminal.print(Noise(estimate(of, said)).page)
-    lines = terminal.file.getvalue().splitlines()
-    assert len(lines) <= 24
-    assert "remarks: --verbose" in lines[-1]
-    whole = as_text(Noise(estimate(of, said)).pages(verbose=True))
-    assert all(sentence in whole for sentence in said)
-
-
 def test_values_stand_in_the_units_of_the_field():
     out = Noise(estimate()).summary()
     for words in (
@@ -215,20 +189,6 @@ def test_open_terms_say_when_they_will_be_known():
     assert open_lines(figures(gyro=vague, accel=None)) == [
         "Gyroscope known to 20 %: N, K; after one rest of: B 3.1 h (x), 2.8 h (y), never (z)"
     ]
-
-
-def test_an_averaging_time_of_seconds_from_which_an_axis_is_described_is_one_line():
-    of = figures()
-    late = SensorNoise(tuple(dataclasses.replace(axis, from_s=from_s) for axis, from_s in zip(of.gyro.axes, (0.9, 26.2, 1.0), strict=True)))
-    out = Noise(estimate(dataclasses.replace(of, gyro=late))).summary()
-    assert "Described from: gyroscope y 26 s on, gyroscope z 1 s on; faster, a filter or a vibration shapes it." in out
-    assert "Described from" not in Noise(estimate()).summary()
-    assert "Described from" not in Noise(estimate(dataclasses.replace(of, gyro=misfit(late, 1, 2)))).summary()
-
-
-@pytest.mark.parametrize(("seconds", "words"), [(4.2, "4.2 s"), (59, "59 s"), (900, "15 min"), (11160, "3.1 h"), (5e5, "5.8 days")])
-def test_durations(seconds, words):
-    assert duration_words(seconds) == words
 
 
 def sheet(gyro_mdps: float, b_dph: float, accel_ug: float, sensor="ASM330LHH"):
@@ -313,12 +273,6 @@ def test_a_session_that_fails_or_a_gyroscope_without_description_is_a_remark_on_
     assert ("No inflation: it is to N at rest, and the terms do not describe gyroscope x z." in found.remarks) != described
     (rests / "fit" / "fit.json").write_text(json.dumps(fit | {"verdict": {"answer": "pass", "headline": "PASS: 0.01°"}}))
     assert not any("fit says" in each for each in tinygc.estimate_noise(rests).remarks)
-
-
-def test_lines_of_the_spectrum_are_said():
-    shaken = dataclasses.replace(figures().accel.axes[2], lines=(Line(50.0, 30 * UG), Line(0.63, 512 * UG)))
-    accel = SensorNoise((*figures().accel.axes[:2], shaken))
-    assert "Lines of the accelerometer, the strongest: z 0.63 Hz (512 µg rms)." in Noise(estimate(figures(accel=accel))).summary()
 
 
 def test_the_picture_has_data_model_terms_and_ratio():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import tinygc
-from benchmarks.public import phones
 from benchmarks.public.__main__ import main
 from session.io.units import DEG
 
@@ -16,57 +15,6 @@ def authors_files(shared):
     if not files.is_dir():
         pytest.skip(f"{files}: not there")
     return files
-
-
-def phone_file(folder, text, name="IphoneSE3G_ZG_1_90_1.csv"):
-    phone, _, speed, angle, _ = name.removesuffix(".csv").split("_")
-    path = folder / phone / "Rotation" / speed / angle / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    return path
-
-
-def text_of_a_turn(rate=1.5, again=False, separator=","):
-    """About z, at 50 Hz: 1 s at rest, 1 s of turning, 1 s at rest; again: the last second once more."""
-    rows = [(0.02 * i, rate if 50 <= i < 100 else 0.0) for i in range(150)]
-    rows += [(t + 0.003, w) for t, w in rows[-50:]] if again else []
-    cells = [[f"{t:.3f}", "0.00", "-0.01", f"{w:.2f}"] for t, w in rows]
-    if separator == ";":
-        cells = [[cell.replace(".", ",") for cell in row] for row in cells]
-    names = ["time", "wx", "wy", "wz"] if separator == "," else ["time", "wx (rad/s)", "wy (rad/s)", "wz (rad/s)"]
-    return "\n".join(separator.join(row) for row in [names, *cells])
-
-
-def test_rows_are_read_in_both_of_their_forms_and_the_repeated_second_is_left_out(tmp_path):
-    plain = phones.read_rates(phone_file(tmp_path, text_of_a_turn()))
-    for again, separator in ((True, ","), (False, ";"), (True, ";")):
-        t_ns, gyro, repeated = phones.read_rates(phone_file(tmp_path, text_of_a_turn(again=again, separator=separator)))
-        np.testing.assert_array_equal(t_ns, plain[0])
-        np.testing.assert_array_equal(gyro, plain[1])
-        assert repeated == (50 if again else 0)
-    assert plain[0][1] - plain[0][0] == 20_000_000
-
-
-def test_a_moment_of_a_clock_and_an_accelerometer_beside_it(tmp_path):
-    rows = [f"2025-01-27T11:03:30.{155 + 10 * i}Z,9,9,9,0.1,{i},0.3" for i in range(4)]
-    t_ns, gyro, _ = phones.read_rates(phone_file(tmp_path, "time,ax,ay,az,wx,wy,wz\n" + "\n".join(rows)))
-    assert list(t_ns - t_ns[0]) == [0, 10_000_000, 20_000_000, 30_000_000]
-    np.testing.assert_array_equal(gyro, [[0.1, i, 0.3] for i in range(4)])
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("time,wx,wy,wz\n0,0,0,0\n1,0,0,x", "line 3"),
-        ("time,wx,wy,wz\n5,0,0,0\n6,0,0,0\n1,0,0,0", "line 4: the time goes back"),
-    ],
-)
-def test_what_is_not_the_authors_is_refused_in_one_line(tmp_path, capsys, text, words):
-    phone_file(tmp_path, text)
-    assert main(["phones", str(tmp_path)]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert words in err
 
 
 @pytest.fixture(scope="module")

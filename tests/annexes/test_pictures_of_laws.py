@@ -12,12 +12,11 @@ from matplotlib.figure import Figure
 
 from session.io.units import DEG
 from tinygc.annexes.challenge.proofs import explanation_of, fitted, inject
-from tinygc.effects import Effect, Parameter, catalogue, diagonal, using
-from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, STILLS, TURNS
+from tinygc.effects import Effect, catalogue
+from tinygc.effects.effect import TURNS
 from tinygc.noise.twin import Variable
 from tinygc.reporting.html.sections.explanation import section
-from tinygc.reporting.pictures.canvas import plain, value_text
-from tinygc.reporting.pictures.panels import draw_claim, in_turns
+from tinygc.reporting.pictures.panels import in_turns
 from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, strongest, variable_for
 
 pytestmark = pytest.mark.broad
@@ -72,16 +71,6 @@ def test_the_scale_error_of_each_turn_is_on_the_law_that_was_put_in(known):
         assert rms(of.before / of.sigma) > 10
 
 
-def test_what_turns_left_out_are_does_not_depend_on_what_they_ask_for(known):
-    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
-    naming = replace(e.naming, fit=replace(e.naming.fit, state=replace(e.naming.fit.state, horizontal=np.array([1e-3, -1e-3]))))
-    other = replace(e, naming=naming)
-    variable = variable_for(e, claim)
-    here, there = (per_turn(which, claim, "scale", 0, variable) for which in (e, other))
-    np.testing.assert_allclose(here.x, there.x, rtol=1e-3)
-    assert np.abs(here.before - there.before).max() > here.sigma.max()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["timing.axis_skew", "gyro.bandwidth"])
 def test_the_slope_of_a_lag_is_the_lag(known, name):
@@ -112,18 +101,6 @@ def test_any_effect_in_turns_is_on_the_line_of_slope_one(known):
     (law,) = [line.get_xydata() for line in panels[0].lines if str(line.get_label()).startswith("slope 1")]
     assert law[:, 0] == pytest.approx(law[:, 1])
     assert panels[0].get_ylim() == pytest.approx(panels[1].get_ylim(), rel=0.1)
-
-
-def test_a_foreign_effect_without_a_picture_has_one(known):
-    with using([FOREIGN]):
-        effect = catalogue()["gyro.rate_memory"]
-    assert effect.picture is None
-    assert effect.pair == TURNS  # a still has no rate to remember
-    e, claim, _ = known(effect, effect.parameter.plausible / 4)
-    panels = Figure().subplots(1, 2)
-    draw_claim(e, claim, *panels)
-    assert all(panel.has_data() and panel.get_xlabel() and panel.get_ylabel() for panel in panels)
-    assert "slope 1" in " ".join(text.get_text() for text in panels[0].get_legend().get_texts())
 
 
 def test_a_law_that_jumps_shows_nothing_of_turns_both_ways(known):
@@ -169,34 +146,6 @@ def test_the_closure_over_the_data_rate_leads_to_the_native_one():
     assert on == pytest.approx(thinned[:, 1])
     assert np.exp(np.interp(np.log(100.0), np.log(line[:, 0]), np.log(line[:, 1]))) == pytest.approx(0.4)
     assert [text.get_text() for text in axes.texts] == ["every sample", "every 2nd sample", "every 3rd sample", "every 4th sample"]
-
-
-def test_every_effect_of_turns_alone_draws_its_law():
-    of_turns = {name: effect.pair for name, effect in catalogue().items() if effect.kind == "rate" and "still" not in effect.observable_in}
-    assert set(of_turns.values()) <= {SCALE_LAW, LAG_LAW, ENERGY_LAW}
-
-
-def test_an_effect_that_stills_show_is_drawn_there_unless_it_follows_what_only_turns_have():
-    effect = Effect(
-        id="gyro.something",
-        equation="ω += k",
-        parameter=Parameter("dps", (3,), "dps", DEG),
-        observable_in=("still", "turn"),
-        columns=lambda movement: diagonal(movement.temp_c),
-        describe=lambda theta: "",
-        discriminating_motion="",
-        conditions=("temperature", "°C"),
-    )
-    assert effect.pair == STILLS
-    assert replace(effect, conditions=("rate", "dps")).pair == TURNS
-
-
-def test_a_number_is_told_with_the_decimals_that_its_sigma_is_worth(known):
-    assert plain(-0.0142542, 0.0006) == "−0.01425 ± 0.00060"
-    assert plain(21.8194, 0.28) == "21.82 ± 0.28"
-    assert plain(0.0, 0.0) == "0"
-    _, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
-    assert value_text(claim, 0).endswith("% of full scale")
 
 
 @pytest.mark.parametrize(

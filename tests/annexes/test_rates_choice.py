@@ -7,7 +7,7 @@ import pytest
 from conftest import broad
 
 from session.io.errors import DataError, FormatError
-from tinygc.annexes.rates.choice import FALSE_ALARM, LINE, Choice, chance, choose, held_out, score
+from tinygc.annexes.rates.choice import LINE, Choice, chance, choose, held_out
 from tinygc.annexes.rates.fitting import fit
 from tinygc.annexes.rates.laws import LAWS, Hypothesis
 from tinygc.annexes.rates.points import points_of
@@ -94,13 +94,6 @@ def test_scale_and_unit_do_not_change_the_choice():
     assert other.fit.coefficients[0] == pytest.approx(-1e3 * one.fit.coefficients[0], rel=1e-6)
 
 
-def test_evidence_prices_each_number_and_each_law():
-    points = measured(lambda w: SCALE * w)
-    unit = fit(points, LINE).rms
-    line, cubic, clipped = (score(fit(points, each), unit) for each in (LINE, Hypothesis("cubic"), Hypothesis("quintic")))
-    assert line < cubic < clipped
-
-
 # Which law.
 
 ONE_OF = {
@@ -183,15 +176,6 @@ def test_nonlinearity_of_a_cubic_against_its_best_line():
 
 
 # Chance, and stated sigmas.
-
-
-@pytest.mark.broad
-def test_true_lines_are_called_crooked_in_five_of_a_hundred():
-    rng = np.random.default_rng(3)
-    rate = np.linspace(-100, 100, 11)
-    tables = [points_of("s", "V", rate, rate + rng.normal(size=11), ["one"] * 11) for _ in range(400)]
-    share = np.mean([chance(points) <= FALSE_ALARM for points in tables])
-    assert 0.02 < share < 0.08
 
 
 def test_stated_sigmas_are_weights_and_freedom():

@@ -159,12 +159,6 @@ def hold_no_page_names_it(folder: Path, annexes: tuple[str, ...]) -> None:
         assert (f"\n    {name}" in whole.stdout) == (annex not in annexes), (name, whole.stdout)
 
 
-def hold_job(folder: Path, commands: tuple[list[str], ...]) -> None:
-    codes, printed, _ = run(folder, *commands)
-    assert codes == [0] * len(commands), printed
-    assert (folder / "data/session1/report.html").is_file() == (commands == MAIN_JOB)
-
-
 @pytest.mark.broad
 @pytest.mark.parametrize("annex", FOLDERS)
 def test_what_an_annex_served_says_so(annex, tmp_path):
@@ -173,17 +167,13 @@ def test_what_an_annex_served_says_so(annex, tmp_path):
 
 
 @pytest.mark.broad
-def test_without_any_annex_each_says_so_and_a_session_is_fitted(tmp_path):
+def test_without_any_annex_each_says_so_and_the_main_job_runs(tmp_path):
     folder = without(tuple(FOLDERS), tmp_path)
     hold_gone(folder, tuple(FOLDERS))
-    hold_job(folder, MAIN_JOB[:2])
-
-
-@pytest.mark.broad
-def test_the_main_job_runs_without_any_annex(tmp_path):
-    folder = without(tuple(FOLDERS), tmp_path)
     hold_no_page_names_it(folder, tuple(FOLDERS))
-    hold_job(folder, MAIN_JOB)
+    codes, printed, _ = run(folder, *MAIN_JOB)
+    assert codes == [0] * len(MAIN_JOB), printed
+    assert (folder / "data/session1/report.html").is_file()
 
 
 @pytest.mark.broad

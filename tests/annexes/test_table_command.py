@@ -77,13 +77,6 @@ def test_wrong_words_are_refused_in_one_line(words, expected, run, table):
     refused(run("table", *words), expected)
 
 
-def test_a_port_that_is_not_there_is_one_line(run, table):
-    code, _, err = run("table", "where")
-    assert code == 3
-    assert err.count("\n") == 1
-    assert "cannot be opened" in err
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="a pseudo-terminal is POSIX's")
 @pytest.mark.broad
 def test_a_table_at_a_port(run, table):
@@ -113,7 +106,3 @@ def test_a_table_at_a_port(run, table):
         assert told["table_s"] > 0
         assert run("table", "stop")[0] == 0
         assert run("table", "clear", "--yes")[0] == 0
-
-
-def test_a_fault_of_the_virtual_table_is_named(run, table):
-    refused(run("table", "virtual", "--faults", "nothing@3", "--link", table.parent / "port"), "expected NAME@SECONDS")

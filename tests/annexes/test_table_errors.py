@@ -262,24 +262,6 @@ def test_a_wobble_that_turns_with_the_stage_is_the_mounting():
     assert against.named[0].theta == pytest.approx(np.array([0.1, -0.1, 0, 0]) * DEG, abs=0.01 * DEG)
 
 
-def test_candidates_state_what_they_are():
-    found = candidates_of(Comparison(session(table(Z, Y), moves=6)))
-    assert {
-        "table.index",
-        "table.wobble",
-        "table.rate_ripple",
-        "table.nonorthogonal",
-        "table.tilt",
-        "table.backlash",
-        "table.lost_steps",
-    } <= {each.id for each in found if each.whose == "table"}
-    assert {"gyro.scale_asymmetry", "gyro.bandwidth", "timing.dropped_samples"} <= {each.id for each in found if each.whose == "sensor"}
-    for each in found:
-        assert each.columns.shape[1] == len(each.plausible)
-        assert np.isfinite(each.columns).all()
-        assert each.tried == sum(other.id == each.id for other in found)
-
-
 # What is large, what cannot be, and what is refused.
 
 

@@ -10,7 +10,6 @@ from table_recordings import Bench, table_toml
 
 from session.annexes.machines.description import read_description
 from session.annexes.machines.dials import write_attitudes
-from session.annexes.machines.driver import AngleFile, TableDriver
 from session.annexes.machines.mover import TableMover
 from session.annexes.machines.rates import RateMover, RatesGuide, RateStep
 from session.annexes.machines.verbs import Where
@@ -118,36 +117,6 @@ def test_the_closure_run_ends_on_its_mark_by_the_short_way(table, at_deg, back_d
     driver.where, run.step = Where(np.multiply(at_deg, DEG), False), Step.RUN
     mover.step(closing, None, False)
     assert [(move.axis, move.angle_rad / DEG) for move in driver.told] == [(axis, pytest.approx(angle)) for axis, angle in back_deg]
-
-
-def test_a_stop_while_a_request_is_sent_is_the_last_word(table, tmp_path):
-    """Whatever thread it comes from: the request may have reached the machine behind the first stop."""
-    told = []
-
-    class Machine:
-        description = table
-
-        def where(self):
-            return Where(np.zeros(2), False)
-
-        def turn_to(self, axis, angle_rad, rate_rps):
-            told.append("turn")
-            driver.stop()
-
-        def stop(self):
-            told.append("stop")
-
-        def close(self):
-            pass
-
-    driver = TableDriver(Machine(), AngleFile(tmp_path / "table.csv", table), lambda: 0.0, in_thread=False)
-    driver.make([AxisMove(0, 1.0, 1.0), AxisMove(1, 1.0, 1.0)])
-    driver.tick()
-    assert told == ["turn", "stop", "stop"]
-    driver.tick()
-    assert len(told) == 3
-    assert not driver.busy
-    driver.close()
 
 
 def test_a_move_takes_its_ramps_and_a_plan_its_turns(table):

@@ -14,7 +14,6 @@ from table_recordings import OPTIONS, Bench, table_toml
 
 from session.annexes.machines.angles import read_angles
 from session.annexes.machines.kinematics import attitudes
-from session.annexes.machines.mechanics import AxisErrors, TableErrors
 from session.annexes.machines.verbs import TableFault, TableLimit
 from session.bench.guide import Guide
 from session.bench.messages import Kind, Stage
@@ -184,17 +183,6 @@ def test_a_mounting_that_is_the_other_way_round_is_named_and_pauses(tmp_path):
     _, said = bench.record(segments=6, interrupted=lambda guide: guide.stage is Stage.PAUSED)
     assert any("upside down: is mounting" in text for text in warnings(said))
     assert any("3 stills in a row contradict the machine" in text for text in warnings(said))
-
-
-@pytest.mark.broad
-def test_small_errors_of_a_good_table_contradict_nothing(tmp_path):
-    """Index, play, wobble and tilt of a real table are for explain: the recording goes on without a word."""
-    of = AxisErrors(index=np.array([2e-3, 0, 1e-3, 0]), backlash=2e-3, skew=np.array([2e-3, -2e-3, 2e-3]), wobble=np.full(4, 1e-3))
-    errors = TableErrors((of, of), tilt=np.array([5e-3, -5e-3, 0]))
-    bench = Bench(tmp_path, table_toml("middle", "inner"), OPTIONS, errors)
-    guide, said = bench.record(segments=8)
-    assert guide.accepted == 8
-    assert not warnings(said)
 
 
 def test_a_table_that_does_not_know_its_angles_is_homed_first(tmp_path):

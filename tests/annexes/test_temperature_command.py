@@ -28,17 +28,6 @@ def fitted(rests, tmp_path_factory):
     return folder, json.loads((folder.parent / "x.json").read_text())
 
 
-@pytest.mark.slow
-def test_a_folder_of_rest_logs_is_fitted_by_itself(rests, tmp_path, run):
-    folder = tmp_path / "rests"
-    shutil.copytree(rests, folder)
-    code, out, _ = run("fit", folder)
-    assert code == 0
-    assert "2 times up and 2 times down" in out
-    assert "Nothing was turned: E is the identity" in out
-    assert {path.name for path in (folder / "fit").iterdir()} >= {"model_thermal.json", "temperature.json"}
-
-
 def test_the_numbers_are_the_truths(fitted):
     _, table = fitted
     for axis, sign in zip(table["gyro"], (1, -1, 1), strict=True):
@@ -71,13 +60,6 @@ def test_export_takes_the_only_model_that_there_is(fitted, tmp_path, run, name):
     code, _, err = run("export", folder, "--to", name, "--out", tmp_path / "export")
     assert code == 0, err
     assert any((tmp_path / "export").iterdir())
-
-
-def test_a_format_that_cannot_is_refused_in_one_line(fitted, tmp_path, run):
-    folder, _ = fitted
-    code, _, err = run("export", folder, "--to", "ros", "--out", tmp_path / "export")
-    assert code == 2
-    assert "cannot carry a calibration over temperature" in err
 
 
 def test_the_order_can_be_held_down(rests, tmp_path, run):
@@ -149,9 +131,3 @@ def test_simulate_says_what_no_chamber_does(tmp_path, run):
     assert code == 2
     assert "--rest-cold-c" in err
     assert not (tmp_path / "s").exists()
-
-
-def test_the_same_seed_gives_the_same_bytes(tmp_path):
-    options, session = RestOptions(cycles=0.2), SimulationOptions(odr_hz=62.5, seed=5)
-    one, two = (write_rest(options, session, tmp_path / name) for name in ("a", "b"))
-    assert (one / "rest0001.csv.gz").read_bytes() == (two / "rest0001.csv.gz").read_bytes()

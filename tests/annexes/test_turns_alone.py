@@ -88,16 +88,6 @@ def test_scales_asymmetry_and_bias_are_within_their_sigmas_as_often_as_stated(ch
     assert named == 0  # of 480 good turns and more
 
 
-def test_play_is_recovered_and_told_from_a_scale():
-    medians, inside = [], 0
-    for seed in SEEDS[:20]:
-        play = tinygc.fit_turns(Turned(FAR, play=0.5 * DEG, noise=0.002, seed=seed).session()).estimate.play
-        medians.append(play.median / DEG)
-        inside += play.low < 0.5 * DEG < play.high
-    assert 0.4 < np.median(medians) < 0.6
-    assert 9 <= inside <= 18
-
-
 def test_stops_as_good_as_stated_leave_no_play_and_worse_ones_a_chi_square():
     good = tinygc.fit_turns(Turned(FAR, stop_deg=0.2, noise=0.002, seed=3).session()).estimate
     bad = tinygc.fit_turns(Turned(FAR, stop_deg=0.2, play=1.0 * DEG, noise=0.002, seed=3).session()).estimate

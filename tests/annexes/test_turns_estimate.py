@@ -10,7 +10,6 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 from turntables import Turned
 
-import tinygc
 from session.io.units import DEG
 
 folder = annex("session.annexes.turntable.folder")
@@ -190,13 +189,6 @@ def test_turns_with_a_problem_change_nothing():
     np.testing.assert_array_equal(one.scale, other.scale)
     assert list(other.used) == [True, False, True, True]
     assert np.isnan(other.lost[1])
-
-
-def test_a_thousand_turns_take_no_time():
-    turned = Turned(tuple((2, 90.0, 300.0) for _ in range(200)), noise=0.002, rest_s=0.4, odr_hz=50.0)
-    found = tinygc.fit_turns(turned.session())
-    assert found.estimate.used.all()
-    assert found.scales[0].turns == 200
 
 
 def test_lost_turns_that_agree_with_each_other_are_found():

@@ -73,19 +73,6 @@ def test_a_real_telephone_reads_as_the_public_set_does(tmp_path, run):
     assert found.asymmetry == {}
 
 
-def test_what_was_taken_is_three_lines_however_many_files(tmp_path, run):
-    paths = [phone(tmp_path / f"Z_{number}.csv") for number in range(5)]
-    turns = turns_file(tmp_path / "mine.csv", *(path.name for path in paths))
-    code, out, _ = run("import", *paths, "--turns", turns, "--out", tmp_path / "s", "--serial", "77")
-    assert code == 0
-    assert "Physics Toolbox, by its header: Z_0.csv as log0001_Z_0.csv.gz, Z_1.csv as" in out
-    assert "and 2 more" in out
-    assert "gyroscope: wx, wy, wz in rad/s" in out
-    assert "±125 dps (assumed)" in out
-    assert "clock: time in s" in out
-    assert 'serial = "77"' in (tmp_path / "s" / "session.toml").read_text()
-
-
 def test_two_files_of_one_name_and_a_wrong_file_of_turns_are_refused(tmp_path, run):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()

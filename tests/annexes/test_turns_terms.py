@@ -66,14 +66,6 @@ def test_two_steps_between_samples_are_rectangles_of_one_interval():
         assert angle.variance[name] == 0
 
 
-def test_the_error_of_a_step_at_any_moment_has_that_variance():
-    """The rectangle itself: a step anywhere within an interval, integrated by the trapezoid of samples."""
-    begins = (np.arange(1000) + 0.5) / 1000 * 0.01  # s after a sample
-    true = 60 * DEG * (1 - begins)
-    trapezoid = 60 * DEG * (1 - 0.005)
-    assert np.mean((trapezoid - true) ** 2) == pytest.approx((60 * DEG * 0.01) ** 2 / 12, rel=1e-5)
-
-
 def test_white_noise_and_rests_are_those_of_the_readings():
     white, means = [], []
     for seed in range(12):

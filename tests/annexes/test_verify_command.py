@@ -123,15 +123,6 @@ def test_a_minute_at_rest_asks_the_zero_and_leaves_e_open(model, unit, run, tmp_
     assert "whether E holds stays open" in out
 
 
-@pytest.mark.broad
-def test_without_a_covariance_it_says_what_it_assumes(unit, folder, run, tmp_path):
-    session = tinygc.read_session(folder)
-    path = write(tmp_path / "bare.json", np.r_[unit.E.ravel(), unit.B], session.config)
-    code, out, _ = run("verify", path, folder)
-    assert code == 0
-    assert "has no covariance" in out
-
-
 def test_another_sensors_recording_is_refused_unless_that_is_accepted(model, folder, run, tmp_path):
     table = json.loads(model.read_text())
     table["sensor"]["serial"] = "OTHER"
@@ -142,17 +133,6 @@ def test_another_sensors_recording_is_refused_unless_that_is_accepted(model, fol
     assert "--other-serial" in error
     assert error.count("\n") == 1
     assert run("verify", path, folder, "--other-serial")[0] == 0
-
-
-@pytest.mark.broad
-def test_a_range_that_differs_is_a_fact_and_no_error(model, folder, run, tmp_path):
-    table = json.loads(model.read_text())
-    table["sensor"]["gyro_fs_dps"] = 1000
-    path = tmp_path / "range.json"
-    path.write_text(json.dumps(table))
-    code, out, _ = run("verify", path, folder)
-    assert code == 0
-    assert "full scale of the gyroscope: 1000 dps in the model, 500 dps today" in out
 
 
 @pytest.mark.parametrize(

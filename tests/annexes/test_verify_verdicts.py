@@ -238,13 +238,6 @@ def test_a_jump_between_rests_is_seen_and_knocks_are_no_turns(model, today, tmp_
         assert found.answer == FAILS
 
 
-def test_a_zero_that_moved_at_rest_is_taken_anew(model, today, run, tmp_path):
-    code, out, _ = run("verify", model, rest_log(tmp_path / "rest.csv", today, shift=0.6), "--write", tmp_path / "anew.json")
-    assert code == 1
-    assert "take B anew: B = " in out.splitlines()[0]
-    assert (tmp_path / "anew.json").exists()
-
-
 def test_what_its_own_screen_rejects_is_not_written(model, unit, tmp_path):
     found = tinygc.verify(model, session_of(replace(unit, E=unit.E @ np.diag([1.02, 1, 1]))))
     with pytest.raises(DataError, match="not written with B anew: E departs"):
@@ -259,12 +252,6 @@ def test_a_recording_does_not_verify_the_model_that_was_fitted_to_it(unit, today
     found = tinygc.verify(path, today)
     assert (found.answer, found.exit_code) == (UNDECIDED, 5)
     assert "agrees with itself" in found.headline
-
-
-def test_quiet_prints_the_verdict_alone(model, today, run, tmp_path):
-    _, out, _ = run("verify", model, rest_log(tmp_path / "rest.csv", today), "--quiet")
-    assert out.startswith("undecided: ")
-    assert out.count("\n") == 1
 
 
 def test_the_written_covariance_of_b_is_that_of_b_anew(model, today, tmp_path):

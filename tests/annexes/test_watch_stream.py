@@ -12,7 +12,6 @@ import time
 import numpy as np
 import processes
 import pytest
-from conftest import DEG
 from formats_page import strangers
 from watched import G, csv, joined, known, model_file, of_kind, samples, turning, watched
 
@@ -23,7 +22,7 @@ from session.io.results import json_line
 from tinygc.annexes.watch.alarm_command import AlarmCommand, words_of
 from tinygc.annexes.watch.lines import JsonLines
 from tinygc.annexes.watch.source import Readings, Remark, Restart, SourceOptions, _decoded
-from tinygc.annexes.watch.watch import Watch, _cost_deg
+from tinygc.annexes.watch.watch import Watch
 from tinygc.cli.arguments import duration
 from tinygc.deploy.calibration import Surroundings
 from tinygc.models.model import KnownSensor
@@ -76,20 +75,6 @@ def test_a_step_of_three_axes_is_one_alarm():
     assert "zero y: a step of -0.2" in alarm.words
     assert "zero x: a step of +0.09" in alarm.words
     assert "a rest does not test E" in alarm.words
-
-
-def test_the_cost_is_that_of_a_minute():
-    assert _cost_deg(np.array([0.05 * DEG, 0.0, 0.0])) == pytest.approx(3.0)
-
-
-def test_rests_that_were_too_short_are_counted():
-    still, moving = samples(1.5, 1), samples(3, 2)
-    moving = dataclasses.replace(moving, gyro=moving.gyro + np.sin(np.arange(300))[:, None])
-    _, events = watched(joined(samples(6, 3), moving, still, moving, still, moving, samples(6, 4)))
-    assert (events[-1].table["rests"], events[-1].table["short_rests"]) == (2, 2)
-    assert "2 rests (2 shorter ones passed over)" in events[-1].words
-    _, events = watched(joined(moving, still, moving))
-    assert "no rest that could be judged (1 were too short)" in events[-1].words
 
 
 @pytest.mark.parametrize("factor", [9.80665, 2.0, 0.5])
@@ -152,12 +137,6 @@ def test_a_restart_is_another_switch_on():
     assert not of_kind(events, "alarm")
     assert events[-1].t_s == pytest.approx(60, abs=0.2)
     assert len(of_kind(events, "rest")) == 2
-
-
-def test_remarks_of_a_kind_are_said_at_each_power_of_ten():
-    live = Watch(known())
-    said = [event for _ in range(1000) for event in live.take(Remark("crc", "frames failed their check"))]
-    assert [event.table["count"] for event in said] == [1, 10, 100, 1000]
 
 
 def test_a_stream_that_never_rests_is_undecided_and_says_so():
@@ -232,18 +211,6 @@ def test_damage_and_restarts_of_a_stream_are_items():
     assert sum(item is None for item in found) == 1
     with pytest.raises(DataError, match="no sample in what came"):
         list(_decoded(iter([b"hello\n" * 100]), SourceOptions(), sensor, "a test"))
-
-
-@posix_only
-@pytest.mark.broad
-def test_standard_input_with_garbage(model):
-    lines = csv(STEP).splitlines(keepends=True)
-    lines[500:500] = ["what\x00is this\n", "1,2\n", "\x7f" * 300 + "\n", "nan,nan,nan,nan,nan,nan,nan\n"]
-    done = processes.run([*processes.CALIBRATE, "watch", model, "-"], input="".join(lines).encode(), capture_output=True)
-    assert done.returncode == 1
-    assert b"ALARM zero y" in done.stdout
-    assert b"neither frame nor line" in done.stdout
-    assert b"Traceback" not in done.stderr
 
 
 @posix_only

@@ -129,59 +129,6 @@ def test_lost_slots_that_nothing_shows_are_never_guessed_at():
     np.testing.assert_array_equal(samples["number"] - 1, slots[:-1])
 
 
-@pytest.mark.parametrize(("period", "fine"), [(PERIOD, 0), broad(6.0, 0), broad(6.0, 127), broad(PERIOD, -128), (PERIOD, 35)])
-def test_stamps_go_on_across_the_wrap_smoothly_and_within_the_sensors_tick(period, fine):
-    """200 000 samples at 6667 Hz over the wrap of the sensor's 32 bits, and, as the stamps are microseconds, of the frame's."""
-    slots = np.arange(200_000)
-    exact = 2**32 - 600_000 + slots * period
-    samples, faults = take_words(words_of(slots, np.floor(exact).astype(np.int64)), fine=fine)
-    assert not faults
-    tick_us = 25 / (1 + 0.0015 * fine)
-    steps = np.diff(samples["t_us"]).astype(np.int32)
-    off_us = np.abs(steps - period * tick_us)
-    assert off_us.max() <= tick_us + 1
-    assert off_us[4000:].max() <= 2  # once the place within the tick is known: not the 25 us that the sensor's stamps jump by
-    t_us = np.cumsum(np.concatenate([[0], steps]))
-    off = t_us - (exact[:-1] - exact[0]) * tick_us
-    assert np.ptp(off) <= tick_us + 1
-    rate_hz = 1e6 * (len(t_us) - 1) / t_us[-1]
-    assert rate_hz == pytest.approx(1e6 / (period * tick_us), rel=1e-6)
-
-
-@pytest.mark.parametrize("odr", range(1, 11))
-def test_at_every_rate_the_number_counts_periods(odr):
-    slots = np.concatenate([np.arange(300), np.arange(306, 400)])
-    samples, faults = take_words(words_of(slots, ticks_of(slots, PERIOD * 2 ** (10 - odr))), odr=odr)
-    assert faults == {"lost": 6, "order": 1}
-    np.testing.assert_array_equal(samples["number"] - 1, slots[:-1])
-
-
-def test_a_stamp_that_is_wrong_costs_one_sample():
-    slots = np.arange(100)
-    ticks = ticks_of(slots)
-    for wrong in (7, -7, 1 << 20, -(1 << 20), 1 << 31):
-        spoilt = ticks.copy()
-        spoilt[50] += wrong
-        samples, faults = take_words(words_of(slots, spoilt))
-        assert faults == {"stamp": 1, "lost": 1}
-        assert library().bad_stamps() == 0
-        np.testing.assert_array_equal(samples["number"] - 1, np.delete(slots[:-1], 50))
-
-
-@pytest.mark.parametrize("odr", [1, 5, 10])
-@pytest.mark.parametrize("ratio", PERIODS)
-def test_a_stamp_that_is_wrong_by_a_few_ticks_is_a_late_one(odr, ratio):
-    """It costs no sample, and moves the time by three quarters of a tick at most, and by what the period is not known."""
-    slots = np.arange(100)
-    exact = 1000.3 + slots * ratio * 2 ** (10 - odr)
-    for place, wrong in itertools.product((1, 5, 25, 50, 90), (1, -1, 2, -2, 4, -4)):
-        ticks = np.floor(exact).astype(np.int64)
-        ticks[place] += wrong
-        samples, faults = take_words(words_of(slots, ticks), odr=odr)
-        assert not faults
-        assert np.abs(ticks_off(samples, ticks, exact)).max() <= 1.04 + 0.75 + UNKNOWN * 2 ** (10 - odr)
-
-
 def test_temperature_is_that_of_before_and_other_words_change_nothing():
     slots = np.arange(20)
     words = list(words_of(slots, ticks_of(slots)))

@@ -12,9 +12,6 @@ from driver_under_test import (
     BUSY_FOR_EVER,
     CTRL2_G,
     CTRL3_C,
-    CTRL4_C,
-    CTRL6_C,
-    CTRL8_XL,
     FAILS_LATE,
     FAULTS,
     FREQ_FINE,
@@ -26,7 +23,6 @@ from driver_under_test import (
     accessed_us,
     accesses,
     attached,
-    discard,
     fail_behind,
     faults,
     library,
@@ -43,26 +39,6 @@ from driver_under_test import (
 CHANGED, IMPOSSIBLE = FAULTS.index("changed"), NONE + 1
 #: microseconds: a poll on a bus of 1.6 MHz, a byte each 5; a start that blocks; no call of its own waits
 LONGEST_POLL_US, SLOW_BYTE_US, LONGEST_START_US = 5000, 5, 300_000
-
-
-@pytest.mark.parametrize(
-    ("stuck", "lpf1", "lpf2", "fault"),
-    [
-        (CTRL4_C, 3, 2, CHANGED),  # without LPF1, which was asked for
-        (CTRL6_C, 3, 2, CHANGED),  # another LPF1
-        (CTRL8_XL, 0xFF, 20, CHANGED),  # another LPF2
-        (CTRL6_C, 0xFF, 2, NONE),  # LPF1 is off: which it would be does not matter
-        (CTRL8_XL, 0xFF, 4, NONE),  # its code is 0
-    ],
-)
-def test_a_filter_that_was_not_taken_is_no_start(stuck, lpf1, lpf2, fault):
-    """Its bandwidth and its delay would be in every sample."""
-    started(lpf1=lpf1, lpf2=lpf2, settles=False)
-    number("stuck", ctypes.c_uint8).value = stuck
-    assert library().start() == fault
-    assert faults().get("changed", 0) == (fault == CHANGED)
-    number("stuck", ctypes.c_uint8).value = 0
-    assert library().start() == NONE
 
 
 #: bits with a meaning, by the maker's headers: of the ASM330LHH, and of the LSM6DSO where they differ; COUNTER_BDR_REG1 without one
@@ -157,48 +133,6 @@ def test_no_poll_takes_more_than_5_ms_and_none_waits(behaviour, spins):
             place += 10
         assert number("longest_us", ctypes.c_uint32).value <= LONGEST_POLL_US
         assert number("waits", ctypes.c_uint32).value == 0
-
-
-def test_the_longest_poll_is_a_burst_and_its_proof():
-    """96 words on a bus of 1.6 MHz on a target that waits: 3.5 ms.  Without a burst none takes half a millisecond."""
-    started()
-    number("byte_us", ctypes.c_uint32).value = SLOW_BYTE_US
-    number("longest_us", ctypes.c_uint32).value = 0
-    streamed_by_time(0, 100)
-    discard()
-    poll(20)
-    library().restart(500, 4, 10, 0, 800)
-    number("longest_us", ctypes.c_uint32).value = 0
-    poll(40)
-    assert library().running()
-    assert 100 < number("longest_us", ctypes.c_uint32).value < 500
-
-
-@pytest.mark.parametrize("behaviour", [BUSY_FOR_EVER, FAILS_LATE])
-def test_a_transfer_that_fails_late_is_the_last_one_of_its_poll(behaviour):
-    """On a bus of 4 MHz, from any transfer on: 1 ms until it is known, and what went before; 4.9 ms where it is the burst."""
-    for from_us in (*range(60), *range(60, 4000, 40)):
-        started()
-        streamed_by_time(0, 30)
-        number("longest_us", ctypes.c_uint32).value = 0
-        number("line").value = behaviour
-        number("line_from_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + from_us
-        number("line_until_us", ctypes.c_uint32).value = number("line_from_us", ctypes.c_uint32).value + 6000
-        streamed_by_time(30, 30)
-        longest_us = number("longest_us", ctypes.c_uint32).value
-        assert longest_us <= 2000 or (behaviour == FAILS_LATE and 4900 < longest_us < 5200)
-        assert faults().keys() <= {"hang", "lost"}
-    assert faults()["hang"] == 1
-
-
-def test_a_burst_that_never_ends_is_given_up():
-    started()
-    number("busy_polls").value = 1 << 30
-    push(slots(0, 20))
-    poll(19)
-    assert (faults(), number("selected").value) == ({}, 1)
-    poll(3)
-    assert (faults(), number("selected").value) == ({"hang": 1}, 0)
 
 
 def test_a_reset_that_does_not_end_is_said():

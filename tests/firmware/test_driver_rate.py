@@ -8,10 +8,6 @@ import numpy as np
 import pytest
 from driver_under_test import (
     ACCEL,
-    FIFO_CTRL1,
-    FIFO_CTRL2,
-    FIFO_CTRL3,
-    FIFO_CTRL4,
     GYRO,
     PERIOD,
     STAMP,
@@ -22,7 +18,6 @@ from driver_under_test import (
     patterns,
     poll,
     push,
-    registers,
     registers_of,
     settle,
     slots,
@@ -62,42 +57,6 @@ def halved(words: np.ndarray) -> np.ndarray:
 def one_slot_for_all(words: np.ndarray) -> np.ndarray:
     words[:, 0] = [tag(int(kind), 0) for kind in kinds(words)]
     return words
-
-
-@pytest.mark.parametrize(
-    ("register", "value"),
-    [
-        (FIFO_CTRL1, 0x00),  # no watermark
-        (FIFO_CTRL1, 0xF0),  # beyond what a burst takes
-        (FIFO_CTRL2, 0x80),  # stops at the watermark
-        (FIFO_CTRL3, 0x78),  # BDR_GY halved
-        (FIFO_CTRL3, 0x87),  # BDR_XL halved
-        (FIFO_CTRL3, 0x00),  # nothing is batched
-        (FIFO_CTRL4, 0x26),  # no stamps: DEC_TS
-        (FIFO_CTRL4, 0x46),  # no temperature
-        (FIFO_CTRL4, 0x60),  # bypass
-        (FIFO_CTRL4, 0x61),  # until full
-    ],
-)
-def test_a_fifo_that_is_set_otherwise_by_itself_is_set_again(register, value):
-    """Within 40 ms, whether words come or not; no word of it counts."""
-    started()
-    before = streamed_by_time(0, 100)
-    registers()[register] = value
-    if (register, value) in ((FIFO_CTRL3, 0x00), (FIFO_CTRL4, 0x60)):
-        discard()
-        assert len(poll(40)) == 0
-    else:
-        assert len(streamed_by_time(100, 60)) == 0
-    assert faults() == {"changed": 1, "starts": 1}
-    discard()
-    poll(25)
-    assert library().running()
-    assert registers()[register] != value
-    settle()
-    after = streamed_by_time(0, 100)
-    assert len(before) > 80
-    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
 
 
 @pytest.mark.parametrize(

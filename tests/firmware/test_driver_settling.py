@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import ctypes
 
-import numpy as np
 import pytest
 from driver_under_test import (
-    CTRL4_C,
-    FIFO_CTRL4,
     RATES_HZ,
-    faults,
     library,
     number,
     poll,
-    push,
-    registers,
-    registers_of,
-    settle,
-    slots,
     started,
 )
 
@@ -36,7 +27,6 @@ LPF1 = {
     0xFF: (0,) * 7,
 }
 LPF2 = {2: 0, 4: 0, 10: 10, 20: 19, 45: 38, 100: 75, 200: 150, 400: 296, 800: 595}
-NONE_OF = (0xFF, 2)
 
 
 def unsettled(odr: int, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> int:
@@ -66,25 +56,6 @@ def test_the_accelerometers_slots_are_sts_whatever_the_rate(lpf2):
 def test_a_quicker_oscillator_needs_more_slots_for_the_same_time():
     assert unsettled(10, fine=127) / unsettled(10) == pytest.approx(1.19, abs=0.01)
     assert unsettled(10, fine=-128) / unsettled(10) == pytest.approx(0.81, abs=0.01)
-
-
-@pytest.mark.parametrize("odr", [1, 4, 8, 10])
-@pytest.mark.parametrize("filters", [NONE_OF, (7, 2), (0xFF, 800), (3, 45)])
-def test_no_slot_before_the_filters_have_settled_is_a_sample(odr, filters):
-    """The first sample is the first slot behind them, and the driver says when that is.  It masks, too."""
-    started(odr, *filters, settles=False)
-    assert registers()[CTRL4_C] & 8
-    assert registers()[FIFO_CTRL4] == 0x66
-    assert (library().running(), library().has_settled()) == (1, 0)
-    settle(odr, *filters)  # no sample comes of that
-    assert not library().has_settled()
-    push(slots(0, 40, odr))
-    found = poll(4)
-    assert (library().running(), library().has_settled()) == (1, 1)
-    assert len(found) >= 20
-    np.testing.assert_array_equal(found["registers"][:, :6], registers_of(np.arange(len(found))))
-    np.testing.assert_array_equal(found["number"], 1 + np.arange(len(found)))
-    assert not faults()
 
 
 def test_a_start_takes_26_ms_and_what_the_filters_need():

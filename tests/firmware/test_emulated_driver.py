@@ -15,7 +15,7 @@ if MISSING := tools_missing():
 
 from emulator import driven as kit
 from emulator.driven import Driven, Verdict, judged
-from emulator.sensor import CHIPS, CTRL1_XL, CTRL2_G, CTRL3_C, FIFO_CTRL3, Fault, Silicon
+from emulator.sensor import CHIPS, CTRL1_XL, CTRL2_G, CTRL3_C, Fault, Silicon
 
 pytestmark = pytest.mark.emulation
 
@@ -47,12 +47,6 @@ def started(elf) -> Driven:
 def assert_clean(found: Verdict) -> None:
     """Nothing is lost, and nothing is wrong."""
     assert (found.missing, found.said_lost, found.doubled, found.falsified, found.unsettled) == (0, 0, 0, 0, 0)
-
-
-def assert_said(found: Verdict) -> None:
-    """What is lost is said, to the sample, and nothing is wrong."""
-    assert found.missing == found.said_lost
-    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
 
 
 def test_it_starts_in_order_and_streams_6667_hz_without_a_loss(elf):
@@ -89,38 +83,6 @@ def test_the_verdict_finds_what_is_planted(elf):
     assert (verdict(np.delete(true, 700)).missing, verdict(np.delete(true, 700)).said_lost) == (1, 1)
 
 
-@pytest.mark.parametrize("odr_hz", [104.0, 6667.0])
-def test_a_stamp_that_is_off_by_two_ticks_costs_nothing(elf, odr_hz):
-    driven = running(elf, odr_hz, silicon=Silicon(stamp_jitter_ticks=2))
-    before = dict(driven.counts)
-    driven.run(2.5)
-    assert_clean(driven.verdict())
-    assert driven.counts == before
-
-
-@pytest.mark.parametrize("ticks", [40000 / 6667, 6.0])
-def test_an_absence_costs_what_the_fifo_could_not_hold_and_no_restart(elf, ticks):
-    """1.6 s at 6667 Hz are 10 800 samples, over which a period of 6 ticks and one of 5.9997 differ by three ticks."""
-    driven = running(elf, 6667.0, faults=[Fault("hang", 1.2, 1.6)], silicon=Silicon(ticks))
-    before = driven.counts["starts"]
-    driven.run(3.2 - driven.t_s + 0.6)
-    found = driven.verdict()
-    assert_said(found)
-    assert 10_500 < found.missing < 10_900
-    assert driven.counts["starts"] == before
-
-
-@pytest.mark.parametrize("capacity", [416, 512])
-def test_a_full_fifo_costs_what_it_could_not_hold(elf, capacity):
-    driven = running(elf, 3333.0, silicon=Silicon(fifo_words=capacity), stalls=[(1.2, 0.1)])
-    before = driven.counts["overrun"]
-    driven.run(2.0)
-    found = driven.verdict()
-    assert_said(found)
-    assert found.missing == pytest.approx(0.1 * 3368 - capacity / 3, abs=40)
-    assert driven.counts["overrun"] == before + 1
-
-
 @pytest.mark.parametrize("kind", ["zeros", "ones", "hang", "identity", "reset", "parity", "tag_unknown", "missing"])
 def test_a_fault_costs_what_it_must_and_is_counted(elf, kind):
     driven = running(elf, 1667.0, faults=[Fault(kind, 1.2, 0.02)])
@@ -135,34 +97,6 @@ def test_a_fault_costs_what_it_must_and_is_counted(elf, kind):
     assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
     assert found.missing == found.said_lost or kind == "reset"  # whose sensor made none meanwhile
     assert found.missing <= {"parity": 1, "tag_unknown": 18, "missing": 1, "reset": 300, "identity": 80}.get(kind, 40)
-
-
-@pytest.mark.parametrize(
-    "fault",
-    [Fault("register", 1.2), Fault("register", 1.2, address=FIFO_CTRL3, mask=0x11), Fault("rate", 1.2, 1.0)],
-    ids=["stamps cease", "half the rate", "half the rate, registers as set"],
-)
-def test_a_fifo_that_fills_otherwise_than_set_is_noticed_and_set_anew(elf, fault):
-    driven = running(elf, 833.0, faults=[fault])
-    before = dict(driven.counts)
-    driven.run(3.0)
-    found = driven.verdict()
-    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
-    risen = {name for name, count in driven.counts.items() if count > before[name]}
-    assert risen & {"changed", "rate", "silent"}
-    streamed = found.streamed
-    driven.run(1.0)
-    assert driven.verdict().streamed - streamed == pytest.approx(842, abs=10)
-
-
-@pytest.mark.parametrize("late_s", [0.05, 1.5])
-def test_a_late_sensor_is_found_without_a_command(elf, late_s):
-    driven = Driven(elf, faults=[Fault("late", late_s)])
-    driven.run(late_s + 1.5)
-    found = driven.verdict()
-    assert_clean(found)
-    assert found.streamed > 400
-    assert driven.objections == []
 
 
 @pytest.mark.parametrize("chip", CHIPS.values(), ids=CHIPS)

@@ -8,7 +8,6 @@ from f405_programs import came_to_its_end, compiled, found, tools_missing, with_
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 
-from emulator.cpu import RAM, ProgramError
 from emulator.machine import CYCLES_PER_INSTRUCTION, Machine
 from emulator.sensor import Asm330lhh, AtRest, SensorPort
 
@@ -45,89 +44,6 @@ def test_time_is_instructions_times_the_factor_and_a_millisecond_is_one(tmp_path
     assert not came_to_its_end(early)
 
 
-def test_a_reset_that_is_asked_for_comes(tmp_path):
-    assert ran("int main(void) { if (++found[0] < 3) REG(0xE000ED0C) = 0x05FA0004; return 0; }", tmp_path).resets == 2
-
-
-def test_no_memory_is_no_answer_and_memory_ends_where_the_parts_does(tmp_path):
-    machine = Machine(compiled("int main(void) { return (int)REG(0x30000000); }", tmp_path))
-    with pytest.raises(ProgramError, match=r"at 0x080\w+, called from"):
-        machine.run_until(0.01)
-    with pytest.raises(ProgramError, match="no memory"):
-        machine.cpu.memory(RAM + 128 * 1024, 1)
-
-
-def test_a_stall_is_time_without_instructions(tmp_path):
-    text = "int main(void) { systick(168000); uint32_t n = 0; while (n < 10000) n++, found[0] = milliseconds; for (;;) ; }"
-    quick, late = (Machine(compiled(text, tmp_path), stalls=stalls) for stalls in ([], [(0.001, 0.02)]))
-    for machine in (quick, late):
-        machine.run_until(0.03)
-    assert quick.clock.now_s() == pytest.approx(late.clock.now_s(), abs=1e-5)
-    assert late.cpu.instructions == pytest.approx(quick.cpu.instructions / 3, rel=0.05)
-
-
-FAULTS = """
-__attribute__((section(".kept"), used)) volatile uint32_t starts;
-HANDLER
-int main(void)
-{
-    found[0] = ++starts;
-    if (starts == 1) {
-        REG(0x40003000) = 0xCCCC; /* the watchdog: 4096 counts of a quarter of 32 kHz */
-        FAULT;
-    }
-    return 0;
-}
-"""
-
-
-@pytest.mark.parametrize("fault", ["(void)REG(0x30000000)", '__asm volatile(".short 0xdeff")', "((void (*)(void))0x30000001)()"])
-def test_a_fault_enters_its_handler_where_that_is_wanted(fault, tmp_path):
-    """The handler asks for a reset, and the second start comes to its end; or it faults itself, and the watchdog ends that."""
-    for handler, locked_up in (("REG(0xE000ED0C) = 0x05FA0004; for (;;) ;", False), ("(void)REG(0x30000000);", True)):
-        text = FAULTS.replace("FAULT", fault).replace("HANDLER", f"void HardFault_Handler(void) {{ {handler} }}")
-        machine = Machine(compiled(text, tmp_path), hard_faults=True)
-        machine.run_until(0.4)
-        assert (machine.locked_up, machine.resets) == (locked_up, not locked_up)
-        machine.run_until(0.6)
-        assert machine.watchdog_resets == locked_up
-        if locked_up:
-            assert found(machine) == [2]
-            assert came_to_its_end(machine)
-
-
-@pytest.mark.parametrize("lsi_hz", [17e3, 32e3, 47e3])
-def test_the_watchdog_resets_after_its_period_of_the_low_speed_oscillator(lsi_hz, tmp_path):
-    """Prescaler 32, 100 counts: 0.1 s of 32 kHz.  Found: how often it started, and the flags of the last start."""
-    text = """
-    #define IWDG(o) REG(0x40003000 + (o))
-    int main(void)
-    {
-        found[1] = REG(0x40023874);
-        REG(0x40023874) |= 1u << 24;
-        if (found[0]++ < 2) {
-            IWDG(0) = 0xCCCC;
-            IWDG(0) = 0x5555;
-            IWDG(4) = 3;
-            IWDG(8) = 99;
-            while (IWDG(12)) ;
-            IWDG(0) = 0xAAAA;
-            for (;;) ;
-        }
-        return 0;
-    }"""
-    machine = Machine(compiled(text, tmp_path), lsi_hz=lsi_hz)
-    period_s, update_s = 32 * 100 / lsi_hz, 5 / lsi_hz
-    machine.run_until(period_s + 0.9 * update_s)
-    assert machine.watchdog_resets == 0
-    machine.run_until(period_s + 1.1 * update_s)
-    assert (machine.watchdog_resets, found(machine, 2)[1]) == (1, 0x24000000)  # the watchdog's flag, and the pin's
-    machine.run_until(2 * period_s + 3 * update_s)
-    assert (machine.resets, machine.watchdog_resets) == (2, 2)
-    assert came_to_its_end(machine)
-    assert machine.bus.objections == {}
-
-
 def test_a_register_is_read_and_bytes_take_their_time_on_the_line(tmp_path):
     """84 MHz / 16 = 5.25 MHz: 256 cycles a byte.  Without a sensor it reads as ones."""
     text = """
@@ -149,22 +65,6 @@ def test_a_register_is_read_and_bytes_take_their_time_on_the_line(tmp_path):
     alone = Machine(compiled(text, tmp_path))
     alone.run_until(0.05)
     assert found(alone) == [0xFF]
-
-
-def test_bytes_go_out_at_the_lines_speed_and_come_in_by_interrupt(tmp_path):
-    text = """
-    void USART1_Handler(void) { if (USART1(0) & 0x20) USART1(4) = (uint8_t)(USART1(4) + 1); }
-    int main(void) { usart_on(); USART1(0x0C) |= 0x20; irq(37); for (;;) WFI(); }"""
-    machine = Machine(compiled(text, tmp_path))
-    machine.run_until(0.001)
-    machine.usart1.feed(bytes(range(200)))
-    machine.run_until(0.002)
-    part = len(machine.usart1.sent)
-    machine.run_until(0.01)
-    assert part == pytest.approx(92, abs=2)
-    assert machine.usart1.baud == pytest.approx(921600, rel=0.005)
-    assert machine.usart1.take() == bytes(range(1, 201))
-    assert (machine.usart1.lost, machine.bus.objections) == (0, {})
 
 
 # The firmware's own port

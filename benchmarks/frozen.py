@@ -134,7 +134,8 @@ def _make(recording: Recording, folder: Path) -> None:
         if kind == "simulate":
             command = [*python, str(ROOT / "calibrate.py"), "simulate", "--out", str(out), *rest]
         elif kind == "windows":
-            command = [*python, "-m", "benchmarks.public.euroc", str(SHARED / "euroc"), str(out), "windows"]
+            words = f"write_training_windows(Path({str(SHARED / 'euroc')!r}), Path({str(out)!r}))"
+            command = [*python, "-c", f"from pathlib import Path; from benchmarks.public.euroc import write_training_windows; {words}"]
         else:
             name, file, *more = rest
             shutil.copy(SHARED / file, scratch)

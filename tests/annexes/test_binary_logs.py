@@ -11,7 +11,7 @@ import pytest
 import written_logs as written
 
 from session.annexes.logs import ardupilot, betaflight, mcap_file, registry, ros, rosbag1, rosbag2, ulog
-from session.annexes.logs.registry import HEAD, reader_of
+from session.annexes.logs.registry import reader_of
 from session.io.annexes import need
 from session.io.errors import FormatError
 from session.io.units import parse_unit
@@ -44,7 +44,7 @@ each_format = pytest.mark.parametrize("name", FORMATS)
 
 
 def head_of(path: Path) -> bytes:
-    return b"" if path.is_dir() else path.read_bytes()[:HEAD]
+    return b"" if path.is_dir() else path.read_bytes()[:4096]
 
 
 def one(path: Path, name: str = ""):
@@ -92,7 +92,7 @@ def test_a_file_is_known_by_its_bytes_whatever_its_name(tmp_path):
         path = tmp_path / f"{name}.dat"
         write(path, *RECORDING)
         assert reader_of(path, head_of(path)) is reader, name
-    for other in (b"", b"t_us,gx,gy\n", b"\x89PNG\r\n\x1a\n" + bytes(100), b"PK\x03\x04" + bytes(100), bytes(HEAD)):
+    for other in (b"", b"t_us,gx,gy\n", b"\x89PNG\r\n\x1a\n" + bytes(100), b"PK\x03\x04" + bytes(100), bytes(4096)):
         assert reader_of(tmp_path / "other.dat", other) is None
 
 

@@ -324,7 +324,7 @@ def test_a_wrong_size_is_found_by_the_draws(fitted, monkeypatch):
     wrong = replace(fitted, sources=halved, covariance=total(halved))
     source = next(s for s in halved if s.name == GYRO_NOISE)
     redrawn = Redrawn(wrong, 3)
-    moved = np.array([redrawn.refit(redrawn.draw(source)) for _ in range(25)]) - redrawn.model.vector
+    moved = np.array([redrawn.refit(redrawn.draw(source)) for _ in range(50)]) - redrawn.model.vector
     checks = list(draws._source_checks(source, moved, wrong.covariance))
     assert min(each.sigmas for each in checks) > 4
     assert {each.parameter for each in checks} >= set(NAMES[:9])

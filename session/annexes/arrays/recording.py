@@ -120,7 +120,25 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Ca
             _whole(folder, stem, present, numbers)
     for each in (*paths["log"], *paths["closure"], *paths["rest"]):
         require_file(each)
-    own, unknown = _own_tables(path, section, numbers), _unknown(section, ("folders", UNIT), "array")
+    # [[array.unit]] by its number
+    rows = section.get(UNIT, [])
+    expected = "[[array.unit]] expects number = 3, and sensor.serial, accelerometer.matrix and the like"
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise FormatError(f"{path}: array.unit is {shown(rows)}; {expected}")
+    own: dict[int, dict] = {}
+    for row in rows:
+        number = row.get("number")
+        if isinstance(number, bool) or not isinstance(number, int):
+            raise FormatError(f"{path}: array.unit has number {shown(number)}; {expected}")
+        if number in own:
+            raise FormatError(f"{path}: [[array.unit]] number {number} is there twice; keep one")
+        if number not in numbers:
+            raise FormatError(f"{path}: [[array.unit]] number {number} has no log; there are units {_listed(numbers)}")
+        for name in OWN_SECTIONS:
+            if not isinstance(row.get(name, {}), dict):
+                raise FormatError(f"{path}: array.unit.{name} of unit {number} is {shown(row[name])}, expected a table")
+        own[number] = row
+    unknown = _unknown(section, ("folders", UNIT), "array")
     units = {}
     for number in numbers:
         config = _unit_config(path, table, own.get(number, {}), number)
@@ -157,28 +175,6 @@ def _whole(folder: Path, stem: str, paths: Sequence[Path], numbers: Sequence[int
                 f"{folder}: {which} lacks unit {_listed(missing)} of {_listed(numbers)}; every {stem} needs a file of every unit: "
                 f"add {which}.unit{missing[0]}.csv, or take that unit's other logs out"
             )
-
-
-def _own_tables(path: Path, section: dict, numbers: Sequence[int]) -> dict[int, dict]:
-    """``[[array.unit]]`` by its number."""
-    rows = section.get(UNIT, [])
-    expected = "[[array.unit]] expects number = 3, and sensor.serial, accelerometer.matrix and the like"
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise FormatError(f"{path}: array.unit is {shown(rows)}; {expected}")
-    found: dict[int, dict] = {}
-    for row in rows:
-        number = row.get("number")
-        if isinstance(number, bool) or not isinstance(number, int):
-            raise FormatError(f"{path}: array.unit has number {shown(number)}; {expected}")
-        if number in found:
-            raise FormatError(f"{path}: [[array.unit]] number {number} is there twice; keep one")
-        if number not in numbers:
-            raise FormatError(f"{path}: [[array.unit]] number {number} has no log; there are units {_listed(numbers)}")
-        for name in OWN_SECTIONS:
-            if not isinstance(row.get(name, {}), dict):
-                raise FormatError(f"{path}: array.unit.{name} of unit {number} is {shown(row[name])}, expected a table")
-        found[number] = row
-    return found
 
 
 def _unit_config(path: Path, table: dict, own: dict, number: int) -> Config:

@@ -90,7 +90,13 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
     with one_line(path, "a ROS 2 bag"):
         database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         rows = 0
-        _note_cut(path, notes)
+        # Note a file that is shorter than the pages which its head counts
+        with open_file(path) as file:
+            head = file.read(32)
+        page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+        whole, size = pages * (65_536 if page == 1 else page), path.stat().st_size
+        if size < whole:
+            notes.append(f"the file is cut: it has {size} of {whole} bytes")
         try:
             database.execute("PRAGMA trusted_schema = OFF")
             database.execute("PRAGMA writable_schema = ON")  # nothing is written: without it SQLite does not open a file that is cut
@@ -108,16 +114,6 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
             notes.append(f"the bag is damaged and is read up to its message {rows} ({reason(error)})")
         finally:
             database.close()
-
-
-def _note_cut(path: Path, notes: list[str]) -> None:
-    """Note a file that is shorter than the pages which its head counts."""
-    with open_file(path) as file:
-        head = file.read(32)
-    page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
-    whole, size = pages * (65_536 if page == 1 else page), path.stat().st_size
-    if size < whole:
-        notes.append(f"the file is cut: it has {size} of {whole} bytes")
 
 
 def _connect(

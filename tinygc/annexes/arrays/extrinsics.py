@@ -116,7 +116,7 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
     rates = rates if rates is not None else [session_rates(unit) for unit in array.units]
     names = [f"{array.name}: unit {number}" for number in array.numbers]
     _turned(rates, names)
-    fits = [_own_fit(rates[0])]
+    fits = [ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates[0]), 3)), 1.0, np.zeros((2, 2)), 0.0)]
     for mine, name in zip(rates[1:], names[1:], strict=True):
         try:
             fit = _as_stamped(fit_clock(rates[0], mine, name), rates[0], mine)
@@ -168,10 +168,6 @@ def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]
     if not same or apart > ONE_READER:
         return fit
     return replace(fit, clock=replace(fit.clock, offset_s=0.0, rate=0.0))
-
-
-def _own_fit(rates: tuple[Rates, ...]) -> ClockFit:
-    return ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates), 3)), 1.0, np.zeros((2, 2)), 0.0)
 
 
 def _turned(rates: list[tuple[Rates, ...]], names: list[str]) -> None:

@@ -298,23 +298,20 @@ def _levels(law: Law, own: Fitted, points: Points, times: float, one: float, lef
     for axes, values in ((left, points.without), (right, points.left)):
         axes.errorbar(points.x * times, values * one, points.sigma * one, fmt="none", lw=0.8, color=FLOOR, zorder=1)
         drawn = axes.scatter(points.x * times, values * one, c=points.level, cmap=colours, norm=scale, s=26, zorder=2)
-    right.figure.colorbar(drawn, ax=right, label=_level_words(law, points.series))
+    # The second quantity through its function, with its unit
+    other = other_of(law.form)
+    assert other is not None
+    component = component_beside(law.form, law.form.terms()[points.series.entries[0]])
+    symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
+    constant = "" if other.constant is None else f"{other.constant:.3g}"
+    shown = other.through.shown.format(x=symbol, c=constant)
+    shown += f" ({other.of.unit})" if other.through.name == "itself" and other.of.unit != "1" else ""
+    right.figure.colorbar(drawn, ax=right, label=shown)
     at = np.linspace(*_span(points.x), POINTS)
     said = curve(main_of(law.form), at, own.theta[list(points.series.entries)]) / DEG
     for level in np.quantile(points.level, QUANTILES):
         left.plot(at * times, level * said * one, color=colours(scale(level)), lw=1.8, label=f"law at {level:.3g}")
     right.plot([], [], "o", color=colours(0.5), label=f"{_name(law, points.series)}, with the law")
-
-
-def _level_words(law: Law, series: LawSeries) -> str:
-    """The second quantity through its function, with its unit."""
-    other = other_of(law.form)
-    assert other is not None
-    component = component_beside(law.form, law.form.terms()[series.entries[0]])
-    symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
-    constant = "" if other.constant is None else f"{other.constant:.3g}"
-    shown = other.through.shown.format(x=symbol, c=constant)
-    return f"{shown} ({other.of.unit})" if other.through.name == "itself" and other.of.unit != "1" else shown
 
 
 def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, one: float, axes: Sides) -> None:

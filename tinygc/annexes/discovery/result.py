@@ -156,7 +156,12 @@ def discovery_page(explained: dict) -> Group:
         lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["catalogue_effects"]]
     elif table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
-        lines.append(_best_against_chance(table))
+        lines.append(
+            one_line(
+                f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
+                f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
+            )
+        )
     if table["why"]:
         lines.append(one_line(table["why"]))
     if learnable := _learnable(table["learnable"]):
@@ -209,14 +214,10 @@ def number_lines(law: dict) -> list[str]:
             lines.append(f"{head if not lines else ' ' * len(head)}{numbers}")
     for name, constant in law["constants"].items():
         unit = "of full scale" if constant["unit"] == "fraction" else constant["unit"]
-        lines.append(f"{_without_unit(name)}: {measured(constant['value'], constant['sigma'])} {unit}")
+        # ``width`` of ``width_share``
+        ending = next((f"_{unit}" for *_, unit in BENCH_UNITS.values() if name.endswith(f"_{unit}")), "")
+        lines.append(f"{name.removesuffix(ending).replace('_', ' ')}: {measured(constant['value'], constant['sigma'])} {unit}")
     return lines
-
-
-def _without_unit(name: str) -> str:
-    """``width`` of ``width_share``."""
-    ending = next((f"_{unit}" for *_, unit in BENCH_UNITS.values() if name.endswith(f"_{unit}")), "")
-    return name.removesuffix(ending).replace("_", " ")
 
 
 def _heads(rows: list, terms: list[str]) -> list[list[str]]:
@@ -287,13 +288,6 @@ def runner_up_words(each: dict) -> str:
     name = f"{each['id']}  " if each["id"] else ""
     worse = f"worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}"
     return f"{name}{briefly(each['equation'])} ({worse}): {each['discriminating_motion']}"
-
-
-def _best_against_chance(table: dict) -> Text:
-    return one_line(
-        f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
-        f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
-    )
 
 
 def _learnable(learnable: dict) -> str:

@@ -244,12 +244,10 @@ class Unseen:
         rms = [tilt_rms(each.closure[held]) for each in (before, after)]
         excess = rms[0] ** 2 - floor**2
         removed = None if excess < LEAST_EXCESS * floor**2 else 1 - max(rms[1] ** 2 - floor**2, 0.0) / excess
-        return HeldOut(rms[0], rms[1], floor, removed, p_value, self._noise_p(after.stacked(), held), len(held), recording)
-
-    def _noise_p(self, after: np.ndarray, held: np.ndarray) -> float:
-        """Probability under white noise and the sensor's bias instability only, so that the residuals do not raise the noise."""
-        closure = (after / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
-        return chi_square_above(float(np.sum(closure**2)), closure.size)
+        # Probability under white noise and the sensor's bias instability only, so that the residuals do not raise the noise
+        closure = (after.stacked() / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
+        noise_p = chi_square_above(float(np.sum(closure**2)), closure.size)
+        return HeldOut(rms[0], rms[1], floor, removed, p_value, noise_p, len(held), recording)
 
     def _squares(self, rows: np.ndarray) -> np.ndarray:
         """Sums of squares (S,) of rows (n,) in sigmas: of each segment, with the still at its beginning where that was held out."""

@@ -136,7 +136,10 @@ def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) ->
         raise DataError("no log is given; give at least one log, session folder or tuple of arrays")
     bare = [each for each in inputs if isinstance(each, Path) and not each.is_dir() and _session_of(each) is None]
     for path in bare:
-        _refuse_curve(path)
+        # An Allan curve is no log: its columns would be asked for in vain
+        if path.is_file() and FIRST_OF_CURVE.match(head_of(path)):
+            do = command_line("noise", "--curve", path)
+            raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
     if len(inputs) == 2 == len(bare) and _is_a_pair(bare, answers, columns):
         yield _Part(" and ".join(path.name for path in bare), None, partial(_read_log, bare, answers, columns))
         return
@@ -157,13 +160,6 @@ def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) ->
             yield _of_session(each, config)
         else:
             yield _Part(each.name, each, partial(_read_log, [each], answers, own[each]))
-
-
-def _refuse_curve(path: Path) -> None:
-    """Raise FormatError for an Allan curve, which is no log: its columns would be asked for in vain."""
-    if path.is_file() and FIRST_OF_CURVE.match(head_of(path)):
-        do = command_line("noise", "--curve", path)
-        raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
 
 
 def _session_of(path: Path) -> Config | None:

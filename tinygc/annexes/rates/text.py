@@ -25,7 +25,10 @@ def rates_page(
     for choice, discovery in zip(choices, discoveries, strict=True):
         parts += [*_sensor(choice), *([] if discovery is None else map(one_line, discovery.lines)), ""]
     for sweep in sweeps:
-        parts += [one_line(sweep.headline, "bold"), _sweep_table(sweep), *map(one_line, sweep.lines), ""]
+        table = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
+        for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
+            table.add_row(size(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
+        parts += [one_line(sweep.headline, "bold"), table, *map(one_line, sweep.lines), ""]
     return Group(*(parts[:-1] if parts else parts), *map(one_line, remarks))
 
 
@@ -132,10 +135,3 @@ def held_out_cell(one: HeldOut | None) -> str:
 def curve_words(curve: str) -> str:
     """The last of a curve's cells, which differs most often."""
     return printable(curve.rpartition(", ")[2])
-
-
-def _sweep_table(sweep: Sweep) -> Table:
-    table = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
-    for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
-        table.add_row(size(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
-    return table

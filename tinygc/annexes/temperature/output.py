@@ -140,7 +140,13 @@ def temperature_report(fit: ThermalFit) -> Group:
         parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
         parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
     if fit.sessions is not None:
-        parts += [_sessions(fit.sessions), _over_temperature(fit)]
+        table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
+        for point in fit.sessions.points:
+            zero, there = point.values[BIAS], fit.sessions.model.zero(np.full((1, 3), point.temp_c))[0]
+            said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
+            off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
+            table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
+        parts += [table, _over_temperature(fit)]
     parts += [Text(line) for line in remarks(fit)]
     return Group(*parts)
 
@@ -160,16 +166,6 @@ def _headline(fit: ThermalFit) -> Text:
             f"{'; ' if fit.rests is not None else ''}{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C"
         )
     return text
-
-
-def _sessions(found: SessionsFit) -> RenderableType:
-    table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
-    for point in found.points:
-        zero, there = point.values[BIAS], found.model.zero(np.full((1, 3), point.temp_c))[0]
-        said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
-        off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
-        table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
-    return table
 
 
 def _over_temperature(fit: ThermalFit) -> RenderableType:

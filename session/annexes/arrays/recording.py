@@ -117,7 +117,17 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Ca
             raise FormatError(f"{folder}: {name} is of one sensor's axes and stills; give that unit a folder of its own ([array] folders)")
     for stem, present in paths.items():
         if stem != "rest":
-            _whole(folder, stem, present, numbers)
+            # FormatError where a log lacks units that another has
+            by_log: dict[str, set[int]] = {}
+            for unit in map(unit_of, present):
+                assert unit is not None  # or it was refused
+                by_log.setdefault(unit[0], set()).add(unit[1])
+            for which, there in sorted(by_log.items()):
+                if missing := sorted(set(numbers) - there):
+                    raise FormatError(
+                        f"{folder}: {which} lacks unit {_listed(missing)} of {_listed(numbers)}; every {stem} needs a file of every unit: "
+                        f"add {which}.unit{missing[0]}.csv, or take that unit's other logs out"
+                    )
     for each in (*paths["log"], *paths["closure"], *paths["rest"]):
         require_file(each)
     # [[array.unit]] by its number
@@ -161,20 +171,6 @@ def _listed(numbers: Sequence[int]) -> str:
 
 def _with_unit(path: Path) -> str:
     return path.name.replace(".csv", ".unit0.csv", 1)
-
-
-def _whole(folder: Path, stem: str, paths: Sequence[Path], numbers: Sequence[int]) -> None:
-    """FormatError where a log lacks units that another has."""
-    by_log: dict[str, set[int]] = {}
-    for unit in map(unit_of, paths):
-        assert unit is not None  # or it was refused
-        by_log.setdefault(unit[0], set()).add(unit[1])
-    for which, there in sorted(by_log.items()):
-        if missing := sorted(set(numbers) - there):
-            raise FormatError(
-                f"{folder}: {which} lacks unit {_listed(missing)} of {_listed(numbers)}; every {stem} needs a file of every unit: "
-                f"add {which}.unit{missing[0]}.csv, or take that unit's other logs out"
-            )
 
 
 def _unit_config(path: Path, table: dict, own: dict, number: int) -> Config:

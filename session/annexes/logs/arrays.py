@@ -180,12 +180,13 @@ def _paired(
         name = of or ("imu" if len(parts) - ("temp" in parts) > 1 else kind)
         made.append(Plan(name, parts, units, {key: (1, 1, 1) for key in parts}, t, t_unit, (note,) if note else ()))
     names = [plan.name for plan in made]
-    return [plan if names.count(plan.name) == 1 else _renamed(plan) for plan in made]
-
-
-def _renamed(plan: Plan) -> Plan:
-    """Of two streams of one name each is called by its array."""
-    return Plan(next(iter(plan.parts.values()))[0].name, plan.parts, plan.units, plan.signs, plan.t, plan.t_unit, plan.notes)
+    # Of two streams of one name each is called by its array
+    return [
+        plan
+        if names.count(plan.name) == 1
+        else Plan(next(iter(plan.parts.values()))[0].name, plan.parts, plan.units, plan.signs, plan.t, plan.t_unit, plan.notes)
+        for plan in made
+    ]
 
 
 def _time(path: Path, what: str, rows: int, of: str, said: Sequence[tuple[Array, Meaning]]) -> tuple[Array | None, str, str]:

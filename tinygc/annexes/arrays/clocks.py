@@ -111,19 +111,15 @@ def rates_of(samples: Samples, end_dps: float) -> Rates:
     t_s, rate = samples.t_ns * NS, np.asarray(samples.gyro)
     bad = (np.abs(rate) >= end_dps * DEG).any(axis=1)
     step, period_s = np.diff(t_s), samples.period_s
-    bad |= _stuck(rate, max(round(STUCK_S / period_s), 4))
+    # Readings in runs of identical values on all axes, of at least this length
+    begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
+    count = np.diff(np.append(begins, len(rate)))
+    bad |= np.repeat(count >= max(round(STUCK_S / period_s), 4), count)
     gaps = step > GAP_PERIODS * period_s
     bad[:-1] |= gaps
     bad[1:] |= gaps
     near = np.convolve(bad, np.ones(2 * BESIDE + 1), mode="same") > 0.5 if len(bad) > 2 * BESIDE else np.full(len(bad), bad.any())
     return Rates(t_s, rate, ~near, period_s)
-
-
-def _stuck(rate: np.ndarray, length: int) -> np.ndarray:
-    """Return (N,) bool: readings in runs of identical values on all axes, of at least this length."""
-    begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
-    count = np.diff(np.append(begins, len(rate)))
-    return np.repeat(count >= length, count)
 
 
 def session_rates(session: Session) -> tuple[Rates, ...]:

@@ -269,7 +269,18 @@ def explained_to_json(found: ArrayExplanation) -> dict:
         "slow_zero": None if found.slow_zero is None else _slow_zero(found.slow_zero),
         "rest_noise": {name: _rest_noise(name, shared) for name, shared in found.rest_noise.items()},
         "events": [event_to_json(event, fit) for event in fit.joint.events],
-        "moments": [_moment(moment, begins_s(fit)) for moment in found.moments],
+        "moments": [
+            {
+                "what": moment.what,
+                "at_s": moment.at_s - begins_s(fit),
+                "unit": moment.unit,
+                "units": list(moment.units),
+                "size_dps": moment.size_rps / DEG,
+                "felt_by_others": moment.felt,
+                "description": moment.words,
+            }
+            for moment in found.moments
+        ],
         "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
         "version": VERSION,
     }
@@ -304,18 +315,6 @@ def _or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _moment(moment: Moment, begins: float) -> dict:
-    return {
-        "what": moment.what,
-        "at_s": moment.at_s - begins,
-        "unit": moment.unit,
-        "units": list(moment.units),
-        "size_dps": moment.size_rps / DEG,
-        "felt_by_others": moment.felt,
-        "description": moment.words,
-    }
-
-
 def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: dict) -> Path:
     """Write ``array.json`` with this table, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; return it.
 
@@ -340,7 +339,12 @@ def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: 
 
 def array_page(fit: ArrayFit) -> Group:
     """Return the page: extrinsics, closure, common errors, events, and what was left out."""
-    parts: list[RenderableType] = [_places(fit), "", _closure(fit), ""]
+    table = Table(title="Units against the first: clock, mounting, position", title_justify="left", box=None, padding=(0, 1))
+    for column in ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm"):
+        table.add_column(column, justify="left" if column == "serial" else "right", overflow="fold")
+    for unit in fit.units:
+        table.add_row(*_place(unit, unit is fit.units[0]))
+    parts: list[RenderableType] = [table, "", _closure(fit), ""]
     parts.append(one_line(f"Common: {fit.split.words}."))
     where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[fit.bias]
     why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
@@ -366,15 +370,6 @@ def array_page(fit: ArrayFit) -> Group:
     parts += [one_line(f"{line}.", "yellow") for line in event_lines(fit)]
     parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
     return Group(*parts)
-
-
-def _places(fit: ArrayFit) -> Table:
-    table = Table(title="Units against the first: clock, mounting, position", title_justify="left", box=None, padding=(0, 1))
-    for column in ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm"):
-        table.add_column(column, justify="left" if column == "serial" else "right", overflow="fold")
-    for unit in fit.units:
-        table.add_row(*_place(unit, unit is fit.units[0]))
-    return table
 
 
 def _place(unit: UnitFit, first: bool) -> list[str]:

@@ -115,7 +115,15 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
     """Estimate the clock of every unit; the first one's is exact.  rates: of each unit, if available.  Raises CalibrationError."""
     rates = rates if rates is not None else [session_rates(unit) for unit in array.units]
     names = [f"{array.name}: unit {number}" for number in array.numbers]
-    _turned(rates, names)
+    for mine, name in zip(rates, names, strict=True):
+        still = np.all([np.ptp(each.rate, axis=0) == 0 for each in mine], axis=0)
+        if still.all():
+            raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
+        if still.any():
+            axes = ", ".join(axis for axis, is_dead in zip("xyz", still, strict=True) if is_dead)
+            raise CalibrationError(
+                f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
+            )
     fits = [ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates[0]), 3)), 1.0, np.zeros((2, 2)), 0.0)]
     for mine, name in zip(rates[1:], names[1:], strict=True):
         try:
@@ -168,18 +176,6 @@ def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]
     if not same or apart > ONE_READER:
         return fit
     return replace(fit, clock=replace(fit.clock, offset_s=0.0, rate=0.0))
-
-
-def _turned(rates: list[tuple[Rates, ...]], names: list[str]) -> None:
-    for mine, name in zip(rates, names, strict=True):
-        still = np.all([np.ptp(each.rate, axis=0) == 0 for each in mine], axis=0)
-        if still.all():
-            raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
-        if still.any():
-            axes = ", ".join(axis for axis, is_dead in zip("xyz", still, strict=True) if is_dead)
-            raise CalibrationError(
-                f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
-            )
 
 
 def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[Rates, ...]) -> None:

@@ -107,18 +107,7 @@ def _administrative(parent: ElementTree.Element, c: Content) -> None:
         replaced = _in(core, "reportAmendedSubstituted")
         _in(replaced, "typeOfChange", "substituted")
         _in(replaced, "replacedUniqueIdentifier", given.amends)
-    _item(_in(_in(parent, "items"), "item"), c)
-    contact = _in(_in(parent, "calibrationLaboratory"), "contact")
-    _contact(contact, given.laboratory, given.address, given.country)
-    persons = _in(parent, "respPersons")
-    _person(persons, given.authorised_by, given.role or "authorises the certificate", signs=True)
-    if c.operator:
-        _person(persons, c.operator, "operator")
-    _contact(_in(parent, "customer"), given.customer, given.customer_address)
-    _statements(_in(parent, "statements"), c)
-
-
-def _item(item: ElementTree.Element, c: Content) -> None:
+    item = _in(_in(parent, "items"), "item")
     config = c.config
     named(item, "name", next(field.text for field in c.item if field.label == "Object"))
     about = [field for field in c.item if field.label not in ("Object", "Manufacturer", "Model", "Serial number")]
@@ -131,6 +120,14 @@ def _item(item: ElementTree.Element, c: Content) -> None:
     _in(known, "issuer", "manufacturer")
     _in(known, "value", config.sensor.serial)
     named(known, "name", "Serial number")
+    contact = _in(_in(parent, "calibrationLaboratory"), "contact")
+    _contact(contact, given.laboratory, given.address, given.country)
+    persons = _in(parent, "respPersons")
+    _person(persons, given.authorised_by, given.role or "authorises the certificate", signs=True)
+    if c.operator:
+        _person(persons, c.operator, "operator")
+    _contact(_in(parent, "customer"), given.customer, given.customer_address)
+    _statements(_in(parent, "statements"), c)
 
 
 def _contact(parent: ElementTree.Element, name: str, address: str, country: str = "") -> None:

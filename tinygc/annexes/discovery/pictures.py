@@ -382,7 +382,9 @@ def _words(law: Law) -> str:
 
 def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:
     """The series of each channel with evidence for the law."""
-    power, found = _power(pair.own), []
+    # Chi-square of the law's prediction, by channel
+    said = pair.own.whiten.by_channel(pair.own.whiten(pair.own.adds.stacked() @ pair.own.theta))
+    power, found = {name: float(np.sum(said[part] ** 2)) for name, part in pair.own.whiten.parts.items()}, []
     for channel, of in (("closure", of_turns), ("still", of_stills)):
         if power[channel] < SHARE * sum(power.values()):
             continue
@@ -394,9 +396,3 @@ def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:
         most = 1 if points[0].level is not None else MOST_SERIES
         found.append([points[number] for number in sorted(np.argsort(strength)[::-1][:most])])
     return found
-
-
-def _power(own: Fitted) -> dict[str, float]:
-    """Chi-square of the law's prediction, by channel."""
-    said = own.whiten.by_channel(own.whiten(own.adds.stacked() @ own.theta))
-    return {name: float(np.sum(said[part] ** 2)) for name, part in own.whiten.parts.items()}

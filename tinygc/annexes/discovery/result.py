@@ -11,7 +11,7 @@ import numpy as np
 from session.io.units import DEG
 from tinygc.annexes.discovery.law_code import law_code
 from tinygc.annexes.discovery.quantities import QUANTITIES
-from tinygc.annexes.discovery.search_state import NOISE_P, Discovery, HeldOut, Law, RunnerUp
+from tinygc.annexes.discovery.search_state import NOISE_P, Discovery, Law, RunnerUp
 from tinygc.annexes.discovery.unobserved import in_words as direction_in_words
 from tinygc.annexes.discovery.words import (
     ABBREVIATIONS,
@@ -66,10 +66,31 @@ def _law(law: Law, file: str | None) -> dict:
         "chi_square": law.gain,
         "better_by": law.better,
         "chance_p": law.chance_p,
-        "held_out": [_held_out(each) for each in law.held_out],
+        "held_out": [
+            {
+                "before_deg": each.before_rad / DEG,
+                "after_deg": each.after_rad / DEG,
+                "floor_deg": each.floor_rad / DEG,
+                "removed": each.removed,
+                **p_entry("p_value", each.p_value),
+                **p_entry("noise_p", each.noise_p),
+                "segments": each.segments,
+                "recording": each.recording,
+            }
+            for each in law.held_out
+        ],
         "file": file,
         "same_here": [equation(form) for form in law.same],
-        "runners_up": [_runner_up(each) for each in law.runners_up],
+        "runners_up": [
+            {
+                "id": each.effect.id if each.form is None else None,
+                "equation": other_equation(each),
+                "worse_by": each.worse,
+                "correlation": each.correlation,
+                "discriminating_motion": each.discriminating_motion,
+            }
+            for each in law.runners_up
+        ],
         "learnable_from": law.learnable_from,
         "not_observed": [
             {"in_words": direction_in_words(law.form, each), "direction": each.reshape(law_code(law.form).shape).tolist()}
@@ -81,29 +102,6 @@ def _law(law: Law, file: str | None) -> dict:
 def id_of(file: str) -> str:
     """Id of the effect in ``effects/discovered_rate.py``: ``discovered.rate``."""
     return PurePosixPath(file).stem.replace("_", ".", 1)
-
-
-def _held_out(each: HeldOut) -> dict:
-    return {
-        "before_deg": each.before_rad / DEG,
-        "after_deg": each.after_rad / DEG,
-        "floor_deg": each.floor_rad / DEG,
-        "removed": each.removed,
-        **p_entry("p_value", each.p_value),
-        **p_entry("noise_p", each.noise_p),
-        "segments": each.segments,
-        "recording": each.recording,
-    }
-
-
-def _runner_up(each: RunnerUp) -> dict:
-    return {
-        "id": each.effect.id if each.form is None else None,
-        "equation": other_equation(each),
-        "worse_by": each.worse,
-        "correlation": each.correlation,
-        "discriminating_motion": each.discriminating_motion,
-    }
 
 
 def other_equation(each: RunnerUp) -> str:

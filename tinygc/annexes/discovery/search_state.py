@@ -16,7 +16,6 @@ from tinygc.annexes.discovery.projections import Projection, seen_basis
 from tinygc.annexes.discovery.screening import promised_beside
 from tinygc.annexes.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.annexes.discovery.words import equation
-from tinygc.closure.floor import Floor
 from tinygc.closure.problem import LEFT_OUT, Problem
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import Effect, Movement
@@ -86,11 +85,16 @@ def without(problem: Problem, held: np.ndarray) -> Problem:
         return replace(segment, problem=LEFT_OUT) if id(segment) in gone else segment
 
     rates = problem.still_rates
+    # The floor of the remaining segments: two that were not neighbours share no still
+    kept = np.flatnonzero(~held)
+    neighbours = np.diff(kept) == 1
+    shared = np.where(neighbours[:, None, None], problem.floor.shared[kept[:-1]], 0.0)
+    wider = None if problem.floor.wider is None else problem.floor.wider[kept]
     return replace(  # its bias instability is estimated from its own stills where possible
         problem,
         segments=[segment_of(segment) for segment in problem.segments],
         batch=problem.batch.pick(~held),
-        floor=_floor(problem.floor, held),
+        floor=replace(problem.floor, own=problem.floor.own[kept], shared=shared, wider=wider, references={}),
         logs=[replace(log, stills=[still_of(still) for still in log.stills]) for log in problem.logs],
         still_rates=replace(
             rates,
@@ -101,15 +105,6 @@ def without(problem: Problem, held: np.ndarray) -> Problem:
             middle_s=None if rates.middle_s is None else rates.middle_s[stays],
         ),
     )
-
-
-def _floor(floor: Floor, held: np.ndarray) -> Floor:
-    """The floor of the remaining segments: two that were not neighbours share no still."""
-    kept = np.flatnonzero(~held)
-    neighbours = np.diff(kept) == 1
-    shared = np.where(neighbours[:, None, None], floor.shared[kept[:-1]], 0.0)
-    wider = None if floor.wider is None else floor.wider[kept]
-    return replace(floor, own=floor.own[kept], shared=shared, wider=wider, references={})
 
 
 # The result of a search for an equation.

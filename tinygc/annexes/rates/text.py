@@ -11,7 +11,7 @@ from tinygc.annexes.rates.fitting import REFUTED
 from tinygc.annexes.rates.sweep import Sweep
 from tinygc.annexes.rates.terms import TermRow, size, terms
 from tinygc.reporting.pictures.canvas import plain
-from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
+from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
 if TYPE_CHECKING:
     from tinygc.annexes.rates.discovery import Discovery
@@ -86,7 +86,12 @@ def _sensor(choice: Choice) -> list[RenderableType]:
         table.add_row(row.name, *cells(row), row.unit, row.condition)
     parts.append(table)
     if choice.held_out:
-        parts.append(_held_out(choice))
+        # Rms that each law leaves on a curve that it was not fitted to
+        first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
+        table = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
+        for law, cells_of_law in held_out_rows(choice):
+            table.add_row(law, *cells_of_law)
+        parts.append(table)
     return parts
 
 
@@ -114,15 +119,6 @@ def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:
     for one in choice.held_out:
         found.setdefault(", ".join(filter(None, (one.hypothesis, one.fitted_to and f"fitted to {one.fitted_to}"))), {})[one.curve] = one
     return [(law, [held_out_cell(by_curve.get(curve)) for curve in choice.points.curves]) for law, by_curve in found.items()]
-
-
-def _held_out(choice: Choice) -> Table:
-    """Rms that each law leaves on a curve that it was not fitted to."""
-    first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
-    table = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
-    for law, cells_of_law in held_out_rows(choice):
-        table.add_row(law, *cells_of_law)
-    return table
 
 
 def held_out_cell(one: HeldOut | None) -> str:

@@ -41,7 +41,8 @@ def fit_temperature(
         raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
     _refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
     rests: RestFit | None = None
-    hashes = {_named(path, paths): sha256_of(path) for path in rest_paths}
+    begins = {path: "" if len(paths) == 1 else f"{printable(path.parent.resolve().name)}/" for path in rest_paths}
+    hashes = {f"{begins[path]}{file_key(path)}": sha256_of(path) for path in rest_paths}
     name = printable(paths[0].resolve().name)
     if rest_paths:
         rests = fit_rests(read_rests(rest_paths, sensor, progress), tuple(range(most_order + 1)), progress=progress)
@@ -65,7 +66,3 @@ def _refuse_same(paths: list[Path]) -> None:
         first = seen.setdefault(sha256_of(path), path)
         if first is not path:
             raise DataError(f"{first} and {path} are the same recording, which tells everything once; leave one of them out")
-
-
-def _named(path: Path, folders: list[Path]) -> str:
-    return file_key(path) if len(folders) == 1 else f"{printable(path.parent.resolve().name)}/{file_key(path)}"

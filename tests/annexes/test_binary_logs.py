@@ -11,7 +11,7 @@ import pytest
 import written_logs as written
 
 from session.annexes.logs import ardupilot, betaflight, mcap_file, registry, ros, rosbag1, rosbag2, ulog
-from session.annexes.logs.registry import HEAD, reader_of
+from session.annexes.logs.registry import reader_of
 from session.io.annexes import need
 from session.io.errors import FormatError
 from session.io.units import parse_unit
@@ -39,6 +39,7 @@ FORMATS = {
     "ULog": (written.write_ulog, "a.ulg", ulog, "sensor_combined[0]", False),
     "dataflash": (written.write_ardupilot, "a.BIN", ardupilot, "IMU[0]", True),
 }
+HEAD = 4096
 SI = {"gyro": "rad/s", "accel": "m/s2"}
 each_format = pytest.mark.parametrize("name", FORMATS)
 

@@ -8,7 +8,7 @@ import written_logs as written
 from test_binary_logs import ACCEL, COUNT, GYRO, RECORDING, T_NS
 
 from session.annexes.logs import betaflight
-from session.annexes.logs.registry import HEAD, reader_of
+from session.annexes.logs.registry import reader_of
 from session.io.errors import FormatError
 from session.io.streams import Stream
 
@@ -43,7 +43,7 @@ def damaged(data: bytes, how: str) -> bytes:
         "flipped": data[:middle] + bytes([data[middle] ^ 0x55]) + data[middle + 1 :],
         "zeros": data[: middle - 50] + bytes(100) + data[middle + 50 :],
         "empty": b"",
-        "head": data[:HEAD][:64],
+        "head": data[:64],
     }[how]
 
 
@@ -51,7 +51,7 @@ def answers(name, path) -> list[Stream] | str:
     """The streams, or the one line that refuses the file.  Each stream is whole in itself."""
     reader = EVERY[name][2]
     if path.stat().st_size >= 100:  # less has no magic number
-        known = reader_of(path, path.read_bytes()[:HEAD])
+        known = reader_of(path, path.read_bytes()[:4096])
         assert known in (reader, None) or name == "ROS 2, MCAP"
         reader = known or reader
     try:

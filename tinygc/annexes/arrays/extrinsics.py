@@ -59,26 +59,18 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
     count = len(ours)
     mounting, sigma = from_rates, DIRECTION_RAD
     for _ in range(ROUNDS):
-        mounting, information = _weighed(ours, theirs, from_rates, sigma)
+        # Each direction of gravity has this sigma; the rates' three axes have the sigma TRIADS_RAD.
+        axes = np.eye(3)
+        weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
+        to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
+        mounting = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
+        information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
         before, freedom = sigma, 2 * count - 3
         if freedom > 0:
             sigma = max(float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom)), LEAST_RAD)
         if abs(sigma - before) <= 1e-6 * before:
             break
     return Mounting(mounting, np.linalg.inv(information), count)
-
-
-def _weighed(ours: np.ndarray, theirs: np.ndarray, from_rates: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the maximum-likelihood rotation, and its information (3, 3) about the array's axes.
-
-    Each direction of gravity has this sigma; the rates' three axes have the sigma TRIADS_RAD.
-    """
-    axes = np.eye(3)
-    weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
-    to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
-    matrix = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
-    information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
-    return matrix, information
 
 
 # Extrinsics of the units of an array: clock and mounting of each, from their rates and from gravity in their stills.

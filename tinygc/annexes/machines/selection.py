@@ -286,8 +286,8 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
     for each in judged:
         freedom = max(int(each.seen.sum()), 1)
         least_seen = np.sqrt(chi2.isf(FAMILY_WISE / max(len(judged), 1), freedom)) + POWER
-        smallest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
-        limits.append((each.candidate, float(least_seen * smallest)))
+        faintest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
+        limits.append((each.candidate, float(least_seen * faintest)))
         for direction in each.right[:, ~each.seen].T:
             unseen.append(Unseen(each.candidate, _hidden_in(base, each, direction)))
     found = sorted(found, key=lambda each: -each.log_evidence)

@@ -72,22 +72,18 @@ def read_curve(path: Path, units: str | None = None) -> AllanCurve:
     if len(rows) < LEAST_ROWS:
         raise FormatError(f"{path.name}: {len(rows)} averaging times, expected {LEAST_ROWS} at least: rows of tau and deviations")
     table = np.array(rows)
-    return AllanCurve(table[:, 0], _sensors(path.name, table[:, 1:], _units(words, units)))
-
-
-def _units(words: list[str], told: str | None) -> list[tuple[str, float]]:
-    """The sensor and the SI value of each unit, in the order of the columns."""
-    texts = [text.strip() for text in told.split(",")] if told else [text.strip() for line in words for text in BRACKETS.findall(line)]
+    # The sensor and the SI value of each unit, in the order of the columns
+    texts = [text.strip() for text in units.split(",")] if units else [text.strip() for line in words for text in BRACKETS.findall(line)]
     found: list[tuple[str, float]] = []
     for text in texts:
         sensor = _unit(text)
         if sensor is not None and sensor not in found:
             found.append(sensor)
-        elif sensor is None and told:
+        elif sensor is None and units:
             raise FormatError(
                 f"--curve-units: {text[:30]!r} is no unit of a deviation; expected {known('gyro')}, deg/h; {known('accel')}, ug"
             )
-    return found
+    return AllanCurve(table[:, 0], _sensors(path.name, table[:, 1:], found))
 
 
 def _unit(text: str) -> tuple[str, float] | None:

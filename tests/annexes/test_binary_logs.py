@@ -39,6 +39,7 @@ FORMATS = {
     "ULog": (written.write_ulog, "a.ulg", ulog, "sensor_combined[0]", False),
     "dataflash": (written.write_ardupilot, "a.BIN", ardupilot, "IMU[0]", True),
 }
+HEAD = 4096
 SI = {"gyro": "rad/s", "accel": "m/s2"}
 each_format = pytest.mark.parametrize("name", FORMATS)
 

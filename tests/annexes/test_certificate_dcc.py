@@ -1,19 +1,18 @@
-"""The Digital Calibration Certificate: valid by PTB's schema, read back to the same numbers, and what is no certificate refused."""
+"""The Digital Calibration Certificate: valid by PTB's schema, and read back to the same numbers."""
 
 import re
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from certified import FIELDS, with_fields
+from dcc_reader import parse, read
 
 import tinygc
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import CalibrationError
 from session.io.units import DEG, MG
 from tinygc.annexes.certificate.content import ResultRow, content_of
-from tinygc.annexes.certificate.dcc import MOST_ELEMENTS, parse, read
 from tinygc.annexes.certificate.dcc_file import UNITS, dcc_text
 from tinygc.annexes.certificate.library import certificate_of
 from tinygc.estimation.requirements import Measured
@@ -101,7 +100,7 @@ def test_it_is_read_back_to_the_same_numbers(written, data, tmp_path):
 
 
 def test_conformity_and_as_found_are_in_it(written):
-    found = parse(dcc_text(written), "dcc.xml")
+    found = parse(dcc_text(written))
     assert found.quantity("closure").conformity == ("pass",)
     assert found.quantity("gyroscope_bias_x").conformity == ("pass",)
     assert found.quantity("gyroscope_misalignment_x_to_y").conformity == ()
@@ -113,7 +112,7 @@ def test_a_value_in_a_guard_band_is_a_conditional_answer(data):
     for limit, answer in ((value.value + value.expanded / 2, "conditionalPass"), (value.value - value.expanded / 2, "conditionalFail")):
         content = content_of(with_fields(data, FIELDS.replace("upper = 5\n", f"upper = {limit}\n")))
         assert content.draft == ()
-        assert parse(dcc_text(content), "dcc.xml").quantity("closure").conformity == (answer,)
+        assert parse(dcc_text(content)).quantity("closure").conformity == (answer,)
 
 
 def test_what_is_not_observed_or_not_decided_has_limits_and_no_answer(data, schema):
@@ -123,7 +122,7 @@ def test_what_is_not_observed_or_not_decided_has_limits_and_no_answer(data, sche
     decision = decide(unseen, [run.file for run in made.fit.runs], None, made.fit.against_raw, None, [], made.fit.requirements)
     text = dcc_text(content_of(replace(made, adopted=unseen, decision=decision)))
     assert faults(schema, text) == []
-    found = parse(text, "dcc.xml")
+    found = parse(text)
     assert found.quantity("gyroscope_bias_x").conformity == ("pass",)
     assert "not observed" in re.search(r'id="gyroscope_bias_y".*?</dcc:quantity>', text, flags=re.DOTALL)[0]
     assert "conformity>" not in re.search(r'id="gyroscope_bias_y".*?id="gyroscope_bias_z"', text, flags=re.DOTALL)[0]
@@ -151,7 +150,7 @@ IN_SI = {
 @pytest.mark.parametrize("unit", IN_SI)
 def test_each_unit_in_si(written, unit):
     one = replace(written, results=[ResultRow("one", ("",), (Measured("", "one", unit, 1.0, 0.5),))])
-    q = parse(dcc_text(one), "dcc.xml").quantity("one")
+    q = parse(dcc_text(one)).quantity("one")
     assert q.values == pytest.approx([IN_SI[unit]], rel=1e-9)
     assert q.expanded == pytest.approx([IN_SI[unit] * 0.979982], rel=1e-6)
     assert set(IN_SI) == set(UNITS)
@@ -167,7 +166,7 @@ def test_what_people_wrote_stays_text(data, schema):
     fields = FIELDS.replace("Customerword", "A & B <b>]]> ü &lt;")
     text = dcc_text(content_of(with_fields(data, fields, serial="S\x07\x1b[31m<x/>")))
     assert faults(schema, text) == []
-    found = parse(text, "dcc.xml")
+    found = parse(text)
     assert found.identifications == ("S\\x07\\x1b[31m<x/>",)
 
 
@@ -190,45 +189,9 @@ def test_the_examples_of_the_good_practice_are_read(shared, name):
     error = next(each for each in found.quantities if "basic_measurementError" in each.ref_type)
     assert error.name == "Measurement error"
     assert error.values == pytest.approx([0.072, 0.089, 0.107, -0.009, -0.084])
-    assert error.units == (r"\kelvin",) * 5
+    assert error.units == [r"\kelvin"] * 5
     assert error.expanded == pytest.approx([0.061] * 5)
     assert error.factor == pytest.approx([2.0] * 5)
-
-
-HEAD = '<digitalCalibrationCertificate schemaVersion="3.3.0"><administrativeData><coreData><uniqueIdentifier>7</uniqueIdentifier>'
-HEAD += "</coreData></administrativeData><measurementResults><measurementResult><results><result><data><quantity><real>"
-TAIL = "</real></quantity></data></result></results></measurementResult></measurementResults></digitalCalibrationCertificate>"
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", "broken XML"),
-        ("\x00", "broken XML"),
-        ("<a>&b;</a>", "undefined entity"),
-        ("<a/>", "no Digital Calibration Certificate, its first element is a"),
-        ("<digitalCalibrationCertificate/>", "uniqueIdentifier is missing"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares a document type"),
-        ("<a>" * 300 + "</a>" * 300, "elements more than 100 deep"),
-        ("<a>" + "<b/>" * MOST_ELEMENTS + "</a>", f"more than {MOST_ELEMENTS} elements"),
-        (HEAD + "<value>much</value><unit>\\one</unit>" + TAIL, "could not convert string to float"),
-        (HEAD + "<value>1 2 3</value><unit>\\one \\one</unit>" + TAIL, "2 entries beside 3 values"),
-        (HEAD + "<value>1 2</value><covarianceXMLList><valueXMLList>1</valueXMLList></covarianceXMLList>" + TAIL, "not 2 x 2"),
-    ],
-)
-def test_what_is_no_certificate_is_refused_in_one_line(text, says):
-    with pytest.raises(FormatError) as caught:
-        parse(text, "dcc.xml")
-    assert says in str(caught.value)
-    assert str(caught.value).startswith("dcc.xml: ")
-    assert "\n" not in str(caught.value)
-
-
-def test_a_certificate_without_results_or_names_is_read_as_far_as_it_goes():
-    found = parse(HEAD + "<value>1e-3</value><unit>\\metre</unit>" + TAIL, "dcc.xml")
-    assert (found.number, found.laboratory, found.model) == ("7", "", "")
-    (q,) = found.quantities
-    assert (q.values.tolist(), q.units) == ([1e-3], (r"\metre",))
 
 
 @pytest.mark.broad
@@ -241,4 +204,4 @@ def test_the_command_writes_it(simulated, tmp_path, run):
     assert code == 0
     assert str(out) in said
     assert (folder / "certificate.html").exists()
-    assert read(Path(out)).number == "Numberword-7"
+    assert read(out).number == "Numberword-7"

@@ -117,10 +117,38 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Ca
             raise FormatError(f"{folder}: {name} is of one sensor's axes and stills; give that unit a folder of its own ([array] folders)")
     for stem, present in paths.items():
         if stem != "rest":
-            _whole(folder, stem, present, numbers)
+            # FormatError where a log lacks units that another has
+            by_log: dict[str, set[int]] = {}
+            for unit in map(unit_of, present):
+                assert unit is not None  # or it was refused
+                by_log.setdefault(unit[0], set()).add(unit[1])
+            for which, there in sorted(by_log.items()):
+                if missing := sorted(set(numbers) - there):
+                    raise FormatError(
+                        f"{folder}: {which} lacks unit {_listed(missing)} of {_listed(numbers)}; every {stem} needs a file of every unit: "
+                        f"add {which}.unit{missing[0]}.csv, or take that unit's other logs out"
+                    )
     for each in (*paths["log"], *paths["closure"], *paths["rest"]):
         require_file(each)
-    own, unknown = _own_tables(path, section, numbers), _unknown(section, ("folders", UNIT), "array")
+    # [[array.unit]] by its number
+    rows = section.get(UNIT, [])
+    expected = "[[array.unit]] expects number = 3, and sensor.serial, accelerometer.matrix and the like"
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise FormatError(f"{path}: array.unit is {shown(rows)}; {expected}")
+    own: dict[int, dict] = {}
+    for row in rows:
+        number = row.get("number")
+        if isinstance(number, bool) or not isinstance(number, int):
+            raise FormatError(f"{path}: array.unit has number {shown(number)}; {expected}")
+        if number in own:
+            raise FormatError(f"{path}: [[array.unit]] number {number} is there twice; keep one")
+        if number not in numbers:
+            raise FormatError(f"{path}: [[array.unit]] number {number} has no log; there are units {_listed(numbers)}")
+        for name in OWN_SECTIONS:
+            if not isinstance(row.get(name, {}), dict):
+                raise FormatError(f"{path}: array.unit.{name} of unit {number} is {shown(row[name])}, expected a table")
+        own[number] = row
+    unknown = _unknown(section, ("folders", UNIT), "array")
     units = {}
     for number in numbers:
         config = _unit_config(path, table, own.get(number, {}), number)
@@ -143,42 +171,6 @@ def _listed(numbers: Sequence[int]) -> str:
 
 def _with_unit(path: Path) -> str:
     return path.name.replace(".csv", ".unit0.csv", 1)
-
-
-def _whole(folder: Path, stem: str, paths: Sequence[Path], numbers: Sequence[int]) -> None:
-    """FormatError where a log lacks units that another has."""
-    by_log: dict[str, set[int]] = {}
-    for unit in map(unit_of, paths):
-        assert unit is not None  # or it was refused
-        by_log.setdefault(unit[0], set()).add(unit[1])
-    for which, there in sorted(by_log.items()):
-        if missing := sorted(set(numbers) - there):
-            raise FormatError(
-                f"{folder}: {which} lacks unit {_listed(missing)} of {_listed(numbers)}; every {stem} needs a file of every unit: "
-                f"add {which}.unit{missing[0]}.csv, or take that unit's other logs out"
-            )
-
-
-def _own_tables(path: Path, section: dict, numbers: Sequence[int]) -> dict[int, dict]:
-    """``[[array.unit]]`` by its number."""
-    rows = section.get(UNIT, [])
-    expected = "[[array.unit]] expects number = 3, and sensor.serial, accelerometer.matrix and the like"
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise FormatError(f"{path}: array.unit is {shown(rows)}; {expected}")
-    found: dict[int, dict] = {}
-    for row in rows:
-        number = row.get("number")
-        if isinstance(number, bool) or not isinstance(number, int):
-            raise FormatError(f"{path}: array.unit has number {shown(number)}; {expected}")
-        if number in found:
-            raise FormatError(f"{path}: [[array.unit]] number {number} is there twice; keep one")
-        if number not in numbers:
-            raise FormatError(f"{path}: [[array.unit]] number {number} has no log; there are units {_listed(numbers)}")
-        for name in OWN_SECTIONS:
-            if not isinstance(row.get(name, {}), dict):
-                raise FormatError(f"{path}: array.unit.{name} of unit {number} is {shown(row[name])}, expected a table")
-        found[number] = row
-    return found
 
 
 def _unit_config(path: Path, table: dict, own: dict, number: int) -> Config:

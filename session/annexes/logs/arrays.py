@@ -152,40 +152,35 @@ def _clear(path: Path, what: str, arrays: Sequence[Array]) -> list[Plan]:
                     f"{path}: {singles[0][0].name} and the other axes are in different units ({', '.join(sorted(units))}); expected one"
                 )
             whole[key] = tuple(array for array, _ in singles), units.pop()
-    return _paired(path, what, whole, said)
-
-
-def _paired(
-    path: Path, what: str, whole: dict[tuple[str, str], tuple[tuple[Array, ...], str]], said: Sequence[tuple[Array, Meaning]]
-) -> list[Plan]:
-    """A gyroscope and an accelerometer of one group and one length are one stream; others are streams of their own."""
+    # A gyroscope and an accelerometer of one group and one length are one stream; others are streams of their own
     made, used = [], set()
     for (kind, of), (arrays, unit) in whole.items():
         if (kind, of) in used:
             continue
         other = ("accel" if kind == "gyro" else "gyro", of)
         partner = whole.get(other)
-        parts, units = {kind: arrays}, {kind: unit}
+        parts, in_units = {kind: arrays}, {kind: unit}
         if partner is not None and partner[0][0].rows == arrays[0].rows:
-            parts[other[0]], units[other[0]] = partner
+            parts[other[0]], in_units[other[0]] = partner
             used.add(other)
         rows = arrays[0].rows
         temps = [
             (array, found) for array, found in said if found.kind == "temp" and array.is_column and array.rows == rows and found.of == of
         ]
         if len(temps) == 1:
-            parts["temp"], units["temp"] = (temps[0][0],), temps[0][1].unit
+            parts["temp"], in_units["temp"] = (temps[0][0],), temps[0][1].unit
         t, t_unit, note = _time(path, what, rows, of, said)
         parts = {key: parts[key] for key in ("gyro", "accel", "temp") if key in parts}
         name = of or ("imu" if len(parts) - ("temp" in parts) > 1 else kind)
-        made.append(Plan(name, parts, units, {key: (1, 1, 1) for key in parts}, t, t_unit, (note,) if note else ()))
+        made.append(Plan(name, parts, in_units, {key: (1, 1, 1) for key in parts}, t, t_unit, (note,) if note else ()))
     names = [plan.name for plan in made]
-    return [plan if names.count(plan.name) == 1 else _renamed(plan) for plan in made]
-
-
-def _renamed(plan: Plan) -> Plan:
-    """Of two streams of one name each is called by its array."""
-    return Plan(next(iter(plan.parts.values()))[0].name, plan.parts, plan.units, plan.signs, plan.t, plan.t_unit, plan.notes)
+    # Of two streams of one name each is called by its array
+    return [
+        plan
+        if names.count(plan.name) == 1
+        else Plan(next(iter(plan.parts.values()))[0].name, plan.parts, plan.units, plan.signs, plan.t, plan.t_unit, plan.notes)
+        for plan in made
+    ]
 
 
 def _time(path: Path, what: str, rows: int, of: str, said: Sequence[tuple[Array, Meaning]]) -> tuple[Array | None, str, str]:

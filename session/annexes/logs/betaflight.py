@@ -110,7 +110,12 @@ class _Header:
 def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[str, ...]]:
     """The streams of one log and all of its columns.  Raises whatever orangebox raises for a header that it cannot read."""
     reader = orangebox.reader.Reader(str(path), number, allow_invalid_header=True)
-    _require_intervals(reader.headers)
+    # ValueError for intervals of frames with which orangebox would count for ever
+    whole = reader.headers.get("I interval", 1)
+    share = reader.headers.get("P interval", "1/1")
+    above, below = map(int, share.split("/")) if isinstance(share, str) else (1, int(share))
+    if not (1 <= int(whole) <= MOST_INTERVAL and above >= 1 and below >= 1):
+        raise ValueError(f"intervals of frames {whole} and {share}")
     parser = orangebox.Parser(reader)
     columns = tuple(parser.field_names)
     places = {what: [columns.index(name.format(i)) for i in range(3)] for what, name in FIELDS.items() if name.format(2) in columns}
@@ -162,15 +167,6 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
                 )
             )
     return streams, columns
-
-
-def _require_intervals(headers: dict[str, Any]) -> None:
-    """ValueError for intervals of frames with which orangebox would count for ever."""
-    whole = headers.get("I interval", 1)
-    share = headers.get("P interval", "1/1")
-    above, below = map(int, share.split("/")) if isinstance(share, str) else (1, int(share))
-    if not (1 <= int(whole) <= MOST_INTERVAL and above >= 1 and below >= 1):
-        raise ValueError(f"intervals of frames {whole} and {share}")
 
 
 def _header(headers: dict[str, Any]) -> _Header:

@@ -92,16 +92,14 @@ def _arrays(file: Any) -> tuple[list[Array], float | None]:
             elif item.shape == () or item.size == 1:
                 rates[name] = item[()]
             elif item.shape is not None:
-                found.append(Array(name, item.shape, item.dtype, _text(next((item.attrs[key] for key in UNITS if key in item.attrs), ""))))
+                # An attribute that is a text, however it was written
+                value = next((item.attrs[key] for key in UNITS if key in item.attrs), "")
+                if isinstance(value, np.ndarray):
+                    value = value.ravel()[0] if value.size else ""
+                unit = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+                found.append(Array(name, item.shape, item.dtype, unit))
         else:
             rates.update({f"{name}/{key}": value for key, value in item.attrs.items()})
 
     file.visititems(visit)
     return found, rate_of(rates)
-
-
-def _text(value: object) -> str:
-    """An attribute that is a text, however it was written."""
-    if isinstance(value, np.ndarray):
-        value = value.ravel()[0] if value.size else ""
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -53,7 +53,9 @@ def _is_archive(path: Path) -> bool:
 def _arrays(path: Path) -> tuple[list[Array], float | None]:
     """Names, shapes and types by the heads alone; a rate among the scalars."""
     if not _is_archive(path):
-        return _columns("", _mapped(path)), None
+        # Shape and type of a single array, which is not read
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        return _columns("", (array.shape, array.dtype)), None
     found: list[Array] = []
     scalars: dict[str, object] = {}
     with open_file(path) as file, zipfile.ZipFile(file) as archive:
@@ -72,12 +74,6 @@ def _arrays(path: Path) -> tuple[list[Array], float | None]:
             else:
                 found += _columns(name, (shape, dtype))
     return found, rate_of(scalars)
-
-
-def _mapped(path: Path) -> tuple[tuple[int, ...], np.dtype]:
-    """Shape and type of a single array, which is not read."""
-    array = np.load(path, mmap_mode="r", allow_pickle=False)
-    return array.shape, array.dtype
 
 
 def _columns(name: str, head: tuple[tuple[int, ...], np.dtype]) -> list[Array]:

@@ -118,17 +118,14 @@ class _Bag:
             raise
         except Exception as error:
             self._damaged.add(self.at, error)
-            self._take_index()
-
-    def _take_index(self) -> None:
-        """The connections as the index repeats them, where it can be read: a damaged chunk may have held them."""
-        with contextlib.suppress(Exception), Source(self._path) as source:
-            source.seek(len(MAGIC))
-            head = self._reader.Header.read(source)
-            source.seek(head.get_uint64("index_pos"))
-            for _ in range(head.get_uint32("conn_count")):
-                record = self._reader.Header.read(source)
-                self._record(record.get_uint8("op"), record, source.read(self._reader.read_uint32(source)))
+            # The connections as the index repeats them, where it can be read: a damaged chunk may have held them
+            with contextlib.suppress(Exception), Source(self._path) as source:
+                source.seek(len(MAGIC))
+                head = self._reader.Header.read(source)
+                source.seek(head.get_uint64("index_pos"))
+                for _ in range(head.get_uint32("conn_count")):
+                    record = self._reader.Header.read(source)
+                    self._record(record.get_uint8("op"), record, source.read(self._reader.read_uint32(source)))
 
     def _record(self, kind: int, header: Any, body: bytes) -> None:
         if kind == CONNECTION:

@@ -90,14 +90,33 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
     with one_line(path, "a ROS 2 bag"):
         database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         rows = 0
-        _note_cut(path, notes)
+        # Note a file that is shorter than the pages which its head counts
+        with open_file(path) as file:
+            head = file.read(32)
+        page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+        whole, size = pages * (65_536 if page == 1 else page), path.stat().st_size
+        if size < whole:
+            notes.append(f"the file is cut: it has {size} of {whole} bytes")
         try:
             database.execute("PRAGMA trusted_schema = OFF")
             database.execute("PRAGMA writable_schema = ON")  # nothing is written: without it SQLite does not open a file that is cut
             tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if not {"topics", "messages"} <= tables:
                 raise FormatError(f"{path}: a SQLite file without the tables topics and messages of a ROS 2 bag; is it the right file?")
-            wanted = _connect(path, database, tables, names, found, seen, notes)
+            # The wanted topics by their numbers
+            texts = dict(_definitions(database)) if "message_definitions" in tables else {}
+            wanted: dict[int, Topic] = {}
+            for number, name, kind, form in list(database.execute("SELECT id, name, type, serialization_format FROM topics")):
+                seen[f"{name} ({kind})"] = None
+                if form != "cdr" or (names is not None and name not in names):
+                    continue
+                if name not in found:
+                    encoding, text = texts.get(kind, ("", ""))
+                    topic = ros2_topic(path, name, kind, text, encoding == "ros2idl", notes)
+                    if topic is None:
+                        continue
+                    found[name] = topic
+                wanted[number] = found[name]
             for number, stamp, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid"):
                 if not isinstance(stamp, int) or not isinstance(data, bytes):
                     raise ValueError("a row that is none")  # of a page that is cut, or of zeros
@@ -108,42 +127,6 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
             notes.append(f"the bag is damaged and is read up to its message {rows} ({reason(error)})")
         finally:
             database.close()
-
-
-def _note_cut(path: Path, notes: list[str]) -> None:
-    """Note a file that is shorter than the pages which its head counts."""
-    with open_file(path) as file:
-        head = file.read(32)
-    page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
-    whole, size = pages * (65_536 if page == 1 else page), path.stat().st_size
-    if size < whole:
-        notes.append(f"the file is cut: it has {size} of {whole} bytes")
-
-
-def _connect(
-    path: Path,
-    database: sqlite3.Connection,
-    tables: set[str],
-    names: Sequence[str] | None,
-    found: dict[str, Topic],
-    seen: dict[str, None],
-    notes: list[str],
-) -> dict[int, Topic]:
-    """The wanted topics by their numbers."""
-    texts = dict(_definitions(database)) if "message_definitions" in tables else {}
-    wanted: dict[int, Topic] = {}
-    for number, name, kind, form in list(database.execute("SELECT id, name, type, serialization_format FROM topics")):
-        seen[f"{name} ({kind})"] = None
-        if form != "cdr" or (names is not None and name not in names):
-            continue
-        if name not in found:
-            encoding, text = texts.get(kind, ("", ""))
-            topic = ros2_topic(path, name, kind, text, encoding == "ros2idl", notes)
-            if topic is None:
-                continue
-            found[name] = topic
-        wanted[number] = found[name]
-    return wanted
 
 
 def _definitions(database: sqlite3.Connection) -> Iterator[tuple[str, tuple[str, str]]]:

@@ -53,21 +53,18 @@ class Pattern:
     def match(self, line: str, word: str = "") -> dict[str, str] | None:
         """Its fields in a line, or None."""
         if word not in self._compiled:
-            self._compiled[word] = re.compile(self._source(word))
+            parts = []
+            for part in re.split(r"(\{\w+\}|\*| +)", self.text):
+                if part == "*":
+                    parts.append(".*")
+                elif part.startswith("{"):
+                    name = part[1:-1]
+                    parts.append(re.escape(word) if name == "word" and word else f"(?P<{name}>(?>{FIELDS[name]}))")
+                else:
+                    parts.append(" *+" if part.isspace() else re.escape(part))
+            self._compiled[word] = re.compile("".join(parts))
         found = self._compiled[word].fullmatch(line[:LONGEST_LINE])
         return None if found is None else found.groupdict()
-
-    def _source(self, word: str) -> str:
-        parts = []
-        for part in re.split(r"(\{\w+\}|\*| +)", self.text):
-            if part == "*":
-                parts.append(".*")
-            elif part.startswith("{"):
-                name = part[1:-1]
-                parts.append(re.escape(word) if name == "word" and word else f"(?P<{name}>(?>{FIELDS[name]}))")
-            else:
-                parts.append(" *+" if part.isspace() else re.escape(part))
-        return "".join(parts)
 
 
 class _Patterns(Shape):

@@ -74,7 +74,12 @@ class TableMover:
             raise driver.trouble
         if moment is not None:
             driver.heard(moment)
-            self._blind(guide, moment)
+            # Nobody sees what the table does: it goes on when the guide has seen a still
+            if self.driver.busy and self.driver.now_s() - moment.host_ns * NS > BLIND_S and not self._stopped:
+                self.driver.stop()
+                self._word.interrupted()
+                guide.waits(Stage.CHECK_STREAM, "no samples while the table moves")
+                self._say(f"no samples for {BLIND_S:g} s while the table moves: it is stopped, and goes on with them")
         driver.tick_if_alone()
         if driver.busy:
             self._made_s = None if self._made_s is None else driver.now_s()
@@ -110,14 +115,6 @@ class TableMover:
         self._was_paused = paused
         if driver.fault and not self._stopped:
             self._halt(f"the table is stopped: {driver.fault}")
-
-    def _blind(self, guide: Guide, moment: Moment) -> None:
-        """Nobody sees what the table does: it goes on when the guide has seen a still."""
-        if self.driver.busy and self.driver.now_s() - moment.host_ns * NS > BLIND_S and not self._stopped:
-            self.driver.stop()
-            self._word.interrupted()
-            guide.waits(Stage.CHECK_STREAM, "no samples while the table moves")
-            self._say(f"no samples for {BLIND_S:g} s while the table moves: it is stopped, and goes on with them")
 
     def _halt(self, why: str) -> None:
         """Stop, and pause until somebody has looked at it."""
@@ -164,7 +161,11 @@ class TableMover:
             if self._made_s is not None and not self._waited(NO_TURN_S):
                 return  # its still has yet to come
             if self._made_s is not None:
-                self._no_turn()
+                # The machine says that it has turned, and no turn was seen
+                self._contradictions += 1
+                self._say("the machine says that it has turned, and the gyroscope saw nothing: it is stalled, or its coupling slips")
+                if self._contradictions >= MOST_CONTRADICTIONS:
+                    self._halt(f"{self._contradictions} moves in a row were not seen by the sensor")
             elif advice is None and (coaching or (guide.coached and guide.asked_for.awaited(guide.now_s))):
                 return
             moves = advice.moves if advice is not None and advice.moves else self._moves.choose(self._most_rps(guide))
@@ -175,13 +176,6 @@ class TableMover:
 
     def _waited(self, seconds: float) -> bool:
         return self._made_s is not None and self.driver.now_s() - self._made_s > seconds
-
-    def _no_turn(self) -> None:
-        """The machine says that it has turned, and no turn was seen."""
-        self._contradictions += 1
-        self._say("the machine says that it has turned, and the gyroscope saw nothing: it is stalled, or its coupling slips")
-        if self._contradictions >= MOST_CONTRADICTIONS:
-            self._halt(f"{self._contradictions} moves in a row were not seen by the sensor")
 
     def _make(self, moves: tuple[AxisMove, ...]) -> None:
         if self._stopped:

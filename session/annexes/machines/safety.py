@@ -291,7 +291,15 @@ class Guarded:
             if self._turns:
                 self._stop_for("it says that it rests, asked for was a turn at a rate")
             found = self._guard(self._table.where)  # the angle may be older than the word that it rests
-            self._arrived(found)
+            # It says that the motion has ended: is it where it should be?
+            if self._target is not None and not self.by_hand:
+                number, asked = self._target
+                axis, said = self.description.axes[number], found.angles[number]
+                if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
+                    self._stop_for(f"{axis.name} says that it rests at {said / DEG:.2f} deg, asked for was {asked / DEG:.2f}")
+            if self._homing:
+                self._table.angles_lost, self._last = False, None
+            self._rests()
         if found.moving and now_s > self._due_s:
             self._stop_for(f"it still moves {now_s - self._begin_s:.1f} s after its move began; computed were {self._computed_s:.1f} s")
         return found
@@ -406,17 +414,6 @@ class Guarded:
             if along < self._furthest - JUMP_RAD - beside:
                 self._stop_for(f"{axis.name} turns the wrong way: it is at {angle / DEG:.2f} deg, {asked}")
         self._last = (asked_s, found.angles)
-
-    def _arrived(self, found: Where) -> None:
-        """It says that the motion has ended: is it where it should be?"""
-        if self._target is not None and not self.by_hand:
-            number, asked = self._target
-            axis, said = self.description.axes[number], found.angles[number]
-            if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
-                self._stop_for(f"{axis.name} says that it rests at {said / DEG:.2f} deg, asked for was {asked / DEG:.2f}")
-        if self._homing:
-            self._table.angles_lost, self._last = False, None
-        self._rests()
 
     def _rests(self) -> None:
         """It was seen at rest."""

@@ -133,7 +133,17 @@ class Grbl(Firmware):
         if mechanics.once("unknown_error"):
             return ["error:99"]
         if text == "$H":
-            return self._home()
+            if not self._has_homing:
+                return ["error:5"]
+            if not self.mechanics.clear():
+                return ["error:13"]
+            if self._state() not in ("Idle", "Alarm"):
+                return ["error:8"]
+            self.mechanics.clear()
+            self._is_locked = False
+            if self.mechanics.home():
+                self.later = ["ok"]
+            return []
         if text == "$X":
             if not mechanics.clear():
                 return ["error:13"]
@@ -149,19 +159,6 @@ class Grbl(Firmware):
         if text.startswith("$J="):
             return [self._jog(text[3:])]
         return ["ok" if text in ("G21", "G90", "G94", "$I") else "error:20"]
-
-    def _home(self) -> list[str]:
-        if not self._has_homing:
-            return ["error:5"]
-        if not self.mechanics.clear():
-            return ["error:13"]
-        if self._state() not in ("Idle", "Alarm"):
-            return ["error:8"]
-        self.mechanics.clear()
-        self._is_locked = False
-        if self.mechanics.home():
-            self.later = ["ok"]
-        return []
 
     def _jog(self, text: str) -> str:
         words = re.findall(rf"([A-Z])({NUMBER})", text)

@@ -89,7 +89,11 @@ class Mechanics:
         for fault in [fault for fault in self._waiting if fault.move is None and fault.at_s <= now_s]:
             self._waiting.remove(fault)
             self._since_s[fault.kind] = fault.at_s
-            self._strike(fault.kind, fault.at_s)
+            if fault.kind in ("estop", "limit"):
+                self.stopped_by, self._is_pressed = fault.kind, fault.kind == "estop"
+                self._stop(fault.at_s, BRAKE)
+            elif fault.kind == "restart":
+                self.restart(fault.at_s)
         if self._homing_until_s is not None and now_s >= self._homing_until_s:
             self._homing_until_s = None
             self.unknown = [0.0] * len(self.tracks)
@@ -204,13 +208,6 @@ class Mechanics:
         for axis, track in enumerate(self.tracks):
             if track.busy_until_s > now_s:
                 track.turn_at(now_s, 0.0, brake * self._acceleration(axis))
-
-    def _strike(self, kind: str, t_s: float) -> None:
-        if kind in ("estop", "limit"):
-            self.stopped_by, self._is_pressed = kind, kind == "estop"
-            self._stop(t_s, BRAKE)
-        elif kind == "restart":
-            self.restart(t_s)
 
     def _acceleration(self, axis: int) -> float:
         return self.description.axes[axis].acceleration_rps2

@@ -81,16 +81,13 @@ class UnitLog:
             if piece is None:
                 self._ended = True
             else:
-                self._resampler.push(_moments(self.clock, piece.t_ns, begins_ns), as_six(piece, self.has_force))
+                # Stamps as times (K,) s of the array's clock after begins_ns
+                since = (piece.t_ns - begins_ns) * NS
+                moments = since + self.clock.offset_s + self.clock.rate * (since + (begins_ns * NS - self.clock.about_s))
+                self._resampler.push(moments, as_six(piece, self.has_force))
         found = self._resampler.at(t_s)
         self._resampler.forget(float(t_s[-1]))
         return found
-
-
-def _moments(clock: UnitClock, t_ns: np.ndarray, begins_ns: int) -> np.ndarray:
-    """Convert stamps to times (K,) s of the array's clock after begins_ns."""
-    since = (t_ns - begins_ns) * NS
-    return since + clock.offset_s + clock.rate * (since + (begins_ns * NS - clock.about_s))
 
 
 def as_six(piece: Applicable, with_force: bool) -> np.ndarray:

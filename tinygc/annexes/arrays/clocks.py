@@ -111,19 +111,15 @@ def rates_of(samples: Samples, end_dps: float) -> Rates:
     t_s, rate = samples.t_ns * NS, np.asarray(samples.gyro)
     bad = (np.abs(rate) >= end_dps * DEG).any(axis=1)
     step, period_s = np.diff(t_s), samples.period_s
-    bad |= _stuck(rate, max(round(STUCK_S / period_s), 4))
+    # Readings in runs of identical values on all axes, of at least this length
+    begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
+    count = np.diff(np.append(begins, len(rate)))
+    bad |= np.repeat(count >= max(round(STUCK_S / period_s), 4), count)
     gaps = step > GAP_PERIODS * period_s
     bad[:-1] |= gaps
     bad[1:] |= gaps
     near = np.convolve(bad, np.ones(2 * BESIDE + 1), mode="same") > 0.5 if len(bad) > 2 * BESIDE else np.full(len(bad), bad.any())
     return Rates(t_s, rate, ~near, period_s)
-
-
-def _stuck(rate: np.ndarray, length: int) -> np.ndarray:
-    """Return (N,) bool: readings in runs of identical values on all axes, of at least this length."""
-    begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
-    count = np.diff(np.append(begins, len(rate)))
-    return np.repeat(count >= length, count)
 
 
 def session_rates(session: Session) -> tuple[Rates, ...]:
@@ -296,7 +292,15 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
 
     Raises CalibrationError for a clock that was reset between two logs.
     """
-    rough = _roughly(first, unit, name)
+    each = [rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
+    rough = max(each, key=lambda one: one.likeness)
+    for number, other in enumerate(each):
+        apart_s = abs(rough.offset_s + rough.rate * (other.about_s - rough.about_s) - other.offset_s)
+        if other.likeness > SAME_BODY and apart_s > SET_ANEW_S + 0.01 * abs(other.about_s - rough.about_s):
+            raise CalibrationError(
+                f"{name}: its clock was set anew between two logs: in log {number + 1} it is {apart_s:.2f} s from where the other has it; "
+                "give each log an array's folder of its own"
+            )
     about_s = rough.about_s
     splines = [rates.spline() for rates in first]
     slopes = [spline.derivative() for spline in splines]
@@ -323,21 +327,6 @@ def _as_fit(solved: _Solved, x: np.ndarray, about_s: float) -> ClockFit:
     sigma = np.sqrt(np.diag(solved.covariance))
     clock = UnitClock(float(x[0]), float(x[1]), about_s, float(sigma[0]), float(sigma[1]))
     return ClockFit(clock, solved.matrix, solved.matrix_sigma, solved.bias, solved.agreement, solved.covariance, solved.rms)
-
-
-def _roughly(first: Sequence[Rates], unit: Sequence[Rates], name: str) -> RoughClock:
-    """Return the coarse clock of the log with the largest correlation; CalibrationError where another log with as large a one contradicts
-    it."""
-    each = [rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
-    best = max(each, key=lambda rough: rough.likeness)
-    for number, rough in enumerate(each):
-        apart_s = abs(best.offset_s + best.rate * (rough.about_s - best.about_s) - rough.offset_s)
-        if rough.likeness > SAME_BODY and apart_s > SET_ANEW_S + 0.01 * abs(rough.about_s - best.about_s):
-            raise CalibrationError(
-                f"{name}: its clock was set anew between two logs: in log {number + 1} it is {apart_s:.2f} s from where the other has it; "
-                "give each log an array's folder of its own"
-            )
-    return best
 
 
 def noise_of(rate: np.ndarray) -> np.ndarray:
@@ -465,10 +454,10 @@ class _ClockRows:
         return inverse @ (scores.T @ scores) @ inverse * few
 
 
-def _cardinal(reach: int = 12, points: int = 101) -> tuple[np.ndarray, np.ndarray]:
+def _cardinal() -> tuple[np.ndarray, np.ndarray]:
     """Return the variance of a cubic spline through white noise of variance 1, between two readings, at phases 0 to 1."""
-    knots = np.arange(-reach, reach + 1.0)
-    phase = np.linspace(0, 1, points)
+    knots = np.arange(-12, 13.0)
+    phase = np.linspace(0, 1, 101)
     weights = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(phase)
     return phase, np.square(weights).sum(axis=1)
 

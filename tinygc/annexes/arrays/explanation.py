@@ -19,7 +19,6 @@ from session.io.texts import printable
 from session.io.units import DEG, NS, G
 from tinygc.annexes.arrays.fit import ArrayFit, UnitFit, begins_s, event_to_json, fit_array, split_to_json
 from tinygc.annexes.arrays.joint import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
-from tinygc.annexes.arrays.model import ArrayModel
 from tinygc.annexes.arrays.rest_noise import SharedNoise, shared_noise
 from tinygc.annexes.arrays.slow_zero import PooledSlowZero, slow_zero_of
 from tinygc.annexes.arrays.standings import Part, Parts, parts_of
@@ -92,21 +91,30 @@ def moments_of(fit: ArrayFit) -> list[Moment]:
             what = KNOCK if felt > FELT else FALSE_READING
             size = float(np.linalg.norm(leap, axis=1).max())
             leaps.append(Moment(what, float(t_s.mean()), unit.number, size, felt, (unit.number,)))
-    leaps = _one_knock_each(leaps)
-    return sorted([*leaps, *_impacts(fit, leaps)], key=lambda moment: moment.at_s)
-
-
-def _one_knock_each(leaps: list[Moment]) -> list[Moment]:
-    """Merge simultaneous steps of several units that all felt into one knock, that of the unit with the largest step."""
+    # Merge simultaneous steps of several units that all felt into one knock, that of the unit with the largest step
     kept: list[Moment] = []
-    for leap in sorted(leaps, key=lambda moment: -moment.size_rps):
-        same = [k for k, one in enumerate(kept) if one.what == leap.what == KNOCK and abs(one.at_s - leap.at_s) < TOGETHER_S]
+    for step in sorted(leaps, key=lambda moment: -moment.size_rps):
+        same = [k for k, one in enumerate(kept) if one.what == step.what == KNOCK and abs(one.at_s - step.at_s) < TOGETHER_S]
         if same:
             one = kept[same[0]]
-            kept[same[0]] = replace(one, units=tuple(sorted({*one.units, *leap.units})))
+            kept[same[0]] = replace(one, units=tuple(sorted({*one.units, *step.units})))
         else:
-            kept.append(leap)
-    return kept
+            kept.append(step)
+    leaps = kept
+    # Impacts that more than half of the accelerometers show at once, without those already found as a step
+    found: list[tuple[float, int]] = []
+    for unit in fit.prepared:
+        for log in unit.problem.session.logs:
+            found += [(log.samples.t_ns[each.row] * NS, unit.number) for each in find_impacts(log.samples)]
+    moments: list[Moment] = []
+    spans = [(float(a), float(b)) for a, b in fit.same.time_s]
+    for at_s, _ in sorted(found):
+        who = tuple(sorted({number for other_s, number in found if abs(other_s - at_s) < TOGETHER_S}))
+        inside = spans[0][0] <= at_s <= spans[-1][1]
+        told = any(abs(moment.at_s - at_s) < TOGETHER_S for moment in (*leaps, *moments))
+        if inside and not told and len(who) > len(fit.units) / 2:
+            moments.append(Moment(KNOCK, float(at_s), who[0], 0.0, 1.0, who))
+    return sorted([*leaps, *moments], key=lambda moment: moment.at_s)
 
 
 def _in_array(fit: ArrayFit, i: int, rate: np.ndarray, bias: bool = True) -> np.ndarray:
@@ -133,23 +141,6 @@ def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, us
         if others:
             shares.append(float(np.sum(np.median(others, axis=0) * leap) / np.sum(leap**2)))
     return max(shares) if shares else None
-
-
-def _impacts(fit: ArrayFit, leaps: list[Moment]) -> list[Moment]:
-    """Return impacts that more than half of the accelerometers show at once, without those already found as a step."""
-    found: list[tuple[float, int]] = []
-    for unit in fit.prepared:
-        for log in unit.problem.session.logs:
-            found += [(log.samples.t_ns[each.row] * NS, unit.number) for each in find_impacts(log.samples)]
-    moments: list[Moment] = []
-    spans = [(float(a), float(b)) for a, b in fit.same.time_s]
-    for at_s, _ in sorted(found):
-        who = tuple(sorted({number for other_s, number in found if abs(other_s - at_s) < TOGETHER_S}))
-        inside = spans[0][0] <= at_s <= spans[-1][1]
-        told = any(abs(moment.at_s - at_s) < TOGETHER_S for moment in (*leaps, *moments))
-        if inside and not told and len(who) > len(fit.units) / 2:
-            moments.append(Moment(KNOCK, float(at_s), who[0], 0.0, 1.0, who))
-    return moments
 
 
 # Explanation of an array: its parts, what its units share, and whose each named effect is.
@@ -227,18 +218,14 @@ def explain_array(
     slow = slow_zero_of(explanations, lambda unit: progress(f"slow motions of the zero-rate offset, unit {unit}", 0, 1))
 
     def shared(effect: Effect) -> float:
-        of_turns, at_rest = _common_share(fit, parts), rest_noise.get("gyro")
+        # The share of the variance of the units' closure that they have in common
+        single = np.mean([unit.floor_rad**2 + part.size_rad**2 for unit, part in zip(fit.units, parts.own, strict=True)])
+        of_turns, at_rest = float(parts.common.size_rad**2 / (parts.common.size_rad**2 + single)), rest_noise.get("gyro")
         of_stills = 0.0 if at_rest is None else max(at_rest.value, 0.0)
         return max([of_turns] * ("turn" in effect.observable_in) + [of_stills] * ("still" in effect.observable_in) + [0.0])
 
     traits = traits_of(explanations, fit, shared, tuple(failed), set() if slow is None else set(SLOW_ZERO))
     return ArrayExplanation(fit, explanations, failed, parts, traits, slow, rest_noise, tuple(moments_of(fit)))
-
-
-def _common_share(fit: ArrayFit, parts: Parts) -> float:
-    """Return the share of the variance of the units' closure that they have in common."""
-    single = np.mean([unit.floor_rad**2 + part.size_rad**2 for unit, part in zip(fit.units, parts.own, strict=True)])
-    return float(parts.common.size_rad**2 / (parts.common.size_rad**2 + single))
 
 
 def noise_of_fit(fit: ArrayFit) -> dict[str, SharedNoise]:
@@ -282,7 +269,18 @@ def explained_to_json(found: ArrayExplanation) -> dict:
         "slow_zero": None if found.slow_zero is None else _slow_zero(found.slow_zero),
         "rest_noise": {name: _rest_noise(name, shared) for name, shared in found.rest_noise.items()},
         "events": [event_to_json(event, fit) for event in fit.joint.events],
-        "moments": [_moment(moment, begins_s(fit)) for moment in found.moments],
+        "moments": [
+            {
+                "what": moment.what,
+                "at_s": moment.at_s - begins_s(fit),
+                "unit": moment.unit,
+                "units": list(moment.units),
+                "size_dps": moment.size_rps / DEG,
+                "felt_by_others": moment.felt,
+                "description": moment.words,
+            }
+            for moment in found.moments
+        ],
         "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
         "version": VERSION,
     }
@@ -317,18 +315,6 @@ def _or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _moment(moment: Moment, begins: float) -> dict:
-    return {
-        "what": moment.what,
-        "at_s": moment.at_s - begins,
-        "unit": moment.unit,
-        "units": list(moment.units),
-        "size_dps": moment.size_rps / DEG,
-        "felt_by_others": moment.felt,
-        "description": moment.words,
-    }
-
-
 def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: dict) -> Path:
     """Write ``array.json`` with this table, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; return it.
 
@@ -353,9 +339,27 @@ def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: 
 
 def array_page(fit: ArrayFit) -> Group:
     """Return the page: extrinsics, closure, common errors, events, and what was left out."""
-    parts: list[RenderableType] = [_places(fit), "", _closure(fit), ""]
+    table = Table(title="Units against the first: clock, mounting, position", title_justify="left", box=None, padding=(0, 1))
+    for column in ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm"):
+        table.add_column(column, justify="left" if column == "serial" else "right", overflow="fold")
+    for unit in fit.units:
+        table.add_row(*_place(unit, unit is fit.units[0]))
+    parts: list[RenderableType] = [table, "", _closure(fit), ""]
     parts.append(one_line(f"Common: {fit.split.words}."))
-    parts += [one_line(_bias_words(fit)), one_line(_fused_words(fit.fused))]
+    where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[fit.bias]
+    why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
+    turns = sum(len(rows) for rows in fit.same.turns)
+    own = [1e3 * float(np.sqrt(np.mean(np.diag(unit.in_array(unit.noise_density))))) / DEG for unit in fit.fused.units]
+    fused, alone = 1e3 * float(np.sqrt(np.mean(fit.fused.noise_density**2))) / DEG, float(np.sqrt(np.mean(np.square(own))))
+    count = len(fit.fused)
+    parts += [
+        one_line(f"Biases {where} ({why}). {turns} turns of {len(fit.units)} units, {len(fit.same.spans)} of the body."),
+        one_line(
+            f"All units as one gyroscope: {fused:.3g} mdps/rtHz of white noise, as far as they do not share it, where one has "
+            f"{min(own):.3g} to {max(own):.3g}, rms {alone:.3g}: {alone / fused:.2f} times less than rms; {count} equal ones would have "
+            f"{np.sqrt(count):.2f} times less."
+        ),
+    ]
     for unit in fit.units:
         runs = ", ".join(f"{run.file} {run_figures(error)['rmse_deg']:.4f}°" for run, error in unit.runs)
         parts += [one_line(f"Closure runs of unit {unit.number}, rms error at the return: {runs}.")] if runs else []
@@ -366,15 +370,6 @@ def array_page(fit: ArrayFit) -> Group:
     parts += [one_line(f"{line}.", "yellow") for line in event_lines(fit)]
     parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
     return Group(*parts)
-
-
-def _places(fit: ArrayFit) -> Table:
-    table = Table(title="Units against the first: clock, mounting, position", title_justify="left", box=None, padding=(0, 1))
-    for column in ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm"):
-        table.add_column(column, justify="left" if column == "serial" else "right", overflow="fold")
-    for unit in fit.units:
-        table.add_row(*_place(unit, unit is fit.units[0]))
-    return table
 
 
 def _place(unit: UnitFit, first: bool) -> list[str]:
@@ -422,25 +417,6 @@ def _closure(fit: ArrayFit) -> Table:
     return table
 
 
-def _bias_words(fit: ArrayFit) -> str:
-    where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[fit.bias]
-    why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
-    turns = sum(len(rows) for rows in fit.same.turns)
-    return f"Biases {where} ({why}). {turns} turns of {len(fit.units)} units, {len(fit.same.spans)} of the body."
-
-
-def _fused_words(model: ArrayModel) -> str:
-    """Describe the fused noise with the units' own, and the gain of as many equal units."""
-    own = [1e3 * float(np.sqrt(np.mean(np.diag(unit.in_array(unit.noise_density))))) / DEG for unit in model.units]
-    fused, alone = 1e3 * float(np.sqrt(np.mean(model.noise_density**2))) / DEG, float(np.sqrt(np.mean(np.square(own))))
-    count = len(model)
-    return (
-        f"All units as one gyroscope: {fused:.3g} mdps/rtHz of white noise, as far as they do not share it, where one has "
-        f"{min(own):.3g} to {max(own):.3g}, rms {alone:.3g}: {alone / fused:.2f} times less than rms; {count} equal ones would have "
-        f"{np.sqrt(count):.2f} times less."
-    )
-
-
 def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     """Describe an event, the units it belongs to, and its treatment."""
     at = fit.same.time_s[event.first, 1 if "turn" in event.what else 0] - begins_s(fit)
@@ -458,7 +434,15 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     spoilt = event.together(fit.joint.events)
     others = len(fit.units) - len(spoilt)
     if len(spoilt) > 1:
-        return f"{at:.1f} s: {_several_words(spoilt, fit)}"
+        turn = spoilt[0].what == OWN_TURN
+        in_order = sorted(spoilt, key=lambda event: fit.units[event.unit or 0].number)
+        sizes = (f"{e.size / DEG:.2g}°" if turn else f"{1e3 * e.size / G:.2g} mg" for e in in_order)
+        who = ", ".join(f"unit {fit.units[e.unit or 0].number} by {size}" for e, size in zip(in_order, sizes, strict=True))
+        where, lost = ("turn", "their turns do not count") if turn else ("still", "their gravity there does not count")
+        return (
+            f"{at:.1f} s: {len(spoilt)} of {len(fit.units)} units stand out in this {where}, each in its own way ({who}): several at "
+            f"once are hardly their own readings: a blow that each unit feels or samples otherwise is more probable; {lost}"
+        )
     tested = f"against the other{'s' * (others > 1)} (F test, p = {event.p_value:.2g})"
     if event.what == OWN_TURN:
         return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}° {tested}: its own readings; its turn does not count"
@@ -470,18 +454,6 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
 def event_lines(fit: ArrayFit) -> list[str]:
     """Return a line for each event; one line for several units with events in one turn or still."""
     return list(dict.fromkeys(event_words(event, fit) for event in fit.joint.events))
-
-
-def _several_words(events: tuple[ArrayEvent, ...], fit: ArrayFit) -> str:
-    turn = events[0].what == OWN_TURN
-    in_order = sorted(events, key=lambda event: fit.units[event.unit or 0].number)
-    sizes = (f"{e.size / DEG:.2g}°" if turn else f"{1e3 * e.size / G:.2g} mg" for e in in_order)
-    who = ", ".join(f"unit {fit.units[e.unit or 0].number} by {size}" for e, size in zip(in_order, sizes, strict=True))
-    where, lost = ("turn", "their turns do not count") if turn else ("still", "their gravity there does not count")
-    return (
-        f"{len(events)} of {len(fit.units)} units stand out in this {where}, each in its own way ({who}): several at once are hardly "
-        f"their own readings: a blow that each unit feels or samples otherwise is more probable; {lost}"
-    )
 
 
 # Terminal output of an array's explanation.

@@ -59,26 +59,18 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
     count = len(ours)
     mounting, sigma = from_rates, DIRECTION_RAD
     for _ in range(ROUNDS):
-        mounting, information = _weighed(ours, theirs, from_rates, sigma)
+        # Each direction of gravity has this sigma; the rates' three axes have the sigma TRIADS_RAD.
+        axes = np.eye(3)
+        weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
+        to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
+        mounting = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
+        information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
         before, freedom = sigma, 2 * count - 3
         if freedom > 0:
             sigma = max(float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom)), LEAST_RAD)
         if abs(sigma - before) <= 1e-6 * before:
             break
     return Mounting(mounting, np.linalg.inv(information), count)
-
-
-def _weighed(ours: np.ndarray, theirs: np.ndarray, from_rates: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the maximum-likelihood rotation, and its information (3, 3) about the array's axes.
-
-    Each direction of gravity has this sigma; the rates' three axes have the sigma TRIADS_RAD.
-    """
-    axes = np.eye(3)
-    weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
-    to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
-    matrix = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
-    information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
-    return matrix, information
 
 
 # Extrinsics of the units of an array: clock and mounting of each, from their rates and from gravity in their stills.
@@ -115,8 +107,16 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
     """Estimate the clock of every unit; the first one's is exact.  rates: of each unit, if available.  Raises CalibrationError."""
     rates = rates if rates is not None else [session_rates(unit) for unit in array.units]
     names = [f"{array.name}: unit {number}" for number in array.numbers]
-    _turned(rates, names)
-    fits = [_own_fit(rates[0])]
+    for mine, name in zip(rates, names, strict=True):
+        still = np.all([np.ptp(each.rate, axis=0) == 0 for each in mine], axis=0)
+        if still.all():
+            raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
+        if still.any():
+            axes = ", ".join(axis for axis, is_dead in zip("xyz", still, strict=True) if is_dead)
+            raise CalibrationError(
+                f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
+            )
+    fits = [ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates[0]), 3)), 1.0, np.zeros((2, 2)), 0.0)]
     for mine, name in zip(rates[1:], names[1:], strict=True):
         try:
             fit = _as_stamped(fit_clock(rates[0], mine, name), rates[0], mine)
@@ -168,22 +168,6 @@ def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]
     if not same or apart > ONE_READER:
         return fit
     return replace(fit, clock=replace(fit.clock, offset_s=0.0, rate=0.0))
-
-
-def _own_fit(rates: tuple[Rates, ...]) -> ClockFit:
-    return ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates), 3)), 1.0, np.zeros((2, 2)), 0.0)
-
-
-def _turned(rates: list[tuple[Rates, ...]], names: list[str]) -> None:
-    for mine, name in zip(rates, names, strict=True):
-        still = np.all([np.ptp(each.rate, axis=0) == 0 for each in mine], axis=0)
-        if still.all():
-            raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
-        if still.any():
-            axes = ", ".join(axis for axis, is_dead in zip("xyz", still, strict=True) if is_dead)
-            raise CalibrationError(
-                f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
-            )
 
 
 def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[Rates, ...]) -> None:

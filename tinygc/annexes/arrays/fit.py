@@ -47,7 +47,7 @@ from tinygc.noise.components import undersampling
 from tinygc.noise.twin import Twin
 
 if TYPE_CHECKING:
-    from tinygc.closure.floor import Floor
+    pass
 
 
 # Position of each unit's accelerometer on the body, from its force relative to the first unit's while the body turns.
@@ -326,7 +326,7 @@ def fit_array(
                 own_rad=(float(split.own[i, 0]), float(split.own[i, 1])),
                 minus_mean_rad=float(split.minus_mean_of[i]),
                 closure_rad=tilt_rms(closure_angles(problem.batch, problem.first)),
-                floor_rad=_floor(problem.floor),
+                floor_rad=problem.floor.tilt_rms,
                 noise=problem.noise,
                 instability=problem.instability,
                 warnings=tuple(unit.prepared.warnings),
@@ -392,10 +392,6 @@ def fit_alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel,
 def tilt_rms(angles: np.ndarray) -> float:
     """Return rad, rms of the tilt of error angles (S, 2 or 3)."""
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
-
-
-def _floor(floor: Floor) -> float:
-    return floor.tilt_rms
 
 
 # An array's fit as ``tinygc-array-fit/2`` (docs/formats.md), and each unit's model as ``tinygc-model/1``.

@@ -83,7 +83,11 @@ def fuse(model: ArrayModel, raw: ArrayLike) -> Fused:
     at_end = ~used.any(axis=1) & present.any(axis=1)
     used = np.where(at_end[:, None], present, used)
     own = model.parameter_sigma()
-    spread = _spread(model)
+    # (N, 3, 3) (rad/s)^2, each unit's part of a sample's variance; the contribution of correlation to the total is shared equally by all
+    white = model.density * model.rate_hz / 2
+    alone = np.stack([white[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(model))])
+    spread: np.ndarray = model.weights @ alone @ model.weights.transpose(0, 2, 1)
+    spread = spread * np.trace(combined(model.weights, white)) / np.trace(spread.sum(axis=0))
     rate, sigma = np.full((len(used), 3), np.nan), np.full((len(used), 3), np.nan)
     kinds, which = np.unique(used, axis=0, return_inverse=True)
     which = which.reshape(-1)
@@ -97,15 +101,6 @@ def fuse(model: ArrayModel, raw: ArrayLike) -> Fused:
         sigma[rows] = np.sqrt(variance + (0.0 if own is None else np.square(own)))
     sigma[at_end] = np.inf
     return Fused(rate, sigma, used)
-
-
-def _spread(model: ArrayModel) -> np.ndarray:
-    """Return (N, 3, 3) (rad/s)^2, each unit's part of a sample's variance of the combination."""
-    white = model.density * model.rate_hz / 2
-    alone = np.stack([white[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(model))])
-    spread: np.ndarray = model.weights @ alone @ model.weights.transpose(0, 2, 1)
-    # the contribution of correlation to the total is shared equally by all units
-    return spread * np.trace(combined(model.weights, white)) / np.trace(spread.sum(axis=0))
 
 
 # Resampling of one unit's samples at the array's sample times: cubic between four samples, in pieces, each sample read once.

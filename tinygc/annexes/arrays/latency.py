@@ -174,7 +174,8 @@ def sawtooth(cycles: np.ndarray, sigma_cycles: np.ndarray) -> np.ndarray:
 
 def track(readings: AgeReadings, beat_hz: float, period_s: float, offset_s: float) -> PhaseTrack:
     """Track the phase of ages ``offset + period frac(phase)``; beat_hz with its sign."""
-    windows = _windows(readings)
+    index = np.floor(readings.t_s / WINDOW_S).astype(np.int64)
+    windows = [rows for rows in (np.flatnonzero(index == each) for each in np.unique(index)) if len(rows) >= 3]
     middle = np.array([np.average(readings.t_s[w], weights=1 / readings.variance[w]) for w in windows])
     likelihood, none = np.zeros((len(windows), PHASES)), 0.0
     grid = np.arange(PHASES) / PHASES
@@ -184,11 +185,6 @@ def track(readings: AgeReadings, beat_hz: float, period_s: float, offset_s: floa
         likelihood[number] = _log_likelihood(readings, rows, ages, period_s).sum(axis=1)
         none += float(_log_likelihood(readings, rows, np.full((1, len(rows)), offset_s + period_s / 2), period_s).sum())
     return _passes(middle, likelihood, beat_hz, none)
-
-
-def _windows(readings: AgeReadings) -> list[np.ndarray]:
-    index = np.floor(readings.t_s / WINDOW_S).astype(np.int64)
-    return [rows for rows in (np.flatnonzero(index == each) for each in np.unique(index)) if len(rows) >= 3]
 
 
 def _log_likelihood(readings: AgeReadings, rows: np.ndarray, ages: np.ndarray, period_s: float) -> np.ndarray:

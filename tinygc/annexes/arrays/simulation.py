@@ -143,7 +143,13 @@ def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Map
         if simulation.closure is not None:
             simulation = replace(simulation, closure=_by_clock(simulation.closure, truth))
         if array.false_reading_dps and number == array.units - 1:
-            simulation = replace(simulation, log=_falsified(simulation, array.false_reading_dps))
+            # Add false readings about x, which no motion has caused
+            start, stop = simulation.plan.turns[min(FALSE_TURN, len(simulation.plan.turns) - 1)]
+            row = round((start + FALSE_AT * (stop - start)) * simulation.unit.odr_hz)
+            gyro = simulation.log.gyro.copy()
+            more = round(array.false_reading_dps * DEG / simulation.options.register_units.gyro_rps)
+            gyro[row : row + FALSE_ROWS, 0] = np.clip(gyro[row : row + FALSE_ROWS, 0].astype(int) + more, -32767, 32767)
+            simulation = replace(simulation, log=replace(simulation.log, gyro=gyro))
         units.append(simulation)
     return SimulatedArray(options, array, plan, tuple(units), truths, tuple(jerks))
 
@@ -177,7 +183,9 @@ def _unit(
     def felt(t_s: np.ndarray, force: np.ndarray) -> np.ndarray:
         if level_mps2.any():
             level = np.column_stack([level_mps2[np.searchsorted(ends, t_s)], np.zeros(len(t_s))])
-            force = force + _in_body(plan, t_s, level)
+            angles = movement.move(plan, t_s).angles
+            basis = [movement.table_to_body(angles, axis) for axis in np.eye(3)]
+            force = force + np.asarray(sum(part[:, None] * axis for part, axis in zip(level.T, basis, strict=True)))
         for jerk in jerks:
             force = jerk.force(t_s, force, lever)
         return force @ truth.mounting
@@ -185,26 +193,10 @@ def _unit(
     return simulate_session(options, turned, plan=plan, disturb=felt)
 
 
-def _in_body(plan: MovementPlan, t_s: np.ndarray, vectors_t: np.ndarray) -> np.ndarray:
-    angles = movement.move(plan, t_s).angles
-    basis = [movement.table_to_body(angles, axis) for axis in np.eye(3)]
-    return np.asarray(sum(part[:, None] * axis for part, axis in zip(vectors_t.T, basis, strict=True)))
-
-
 def _by_clock(recording: RegisterLog, truth: UnitTruth) -> RegisterLog:
     """Stamp by the unit's own clock, in whole microseconds."""
     t_us = (recording.t_us - truth.offset_s * 1e6) / (1 + truth.rate)
     return replace(recording, t_us=np.rint(t_us).astype(np.int64))
-
-
-def _falsified(simulation: Simulation, dps: float) -> RegisterLog:
-    """Add false readings about x, which no motion has caused."""
-    start, stop = simulation.plan.turns[min(FALSE_TURN, len(simulation.plan.turns) - 1)]
-    row = round((start + FALSE_AT * (stop - start)) * simulation.unit.odr_hz)
-    gyro = simulation.log.gyro.copy()
-    more = round(dps * DEG / simulation.options.register_units.gyro_rps)
-    gyro[row : row + FALSE_ROWS, 0] = np.clip(gyro[row : row + FALSE_ROWS, 0].astype(int) + more, -32767, 32767)
-    return replace(simulation.log, gyro=gyro)
 
 
 # Folder of a simulated array, in the form of a recorded one (docs/arrays.md), with its truth.

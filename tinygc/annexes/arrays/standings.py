@@ -61,7 +61,16 @@ def parts_of(joint: Joint, split: VarianceSplit, floors_rad: np.ndarray, numbers
         for i, (p, floor, number) in enumerate(zip(split.own_p, floors_rad, numbers, strict=True))
     )
     fast = _fast(joint, split.predicted, floor) if split.predicted > 0 else None
-    return Parts(common, fast, own, _all_own(own, floor, numbers))
+    # One statement over all units: those with an excess, and what any of them may have
+    there = [(number, part) for number, part in zip(numbers, own, strict=True) if part.standing is Standing.FOR]
+    p_value = min(part.statement.p_value for part in own)
+    size, upper = max(part.size_rad for part in own), max(part.upper_rad for part in own)
+    standing = standing_of(p_value, upper=upper, matters=floor)
+    rest = [part.upper_rad for part in own if part.standing is not Standing.FOR]
+    sizes = ", ".join(f"{_deg(part.size_rad)} in unit {number}" for number, part in there) or f"{_deg(size)} at most"
+    sizes += f", up to {_deg(max(rest))} in any other" if there and rest else ""
+    every = Statement("what units miss by one by one", standing, RATIO, p_value, sizes, _deg(upper))
+    return Parts(common, fast, own, Part(every, size, upper))
 
 
 def _stated(what: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float) -> Statement:
@@ -73,18 +82,6 @@ def _own(joint: Joint, i: int, p_value: float, floor: float, what: str) -> Part:
     size = float(np.sqrt(2 * joint.solution.t[i]))
     upper = max(float(np.sqrt(2 * upper_component(joint.solution, i, joint.sigmas[i]))), size)
     return Part(_stated(what, p_value, size, upper, floor), size, upper)
-
-
-def _all_own(own: Sequence[Part], floor: float, numbers: Sequence[int]) -> Part:
-    """One statement over all units: those with an excess, and what any of them may have."""
-    there = [(number, part) for number, part in zip(numbers, own, strict=True) if part.standing is Standing.FOR]
-    p_value = min(part.statement.p_value for part in own)
-    size, upper = max(part.size_rad for part in own), max(part.upper_rad for part in own)
-    standing = standing_of(p_value, upper=upper, matters=floor)
-    rest = [part.upper_rad for part in own if part.standing is not Standing.FOR]
-    said = ", ".join(f"{_deg(part.size_rad)} in unit {number}" for number, part in there) or f"{_deg(size)} at most"
-    said += f", up to {_deg(max(rest))} in any other" if there and rest else ""
-    return Part(Statement("what units miss by one by one", standing, RATIO, p_value, said, _deg(upper)), size, upper)
 
 
 def _fast(joint: Joint, predicted: float, floor: float) -> Part:

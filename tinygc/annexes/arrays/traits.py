@@ -141,14 +141,13 @@ def departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
     while len(rest) > 1 and homogeneity_p(values[rest], covariances[rest])[0] < LEVEL:
         without = [[k for k in rest if k != one] for one in rest]
         p = [homogeneity_p(values[part], covariances[part]) for part in without]
-        chi = [_chi_square(values[part], covariances[part], pooled) for part, (_, pooled, _) in zip(without, p, strict=True)]
+        chi = [
+            float(sum(d @ np.linalg.solve(C, d) for d, C in zip(values[part] - pooled, covariances[part], strict=True)))
+            for part, (_, pooled, _) in zip(without, p, strict=True)
+        ]
         gone.append(rest[int(np.argmin(chi))])
         rest = without[int(np.argmin(chi))]
     return sorted(gone) if len(gone) < len(values) / 2 else list(range(len(values)))
-
-
-def _chi_square(values: np.ndarray, covariances: np.ndarray, pooled: np.ndarray) -> float:
-    return float(sum(d @ np.linalg.solve(C, d) for d, C in zip(values - pooled, covariances, strict=True)))
 
 
 def pooled_p(pooled: np.ndarray, covariance: np.ndarray) -> float:

@@ -149,7 +149,11 @@ def same_stills(units: list[ArrayUnit]) -> SameStills:
             if (q := match[id(still)]) >= 0:
                 mine[q] = still
         ends = [tuple(match.get(id(still), -1) for still in segment.stills) for segment in unit.problem.used]
-        rows = [row for row, (a, b) in enumerate(ends) if 0 <= a < b and not _holds(time_s[a, 1], time_s[b, 0], log[a], left_out)]
+        rows = [
+            row
+            for row, (a, b) in enumerate(ends)
+            if 0 <= a < b and not any(number == log[a] and time_s[a, 1] <= at_s <= time_s[b, 0] for number, at_s in left_out)
+        ]
         if not rows:
             raise FitError(f"unit {unit.number}: none of its {len(ends)} turns lies between stills of the others; are they of one time?")
         stills.append(tuple(mine))
@@ -176,10 +180,6 @@ def _left_out(problem: Problem) -> list[tuple[int, float]]:
     """Return log and s of the array's clock of turns that session.toml leaves out: for one unit, hence for all."""
     logs = [log for log in problem.session.logs if problem.found.of(log).noise is not None]
     return [(number, at_s) for number, log in enumerate(logs) for at_s in moments_of(log.path, problem.session.config.exclude)]
-
-
-def _holds(start_s: float, stop_s: float, log: int, moments: list[tuple[int, float]]) -> bool:
-    return any(number == log and start_s <= at_s <= stop_s for number, at_s in moments)
 
 
 def _match(log: int, span: np.ndarray, logs: np.ndarray, spans: np.ndarray) -> int:

@@ -25,9 +25,8 @@ from tinygc.annexes.budget.rows import Budget
 from tinygc.annexes.budget.use import model_of
 from tinygc.attitude import rotation
 from tinygc.closure.build import bias_shares
-from tinygc.closure.least_squares import StillRates, fit_least_squares
+from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.motion import Motion
-from tinygc.closure.residual import Batch
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.sources import COVERAGE, Source, coverage_factor
@@ -120,21 +119,7 @@ class Redrawn:
 
     def refit(self, errors: Errors) -> np.ndarray:
         """(12,) least squares of the data with these errors.  Raises FitError where it does not converge."""
-        batch, rates, rest = self._moved(errors)
-        options = self.result.options
-        fit = fit_least_squares(
-            batch,
-            self.problem.floor.sigma,
-            self.problem.first,
-            still_rates=rates if options.still_rates and rest is None else None,
-            integrator=options.integrator,
-            rest_rps=rest,
-            begin=self.model,
-        )
-        return fit.model.vector
-
-    def _moved(self, errors: Errors) -> tuple[Batch, StillRates, np.ndarray | None]:
-        """The batch, the stills' rates and the bias at rest with these errors."""
+        # The batch, the stills' rates and the bias at rest with these errors
         problem, joint, count = self.problem, self.problem.joint, len(self.problem.batch)
         batch, rates, rest = problem.batch, problem.still_rates, problem.rest_rps
         if joint is not None:
@@ -161,7 +146,17 @@ class Redrawn:
             apart = still[first][:, None] * (1 - share[..., None]) + still[last][:, None] * share[..., None] - still.mean(axis=0)
             batch = replace(batch, earth=batch.earth + apart)
             rest = rest + errors.reading + np.linalg.solve(self.problem.first.E, still.mean(axis=0))
-        return batch, rates, rest
+        options = self.result.options
+        fit = fit_least_squares(
+            batch,
+            self.problem.floor.sigma,
+            self.problem.first,
+            still_rates=rates if options.still_rates and rest is None else None,
+            integrator=options.integrator,
+            rest_rps=rest,
+            begin=self.model,
+        )
+        return fit.model.vector
 
     @cached_property
     def _shares(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

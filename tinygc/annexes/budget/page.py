@@ -30,7 +30,10 @@ def page(name: str, errors: Sequence[Budget], attitude: Sequence[Budget], motion
         Section("attitude", f"Attitude after {motion}", of_attitude + _summary(attitude)),
     ]
     if drawn is not None:
-        sections.append(_drawn(drawn))
+        header, rows = drawn_cells(drawn)
+        said = paragraph(escape(f"{drawn.draws} draws of all sources, {drawn.by_source} of each alone, seed {drawn.seed}: {drawn.answer}."))
+        found = table(header, [[escape(cell) for cell in row] for row in rows])
+        sections.append(Section("draws", "Monte Carlo (JCGM 101)", said + found + paragraph(escape(source_words(drawn)))))
     sections.append(Section("tables", "Budgets", "".join(whole(each) for each in (*errors, *attitude))))
     head = f'<header><p class="kicker">Uncertainty budget</p><h1>{escape(name)}</h1></header>'
     foot = (
@@ -83,10 +86,3 @@ def whole(budget: Budget) -> str:
     rows = [[escape(cell) for cell in cells] for cells in cells_of(budget)]
     said = "".join(paragraph(escape(words)) for words in (sum_words(budget), *beside_words(budget)))
     return f"<h3>{escape(heading(budget))}</h3>{table(HEADER, rows)}{said}"
-
-
-def _drawn(drawn: MonteCarlo) -> Section:
-    header, rows = drawn_cells(drawn)
-    said = paragraph(escape(f"{drawn.draws} draws of all sources, {drawn.by_source} of each alone, seed {drawn.seed}: {drawn.answer}."))
-    found = table(header, [[escape(cell) for cell in row] for row in rows])
-    return Section("draws", "Monte Carlo (JCGM 101)", said + found + paragraph(escape(source_words(drawn))))

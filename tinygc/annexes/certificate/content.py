@@ -168,9 +168,16 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         draft.append(f"the calibration does not pass its own check: {'; '.join(data.decision.unsound)}")
     if config.board.source == STANDIN_NAME:
         draft.append("the board had no sensor: the samples are made up, or were played to it")
-    if _is_simulated(data):
+    session = data.fit.session
+    if not session.in_memory and (session.folder / TRUTH).exists():
         draft.append(f"the recording is simulated: {TRUTH} lies beside it")
-    draft += _wrong_days(given, day)
+    # Reasons against days that each are one, and do not go together
+    found = []
+    days = {"calibrated": day, **{key: getattr(given, key) for key in ("received", "issued", "valid_until", "next_calibration")}}
+    if pair := out_of_order(days):
+        found.append(f"{pair[1]} is {days[pair[1]]}, before {pair[0]}, {days[pair[0]]}")
+    late = [each.name for each in given.equipment if day is not None and each.due is not None and each.due < day]
+    draft += found + ([f"equipment was overdue on the day of the calibration: {', '.join(late)}"] if late else [])
     uncertainty = _uncertainty(data, sources, vector)
     machine = _machine(data)
     return Content(
@@ -198,21 +205,6 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         covariance=covariance,
         temperature_c=_temperature(data),
     )
-
-
-def _is_simulated(data: ReportData) -> bool:
-    session = data.fit.session
-    return not session.in_memory and (session.folder / TRUTH).exists()
-
-
-def _wrong_days(given: CertificateGiven, day: date | None) -> list[str]:
-    """Reasons against days that each are one, and do not go together."""
-    found = []
-    days = {"calibrated": day, **{key: getattr(given, key) for key in ("received", "issued", "valid_until", "next_calibration")}}
-    if pair := out_of_order(days):
-        found.append(f"{pair[1]} is {days[pair[1]]}, before {pair[0]}, {days[pair[0]]}")
-    late = [each.name for each in given.equipment if day is not None and each.due is not None and each.due < day]
-    return found + ([f"equipment was overdue on the day of the calibration: {', '.join(late)}"] if late else [])
 
 
 # What session.toml and the recording say of the item, the days and the conditions.

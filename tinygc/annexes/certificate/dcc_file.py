@@ -18,7 +18,7 @@ from session.io.config import Config
 from session.io.errors import CalibrationError
 from session.io.requirements import GUARDED
 from session.io.texts import printable
-from tinygc.annexes.certificate.content import Content, Field, ResultRow, missing_fields
+from tinygc.annexes.certificate.content import Content, ResultRow, missing_fields
 from tinygc.estimation.requirements import Conformity, Measured
 from tinygc.estimation.sources import COVERAGE
 from tinygc.models.linear import NAMES, PARAMETERS
@@ -107,18 +107,7 @@ def _administrative(parent: ElementTree.Element, c: Content) -> None:
         replaced = _in(core, "reportAmendedSubstituted")
         _in(replaced, "typeOfChange", "substituted")
         _in(replaced, "replacedUniqueIdentifier", given.amends)
-    _item(_in(_in(parent, "items"), "item"), c)
-    contact = _in(_in(parent, "calibrationLaboratory"), "contact")
-    _contact(contact, given.laboratory, given.address, given.country)
-    persons = _in(parent, "respPersons")
-    _person(persons, given.authorised_by, given.role or "authorises the certificate", signs=True)
-    if c.operator:
-        _person(persons, c.operator, "operator")
-    _contact(_in(parent, "customer"), given.customer, given.customer_address)
-    _statements(_in(parent, "statements"), c)
-
-
-def _item(item: ElementTree.Element, c: Content) -> None:
+    item = _in(_in(parent, "items"), "item")
     config = c.config
     named(item, "name", next(field.text for field in c.item if field.label == "Object"))
     about = [field for field in c.item if field.label not in ("Object", "Manufacturer", "Model", "Serial number")]
@@ -131,6 +120,14 @@ def _item(item: ElementTree.Element, c: Content) -> None:
     _in(known, "issuer", "manufacturer")
     _in(known, "value", config.sensor.serial)
     named(known, "name", "Serial number")
+    contact = _in(_in(parent, "calibrationLaboratory"), "contact")
+    _contact(contact, given.laboratory, given.address, given.country)
+    persons = _in(parent, "respPersons")
+    _person(persons, given.authorised_by, given.role or "authorises the certificate", signs=True)
+    if c.operator:
+        _person(persons, c.operator, "operator")
+    _contact(_in(parent, "customer"), given.customer, given.customer_address)
+    _statements(_in(parent, "statements"), c)
 
 
 def _contact(parent: ElementTree.Element, name: str, address: str, country: str = "") -> None:
@@ -213,15 +210,11 @@ def _conditions(parent: ElementTree.Element, c: Content) -> None:
             _real(_in(data, "quantity", refType=kind), value, r"\degreecelsius")
     said = [field for field in c.conditions if field.key in ("certificate.conditions", "certificate.place", "site.latitude_deg")]
     for field in said:
-        _text_condition(conditions, field)
+        condition = _in(conditions, "influenceCondition")
+        named(condition, "name", field.label)
+        named(_in(condition, "data"), "text", field.text)
     if len(conditions):
         parent.append(conditions)
-
-
-def _text_condition(parent: ElementTree.Element, field: Field) -> None:
-    condition = _in(parent, "influenceCondition")
-    named(condition, "name", field.label)
-    named(_in(condition, "data"), "text", field.text)
 
 
 def _result(parent: ElementTree.Element, words: str, prefix: str, rows: Sequence[ResultRow], conformity: Sequence[Conformity] = ()) -> None:
@@ -231,14 +224,10 @@ def _result(parent: ElementTree.Element, words: str, prefix: str, rows: Sequence
     for row in rows:
         for part, each in zip(row.parts, row.values, strict=True):
             name = f"{row.words} {part}".strip()
-            quantity = _quantity(data, prefix + _id(name), name, each)
+            identifier = "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in name).split())
+            quantity = _quantity(data, prefix + identifier, name, each)
             if (found := answers.pop(each.key, None)) is not None:  # of the first row that has it: that of this switch-on
                 _conforms(quantity, found)
-
-
-def _id(words: str) -> str:
-    """A name as an identifier of XML."""
-    return "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in words).split())
 
 
 def _quantity(parent: ElementTree.Element, name: str, words: str, each: Measured) -> ElementTree.Element:

@@ -19,6 +19,7 @@ def page(content: Content) -> str:
     """The certificate as HTML."""
     title = DRAFT if content.is_draft else TITLE
     number = f"{'draft, ' if content.is_draft else ''}certificate number {content.number}"
+    rows = zip("xyz", content.model.E, content.model.B, strict=True)
     return render_own(
         "tinygc.annexes.certificate",
         "certificate.html",
@@ -27,7 +28,7 @@ def page(content: Content) -> str:
         running={"bottom-left": number},
         rows=[_row(each) for each in content.results],
         found=[_row(each) for each in content.as_found],
-        model=_model(content),
+        model=[(axis, [*(fixed(each, 6) for each in row), fixed(bias, 7)]) for axis, row, bias in rows],
         closure=[(_first(each.words), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
         statements=[(each, [_conformity(one) for one in each.conformities]) for each in content.statements],
     ).lstrip()
@@ -57,11 +58,6 @@ def _cell(part: str, each: Measured, decimals: int) -> dict[str, str]:
         return {"part": part, "value": "not observed", "expanded": ""}
     known = np.isfinite(each.expanded) and each.expanded > 0
     return {"part": part, "value": fixed(each.value, decimals), "expanded": fixed(each.expanded, decimals) if known else ""}
-
-
-def _model(content: Content) -> list[tuple[str, list[str]]]:
-    rows = zip("xyz", content.model.E, content.model.B, strict=True)
-    return [(axis, [*(fixed(each, 6) for each in row), fixed(bias, 7)]) for axis, row, bias in rows]
 
 
 def _factor(each: Measured) -> str:

@@ -64,21 +64,17 @@ def vibration_rectification(scene: Bench, band_hz: tuple[float, float] = VIBRATI
         noise = sosfiltfilt(butter(2, band_hz, "bandpass", fs=1 / (t[1] - t[0]), output="sos"), noise, axis=0)
         return force + G * envelope(t)[:, None] * noise / noise.std(axis=0)
 
+    # Share of the vibration's mean square after the accelerometer's low-pass, for vibration filtered twice to a band
+    fine_hz = oversampling(scene.options.odr_hz) * scene.options.odr_hz
+    f_hz, band = sosfreqz(butter(2, band_hz, "bandpass", fs=fine_hz, output="sos"), 8192, fs=fine_hz)
+    _, passes = sosfreqz(butter(2, ACCEL_BANDWIDTH_ODR * scene.options.odr_hz, fs=fine_hz, output="sos"), f_hz, fs=fine_hz)
+    power = np.abs(band) ** 4
     return Concealment(
         "gyro.vibration_rectification",
-        {"dps_per_g2": (k / _passed(band_hz, scene.options.odr_hz) / DEG).tolist()},
+        {"dps_per_g2": (k / float(np.sum(power * np.abs(passes) ** 2) / np.sum(power)) / DEG).tolist()},
         lambda t, w, f, c: w + np.outer(envelope(t) ** 2, k),
         disturb=disturb,
     )
-
-
-def _passed(band_hz: tuple[float, float], odr_hz: float) -> float:
-    """Share of the vibration's mean square after the accelerometer's low-pass, for vibration filtered twice to a band."""
-    fine_hz = oversampling(odr_hz) * odr_hz
-    f_hz, band = sosfreqz(butter(2, band_hz, "bandpass", fs=fine_hz, output="sos"), 8192, fs=fine_hz)
-    _, passes = sosfreqz(butter(2, ACCEL_BANDWIDTH_ODR * odr_hz, fs=fine_hz, output="sos"), f_hz, fs=fine_hz)
-    power = np.abs(band) ** 4
-    return float(np.sum(power * np.abs(passes) ** 2) / np.sum(power))
 
 
 def saturation(scene: Bench) -> Concealment:

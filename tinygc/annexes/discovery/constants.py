@@ -35,11 +35,8 @@ def refined(form: LawForm, responses: Responses, projection: Projection) -> LawF
     if not len(begin):
         return form
     scanned = DECIDED_SCANNED if any(factor.through.decided for factor in form.factors) else SCANNED
-    return form.with_constants(np.exp(_highest(gain, begin, np.full(begin.shape, np.log(REACH)), scanned)))
-
-
-def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.ndarray, scanned: int) -> np.ndarray:
-    """(constants,) ln: scan each constant over its reach, then climb with all of them together."""
+    # (constants,) ln: scan each constant over its reach, then climb with all of them together
+    reach = np.full(begin.shape, np.log(REACH))
     from scipy.optimize import minimize, minimize_scalar
 
     at, highest = begin.copy(), gain(begin)
@@ -62,7 +59,7 @@ def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.n
         simplex_options = {"maxfev": max(left, len(begin) + 1), "xatol": PRECISION, "fatol": PRECISION, "initial_simplex": simplex}
         found = minimize(lambda x: -gain(x), at, method="Nelder-Mead", bounds=list(zip(low, high, strict=True)), options=simplex_options)
         end = found.x
-    return end if -found.fun >= highest else at
+    return form.with_constants(np.exp(end if -found.fun >= highest else at))
 
 
 # A form with one constant per axis: the grammar has one for all axes, but a gyroscope has three structures.

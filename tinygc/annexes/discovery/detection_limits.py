@@ -53,7 +53,10 @@ def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chanc
     if not basis.shape[1]:
         return None
     response = responses.columns(form) @ theta
-    near = np.union1d(screening.order[:NEAR_LAW], _kin(screening, form))
+    # Numbers of the cheapest forms of the same quantities
+    quantities = {factor.quantity for factor in form.factors}
+    kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= quantities]
+    near = np.union1d(screening.order[:NEAR_LAW], np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int))
     own = _Form(basis, screening.price_of(form), own=True)
     forms = [own, *_forms(screening, near, responses, projection).values()]
     trial = _Trial(screening, projection, projection.whitened(response), projection.seen(response), forms, 0, chance)
@@ -76,13 +79,6 @@ def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[s
         factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
         found[probe.quantity] = None if factor is None else factor * probe.rms
     return found
-
-
-def _kin(screening: Screening, form: LawForm) -> np.ndarray:
-    """Numbers of the cheapest forms of the same quantities."""
-    own = {factor.quantity for factor in form.factors}
-    kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= own]
-    return np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int)
 
 
 def _rivals(screening: Screening, probe: int) -> np.ndarray:

@@ -244,11 +244,6 @@ class _File:
     def text(self, where: Where) -> str:
         """The whole file."""
         undoing = "" if self.passes is not None else TOO_STRONG
-        head = [f'"""{docstring(self.law, where, undoing)}\n"""', self._imports(), self._constants()]
-        body = [self._columns(), self._correct(), self.device.functions, self._at(), self._effect()]
-        return "\n\n".join(part for part in head if part) + "\n\n\n" + "\n\n\n".join(part for part in body if part) + "\n"
-
-    def _imports(self) -> str:
         rest = "\n".join([*self.code.lines, self._correct(), self._at(), self._effect(), self.device.functions])
         bare = ("NEIGHBOURS", "Conditions")
         names = [name for name in USED if re.search(rf"\b{name}" + (r"\b" if name in bare else "[(.]"), rest)]
@@ -260,7 +255,9 @@ class _File:
         ]
         lines += ["from tinygc.effects.inversion import JUMPS_REACH, undone_with_jumps"] if jumps(self.form) else []
         lines += ["from tinygc.effects.effect import SCALE_LAW"] if _is_scale_law(self.form) else []
-        return "\n".join(lines)
+        head = [f'"""{docstring(self.law, where, undoing)}\n"""', "\n".join(lines), self._constants()]
+        body = [self._columns(), self._correct(), self.device.functions, self._at(), self._effect()]
+        return "\n\n".join(part for part in head if part) + "\n\n\n" + "\n\n\n".join(part for part in body if part) + "\n"
 
     def _constants(self) -> str:
         lines = [line for name in self.fixed for line in self.at[name][1].split("\n")]

@@ -102,14 +102,22 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
         names = _beside(searched.catalogue)
         beside = f", beside {', '.join(name.id for name in names)}" if names else ""
         none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
-        why = _too_little(searched, share) or searched.why or none
+        said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
+        little = f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
+        why = little or searched.why or none
         # The share of chi-square that belongs to the screened turns.
         screened = len(first.responses.segments) / len(explanation.twin.segments)
         limits = learnable(first, CHANCE, DECISIVE * screened)
         return Discovery("none", why, (), names, learnable=limits, **common)
     progress("rivals")
     assessed = [_assessed(searched, law) for law in searched.laws]
-    whole = _on_all(explanation, searched)
+    evidence = FormEvidence(explanation.twin)
+    effects = [evidence.effect_of(searched.evidence.forms[law.id]) for law in searched.laws]
+    named = [effect for effect in searched.best.effects if effect not in searched.laws]
+    have = evidence.of((*named, *effects), evidence.nothing)
+    for number, law in enumerate(effects):
+        have, effects[number] = exact(evidence, have, law)
+    whole = _Whole(evidence, have, effects)
     assessed = [replace(each, others=_near_on_all(searched, each, whole, number)) for number, each in enumerate(assessed)]
     names = _beside(whole.have, frozenset(whole.evidence.forms))
     progress("from what size it could have been found")
@@ -119,12 +127,6 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
     laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(assessed))
     why = _undecided(assessed, laws, share) or ("the search has come to the end of its work" if searched.evidence.exhausted else "")
     return Discovery("ambiguous" if why else "found", why, laws, names, **common)
-
-
-def _too_little(searched: SearchState, share: float) -> str:
-    """Why the accepted laws are not reported, or empty."""
-    said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
-    return f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
 
 
 def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float) -> str:
@@ -227,16 +229,6 @@ class _Whole:
     evidence: FormEvidence
     have: Hypothesis
     laws: list[Effect]
-
-
-def _on_all(explanation: Explanation, searched: SearchState) -> _Whole:
-    evidence = FormEvidence(explanation.twin)
-    laws = [evidence.effect_of(searched.evidence.forms[law.id]) for law in searched.laws]
-    names = [effect for effect in searched.best.effects if effect not in searched.laws]
-    have = evidence.of((*names, *laws), evidence.nothing)
-    for number, law in enumerate(laws):
-        have, laws[number] = exact(evidence, have, law)
-    return _Whole(evidence, have, laws)
 
 
 def _near_on_all(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, number: int) -> list[Rival]:

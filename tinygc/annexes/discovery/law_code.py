@@ -41,7 +41,10 @@ def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str
         variable = "law" if single else (ONE, OTHER)[number]
         if factor.quantity not in names[:number]:
             unit = "" if factor.of.unit == "1" else f", {factor.of.unit}"
-            lines.append(f"{factor.quantity} = {_source(factor, fixed)}  # {factor.of.words}{unit}")
+            source = factor.of.source
+            for of_session, constant in SESSIONS_OWN.items():
+                source = source.replace(of_session, constant if constant in fixed else of_session)
+            lines.append(f"{factor.quantity} = {source}  # {factor.of.words}{unit}")
         made = re.sub(r"\b[xc]\b", lambda found: factor.quantity if found[0] == "x" else own[False], factor.through.source)  # noqa: B023
         if factor.lag_s is not None:
             made = f"signals.lagged({made}, {own[True]}, m.t_s)"
@@ -50,13 +53,6 @@ def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str
     lines, columns = _shorter([*lines, *more], columns)
     per_axis = form.size // 3
     return LawCode((*lines, f"return {columns}"), (3,) if per_axis == 1 else (3, per_axis))
-
-
-def _source(factor: Factor, fixed: Sequence[str]) -> str:
-    source = factor.of.source
-    for of_session, constant in SESSIONS_OWN.items():
-        source = source.replace(of_session, constant if constant in fixed else of_session)
-    return source
 
 
 def _shorter(lines: list[str], columns: str) -> tuple[list[str], str]:

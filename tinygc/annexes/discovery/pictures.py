@@ -298,23 +298,20 @@ def _levels(law: Law, own: Fitted, points: Points, times: float, one: float, lef
     for axes, values in ((left, points.without), (right, points.left)):
         axes.errorbar(points.x * times, values * one, points.sigma * one, fmt="none", lw=0.8, color=FLOOR, zorder=1)
         drawn = axes.scatter(points.x * times, values * one, c=points.level, cmap=colours, norm=scale, s=26, zorder=2)
-    right.figure.colorbar(drawn, ax=right, label=_level_words(law, points.series))
+    # The second quantity through its function, with its unit
+    other = other_of(law.form)
+    assert other is not None
+    component = component_beside(law.form, law.form.terms()[points.series.entries[0]])
+    symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
+    constant = "" if other.constant is None else f"{other.constant:.3g}"
+    shown = other.through.shown.format(x=symbol, c=constant)
+    shown += f" ({other.of.unit})" if other.through.name == "itself" and other.of.unit != "1" else ""
+    right.figure.colorbar(drawn, ax=right, label=shown)
     at = np.linspace(*_span(points.x), POINTS)
     said = curve(main_of(law.form), at, own.theta[list(points.series.entries)]) / DEG
     for level in np.quantile(points.level, QUANTILES):
         left.plot(at * times, level * said * one, color=colours(scale(level)), lw=1.8, label=f"law at {level:.3g}")
     right.plot([], [], "o", color=colours(0.5), label=f"{_name(law, points.series)}, with the law")
-
-
-def _level_words(law: Law, series: LawSeries) -> str:
-    """The second quantity through its function, with its unit."""
-    other = other_of(law.form)
-    assert other is not None
-    component = component_beside(law.form, law.form.terms()[series.entries[0]])
-    symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
-    constant = "" if other.constant is None else f"{other.constant:.3g}"
-    shown = other.through.shown.format(x=symbol, c=constant)
-    return f"{shown} ({other.of.unit})" if other.through.name == "itself" and other.of.unit != "1" else shown
 
 
 def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, one: float, axes: Sides) -> None:
@@ -385,7 +382,9 @@ def _words(law: Law) -> str:
 
 def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:
     """The series of each channel with evidence for the law."""
-    power, found = _power(pair.own), []
+    # Chi-square of the law's prediction, by channel
+    said = pair.own.whiten.by_channel(pair.own.whiten(pair.own.adds.stacked() @ pair.own.theta))
+    power, found = {name: float(np.sum(said[part] ** 2)) for name, part in pair.own.whiten.parts.items()}, []
     for channel, of in (("closure", of_turns), ("still", of_stills)):
         if power[channel] < SHARE * sum(power.values()):
             continue
@@ -397,9 +396,3 @@ def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:
         most = 1 if points[0].level is not None else MOST_SERIES
         found.append([points[number] for number in sorted(np.argsort(strength)[::-1][:most])])
     return found
-
-
-def _power(own: Fitted) -> dict[str, float]:
-    """Chi-square of the law's prediction, by channel."""
-    said = own.whiten.by_channel(own.whiten(own.adds.stacked() @ own.theta))
-    return {name: float(np.sum(said[part] ** 2)) for name, part in own.whiten.parts.items()}

@@ -163,7 +163,12 @@ class DiscoveryReport(ExplanationReport):
         An edited file stays; ``notes`` has the alternative taken.  Raises what ``ExplanationReport.save`` raises.
         """
         folder = folder or self.explanation.session.own_folder("explain")
-        saved = save_laws(self.discovery.laws, self._where(), folder / FOLDER)
+        session = self.explanation.session
+        logs = {file_key(log.path): hash_of_log(log) for log in session.logs}
+        movement = self.explanation.twin.movements[0]
+        saved = save_laws(
+            self.discovery.laws, Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c), folder / FOLDER
+        )
         self._files, self.notes = [f"{FOLDER}/{path.name}" for path in saved.files], saved.says
         super().save(folder, pictures)
         if pictures and self.discovery.laws:
@@ -172,9 +177,3 @@ class DiscoveryReport(ExplanationReport):
             with naming(folder / "discover.png"):
                 (folder / "discover.png").unlink(missing_ok=True)
         return folder
-
-    def _where(self) -> Where:
-        session = self.explanation.session
-        logs = {file_key(log.path): hash_of_log(log) for log in session.logs}
-        movement = self.explanation.twin.movements[0]
-        return Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c)

@@ -56,7 +56,10 @@ class ColumnPlan:
 
     def tiles(self, most: int) -> Iterator[np.ndarray]:
         """Partners in tiles of at most so many components, ordered to share hubs within a tile."""
-        order = self._order()
+        hubs: dict[int, set[int]] = {}
+        for hub, partner in zip(self.hub.tolist(), self.partner.tolist(), strict=True):
+            hubs.setdefault(partner, set()).add(hub)
+        order = np.array(sorted(hubs, key=lambda partner: (sorted(hubs[partner]), partner)), dtype=int)
         ends = np.cumsum(self.width[order])
         first = 0
         while first < len(order):
@@ -64,12 +67,6 @@ class ColumnPlan:
             stop = max(int(np.searchsorted(ends, begun + most, side="right")), first + 1)
             yield order[first:stop]
             first = stop
-
-    def _order(self) -> np.ndarray:
-        hubs: dict[int, set[int]] = {}
-        for hub, partner in zip(self.hub.tolist(), self.partner.tolist(), strict=True):
-            hubs.setdefault(partner, set()).add(hub)
-        return np.array(sorted(hubs, key=lambda partner: (sorted(hubs[partner]), partner)), dtype=int)
 
 
 def planned(forms: Sequence[LawForm]) -> ColumnPlan:

@@ -11,7 +11,7 @@ import numpy as np
 from session.io.units import DEG
 from tinygc.annexes.discovery.law_code import law_code
 from tinygc.annexes.discovery.quantities import QUANTITIES
-from tinygc.annexes.discovery.search_state import NOISE_P, Discovery, HeldOut, Law, RunnerUp
+from tinygc.annexes.discovery.search_state import NOISE_P, Discovery, Law, RunnerUp
 from tinygc.annexes.discovery.unobserved import in_words as direction_in_words
 from tinygc.annexes.discovery.words import (
     ABBREVIATIONS,
@@ -66,10 +66,31 @@ def _law(law: Law, file: str | None) -> dict:
         "chi_square": law.gain,
         "better_by": law.better,
         "chance_p": law.chance_p,
-        "held_out": [_held_out(each) for each in law.held_out],
+        "held_out": [
+            {
+                "before_deg": each.before_rad / DEG,
+                "after_deg": each.after_rad / DEG,
+                "floor_deg": each.floor_rad / DEG,
+                "removed": each.removed,
+                **p_entry("p_value", each.p_value),
+                **p_entry("noise_p", each.noise_p),
+                "segments": each.segments,
+                "recording": each.recording,
+            }
+            for each in law.held_out
+        ],
         "file": file,
         "same_here": [equation(form) for form in law.same],
-        "runners_up": [_runner_up(each) for each in law.runners_up],
+        "runners_up": [
+            {
+                "id": each.effect.id if each.form is None else None,
+                "equation": other_equation(each),
+                "worse_by": each.worse,
+                "correlation": each.correlation,
+                "discriminating_motion": each.discriminating_motion,
+            }
+            for each in law.runners_up
+        ],
         "learnable_from": law.learnable_from,
         "not_observed": [
             {"in_words": direction_in_words(law.form, each), "direction": each.reshape(law_code(law.form).shape).tolist()}
@@ -81,29 +102,6 @@ def _law(law: Law, file: str | None) -> dict:
 def id_of(file: str) -> str:
     """Id of the effect in ``effects/discovered_rate.py``: ``discovered.rate``."""
     return PurePosixPath(file).stem.replace("_", ".", 1)
-
-
-def _held_out(each: HeldOut) -> dict:
-    return {
-        "before_deg": each.before_rad / DEG,
-        "after_deg": each.after_rad / DEG,
-        "floor_deg": each.floor_rad / DEG,
-        "removed": each.removed,
-        **p_entry("p_value", each.p_value),
-        **p_entry("noise_p", each.noise_p),
-        "segments": each.segments,
-        "recording": each.recording,
-    }
-
-
-def _runner_up(each: RunnerUp) -> dict:
-    return {
-        "id": each.effect.id if each.form is None else None,
-        "equation": other_equation(each),
-        "worse_by": each.worse,
-        "correlation": each.correlation,
-        "discriminating_motion": each.discriminating_motion,
-    }
 
 
 def other_equation(each: RunnerUp) -> str:
@@ -156,7 +154,12 @@ def discovery_page(explained: dict) -> Group:
         lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["catalogue_effects"]]
     elif table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
-        lines.append(_best_against_chance(table))
+        lines.append(
+            one_line(
+                f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
+                f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
+            )
+        )
     if table["why"]:
         lines.append(one_line(table["why"]))
     if learnable := _learnable(table["learnable"]):
@@ -209,14 +212,10 @@ def number_lines(law: dict) -> list[str]:
             lines.append(f"{head if not lines else ' ' * len(head)}{numbers}")
     for name, constant in law["constants"].items():
         unit = "of full scale" if constant["unit"] == "fraction" else constant["unit"]
-        lines.append(f"{_without_unit(name)}: {measured(constant['value'], constant['sigma'])} {unit}")
+        # ``width`` of ``width_share``
+        ending = next((f"_{unit}" for *_, unit in BENCH_UNITS.values() if name.endswith(f"_{unit}")), "")
+        lines.append(f"{name.removesuffix(ending).replace('_', ' ')}: {measured(constant['value'], constant['sigma'])} {unit}")
     return lines
-
-
-def _without_unit(name: str) -> str:
-    """``width`` of ``width_share``."""
-    ending = next((f"_{unit}" for *_, unit in BENCH_UNITS.values() if name.endswith(f"_{unit}")), "")
-    return name.removesuffix(ending).replace("_", " ")
 
 
 def _heads(rows: list, terms: list[str]) -> list[list[str]]:
@@ -287,13 +286,6 @@ def runner_up_words(each: dict) -> str:
     name = f"{each['id']}  " if each["id"] else ""
     worse = f"worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}"
     return f"{name}{briefly(each['equation'])} ({worse}): {each['discriminating_motion']}"
-
-
-def _best_against_chance(table: dict) -> Text:
-    return one_line(
-        f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
-        f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
-    )
 
 
 def _learnable(learnable: dict) -> str:

@@ -233,25 +233,20 @@ def _through(
     closure = [block.closure[:, :, axis].reshape(s * d, h * k) for axis in range(3)]
     still = block.still.reshape(len(block.still), h * k)
     for projection, (matrix, goal) in enumerate(zip(matrices, targets, strict=True)):
-        seen = _seen(matrix, closure, still, used)
+        # (U, n) columns, ``axis * products + product``, multiplied by a projection's matrix
+        turns, products = len(closure[0]), still.shape[1]
+        seen = np.empty((len(used), len(matrix)), dtype=np.float32)
+        for axis in range(3):
+            first, stop = np.searchsorted(used, [axis * products, (axis + 1) * products])
+            own = used[first:stop] - axis * products
+            np.matmul(closure[axis][:, own].T, matrix[:, :turns].T, out=seen[first:stop])
+            if len(still):
+                seen[first:stop] += still[:, own].T @ matrix[:, turns + axis : turns + 3 * len(still) : 3].T
         free = np.ascontiguousarray(seen[:, : len(goal)])
         length, along = np.linalg.norm(seen, axis=1), free @ goal
         for size, each in rows.items():
             at = np.searchsorted(used, each)
             yield Passed(projection, forms[size], free[at], length[at], along[at])
-
-
-def _seen(matrix: np.ndarray, closure: list[np.ndarray], still: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """(U, n) columns, ``axis * products + product``, multiplied by a projection's matrix."""
-    turns, products = len(closure[0]), still.shape[1]
-    found = np.empty((len(used), len(matrix)), dtype=np.float32)
-    for axis in range(3):
-        first, stop = np.searchsorted(used, [axis * products, (axis + 1) * products])
-        own = used[first:stop] - axis * products
-        np.matmul(closure[axis][:, own].T, matrix[:, :turns].T, out=found[first:stop])
-        if len(still):
-            found[first:stop] += still[:, own].T @ matrix[:, turns + axis : turns + 3 * len(still) : 3].T
-    return found
 
 
 # All forms by their linear columns in each projection, and the chance level of so many forms.

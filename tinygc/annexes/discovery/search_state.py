@@ -16,7 +16,6 @@ from tinygc.annexes.discovery.projections import Projection, seen_basis
 from tinygc.annexes.discovery.screening import promised_beside
 from tinygc.annexes.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.annexes.discovery.words import equation
-from tinygc.closure.floor import Floor
 from tinygc.closure.problem import LEFT_OUT, Problem
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import Effect, Movement
@@ -86,11 +85,16 @@ def without(problem: Problem, held: np.ndarray) -> Problem:
         return replace(segment, problem=LEFT_OUT) if id(segment) in gone else segment
 
     rates = problem.still_rates
+    # The floor of the remaining segments: two that were not neighbours share no still
+    kept = np.flatnonzero(~held)
+    neighbours = np.diff(kept) == 1
+    shared = np.where(neighbours[:, None, None], problem.floor.shared[kept[:-1]], 0.0)
+    wider = None if problem.floor.wider is None else problem.floor.wider[kept]
     return replace(  # its bias instability is estimated from its own stills where possible
         problem,
         segments=[segment_of(segment) for segment in problem.segments],
         batch=problem.batch.pick(~held),
-        floor=_floor(problem.floor, held),
+        floor=replace(problem.floor, own=problem.floor.own[kept], shared=shared, wider=wider, references={}),
         logs=[replace(log, stills=[still_of(still) for still in log.stills]) for log in problem.logs],
         still_rates=replace(
             rates,
@@ -101,15 +105,6 @@ def without(problem: Problem, held: np.ndarray) -> Problem:
             middle_s=None if rates.middle_s is None else rates.middle_s[stays],
         ),
     )
-
-
-def _floor(floor: Floor, held: np.ndarray) -> Floor:
-    """The floor of the remaining segments: two that were not neighbours share no still."""
-    kept = np.flatnonzero(~held)
-    neighbours = np.diff(kept) == 1
-    shared = np.where(neighbours[:, None, None], floor.shared[kept[:-1]], 0.0)
-    wider = None if floor.wider is None else floor.wider[kept]
-    return replace(floor, own=floor.own[kept], shared=shared, wider=wider, references={})
 
 
 # The result of a search for an equation.
@@ -244,12 +239,10 @@ class Unseen:
         rms = [tilt_rms(each.closure[held]) for each in (before, after)]
         excess = rms[0] ** 2 - floor**2
         removed = None if excess < LEAST_EXCESS * floor**2 else 1 - max(rms[1] ** 2 - floor**2, 0.0) / excess
-        return HeldOut(rms[0], rms[1], floor, removed, p_value, self._noise_p(after.stacked(), held), len(held), recording)
-
-    def _noise_p(self, after: np.ndarray, held: np.ndarray) -> float:
-        """Probability under white noise and the sensor's bias instability only, so that the residuals do not raise the noise."""
-        closure = (after / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
-        return chi_square_above(float(np.sum(closure**2)), closure.size)
+        # Probability under white noise and the sensor's bias instability only, so that the residuals do not raise the noise
+        closure = (after.stacked() / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
+        noise_p = chi_square_above(float(np.sum(closure**2)), closure.size)
+        return HeldOut(rms[0], rms[1], floor, removed, p_value, noise_p, len(held), recording)
 
     def _squares(self, rows: np.ndarray) -> np.ndarray:
         """Sums of squares (S,) of rows (n,) in sigmas: of each segment, with the still at its beginning where that was held out."""

@@ -268,8 +268,11 @@ def with_a_form(
             trials.append((evidence.guess(base, add=effect).score, effect, base))
     trials.sort(key=lambda trial: trial[0])
     progress("refitting the best forms exactly")
-    trials = _best_of_each_shape(evidence, trials)
-    refitted = _refitted(evidence, trials, promised)
+    # The first of the sorted trials that differ by their constants or their base alone
+    first: dict[LawForm, Trial] = {}
+    for trial in trials:
+        first.setdefault(evidence.forms[trial[1].id].shape, trial)
+    refitted = _refitted(evidence, list(first.values()), promised)
     best = min(refitted, key=lambda h: h.score, default=None)
     stood = {effect.id for base in bases for effect in base.effects}
     new = [effect for have in refitted for effect in have.effects if effect.id in evidence.forms and effect.id not in stood]
@@ -311,12 +314,4 @@ def _first_of_each_shape(forms: Sequence[LawForm], promise: np.ndarray, takes_ca
         asked += 1
         if asked > MOST_ASKED or not takes_calibration(form):
             found[form.shape] = int(number)
-    return list(found.values())
-
-
-def _best_of_each_shape(evidence: FormEvidence, trials: list[Trial]) -> list[Trial]:
-    """The first of the sorted trials that differ by their constants or their base alone."""
-    found: dict[LawForm, Trial] = {}
-    for trial in trials:
-        found.setdefault(evidence.forms[trial[1].id].shape, trial)
     return list(found.values())

@@ -174,7 +174,7 @@ def constant_of(form: LawForm, number: int) -> tuple[str, float]:
 def in_words(form: LawForm) -> str:
     """One sentence in plain words."""
     words = [_words(factor) for factor in form.factors]
-    late = [_late(factor) for factor in form.factors]
+    late = ["" if factor.lag_s is None else f" (through a first-order lag of {_number(factor.lag_s)} s)" for factor in form.factors]
     waved = any(factor.through.phases > 1 or factor.of.directions > 1 for factor in form.factors)
     follows = "follows" if waved else "is proportional to"
     product = ", times ".join(map(str.__add__, words, late))
@@ -193,10 +193,6 @@ def in_words(form: LawForm) -> str:
         f"The error of each axis {follows} {words[0]} of {one}{late[0]}, times {words[1]} of {other}{late[1]} "
         "(after x comes y, after y z, after z x)."
     )
-
-
-def _late(factor: Factor) -> str:
-    return "" if factor.lag_s is None else f" (through a first-order lag of {_number(factor.lag_s)} s)"
 
 
 def _words(factor: Factor) -> str:

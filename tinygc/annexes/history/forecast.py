@@ -88,7 +88,7 @@ class Outlook:
 
     answer: ``HOLDS``, ``FAILS`` or ``UNDECIDED``, today; until: the last day on which it holds with 95 %, None where that is not known or
     it does not hold at all; beyond: whether it holds to the end of what the history can tell; shares (M,) at years (M,) after the last
-    session: probability that it is met; today_years: today on that scale, None without dates; reason: in words.
+    session: probability that it is met; reason: in words.
     """
 
     requirement: Requirement
@@ -97,7 +97,6 @@ class Outlook:
     beyond: bool
     years: np.ndarray
     shares: np.ndarray
-    today_years: float | None
     reason: str
 
 
@@ -187,7 +186,7 @@ def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None
     today_years = None if last is None or not history.dated else (today - last.when).total_seconds() / YEAR_S
 
     def without(answer: str, reason: str, shares: np.ndarray = none) -> Outlook:
-        return Outlook(requirement, answer, None, False, np.zeros(len(shares)), shares, today_years, reason)
+        return Outlook(requirement, answer, None, False, np.zeros(len(shares)), shares, reason)
 
     if draws is None:
         return without(UNDECIDED, "one session does not show how far the next one may be from it; record and fit another one at least")
@@ -231,7 +230,7 @@ def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None
     else:
         answer = FAILS if fails(min(today_years, span)) else UNDECIDED
         reason = f"it was met with 95 % until {day.date()}{'' if answer == FAILS else ', and may be met still: calibrate anew'}"
-    return Outlook(requirement, answer, day, beyond, years, shares, today_years, reason)
+    return Outlook(requirement, answer, day, beyond, years, shares, reason)
 
 
 def meets(history: UnitHistory, requirement: Requirement, draws: Draws) -> Callable[[np.ndarray], np.ndarray] | None:

@@ -42,7 +42,15 @@ def unit_html(history: UnitHistory, outlooks: Sequence[Outlook]) -> str:
     if len(history.sessions) > 1:
         together = [[escape(cell) for cell in row] for row in rows(history)]
         said += table(("", *map(escape, together_columns(history))), together, f"{TOGETHER}.")
-    said += _values(history)
+    shown = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
+    found = []
+    for each in history.numbers:
+        at = {int(place): k for k, place in enumerate(each.sessions)}
+        if at:
+            cells = [escape(number_cell(each, at[place])) if place in at else NONE for place in shown]
+            found.append([escape(f"{each.number.words}, {each.number.unit}"), *cells])
+    more = f"The last {len(shown)} sessions. " if len(shown) < len(history.sessions) else ""
+    said += table(("", *(escape(session_words(history, place)) for place in shown)), found, f"{more}Values ± one sigma of the session.")
     for panel in panels_of(history):
         keys = [key(curve.axis, escape(curve.label)) for curve in panel.curves]
         keys += [key("floor", "shock", "dash")] if panel.shocks else []
@@ -52,24 +60,21 @@ def unit_html(history: UnitHistory, outlooks: Sequence[Outlook]) -> str:
     return said
 
 
-def _values(history: UnitHistory) -> str:
-    shown = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
-    found = []
-    for each in history.numbers:
-        at = {int(place): k for k, place in enumerate(each.sessions)}
-        if at:
-            cells = [escape(number_cell(each, at[place])) if place in at else NONE for place in shown]
-            found.append([escape(f"{each.number.words}, {each.number.unit}"), *cells])
-    more = f"The last {len(shown)} sessions. " if len(shown) < len(history.sessions) else ""
-    return table(("", *(escape(session_words(history, place)) for place in shown)), found, f"{more}Values ± one sigma of the session.")
-
-
 def _chart(history: UnitHistory, panel: Panel, width: int) -> str:
     everything = np.concatenate(
         [np.concatenate([curve.values - curve.sigmas, curve.values + curve.sigmas, curve.low, curve.high]) for curve in panel.curves]
     )
     up = linear_axis(everything, f"difference, {panel.unit}")
-    chart = Chart(width, HEIGHT, _dates(history, width), up, f"{panel.title} over the sessions")
+    # Axis of years since the first session, its ticks at sessions: dates, or names where there are none
+    lo, hi = float(history.at[0]), float(history.at[-1])
+    room = 0.04 * (hi - lo) or 0.5
+    first = history.sessions[0].moment
+    if history.dated and first is not None:
+        whole = np.linspace(lo, hi, max(2, width // 170))
+        ticks = [(float(at), (first.when + timedelta(seconds=float(at) * YEAR_S)).date().isoformat()) for at in whole]
+    else:
+        ticks = [(float(at), session.name[:16]) for at, session in zip(history.at, history.sessions, strict=True)]
+    chart = Chart(width, HEIGHT, Axis(lo - room, hi + room, "", ticks=ticks), up, f"{panel.title} over the sessions")
     span = float(history.at[-1] - history.at[0]) or 1.0
     for k, curve in enumerate(panel.curves):
         if len(curve.grid):
@@ -91,16 +96,3 @@ def _chart(history: UnitHistory, panel: Panel, width: int) -> str:
         (px,), _ = chart.at([at_years], [0.0])
         chart.text(float(px) + 4, chart.top + chart.inner_height - 6, words, "start", "floor")
     return chart.svg()
-
-
-def _dates(history: UnitHistory, width: int) -> Axis:
-    """Axis of years since the first session, its ticks at sessions: dates, or names where there are none."""
-    lo, hi = float(history.at[0]), float(history.at[-1])
-    room = 0.04 * (hi - lo) or 0.5
-    first = history.sessions[0].moment
-    if history.dated and first is not None:
-        whole = np.linspace(lo, hi, max(2, width // 170))
-        ticks = [(float(at), (first.when + timedelta(seconds=float(at) * YEAR_S)).date().isoformat()) for at in whole]
-    else:
-        ticks = [(float(at), session.name[:16]) for at, session in zip(history.at, history.sessions, strict=True)]
-    return Axis(lo - room, hi + room, "", ticks=ticks)

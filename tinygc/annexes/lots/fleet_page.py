@@ -31,7 +31,25 @@ HEIGHT, SMALL = 170, 410
 
 def page(summary: Summary, more: Sequence[Section] = ()) -> str:
     """Build the page; more: sections on the sessions as a whole (lot statistics), between parameters and failures."""
-    made = [_counts(summary), _closures(summary), _verdicts(summary), _parameters(summary), *more, _failures(summary), _slowest(summary)]
+    parts = []
+    for caption, counts in (
+        ("First look: the worst that it found", summary.first_look),
+        ("Verdicts of explain", summary.verdicts),
+        ("Effects that explain names", summary.effects),
+    ):
+        if counts:
+            rows = [(escape(name), _count(count), f"{significant(100 * count / summary.sessions)} %") for name, count in counts.items()]
+            parts.append(table(("", "sessions", "share"), rows, caption))
+    slowest = [(escape(folder), significant(cpu_s)) for folder, cpu_s in summary.slowest]
+    made = [
+        _counts(summary),
+        _closures(summary),
+        (Section("verdicts", "Why they differ", "".join(parts)) if parts else None),
+        _parameters(summary),
+        *more,
+        _failures(summary),
+        (Section("slowest", "Slowest", table(("folder", "CPU s"), slowest)) if slowest else None),
+    ]
     head = (
         '<header><p class="kicker">Fleet of sessions</p>'
         f"<h1>{_count(summary.sessions)} sessions, {_count(summary.units)} serial numbers</h1></header>"
@@ -73,19 +91,6 @@ def _closures(summary: Summary) -> Section | None:
     return Section("closure", "Closure", html + _table({CLOSURES[name]: (each, "°", 1.0) for name, each in found.items()}))
 
 
-def _verdicts(summary: Summary) -> Section | None:
-    parts = []
-    for caption, counts in (
-        ("First look: the worst that it found", summary.first_look),
-        ("Verdicts of explain", summary.verdicts),
-        ("Effects that explain names", summary.effects),
-    ):
-        if counts:
-            rows = [(escape(name), _count(count), f"{significant(100 * count / summary.sessions)} %") for name, count in counts.items()]
-            parts.append(table(("", "sessions", "share"), rows, caption))
-    return Section("verdicts", "Why they differ", "".join(parts)) if parts else None
-
-
 def _parameters(summary: Summary) -> Section | None:
     shown = {name: (summary.distributions[name], *_unit(name)) for name in VALUES if name in summary.distributions}
     if not shown:
@@ -103,11 +108,6 @@ def _failures(summary: Summary) -> Section | None:
     cut = f"The first {len(rows)} of {_count(failed)}; fleet.sqlite and --csv have all." if len(rows) < failed else ""
     html = table(("reason", "in", "sessions"), reasons, "By reason: … stands for what differs", "words")
     return Section("failures", "Failures", html + table(("folder", "in", "because"), rows, cut or "Each", "words"))
-
-
-def _slowest(summary: Summary) -> Section | None:
-    rows = [(escape(folder), significant(cpu_s)) for folder, cpu_s in summary.slowest]
-    return Section("slowest", "Slowest", table(("folder", "CPU s"), rows)) if rows else None
 
 
 def _unit(name: str) -> tuple[str, float]:

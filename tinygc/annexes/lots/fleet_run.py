@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 from session.io.errors import CalibrationError
 from session.io.texts import printable
-from tinygc.annexes.lots.fleet_row import DIED, DONE, FleetOptions, Row, empty, key_of
+from tinygc.annexes.lots.fleet_row import DIED, DONE, FleetOptions, empty, key_of
 from tinygc.annexes.lots.fleet_session import Job, Outcome, compute
 from tinygc.annexes.lots.fleet_table import WATCH_S, Table
 
@@ -169,7 +169,13 @@ class Processes:
                 try:
                     said = worker.pipe.recv()
                 except (EOFError, OSError):
-                    found += self._replaced(worker)
+                    worker.process.join()
+                    worker.pipe.close()
+                    if not worker.ready:
+                        how = _how(worker.process.exitcode)
+                        raise CalibrationError(f"a process ended before it could begin ({how}); is there memory for --jobs?") from None
+                    self._workers[self._workers.index(worker)] = self._started()
+                    found += [] if worker.job is None else [Finished(worker.job, None, _how(worker.process.exitcode))]
                     continue
                 if isinstance(said, CalibrationError):
                     raise said
@@ -208,14 +214,6 @@ class Processes:
             process.start()
         its.close()
         return _Worker(process, ours)
-
-    def _replaced(self, worker: _Worker) -> list[Finished]:
-        worker.process.join()
-        worker.pipe.close()
-        if not worker.ready:
-            raise CalibrationError(f"a process ended before it could begin ({_how(worker.process.exitcode)}); is there memory for --jobs?")
-        self._workers[self._workers.index(worker)] = self._started()
-        return [] if worker.job is None else [Finished(worker.job, None, _how(worker.process.exitcode))]
 
 
 @contextlib.contextmanager
@@ -372,13 +370,12 @@ ATTEMPTS = 2
 class Tally:
     """Counts of folders in a run.
 
-    done and failed now; reused: known before, by this or another folder; reused_failed: those of them that failed.
+    done and failed now; reused: known before, by this or another folder.
     """
 
     done: int = 0
     failed: int = 0
     reused: int = 0
-    reused_failed: int = 0
 
     @property
     def folders(self) -> int:
@@ -405,7 +402,6 @@ class _FleetRun:
         if status == DONE or (status is not None and not self._retry):
             self._table.put_folder(folder, key)
             self.tally.reused += 1
-            self.tally.reused_failed += status != DONE
             self._progress(self.tally)
         elif key in self._pending:
             self._pending[key].append(folder)
@@ -435,7 +431,9 @@ class _FleetRun:
             if self._ends[key] < ATTEMPTS:
                 self._executor.submit(finished.job)
                 return
-            outcome = Outcome(key, _died(finished.died))
+            how = finished.died or "no reason known"
+            error = f"the process that computed it ended, {ATTEMPTS} times ({how}); was memory short? try again with --retry"
+            outcome = Outcome(key, empty() | {"status": DIED, "error": error})
         folders = self._pending.pop(key)
         self._ends.pop(key, None)
         if outcome.row is None:
@@ -447,7 +445,6 @@ class _FleetRun:
         self.tally.done += good
         self.tally.failed += not good
         self.tally.reused += len(folders) - 1
-        self.tally.reused_failed += (len(folders) - 1) * (not good)
 
     def _without_key(self, folder: Path, error: str) -> None:
         self._table.put_folder(folder, None, printable(error))
@@ -475,8 +472,3 @@ def run_fleet(
     run.drain()
     table.require_there(at_once=True)
     return run.tally
-
-
-def _died(how: str) -> Row:
-    error = f"the process that computed it ended, {ATTEMPTS} times ({how or 'no reason known'}); was memory short? try again with --retry"
-    return empty() | {"status": DIED, "error": error}

@@ -67,25 +67,19 @@ def compute(job: Job) -> Outcome:
         if job.version != VERSION:
             raise CalibrationError(f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
         began, cpu = time.perf_counter(), time.process_time()
-        row, trouble = _row(job)
+        folder, row = Path(job.folder), empty() | {"status": DONE}
+        with _failing_at("check", row, folder):
+            _fill(row, folder, job.options)
+        try:
+            after = key_of(folder, job.options)
+        except CalibrationError as error:
+            trouble = str(error)
+        else:
+            trouble = "" if after == job.key else f"{folder}: changed while it was read; run again"
         if job.options.effects and effects_hash(job.options.effects) != job.options.effects_sha256:
             where = ", ".join(job.options.effects)
             raise CalibrationError(f"{where}: effects have changed, or are others where a worker runs; let them be, and run again")
-        return Outcome(job.key, row, trouble, time.process_time() - cpu, time.perf_counter() - began)
-
-
-def _row(job: Job) -> tuple[Row | None, str]:
-    folder, row = Path(job.folder), empty() | {"status": DONE}
-    trouble = None
-    with _failing_at("check", row, folder):
-        _fill(row, folder, job.options)
-    try:
-        after = key_of(folder, job.options)
-    except CalibrationError as error:
-        trouble = str(error)
-    else:
-        trouble = "" if after == job.key else f"{folder}: changed while it was read; run again"
-    return (None, trouble) if trouble else (row, "")
+        return Outcome(job.key, None if trouble else row, trouble, time.process_time() - cpu, time.perf_counter() - began)
 
 
 def _fill(row: Row, folder: Path, options: FleetOptions) -> None:

@@ -174,6 +174,7 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
     known = ", ".join(f"ifnull({name}, {INFINITE})" for name in names)
     figures = np.fromiter(table.each(f"SELECT {known} FROM {EACH}"), dtype=np.dtype((float, len(names))))
     found = {name: distribution(values[np.isfinite(values)]) for name, values in zip(names, figures.T, strict=True)}
+    keyed = f"SELECT folder, ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"
     return Summary(
         folders=table.one("SELECT count(*) FROM folders"),
         sessions=sum(status.values()),
@@ -190,7 +191,9 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
         verdicts=_counted(table, "verdict"),
         effects=_effects(table),
         reasons=_reasons(table),
-        failures=_failures(table),
+        failures=table.rows(
+            f"{keyed} UNION ALL SELECT folder, 'reading', error FROM folders WHERE key IS NULL ORDER BY 1 LIMIT {MOST_LISTED}"
+        ),
         slowest=table.rows(f"SELECT folder, cpu_s FROM {EACH} JOIN durations USING (key) ORDER BY cpu_s DESC, folder LIMIT {MOST_SLOWEST}"),
         cpu_s=table.one(f"SELECT ifnull(sum(cpu_s), 0) FROM {EACH} JOIN durations USING (key)"),
         distributions={name: each for name, each in found.items() if each is not None},
@@ -242,11 +245,6 @@ def reason_of(line: str) -> str:
     """Remove numbers and names from a failure's line, so that equal causes have equal lines."""
     words = [("…" if any(c.isdigit() for c in word) else word) for word in line.split()]
     return " ".join(word for number, word in enumerate(words) if word != "…" or words[number - 1 : number] != ["…"])
-
-
-def _failures(table: Table) -> list[tuple[str, str, str]]:
-    keyed = f"SELECT folder, ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"
-    return table.rows(f"{keyed} UNION ALL SELECT folder, 'reading', error FROM folders WHERE key IS NULL ORDER BY 1 LIMIT {MOST_LISTED}")
 
 
 def _reasons(table: Table) -> list[tuple[str, str, int]]:

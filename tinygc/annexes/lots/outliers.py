@@ -41,16 +41,13 @@ def outliers(lot: LotSessions, found: LotEstimate) -> list[Outlier]:
         order = [n for n in np.argsort(-np.abs(found.off / found.off_sigma)[u, OWN]) if p_values[u, n] < FAMILY_P]
         reasons = [Reason(SENSOR_ERRORS[n].key, float(values[u, n]), float(values[u, n] / sigmas[u, n])) for n in order[:MOST_REASONS]]
         session = lot.names[lot.first[u]] if lot.count[u] == 1 else ""
-        made.append(_said(lot.serials[u], session, p_values[u].min(), reasons))
+        serial = lot.serials[u]
+        told = []
+        for reason in reasons:
+            (each,) = (each for each in SENSOR_ERRORS if each.key == reason.what)
+            value = f"{reason.value:+.0f}" if abs(reason.value) >= 100 else f"{reason.value:+.3g}"
+            told.append(f"{each.name} {value} {each.unit} ({reason.sigmas:+.1f} sigmas)")
+        single = f", of the single session {session}," if session else ""
+        says = f"unit {serial or '(no serial)'}{single} does not belong to the lot: {', '.join(told)}"
+        made.append(Outlier(serial, session, float(p_values[u].min()), tuple(reasons), says))
     return sorted(made, key=lambda each: each.p_value)
-
-
-def _said(serial: str, session: str, p: float, reasons: list[Reason]) -> Outlier:
-    told = []
-    for reason in reasons:
-        (each,) = (each for each in SENSOR_ERRORS if each.key == reason.what)
-        value = f"{reason.value:+.0f}" if abs(reason.value) >= 100 else f"{reason.value:+.3g}"
-        told.append(f"{each.name} {value} {each.unit} ({reason.sigmas:+.1f} sigmas)")
-    single = f", of the single session {session}," if session else ""
-    says = f"unit {serial or '(no serial)'}{single} does not belong to the lot: {', '.join(told)}"
-    return Outlier(serial, session, float(p), tuple(reasons), says)

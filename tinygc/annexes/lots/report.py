@@ -19,7 +19,6 @@ from tinygc.annexes.lots.lot import (
     OWN,
     SENSOR_ERRORS,
     Lot,
-    LotSessions,
     SensorError,
     UnitResult,
     error_sigmas,
@@ -69,31 +68,24 @@ def lot_of(results: Iterable[UnitResult], sensor: str = "") -> LotReport:
     sessions = lot_sessions(results)
     found = estimate(sessions)
     lot = Lot(sensor, sessions.units, sessions.sessions, found.next_mean, found.next_sigma, found.spread, found.repeatability)
-    return LotReport(lot, _quantities(sessions, found), tuple(outliers(sessions, found)), found, _notes(sessions, found))
-
-
-def _quantities(lot: LotSessions, found: LotEstimate) -> tuple[LotQuantity, ...]:
-    J, per = jacobian(found.mean), PER_UNITS / max(lot.units - 1, 1)
+    J, per = jacobian(found.mean), PER_UNITS / max(sessions.units - 1, 1)
     sigmas = (found.mean_sigma, found.spread, found.repeatability, found.drift_sigma * per)
     of_mean, spread, again, of_drift = (error_sigmas(each, J) for each in sigmas)
     drift = np.where(np.isfinite(of_drift), J @ np.nan_to_num(found.drift), np.nan) * per
     p = 2 * stdtr(found.freedom[OWN], -np.abs(drift) / of_drift)
-    units = np.logical_or.reduceat(lot.told[:, OWN], lot.first).sum(axis=0)
+    units = np.logical_or.reduceat(sessions.told[:, OWN], sessions.first).sum(axis=0)
     columns = zip(
         units.tolist(), *map(np.ndarray.tolist, (sensor_errors(found.mean), of_mean, spread, again, drift, of_drift, p)), strict=True
     )
-    return tuple(LotQuantity(error, *row) for error, row in zip(SENSOR_ERRORS, columns, strict=True))
-
-
-def _notes(lot: LotSessions, found: LotEstimate) -> tuple[str, ...]:
     told = []
-    if not (lot.count > 1).any():
+    if not (sessions.count > 1).any():
         told.append("no unit has two sessions: repeatability is unknown, and is part of the spread between units")
     if found.odd.any():
-        told.append(f"the numbers are those without the {int(found.odd.sum())} of {lot.units} units that do not belong")
-    if lot.units <= 2:
+        told.append(f"the numbers are those without the {int(found.odd.sum())} of {sessions.units} units that do not belong")
+    if sessions.units <= 2:
         told.append("two units have no drift")
-    return tuple(told)
+    quantities = tuple(LotQuantity(error, *row) for error, row in zip(SENSOR_ERRORS, columns, strict=True))
+    return LotReport(lot, quantities, tuple(outliers(sessions, found)), found, tuple(told))
 
 
 # A lot as a file: JSON of format ``tinygc-lot/3`` (docs/formats.md), null for unknown values.
@@ -168,7 +160,11 @@ def to_json(report: LotReport) -> dict:
         drift_p_value=drift.drift_p,
         drifts=drift.drifts,
         notes=list(report.notes),
-        quantities=[_quantity(each) for each in report.quantities if each.units],
+        quantities=[
+            {"key": each.error.key, "unit": each.error.unit, **{name: value for name, value in vars(each).items() if name != "error"}}
+            for each in report.quantities
+            if each.units
+        ],
         outliers_found=len(report.outliers),
         outliers=[_outlier(each) for each in report.outliers[:MOST_OUTLIERS]],
     )
@@ -177,10 +173,6 @@ def to_json(report: LotReport) -> dict:
 def save(report: LotReport, path: Path | str) -> None:
     """Write the report atomically.  Raises StorageError for a full disk."""
     write_whole(Path(path), to_json(report))
-
-
-def _quantity(each: LotQuantity) -> dict:
-    return {"key": each.error.key, "unit": each.error.unit, **{name: value for name, value in vars(each).items() if name != "error"}}
 
 
 def _outlier(each: Outlier) -> dict:

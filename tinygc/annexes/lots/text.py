@@ -108,15 +108,11 @@ def fleet_page(summary: Summary, tally: Tally | None) -> Group:
             lines.append(f"{what}: {shown}" + (" …" if len(counts) > MOST_SHOWN else ""))
     parts: list[Text | Table] = [Text(printable(line)) for line in lines]
     if summary.reasons:
-        parts.append(_reasons(summary))
+        table = Table(title="Failures by reason", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+        table.add_column("sessions", justify="right")
+        table.add_column("in")
+        table.add_column("because", overflow="fold")
+        for step, reason, count in summary.reasons[:MOST_SHOWN]:
+            table.add_row(str(count), step, printable(reason))
+        parts.append(table)
     return Group(*parts)
-
-
-def _reasons(summary: Summary) -> Table:
-    table = Table(title="Failures by reason", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("sessions", justify="right")
-    table.add_column("in")
-    table.add_column("because", overflow="fold")
-    for step, reason, count in summary.reasons[:MOST_SHOWN]:
-        table.add_row(str(count), step, printable(reason))
-    return table

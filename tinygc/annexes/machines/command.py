@@ -70,30 +70,27 @@ def run(args: argparse.Namespace) -> int:
         given = f"; it has {len(args.words)} words" if args.words else ""
         raise CalibrationError(f"table {args.action}: expected {' '.join((args.action, *words))}{given}")
     if args.action in ("list", "new"):
-        return _about_makes(args)
+        from session.annexes.machines.makes import makes
+        from session.annexes.machines.template import template
+
+        if args.action == "new":
+            text = template(args.words[0], args.axes)
+            for line in text.splitlines():
+                output(args).print(line, markup=False, highlight=False, soft_wrap=True)
+            write_json(args.json, {"schema": SCHEMA, "action": "new", "make": args.words[0]})
+            return 0
+        known = makes()
+        for name, title in known.items():
+            output(args).print(f"{name:10}  {title}", markup=False, highlight=False, soft_wrap=True)
+        listed = [{"name": name, "title": title} for name, title in known.items()]
+        write_json(args.json, {"schema": SCHEMA, "action": "list", "makes": listed})
+        return 0
     from session.annexes.machines.description import read_description
 
     args.table = args.table or Path("table.toml")  # no default: `table new … > table.toml` writes it
     table = read_description(args.table)
     with ended_by_signals(ignored_interrupt=True):
         return {"check": _check, "virtual": _virtual}.get(args.action, _machine)(args, table)
-
-
-def _about_makes(args: argparse.Namespace) -> int:
-    from session.annexes.machines.makes import makes
-    from session.annexes.machines.template import template
-
-    if args.action == "new":
-        text = template(args.words[0], args.axes)
-        for line in text.splitlines():
-            output(args).print(line, markup=False, highlight=False, soft_wrap=True)
-        write_json(args.json, {"schema": SCHEMA, "action": "new", "make": args.words[0]})
-        return 0
-    known = makes()
-    for name, title in known.items():
-        output(args).print(f"{name:10}  {title}", markup=False, highlight=False, soft_wrap=True)
-    write_json(args.json, {"schema": SCHEMA, "action": "list", "makes": [{"name": name, "title": title} for name, title in known.items()]})
-    return 0
 
 
 def _check(args: argparse.Namespace, table: Description) -> int:

@@ -129,7 +129,8 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
             continue
         samples = problem.logs[log].samples
         for still in problem.logs[log].stills:
-            during = _during(word, samples, still.start, still.stop)
+            # (N,) bool: the answers between two samples, while nothing moved
+            during = (word.t_ns >= samples.t_ns[still.start]) & (word.t_ns <= samples.t_ns[still.stop - 1]) & ~word.moving
             if still.problem is None and during.any():
                 rest_of[id(still)] = len(rests)
                 said = np.median(word.angles[during], axis=0)
@@ -191,11 +192,6 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
         np.zeros(len(turns), dtype=bool),
         answer_at,
     )
-
-
-def _during(word: AngleLog, samples: Samples, start: int, stop: int) -> np.ndarray:
-    """(N,) bool: the answers between two samples, while nothing moved."""
-    return (word.t_ns >= samples.t_ns[start]) & (word.t_ns <= samples.t_ns[stop - 1]) & ~word.moving
 
 
 class Turn:

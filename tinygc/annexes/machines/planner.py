@@ -79,7 +79,15 @@ class TableMoves:
         start = self.angles if angles is None else angles
         place = (*np.round(start, PLACE_DECIMALS).tolist(), most_rps, self.hold_s, self.longest_s)
         if place not in self._found:
-            found = self._turns(start, list(self._changes(start)), most_rps)
+            changes = list(self._changes(start))
+            places = np.repeat(np.array(start, dtype=float)[None, None], len(changes), axis=0).repeat(MOST_PARTS + 1, axis=1)
+            for turn, parts in enumerate(changes):
+                for number, (axis, change) in enumerate(parts):
+                    places[turn, number + 1 :, axis] += change
+            flat = places.reshape(-1, places.shape[-1])
+            about = body_axes(self.table, flat).reshape(*places.shape, 3)
+            up = -attitudes(self.table, flat)[:, 2].reshape(*places.shape[:2], 3)
+            found = [self._turn(*each, most_rps) for each in zip(changes, places, about, up, strict=True)]
             self._found[place] = [turn for turn in found if sum(part.seconds + SETTLE_S for part in turn.parts) <= self.longest_s]
         if not self._found[place]:
             least = f"no turn of {LEAST_TURN_RAD / DEG:.0f} deg or more"
@@ -117,17 +125,6 @@ class TableMoves:
             changes += [least + share * (most - least) - at_rad for share in SHARES]
         within = [change for change in changes if least - ROUNDING_RAD <= at_rad + change <= most + ROUNDING_RAD]
         return [change for change in dict.fromkeys(within) if abs(change) >= LEAST_TURN_RAD]
-
-    def _turns(self, start: np.ndarray, changes: list[tuple[tuple[int, float], ...]], most_rps: float) -> list[Turn]:
-        """The turns of these changes, each from start (K,)."""
-        places = np.repeat(np.array(start, dtype=float)[None, None], len(changes), axis=0).repeat(MOST_PARTS + 1, axis=1)
-        for turn, parts in enumerate(changes):
-            for number, (axis, change) in enumerate(parts):
-                places[turn, number + 1 :, axis] += change
-        flat = places.reshape(-1, places.shape[-1])
-        about = body_axes(self.table, flat).reshape(*places.shape, 3)
-        up = -attitudes(self.table, flat)[:, 2].reshape(*places.shape[:2], 3)
-        return [self._turn(*each, most_rps) for each in zip(changes, places, about, up, strict=True)]
 
     def _turn(self, changes: tuple[tuple[int, float], ...], places: np.ndarray, about: np.ndarray, up: np.ndarray, most_rps: float) -> Turn:
         """A turn.  Before it and after each part: places (N, K) rad; about (N, K, 3): the axes; up (N, 3): what points up, of the body."""

@@ -183,7 +183,15 @@ class TurnedRecording:
         turns = [f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan.turns, 1)]
         lines += _wrapped("likely turns:", turns)
         if plan.unseen:
-            lines += _wrapped(f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters:", _grouped(plan.unseen))
+            # Names of parameters, those of one kind together: ``scale of x, y``
+            kinds: dict[str, list[str]] = {}
+            for name in plan.unseen:
+                kind, _, which = name.rpartition(" ")
+                kinds.setdefault(kind, []).append(which)
+            lines += _wrapped(
+                f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters:",
+                [f"{kind} {', '.join(which)}" for kind, which in kinds.items()],
+            )
             lines.append("    set the sensor on another side and record once more, or use a table with one more axis")
         return [*lines, f"  {MASTER}", f"  {WAY_FREE}"]
 
@@ -250,15 +258,6 @@ def _wrapped(begin: str, items: Sequence[str]) -> list[str]:
     """Lines of items, none of them torn apart."""
     text = f"{begin} {'; '.join(item.replace(' ', HARD_SPACE) for item in items)}"
     return [line.replace(HARD_SPACE, " ") for line in textwrap.wrap(text, LINE, initial_indent="  ", subsequent_indent="    ")]
-
-
-def _grouped(names: Sequence[str]) -> list[str]:
-    """Names of parameters, those of one kind together: ``scale of x, y``."""
-    kinds: dict[str, list[str]] = {}
-    for name in names:
-        kind, _, which = name.rpartition(" ")
-        kinds.setdefault(kind, []).append(which)
-    return [f"{kind} {', '.join(which)}" for kind, which in kinds.items()]
 
 
 def is_raw(folder: Path, like: Path | None) -> bool:

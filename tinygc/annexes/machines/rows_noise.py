@@ -119,7 +119,9 @@ class NoiseModel:
         found = []
         rate = np.gradient(comparison.said_way, axis=1) / seen.block_s[:, None]
         # Where an axis starts or stops within a block, the word between two answers is off by as much as at its neighbours.
-        change = _widest(np.abs(np.gradient(rate, axis=1)) / seen.block_s[:, None])
+        values = np.abs(np.gradient(rate, axis=1)) / seen.block_s[:, None]
+        padded = np.pad(values, ((0, 0), (1, 1)), mode="edge")
+        change = np.maximum(values, np.maximum(padded[:, :-2], padded[:, 2:]))
         for number, inner in enumerate(comparison.inner):
             if not inner.any():
                 continue
@@ -206,9 +208,3 @@ def of_answers(answer_at: np.ndarray) -> np.ndarray:
     Akima's interpolation is where the rate changes little."""
     d = np.abs(answer_at[:, None] - np.arange(int(answer_at.max()) + 3))
     return np.where(d < 1, (1.5 * d - 2.5) * d**2 + 1, np.where(d < 2, ((2.5 - 0.5 * d) * d - 4) * d + 2, 0.0))
-
-
-def _widest(values: np.ndarray) -> np.ndarray:
-    """The largest of each value (S, B) and its neighbours."""
-    padded = np.pad(values, ((0, 0), (1, 1)), mode="edge")
-    return np.maximum(values, np.maximum(padded[:, :-2], padded[:, 2:]))

@@ -282,7 +282,14 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         first_p = min(first_p, p_latency)
     doubtful = [each for each in judged if (each.p_value <= bar) != (each.log_evidence > 0)]
     suspected = tuple(dict.fromkeys(each.candidate.id for each in sorted(doubtful, key=lambda each: each.p_value)))[:MOST_SUSPECTED]
-    limits, unseen = _not_named(base, judged)
+    limits, unseen = [], []
+    for each in judged:
+        freedom = max(int(each.seen.sum()), 1)
+        least_seen = np.sqrt(chi2.isf(FAMILY_WISE / max(len(judged), 1), freedom)) + POWER
+        faintest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
+        limits.append((each.candidate, float(least_seen * faintest)))
+        for direction in each.right[:, ~each.seen].T:
+            unseen.append(Unseen(each.candidate, _hidden_in(base, each, direction)))
     found = sorted(found, key=lambda each: -each.log_evidence)
     chi_square = float(base.left @ base.left)
     excess = base.model.excess(base.noise)
@@ -433,18 +440,6 @@ def _named(observed: Observed, base: _Base, named: list[Candidate], number: int,
     covariance = shown @ base.covariance[here, here] @ shown.T
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Named(own.candidate, shown @ base.theta[here], sigma, p_value, own.log_evidence, tuple(sorted(near - {own.candidate.id})))
-
-
-def _not_named(base: _Base, judged: list[_Judged]) -> tuple[list[tuple[Candidate, float]], list[Unseen]]:
-    limits, unseen = [], []
-    for each in judged:
-        freedom = max(int(each.seen.sum()), 1)
-        bar = np.sqrt(chi2.isf(FAMILY_WISE / max(len(judged), 1), freedom)) + POWER
-        weakest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
-        limits.append((each.candidate, float(bar * weakest)))
-        for direction in each.right[:, ~each.seen].T:
-            unseen.append(Unseen(each.candidate, _hidden_in(base, each, direction)))
-    return limits, unseen
 
 
 def _hidden_in(base: _Base, judged: _Judged, direction: np.ndarray) -> tuple[str, ...]:

@@ -62,7 +62,20 @@ class SensorOnTable:
         options, unit, odr_hz, factor = self._options, self._unit, self._unit.odr_hz, self._factor
         step = 1 / (factor * odr_hz)
         t_s = np.arange(self._taken * factor, (self._taken + count) * factor) * step
-        rate, force, temp_c = self._signals(tracks, t_s, step)
+        # Rate against inertial space and specific force (N, 3), temperature (N,); rates are means over a step, about each time
+        edges = np.append(t_s, t_s[-1] + step) - step / 2
+        said, sense = np.stack([track.said_and_sense(edges) for track in tracks], axis=-1)
+        attitude = true_attitudes(self._table, self._errors, said, sense)
+        body = Rotation.from_matrix(attitude)
+        rate = (body[:-1].inv() * body[1:]).as_rotvec() / step
+        middle = (body[:-1] * Rotation.from_rotvec(rate * step / 2)).as_matrix()
+        earth_t = movement.earth_rate_table(options.latitude_deg * DEG, unit.heading_deg * DEG)
+        acceleration = np.gradient(rate, step, axis=0)
+        lever = np.array(options.lever_m)
+        force = np.cross(acceleration, lever) + np.cross(rate, np.cross(rate, lever))
+        force = force - np.einsum("nji,j->ni", middle, np.array([0.0, 0.0, options.gravity_mps2]))
+        rate = rate + np.einsum("nji,j->ni", middle, earth_t)
+        temp_c = temperature(t_s, options.temperature_start_c, options.warm_up_c)
         if self._distort is not None:
             rate = self._distort(t_s, rate, force, temp_c)
         walk = options.bias_instability_dph * DEG_PER_HOUR / 10 * self._walk_rng.normal(size=(count, 3)) / np.sqrt(odr_hz)
@@ -76,19 +89,3 @@ class SensorOnTable:
             registers_of(self._accel(unit.measured_force(force)), options.accel_fs_g * G, units.accel_mps2),
             temperature_registers(temp_c[::factor], self._temperature_rng, units),
         )
-
-    def _signals(self, tracks: Sequence[AxisTrack], t_s: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rate against inertial space and specific force (N, 3), temperature (N,); rates are means over a step, about each time."""
-        edges = np.append(t_s, t_s[-1] + step) - step / 2
-        said, sense = np.stack([track.said_and_sense(edges) for track in tracks], axis=-1)
-        attitude = true_attitudes(self._table, self._errors, said, sense)
-        body = Rotation.from_matrix(attitude)
-        rate = (body[:-1].inv() * body[1:]).as_rotvec() / step
-        middle = (body[:-1] * Rotation.from_rotvec(rate * step / 2)).as_matrix()
-        earth_t = movement.earth_rate_table(self._options.latitude_deg * DEG, self._unit.heading_deg * DEG)
-        acceleration = np.gradient(rate, step, axis=0)
-        lever = np.array(self._options.lever_m)
-        force = np.cross(acceleration, lever) + np.cross(rate, np.cross(rate, lever))
-        force = force - np.einsum("nji,j->ni", middle, np.array([0.0, 0.0, self._options.gravity_mps2]))
-        rate = rate + np.einsum("nji,j->ni", middle, earth_t)
-        return rate, force, temperature(t_s, self._options.temperature_start_c, self._options.warm_up_c)

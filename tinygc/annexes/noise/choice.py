@@ -140,7 +140,19 @@ class Search:
         if near is not None and "G" in near.names:
             x, time = near.variance("G"), near.fitted.correlation_s
         else:
-            x, time = self._most_likely_time(names[:-1], np.array(at))
+            # The variance and the correlation time of a Gauss-Markov term at which the likelihood rises most, to first order
+            low, high = np.log10(self.bounds_s)
+            times = np.logspace(low, high, max(round((high - low) * TIMES_PER_DECADE), 2) + 1)
+            own = [self.V[name] for name in names[:-1]]
+            gains = []
+            for time in times:
+                V = self.unit("G", time)
+                _, slope, curvature = cost(np.array(at), [*own, V], self.stacks)
+                left = curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(curvature[:-1, :-1], curvature[:-1, -1], rcond=None)[0]
+                size = max(-slope[-1] / max(left, 1e-300), 0.0)
+                gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
+            _, size, time = max(gains)
+            x = size or 1e-3 * self.most(self.unit("G", time))
         return self._judged(names, fit_with_time(names, self.V, self.stacks, np.array([*at, x]), time, self.bounds_s, self.unit))
 
     def most(self, V: Stacked) -> float:
@@ -156,21 +168,6 @@ class Search:
         if name == FILTER and near is not None:
             return FILTERED * near.variance("N") * self.finest_s()
         return 0.3 * self.most(self.V[name])
-
-    def _most_likely_time(self, names: Sequence[str], x: np.ndarray) -> tuple[float, float]:
-        """Return the variance and the correlation time of a Gauss-Markov term at which the likelihood rises most, to first order."""
-        low, high = np.log10(self.bounds_s)
-        times = np.logspace(low, high, max(round((high - low) * TIMES_PER_DECADE), 2) + 1)
-        own = [self.V[name] for name in names]
-        gains = []
-        for time in times:
-            V = self.unit("G", time)
-            _, slope, curvature = cost(x, [*own, V], self.stacks)
-            left = curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(curvature[:-1, :-1], curvature[:-1, -1], rcond=None)[0]
-            size = max(-slope[-1] / max(left, 1e-300), 0.0)
-            gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
-        _, size, time = max(gains)
-        return size or 1e-3 * self.most(self.unit("G", time)), time
 
     def _judged(self, names: tuple[str, ...], fitted: Fitted) -> Chosen | None:
         """Return a set with its evidence; None where a term of it is not seen."""

@@ -17,7 +17,7 @@ from session.io.files import MB, read_text
 from session.io.units import DEG_PER_HOUR, MG, known, parse_unit
 from tinygc.annexes.noise.curve import fit_curve
 from tinygc.annexes.noise.estimate import NoiseEstimate
-from tinygc.noise.figures import AllanBand, AxisNoise, NoiseFigures, SensorNoise
+from tinygc.noise.figures import AllanBand, NoiseFigures, SensorNoise
 
 #: of a file, bytes; and rows, far beyond any curve
 MOST_BYTES, MOST_ROWS = 16 * MB, 100_000
@@ -72,22 +72,18 @@ def read_curve(path: Path, units: str | None = None) -> AllanCurve:
     if len(rows) < LEAST_ROWS:
         raise FormatError(f"{path.name}: {len(rows)} averaging times, expected {LEAST_ROWS} at least: rows of tau and deviations")
     table = np.array(rows)
-    return AllanCurve(table[:, 0], _sensors(path.name, table[:, 1:], _units(words, units)))
-
-
-def _units(words: list[str], told: str | None) -> list[tuple[str, float]]:
-    """The sensor and the SI value of each unit, in the order of the columns."""
-    texts = [text.strip() for text in told.split(",")] if told else [text.strip() for line in words for text in BRACKETS.findall(line)]
+    # The sensor and the SI value of each unit, in the order of the columns
+    texts = [text.strip() for text in units.split(",")] if units else [text.strip() for line in words for text in BRACKETS.findall(line)]
     found: list[tuple[str, float]] = []
     for text in texts:
         sensor = _unit(text)
         if sensor is not None and sensor not in found:
             found.append(sensor)
-        elif sensor is None and told:
+        elif sensor is None and units:
             raise FormatError(
                 f"--curve-units: {text[:30]!r} is no unit of a deviation; expected {known('gyro')}, deg/h; {known('accel')}, ug"
             )
-    return found
+    return AllanCurve(table[:, 0], _sensors(path.name, table[:, 1:], found))
 
 
 def _unit(text: str) -> tuple[str, float] | None:
@@ -135,7 +131,8 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         if len(found) == 1:
             called = "gyroscope" if kind == "gyro" else "accelerometer"
             said.append(f"The curve of the {called} is of one axis, which stands for all three.")
-        axes[kind] = SensorNoise(_three(found))
+        x, y, z = found if len(found) == 3 else found * 3
+        axes[kind] = SensorNoise((x, y, z))
     rate = rate_hz or 1 / float(curve.tau_s[0])
     if rate_hz is None:
         said.append(f"The data rate is not known: 1 over the shortest averaging time, {rate:.4g} Hz, stands for it (--odr).")
@@ -152,8 +149,3 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         rate_known=rate_hz is not None,
     )
     return NoiseEstimate(figures, tuple(said), 0.0)
-
-
-def _three(axes: list[AxisNoise]) -> tuple[AxisNoise, AxisNoise, AxisNoise]:
-    x, y, z = axes if len(axes) == 3 else axes * 3
-    return x, y, z

@@ -23,11 +23,7 @@ MOST_MEANS = 16
 def sandwich(search: Search, chosen: Chosen) -> np.ndarray:
     """Return the covariance of ln s^2 of a set, and of ln T of a Gauss-Markov term last, windows and levels not being independent."""
     bread = chosen.fitted.covariance
-    return np.asarray(bread + bread @ _more(search, chosen) @ bread / 4)
-
-
-def _more(search: Search, chosen: Chosen) -> np.ndarray:
-    """Return J less 2 H, of ln s^2 (and ln T)."""
+    # J less 2 H, of ln s^2 (and ln T)
     count = len(chosen.fitted.information)
     total = np.zeros((count, count))
     by_size = sorted(search.groups, key=lambda group: group.size)
@@ -36,7 +32,7 @@ def _more(search: Search, chosen: Chosen) -> np.ndarray:
         for parent in by_size:
             if parent.size == child.size * inside and not child.top:
                 total += _of_pair(search, chosen, child, parent)
-    return total
+    return np.asarray(bread + bread @ total @ bread / 4)
 
 
 def _of_pair(search: Search, chosen: Chosen, child: Group, parent: Group) -> np.ndarray:

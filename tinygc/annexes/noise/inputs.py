@@ -38,7 +38,7 @@ from session.replay.answers import with_comments, with_sensor
 from session.replay.convert import FASTEST_HZ, SLOWEST_HZ
 from session.replay.importing import kind_named
 from session.replay.join import join, rates_of
-from session.replay.sources import SUFFIXES, Source, Sources, head_of
+from session.replay.sources import SUFFIXES, Sources, head_of
 from tinygc.annexes.noise.summary import RestSums
 
 Progress = Callable[[str, int, int], None]
@@ -110,7 +110,15 @@ def read_inputs(
         answers = replace(answers, like=kind_named(answers.like))
     rests = Rests([], [], [], answers.sensor or "", serial)
     parts = list(_parts(inputs, answers, columns))
-    _refuse_same([part.path for part in parts if part.path is not None])
+    # The same recording given twice would count twice, and narrow every sigma
+    paths = [part.path for part in parts if part.path is not None]
+    seen: dict[str, int] = {}
+    sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
+    for number, (path, size) in enumerate(zip(paths, sizes, strict=True)):
+        compared = sizes.count(size) > 1 and 0 <= size <= MOST_COMPARED
+        first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), number)
+        if first != number:
+            raise DataError(f"{paths[first]} and {path} are the same recording, which would count twice; leave one of them out")
     names = [part.name for part in parts]
     for number, part in enumerate(parts):
         progress(f"reading {part.name}", number, len(parts))
@@ -136,7 +144,10 @@ def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) ->
         raise DataError("no log is given; give at least one log, session folder or tuple of arrays")
     bare = [each for each in inputs if isinstance(each, Path) and not each.is_dir() and _session_of(each) is None]
     for path in bare:
-        _refuse_curve(path)
+        # An Allan curve is no log: its columns would be asked for in vain
+        if path.is_file() and FIRST_OF_CURVE.match(head_of(path)):
+            do = command_line("noise", "--curve", path)
+            raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
     if len(inputs) == 2 == len(bare) and _is_a_pair(bare, answers, columns):
         yield _Part(" and ".join(path.name for path in bare), None, partial(_read_log, bare, answers, columns))
         return
@@ -157,13 +168,6 @@ def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) ->
             yield _of_session(each, config)
         else:
             yield _Part(each.name, each, partial(_read_log, [each], answers, own[each]))
-
-
-def _refuse_curve(path: Path) -> None:
-    """Raise FormatError for an Allan curve, which is no log: its columns would be asked for in vain."""
-    if path.is_file() and FIRST_OF_CURVE.match(head_of(path)):
-        do = command_line("noise", "--curve", path)
-        raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
 
 
 def _session_of(path: Path) -> Config | None:
@@ -227,17 +231,6 @@ def _of_session(path: Path, config: Config) -> _Part:
     return _Part(path.name, path, partial(_read_session_log, path, sensor))
 
 
-def _refuse_same(paths: Sequence[Path]) -> None:
-    """Raise DataError where two logs are the same recording: it would count twice, and narrow every sigma."""
-    seen: dict[str, int] = {}
-    sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
-    for number, (path, size) in enumerate(zip(paths, sizes, strict=True)):
-        compared = sizes.count(size) > 1 and 0 <= size <= MOST_COMPARED
-        first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), number)
-        if first != number:
-            raise DataError(f"{paths[first]} and {path} are the same recording, which would count twice; leave one of them out")
-
-
 # One log: piece by piece where it is text with stamps, else whole.
 
 
@@ -257,7 +250,8 @@ def _read_log(paths: Sequence[Path], answers: Answers, columns: Sequence[str], r
         answers = with_comments(answers, sources)
         answers, assumed = with_sensor(sources, answers)
         rests.remarks += [f"{name}: {each}" for each in assumed if "yardstick" not in each]
-        sensor = Sensor(answers.sensor or UNKNOWN, _serial(sources), answers.odr_hz or 0.0, 0.0, 0.0)
+        serial = next((printable(source.comments["serial"]) for source in sources if "serial" in source.comments), "")
+        sensor = Sensor(answers.sensor or UNKNOWN, serial, answers.odr_hz or 0.0, 0.0, 0.0)
         units = RegisterUnits(sensor.model, answers.gyro_fs_dps, answers.accel_fs_g)
         if len(sources) == 1 and paths[0].is_file() and (rate_hz := _flowing(paths[0], answers, columns)) is not None:
             own = answers if not columns else replace(answers, columns=columns[0])
@@ -281,10 +275,6 @@ def _read_log(paths: Sequence[Path], answers: Answers, columns: Sequence[str], r
         raise DataError(f"{name}: a single sample; expected a rest of minutes")
     rests.require_same(name, sensor.model, sensor.serial, _rate_of(samples, name))
     _add_whole(samples, name, sensor.model, rests)
-
-
-def _serial(sources: Sequence[Source]) -> str:
-    return next((printable(source.comments["serial"]) for source in sources if "serial" in source.comments), "")
 
 
 def _rate_of(samples: Samples, name: str) -> float:

@@ -88,7 +88,17 @@ def rest_of(sums: RestSums) -> Rest:
     block_s = blocks.size * sums.period_s
     kinds: dict[str, np.ndarray] = {}
     if len(blocks):
-        kinds["stuck"] = (blocks.stuck >= STUCK * (blocks.size - 1)) | _one_stands_still(blocks)
+        # Blocks of spells in which one channel, which moves elsewhere, does not
+        found = np.zeros(len(blocks), bool)
+        for channel in range(CHANNELS):
+            still = blocks.peak[:, channel] == 0
+            if not still.any() or np.mean(still) > MOST_STILL:
+                continue
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+            for start, stop in zip(edges[::2], edges[1::2], strict=True):
+                if stop - start >= STILL_BLOCKS:
+                    found[start:stop] = True
+        kinds["stuck"] = (blocks.stuck >= STUCK * (blocks.size - 1)) | found
         peak = np.zeros(len(blocks), bool)
         for channel in range(CHANNELS):
             peak |= above_chance(blocks.peak[:, channel].astype(float), kinds["stuck"], blocks.size)
@@ -122,20 +132,6 @@ def left_out(rests: Sequence[Rest]) -> list[str]:
     if any(rest.unsteady for rest in rests):
         said.append("The noise is not steady: it differs between spells by more than chance, and the figures are its mean.")
     return said
-
-
-def _one_stands_still(blocks: Blocks) -> np.ndarray:
-    """Return blocks of spells in which one channel, which moves elsewhere, does not."""
-    found = np.zeros(len(blocks), bool)
-    for channel in range(CHANNELS):
-        still = blocks.peak[:, channel] == 0
-        if not still.any() or np.mean(still) > MOST_STILL:
-            continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            if stop - start >= STILL_BLOCKS:
-                found[start:stop] = True
-    return found
 
 
 def above_chance(peaks: np.ndarray, but: np.ndarray, size: int) -> np.ndarray:

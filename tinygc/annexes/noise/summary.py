@@ -145,7 +145,11 @@ class RestSums:
         edges = [0, *(k for k in np.flatnonzero(is_gap).tolist() if k), len(t_ns)]
         for start, stop in pairwise(edges):
             if is_gap[start]:
-                self._end_run()
+                # Count what waits at the levels that it fills; the next block belongs to another run
+                left, self._waiting = self._waiting, np.empty((CHANNELS + 1, 0))
+                self._run += 1
+                if left.shape[1] >= self.ratios[0]:
+                    self._levels(left[:CHANNELS], 1)
                 self._next += round(steps[start] * NS * self.rate_hz / self.size)
             self._add_run(values[:, start:stop])
 
@@ -159,32 +163,22 @@ class RestSums:
         lost = float(np.sum(np.maximum(np.round(times) - 1, 0))) if np.mean(even & (times > 0.5)) > MOSTLY else 0.0
         self._pieces.append((lost, len(steps)))
 
-    def _end_run(self) -> None:
-        """Count what waits at the levels that it fills; the next block belongs to another run."""
-        left, self._waiting = self._waiting, np.empty((CHANNELS + 1, 0))
-        self._run += 1
-        if left.shape[1] >= self.ratios[0]:
-            self._levels(left[:CHANNELS], 1)
-
     def _add_run(self, values: np.ndarray) -> None:
         values = np.concatenate([self._waiting, values], axis=1) if self._waiting.shape[1] else values
         count = values.shape[1] // self.size
         self._waiting = values[:, count * self.size :].copy()
         whole = np.ascontiguousarray(values[:, : count * self.size])
-        self._keep_sections(whole)
+        for start in range(0, whole.shape[1] - SECTION + 1, SECTION):
+            if self._seen % self._stride == 0:
+                self._sections.append(whole[:CHANNELS, start : start + SECTION].T.astype(np.float32))
+            self._seen += 1
+            if len(self._sections) > MOST_SECTIONS:
+                self._sections, self._stride = self._sections[::2], 2 * self._stride
         begin = 0
         while begin < count:  # the length of a chunk may grow on the way
             stop = min(begin + self._each * MOST_CHUNKS // 4, count)
             self._add_blocks(whole[:, begin * self.size : stop * self.size], stop - begin)
             begin = stop
-
-    def _keep_sections(self, values: np.ndarray) -> None:
-        for start in range(0, values.shape[1] - SECTION + 1, SECTION):
-            if self._seen % self._stride == 0:
-                self._sections.append(values[:CHANNELS, start : start + SECTION].T.astype(np.float32))
-            self._seen += 1
-            if len(self._sections) > MOST_SECTIONS:
-                self._sections, self._stride = self._sections[::2], 2 * self._stride
 
     @property
     def sections(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from tinygc.annexes.noise.inflation import inflation_lines
 from tinygc.annexes.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
 from tinygc.noise.figures import NoiseFigures, SensorNoise, Term, described_from
 from tinygc.reporting.pictures.canvas import plain
-from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
+from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
 NONE = "–"
 #: lines and columns of the first screen
@@ -39,7 +39,16 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
     parts: list[RenderableType] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
     lines = 1 + len(misfit)
     for kind, sensor in figures.sensors().items():
-        table = _terms_table(kind, sensor, verbose)
+        table = plain_table("", f"{CALLED[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
+        for name, unit in TERM_UNITS[kind].items():
+            if not (verbose or name in ALWAYS or sensor.measured(name)):
+                continue
+            table.add_row(
+                f"{name}  {unit.words}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], unit) for axis in sensor.axes)
+            )
+            if name == "N":
+                one_sided = ONE_SIDED[kind]
+                table.add_row(f"   {one_sided.words}, one-sided", *(term_cell(axis.terms[name], one_sided, False) for axis in sensor.axes))
         parts.append(table)
         lines += 1 + table.row_count
     below = [kalibr_line(figures), *described_from(figures), *inflation_lines(figures.inflations, figures.gyro)]
@@ -78,18 +87,6 @@ def headline(figures: NoiseFigures) -> str:
 
 
 # The table of a sensor.
-
-
-def _terms_table(kind: str, sensor: SensorNoise, verbose: bool) -> Table:
-    table = plain_table("", f"{CALLED[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
-    for name, unit in TERM_UNITS[kind].items():
-        if not (verbose or name in ALWAYS or sensor.measured(name)):
-            continue
-        table.add_row(f"{name}  {unit.words}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], unit) for axis in sensor.axes))
-        if name == "N":
-            one_sided = ONE_SIDED[kind]
-            table.add_row(f"   {one_sided.words}, one-sided", *(term_cell(axis.terms[name], one_sided, False) for axis in sensor.axes))
-    return table
 
 
 def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:

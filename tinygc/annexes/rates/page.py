@@ -50,18 +50,14 @@ def _sensor(choice: Choice, discovery: Discovery | None, number: int) -> Section
     html += figure(lambda width: _output(choice, width), "", keys)
     html += figure(lambda width: _residuals(choice, width), "What the chosen law leaves.")
     if choice.held_out:
-        html += _held_out(choice)
+        curves = choice.points.curves
+        rows = [[escape(law), *found] for law, found in held_out_rows(choice)]
+        words = (
+            f"Rms, {escape(choice.points.unit)}, on a curve that was not fitted; its offset alone is free. "
+            "In brackets: with the rates that lie beyond those that were fitted."
+        )
+        html += table(("", *(escape(curve_words(curve)) for curve in curves)), rows, words)
     return Section(f"sensor-{number}", choice.points.sensor, html)
-
-
-def _held_out(choice: Choice) -> str:
-    curves = choice.points.curves
-    rows = [[escape(law), *found] for law, found in held_out_rows(choice)]
-    words = (
-        f"Rms, {escape(choice.points.unit)}, on a curve that was not fitted; its offset alone is free. "
-        "In brackets: with the rates that lie beyond those that were fitted."
-    )
-    return table(("", *(escape(curve_words(curve)) for curve in curves)), rows, words)
 
 
 def _rates(choice: Choice) -> Axis:

@@ -309,15 +309,6 @@ def _dead_band(choice: Choice, tested: str) -> TermRow:
     return _limited("dead_band", "dead band, ±", _probe(choice, "sense"), 1 / slope, "°/s", f"smallest rate {size(smallest)} °/s")
 
 
-def _reached(found: Fit, limit: float) -> str:
-    """At which rate the output comes to a limit."""
-    rates = found.points.rate_dps
-    places = [at for end in (rates.min(), rates.max()) if end and (at := input_limit(found, float(end))) is not None]
-    of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - limit) < 1e-3 * span(found.points)]
-    alone = ", by one reading whose std is far below all others" if found.is_limited.sum() == 1 else ""
-    return f"the output's limit{alone}" + "".join(f", reached at {size(at)} °/s" for at in of_limit)
-
-
 def _saturation(found: Fit) -> list[TermRow]:
     rows = []
     tops = found.points.output
@@ -328,7 +319,13 @@ def _saturation(found: Fit) -> list[TermRow]:
         if there:
             number = found.names.index("V+" if key == "saturation_high" else "V−")
             value, sigma = float(found.vector[number]), float(np.sqrt(found.covariance[number, number]))
-            rows.append(TermRow(key, f"{name} (saturation)", value, sigma, None, found.points.unit, _reached(found, value)))
+            # At which rate the output comes to a limit
+            rates = found.points.rate_dps
+            places = [at for end in (rates.min(), rates.max()) if end and (at := input_limit(found, float(end))) is not None]
+            of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - value) < 1e-3 * span(found.points)]
+            alone = ", by one reading whose std is far below all others" if found.is_limited.sum() == 1 else ""
+            remark = f"the output's limit{alone}" + "".join(f", reached at {size(at)} °/s" for at in of_limit)
+            rows.append(TermRow(key, f"{name} (saturation)", value, sigma, None, found.points.unit, remark))
         else:
             rows.append(TermRow(key, f"{name} seen", extreme, None, None, found.points.unit, "no limit is seen"))
     return rows

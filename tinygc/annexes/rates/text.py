@@ -11,7 +11,7 @@ from tinygc.annexes.rates.fitting import REFUTED
 from tinygc.annexes.rates.sweep import Sweep
 from tinygc.annexes.rates.terms import TermRow, size, terms
 from tinygc.reporting.pictures.canvas import plain
-from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
+from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
 if TYPE_CHECKING:
     from tinygc.annexes.rates.discovery import Discovery
@@ -25,7 +25,10 @@ def rates_page(
     for choice, discovery in zip(choices, discoveries, strict=True):
         parts += [*_sensor(choice), *([] if discovery is None else map(one_line, discovery.lines)), ""]
     for sweep in sweeps:
-        parts += [one_line(sweep.headline, "bold"), _sweep_table(sweep), *map(one_line, sweep.lines), ""]
+        table = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
+        for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
+            table.add_row(size(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
+        parts += [one_line(sweep.headline, "bold"), table, *map(one_line, sweep.lines), ""]
     return Group(*(parts[:-1] if parts else parts), *map(one_line, remarks))
 
 
@@ -83,7 +86,12 @@ def _sensor(choice: Choice) -> list[RenderableType]:
         table.add_row(row.name, *cells(row), row.unit, row.condition)
     parts.append(table)
     if choice.held_out:
-        parts.append(_held_out(choice))
+        # Rms that each law leaves on a curve that it was not fitted to
+        first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
+        table = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
+        for law, cells_of_law in held_out_rows(choice):
+            table.add_row(law, *cells_of_law)
+        parts.append(table)
     return parts
 
 
@@ -113,15 +121,6 @@ def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:
     return [(law, [held_out_cell(by_curve.get(curve)) for curve in choice.points.curves]) for law, by_curve in found.items()]
 
 
-def _held_out(choice: Choice) -> Table:
-    """Rms that each law leaves on a curve that it was not fitted to."""
-    first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
-    table = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
-    for law, cells_of_law in held_out_rows(choice):
-        table.add_row(law, *cells_of_law)
-    return table
-
-
 def held_out_cell(one: HeldOut | None) -> str:
     """``0.0415 (1.79)``: rms over the rates within those that were fitted, and over all where some lie beyond."""
     if one is None:
@@ -132,10 +131,3 @@ def held_out_cell(one: HeldOut | None) -> str:
 def curve_words(curve: str) -> str:
     """The last of a curve's cells, which differs most often."""
     return printable(curve.rpartition(", ")[2])
-
-
-def _sweep_table(sweep: Sweep) -> Table:
-    table = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
-    for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
-        table.add_row(size(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
-    return table

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from session.io.config import Sensor, read_config
+from session.io.config import read_config
 from session.io.errors import DataError, FitError, FormatError
 from session.io.folder import file_key, input_hashes, read_session, sha256_of
 from session.io.names import log_paths
@@ -28,14 +28,21 @@ def fit_temperature(
     be read or fitted.
     """
     paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
-    sensor = _one_sensor(paths)
+    sensors = [read_config(folder / "session.toml").sensor for folder in paths]
+    for folder, sensor in zip(paths[1:], sensors[1:], strict=True):
+        for what in ("model", "serial", "gyro_fs_dps"):
+            mine, first = getattr(sensor, what), getattr(sensors[0], what)
+            if mine != first:
+                raise FitError(f"{folder}: sensor.{what} is {mine!r}, and {paths[0]} has {first!r}; join sessions of one sensor")
+    sensor = sensors[0]
     rest_paths = [path for folder in paths for path in log_paths(folder, "rest")]
     turning = [folder for folder in paths if log_paths(folder, "log")]
     if not rest_paths and not turning:
         raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
     _refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
     rests: RestFit | None = None
-    hashes = {_named(path, paths): sha256_of(path) for path in rest_paths}
+    begins = {path: "" if len(paths) == 1 else f"{printable(path.parent.resolve().name)}/" for path in rest_paths}
+    hashes = {f"{begins[path]}{file_key(path)}": sha256_of(path) for path in rest_paths}
     name = printable(paths[0].resolve().name)
     if rest_paths:
         rests = fit_rests(read_rests(rest_paths, sensor, progress), tuple(range(most_order + 1)), progress=progress)
@@ -59,18 +66,3 @@ def _refuse_same(paths: list[Path]) -> None:
         first = seen.setdefault(sha256_of(path), path)
         if first is not path:
             raise DataError(f"{first} and {path} are the same recording, which tells everything once; leave one of them out")
-
-
-def _one_sensor(folders: list[Path]) -> Sensor:
-    """Return the sensor of all folders.  Raises FitError for several sensors."""
-    sensors = [read_config(folder / "session.toml").sensor for folder in folders]
-    for folder, sensor in zip(folders[1:], sensors[1:], strict=True):
-        for what in ("model", "serial", "gyro_fs_dps"):
-            mine, first = getattr(sensor, what), getattr(sensors[0], what)
-            if mine != first:
-                raise FitError(f"{folder}: sensor.{what} is {mine!r}, and {folders[0]} has {first!r}; join sessions of one sensor")
-    return sensors[0]
-
-
-def _named(path: Path, folders: list[Path]) -> str:
-    return file_key(path) if len(folders) == 1 else f"{printable(path.parent.resolve().name)}/{file_key(path)}"

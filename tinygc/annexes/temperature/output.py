@@ -50,7 +50,11 @@ def figure_of(fit: ThermalFit) -> Figure:
     last = grid[-1] if rows % 3 == 1 or rests is None else None
     if last is not None:
         if rests is not None and rests.allan is not None:
-            _allan(rests, last[0])
+            axes = last[0]
+            for i, name in enumerate("xyz"):
+                axes.loglog(rests.allan.tau_s, rests.allan.deviation[:, i] / DEG_PER_HOUR, "-", color=AXES[name], label=name)
+            axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (°/h)", title="Allan deviation of what temperature leaves")
+            axes.legend(fontsize=8)
         else:
             last[0].axis("off")
         if fit.sessions is not None:
@@ -99,14 +103,6 @@ def _left(rests: RestFit, axis: int, axes: Axes) -> None:
     axes.legend(fontsize=8)
 
 
-def _allan(rests: RestFit, axes: Axes) -> None:
-    assert rests.allan is not None
-    for i, axis in enumerate("xyz"):
-        axes.loglog(rests.allan.tau_s, rests.allan.deviation[:, i] / DEG_PER_HOUR, "-", color=AXES[axis], label=axis)
-    axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (°/h)", title="Allan deviation of what temperature leaves")
-    axes.legend(fontsize=8)
-
-
 def _scale(fit: ThermalFit, axes: Axes) -> None:
     """Draw the scale factor errors of the sessions, and the model with one sigma."""
     assert fit.sessions is not None
@@ -133,19 +129,6 @@ ORDERS = ("constant", "straight line", "parabola", "cubic", "order 4", "order 5"
 
 def temperature_report(fit: ThermalFit) -> Group:
     """Return the effect of temperature on each axis, the residuals, and the noise."""
-    parts: list[RenderableType] = [_headline(fit)]
-    if fit.rests is not None:
-        told = [finding for finding in fit.rests.findings if finding.level != "ok"]
-        parts += [findings_table(told)] if told else []
-        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
-        parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
-    if fit.sessions is not None:
-        parts += [_sessions(fit.sessions), _over_temperature(fit)]
-    parts += [Text(line) for line in remarks(fit)]
-    return Group(*parts)
-
-
-def _headline(fit: ThermalFit) -> Text:
     low, high = fit.model.range_c
     text = Text(f"{fit.name}: ", "bold")
     if fit.rests is not None:
@@ -159,17 +142,22 @@ def _headline(fit: ThermalFit) -> Text:
         text.append(
             f"{'; ' if fit.rests is not None else ''}{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C"
         )
-    return text
-
-
-def _sessions(found: SessionsFit) -> RenderableType:
-    table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
-    for point in found.points:
-        zero, there = point.values[BIAS], found.model.zero(np.full((1, 3), point.temp_c))[0]
-        said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
-        off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
-        table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
-    return table
+    parts: list[RenderableType] = [text]
+    if fit.rests is not None:
+        told = [finding for finding in fit.rests.findings if finding.level != "ok"]
+        parts += [findings_table(told)] if told else []
+        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
+        parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
+    if fit.sessions is not None:
+        table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
+        for point in fit.sessions.points:
+            zero, there = point.values[BIAS], fit.sessions.model.zero(np.full((1, 3), point.temp_c))[0]
+            said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
+            off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
+            table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
+        parts += [table, _over_temperature(fit)]
+    parts += [Text(line) for line in remarks(fit)]
+    return Group(*parts)
 
 
 def _over_temperature(fit: ThermalFit) -> RenderableType:
@@ -257,7 +245,8 @@ def _of_rests(rests: RestFit) -> list[str]:
         )
     spread = [axis_fit.turn_on for axis_fit in rests.gyro]
     if np.isfinite(spread).all():
-        said.append(f"From log to log the zero changes by {_three(spread, MDPS)} mdps rms (x, y, z) at the same temperature.")
+        sizes = ", ".join(f"{value / MDPS:.2g}" for value in spread)
+        said.append(f"From log to log the zero changes by {sizes} mdps rms (x, y, z) at the same temperature.")
     return said
 
 
@@ -309,10 +298,6 @@ def pm(value: float, sigma: float) -> str:
         return f"{value:.4g}"
     digits = max(0, 1 - int(np.floor(np.log10(sigma))))
     return f"{value:.{digits}f} ± {sigma:.{digits}f}" if digits < 8 else f"{value:.3g} ± {sigma:.2g}"
-
-
-def _three(values: list[float], unit: float) -> str:
-    return ", ".join(f"{value / unit:.2g}" for value in values)
 
 
 # ``tinygc-temperature/2`` (docs/formats.md).

@@ -54,7 +54,11 @@ class ShortTimes:
             for begin in range(int(start), int(stop), size):
                 end = min(begin + size, int(stop))
                 if end - begin >= 8:
-                    self._chunks.append((t_s[begin], t_s[end - 1], AllanSums.of(_less_parabola(samples.gyro[begin:end]), self._factors)))
+                    # Less a parabola, the effect of temperature within a chunk, which is far longer than the averaging times
+                    rates = samples.gyro[begin:end]
+                    x = np.linspace(-1, 1, len(rates))
+                    Q = np.linalg.qr(np.column_stack([np.ones_like(x), x, x**2]))[0]
+                    self._chunks.append((t_s[begin], t_s[end - 1], AllanSums.of(rates - Q @ (Q.T @ rates), self._factors)))
 
     def curve(self, log: RestLog, left_out: np.ndarray) -> AllanCurve | None:
         """Return the curve without the chunks that contain a block of ``left_out`` (B,); None where none remains."""
@@ -63,13 +67,6 @@ class ShortTimes:
         hit = np.searchsorted(bad_s, first - log.block_s / 2) != np.searchsorted(bad_s, last + log.block_s / 2)
         kept = [chunk[2] for chunk, out in zip(self._chunks, hit, strict=True) if not out]
         return curve_of(kept, self._period_s, log.duration_s) if kept else None
-
-
-def _less_parabola(rates: np.ndarray) -> np.ndarray:
-    """Remove a parabola from (N, 3): the effect of temperature within a chunk, which is far longer than the averaging times."""
-    x = np.linspace(-1, 1, len(rates))
-    Q = np.linalg.qr(np.column_stack([np.ones_like(x), x, x**2]))[0]
-    return rates - Q @ (Q.T @ rates)
 
 
 def long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:

@@ -184,8 +184,8 @@ def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int 
     covariance = np.zeros((n_E + n_zero + 3,) * 2)
     covariance[:n_E, :n_E] = widened * C_E
     covariance[n_E:, n_E:] = C_zero
-    # E and the zero of a session are correlated: the constants carry the correlation.
-    cross = _cross(points, len(E_values))
+    # E and the zero of a session are correlated: the constants carry the correlation, that of the sessions' mean.
+    cross = sum((point.covariance[MATRIX, BIAS] for point in points), np.zeros((9, 3))) / len(E_values) ** 2
     covariance[MATRIX, n_E : n_E + 3] += cross
     covariance[n_E : n_E + 3, MATRIX] += cross.T
     covariance = _possible(covariance)
@@ -308,11 +308,6 @@ def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], desig
         middle = (low + high) / 2
         low, high = (middle, high) if chi_square(middle) > freedom else (low, middle)
     return float(np.sqrt(high))
-
-
-def _cross(points: Sequence[SessionPoint], count: int) -> np.ndarray:
-    """(9, 3) covariance of E's constants and the zero's, from the sessions' mean."""
-    return sum((point.covariance[MATRIX, BIAS] for point in points), np.zeros((9, 3))) / count**2
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,10 +65,6 @@ def fit_turns(session: Session | Path | str, *, progress: Progress = lambda what
         first = angles[0]
         raise FitError(f"{session.name}: none of {len(angles)} stated turns can be used; {first.turn.name}: {first.problem}")
     found = estimate(angles)
-    return TurnFit(session, input_hashes(session), tuple(angles), tuple(logs), noise, found, _bias(logs, noise))
-
-
-def _bias(logs: Sequence[LogOfTurns], noise: RestNoise) -> RestBias:
     rests = [(log, rest) for log in logs for rest in log.rests]
     means = np.array([rest.mean for _, rest in rests])
     weights = np.array([rest.count * log.times.period_s for log, rest in rests])
@@ -78,4 +74,6 @@ def _bias(logs: Sequence[LogOfTurns], noise: RestNoise) -> RestBias:
     scatter = share @ (means - mean) ** 2 * (many / (many - 1) if many > 1 else 1)
     rounding = np.mean([rest.rounding for _, rest in rests], axis=0)
     sigma = np.sqrt(np.maximum(scatter / many, noise.white / weights.sum()) + rounding)
-    return RestBias(mean, sigma, np.sqrt(scatter), len(rests))
+    return TurnFit(
+        session, input_hashes(session), tuple(angles), tuple(logs), noise, found, RestBias(mean, sigma, np.sqrt(scatter), len(rests))
+    )

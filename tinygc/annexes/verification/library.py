@@ -181,7 +181,16 @@ def _of_log(old: OldCalibration, path: Path, options: Options, answers: Answers,
             try:
                 made = import_log([path], out, answers, serial=serial)
             except QuestionsError:
-                made = import_log([path], out, _filled(answers, old.sensor), serial=serial)
+                # What a log does not say of its sensor, from the model file
+                known = {
+                    "sensor": old.sensor.get("model"),
+                    "gyro_fs_dps": old.sensor.get("gyro_fs_dps"),
+                    "accel_fs_g": old.sensor.get("accel_fs_g"),
+                }
+                if known["sensor"] == "unknown":
+                    del known["sensor"]
+                missing = {name: value for name, value in known.items() if value is not None and getattr(answers, name) in (None, "")}
+                made = import_log([path], out, replace(answers, **missing), serial=serial)
             session = _with_ranges(read_session(made.folder), old, made.notes)
             return Verified(verify_session(old, session, options, step), path.name)
         except QuestionsError:
@@ -198,12 +207,3 @@ def _with_ranges(session: Session, old: OldCalibration, notes: Sequence[str]) ->
     stated: dict[str, Any] = {key: float(value) for key, value in known.items() if value is not None}
     sensor = replace(session.config.sensor, **stated)
     return replace(session, config=replace(session.config, sensor=sensor))
-
-
-def _filled(answers: Answers, sensor: dict[str, Any]) -> Answers:
-    """What a log does not say of its sensor, from the model file."""
-    known = {"sensor": sensor.get("model"), "gyro_fs_dps": sensor.get("gyro_fs_dps"), "accel_fs_g": sensor.get("accel_fs_g")}
-    if known["sensor"] == "unknown":
-        del known["sensor"]
-    missing = {name: value for name, value in known.items() if value is not None and getattr(answers, name) in (None, "")}
-    return replace(answers, **missing)

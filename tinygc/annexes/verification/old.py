@@ -132,7 +132,10 @@ def _covariance(model: Model, table: dict) -> tuple[np.ndarray, bool, list[str]]
         own = stated[:PARAMETERS, :PARAMETERS]
         shared = np.asarray(table.get("accelerometer_covariance") or np.zeros((PARAMETERS, PARAMETERS)), dtype=float)
         if isinstance(model, LinearModel) and shared.shape == own.shape:
-            own = _positive(own - shared)  # that error is in today's references as well
+            # The nearest covariance: rounding may leave a difference of two with eigenvalues below zero
+            matrix = own - shared
+            size, axes = np.linalg.eigh((matrix + matrix.T) / 2)
+            own = (axes * np.maximum(size, 0.0)) @ axes.T  # that error is in today's references as well
         if isinstance(model, PhysicsModel):
             own = _of_calibrated(model.linear) @ own @ _of_calibrated(model.linear).T
             lacks.append("of the model's covariance, that of E and B is taken; that of its effects is not")
@@ -152,12 +155,6 @@ def _of_calibrated(linear: LinearModel) -> np.ndarray:
     slope[BIAS, BIAS] = np.eye(3)
     slope[BIAS, MATRIX] = -np.kron(np.eye(3), inverse @ linear.B)
     return slope
-
-
-def _positive(matrix: np.ndarray) -> np.ndarray:
-    """The nearest covariance: rounding may leave a difference of two with eigenvalues below zero."""
-    size, axes = np.linalg.eigh((matrix + matrix.T) / 2)
-    return (axes * np.maximum(size, 0.0)) @ axes.T
 
 
 def variance_and_freedom(size: float, sigma: float) -> tuple[float, float]:

@@ -235,11 +235,6 @@ def seen(columns: np.ndarray) -> np.ndarray:
     return u[:, size > 0.1]
 
 
-def _whitened(factor: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """A covariance (n, n) in units of another one, whose lower triangular root is ``factor``."""
-    return solve_lower(factor, solve_lower(factor, part).T)
-
-
 def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     """Whether noise explains the turns' closure, and the rates at rest, beyond any change of the 21 parameters.
 
@@ -269,7 +264,8 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     left = w - q @ (q.T @ w)
     chi_square, left_rps = float(np.sum(left**2)), float(np.sqrt(np.sum((factor @ left / rows.spans_s[keep]) ** 2) / freedom))
     # The expected square of each row is a mixture, whose degrees of freedom are those of its parts by their shares (Welch–Satterthwaite).
-    shares = [(float(np.trace(_whitened(factor, own[np.ix_(keep, keep)]))) / len(keep), known) for own, known in of_old]
+    whitened = [(solve_lower(factor, solve_lower(factor, own[np.ix_(keep, keep)]).T), known) for own, known in of_old]
+    shares = [(float(np.trace(own)) / len(keep), known) for own, known in whitened]
     ratio, other = chi_square / freedom, 1 / (1 / noise.freedom + sum(share**2 / known for share, known in shares))
     if old.goodness is not None and old.goodness[1] > 0 and (before := old.goodness[0] / old.goodness[1]) > 1:
         ratio, other = ratio / before, 1 / (1 / other + 1 / old.goodness[1])

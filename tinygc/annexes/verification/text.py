@@ -8,7 +8,7 @@ from session.io.texts import probability, significant
 from session.io.units import DEG
 from tinygc.annexes.verification.questions import GRAVITY, NOISE, B, E, Question
 from tinygc.annexes.verification.verdict import BIAS, FAILS, HOLDS, Verification, bias_words
-from tinygc.reporting.terminal import Group, RenderableType, Table, one_line, plain_table
+from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
 #: questions in words
 ASKED = {
@@ -31,14 +31,6 @@ def verification_page(found: Verification) -> Group:
     """The command's output."""
     parts: list[RenderableType] = [verdict_line(found)]
     parts += [one_line(f"Settings: {fact}.") for fact in found.facts]
-    parts.append(_questions(found))
-    parts += [one_line(line) for line in (*cause_lines(found), *cost_lines(found), *open_lines(found))]
-    parts += [one_line(f"Note: {note}.") for note in found.notes]
-    parts.append(one_line(f"Do: {found.advice}.", "bold"))
-    return Group(*parts)
-
-
-def _questions(found: Verification) -> Table:
     rows = found.rows
     title = (
         f"{rows.turns} turns and {rows.stills} rests against {found.old.name}; "
@@ -48,7 +40,11 @@ def _questions(found: Verification) -> Table:
     for question in found.questions:
         numbers = (f"{question.statistic:.1f}", str(question.rank), probability(question.p_value), significant(question.level, 2))
         table.add_row(ASKED[question.name], _answer(question), *(numbers if question.asked else ("", "", "", "")))
-    return table
+    parts.append(table)
+    parts += [one_line(line) for line in (*cause_lines(found), *cost_lines(found), *open_lines(found))]
+    parts += [one_line(f"Note: {note}.") for note in found.notes]
+    parts.append(one_line(f"Do: {found.advice}.", "bold"))
+    return Group(*parts)
 
 
 def _answer(question: Question) -> str:

@@ -30,7 +30,7 @@ from tinygc.annexes.verification.old import OldCalibration, facts, is_its_own, w
 from tinygc.annexes.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.annexes.verification.rows import Rows, rows_of
 from tinygc.closure.motion import MINUTE_S
-from tinygc.noise.figures import NoiseFigures, read_figures
+from tinygc.noise.figures import read_figures
 from tinygc.planning.proposals import Proposal
 
 #: answers, and the exit code of each
@@ -123,7 +123,7 @@ def verify_session(
     if rows.remark:
         told.append(rows.remark)
     spread = spread_of_unit(old, rows, options.history, options.lot)
-    figures = _figures(options.noise)
+    figures = None if options.noise is None else read_figures(options.noise)
     temp_then_c = _temperature_of(old) if temp_then_c is None else temp_then_c
     if not np.isfinite(rows.temp_c - temp_then_c):
         which = "the model" if np.isfinite(rows.temp_c) else "today's recording"
@@ -285,10 +285,6 @@ def _temperature_of(old: OldCalibration) -> float:
     if found is None and old.path.parent.name == "fit" and (folder / "session.toml").is_file():
         found = read_session(folder).temperature_c
     return float("nan") if found is None else float(found)
-
-
-def _figures(path: Path | None) -> NoiseFigures | None:
-    return None if path is None else read_figures(path)
 
 
 def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:

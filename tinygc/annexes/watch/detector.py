@@ -212,17 +212,14 @@ class Detector:
         blocks = rows[: count * n].reshape(count, n, 7)
         with np.errstate(invalid="ignore", over="ignore"):
             means, variance = blocks.mean(axis=1), blocks.var(axis=1, ddof=1)
-            quiet: list[bool] = self._quiet(means, variance).tolist()
+            # (B,) whether blocks can be of a rest, from means and variances (B, 7) of their samples
+            c = self.chosen
+            still = (np.abs(means[:, :3]) < REST_RATE_RPS).all(axis=1)
+            still &= (variance[:, :3].sum(axis=1) < c.gyro_limit) & (variance[:, 3:6].sum(axis=1) < c.accel_limit)
+            off = np.linalg.norm(means[:, 3:6], axis=1) / c.gravity_mps2 - 1
+            quiet: list[bool] = (still & (np.abs(off) < FORCE_WITHIN)).tolist()
         for each, is_quiet in zip(means, quiet, strict=True):
             yield is_quiet, *self._block(each, is_quiet)
-
-    def _quiet(self, means: np.ndarray, variance: np.ndarray) -> np.ndarray:
-        """(B,) whether blocks can be of a rest, from means and variances (B, 7) of their samples."""
-        c = self.chosen
-        still = (np.abs(means[:, :3]) < REST_RATE_RPS).all(axis=1)
-        still &= (variance[:, :3].sum(axis=1) < c.gyro_limit) & (variance[:, 3:6].sum(axis=1) < c.accel_limit)
-        off = np.linalg.norm(means[:, 3:6], axis=1) / c.gravity_mps2 - 1
-        return still & (np.abs(off) < FORCE_WITHIN)
 
     def _block(self, mean: np.ndarray, is_quiet: bool) -> tuple[Window | None, Judged | None]:
         found: tuple[Window | None, Judged | None] = (None, None)

@@ -296,15 +296,12 @@ class _Units:
             gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
             temp_c = values[:, 6] if chunk.form.has_temperature else None
         else:
-            units = self._registers()
+            answers, own, info = self._answers, self._known.sensor, self.info
+            gyro_fs = answers.gyro_fs_dps or (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
+            accel_fs = answers.accel_fs_g or (info.accel_fs_g if info else None) or own.accel_fs_g
+            if gyro_fs is None or accel_fs is None:
+                raise FormatError(f"{self._name} sends registers and nobody says the full scale; give --gyro-fs and --accel-fs")
+            model = answers.sensor or (info.sensor if info and info.sensor else None) or own.model or DEFAULT
+            units = RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
             gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
         return Readings(chunk.t_us * 1000, values[:, :3] * gyro, self._accelerometer.correct(values[:, 3:6] * accel), temp_c)
-
-    def _registers(self) -> RegisterUnits:
-        answers, own, info = self._answers, self._known.sensor, self.info
-        gyro = answers.gyro_fs_dps or (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
-        accel = answers.accel_fs_g or (info.accel_fs_g if info else None) or own.accel_fs_g
-        if gyro is None or accel is None:
-            raise FormatError(f"{self._name} sends registers and nobody says the full scale; give --gyro-fs and --accel-fs")
-        model = answers.sensor or (info.sensor if info and info.sensor else None) or own.model or DEFAULT
-        return RegisterUnits(model, gyro, accel, **(own.own_units if model == own.model else {}))

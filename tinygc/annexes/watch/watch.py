@@ -23,7 +23,7 @@ from tinygc.annexes.watch.detector import Detector, Judged, Window
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse, expect
 from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, CLIP, FORCE_WITHIN, SHIFTS, Settings, settings
 from tinygc.annexes.watch.source import Item, Readings, Remark, Restart
-from tinygc.annexes.watch.turns import LEAST_RAD, LONGEST_S, Closure, Turn, TurnTest
+from tinygc.annexes.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
 from tinygc.closure.motion import MINUTE_S, at_rest
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.models.linear import LinearModel
@@ -288,7 +288,13 @@ class Watch:
         assert self._direction is not None
         closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
         self.turns += 1
-        table = _turn_table(closure)
+        table = {
+            "tilt_deg": float(np.linalg.norm(closure.tilt_rad) / DEG),
+            "sigma_deg": closure.sigma_rad / DEG,
+            "chi_square": closure.square,
+            "seconds": closure.seconds,
+            "angle_deg": closure.angle_rad / DEG,
+        }
         words = (
             f"turn of {closure.angle_rad / DEG:.0f}° in {closure.seconds:.1f} s: tilt {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°, "
             f"stated {closure.sigma_rad / DEG:.3f}° (one sigma of a component)"
@@ -404,16 +410,6 @@ def _cost_deg(zero_rps: np.ndarray) -> float:
     """Angle of the attitude's error after a minute at rest with this zero uncorrected, degrees."""
     same = LinearModel(np.eye(3), np.zeros(3))
     return float(np.linalg.norm(at_rest(same, MINUTE_S).error(same, LinearModel(np.eye(3), zero_rps))) / DEG)
-
-
-def _turn_table(closure: Closure) -> dict[str, Any]:
-    return {
-        "tilt_deg": float(np.linalg.norm(closure.tilt_rad) / DEG),
-        "sigma_deg": closure.sigma_rad / DEG,
-        "chi_square": closure.square,
-        "seconds": closure.seconds,
-        "angle_deg": closure.angle_rad / DEG,
-    }
 
 
 # Pieces of readings.

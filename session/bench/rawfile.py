@@ -293,20 +293,17 @@ class RawFile:
             self._check(last)
             if last or time.monotonic() - synced_s >= SYNC_S:
                 synced_s = time.monotonic()
-                self._force_to_disk()
+                for file in (self._raw, self._times):
+                    try:
+                        os.fsync(file)
+                    except OSError as error:  # a pipe or a device is not forced anywhere
+                        if error.errno in NOT_KEPT and self.trouble is None:
+                            self.trouble = StorageError(
+                                f"{self.path}: {error.strerror or error}; what was received last may not be on the disk; make room, "
+                                "then go on with --resume"
+                            )
             if last:
                 return
-
-    def _force_to_disk(self) -> None:
-        for file in (self._raw, self._times):
-            try:
-                os.fsync(file)
-            except OSError as error:  # a pipe or a device is not forced anywhere
-                if error.errno in NOT_KEPT and self.trouble is None:
-                    self.trouble = StorageError(
-                        f"{self.path}: {error.strerror or error}; what was received last may not be on the disk; make room, "
-                        "then go on with --resume"
-                    )
 
     def _check(self, last: bool) -> None:
         """Check that the files exist; if they are missing twice in a row, save them."""

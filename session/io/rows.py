@@ -155,7 +155,13 @@ class Watch:
         rows = self._rows(lines)
         refuse_kinds(rows, form)
         cells = [row.split(form.delimiter) for row in rows]
-        _refuse_widths(cells, form)
+        widths = Counter(map(_width, cells))
+        often = [width for width, count in widths.most_common() if count >= max(2, SHARE * len(cells)) and width > max(form.read)]
+        if len(cells) >= LEAST_ROWS and len(often) > 1 and abs(often[0] - often[1]) >= WIDER:
+            raise FormatError(
+                f"{form.file}: rows of {often[0]} and rows of {often[1]} columns, so of several kinds; "
+                + _give(f"rows {often[0]}", form.standard)
+            )
         self._begin_with_words = bool(rows) and all(word_of(row) is not None for row in rows)
         self._sensors: dict[int, str] = {}
         for column, called in enumerate(form.names):
@@ -261,16 +267,6 @@ def refuse_kinds(rows: Sequence[str], form: Form) -> None:
         listed = ", ".join(named[:6]) + (", …" if len(named) > 6 else "")
         raise FormatError(
             f"{form.file}: rows of several kinds ({listed}), by the words that they begin with; " + _give(f"rows {meant}", form.standard)
-        )
-
-
-def _refuse_widths(cells: Sequence[Sequence[str]], form: Form) -> None:
-    widths = Counter(map(_width, cells))
-    often = [width for width, count in widths.most_common() if count >= max(2, SHARE * len(cells)) and width > max(form.read)]
-    if len(cells) >= LEAST_ROWS and len(often) > 1 and abs(often[0] - often[1]) >= WIDER:
-        raise FormatError(
-            f"{form.file}: rows of {often[0]} and rows of {often[1]} columns, so of several kinds; "
-            + _give(f"rows {often[0]}", form.standard)
         )
 
 

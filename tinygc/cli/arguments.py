@@ -110,7 +110,8 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
         if path.is_dir():
             raise CalibrationError(f"{option} {path}: cannot be written (that is a folder); give {option} a file")
         _refuse_known(f"{option} {path}", _status(path), known)
-        for place in (_entry(path), Path(os.path.realpath(path))):
+        # The path with links in its folder resolved, but not the last one.
+        for place in (Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))):
             there = os.path.lexists(place)
             counts = there or option not in paths.logs.values()
             if counts and has_recorded_name(place) and (place.parent in homes or is_session(place.parent)):
@@ -172,11 +173,6 @@ def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
     return None if status is None or not stat.S_ISREG(status.st_mode) else (status.st_dev, status.st_ino)
 
 
-def _entry(path: Path) -> Path:
-    """Return the path with links in its folder resolved, but not the last one."""
-    return Path(os.path.realpath(path.parent)) / path.name
-
-
 # Parsers of the command line.  Imports nothing heavy, so that --help is instant.
 
 METHODS = ",".join(CHOSEN)
@@ -230,7 +226,9 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     whole = _Parser(
         prog=program(), description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN.format(program=program())
     )
-    whole.add_argument("--version", action="version", version=_version())
+    from session import VERSION
+
+    whole.add_argument("--version", action="version", version=f"TinyGC {VERSION}")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name in words[:1] if words and words[0] in COMMANDS else present_commands():
         module = command_module(name)
@@ -407,12 +405,6 @@ def three(text: str) -> list[float]:
 
 
 three.__name__ = "three numbers"
-
-
-def _version() -> str:
-    from session import VERSION
-
-    return f"TinyGC {VERSION}"
 
 
 def rates_dps(text: str) -> tuple[float, ...]:

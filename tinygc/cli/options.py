@@ -5,16 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import (
-    METHODS,
-    accel_full_scale,
-    count,
-    data_rate,
-    gyro_full_scale,
-    methods,
-    path_read,
-    segment_numbers,
-)
+from tinygc.cli.arguments import METHODS, accel_full_scale, count, data_rate, gyro_full_scale, methods, path_read, segment_numbers
 from tinygc.cli.extensions import help_if_present
 
 if TYPE_CHECKING:

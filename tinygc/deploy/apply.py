@@ -172,7 +172,12 @@ class LogSource:
     def __init__(self, reader: Reader, answers: Answers, known: Surroundings):
         self.reader, self.layout = reader, reader.layout
         self._odr_hz, self._accelerometer = answers.odr_hz, known.accelerometer or Accelerometer(source="none")
-        self._units = _register_units(reader, answers, known)
+        # The units of the log's registers. Raises FormatError where the log has registers and their full scale is unknown.
+        for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
+            if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
+                raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
+        own = known.sensor.own_units if answers.sensor == known.sensor.model else {}
+        self._units = RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
         self._gyro = self.layout.gyro_si(self._units)
         self._accel = 1.0 if self.layout.accel is None else self.layout.accel_si(self._units)
 
@@ -197,15 +202,6 @@ class LogSource:
     def calibrated(self) -> tuple[str, ...]:
         """Names of the calibrated quantities, for the log's comment."""
         return ("gyro",) if self.layout.accel is None or self._accelerometer.source == "none" else ("gyro", "accel")
-
-
-def _register_units(reader: Reader, answers: Answers, known: Surroundings) -> RegisterUnits:
-    """Return the units of the log's registers.  Raises FormatError where the log has registers and their full scale is unknown."""
-    for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
-        if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
-            raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
-    own = known.sensor.own_units if answers.sensor == known.sensor.model else {}
-    return RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
 
 
 def _no_samples(log: Path) -> FormatError:

@@ -179,16 +179,12 @@ def level_days(problem: Problem) -> Levelled:
         each = np.nan_to_num(offsets)[owner]
         batch = replace(problem.batch, earth=problem.batch.earth - each[:, None])
         model = fit_least_squares(batch, sigma, model).model
-        sigma = problem.floor.sigma * distance_weights(batch, model)[:, None]
+        # Factors (S,) on the segments' sigmas that make a squared loss a sum of distances at the model.
+        distance = np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)
+        typical = max(float(np.median(distance)), 1e-12)
+        sigma = problem.floor.sigma * np.sqrt(np.maximum(distance / typical, LEAST))[:, None]
     known = offsets[np.isfinite(offsets).all(axis=1)]
     return Levelled(batch, sigma, offsets, np.sqrt(np.sum(known**2, axis=0) / max(len(known) - 1, 1)))
-
-
-def distance_weights(batch: Batch, model: RateMap) -> np.ndarray:
-    """Return factors (S,) on the segments' sigmas that make a squared loss a sum of distances at the model."""
-    distance = np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)
-    typical = max(float(np.median(distance)), 1e-12)
-    return np.sqrt(np.maximum(distance / typical, LEAST))
 
 
 def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:

@@ -26,7 +26,7 @@ from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
-from tinygc.noise.refit import Refit, refit
+from tinygc.noise.refit import refit
 from tinygc.noise.twin import Twin
 
 
@@ -100,17 +100,13 @@ def fit_physics(
     fit = in_gauge(twin, whiten, fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
-    return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused, of_force=_of_force(fit))
-
-
-def _of_force(fit: Refit) -> tuple[dict, ...]:
-    """Return the fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise."""
+    # The fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise.
     widen, found = max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1)), []
     for number, claim in enumerate(fit.state.claims):
         if claim.effect.kind == "force":
             _, parameters, std = readable(claim, widen * fit.theta_covariance(number))
             found.append({"id": claim.effect.id, "equation": claim.effect.equation, "parameters": parameters, "std": std})
-    return tuple(found)
+    return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused, of_force=tuple(found))
 
 
 # Samples lost in a closure run.  A log's losses are repaired by its own closure; a run is never fitted, so its losses are not repaired.

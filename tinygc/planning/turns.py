@@ -327,27 +327,23 @@ def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Mo
     sensitivity = closure.sensitivity(batch, rate)[:, :, :2]
     count = round(SPLITTING_STILL_S * SPLITTING_RATE_HZ)
     stills = slice(count), slice(len(t) - count, len(t))
+    # The movement at the log's median temperature and vibration; its time begins with the log.
     return [
         CandidateTurn(
             f"from a still with {up_words(up)} up, turn {part.words} ({part.seconds:g} s)",
-            _movement(t, rate[number], force[number], like),
+            Movement(
+                t_s=like.t_s[0] + t,
+                dt_s=1 / SPLITTING_RATE_HZ,
+                rate=rate[number],
+                force_g=force[number],
+                temp_c=np.full(len(t), np.median(like.temp_c)),
+                vibration_g2=np.full(len(t), np.median(like.vibration_g2)),
+                duration_s=like.duration_s,
+                fs_rps=like.fs_rps,
+                first_temp_c=like.first_temp_c,
+            ),
             sensitivity[number],
             stills,
         )
         for number, (up, part) in enumerate(moves)
     ]
-
-
-def _movement(t: np.ndarray, rate: np.ndarray, force: np.ndarray, like: Movement) -> Movement:
-    """Return the movement at the log's median temperature and vibration; its time begins with the log."""
-    return Movement(
-        t_s=like.t_s[0] + t,
-        dt_s=1 / SPLITTING_RATE_HZ,
-        rate=rate,
-        force_g=force,
-        temp_c=np.full(len(t), np.median(like.temp_c)),
-        vibration_g2=np.full(len(t), np.median(like.vibration_g2)),
-        duration_s=like.duration_s,
-        fs_rps=like.fs_rps,
-        first_temp_c=like.first_temp_c,
-    )

@@ -85,7 +85,9 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
         _stamps(e),
         Text(""),
     ]
-    parts += _considered(e)
+    # Candidates that were detected or weighed, and rejected.
+    lines = considered_lines(e)
+    parts += [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
         parts.append(Text(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many"))
     parts += _noise(e)
@@ -110,12 +112,6 @@ def verdict_line(e: Explanation) -> Text:
 def _rivals(claim: Claim) -> list[Text]:
     rivals = rival_words(claim)
     return [Text(f"  weighed in its place: {', '.join(rivals)}")] if rivals else []
-
-
-def _considered(e: Explanation) -> list[Text]:
-    """Candidates that were detected or weighed, and rejected."""
-    lines = considered_lines(e)
-    return [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
 
 
 def _noise(e: Explanation) -> list[Text | Table]:
@@ -345,10 +341,11 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
     grown = "; ".join(f"{t:g} s: {np.sqrt(np.mean(row**2)) / DEG:.3f}" for t, row in zip(e.lengths_s, e.closure_rad, strict=True))
     before, after = e.neighbours
     lost = sum(len(truth.outages) for truth in e.session.truths or ())
+    sizes = [f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0]
     rows = [
         ("closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"),
         ("", f"of segments held out {e.held_out_rms[0] / DEG:.3f}° before, {e.held_out_rms[1] / DEG:.3f}° after"),
-        ("noise", _truth_noise(e)),
+        ("noise", "; ".join(sizes) or "nothing beside the gyro's white noise"),
         ("truth", f"{len(e.jumps)} wrong moments; {lost} outages; closure per angle by length, degrees: {grown}"),
         ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
         ("", _own_noise(e)),
@@ -364,11 +361,6 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
         rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
         rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
     return [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]
-
-
-def _truth_noise(e: TruthExplanation) -> str:
-    sizes = [f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0]
-    return "; ".join(sizes) or "nothing beside the gyro's white noise"
 
 
 def _own_noise(e: TruthExplanation) -> str:

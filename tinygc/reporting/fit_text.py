@@ -190,7 +190,22 @@ def fit_report(result: FitResult) -> Group:
     if result.against_raw.worse:
         parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
-        parts.append(_closure_runs(result))
+        table = plain_table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
+        for run, errors in zip(result.runs, result.run_errors, strict=True):
+            table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
+            for name, error in errors.items():
+                figures = run_figures(error)
+                row = (figures[key] for key in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
+                table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
+            floor = run.floor_rad / DEG
+            table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
+        if any(run.earth.source == "unknown" for run in result.runs):
+            table.caption = (
+                "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
+                "of the Earth's rotation only the vertical part is taken off"
+            )
+            table.caption_justify = "left"
+        parts.append(table)
     parts.append(parameters_table(result))
     if result.accelerometer.mode != "given":
         parts.append(accelerometer_table(result.accelerometer, "Accelerometer, estimated with them: value ± one sigma"))
@@ -283,25 +298,6 @@ def _methods(result: FitResult) -> Table:
     if result.problem.batch.turns is not None:
         table.caption += "; yaw here: the turns of known angle, each about its own axis"
     table.caption_justify = "left"
-    return table
-
-
-def _closure_runs(result: FitResult) -> Table:
-    table = plain_table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
-    for run, errors in zip(result.runs, result.run_errors, strict=True):
-        table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
-        for name, error in errors.items():
-            figures = run_figures(error)
-            row = (figures[key] for key in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
-            table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
-        floor = run.floor_rad / DEG
-        table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
-    if any(run.earth.source == "unknown" for run in result.runs):
-        table.caption = (
-            "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
-            "of the Earth's rotation only the vertical part is taken off"
-        )
-        table.caption_justify = "left"
     return table
 
 

@@ -90,13 +90,6 @@ def _euler_deg(q: np.ndarray) -> np.ndarray:
     return np.stack([roll, pitch, yaw], axis=1) / DEG
 
 
-def _without_jumps(angle: np.ndarray) -> np.ndarray:
-    """Insert gaps where an angle wraps."""
-    broken = angle.copy()
-    broken[1:][np.abs(np.diff(angle)) > 180] = np.nan
-    return broken
-
-
 def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) -> str:
     ticks = [(v, f"{v:g}".replace("-", "−")) for v in (-180, -90, 0, 90, 180)]
     chart = Chart(
@@ -105,7 +98,10 @@ def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) 
     for track, style in ((raw, "thin"), (q, "line")):
         if track is not None:
             for kind, angle in zip("xyz", _euler_deg(track).T, strict=True):
-                chart.line(t, _without_jumps(angle), kind, style)
+                # Insert gaps where an angle wraps.
+                broken = angle.copy()
+                broken[1:][np.abs(np.diff(angle)) > 180] = np.nan
+                chart.line(t, broken, kind, style)
     return chart.svg()
 
 

@@ -451,7 +451,13 @@ class GrowingFile:
         if self._left:
             there = self._file.read(min(len(data), self._left))
             if there != data[: len(there)]:
-                self._put_aside()
+                # Continue in a new file that begins with the part that was right.
+                self._file.seek(0)
+                right, self._left = self._file.read(self._same), 0
+                self._file.close()
+                self.aside = put_aside(self.path)
+                self._file = self.path.open("xb")
+                self._file.write(right)
             else:
                 self._same, self._left, data = self._same + len(there), self._left - len(there), data[len(there) :]
         if data:
@@ -464,15 +470,6 @@ class GrowingFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def _put_aside(self) -> None:
-        """Continue in a new file that begins with the part that was right."""
-        self._file.seek(0)
-        right, self._left = self._file.read(self._same), 0
-        self._file.close()
-        self.aside = put_aside(self.path)
-        self._file = self.path.open("xb")
-        self._file.write(right)
 
 
 def put_aside(path: Path) -> Path | None:

@@ -219,14 +219,13 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
         return [], None
     quiet, spread = quiet_runs(blocks)
     # Join runs that only a short bump parts, one that left the attitude where it was. A still is a list of runs.
-    joined: list[list[tuple[int, int]]] = []
+    runs: list[list[tuple[int, int]]] = []
     for run in quiet:
-        before = joined[-1][-1] if joined else None
+        before = runs[-1][-1] if runs else None
         if before and _same_rest(before, run, blocks, spread):
-            joined[-1].append(run)
+            runs[-1].append(run)
         else:
-            joined.append([run])
-    runs = joined
+            runs.append([run])
     shortest = MIN_STILL_FRACTION * still_s / blocks.duration_s
     runs = [run for run in runs if sum(stop - start for start, stop in run) >= shortest]
     if not runs:

@@ -85,7 +85,10 @@ class Wanted:
         for line in lines:
             word = word_of(line)
             begun |= word == self.word
-            header = _described(line, self.word)
+            # The header of a kind, where an ArduPilot log's line describes it: rows have its name in the place of what is before the
+            # columns.
+            kind = self.word
+            header = ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
             alone = word == self.word or (not begun and word != FORMAT_WORD)
             kept.append(header or (line if alone else ""))
         return kept
@@ -280,11 +283,6 @@ def _described_kind(line: str) -> str | None:
     """The kind of rows that an ArduPilot log's line describes."""
     cells = line.split(",") if word_of(line) == FORMAT_WORD else []
     return cells[FORMAT_KIND].strip() if len(cells) > FORMAT_NAMES else None
-
-
-def _described(line: str, kind: str) -> str | None:
-    """The header of a kind, where an ArduPilot log's line describes it: rows have its name in the place of what is before the columns."""
-    return ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
 
 
 def _place_and_value(where: str, form: Form) -> tuple[int, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from session.io.errors import FitError
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.closure.runs import ClosureRun
-from tinygc.effects import AppliedEffect, Effect, catalogue
+from tinygc.effects import Effect, catalogue
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
@@ -140,7 +140,8 @@ def physics_methods(
         part = refit(twin, found.whiten, effects, found.fit.state, rows=fold_rows(twin, found.whiten, held), max_steps=FOLD_STEPS)
         held_physics[held] = twin.residuals(part.state).closure[held]
         if with_net:
-            model = PhysicsModel(part.state.model, _rate_claims(part.state.claims), found.model.known)
+            claims = part.state.claims
+            model = PhysicsModel(part.state.model, tuple(claim for claim in claims if claim.effect.kind == "rate"), found.model.known)
             batch = _without_effects(found, model)
             seen = np.ones(len(batch), dtype=bool)
             seen[held] = False
@@ -159,10 +160,6 @@ def physics_methods(
         rates = {name: run.rates(fit.model) for name, fit in fits.items()}
         errors.append({name: run.with_earth(found.fit.state.earth_t, rate).errors_at(rate) for name, rate in rates.items()})
     return replace(found, methods=fits, run_errors=errors, lost_s=tuple(lost_in(run) for run in runs))
-
-
-def _rate_claims(claims: Iterable[AppliedEffect]) -> tuple[AppliedEffect, ...]:
-    return tuple(claim for claim in claims if claim.effect.kind == "rate")
 
 
 def _without_effects(found: PhysicsFit, model: PhysicsModel) -> Batch:

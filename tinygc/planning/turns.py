@@ -179,7 +179,14 @@ class Turn:
 def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_rps: float = np.inf) -> list[Turn]:
     """Return all turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles; most_rps: largest peak rate."""
     up = nearest_up(accel, with_edges=singles_deg != QUARTERS)
-    straightened = _straightened(accel / np.linalg.norm(accel), up)
+    # The shortest rotation from where lies (3,) points up to where ``up`` does.
+    lies = accel / np.linalg.norm(accel)
+    axis, angle = np.cross(up, lies), float(np.arccos(np.clip(up @ lies, -1.0, 1.0)))
+    length = np.linalg.norm(axis)
+    axis = axis / length if length > 0 else axis
+    how = f"with {up_words(up)} set straight up" if on_a_side(up) else f"on its edge with {up_words(up)} up"
+    words = f"{how}, " if angle > SLANTED_RAD else ""
+    straightened = TurnPart(axis, angle, STRAIGHT_S, words, up)
     together = [pair for pair in product([degrees for degrees in singles_deg if degrees < 300], repeat=2) if sum(pair) <= MOST_DEG]
 
     def lasts(degrees: int, least_s: float) -> float:
@@ -236,16 +243,6 @@ def _abreast(movements: list[tuple[TurnPart, ...]]) -> list[list[TurnPart]]:
     """Return the first parts of all, then the second parts, and so on."""
     most = max(map(len, movements))
     return [[parts[number] if number < len(parts) else _NOTHING for parts in movements] for number in range(most)]
-
-
-def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
-    """Return the shortest rotation from where lies (3,) points up to where ``up`` does."""
-    axis, angle = np.cross(up, lies), float(np.arccos(np.clip(up @ lies, -1.0, 1.0)))
-    length = np.linalg.norm(axis)
-    axis = axis / length if length > 0 else axis
-    how = f"with {up_words(up)} set straight up" if on_a_side(up) else f"on its edge with {up_words(up)} up"
-    words = f"{how}, " if angle > SLANTED_RAD else ""
-    return TurnPart(axis, angle, STRAIGHT_S, words, up)
 
 
 def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the board's") -> list[TurnPart]:

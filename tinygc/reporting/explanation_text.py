@@ -289,7 +289,12 @@ def truth_page(e: TruthExplanation) -> Group:
         parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
     parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
-    parts += [_evidence(e), Text(CANNOT)]
+    table = Table(title="Evidence", title_justify="left", box=None)
+    table.add_column("of")
+    table.add_column("it says", overflow="fold")
+    for row in evidence_rows(e):
+        table.add_row(*row)
+    parts += [table, Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
 
@@ -321,15 +326,6 @@ def independent(e: TruthExplanation) -> bool | None:
     if not len(e.lengths_s) or not len(e.problem.stills):
         return None
     return bool(np.sqrt(np.mean(e.closure_rad[0] ** 2)) > OWN_NOISE_SHARE * e.gyro_rad * np.sqrt(e.lengths_s[0]))
-
-
-def _evidence(e: TruthExplanation) -> Table:
-    table = Table(title="Evidence", title_justify="left", box=None)
-    table.add_column("of")
-    table.add_column("it says", overflow="fold")
-    for row in evidence_rows(e):
-        table.add_row(*row)
-    return table
 
 
 def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:

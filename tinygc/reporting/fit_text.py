@@ -93,9 +93,13 @@ def remarks(result: FitResult) -> list[Text]:
         if result.problem.batch.turns is not None:
             seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
         said.append(Text(seen, "yellow"))
-    pairs = _correlations(result.covariance)
+    covariance = result.covariance
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
     if pairs:
-        said.append(Text("Correlated above 0.5: " + ", ".join(pairs)))
+        shown = (f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6])
+        said.append(Text("Correlated above 0.5: " + ", ".join(shown)))
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
     moved = np.abs(linear_of(result.other_choice).B - linear_of(result.linear).B) / np.sqrt(np.diag(result.covariance)[BIAS])
@@ -168,13 +172,6 @@ def _physics_words(physics: PhysicsFit) -> str:
             "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"
         )
     return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
-
-
-def _correlations(covariance: np.ndarray) -> list[str]:
-    sigma = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(sigma, sigma)
-    pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
-    return [f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6]]
 
 
 # The terminal report of a fit, as rich renderables; nothing is printed here.

@@ -73,10 +73,7 @@ class Log:
 
     def number(self, key: str) -> float | None:
         """The number that a comment ``key=value`` states; None where it states none."""
-        try:
-            return float(self.comments[key])
-        except (KeyError, ValueError):
-            return None
+        return number_in(self.comments, key)
 
     @property
     def counted(self) -> bool:
@@ -97,6 +94,14 @@ class Log:
 
 #: key of a comment that says what of a log ``apply`` has calibrated
 CALIBRATED = "calibrated"
+
+
+def number_in(comments: Mapping[str, str], key: str) -> float | None:
+    """The number that a comment ``key=value`` states; None where it states none."""
+    try:
+        return float(comments[key])
+    except (KeyError, ValueError):
+        return None
 
 
 def already_calibrated(comments: dict[str, str]) -> frozenset[str] | None:

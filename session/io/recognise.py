@@ -61,7 +61,12 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
         found = usual
     _, number, delimiter, dialect, columns, names = found
     if dialect is not None:
-        _refuse_doubled(names, columns, f"{name} line {number + 1}")
+        # Refuse two columns of one name; what is not read may repeat.
+        where = f"{name} line {number + 1}"
+        known = [_name_and_unit(text)[0] for text in names]
+        for column, _, _ in columns.values():
+            if (times := known.count(known[column])) > 1:
+                raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
     elif not columns:
         columns = _own_columns(names, f"{name} line {number + 1}")
         called = OWN if "t" in columns else OTHER  # its registers may be anyone's
@@ -188,14 +193,6 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
 def _is_of(file: str, letter: str) -> bool:
     """Whether a file's name says that it is of this sensor, and not of a watch's or a headphone's."""
     return file.lower().startswith("gyro" if letter == "g" else ("accel", "totalaccel"))
-
-
-def _refuse_doubled(names: tuple[str, ...], columns: dict[str, Column], where: str) -> None:
-    """Refuse two columns of one name; what is not read may repeat."""
-    known = [_name_and_unit(text)[0] for text in names]
-    for column, _, _ in columns.values():
-        if (times := known.count(known[column])) > 1:
-            raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
 
 
 # Headers of no dialect whose names say what they are, as people print them themselves: ``accX``, ``gyro_y``, ``wz``, ``imu.rate.x``.

@@ -104,7 +104,17 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
     written = [(option, path) for option, path in _given(args, {**paths.files, **paths.logs}) if str(path) != STANDARD]
     folders = [path for _, path in _given(args, paths.folders) if str(path) != STANDARD]
     read = list(_read(args, {*paths.files, *paths.logs, *paths.folders}))
-    known = _files_of([*read, *folders], OWN.get(paths.command, ""))
+    # The files that must not change, by their identity in the file system: those paths, and the inputs in folders.
+    but = OWN.get(paths.command, "")
+    known: dict[tuple[int, int], Path] = {}
+    for path in [*read, *folders]:
+        inside: Iterable[Path] = [path]
+        if path.is_dir():
+            derived = (found for pattern in DERIVED for found in path.glob(pattern) if found.name != but)
+            inside = itertools.chain((each for each in path.iterdir() if has_recorded_name(each)), derived)
+        for each in inside:
+            if (identity := _identity(_status(each))) is not None:
+                known.setdefault(identity, each)
     homes = {Path(os.path.realpath(folder)) for folder in folders} | {Path(os.path.realpath(path)) for path in read if path.is_dir()}
     for option, path in written:
         if path.is_dir():
@@ -138,20 +148,6 @@ def _read(args: argparse.Namespace, written: set[str]) -> Iterator[Path]:
                 path = Path(each)
                 if _status(path) is not None:
                     yield path
-
-
-def _files_of(paths: Iterable[Path], but: str) -> dict[tuple[int, int], Path]:
-    """Return the files that must not change, by their identity in the file system: those paths, and the inputs in folders."""
-    known: dict[tuple[int, int], Path] = {}
-    for path in paths:
-        inside: Iterable[Path] = [path]
-        if path.is_dir():
-            derived = (found for pattern in DERIVED for found in path.glob(pattern) if found.name != but)
-            inside = itertools.chain((each for each in path.iterdir() if has_recorded_name(each)), derived)
-        for each in inside:
-            if (identity := _identity(_status(each))) is not None:
-                known.setdefault(identity, each)
-    return known
 
 
 def _refuse_known(said: str, status: os.stat_result | None, known: dict[tuple[int, int], Path]) -> None:

@@ -20,7 +20,7 @@ from session.io.config import Accelerometer
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.lines import PIECE_BYTES, STANDARD
-from session.io.logfile import CALIBRATED, already_calibrated
+from session.io.logfile import CALIBRATED, already_calibrated, number_in
 from session.io.numeric import decimal_rows
 from session.io.reader import Reader
 from session.io.registers import DEFAULT, RegisterUnits, require_registers
@@ -108,8 +108,8 @@ def apply_model(
     known = surroundings(table, model_path, log, session)
     answers = replace(
         answers,
-        gyro_fs_dps=answers.gyro_fs_dps or _number(reader, "gyro_fs_dps") or known.sensor.gyro_fs_dps,
-        accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.sensor.accel_fs_g,
+        gyro_fs_dps=answers.gyro_fs_dps or number_in(reader.comments, "gyro_fs_dps") or known.sensor.gyro_fs_dps,
+        accel_fs_g=answers.accel_fs_g or number_in(reader.comments, "accel_fs_g") or known.sensor.accel_fs_g,
         sensor=answers.sensor or reader.comments.get("sensor") or known.sensor.model,
     )
     source = LogSource(reader, answers, known)
@@ -140,14 +140,6 @@ def apply_model(
     notes += reader.notes
     source_of_force = None if reader.layout.accel is None else known.source
     return Applied(out, count, models.to_dict(model)["kind"], model.delay_s, source_of_force, tuple(notes))
-
-
-def _number(reader: Reader, key: str) -> float | None:
-    """Return a number from the log's own comments."""
-    try:
-        return float(reader.comments[key])
-    except (KeyError, ValueError):
-        return None
 
 
 @dataclass(frozen=True, eq=False)

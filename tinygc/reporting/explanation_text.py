@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.detect.check_references import frame_text, mounting_text, offset_text
+from session.detect.findings import xyz_text
 from session.io.files import result_folder
 from session.io.results import write_whole
 from session.io.units import DEG, MG
@@ -330,10 +331,6 @@ def independent(e: TruthExplanation) -> bool | None:
 
 def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
     """Subject of each line of evidence (empty: the same as above), and its statement."""
-
-    def triple(values: np.ndarray, digits: int = 2) -> str:
-        return ", ".join(f"{value:.{digits}f}" for value in values)
-
     grown = "; ".join(f"{t:g} s: {np.sqrt(np.mean(row**2)) / DEG:.3f}" for t, row in zip(e.lengths_s, e.closure_rad, strict=True))
     before, after = e.neighbours
     lost = sum(len(truth.outages) for truth in e.session.truths or ())
@@ -350,10 +347,10 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
         ("frames", "not known" if e.alignment is None else f"gyro to truth {mounting_text(e.alignment)}; {frame_text(e.alignment)}"),
     ]
     if (force := e.force) is not None:
-        off = f"accelerometer off by {triple(force.bias / MG, 0)} mg ± {triple(force.sigma / MG, 0)}"
-        rows.append(("", f"{off}; turned as the gyro asks: {triple(force.turned / MG, 0)}"))
+        off = f"accelerometer off by {xyz_text(force.bias / MG, 0)} mg ± {xyz_text(force.sigma / MG, 0)}"
+        rows.append(("", f"{off}; turned as the gyro asks: {xyz_text(force.turned / MG, 0)}"))
     if (rests := e.rests) is not None:
-        zero = f"zero-rate offset there less in motion {triple(rests.difference / DEG, 3)} dps ± {triple(rests.sigma / DEG, 3)}"
+        zero = f"zero-rate offset there less in motion {xyz_text(rests.difference / DEG, 3)} dps ± {xyz_text(rests.sigma / DEG, 3)}"
         rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
         rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
     return [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]

@@ -11,7 +11,7 @@ from session.io.errors import FitError
 from session.io.units import DEG
 from tinygc import closure
 from tinygc.estimation import adamw, denoiser
-from tinygc.estimation.denoiser import REACH, of_batch, start, taps_and_jacobian, train_adamw, train_denoiser
+from tinygc.estimation.denoiser import REACH, Material, start, taps_and_jacobian, train_adamw, train_denoiser
 from tinygc.models.denoiser import Denoiser
 from tinygc.models.linear import bias_only
 
@@ -27,10 +27,12 @@ def material(seed=0, count=24, turns_seed=11):
     rest = round(ODR_HZ)
     clean = np.pad(turns.rate, ((0, 0), (rest, rest), (0, 0)))
     dt = np.full((count, clean.shape[1] - 1), 1 / ODR_HZ)
-    measured = clean + NOISE_RPS * rng.standard_normal(clean.shape)
-    batch = closure.Batch(measured, dt, np.zeros_like(measured), turns.q[:-1], turns.q[1:], False)
+    around = np.pad(clean, ((0, 0), (REACH, REACH), (0, 0)))
+    around += NOISE_RPS * rng.standard_normal(around.shape)
+    batch = closure.Batch(around[:, REACH:-REACH], dt, np.zeros_like(clean), turns.q[:-1], turns.q[1:], False)
     stills = [NOISE_RPS * rng.standard_normal((2 * rest, 3)) for _ in range(count + 1)]
-    return of_batch(batch, np.full(count, NOISE_RPS / np.sqrt(ODR_HZ) * np.sqrt(5.0)), stills), clean
+    sigma = np.full(count, NOISE_RPS / np.sqrt(ODR_HZ) * np.sqrt(5.0))
+    return Material(batch, sigma, around, np.full(count, clean.shape[1]), stills, ODR_HZ), clean
 
 
 @pytest.fixture(scope="module")
@@ -74,14 +76,15 @@ def test_the_error_in_motion_is_measured_without_the_truth():
     """The risk of three filters against noisy neighbours, and their squared error against the truth that it never saw."""
     seen, clean = material(seed=2)
     delay = 8
-    risk = denoiser.measure(seen.stretches, seen.stills, REACH + 1, delay)
+    risk = denoiser.measure(list(seen.batch.rate), seen.stills, REACH + 1, delay)
     np.testing.assert_allclose(np.sqrt(risk.noise[:, 0]), NOISE_RPS, rtol=0.02)
     for taps in (np.eye(REACH + 1)[delay], np.full(REACH + 1, 1 / 17) * (np.arange(REACH + 1) < 17), risk.ideal(2.0)[0][0]):
         taps = np.tile(taps, (3, 1))
         windows = np.lib.stride_tricks.sliding_window_view(seen.batch.rate, REACH + 1, axis=1)[..., ::-1]
         answer = np.einsum("staj,aj->sta", windows, taps)
         true = np.mean((answer - clean[:, REACH - delay : clean.shape[1] - delay]) ** 2, axis=(0, 1))
-        np.testing.assert_allclose(risk.in_motion(taps), true, rtol=0.05, atol=0.05 * NOISE_RPS**2)
+        said = np.einsum("ai,aij,aj->a", taps, risk.motion, taps) + 2 * np.sum(risk.shared * taps, axis=1) - risk.noise[:, 0]
+        np.testing.assert_allclose(said, true, rtol=0.05, atol=0.05 * NOISE_RPS**2)
 
 
 def test_ideal_taps_keep_their_promises():

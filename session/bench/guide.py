@@ -10,15 +10,7 @@ from session.bench.closure_guide import MARK_WORDS, ClosureGuide
 from session.bench.events import Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
 from session.bench.messages import SETTLING_S, AcceptedTurn, Advice, CoachRequest, GuideMessage, Instruction, Kind, Stage
-from session.bench.progress import (
-    AcceptedData,
-    LiveAccelerometerFit,
-    PresentLog,
-    StillExamination,
-    accepted_turn,
-    fastest_ns,
-    why_not,
-)
+from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLog, StillExamination, accepted_turn, fastest_ns, why_not
 from session.bench.rawfile import RecordingDecision
 from session.detect.segments import moved_at
 from session.detect.stills import MIN_STILL_FRACTION, Still

@@ -306,7 +306,15 @@ class GuidedRecording:
         self._view.show(self.guide)
         self._operator.page.begin()
         try:
-            if not self._catch_up(stopped):
+            # Take in an earlier recording, piece by piece.
+            anything = False
+            for events in self.recorder.catch_up():
+                anything = anything or bool(events)
+                self._take(events)
+                self._show()
+                if stopped():
+                    raise KeyboardInterrupt
+            if not anything:
                 self._live = True
                 if (decision := self.guide.wants) is not None:  # a rest's log, before its first sample
                     self._operator.decide(decision)
@@ -355,17 +363,6 @@ class GuidedRecording:
         self._tell(self._mover.step(self.guide, moment, self.coaching))
         if (decision := self._mover.wants) is not None:
             self._operator.decide(decision)
-
-    def _catch_up(self, stopped: Callable[[], bool]) -> bool:
-        """Take in an earlier recording, piece by piece; returns whether there was one."""
-        anything = False
-        for events in self.recorder.catch_up():
-            anything = anything or bool(events)
-            self._take(events)
-            self._show()
-            if stopped():
-                raise KeyboardInterrupt
-        return anything
 
     def _show(self) -> None:
         if time.monotonic() - self._shown_s > SHOW_EVERY_S:

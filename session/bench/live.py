@@ -80,7 +80,14 @@ class Stillness:
         return MotionBlock(self._block_s, gyro_mean, float(np.abs(samples.gyro).max()), not why, why)
 
     def _why_not_quiet(self, gyro_mean: np.ndarray, gyro_var: np.ndarray, accel_var: np.ndarray) -> str:
-        gyro_noise, accel_noise = self._noise_now()
+        # Variances (3,) of the sensor's noise.
+        if self._noise is None or self._blocks % NOISE_EVERY == 0 or self._blocks < 50:
+            gyro, accel = noise_variance(np.array(self._gyro_var)), noise_variance(np.array(self._accel_var))
+            if self.zero_rps is None and len(self._gyro_var) * self._block_s < CEILING_S:
+                band_hz = 0.5 / self._period_s
+                gyro, accel = np.minimum(gyro, GYRO_CEILING**2 * band_hz), np.minimum(accel, ACCEL_CEILING**2 * band_hz)
+            self._noise = gyro, accel
+        gyro_noise, accel_noise = self._noise
         rate = gyro_mean - (0.0 if self.zero_rps is None else self.zero_rps)
         bar = UNKNOWN_ZERO_RPS if self.zero_rps is None else TURNING_RPS
         if np.abs(rate).max() > bar:
@@ -97,16 +104,6 @@ class Stillness:
                 rate = abs(gyro_mean - np.median(self._run, axis=0))[axis] / DEG
                 return f"rate moved by {rate:.3f} > {rate / away[axis]:.3f} dps on {'xyz'[axis]}"
         return ""
-
-    def _noise_now(self) -> tuple[np.ndarray, np.ndarray]:
-        """Variances (3,) of the sensor's noise."""
-        if self._noise is None or self._blocks % NOISE_EVERY == 0 or self._blocks < 50:
-            gyro, accel = noise_variance(np.array(self._gyro_var)), noise_variance(np.array(self._accel_var))
-            if self.zero_rps is None and len(self._gyro_var) * self._block_s < CEILING_S:
-                band_hz = 0.5 / self._period_s
-                gyro, accel = np.minimum(gyro, GYRO_CEILING**2 * band_hz), np.minimum(accel, ACCEL_CEILING**2 * band_hz)
-            self._noise = gyro, accel
-        return self._noise
 
     def _spread(self, gyro_noise: np.ndarray) -> np.ndarray:
         """(3,) standard deviation of a block's mean.  Noise behind a low-pass is not white, so means of blocks are better than samples."""

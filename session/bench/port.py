@@ -103,12 +103,6 @@ def only_candidate() -> KnownPort:
     return boards[0]
 
 
-def identity_of(name: str) -> tuple | None:
-    """Vendor, product and serial number of a USB device, which it keeps under another name; None without a serial number."""
-    port = next((port for port in list_ports.comports() if port.device == name), None)
-    return (port.vid, port.pid, port.serial_number) if port and port.serial_number else None
-
-
 def name_of(identity: tuple | None) -> str | None:
     """The present port of a USB device, or None."""
     if identity is None:
@@ -190,7 +184,9 @@ class Port:
     def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[object], None] | None = None, setup: BoardSetup | None = None):
         self.name, self.baudrate, self._keep, self._setup = name, baudrate, keep, setup
         self._first = b""
-        self._identity, self._made = identity_of(name), _made(name)
+        # Vendor, product and serial number of a USB device, which it keeps under another name; None without a serial number.
+        port = next((port for port in list_ports.comports() if port.device == name), None)
+        self._identity, self._made = (port.vid, port.pid, port.serial_number) if port and port.serial_number else None, _made(name)
         self.items: queue.SimpleQueue = queue.SimpleQueue()
         self._stop = threading.Event()
         try:

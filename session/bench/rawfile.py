@@ -293,20 +293,17 @@ class RawFile:
             self._check(last)
             if last or time.monotonic() - synced_s >= SYNC_S:
                 synced_s = time.monotonic()
-                self._force_to_disk()
+                for file in (self._raw, self._times):
+                    try:
+                        os.fsync(file)
+                    except OSError as error:  # a pipe or a device is not forced anywhere
+                        if error.errno in NOT_KEPT and self.trouble is None:
+                            self.trouble = StorageError(
+                                f"{self.path}: {error.strerror or error}; what was received last may not be on the disk; make room, "
+                                "then go on with --resume"
+                            )
             if last:
                 return
-
-    def _force_to_disk(self) -> None:
-        for file in (self._raw, self._times):
-            try:
-                os.fsync(file)
-            except OSError as error:  # a pipe or a device is not forced anywhere
-                if error.errno in NOT_KEPT and self.trouble is None:
-                    self.trouble = StorageError(
-                        f"{self.path}: {error.strerror or error}; what was received last may not be on the disk; make room, "
-                        "then go on with --resume"
-                    )
 
     def _check(self, last: bool) -> None:
         """Check that the files exist; if they are missing twice in a row, save them."""
@@ -454,7 +451,13 @@ class GrowingFile:
         if self._left:
             there = self._file.read(min(len(data), self._left))
             if there != data[: len(there)]:
-                self._put_aside()
+                # Continue in a new file that begins with the part that was right.
+                self._file.seek(0)
+                right, self._left = self._file.read(self._same), 0
+                self._file.close()
+                self.aside = put_aside(self.path)
+                self._file = self.path.open("xb")
+                self._file.write(right)
             else:
                 self._same, self._left, data = self._same + len(there), self._left - len(there), data[len(there) :]
         if data:
@@ -467,15 +470,6 @@ class GrowingFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def _put_aside(self) -> None:
-        """Continue in a new file that begins with the part that was right."""
-        self._file.seek(0)
-        right, self._left = self._file.read(self._same), 0
-        self._file.close()
-        self.aside = put_aside(self.path)
-        self._file = self.path.open("xb")
-        self._file.write(right)
 
 
 def put_aside(path: Path) -> Path | None:

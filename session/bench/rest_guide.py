@@ -144,7 +144,13 @@ class RestGuide(Guide):
         if self._figures is not None:
             self._figures.add(samples)
             if (answer := self._figures.answer()) is not None:
-                self._hear(answer)
+                before, self.answer = self.answer, answer
+                for line in answer.lines:
+                    self._say(Kind.STAGE, line)
+                if answer.known and not before.known:
+                    self._say(Kind.READY, f"enough: {self.so_far} shows the noise as precisely as was asked")
+                    if self.stop_at_target:
+                        self._finish(f"{self.so_far}, and the noise is known")
         if self.rest_s is not None and self.rested_s >= self.rest_s:
             self._finish(self.so_far)
 
@@ -153,15 +159,6 @@ class RestGuide(Guide):
         if self.rested_s - self._warned_s >= WARN_EVERY_S:
             self._warned_s = self.rested_s
             self._say(Kind.WARNING, f"it moves: {block.why}; a floor without steps, machines and draught is a better place")
-
-    def _hear(self, answer: RestAnswer) -> None:
-        before, self.answer = self.answer, answer
-        for line in answer.lines:
-            self._say(Kind.STAGE, line)
-        if answer.known and not before.known:
-            self._say(Kind.READY, f"enough: {self.so_far} shows the noise as precisely as was asked")
-            if self.stop_at_target:
-                self._finish(f"{self.so_far}, and the noise is known")
 
 
 def in_words(seconds: float) -> str:

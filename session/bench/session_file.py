@@ -223,7 +223,11 @@ class SessionFile:
                 file.write(text := toml_text(config))
                 file.flush()
                 os.fsync(file.fileno())
-            _require_readable(fresh, physical)
+            # FormatError where the board's info cannot be read again, or no such sensor has these ranges.
+            sensor = read_config(fresh).sensor
+            if not physical:
+                units = sensor.register_units
+                _ = units.gyro_rps, units.accel_mps2
             if self.path.exists():  # it was created meanwhile
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
             self._text = text.encode()  # before anybody can remove the file
@@ -236,14 +240,6 @@ class SessionFile:
         finally:
             with contextlib.suppress(OSError):
                 fresh.unlink(missing_ok=True)
-
-
-def _require_readable(path: Path, physical: bool) -> None:
-    """FormatError where the board's info cannot be read again, or no such sensor has these ranges."""
-    sensor = read_config(path).sensor
-    if not physical:
-        units = sensor.register_units
-        _ = units.gyro_rps, units.accel_mps2
 
 
 def plain(text: str) -> str:

@@ -249,13 +249,6 @@ def attitudes_of(force: np.ndarray) -> int:
     return len(kept)
 
 
-def _drifting(rung: Ladder) -> Ladder:
-    """The same numbers and a drift of the zero: directions (12, K + 3)."""
-    directions = np.zeros((PARAMETERS + DRIFTS, rung.count + DRIFTS))
-    directions[:PARAMETERS, : rung.count], directions[PARAMETERS:, rung.count :] = rung.directions, np.eye(DRIFTS)
-    return replace(rung, directions=directions)
-
-
 #: x (9,), or (12,) with a drift; misses and weights (S,); sigma of one still; covariance of x
 _Fitted = tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]
 
@@ -284,7 +277,10 @@ def _with_drift(
     """
     from scipy.special import fdtrc  # not before stills have been found
 
-    moving = _drifting(rung)
+    # The same numbers and a drift of the zero: directions (12, K + 3).
+    directions = np.zeros((PARAMETERS + DRIFTS, rung.count + DRIFTS))
+    directions[:PARAMETERS, : rung.count], directions[PARAMETERS:, rung.count :] = rung.directions, np.eye(DRIFTS)
+    moving = replace(rung, directions=directions)
     x, spare = np.concatenate([constant, np.zeros(DRIFTS)]), len(force) - moving.count
     for _ in range(ROUNDS):
         least = np.minimum(np.abs(_miss(constant, force, gravity_mps2)), np.abs(_miss(x, force, gravity_mps2, share)))
@@ -443,7 +439,14 @@ def with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
     Raises FormatError where that cannot be done without touching something else.
     """
     lines = text.splitlines(keepends=True)
-    headers = _headers(lines)
+    # Numbers of the lines that begin a table: a bracket that opens where none is open.
+    headers, depth = [], 0
+    for number, line in enumerate(lines):
+        code = IDLE.sub("", line)
+        if depth == 0 and code.lstrip().startswith("["):
+            headers.append(number)
+            continue
+        depth = max(0, depth + code.count("[") + code.count("{") - code.count("]") - code.count("}"))
     new = section(accelerometer, remark, own_stills=True) + "\n"
     mine = next((i for i in headers if _bare(lines[i]) == SECTION), None)
     if mine is not None:
@@ -462,18 +465,6 @@ def with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
             f"session.toml is written in a way that its [accelerometer] cannot be replaced in; put this there by hand: {new!r}"
         )
     return made
-
-
-def _headers(lines: list[str]) -> list[int]:
-    """Numbers of the lines that begin a table: a bracket that opens where none is open."""
-    found, depth = [], 0
-    for number, line in enumerate(lines):
-        code = IDLE.sub("", line)
-        if depth == 0 and code.lstrip().startswith("["):
-            found.append(number)
-            continue
-        depth = max(0, depth + code.count("[") + code.count("{") - code.count("]") - code.count("}"))
-    return found
 
 
 def _bare(line: str) -> str:

@@ -85,22 +85,19 @@ class Crossings:
         return self._known[near]
 
     def _tried(self, bent: float) -> tuple[int, np.ndarray]:
-        places, factor = self._alike(bent)
-        around = np.concatenate([np.arange(-SIDE, 0), np.arange(self._count, self._count + SIDE)])
-        known, true = self._gyro[places[:, None] + around], self._gyro[places[:, None] + np.arange(self._count)]
-        errors = {order: np.einsum("cs,ksi->kci", _weights(self._count, order), known) - true for order in ORDERS}
-        order = min(errors, key=lambda each: float(np.mean(errors[each].sum(axis=1) ** 2)))
-        return order, factor * errors[order]
-
-    def _alike(self, bent: float) -> tuple[np.ndarray, float]:
-        """Places, and by how much more the rate bends than at any of them."""
+        # Places, and by how much more the rate bends than at any of them.
         first, last = np.searchsorted(self._bends, [AS_FAST * bent, bent / AS_FAST])
         if last - first < FEWEST_TRIALS:  # the nearest in size, then
             middle = int(np.searchsorted(self._bends, bent))
             first = max(0, min(middle - FEWEST_TRIALS // 2, len(self._bends) - FEWEST_TRIALS))
             last = min(len(self._bends), first + FEWEST_TRIALS)
         chosen = slice(first, last, -(-(last - first) // MOST_TRIALS) or 1)
-        return self._places[chosen], max(1.0, bent / self._bends[last - 1]) if last > first and self._bends[last - 1] > 0 else 1.0
+        places, factor = self._places[chosen], max(1.0, bent / self._bends[last - 1]) if last > first and self._bends[last - 1] > 0 else 1.0
+        around = np.concatenate([np.arange(-SIDE, 0), np.arange(self._count, self._count + SIDE)])
+        known, true = self._gyro[places[:, None] + around], self._gyro[places[:, None] + np.arange(self._count)]
+        errors = {order: np.einsum("cs,ksi->kci", _weights(self._count, order), known) - true for order in ORDERS}
+        order = min(errors, key=lambda each: float(np.mean(errors[each].sum(axis=1) ** 2)))
+        return order, factor * errors[order]
 
     def __len__(self) -> int:
         return len(self._places)

@@ -235,7 +235,10 @@ def pace_of(t_ns: np.ndarray) -> Pace:
     steps_s = ticks * NS
     fine = _confirmed(steps_s)
     in_ticks = np.gcd.reduce(ticks) * NS >= fine / 2
-    if not (_jittery(steps_s, fine) or (in_ticks and _even(steps_s, fine))):
+    # Whether stamps are off by so much that steps of two periods are as likely late stamps as lost samples.
+    short = np.count_nonzero(steps_s < (1 - OFF) * fine)
+    long = np.count_nonzero((steps_s > (1 + OFF) * fine) & (steps_s <= GAP_PERIODS * fine))
+    if not ((long - short < LOST_SIGMA * np.sqrt(2 * short)) or (in_ticks and _even(steps_s, fine))):
         return Pace(fine)
     within = steps_s <= GAP_PERIODS * fine
     return Pace(float(steps_s[within].mean()), coarse=True)
@@ -252,13 +255,6 @@ def _confirmed(steps_s: np.ndarray) -> float:
         if abs(period / before - 1) < 1e-12:
             break
     return period
-
-
-def _jittery(steps_s: np.ndarray, period_s: float) -> bool:
-    """Whether stamps are off by so much that steps of two periods are as likely late stamps as lost samples."""
-    short = np.count_nonzero(steps_s < (1 - OFF) * period_s)
-    long = np.count_nonzero((steps_s > (1 + OFF) * period_s) & (steps_s <= GAP_PERIODS * period_s))
-    return long - short < LOST_SIGMA * np.sqrt(2 * short)
 
 
 def _even(steps_s: np.ndarray, period_s: float) -> bool:

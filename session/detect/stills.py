@@ -218,7 +218,14 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
     if len(blocks) < 3:
         return [], None
     quiet, spread = quiet_runs(blocks)
-    runs = _close_bumps(quiet, blocks, spread)
+    # Join runs that only a short bump parts, one that left the attitude where it was. A still is a list of runs.
+    runs: list[list[tuple[int, int]]] = []
+    for run in quiet:
+        before = runs[-1][-1] if runs else None
+        if before and _same_rest(before, run, blocks, spread):
+            runs[-1].append(run)
+        else:
+            runs.append([run])
     shortest = MIN_STILL_FRACTION * still_s / blocks.duration_s
     runs = [run for run in runs if sum(stop - start for start, stop in run) >= shortest]
     if not runs:
@@ -233,8 +240,16 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
 def quiet_runs(blocks: Blocks) -> tuple[list[tuple[int, int]], np.ndarray]:
     """Runs (start, stop) of quiet blocks at a constant rate, however short; (3,) what noise alone scatters a block's mean rate by."""
     quiet = _quiet_blocks(blocks)
-    spread = _spread_of_block_means(blocks.gyro_mean, quiet)
-    return _trim_to_constant_rate(_runs(quiet), blocks, spread), spread
+    # (3,) standard deviation of a block's mean from noise alone: from differences of neighbours, robustly.
+    both = quiet[1:] & quiet[:-1]
+    spread = np.full(3, np.inf) if not both.any() else sigma_of(np.diff(blocks.gyro_mean, axis=0)[both]) / np.sqrt(2)
+    # Split each run where a block's mean rate leaves the run's: the slow ends of a turn are not still.
+    kept = []
+    for start, stop in _runs(quiet):
+        mean = blocks.gyro_mean[start:stop]
+        steady = (np.abs(mean - np.median(mean, axis=0)) < MEAN_SIGMAS * spread).all(axis=1)
+        kept += [(start + a, start + b) for a, b in _runs(steady)]
+    return kept, spread
 
 
 def _quiet_blocks(blocks: Blocks) -> np.ndarray:
@@ -262,38 +277,8 @@ def noise_variance(variance: np.ndarray) -> np.ndarray:
     return np.maximum(np.median(calm, axis=0), np.finfo(float).tiny)
 
 
-def _spread_of_block_means(mean: np.ndarray, quiet: np.ndarray) -> np.ndarray:
-    """(3,) standard deviation of a block's mean from noise alone: from differences of neighbours, robustly."""
-    both = quiet[1:] & quiet[:-1]
-    if not both.any():
-        return np.full(3, np.inf)
-    return sigma_of(np.diff(mean, axis=0)[both]) / np.sqrt(2)
-
-
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(start), int(stop)) for start, stop in zip(*runs_of(mask), strict=True)]
-
-
-def _trim_to_constant_rate(runs: list[tuple[int, int]], blocks: Blocks, spread: np.ndarray) -> list[tuple[int, int]]:
-    """Split each run where a block's mean rate leaves the run's: the slow ends of a turn are not still."""
-    kept = []
-    for start, stop in runs:
-        mean = blocks.gyro_mean[start:stop]
-        steady = (np.abs(mean - np.median(mean, axis=0)) < MEAN_SIGMAS * spread).all(axis=1)
-        kept += [(start + a, start + b) for a, b in _runs(steady)]
-    return kept
-
-
-def _close_bumps(runs: list[tuple[int, int]], blocks: Blocks, spread: np.ndarray) -> list[list[tuple[int, int]]]:
-    """Join runs that only a short bump parts, one that left the attitude where it was.  A still is a list of runs."""
-    joined: list[list[tuple[int, int]]] = []
-    for run in runs:
-        before = joined[-1][-1] if joined else None
-        if before and _same_rest(before, run, blocks, spread):
-            joined[-1].append(run)
-        else:
-            joined.append([run])
-    return joined
 
 
 def _same_rest(a: tuple[int, int], b: tuple[int, int], blocks: Blocks, spread: np.ndarray) -> bool:
@@ -359,7 +344,8 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
 def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noise, shortest: int) -> Still:
     """The still once it has come to rest: what settles at its ends is cut off; one that never rests has a problem."""
     whole = still = _measure(samples, run, size)
-    zero_rate = _zero_rate(samples, run, size, whole)
+    # What the gyro reads (3,) at rest: its mean over a still, weighted as gravity's slope is, less the rate at which gravity turns.
+    zero_rate = mean_as_a_slope_weighs(samples.gyro, [(a * size, b * size) for a, b in run]) - whole.tilt_rate
     while _creep(still, whole, zero_rate, noise):
         length = sum(stop - start for start, stop in run)
         cut = max(1, length // 10)
@@ -370,11 +356,6 @@ def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noi
         ends = [_without_end(run, cut, at_start) for at_start in (True, False)]
         run, still = min(((end, _measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate))
     return still
-
-
-def _zero_rate(samples: Samples, run: list[tuple[int, int]], size: int, whole: Still) -> np.ndarray:
-    """What the gyro reads (3,) at rest: its mean over a still, weighted as gravity's slope is, less the rate at which gravity turns."""
-    return mean_as_a_slope_weighs(samples.gyro, [(a * size, b * size) for a, b in run]) - whole.tilt_rate
 
 
 def _horizontal_rate(still: Still, zero_rate: np.ndarray) -> float:

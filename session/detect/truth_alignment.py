@@ -202,7 +202,14 @@ def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list
         truth, gyro, duration = (np.concatenate(part) for part in zip(*turns, strict=True))
         mounting, misfit = _mounting(truth, gyro, duration, given.mounting)
         reading = replace(reading, mounting=mounting)
-        found.append(Way(reading, misfit, _up(seen, reading)))
+        # (3,) in the file's world.
+        total, length = np.zeros(3), 0.0
+        for one in seen:
+            q = product(inverse(FRAMES[reading.frame]), reading.read(one.written[one.spans.first]))  # in the file's own world
+            force = one.force[one.gyro.nearest(one.spans.begin_s + reading.offset_s)[0]]
+            total += Rotation.from_quat(q, scalar_first=True).apply(force).sum(axis=0)  # a force that is not known is zero
+            length += float(np.sum(np.linalg.norm(force, axis=1)))
+        found.append(Way(reading, misfit, total / length if length > 0 else None))
     return found
 
 
@@ -251,17 +258,6 @@ def _mounting(truth: np.ndarray, gyro: np.ndarray, duration: np.ndarray, given: 
 def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     left, _, right = np.linalg.svd(matrix)
     return left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-
-
-def _up(seen: Sequence[AlignedLog], reading: TruthReading) -> np.ndarray | None:
-    """(3,) in the file's world."""
-    total, length = np.zeros(3), 0.0
-    for one in seen:
-        q = product(inverse(FRAMES[reading.frame]), reading.read(one.written[one.spans.first]))  # in the file's own world
-        force = one.force[one.gyro.nearest(one.spans.begin_s + reading.offset_s)[0]]
-        total += Rotation.from_quat(q, scalar_first=True).apply(force).sum(axis=0)  # a force that is not known is zero
-        length += float(np.sum(np.linalg.norm(force, axis=1)))
-    return total / length if length > 0 else None
 
 
 # Where the truth's clock stands, roughly: where its speed of turning goes along best with the gyro's.

@@ -90,7 +90,11 @@ class Lines:
         if "\0\n" in text:  # a string's terminator before the line's end
             text = TERMINATED.sub("", text)
         whole, _, self._rest = (text, "", "") if self._ended else text.rpartition("\n")
-        self._heed(whole)
+        if "#" in whole:
+            for line in COMMENT.findall(whole):
+                for key, value in WORD.findall(line) if "=" in line and len(line) <= LONGEST_LINE else []:
+                    if key in self.comments or len(self.comments) < MOST_WORDS:
+                        self.comments[key] = value
         lines = (whole.removesuffix("\n") if self._ended else whole).split("\n") if text else []
         if lines and max(map(len, lines)) > LONGEST_LINE:
             self._refuse_line(whole)
@@ -118,13 +122,6 @@ class Lines:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _heed(self, text: str) -> None:
-        if "#" in text:
-            for line in COMMENT.findall(text):
-                for key, value in WORD.findall(line) if "=" in line and len(line) <= LONGEST_LINE else []:
-                    if key in self.comments or len(self.comments) < MOST_WORDS:
-                        self.comments[key] = value
 
     def _refuse_line(self, text: str) -> None:
         """text: from the beginning of the line ``_number``."""
@@ -218,7 +215,11 @@ class _Unpack:
         try:
             while size < READ_BYTES and not self.broken:
                 if self._member is None:
-                    self._skip_padding()
+                    # Zero bytes may pad what is behind a member, to a tape's block.
+                    rest = self._packed[self._at :] if self._packed[self._at : self._at + 1] == b"\0" else b""
+                    zeros = len(rest) - len(rest.lstrip(b"\0"))
+                    self._at, self._padding = self._at + zeros, self._padding + zeros
+                    self.broken |= self._padding > MOST_PADDING or (zeros > 0 and not self._begun)
                 if self._at == len(self._packed):
                     break
                 self._member, self._begun = self._member or zlib.decompressobj(wbits=31), True
@@ -232,10 +233,3 @@ class _Unpack:
         data = b"".join(parts)
         self.gave |= bool(data)
         return data
-
-    def _skip_padding(self) -> None:
-        """Zero bytes may pad what is behind a member, to a tape's block."""
-        rest = self._packed[self._at :] if self._packed[self._at : self._at + 1] == b"\0" else b""
-        zeros = len(rest) - len(rest.lstrip(b"\0"))
-        self._at, self._padding = self._at + zeros, self._padding + zeros
-        self.broken |= self._padding > MOST_PADDING or (zeros > 0 and not self._begun)

@@ -73,10 +73,7 @@ class Log:
 
     def number(self, key: str) -> float | None:
         """The number that a comment ``key=value`` states; None where it states none."""
-        try:
-            return float(self.comments[key])
-        except (KeyError, ValueError):
-            return None
+        return number_in(self.comments, key)
 
     @property
     def counted(self) -> bool:
@@ -97,6 +94,14 @@ class Log:
 
 #: key of a comment that says what of a log ``apply`` has calibrated
 CALIBRATED = "calibrated"
+
+
+def number_in(comments: Mapping[str, str], key: str) -> float | None:
+    """The number that a comment ``key=value`` states; None where it states none."""
+    try:
+        return float(comments[key])
+    except (KeyError, ValueError):
+        return None
 
 
 def already_calibrated(comments: dict[str, str]) -> frozenset[str] | None:
@@ -213,7 +218,14 @@ def read_known_turns(path: Path, logs: list[str]) -> tuple[KnownTurn, ...]:
         raise FormatError(f"{NAME}: the header must be {','.join(COLUMNS)}, with the column {LOG} where turns are counted in each log")
     turns: dict[tuple[int, str | None], KnownTurn] = {}
     for number, line in lines:
-        turn = _row(f"{NAME} line {number}", header, line, logs)
+        where = f"{NAME} line {number}"
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([line], strict=True))]
+        except csv.Error:
+            cells = []
+        if len(cells) != len(header):
+            raise FormatError(f"{where}: {line[:60]!r}, expected {len(header)} cells: {','.join(header)}")
+        turn = known_turn(where, dict(zip(header, cells, strict=True)), logs)
         if (turn.turn, turn.log) in turns:
             raise FormatError(f"{NAME} line {number}: {turn.name} is given twice; keep one")
         turns[turn.turn, turn.log] = turn
@@ -222,16 +234,6 @@ def read_known_turns(path: Path, logs: list[str]) -> tuple[KnownTurn, ...]:
     if not turns:
         raise FormatError(f"{NAME}: a header but no turns; remove the file, or give a row for each turn of known angle")
     return tuple(turns.values())
-
-
-def _row(where: str, header: list[str], line: str, logs: list[str]) -> KnownTurn:
-    try:
-        cells = [cell.strip() for cell in next(csv.reader([line], strict=True))]
-    except csv.Error:
-        cells = []
-    if len(cells) != len(header):
-        raise FormatError(f"{where}: {line[:60]!r}, expected {len(header)} cells: {','.join(header)}")
-    return known_turn(where, dict(zip(header, cells, strict=True)), logs)
 
 
 def known_turn(where: str, cell: Mapping[str, str], logs: list[str]) -> KnownTurn:

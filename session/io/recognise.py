@@ -43,7 +43,10 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
     if found is None and like is not None:
         raise FormatError(f"{name}: no header of {answers.like} (--like), such as {_example(like)}; it begins {_first(lines)!r}")
     if found is None:
-        own = _own_header(lines)
+        # A line, and its names, that names one of our columns, though it is no whole header.
+        ours = {*STAMP_NS, "gx", "gx_dps", "gx_rps"}
+        named = ((number, split(line, delimiter)) for number, line in enumerate(lines) for delimiter in DELIMITERS)
+        own = next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
         usual = max(_usual_matches(lines), key=lambda match: match[0], default=None)
         if own is not None and (usual is None or any(own[1].count(name) > 1 for name in own[1])):
             number, names = own
@@ -58,7 +61,12 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
         found = usual
     _, number, delimiter, dialect, columns, names = found
     if dialect is not None:
-        _refuse_doubled(names, columns, f"{name} line {number + 1}")
+        # Refuse two columns of one name; what is not read may repeat.
+        where = f"{name} line {number + 1}"
+        known = [_name_and_unit(text)[0] for text in names]
+        for column, _, _ in columns.values():
+            if (times := known.count(known[column])) > 1:
+                raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
     elif not columns:
         columns = _own_columns(names, f"{name} line {number + 1}")
         called = OWN if "t" in columns else OTHER  # its registers may be anyone's
@@ -66,17 +74,13 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
     return _layout(name, dialect.name if dialect else OTHER, delimiter, number + 1, names, columns, answers, lines, dialect, picking)
 
 
-def dialect_named(text: str) -> Dialect | None:
-    """The dialect that a text names, however it is written; None for another."""
-    plain = re.sub(r"[^a-z0-9]", "", text.lower())
-    return next((dialect for dialect in DIALECTS if re.sub(r"[^a-z0-9]", "", dialect.name.lower()).startswith(plain)), None)
-
-
 def _like(text: str) -> Dialect | str:
     """The dialect, or our own header."""
     if text.lower() == OWN.lower():
         return OWN
-    dialect = dialect_named(text)
+    # The dialect that a text names, however it is written; None for another.
+    plain = re.sub(r"[^a-z0-9]", "", text.lower())
+    dialect = next((dialect for dialect in DIALECTS if re.sub(r"[^a-z0-9]", "", dialect.name.lower()).startswith(plain)), None)
     if dialect is None:
         known_ones = ", ".join((OWN, *(each.name for each in DIALECTS)))
         raise FormatError(f"--like is {text[:40]!r}; expected one of {known_ones}, or another name of `import --list`")
@@ -114,7 +118,15 @@ def _headers(lines: list[str]) -> Iterator[tuple[int, bool, str | None, tuple[st
             if len(names) < 2 or names[0] == FORMAT_WORD:
                 continue
             if len(names) > LEAST_OF_TWO and _are_names(lines[number + 1 : number + 2], delimiter, names):
-                yield number + 1, True, delimiter, _together(names, split(lines[number + 1], delimiter))
+                # Names with the units, or the axes, that stand below them; an empty name goes on from the one before it.
+                whole, before = [], ""
+                for name, under in zip(names, split(lines[number + 1], delimiter), strict=True):
+                    before = name or before
+                    unit = under.strip("[]() ")
+                    is_unit = unit and any(parse_unit(kind, unit) is not None for kind in ("time", "gyro", "accel", "temp"))
+                    both = f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip()
+                    whole.append(both if name or under else "")
+                yield number + 1, True, delimiter, tuple(whole)
             yield number, False, delimiter, names
 
 
@@ -126,18 +138,6 @@ def _are_names(lines: list[str], delimiter: str | None, names: tuple[str, ...]) 
 
 #: columns of a table with two lines of names: fewer may be words
 LEAST_OF_TWO = 5
-
-
-def _together(names: tuple[str, ...], below: tuple[str, ...]) -> tuple[str, ...]:
-    """Names with the units, or the axes, that stand below them; an empty name goes on from the one before it."""
-    whole, before = [], ""
-    for name, under in zip(names, below, strict=True):
-        before = name or before
-        unit = under.strip("[]() ")
-        is_unit = unit and any(parse_unit(kind, unit) is not None for kind in ("time", "gyro", "accel", "temp"))
-        both = f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip()
-        whole.append(both if name or under else "")
-    return tuple(whole)
 
 
 def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterator[Match]:
@@ -193,14 +193,6 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
 def _is_of(file: str, letter: str) -> bool:
     """Whether a file's name says that it is of this sensor, and not of a watch's or a headphone's."""
     return file.lower().startswith("gyro" if letter == "g" else ("accel", "totalaccel"))
-
-
-def _refuse_doubled(names: tuple[str, ...], columns: dict[str, Column], where: str) -> None:
-    """Refuse two columns of one name; what is not read may repeat."""
-    known = [_name_and_unit(text)[0] for text in names]
-    for column, _, _ in columns.values():
-        if (times := known.count(known[column])) > 1:
-            raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
 
 
 # Headers of no dialect whose names say what they are, as people print them themselves: ``accX``, ``gyro_y``, ``wz``, ``imu.rate.x``.
@@ -293,23 +285,12 @@ def _usual(name: str) -> tuple[str, str] | None:
 def _is_own(names: tuple[str, ...]) -> bool:
     if sum(name in STAMP_NS for name in names) == 1:
         return any(name.startswith("gx") for name in names)
-    return _without_stamps(names)
-
-
-def _without_stamps(names: tuple[str, ...]) -> bool:
-    """Whether a header is one of ours but for the time."""
+    # Whether a header is one of ours but for the time.
     try:
         parse_header(",".join((NO_STAMPS, *names)), "")
     except FormatError:
         return False
     return True
-
-
-def _own_header(lines: list[str]) -> tuple[int, tuple[str, ...]] | None:
-    """A line, and its names, that names one of our columns, though it is no whole header."""
-    ours = {*STAMP_NS, "gx", "gx_dps", "gx_rps"}
-    named = ((number, split(line, delimiter)) for number, line in enumerate(lines) for delimiter in DELIMITERS)
-    return next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
 
 
 def _own_columns(names: tuple[str, ...], where: str) -> dict[str, Column]:

@@ -85,7 +85,10 @@ class Wanted:
         for line in lines:
             word = word_of(line)
             begun |= word == self.word
-            header = _described(line, self.word)
+            # The header of a kind, where an ArduPilot log's line describes it: rows have its name in the place of what is before the
+            # columns.
+            kind = self.word
+            header = ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
             alone = word == self.word or (not begun and word != FORMAT_WORD)
             kept.append(header or (line if alone else ""))
         return kept
@@ -155,7 +158,13 @@ class Watch:
         rows = self._rows(lines)
         refuse_kinds(rows, form)
         cells = [row.split(form.delimiter) for row in rows]
-        _refuse_widths(cells, form)
+        widths = Counter(map(_width, cells))
+        often = [width for width, count in widths.most_common() if count >= max(2, SHARE * len(cells)) and width > max(form.read)]
+        if len(cells) >= LEAST_ROWS and len(often) > 1 and abs(often[0] - often[1]) >= WIDER:
+            raise FormatError(
+                f"{form.file}: rows of {often[0]} and rows of {often[1]} columns, so of several kinds; "
+                + _give(f"rows {often[0]}", form.standard)
+            )
         self._begin_with_words = bool(rows) and all(word_of(row) is not None for row in rows)
         self._sensors: dict[int, str] = {}
         for column, called in enumerate(form.names):
@@ -264,16 +273,6 @@ def refuse_kinds(rows: Sequence[str], form: Form) -> None:
         )
 
 
-def _refuse_widths(cells: Sequence[Sequence[str]], form: Form) -> None:
-    widths = Counter(map(_width, cells))
-    often = [width for width, count in widths.most_common() if count >= max(2, SHARE * len(cells)) and width > max(form.read)]
-    if len(cells) >= LEAST_ROWS and len(often) > 1 and abs(often[0] - often[1]) >= WIDER:
-        raise FormatError(
-            f"{form.file}: rows of {often[0]} and rows of {often[1]} columns, so of several kinds; "
-            + _give(f"rows {often[0]}", form.standard)
-        )
-
-
 def _give(option: str, standard: bool) -> str:
     """How to pick the rows: an option of what reads foreign logs, and a key of session.toml."""
     key, _, value = option.partition(" ")
@@ -284,11 +283,6 @@ def _described_kind(line: str) -> str | None:
     """The kind of rows that an ArduPilot log's line describes."""
     cells = line.split(",") if word_of(line) == FORMAT_WORD else []
     return cells[FORMAT_KIND].strip() if len(cells) > FORMAT_NAMES else None
-
-
-def _described(line: str, kind: str) -> str | None:
-    """The header of a kind, where an ArduPilot log's line describes it: rows have its name in the place of what is before the columns."""
-    return ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
 
 
 def _place_and_value(where: str, form: Form) -> tuple[int, str]:

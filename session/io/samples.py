@@ -131,7 +131,10 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
         return PackedReadings(np.insert(self._packed, at, 0, axis=0), self._divisor, self._steps, moved).replaced(rows, values)
 
     def _written_or_put_in(self, rows: Any, columns: tuple[Any, ...]) -> np.ndarray:
-        found = self._in_si(self._packed[(rows, *columns)] if columns else self._packed[rows])
+        packed = self._packed[(rows, *columns)] if columns else self._packed[rows]
+        found = packed / self._divisor if self._divisor != 1 else packed.astype(float)
+        for step in self._steps:
+            found = step(found)
         if self._put_in is None or not len(self._put_in[0]):
             return found
         if isinstance(rows, slice) and rows.step in (None, 1):
@@ -149,12 +152,6 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
         known = self._put_in[0]
         place = np.minimum(np.searchsorted(known, rows), max(len(known) - 1, 0))
         return (known[place] == rows if len(known) else np.zeros(rows.shape, dtype=bool)), place
-
-    def _in_si(self, packed: np.ndarray) -> np.ndarray:
-        values = packed / self._divisor if self._divisor != 1 else packed.astype(float)
-        for step in self._steps:
-            values = step(values)
-        return values
 
 
 def times(factor: float) -> Step:

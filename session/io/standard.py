@@ -67,7 +67,10 @@ def parse_header(line: str, where: str, first: int = 1, gyro_alone: bool = False
             raise FormatError(f"{where}: separated by {called}; expected commas")
     if len(names) < fewest or all(re.fullmatch(r"[-+.\deE]*", name) for name in names):
         raise FormatError(f"{where}: no header line but {line.strip()[:60]!r}; {expected}")
-    _refuse_doubled_names(names, where)
+    # Refuse two columns of one name; columns that are not read may repeat.
+    read = {*TEMPERATURES, *(name for known in KNOWN.values() for name in known)}
+    if twice := [name for name in dict.fromkeys(names) if name in read and names.count(name) > 1]:
+        raise FormatError(f"{where}: the column {twice[0]} stands {names.count(twice[0])} times; keep one, or rename the other")
     times = [name for name in names if name in STAMP_NS]
     if len(times) != 1:
         raise FormatError(f"{where}: {_problem('time', names, times)}; {expected}")
@@ -95,13 +98,6 @@ def parse_header(line: str, where: str, first: int = 1, gyro_alone: bool = False
         header_line=line.strip(),
         standard=True,
     )
-
-
-def _refuse_doubled_names(names: tuple[str, ...], where: str) -> None:
-    """Refuse two columns of one name; columns that are not read may repeat."""
-    read = {*TEMPERATURES, *(name for known in KNOWN.values() for name in known)}
-    if twice := [name for name in dict.fromkeys(names) if name in read and names.count(name) > 1]:
-        raise FormatError(f"{where}: the column {twice[0]} stands {names.count(twice[0])} times; keep one, or rename the other")
 
 
 def _named_triad(names: tuple[str, ...], kind: str, where: str, expected: str) -> Triad:

@@ -62,7 +62,10 @@ def convert(
     ``add`` ("log" or "closure") puts it into a session that is there; columns: a list for each file.  Nothing is left behind where it
     fails.  Raises FormatError and DataError; QuestionsError names every option for what the files do not state.
     """
-    _check_out(out, add)
+    if add and not (out / "session.toml").exists():
+        raise FormatError(f"{out}: no session to add to; leave --add out to make one")
+    if not add and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FormatError(f"{out}: exists; give --out a new folder, or add to the session there with --add log or --add closure")
     with Sources(paths, answers, columns) as sources:
         answers = with_comments(answers, sources)
         if add:
@@ -111,13 +114,6 @@ def _written(
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
         findings = tuple(check_folder(out))
     return Converted(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings), took)
-
-
-def _check_out(out: Path, add: str | None) -> None:
-    if add and not (out / "session.toml").exists():
-        raise FormatError(f"{out}: no session to add to; leave --add out to make one")
-    if not add and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FormatError(f"{out}: exists; give --out a new folder, or add to the session there with --add log or --add closure")
 
 
 def _as_in(sensor: Sensor, answers: Answers) -> Answers:

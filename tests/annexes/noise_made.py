@@ -51,7 +51,7 @@ def estimate(of: NoiseFigures | None = None, said: tuple[str, ...] = (), seed: i
     of = figures() if of is None else of
     rng, tau_s, bands = np.random.default_rng(seed), np.geomspace(1 / of.rate_hz, of.duration_s / 3, 40), {}
     for kind, sensor in of.sensors().items():
-        true = np.sqrt(np.column_stack([own.allan_variance(tau_s, 1 / of.rate_hz) for own in sensor.axes]))
+        true = np.sqrt(np.column_stack([own.allan_variance(tau_s) for own in sensor.axes]))
         sigma = np.sqrt(tau_s / of.duration_s / 2)[:, None]
         seen = true * np.exp(sigma * rng.normal(size=true.shape))
         bands[kind] = AllanBand(tau_s, seen, seen * np.exp(-sigma), seen * np.exp(sigma))

@@ -104,13 +104,24 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
     written = [(option, path) for option, path in _given(args, {**paths.files, **paths.logs}) if str(path) != STANDARD]
     folders = [path for _, path in _given(args, paths.folders) if str(path) != STANDARD]
     read = list(_read(args, {*paths.files, *paths.logs, *paths.folders}))
-    known = _files_of([*read, *folders], OWN.get(paths.command, ""))
+    # The files that must not change, by their identity in the file system: those paths, and the inputs in folders.
+    but = OWN.get(paths.command, "")
+    known: dict[tuple[int, int], Path] = {}
+    for path in [*read, *folders]:
+        inside: Iterable[Path] = [path]
+        if path.is_dir():
+            derived = (found for pattern in DERIVED for found in path.glob(pattern) if found.name != but)
+            inside = itertools.chain((each for each in path.iterdir() if has_recorded_name(each)), derived)
+        for each in inside:
+            if (identity := _identity(_status(each))) is not None:
+                known.setdefault(identity, each)
     homes = {Path(os.path.realpath(folder)) for folder in folders} | {Path(os.path.realpath(path)) for path in read if path.is_dir()}
     for option, path in written:
         if path.is_dir():
             raise CalibrationError(f"{option} {path}: cannot be written (that is a folder); give {option} a file")
         _refuse_known(f"{option} {path}", _status(path), known)
-        for place in (_entry(path), Path(os.path.realpath(path))):
+        # The path with links in its folder resolved, but not the last one.
+        for place in (Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))):
             there = os.path.lexists(place)
             counts = there or option not in paths.logs.values()
             if counts and has_recorded_name(place) and (place.parent in homes or is_session(place.parent)):
@@ -139,20 +150,6 @@ def _read(args: argparse.Namespace, written: set[str]) -> Iterator[Path]:
                     yield path
 
 
-def _files_of(paths: Iterable[Path], but: str) -> dict[tuple[int, int], Path]:
-    """Return the files that must not change, by their identity in the file system: those paths, and the inputs in folders."""
-    known: dict[tuple[int, int], Path] = {}
-    for path in paths:
-        inside: Iterable[Path] = [path]
-        if path.is_dir():
-            derived = (found for pattern in DERIVED for found in path.glob(pattern) if found.name != but)
-            inside = itertools.chain((each for each in path.iterdir() if has_recorded_name(each)), derived)
-        for each in inside:
-            if (identity := _identity(_status(each))) is not None:
-                known.setdefault(identity, each)
-    return known
-
-
 def _refuse_known(said: str, status: os.stat_result | None, known: dict[tuple[int, int], Path]) -> None:
     if (source := known.get(_identity(status) or (0, 0))) is not None:
         also = "" if said.endswith(f" {source}") else f" {source}"
@@ -170,11 +167,6 @@ def _status(path: Path | int) -> os.stat_result | None:
 def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
     """Return the identity of a regular file; devices, pipes and terminals may be read and written at once."""
     return None if status is None or not stat.S_ISREG(status.st_mode) else (status.st_dev, status.st_ino)
-
-
-def _entry(path: Path) -> Path:
-    """Return the path with links in its folder resolved, but not the last one."""
-    return Path(os.path.realpath(path.parent)) / path.name
 
 
 # Parsers of the command line.  Imports nothing heavy, so that --help is instant.
@@ -230,7 +222,9 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     whole = _Parser(
         prog=program(), description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN.format(program=program())
     )
-    whole.add_argument("--version", action="version", version=_version())
+    from session import VERSION
+
+    whole.add_argument("--version", action="version", version=f"TinyGC {VERSION}")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name in words[:1] if words and words[0] in COMMANDS else present_commands():
         module = command_module(name)
@@ -407,12 +401,6 @@ def three(text: str) -> list[float]:
 
 
 three.__name__ = "three numbers"
-
-
-def _version() -> str:
-    from session import VERSION
-
-    return f"TinyGC {VERSION}"
 
 
 def rates_dps(text: str) -> tuple[float, ...]:

@@ -5,17 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import (
-    METHODS,
-    accel_full_scale,
-    count,
-    data_rate,
-    gyro_full_scale,
-    methods,
-    path_read,
-    segment_numbers,
-)
+from tinygc.cli.arguments import METHODS, accel_full_scale, count, data_rate, gyro_full_scale, methods, path_read, segment_numbers
 from tinygc.cli.extensions import help_if_present
+from tinygc.estimation.options import ACCELEROMETERS, BIASES
 
 if TYPE_CHECKING:
     from session.io.dialects import Answers
@@ -24,10 +16,6 @@ if TYPE_CHECKING:
 
 # Options of a fit, the same for ``fit`` and ``report``, so that a report can use the saved fit.
 
-#: sources of a fit's bias
-BIASES = ("auto", "ends", "stills")
-#: treatment of the accelerometer's calibration
-ACCELEROMETERS = ("auto", "given", "fit", "prior")
 #: default methods of a fit with a lot's prior; of the fitted methods, only least squares uses the prior
 WITH_LOT = ("raw", "raw_bias_removed", "least_squares")
 

@@ -20,7 +20,7 @@ from session.io.config import Accelerometer
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.lines import PIECE_BYTES, STANDARD
-from session.io.logfile import CALIBRATED, already_calibrated
+from session.io.logfile import CALIBRATED, already_calibrated, number_in
 from session.io.numeric import decimal_rows
 from session.io.reader import Reader
 from session.io.registers import DEFAULT, RegisterUnits, require_registers
@@ -108,8 +108,8 @@ def apply_model(
     known = surroundings(table, model_path, log, session)
     answers = replace(
         answers,
-        gyro_fs_dps=answers.gyro_fs_dps or _number(reader, "gyro_fs_dps") or known.sensor.gyro_fs_dps,
-        accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.sensor.accel_fs_g,
+        gyro_fs_dps=answers.gyro_fs_dps or number_in(reader.comments, "gyro_fs_dps") or known.sensor.gyro_fs_dps,
+        accel_fs_g=answers.accel_fs_g or number_in(reader.comments, "accel_fs_g") or known.sensor.accel_fs_g,
         sensor=answers.sensor or reader.comments.get("sensor") or known.sensor.model,
     )
     source = LogSource(reader, answers, known)
@@ -142,14 +142,6 @@ def apply_model(
     return Applied(out, count, models.to_dict(model)["kind"], model.delay_s, source_of_force, tuple(notes))
 
 
-def _number(reader: Reader, key: str) -> float | None:
-    """Return a number from the log's own comments."""
-    try:
-        return float(reader.comments[key])
-    except (KeyError, ValueError):
-        return None
-
-
 @dataclass(frozen=True, eq=False)
 class Applicable:
     """Consecutive rows in SI: t_ns (N,) int64, gyro (N, 3) rad/s as measured, accel (N, 3) m/s^2 calibrated and temp (N,) degC, None where
@@ -172,7 +164,12 @@ class LogSource:
     def __init__(self, reader: Reader, answers: Answers, known: Surroundings):
         self.reader, self.layout = reader, reader.layout
         self._odr_hz, self._accelerometer = answers.odr_hz, known.accelerometer or Accelerometer(source="none")
-        self._units = _register_units(reader, answers, known)
+        # The units of the log's registers. Raises FormatError where the log has registers and their full scale is unknown.
+        for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
+            if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
+                raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
+        own = known.sensor.own_units if answers.sensor == known.sensor.model else {}
+        self._units = RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
         self._gyro = self.layout.gyro_si(self._units)
         self._accel = 1.0 if self.layout.accel is None else self.layout.accel_si(self._units)
 
@@ -197,15 +194,6 @@ class LogSource:
     def calibrated(self) -> tuple[str, ...]:
         """Names of the calibrated quantities, for the log's comment."""
         return ("gyro",) if self.layout.accel is None or self._accelerometer.source == "none" else ("gyro", "accel")
-
-
-def _register_units(reader: Reader, answers: Answers, known: Surroundings) -> RegisterUnits:
-    """Return the units of the log's registers.  Raises FormatError where the log has registers and their full scale is unknown."""
-    for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
-        if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
-            raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
-    own = known.sensor.own_units if answers.sensor == known.sensor.model else {}
-    return RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
 
 
 def _no_samples(log: Path) -> FormatError:

@@ -65,7 +65,10 @@ def minimise(
 
     weights = torch.as_tensor(start, device=device()).clone().requires_grad_()
     optimizer = torch.optim.AdamW([weights], lr=learning_rate, weight_decay=0.0)
-    mark = _fingerprint([start, np.array([EPOCHS, learning_rate]), *identity])
+    digest = hashlib.sha256()
+    for array in [start, np.array([EPOCHS, learning_rate]), *identity]:
+        digest.update(np.ascontiguousarray(np.asarray(array)).tobytes())
+    mark = digest.hexdigest()
     best, losses = start.copy(), []
     if checkpoint is not None and checkpoint.resume and checkpoint.path.exists():
         state = _read(checkpoint.path, mark, start.shape)
@@ -135,10 +138,3 @@ def _read(path: Path, mark: str, shape: tuple[int, ...]) -> dict:
     if table.get("of") != mark:
         raise FitError(f"{path}: a checkpoint of other data or settings; remove it, or train without --resume")
     return {"losses": [float(value) for value in table["losses"]], **{name: np.asarray(table[name], dtype=float) for name in arrays}}
-
-
-def _fingerprint(arrays: list) -> str:
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(np.asarray(array)).tobytes())
-    return digest.hexdigest()

@@ -47,7 +47,7 @@ class BiasChoice:
 
     def to_json(self) -> dict:
         """Return ``bias_from`` of ``tinygc-fit/2``."""
-        rms = {name: float(_rms(angles)) / DEG for name, angles in self.held_out.items()}
+        rms = {name: float(tilt_rms(angles)) / DEG for name, angles in self.held_out.items()}
         return {
             "requested": self.asked,
             "used": self.used,
@@ -62,7 +62,7 @@ class BiasChoice:
         where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[self.used]
         if not self.held_out:
             return f"Bias {where}."
-        ends, stills = (_rms(self.held_out[name]) / DEG for name in ("ends", "stills"))
+        ends, stills = (tilt_rms(self.held_out[name]) / DEG for name in ("ends", "stills"))
         why = "as asked" if self.asked != "auto" else self._why
         if self.unseen and self.asked == "auto":
             return f"Bias {where}: the ends of so few turns do not show it."
@@ -72,7 +72,7 @@ class BiasChoice:
 
     @property
     def _why(self) -> str:
-        ends, stills = (_rms(self.held_out[name]) for name in ("ends", "stills"))
+        ends, stills = (tilt_rms(self.held_out[name]) for name in ("ends", "stills"))
         if self.used == "stills" or ends < (1 - SAME) * stills:
             return "which closes held-out turns better"
         if stills < (1 - SAME) * ends:
@@ -114,7 +114,7 @@ def closes_better(usual: np.ndarray, other: np.ndarray) -> bool:
     """
     if len(usual) < ENOUGH_SEGMENTS:
         return less_by_chance(usual, other) < BETTER_P
-    return bool(_rms(other) < (1 - SAME) * _rms(usual))
+    return bool(tilt_rms(other) < (1 - SAME) * tilt_rms(usual))
 
 
 def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
@@ -124,7 +124,7 @@ def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
     not smaller as well.
     """
     less = np.linalg.norm(usual[:, :2], axis=1) - np.linalg.norm(other[:, :2], axis=1)
-    if _rms(other) >= _rms(usual) or not less.any():
+    if tilt_rms(other) >= tilt_rms(usual) or not less.any():
         return 1.0
     return signed_ranks_above(less)
 
@@ -139,7 +139,8 @@ def _why_not(problem: Problem, options: FitOptions) -> str:
     return ""
 
 
-def _rms(angles: np.ndarray) -> float:
+def tilt_rms(angles: np.ndarray) -> float:
+    """Root mean square tilt of error angles (S, 2 or 3), rad."""
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
@@ -179,16 +180,12 @@ def level_days(problem: Problem) -> Levelled:
         each = np.nan_to_num(offsets)[owner]
         batch = replace(problem.batch, earth=problem.batch.earth - each[:, None])
         model = fit_least_squares(batch, sigma, model).model
-        sigma = problem.floor.sigma * distance_weights(batch, model)[:, None]
+        # Factors (S,) on the segments' sigmas that make a squared loss a sum of distances at the model.
+        distance = np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)
+        typical = max(float(np.median(distance)), 1e-12)
+        sigma = problem.floor.sigma * np.sqrt(np.maximum(distance / typical, LEAST))[:, None]
     known = offsets[np.isfinite(offsets).all(axis=1)]
     return Levelled(batch, sigma, offsets, np.sqrt(np.sum(known**2, axis=0) / max(len(known) - 1, 1)))
-
-
-def distance_weights(batch: Batch, model: RateMap) -> np.ndarray:
-    """Return factors (S,) on the segments' sigmas that make a squared loss a sum of distances at the model."""
-    distance = np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)
-    typical = max(float(np.median(distance)), 1e-12)
-    return np.sqrt(np.maximum(distance / typical, LEAST))
 
 
 def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:

@@ -41,11 +41,6 @@ def closure_figures(angles: np.ndarray) -> ClosureFigures:
     }
 
 
-def tilt_rms(angles: np.ndarray) -> float:
-    """Root mean square tilt of error angles (S, 2 or 3), rad."""
-    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
-
-
 def rmse(error: np.ndarray) -> float:
     """Root mean square over roll, pitch, yaw, rad."""
     return float(np.sqrt(np.mean(error**2)))

@@ -365,7 +365,12 @@ def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
     kept = [i for i, (word, _, _) in enumerate(words) if word in LASTING + SWITCH_ON]
     values = np.array([field_vector(vector) for vector in vectors])[:, kept] / si[kept]
     spread = np.einsum("pi,sij,qj->spq", jacobian[kept] / si[kept, None], covariances, jacobian[kept] / si[kept, None])
-    off, by = _against_the_rest(values, spread)
+    # Each value less the weighted mean of the other sessions', (sessions, quantities), in sigmas and in units.
+    variances = np.diagonal(spread, axis1=1, axis2=2)
+    weights = 1 / variances
+    others = weights.sum(axis=0) - weights
+    rest = ((weights * values).sum(axis=0) - weights * values) / others
+    off, by = (values - rest) / np.sqrt(variances + 1 / others), values - rest
     labels = tuple(words[i] for i in kept)
     lasting = np.array([word in LASTING for word, _, _ in labels])
     looked_at = np.ones(len(kept), dtype=bool) if bias else lasting
@@ -383,15 +388,6 @@ def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
         with_bias=bias,
         triads=compare_triads([s.triad for s in sessions], [s.config for s in sessions]),
     )
-
-
-def _against_the_rest(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each value less the weighted mean of the other sessions', (sessions, quantities), in sigmas and in units."""
-    variances = np.diagonal(covariances, axis1=1, axis2=2)
-    weights = 1 / variances
-    others = weights.sum(axis=0) - weights
-    rest = ((weights * values).sum(axis=0) - weights * values) / others
-    return (values - rest) / np.sqrt(variances + 1 / others), values - rest
 
 
 def _moved(

@@ -35,8 +35,7 @@ MOST_AT_REST, FEWEST_OF_EACH = 1 << 20, 1 << 10
 @dataclass(frozen=True, eq=False)
 class Material:
     """Training data: batch and sigma as for the calibration; context (S, REACH + T + REACH, 3) rad/s, the measured rates of the batch with
-    their surroundings; counts (S,) samples of each segment; stills: measured rates (n, 3) of each; rate_hz; held: whether the
-    surroundings repeat the end values instead of being measured."""
+    their surroundings; counts (S,) samples of each segment; stills: measured rates (n, 3) of each; rate_hz."""
 
     batch: Batch
     sigma: np.ndarray
@@ -44,13 +43,10 @@ class Material:
     counts: np.ndarray
     stills: list[np.ndarray]
     rate_hz: float
-    held: bool = False
 
     @property
     def stretches(self) -> list[np.ndarray]:
-        """Return the measured rates (n, 3) of each segment, with its surroundings where they are measured."""
-        if self.held:
-            return [rate[:count] for rate, count in zip(self.batch.rate, self.counts, strict=True)]
+        """Return the measured rates (n, 3) of each segment, with its surroundings."""
         return [rate[: 2 * REACH + count] for rate, count in zip(self.context, self.counts, strict=True)]
 
     def pick(self, which: np.ndarray) -> Material:
@@ -83,14 +79,6 @@ def of_problem(problem: Problem) -> Material:
     at_rest = [gyro[still.start : min(still.stop, still.start + each) if long else still.stop] for gyro, still in stills]
     period_s = float(np.median([log.samples.period_s for log in problem.logs]))
     return Material(problem.batch, problem.floor.sigma, context, counts, at_rest, 1 / period_s)
-
-
-def of_batch(batch: Batch, sigma: np.ndarray, stills: list[np.ndarray]) -> Material:
-    """Take a batch alone: the end values of each segment are repeated around it; stills: measured rates (n, 3) of each."""
-    before, after = (np.repeat(batch.rate[:, end], REACH, axis=1) for end in (slice(0, 1), slice(-1, None)))
-    counts = 1 + np.sum(batch.dt > 0, axis=1)
-    context = np.concatenate([before, batch.rate, after], axis=1)
-    return Material(batch, sigma, context, counts, stills, float(1 / np.median(batch.dt[batch.dt > 0])), held=True)
 
 
 # Losses that reward smoothing without new labels: neighbouring samples of the log, and the known rate in the stills.
@@ -144,10 +132,6 @@ class Risk:
     def at_rest(self, taps: np.ndarray) -> np.ndarray:
         """Return the variance (3,) rad^2/s^2 of filtered noise; taps (3, K)."""
         return np.einsum("ai,aij,aj->a", taps, self.covariance, taps)
-
-    def in_motion(self, taps: np.ndarray) -> np.ndarray:
-        """Return the expected squared error (3,) rad^2/s^2 against the true rate D samples ago; taps (3, K) that sum to 1."""
-        return np.einsum("ai,aij,aj->a", taps, self.motion, taps) + 2 * np.sum(self.shared * taps, axis=1) - self.noise[:, 0]
 
     def ideal(self, reduction: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the taps (3, K) best in motion among those that divide noise at rest by ``reduction`` or more, and rest's weight (3,)."""

@@ -70,7 +70,18 @@ def repeatability_of(session: Session, history: Sequence[Path] = ()) -> BiasRepe
     given = session.config.sensor.gyro_bias_repeatability_dps
     if not history:
         return None if given is None else BiasRepeatability(np.full(3, given * DEG), "given in session.toml")
-    require_different(session, history)
+    # Raise FormatError where a folder of the history holds a log of this session, or of another one: a copy shows no spread.
+    if not session.config.sensor.serial:
+        raise FormatError(f"--history: {session.folder} names no serial number; give sensor.serial, so that it is the same unit")
+    if len({folder.resolve() for folder in history}) < len(history):
+        raise FormatError("--history: a folder is given twice; give other sessions of this unit, each once")
+    seen = {digest: str(session.folder) for name, digest in input_hashes(session).items() if name != "session.toml"}
+    for folder in history:
+        path = folder / "fit" / "model_least_squares.json"
+        hashes = read_json(path).get("sha256") if path.exists() else None
+        for name, digest in (hashes or {}).items():
+            if name != "session.toml" and seen.setdefault(digest, str(folder)) != str(folder):
+                raise FormatError(f"--history {folder}: holds the same log as {seen[digest]}; give other sessions of this unit")
     vectors, covariances = zip(*(_fitted(folder, session) for folder in history), strict=True)
     if len(vectors) < 2:
         raise FormatError(
@@ -98,21 +109,6 @@ def taken_out(courses: Sequence[Course]) -> str:
     steps = sum(len(each.steps) for each in courses)
     taken = [*(["drift"] if courses[0].has_drift else []), *([f"{steps} step{'s' * (steps > 1)}"] if steps else [])]
     return f", less {' and '.join(taken)}" if taken else ""
-
-
-def require_different(session: Session, history: Sequence[Path]) -> None:
-    """Raise FormatError where a folder of the history holds a log of this session, or of another one: a copy shows no spread."""
-    if not session.config.sensor.serial:
-        raise FormatError(f"--history: {session.folder} names no serial number; give sensor.serial, so that it is the same unit")
-    if len({folder.resolve() for folder in history}) < len(history):
-        raise FormatError("--history: a folder is given twice; give other sessions of this unit, each once")
-    seen = {digest: str(session.folder) for name, digest in input_hashes(session).items() if name != "session.toml"}
-    for folder in history:
-        path = folder / "fit" / "model_least_squares.json"
-        hashes = read_json(path).get("sha256") if path.exists() else None
-        for name, digest in (hashes or {}).items():
-            if name != "session.toml" and seen.setdefault(digest, str(folder)) != str(folder):
-                raise FormatError(f"--history {folder}: holds the same log as {seen[digest]}; give other sessions of this unit")
 
 
 def _moment(folder: Path) -> Moment | None:

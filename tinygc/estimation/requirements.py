@@ -29,7 +29,8 @@ from session.io.texts import fixed, probability, significant
 from session.io.units import DEG
 from tinygc.closure.motion import at_rest
 from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.choice import rmse, tilt_rms
+from tinygc.estimation.bias import tilt_rms
+from tinygc.estimation.choice import rmse
 from tinygc.estimation.sources import Source, coverage_factor, effective_freedom, total
 from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, field_jacobian, field_quantities, field_vector
 

@@ -29,7 +29,8 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
 from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.choice import AgainstRaw, rmse, tilt_rms
+from tinygc.estimation.bias import tilt_rms
+from tinygc.estimation.choice import AgainstRaw, rmse
 from tinygc.estimation.expected_zero import drift_between
 from tinygc.estimation.options import METHODS
 from tinygc.estimation.repeatability import BiasRepeatability

@@ -49,7 +49,10 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
             if top > LEAST_CEILING * full_scale_rps:
                 at = values >= top - step
                 bar = run_bar(float(sigma_of_steps(readings)), 2 * step)
-                start, stop = _longest_run(at)
+                # Start and stop of the longest run.
+                starts, stops = runs_of(at)
+                longest = int(np.argmax(stops - starts))
+                start, stop = int(starts[longest]), int(stops[longest])
                 if stop - start >= bar:
                     found.append((top, at, has_corners(values, start, stop, step)))
     if not any(corners for _, _, corners in found):
@@ -59,13 +62,6 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
     size, slack = np.abs(samples.gyro), 1.5 * np.array(steps)
     short = ((size >= level - slack) & (size.max(axis=0) <= level + slack)).any(axis=1)
     return ReachedCeiling(level, np.any([short, *(at for _, at, _ in found)], axis=0))
-
-
-def _longest_run(mask: np.ndarray) -> tuple[int, int]:
-    """Start and stop of the longest run."""
-    starts, stops = runs_of(mask)
-    longest = int(np.argmax(stops - starts))
-    return int(starts[longest]), int(stops[longest])
 
 
 def has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:

@@ -17,6 +17,7 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles, sensitivity
 from tinygc.effects import Effect, catalogue
+from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
 from tinygc.explanation.search import (
@@ -74,11 +75,6 @@ class Proof:
         floor = self.floor_rms**2
         excess = tilt_rms(self.before) ** 2 - floor
         return None if excess < LEAST_EXCESS * floor or not self.changed else 1 - max(tilt_rms(self.after) ** 2 - floor, 0.0) / excess
-
-
-def tilt_rms(angles: np.ndarray) -> float:
-    """rms tilt, rad."""
-    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
 @dataclass(frozen=True, eq=False)

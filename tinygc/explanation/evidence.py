@@ -303,16 +303,13 @@ class Evidence:
             noise = self.first_noise.estimated(whiten, r, J, noise.s if start else None)
             whiten = self.whiteners.of(noise)
             fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
-        score = noise.value + sum(self.price(effect) for effect in effects) + self._implausible(fit)
-        return Hypothesis(effects, score, fit, noise, self.whiteners)
-
-    def _implausible(self, fit: Refit) -> float:
-        """Return the part of theta' D^-1 theta that ``price`` leaves out: the squared penalty of a claim larger than plausible."""
+        # The part of theta' D^-1 theta that ``price`` leaves out: the squared penalty of a claim larger than plausible.
         prior, found = self.prior(fit), 0.0
         for number, claim in enumerate(fit.state.claims):
             size = float(np.sum((claim.theta / prior[claim_slice(fit.state.claims, number)]) ** 2))
             found += max(size - claim.effect.parameter.size, 0.0)
-        return found
+        score = noise.value + sum(self.price(effect) for effect in effects) + found
+        return Hypothesis(effects, score, fit, noise, self.whiteners)
 
     def guess(self, have: Hypothesis, *, without: Effect | None = None, add: Effect | None = None) -> Guess:
         """Approximate, by linear columns, a hypothesis with one effect removed, added or replaced; the noise is re-estimated."""

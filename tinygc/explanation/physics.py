@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from session.io.errors import FitError
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.closure.runs import ClosureRun
-from tinygc.effects import AppliedEffect, Effect, catalogue
+from tinygc.effects import Effect, catalogue
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
@@ -26,7 +26,7 @@ from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
-from tinygc.noise.refit import Refit, refit
+from tinygc.noise.refit import refit
 from tinygc.noise.twin import Twin
 
 
@@ -100,17 +100,13 @@ def fit_physics(
     fit = in_gauge(twin, whiten, fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
-    return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused, of_force=_of_force(fit))
-
-
-def _of_force(fit: Refit) -> tuple[dict, ...]:
-    """Return the fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise."""
+    # The fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise.
     widen, found = max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1)), []
     for number, claim in enumerate(fit.state.claims):
         if claim.effect.kind == "force":
             _, parameters, std = readable(claim, widen * fit.theta_covariance(number))
             found.append({"id": claim.effect.id, "equation": claim.effect.equation, "parameters": parameters, "std": std})
-    return tuple(found)
+    return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused, of_force=tuple(found))
 
 
 # Samples lost in a closure run.  A log's losses are repaired by its own closure; a run is never fitted, so its losses are not repaired.
@@ -144,7 +140,8 @@ def physics_methods(
         part = refit(twin, found.whiten, effects, found.fit.state, rows=fold_rows(twin, found.whiten, held), max_steps=FOLD_STEPS)
         held_physics[held] = twin.residuals(part.state).closure[held]
         if with_net:
-            model = PhysicsModel(part.state.model, _rate_claims(part.state.claims), found.model.known)
+            claims = part.state.claims
+            model = PhysicsModel(part.state.model, tuple(claim for claim in claims if claim.effect.kind == "rate"), found.model.known)
             batch = _without_effects(found, model)
             seen = np.ones(len(batch), dtype=bool)
             seen[held] = False
@@ -163,10 +160,6 @@ def physics_methods(
         rates = {name: run.rates(fit.model) for name, fit in fits.items()}
         errors.append({name: run.with_earth(found.fit.state.earth_t, rate).errors_at(rate) for name, rate in rates.items()})
     return replace(found, methods=fits, run_errors=errors, lost_s=tuple(lost_in(run) for run in runs))
-
-
-def _rate_claims(claims: Iterable[AppliedEffect]) -> tuple[AppliedEffect, ...]:
-    return tuple(claim for claim in claims if claim.effect.kind == "rate")
 
 
 def _without_effects(found: PhysicsFit, model: PhysicsModel) -> Batch:

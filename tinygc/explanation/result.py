@@ -91,7 +91,13 @@ def where(e: Explanation) -> dict:
     phases |= {names[name] for name, (before, after) in e.own_p.items() if (after if e.claimed else before) < BELONGS_P}
     order = ("still", "turn", "reference", "timing")
     segments = worst_segments(e)
-    spans = _spans(e, segments)
+    # [from, to] of each segment, s of the session.
+    began = e.problem.began_s
+    at = {segment.number: segment for segment in e.problem.segments}
+    spans = []
+    for number in segments:
+        start = float(began[at[number].log] + at[number].start_s)
+        spans.append([round(start, 3), round(start + at[number].duration_s, 3)])
     strongest = next((claim for claim in told if claim.effect.conditions), None)
     return {
         "phases": [phase for phase in order if phase in phases],
@@ -126,17 +132,6 @@ def _axes(e: Explanation, told: list[Claim]) -> list[str]:
         rows = own_residuals(e.twin, e.whiten, e.naming.first)[0][part].reshape(-1, 3)
         weights = np.abs(rows).max(axis=0)
     return [axis for axis, weight in zip("xyz", weights, strict=True) if weight > BELONGS_SIGMAS]
-
-
-def _spans(e: Explanation, numbers: list[int]) -> list[list[float]]:
-    """[from, to] of each segment, s of the session."""
-    began = e.problem.began_s
-    at = {segment.number: segment for segment in e.problem.segments}
-    found = []
-    for number in numbers:
-        start = float(began[at[number].log] + at[number].start_s)
-        found.append([round(start, 3), round(start + at[number].duration_s, 3)])
-    return found
 
 
 def _seconds(e: Explanation, claim: Claim | None, spans: list[list[float]]) -> list[float] | None:

@@ -229,9 +229,11 @@ class TruthTwin(Twin):
         period_s = float(np.median([self.problem.logs[s.log].samples.period_s for s in self.segments]))
         steps = min(int(np.ceil(abs(seconds) / (2 * period_s))), MOST_STEPS) or 1
         turned, step_s = [], seconds / steps
+        # (S, 3) of each segment's last sample, of values (S, T, 3).
+        last = np.sum(self.batch.dt > 0, axis=1)
         for q, samples_at, earth in (
             (batch.start, [s.start for s in self.segments], batch.earth[:, 0]),
-            (batch.end, [s.stop - 1 for s in self.segments], self._last_of(batch.earth)),
+            (batch.end, [s.stop - 1 for s in self.segments], np.take_along_axis(batch.earth, last[:, None, None], axis=1)[:, 0]),
         ):
             for number in reversed(range(steps)):
                 half_s = (number + 0.5) * step_s
@@ -246,11 +248,6 @@ class TruthTwin(Twin):
         where = np.clip(at + later_s / samples.period_s, 0, len(samples) - 1.001)
         share, first = where % 1.0, int(where)
         return (1 - share) * samples.gyro[first] + share * samples.gyro[first + 1]
-
-    def _last_of(self, values: np.ndarray) -> np.ndarray:
-        """(S, 3) of each segment's last sample, of values (S, T, 3)."""
-        last = np.sum(self.batch.dt > 0, axis=1)
-        return np.take_along_axis(values, last[:, None, None], axis=1)[:, 0]
 
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
         """The columns of any twin; for the truth's clock and smoothing, the rotation of the attitudes at both ends."""
@@ -276,7 +273,9 @@ def name_beside_truth(
 ) -> TruthExplanation:
     """Select among the candidates by the twin's evidence.  An effect at a size that no gyroscope has is rejected, and the selection
     repeated without it."""
-    slow = _slow_bias(twin)
+    # A drifting bias, so that an unnamed drift is not taken for one of the catalogue's effects.
+    duration, segments = float(twin.problem.began_s[-1]), len(twin.segments)
+    slow = wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, segments // 6))))
     tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, SMOOTHING, slow]
     tried = [effect for effect in tried if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
@@ -313,12 +312,6 @@ def beside_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     if twin.clock_free and OFFSET not in effects and any(effect.id in common_delays() for effect in effects):
         fit = refit(twin, whiten, [OFFSET, *effects], fit.state)
     return in_gauge(twin, whiten, fit)
-
-
-def _slow_bias(twin: TruthTwin) -> Effect:
-    """A drifting bias, so that an unnamed drift is not taken for one of the catalogue's effects."""
-    duration, segments = float(twin.problem.began_s[-1]), len(twin.segments)
-    return wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, segments // 6))))
 
 
 def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Callable[[str], None]) -> Hypothesis:

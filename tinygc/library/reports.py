@@ -189,7 +189,9 @@ class Exported:
 
         Raises CalibrationError for an unknown format, and ExportError for a model that the format cannot carry.
         """
-        name = _format(to)
+        name = format_named(to) if isinstance(to, str) else ""
+        if name not in FORMATS:
+            raise CalibrationError(f"to is {to!r:.60}, expected one of {', '.join(FORMATS)}")
         module, (model, context) = exports.exporter(name), source(name)
         if context.inflation is not None and name not in NOISE_FORMATS:
             raise ExportError(f"{name} has no noise densities to inflate; --inflation goes with {', '.join(NOISE_FORMATS)}")
@@ -254,13 +256,6 @@ def noise_source(noise: Any) -> NoiseSource:
     if noise is None or isinstance(noise, NoiseFigures):
         return noise
     raise CalibrationError(f"noise is of type {type(noise).__name__}, expected NoiseFigures, noise.json or its folder")
-
-
-def _format(to: str) -> str:
-    name = format_named(to) if isinstance(to, str) else ""
-    if name not in FORMATS:
-        raise CalibrationError(f"to is {to!r:.60}, expected one of {', '.join(FORMATS)}")
-    return name
 
 
 @public()

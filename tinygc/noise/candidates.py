@@ -30,11 +30,7 @@ def candidates(twin: Twin) -> list[Effect]:
 def scanned(twin: Twin, effect: Effect) -> np.ndarray:
     """(K,) trial values of an effect's scanned shape, SI: its own grid, or the middles of the turns."""
     if effect.scan is None or effect.scan.grid is None:
-        return segment_times(twin)
+        # Middle of each turn except the first and the last, s of the session; a long session uses every n-th turn.
+        times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments][1:-1]
+        return np.array(times[:: -(-len(times) // MOST_TIMES) or 1])
     return np.asarray(effect.scan.grid(twin.movements), dtype=float)
-
-
-def segment_times(twin: Twin) -> np.ndarray:
-    """Middle of each turn except the first and the last, s of the session; a long session uses every n-th turn."""
-    times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments][1:-1]
-    return np.array(times[:: -(-len(times) // MOST_TIMES) or 1])

@@ -170,7 +170,12 @@ def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     references = [_reference(twin, sizes)] if twin.stills else _truth(twin, sizes)
     found = [_wander(twin, sizes), _still_rate(twin, sizes), *references, _turn(twin, sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
-        found.append(_undersampled(twin, sizes, missed))
+        d = twin.batch.angles
+        diagonal = np.zeros(sum(sizes))
+        diagonal[: sizes[0]] = np.repeat(missed.predicted_rad**2, d)
+        prior = Prior(1.0, FILTERED_SPREAD, FACTOR_SPREAD)
+        says = "motion faster than half the data rate"
+        found.append(Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior))
     return [c for c in found if np.any(c.V.values if isinstance(c.V, Sparse) else c.V)]
 
 
@@ -282,15 +287,6 @@ def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:
         # A known angle has its stop's sigma: errors of the tilt due to accelerometer or hand do not apply to it.
         diagonal[2 : sizes[0] : twin.batch.angles] = 0.0
     return Component(TURN, Sparse.of_diagonal(diagonal), floor, "deg", DEG, "each turn")
-
-
-def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> Component:
-    d = twin.batch.angles
-    diagonal = np.zeros(sum(sizes))
-    diagonal[: sizes[0]] = np.repeat(missed.predicted_rad**2, d)
-    prior = Prior(1.0, FILTERED_SPREAD, FACTOR_SPREAD)
-    says = "motion faster than half the data rate"
-    return Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior)
 
 
 # The noise of one session: its components with sizes, and their covariance.

@@ -100,7 +100,7 @@ class AxisNoise:
         """Size of a term, SI; 0 where it is not chosen."""
         return self.terms[name].value
 
-    def allan_variance(self, tau_s: np.ndarray, period_s: float, only: str | None = None) -> np.ndarray:
+    def allan_variance(self, tau_s: np.ndarray, only: str | None = None) -> np.ndarray:
         """(n,) u^2, of the model with averaging times (n,) s; only: of one term."""
         tau_s = np.asarray(tau_s, dtype=float)
         total = np.zeros(tau_s.shape)

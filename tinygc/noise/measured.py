@@ -153,7 +153,7 @@ def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> 
     rounded = max(lsb_of(np.asarray(log.samples.gyro[:ROWS])) for log in problem.logs) ** 2 / 12 / tau_s
     found = []
     for own, axis in zip(curve.deviation[0] ** 2, sensor.axes, strict=True):
-        expected, its = allan_variance_of(axis, tau_s, 1 / rate_hz)
+        expected, its = allan_variance_of(axis, tau_s)
         if not 0 < expected < np.inf or own <= 0:
             return ()
         nearest = min(max(own, expected - rounded / rate_hz), expected + rounded * period_s)
@@ -164,10 +164,10 @@ def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> 
     return tuple(found)
 
 
-def allan_variance_of(axis: AxisNoise, tau_s: float, period_s: float) -> tuple[float, float]:
+def allan_variance_of(axis: AxisNoise, tau_s: float) -> tuple[float, float]:
     """Allan variance of the figures at tau_s s, and its degrees of freedom, 2 A^2 / var(A)."""
-    total = float(axis.allan_variance(np.array([tau_s]), period_s)[0])
-    parts = {name: float(axis.allan_variance(np.array([tau_s]), period_s, name)[0]) for name, term in axis.terms.items() if _shown(term)}
+    total = float(axis.allan_variance(np.array([tau_s]))[0])
+    parts = {name: float(axis.allan_variance(np.array([tau_s]), name)[0]) for name, term in axis.terms.items() if _shown(term)}
     relative = [2 * part / total * relative_sigma(axis.terms[name]) for name, part in parts.items()]
     return total, 2 / max(sum(each**2 for each in relative), 1e-12)
 

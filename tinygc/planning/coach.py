@@ -260,7 +260,9 @@ class Coach:
             usual_s = float(np.mean([each.turn.samples.dt_s.sum() for each in seen])) if seen else PLANNED_TURN_S
             angle = np.sqrt(variance * np.array([turn.cost_s for turn in turns]) / usual_s)[:, None, None]
             if id(turns) not in self._turns:
-                self._turns[id(turns)] = turns, _contents(turns)
+                # Where a machine's turns begin and what they are, in the body's axes: turns that agree in both have the same columns.
+                vectors = [turns[0].up, *(part.axis * part.angle_rad for turn in turns for part in turn.parts)]
+                self._turns[id(turns)] = turns, bytes([len(turn.parts) for turn in turns]) + (np.round(vectors, 3) + 0.0).tobytes()
             key = self._turns[id(turns)][1]
             if key not in self._columns:
                 self._columns[key] = columns(force, turns, self._zero_rps)
@@ -307,12 +309,6 @@ def _stalled(before: np.ndarray, sigma: np.ndarray, count: int) -> np.ndarray:
     """(P,) whether a sigma after so many turns is above its target, and falls too slowly to reach it."""
     white = (sigma > FALLS * before) & (count * sigma**2 > MOST_WORTH)
     return np.asarray((sigma > 1) & (white | (sigma > STALLED * before)))
-
-
-def _contents(turns: list[Turn]) -> bytes:
-    """Where a machine's turns begin and what they are, in the body's axes: turns that agree in both have the same columns."""
-    vectors = [turns[0].up, *(part.axis * part.angle_rad for turn in turns for part in turn.parts)]
-    return bytes([len(turn.parts) for turn in turns]) + (np.round(vectors, 3) + 0.0).tobytes()
 
 
 def _vector(vector: np.ndarray) -> tuple[float, float, float]:

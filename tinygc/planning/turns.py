@@ -179,7 +179,14 @@ class Turn:
 def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_rps: float = np.inf) -> list[Turn]:
     """Return all turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles; most_rps: largest peak rate."""
     up = nearest_up(accel, with_edges=singles_deg != QUARTERS)
-    straightened = _straightened(accel / np.linalg.norm(accel), up)
+    # The shortest rotation from where lies (3,) points up to where ``up`` does.
+    lies = accel / np.linalg.norm(accel)
+    axis, angle = np.cross(up, lies), float(np.arccos(np.clip(up @ lies, -1.0, 1.0)))
+    length = np.linalg.norm(axis)
+    axis = axis / length if length > 0 else axis
+    how = f"with {up_words(up)} set straight up" if on_a_side(up) else f"on its edge with {up_words(up)} up"
+    words = f"{how}, " if angle > SLANTED_RAD else ""
+    straightened = TurnPart(axis, angle, STRAIGHT_S, words, up)
     together = [pair for pair in product([degrees for degrees in singles_deg if degrees < 300], repeat=2) if sum(pair) <= MOST_DEG]
 
     def lasts(degrees: int, least_s: float) -> float:
@@ -236,16 +243,6 @@ def _abreast(movements: list[tuple[TurnPart, ...]]) -> list[list[TurnPart]]:
     """Return the first parts of all, then the second parts, and so on."""
     most = max(map(len, movements))
     return [[parts[number] if number < len(parts) else _NOTHING for parts in movements] for number in range(most)]
-
-
-def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
-    """Return the shortest rotation from where lies (3,) points up to where ``up`` does."""
-    axis, angle = np.cross(up, lies), float(np.arccos(np.clip(up @ lies, -1.0, 1.0)))
-    length = np.linalg.norm(axis)
-    axis = axis / length if length > 0 else axis
-    how = f"with {up_words(up)} set straight up" if on_a_side(up) else f"on its edge with {up_words(up)} up"
-    words = f"{how}, " if angle > SLANTED_RAD else ""
-    return TurnPart(axis, angle, STRAIGHT_S, words, up)
 
 
 def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the board's") -> list[TurnPart]:
@@ -327,27 +324,23 @@ def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Mo
     sensitivity = closure.sensitivity(batch, rate)[:, :, :2]
     count = round(SPLITTING_STILL_S * SPLITTING_RATE_HZ)
     stills = slice(count), slice(len(t) - count, len(t))
+    # The movement at the log's median temperature and vibration; its time begins with the log.
     return [
         CandidateTurn(
             f"from a still with {up_words(up)} up, turn {part.words} ({part.seconds:g} s)",
-            _movement(t, rate[number], force[number], like),
+            Movement(
+                t_s=like.t_s[0] + t,
+                dt_s=1 / SPLITTING_RATE_HZ,
+                rate=rate[number],
+                force_g=force[number],
+                temp_c=np.full(len(t), np.median(like.temp_c)),
+                vibration_g2=np.full(len(t), np.median(like.vibration_g2)),
+                duration_s=like.duration_s,
+                fs_rps=like.fs_rps,
+                first_temp_c=like.first_temp_c,
+            ),
             sensitivity[number],
             stills,
         )
         for number, (up, part) in enumerate(moves)
     ]
-
-
-def _movement(t: np.ndarray, rate: np.ndarray, force: np.ndarray, like: Movement) -> Movement:
-    """Return the movement at the log's median temperature and vibration; its time begins with the log."""
-    return Movement(
-        t_s=like.t_s[0] + t,
-        dt_s=1 / SPLITTING_RATE_HZ,
-        rate=rate,
-        force_g=force,
-        temp_c=np.full(len(t), np.median(like.temp_c)),
-        vibration_g2=np.full(len(t), np.median(like.vibration_g2)),
-        duration_s=like.duration_s,
-        fs_rps=like.fs_rps,
-        first_temp_c=like.first_temp_c,
-    )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.detect.check_references import frame_text, mounting_text, offset_text
+from session.detect.findings import xyz_text
 from session.io.files import result_folder
 from session.io.results import write_whole
 from session.io.units import DEG, MG
@@ -85,7 +86,9 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
         _stamps(e),
         Text(""),
     ]
-    parts += _considered(e)
+    # Candidates that were detected or weighed, and rejected.
+    lines = considered_lines(e)
+    parts += [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
         parts.append(Text(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many"))
     parts += _noise(e)
@@ -110,12 +113,6 @@ def verdict_line(e: Explanation) -> Text:
 def _rivals(claim: Claim) -> list[Text]:
     rivals = rival_words(claim)
     return [Text(f"  weighed in its place: {', '.join(rivals)}")] if rivals else []
-
-
-def _considered(e: Explanation) -> list[Text]:
-    """Candidates that were detected or weighed, and rejected."""
-    lines = considered_lines(e)
-    return [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
 
 
 def _noise(e: Explanation) -> list[Text | Table]:
@@ -293,7 +290,12 @@ def truth_page(e: TruthExplanation) -> Group:
         parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
     parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
-    parts += [_evidence(e), Text(CANNOT)]
+    table = Table(title="Evidence", title_justify="left", box=None)
+    table.add_column("of")
+    table.add_column("it says", overflow="fold")
+    for row in evidence_rows(e):
+        table.add_row(*row)
+    parts += [table, Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
 
@@ -327,28 +329,16 @@ def independent(e: TruthExplanation) -> bool | None:
     return bool(np.sqrt(np.mean(e.closure_rad[0] ** 2)) > OWN_NOISE_SHARE * e.gyro_rad * np.sqrt(e.lengths_s[0]))
 
 
-def _evidence(e: TruthExplanation) -> Table:
-    table = Table(title="Evidence", title_justify="left", box=None)
-    table.add_column("of")
-    table.add_column("it says", overflow="fold")
-    for row in evidence_rows(e):
-        table.add_row(*row)
-    return table
-
-
 def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
     """Subject of each line of evidence (empty: the same as above), and its statement."""
-
-    def triple(values: np.ndarray, digits: int = 2) -> str:
-        return ", ".join(f"{value:.{digits}f}" for value in values)
-
     grown = "; ".join(f"{t:g} s: {np.sqrt(np.mean(row**2)) / DEG:.3f}" for t, row in zip(e.lengths_s, e.closure_rad, strict=True))
     before, after = e.neighbours
     lost = sum(len(truth.outages) for truth in e.session.truths or ())
+    sizes = [f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0]
     rows = [
         ("closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"),
         ("", f"of segments held out {e.held_out_rms[0] / DEG:.3f}° before, {e.held_out_rms[1] / DEG:.3f}° after"),
-        ("noise", _truth_noise(e)),
+        ("noise", "; ".join(sizes) or "nothing beside the gyro's white noise"),
         ("truth", f"{len(e.jumps)} wrong moments; {lost} outages; closure per angle by length, degrees: {grown}"),
         ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
         ("", _own_noise(e)),
@@ -357,18 +347,13 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
         ("frames", "not known" if e.alignment is None else f"gyro to truth {mounting_text(e.alignment)}; {frame_text(e.alignment)}"),
     ]
     if (force := e.force) is not None:
-        off = f"accelerometer off by {triple(force.bias / MG, 0)} mg ± {triple(force.sigma / MG, 0)}"
-        rows.append(("", f"{off}; turned as the gyro asks: {triple(force.turned / MG, 0)}"))
+        off = f"accelerometer off by {xyz_text(force.bias / MG, 0)} mg ± {xyz_text(force.sigma / MG, 0)}"
+        rows.append(("", f"{off}; turned as the gyro asks: {xyz_text(force.turned / MG, 0)}"))
     if (rests := e.rests) is not None:
-        zero = f"zero-rate offset there less in motion {triple(rests.difference / DEG, 3)} dps ± {triple(rests.sigma / DEG, 3)}"
+        zero = f"zero-rate offset there less in motion {xyz_text(rests.difference / DEG, 3)} dps ± {xyz_text(rests.sigma / DEG, 3)}"
         rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
         rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
     return [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]
-
-
-def _truth_noise(e: TruthExplanation) -> str:
-    sizes = [f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0]
-    return "; ".join(sizes) or "nothing beside the gyro's white noise"
 
 
 def _own_noise(e: TruthExplanation) -> str:

@@ -93,9 +93,13 @@ def remarks(result: FitResult) -> list[Text]:
         if result.problem.batch.turns is not None:
             seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
         said.append(Text(seen, "yellow"))
-    pairs = _correlations(result.covariance)
+    covariance = result.covariance
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
     if pairs:
-        said.append(Text("Correlated above 0.5: " + ", ".join(pairs)))
+        shown = (f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6])
+        said.append(Text("Correlated above 0.5: " + ", ".join(shown)))
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
     moved = np.abs(linear_of(result.other_choice).B - linear_of(result.linear).B) / np.sqrt(np.diag(result.covariance)[BIAS])
@@ -170,13 +174,6 @@ def _physics_words(physics: PhysicsFit) -> str:
     return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
 
 
-def _correlations(covariance: np.ndarray) -> list[str]:
-    sigma = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(sigma, sigma)
-    pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
-    return [f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6]]
-
-
 # The terminal report of a fit, as rich renderables; nothing is printed here.
 
 TITLES = {name: method.title for name, method in METHODS.items()}
@@ -190,7 +187,22 @@ def fit_report(result: FitResult) -> Group:
     if result.against_raw.worse:
         parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
-        parts.append(_closure_runs(result))
+        table = plain_table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
+        for run, errors in zip(result.runs, result.run_errors, strict=True):
+            table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
+            for name, error in errors.items():
+                figures = run_figures(error)
+                row = (figures[key] for key in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
+                table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
+            floor = run.floor_rad / DEG
+            table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
+        if any(run.earth.source == "unknown" for run in result.runs):
+            table.caption = (
+                "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
+                "of the Earth's rotation only the vertical part is taken off"
+            )
+            table.caption_justify = "left"
+        parts.append(table)
     parts.append(parameters_table(result))
     if result.accelerometer.mode != "given":
         parts.append(accelerometer_table(result.accelerometer, "Accelerometer, estimated with them: value ± one sigma"))
@@ -283,25 +295,6 @@ def _methods(result: FitResult) -> Table:
     if result.problem.batch.turns is not None:
         table.caption += "; yaw here: the turns of known angle, each about its own axis"
     table.caption_justify = "left"
-    return table
-
-
-def _closure_runs(result: FitResult) -> Table:
-    table = plain_table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
-    for run, errors in zip(result.runs, result.run_errors, strict=True):
-        table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
-        for name, error in errors.items():
-            figures = run_figures(error)
-            row = (figures[key] for key in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
-            table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
-        floor = run.floor_rad / DEG
-        table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
-    if any(run.earth.source == "unknown" for run in result.runs):
-        table.caption = (
-            "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
-            "of the Earth's rotation only the vertical part is taken off"
-        )
-        table.caption_justify = "left"
     return table
 
 

@@ -321,7 +321,20 @@ class VirtualBoard:
             if not told and self._position >= length:
                 told = True
                 self.say("the session is over: still from here on")
-            self._mishaps()
+            if self._position >= self._unplug_at:
+                self.say("the cable is pulled")
+                self.terminal.unplug()
+                self._unplug_at, self._plug_at = np.inf, self.clock.now_s() + UNPLUGGED_S
+            elif self.clock.now_s() >= self._plug_at:
+                self.say("the cable is back, and the board starts up")
+                self.terminal.plug()
+                self._unplug_at, self._plug_at = self._next(self.faults.unplug), np.inf
+                self._start(0.0)
+            elif self._position >= self._reset_at:
+                self.say("the board resets")
+                self._reset_at = self._next(self.faults.reset)
+                self._start(0.0)
+                self._silent_until = self._position + round(RESET_S * self.source.info.odr_hz)
 
     def _next(self, period_s: float) -> float:
         return self._position + period_s * self.source.info.odr_hz if period_s else np.inf
@@ -370,19 +383,3 @@ class VirtualBoard:
             message = f"# {comment(self.source.info.text)}\n".encode()  # a serial number is kept to one line
         if self._position >= self._silent_until:
             self.terminal.write(spoil([message], self.faults, self._rng))
-
-    def _mishaps(self) -> None:
-        if self._position >= self._unplug_at:
-            self.say("the cable is pulled")
-            self.terminal.unplug()
-            self._unplug_at, self._plug_at = np.inf, self.clock.now_s() + UNPLUGGED_S
-        elif self.clock.now_s() >= self._plug_at:
-            self.say("the cable is back, and the board starts up")
-            self.terminal.plug()
-            self._unplug_at, self._plug_at = self._next(self.faults.unplug), np.inf
-            self._start(0.0)
-        elif self._position >= self._reset_at:
-            self.say("the board resets")
-            self._reset_at = self._next(self.faults.reset)
-            self._start(0.0)
-            self._silent_until = self._position + round(RESET_S * self.source.info.odr_hz)

@@ -47,17 +47,14 @@ def stopped_turns(plan: MovementPlan, options: SimulationOptions) -> tuple[Known
         if len({stroke.gimbal for stroke in strokes}) != 1 or abs(change) < LEAST_RAD:
             continue
         before = gimbal_angles(plan.start_rad, plan.strokes, np.array([start_s]))[0][:, 0]
-        axis = np.round(_axis(strokes[0].gimbal, before), AXIS_DIGITS)
+        # Axis (3,) of a gimbal in the body, at angles (3,) rad, outer middle inner; it depends on the gimbals inside it alone.
+        gimbal = strokes[0].gimbal
+        within = np.where(np.arange(3) > gimbal, before, 0.0)
+        axis = np.round(table_to_body(within[:, None], np.eye(3)[2 - gimbal])[0], AXIS_DIGITS)
         words = ";".join(f"{x:g}" for x in axis)
         angle_deg = round((change + error) / DEG, 6)
         found.append(KnownTurn(number, None, axis / np.linalg.norm(axis), words, angle_deg * DEG, options.stop_sigma_deg * DEG))
     return tuple(found)
-
-
-def _axis(gimbal: int, angles: np.ndarray) -> np.ndarray:
-    """Axis (3,) of a gimbal in the body, at angles (3,) rad, outer middle inner; it depends on the gimbals inside it alone."""
-    within = np.where(np.arange(3) > gimbal, angles, 0.0)
-    return table_to_body(within[:, None], np.eye(3)[2 - gimbal])[0]
 
 
 # Write a simulated session as a folder (docs/formats.md, ``tinygc-session/1``), with its truth.

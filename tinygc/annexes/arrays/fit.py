@@ -39,7 +39,7 @@ from tinygc.closure.floor import BiasInstability
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import ClosureRun, read_closure_runs
-from tinygc.estimation.bias import closes_better, less_by_chance
+from tinygc.estimation.bias import closes_better, less_by_chance, tilt_rms
 from tinygc.estimation.choice import run_figures
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
@@ -387,11 +387,6 @@ def fit_alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel,
     same = same_stills([by_itself])
     joint = estimate([by_itself], same, np.zeros(len(same) - 1), bias=bias, alone=True, use_earth=use_earth)
     return joint.models[0], units_covariance([by_itself], joint)[:PARAMETERS, :PARAMETERS]
-
-
-def tilt_rms(angles: np.ndarray) -> float:
-    """Return rad, rms of the tilt of error angles (S, 2 or 3)."""
-    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
 # An array's fit as ``tinygc-array-fit/2`` (docs/formats.md), and each unit's model as ``tinygc-model/1``.

@@ -37,9 +37,9 @@ def figure_of(estimate: NoiseEstimate) -> Figure:
             curve.axis("off")
             ratio.axis("off")
             continue
-        band, period_s = _thinned(estimate.figures.allan[kind]), 1 / estimate.figures.rate_hz
-        _deviations(kind, sensors[kind], band, period_s, curve)
-        _ratios(sensors[kind], band, period_s, ratio)
+        band = _thinned(estimate.figures.allan[kind])
+        _deviations(kind, sensors[kind], band, curve)
+        _ratios(sensors[kind], band, ratio)
         ratio.set_xlim(curve.get_xlim())
         curve.tick_params(labelbottom=False)
     return figure
@@ -52,7 +52,7 @@ def _thinned(band: AllanBand) -> AllanBand:
     return AllanBand(band.tau_s[kept], band.deviation[kept], band.low[kept], band.high[kept])
 
 
-def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, period_s: float, axes: Axes) -> None:
+def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, axes: Axes) -> None:
     unit, si = SHOWN[kind]
     tau_s = np.geomspace(band.tau_s[0], band.tau_s[-1], 300)
     low = np.nanmin(band.deviation) / si / BELOW
@@ -62,9 +62,9 @@ def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, period_s: float
         axes.fill_between(band.tau_s, band.low[:, i] / si, band.high[:, i] / si, color=colour, alpha=0.2, lw=0)
         axes.loglog(band.tau_s, band.deviation[:, i] / si, "o", ms=3, mfc="none", mew=0.8, color=colour, label=name)
         described = tau_s[tau_s >= own.from_s]
-        axes.loglog(described, np.sqrt(own.allan_variance(described, period_s)) / si, "-", lw=1.6, color=colour)
+        axes.loglog(described, np.sqrt(own.allan_variance(described)) / si, "-", lw=1.6, color=colour)
         for term in filter(own.value, TERMS):
-            line = np.sqrt(own.allan_variance(tau_s, period_s, term)) / si
+            line = np.sqrt(own.allan_variance(tau_s, term)) / si
             axes.loglog(tau_s, line, "--", lw=0.7, alpha=0.7, color=colour)
             lines.setdefault(term, {})[name] = line
     for term, by_axis in lines.items():
@@ -101,10 +101,10 @@ def _shortest(sensor: SensorNoise, axes: Axes, band: AllanBand) -> None:
         axes.axvspan(band.tau_s[0], from_s, color=PALE, alpha=0.25, lw=0)
 
 
-def _ratios(sensor: SensorNoise, band: AllanBand, period_s: float, axes: Axes) -> None:
+def _ratios(sensor: SensorNoise, band: AllanBand, axes: Axes) -> None:
     """Draw the deviations over the model's, with the bounds of the data."""
     for i, name in enumerate("xyz"):
-        model = np.sqrt(sensor.axes[i].allan_variance(band.tau_s, period_s))
+        model = np.sqrt(sensor.axes[i].allan_variance(band.tau_s))
         with np.errstate(divide="ignore", invalid="ignore"):
             low, mid, high = (values[:, i] / model for values in (band.low, band.deviation, band.high))
         axes.fill_between(band.tau_s, low, high, color=AXES[name], alpha=0.2, lw=0)

@@ -26,7 +26,7 @@ from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, DeviceError, FormatError
 from session.io.files import open_file, require_file
 from session.io.lines import PIECE_BYTES, STANDARD
-from session.io.logfile import already_calibrated
+from session.io.logfile import already_calibrated, number_in
 from session.io.reader import Reader
 from session.io.registers import DEFAULT, RegisterUnits
 from session.io.units import WORDS
@@ -130,20 +130,13 @@ def _table(path: Path, answers: Answers, known: Surroundings, size: int = PIECE_
     if (done := already_calibrated(reader.comments)) is not None:
         raise FormatError(f"{path.name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
     full_scales = (answers.gyro_fs_dps, answers.accel_fs_g)
-    said = [given or _number(reader, key) for given, key in zip(full_scales, ("gyro_fs_dps", "accel_fs_g"), strict=True)]
+    said = [given or number_in(reader.comments, key) for given, key in zip(full_scales, ("gyro_fs_dps", "accel_fs_g"), strict=True)]
     sensor = answers.sensor or reader.comments.get("sensor") or known.sensor.model
     filled = {"gyro_fs_dps": said[0] or known.sensor.gyro_fs_dps, "accel_fs_g": said[1] or known.sensor.accel_fs_g, "sensor": sensor}
     source = LogSource(reader, Answers(**{**vars(answers), **filled}), known)
     for piece in source.pieces(size):
         assert piece.accel is not None  # a log without forces was refused
         yield Readings(piece.t_ns, piece.gyro, piece.accel, piece.temp)
-
-
-def _number(reader: Reader, key: str) -> float | None:
-    try:
-        return float(reader.comments[key])
-    except (KeyError, ValueError):
-        return None
 
 
 # Bytes of a stream, as they come: b"" where none have for a while, a Restart where it was interrupted.

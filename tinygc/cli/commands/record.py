@@ -131,7 +131,8 @@ def run(args: argparse.Namespace) -> int:
 
     refuse_with_rest(args)
     args.machine = None
-    folder = args.out or _next_folder()
+    # The first ``data/sessionN`` that does not exist.
+    folder = args.out or next(path for number in range(1, 1_000_000) if not (path := Path("data") / f"session{number}").exists())
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
     with page_server(args) as page, turned(args, folder, port) as args.machine:
@@ -281,11 +282,6 @@ def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError |
             with contextlib.suppress(OSError):
                 session_file.save_copy(recorder.raw.saved)
     return recorder.raw.trouble
-
-
-def _next_folder() -> Path:
-    """Return the first ``data/sessionN`` that does not exist."""
-    return next(path for number in range(1, 1_000_000) if not (path := Path("data") / f"session{number}").exists())
 
 
 def _require_place(folder: Path, resume: bool) -> None:

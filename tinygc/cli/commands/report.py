@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _report(args: argparse.Namespace) -> Done:
     from session.io.units import DEG
-    from tinygc.estimation.choice import tilt_rms
+    from tinygc.estimation.bias import tilt_rms
     from tinygc.library.reports import report
     from tinygc.reporting.html.paper import require_browser
     from tinygc.reporting.terminal import progress_bar

@@ -34,7 +34,15 @@ def run(args: argparse.Namespace) -> int:
     options = SimulationOptions(**chosen)
     if not (args.units or 0) > 1:
         check_folder(args.out, args.force)  # before the work
-    effects = _effects(args)
+    # The parameters of each injected effect, by id. Raises CalibrationError for a repeated effect, and where nothing is turned.
+    from session.io.errors import CalibrationError
+
+    effects = dict(args.effect)
+    if len(effects) < len(args.effect):
+        twice = next(name for name in effects if sum(name == other for other, _ in args.effect) > 1)
+        raise CalibrationError(f"--effect {twice} is given twice; give it once")
+    if effects and (args.rest_cycles or args.units):
+        raise CalibrationError("--effect hides an effect in a session of turns; leave out --rest-cycles and the options of an array")
     for annex in extensions("simulate"):
         if (code := annex.simulate(args, options, chosen)) is not None:
             return code
@@ -44,16 +52,3 @@ def run(args: argparse.Namespace) -> int:
     more = {"effects": effects} if effects else {}
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen} | more)
     return 0
-
-
-def _effects(args: argparse.Namespace) -> dict[str, dict]:
-    """Return the parameters of each injected effect, by id.  Raises CalibrationError for a repeated effect, and where nothing is turned."""
-    from session.io.errors import CalibrationError
-
-    effects = dict(args.effect)
-    if len(effects) < len(args.effect):
-        twice = next(name for name in effects if sum(name == other for other, _ in args.effect) > 1)
-        raise CalibrationError(f"--effect {twice} is given twice; give it once")
-    if effects and (args.rest_cycles or args.units):
-        raise CalibrationError("--effect hides an effect in a session of turns; leave out --rest-cycles and the options of an array")
-    return effects

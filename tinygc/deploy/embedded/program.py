@@ -14,17 +14,7 @@ from session.io.errors import FormatError
 from session.io.registers import DEFAULT, RegisterUnits
 from session.io.sensors.profile import Thermometer
 from tinygc.deploy import ExportError, annex_exports
-from tinygc.deploy.embedded.stages import (
-    CalibrationNetStage,
-    Denoise,
-    Inputs,
-    Linear,
-    ProgramStage,
-    affine,
-    effect_stage,
-    single,
-    table,
-)
+from tinygc.deploy.embedded.stages import CalibrationNetStage, Denoise, Inputs, Linear, ProgramStage, affine, effect_stage, single, table
 from tinygc.effects import Cost
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel

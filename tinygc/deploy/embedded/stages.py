@@ -124,11 +124,6 @@ class Linear(ProgramStage):
 # The calibration subnet in single precision.
 
 
-def prelu(x: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """x where it is not negative, slope x below."""
-    return np.where(x >= 0, x, slope * x)
-
-
 class CalibrationNetStage(ProgramStage):
     """The paper's 27 parameters: r + W2 PReLU(W1 r + b1) + b2, a slope per axis."""
 
@@ -148,7 +143,9 @@ affine(OUTER, h, s);
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
         """Apply the body to rates (N, 3) float32, in the same order of operations."""
-        h = prelu(affine(self.constants["HIDDEN"], rate), self.constants["SLOPE"])
+        # x where it is not negative, slope x below.
+        x = affine(self.constants["HIDDEN"], rate)
+        h = np.where(x >= 0, x, self.constants["SLOPE"] * x)
         return rate + affine(self.constants["OUTER"], h)
 
 

@@ -176,7 +176,7 @@ def _of_axis(axis: AxisNoise, name: str) -> tuple[float, float, str]:
         return term.value, term.sigma, MEASURED
     if name == "K":
         at = np.array([WALK_S])
-        floor = sum(float(axis.allan_variance(at, 1.0, only=slow)[0]) for slow in "BG")
+        floor = sum(float(axis.allan_variance(at, slow)[0]) for slow in "BG")
         if floor > 0:
             return float(np.sqrt(3 * floor / WALK_S)), np.nan, FROM_FLOOR
     if term.at_most:

@@ -271,26 +271,22 @@ def hemispheres(
     parts = []
     for number, (sign, name) in enumerate(zip((1, -1), names, strict=True)):
         cx, cy = left + radius + number * gap, top + radius
-        parts.append(_disc(cx, cy, radius, name))
+        rings = "".join(
+            f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="{radius * np.sqrt(2) * np.sin(angle / 2):.1f}" class="grid"/>'
+            for angle in np.radians((30, 60))
+        )
+        cross = f'<path class="grid" d="M{cx - radius:.1f} {cy:.1f}h{2 * radius:.1f}M{cx:.1f} {cy - radius:.1f}v{2 * radius:.1f}"/>'
+        rim = f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="{radius:.1f}" class="axis"/>'
+        words = (
+            f'<text x="{cx + radius + 4:.1f}" y="{cy + 4:.1f}">x</text><text x="{cx:.1f}" y="{cy - radius - 5:.1f}" '
+            'text-anchor="middle">y</text>'
+            f'<text x="{cx:.1f}" y="{cy + radius + 17:.1f}" text-anchor="middle">{escape(name)}</text>'
+        )
+        parts.append(rings + cross + rim + words)
         if faint is not None:
             parts.append(_points(faint, sign, cx, cy, radius, f"faint k-{kind}", 1.3))
         parts.append(_points(directions, sign, cx, cy, radius, f"dot k-{kind}", 3.4, titles))
     return "".join(parts)
-
-
-def _disc(cx: float, cy: float, radius: float, name: str) -> str:
-    rings = "".join(
-        f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="{radius * np.sqrt(2) * np.sin(angle / 2):.1f}" class="grid"/>'
-        for angle in np.radians((30, 60))
-    )
-    cross = f'<path class="grid" d="M{cx - radius:.1f} {cy:.1f}h{2 * radius:.1f}M{cx:.1f} {cy - radius:.1f}v{2 * radius:.1f}"/>'
-    rim = f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="{radius:.1f}" class="axis"/>'
-    words = (
-        f'<text x="{cx + radius + 4:.1f}" y="{cy + 4:.1f}">x</text><text x="{cx:.1f}" y="{cy - radius - 5:.1f}" '
-        'text-anchor="middle">y</text>'
-        f'<text x="{cx:.1f}" y="{cy + radius + 17:.1f}" text-anchor="middle">{escape(name)}</text>'
-    )
-    return rings + cross + rim + words
 
 
 def _points(

@@ -23,7 +23,7 @@ from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
@@ -362,6 +362,9 @@ def gather(
     known = [with_freedom(quantity, np.inf) for quantity in beyond]
     quantities = [*adopted.quantities, *known, *_noise(allan)]
     doubts = fit.linear_doubts(limit_deg) if adopted.name == LINEAR else fit.doubts
+    # UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte.
+    asked = os.environ.get("SOURCE_DATE_EPOCH", "")
+    moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
     return ReportData(
         fit=fit,
         explanation=explanation,
@@ -372,7 +375,7 @@ def gather(
         allan=allan,
         hashes=input_hashes(fit.session),
         versions=versions(fit.options.by_torch),
-        made=_now(),
+        made=moment.strftime("%Y-%m-%d %H:%M UTC"),
         limit_deg=limit_deg,
         reused=fit.reused,
         searched=None if discovery is None or folder is None else discovery.searched(folder, logs),
@@ -416,13 +419,6 @@ def _noise(curve: AllanCurve | None) -> list[Quantity]:
         for number, axis in enumerate("xyz")
         for read in [reading(curve, number)]
     ]
-
-
-def _now() -> str:
-    """UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte."""
-    asked = os.environ.get("SOURCE_DATE_EPOCH", "")
-    moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
-    return moment.strftime("%Y-%m-%d %H:%M UTC")
 
 
 # Spread of gravity's length over the stills, before and after: shown in the answer's card and charted in the accelerometer section.

@@ -9,7 +9,8 @@ from pathlib import Path
 from session.io.files import result_folder
 from session.io.results import write_text_whole
 from session.io.units import DEG
-from tinygc.estimation.choice import run_figures, tilt_rms
+from tinygc.estimation.bias import tilt_rms
+from tinygc.estimation.choice import run_figures
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections import modules

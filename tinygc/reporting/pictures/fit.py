@@ -9,7 +9,7 @@ import numpy as np
 
 from session.io.units import DEG
 from tinygc.closure.residual import closure_angles
-from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.options import METHODS
 from tinygc.estimation.results import FitResult
 from tinygc.models.linear import Quantity, bias_only

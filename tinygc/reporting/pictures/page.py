@@ -38,7 +38,12 @@ def figure_of(e: Explanation) -> Figure:
             row[0].set_title(f"{claim.effect.id}\n{row[0].get_title()}")
     if not shown:
         _stills_in_time(e, grid[0, 0])
-        _lengths_in_time(e, grid[0, 1])
+        # Plot the length of gravity in each still over the session.
+        axes = grid[0, 1]
+        _, left = lengths_per_still(e)
+        axes.plot(Variable("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
+        axes.axhline(0, color=FLOOR, lw=0.8)
+        axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
     _closure(e, grid[-1, 0])
     if any(
         claim.effect.kind in ("rate", "earth") and "still" in claim.effect.observable_in and claim.effect.pair != TURNS for claim in shown
@@ -75,14 +80,6 @@ def _stills_in_time(e: Explanation, axes: Axes) -> None:
     axes.set(xlabel="time (s)", ylabel="rate beyond the prediction (mdps)", title=title)
     axes.axhline(0, color=FLOOR, lw=0.8)
     axes.legend(ncols=3)
-
-
-def _lengths_in_time(e: Explanation, axes: Axes) -> None:
-    """Plot the length of gravity in each still over the session."""
-    _, left = lengths_per_still(e)
-    axes.plot(Variable("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
-    axes.axhline(0, color=FLOOR, lw=0.8)
-    axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
 
 
 def _channels(e: Explanation, axes: Axes) -> None:

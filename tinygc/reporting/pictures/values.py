@@ -70,12 +70,6 @@ def recorded_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
     return after + added_in_stills(e, claim)
 
 
-def added_to_closure(e: Explanation, claim: Claim) -> tuple[np.ndarray, np.ndarray]:
-    """Contribution of an effect to the closure of each segment, (S, d) rad, to first order, and the recorded part it should explain."""
-    added = -e.replay.columns(claim.effect).closure @ theta(e, claim)
-    return added, e.twin.residuals(e.naming.fit.state, e.replay.rates).closure + added
-
-
 def closure_as_recorded(e: Explanation) -> dict[int, float]:
     """Closure in degrees by segment number, without data repair, under the linear model fitted to the repaired data."""
     angles = closure_angles(e.problem.batch, e.naming.fit.state.model)
@@ -366,7 +360,9 @@ def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis:
 def picture_data(e: Explanation, claim: Claim) -> PictureData:
     """Plot data of a claim that adds to the rates."""
     variable, (before, after) = variable_for(e, claim), rates_per_still(e)
-    closure_predicted, closure_recorded = added_to_closure(e, claim)
+    # Contribution of an effect to the closure of each segment, (S, d) rad, to first order, and the recorded part it should explain.
+    added = -e.replay.columns(claim.effect).closure @ theta(e, claim)
+    closure_predicted, closure_recorded = added, e.twin.residuals(e.naming.fit.state, e.replay.rates).closure + added
     return PictureData(
         theta=theta(e, claim),
         parameters=claim.parameters,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from session.io.texts import degrees
 from session.io.units import DEG
-from tinygc.estimation.choice import rmse, tilt_rms
+from tinygc.estimation.bias import tilt_rms
+from tinygc.estimation.choice import rmse
 from tinygc.estimation.verdict import NEAR_FLOOR, agrees
 from tinygc.reporting.html.chart import drawing, log_axis
 from tinygc.reporting.html.evidence import ReportData, misses_of, spread_text

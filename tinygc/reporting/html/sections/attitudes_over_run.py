@@ -81,22 +81,6 @@ def _signed(value: float, decimals: int) -> str:
     return text if value <= 0 or not text.strip("0.") else f"+{text}"
 
 
-def _euler_deg(q: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw (T, 3) in degrees of R = Rz Ry Rx."""
-    R = rotation.matrix(q)
-    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
-    pitch = np.arcsin(np.clip(-R[:, 2, 0], -1, 1))
-    yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-    return np.stack([roll, pitch, yaw], axis=1) / DEG
-
-
-def _without_jumps(angle: np.ndarray) -> np.ndarray:
-    """Insert gaps where an angle wraps."""
-    broken = angle.copy()
-    broken[1:][np.abs(np.diff(angle)) > 180] = np.nan
-    return broken
-
-
 def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) -> str:
     ticks = [(v, f"{v:g}".replace("-", "−")) for v in (-180, -90, 0, 90, 180)]
     chart = Chart(
@@ -104,8 +88,16 @@ def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) 
     )
     for track, style in ((raw, "thin"), (q, "line")):
         if track is not None:
-            for kind, angle in zip("xyz", _euler_deg(track).T, strict=True):
-                chart.line(t, _without_jumps(angle), kind, style)
+            # Roll, pitch, yaw (T, 3) in degrees of R = Rz Ry Rx.
+            R = rotation.matrix(track)
+            roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
+            pitch = np.arcsin(np.clip(-R[:, 2, 0], -1, 1))
+            yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
+            for kind, angle in zip("xyz", (np.stack([roll, pitch, yaw], axis=1) / DEG).T, strict=True):
+                # Insert gaps where an angle wraps.
+                broken = angle.copy()
+                broken[1:][np.abs(np.diff(angle)) > 180] = np.nan
+                chart.line(t, broken, kind, style)
     return chart.svg()
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from session.io.texts import degrees, significant
 from session.io.units import DEG
 from tinygc.closure.residual import closure_angles
-from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.verdict import NEAR_FLOOR, agrees
 from tinygc.models.linear import bias_only
 from tinygc.reporting.html.chart import Axis, Chart, drawing, log_axis

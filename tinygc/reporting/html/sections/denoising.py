@@ -7,7 +7,7 @@ import numpy as np
 from session.io.texts import degrees, significant
 from session.io.units import DEG
 from tinygc.closure.problem import Problem
-from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.bias import tilt_rms
 from tinygc.models.denoiser import REACH, DenoisedNet
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.evidence import ReportData, density

@@ -9,7 +9,7 @@ import numpy as np
 from session.io.texts import fixed, significant
 from session.io.units import DEG
 from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
-from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import LEFT, VERDICTS, Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from session.io.texts import NONE, degrees, fixed, significant
 from session.io.units import DEG
-from tinygc.estimation.choice import closure_figures, rmse, tilt_rms
+from tinygc.estimation.bias import tilt_rms
+from tinygc.estimation.choice import closure_figures, rmse
 from tinygc.reporting.fit_text import SAME_FLOOR, TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.evidence import ReportData

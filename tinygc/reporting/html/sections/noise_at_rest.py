@@ -75,9 +75,9 @@ def _model(figures: NoiseFigures, session_s: float, width: int) -> str:
     sensor, period_s, data = figures.gyro, 1 / figures.rate_hz, figures.allan.get("gyro")
     shortest_s = max([period_s, *(axis.from_s for axis in sensor.axes)])
     tau_s = np.geomspace(shortest_s, max(figures.duration_s / 2, 2 * shortest_s), 120)
-    lines = [np.sqrt(axis.allan_variance(tau_s, period_s)) / DEG_PER_HOUR for axis in sensor.axes]
+    lines = [np.sqrt(axis.allan_variance(tau_s)) / DEG_PER_HOUR for axis in sensor.axes]
     terms = {
-        name: np.sqrt(np.mean([axis.allan_variance(tau_s, period_s, name) for axis in sensor.axes], axis=0)) / DEG_PER_HOUR
+        name: np.sqrt(np.mean([axis.allan_variance(tau_s, name) for axis in sensor.axes], axis=0)) / DEG_PER_HOUR
         for name in TERMS
         if sensor.measured(name)
     }

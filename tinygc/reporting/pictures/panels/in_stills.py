@@ -52,7 +52,10 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
         x = along_axis.of_stills(e.twin)
         axes.plot(x, recorded[:, i] * 1e3, "o", color=AXES[axis], ms=4)
         axes.plot(x, left[:, i] * 1e3, "o", mfc="none", color=AXES[axis], ms=4)
-        if _has_curve(claim, variable, values):
+        # Whether the variable alone determines the effect's contribution to a still.
+        effect = claim.effect
+        one = variable.variable != "attitude" or values.size in (3, 9)
+        if one and not effect.reach and set(effect.inputs) <= READS.get(variable.variable, set()):
             at = np.linspace(x.min(), x.max(), GRID)
             curve = at_constant(claim.effect, values, e.twin.movements[0], along_axis, i, at) / DEG
             axes.plot(at, curve * 1e3, color=AXES[axis], lw=1.5)
@@ -69,13 +72,6 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
         title=f"Where it lives: the rate in each still over {over}, and the law",
     )
     legend(axes, claim.effect.equation)
-
-
-def _has_curve(claim: Claim, variable: Variable, values: np.ndarray) -> bool:
-    """Whether the variable alone determines the effect's contribution to a still."""
-    effect = claim.effect
-    one = variable.variable != "attitude" or values.size in (3, 9)
-    return one and not effect.reach and set(effect.inputs) <= READS.get(variable.variable, set())
 
 
 def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:

@@ -12,13 +12,7 @@ from session.io.units import DEG
 from tinygc.annexes.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
 from tinygc.annexes.history.forecast import FAILS, HOLDS, Outlook
 from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, Number
-from tinygc.estimation.between_sessions import (
-    CHANCE,
-    FEWEST_WITH_DRIFT,
-    FEWEST_WITH_TEMPERATURE,
-    LEAST_WARMTH_K,
-    LOOKED_AT,
-)
+from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT
 from tinygc.estimation.session_times import SOURCES
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table

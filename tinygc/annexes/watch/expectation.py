@@ -20,14 +20,7 @@ from session.io.errors import CalibrationError
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
-from tinygc.estimation.expected_zero import (
-    END_S,
-    USUAL_ACCEL_PER_K,
-    USUAL_ACCEL_ZERO_MPS2,
-    USUAL_PER_K,
-    expected_zero,
-    wander_variance,
-)
+from tinygc.estimation.expected_zero import END_S, USUAL_ACCEL_PER_K, USUAL_ACCEL_ZERO_MPS2, USUAL_PER_K, expected_zero, wander_variance
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.results import read_fit
 from tinygc.models.linear import BIAS, PARAMETERS

@@ -1,9 +1,11 @@
 """The effects that docs/formats.md lists, a strong one of each, and a hand's movement to try them on."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.interpolate import BSpline
 
-from session.io.units import DEG, MG
+from session.io.units import DEG, MG, G
 from tinygc.effects import Effect, Movement
 
 IDS = (
@@ -83,6 +85,14 @@ def movement(odr_hz: float = 104.0, stop_s: float = 10.0) -> Movement:
     turn = np.stack([np.sin(0.7 * t_s), np.cos(0.7 * t_s) * np.sin(0.4 * t_s), -np.cos(0.7 * t_s) * np.cos(0.4 * t_s)], axis=-1)
     vibration = 0.2 * np.exp(-((t_s - 5) ** 2))
     return Movement(t_s, 1 / odr_hz, smooth(t_s), turn, 25 + 0.8 * t_s, vibration, stop_s, FS, 25.0)
+
+
+def measured_force(effect: Effect, moved: Movement, theta: np.ndarray) -> np.ndarray:
+    """(N, 3) g that an accelerometer with the effect measures; ``bends`` is of what it measures."""
+    measured = moved.force_g
+    for _ in range(30):
+        measured = moved.force_g + effect.bent(replace(moved, force_g=measured)) @ theta / G
+    return measured
 
 
 def theta_of(effect: Effect, value=None) -> np.ndarray:

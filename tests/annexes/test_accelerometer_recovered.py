@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from known_effects import measured_force
 
 from session.io.folder import read_session
 from session.io.units import DEG, G
@@ -37,7 +38,7 @@ def inject(effect, folder, size: float, seed: int) -> np.ndarray:
         temp_c, none = temperature(t, options.temperature_start_c, warm_up_c), np.zeros(len(t))
         known = plan.log_s, options.gyro_fs_dps * DEG, options.temperature_start_c
         moved = Movement(t, t[1] - t[0], np.zeros_like(force), force / G, temp_c, none, *known)
-        return effect.distort_force(moved, theta) * G + bias + force @ matrix.T / G
+        return measured_force(effect, moved, theta) * G + bias + force @ matrix.T / G
 
     simulation = simulate_session(options, plan=plan, disturb=bent)
     write_files(simulation, folder, config_text(simulation, concealed=False))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from session.io.units import DEG, G
+from session.io.units import DEG
 from tinygc.effects.device import NONE, PASSES, DeviceCode
 from tinygc.effects.inversion import MOST_PASSES, substituted
 from tinygc.effects.movement import INPUT_REACH, INPUTS, NOWHERE, EffectError, Movement, Reach, shown
@@ -240,8 +240,6 @@ OwnPicture = Callable[[PictureData, Any, Any], None]
 # An effect describes what it adds to the true rate of the sensing element, before the linear errors: the calibrated rate E m + B is
 # ``rate + add(rate)``.  Parameters are SI inside; ``Parameter`` has their display name and unit.
 
-#: g, below any register's step: a repeated substitution of the specific force ends there
-SETTLED_G = 1e-12
 #: JSON value of an effect that acts on the readings
 READINGS = "readings"
 KINDS = ("rate", "force", "earth", "register", "motion", "truth")
@@ -376,19 +374,6 @@ class Effect:
         """Return ``bends`` (N, 3, P) m/s^2, of a movement with the measured force.  Raises EffectError as ``distort``."""
         assert self.bends is not None  # of kind "force"
         return self.bends(shown(self.id, ("force", *self.inputs), False, movement))
-
-    def correct_force(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
-        """Return the specific force (N, 3) g without the effect, from the movement's measured one."""
-        return movement.force_g - self.bent(movement) @ theta / G
-
-    def distort_force(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
-        """Return what is measured, (N, 3) g, where the specific force is the movement's: ``correct_force`` takes it back."""
-        measured = movement.force_g
-        for _ in range(MOST_PASSES):
-            before, measured = measured, movement.force_g + self.bent(movement.with_force(measured)) @ theta / G
-            if np.abs(measured - before).max(initial=0.0) < SETTLED_G:
-                break
-        return measured
 
     @property
     def _passes(self) -> int | None:

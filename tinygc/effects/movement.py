@@ -51,10 +51,6 @@ class Movement:
         """Return the same log with other rates (N, 3) rad/s."""
         return replace(self, rate=rate)
 
-    def with_force(self, force_g: np.ndarray) -> Movement:
-        """Return the same log with another specific force (N, 3) g."""
-        return replace(self, force_g=force_g)
-
     def part(self, rows: slice) -> Movement:
         """Return some rows of the log."""
         arrays = ("t_s", "rate", "force_g", "temp_c", "vibration_g2")

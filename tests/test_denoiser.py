@@ -63,20 +63,15 @@ def test_it_keeps_the_integral_of_every_movement():
     np.testing.assert_allclose(some_net()(movement).sum(axis=0), total, rtol=1e-12)
 
 
-def test_windowed_streamed_and_whole_agree():
+def test_windowed_and_whole_agree():
     net = some_net()
     whole = net(RATE)
-    stream = net.stream()
-    streamed = np.array([stream.step(rate) for rate in RATE])
-    np.testing.assert_allclose(streamed, whole, atol=1e-14)
     held = np.concatenate([np.tile(RATE[:1], (WINDOW - 1, 1)), RATE])
     windows = np.lib.stride_tricks.sliding_window_view(held, WINDOW, axis=0).transpose(0, 2, 1)
     np.testing.assert_allclose(net.windowed(windows)[:, -1], whole, atol=1e-14)
-    stream.reset()
-    np.testing.assert_array_equal(stream.step(RATE[0]), streamed[0])
 
 
-def test_single_precision_streams_like_double():
+def test_single_precision_is_like_double():
     """A microcontroller's floats: the same to 1e-6 of the rate."""
     net = some_net()
     single = Denoiser(*(getattr(net, name).astype(np.float32) for name in SHAPES))

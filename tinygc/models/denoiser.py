@@ -104,10 +104,6 @@ class Denoiser:
         x = xp.moveaxis(rate, -1, -2)[..., None, :]
         return xp.moveaxis(self._net(x)[..., 0, :], -2, -1)
 
-    def stream(self) -> DenoiserStream:
-        """A filter that works sample by sample, as on a microcontroller."""
-        return DenoiserStream(self)
-
     def taps(self) -> np.ndarray:
         """(3, REACH + 1): impulse response, newest sample first (NumPy only)."""
         impulse = np.zeros((2 * REACH + 1, 3))
@@ -129,37 +125,6 @@ class Denoiser:
             length = x.shape[-1] - (KERNEL - 1) * dilation
             x = sum(weight[..., i] @ x[..., i * dilation : i * dilation + length] for i in range(KERNEL))
         return x
-
-
-class DenoiserStream:
-    """A denoiser with its state: ``step`` maps one rate (3,) rad/s to the denoised one (3,); ``reset`` clears the state."""
-
-    def __init__(self, denoiser: Denoiser):
-        self._denoiser = denoiser
-        self.reset()
-
-    def reset(self) -> None:
-        """Clear the state, as before the first sample."""
-        self._memory: list[np.ndarray] | None = None
-
-    def step(self, rate: np.ndarray) -> np.ndarray:
-        """Denoise one sample (3,) rad/s."""
-        y = np.asarray(rate, dtype=float)[:, None]  # (axis, channel)
-        if self._memory is None:
-            self._memory = self._stand(y)
-        for number, (weight, dilation) in enumerate(self._denoiser._layers()):
-            memory = np.concatenate([self._memory[number][..., 1:], y[..., None]], axis=-1)
-            self._memory[number] = memory
-            y = np.einsum("aoci,aci->ao", weight, memory[..., ::dilation])
-        return y[..., 0]
-
-    def _stand(self, y: np.ndarray) -> list[np.ndarray]:
-        """Steady state of each layer for a constant input y."""
-        memory = []
-        for weight, dilation in self._denoiser._layers():
-            memory.append(np.repeat(y[..., None], (KERNEL - 1) * dilation + 1, axis=-1))
-            y = np.einsum("aoci,aci->ao", weight, memory[-1][..., ::dilation])
-        return memory
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,11 +29,6 @@ LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that wil
 STUCK = "look at the wiring, the register map, the columns; or is it quantisation, a full scale or a unit whose steps hide its noise?"
 
 
-def check_reading(log: Log) -> list[Finding]:
-    """What the reader repaired or left out."""
-    return [Finding("note", log.path.name, "reading", note) for note in log.notes]
-
-
 def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
     """The log's own ``gyro_fs_dps=``, ``accel_fs_g=``, ``serial=`` against session.toml.
 

@@ -23,7 +23,6 @@ from session.detect.check_samples import (
     check_dead,
     check_impacts,
     check_quantised,
-    check_reading,
     check_registers,
     check_repeated_gravity,
     check_stamps,
@@ -91,7 +90,7 @@ def first_look(
     good = references(stills)
     missing_accel = session.truths is not None
     findings = [
-        *check_reading(log),
+        *(Finding("note", where, "reading", note) for note in log.notes),  # what the reader repaired or left out
         *check_comments(log, config.sensor),
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),

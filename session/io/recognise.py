@@ -41,7 +41,8 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
     like = None if answers.like is None else _like(answers.like)
     found = max(_matches(lines, name, like), key=lambda match: match[0], default=None)
     if found is None and like is not None:
-        raise FormatError(f"{name}: no header of {answers.like} (--like), such as {_example(like)}; it begins {_first(lines)!r}")
+        example = like.example if isinstance(like, Dialect) else "t_us,gx,gy,gz,ax,ay,az,temp"
+        raise FormatError(f"{name}: no header of {answers.like} (--like), such as {example}; it begins {_first(lines)!r}")
     if found is None:
         # A line, and its names, that names one of our columns, though it is no whole header.
         ours = {*STAMP_NS, "gx", "gx_dps", "gx_rps"}
@@ -85,10 +86,6 @@ def _like(text: str) -> Dialect | str:
         known_ones = ", ".join((OWN, *(each.name for each in DIALECTS)))
         raise FormatError(f"--like is {text[:40]!r}; expected one of {known_ones}, or another name of `import --list`")
     return dialect
-
-
-def _example(like: Dialect | str) -> str:
-    return like.example if isinstance(like, Dialect) else "t_us,gx,gy,gz,ax,ay,az,temp"
 
 
 def _refuse_headless(lines: list[str], name: str) -> None:
@@ -178,7 +175,8 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
     found: dict[str, Column] = {}
     for letter, pattern, unit in (("g", dialect.gyro, dialect.gyro_unit), ("a", dialect.accel, dialect.accel_unit)):
         triad = [pattern.format(axis) for axis in dialect.axes]
-        if all(name in at for name in triad) and not (dialect.by_file and not _is_of(file, letter)):
+        begins = "gyro" if letter == "g" else ("accel", "totalaccel")  # of the telephone, not of a watch or a headphone
+        if all(name in at for name in triad) and not (dialect.by_file and not file.lower().startswith(begins)):
             found |= {f"{letter}{axis}": (at[name][0], at[name][1] or unit, 1) for axis, name in zip("xyz", triad, strict=True)}
     if dialect.both and ("gx" in found) != ("ax" in found):
         return {}
@@ -188,11 +186,6 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
     if len(time) == 2:
         stamp |= {"t": (at[time[0]][0], "s", 1), "t2": (at[time[1]][0], "ns", 1)}
     return {**stamp, **found} if found else {}
-
-
-def _is_of(file: str, letter: str) -> bool:
-    """Whether a file's name says that it is of this sensor, and not of a watch's or a headphone's."""
-    return file.lower().startswith("gyro" if letter == "g" else ("accel", "totalaccel"))
 
 
 # Headers of no dialect whose names say what they are, as people print them themselves: ``accX``, ``gyro_y``, ``wz``, ``imu.rate.x``.

@@ -294,11 +294,6 @@ CALIBRATE = Path(__file__).resolve().parents[2] / "calibrate.py"
 MADE = (0, 1)  #: exit codes of ``report`` with a report: 1 is a calibration that fails
 
 
-def say_interrupted(server: PageServer, command: str) -> None:
-    """Show on the page how to continue."""
-    server.publish("end", {"words": "interrupted; everything received is kept. To go on:", "command": command, "report": "none"})
-
-
 def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
     """Keep the page while a browser shows it, until an interruption."""
     _Finished(server, folder).stay(wanted)

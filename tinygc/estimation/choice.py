@@ -170,7 +170,8 @@ def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mappin
         pair = [fits[name].held_out[[numbers[name].index(number) for number in common]] for name in (usual, other)]
         return less_by_chance(*pair) if common else 1.0
 
-    proved = [able[0], *(name for name in able[1:] if not _partly_observed(fits[name]))]
+    # Where closure does not observe a part of an effect, held-out closure does not prove the whole.
+    proved = [able[0], *(name for name in able[1:] if not any(claim.effect.partly_observed for claim in fits[name].model.undone))]
     used, p_value, others = able[0], None, proved[1:]
     for name in others:
         p = chance(used, name)
@@ -184,11 +185,6 @@ def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mappin
     unproved = ", ".join(METHODS[name].title for name in able if name not in proved)
     why = f"held out {tilts[used]:.4f}°; not recommended, as closure does not observe a part of a law that it has: {unproved}"
     return ModelToUse(used, best, p_value, why)
-
-
-def _partly_observed(fit: MethodFit) -> bool:
-    """Whether a model corrects an effect of which closure does not observe a part, so that held-out closure does not prove the whole."""
-    return any(claim.effect.partly_observed for claim in fit.model.undone)
 
 
 def _why(used: str, p_value: float | None, able: list[str], tilts: Mapping[str, float]) -> str:

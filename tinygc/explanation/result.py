@@ -23,7 +23,7 @@ from tinygc.explanation.families import SlowZero, slow_zero
 from tinygc.explanation.faulty_readings import LOST
 from tinygc.explanation.search import lines_end_hz
 from tinygc.explanation.truth_evidence import TruthExplanation
-from tinygc.noise.channels import bonferroni, own_residuals, unknown_rows
+from tinygc.noise.channels import own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
 
 # Times, in seconds of the session, of what was found in the registers and in the stills.
@@ -251,7 +251,7 @@ def what_next(e: Explanation) -> str | None:
         worst = worst_segments(e)
         where_to_look = f"; begin with the movement of segment {worst[0]}" if worst else ""
         return "repeat the session with one thing changed at a time (rate, temperature, attitude)" + where_to_look
-    if e.verdict == "partly_explained" and bonferroni(e.left) < BELONGS_P:
+    if e.verdict == "partly_explained" and len(e.left) * min(e.left.values()) < BELONGS_P:
         return "mend what is named, record again, and explain what is left"
     return None
 

@@ -67,11 +67,6 @@ def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
     return float(fdtrc(freedom, noise_freedom, np.sum(r**2) / freedom))
 
 
-def bonferroni(p: dict[str, float]) -> float:
-    """Combine p-values by Bonferroni's correction of the smallest."""
-    return min(1.0, len(p) * min(p.values()))
-
-
 # Scatter within each still: the prediction is a constant rate with the measured noise, so no slope and the same scatter everywhere.
 
 #: s: longer than the response of a gyro's low-pass of 10 Hz or more, short enough for ten blocks in a still; as in ``session.detect``

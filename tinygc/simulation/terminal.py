@@ -29,7 +29,8 @@ class Terminal:
     """
 
     def __init__(self, link: Path | None = None, memory: int = MEMORY_BYTES):
-        self.name, self._lock = _claim([link] if link else _usual_links())
+        usual = (Path(tempfile.gettempdir()) / f"{VIRTUAL_STEM}{number or ''}" for number in range(100))
+        self.name, self._lock = _claim([link] if link else list(usual))
         self.dropped, self._memory = 0, memory
         self._master = -1
         self._waiting = b""
@@ -108,10 +109,6 @@ class Terminal:
             while self._master >= 0 and (part := os.read(self._master, 4096)):
                 data += part
         return data
-
-
-def _usual_links() -> list[Path]:
-    return [Path(tempfile.gettempdir()) / f"{VIRTUAL_STEM}{number or ''}" for number in range(100)]
 
 
 def _claim(names: list[Path]) -> tuple[Path, IO]:

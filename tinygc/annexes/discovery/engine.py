@@ -378,7 +378,7 @@ def discover(
     searched = SearchState(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)
     while len(rounds) < MOST_LAWS:
         step = 1 + 2 * len(rounds)
-        found = with_a_form(evidence, forms, bases, seed, _reported(progress, step))
+        found = with_a_form(evidence, forms, bases, seed, lambda what, step=step: progress(f"discover: {what}", step, STEPS))
         rounds.append(found)
         if found.best is None or found.best.score >= searched.best.score:
             break
@@ -396,10 +396,6 @@ def discover(
             break
         bases = [searched.best]
     return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
-
-
-def _reported(progress: Callable[[str, int, int], None], step: int) -> Callable[[str], None]:
-    return lambda what: progress(f"discover: {what}", step, STEPS)
 
 
 def _exactly(searched: SearchState, have: Hypothesis) -> SearchState:

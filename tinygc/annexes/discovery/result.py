@@ -51,7 +51,7 @@ def _law(law: Law, file: str | None) -> dict:
     unit, name = coefficient_unit(law.form)
     parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, np.sqrt(np.diag(law.covariance))))
     return {
-        "id": law.effect.id if file is None else id_of(file),
+        "id": law.effect.id if file is None else PurePosixPath(file).stem.replace("_", ".", 1),  # discovered_rate.py: discovered.rate
         "equation": equation(law.form),
         "in_words": in_words(law.form),
         "parameters": {name: parameters},
@@ -97,11 +97,6 @@ def _law(law: Law, file: str | None) -> dict:
             for each in law.unobserved
         ],
     }
-
-
-def id_of(file: str) -> str:
-    """Id of the effect in ``effects/discovered_rate.py``: ``discovered.rate``."""
-    return PurePosixPath(file).stem.replace("_", ".", 1)
 
 
 def other_equation(each: RunnerUp) -> str:

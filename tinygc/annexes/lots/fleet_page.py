@@ -40,7 +40,6 @@ def page(summary: Summary, more: Sequence[Section] = ()) -> str:
         if counts:
             rows = [(escape(name), _count(count), f"{significant(100 * count / summary.sessions)} %") for name, count in counts.items()]
             parts.append(table(("", "sessions", "share"), rows, caption))
-    slowest = [(escape(folder), significant(cpu_s)) for folder, cpu_s in summary.slowest]
     made = [
         _counts(summary),
         _closures(summary),
@@ -48,7 +47,6 @@ def page(summary: Summary, more: Sequence[Section] = ()) -> str:
         _parameters(summary),
         *more,
         _failures(summary),
-        (Section("slowest", "Slowest", table(("folder", "CPU s"), slowest)) if slowest else None),
     ]
     head = (
         '<header><p class="kicker">Fleet of sessions</p>'

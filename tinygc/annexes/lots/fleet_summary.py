@@ -91,7 +91,7 @@ def write_csv(table: Table, file: TextIO) -> int:
 # Summary of the table: numbers and short lists, for any number of sessions.
 
 #: length limit of lists, so that a page of a hundred thousand sessions stays small
-MOST_LISTED, MOST_SLOWEST, MOST_REASONS = 200, 10, 20
+MOST_LISTED, MOST_REASONS = 200, 20
 #: commands that are offered to check names on a unit's other sessions, and sessions in each
 MOST_OFFERED = 3
 BINS = 40
@@ -124,7 +124,7 @@ class Summary:
     folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed, undecided
     and missed: sessions by the verdict of their fit; by limit_deg where it is given, and none is undecided; units: serial numbers;
     first_look and verdicts: counts of each; effects: id -> sessions in which it is reported; reasons: (step, reason, count) of failures,
-    the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; slowest: (folder, CPU s); cpu_s: of all;
+    the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; cpu_s: of all;
     distributions: ``held_out_deg``, ``floor_deg``, ``run_rmse_deg`` and each parameter, where there are any.
     """
 
@@ -144,14 +144,13 @@ class Summary:
     effects: dict[str, int]
     reasons: list[tuple[str, str, int]]
     failures: list[tuple[str, str, str]]
-    slowest: list[tuple[str, float]]
     cpu_s: float
     distributions: dict[str, Distribution] = field(default_factory=dict)
 
     def to_json(self) -> dict:
         """Return ``tinygc-fleet/1`` (docs/formats.md), without the facts of the run itself."""
         return {
-            **{name: value for name, value in vars(self).items() if name != "slowest"},
+            **vars(self),
             "reasons": [{"step": step, "reason": reason, "sessions": count} for step, reason, count in self.reasons],
             "failures": [{"folder": folder, "step": step, "error": error} for folder, step, error in self.failures],
             "distributions": [
@@ -194,7 +193,6 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
         failures=table.rows(
             f"{keyed} UNION ALL SELECT folder, 'reading', error FROM folders WHERE key IS NULL ORDER BY 1 LIMIT {MOST_LISTED}"
         ),
-        slowest=table.rows(f"SELECT folder, cpu_s FROM {EACH} JOIN durations USING (key) ORDER BY cpu_s DESC, folder LIMIT {MOST_SLOWEST}"),
         cpu_s=table.one(f"SELECT ifnull(sum(cpu_s), 0) FROM {EACH} JOIN durations USING (key)"),
         distributions={name: each for name, each in found.items() if each is not None},
     )

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -250,25 +249,17 @@ def _in_time(rows: Rows, zero: np.ndarray, minute_s: float) -> list[Cause]:
     for at in times:
         if not 0 < at < rows.duration_s:
             continue
-        columns = rows.in_time(partial(_from_then_on, float(at))) * sizes
+        columns = rows.in_time(lambda t_s, at=float(at): np.asarray((t_s >= at).astype(float))) * sizes
         says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
         share = max(0.0, 1 - float(at) / minute_s)
         found.append(Cause("step", says, columns, zero * sizes * share, sizes, "dps", DEG, ("x", "y", "z"), advice, float(at)))
     for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
         tau = share * rows.duration_s
-        columns = rows.in_time(partial(_settling, tau)) * sizes
+        columns = rows.in_time(lambda t_s, tau=tau: np.asarray(np.exp(-t_s / tau))) * sizes
         mean = tau / minute_s * -np.expm1(-minute_s / tau)
         says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
         found.append(Cause("warm-up", says, columns, zero * sizes * mean, sizes, "dps", DEG, ("x", "y", "z"), advice, float(tau)))
     return found
-
-
-def _from_then_on(at: float, t_s: np.ndarray) -> np.ndarray:
-    return np.asarray((t_s >= at).astype(float))
-
-
-def _settling(tau: float, t_s: np.ndarray) -> np.ndarray:
-    return np.asarray(np.exp(-t_s / tau))
 
 
 def _cross(vector: np.ndarray) -> np.ndarray:

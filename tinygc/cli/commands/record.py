@@ -148,10 +148,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: str, interrupted: bool) -> None:
     """Show the end of the recording and the next steps on the page, when all files are written."""
-    from tinygc.cli.recording import say_interrupted, stay
+    from tinygc.cli.recording import stay
 
     if interrupted:
-        say_interrupted(page, _again(args, folder, port))
+        words, command = "interrupted; everything received is kept. To go on:", _again(args, folder, port)
+        page.publish("end", {"words": words, "command": command, "report": "none"})
         return
     with Interruption() as wanted:
         stay(page, folder, wanted)

@@ -19,10 +19,6 @@ TOLD = np.eye(9)
 TOLD[np.ix_(SCALES, SCALES)] -= 1 / 3
 
 
-def _bias(movement: Movement) -> np.ndarray:
-    return np.broadcast_to(np.eye(3), (len(movement.force_g), 3, 3))
-
-
 def _nine(movement: Movement) -> np.ndarray:
     """A bias, and an upper triangle: length determines the sensor's axes up to a rotation, which the body frame absorbs."""
     columns = np.zeros((len(movement.force_g), 3, 9))
@@ -48,7 +44,7 @@ _BIAS = Effect(
     observable_in=("reference",),
     kind="force",
     columns=nothing(3),
-    bends=_bias,
+    bends=lambda movement: np.broadcast_to(np.eye(3), (len(movement.force_g), 3, 3)),
     describe=_says,
     discriminating_motion="hold each axis of the accelerometer up and down: gravity's length must not change",
     conditions=("attitude", "g"),

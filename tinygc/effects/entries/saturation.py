@@ -3,7 +3,7 @@
 import numpy as np
 
 from session.io.units import DEG
-from tinygc.effects import Effect, Movement, Occurrence, Parameter, nothing
+from tinygc.effects import Effect, Occurrence, Parameter, nothing
 from tinygc.effects.effect import CLIPPED_TURN, LEVEL
 
 EFFECT = Effect(
@@ -13,7 +13,7 @@ EFFECT = Effect(
     observable_in=("turn",),
     kind="register",
     columns=nothing(1),
-    exact_distort=lambda movement, theta: _clip(movement, float(theta[0])),
+    exact_distort=lambda movement, theta: np.clip(movement.rate, -float(theta[0]), float(theta[0])),
     describe=lambda theta: (
         f"the gyro does not go beyond {float(theta[0]) / DEG:.0f} dps: turn slower, or look for the limit in its settings"
     ),
@@ -22,7 +22,3 @@ EFFECT = Effect(
     occurs=Occurrence("dps", LEVEL),
     picture=CLIPPED_TURN,
 )
-
-
-def _clip(movement: Movement, level: float) -> np.ndarray:
-    return np.clip(movement.rate, -level, level)

@@ -45,18 +45,15 @@ def _numbers(problem: Problem) -> list[tuple[str, str]]:
     good = [still.duration_s for still in problem.stills if still.problem is None]
     nominal = problem.session.nominal_rate
     rate_hz = 1 / np.median([log.samples.period_s for log in problem.logs])
+    fastest = max(float(np.abs(problem.logs[s.log].samples.gyro[_turning(s)]).max()) for s in problem.used)
     return [
         ("Length", f"{problem.began_s[-1] / 60:.1f} min in {len(problem.logs)} log{'s' * (len(problem.logs) != 1)}"),
         ("Stills", f"{len(good)}, median {np.median(good):.1f} s" if good else "none"),
         ("Segments used" if problem.session.truths else "Turns used", f"{len(problem.used)} of {len(problem.segments)}"),
         ("True data rate", f"{rate_hz:.2f} Hz") if nominal is None else ("Data rate", nominal.words),
-        ("Fastest", f"{_fastest_dps(problem):.0f} dps"),
+        ("Fastest", f"{fastest / DEG:.0f} dps"),
         ("Reference", REFERENCES[problem.session.config.protocol.reference]),
     ]
-
-
-def _fastest_dps(problem: Problem) -> float:
-    return max(float(np.abs(problem.logs[s.log].samples.gyro[_turning(s)]).max()) for s in problem.used) / DEG
 
 
 def _turning(segment: Segment) -> slice:

@@ -38,8 +38,8 @@ SHARED = ROOT.parent / "shared"
 SAME = 1e-9
 #: keys of a JSON whose values differ from run to run or from version to version
 VOLATILE = re.compile(r"(^|\.)(\w*seconds|created|\w*version\w*|git|commit|dirty|python|platform|\w*sha256|\w*hash\w*|computed|made)(\.|$)")
-#: the same in texts: times, versions with a commit, dates, hashes
-VOLATILE_TEXT = re.compile(r"\b[0-9a-f]{7,64}\b|\b\d{4}-\d\d-\d\d(T[\d:.]+(Z|[+-]\d\d:\d\d)?)?\b|\b\d+\.\d+\.\d+\b|\b[\d.]+ (ms|s|min)\b")
+#: the same in texts: hashes, which are no numbers, dates, and versions
+VOLATILE_TEXT = re.compile(r"\b(?=\d*[a-f])(?=[a-f]*\d)[0-9a-f]{7,64}\b|\b\d{4}-\d\d-\d\d(T[\d:.]+(Z|[+-]\d\d:\d\d)?)?\b|\b\d+\.\d+\.\d+\b")
 NUMBER = re.compile(r"(?<![\w.])[-+−]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w])")
 PICTURES = {".png", ".pdf", ".svg"}
 

@@ -45,7 +45,6 @@ def test_simulate_refuses_what_no_sensor_or_bench_has(run, tmp_path, option, val
         ("fit", "x", "--limit", "nan"),
         *(("board", flag, bad) for flag in ("--rate", "--lead", "--tail", "--uptime", "--closure") for bad in ("nan", "inf", "-1")),
         ("board", "--uptime", "1e300"),
-        ("fit", "x", "--epochs", "5"),
         ("simulate",),
     ],
 )

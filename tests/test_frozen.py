@@ -35,6 +35,9 @@ def test_a_number_counts_as_changed_from_one_in_a_billion_on(folders):
     assert len(compared().changed) == 1
     (after / "screen.txt").write_text((after / "screen.txt").read_text().replace("0.0143", "0.0144"))
     assert len(compared().changed) == 2
+    for side, digits in zip(folders[0], ("24559653297,-0.111434886", "24559653298,-0.111434887"), strict=True):
+        (side / "log.csv").write_text(f"{digits},0123abcdef\n")  # many digits are no hash
+    assert len(compared().changed) == 3  # of the first, one in 10¹¹
 
 
 def test_keys_files_and_words_that_one_version_alone_has_are_listed(folders):

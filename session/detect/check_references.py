@@ -120,11 +120,6 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     return aligned, [Finding(level, where, what, says, do) for level, what, says, do in findings if what]
 
 
-def truth_words(alignment: TruthAlignment) -> str:
-    """How the truth was read, in a sentence for a report."""
-    return f"clock {offset_text(alignment)}; {frame_text(alignment)}; gyro to truth {mounting_text(alignment)}"
-
-
 def frame_text(alignment: TruthAlignment) -> str:
     """The truth's world and how its quaternions are written, each with where that is from."""
     reading, source = alignment.reading, alignment.source

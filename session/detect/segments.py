@@ -235,10 +235,10 @@ def pace_of(t_ns: np.ndarray) -> Pace:
     steps_s = ticks * NS
     fine = _confirmed(steps_s)
     in_ticks = np.gcd.reduce(ticks) * NS >= fine / 2
-    # Whether stamps are off by so much that steps of two periods are as likely late stamps as lost samples.
     short = np.count_nonzero(steps_s < (1 - OFF) * fine)
     long = np.count_nonzero((steps_s > (1 + OFF) * fine) & (steps_s <= GAP_PERIODS * fine))
-    if not ((long - short < LOST_SIGMA * np.sqrt(2 * short)) or (in_ticks and _even(steps_s, fine))):
+    late = long - short < LOST_SIGMA * np.sqrt(2 * short)  # steps of two periods are as likely late stamps as lost samples
+    if not (late or (in_ticks and _even(steps_s, fine))):
         return Pace(fine)
     within = steps_s <= GAP_PERIODS * fine
     return Pace(float(steps_s[within].mean()), coarse=True)

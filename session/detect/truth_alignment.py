@@ -202,7 +202,7 @@ def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list
         truth, gyro, duration = (np.concatenate(part) for part in zip(*turns, strict=True))
         mounting, misfit = _mounting(truth, gyro, duration, given.mounting)
         reading = replace(reading, mounting=mounting)
-        # (3,) in the file's world.
+        # Sum of the force (3,) in the file's world: gravity is what is left of it.
         total, length = np.zeros(3), 0.0
         for one in seen:
             q = product(inverse(FRAMES[reading.frame]), reading.read(one.written[one.spans.first]))  # in the file's own world

@@ -54,7 +54,8 @@ def escaped_json(text: str, ascii_only: bool = False) -> str:
     if text.isascii() and "\x7f" not in text:
         return text
     shown = str.isascii if ascii_only else str.isprintable
-    return "".join(c if c == "\n" or (c != "\x7f" and shown(c)) else _in_json(c) for c in text)
+    escaped = {c: json.dumps(_escaped(c) if SURROGATE.match(c) else c)[1:-1] for c in set(text)}
+    return "".join(c if c == "\n" or (c != "\x7f" and shown(c)) else escaped[c] for c in text)
 
 
 def shell_word(path: object) -> str:
@@ -83,10 +84,6 @@ def command_line(*words: object) -> str:
 def _escaped(character: str) -> str:
     number = ord(character)
     return f"\\x{number - 0xDC00:02x}" if number in BYTES else repr(character)[1:-1]
-
-
-def _in_json(character: str) -> str:
-    return json.dumps(_escaped(character) if SURROGATE.match(character) else character)[1:-1]
 
 
 def _in_shell(character: str) -> str:

@@ -147,8 +147,8 @@ def tilt_rms(angles: np.ndarray) -> float:
 # A calibration over several days: one E for all, a bias for each log, and the spread of the biases.
 #
 # E is stable, the bias is not.  A single bias for logs of several days distorts E (on the EuRoC windows by 0.4 %).  Here each log has a
-# bias of its own, E is common, and the stored bias is the logs' median: an outlying day affects neither.  Weights follow the distances, for
-# the same reason: they make a squared loss a sum of distances (Weiszfeld 1937), in which outlying segments, or days, have less weight.
+# bias of its own, E is common, and the stored bias is the logs' median: an outlying day affects neither.  Weights by
+# distance make a squared loss a sum of distances (Weiszfeld 1937), in which outlying segments, or days, have less weight.
 
 #: iterations of the weights by distance, each with Gauss-Newton steps of three nearly linear parameters
 PASSES = 25

@@ -436,23 +436,21 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
         window_s, still_s = (REACH + 1) / material.rate_hz, longest / material.rate_hz
         raise FitError(f"its window of {REACH + 1} samples ({window_s:.2g} s) is longer than the stills (at most {still_s:.2g} s)")
     steps, loss = len(calibrated.fold_models) + 1, "endpoint" if endpoint else "neighbours"
-    smooth: Denoiser | None = None
 
-    def train(seen: Material, calibration: Model, done: int, label: str) -> DenoiserTraining:
+    def train(seen: Material, calibration: Model, done: int, label: str, near: Denoiser | None = None) -> DenoiserTraining:
         told = partial(tell, progress, done, steps)
         if options.as_in_paper:
             return train_adamw(seen, calibration, options.seed, told, options.checkpoint(f"denoiser_{label}"))
-        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=told, near=smooth)
+        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=told, near=near)
 
     began = time.perf_counter()
     trained = train(material.enough(), calibrated.model, 0, "whole")
     seconds = time.perf_counter() - began
-    if not endpoint:
-        smooth = train_denoiser(material.enough(), calibrated.model, seed=options.seed, closing=False).model.denoiser
+    smooth = None if endpoint else train_denoiser(material.enough(), calibrated.model, seed=options.seed, closing=False).model.denoiser
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
-        part = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}")
+        part = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}", smooth)
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
     notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": loss}}
     angles = denoised_angles(material, trained.model, options.integrator)

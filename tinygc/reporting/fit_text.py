@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.detect.accelerometer import LengthFit
-from session.detect.check_references import truth_words
+from session.detect.check_references import frame_text, mounting_text, offset_text
 from session.io.texts import command_line, printable
 from session.io.units import DEG, MG
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
@@ -76,7 +76,8 @@ def remarks(result: FitResult) -> list[Text]:
         said.append(one_line(f"D{result.nominal_rate.doubt[1:]}.", "yellow"))
     said += _noise_words(result)
     if result.session.alignment is not None:
-        said.append(one_line(f"Truth: {truth_words(result.session.alignment)}."))
+        found = result.session.alignment
+        said.append(one_line(f"Truth: clock {offset_text(found)}; {frame_text(found)}; gyro to truth {mounting_text(found)}."))
     said.append(Text(result.bias_from.words))
     if result.lot is not None:
         said.append(one_line(result.lot.words, "" if result.lot.used == "yes" else "yellow"))

@@ -33,5 +33,8 @@ READERS = {
 
 
 def reader_of(path: Path, head: bytes) -> ModuleType | None:
-    """The module that reads a file which begins with head (some 4096 bytes; of a folder none); None where no reader knows it."""
+    """The module that reads a file which begins with head; None where no reader knows it.
+
+    head: its first bytes, as ``session/replay/sources.py`` reads them; of a folder none.
+    """
     return next((module for module in map(import_module, READERS.values()) if module.is_mine(path, head)), None)

@@ -1,4 +1,4 @@
-"""Clocks that pace a conversation: the host's, or one of another kind."""
+"""The clock that paces a conversation; tests have one of their own."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -378,7 +379,7 @@ def discover(
     searched = SearchState(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)
     while len(rounds) < MOST_LAWS:
         step = 1 + 2 * len(rounds)
-        found = with_a_form(evidence, forms, bases, seed, lambda what, step=step: progress(f"discover: {what}", step, STEPS))
+        found = with_a_form(evidence, forms, bases, seed, partial(lambda step, what: progress(f"discover: {what}", step, STEPS), step))
         rounds.append(found)
         if found.best is None or found.best.score >= searched.best.score:
             break

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -249,13 +250,13 @@ def _in_time(rows: Rows, zero: np.ndarray, minute_s: float) -> list[Cause]:
     for at in times:
         if not 0 < at < rows.duration_s:
             continue
-        columns = rows.in_time(lambda t_s, at=float(at): np.asarray((t_s >= at).astype(float))) * sizes
+        columns = rows.in_time(partial(lambda at, t_s: np.asarray((t_s >= at).astype(float)), float(at))) * sizes
         says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
         share = max(0.0, 1 - float(at) / minute_s)
         found.append(Cause("step", says, columns, zero * sizes * share, sizes, "dps", DEG, ("x", "y", "z"), advice, float(at)))
     for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
         tau = share * rows.duration_s
-        columns = rows.in_time(lambda t_s, tau=tau: np.asarray(np.exp(-t_s / tau))) * sizes
+        columns = rows.in_time(partial(lambda tau, t_s: np.asarray(np.exp(-t_s / tau)), tau)) * sizes
         mean = tau / minute_s * -np.expm1(-minute_s / tau)
         says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
         found.append(Cause("warm-up", says, columns, zero * sizes * mean, sizes, "dps", DEG, ("x", "y", "z"), advice, float(tau)))

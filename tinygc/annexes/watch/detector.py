@@ -142,9 +142,9 @@ class ZeroFilter:
         alarm, number = self._test(z)
         zero_alarm, gravity_alarm = (alarm[:3] != 0).any(axis=0), alarm[3] != 0
         follow, follow_g = ~zero_alarm & ~far[:3].any(axis=0), ~gravity_alarm & ~far[3]
-        self.P = np.where(follow, self.P - gain[:, None] * Ph, self.P)
+        self.P = np.where(follow, self.P - Ph[:, None] * Ph / S, self.P)  # symmetric to the bit, however long it runs
         self.x = np.where(follow, self.x + gain[:, None] * innovation, self.x)
-        self.gravity_P = np.where(follow_g, self.gravity_P - gain_g[:, None] * Phg, self.gravity_P)
+        self.gravity_P = np.where(follow_g, self.gravity_P - Phg[:, None] * Phg / Sg, self.gravity_P)
         self.gravity_x = np.where(follow_g, self.gravity_x + gain_g * innovation_g, self.gravity_x)
         # After an alarm the present reading is the new state.
         self.x[0] += np.where(zero_alarm, innovation, 0)

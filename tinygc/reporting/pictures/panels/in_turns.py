@@ -170,7 +170,9 @@ def draw(axes: Axes, data: DataRates) -> None:
     if data.floor_deg is not None:
         axes.axhline(data.floor_deg, color=FLOOR, ls="--", label=f"noise alone: {data.floor_deg:.2g}°")
     for number, (rate, angle) in enumerate(zip(rates, closure, strict=True)):
-        words = "every sample" if number == 0 else f"every {_ordinal(round(rates[0] / rate))}"
+        nth = round(rates[0] / rate)
+        suffix = {1: "st", 2: "nd", 3: "rd"}.get(nth if nth < 20 else nth % 10, "th")
+        words = "every sample" if number == 0 else f"every {nth}{suffix} sample"
         axes.annotate(words, (rate, angle), xytext=(7, 7), textcoords="offset points", fontsize=8)
     lowest = min([closure.min(), data.predicted_deg, *([data.floor_deg] if data.floor_deg else [])])
     axes.set_xlim(rates[-1] / ROOM, rates[0] * ROOM * 1.3)
@@ -190,10 +192,6 @@ def over_rate(e: Explanation, claim: Claim, axes: Axes) -> None:
     told = claim.parameters
     floor_deg = float(np.degrees(e.proof.floor_rms))
     draw(axes, DataRates(np.array(told["rates_hz"]), np.array(told["closure_deg"]), told["exponent"], told["predicted_deg"], floor_deg))
-
-
-def _ordinal(number: int) -> str:
-    return f"{number}{ {1: 'st', 2: 'nd', 3: 'rd'}.get(number if number < 20 else number % 10, 'th') } sample"
 
 
 # Clocks that differ: the velocity left after turns from rest to rest over the assumed offset, and turn by turn.

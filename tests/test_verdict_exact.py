@@ -13,6 +13,7 @@ from session.io.config import NominalRate
 from session.io.errors import FitError
 from tinygc.closure.floor import wander_covariance
 from tinygc.estimation import systematic
+from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import (
     AgainstRaw,
     against_raw,
@@ -20,7 +21,6 @@ from tinygc.estimation.choice import (
     model_to_use,
     rmse,
     run_figures,
-    tilt_rms,
     worse_in_table,
 )
 from tinygc.estimation.repeatability import BiasRepeatability

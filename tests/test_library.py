@@ -210,7 +210,7 @@ def test_the_story_runs(capsys):
     ("choices", "complaint"),
     [
         ({"folds": 0}, "folds is 0, expected a whole number of 2 or more"),
-        ({"methods": "raw", "as_in_paper": True}, "tinygc or tinygc_denoised among them, which as_in_paper (--as-in-paper) trains"),
+        ({"methods": "raw", "as_in_paper": True}, "expected a net .tinygc, tinygc_denoised. for --as-in-paper to train"),
         ({"methods": ()}, r"methods is \(\), expected some of raw"),
         ({"methods": "resnet"}, r"methods is \('resnet',\), expected some of raw"),
         ({"bias": "magic"}, "bias is 'magic', expected one of auto, ends, stills"),

@@ -184,7 +184,7 @@ class FitOptions:
             if isinstance(getattr(self, name), str):
                 object.__setattr__(self, name, (getattr(self, name),))
         self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
-        self._require(not self.as_in_paper or self.by_torch, "methods", f"{' or '.join(NETS)} among them, which as_in_paper (--as-in-paper) trains")
+        self._require(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for --as-in-paper to train")
         for name, known in (("bias", BIASES), ("accelerometer", ACCELEROMETERS)):
             self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
         for name, least in (("folds", 2), ("seed", 0)):

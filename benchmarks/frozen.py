@@ -5,10 +5,11 @@ every screen is compared: numbers to a relative 1e-9, texts to the letter.  What
 
 - *changed*: a number that both have and that differs, or a command that ends with another exit code;
 - *gone*, *new*: keys of a JSON, and files, that one version alone has;
+- *refused*: a command that both refuse, so that nothing of it is compared;
 - *texts*: lines of a screen, a page or a file whose words differ, each once.
 
-Exit code 1 where a number changed.  Times, dates, versions, paths of the checkout and hashes are left out (``VOLATILE``).  Pictures are
-left out: they are drawn from numbers that are compared.
+Exit code 1 where a number changed or both refuse a command.  Times, dates, versions, paths of the checkout and hashes are left out
+(``VOLATILE``).  Pictures are left out: they are drawn from numbers that are compared.
 """
 
 from __future__ import annotations
@@ -59,14 +60,14 @@ class Recording:
     commands: tuple[str, ...]
 
 
-def _commands(name: str, log: str = "log0001.csv", *, exports: tuple[str, ...] = ("json", "c"), unit: bool = True) -> tuple[str, ...]:
+def _commands(name: str, *, exports: tuple[str, ...] = ("json", "c"), unit: bool = True) -> tuple[str, ...]:
     """Those of a session of one sensor; unit: with its noise, its verification and its budget."""
     whole = [
         f"check {name} --all --json {name}/check.json",
         f"fit {name} --verbose --json {name}/fit_out.json",
         f"explain {name} --no-pictures --json {name}/explain_out.json",
         f"report {name} --json {name}/report.json",
-        f"apply {name}/fit/model_least_squares.json {name}/{log} -o {name}/applied.csv",
+        f"apply {name}/fit/model_least_squares.json {name}/log0001.csv.gz -o {name}/applied.csv",
         *(f"export {name} --anyway --to {form} --out {name}/export/{form}" for form in exports),
     ]
     if unit:
@@ -98,13 +99,13 @@ def _rest_commands(name: str, *, temperature: bool) -> tuple[str, ...]:
 
 RECORDINGS = (
     Recording("session1", ROOT / "data/session1", _commands("session1", exports=EXPORTS)),
-    Recording("concealed1", SHARED / "concealed/case001", _commands("concealed1", "log0001.csv.gz")),
-    Recording("concealed14", SHARED / "concealed/case014", _commands("concealed14", "log0001.csv.gz", unit=False)),
-    Recording("concealed27", SHARED / "concealed/case027", _commands("concealed27", "log0001.csv.gz", unit=False)),
-    Recording("closure", SHARED / "closure/case001", _commands("closure", "log0001.csv.gz", unit=False)),
-    Recording("xsens", SHARED / "xsens", _commands("xsens", "log0001.csv.gz")),
-    Recording("mikov", SHARED / "mikov/imu0", _commands("mikov", "log0001.csv.gz", unit=False)),
-    Recording("mimu", ("public", "mimu", "mimu/exp_1.npz"), _commands("mimu", "log0001.csv", unit=False)),
+    Recording("concealed1", SHARED / "concealed/case001", _commands("concealed1")),
+    Recording("concealed14", SHARED / "concealed/case014", _commands("concealed14", unit=False)),
+    Recording("concealed27", SHARED / "concealed/case027", _commands("concealed27", unit=False)),
+    Recording("closure", SHARED / "closure/case001", _commands("closure", unit=False)),
+    Recording("xsens", SHARED / "xsens", _commands("xsens")),
+    Recording("mikov", SHARED / "mikov/imu0", _commands("mikov", unit=False)),
+    Recording("mimu", ("public", "mimu", "mimu/exp_1.npz"), _commands("mimu", unit=False)),
     Recording("array", ("public", "mimu", "mimu/exp_1.npz", "--array"), _array_commands("array")),
     Recording("euroc", ("windows",), (f"check {'euroc'} --json euroc/check.json", *_commands("euroc", exports=(), unit=False)[1:3])),
     Recording(
@@ -179,6 +180,7 @@ class Difference:
     changed: list[str] = field(default_factory=list)
     gone: list[str] = field(default_factory=list)
     new: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
     texts: Counter[str] = field(default_factory=Counter)
 
     def number(self, where: str, before: float, after: float) -> None:
@@ -204,6 +206,8 @@ def compare(before: Path, after: Path, checkouts: tuple[Path, ...]) -> Differenc
         one, other = (
             _text(folder / name).replace(str(checkout), "CHECKOUT") for folder, checkout in zip((before, after), checkouts, strict=True)
         )
+        if all("\nexit code 2\n" in text for text in (one, other)):
+            found.refused.append(one.splitlines()[0])
         if name.endswith(".json"):
             _compare_values(found, name, json.loads(one), json.loads(other))
         else:
@@ -288,7 +292,14 @@ def main() -> int:
     """Print the table and what differs; 1 where a number changed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--against", metavar="REF", required=True, help="the version before: a commit, tag or branch")
-    parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help=f"some of {', '.join(one.name for one in RECORDINGS)}")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        default=[],
+        choices=[one.name for one in RECORDINGS],
+        help=f"some of {', '.join(one.name for one in RECORDINGS)}",
+    )
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep what both wrote, in DIR/before and DIR/after")
     parser.add_argument("--most", type=int, default=40, help="lines listed of each kind and recording (%(default)s)")
     args = parser.parse_args()
@@ -299,11 +310,12 @@ def main() -> int:
         for side in sides:
             (folder / side).mkdir(parents=True)
         differences = _differences(chosen, sides, folder)
-    print(f"against {args.against}\n\n| recording | s before | s after | numbers | changed | gone | new | texts |\n| --- {'| ---: ' * 7}|")
+    print(f"against {args.against}\n")
+    print(f"| recording | s before | s after | numbers | changed | gone | new | refused | texts |\n| --- {'| ---: ' * 8}|")
     for name, (seconds, found) in differences.items():
-        counts = (found.numbers, len(found.changed), len(found.gone), len(found.new), len(found.texts))
+        counts = (found.numbers, len(found.changed), len(found.gone), len(found.new), len(found.refused), len(found.texts))
         print(f"| {name} | {seconds['before']:.0f} | {seconds['after']:.0f} | {' | '.join(map(str, counts))} |")
-    for kind in ("changed", "gone", "new", "texts"):
+    for kind in ("changed", "gone", "new", "refused", "texts"):
         for name, (_, found) in differences.items():
             lines = list(getattr(found, kind))
             if lines:
@@ -313,7 +325,7 @@ def main() -> int:
     missing = [one.name for one in RECORDINGS if not _is_there(one)]
     if missing:
         print(f"\nnot there: {', '.join(missing)} (../shared)")
-    return int(any(found.changed for _, found in differences.values()))
+    return int(any(found.changed or found.refused for _, found in differences.values()))
 
 
 def _differences(chosen: list[Recording], sides: dict[str, Path], folder: Path) -> dict[str, tuple[dict[str, float], Difference]]:

@@ -57,3 +57,9 @@ def test_seconds_dates_and_versions_are_no_difference(folders):
     (after / "screen.txt").write_text((after / "screen.txt").read_text().replace("0.25", "0.31").replace("2026-11-28", "2026-11-29"))
     found = compared()
     assert (found.changed, dict(found.texts)) == ([], {})
+
+
+def test_what_both_refuse_is_listed_since_nothing_of_it_is_compared(folders):
+    for side in folders[0]:
+        (side / "screen01_apply.txt").write_text("$ apply model.json log.csv\nexit code 2\ncalibrate: log.csv: cannot be read\n")
+    assert folders[1]().refused == ["$ apply model.json log.csv"]

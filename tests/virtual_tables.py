@@ -11,6 +11,7 @@ import numpy as np
 from virtual_line import SimulatedClock, VirtualLink
 
 from session.annexes.machines.description import Axis, Description
+from session.annexes.machines.makefile import read_make
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.virtual import VirtualTable
@@ -22,13 +23,14 @@ OWN = "./own_make.toml"
 
 
 class Own(Firmware):
-    """The controller of ``OWN``: a prompt behind each answer; the last axis homes all."""
+    """The controller of ``OWN``: its motors are off until EN; a prompt behind each answer; the last axis homes all."""
 
     END = "\r"
 
     def __init__(self, mechanics):
         super().__init__(mechanics)
         self._rates_dps = [10.0] * len(self.words)
+        self._is_on = False
 
     def lines(self, texts):
         return "".join(text if text == ">" else text + self.END for text in texts).encode()
@@ -51,7 +53,9 @@ class Own(Firmware):
             return ["? 99"]
         elif word == "CL":
             return [] if mechanics.clear() else ["? 5"]
-        elif mechanics.stopped_by or mechanics.suffers("disabled"):
+        elif word == "EN":
+            self._is_on = True
+        elif mechanics.stopped_by or mechanics.suffers("disabled") or not self._is_on:
             return ["? 5" if mechanics.stopped_by else "? 4"]
         elif word == "SP":
             self._rates_dps[axis] = number
@@ -76,7 +80,8 @@ def axis(name, word, limits=(-90, 270), direction=(0, 0, 1), **more):
 def description(make, limits=(-90, 270), axes=1, **settings):
     words = WORDS.get(make, "XY")
     rows = [axis("outer", words[0], limits), axis("inner", words[1], limits, (1, 0, 0))][:axes]
-    return Description("table", make, tuple(rows), settings=settings)
+    own = read_make(Path(__file__).parent / make).sha256 if make == OWN else ""
+    return Description("table", make, tuple(rows), settings=settings, make_sha256=own)
 
 
 class Bench:

@@ -28,8 +28,13 @@ _TOKEN = re.compile(
 
 def read_toml(path: Path) -> dict:
     """What a TOML file holds.  FormatError says what is wrong with it."""
+    return toml_of(read_bytes(path, MOST_TOML), path)
+
+
+def toml_of(data: bytes, path: Path) -> dict:
+    """What the bytes of a TOML file hold, as ``read_toml``."""
     try:
-        text = read_bytes(path, MOST_TOML).decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(f"{path}: broken TOML: {error}; save it in UTF-8") from None
     return parse_toml(text.replace("\r\n", "\n").replace("\r", "\n"), str(path))

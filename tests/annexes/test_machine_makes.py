@@ -414,7 +414,6 @@ devices:
     eom:
       ASRL INSTR: {q: "\\n", r: "\\n"}
     dialogues:
-      - {q: "*IDN?", r: "virtual,table,0,1"}
       - {q: "AXIS1:MOV?", r: "0"}
       - {q: "STAT:STOP?", r: "0"}
       - {q: "SYST:ERR?", r: "0,No error"}
@@ -454,7 +453,7 @@ def test_an_instrument_behind_visa(tmp_path):
     finally:
         driver.close()
     with pytest.raises(TableFault, match=r"lost|does not answer"):
-        open_table(replace(table, port="ASRL7::INSTR"))
+        open_table(replace(table, port="ASRL7::INSTR")).where()
 
 
 def test_pyvisa_that_is_missing_is_one_line(monkeypatch):
@@ -485,6 +484,7 @@ def test_a_controller_that_says_nothing_while_it_homes():
 def test_each_axis_of_a_homing_is_awaited():
     """Each is acknowledged: behind the first it is not asked where it is."""
     bench = Bench(description(OWN, axes=2))
+    bench.driver.begin()
     bench.driver.turn_to(0, 90 * DEG, 60 * DEG)
     bench.clock.sleep(4)
     bench.driver.home()

@@ -146,13 +146,13 @@ def test_a_jump_behind_a_move_is_seen():
         bench.guarded.where()
 
 
-def test_the_angle_that_is_said_is_held_against_the_limits_during_a_move():
+def test_an_axis_that_was_not_asked_to_turn_is_stopped_at_once():
     """The motor of the other axis turns, which was not asked for."""
     bench = Bench(description("line", axes=2))
     bench.confirm()
     bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
     bench.virtual.mechanics.turn_at(1, -20 * DEG)
-    with pytest.raises(TableFault, match=r"inner says -9\d\.\d+ deg, beyond its limits"):
+    with pytest.raises(TableFault, match=r"inner turns, and was not asked to: it is at -[34]\.\d+ deg; it was stopped, and rests"):
         followed(bench, 20)
 
 

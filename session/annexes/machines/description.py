@@ -62,7 +62,10 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A machine: make (a name of ``makes``), port, axes from the ground outwards, mounting (3, 3), and settings of the make."""
+    """A machine: make (a name of ``makes``), port, axes from the ground outwards, mounting (3, 3), and settings of the make.
+
+    make_sha256: of a make's file of one's own, as a person has confirmed it.
+    """
 
     name: str
     make: str
@@ -71,6 +74,7 @@ class Description:
     port: str = ""
     baud: int = 0  #: 0: that of the make
     settings: Mapping[str, object] = field(default_factory=dict)
+    make_sha256: str = ""
 
     def axis(self, name: str) -> int:
         """Number of the axis of that name.  FormatError where there is none."""
@@ -93,7 +97,14 @@ _AXIS = Keys(
 )
 SHAPE = Keys(
     {"schema": Text((SCHEMA,)), "make": Text(), "axis": ListOf(_AXIS)},
-    {"name": Text(), "mounting": Array((3, 3)), "port": Text(), "baud": Number(1, 1e8, whole=True), "settings": Keys()},
+    {
+        "name": Text(),
+        "make_sha256": Text(),
+        "mounting": Array((3, 3)),
+        "port": Text(),
+        "baud": Number(1, 1e8, whole=True),
+        "settings": Keys(),
+    },
 )
 AGAIN = "correct the file (docs/formats/tables.md)"
 
@@ -117,6 +128,7 @@ def read_description(path: Path) -> Description:
         table.get("port", ""),
         table.get("baud", 0),
         table.get("settings", {}),
+        table.get("make_sha256", ""),
     )
 
 

@@ -16,10 +16,9 @@ import numpy as np
 
 from session.annexes.machines.clocks import Clock
 from session.annexes.machines.description import Description
-from session.annexes.machines.makefile import AGAIN, LONGEST_LINE, Make, Pattern, Step, require_settings
+from session.annexes.machines.makefile import AGAIN, LONGEST_LINE, Make, Pattern, Step
 from session.annexes.machines.verbs import TableFault, Where
 from session.annexes.machines.wire import Link
-from session.io.errors import FormatError
 from session.io.units import DEG
 
 #: how often ``where`` asks again where an answer is missing or garbled
@@ -37,23 +36,14 @@ STOP_S, POLL_STOP_S = 0.3, 0.05
 
 
 class Dialogue:
-    """``Table`` over a link.  FormatError for settings or axes that the make does not have, TableFault where nothing answers.
+    """``Table`` over a link, of a make that fits it (``proof.require_fit``).  To open it sends nothing; with ``stops`` a stop, at once.
 
-    has_rate_mode: whether it turns at a rate by itself; stops: the first thing that is written is a stop, before anything is awaited.
+    has_rate_mode: whether it turns at a rate by itself.
     """
 
     def __init__(self, description: Description, make: Make, link: Link, clock: Clock, stops: bool = False):
         self.description, self.make, self._link, self._clock = description, make, link, clock
         self.has_rate_mode, self.angles_lost = bool(make.turn_at), False
-        require_settings(description.settings, f"{description.name}: settings", make.settings)
-        if len(description.axes) > make.most_axes:
-            raise FormatError(f"{description.name}: {len(description.axes)} axes, and a {make.name} has at most {make.most_axes}; {AGAIN}")
-        words = [axis.word for axis in description.axes]
-        if len(set(words)) < len(words) or (make.order and not all(len(word) == 1 and word in make.order for word in words)):
-            allowed = f" among {', '.join(make.order)}" if make.order else ""
-            raise FormatError(
-                f"{description.name}: words of the axes are {', '.join(words)}, expected words of their own{allowed}; {AGAIN}"
-            )
         self._settings: Mapping[str, Any] = {**make.settings, **description.settings}
         self._exchange, self._writing = threading.RLock(), threading.Lock()
         self._buffer, self._lines = b"", list[str]()
@@ -61,11 +51,25 @@ class Dialogue:
         self._awaited_home: float | None = None  # when homing counts as failed, where its acknowledgements come at its end
         self._owed = 0  # of these
         self._alarm, self._restarted, self._only_looks = "", False, False
+        self._begun = not make.begin
         self._answered, self._unread = "", ""  # the last lines that were an answer, and none
-        self._angles = np.full(len(words), np.nan)
+        self._angles = np.full(len(description.axes), np.nan)
         self._before: tuple[float, np.ndarray] | None = None
         with self._exchange:
             self._open(stops)
+
+    @property
+    def begins(self) -> str:
+        """What ``begin`` will send, as text; empty where there is nothing, or it was sent."""
+        return "" if self._begun else sent_text(self.description, self.make, self.make.begin)
+
+    def begin(self) -> None:
+        """Send what it wants before its first motion, such as to switch its motors on; nothing the second time."""
+        with self._exchange:
+            if not self._begun:
+                self._forget_restart()
+                self._requests(self.make.begin, None, 0.0, 0.0)
+                self._begun = True
 
     # The five verbs.
 
@@ -74,8 +78,7 @@ class Dialogue:
         if not self.make.home:
             raise TableFault(f"{self.description.name}: a {self.make.name} has no homing; turn it to its zero by hand")
         with self._exchange:
-            if self._restarted:  # nothing but its angles is lost
-                self._alarm, self._restarted = "", False
+            self._forget_restart()
             self._refuse_alarm()
             self._harder = 0
             count = len(self.description.axes)
@@ -185,8 +188,6 @@ class Dialogue:
         self._receive(0.05)
         self.angles_lost = self._heard_greeting()  # it has restarted, as many do when their port is opened
         self._lines.clear()
-        if not stops:
-            self._requests(make.begin, None, 0.0, 0.0)
 
     def _heard_greeting(self) -> bool:
         return any(pattern.match(line) is not None for line in self._lines for pattern in self.make.greeting)
@@ -263,6 +264,7 @@ class Dialogue:
             if self._alarm and not self._restarted:  # a restart does not end an emergency stop
                 return
             self._restarted = self.angles_lost = True
+            self._begun = not make.begin
             self._alarm = f"{name}: the controller has restarted ({line!r}): its angles are lost; home it"
         elif self._awaited_home is not None:
             if (meaning := make.refused.meaning(line)) is not None:
@@ -271,6 +273,11 @@ class Dialogue:
             elif any(pattern.match(line) is not None for pattern in make.done):
                 self._owed -= 1
                 self._awaited_home = self._awaited_home if self._owed else None
+
+    def _forget_restart(self) -> None:
+        """Before homing: nothing but its angles is lost."""
+        if self._restarted:
+            self._alarm, self._restarted = "", False
 
     def _refuse_alarm(self) -> None:
         if self._alarm and not self._only_looks:
@@ -414,17 +421,40 @@ def request_text(step: Step, settings: Mapping[str, Any], word: str, axis: int, 
 
 
 def example(table: Description, make: Make) -> list[tuple[str, str]]:
-    """What would be sent for a turn of each axis, a rate and a stop: to compare with a manual before anything moves."""
-    settings = {**make.settings, **table.settings}
-    require_settings(table.settings, f"{table.name}: settings", make.settings)
+    """All that would be sent, and when, in this order: to compare with a manual before anything moves.  Turns with an example's numbers."""
     rows = []
-    for number, axis in enumerate(table.axes):
-        angle = min(30 * DEG, axis.most_rad if axis.most_rad is not None else np.inf)
-        rate = min(10 * DEG, axis.fastest_rps)
-        said = f"{axis.name} to {angle / DEG:g} deg at {rate / DEG:g} dps"
-        for what, steps in ((said, make.turn_to), (f"{axis.name} at {rate / DEG:g} dps", make.turn_at)):
-            if steps:
-                rows.append((what, "; ".join(request_text(step, settings, axis.word, number, angle, rate) for step in steps)))
-    for harder, steps in zip(("stop", "stop, harder"), make.stop, strict=False):
-        rows.append((harder, "; ".join(repr(request_text(step, settings, table.axes[0].word, 0, 0.0, 0.0)) for step in steps)))
+    for name, steps in make.requests():
+        if name in ("turn_to", "turn_at"):
+            for number, axis in enumerate(table.axes if steps else ()):
+                angle = min(30 * DEG, axis.most_rad if axis.most_rad is not None else np.inf)
+                rate = min(10 * DEG, axis.fastest_rps)
+                what = f"{axis.name} {f'to {angle / DEG:g} deg ' if name == 'turn_to' else ''}at {rate / DEG:g} dps"
+                rows.append((what, sent_text(table, make, steps, number, angle, rate)))
+        elif steps:
+            harder = name == "stop" and any(what == WHEN["stop"] for what, _ in rows)
+            rows.append((f"{WHEN[name]}{', harder' * harder}", sent_text(table, make, steps)))
     return rows
+
+
+#: when requests are sent, for a reader
+WHEN = {
+    "where": "where it is",
+    "begin": "the first motion, before it",
+    "home": "homing",
+    "ask": "whether it takes a motion",
+    "stop": "stop",
+    "clear": "clear",
+}
+
+
+def sent_text(
+    table: Description, make: Make, steps: tuple[Step, ...], axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0
+) -> str:
+    """Requests as they would be sent, on one line."""
+    settings = {**make.settings, **table.settings}
+    texts = [
+        request_text(step, settings, table.axes[number].word, number, angle_rad, rate_rps)
+        for step in steps
+        for number in (range(len(table.axes)) if step.each else (axis,))
+    ]
+    return "; ".join(text if text.isprintable() else repr(text) for text in texts)

@@ -9,14 +9,16 @@ A space stands for any number of spaces, ``*`` for anything.  Lines longer than 
 
 from __future__ import annotations
 
+import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from session.io.errors import FormatError
+from session.io.files import MOST_TOML, read_bytes
 from session.io.results import Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown
-from session.io.toml import read_toml
+from session.io.toml import toml_of
 
 SCHEMA = "tinygc-make/1"
 FOLDER = Path(__file__).parent / "makes"
@@ -147,6 +149,15 @@ class Make:
     alarms: Messages
     errors: Step | None  #: asked after each motion; its {code} is checked
     none: tuple[str, ...]  #: codes and faults that mean no error
+    sha256: str  #: of its file, in hexadecimal
+
+    def requests(self) -> Iterator[tuple[str, tuple[Step, ...]]]:
+        """All that it can send: key of its file and requests, in the order in which they are sent."""
+        for name in ("where", "begin", "home", "turn_to", "turn_at"):
+            yield name, getattr(self, name)
+        yield "ask", () if self.errors is None else (self.errors,)
+        yield from (("stop", steps) for steps in self.stop)
+        yield "clear", self.clear
 
 
 PATTERNS = _Patterns()
@@ -224,7 +235,8 @@ def make_names() -> list[str]:
 
 def read_make(path: Path) -> Make:
     """Read a make's file.  Raises FormatError for what is wrong with it."""
-    table = read_toml(path)
+    data = read_bytes(path, MOST_TOML)
+    table = toml_of(data, path)
     require(table, SHAPE, str(path), AGAIN)
     line, requests, states = table.get("line", {}), table["requests"], table.get("states", {})
     settings = {**SETTINGS, **table.get("settings", {})}
@@ -261,6 +273,7 @@ def read_make(path: Path) -> Make:
         alarms=_messages(table.get("alarms", {})),
         errors=errors[0] if errors else None,
         none=tuple(table.get("errors", {}).get("none", ["0"])),
+        sha256=hashlib.sha256(data).hexdigest(),
     )
     fields = {name for step in make.where for pattern in step.answers for name in re.findall(r"\{(\w+)\}", pattern.text)}
     if not fields & {"angle", "angles", "count"} or not make.stop or not make.turn_to:

@@ -36,6 +36,9 @@ from session.io.texts import printable
 from session.io.units import DEG
 
 T = TypeVar("T")
+A = TypeVar("A", np.ndarray, None)
+#: of what is sent before the first motion
+BEGINS = "before the first move it is sent"
 #: s that a machine may take from the acknowledgement of a move to its begin
 START_S = 0.3
 #: a motion may take so many times as long as computed, and so many s besides
@@ -110,9 +113,10 @@ class Move:
         return f"{of.name} to any angle from {self.least_rad / DEG:g} to {self.most_rad / DEG:g} deg at up to {rate} ({limits})"
 
 
-def plan_lines(table: Description, moves: Sequence[Move]) -> list[str]:
-    """The plan as a person reads it before anything moves."""
+def plan_lines(table: Description, moves: Sequence[Move], begins: str = "") -> list[str]:
+    """The plan as a person reads it before anything moves; begins: what is sent before the first move."""
     rows = [f"  {number}. {move.text(table)}" for number, move in enumerate(moves, 1)]
+    rows = [*([f"  {BEGINS}: {begins}"] if begins else []), *rows]
     if table.make == "hand":
         return [f"{table.name}: you will be asked to turn it:", *rows]
     return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
@@ -140,6 +144,7 @@ class Guarded:
         self._turns, self._turns_by_s = False, 0.0  # whether it turns at a rate without an end, and s by which it surely does
         self._way: tuple[int, float] | None = None  # axis and rate, with its sign, of the present move
         self._origin: tuple[float, float] | None = None  # time and angle that it turns from at that rate
+        self._from: np.ndarray | None = None  # where all axes rested before the present motion
         self._furthest = 0.0  # rad that it was seen to have turned by
         self._begin_s, self._due_s, self._computed_s = 0.0, np.inf, 0.0
         self._looked_s = self._clock.now_s()
@@ -186,6 +191,11 @@ class Guarded:
         """Whether the machine turns at a rate by itself."""
         return bool(getattr(self._table, "has_rate_mode", False))
 
+    @property
+    def begins(self) -> str:
+        """What will be sent before the first motion (``begin`` of its make), such as to switch its motors on; empty where nothing is."""
+        return str(getattr(self._table, "begins", ""))
+
     def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
 
@@ -200,22 +210,23 @@ class Guarded:
                 for angle in {move.least_rad, move.most_rad} if not move.at_rate else ():
                     if np.isfinite(angle):
                         require_allowed(self.description, move.axis, angle, move.fastest_rps)
-        for line in plan_lines(self.description, moves):
+        for line in plan_lines(self.description, moves, self.begins):
             say(line)
         if ask is not None and not ask("Move it?"):
             raise TableLimit(f"{self.description.name}: the plan was not confirmed; nothing was moved")
         self._allowed = list(moves)
 
     def stands_at_zero(self) -> None:
-        """A person says that every axis stands at its zero: a controller that restarted is right with its angles."""
+        """A person says that every axis stands at its zero: a controller that restarted is right with its angles, or is set to zero."""
+        getattr(self._table, "set_zero", lambda: None)()
         self._table.angles_lost = False
 
     def require_angles(self) -> None:
-        """TableLimit where the controller has restarted, and neither was homed nor stands at zero."""
+        """TableLimit where the controller has restarted or says that it is not homed, and does not stand at zero."""
         if self._table.angles_lost:
             raise TableLimit(
-                f"{self.description.name}: its controller has restarted, and its angles and limits mean nothing; home it (--home), or "
-                "turn every axis to its zero by hand and say so (--at-zero); nothing was moved"
+                f"{self.description.name}: its controller has restarted or is not homed, and its angles and limits mean nothing; home it "
+                "(--home), or turn every axis to its zero by hand and say so (--at-zero); nothing was moved"
             )
 
     # The five verbs.
@@ -224,6 +235,7 @@ class Guarded:
         """Begin to search the reference marks."""
         self._require_confirmed(any(move.axis is None for move in self._allowed), "home")
         self._require_rest()
+        self._switch_on(None)
         self._begin(None, HOME_S)
         self._homing = True
         self._guard(self._table.home)
@@ -241,9 +253,9 @@ class Guarded:
         )
         self._require_confirmed(allowed, f"{of.name} to {angle_rad / DEG:g} deg at {rate_rps / DEG:g} dps")
         self._require_rest()
-        here = self._resting_angles()[axis]
+        here = self._resting_angles()
         self.require_angles()
-        self._turn_to(axis, here, angle_rad, rate_rps)
+        self._turn_to(axis, self._switch_on(here), angle_rad, rate_rps)
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
         """Begin to turn one axis at a rate; through rest, where the machine has no rate mode or the axis has limits; 0 ends in rest."""
@@ -261,10 +273,10 @@ class Guarded:
         self._require_confirmed(longest_s > 0, f"{of.name} at {rate_rps / DEG:g} dps")
         if not direct and not self.is_at_rest:
             self.stop()
-        here = (self.where().angles if direct else self._resting_angles())[axis]
+        angles = self.where().angles if direct else self._resting_angles()
         self.require_angles()
         if not direct:
-            if not np.isfinite(here):
+            if not np.isfinite(here := angles[axis]):
                 raise TableLimit(f"{self.description.name}: {of.name} does not say where it is: home it; nothing was moved")
             end = here + rate_rps * longest_s
             if of.least_rad is not None and of.most_rad is not None:
@@ -272,11 +284,13 @@ class Guarded:
                 if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
                     raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
                 end = min(end, limit) if rate_rps > 0 else max(end, limit)
-            return self._turn_to(axis, here, float(end), abs(rate_rps))
-        rested = self.is_at_rest
+            return self._turn_to(axis, self._switch_on(angles), float(end), abs(rate_rps))
+        if rested := self.is_at_rest:
+            angles = self._switch_on(angles)
         self._begin(None, longest_s)
+        self._from = angles if rested else None
         self._turns, self._turns_by_s = True, 2 * of.fastest_rps / of.acceleration_rps2 + START_S + 0.5
-        self._way, self._origin = (axis, rate_rps), (self._begin_s, here) if rested else None
+        self._way, self._origin = (axis, rate_rps), (self._begin_s, angles[axis]) if rested else None
         return self._guard(lambda: self._table.turn_at(axis, rate_rps))
 
     def where(self) -> Where:
@@ -365,17 +379,31 @@ class Guarded:
             why = why.removesuffix(f" {PRESS}").removesuffix(";")
         raise TableFault(f"{self.description.name}: {why}; {end}") from None
 
-    def _turn_to(self, axis: int, here: float, angle_rad: float, rate_rps: float) -> None:
-        """Send a turn from rest to an angle."""
-        of, way = self.description.axes[axis], angle_rad - here
+    def _switch_on(self, angles: A) -> A:
+        """Send what the make wants before its first motion, which was confirmed and turns nothing.
+
+        angles (K,) rad: where all axes rest; returns where they do behind it.  None where the angles mean nothing: it is homed next.
+        """
+        if self.begins:
+            self._begin(None, 0.0)
+            self._from = angles
+            self._guard(self._table.begin)  # type: ignore[attr-defined]
+            if angles is not None:
+                return self.settle().angles
+        return angles
+
+    def _turn_to(self, axis: int, here: np.ndarray, angle_rad: float, rate_rps: float) -> None:
+        """Send a turn from rest, with all axes at ``here``, to an angle."""
+        of, way = self.description.axes[axis], angle_rad - here[axis]
         self._begin((axis, angle_rad), abs(way) / rate_rps + rate_rps / of.acceleration_rps2)
-        self._way, self._origin = (axis, float(np.copysign(rate_rps, way))), (self._begin_s, here)
+        self._way, self._origin, self._from = (axis, float(np.copysign(rate_rps, way))), (self._begin_s, here[axis]), here
+        self._last = (self._begin_s, here)
         self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
 
     def _begin(self, target: tuple[int, float] | None, computed_s: float) -> None:
         self._rest.clear()
         self._turns = self._homing = False
-        self._way, self._origin, self._furthest = None, None, 0.0
+        self._way, self._origin, self._from, self._furthest = None, None, None, 0.0
         self._target, self._computed_s = target, computed_s
         self._looked_s = self._begin_s = self._clock.now_s()
         self._due_s = np.inf if self.by_hand else self._begin_s + SLOWER * computed_s + LATER_S
@@ -402,6 +430,8 @@ class Guarded:
             if self._last is not None and (change := abs(angle - self._last[1][number])) > round_rad:
                 self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - last_s:.2f} s")
             if self._way is None or self._way[0] != number:
+                if self._from is not None and abs(angle - self._from[number]) > JUMP_RAD + beside:
+                    self._stop_for(f"{axis.name} turns, and was not asked to: it is at {angle / DEG:.2f} deg")
                 continue
             if self._origin is None:  # it turned at another rate before
                 self._origin = (asked_s, angle) if now_s - self._begin_s > self._turns_by_s else None
@@ -417,7 +447,7 @@ class Guarded:
 
     def _rests(self) -> None:
         """It was seen at rest."""
-        self._target, self._way, self._due_s, self._homing = None, None, np.inf, False
+        self._target, self._way, self._from, self._due_s, self._homing = None, None, None, np.inf, False
         self._rest.set()
 
     def _require_confirmed(self, allowed: bool, what: str) -> None:

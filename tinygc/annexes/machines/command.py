@@ -25,7 +25,7 @@ SUMMARY = "a table that turns by itself: makes, description, where it is, home, 
 ACTIONS = {
     "list": ("", "the makes"),
     "new": ("MAKE", "print a table.toml to fill in, of so many --axes"),
-    "check": ("", "read the table's file; print axes, limits and what would be sent"),
+    "check": ("", "read the table's file; print axes, limits and all that can be sent"),
     "where": ("", "ask for angles and state"),
     "home": ("", "search the reference marks"),
     "turn": ("AXIS DEG", "turn one axis to an angle"),
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace, table: Description) -> int:
     from session.annexes.machines.dialogue import example
-    from session.annexes.machines.makes import MODULES, make_of
+    from session.annexes.machines.makes import MODULES, is_own, make_of
 
     lines = [f"{table.name}: make {table.make}, port {table.port or 'none'}"]
     for axis in table.axes:
@@ -111,6 +111,13 @@ def _check(args: argparse.Namespace, table: Description) -> int:
         lines += [f"sent for {what}: {text}" for what, text in example(table, make)]
         if make.unchecked:
             lines.append(f"unchecked in the make's file: {make.unchecked}")
+        if is_own(table):
+            line = f'make_sha256 = "{make.sha256}"'
+            lines.append(
+                f"{table.make} is confirmed as it is"
+                if table.make_sha256 == make.sha256
+                else f"{table.make} is not confirmed; once you have read all of that, write beside make = in {args.table}: {line}"
+            )
     for line in lines:
         output(args).print(printable(line), markup=False, highlight=False, soft_wrap=True)
     write_json(args.json, _state(args, table, None))

@@ -20,7 +20,7 @@ from session.annexes.machines.driver import AngleFile, TableDriver
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.mover import MOST_OF_SCALE, TableMover
 from session.annexes.machines.rates import RateMover, RatesGuide, RateStep, steps_of
-from session.annexes.machines.safety import Guarded, Move
+from session.annexes.machines.safety import BEGINS, Guarded, Move
 from session.annexes.machines.verbs import TableFault, Where
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
@@ -142,7 +142,7 @@ class TurnedRecording:
         of, seconds = table.axes[number], sum(step.seconds(table) for step in self._steps)
         rates = ", ".join(f"{step.rate_rps / DEG:+g}" for step in self._steps)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
-        lines += [f"  {HOME}"] if self._home else []
+        lines += self._first()
         lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {in_words(seconds)}")
         limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
         lines.append(f"  {limits}")
@@ -173,7 +173,7 @@ class TurnedRecording:
         """The plan: axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
         table, count = self.description, len(plan.turns)
         lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
-        lines += [f"  {HOME}"] if self._home else []
+        lines += self._first()
         lines += [
             _axis_line(axis, limits, self.moves.reach_rad(k))
             for k, (axis, limits) in enumerate(zip(table.axes, self.moves.limits, strict=True))
@@ -233,6 +233,11 @@ class TurnedRecording:
         if not np.isfinite(where.angles).all():
             raise TableFault(f"{self.description.name}: it does not know its angles; --home, or `table home`, then begin again")
         return where.angles
+
+    def _first(self) -> list[str]:
+        """Lines of the plan: what comes before the first turn."""
+        begins = "" if self._table is None else self._table.begins
+        return [*([f"  {BEGINS}: {begins}"] if begins else []), *([f"  {HOME}"] if self._home else [])]
 
     def _homed(self) -> None:
         """Search the reference marks, where that was asked for: it is part of the plan that was confirmed."""

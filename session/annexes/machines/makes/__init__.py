@@ -9,9 +9,11 @@ from session.annexes.machines.description import Description
 from session.annexes.machines.dialogue import Dialogue
 from session.annexes.machines.makefile import AGAIN, FOLDER, Make, make_names, read_make
 from session.annexes.machines.makes import hand, ximc
+from session.annexes.machines.proof import require_fit
 from session.annexes.machines.verbs import Table
 from session.annexes.machines.wire import Link, SerialLink, VisaLink
 from session.io.errors import FormatError
+from session.io.texts import command_line
 
 #: makes that are code
 MODULES = {"hand": hand, "ximc": ximc}
@@ -25,8 +27,18 @@ def makes() -> dict[str, str]:
 
 
 def make_of(table: Description, folder: Path | None = None) -> Make:
-    """The make's file of a table; ``make = "./mine.toml"`` is one of the user's, beside table.toml in ``folder``.  Raises FormatError."""
-    return read_make((folder or Path()) / table.make) if table.make.endswith(".toml") else make_of_name(table.make)
+    """The make's file of a table; ``make = "./mine.toml"`` is one of the user's, beside table.toml in ``folder``.
+
+    Raises FormatError for what is wrong with it, for what does not fit the table, and for requests that may do more than the plan says.
+    """
+    make = read_make((folder or Path()) / table.make) if is_own(table) else make_of_name(table.make)
+    require_fit(table, make)
+    return make
+
+
+def is_own(table: Description) -> bool:
+    """Whether its make's file does not come with the tool."""
+    return table.make.endswith(".toml")
 
 
 def make_of_name(name: str) -> Make:
@@ -44,12 +56,17 @@ def open_table(
 
     It moves only through ``safety.Guarded``.
 
-    Raises FormatError for a description that the make does not fit, TableFault where nothing answers.
+    Raises FormatError for a description that the make does not fit, and for a make's file of one's own that is not confirmed as it is
+    (``make_sha256``), before the port is opened; TableFault where nothing answers.
     """
     clock = clock or HostClock()
     if table.make in MODULES:
         return MODULES[table.make].open_table(table, clock)
     make = make_of(table, folder)
+    if is_own(table) and table.make_sha256 != make.sha256:
+        why = "has changed since it was confirmed" if table.make_sha256 else "does not come with the tool, and nobody has confirmed it"
+        do = f"{command_line('table', 'check')} shows all that it can send, and the line that confirms it"
+        raise FormatError(f"{table.name}: {table.make} {why}: nothing was sent; {do}")
     if link is None and not table.port:
         raise FormatError(f'{table.name}: has no port; give it one, such as port = "/dev/ttyUSB0"; {AGAIN}')
     if link is None:

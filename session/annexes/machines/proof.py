@@ -1,0 +1,108 @@
+"""What is proven of a make's requests before a port is opened: that they fit the table, and that a turn is the plan's and nothing more.
+
+A make's file is a text of whoever wrote it, in a language that only the machine knows.  Proven is what needs no knowledge of it:
+
+- ``turn_to`` holds the plan's angle once, its rate at most once, its axis, and no other number but words of G-code that say how numbers
+  are meant (``MODAL``); nothing stands beside a number that would make another of it, nor what controllers take for a comment,
+  an expression or the end of a line.  ``turn_at`` likewise, with its rate and its sign.
+- No other request is given an angle or a rate, nor is any of them the make's own turn with numbers in it.
+- A question has an answer that says something.
+
+The rest (what a word moves, how large a unit is) is shown by ``table check``, and a person confirms it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+
+from session.annexes.machines.description import Description
+from session.annexes.machines.makefile import AGAIN, Make, Step, require_settings
+from session.io.errors import FormatError
+
+#: G-code that a turn may hold: a motion at a rate, degrees as millimetres, machine coordinates, absolute, a rate per minute
+MODAL = re.compile(r"(?<![A-Z0-9.])G0*(?:1|21|53|90|94)(?![\d.])", re.IGNORECASE)
+#: what ends a line; anything longer would be a request behind each request
+ENDS = ("\n", "\r", "\r\n", "\n\r", "\0", ";")
+#: the text of a turn, without its values
+LITERAL = re.compile(r"[A-Za-z0-9 $=:,._@&-]*")
+WORD = re.compile(r"[A-Za-z0-9$=:,._@&-]+")
+PLACE = re.compile(r"\{(\w+)\}")
+#: what is filled in to see which numbers a turn holds: whole, so that a digit, a point or a sign beside them makes others of them
+PROBE = {"angle": "7301", "rate": "6007", "signed_rate": "6011"}
+AXIS = "83"
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?", re.IGNORECASE)
+
+
+def require_fit(table: Description, make: Make) -> None:
+    """FormatError for settings or axes that a make does not have, and for requests that may do more than the plan says."""
+    require_settings(table.settings, f"{table.name}: settings", make.settings)
+    if len(table.axes) > make.most_axes:
+        raise FormatError(f"{table.name}: {len(table.axes)} axes, and a {make.name} has at most {make.most_axes}; {AGAIN}")
+    words = [axis.word for axis in table.axes]
+    if len(set(words)) < len(words) or (make.order and not all(len(word) == 1 and word in make.order for word in words)):
+        allowed = f" among {', '.join(make.order)}" if make.order else ""
+        raise FormatError(f"{table.name}: words of the axes are {', '.join(words)}, expected words of their own{allowed}; {AGAIN}")
+    if wrong := [word for word in words if not WORD.fullmatch(word)]:
+        raise FormatError(f"{table.name}: the word of an axis is {wrong[0][:40]!r}, expected letters, digits and $ = : , . _ @ & -; {AGAIN}")
+    if make.end not in ENDS:
+        raise FormatError(f"{make.name}: line.end is {make.end[:20]!r}, expected one of {', '.join(map(repr, ENDS))}; {AGAIN}")
+    for name, steps, numbers in (("turn_to", make.turn_to, {"angle": 1, "rate": 1}), ("turn_at", make.turn_at, {"signed_rate": 1})):
+        for word in words if steps else ():
+            if why := _more_than_the_plan(steps, numbers, word, make.most_axes > 1):
+                raise FormatError(f"{make.name}: {name} {why}; a turn says the plan's axis, angle and rate, and nothing else; {AGAIN}")
+    for name, steps in make.requests():
+        if name not in ("turn_to", "turn_at") and (why := _moves(name, steps, make)):
+            raise FormatError(f"{make.name}: {name} {why}; {AGAIN}")
+
+
+def _more_than_the_plan(steps: Iterable[Step], numbers: dict[str, int], word: str, names_an_axis: bool) -> str:
+    """Why a turn of the axis of that word may be more than its plan; empty where it is not."""
+    held, used = Counter[str](), Counter[str]()
+    for step in steps:
+        if step.raw or step.each:
+            return "has a request that is raw, or for each axis"
+        text = step.send
+        places = PLACE.findall(text)
+        used.update(places)
+        if unknown := [name for name in places if name not in ("word", "axis", *numbers)]:
+            return f"has {{{unknown[0]}}} in {text[:60]!r}"
+        if not LITERAL.fullmatch(PLACE.sub("", text)):
+            return f"has a character in {text[:60]!r} that may hide or change a number, expected letters, spaces and $ = : , . _ @ & -"
+        values = PROBE | {"word": word, "axis": AXIS}
+        left = Counter(NUMBER.findall(PLACE.sub(lambda place, of=values: of[place[1]], MODAL.sub(" ", text))))
+        for name in places:
+            left.subtract(NUMBER.findall(values[name]))
+        held.update(left)
+    if wrong := [number for number, count in held.items() if count]:
+        return f"has the number {max(wrong, key=len)}, once {PROBE['angle']} and {PROBE['rate']} are filled in"
+    first = next(iter(numbers))
+    if used[first] != 1 or any(used[name] > most for name, most in numbers.items()):
+        return f"needs {{{first}}} once, and no other value twice"
+    if names_an_axis and not used["word"] + used["axis"]:
+        return "names no axis: {word} or {axis} is missing, or most_axes = 1"
+    return ""
+
+
+def _moves(name: str, steps: Iterable[Step], make: Make) -> str:
+    """Why requests that are no turn may turn something by themselves; empty where nothing shows it."""
+    turns = [turn.send for turn in (*make.turn_to, *make.turn_at) if {"angle", "signed_rate"} & set(PLACE.findall(turn.send))]
+    heads = [head for turn in turns if (head := _head(turn))]
+    digit = "0-9" if name not in ("home", "stop") else "1-9"  # to zero, or at a rate of zero
+    for step in steps:
+        if found := set(PLACE.findall(step.send)) & set(PROBE):
+            return f"has {{{sorted(found)[0]}}} in {step.send[:60]!r}, which turn_to and turn_at alone may have"
+        if name == "where" and not (step.answers and all(PLACE.search(pattern.text) for pattern in step.answers)):
+            return f"has {step.send[:60]!r}, and no answer with a field: that is no question"
+        said = MODAL.sub("", step.send + step.raw).upper().replace(" ", "")
+        if any(re.search(rf"(?<![A-Z]){re.escape(head)}.*[{digit}]", said, re.DOTALL) for head in heads):
+            return f"has a turn in {(step.send or step.raw)[:60]!r}, which turn_to alone may have"
+    return ""
+
+
+def _head(turn: str) -> str:
+    """What a turn's line begins with, behind the word of its axis and before its first number."""
+    parts = PLACE.split(MODAL.sub("", turn).upper().replace(" ", ""))
+    literals = parts[::2] if PLACE.match(turn) is None else parts[2::2]
+    return literals[0] if literals else ""

@@ -1,7 +1,9 @@
 """Each make against its virtual table, whose side was written from the make's documentation: the five verbs, bytes, units."""
 
+import hashlib
 import re
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -241,13 +243,17 @@ def test_each_make_has_a_first_description_of_more_axes(make, axes, tmp_path):
 
 
 def test_a_make_of_ones_own(tmp_path):
-    """A file beside table.toml; a copy of a shipped one with another word."""
+    """A file beside table.toml, a copy of a shipped one with another word: as it was confirmed, and no other."""
     text = (make_file := template("line")) and make_of(description("line")).name
     assert text == "line"
     from session.annexes.machines.makefile import FOLDER
 
     (tmp_path / "mine.toml").write_text((FOLDER / "line.toml").read_text().replace('"HOME"', '"HOME", "HOME"'))
     table = read_description(_written(tmp_path / "table.toml", make_file.replace('make = "line"', 'make = "./mine.toml"')))
+    for hash_, why in (("", "does not come with the tool, and nobody has confirmed it"), ("0" * 64, "has changed since it was confirmed")):
+        with pytest.raises(FormatError, match=rf"mine\.toml {why}: nothing was sent; .*table check shows all that it can send"):
+            open_table(replace(table, make_sha256=hash_, port=str(tmp_path / "none")), tmp_path)
+    table = replace(table, make_sha256=hashlib.sha256((tmp_path / "mine.toml").read_bytes()).hexdigest())
     bench = Bench(table, folder=tmp_path, virtual=description("line"))
     bench.driver.home()
     assert bench.link.sent == b"HOME\nHOME\n"
@@ -331,8 +337,6 @@ def test_words_of_axes_are_those_of_the_controller():
 
 
 def test_a_port_that_is_not_there(tmp_path):
-    from dataclasses import replace
-
     table = replace(description("grbl"), port=str(tmp_path / "none"))
     with pytest.raises(TableFault, match=r"cannot be opened"):
         open_table(table)
@@ -389,6 +393,8 @@ def test_a_stage_behind_libximc(tmp_path):
     of = axis("outer", f"xi-emu:///{tmp_path / 'stage.bin'}", fastest_rps=1000 * DEG, acceleration_rps2=5000 * DEG)
     table = Description("stage", "ximc", (of,), settings={"steps_per_deg": 10.0})
     guarded = Guarded(open_table(table))
+    assert np.isnan(guarded.where().angles[0])  # it is not homed, and finds no marks
+    guarded.stands_at_zero()
     guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG, 8.0)], None, lambda line: None)
     with guarded:
         guarded.turn_to(0, 60 * DEG, 500 * DEG)
@@ -439,8 +445,6 @@ resources:
 def test_an_instrument_behind_visa(tmp_path):
     """PyVISA's simulated instruments: no motion, but its real interface."""
     pytest.importorskip("pyvisa_sim", reason="pyvisa-sim is not installed")
-    from dataclasses import replace
-
     library = f"{_written(tmp_path / 'device.yaml', VISA_DEVICE)}@sim"
     table = replace(description("scpi", visa=library, answer_s=0.2), port="ASRL1::INSTR")
     driver = open_table(table)
@@ -458,8 +462,6 @@ def test_an_instrument_behind_visa(tmp_path):
 
 def test_pyvisa_that_is_missing_is_one_line(monkeypatch):
     import sys
-    from dataclasses import replace
-
     monkeypatch.setitem(sys.modules, "pyvisa", None)
     with pytest.raises(TableFault, match="pip install pyvisa"):
         open_table(replace(description("scpi"), port="GPIB0::5::INSTR"))

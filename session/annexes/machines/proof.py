@@ -4,15 +4,16 @@ A make's file is a text of whoever wrote it, in a language that only the machine
 
 - ``turn_to`` holds the plan's angle once, its rate at most once, its axis, and no other number but words of G-code that say how numbers
   are meant (``MODAL``); nothing stands beside a number that would make another of it, nor what controllers take for a comment,
-  an expression or the end of a line.  ``turn_at`` likewise, with its rate and its sign.
-- No other request is given an angle or a rate, nor is any of them the make's own turn with numbers in it.
-- A question has an answer that says something.
+  an expression or the end of a line.  ``turn_at`` likewise, with its rate and its sign.  In G-code the rate has the angle's unit.
+- No other request is given an angle or a rate, nor is any of them the make's own turn with numbers in it, or an axis and a number.
+- A question has an answer that says something.  A request is one line.
 
 The rest (what a word moves, how large a unit is) is shown by ``table check``, and a person confirms it.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -22,7 +23,7 @@ from session.annexes.machines.makefile import AGAIN, Make, Step, require_setting
 from session.io.errors import FormatError
 
 #: G-code that a turn may hold: a motion at a rate, degrees as millimetres, machine coordinates, absolute, a rate per minute
-MODAL = re.compile(r"(?<![A-Z0-9.])G0*(?:1|21|53|90|94)(?![\d.])", re.IGNORECASE)
+MODAL = re.compile(r"(?<![A-Z0-9.])G0*+(?:1|21|53|90|94)(?![\d.])", re.IGNORECASE)
 #: what ends a line; anything longer would be a request behind each request
 ENDS = ("\n", "\r", "\r\n", "\n\r", "\0", ";")
 #: the text of a turn, without its values
@@ -48,13 +49,24 @@ def require_fit(table: Description, make: Make) -> None:
         raise FormatError(f"{table.name}: the word of an axis is {wrong[0][:40]!r}, expected letters, digits and $ = : , . _ @ & -; {AGAIN}")
     if make.end not in ENDS:
         raise FormatError(f"{make.name}: line.end is {make.end[:20]!r}, expected one of {', '.join(map(repr, ENDS))}; {AGAIN}")
+    settings = {**make.settings, **table.settings}
     for name, steps, numbers in (("turn_to", make.turn_to, {"angle": 1, "rate": 1}), ("turn_at", make.turn_at, {"signed_rate": 1})):
         for word in words if steps else ():
             if why := _more_than_the_plan(steps, numbers, word, make.most_axes > 1):
                 raise FormatError(f"{make.name}: {name} {why}; a turn says the plan's axis, angle and rate, and nothing else; {AGAIN}")
+        per_deg, rate = (abs(float(settings[key])) for key in ("per_deg", "rate_per_dps"))
+        in_minutes = math.isclose(rate, 60 * per_deg, rel_tol=1e-6) and any("F{rate}" in step.send for step in steps)
+        if any(MODAL.search(step.send) for step in steps) and not in_minutes:
+            said = f"settings.rate_per_dps is {rate:g}, and G-code wants F{{rate}} per minute in the unit of the angle, {60 * per_deg:g}"
+            raise FormatError(f"{make.name}: {said}; {AGAIN}")
+    turns = [turn.send for turn in (*make.turn_to, *make.turn_at) if {"angle", "signed_rate"} & set(PLACE.findall(turn.send))]
+    begins = [(" *+".join(map(re.escape, head)), ".*") for turn in turns if (head := _head(turn))]
+    begins += [(word.upper(), " *+=?+ *+[-+]?+ *+[0.]*+") for word in {*words, *make.order} if word.isalpha()]
     for name, steps in make.requests():
-        if name not in ("turn_to", "turn_at") and (why := _moves(name, steps, make)):
-            raise FormatError(f"{make.name}: {name} {why}; {AGAIN}")
+        for step in steps if name not in ("turn_to", "turn_at") else ():
+            text = PLACE.sub(lambda place: str(settings.get(place[1], place[0])), step.send)
+            if why := _may_move(name, step, text, begins):
+                raise FormatError(f"{make.name}: {name} {why} {(text or step.raw)[:60]!r}; {AGAIN}")
 
 
 def _more_than_the_plan(steps: Iterable[Step], numbers: dict[str, int], word: str, names_an_axis: bool) -> str:
@@ -85,19 +97,22 @@ def _more_than_the_plan(steps: Iterable[Step], numbers: dict[str, int], word: st
     return ""
 
 
-def _moves(name: str, steps: Iterable[Step], make: Make) -> str:
-    """Why requests that are no turn may turn something by themselves; empty where nothing shows it."""
-    turns = [turn.send for turn in (*make.turn_to, *make.turn_at) if {"angle", "signed_rate"} & set(PLACE.findall(turn.send))]
-    heads = [head for turn in turns if (head := _head(turn))]
-    digit = "0-9" if name not in ("home", "stop") else "1-9"  # to zero, or at a rate of zero
-    for step in steps:
-        if found := set(PLACE.findall(step.send)) & set(PROBE):
-            return f"has {{{sorted(found)[0]}}} in {step.send[:60]!r}, which turn_to and turn_at alone may have"
-        if name == "where" and not (step.answers and all(PLACE.search(pattern.text) for pattern in step.answers)):
-            return f"has {step.send[:60]!r}, and no answer with a field: that is no question"
-        said = MODAL.sub("", step.send + step.raw).upper().replace(" ", "")
-        if any(re.search(rf"(?<![A-Z]){re.escape(head)}.*[{digit}]", said, re.DOTALL) for head in heads):
-            return f"has a turn in {(step.send or step.raw)[:60]!r}, which turn_to alone may have"
+def _may_move(name: str, step: Step, text: str, begins: Iterable[tuple[str, str]]) -> str:
+    """Why a request that is no turn may turn something by itself; empty where nothing shows it.
+
+    begins: patterns of what turns begin with, and of what stands before the first digit of a number that is not 0.
+    """
+    if {*PROBE} & {*PLACE.findall(step.send)}:
+        return "has a value that turn_to and turn_at alone may have, in"
+    if not text.isprintable():
+        return "has more than one line, or a character that is to be raw, in"
+    if name in ("where", "ask") and not (step.answers and all(PLACE.search(pattern.text) for pattern in step.answers)):
+        return "has no answer with a field, so that it is no question, in"
+    said = MODAL.sub("", text + step.raw).upper()
+    if name not in ("home", "stop"):  # which may go to zero, or at a rate of zero
+        said = said.replace("0", "1")
+    if any(re.search(rf"(?<![A-Z]){word}{before}[1-9]", said, re.DOTALL) for word, before in begins):
+        return "has a turn, which turn_to and turn_at alone may be,"
     return ""
 
 

@@ -1,5 +1,6 @@
 """Nothing moves that nobody confirmed: an opened port, ``begin``, a make's file of a stranger, a stage that is not homed."""
 
+from contextlib import closing
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,9 +15,11 @@ from session.annexes.machines.makes import make_of
 from session.annexes.machines.makes import ximc as make_ximc
 from session.annexes.machines.makes.ximc import Ximc
 from session.annexes.machines.safety import Guarded, Move
+from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault, TableLimit
 from session.io.errors import FormatError
 from session.io.units import DEG
+from tinygc.annexes.machines.recording import TurnedRecording
 
 # ``begin``: what a drive wants before its first motion.
 
@@ -38,6 +41,15 @@ def test_an_opened_port_switches_nothing_on():
     assert bench.link.sent.count(b"EN") == 1
 
 
+def test_the_plan_of_a_recording_shows_what_switches_it_on(tmp_path, capsys):
+    (tmp_path / "table.toml").write_text(template("line"))
+    bench = Bench(description(OWN))
+    with closing(TurnedRecording(tmp_path / "table.toml", opened=lambda *of: bench.guarded)) as machine:
+        machine.confirmed_rates([5.0], 1.0, None, yes=True)
+    assert "  before the first move it is sent: EN" in capsys.readouterr().err.splitlines()
+    assert b"EN" not in bench.link.sent
+
+
 @pytest.mark.parametrize("verb", [lambda table: table.home(), lambda table: table.turn_at(0, 5 * DEG)])
 def test_each_motion_is_one_that_it_is_switched_on_for(verb):
     bench = Bench(description(OWN))
@@ -54,13 +66,11 @@ def test_a_controller_that_restarted_is_switched_on_again(tmp_path):
     sent = make_of(Description("table", "./own.toml", table.axes), tmp_path)
     bench = Bench(Description("table", "./own.toml", table.axes, make_sha256=sent.sha256), "restart@8", folder=tmp_path, virtual=table)
     bench.confirm()
-    for _ in range(2):
-        bench.guarded.home()
-        bench.guarded.settle()
-        bench.clock.sleep(8)
-        with pytest.raises(TableFault, match="has restarted"):
-            bench.guarded.where()
-        break
+    bench.guarded.home()
+    bench.guarded.settle()
+    bench.clock.sleep(8)
+    with pytest.raises(TableFault, match="has restarted"):
+        bench.guarded.where()
     bench.guarded.home()
     bench.guarded.settle()
     assert bench.link.sent.count(b"CLEAR\n") == 2

@@ -462,6 +462,7 @@ def test_an_instrument_behind_visa(tmp_path):
 
 def test_pyvisa_that_is_missing_is_one_line(monkeypatch):
     import sys
+
     monkeypatch.setitem(sys.modules, "pyvisa", None)
     with pytest.raises(TableFault, match="pip install pyvisa"):
         open_table(replace(description("scpi"), port="GPIB0::5::INSTR"))

@@ -176,7 +176,6 @@ class Dialogue:
     # Requests.
 
     def _open(self, stops: bool) -> None:
-        make = self.make
         if stops:
             self.stop()
             self._harder = 0
@@ -447,9 +446,7 @@ WHEN = {
 }
 
 
-def sent_text(
-    table: Description, make: Make, steps: tuple[Step, ...], axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0
-) -> str:
+def sent_text(table: Description, make: Make, steps: tuple[Step, ...], axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0) -> str:
     """Requests as they would be sent, on one line."""
     settings = {**make.settings, **table.settings}
     texts = [

@@ -16,7 +16,8 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from session.annexes.machines.description import Description
 from session.annexes.machines.makefile import AGAIN, Make, Step, require_settings
@@ -29,6 +30,7 @@ ENDS = ("\n", "\r", "\r\n", "\n\r", "\0", ";")
 #: the text of a turn, without its values
 LITERAL = re.compile(r"[A-Za-z0-9 $=:,._@&-]*")
 WORD = re.compile(r"[A-Za-z0-9$=:,._@&-]+")
+SIGNS = "$ = : , . _ @ & -"
 PLACE = re.compile(r"\{(\w+)\}")
 #: what is filled in to see which numbers a turn holds: whole, so that a digit, a point or a sign beside them makes others of them
 PROBE = {"angle": "7301", "rate": "6007", "signed_rate": "6011"}
@@ -46,10 +48,10 @@ def require_fit(table: Description, make: Make) -> None:
         allowed = f" among {', '.join(make.order)}" if make.order else ""
         raise FormatError(f"{table.name}: words of the axes are {', '.join(words)}, expected words of their own{allowed}; {AGAIN}")
     if wrong := [word for word in words if not WORD.fullmatch(word)]:
-        raise FormatError(f"{table.name}: the word of an axis is {wrong[0][:40]!r}, expected letters, digits and $ = : , . _ @ & -; {AGAIN}")
+        raise FormatError(f"{table.name}: the word of an axis is {wrong[0][:40]!r}, expected letters, digits and {SIGNS}; {AGAIN}")
     if make.end not in ENDS:
         raise FormatError(f"{make.name}: line.end is {make.end[:20]!r}, expected one of {', '.join(map(repr, ENDS))}; {AGAIN}")
-    settings = {**make.settings, **table.settings}
+    settings: dict[str, Any] = {**make.settings, **table.settings}
     for name, steps, numbers in (("turn_to", make.turn_to, {"angle": 1, "rate": 1}), ("turn_at", make.turn_at, {"signed_rate": 1})):
         for word in words if steps else ():
             if why := _more_than_the_plan(steps, numbers, word, make.most_axes > 1):
@@ -64,7 +66,7 @@ def require_fit(table: Description, make: Make) -> None:
     begins += [(word.upper(), " *+=?+ *+[-+]?+ *+[0.]*+") for word in {*words, *make.order} if word.isalpha()]
     for name, steps in make.requests():
         for step in steps if name not in ("turn_to", "turn_at") else ():
-            text = PLACE.sub(lambda place: str(settings.get(place[1], place[0])), step.send)
+            text = _filled(step.send, settings)
             if why := _may_move(name, step, text, begins):
                 raise FormatError(f"{make.name}: {name} {why} {(text or step.raw)[:60]!r}; {AGAIN}")
 
@@ -81,9 +83,9 @@ def _more_than_the_plan(steps: Iterable[Step], numbers: dict[str, int], word: st
         if unknown := [name for name in places if name not in ("word", "axis", *numbers)]:
             return f"has {{{unknown[0]}}} in {text[:60]!r}"
         if not LITERAL.fullmatch(PLACE.sub("", text)):
-            return f"has a character in {text[:60]!r} that may hide or change a number, expected letters, spaces and $ = : , . _ @ & -"
+            return f"has a character in {text[:60]!r} that may hide or change a number, expected letters, spaces and {SIGNS}"
         values = PROBE | {"word": word, "axis": AXIS}
-        left = Counter(NUMBER.findall(PLACE.sub(lambda place, of=values: of[place[1]], MODAL.sub(" ", text))))
+        left = Counter(NUMBER.findall(_filled(MODAL.sub(" ", text), values)))
         for name in places:
             left.subtract(NUMBER.findall(values[name]))
         held.update(left)
@@ -114,6 +116,11 @@ def _may_move(name: str, step: Step, text: str, begins: Iterable[tuple[str, str]
     if any(re.search(rf"(?<![A-Z]){word}{before}[1-9]", said, re.DOTALL) for word, before in begins):
         return "has a turn, which turn_to and turn_at alone may be,"
     return ""
+
+
+def _filled(text: str, values: Mapping[str, object]) -> str:
+    """A request with the values that there are; other places stay."""
+    return PLACE.sub(lambda place: str(values.get(place[1], place[0])), text)
 
 
 def _head(turn: str) -> str:

@@ -101,6 +101,7 @@ class TurnedRecording:
         angles = np.zeros(len(described.axes))
         try:
             self._table: Guarded | None = self._open()
+            self._begins = self._table.begins
             if at_zero:
                 self._table.stands_at_zero()
             if not home:
@@ -236,8 +237,7 @@ class TurnedRecording:
 
     def _first(self) -> list[str]:
         """Lines of the plan: what comes before the first turn."""
-        begins = "" if self._table is None else self._table.begins
-        return [*([f"  {BEGINS}: {begins}"] if begins else []), *([f"  {HOME}"] if self._home else [])]
+        return [*([f"  {BEGINS}: {self._begins}"] if self._begins else []), *([f"  {HOME}"] if self._home else [])]
 
     def _homed(self) -> None:
         """Search the reference marks, where that was asked for: it is part of the plan that was confirmed."""

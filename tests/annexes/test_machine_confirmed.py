@@ -54,6 +54,7 @@ def test_the_plan_of_a_recording_shows_what_switches_it_on(tmp_path, capsys):
 def test_each_motion_is_one_that_it_is_switched_on_for(verb):
     bench = Bench(description(OWN))
     bench.confirm()
+    assert b"EN" not in bench.link.sent
     verb(bench.guarded)
     assert bench.link.sent.count(b"EN\r") == 1
     bench.clock.sleep(0.5)
@@ -144,6 +145,7 @@ STRANGE = [
     ('"M17"', '"$J=G53 G90 G21 Y140 F1500"', "begin has a turn"),
     ('"M17"', '"RATE 1 0"', "begin has a turn"),
     ('"M17"', '"{foo}"', "begin has a turn"),
+    ('"M17"', '"' + "$J=" * 70 + '"', "has more than 200 characters"),
     (WHERE, WHERE + '{ send = "G0 Y140", answers = ["{state}"] }, ', "where has a turn"),
     (WHERE, WHERE + '{ raw = "$J=X0F99\\n", answers = ["{state}"] }, ', "where has a turn"),
     (WHERE, WHERE + '{ send = "?\\nRUN", answers = ["{state}"] }, ', "more than one line"),

@@ -23,7 +23,7 @@ from session.io.toml import toml_of
 SCHEMA = "tinygc-make/1"
 FOLDER = Path(__file__).parent / "makes"
 AGAIN = "correct the file (docs/formats/tables.md)"
-#: characters of a line that are looked at
+#: characters of a line that are looked at, and of a request
 LONGEST_LINE = 200
 #: characters and wildcards of a pattern: a line is tried in at most so many ways as its length to this power
 LONGEST_PATTERN, MOST_WILDCARDS = 120, 3
@@ -328,6 +328,8 @@ def _step(step: str | Mapping, settings: Mapping[str, object], where: str) -> St
     unknown = [name for name in re.findall(r"\{(\w*)\}", found.send) if name not in VALUES and name not in settings]
     if unknown:
         raise FormatError(f"{where}: {found.send[:60]!r} has {{{unknown[0]}}}, expected one of {', '.join((*VALUES, *settings))}; {AGAIN}")
+    if len(found.send + found.raw) > LONGEST_LINE:
+        raise FormatError(f"{where}: {(found.send or found.raw)[:60]!r}… has more than {LONGEST_LINE} characters; {AGAIN}")
     if any(ord(character) > 255 for character in found.send + found.raw):
         raise FormatError(f"{where}: {(found.send or found.raw)[:60]!r} holds more than one byte a character; {AGAIN}")
     return found

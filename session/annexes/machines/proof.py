@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from session.annexes.machines.description import Description
-from session.annexes.machines.makefile import AGAIN, Make, Step, require_settings
+from session.annexes.machines.makefile import AGAIN, LONGEST_LINE, Make, Step, require_settings
 from session.io.errors import FormatError
 
 #: G-code that a turn may hold: a motion at a rate, degrees as millimetres, machine coordinates, absolute, a rate per minute
@@ -106,7 +106,7 @@ def _may_move(name: str, step: Step, text: str, begins: Iterable[tuple[str, str]
     """
     if {*PROBE} & {*PLACE.findall(step.send)}:
         return "has a value that turn_to and turn_at alone may have, in"
-    if not text.isprintable():
+    if not text.isprintable() or len(text) > LONGEST_LINE:
         return "has more than one line, or a character that is to be raw, in"
     if name in ("where", "ask") and not (step.answers and all(PLACE.search(pattern.text) for pattern in step.answers)):
         return "has no answer with a field, so that it is no question, in"

@@ -7,9 +7,10 @@ Parses arguments, runs one command (``tinygc/cli/commands``, a file each), turns
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import sys
-from typing import TextIO
+from typing import Any
 
 try:
     import tinygc  # noqa: F401  # refuses a foreign ``session`` before anything is imported from it
@@ -21,7 +22,7 @@ from session.io.errors import CalibrationError
 from session.io.texts import printable
 from tinygc.cli.arguments import parser, refuse_overwriting
 from tinygc.cli.defaults import take_defaults
-from tinygc.cli.results import ended_by_signals, standard_output
+from tinygc.cli.results import ended_by_signals, silence, standard_output
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -46,15 +47,11 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("calibrate: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        # Whoever read our output has gone; nothing is left to say to them.
-        _silence(sys.stdout)
-        return 0
     except OSError as error:
         try:
             sys.stdout.flush()
         except OSError:
-            _silence(sys.stdout)
+            silence(sys.stdout.fileno())
         print(f"calibrate: {printable(f'{error.filename}: ' if error.filename else '')}{error.strerror or error}", file=sys.stderr)
         return 2
 
@@ -72,18 +69,33 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _make_streams_safe() -> None:
-    """Whoever started us may have closed a stream, or may read it in an encoding without our signs: neither is worth a traceback."""
+    """Whoever started us may have closed a stream, may read it in an encoding without our signs, or may stop reading it: none is worth a
+    traceback, nor another exit code."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
+        buffer = getattr(stream, "buffer", None)
         if stream is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        elif stream is getattr(sys, f"__{name}__") and type(raw := getattr(buffer, "raw", buffer)) is io.FileIO:
+            stream.flush()
+            file = _WhileRead(stream.fileno(), "wb", closefd=False)
+            own = file if buffer is raw else io.BufferedWriter(file)  # python -u has no buffer
+            how = {"line_buffering": stream.line_buffering, "write_through": stream.write_through}
+            setattr(sys, name, io.TextIOWrapper(own, stream.encoding, "replace", **how))
         elif hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
 
 
-def _silence(stream: TextIO) -> None:
-    """Let what is still in the stream's buffer go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+class _WhileRead(io.FileIO):
+    """A stream whose reader may go: what is left goes nowhere, and the command goes on to its verdict."""
+
+    def write(self, data: Any, /) -> int:
+        """Write, or lose."""
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            silence(self.fileno())
+            return super().write(data)
 
 
 if __name__ == "__main__":

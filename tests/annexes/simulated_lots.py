@@ -38,3 +38,22 @@ def simulated_lot(units, seed, sessions=1, noise=0.2, drift=0.0, without_acceler
             name = f"{u:05d}-{s}"
             results.append(UnitResult(name, f"serial {u:05d}", name, values, R, order=float(len(results))))
     return results
+
+
+def written_fleet(folder, first_model, drift=0.0):
+    """A fleet's table of simulated results, the first of which may be of another model."""
+    from tinygc.annexes.lots.fleet_row import DONE, SIGMAS, empty, packed
+    from tinygc.annexes.lots.fleet_session import Outcome
+    from tinygc.annexes.lots.fleet_table import open_table
+
+    folder.mkdir()
+    with open_table(folder) as table:
+        for number, result in enumerate(simulated_lot(20, 5, [1, 2], drift=drift)):
+            row = empty() | {"status": DONE, "model": "ASM330LHH" if number else first_model, "serial": result.serial}
+            row |= {"covariance": packed(result.covariance), "held_out_deg": 0.02, "floor_deg": 0.02}
+            row |= dict(zip(NAMES, map(float, result.values), strict=True)) | dict(
+                zip(SIGMAS, np.sqrt(np.diag(result.covariance)).tolist(), strict=True)
+            )
+            table.put_folder(folder / result.session, result.key)
+            table.put(Outcome(result.key, row), row, [])
+    return folder

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from formats_page import strangers
 from rich.console import Console
-from simulated_lots import simulated_lot
+from simulated_lots import simulated_lot, written_fleet
 
 import calibrate
-from tinygc.annexes.lots.lot import NAMES
 from tinygc.annexes.lots.page import page
 from tinygc.annexes.lots.report import lot_of, read_lot, save
 from tinygc.annexes.lots.text import lot_page
@@ -73,25 +72,6 @@ def test_a_lot_of_two_units_says_what_it_cannot():
     assert "two units have no drift" in text
     assert "accel" not in text
     assert "nan" not in text
-
-
-def written_fleet(folder, first_model):
-    """A fleet's table of simulated results, the first of which may be of another model."""
-    from tinygc.annexes.lots.fleet_row import DONE, SIGMAS, empty, packed
-    from tinygc.annexes.lots.fleet_session import Outcome
-    from tinygc.annexes.lots.fleet_table import open_table
-
-    folder.mkdir()
-    with open_table(folder) as table:
-        for number, result in enumerate(simulated_lot(20, 5, [1, 2])):
-            row = empty() | {"status": DONE, "model": "ASM330LHH" if number else first_model, "serial": result.serial}
-            row |= {"covariance": packed(result.covariance), "held_out_deg": 0.02, "floor_deg": 0.02}
-            row |= dict(zip(NAMES, map(float, result.values), strict=True)) | dict(
-                zip(SIGMAS, np.sqrt(np.diag(result.covariance)).tolist(), strict=True)
-            )
-            table.put_folder(folder / result.session, result.key)
-            table.put(Outcome(result.key, row), row, [])
-    return folder
 
 
 @pytest.fixture(scope="module")

@@ -94,9 +94,14 @@ def _let_go() -> None:
             poll = select.poll()
             poll.register(file, 0)
             if any(events & (select.POLLHUP | select.POLLERR) for _, events in poll.poll(0)):
-                nowhere = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(nowhere, file)
-                os.close(nowhere)
+                silence(file)
+
+
+def silence(file: int) -> None:
+    """Let what is written there from now on go nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, file)
+    os.close(nowhere)
 
 
 # Results of every command: print them, write them as JSON, fail early if outputs cannot be written.

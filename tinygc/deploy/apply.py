@@ -222,8 +222,6 @@ def _write(
             if header is None:
                 raise _no_samples(log)
             count += _drain(file, waiting, stream.flush(), unit, count, len(source.calibrated))
-    except BrokenPipeError:
-        raise
     except OSError as error:
         error.filename = error.filename or str(out)
         raise
@@ -234,8 +232,8 @@ def _write(
 def opened(out: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
     """Open ``out`` for bytes, compressed if its name says so, or standard output for ``-``."""
     if str(out) == STANDARD:
-        yield sys.stdout.buffer
-        sys.stdout.buffer.flush()
+        with open(sys.stdout.fileno(), "wb", closefd=False) as file:  # not ``sys.stdout``, of which the command hears no broken pipe
+            yield file
         return
     with whole(out) as path, gzip.open(path, "wb", compresslevel=3) if out.name.endswith(".gz") else path.open("wb") as file:
         yield file

@@ -53,8 +53,11 @@ def run(args: argparse.Namespace) -> int:
     if is_array_model(args.model):
         return need("commands on arrays").apply(args, out)
     answers = vars(answers_of(args))
-    with progress_bar(args.quiet) as progress:
-        done = apply(args.model, args.log, out, unit=args.unit, session=args.session, which=args.which, progress=progress, **answers)
+    try:
+        with progress_bar(args.quiet) as progress:
+            done = apply(args.model, args.log, out, unit=args.unit, session=args.session, which=args.which, progress=progress, **answers)
+    except BrokenPipeError:  # whoever read the log has enough of it, and nothing else was asked for
+        return 0
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
     said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late}, {args.model.name})", *(f"  {note}" for note in done.notes)]
     beside_log(args, said, to_stdout)

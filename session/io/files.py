@@ -15,6 +15,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from session.io.budget import current
 from session.io.errors import FormatError, StorageError
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ KB, MB = 1 << 10, 1 << 20
 MOST_TOML = MB
 #: a result as JSON.  The longest of ours has some hundred bytes for each segment; what Python makes of JSON takes up to 30 times its length
 MOST_JSON = 16 * MB
-#: arrays or texts of one archive; the largest known has 20 MB
+#: texts of one archive; the largest known has 20 MB
 MOST_ARCHIVE = 256 * MB
 #: without these names of the system's nothing waits either (Windows)
 NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -134,13 +135,12 @@ FAULTS = (
 
 
 def read_npz(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Arrays of an archive by name.  FormatError where it is none, lacks one of them, or unpacks to more than any recording has."""
+    """Arrays of an archive by name.  FormatError where it is none, lacks one of them, or unpacks to more than the budget."""
     with open_file(path) as file:
         try:
             with zipfile.ZipFile(file) as archive:
                 members = {f"{name}.npy": archive.getinfo(f"{name}.npy") for name in names}
-                if sum(member.file_size for member in members.values()) > MOST_ARCHIVE:
-                    raise FormatError(f"{path}: unpacks to more than {MOST_ARCHIVE} bytes; is it the right one?")
+                current().need(path, sum(member.file_size for member in members.values()))
                 return {name: _array(archive, member) for name, member in zip(names, members.values(), strict=True)}
         except FAULTS:
             raise FormatError(f"{path}: not an archive of {', '.join(names)}, or a damaged one; download it again") from None

@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-#: of a log, all of which are held at once: two days at 208 Hz
-MOST_ROWS = 40_000_000
-
 
 @dataclass(frozen=True, eq=False)
 class Stream:

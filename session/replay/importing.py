@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from session.io.annexes import find, need
+from session.io.budget import budget
 from session.io.dialects import DIALECTS, Answers
 from session.io.errors import FormatError
 from session.io.forms import EXAMPLES
@@ -29,12 +30,17 @@ def import_log(
     header: str | None = None,
     array_by: str | None = None,
     turns: Path | None = None,
+    most_memory: int | None = None,
 ) -> Converted:
     """Make a session folder of a log; out: None for one with the log's name, in the folder where one works.
 
     header: of a port's bytes as text; array_by: the column whose values tell the units of an array; turns: the known turns of a gyroscope
-    alone.  Raises FormatError and DataError, QuestionsError for all that the log does not say, StorageError.
+    alone; most_memory: bytes that reading may take (session/io/budget.py).  Raises FormatError and DataError, QuestionsError for all that
+    the log does not say, StorageError.
     """
+    if most_memory is not None:
+        with budget(paths, most_memory):
+            return import_log(paths, out, answers, add=add, serial=serial, columns=columns, header=header, array_by=array_by, turns=turns)
     if add not in (None, "log", "closure"):
         raise FormatError(f"add is {add!r:.40}, expected log or closure")
     if answers.like is not None:

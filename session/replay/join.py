@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.io.budget import current
 from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
 from session.io.reader import Piece
 from session.io.samples import Growing
 from session.io.stamps import COARSE, counted, evenly, fresh
-from session.io.streams import MOST_ROWS
 from session.io.units import NS_PER_S, G
-from session.replay.sources import Source
+from session.replay.sources import Source, StreamSource
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
 WIDEST = 3.5
@@ -102,9 +102,9 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         for part in PARTS:
             if (values := getattr(piece, part)) is not None:
                 growing.setdefault(part, Growing()).add(values)
+                if not isinstance(source, StreamSource):  # whose reader has said it
+                    current().numbers(source.path, values.size)
         rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
-        if rows > MOST_ROWS:
-            raise FormatError(f"{name}: more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
     notes += [f"{name}: {note}" for note in source.notes]
     if not rows and getattr(source, "picks_rows", False):
         raise FormatError(f"{name}: no samples among the rows that --rows, --where and --lines leave; give others")

@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from session.io.annexes import find
+from session.io.budget import budget, current
 from session.io.dialects import DIALECTS, Answers, Layout, Triad, three
 from session.io.errors import FormatError
 from session.io.files import MOST_ARCHIVE, open_file, unreadable
@@ -68,6 +69,7 @@ class Sources:
     def __enter__(self) -> list[Source]:
         """Raises FormatError, and QuestionsError of all that the files do not say."""
         with ExitStack() as stack:
+            stack.enter_context(budget(self._paths))
             found: list[Source] = []
             asked: list[QuestionsError] = []
             faults: list[FormatError] = []
@@ -273,7 +275,8 @@ def _streams(path: Path, reader: ModuleType, answers: Answers) -> Iterator[Strea
     for option in ("rows", "where", "lines", "packed"):
         if getattr(answers, option) is not None:
             raise FormatError(f"{path.name} ({reader.NAME}): --{option} is of a text log; leave it out")
-    topics: list[Topic] = reader.topics(path, answers.columns)
+    with current().again():
+        topics: list[Topic] = reader.topics(path, answers.columns)
     for stream in reader.read(path, _chosen(path, reader.NAME, topics, answers.topic), answers.columns):
         columns = next((topic.columns for topic in topics if topic.name == stream.name), ())
         yield _stream_source(path, reader.NAME, stream, answers, _names(reader.NAME, stream, columns))

@@ -13,6 +13,7 @@ from test_binary_logs import ACCEL, COUNT, GYRO, RECORDING, T_NS, TEMP, head_of,
 from session.annexes.logs import arrow, hdf5, matlab, numpy_file
 from session.annexes.logs.named import meaning, triads
 from session.annexes.logs.registry import reader_of
+from session.io.budget import budget
 from session.io.errors import FormatError
 
 FORMATS = {
@@ -51,13 +52,11 @@ def test_every_number_comes_back(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["HDF5", "MATLAB 5", "MATLAB 4", "npz", "npy", "Parquet"])
-def test_more_rows_than_any_log_has_are_refused(name, tmp_path, monkeypatch):
+def test_more_than_the_budget_is_refused(name, tmp_path):
     write, file, reader = FORMATS[name]
     write(tmp_path / file, *RECORDING)
-    for module in ("source", "arrays"):
-        monkeypatch.setattr(f"session.annexes.logs.{module}.MOST_ROWS", 100)
-    with pytest.raises(FormatError, match="more than 100 rows"):
-        reader.topics(tmp_path / file, None)
+    with budget((), 10_000), pytest.raises(FormatError, match=r"reading it takes more than .* MB of memory, and 0.01 MB may be taken"):
+        reader.read(tmp_path / file, [], None)
 
 
 @pytest.mark.parametrize(("name", "package", "said"), [("HDF5", "h5py", "an HDF5 file"), ("Parquet", "pyarrow", "a table of Arrow")])
@@ -298,8 +297,8 @@ def test_hdf5_of_absurd_length_is_refused_before_it_is_read(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("gyro", (10**12, 3), "f8", chunks=(1000, 3))
-    with pytest.raises(FormatError, match="more than 40000000 rows"):
-        hdf5.topics(tmp_path / "a.h5", None)
+    with pytest.raises(FormatError, match=r"reading it takes more than 6e\+04 GB of memory, and 1 GB may be taken"):
+        hdf5.read(tmp_path / "a.h5", [], None)
 
 
 def test_a_real_trial_of_broad_is_clear_by_its_names(shared):

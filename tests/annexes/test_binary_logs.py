@@ -13,6 +13,7 @@ import written_logs as written
 from session.annexes.logs import ardupilot, betaflight, mcap_file, registry, ros, rosbag1, rosbag2, ulog
 from session.annexes.logs.registry import reader_of
 from session.io.annexes import need
+from session.io.budget import Budget, budget
 from session.io.errors import FormatError
 from session.io.units import parse_unit
 
@@ -121,12 +122,10 @@ def test_a_package_that_is_not_installed_is_named(name, module, said, tmp_path, 
 
 
 @pytest.mark.parametrize("name", ["ROS 1", "ROS 2", "MCAP", "ULog", "dataflash"])
-def test_more_rows_than_any_log_has_are_refused(name, tmp_path, monkeypatch):
+def test_more_than_the_budget_is_refused(name, tmp_path):
     write, file, reader, _, _ = FORMATS[name]
     write(tmp_path / file, *RECORDING)
-    for module in ("source", "ulog", "ardupilot"):
-        monkeypatch.setattr(f"session.annexes.logs.{module}.MOST_ROWS", 100)
-    with pytest.raises(FormatError, match="more than 100 rows"):
+    with budget((), 10_000), pytest.raises(FormatError, match=r"(takes|unpacks to) more than .* MB"):
         reader.read(tmp_path / file, [], None)
 
 
@@ -431,15 +430,14 @@ def test_a_bag_of_other_things_names_its_topics(tmp_path):
         rosbag2.topics(tmp_path / "bag", None)
 
 
-def test_chunks_that_unpack_without_end_are_left_out(tmp_path, monkeypatch):
+def test_chunks_that_unpack_to_more_than_the_memory_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(Budget, "piece", 256)
     for name in ("ROS 1, bz2", "ROS 1, lz4", "MCAP", "MCAP, ROS 1"):
         write, _, reader, _, _ = FORMATS[name]
         path = tmp_path / name
         write(path, *RECORDING)
-        with monkeypatch.context() as patch:
-            patch.setattr(f"{reader.__name__}.MOST_CHUNK", 256)
-            with pytest.raises(FormatError, match="unpacks to more than 256 bytes"):
-                reader.topics(path, None)
+        with pytest.raises(FormatError, match=r"unpacks to more than 0.000256 MB, the memory that is left"):
+            reader.topics(path, None)
 
 
 # ArduPilot.

@@ -6,6 +6,7 @@ import argparse
 import itertools
 import math
 import os
+import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, fields
@@ -297,6 +298,14 @@ def count(least: int, most: int = MOST) -> Callable[[str], int]:
 
     parse.__name__ = "whole number"
     return parse
+
+
+def memory(text: str) -> int:
+    """Parse an amount of memory, ``3GB`` or ``700 MB``, to bytes."""
+    match = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?([MG])B", text.strip(), re.IGNORECASE | re.ASCII)
+    if match is None or not float(match[1]):
+        raise argparse.ArgumentTypeError(f"{text!r} is no amount of memory such as 3GB or 700MB")
+    return int(float(match[1]) * {"M": 10**6, "G": 10**9}[match[2].upper()])
 
 
 def segment_numbers(text: str) -> list[int]:

@@ -135,6 +135,7 @@ def import_log(
     header: str | None = None,
     array_by: str | None = None,
     turns: Path | str | None = None,
+    most_memory: int | None = None,
     **answers: Any,
 ) -> Imported:
     """Make a session folder of any program's log, as the command ``import`` does.
@@ -157,6 +158,8 @@ def import_log(
         Column that tells the units of an array apart.
     turns : str or Path, optional
         ``turns.csv`` of a gyroscope alone.
+    most_memory : int, optional
+        Bytes that reading may take; 1 GB, or 20 times what the files take on the disk.
     **answers
         What the log does not say: ``sensor="MPU-6050"``, ``gyro_fs_dps=500``, ``gyro_unit="dps"``, ``odr_hz=100`` and others, as the
         command's options.
@@ -193,6 +196,7 @@ def import_log(
             header=header,
             array_by=array_by,
             turns=None if turns is None else Path(turns),
+            most_memory=most_memory,
         )
     return Imported(made.folder, made.took, made.notes, made.findings, made.next)
 

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from session.annexes.logs.source import Source, as_topics, microseconds, no_columns, one_line, picked, too_many
+from session.annexes.logs.source import Source, as_topics, microseconds, no_columns, one_line, picked
+from session.io.budget import current
 from session.io.errors import FormatError
-from session.io.streams import MOST_ROWS, Stream, Topic
+from session.io.streams import Stream, Topic
 from session.io.units import parse_unit
 
 NAME = "ArduPilot dataflash"
@@ -120,7 +121,7 @@ class _Log:
     """The messages of a file by type, with the bytes of those that are wanted.  notes: what was passed over."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
-        self._path, self._wanted = path, wanted
+        self.path, self._wanted = path, wanted
         self.types: dict[int, _Type] = {FMT: _Type("FMT", FMT_LENGTH, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
         self.units: dict[str, str] = {}
         self.multipliers: dict[str, float] = {}
@@ -161,8 +162,6 @@ class _Log:
             number = data[place + 2]
             if number in keep:
                 keep[number] += data[place + 3 : end]
-                if len(keep[number]) > MOST_ROWS * (kind.length - 3):
-                    raise too_many(self._path, kind.name)
             elif kind.name in ("FMT", "FMTU", "UNIT", "MULT"):
                 self._describe(kind, data[place + 3 : end])
                 keep = {number: kind.data for number, kind in types.items() if kind.name in self._wanted}
@@ -214,6 +213,7 @@ def _streams(kind: _Type, log: _Log, names: Sequence[str]) -> Iterator[Stream]:
         if any(wanted.partition("[")[0] == kind.name for wanted in names) and name not in names:
             continue
         own = rows[sensors == number]
+        current().numbers(log.path, 8 * len(own))
         if len(own) == 1 and len(rows) > 2:
             continue  # a sensor of a single row is a damaged number
         notes = list(log.notes)

@@ -6,6 +6,7 @@ What is clear by names, shapes and units is taken.  What is not is listed with i
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from session.annexes.logs.named import Meaning, meaning
-from session.annexes.logs.source import too_many
+from session.io.budget import current
 from session.io.columns import parse_columns
 from session.io.errors import FormatError
-from session.io.streams import MOST_ROWS, Stream, Topic
+from session.io.streams import Stream, Topic
 from session.io.units import NS_PER_S, TIME
 
 #: keys of ``--columns`` here: arrays beside the single columns of a text log
@@ -25,6 +26,8 @@ KEY = re.compile(r"(t|gyro|accel|g[xyz]|a[xyz]|temp)(?:_(\S+))?")
 EXPECTED = "expected t_s=NAME,gyro_dps=NAME,accel_mps2=NAME of arrays (N, 3), or t_s=NAME,gx_dps=NAME,…,az_g=NAME of columns"
 #: names of a rate in Hz beside the arrays
 RATES = ("sampling_rate", "sample_rate", "samplingrate", "samplerate", "fs", "odr", "odr_hz", "rate_hz", "sampling_frequency")
+#: stamps that are converted at once
+AT_ONCE = 1 << 16
 #: arrays that a complaint lists
 MOST_LISTED = 12
 
@@ -98,8 +101,10 @@ def streams_of(
     there = {plan.name: plan for plan in made}
     if missing := [name for name in names if name not in there]:
         raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there)}")
+    chosen = [there[name] for name in names] if names else made
+    current().numbers(path, sum(math.prod(array.shape) for plan in chosen for array in plan.arrays))
     with np.errstate(all="ignore"):  # whatever a damaged file holds as numbers
-        return [_stream(path, plan, values, rate_hz, notes) for plan in (map(there.__getitem__, names) if names else made)]
+        return [_stream(path, plan, values, rate_hz, notes) for plan in chosen]
 
 
 def plans(path: Path, what: str, arrays: Sequence[Array], columns: str | None) -> list[Plan]:
@@ -110,9 +115,6 @@ def plans(path: Path, what: str, arrays: Sequence[Array], columns: str | None) -
         raise FormatError(
             f"{path}: {what} in which no gyroscope and no accelerometer is clear by name; {_listed(arrays)}; --columns names it, {EXPECTED}"
         )
-    for plan in made:
-        if plan.rows > MOST_ROWS:
-            raise too_many(path, plan.name)
     return made
 
 
@@ -262,11 +264,12 @@ def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz
     notes = [*said, *plan.notes]
     read: dict[str, np.ndarray] = {}
     for kind, arrays in plan.parts.items():
+        made = read[kind] = np.empty(plan.rows if kind == "temp" else (plan.rows, 3))
         if len(arrays) == 3 or kind == "temp":
-            columns = [_column(path, array, values(array.name)) * sign for array, sign in zip(arrays, plan.signs[kind], strict=False)]
-            read[kind] = columns[0] if kind == "temp" else np.column_stack(columns)
+            for place, array in enumerate(arrays):
+                made.reshape(plan.rows, -1)[:, place] = _column(path, array, values(array.name))
         else:
-            whole = np.asarray(values(arrays[0].name)).astype(float)
+            whole = np.asarray(values(arrays[0].name))
             if whole.shape != arrays[0].shape:
                 raise FormatError(
                     f"{path}: {arrays[0].name} has the shape {whole.shape}, and its head says {arrays[0].shape}; copy it again"
@@ -274,7 +277,9 @@ def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz
             if whole.shape[1] != 3:
                 whole = whole.T
                 notes.append(f"{arrays[0].name} has a row for each axis")
-            read[kind] = whole * np.array(plan.signs[kind], float)
+            made[:] = whole
+            del whole
+        made *= np.array(plan.signs[kind][: 1 if kind == "temp" else 3], float)
     t_ns = None if plan.t is None else _nanoseconds(path, plan.t, np.asarray(values(plan.t.name)).ravel(), plan.t_unit)
     return Stream(
         plan.name,
@@ -291,8 +296,8 @@ def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz
 
 
 def _column(path: Path, array: Array, values: np.ndarray) -> np.ndarray:
-    """(N,) float64."""
-    flat = np.asarray(values).astype(float).ravel()
+    """(N,) as they are."""
+    flat = np.asarray(values).ravel()
     if len(flat) != array.rows:
         raise FormatError(f"{path}: {array.name} has {len(flat)} values, and its head says {array.rows}; copy it again")
     return flat
@@ -304,19 +309,29 @@ def _nanoseconds(path: Path, array: Array, values: np.ndarray, unit: str) -> np.
         return values.astype("M8[ns]").astype(np.int64)
     per = TIME[unit]
     limit = 2**63 / per
-    if not (np.isfinite(values).all() and (abs(values.astype(float)) < limit).all()):
-        raise FormatError(f"{path}: {array.name} holds stamps that are no time in {unit}; is its unit right?")
-    if values.dtype.kind in "iu":
-        return values.astype(np.int64) * per
-    whole = np.floor(values.astype(float))
-    # Whole units and their fraction by themselves: seconds of an epoch keep what the file has of them.
-    return whole.astype(np.int64) * per + np.rint((values.astype(float) - whole) * per).astype(np.int64)
+    t_ns = np.empty(len(values), np.int64)
+    for start in range(0, len(values), AT_ONCE):
+        some, part = values[start : start + AT_ONCE], slice(start, start + AT_ONCE)
+        if not (np.isfinite(some).all() and (abs(some.astype(float)) < limit).all()):
+            raise FormatError(f"{path}: {array.name} holds stamps that are no time in {unit}; is its unit right?")
+        if some.dtype.kind in "iu":
+            t_ns[part] = some.astype(np.int64) * per
+        else:
+            whole = np.floor(some.astype(float))
+            # Whole units and their fraction by themselves: seconds of an epoch keep what the file has of them.
+            t_ns[part] = whole.astype(np.int64) * per + np.rint((some.astype(float) - whole) * per).astype(np.int64)
+    return t_ns
+
+
+def is_rate(name: str) -> bool:
+    """Whether what is called so is a rate in Hz."""
+    return name.rpartition("/")[2].rpartition(".")[2].lower() in RATES
 
 
 def rate_of(named: Mapping[str, object]) -> float | None:
     """A rate in Hz among scalars and attributes of a file; None where there is none, or it is none."""
     for name, value in named.items():
-        if name.rpartition("/")[2].rpartition(".")[2].lower() in RATES:
+        if is_rate(name):
             try:
                 number = float(np.asarray(value).ravel()[0])
             except (ValueError, TypeError, IndexError):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,18 @@ import numpy as np
 
 from session.annexes.logs.arrays import Array, streams_of, topics_of
 from session.annexes.logs.source import library, one_line
+from session.io.budget import current
 from session.io.errors import FormatError
 from session.io.files import require_file
+from session.io.samples import Growing
 from session.io.streams import Stream, Topic
 
 NAME = "Arrow"
 PACKAGE, EXTRA, LICENCE = "pyarrow", "logs", "Apache-2.0"
 EXAMPLE = "df.to_parquet('log.parquet') or df.to_feather('log.feather') with t_s, gyro_x, …, acc_z"
 PARQUET, FEATHER, FEATHER_1 = b"PAR1", b"ARROW1\0\0", b"FEA1"
+#: rows that are read at once
+AT_ONCE = 1 << 16
 
 
 def is_mine(path: Path, head: bytes) -> bool:
@@ -39,38 +44,112 @@ def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
 
 
 class _Table:
-    """Columns of a file, none of which is read before it is asked for."""
+    """Columns of a file, none of which is read before it is asked for, and then some rows at a time."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         require_file(path)
-        library(path, "a table of Arrow", "pyarrow", PACKAGE)
+        self._arrow = library(path, "a table of Arrow", "pyarrow", PACKAGE)
         with path.open("rb") as file:
-            self._is_parquet = file.read(4) == PARQUET
-        if self._is_parquet:
-            whole = library(path, "a Parquet file", "pyarrow.parquet", PACKAGE).ParquetFile(path)
-            schema, rows = whole.schema_arrow, whole.metadata.num_rows
-        else:
-            whole = self._feather(None)
+            self._magic = file.read(8)
+        if self._magic.startswith(PARQUET):
+            schema, rows = self._parquet().schema_arrow, self._parquet().metadata.num_rows
+        elif self._magic.startswith(FEATHER_1):
+            whole = self._feather_1(None)
             schema, rows = whole.schema, whole.num_rows
+        else:
+            schema, rows = self._stream(None).schema, _require_bodies(path, self._arrow.ipc, self._messages())
         self.arrays = [array for field in schema if (array := _array(field, rows)) is not None]
+        self._rows = rows
 
-    def _feather(self, columns: list[str] | None) -> Any:
+    def _parquet(self) -> Any:
+        return library(self._path, "a Parquet file", "pyarrow.parquet", PACKAGE).ParquetFile(self._path)
+
+    def _feather_1(self, columns: list[str] | None) -> Any:
         return library(self._path, "a Feather file", "pyarrow.feather", PACKAGE).read_table(self._path, columns=columns, memory_map=True)
+
+    def _messages(self) -> Any:
+        """The file behind its first bytes, which is a stream: the table of its end may point elsewhere, and is not read."""
+        file = self._arrow.memory_map(str(self._path))
+        file.seek(len(FEATHER))
+        return file
+
+    def _stream(self, name: str | None) -> Any:
+        """Its batches, of this column alone."""
+        ipc = self._arrow.ipc
+        if name is None:
+            return ipc.open_stream(self._messages())
+        place = self._stream(None).schema.get_field_index(name)
+        return ipc.open_stream(self._messages(), options=ipc.IpcReadOptions(included_fields=[place]))
+
+    def _batches(self, name: str) -> Iterator[Any]:
+        """A column, some rows at a time."""
+        if self._magic.startswith(PARQUET):
+            whole = self._parquet()
+            for group in map(whole.metadata.row_group, range(whole.metadata.num_row_groups)):
+                parts = [group.column(place) for place in range(group.num_columns)]
+                own = [part for part in parts if f"{part.path_in_schema}.".startswith(f"{name}.")]
+                current().need(self._path, 8 * sum(part.num_values for part in own))
+                current().need(self._path, sum(part.total_uncompressed_size for part in own))
+            for batch in whole.iter_batches(AT_ONCE, columns=[name], use_threads=False):
+                yield batch.column(0)
+        elif self._magic.startswith(FEATHER_1):
+            yield from self._feather_1([name]).column(name).chunks
+        else:
+            for batch in self._stream(name):
+                yield batch.column(0)
 
     def values(self, name: str) -> np.ndarray:
         """A column (N,) or (N, 3).  FormatError for one with gaps in its lists; missing numbers become NaN."""
-        if self._is_parquet:
-            table = library(self._path, "a Parquet file", "pyarrow.parquet", PACKAGE).read_table(self._path, columns=[name])
-        else:
-            table = self._feather([name])
-        column = table.column(name).combine_chunks()
-        if not _is_list(column.type):
-            return np.asarray(column.to_numpy(zero_copy_only=False))
-        flat = np.asarray(column.flatten().to_numpy(zero_copy_only=False))
-        if column.null_count or len(flat) != 3 * len(column):
-            raise FormatError(f"{self._path}: {name} does not hold three numbers in each row; give its columns apart")
-        return flat.reshape(-1, 3)
+        grown, rows = Growing(), 0
+        for part in self._batches(name):
+            rows += len(part)
+            is_list = _is_list(part.type)
+            flat = np.asarray((part.flatten() if is_list else part).to_numpy(zero_copy_only=False))
+            if is_list and (part.null_count or len(flat) != 3 * len(part)):
+                raise FormatError(f"{self._path}: {name} does not hold three numbers in each row; give its columns apart")
+            if rows > self._rows:
+                raise FormatError(f"{self._path}: {name} has more rows than the file's head says; copy it again")
+            grown.add(flat.reshape(-1, 3) if is_list else flat)
+        return grown.rows()
+
+
+def _require_bodies(path: Path, ipc: Any, file: Any) -> int:
+    """Rows of a stream, by the heads of its batches.  FormatError for one that unpacks to more than the budget.
+
+    A head is a table of flatbuffers (Arrow's format/Message.fbs and Schema.fbs); each packed buffer begins with its length.
+    """
+    rows = 0
+    for message in ipc.MessageReader.open_stream(file):
+        if message.type not in ("record batch", "dictionary"):
+            continue
+        head, body = bytes(message.metadata), memoryview(message.body)
+        batch = _table(head, _field(head, _table(head, 0), 2))
+        if message.type == "dictionary":
+            batch = _table(head, _field(head, batch, 1))
+        elif place := _field(head, batch, 0):
+            rows += struct.unpack_from("<q", head, place)[0]
+        buffers, is_packed = _table(head, _field(head, batch, 2)), _field(head, batch, 3)
+        size = 0
+        for number in range(struct.unpack_from("<I", head, buffers)[0]):
+            at, length = struct.unpack_from("<qq", head, buffers + 4 + 16 * number)
+            size += max(struct.unpack_from("<q", body, at)[0], 0) if is_packed and length >= 8 else 0
+        current().need(path, size)
+        current().unpack(path, size)
+    return rows
+
+
+def _table(head: bytes, place: int) -> int:
+    """Where the table or list is that a place refers to."""
+    return place + int(struct.unpack_from("<I", head, place)[0])
+
+
+def _field(head: bytes, table: int, number: int) -> int:
+    """The place of a table's field; 0 where it is left out."""
+    sizes = table - struct.unpack_from("<i", head, table)[0]
+    at = 4 + 2 * number
+    behind = struct.unpack_from("<H", head, sizes + at)[0] if at < struct.unpack_from("<H", head, sizes)[0] else 0
+    return table + behind if behind else 0
 
 
 def _is_list(kind: Any) -> bool:

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from session.annexes.logs.source import Rows, as_topics, library, no_columns, one_line, picked, reason
+from session.io.budget import current
 from session.io.errors import FormatError
-from session.io.files import MOST_ARCHIVE, require_file
+from session.io.files import require_file
 from session.io.streams import Stream, Topic
 
 NAME = "Betaflight blackbox"
@@ -70,10 +71,7 @@ def _silent() -> Iterator[None]:
 def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
     orangebox = library(path, "a blackbox log", "orangebox", PACKAGE, EXTRA)
     require_file(path)
-    if path.stat().st_size > MOST_ARCHIVE:  # orangebox holds all of it
-        raise FormatError(
-            f"{path}: a blackbox log of more than {MOST_ARCHIVE} bytes; a log of a table has hours, cut out what belongs to it"
-        )
+    current().take(path, 2 * path.stat().st_size)  # orangebox holds all of it
     held: list[Stream] = []
     labels: dict[str, tuple[str, ...]] = {}
     problems: list[str] = []
@@ -124,7 +122,7 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
     wanted = [place for triad in places.values() for place in triad]
     time = columns.index("time")
     name = f"log{number}"
-    rows = Rows(path, name, len(wanted))
+    rows = Rows(path, len(wanted))
     header = _header(reader.headers)
     notes = list(header.notes)
     ended = False

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import mmap
+import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from session.annexes.logs.arrays import Array, rate_of, streams_of, topics_of
-from session.annexes.logs.source import library, one_line
+from session.annexes.logs.arrays import Array, is_rate, rate_of, streams_of, topics_of
+from session.annexes.logs.source import Source, library, one_line
+from session.io.budget import current
 from session.io.errors import FormatError
-from session.io.files import open_file
 from session.io.streams import Stream, Topic
 
 NAME = "HDF5"
@@ -22,9 +22,12 @@ EXAMPLE = "any .h5, .hdf5 or MATLAB 7.3 .mat with arrays (N, 3), such as imu_gyr
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: a global heap, of version 1
 HEAP = b"GCOL\1\0\0\0"
+BLOCK = 1 << 22
 UNITS = ("units", "unit", "Units", "Unit", "UNITS")
-#: datasets that are looked at
-MOST_DATASETS = 10_000
+#: groups and datasets that are looked at, and groups in one another
+MOST_OBJECTS, DEEPEST = 50_000, 32
+#: of a rate or a unit
+LONGEST_TEXT = 1 << 16
 
 
 def is_mine(path: Path, head: bytes) -> bool:
@@ -35,18 +38,21 @@ def is_mine(path: Path, head: bytes) -> bool:
 def topics(path: Path, columns: str | None) -> list[Topic]:
     """The streams that the datasets make; FormatError lists the datasets where that is not clear."""
     with one_line(path, "an HDF5 file"), _open(path) as file:
-        arrays, _ = _arrays(file)
+        arrays, _ = _arrays(path, file)
         return topics_of(path, "an HDF5 file", arrays, columns)
 
 
 def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
     """The streams of these names; only their datasets are read."""
     with one_line(path, "an HDF5 file"), _open(path) as file:
-        arrays, rate_hz = _arrays(file)
+        arrays, rate_hz = _arrays(path, file)
 
         def values(name: str) -> np.ndarray:
             dataset, _, column = name.rpartition(".") if name not in file else (name, "", "")
-            return np.asarray(file[dataset][column] if column else file[dataset][()])
+            stored = file[dataset]
+            if stored.chunks is not None:  # a chunk is unpacked whole, beside its packed bytes
+                current().need(path, 2 * math.prod(stored.chunks) * stored.dtype.itemsize)
+            return np.asarray(stored[column] if column else stored[()])
 
         return streams_of(path, "an HDF5 file", arrays, values, names, columns, rate_hz)
 
@@ -59,47 +65,86 @@ def _open(path: Path) -> Any:
 
 def _require_heaps(path: Path) -> None:
     """FormatError for a heap of texts with an object without length, in which HDF5's library goes round for ever (III.E of its format)."""
-    with open_file(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        heap = data.find(HEAP)
-        while heap >= 0:
-            end = min(heap + int.from_bytes(data[heap + 8 : heap + 16], "little"), len(data))
+    with Source(path) as source:
+        left = source.size // 16 + 1  # objects that the file has room for: heaps in one another would be gone through again and again
+        for heap in _heaps(source):
+            source.seek(heap + 8)
+            end = min(heap + int.from_bytes(source.read(8), "little"), source.size)
             at = heap + 16
             while at + 16 <= end:
-                number, length = struct.unpack_from("<H6xQ", data, at)
+                source.seek(at)
+                number, length = struct.unpack("<H6xQ", source.read(16))
                 step = 16 + length + -length % 8 if number else length  # the last one, number 0, is the free space with its head
-                if step < 16:
+                left -= 1
+                if step < 16 or left < 0:
                     raise FormatError(f"{path}: an HDF5 file that is damaged at byte {at}; copy it again")
                 at += step
-            heap = data.find(HEAP, heap + 1)
 
 
-def _arrays(file: Any) -> tuple[list[Array], float | None]:
-    """The datasets of numbers, and of tables the columns; none that lies in another file is opened.  Their rate in Hz."""
+def _heaps(source: Source) -> Iterator[int]:
+    """Where heaps begin."""
+    start, data = 0, b""
+    while start + len(HEAP) < source.size:
+        source.seek(start)
+        data = source.read(min(BLOCK, source.size - start))
+        at = data.find(HEAP)
+        while at >= 0:
+            if start + at + 16 <= source.size:
+                yield start + at
+            at = data.find(HEAP, at + 1)
+        start += len(data) - len(HEAP) + 1
+
+
+def _attributes(item: Any, wanted: Any) -> dict[str, object]:
+    """The attributes of these names that are one number or one text; no other is read."""
+    found = {}
+    for name in filter(wanted, item.attrs):
+        stored = item.attrs.get_id(name)
+        if math.prod(stored.shape) == 1 and stored.dtype.itemsize <= LONGEST_TEXT:
+            found[name] = item.attrs[name]
+    return found
+
+
+def _arrays(path: Path, file: Any) -> tuple[list[Array], float | None]:
+    """The datasets of numbers, and of tables the columns; none that lies in another file is opened.  Their rate in Hz.
+
+    FormatError where more lies in the file, or lies deeper, than any log has.
+    """
     import h5py
 
     found: list[Array] = []
-    rates: dict[str, object] = dict(file.attrs)
+    rates = _attributes(file, is_rate)
+    seen = {hash(file["/"].id)}
 
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            rates.update({f"{name}/{key}": value for key, value in item.attrs.items() if key.lower() not in map(str.lower, UNITS)})
-            if item.external or item.is_virtual or len(found) >= MOST_DATASETS:
-                return
-            if item.dtype.names:
-                found.extend(
-                    Array(f"{name}.{column}", item.shape, item.dtype[column]) for column in item.dtype.names if not item.dtype[column].shape
-                )
-            elif item.shape == () or item.size == 1:
-                rates[name] = item[()]
-            elif item.shape is not None:
-                # An attribute that is a text, however it was written
-                value = next((item.attrs[key] for key in UNITS if key in item.attrs), "")
-                if isinstance(value, np.ndarray):
-                    value = value.ravel()[0] if value.size else ""
-                unit = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-                found.append(Array(name, item.shape, item.dtype, unit))
-        else:
-            rates.update({f"{name}/{key}": value for key, value in item.attrs.items()})
+    def visit(group: Any, above: str, depth: int) -> None:
+        for key in group:
+            if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+                continue
+            item, name = group[key], f"{above}{key}"
+            if hash(item.id) in seen:
+                continue
+            seen.add(hash(item.id))
+            if len(seen) > MOST_OBJECTS or depth > DEEPEST:
+                what = f"groups more than {DEEPEST} deep" if depth > DEEPEST else f"more than {MOST_OBJECTS} groups and datasets"
+                raise FormatError(f"{path}: an HDF5 file with {what}; is it the right file? copy what is of the log into one of its own")
+            rates.update({f"{name}/{key}": value for key, value in _attributes(item, is_rate).items()})
+            if isinstance(item, h5py.Group):
+                visit(item, f"{name}/", depth + 1)
+            elif isinstance(item, h5py.Dataset) and not (item.external or item.is_virtual or item.shape is None):
+                found.extend(_columns(item, name))
+                if is_rate(name) and item.size == 1 and item.dtype.itemsize <= LONGEST_TEXT:
+                    rates[name] = item[()]
 
-    file.visititems(visit)
+    visit(file, "", 1)
     return found, rate_of(rates)
+
+
+def _columns(item: Any, name: str) -> list[Array]:
+    """A dataset, or the columns of a table; none of a single number."""
+    if item.dtype.names:
+        return [Array(f"{name}.{column}", item.shape, item.dtype[column]) for column in item.dtype.names if not item.dtype[column].shape]
+    if item.size == 1:
+        return []
+    # An attribute that is a text, however it was written
+    value = next((np.ravel(value)[0] for value in _attributes(item, UNITS.__contains__).values()), "")
+    return [Array(name, item.shape, item.dtype, value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value))]

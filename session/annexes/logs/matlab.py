@@ -17,7 +17,7 @@ import numpy as np
 
 from session.annexes.logs.arrays import Array, plans, rate_of, streams_of, topics_of
 from session.annexes.logs.source import Cut, Source, one_line, reason
-from session.io.files import MB
+from session.io.budget import RECORD, current
 from session.io.streams import Stream, Topic
 
 NAME = "MATLAB"
@@ -25,8 +25,8 @@ PACKAGE, EXTRA, LICENCE = "", "", ""
 EXAMPLE = "any .mat of MATLAB 4 to 7.2 with arrays or structs of them: imu.gyro (N, 3), imu.acc (N, 3), imu.t"
 MAGIC = b"MATLAB 5.0 MAT-file"
 HEAD = 128
-#: of one variable, unpacked: two days of seven columns at 208 Hz have 2 GB
-MOST = 4096 * MB
+#: packed bytes that are unpacked at once, and letters of a text that are kept
+AT_ONCE, LONGEST_TEXT = 1 << 14, 256
 #: types of data of version 5 -> NumPy's; texts
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
@@ -62,8 +62,14 @@ def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
         file = _File(path)
         made = plans(path, file.words, file.arrays, columns)
         wanted = {array.name for plan in made for array in plan.arrays if not names or plan.name in names}
-        values = {name: value.copy() for name, value in _variables(path, []) if name in wanted and isinstance(value, np.ndarray)}
-        return streams_of(path, file.words, file.arrays, values.__getitem__, names, columns, file.rate_hz, file.notes)
+        values: dict[str, np.ndarray] = {}
+
+        def value_of(name: str) -> np.ndarray:
+            if not values:
+                values.update({key: value.copy() for key, value in _variables(path, []) if key in wanted and isinstance(value, np.ndarray)})
+            return values[name]
+
+        return streams_of(path, file.words, file.arrays, value_of, names, columns, file.rate_hz, file.notes)
 
 
 class _File:
@@ -76,7 +82,7 @@ class _File:
         scalars: dict[str, object] = {}
         for name, value in _variables(path, self.notes):
             if isinstance(value, str):
-                texts[name] = value
+                texts[name] = value[:LONGEST_TEXT]
             elif value.size == 1:
                 scalars[name] = value.copy()
             else:
@@ -120,13 +126,30 @@ def _fifth(source: Source, order: str) -> Iterator[tuple[str, Value]]:
     kind, length = struct.unpack(f"{order}II", source.read(8))
     body = memoryview(source.read(length))
     if kind == COMPRESSED:
-        unpack = zlib.decompressobj()
-        whole = unpack.decompress(body, MOST)
-        if not unpack.eof:
-            raise ValueError("a variable does not end, or unpacks to more than any recording has")
-        kind, body, _ = _element(memoryview(whole), 0, order)
+        kind, body, _ = _element(_unpacked(source, body, order), 0, order)
     if kind == MATRIX:
-        yield from _matrix(body, order, "", 0)
+        yield from _matrix(source.path, body, order, "", 0)
+
+
+def _unpacked(source: Source, packed: memoryview, order: str) -> memoryview:
+    """A variable, of the length that its head states.  ValueError where it has another."""
+    unpack = zlib.decompressobj()
+    head = unpack.decompress(packed, 8)
+    length = 8 + struct.unpack(f"{order}4xI", head)[0]
+    current().need(source.path, length + len(packed))
+    whole = memoryview(np.empty(length, np.uint8)).cast("B")
+    whole[:8], at = head, 8
+    rest = memoryview(unpack.unconsumed_tail)
+    for begin in range(0, len(rest), AT_ONCE):
+        part = unpack.decompress(rest[begin : begin + AT_ONCE])
+        current().unpack(source.path, len(part))
+        if at + len(part) > len(whole):
+            break
+        whole[at : at + len(part)] = part
+        at += len(part)
+    if not unpack.eof or at != len(whole):
+        raise ValueError("a variable does not end, or unpacks to another length than it states")
+    return whole
 
 
 def _element(data: memoryview, at: int, order: str) -> tuple[int, memoryview, int]:
@@ -142,8 +165,9 @@ def _element(data: memoryview, at: int, order: str) -> tuple[int, memoryview, in
     return kind, data[begin : begin + length], behind
 
 
-def _matrix(data: memoryview, order: str, name: str, depth: int) -> Iterator[tuple[str, Value]]:
+def _matrix(path: Path, data: memoryview, order: str, name: str, depth: int) -> Iterator[tuple[str, Value]]:
     """The arrays and texts of a matrix; name: of what holds it."""
+    current().unpack(path, RECORD)
     if depth > DEEPEST or not len(data):
         return
     _, flags, at = _element(data, 0, order)
@@ -162,20 +186,24 @@ def _matrix(data: memoryview, order: str, name: str, depth: int) -> Iterator[tup
     elif kind == CHAR:
         stored, letters, _ = _element(data, at, order)
         code = TEXTS[stored]
-        yield name, bytes(letters).decode(code if code[:3] != "utf" or code == "utf-8" else f"{code}-{'le' if order == '<' else 'be'}")
+        code = code if code[:3] != "utf" or code == "utf-8" else f"{code}-{'le' if order == '<' else 'be'}"
+        kept = 4 * LONGEST_TEXT
+        yield name, bytes(letters[:kept]).decode(code, "strict" if len(letters) <= kept else "replace")
     elif kind == STRUCT and count <= MOST_ELEMENTS:
         _, length, at = _element(data, at, order)
         _, words, at = _element(data, at, order)
         (width,) = struct.unpack_from(f"{order}i", length)
+        if len(words) > MOST_ELEMENTS * max(width, 1):
+            raise ValueError("a struct of more fields than any log has")
         fields = [bytes(words[begin : begin + width]).split(b"\0")[0].decode("latin-1") for begin in range(0, len(words), max(width, 1))]
         for place in range(count):
             for field in fields:
                 _, inner, at = _element(data, at, order)
-                yield from _matrix(inner, order, f"{name}[{place}].{field}" if count > 1 else f"{name}.{field}", depth + 1)
+                yield from _matrix(path, inner, order, f"{name}[{place}].{field}" if count > 1 else f"{name}.{field}", depth + 1)
     elif kind == CELL and count <= MOST_ELEMENTS:
         for place in range(count):
             _, inner, at = _element(data, at, order)
-            yield from _matrix(inner, order, f"{name}[{place}]", depth + 1)
+            yield from _matrix(path, inner, order, f"{name}[{place}]", depth + 1)
 
 
 # Version 4.
@@ -203,4 +231,4 @@ def _fourth(source: Source) -> tuple[str, Value]:
     values = np.frombuffer(source.read(rows * columns * np.dtype(dtype).itemsize), dtype).reshape((rows, columns), order="F")
     if is_complex:
         source.read(values.nbytes)
-    return name, "".join(chr(int(code)) for code in values.ravel(order="C")) if is_text else values
+    return name, "".join(chr(int(code)) for code in values.ravel(order="C")[:LONGEST_TEXT]) if is_text else values

@@ -8,14 +8,15 @@ from __future__ import annotations
 import contextlib
 import io
 import struct
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import zlib
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from session.annexes.logs.ros import MOST_CHUNK, Layout, Topic, definitions_of, fields_of, json_decoder, refuse_empty
+from session.annexes.logs.ros import Layout, Topic, definitions_of, fields_of, json_decoder, refuse_empty
 from session.annexes.logs.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
+from session.io.budget import RECORD, amount, current
 from session.io.errors import FormatError
 from session.io.streams import Stream
 
@@ -23,8 +24,15 @@ NAME = "MCAP"
 PACKAGE, EXTRA, LICENCE = "mcap", "logs", "MIT"
 EXAMPLE = "ros2 bag record --storage mcap /imu/data_raw: rosbag2_2026_11_26-10_15_02_0.mcap; also with JSON messages"
 MAGIC = b"\x89MCAP0\r\n"
-#: a chunk's record: its code, and where its compression's name begins, behind lengths, times and checksum
-CHUNK, CHUNK_HEAD = 6, 1 + 8 + 8 + 8 + 8 + 4 + 4
+#: codes of records that are used, and what the mcap package calls them
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 11, 15
+USED = {FOOTER: "", SCHEMA: "Schema", CHANNEL: "Channel", MESSAGE: "", CHUNK: "Chunk", STATISTICS: "Statistics", DATA_END: ""}
+#: what stands before a record's body, code and length, and before a message's data in it: channel, number, two times
+HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+#: packed bytes that are unpacked at once
+AT_ONCE = 1 << 16
+#: where in a chunk's record its compression's name begins, behind lengths, times and checksum
+CHUNK_HEAD = 1 + 8 + 8 + 8 + 8 + 4 + 4
 #: encodings of messages that are read
 ENCODINGS = ("cdr", "ros1", "json")
 
@@ -63,69 +71,111 @@ def walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen:
     reader = library(path, "an MCAP file", "mcap.stream_reader", PACKAGE)
     damaged = DamagedChunks()
     with one_line(path, "an MCAP file"), Source(path) as source:
-        channels = _Channels(path, names, found, seen, notes)
+        channels = _Channels(path, reader, names, found, seen, notes)
         at, ended = len(MAGIC), False
         try:
-            records = reader.StreamReader(source, emit_chunks=True, record_size_limit=source.size).records
-            for record in records:
-                ended |= type(record).__name__ == "DataEnd"
-                if isinstance(record, reader.Chunk):
-                    _chunk(reader, record, channels, at, damaged)
+            source.seek(at)
+            for code, body in _records(source):
+                ended |= code == DATA_END
+                if code == FOOTER:
+                    break
+                if code == CHUNK:
+                    _chunk(channels.parsed(code, body), channels, at, damaged)
                 else:
-                    channels.take(record)
+                    channels.take(code, body)
                 at = source.tell()
         except FormatError:
             raise
         except Exception as error:
             if ended:
                 notes.append(f"the summary at the file's end is damaged (byte {at}); all messages stand before it")
-            elif isinstance(error, (Cut, reader.RecordLengthLimitExceeded)):
+            elif isinstance(error, Cut):
                 notes.append(f"the file is cut in the record at byte {at}")
-                _cut_chunk(reader, source, at, channels)
+                _cut_chunk(source, at, channels)
             else:
                 notes.append(f"the file is damaged at byte {at} and is read up to there ({reason(error)})")
     notes += damaged.notes
 
 
-def _chunk(reader: Any, chunk: Any, channels: _Channels, at: int, damaged: DamagedChunks) -> None:
-    """The records of a chunk, which is read whole or not at all."""
+def _records(source: Source) -> Iterator[tuple[int, bytes]]:
+    """Code and body of each record of a file, no body of one that is not used.  Cut where one is cut."""
+    while source.tell() < source.size:
+        code, length = HEAD.unpack(source.read(HEAD.size))
+        if code not in USED:
+            source.seek(length, 1)
+        yield code, source.read(length) if code in USED else b""
+
+
+def _within(path: Path, data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Those of a chunk.  ValueError or struct.error where one is cut."""
+    at, budget = 0, current()
+    while at < len(data):
+        code, length = HEAD.unpack_from(data, at)
+        at, begin = at + HEAD.size + length, at + HEAD.size
+        budget.unpack(path, RECORD)
+        if at > len(data):
+            raise ValueError("a record is cut")
+        if code in USED:
+            yield code, data[begin:at]
+
+
+def _chunk(chunk: Any, channels: _Channels, at: int, damaged: DamagedChunks) -> None:
+    """The records of a chunk; of one whose checksum is another, none."""
     try:
-        if chunk.uncompressed_size > MOST_CHUNK:
-            raise ValueError(f"unpacks to more than {MOST_CHUNK} bytes")
-        whole = replace(chunk, compression="", data=unpacked(chunk.compression, chunk.data, chunk.uncompressed_size))
-        records = reader.breakup_chunk(whole, validate_crc=True)
+        data = unpacked(channels.path, chunk.compression, chunk.data, chunk.uncompressed_size)
+        if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+            raise ValueError("its checksum is another")
+        for code, body in _within(channels.path, data):
+            channels.take(code, body)
     except FormatError:
         raise
     except Exception as error:
         damaged.add(at, error)
         channels.take_summary()
-        return
-    for record in records:
-        channels.take(record)
 
 
-def _cut_chunk(reader: Any, source: Source, at: int, channels: _Channels) -> None:
+def _cut_chunk(source: Source, at: int, channels: _Channels) -> None:
     """The records of the chunk there, as far as the file goes: a recorder that was killed leaves its last chunk behind so."""
     source.seek(at)
-    data = source.read(min(source.size - at, MOST_CHUNK))
-    with contextlib.suppress(Exception):
+    data = source.read(min(source.size - at, current().piece))
+    try:
         (named,) = struct.unpack_from("<I", data, CHUNK_HEAD - 4)
         compression = data[CHUNK_HEAD : CHUNK_HEAD + named].decode()
         if data[0] != CHUNK:
             return
         begun = data[CHUNK_HEAD + named + 8 :]
-        if compression == "zstd":
-            begun = library(source.path, "an MCAP file", "zstandard", "zstandard").ZstdDecompressor().decompressobj().decompress(begun)
-        elif compression:
-            begun = unpacked(compression, begun, MOST_CHUNK)
-        for record in reader.StreamReader(io.BytesIO(begun), skip_magic=True, record_size_limit=len(begun)).records:
-            channels.take(record)
+        begun = _begun(source.path, compression, begun)
+        for code, body in _within(source.path, begun):
+            channels.take(code, body)
+    except FormatError:
+        raise
+    except Exception:  # up to where the file ends
+        return
 
 
-def unpacked(compression: str, data: bytes, most: int) -> bytes:
-    """Bytes that were packed as zstd or lz4, or not.  ValueError for another compression, and for more than ``most`` bytes."""
+def _begun(path: Path, compression: str, packed: bytes) -> bytes:
+    """What the beginning of packed bytes unpacks to."""
+    if compression != "zstd":
+        return unpacked(path, compression, packed)
+    unpack = library(path, "an MCAP file", "zstandard", "zstandard").ZstdDecompressor().decompressobj()
+    whole = bytearray()
+    for begin in range(0, len(packed), AT_ONCE):
+        whole += unpack.decompress(packed[begin : begin + AT_ONCE])
+        current().need(path, 3 * len(whole))
+    return bytes(whole)
+
+
+def unpacked(path: Path, compression: str, data: bytes, most: int | None = None) -> bytes:
+    """Bytes that were packed as zstd or lz4, or not; most: what they say that they unpack to.
+
+    ValueError for another compression, and for more than that or than one chunk may have; FormatError beyond the budget.
+    """
     if compression == "":
         return data
+    budget = current()
+    most = budget.piece if most is None else most
+    if most > budget.piece:
+        raise ValueError(f"unpacks to more than {amount(budget.piece)}, the memory that is left")
     if compression == "lz4":
         import lz4.frame
 
@@ -142,30 +192,42 @@ def unpacked(compression: str, data: bytes, most: int) -> bytes:
         raise ValueError(f"compression {compression!r} is not known")
     if len(whole) > most:
         raise ValueError(f"unpacks to more than {most} bytes")
+    budget.unpack(path, len(whole))
     return whole
 
 
 class _Channels:
     """Schemas and channels as they come, and the topic of each channel: None where it holds no IMU or is not wanted."""
 
-    def __init__(self, path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
-        self._path, self._names, self._found, self._seen, self._notes = path, names, found, seen, notes
+    def __init__(
+        self, path: Path, reader: Any, names: Sequence[str] | None, found: dict[str, Topic], seen: dict[str, None], notes: list[str]
+    ) -> None:
+        self.path, self._reader, self._names, self._found, self._seen, self._notes = path, reader, names, found, seen, notes
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
         self._topics: dict[int, Topic | None] = {}
         self._messages = 0
 
-    def take(self, record: Any) -> None:
-        """One record: a schema, a channel, a message; others are passed over."""
-        kind = type(record).__name__
-        if kind == "Message":
+    def parsed(self, code: int, body: bytes) -> Any:
+        """A record of the mcap package."""
+        return getattr(self._reader, USED[code]).read(self._reader.ReadDataStream(io.BytesIO(body)))
+
+    def take(self, code: int, body: bytes) -> None:
+        """One record: a schema, a channel, a message, statistics; others are passed over."""
+        if code == MESSAGE:
+            number, _, logged_ns, _ = MESSAGE_HEAD.unpack_from(body)
             self._messages += 1
-            number = record.channel_id
+            data = body[MESSAGE_HEAD.size :]
             if number not in self._topics:
-                self._topics[number] = self._topic(number, record.data)
+                self._topics[number] = self._topic(number, data)
             if (topic := self._topics[number]) is not None:
-                topic.add(record.log_time, record.data)
-        elif kind == "Statistics" and record.message_count > self._messages:
+                topic.add(logged_ns, data)
+        elif code in (SCHEMA, CHANNEL, STATISTICS):
+            self._describe(self.parsed(code, body))
+
+    def _describe(self, record: Any) -> None:
+        kind = type(record).__name__
+        if kind == "Statistics" and record.message_count > self._messages:
             self._notes.append(f"{self._messages} of {record.message_count} messages, which the file counts itself, were read")
         elif kind == "Schema":
             self._schemas.setdefault(record.id, record)
@@ -176,10 +238,10 @@ class _Channels:
 
     def take_summary(self) -> None:
         """Schemas and channels as the file's summary repeats them, where it can be read: a damaged chunk may have held them."""
-        with contextlib.suppress(Exception), Source(self._path) as source:
-            summary = library(self._path, "an MCAP file", "mcap.reader", PACKAGE).make_reader(source).get_summary()
+        with contextlib.suppress(Exception), Source(self.path) as source:
+            summary = library(self.path, "an MCAP file", "mcap.reader", PACKAGE).make_reader(source).get_summary()
             for record in (*summary.schemas.values(), *summary.channels.values()):
-                self.take(record)
+                self._describe(record)
 
     def _topic(self, number: int, first: bytes) -> Topic | None:
         channel = self._channels.get(number)
@@ -199,7 +261,7 @@ class _Channels:
             else:
                 ros1 = channel.message_encoding == "ros1"
                 kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
-                layout = Layout(definitions_of(self._path, kind, text.decode(), encoding == "ros2idl", ros1), kind, cdr=not ros1)
+                layout = Layout(definitions_of(self.path, kind, text.decode(), encoding == "ros2idl", ros1), kind, cdr=not ros1)
                 fields, name = fields_of(layout.paths, kind), kind
                 if fields is None:
                     return None
@@ -210,4 +272,4 @@ class _Channels:
         except Exception as error:
             self._notes.append(f"the messages of {channel.topic} cannot be read ({reason(error)})")
             return None
-        return self._found.setdefault(channel.topic, Topic(self._path, channel.topic, name, decode, fields))
+        return self._found.setdefault(channel.topic, Topic(self.path, channel.topic, name, decode, fields))

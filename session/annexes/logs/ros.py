@@ -18,7 +18,7 @@ import numpy as np
 
 from session.annexes.logs.named import meaning, triads
 from session.annexes.logs.source import Rows, library
-from session.io.errors import FormatError
+from session.io.errors import CalibrationError, FormatError
 from session.io.streams import Stream
 from session.io.units import NS_PER_S
 
@@ -29,8 +29,6 @@ LETTERS = {
 }
 #: numbers of one message when its types are written out
 MOST_FIELDS = 20_000
-#: of unpacked bytes: a recorder's chunks have 1 to 4 MB
-MOST_CHUNK = 256 << 20
 
 # Layout of a message.
 
@@ -233,7 +231,7 @@ class Topic:
         self.name, self.kind, self.fields = name, kind, fields
         self._decode = decode
         self._width = len(fields.gyro) + len(fields.accel) + (fields.temp is not None)
-        self._logged, self._rows = Rows(path, name, 1), Rows(path, name, self._width)
+        self._logged, self._rows = Rows(path, 0), Rows(path, self._width)
         self._absent = np.zeros(len(fields.absent), dtype=np.int64)
         self.damaged = 0
 
@@ -252,6 +250,8 @@ class Topic:
             )
             if not (-(2**63) <= own < 2**63 and -(2**63) <= logged_ns < 2**63):
                 raise ValueError("no stamp")
+        except CalibrationError:
+            raise
         except Exception:
             self.damaged += 1
             return

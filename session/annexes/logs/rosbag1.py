@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from session.annexes.logs.ros import MOST_CHUNK, Layout, Topic, definitions_of, fields_of, refuse_empty
+from session.annexes.logs.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
 from session.annexes.logs.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
+from session.io.budget import RECORD, amount, current
 from session.io.errors import CalibrationError
 from session.io.streams import Stream
 from session.io.units import NS_PER_S
@@ -87,6 +88,7 @@ class _Bag:
         source.seek(len(MAGIC))
         while source.tell() < source.size:
             self.at = source.tell()
+            current().unpack(self._path, RECORD)
             header = self._reader.Header.read(source)
             size = self._reader.read_uint32(source)
             kind = header.get_uint8("op")
@@ -105,10 +107,11 @@ class _Bag:
     def _chunk(self, header: Any, data: bytes) -> None:
         """The records of a chunk; of one that is damaged or cut those before the damage."""
         try:
-            records, ends = _unpacked(header.get_string("compression"), data)
+            records, ends = _unpacked(self._path, header.get_string("compression"), data)
             inner = io.BytesIO(records)
             length = len(inner.getbuffer())
             while inner.tell() < length:
+                current().unpack(self._path, RECORD)
                 record = self._reader.Header.read(inner)
                 body = self._reader.read_bytes(inner, self._reader.read_uint32(inner))
                 self._record(record.get_uint8("op"), record, body)
@@ -157,10 +160,10 @@ class _Bag:
             self.topics[number] = self._by_name.setdefault(name, Topic(self._path, name, kind, layout, fields))
 
 
-def _unpacked(compression: str, data: bytes) -> tuple[bytes, bool]:
+def _unpacked(path: Path, compression: str, data: bytes) -> tuple[bytes, bool]:
     """A chunk's records, and whether they are all of them.
 
-    ValueError for a compression that is not known, and for a chunk that unpacks to more than any recorder writes.
+    ValueError for a compression that is not known, and for a chunk that unpacks to more than one may; FormatError beyond the budget.
     """
     if compression == "none":
         return data, True
@@ -172,7 +175,9 @@ def _unpacked(compression: str, data: bytes) -> tuple[bytes, bool]:
         unpack = lz4.frame.LZ4FrameDecompressor()
     else:
         raise ValueError(f"compression {compression!r} is not known")
-    whole = unpack.decompress(data, MOST_CHUNK)
-    if len(whole) >= MOST_CHUNK:
-        raise ValueError(f"unpacks to more than {MOST_CHUNK} bytes")
+    budget = current()
+    whole = unpack.decompress(data, budget.piece)
+    budget.unpack(path, len(whole))
+    if len(whole) >= budget.piece:
+        raise ValueError(f"unpacks to more than {amount(budget.piece)}, the memory that is left")
     return whole, unpack.eof

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from session.annexes.logs import mcap_file
-from session.annexes.logs.ros import MOST_CHUNK, Layout, Topic, definitions_of, fields_of, refuse_empty
+from session.annexes.logs.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
 from session.annexes.logs.source import as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
+from session.io.budget import RECORD, current
 from session.io.errors import FormatError
 from session.io.files import MOST_TOML, open_file, read_text, require_file
 from session.io.streams import Stream
@@ -25,6 +26,11 @@ PACKAGE, EXTRA, LICENCE = "rosbags", "logs", "Apache-2.0"
 EXAMPLE = "ros2 bag record /imu/data_raw: rosbag2_2026_11_26-10_15_02/, or its rosbag2_2026_11_26-10_15_02_0.db3"
 MAGIC = b"SQLite format 3\0"
 METADATA = "metadata.yaml"
+#: how a table's SQL begins, and what no column of one is called: it would be another order of rows
+PLAIN = re.compile(r"CREATE\s+TABLE\b", re.IGNORECASE)
+ROWID = ("rowid", "oid", "_rowid_")
+#: of SQLite's machine, between two looks at the budget: some 10 ms
+STEPS = 1 << 20
 #: what a message that is packed by itself begins with
 ZSTD = b"\x28\xb5\x2f\xfd"
 
@@ -100,13 +106,17 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
         try:
             database.execute("PRAGMA trusted_schema = OFF")
             database.execute("PRAGMA writable_schema = ON")  # nothing is written: without it SQLite does not open a file that is cut
+            # Rows are bytes of the file, and their work is bounded: a page may be among its own pages
+            budget = current()
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, budget.piece)
+            database.set_progress_handler(lambda: budget.spends(STEPS), STEPS)
             tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if not {"topics", "messages"} <= tables:
                 raise FormatError(f"{path}: a SQLite file without the tables topics and messages of a ROS 2 bag; is it the right file?")
             # The wanted topics by their numbers
-            texts = dict(_definitions(database)) if "message_definitions" in tables else {}
+            texts = dict(_definitions(path, database)) if "message_definitions" in tables else {}
             wanted: dict[int, Topic] = {}
-            for number, name, kind, form in list(database.execute("SELECT id, name, type, serialization_format FROM topics")):
+            for number, name, kind, form in list(_rows(path, database, "topics", "id, name, type, serialization_format")):
                 seen[f"{name} ({kind})"] = None
                 if form != "cdr" or (names is not None and name not in names):
                     continue
@@ -117,21 +127,35 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
                         continue
                     found[name] = topic
                 wanted[number] = found[name]
-            for number, stamp, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid"):
+            for number, stamp, data in _rows(path, database, "messages", "topic_id, timestamp, data"):
                 if not isinstance(stamp, int) or not isinstance(data, bytes):
                     raise ValueError("a row that is none")  # of a page that is cut, or of zeros
                 rows += 1
                 if number in wanted:
                     wanted[number].add(stamp, data)
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
+            current().unpack(path, 0)  # where that has ended it
             notes.append(f"the bag is damaged and is read up to its message {rows} ({reason(error)})")
         finally:
             database.close()
 
 
-def _definitions(database: sqlite3.Connection) -> Iterator[tuple[str, tuple[str, str]]]:
-    for kind, encoding, text in database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"):
+def _definitions(path: Path, database: sqlite3.Connection) -> Iterator[tuple[str, tuple[str, str]]]:
+    columns = "topic_type, encoding, encoded_message_definition"
+    for kind, encoding, text in _rows(path, database, "message_definitions", columns):
         yield kind, (encoding, text)
+
+
+def _rows(path: Path, database: sqlite3.Connection, table: str, columns: str) -> Iterator[tuple[Any, ...]]:
+    """The rows of a table in the order in which they were written.  FormatError for what is no plain table of plain columns, whose rows
+    a program in the file makes, and beyond the budget."""
+    (made,) = database.execute("SELECT sql FROM sqlite_master WHERE name = ? AND type = 'table'", (table,)).fetchone()
+    described = database.execute(f"PRAGMA table_xinfo({table})").fetchall()
+    if not PLAIN.match(str(made)) or any(hidden or name.lower() in ROWID for _, name, _, _, _, _, hidden in described):
+        raise FormatError(f"{path}: {table} is no plain table, as a ROS 2 bag has it; is it the right file?")
+    for row in database.execute(f"SELECT {columns} FROM {table} ORDER BY rowid"):
+        current().unpack(path, RECORD + sum(len(value) for value in row if isinstance(value, (bytes, str))))
+        yield row
 
 
 def ros2_topic(path: Path, name: str, kind: str, text: str, idl: bool, notes: list[str]) -> Topic | None:
@@ -150,11 +174,11 @@ def ros2_topic(path: Path, name: str, kind: str, text: str, idl: bool, notes: li
     if fields is None:
         return None
     layout.want(fields.paths)
-    return Topic(path, name, kind, lambda data: layout(_unpacked(data)), fields)
+    return Topic(path, name, kind, lambda data: layout(_unpacked(path, data)), fields)
 
 
-def _unpacked(data: bytes) -> bytes:
+def _unpacked(path: Path, data: bytes) -> bytes:
     """A message, which may be packed by itself."""
     if data[:4] != ZSTD:
         return data
-    return mcap_file.unpacked("zstd", data, MOST_CHUNK)
+    return mcap_file.unpacked(path, "zstd", data)

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from session.io.budget import current
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import open_file
-from session.io.streams import MOST_ROWS, Stream, Topic
+from session.io.streams import Stream, Topic
 
 
 def library(path: Path, what: str, module: str, package: str, extra: str = "logs") -> Any:
@@ -74,7 +75,8 @@ class Cut(Exception):
 
 
 class Source(BufferedIOBase):
-    """A file's bytes for a parser of a foreign format.  A length that damaged bytes state never becomes a read beyond the file's end.
+    """A file's bytes for a parser of a foreign format.  A length that damaged bytes state never becomes a read beyond the file's end, and
+    what is read counts in the budget.
 
     strict: a read that the file cannot fill raises Cut; else it returns what is there.  budget: bytes that may be read in all, after
     which the file seems to end: a parser that goes back and forth in damaged bytes comes to an end.
@@ -85,6 +87,7 @@ class Source(BufferedIOBase):
         self._file = open_file(path)
         self.size = os.fstat(self._file.fileno()).st_size
         self.strict, self.budget = strict, budget
+        self._allowed = current()
         #: whether the last read found fewer bytes than it asked for, and some
         self.short = False
 
@@ -98,6 +101,8 @@ class Source(BufferedIOBase):
             self.budget -= min(wanted, left)
         if self.strict and wanted > left:
             raise Cut(f"the file ends {wanted - left} bytes too early")
+        self._allowed.need(self.path, 3 * min(wanted, left))  # what is made of it is as large
+        self._allowed.unpack(self.path, min(wanted, left))
         data = self._file.read(max(min(wanted, left), 0))
         self.short = 0 < len(data) < wanted or (not data and wanted > 3)
         return data
@@ -148,18 +153,20 @@ class DamagedChunks:
 
 
 class Rows:
-    """Columns that grow by a row: 8 bytes for a stamp, 8 for a number."""
+    """Columns that grow by a row: 8 bytes for a stamp, 8 for a number; so many rows at a time count in the budget."""
 
-    def __init__(self, path: Path, name: str, width: int) -> None:
-        self._path, self._name, self._width = path, name, width
+    AT_ONCE = 1 << 12
+
+    def __init__(self, path: Path, width: int) -> None:
+        self._path, self._width, self._budget = path, width, current()
         self._t, self._values = array("q"), array("d")
 
     def add(self, t_ns: int, values: Sequence[float]) -> None:
-        """One row; values has the width's length.  FormatError beyond the most rows of a log; OverflowError for no stamp."""
+        """One row; values has the width's length.  FormatError beyond the budget; OverflowError for no stamp."""
+        if len(self._t) % self.AT_ONCE == 0:
+            self._budget.numbers(self._path, self.AT_ONCE * (1 + self._width))
         self._t.append(t_ns)
         self._values.extend(values)
-        if len(self._t) > MOST_ROWS:
-            raise too_many(self._path, self._name)
 
     def __len__(self) -> int:
         """Rows."""
@@ -175,11 +182,6 @@ class Rows:
         """(N, width) float64."""
         flat = np.frombuffer(self._values) if self._values else np.zeros(0)
         return flat.reshape(-1, self._width)
-
-
-def too_many(path: Path, name: str) -> FormatError:
-    """The complaint about a stream that is longer than any log of a table."""
-    return FormatError(f"{path}: {name} has more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
 
 
 def microseconds(stamps: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:

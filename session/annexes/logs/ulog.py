@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from session.annexes.logs.source import Source, as_topics, library, microseconds, no_columns, one_line, picked, too_many
+from session.annexes.logs.source import Source, as_topics, library, microseconds, no_columns, one_line, picked
+from session.io.budget import current
 from session.io.errors import FormatError
-from session.io.streams import MOST_ROWS, Stream, Topic
+from session.io.streams import Stream, Topic
 from session.io.units import DEG, G
 
 NAME = "ULog"
@@ -103,7 +104,7 @@ class _Last(Source):
 
 
 def _budget(path: Path) -> int:
-    return LEAST_BUDGET + READ_AGAIN * path.stat().st_size
+    return min(LEAST_BUDGET + READ_AGAIN * path.stat().st_size, current().unpackable - 1)
 
 
 def _require_fields(path: Path, formats: dict[str, Any]) -> None:
@@ -134,11 +135,10 @@ def _streams(path: Path, data: list[Any], notes: list[str]) -> list[Stream]:
 
 
 def _stream(path: Path, message: str, name: str, fields: dict[str, np.ndarray], notes: list[str]) -> Stream:
-    if len(fields["timestamp"]) > MOST_ROWS:
-        raise too_many(path, name)
     if message.endswith("_fifo"):
         return _batches(path, message, name, fields, notes)
     stamps = fields.get("timestamp_sample", fields["timestamp"])
+    current().numbers(path, len(stamps) * (7 if message in ("sensor_combined", "vehicle_imu") else 5))
     t_ns, kept = microseconds(stamps if stamps.any() else fields["timestamp"], notes)
     fields = {key: values[kept] for key, values in fields.items()}
     temp = fields["temperature"].astype(float) if "temperature" in fields and np.isfinite(fields["temperature"]).any() else None
@@ -170,8 +170,7 @@ def _batches(path: Path, message: str, name: str, fields: dict[str, np.ndarray],
     fields = {key: values[kept] for key, values in fields.items()}
     places = sum(1 for key in fields if key.startswith("x["))
     counts = np.minimum(fields["samples"].astype(int), places)
-    if counts.sum() > MOST_ROWS:
-        raise too_many(path, name)
+    current().numbers(path, 5 * len(counts) * places)
     filled = np.arange(places) < counts[:, None]
     values = np.column_stack([np.column_stack([fields[f"{axis}[{i}]"] for i in range(places)])[filled] for axis in "xyz"]).astype(float)
     dt_ns = fields["dt"].astype(float) * 1e3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import folder_written, path_read, stream_header
+from tinygc.cli.arguments import folder_written, memory, path_read, stream_header
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import output, write_json
 
@@ -27,6 +27,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")
     command.add_argument("--array-by", metavar="NAME", help="of several sensors' rows: an array, of each value in this column a unit")
     command.add_argument("--turns", type=path_read, metavar="FILE", help="of a gyroscope alone: turns.csv, the known angles of its turns")
+    what = "memory that reading may take, such as 3GB (1GB, or 20 times what the files take on the disk)"
+    command.add_argument("--most-memory", type=memory, metavar="SIZE", help=what)
     add_log_options(command)
 
 
@@ -55,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
         header=args.header,
         array_by=args.array_by,
         turns=args.turns,
+        most_memory=args.most_memory,
     )
     console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}", soft_wrap=True)
     for line in made.took:

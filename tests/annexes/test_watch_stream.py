@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import os
 import socket
@@ -19,6 +20,7 @@ import calibrate
 import tinygc
 from session.io.errors import CalibrationError, DataError, StorageError
 from session.io.results import json_line
+from tinygc.annexes.watch import library, source
 from tinygc.annexes.watch.alarm_command import AlarmCommand, words_of
 from tinygc.annexes.watch.lines import JsonLines
 from tinygc.annexes.watch.source import Readings, Remark, Restart, SourceOptions, _decoded
@@ -258,6 +260,60 @@ def test_datagrams(model):
                 sender.sendto((lines[0] + "".join(lines[k : k + 100])).encode(), ("127.0.0.1", port))
                 time.sleep(0.001)
         assert process.wait(60) == 1
+
+
+class Datagrams:
+    """Items of a watched UDP port, and senders of loopback's addresses, each with a port of its own."""
+
+    def __init__(self, monkeypatch):
+        monkeypatch.setattr(source, "SILENT_S", 0.3)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            self._port = probe.getsockname()[1]
+        sensor = Surroundings(KnownSensor(), None, "none", "")
+        self.name = f"udp:127.0.0.1:{self._port}"
+        self.items = source.items_of(self.name, SourceOptions(), sensor)
+        assert next(self.items) is None  # it listens
+
+    def send(self, address: str, seed: int, start_s: float = 0.0) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.bind((address, 0))
+            sender.sendto(csv(samples(1, seed, start_s=start_s)).encode(), ("127.0.0.1", self._port))
+
+    def until_idle(self) -> list:
+        return list(itertools.takewhile(lambda item: item is not None, self.items))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other addresses of loopback")
+def test_a_sender_of_datagrams_is_an_address_and_behind_its_silence_another_one(monkeypatch):
+    """A board that starts anew sends from another port; what others send meanwhile is counted."""
+    udp = Datagrams(monkeypatch)
+    udp.send("127.0.0.1", 1)
+    udp.send("127.0.0.2", 2)
+    udp.send("127.0.0.1", 3, start_s=1.0)  # from another port
+    udp.send("127.0.0.1", 4)  # and with a clock that begins again
+    first = udp.until_idle()
+    said = [item.words for item in first if isinstance(item, Remark) and item.kind == "stranger"]
+    assert said == [f"{udp.name}: datagrams came from another sender than 127.0.0.1: left out"]
+    assert sum(isinstance(item, Restart) for item in first) == 1
+    assert sum(len(item.t_ns) for item in first if isinstance(item, Readings)) >= 295
+
+    def is_followed() -> bool:
+        udp.send("127.0.0.2", 5)
+        return any(isinstance(item, Restart) and "127.0.0.2 is followed" in item.why for item in udp.until_idle())
+
+    processes.until(is_followed)
+    udp.send("127.0.0.2", 6, start_s=1.0)
+    assert [type(item) for item in udp.until_idle()] == [Readings]
+    udp.send("127.0.0.1", 7)
+    assert [item.kind for item in udp.until_idle()] == ["stranger"]
+
+
+def test_where_no_sample_comes_that_is_said_whatever_else_comes(model, monkeypatch):
+    monkeypatch.setattr(library, "SILENT_S", 0.0)
+    monkeypatch.setattr(library, "items_of", lambda *given: iter([None, Remark("stranger", "left out"), None]))
+    said = [event.table["what"] for event in library.events_of(model, "udp:127.0.0.1:9", SourceOptions()) if event.kind == "remark"]
+    assert sorted(said) == ["silent", "stranger"]
 
 
 @pytest.mark.parametrize(

@@ -11,14 +11,12 @@ from pathlib import Path
 from session.io.config import read_config
 from session.io.errors import CalibrationError
 from tinygc.annexes.watch.expectation import ModelInUse
-from tinygc.annexes.watch.source import SourceOptions, items_of, require_source
+from tinygc.annexes.watch.source import SILENT_S, Remark, SourceOptions, items_of, require_source
 from tinygc.annexes.watch.watch import FALSE_ALARM_EVERY_S, Event, Watch
 from tinygc.deploy.apply import model_of
 from tinygc.deploy.calibration import Surroundings, surroundings
 from tinygc.models.files import is_array_model
 
-#: s without a byte that are said
-SILENT_S = 10.0
 __all__ = ["Event", "SourceOptions", "Watched", "events_of", "watch"]
 
 
@@ -89,14 +87,15 @@ def events_of(
     with contextlib.suppress(KeyboardInterrupt):  # where a read cannot be waited for otherwise; a second one ends the program
         for item in items:
             if item is not None:
-                heard_s, silent = time.monotonic(), False
                 for event in live.take(item):
                     yield event
                     if ended():
                         break
+            if item is not None and not isinstance(item, Remark):
+                heard_s, silent = time.monotonic(), False
             elif not silent and time.monotonic() - heard_s > SILENT_S:
                 silent = True
-                yield Event("remark", live.t_s, f"nothing has come for {SILENT_S:.0f} s", {"what": "silent", "count": 1})
+                yield Event("remark", live.t_s, f"no sample has come for {SILENT_S:.0f} s", {"what": "silent", "count": 1})
             if ended():
                 break
     yield from live.end()

@@ -36,6 +36,8 @@ from tinygc.deploy.calibration import Surroundings
 UDP = "udp:"
 #: bytes at a time; s without any after which a source says so, and the watch looks about
 BLOCK, IDLE_S = 1 << 16, 0.2
+#: s without a sample that are said, and after which another sender of datagrams is followed
+SILENT_S = 10.0
 #: bytes of a table at standard input that are read before they are examined
 LIVE_BYTES = 4096
 #: bytes of a stream in which a sample must have come
@@ -141,7 +143,7 @@ def _table(path: Path, answers: Answers, known: Surroundings, size: int = PIECE_
 
 # Bytes of a stream, as they come: b"" where none have for a while, a Restart where it was interrupted.
 
-Bytes = Iterator[bytes | Restart]
+Bytes = Iterator[bytes | Restart | Remark]
 
 
 def _standard_input() -> Bytes:
@@ -157,7 +159,10 @@ def _standard_input() -> Bytes:
 
 
 def _datagrams(source: str) -> Bytes:
-    """Datagrams of the first sender: another one beside it would look like a sensor that jumps."""
+    """Datagrams of one sender: another one beside it would look like a sensor that jumps.
+
+    A sender is an address, since a board that starts anew sends from another port.  Behind its silence another one is followed.
+    """
     host, _, port = source.removeprefix(UDP).rpartition(":")
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65536):
         raise CalibrationError(f"{source}: expected {UDP}HOST:PORT, such as {UDP}0.0.0.0:9000")
@@ -167,18 +172,25 @@ def _datagrams(source: str) -> Bytes:
         connection.bind(address)
     except OSError as error:
         raise DeviceError(f"{source}: cannot be opened ({error.strerror or error}); is another program listening there?") from None
-    first = None
+    followed, heard_s = "", 0.0
     with connection:
         connection.settimeout(IDLE_S)
         while True:
             try:
-                data, sender = connection.recvfrom(BLOCK)
+                data, (sender, *_) = connection.recvfrom(BLOCK)
             except TimeoutError:
                 yield b""
                 continue
-            first = first or sender
-            if sender == first and data:
-                yield data if data[-1] in (0, 10) else data + b"\n"
+            if not data:
+                continue
+            if sender != followed and followed and time.monotonic() - heard_s < SILENT_S:
+                yield Remark("stranger", f"{source}: datagrams came from another sender than {followed}: left out")
+                continue
+            if sender != followed and followed:
+                yield Restart(f"{source}: nothing has come from {followed} for {SILENT_S:.0f} s; {sender} is followed from here on")
+            followed = sender
+            yield data if data[-1] in (0, 10) else data + b"\n"
+            heard_s = time.monotonic()  # whoever takes the data may be slow
 
 
 def _growing(path: Path) -> Bytes:
@@ -232,6 +244,7 @@ def _decoded(pieces: Bytes, options: SourceOptions, known: Surroundings, name: s
     for piece in pieces:
         if isinstance(piece, Restart):
             yield from _items(decoder.finish(), units)
+        if isinstance(piece, Restart | Remark):
             yield piece
             continue
         if not piece:

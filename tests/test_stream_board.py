@@ -162,6 +162,24 @@ def test_counts_that_fall_are_a_board_that_was_switched_on_again():
     assert FaultCounts((1, *(0,) * 16)).since(FaultCounts((5,) * 17)) == {"overrun": 1}
 
 
+def test_what_a_board_has_counted_is_counted_once_over_connections():
+    """A cable that was pulled, or --resume: the board goes on counting unless it was switched on again."""
+    words, lines = BoardReporter(), []
+    for counts in ({"lost": 4, "hang": 1}, {"lost": 163, "hang": 1, "parity": 3, "reset": 1}, None):
+        if counts is None:
+            words.new_connection()
+        else:
+            lines += words.hear(FaultCounts(tuple(counts.get(name, 0) for name in FAULTS)))
+    whole = {"lost": 159, "parity": 3, "reset": 1}  # none of before the recording
+    assert words.counted == whole
+    assert words.hear(words.faults) == []
+    assert words.counted == whole
+    words.new_connection()
+    assert len(words.hear(FaultCounts(tuple(int(name == "parity") for name in FAULTS)))) == 1  # they fell: switched on again
+    assert words.counted == whole | {"parity": 4}
+    assert [line.startswith("before this recording") for line in lines] == [True, False]
+
+
 def test_a_loose_wire_does_not_say_it_for_ever():
     assert len(heard(*(faults_frame(parity=n) for n in range(200)))) == MOST_SAID + 1
 

@@ -88,16 +88,16 @@ class BoardReporter:
 
     def __init__(self) -> None:
         self.board: BoardStatus | None = None
-        self.faults: FaultCounts | None = None
-        self.counted: Counter[str] = Counter()  #: faults of the whole recording, by name
+        self.faults: FaultCounts | None = None  # the last counts, of whichever connection: a recording is of one board (SensorIdentity)
+        self.counted: Counter[str] = Counter()  #: faults of the whole recording, by name; those before it are not the recording's
         self._reports = 0
         self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
         # A reset shows in the board's status and in the stamps of its samples, mostly in this order; its cause is said once.
         self._status_first = self._stamps_first = False  # so far only the one, or only the other
 
     def new_connection(self) -> None:
-        """Messages from here on may be another board's, or of one that was switched on again."""
-        self.board = self.faults = None
+        """Messages from here on may be of a board that was switched on again."""
+        self.board = None
         self._open_fault = self._status_first = self._stamps_first = False
 
     def was_reset(self) -> list[str]:
@@ -140,7 +140,8 @@ class BoardReporter:
     def _faults(self, message: FaultCounts) -> list[str]:
         before, self.faults = self.faults, message
         risen = message.since(before)
-        self.counted.update(risen)
+        if before is not None:
+            self.counted.update(risen)
         kinds = [name for name in risen if name not in COUNTED_APART]
         if not risen:
             return []

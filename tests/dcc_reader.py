@@ -57,7 +57,8 @@ def every(element, *names):
 
 def name_of(element):
     """The name in English, else in the first language there is."""
-    said = [each for each in below(element, "name") or [] if local(each) == "content"]
+    found = below(element, "name")
+    said = [] if found is None else [each for each in found if local(each) == "content"]
     return next((each.text.strip() for each in said if each.get("lang", "en") == "en"), said[0].text.strip() if said else "")
 
 

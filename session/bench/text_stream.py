@@ -24,7 +24,7 @@ _DECIMAL_TEXT = rb"[-+]?(?:(?:0|[1-9][0-9]{0,17})(?:\.[0-9]{0,17})?|\.[0-9]{1,17
 _DECIMAL = re.compile(_DECIMAL_TEXT)
 _DECIMALS = re.compile(_DECIMAL_TEXT + rb"(?:," + _DECIMAL_TEXT + rb")*")
 _FURTHER = re.compile(rb"[-+.\w ]*")
-_PAIR = re.compile(r"(\w+)=(\S+)")
+_PAIR = re.compile(r"\b(\w++)=(\S+)")
 _LONGEST_NUMBER = 19
 _LATEST_US = 2**60
 

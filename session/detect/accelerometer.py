@@ -421,8 +421,8 @@ def why_not(found: LengthFit) -> str:
 SECTION = "[accelerometer]"
 #: a new section stands before this one, where there is one
 NEXT_SECTION = "[protocol]"
-#: text in quotes, and a comment: brackets in them open nothing
-IDLE = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'|#.*')
+#: text in quotes, one that does not end in its line, and a comment: brackets in them open nothing
+IDLE = re.compile(r'"(?:[^"\\]|\\.)*+"|\'[^\']*+\'|["\'#].*')
 
 
 def section(accelerometer: Accelerometer, remark: str = "", own_stills: bool = False) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from session.io.errors import FormatError
+from session.io.units import NUMBER
 
 EXPECTED = (
     "expected t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; NAME is the header's, or the column's number from 1, with - for a wrong sign; "
@@ -19,7 +20,7 @@ DELIMITERS = (",", ";", "\t", None)
 TRIADS = {letter: tuple(f"{letter}{axis}" for axis in "xyz") for letter in "ga"}
 #: further terms of the time, ``secs + nsecs * 1e-9``
 MOST_TERMS = 4
-TERM = re.compile(r"(.+?)\s*\*\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)")
+TERM = re.compile(rf"(.*\S)\s*+\*\s*+({NUMBER}(?:[eE][-+]?[0-9]++)?)")
 
 
 def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, int, tuple[str, ...], dict[str, Column]]:

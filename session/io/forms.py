@@ -28,7 +28,7 @@ OFTEN = 0.8
 MOST_PAIRS = 200
 #: characters of a name behind its first
 LONGEST_NAME = 60
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
 
 
 class TextForm(Protocol):
@@ -95,7 +95,7 @@ class _Monitor:
 
 # Names have an end: from each of a long line's letters a pattern would look at all that follow.
 PAIR = re.compile(
-    rf"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]{{0,{LONGEST_NAME}}}?)\s{{0,9}}[:=]\s{{0,9}}(?P<value>{NUMBER})(?![\w.:])",
+    rf"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]{{0,{LONGEST_NAME}}}+)\s{{0,9}}+[:=]\s{{0,9}}+(?P<value>{NUMBER})(?![\w.:])",
 )
 UNIT = re.compile(r"[ \t]*([A-Za-z°µ%][\w°/^²µ%]*)(?![\w°/^²µ%]|\s*[:=])")
 AXES = ("x", "y", "z")
@@ -194,7 +194,7 @@ class _Pairs:
 
 
 #: ``IMU0: ax=1 …``, ``dev=left, ax=1 …``: which sensor a line is of, in words
-OF_SENSOR = re.compile(r"\s*(?:([A-Za-z_]\w*)\s*[:>]\s+(?=[A-Za-z_]\w*\s*[:=])|.*?\b(\w+)\s*[:=]\s*([A-Za-z]\w*)\b(?!\s*[:=]))")
+OF_SENSOR = re.compile(r"\s*+(?:([A-Za-z_]\w*+)\s*+[:>]\s++(?=[A-Za-z_]\w*+\s*+[:=])|.*?\b(\w++)\s*+[:=]\s*+([A-Za-z]\w*+)(?!\s*+[:=]))")
 
 
 def _refuse_labels(lines: list[str], name: str) -> None:
@@ -212,10 +212,10 @@ def _refuse_labels(lines: list[str], name: str) -> None:
 
 #: ``acc: x=1 y=2``; ``Accel: 1, 2, 3``; ``ax: 8,06 ay: …``; a number before the names, ``1234 ax: …``, ``I (1234) IMU: …``
 LABEL = re.compile(rf"\b([A-Za-z_]\w{{0,{LONGEST_NAME}}})\s{{0,9}}[:=]\s{{0,9}}(?=[xyzXYZ]\s{{0,9}}[:=])")
-_THREE = rf"({NUMBER})[,;\s]{{1,9}}({NUMBER})[,;\s]{{1,9}}({NUMBER})(?![\w.]|\s*[:=])"
-LIST = re.compile(rf"\b([A-Za-z_][\w ]{{0,{LONGEST_NAME}}}?)\s{{0,9}}[:=]\s{{0,9}}[\[(]?\s{{0,9}}{_THREE}")
+_THREE = rf"({NUMBER})[,;\s]{{1,9}}+({NUMBER})[,;\s]{{1,9}}+({NUMBER})(?![\w.]|\s*[:=])"
+LIST = re.compile(rf"\b([A-Za-z_][\w ]{{0,{LONGEST_NAME}}}?)\s{{0,9}}+[:=]\s{{0,9}}+[\[(]?\s{{0,9}}+{_THREE}")
 WITH_COMMA = re.compile(r"[:=]\s*[-+]?\d+,\d+(?=\s*(?:[A-Za-z;|]|$))")
-LEADING = re.compile(r"\s*(?:[IWEDV]\s*\()?(\d+(?:\.\d+)?)\)?\s*[,:;]?\s+(?=[A-Za-z])")
+LEADING = re.compile(r"\s*+(?:[IWEDV]\s*+\()?(\d++(?:\.\d++)?)\)?(?:\s*+[,:;])?\s++(?=[A-Za-z])")
 STAMP = "stamp"
 
 

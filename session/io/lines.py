@@ -37,7 +37,7 @@ MOST_WORDS = 1000
 ROW = re.compile(r"^[^\S\n]*[^\s#]", re.M)
 #: ``key=value``; from the beginning of a word, or a long word without = would be looked at from each of its letters
 WORD = re.compile(r"\b(\w++)=(\S+)")
-TERMINATED = re.compile("\0+(?=\n)")
+TERMINATED = re.compile("(?<!\0)\0++(?=\n)")
 COMMENT = re.compile(r"^[^\S\n]*+#(.*)$", re.M)
 
 

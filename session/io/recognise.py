@@ -16,7 +16,7 @@ from session.io.units import COUNTS, STAMP_NS, Unit, known, parse_unit
 
 # From a file's first lines to a layout: which column is what, in which unit; or all that the file does not say.
 
-NUMBER = r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
+NUMBER = r"[-+]?(?:[0-9]++[.,]?[0-9]*+|[.,][0-9]++)(?:[eE][-+]?[0-9]++)?"
 #: stands where one of our own headers lacks the time
 NO_STAMPS = "t_us"
 #: what a table is called that no dialect knows

@@ -15,7 +15,7 @@ from itertools import pairwise
 from session.io.errors import FormatError
 
 #: a row's first cell where it is a word
-WORD = re.compile(r'\s*"?([A-Za-z$][\w.$-]*+)"?\s*(?:[,;\t]|\s)')
+WORD = re.compile(r'\s*+"?([A-Za-z$][\w.$-]*+)"?\s*(?:[,;\t]|\s)')
 #: what ArduPilot calls the columns of a kind: ``FMT, 131, 48, IMU, QfffffffIIfBB, TimeUS,GyrX,…``
 FORMAT_WORD, FORMAT_KIND, FORMAT_NAMES = "FMT", 3, 5
 #: other rows of such a log that no sensor made, and words that begin what a sensor made

@@ -81,6 +81,8 @@ REGISTER = Unit(None, "lsb")
 LONGEST_NS = 365 * 86_400 * NS_PER_S
 #: characters of a unit: ``degrees per second`` has 18
 LONGEST = 100
+#: a factor before or under one, and behind ``--columns``' asterisk
+NUMBER = r"(?:[0-9]++(?:\.[0-9]++)?|\.[0-9]++)"
 
 
 def endings(kind: str) -> dict[str, Unit]:
@@ -100,9 +102,9 @@ def parse_unit(kind: str, text: str) -> Unit | None:
         return Unit(None, word)
     if word in WORDS[kind]:
         return Unit(WORDS[kind][word], word)
-    if match := re.fullmatch(r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?) ?(\D.*)", word):
+    if match := re.fullmatch(rf"({NUMBER}(?:e[-+]?[0-9]++)?) ?(\D.*)", word):
         return _scaled(kind, float(match[1]), match[2], word)
-    if match := re.fullmatch(r"(.*\D) ?/ ?([0-9]*\.?[0-9]+)", word):
+    if match := re.fullmatch(rf"(.*\D) ?/ ?({NUMBER})", word):
         return _scaled(kind, 1 / float(match[2]) if float(match[2]) else 0.0, match[1], word)
     return None
 

@@ -138,3 +138,9 @@ def test_zeros_in_the_middle_cost_the_messages_that_they_hit(name, files, tmp_pa
     assert COUNT - 60 <= len(stream) < COUNT + 1
     np.testing.assert_array_equal(stream.t_ns[-20:], T_NS[-20:])
     assert any("damaged" in note for note in stream.notes)
+
+
+def test_a_bag_whose_metadata_is_line_ends_is_refused_at_once(run, tmp_path):
+    (tmp_path / "metadata.yaml").write_text("relative_file_paths:" + "\n" * 250_000 + "x")
+    code, _, err = run("import", tmp_path, "--out", tmp_path / "s")
+    assert (code, "holds no .db3" in err) == (2, True), err

@@ -133,3 +133,8 @@ def test_measured_conditions_tell_no_curves_apart(tmp_path):
 @pytest.mark.parametrize(("outputs", "quantum"), [([1.5, 2.25, 3], 0.01), ([12, 15, 1e6], 1.0), ([0.1 + 0.2, 1 / 3, 1], 0.0)])
 def test_the_step_of_the_last_decimal(outputs, quantum):
     assert points_of("s", "V", [0, 1, 2, 3], [*outputs, 7], ["one"] * 4).quantum == pytest.approx(quantum)
+
+
+def test_a_header_of_brackets_is_read_at_once(tmp_path):
+    (points,), _ = read_points(plain(tmp_path / "t.csv", "rate_dps,out_v" + "(" * 40_000))
+    assert points.output.size == len(RATES)

@@ -266,7 +266,7 @@ def numbers_of(path: Path, names: Sequence[str]) -> tuple[int, ...]:
     plain = [os.path.normpath(name) for name in names]
     if doubled := next((name for name in plain if plain.count(name) > 1), None):
         raise FormatError(f"{path}: array.folders holds {shown(doubled)} twice; keep one")
-    ends = [re.search(r"[0-9]+$", name) for name in plain]
+    ends = [re.search(r"(?<![0-9])[0-9]+$", name) for name in plain]
     if not all(ends):
         return tuple(range(len(names)))
     numbers = tuple(int(end[0]) if len(end[0]) <= len(str(LARGEST_NUMBER)) else LARGEST_NUMBER + 1 for end in ends if end is not None)

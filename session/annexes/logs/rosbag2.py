@@ -77,7 +77,7 @@ def _files(path: Path) -> list[Path]:
         return [path]
     text = read_text(path / METADATA, MOST_TOML)
     # A list of plain names.  What else stands in the file is not needed, and a damaged one still names its files.
-    block = re.search(r"relative_file_paths:\s*\n((?:\s*- .*\n?)+)", text)
+    block = re.search(r"relative_file_paths:\s*+((?:- .*+\s*+)++)", text)
     named = [name.strip().strip("'\"") for name in re.findall(r"- (.*)", block[1])] if block else []
     files = [path / Path(name).name for name in named] or sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
     if packed := [file for file in files if file.suffix in (".zstd", ".zst")]:

@@ -262,7 +262,7 @@ def _column(path: Path, header: Sequence[str], wanted: str, names: Sequence[str]
 
 def _suffix(name: str) -> str:
     """The unit that a column's name ends with, in brackets or after its last underscore; small letters."""
-    bracket = re.search(r"[(\[]([^)\]]*)[)\]]\s*$", name)
+    bracket = re.search(r"[(\[]([^()\[\]]*+)[)\]]\s*+$", name)
     return (bracket[1] if bracket else name.rpartition("_")[2] if "_" in name else "").strip().lower()
 
 

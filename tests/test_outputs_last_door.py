@@ -22,8 +22,9 @@ def test_nothing_is_written_whole_over_a_recording(recording, tmp_path, name):
     with pytest.raises(StorageError, match="is a file of the recording"):
         write_text_whole(recording / name, "mine")
     link = recording / "fit.json"
-    link.symlink_to(recording / name)  # a link's place is taken, not its file's
-    write_text_whole(link, "mine")
+    link.symlink_to(recording / name)
+    with pytest.raises(StorageError, match="is a link to"):
+        write_text_whole(link, "mine")
     assert (recording / name).read_bytes().startswith(b"recorded")
     assert not is_recorded(tmp_path / name)
 

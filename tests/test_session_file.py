@@ -1,9 +1,9 @@
 """session.toml of a recording: written from what the board says, never over a user's own, and never against it."""
 
 import contextlib
+import inspect
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -116,7 +116,7 @@ def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(m
 
     def and_gone(fresh, path):
         replace(fresh, path)
-        if sys._getframe(1).f_globals["__name__"] == module:
+        if inspect.stack(0)[3].frame.f_globals["__name__"] == module:  # behind the context of the file that is written
             texts.append(Path(path).read_text())
             shutil.rmtree(folder)
 

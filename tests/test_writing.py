@@ -15,14 +15,13 @@ from session.io.results import write_text_whole
 
 @pytest.fixture
 def full_disk(monkeypatch):
-    """Calling it makes every further text that is written too much, as its first bytes are on the disk."""
+    """Calling it makes every further file that is written too much, as its bytes are to go to the disk."""
 
     def fill():
-        def write_text(path, text, **_):
-            path.write_bytes(text[:10].encode())
+        def fsync(number):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-        monkeypatch.setattr(Path, "write_text", write_text)
+        monkeypatch.setattr(os, "fsync", fsync)
 
     return fill
 

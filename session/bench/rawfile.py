@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.io.errors import FormatError, StorageError
-from session.io.files import open_file
+from session.io.files import created, open_file, open_written
 from session.io.texts import unicode_text
 
 # File locks: the system releases them with the process that holds them, however it ends.
@@ -75,8 +75,7 @@ def is_locked(path: Path) -> bool:
 
 RESCUED = "_rescued"
 BLOCK = 1 << 20
-#: Windows would otherwise convert line ends
-BINARY = getattr(os, "O_BINARY", 0)
+APPENDED = os.O_RDWR | os.O_APPEND | os.O_CREAT
 
 
 def is_gone(file: int, path: Path) -> bool:
@@ -120,7 +119,7 @@ def copied(files: Sequence[int], paths: Sequence[Path]) -> list[int]:
     made: list[int] = []
     try:
         for path in paths:
-            made.append(os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL | BINARY, 0o644))
+            made.append(open_written(path, APPENDED | os.O_EXCL))
         for source, target in zip(files, made, strict=True):
             catch_up(source, target)
     except OSError:
@@ -190,7 +189,7 @@ class RawFile:
         self._discarded = False
         self._missed = 0  # successive checks in which the files were missing
         self._last_ns = -TIME_STEP_NS
-        self._made = [path for path in (self.path, folder / TIMES, folder, *folder.parents) if not path.exists()]
+        self._made = [path for path in (self.path, folder / TIMES, folder, *folder.parents) if not os.path.lexists(path)]
         try:
             self._open(folder)
         except StorageError:
@@ -207,7 +206,7 @@ class RawFile:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._raw = self._locked()
-            self._times = os.open(folder / TIMES, os.O_RDWR | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
+            self._times = open_written(folder / TIMES, APPENDED)
         except OSError as error:
             raise StorageError(f"{error.filename or folder}: {error.strerror or error}; give --out another folder") from None
         self.size = os.fstat(self._raw).st_size
@@ -224,7 +223,7 @@ class RawFile:
     def _locked(self) -> int:
         """Open and lock the raw file; another process may remove it between the two."""
         while True:
-            file = os.open(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
+            file = open_written(self.path, APPENDED)
             if not lock(file):
                 os.close(file)
                 self._in_use = True
@@ -441,7 +440,7 @@ class GrowingFile:
         if path.is_fifo():  # opening it would wait for its reader
             raise FileExistsError(errno.EEXIST, f"{path.name} is a named pipe", str(path))
         self._left = path.stat().st_size if path.is_file() else 0
-        self._file = path.open("r+b" if self._left else "wb")
+        self._file = os.fdopen(open_written(path, os.O_RDWR | os.O_CREAT), "r+b" if self._left else "wb")
         if behind:
             self._left, self._same = 0, self._file.seek(0, os.SEEK_END)
 
@@ -456,7 +455,7 @@ class GrowingFile:
                 right, self._left = self._file.read(self._same), 0
                 self._file.close()
                 self.aside = put_aside(self.path)
-                self._file = self.path.open("xb")
+                self._file = created(self.path)
                 self._file.write(right)
             else:
                 self._same, self._left, data = self._same + len(there), self._left - len(there), data[len(there) :]

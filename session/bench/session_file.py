@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import itertools
 import os
@@ -13,13 +12,13 @@ from pathlib import Path
 
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
 from session.bench.port import RequestedSettings
-from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, read_config
+from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, config_of, read_config
 from session.io.errors import CalibrationError, FormatError, OtherSensor, StorageError
-from session.io.files import MOST_TOML, read_bytes
+from session.io.files import MOST_TOML, read_bytes, replaced, write_new
 from session.io.folder import add_board, add_exclude, add_notes
 from session.io.registers import DEFAULT, profile_of
 from session.io.texts import SENSOR_NAME
-from session.io.toml import Note, setting
+from session.io.toml import Note, parse_toml, setting
 from session.io.written import toml_text
 
 # ``session.toml`` of a recording: the user's own file is used as it is; without one it is written from the board's info.
@@ -177,7 +176,7 @@ class SessionFile:
     def save_copy(self, folder: Path) -> None:
         """Write the last content of the file into the folder that replaces a removed one.  Raises OSError."""
         if self._text is not None and not (folder / NAME).exists():
-            (folder / NAME).write_bytes(self._text)
+            write_new(folder / NAME, self._text)
 
     def _read(self) -> bytes | None:
         try:
@@ -216,30 +215,24 @@ class SessionFile:
 
     def _write(self, config: Config, physical: bool) -> None:
         """Write the whole file or nothing: the new file is read and checked before it gets its name."""
-        fresh = self.path.with_name(f".{self.path.name}.new")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with fresh.open("w", encoding="utf-8") as file:
-                file.write(text := toml_text(config))
-                file.flush()
-                os.fsync(file.fileno())
+            text = toml_text(config)
             # FormatError where the board's info cannot be read again, or no such sensor has these ranges.
-            sensor = read_config(fresh).sensor
+            sensor = config_of(self.path, parse_toml(text, str(self.path))).sensor
             if not physical:
                 units = sensor.register_units
                 _ = units.gyro_rps, units.accel_mps2
-            if self.path.exists():  # it was created meanwhile
-                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
-            self._text = text.encode()  # before anybody can remove the file
-            os.replace(fresh, self.path)
+            with replaced(self.path) as file:
+                file.write(text.encode())
+                if self.path.exists():  # it was created meanwhile
+                    raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+                self._text = text.encode()  # before anybody can remove the file
         except OSError as error:
             raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
         except FormatError as error:
             right = "if the board sends a wrong value, give the right one: --odr, --gyro-fs, --accel-fs, --sensor"
-            raise CalibrationError(f"{self.path}: not written: {str(error).removeprefix(f'{fresh}: ')}; {right}") from None
-        finally:
-            with contextlib.suppress(OSError):
-                fresh.unlink(missing_ok=True)
+            raise CalibrationError(f"{self.path}: not written: {str(error).removeprefix(f'{self.path}: ')}; {right}") from None
 
 
 def plain(text: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from session.detect.stills import Still
 from session.io.config import Accelerometer
 from session.io.errors import FormatError
-from session.io.files import MOST_TOML, naming, read_text, result_folder
+from session.io.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
 from session.io.numeric import sigma_of
 from session.io.samples import Samples, start_times
 from session.io.toml import parse_toml
@@ -481,15 +480,12 @@ def write_calibrated_copy(folder: Path, out: Path, accelerometer: Accelerometer)
 
     Raises FormatError where ``out`` is there and not empty, and StorageError for a full disk.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FormatError(f"{out}: is there already; give --out another folder, nothing is written over")
+    require_empty(out, "is there already; give --out another folder, nothing is written over")
     if out.resolve().is_relative_to(folder.resolve()):
         raise FormatError(f"{out}: lies within the session folder; give --out another folder")
-    with result_folder(out):
+    with folder_whole(out) as work:
         for path in sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")):
-            with naming(out / path.name):
-                if path.name == "session.toml":
-                    text = with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer, REMARK)
-                    (out / path.name).write_text(text, encoding="utf-8")
-                else:
-                    shutil.copy2(path, out / path.name)
+            if path.name == "session.toml":
+                write_new(work / path.name, with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer, REMARK))
+            else:
+                copy_new(path, work / path.name)

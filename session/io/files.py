@@ -6,17 +6,20 @@ import contextlib
 import errno
 import os
 import re
+import secrets
+import shutil
 import stat
 import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
-from io import BufferedReader
+from io import BufferedReader, BufferedWriter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.io.budget import current
-from session.io.errors import FormatError, StorageError
+from session.io.errors import CalibrationError, FormatError, StorageError
+from session.io.texts import printable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -162,9 +165,100 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
         return np.lib.format.read_array(file, allow_pickle=False)
 
 
-# Writing results: a failure names what was to be written, and leaves no empty folder behind.
+# Writing: the one place where files are made.  No name leads a result elsewhere, and none is half there.
+#
+# A file is made under a random name beside its own, which it takes once it is on the disk.  So two runs at once do not meet, and what stood
+# there before is whole until the new is.  A link is not written through: what it leads to is somebody's, and no name of ours.
 
 FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+#: what a device, or a file system that cannot do it, answers to fsync
+NOT_FORCED = (errno.EINVAL, errno.ENOTSUP, errno.EROFS)
+OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+#: in a folder that is being made: what will be in it
+UNFINISHED = ".unfinished"
+
+
+def is_stream(path: Path) -> bool:
+    """Whether it is there and is a device, a pipe or a socket, or one of the system's names for what is open."""
+    name = Path(os.path.normpath(path))
+    if name.is_relative_to("/dev/fd") or name.is_relative_to("/proc") or str(name) in ("/dev/stdout", "/dev/stderr"):
+        return True
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def refuse_link(path: Path) -> None:
+    """StorageError for a link, but for one to a device or a pipe."""
+    if path.is_symlink() and not is_stream(path):
+        raise StorageError(
+            f"{path}: is a link to {os.readlink(path)}, and nothing is written through one; give the path it leads to, or remove it"
+        )
+
+
+def open_written(path: Path, flags: int) -> int:
+    """Open a file that is written, ``os.O_WRONLY | os.O_APPEND`` and the like; StorageError for a link."""
+    refuse_link(path)
+    return os.open(path, flags | OWN | (0 if is_stream(path) else getattr(os, "O_NOFOLLOW", 0)), 0o666)
+
+
+def created(path: Path) -> BufferedWriter:
+    """A new file, open for its bytes.  FileExistsError for what is there."""
+    return os.fdopen(open_written(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL), "wb")
+
+
+def write_new(path: Path, data: str | bytes) -> None:
+    """A new file of bytes, or of text in UTF-8."""
+    with created(path) as file:
+        file.write(data.encode() if isinstance(data, str) else data)
+
+
+def copy_new(source: Path, path: Path) -> None:
+    """A new file of another one's bytes."""
+    with open_file(source) as read, created(path) as file:
+        shutil.copyfileobj(read, file)
+
+
+@contextlib.contextmanager
+def replaced(path: Path) -> Iterator[BufferedWriter]:
+    """A file to write to; it becomes ``path`` once the block ends well and its bytes are on the disk.
+
+    It is ``path`` itself where that is a device or a pipe.  Raises StorageError, which names ``path``, for a full disk and for a link.
+    """
+    refuse_link(path)
+    if is_stream(path):
+        with naming(path), path.open("wb") as stream:
+            yield stream
+        return
+    partial = path.with_name(f".tinygc-{secrets.token_hex(8)}.partial")
+    try:
+        with naming(path, partial):
+            with created(partial) as file:
+                yield file
+                file.flush()
+                _force(file.fileno())
+            os.replace(partial, path)
+            _force_folder(path.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def _force(number: int) -> None:
+    try:
+        os.fsync(number)
+    except OSError as error:
+        if error.errno not in NOT_FORCED:
+            raise
+
+
+def _force_folder(folder: Path) -> None:
+    try:
+        number = os.open(folder, os.O_RDONLY | NO_WAIT)
+    except (PermissionError, FileNotFoundError):  # Windows opens no folder; or somebody has removed it
+        return
+    try:
+        _force(number)
+    finally:
+        os.close(number)
 
 
 @contextlib.contextmanager
@@ -179,7 +273,7 @@ def naming(path: Path, *aliases: Path) -> Iterator[None]:
         if error.errno in FULL:
             raise StorageError(f"{path}: {error.strerror}; free space there, or choose another folder") from None
         if error.filename is None or str(error.filename) in map(str, aliases):
-            error.filename = str(path)
+            error.filename, error.filename2 = str(path), None
         raise
 
 
@@ -196,3 +290,56 @@ def result_folder(folder: Path) -> Iterator[None]:
             with contextlib.suppress(OSError):
                 path.rmdir()
         raise
+
+
+def require_empty(folder: Path, do: str) -> None:
+    """FormatError, which says what to do, where a folder that is to be made holds something already."""
+    if (folder / UNFINISHED).is_dir() and not (folder / "session.toml").exists():
+        raise FormatError(f"{folder}: is of a run that did not end, or still goes on ({UNFINISHED}); remove the folder and run again")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FormatError(f"{folder}: {do}")
+
+
+@contextlib.contextmanager
+def folder_whole(out: Path) -> Iterator[Path]:
+    """A folder to write into, within ``out``; its files become ``out``'s once the block ends well, session.toml last.
+
+    A process that is killed leaves nothing beside ``out``, and either no session in it or the whole.  Errors name ``out``.
+    """
+    work, moved = out / UNFINISHED, list[Path]()
+    try:
+        with result_folder(out), naming(out):
+            try:
+                with contextlib.suppress(OSError):
+                    work.rmdir()  # one that is empty
+                work.mkdir()
+            except FileExistsError:
+                raise StorageError(f"{work}: is of a run that did not end, or still goes on; remove it and run again") from None
+            try:
+                yield work
+                for path in work.iterdir():
+                    refuse_link(out / path.name)
+                _force_files(work)
+                for path in sorted(work.iterdir(), key=lambda path: (path.name == "session.toml", path.name)):
+                    os.replace(path, out / path.name)
+                    moved.append(path)
+            except BaseException:
+                for path in moved:
+                    os.replace(out / path.name, path)
+                raise
+            finally:
+                shutil.rmtree(work, ignore_errors=True)
+            _force_folder(out)
+    except CalibrationError as error:
+        error.args = tuple(str(each).replace(printable(str(work)), printable(str(out))) for each in error.args)
+        raise
+    except OSError as error:
+        error.filename = str(error.filename or out).replace(str(work), str(out))
+        raise
+
+
+def _force_files(folder: Path) -> None:
+    for path in folder.rglob("*"):
+        if path.is_file():
+            with open_file(path) as file:
+                _force(file.fileno())

@@ -7,7 +7,6 @@ import hashlib
 import math
 import os
 import re
-import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,7 +31,19 @@ from session.io.config import (
     read_config,
 )
 from session.io.errors import CalibrationError, DataError, FormatError, StorageError
-from session.io.files import MOST_TOML, naming, open_file, read_text, require_file, result_folder, unreadable
+from session.io.files import (
+    MOST_TOML,
+    copy_new,
+    created,
+    folder_whole,
+    open_file,
+    read_text,
+    replaced,
+    require_empty,
+    require_file,
+    unreadable,
+    write_new,
+)
 from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
 from session.io.logfile import NAME as KNOWN_TURNS
 from session.io.names import TURNS, log_paths, refuse_array
@@ -194,8 +205,7 @@ class Session:
         if "\0" in str(folder) or not str(folder).strip():
             raise DataError(f"folder is {folder!r:.60}, expected the path of a new folder")
         folder = Path(folder)
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise FormatError(f"{folder}: holds something already; give a new or an empty folder")
+        require_empty(folder, "holds something already; give a new or an empty folder")
         names = {log.path.name: f"log{number:04d}.csv" for number, log in enumerate(self.logs, start=1)}
         plain = {old.removesuffix(".gz"): new for old, new in names.items()}
         exclude = tuple(replace(row, log=plain.get(row.log.removesuffix(".gz"), row.log)) for row in self.config.exclude)
@@ -206,21 +216,21 @@ class Session:
         text = toml_text(config, OF_THESE_LOGS) + board_text(config.board)
         config_of(Path(self.name), parse_toml(text, self.name))  # nothing is written that no reader takes
         reading = self.alignment.reading if self.alignment is not None else TruthReading.of(config.truth)
-        with result_folder(folder), naming(folder):
-            (folder / "session.toml").write_text(text, encoding="utf-8", newline="\n")
+        with folder_whole(folder) as work:
+            write_new(work / "session.toml", text)
             for log, name in zip(self.logs, names.values(), strict=True):
-                _write_lines(folder / name, log_lines(log))
+                _write_lines(work / name, log_lines(log))
             for number, run in enumerate(self.closures, start=1):
-                _write_lines(folder / f"closure{number:04d}.csv", log_lines(run))
+                _write_lines(work / f"closure{number:04d}.csv", log_lines(run))
             for number, truth in enumerate(self.truths or (), start=1):
-                _write_lines(folder / f"truth{number:04d}.csv", [truth_text(truth.reread(reading, TruthReading()))])
+                _write_lines(work / f"truth{number:04d}.csv", [truth_text(truth.reread(reading, TruthReading()))])
             if self.turns:
                 turns = tuple(replace(turn, log=turn.log and names[turn.log]) for turn in self.turns)
-                _write_lines(folder / KNOWN_TURNS, [turns_text(turns)])
+                _write_lines(work / KNOWN_TURNS, [turns_text(turns)])
             if self.attitudes is not None:
-                _write_lines(folder / ATTITUDES, [attitudes_text(self.attitudes)])
+                _write_lines(work / ATTITUDES, [attitudes_text(self.attitudes)])
             for rest in self.rests:
-                shutil.copyfile(rest, folder / rest.name)
+                copy_new(rest, work / rest.name)
         return folder
 
     def __repr__(self) -> str:
@@ -286,8 +296,8 @@ def _numbered(stem: str, given: Sequence[Any]) -> list[str]:
 
 
 def _write_lines(path: Path, lines: Iterable[str]) -> None:
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.writelines(lines)
+    with created(path) as file:
+        file.writelines(text.encode() for text in lines)
 
 
 def read_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
@@ -533,14 +543,9 @@ def _replace(path: Path, tried: list[str], wanted: dict) -> str:
             break
     else:
         raise FormatError(f"{path}: its form leaves no place to add to; put what you want to note below [notes] by hand")
-    fresh = path.with_name(f".{path.name}.new")
     try:
-        with fresh.open("w", encoding="utf-8", newline="") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(fresh, path)
+        with replaced(path) as file:
+            file.write(text.encode())
     except OSError as error:
-        fresh.unlink(missing_ok=True)
         raise StorageError(f"{path}: {error.strerror or error}; what was to be added is not in it") from None
     return text

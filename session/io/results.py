@@ -8,11 +8,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from io import BufferedWriter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from session.io.errors import FormatError
-from session.io.files import MOST_JSON, naming, read_bytes
+from session.io.files import MOST_JSON, read_bytes, replaced
 from session.io.names import refuse_recorded
 from session.io.texts import escaped_json, unicode_text
 
@@ -87,35 +88,16 @@ def _known(value: Any) -> Any:
 
 def write_text_whole(path: Path, text: str) -> None:
     """Text in UTF-8, whole or not at all; of a name that was no UTF-8 its escapes."""
-    with whole(path) as partial:
-        partial.write_text(unicode_text(text), encoding="utf-8")
+    with whole(path) as file:
+        file.write(unicode_text(text).encode())
 
 
 @contextlib.contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """The path to write to; it becomes ``path`` once the block ends well.
-
-    It is a temporary file in the same folder, or ``path`` itself where that is a device or a pipe.  Raises StorageError, which names
-    ``path``, for a full disk and for a recording's own file.
-    """
+def whole(path: Path) -> Iterator[BufferedWriter]:
+    """As ``replaced``, of a result: StorageError for a recording's own file, too."""
     refuse_recorded(path)
-    if is_stream(path):
-        with naming(path):
-            yield path
-        return
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with naming(path, partial):
-            yield partial
-            partial.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
-
-
-def is_stream(path: Path) -> bool:
-    """Whether it is there and is a device, a pipe or a socket."""
-    return path.exists() and not path.is_file() and not path.is_dir()
+    with replaced(path) as file:
+        yield file
 
 
 # What a file must hold, JSON or TOML: a shape is data, and ``require`` compares what was parsed with it.

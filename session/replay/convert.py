@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +16,7 @@ from session.detect.segments import pace_of
 from session.io.config import Sensor, read_config
 from session.io.dialects import AXES, Answers
 from session.io.errors import CalibrationError, FormatError
-from session.io.files import naming
+from session.io.files import MOST_TOML, copy_new, created, folder_whole, read_bytes, require_empty, write_new
 from session.io.logfile import CALIBRATED, read_log
 from session.io.names import log_paths
 from session.io.registers import profile_of, require_registers
@@ -64,8 +62,8 @@ def convert(
     """
     if add and not (out / "session.toml").exists():
         raise FormatError(f"{out}: no session to add to; leave --add out to make one")
-    if not add and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FormatError(f"{out}: exists; give --out a new folder, or add to the session there with --add log or --add closure")
+    if not add:
+        require_empty(out, "exists; give --out a new folder, or add to the session there with --add log or --add closure")
     with Sources(paths, answers, columns) as sources:
         answers = with_comments(answers, sources)
         if add:
@@ -79,13 +77,8 @@ def convert(
 def _written(
     sources: list[Source], joined: Joined, out: Path, answers: Answers, add: str | None, serial: str, assumed: tuple[str, ...]
 ) -> Converted:
-    missing = [path.parent for path in [out, *out.parents] if not path.parent.exists()]
-    with naming(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    try:
-        with naming(out):
-            log, notes, samples = _write_log(sources, joined, work / "log0001.csv", answers)
+    with folder_whole(out) as work:
+        log, notes, samples = _write_log(sources, joined, work / "log0001.csv", answers)
         notes = [*notes, *assumed]
         written = read_log(log, sensor_of(answers)).samples
         rate_hz = float(f"{pace_of(written.t_ns).rate_hz:.4g}")
@@ -93,23 +86,12 @@ def _written(
         took = said_took(sources, joined, answers, assumed, rate_hz, written.duration_s)
         if add:
             name = _next_name(out, add) + log.name.removeprefix("log0001")
-            log.replace(out / name)
-            with naming(out), (out / "session.toml").open("a", encoding="utf-8") as file:
-                file.write(f"\n# {name}: from {_source(sources)}\n")
+            log.rename(work / name)
+            before = read_bytes(out / "session.toml", MOST_TOML)
+            write_new(work / "session.toml", before + f"\n# {name}: from {_source(sources)}\n".encode())
         else:
-            odr_hz = answers.odr_hz or rate_hz
-            with naming(out):
-                _write_toml(work / "session.toml", _toml(sources, odr_hz, answers, serial, assumed), out)
-            work.chmod(0o755)
             name = log.name
-            if out.exists():
-                out.rmdir()  # it is empty
-            work.replace(out)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-        for path in missing:
-            with contextlib.suppress(OSError):
-                path.rmdir()
+            _write_toml(work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed), out)
     dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
         findings = tuple(check_folder(out))
@@ -143,7 +125,7 @@ def _write_log(sources: list[Source], joined: Joined, path: Path, answers: Answe
     notes = list(joined.notes)
     if len(sources) == 1 and not notes and sources[0].path.is_file() and _is_ours(sources[0], answers):
         copy = path.with_name("log0001.csv.gz" if sources[0].path.suffix.lower() == ".gz" else "log0001.csv")
-        shutil.copyfile(sources[0].path, copy)
+        copy_new(sources[0].path, copy)
         with contextlib.suppress(CalibrationError):  # what stands before its header, perhaps
             return copy, list(read_log(copy, sensor_of(answers)).notes), len(joined.t_ns)
         copy.unlink()
@@ -153,11 +135,11 @@ def _write_log(sources: list[Source], joined: Joined, path: Path, answers: Answe
     said = {CALIBRATED: next((source.comments[CALIBRATED] for source in sources if CALIBRATED in source.comments), "")}
     flags = flags_of(said | ({"stamps": "counted"} if joined.counted else {}))
     row = ",".join([*formats, *["1"] * len(flags)])
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"{','.join([*header, *flags])}\n")
+    with created(path) as file:
+        file.write(f"{','.join([*header, *flags])}\n".encode())
         for start in range(0, len(joined.t_ns), 1 << 15):
             part = [column[start : start + (1 << 15)].tolist() for column in columns]
-            file.write("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n")
+            file.write(("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n").encode())
     return path, notes, len(joined.t_ns)
 
 
@@ -231,7 +213,7 @@ schema = "tinygc-session/1"
 
 def _write_toml(path: Path, text: str, out: Path) -> None:
     """FormatError, in the name of ``out``, for what this tool would not read again: a log's own comments may say anything."""
-    path.write_text(text, encoding="utf-8")
+    write_new(path, text)
     try:
         read_config(path)
     except FormatError as error:

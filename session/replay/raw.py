@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Mapping
 from dataclasses import fields
@@ -20,8 +19,8 @@ from session.detect.first_look import check_folder
 from session.detect.segments import pace_of
 from session.io.config import read_config
 from session.io.dialects import Answers
-from session.io.errors import CalibrationError, FormatError, StorageError
-from session.io.files import MB, MOST_TOML, naming, open_file, read_bytes
+from session.io.errors import CalibrationError, FormatError
+from session.io.files import MB, copy_new, folder_whole, open_file, require_empty
 from session.io.logfile import read_log
 from session.io.questions import QuestionsError
 from session.io.reader import Reader
@@ -81,16 +80,11 @@ def convert_raw(
 
     Nothing is left behind where it fails.  Raises FormatError and StorageError.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FormatError(f"{out}: exists; give --out a new folder")
+    require_empty(out, "exists; give --out a new folder")
     open_file(raw_path).close()  # before anything is made
-    missing = [path for path in (out, *out.parents) if not path.exists()]
-    decoder, logs = StreamDecoder(header), LogWriter(out)
-    try:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StorageError(f"{out}: {error.strerror or error}; give --out another folder") from None
+    decoder = StreamDecoder(header)
+    with folder_whole(out) as work:
+        logs = LogWriter(work)
         silent, samples = 0, 0
         for _ in stream(raw_path, decoder, logs):
             silent, samples = silent + 1 if decoder.samples == samples else 0, decoder.samples
@@ -104,15 +98,7 @@ def convert_raw(
                 f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
                 "text in physical units that does not say its header needs --header t_us,gx_dps,…"
             )
-        with naming(out):
-            assumed = _configure(raw_path, out, decoder, logs, odr_hz, gyro_fs_dps, accel_fs_g, sensor)
-    except (CalibrationError, OSError):
-        for path in [*logs.paths, out / NAME]:
-            path.unlink(missing_ok=True)
-        for path in missing:
-            with contextlib.suppress(OSError):
-                path.rmdir()
-        raise
+        assumed = _configure(raw_path, work, decoder, logs, odr_hz, gyro_fs_dps, accel_fs_g, sensor)
     notes = [f"{path.name} written" for path in logs.paths[1:]]
     counts = {
         "samples lost": decoder.lost,
@@ -129,8 +115,9 @@ def convert_raw(
     notes += [words] if (words := said_cut(raw_path)) else []
     notes += [ASSUMED] * assumed
     next_steps = (command_line("check", out), command_line("fit", out))
-    findings, took = tuple(check_folder(out)), _took(raw_path, own[0])
-    return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), findings, next_steps, took)
+    log = out / own[0].name
+    findings, took = tuple(check_folder(out)), _took(raw_path, log)
+    return Converted(out, log, ("a port's raw bytes",), decoder.samples, tuple(notes), findings, next_steps, took)
 
 
 def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
@@ -158,7 +145,7 @@ def _configure(
     """Write session.toml; whether its sensor is only assumed."""
     beside = raw_path.with_name(NAME)
     if beside.exists():
-        (out / NAME).write_bytes(read_bytes(beside, MOST_TOML))
+        copy_new(beside, out / NAME)
         return False
     rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
     file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)

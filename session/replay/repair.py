@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import gzip
 import re
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from session.detect.findings import Axes, Correction, Finding
 from session.detect.first_look import check_folder
 from session.io.config import read_config
 from session.io.errors import DataError, FormatError
-from session.io.files import MOST_TOML, naming, read_text, result_folder
+from session.io.files import MOST_TOML, copy_new, folder_whole, read_text, replaced
 from session.io.folder import sha256_of
 from session.io.lines import Lines
 from session.io.names import log_paths, refuse_array
@@ -90,7 +89,7 @@ def repair(source: Path, out: Path, cause: int | None = None) -> Repaired:
         raise FormatError(f"{out}: exists; give --repair a new folder")
     refuse_array(source)
     read_config(source / "session.toml")  # what is not there is named as the user wrote it
-    with result_folder(out.parent), naming(out), tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}-") as work:
+    with folder_whole(out) as whole, tempfile.TemporaryDirectory(dir=whole) as work:
         copy, changes = Path(work) / "0", []
         names = _copy(source, copy)
         sha256 = {name: sha256_of(source / name) for name in names}
@@ -106,7 +105,8 @@ def repair(source: Path, out: Path, cause: int | None = None) -> Repaired:
             raise DataError(f"{source}: no several causes explain alike; leave --cause out")
         done = Repaired(source, out, tuple(changes), sha256, tuple(findings))
         _note(copy, done)
-        copy.replace(out)
+        for path in copy.iterdir():
+            path.rename(whole / path.name)
     return done
 
 
@@ -117,7 +117,7 @@ def _copy(source: Path, folder: Path) -> list[str]:
     names += [path.name for stem in ("log", "closure", "rest", "truth") for path in log_paths(source, stem)]
     names = [name for name in names if (source / name).exists()]
     for name in names:
-        shutil.copyfile(source / name, folder / name)
+        copy_new(source / name, folder / name)
     return names
 
 
@@ -194,7 +194,8 @@ def _edit(path: Path, change: Callable[[Any], None]) -> None:
 
     document = parse(read_text(path, MOST_TOML).replace("\r\n", "\n").replace("\r", "\n"))
     change(document)
-    path.write_text(dumps(document), encoding="utf-8")
+    with replaced(path) as file:
+        file.write(dumps(document).encode())
 
 
 def _set(document: Any, cause: Correction, times: dict[str, float]) -> None:
@@ -229,7 +230,7 @@ def _rewrite(source: Path, path: Path, cause: Correction, columns: bool) -> None
     stated = [(re.compile(STATED.format(key)), f"{key}={setting(value):g}") for key, value in cause.settings]
     write: Callable[[list[str]], list[str]] | None = None
     with contextlib.ExitStack() as stack:
-        lines, binary = stack.enter_context(Lines(source)), stack.enter_context(path.open("wb"))
+        lines, binary = stack.enter_context(Lines(source)), stack.enter_context(replaced(path))
         packed = path.suffix.lower() == ".gz"
         file = stack.enter_context(gzip.GzipFile("", "wb", fileobj=binary, mtime=0)) if packed else binary
         width = 0

@@ -21,7 +21,7 @@ from session.io.annexes import find
 from session.io.budget import budget, current
 from session.io.dialects import DIALECTS, Answers, Layout, Triad, three
 from session.io.errors import FormatError
-from session.io.files import MOST_ARCHIVE, open_file, unreadable
+from session.io.files import MOST_ARCHIVE, open_file, unreadable, write_new
 from session.io.forms import EXAMPLES
 from session.io.lines import STANDARD
 from session.io.questions import Question, QuestionsError, all_of
@@ -219,7 +219,7 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
                 name = Path(each.filename).name  # no name of the archive's is a path here
                 if (other := there.setdefault(name.lower(), each.filename)) != each.filename:
                     raise FormatError(f"{path.name}: it holds {other} and {each.filename}; unpack it, and give the files of one run")
-                (folder / name).write_bytes(archive.read(each))
+                write_new(folder / name, archive.read(each))
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
         raise FormatError(f"{path.name}: a damaged zip archive ({error}); unpack it as far as it goes, and give the files") from None
     return folder

@@ -17,8 +17,9 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from session.io.errors import CalibrationError
+from session.io.files import is_stream, refuse_link
 from session.io.names import refuse_recorded
-from session.io.results import is_stream, json_text, whole
+from session.io.results import json_text, write_whole
 from session.io.texts import printable
 from tinygc.cli.arguments import is_standard_output
 
@@ -156,6 +157,7 @@ def try_file(args: argparse.Namespace, path: Path) -> None:
         return
     if path.is_dir():
         raise CalibrationError(f"{path}: that is a folder; give --out a file")
+    refuse_link(path)
     refuse_recorded(Path(os.path.realpath(path)))
     _try_folder(path.parent, args, "another file")
 
@@ -183,35 +185,23 @@ def write_json(path: Path | None, table: dict) -> None:
         with standard_output():
             sys.stdout.write(json_text(table, ascii_only=not every) + "\n")
         return
-    text = json_text(table) + "\n"
     try:
-        with contextlib.nullcontext(path) if _is_the_systems(path) else whole(_place(path)) as place:
-            place.write_text(text, encoding="utf-8")
+        write_whole(path, table)
     except OSError as error:
         raise _no_json(path, error) from None
 
 
 def try_json(path: Path | None) -> None:
     """Fail early if the JSON cannot be written where ``--json`` says."""
-    if path is None or is_standard_output(path) or is_stream(path) or _is_the_systems(path):  # the system's is not opened twice
+    if path is None or is_standard_output(path) or is_stream(path):  # the system's is not opened twice
         return
     try:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        tempfile.TemporaryFile(dir=_place(path).parent).close()
+        refuse_link(path)
+        tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
         raise _no_json(path, error) from None
-
-
-def _place(path: Path) -> Path:
-    """Return the target of a link, so that the link is kept."""
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
-
-
-def _is_the_systems(path: Path) -> bool:
-    """Whether the name is one of the system's, such as /dev/stdout, which cannot be replaced."""
-    name = Path(os.path.normpath(path))
-    return name.is_relative_to("/dev/fd") or name.is_relative_to("/proc") or name == Path("/dev/stderr")
 
 
 def _no_json(path: Path, error: OSError) -> CalibrationError:

@@ -235,8 +235,12 @@ def opened(out: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
         with open(sys.stdout.fileno(), "wb", closefd=False) as file:  # not ``sys.stdout``, of which the command hears no broken pipe
             yield file
         return
-    with whole(out) as path, gzip.open(path, "wb", compresslevel=3) if out.name.endswith(".gz") else path.open("wb") as file:
-        yield file
+    with whole(out) as plain:
+        if out.name.endswith(".gz"):
+            with gzip.open(plain, "wb", compresslevel=3) as file:
+                yield file
+        else:
+            yield plain
 
 
 def columns_of(unit: str, accel: bool, temp: bool, calibrated: tuple[str, ...]) -> list[str]:

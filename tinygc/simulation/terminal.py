@@ -15,6 +15,7 @@ from typing import IO
 from session.bench.port import VIRTUAL_STEM, lock_of
 from session.bench.rawfile import lock
 from session.io.errors import CalibrationError
+from session.io.files import open_written
 
 #: bytes that a board with some memory can buffer while its host is busy
 MEMORY_BYTES = 65_536
@@ -115,7 +116,7 @@ def _claim(names: list[Path]) -> tuple[Path, IO]:
     """Claim the first name that no running board holds; returns it with its lock, which the system releases at the end of the process."""
     for name in names:
         try:
-            file = lock_of(name).open("a")
+            file = os.fdopen(open_written(lock_of(name), os.O_WRONLY | os.O_APPEND | os.O_CREAT), "a")
         except OSError as error:
             raise CalibrationError(f"{name}: {error.strerror or error}; give --link another path") from None
         if os.fstat(file.fileno()).st_size:  # a board's lock file is empty

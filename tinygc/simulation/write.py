@@ -12,7 +12,7 @@ import numpy as np
 
 from session.io.config import SCHEMA
 from session.io.errors import FormatError
-from session.io.files import MOST_TOML, naming, read_bytes, result_folder
+from session.io.files import MOST_TOML, folder_whole, read_bytes, write_new
 from session.io.logfile import NAME as KNOWN_TURNS
 from session.io.logfile import KnownTurn
 from session.io.names import has_recorded_name
@@ -95,24 +95,24 @@ def write_simulation(
     """Write the folder of a simulated session, and its truth; concealed: whether session.toml states that an effect is hidden (by
     default, if effects are given).  Raises FormatError as ``write_session`` does."""
     check_folder(folder, force)
-    write_files(simulation, folder, config_text(simulation, concealed=bool(effects) if concealed is None else concealed))
-    (folder / TRUTH).write_text(json.dumps(truth_table(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
+    truth = json.dumps(truth_table(simulation, effects or {}), indent=1) + "\n"
+    write_files(simulation, folder, config_text(simulation, concealed=bool(effects) if concealed is None else concealed), truth)
     return folder
 
 
-def write_files(simulation: Simulation, folder: Path, config: str) -> None:
-    """Write the files of a recorded session without the truth: ``config`` as session.toml, log, closure run, turns of known angle."""
-    with result_folder(folder), naming(folder):
-        (folder / CONFIG).write_text(config, encoding="utf-8")
-        _write_log(folder / LOG, simulation, simulation.log)
-        (folder / KNOWN_TURNS).unlink(missing_ok=True)
+def write_files(simulation: Simulation, folder: Path, config: str, truth: str = "") -> None:
+    """Write the files of a recorded session: ``config`` as session.toml, log, closure run, turns of known angle; truth.json, if any."""
+    with folder_whole(folder) as work:
+        write_new(work / CONFIG, config)
+        _write_log(work / LOG, simulation, simulation.log)
         if turns := stopped_turns(simulation.plan, simulation.options):
-            (folder / KNOWN_TURNS).write_text(turns_text(turns), encoding="utf-8")
-        (folder / REST).unlink(missing_ok=True)
-        if simulation.closure is None:
-            (folder / CLOSURE).unlink(missing_ok=True)
-        else:
-            _write_log(folder / CLOSURE, simulation, simulation.closure)
+            write_new(work / KNOWN_TURNS, turns_text(turns))
+        if simulation.closure is not None:
+            _write_log(work / CLOSURE, simulation, simulation.closure)
+        if truth:
+            write_new(work / TRUTH, truth)
+        for stale in (CONFIG, KNOWN_TURNS, REST, CLOSURE):  # of an earlier one
+            (folder / stale).unlink(missing_ok=True)
 
 
 def check_folder(folder: Path, force: bool) -> None:
@@ -149,7 +149,7 @@ def _write_log(path: Path, simulation: Simulation, recording: RegisterLog) -> No
     options, odr_hz = simulation.options, simulation.unit.odr_hz
     ranges = f"gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g}"
     said = f"# {ranges} odr_hz={odr_hz:.4f} serial={_serial(options)}"
-    path.write_bytes(packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
+    write_new(path, packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
 
 
 def packed_log(said: str, *columns: np.ndarray) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import TypeVar
 from session.annexes.arrays.recording import read_array
 from session.detect.findings import Finding
 from session.io.dialects import Answers
-from session.io.errors import CalibrationError, FormatError
-from session.io.files import naming
+from session.io.errors import FormatError
+from session.io.files import folder_whole, require_empty, write_new
 from session.io.forms import EXAMPLES
 from session.io.reader import Reader
 from session.io.texts import command_line
@@ -30,26 +29,17 @@ def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str
     """
     if len(paths) != 1:
         raise FormatError(f"--array-by reads one log, not {len(paths)}; give the one that holds the rows of all sensors")
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FormatError(f"{out}: exists; give --out a new folder")
+    require_empty(out, "exists; give --out a new folder")
     like = None if answers.like in (BY_NAMES, *EXAMPLES) else answers.like  # each unit's own import holds a form of text to it
     values = Reader(paths[0], replace(answers, like=like), picking=column).values_of(column)
     made: list[Converted] = []
-    try:
+    with folder_whole(out) as work:
         for number, value in enumerate(values):
             told = replace(answers, where=f"{column}={value}")
-            made.append(convert(paths, out / f"unit{number}", told, serial=f"{column}-{value}", columns=columns))
-        with naming(out):
-            folders = ", ".join(f'"unit{number}"' for number in range(len(values)))
-            (out / "session.toml").write_text(f'schema = "tinygc-session/1"\n\n[array]\nfolders = [{folders}]\n', encoding="utf-8")
-        read_array(out)
-    except (CalibrationError, OSError):
-        for each in made:
-            shutil.rmtree(each.folder)
-        (out / "session.toml").unlink(missing_ok=True)
-        if out.is_dir() and not any(out.iterdir()):
-            out.rmdir()
-        raise
+            made.append(convert(paths, work / f"unit{number}", told, serial=f"{column}-{value}", columns=columns))
+        folders = ", ".join(f'"unit{number}"' for number in range(len(values)))
+        write_new(work / "session.toml", f'schema = "tinygc-session/1"\n\n[array]\nfolders = [{folders}]\n')
+        read_array(work)
     notes = tuple(f"{', '.join(names)}: {note}" for note, names in _once((note, each) for each in made for note in each.notes))
     # What a finding says of a unit's whole session, it says of its folder.
     within = ((replace(finding, where=finding.where.removeprefix(each.folder.name)), each) for each in made for finding in each.findings)

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from io import TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from session.annexes.machines.wire import PRESS
 from session.bench.messages import AxisMove
 from session.bench.mover import Moment
 from session.io.errors import CalibrationError, StorageError
-from session.io.files import read_bytes
+from session.io.files import open_written, read_bytes, refuse_link, replaced
 from session.io.units import NS
 
 #: of ``table.csv``: 40 hours at 50 Hz
@@ -83,15 +84,20 @@ class AngleFile:
         try:
             if path.exists() and path.stat().st_size:
                 text = read_bytes(path, MOST_BYTES)
+                refuse_link(path)
                 os.truncate(path, text.rfind(b"\n") + 1)  # a row that was cut off
                 if not text.startswith(header(table).encode() + b"\n"):
                     raise StorageError(f"{path}: is of a table with other axes; give another --out")
             else:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(header(table) + "\n")
-            self._file = path.open("a", buffering=1)
+                with replaced(path) as file:
+                    file.write(f"{header(table)}\n".encode())
+            self._file = self._opened()
         except OSError as error:
             raise StorageError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+    def _opened(self) -> TextIOWrapper:
+        return os.fdopen(open_written(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT), "a", buffering=1)
 
     def add(self, log: str, t_us: int, where: Where) -> None:
         """Append an answer; one without a log, or with a time before the last one of its log, has no place there."""
@@ -107,10 +113,9 @@ class AngleFile:
         """A log has another name now."""
         self._file.close()
         lines = read_bytes(self._path, MOST_BYTES).decode().splitlines(keepends=True)
-        partial = self._path.with_name(f"{self._path.name}.partial")
-        partial.write_text("".join(new + line.removeprefix(old) if line.startswith(f"{old},") else line for line in lines))
-        partial.replace(self._path)
-        self._file = self._path.open("a", buffering=1)
+        with replaced(self._path) as file:
+            file.write("".join(new + line.removeprefix(old) if line.startswith(f"{old},") else line for line in lines).encode())
+        self._file = self._opened()
         self._last = (new, self._last[1]) if self._last[0] == old else self._last
 
     def close(self) -> None:

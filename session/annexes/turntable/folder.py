@@ -6,7 +6,6 @@ Other programs' recordings become such a folder through ``write_turn_session``.
 from __future__ import annotations
 
 import gzip
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +14,8 @@ import numpy as np
 
 from session.io.arrays import USUAL_DPS
 from session.io.config import read_config
-from session.io.errors import CalibrationError, DataError, FormatError
-from session.io.files import require_file, result_folder
+from session.io.errors import DataError, FormatError
+from session.io.files import folder_whole, require_empty, require_file, write_new
 from session.io.folder import Session, read_logs
 from session.io.logfile import COLUMNS, LOG, NAME, KnownTurn, read_known_turns
 from session.io.names import TURNS, log_paths
@@ -85,8 +84,7 @@ def write_turn_session(
     gyro_fs_dps: the smallest usual full scale that holds all rates where it is not given; notes: for ``[notes]``.  ``turns`` name their
     logs as they are named here.  Raises FormatError or DataError, as reading it again would, and leaves nothing behind then.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FormatError(f"{out}: is there, and is no empty folder; choose another one")
+    require_empty(out, "is there, and is no empty folder; choose another one")
     _refuse(logs)
     names = [f"{log.name}.csv.gz" for log in logs]
     toml = 'schema = "tinygc-session/1"\n\n[sensor]\n' + line("model", model) + line("serial", serial)
@@ -99,15 +97,10 @@ def write_turn_session(
         files[name] = gzip.compress("\n".join([HEADER, *_rows(log), ""]).encode(), compresslevel=6, mtime=0)
     rows = [f"{t.turn},{t.words},{t.angle_rad / DEG:.10g},{t.sigma_rad / DEG:.10g},{t.log or ''}" for t in turns]
     files[NAME] = "\n".join([",".join((*COLUMNS, LOG)), *rows, ""]).encode()
-    with result_folder(out), tempfile.TemporaryDirectory(dir=out, prefix=".part-") as part:
+    with folder_whole(out) as work:
         for name, data in files.items():
-            (Path(part) / name).write_bytes(data)
-        try:
-            read_turn_session(Path(part))
-        except CalibrationError as error:
-            raise type(error)(str(error).replace(part, str(out))) from None
-        for path in sorted(Path(part).iterdir()):
-            path.replace(out / path.name)
+            write_new(work / name, data)
+        read_turn_session(work)
     return out
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from session.io.config import SCHEMA
 from session.io.errors import FormatError
-from session.io.files import MOST_TOML, naming, read_bytes, result_folder
+from session.io.files import MOST_TOML, folder_whole, read_bytes, write_new
 from session.io.texts import comment
 from session.io.toml import line
 from session.io.units import DEG, MG
@@ -210,15 +210,15 @@ def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Pat
     Raises FormatError for a folder that is not empty; ``force`` replaces an earlier simulation of an array, and nothing else.
     """
     check_array_folder(folder, force)
-    with result_folder(folder), naming(folder):
-        for path in folder.glob("*.unit*.csv.gz"):
-            path.unlink()
-        (folder / CONFIG).write_text(array_config_text(array), encoding="utf-8")
+    with folder_whole(folder) as work:
+        write_new(work / CONFIG, array_config_text(array))
         for number, unit in enumerate(array.units):
-            _write_log(folder / f"log0001.unit{number}.csv.gz", number, unit, unit.log)
+            _write_log(work / f"log0001.unit{number}.csv.gz", number, unit, unit.log)
             if unit.closure is not None:
-                _write_log(folder / f"closure0001.unit{number}.csv.gz", number, unit, unit.closure)
-        (folder / TRUTH).write_text(json.dumps(array_truth(array), indent=1) + "\n", encoding="utf-8")
+                _write_log(work / f"closure0001.unit{number}.csv.gz", number, unit, unit.closure)
+        write_new(work / TRUTH, json.dumps(array_truth(array), indent=1) + "\n")
+        for path in (folder / CONFIG, *folder.glob("*.unit*.csv.gz")):  # of an earlier one
+            path.unlink(missing_ok=True)
     return folder
 
 
@@ -239,7 +239,7 @@ def check_array_folder(folder: Path, force: bool) -> None:
 def _write_log(path: Path, number: int, unit: Simulation, recording: RegisterLog) -> None:
     ranges = f"gyro_fs_dps={unit.options.gyro_fs_dps:g} accel_fs_g={unit.options.accel_fs_g:g}"
     said = f"# {ranges} odr_hz={unit.unit.odr_hz:.4f} serial={_serial(unit, number)}"
-    path.write_bytes(packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
+    write_new(path, packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
 
 
 def _serial(unit: Simulation, number: int) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from session.io.errors import CalibrationError
+from session.io.files import write_new
 from session.io.folder import read_session
 from session.io.samples import Samples
 from session.io.units import DEG, MG, NS_PER_S, G
@@ -399,7 +400,7 @@ def c(trial: EffectTrial) -> str:
         raise NotChecked(f"no gcc on this machine; its NumPy is within {off:.2g} of correct")
     with tempfile.TemporaryDirectory() as folder:
         for name, text in source_files(chosen, None, "A check of an effect.", {}).items():
-            (Path(folder) / name).write_text(text, encoding="ascii")
+            write_new(Path(folder) / name, text)
         words = [*FLAGS.split(), "-O2", "-shared", "-fPIC", SOURCE, "-o", "model.so"]
         made = subprocess.run(["gcc", *words], capture_output=True, text=True, check=False, cwd=folder)
         if made.returncode:

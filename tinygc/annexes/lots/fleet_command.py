@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -190,5 +191,7 @@ def _write_csv(args: argparse.Namespace) -> None:
             with standard_output():
                 write_csv(table, sys.stdout)
             return
-        with whole(args.csv) as place, place.open("w", encoding="utf-8", newline="") as file:
+        with whole(args.csv) as binary:
+            file = TextIOWrapper(binary, encoding="utf-8", newline="")
             write_csv(table, file)
+            file.detach()

@@ -17,7 +17,7 @@ from typing import Any
 
 from session.bench.rawfile import lock
 from session.io.errors import CalibrationError, FormatError, StorageError
-from session.io.files import result_folder
+from session.io.files import open_written, refuse_link, result_folder
 from session.io.texts import printable, unicode_text
 from tinygc.annexes.lots.fleet_row import BLOB, COLUMNS, DIED, DONE, FAILED, INTEGER, REAL, TEXT, Row
 from tinygc.annexes.lots.fleet_session import Outcome
@@ -119,6 +119,7 @@ def open_table(out: Path) -> Iterator[Table]:
     path = out / NAME
     with result_folder(out), _alone(out):
         with named_errors(path):
+            refuse_link(path)
             connection = sqlite3.connect(path)
         try:
             with named_errors(path):
@@ -223,7 +224,7 @@ def _require_ours(path: Path, connection: sqlite3.Connection) -> None:
 def _alone(out: Path) -> Iterator[None]:
     """Hold the lock, which ends with the process."""
     try:
-        file = os.open(out / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+        file = open_written(out / LOCK, os.O_RDWR | os.O_CREAT)
     except OSError as error:
         raise StorageError(f"{out / LOCK}: cannot be written ({error.strerror}); give --out another folder") from None
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import textwrap
 import time
@@ -30,7 +29,7 @@ from session.detect import accelerometer
 from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.io.config import Protocol, read_config
 from session.io.errors import CalibrationError, FormatError
-from session.io.files import read_text
+from session.io.files import copy_new, read_text
 from session.io.names import log_paths
 from session.io.texts import printable
 from session.io.units import DEG
@@ -206,7 +205,7 @@ class TurnedRecording:
             put_aside(copy)
         if not copy.exists():
             folder.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(self.file, copy)
+            copy_new(self.file, copy)
         table, self._table = self._table or self._open(), None
         table.confirm(self._plan, None, lambda line: None)  # it was shown by ``confirmed``
         self.moves.hold_s, self.moves.longest_s = guide.hold_s, LONGEST_TURN_SEGMENTS * guide.protocol.segment_s

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from session.io.config import SCHEMA
 from session.io.errors import CalibrationError
-from session.io.files import naming, result_folder
+from session.io.files import folder_whole, write_new
 from session.io.registers import DEFAULT, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc.annexes.temperature.options import RestOptions, rest_flag
@@ -127,12 +127,12 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
     ranges = f"gyro_fs_dps={chip.gyro_fs_dps:g} accel_fs_g={chip.accel_fs_g:g}"
     comment = f"# {ranges} odr_hz={chip.odr_hz:.4f} serial=SIM-{session.unit_drawn_from}"
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": made.knock_s.tolist()}}
-    with result_folder(folder), naming(folder):
-        for stale in (LOG, CLOSURE):
+    with folder_whole(folder) as work:
+        write_new(work / CONFIG, _config(session, options))
+        write_new(work / REST, packed_log(comment, made.t_us, made.gyro, made.accel, made.temp))
+        write_new(work / TRUTH, json.dumps(truth, indent=1) + "\n")
+        for stale in (CONFIG, LOG, CLOSURE):  # of an earlier one
             (folder / stale).unlink(missing_ok=True)
-        (folder / CONFIG).write_text(_config(session, options), encoding="utf-8")
-        (folder / REST).write_bytes(packed_log(comment, made.t_us, made.gyro, made.accel, made.temp))
-        (folder / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
     return folder
 
 

@@ -12,6 +12,7 @@ from io import FileIO
 from pathlib import Path
 
 from session.io.errors import StorageError
+from session.io.files import open_written
 from session.io.results import json_line
 
 #: lines that are kept while they cannot be written
@@ -32,7 +33,7 @@ class JsonLines:
         self._file: FileIO | None = None
         if path is not None:
             try:
-                self._file = path.open("wb", buffering=0)
+                self._file = FileIO(open_written(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb")
             except OSError as error:
                 raise StorageError(f"{path}: cannot be written ({error.strerror}); give --json another path") from None
 
@@ -50,7 +51,7 @@ class JsonLines:
     def _try(self) -> None:
         assert self._path is not None
         try:
-            file = self._file = self._file or self._path.open("ab", buffering=0)
+            file = self._file = self._file or FileIO(open_written(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "ab")
             while self._waiting:
                 line = self._waiting[0]
                 if file.write(line) != len(line):

@@ -32,7 +32,7 @@ def require_browser() -> str:
 
 def print_pdf(page: Path, out: Path) -> Path:
     """Print an HTML file to a PDF file, which appears when it is whole; returns its path.  Raises CalibrationError where that fails."""
-    with tempfile.TemporaryDirectory(prefix="tinygc-") as folder, whole(out) as partial:
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as folder, whole(out) as file:
         made = Path(folder) / "page.pdf"
         command = [require_browser(), "--headless=new", "--disable-gpu", "--no-first-run", "--no-pdf-header-footer"]
         command += ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # the administrator's Chromium has no sandbox
@@ -45,5 +45,5 @@ def print_pdf(page: Path, out: Path) -> Path:
         if not made.is_file():
             last = next((line for line in reversed(said.stderr.splitlines()) if line.strip()), f"exit code {said.returncode}")
             raise CalibrationError(f"{out}: {command[0]} did not print it ({last.strip()[:120]}); print {page} by hand")
-        shutil.copyfile(made, partial)
+        file.write(made.read_bytes())
     return out

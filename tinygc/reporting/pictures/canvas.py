@@ -66,9 +66,9 @@ def save(figure: Figure, path: Path) -> None:
         legend = panel.get_legend()
         for text in (panel.title, panel.xaxis.label, panel.yaxis.label, *panel.texts, *(legend.get_texts() if legend else ())):
             text.set_parse_math(False)  # except on logarithmic axes, whose numbers matplotlib writes as formulas
-    with whole(path) as partial, warnings.catch_warnings():
+    with whole(path) as file, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(partial, dpi=110, format="png")
+        figure.savefig(file, dpi=110, format="png")
 
 
 def saved(figure: Figure, path: Path) -> Figure:

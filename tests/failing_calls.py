@@ -1,0 +1,171 @@
+"""The n-th call to the system fails, or is the process's last: what then stands in a folder (as SQLite tests itself).
+
+Python's own ``_pyio`` stands for the files that C opens, so that each of their calls is one of ``os``, which can be counted and refused.
+"""
+
+from __future__ import annotations
+
+import _pyio
+import builtins
+import contextlib
+import errno
+import gc
+import gzip
+import io
+import os
+import shutil
+import warnings
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from session.io.errors import CalibrationError
+
+CALLS = (
+    *("open", "read", "write", "fsync", "close", "lseek", "truncate", "ftruncate", "stat", "lstat", "listdir", "scandir"),
+    *("replace", "rename", "unlink", "mkdir", "rmdir", "readlink"),
+)
+KILLED = "killed"
+FAULTS = ("ENOSPC", "EIO", "EINTR", KILLED)
+#: a random name of a file that is not whole yet, and a folder that is not
+PARTIAL, UNFINISHED = ".tinygc-", ".unfinished"
+
+
+class Killed(BaseException):
+    """The process has ended: no call of it reaches the system any more."""
+
+
+class Calls:
+    """A context in which the n-th call fails; without n, they are counted."""
+
+    def __init__(self, number: int | None = None, fault: str = "EIO"):
+        self.number, self.fault, self.count, self.dead = number, fault, 0, False
+        self.names: list[str] = []
+
+    def __enter__(self) -> Calls:
+        self._before = {name: getattr(os, name) for name in CALLS} | {"": (builtins.open, io.open)}
+        for name in CALLS:
+            setattr(os, name, self._counted(name, self._before[name]))
+        builtins.open = io.open = _pyio.open  # type: ignore[assignment]
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.dead:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                gc.collect()  # buffers that were never written die with the process
+        builtins.open, io.open = self._before.pop("")
+        for name, call in self._before.items():
+            setattr(os, name, call)
+
+    def _counted(self, name: str, call: Callable) -> Callable:
+        def counted(*args, **options):
+            if self.dead:
+                raise Killed
+            self.count += 1
+            self.names.append(name)
+            if self.count != self.number:
+                return call(*args, **options)
+            if name == "close":
+                call(*args)
+            if self.fault == KILLED:
+                self.dead = True
+                raise Killed
+            number = getattr(errno, self.fault)
+            raise OSError(number, os.strerror(number), *(args[:1] if args and isinstance(args[0], str | os.PathLike) else ()))
+
+        return counted
+
+
+@dataclass(frozen=True)
+class Writer:
+    """before: makes what stands there; write: writes over it or beside it; folder: that is a session folder; grows: files only grow."""
+
+    write: Callable[[Path], object]
+    before: Callable[[Path], object] = lambda folder: None
+    folder: bool = False
+    grows: bool = False
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """What each file holds, unpacked; folders as empty.  What the next run takes away is left out."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.name == UNFINISHED and not any(path.iterdir()):
+            continue
+        data = path.read_bytes() if path.is_file() else b""
+        if path.suffix == ".gz":
+            with contextlib.suppress(OSError, EOFError, zlib.error):
+                data = gzip.decompress(data)
+        found[path.relative_to(folder).as_posix()] = data
+    return found
+
+
+def tried(writer: Writer, place: Path, fault: str, every: Callable[[int], bool] = lambda number: True) -> tuple[int, list[str]]:
+    """How many calls were made to fail, and what was wrong then."""
+    place.mkdir()
+
+    def fresh(name: str) -> Path:
+        folder = place / name
+        folder.mkdir()
+        writer.before(folder)
+        return folder
+
+    writer.write(fresh("warm"))
+    counted = fresh("whole")
+    before = contents(counted)
+    with Calls() as calls:
+        writer.write(counted)
+    after, wrong, count = contents(counted), [], 0
+    assert after != before, "nothing was written"
+    for number in range(1, calls.count + 1):
+        if not every(number):
+            continue
+        folder, said = fresh(f"{number}"), ""
+        try:
+            with Calls(number, fault) as failing:
+                writer.write(folder)
+        except Killed:
+            said = KILLED
+        except (CalibrationError, OSError) as error:
+            said = str(error)
+        count += 1
+        where = f"{fault} in call {number} ({failing.names[number - 1] if failing.count >= number else 'none'})"
+        wrong += [f"{where}: {each}" for each in _wrong(writer, contents(folder), before, after, said)]
+        shutil.rmtree(folder)
+    shutil.rmtree(place)
+    return count, wrong
+
+
+def _wrong(writer: Writer, there: dict[str, bytes], before: dict[str, bytes], after: dict[str, bytes], said: str) -> list[str]:
+    wrong = ["more than a line"] if "\n" in said else []
+    if not said and there != after:
+        wrong.append("no error, and not what was to be written")
+    mine = {name: data for name, data in there.items() if not Path(name).name.startswith(PARTIAL)}
+    if said != KILLED and mine != there:
+        wrong.append("a partial file is left")
+    if writer.grows:
+        for name, data in before.items():
+            if not any(data == each[: len(data)] for each in mine.values()):
+                wrong.append(f"{name} has lost what it held")
+        wrong += [
+            f"{name} holds what nobody wrote" for name, data in mine.items() if not any(each.startswith(data) for each in after.values())
+        ]
+    elif writer.folder:
+        if mine not in (before, after):
+            inside = {name for name in mine if UNFINISHED in Path(name).parts}
+            if said != KILLED:
+                wrong.append(f"an error left {sorted(set(mine) ^ set(before))}")
+            elif (
+                any(name.endswith("session.toml") and name not in before and name not in inside for name in mine)
+                and {name: data for name, data in mine.items() if name not in inside} != after
+            ):
+                wrong.append("a session that is not whole")
+            elif any(mine.get(name) not in (data, after.get(name)) for name, data in before.items()):
+                wrong.append("what stood there before is neither old nor new")
+    else:
+        for name, data in (before | after | mine).items():
+            if mine.get(name) not in (before.get(name), after.get(name)):
+                wrong.append(f"{name} is neither old nor new ({len(data)} bytes)")
+    return wrong

@@ -117,7 +117,8 @@ def test_an_alarm_that_was_cleared_at_the_machine_is_not_repeated(make):
         table.settle()
     mechanics.release()
     for step in bench.driver.make.clear:  # at its panel
-        bench.virtual.feed(f"{step.send}{bench.driver.make.end}".encode())
+        bench.virtual.feed((step.raw or f"{step.send}{bench.driver.make.end}").encode())
+        bench.clock.sleep(0.1)
     mechanics.clear()
     with pytest.raises(TableFault, match=NAMED["estop"]):
         table.where()

@@ -170,8 +170,10 @@ def test_a_stop_that_is_not_heard_is_asked_for_harder():
     write = bench.link.write
     bench.link.write = lambda data: None if data == b"\x85" else write(data)
     bench.guarded.stop()
-    assert b"!\x18" in bench.link.sent
+    assert b"!" in bench.link.sent
     assert bench.motor()[1] == 0
+    assert bench.motor()[0] < 25 * DEG
+    assert not bench.virtual.mechanics.releases  # the reset came once it had braked
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -17,7 +17,7 @@ import numpy as np
 from session.annexes.machines.clocks import Clock
 from session.annexes.machines.description import Description
 from session.annexes.machines.makefile import AGAIN, LONGEST_LINE, Make, Pattern, Step
-from session.annexes.machines.verbs import TableFault, Where
+from session.annexes.machines.verbs import TableFault, TableLimit, Where
 from session.annexes.machines.wire import Link
 from session.io.units import DEG
 
@@ -33,6 +33,8 @@ ACKNOWLEDGED_S = 0.5
 RESOLUTION_DEG = 0.01
 #: how long the acknowledgement of a stop is waited for: for the line to be free, and for its bytes
 STOP_S, POLL_STOP_S = 0.3, 0.05
+#: that a state is waited for while it is stopped
+STATE_S = 0.2
 
 
 class Dialogue:
@@ -43,11 +45,12 @@ class Dialogue:
 
     def __init__(self, description: Description, make: Make, link: Link, clock: Clock, stops: bool = False):
         self.description, self.make, self._link, self._clock = description, make, link, clock
-        self.has_rate_mode, self.angles_lost = bool(make.turn_at), False
+        self.has_rate_mode, self.angles_lost, self.warning = bool(make.turn_at), False, make.warning
         self._settings: Mapping[str, Any] = {**make.settings, **description.settings}
         self._exchange, self._writing = threading.RLock(), threading.Lock()
         self._buffer, self._lines = b"", list[str]()
         self._stops, self._harder = 0, 0
+        self._unread_motion = False  # whether a motion was sent that is not acknowledged yet: it may not even be read
         self._awaited_home: float | None = None  # when homing counts as failed, where its acknowledgements come at its end
         self._owed = 0  # of these
         self._alarm, self._restarted, self._only_looks = "", False, False
@@ -70,6 +73,14 @@ class Dialogue:
                 self._forget_restart()
                 self._requests(self.make.begin, None, 0.0, 0.0)
                 self._begun = True
+
+    def require_rate(self, axis: int, rate_rps: float) -> None:
+        """TableLimit for a rate (either sign) that the decimals of its requests make 0."""
+        settings = self._settings
+        if not round(abs(rate_rps) / DEG * settings["rate_per_dps"], int(settings["decimals"])):
+            least = 10.0 ** -settings["decimals"] / settings["rate_per_dps"]
+            what = f"{self.description.axes[axis].name} at {rate_rps / DEG:g} dps"
+            raise TableLimit(f"{self.description.name}: {what} would be sent as 0, expected {least:.3g} dps or more; nothing was moved")
 
     # The five verbs.
 
@@ -127,28 +138,84 @@ class Dialogue:
         raise TableFault(f"{self.description.name}: does not say where it is")
 
     def stop(self) -> None:
-        """Bring all axes to rest.  Called again before another motion, it asks harder, where the make has a harder way."""
+        """Bring all axes to rest.  Called again before another motion, it asks harder, where the make has a harder way.
+
+        A request with ``states`` is written again while one of them is said, or a motion may not be read yet, for as long as braking
+        takes.  Then, and at once where another motion or no state is said, what is harder follows; within one list, no state is waited for.
+        """
         hardest = len(self.make.stop) - 1
-        if self._awaited_home is not None:  # while it homes a controller may hear nothing else
-            self._harder = hardest
-        steps = self.make.stop[min(self._harder, hardest)]
-        with self._writing:
-            self._stops += 1
-            self._harder += 1
+        homes = self._awaited_home is not None  # a controller may then hear the hardest alone
+        level, state = hardest if homes else min(self._harder, hardest), ""
+        while True:
+            self._harder = level + 1
+            steps = self.make.stop[level]
             for step in steps:
-                for axis in range(len(self.description.axes)) if step.each else (0,):
-                    self._write(step, axis, 0.0, 0.0)
-                self._clock.sleep(step.pause_s)
+                if not (homes and step.states):
+                    self._write_stop(step)
+                    state = self._follow(step, step is not steps[-1]) if step.states else self._hear_stop(step)
+            level += 1
+            if level > hardest or not steps[-1].states or (state and state not in self.make.moving):
+                break
         self._awaited_home = None
         self._before = None
+
+    def _write_stop(self, step: Step) -> None:
+        with self._writing:
+            self._stops += 1
+            for axis in range(len(self.description.axes)) if step.each else (0,):
+                self._write(step, axis, 0.0, 0.0)
+            self._clock.sleep(step.pause_s)
+
+    def _follow(self, step: Step, patient: bool) -> str:
+        """Write it again, as ``stop`` says; the last state that was said, empty where none was."""
+        braking_s = max(axis.fastest_rps / axis.acceleration_rps2 for axis in self.description.axes)
+        begin_s, state = self._clock.now_s(), ""
+        while True:
+            if self._exchange.acquire(timeout=POLL_STOP_S):
+                try:
+                    state = self._state()
+                finally:
+                    self._exchange.release()
+            longest_s = braking_s + (self._settings["answer_s"] if self._unread_motion else STOP_S)
+            if self._clock.now_s() - begin_s > longest_s:
+                return state
+            if not self._unread_motion and state not in step.states and (state or not patient):
+                return state
+            self._clock.sleep(POLL_STOP_S)
+            self._write_stop(step)
+
+    def _hear_stop(self, step: Step) -> str:
+        """What comes behind a stop; its answers are awaited, so that they are not taken for something else.  No state."""
         if self._exchange.acquire(timeout=STOP_S):
             try:
-                self._receive(POLL_STOP_S)
-                for line in self._lines:
-                    self._notice(line)
-                self._lines.clear()
+                self._hear(step.answers, self._settings["answer_s"] if step.answers else POLL_STOP_S)
             finally:
                 self._exchange.release()
+        return ""
+
+    def _state(self) -> str:
+        """The state that it says, whatever else is wrong; empty where it says none soon."""
+        asks = (step for step in self.make.where if any("{state}" in pattern.text for pattern in step.answers))
+        if (step := next(asks, None)) is None:
+            return ""
+        with self._writing:
+            self._write(step, 0, 0.0, 0.0)
+        return (self._hear(step.answers, STATE_S) or {}).get("state", "")
+
+    def _hear(self, wanted: tuple[Pattern, ...], longest_s: float) -> dict[str, str] | None:
+        """The fields of the first line that is wanted, and None where none comes; all others are noticed, and nothing is raised."""
+        end_s = self._clock.now_s() + longest_s
+        while True:
+            self._receive(min(POLL_STOP_S, longest_s))
+            while self._lines:
+                line = self._lines.pop(0)
+                if found := [fields for pattern in wanted if (fields := pattern.match(line)) is not None]:
+                    return found[0]
+                ends = any(pattern.match(line) is not None for pattern in self.make.done)
+                self._unread_motion = self._unread_motion and not ends and self.make.refused.meaning(line) is None
+                self._notice(line)
+            if self._clock.now_s() >= end_s:
+                return None
 
     def close(self) -> None:
         """Let go of the port."""
@@ -159,6 +226,8 @@ class Dialogue:
         if not self.make.clear:
             raise TableFault(f"{self.description.name}: an alarm of a {self.make.name} is cleared at the machine, not from here")
         with self._exchange:
+            if self._awaited_home is not None or self._state() in self.make.moving:
+                raise TableFault(f"{self.description.name}: it moves; stop it before you clear anything")
             alarm, self._alarm = self._alarm, ""
             try:
                 self._requests(self.make.clear, None, 0.0, 0.0)
@@ -192,8 +261,9 @@ class Dialogue:
         return any(pattern.match(line) is not None for line in self._lines for pattern in self.make.greeting)
 
     def _motion(self, steps: tuple[Step, ...], axis: int | None = None, angle_rad: float = 0.0, rate_rps: float = 0.0) -> None:
-        self._before = None
+        self._before, self._unread_motion = None, bool(self.make.done)
         self._requests(steps, axis, angle_rad, rate_rps)
+        self._unread_motion = False
         self._require_accepted()
 
     def _require_accepted(self) -> None:
@@ -300,6 +370,7 @@ class Dialogue:
                 self._notice(line)
                 self._refuse_alarm()
                 if (meaning := self.make.refused.meaning(line)) is not None:
+                    self._unread_motion = False
                     raise TableFault(f"{self.description.name}: {sent!r} was refused with {line!r} ({meaning})")
                 if step.answers:  # an answer that is garbled: ask again soon
                     end_s = min(end_s, self._clock.now_s() + AGAIN_S)
@@ -316,7 +387,10 @@ class Dialogue:
         line = seen[-1] if seen else self._unread
         heard = f"heard {line[:60]!r}" if line else "heard nothing that can be read"
         settings = f"within {self._settings['answer_s']:g} s"
-        return f"{self.description.name}: it {what}: sent {sent or step.send or step.raw!r}, {heard}, expected {expected} {settings}"
+        silent = f"; {self.make.silent}" if self.make.silent and not line else ""
+        return (
+            f"{self.description.name}: it {what}: sent {sent or step.send or step.raw!r}, {heard}, expected {expected} {settings}{silent}"
+        )
 
     def _ask(self, step: Step, axis: int) -> dict[str, str]:
         """A query's fields; empty where its answer cannot be read."""

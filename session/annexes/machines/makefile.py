@@ -91,7 +91,7 @@ class Step:
     """One request: ``send``, a line; or ``raw``, bytes without an end.
 
     answers: lines of which one must come; later: its acknowledgement comes when the motion ends; each: for every axis; pause_s: wait after
-    it; unanswered: no acknowledgement comes.
+    it; unanswered: no acknowledgement comes; states: of a stop, those that it ends (``Dialogue.stop``).
     """
 
     send: str = ""
@@ -101,6 +101,7 @@ class Step:
     each: bool = False
     pause_s: float = 0.0
     unanswered: bool = False
+    states: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,7 @@ class Make:
     title: str
     source: str
     unchecked: str
+    warning: str  #: what whoever lets it move must know
     baud: int
     most_axes: int
     settings: Mapping[str, float | str | bool]
@@ -145,6 +147,7 @@ class Make:
     moving: tuple[str, ...]
     rest: tuple[str, ...]
     states: Mapping[str, str]  #: states that are faults, and what they mean
+    silent: str  #: what it may mean that it answers nothing
     refused: Messages
     alarms: Messages
     errors: Step | None  #: asked after each motion; its {code} is checked
@@ -171,6 +174,7 @@ _STEP = Keys(
         "each": Flag(),
         "pause_s": Number(0, 10),
         "unanswered": Flag(),
+        "states": ListOf(Text()),
     },
 )
 
@@ -202,11 +206,12 @@ SHAPE = Keys(
     {
         "source": Text(),
         "unchecked": Text(),
+        "warning": Text(),
         "baud": Number(1, 1e8, whole=True),
         "most_axes": Number(1, 3, whole=True),
         "settings": Keys(),
         "line": Keys({}, {"end": Text(), "prompt": Text(), "done": PATTERNS, "greeting": PATTERNS}),
-        "states": Keys({}, {"order": Text(), "moving": ListOf(Text()), "rest": ListOf(Text()), "faults": MapOf(Text())}),
+        "states": Keys({}, {"order": Text(), "moving": ListOf(Text()), "rest": ListOf(Text()), "faults": MapOf(Text()), "silent": Text()}),
         "refused": _MESSAGES,
         "alarms": _MESSAGES,
         "errors": Keys({}, {"ask": _Steps(), "none": ListOf(Text())}),
@@ -251,6 +256,7 @@ def read_make(path: Path) -> Make:
         title=table["title"],
         source=table.get("source", ""),
         unchecked=table.get("unchecked", ""),
+        warning=table.get("warning", ""),
         baud=table.get("baud", 115200),
         most_axes=table.get("most_axes", 3),
         settings=settings,
@@ -269,6 +275,7 @@ def read_make(path: Path) -> Make:
         moving=tuple(states.get("moving", [])),
         rest=tuple(states.get("rest", [])),
         states=states.get("faults", {}),
+        silent=states.get("silent", ""),
         refused=_messages(table.get("refused", {})),
         alarms=_messages(table.get("alarms", {})),
         errors=errors[0] if errors else None,
@@ -323,6 +330,7 @@ def _step(step: str | Mapping, settings: Mapping[str, object], where: str) -> St
             step.get("each", False),
             float(step.get("pause_s", 0.0)),
             step.get("unanswered", False),
+            tuple(step.get("states", [])),
         )
     )
     unknown = [name for name in re.findall(r"\{(\w*)\}", found.send) if name not in VALUES and name not in settings]

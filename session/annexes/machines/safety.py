@@ -37,8 +37,6 @@ from session.io.units import DEG
 
 T = TypeVar("T")
 A = TypeVar("A", np.ndarray, None)
-#: of what is sent before the first motion
-BEGINS = "before the first move it is sent"
 #: s that a machine may take from the acknowledgement of a move to its begin
 START_S = 0.3
 #: a motion may take so many times as long as computed, and so many s besides
@@ -113,10 +111,10 @@ class Move:
         return f"{of.name} to any angle from {self.least_rad / DEG:g} to {self.most_rad / DEG:g} deg at up to {rate} ({limits})"
 
 
-def plan_lines(table: Description, moves: Sequence[Move], begins: str = "") -> list[str]:
-    """The plan as a person reads it before anything moves; begins: what is sent before the first move."""
+def plan_lines(table: Description, moves: Sequence[Move], notes: Sequence[str] = ()) -> list[str]:
+    """The plan as a person reads it before anything moves; notes: as of ``Guarded.notes``."""
     rows = [f"  {number}. {move.text(table)}" for number, move in enumerate(moves, 1)]
-    rows = [*([f"  {BEGINS}: {begins}"] if begins else []), *rows]
+    rows = [*(f"  {note}" for note in notes), *rows]
     if table.make == "hand":
         return [f"{table.name}: you will be asked to turn it:", *rows]
     return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
@@ -196,6 +194,12 @@ class Guarded:
         """What will be sent before the first motion (``begin`` of its make), such as to switch its motors on; empty where nothing is."""
         return str(getattr(self._table, "begins", ""))
 
+    @property
+    def notes(self) -> list[str]:
+        """What belongs to a plan besides its moves: what is sent before the first, and what the make warns of."""
+        begins = [f"before the first move it is sent: {self.begins}"] if self.begins else []
+        return begins + [warning for warning in (getattr(self._table, "warning", ""),) if warning]
+
     def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
 
@@ -206,11 +210,11 @@ class Guarded:
             self.require_angles()
         for move in moves:
             if move.axis is not None:
-                require_rate(self.description, move.axis, move.fastest_rps)
+                self._require_rate(move.axis, move.fastest_rps)
                 for angle in {move.least_rad, move.most_rad} if not move.at_rate else ():
                     if np.isfinite(angle):
                         require_allowed(self.description, move.axis, angle, move.fastest_rps)
-        for line in plan_lines(self.description, moves, self.begins):
+        for line in plan_lines(self.description, moves, self.notes):
             say(line)
         if ask is not None and not ask("Move it?"):
             raise TableLimit(f"{self.description.name}: the plan was not confirmed; nothing was moved")
@@ -243,6 +247,7 @@ class Guarded:
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
         """Begin to turn one axis to an angle; it rests before."""
         require_allowed(self.description, axis, angle_rad, rate_rps)
+        self._require_rate(axis, rate_rps)
         of = self.description.axes[axis]
         allowed = any(
             move.axis == axis
@@ -266,7 +271,7 @@ class Guarded:
                 self._begin(None, of.fastest_rps / of.acceleration_rps2)
                 return self._guard(lambda: self._table.turn_at(axis, 0.0))
             return self.stop()
-        require_rate(self.description, axis, rate_rps)
+        self._require_rate(axis, rate_rps)
         longest_s = max(
             (move.longest_s for move in self._allowed if move.axis == axis and abs(rate_rps) <= move.fastest_rps * (1 + 1e-9)), default=0.0
         )
@@ -453,6 +458,11 @@ class Guarded:
     def _require_confirmed(self, allowed: bool, what: str) -> None:
         if not allowed:
             raise TableLimit(f"{self.description.name}: {what} is in no plan that was confirmed; nothing was moved")
+
+    def _require_rate(self, axis: int, rate_rps: float) -> None:
+        """TableLimit for a rate that the axis cannot turn at, or that its make cannot say."""
+        require_rate(self.description, axis, rate_rps)
+        getattr(self._table, "require_rate", lambda *of: None)(axis, rate_rps)
 
     def _require_rest(self) -> None:
         if not self._rest.is_set():

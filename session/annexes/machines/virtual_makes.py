@@ -69,14 +69,20 @@ class Firmware:
 
 
 class Grbl(Firmware):
-    """GRBL 1.1 (its wiki: interface, jogging, commands); angles as mm, rates as mm/min."""
+    """GRBL 1.1 (its wiki: interface, jogging, commands; what it does with them: its sources); angles as mm, rates as mm/min.
+
+    Lines are read ``READ_S`` late, and none is while it homes, is held, or behind a limit switch, where a reset alone is taken.
+    """
+
+    READ_S = 0.02
 
     def __init__(self, mechanics: Mechanics):
         super().__init__(mechanics)
         self._has_homing = bool(mechanics.description.settings.get("homing", True))
         self._is_locked = self._has_homing
-        self._is_held = False
-        self._is_asked = False
+        self._is_held = self._is_asked = self._runs = False
+        self._is_reset = False  # since its last alarm
+        self._unread: list[tuple[float, str]] = []  # lines that wait, and since when
         self._numbers = {20: 0.0} | dict.fromkeys((130, 131, 132), 200.0)  # soft limits, and how far they are
 
     def greeting(self) -> bytes:
@@ -84,8 +90,11 @@ class Grbl(Firmware):
         return self.lines(["", "Grbl 1.1h ['$' for help]", *(["[MSG:'$H'|'$X' to unlock]"] if self._is_locked else [])])
 
     def events(self) -> bytes:
-        """Behind the homing, the report that was asked for meanwhile."""
+        """Lines that it reads by now; behind the homing, the report that was asked for meanwhile."""
         said = super().events()
+        now_s = self.mechanics.now_s()
+        while self._unread and now_s >= self._unread[0][0] + self.READ_S and not self._is_busy:
+            said += self.lines(self.answer(self._unread.pop(0)[1]))
         if self._is_asked and not self.mechanics.is_homing:
             self._is_asked = False
             said += self.lines([self._status()])
@@ -93,22 +102,25 @@ class Grbl(Firmware):
 
     def alarm(self, problem: str) -> list[str]:
         """A hard limit, an abort by the emergency stop, or homing that failed."""
-        self._is_locked = True
+        self._is_locked, self._is_reset = True, False
+        self.mechanics.releases += 1
+        self._unread.clear()
         return [{"limit": "ALARM:1", "estop": "ALARM:3", "home_fails": "ALARM:9"}[problem]]
 
     def take(self, byte: bytes) -> bytes:
         """Real-time characters act at once, wherever they stand."""
         mechanics = self.mechanics
+        if self._hears_no_line and byte != b"\x18":
+            return b""
         if byte == b"?" and mechanics.is_homing:
             self._is_asked = True  # it has no time for reports, and sends one afterwards
             return b""
         if byte == b"?":
             return self.lines([self._status()])
         if byte == b"!":
-            if self._state() == "Jog":
+            self._is_held = self._is_held or self._state() in ("Run", "Idle")
+            if self._state() in ("Jog", "Hold:1"):
                 mechanics.stop()
-            elif self._state() == "Idle":
-                self._is_held = True
         elif byte == b"~":
             self._is_held = False
         elif byte == b"\x85":
@@ -118,13 +130,27 @@ class Grbl(Firmware):
             moving = mechanics.is_moving()
             homing = mechanics.is_homing
             mechanics.stop(BRAKE)
-            self.later, self._line, self._is_held = [], b"", False
+            mechanics.releases += moving
+            self.later, self._line, self._is_held, self._is_reset = [], b"", False, True
+            self._unread.clear()
             self._is_locked = self._is_locked or moving
             alarm = ["ALARM:6" if homing else "ALARM:3"] if moving else []
             return self.lines([*alarm, "", "Grbl 1.1h ['$' for help]", *(["[MSG:'$H'|'$X' to unlock]"] if self._is_locked else [])])
+        elif byte in b"\r\n":
+            line, self._line = self._line.decode("latin-1").strip(), b""
+            self._unread += [(mechanics.now_s(), line)] if line else []
         else:
             return super().take(byte)
         return b""
+
+    @property
+    def _is_busy(self) -> bool:
+        return self.mechanics.is_homing or self._is_held or self._hears_no_line
+
+    @property
+    def _hears_no_line(self) -> bool:
+        """Whether it waits for a reset, as behind a limit switch."""
+        return self.mechanics.stopped_by == "limit" and not self._is_reset
 
     def answer(self, line: str) -> list[str]:
         """A line of ``$`` commands or G-code."""
@@ -154,17 +180,18 @@ class Grbl(Firmware):
                 return ["error:10"]
             self._numbers[int(setting[1])] = float(setting[2])
             return ["ok"]
-        if self._is_locked or self._state() == "Home":
+        if self._is_locked:
             return ["error:9"]
-        if text.startswith("$J="):
-            return [self._jog(text[3:])]
+        if text.startswith(("$J=", "G1")):
+            self._runs = text[0] == "G"
+            return [self._move(text.removeprefix("$J=").removeprefix("G1"))]
         return ["ok" if text in ("G21", "G90", "G94", "$I") else "error:20"]
 
-    def _jog(self, text: str) -> str:
+    def _move(self, text: str) -> str:
         words = re.findall(rf"([A-Z])({NUMBER})", text)
         if "".join(letter + number for letter, number in words) != text:
             return "error:2"
-        if self._state() not in ("Idle", "Jog"):
+        if self._state() not in ("Idle", "Jog", "Run"):
             return "error:8"
         codes = [number for letter, number in words if letter == "G"]
         if set(codes) - {"20", "21", "53", "90", "91"}:
@@ -192,9 +219,9 @@ class Grbl(Firmware):
             return "Home"
         if self._is_locked or self.mechanics.stopped_by:
             return "Alarm"
-        if self.mechanics.is_moving():
-            return "Jog"
-        return "Hold:0" if self._is_held else "Idle"
+        if self._is_held:
+            return "Hold:1" if self.mechanics.is_moving() else "Hold:0"
+        return ("Run" if self._runs else "Jog") if self.mechanics.is_moving() else "Idle"
 
     def _status(self) -> str:
         places = [0.0] * max(3, *(1 + "XYZABC".find(word) for word in self.words))

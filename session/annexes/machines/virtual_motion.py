@@ -68,7 +68,8 @@ class Fault:
 class Mechanics:
     """Axes, and the state of their controller.  Times are seconds of the table, from its start (``begin_s`` of the clock).
 
-    stopped_by: ``estop``, ``limit``, ``home_fails`` or nothing; restarts: how many so far.
+    stopped_by: ``estop``, ``limit``, ``home_fails`` or nothing; restarts: how many so far; releases: how often its motors were switched
+    off, so that an axis that is not balanced would have fallen.
     """
 
     def __init__(self, table: Description, errors: TableErrors, clock: Clock, faults: Sequence[Fault]):
@@ -76,7 +77,7 @@ class Mechanics:
         self.begin_s = clock.now_s()
         self.tracks = tuple(AxisTrack(backlash=of.backlash) for of in errors.axes)
         self.unknown = [0.0] * len(self.tracks)  #: rad, said minus true
-        self.stopped_by, self.restarts = "", 0
+        self.stopped_by, self.restarts, self.releases = "", 0, 0
         self._moves, self._is_pressed = 0, False
         self._homing_until_s: float | None = None
         self._losing: tuple[int, float, float] | None = None  # axis of a move that loses steps, and rad where it begins and ends

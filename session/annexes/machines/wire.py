@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import threading
 from typing import Any, Protocol
 
@@ -13,6 +14,8 @@ from session.io.texts import command_line
 
 #: errors of a port that cannot be opened
 UNOPENED: tuple[type[Exception], ...] = (*UNPLUGGED, ValueError)
+#: of a port that another program has opened
+BUSY = (errno.EAGAIN, errno.EBUSY, errno.EACCES)
 #: at a port: an answer is stamped when it is seen
 PORT_POLL_S = 0.001
 #: s after which a port that takes no bytes counts as lost
@@ -46,6 +49,8 @@ class SerialLink:
             self._port = open_serial(name, baud)
             self._port.timeout, self._port.write_timeout = 0, WRITE_S
         except UNOPENED as error:
+            if getattr(error, "errno", None) in BUSY:
+                raise LineLost(f"{name}: another program holds the table's port: Ctrl-C there stops the table; {PRESS}") from None
             raise LineLost(f"{name}: the table's port cannot be opened ({error}); see {command_line('ports')}") from None
 
     def write(self, data: bytes) -> None:

@@ -109,6 +109,8 @@ def _check(args: argparse.Namespace, table: Description) -> int:
     if table.make not in MODULES:
         make = make_of(table, args.table.parent)
         lines += [f"sent for {what}: {text}" for what, text in example(table, make)]
+        if make.warning:
+            lines.append(f"warning: {make.warning}")
         if make.unchecked:
             lines.append(f"unchecked in the make's file: {make.unchecked}")
         if is_own(table):

@@ -19,7 +19,7 @@ from session.annexes.machines.driver import AngleFile, TableDriver
 from session.annexes.machines.makes import open_table
 from session.annexes.machines.mover import MOST_OF_SCALE, TableMover
 from session.annexes.machines.rates import RateMover, RatesGuide, RateStep, steps_of
-from session.annexes.machines.safety import BEGINS, Guarded, Move
+from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.verbs import TableFault, Where
 from session.bench.guide import HOLD_STILLS, Guide
 from session.bench.mover import Mover
@@ -100,7 +100,7 @@ class TurnedRecording:
         angles = np.zeros(len(described.axes))
         try:
             self._table: Guarded | None = self._open()
-            self._begins = self._table.begins
+            self._notes = self._table.notes
             if at_zero:
                 self._table.stands_at_zero()
             if not home:
@@ -236,7 +236,7 @@ class TurnedRecording:
 
     def _first(self) -> list[str]:
         """Lines of the plan: what comes before the first turn."""
-        return [*([f"  {BEGINS}: {self._begins}"] if self._begins else []), *([f"  {HOME}"] if self._home else [])]
+        return [*(f"  {note}" for note in self._notes), *([f"  {HOME}"] if self._home else [])]
 
     def _homed(self) -> None:
         """Search the reference marks, where that was asked for: it is part of the plan that was confirmed."""

@@ -1,0 +1,171 @@
+"""How a GRBL is stopped in each of its states, and what ends its silence: on the virtual one, which does as its sources say."""
+
+import errno
+import signal
+import threading
+from dataclasses import replace
+
+import pytest
+from virtual_tables import Bench, axis, description
+
+from session.annexes.machines.makes import make_of, open_table
+from session.annexes.machines.safety import Guarded, Move
+from session.annexes.machines.template import template
+from session.annexes.machines.verbs import TableFault, TableLimit
+from session.annexes.machines.wire import LineLost, SerialLink
+from session.bench.port import serial
+from session.io.units import DEG
+
+WITHOUT_SWITCHES = description("grbl", homing=False)
+
+
+def turning(faults="", **more):
+    """A GRBL without switches whose moves are confirmed."""
+    bench = Bench(WITHOUT_SWITCHES, faults, **more)
+    bench.confirm()
+    return bench
+
+
+def test_a_stop_right_behind_a_move_is_not_lost():
+    """0x85 is dropped before the line is read: it is written again until the line's ok has come, and no jog is said."""
+    bench = turning()
+    write = bench.link.write
+
+    def interrupted(data):
+        write(data)
+        if data.startswith(b"$J"):
+            signal.raise_signal(signal.SIGINT)
+
+    bench.link.write = interrupted
+    with pytest.raises(KeyboardInterrupt), bench.guarded:
+        bench.guarded.turn_to(0, 200 * DEG, 0.1 * DEG)  # so slow that two looks see the same angle
+    assert bench.comes_to_rest()
+    assert bench.motor()[0] < 0.1 * DEG
+    assert bench.link.sent.count(b"\x85") > 1
+    assert b"\x18" not in bench.link.sent
+    assert not bench.driver.where().moving  # and its angles are not lost
+
+
+def test_a_stop_of_another_thread_right_behind_a_move_is_not_lost():
+    bench = turning()
+    read, stopping = bench.link.read, []
+
+    def stopped(longest_s):
+        if b"$J" in bench.link.sent and not stopping:
+            stopping.append(threading.Thread(target=bench.driver.stop))
+            stopping[0].start()
+        return read(longest_s)
+
+    bench.link.read = stopped
+    bench.guarded.turn_to(0, 200 * DEG, 30 * DEG)
+    stopping[0].join()
+    assert bench.comes_to_rest()
+    assert bench.motor()[0] < 10 * DEG
+
+
+@pytest.mark.parametrize("opened", [True, False])
+def test_a_motion_that_is_no_jog_is_held_at_once(opened):
+    """`Run`, of another program: 0x85 does nothing there.  At rest the reset keeps the angles, and frees it."""
+    bench = turning()
+    bench.link.write(b"G1 X200 F1800\n")
+    bench.clock.sleep(0.1)
+    bench.link.read(0.0)
+    bench.clock.sleep(2)
+    before = bench.motor()[0]
+    bench.driver.stop() if opened else bench.guarded.stop()
+    assert bench.motor()[1] == 0
+    assert bench.motor()[0] - before < 8 * DEG
+    assert not bench.virtual.mechanics.releases
+    assert not bench.driver.where().moving
+
+
+def test_a_reset_amid_braking_is_waited_with():
+    """The reset comes behind the braking time of table.toml, and the motors hold."""
+    heavy = replace(WITHOUT_SWITCHES, axes=(axis("outer", "X", acceleration_rps2=10 * DEG),))
+    bench = Bench(heavy)
+    bench.confirm()
+    bench.guarded.turn_to(0, 250 * DEG, 50 * DEG)
+    bench.clock.sleep(4)
+    write = bench.link.write
+    bench.link.write = lambda data: None if data in (b"\x85", b"?") else write(data)
+    bench.driver.stop()
+    assert b"\x18" in bench.link.sent
+    assert bench.motor()[1] == 0
+    assert not bench.virtual.mechanics.releases
+
+
+def test_a_harder_stop_is_warned_of(run, tmp_path, monkeypatch):
+    """An axis that is not balanced falls: the plan says it, and the check."""
+    monkeypatch.chdir(tmp_path)
+    said = []
+    turning().guarded.confirm([Move.to(0, 30 * DEG, 10 * DEG)], None, said.append)
+    assert "switches its motors off" in said[1]
+    (tmp_path / "table.toml").write_text(template("grbl"))
+    assert [line for line in run("table", "check")[1].splitlines() if line.startswith("warning: ") and "falls" in line]
+
+
+# Silence.
+
+
+@pytest.mark.parametrize("stopped_by", ["limit", "hold", "estop"])
+def test_what_ends_its_silence_is_said_and_clear_sends_it(stopped_by):
+    """Behind a limit switch GRBL answers nothing at all, in a hold no line; a program that opens the port then has heard no alarm."""
+    bench = turning()
+    bench.guarded.turn_to(0, 100 * DEG, 30 * DEG)
+    bench.guarded.settle()
+    mechanics = bench.virtual.mechanics
+    if stopped_by == "hold":
+        bench.link.write(b"!")
+    else:
+        mechanics.stopped_by = stopped_by
+    bench.link.read(0.1)
+    other = Guarded(open_table(WITHOUT_SWITCHES, None, bench.link, bench.clock), bench.clock)
+    other.confirm([Move.anywhere(WITHOUT_SWITCHES, 0, 60 * DEG)], None, print)
+    for verb in (other.where, lambda: other.turn_to(0, 0.0, DEG)):
+        with pytest.raises(TableFault, match=r"`table clear`"):
+            verb()
+    mechanics.release()
+    other.clear()
+    mechanics.clear()
+    assert other.where().angles[0] == pytest.approx(100 * DEG)
+    other.turn_to(0, 90 * DEG, 30 * DEG)  # nor are its angles lost
+
+
+def test_what_moves_is_not_cleared():
+    bench = turning()
+    bench.guarded.turn_to(0, 100 * DEG, 10 * DEG)
+    with pytest.raises(TableFault, match="it moves; stop it before"):
+        bench.driver.clear()
+    assert b"\x18" not in bench.link.sent
+
+
+@pytest.mark.parametrize(("code", "meaning"), [(10, "emergency stop is pressed"), (11, "homed"), (17, "motor"), (22, "overflowed")])
+def test_alarms_of_its_relatives_are_named(code, meaning):
+    bench = turning()
+    bench.link._received += f"ALARM:{code}\r\n".encode()
+    with pytest.raises(TableFault, match=f"ALARM:{code}'.*{meaning}"):
+        bench.driver.where()
+    assert {str(each) for each in range(1, 23)} <= set(make_of(WITHOUT_SWITCHES).alarms.words)
+
+
+def test_a_rate_that_its_decimals_make_zero_is_refused():
+    """0.001 mm/min is the least that three decimals say: 1.7e-5 dps."""
+    bench = turning()
+    with pytest.raises(TableLimit, match=r"at 5e-06 dps would be sent as 0, expected 1\.67e-05 dps or more; nothing was moved"):
+        bench.guarded.confirm([Move.to(0, DEG, 5e-6 * DEG)], None, print)
+    for verb in (lambda rate: bench.guarded.turn_to(0, DEG, rate), lambda rate: bench.guarded.turn_at(0, -rate)):
+        with pytest.raises(TableLimit, match="would be sent as 0"):
+            verb(5e-6 * DEG)
+    assert b"$J" not in bench.link.sent
+
+
+def test_a_port_that_another_program_holds_says_how_to_stop(run, tmp_path, monkeypatch):
+    def busy(name, baud):
+        raise serial.SerialException(errno.EAGAIN, "Could not exclusively lock port")
+
+    monkeypatch.setattr("session.annexes.machines.wire.open_serial", busy)
+    with pytest.raises(LineLost, match=r"another program holds .*Ctrl-C there stops the table; .*emergency stop"):
+        SerialLink("port", 9600, None)
+    (tmp_path / "table.toml").write_text(template("grbl"))
+    code, _, err = run("table", "stop", tmp_path / "table.toml")
+    assert (code, err.count("\n"), "Ctrl-C there stops the table" in err) == (3, 1, True)

@@ -71,31 +71,32 @@ def convert(
         answers, assumed = with_sensor(sources, answers)
         joined = join(sources, answers.odr_hz)
         answers, ranges = with_full_scales(sources, joined, answers)
-        return _written(sources, joined, out, answers, add, serial, (*assumed, *ranges))
-
-
-def _written(
-    sources: list[Source], joined: Joined, out: Path, answers: Answers, add: str | None, serial: str, assumed: tuple[str, ...]
-) -> Converted:
-    with folder_whole(out) as work:
-        log, notes, samples = _write_log(sources, joined, work / "log0001.csv", answers)
-        notes = [*notes, *assumed]
-        written = read_log(log, sensor_of(answers)).samples
-        rate_hz = float(f"{pace_of(written.t_ns).rate_hz:.4g}")
-        _require_a_sensors_rate(sources[0], rate_hz)
-        took = said_took(sources, joined, answers, assumed, rate_hz, written.duration_s)
-        if add:
-            name = _next_name(out, add) + log.name.removeprefix("log0001")
-            log.rename(work / name)
-            before = read_bytes(out / "session.toml", MOST_TOML)
-            write_new(work / "session.toml", before + f"\n# {name}: from {_source(sources)}\n".encode())
-        else:
-            name = log.name
-            _write_toml(work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed), out)
-    dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
+        assumed = (*assumed, *ranges)
+        with folder_whole(out) as work:
+            log, notes, samples = _write_log(sources, joined, work / "log0001.csv", answers)
+            joined = joined.without_rows()  # what reads the log again takes as much
+            notes = [*notes, *assumed]
+            rate_hz, duration_s = _pace(log, answers)
+            _require_a_sensors_rate(sources[0], rate_hz)
+            took = said_took(sources, joined, answers, assumed, rate_hz, duration_s)
+            if add:
+                name = _next_name(out, add) + log.name.removeprefix("log0001")
+                log.rename(work / name)
+                before = read_bytes(out / "session.toml", MOST_TOML)
+                write_new(work / "session.toml", before + f"\n# {name}: from {_source(sources)}\n".encode())
+            else:
+                name = log.name
+                _write_toml(work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed), out)
+        dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
         findings = tuple(check_folder(out))
     return Converted(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings), took)
+
+
+def _pace(log: Path, answers: Answers) -> tuple[float, float]:
+    """Hz and seconds of a log that was written."""
+    written = read_log(log, sensor_of(answers)).samples
+    return float(f"{pace_of(written.t_ns).rate_hz:.4g}"), written.duration_s
 
 
 def _as_in(sensor: Sensor, answers: Answers) -> Answers:

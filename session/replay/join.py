@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,11 @@ class Joined:
     temp_layout: Layout | None
     notes: tuple[str, ...]
     counted: bool = False
+
+    def without_rows(self) -> Joined:
+        """The layouts and the notes."""
+        none = np.zeros(0)
+        return replace(self, t_ns=none, gyro=none, accel=none, temp=None)
 
 
 def rates_of(source: Source, odr_hz: float | None) -> tuple[np.ndarray, np.ndarray, list[str]]:

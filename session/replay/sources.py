@@ -227,6 +227,9 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
 
 # Streams of binary logs.
 
+#: rows of a piece
+AT_ONCE = 1 << 16
+
 
 @dataclass(eq=False)
 class StreamSource:
@@ -244,23 +247,25 @@ class StreamSource:
         return stamps
 
     def pieces(self, *, as_written: bool = True) -> Iterator[Piece]:
-        """All rows at once.  FormatError for values that no sensor measures."""
-        t_ns, gyro, accel, temp = self.stream.t_ns, self.stream.gyro, self.stream.accel, self.stream.temp
-        arrays = [array for array in (gyro, accel, temp) if array is not None]
-        sound = np.all([np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays], axis=0)
-        if t_ns is not None:
+        """All rows, some at a time; they are given up behind the last.  FormatError for values that no sensor measures."""
+        t_ns, lost, order = self.stream.t_ns, 0, None
+        if t_ns is not None and (back := np.count_nonzero(t_ns[1:] < t_ns[:-1])):
+            self.notes.append(f"{back} times a stamp goes back: put in the order of their stamps")
             order = np.argsort(t_ns, kind="stable")
-            if (np.diff(t_ns) < 0).any():
-                self.notes.append(f"{np.count_nonzero(np.diff(t_ns) < 0)} times a stamp goes back: put in the order of their stamps")
-            sound = order[sound[order]]
-        elif not sound.all():
-            raise FormatError(f"{self.path.name}: {np.count_nonzero(~sound)} rows are no finite numbers, and nothing stamps the others")
-        if lost := len(arrays[0]) - (len(sound) if t_ns is not None else int(sound.sum())):
+        for start in range(0, len(self.stream), AT_ONCE):
+            which = slice(start, start + AT_ONCE) if order is None else order[start : start + AT_ONCE]
+            parts = {kind: getattr(self.stream, kind)[which] for kind in self.stream.holds}
+            sound = np.all([np.isfinite(part).reshape(len(part), -1).all(axis=1) for part in parts.values()], axis=0)
+            lost += np.count_nonzero(~sound)
+            if sound.any():
+                gyro, accel, temp = (parts[kind][sound] if kind in parts else None for kind in ("gyro", "accel", "temp"))
+                gyro, accel = self._turned(gyro, self.layout.gyro, "gyro", 1), self._turned(accel, self.layout.accel, "accel", 4)
+                yield Piece(None if t_ns is None else t_ns[which][sound], gyro, accel, temp)
+        if lost and t_ns is None:
+            raise FormatError(f"{self.path.name}: {lost} rows are no finite numbers, and nothing stamps the others")
+        if lost:
             self.notes.append(f"{lost} rows are no finite numbers: left out")
-        gyro, accel, temp = (None if array is None else array[sound] for array in (gyro, accel, temp))
-        gyro, accel = self._turned(gyro, self.layout.gyro, "gyro", 1), self._turned(accel, self.layout.accel, "accel", 4)
-        if len(sound):
-            yield Piece(None if t_ns is None else t_ns[sound], gyro, accel, temp)
+        self.stream = replace(self.stream, t_ns=None, gyro=None, accel=None, temp=None)
 
     def _turned(self, values: np.ndarray | None, triad: Triad | None, kind: str, first: int) -> np.ndarray | None:
         if values is None or triad is None:

@@ -46,7 +46,7 @@ class Budget:
     def need(self, path: Path, size: int) -> None:
         """Say that so many bytes will be held for a moment."""
         if self.held + size > self.most:
-            wanted = ceil((self.held + size) / GB * 10) / 10
+            wanted = ceil(1.5 * (self.held + size) / GB * 10) / 10  # what is held for a moment later comes on top
             raise FormatError(
                 f"{path}: reading it takes more than {amount(self.held + size)} of memory, and {amount(self.most)} may be taken; "
                 f"is it the right file? if it is: import --most-memory {wanted:g}GB"

@@ -162,10 +162,15 @@ def test_no_output_has_the_name_that_a_recording_will_have(run, idle, tmp_path, 
 @pytest.mark.parametrize(("command", "option"), OF_SOME)
 def test_an_output_that_is_nobodys_is_written(run, idle, recording, tmp_path, command, option):
     """The check lets through what it must: new files, old results, other files in a session folder."""
-    (recording / "result.json").write_text("old")
+    (recording / "result.json").write_text('{"schema": "tinygc-check/2"}')
     (tmp_path / "log0001.csv").write_text("in no session")
-    for path in (tmp_path / "new.json", recording / "result.json", recording / "report.html", tmp_path / "log0001.csv"):
-        words = least(command_parsers()[command], recording, option, path)
+    for path, force in (
+        *((tmp_path / "new.json", ()), (recording / "result.json", ()), (recording / "report.html", ())),
+        (tmp_path / "log0001.csv", ("--force",)),
+    ):
+        words = [*least(command_parsers()[command], recording, option, path), *force]
+        if force and (command, option) in outputs(file_written):
+            refused(run(command, *words[:-1]), option, "is no result of this tool", "--force")
         with pytest.raises(AssertionError, match="the work began"):
             run(command, *words)
 
@@ -174,14 +179,14 @@ def test_an_output_that_is_nobodys_is_written(run, idle, recording, tmp_path, co
 def test_no_output_is_a_model_or_a_result_that_is_read(run, idle, recording, tmp_path, command):
     for name in ("fit/model_least_squares.json", "fit/fitted.json", "fit/fit.json", "explain/explain.json"):
         (recording / name).parent.mkdir(exist_ok=True)
-        (recording / name).write_text("read")
+        (recording / name).write_text('{"schema": "tinygc-fit/1"}')
         words = least(command_parsers()[command], recording, "--json", recording / name)
         if f"{command}.json" == Path(name).name:
             with pytest.raises(AssertionError, match="the work began"):  # in the words that it writes there itself
                 run(command, *words)
         else:
             refused(run(command, *words), "--json", name)
-            assert (recording / name).read_text() == "read"
+            assert "tinygc" in (recording / name).read_text()
 
 
 @pytest.mark.skipif(not Path("/dev/fd").exists(), reason="no /dev/fd on this system")
@@ -190,6 +195,40 @@ def test_an_open_file_is_what_it_leads_to(run, idle, recording, tmp_path):
         with (recording / "log0001.csv").open("r+b") as file:
             refused(run("check", source, "--json", f"/dev/fd/{file.fileno()}"), "--json")
             refused(run("check", source, "--json", f"/proc/self/fd/{file.fileno()}"), "--json")
+
+
+WRITTEN_AGAIN = {
+    "check": ("check", "SESSION", "--json"),
+    "report": ("report", "SESSION", "--out"),
+    "certificate": ("report", "SESSION", "--certificate"),
+    "fleet": ("fleet", "PARENT", "--csv"),
+}
+
+
+@pytest.mark.parametrize("name", ["check", *map(broad, list(WRITTEN_AGAIN)[1:])])
+def test_the_same_result_is_written_again_unasked_and_over_nothing_else(run, folder, tmp_path, name):
+    place = {"SESSION": folder, "PARENT": folder.parent}
+    if name != "check":
+        assert run("fit", folder, "--methods", "least_squares", "--quiet")[0] == 0
+    words, path = [place.get(word, word) for word in WRITTEN_AGAIN[name]], tmp_path / "result"
+    more = ["--out", tmp_path / "fleet"] if name == "fleet" else []
+    usual = run(*words, path, *more)[0]
+    assert path.stat().st_size > 100
+    assert usual != 2
+    again = run(*words, path, *more)
+    assert again[0] == usual, again
+    path.write_text("my notes on TinyGC\n")
+    refused(run(*words, path, *more), "is no result of this tool", "--force")
+    assert path.read_text() == "my notes on TinyGC\n"
+    assert run(*words, path, *more, "--force")[0] == usual
+    assert path.read_text() != "my notes on TinyGC\n"
+
+
+def test_standard_output_may_be_appended_to_a_file(recording, tmp_path):
+    (tmp_path / "notes").write_text("mine\n")
+    with (tmp_path / "notes").open("ab") as file:
+        processes.run([*processes.CALIBRATE, "check", recording, "--json", "/dev/stdout"], stdout=file, stderr=PIPE)
+    assert (tmp_path / "notes").read_text().startswith('mine\n{\n "schema": "tinygc-check/')
 
 
 def test_standard_output_may_not_be_a_recording(recording):

@@ -14,7 +14,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-from session.io.errors import CalibrationError
+from session.io.errors import CalibrationError, FormatError
+from session.io.files import MOST_ARCHIVE, is_stream, read_bytes
 from session.io.names import has_recorded_name, is_session
 from session.io.texts import printable, program
 from tinygc.cli.commands import COMMANDS, command_module, present_commands
@@ -32,6 +33,11 @@ STANDARD = "-"
 STANDARD_OUTPUT = (STANDARD, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 #: value of an option that writes a file and is given without one: the command names the file in its folder (compared by identity)
 OWN_PLACE = Path()
+#: how the results begin that a file option writes: JSON, a page, a certificate in XML, a fleet's table, a session.toml
+RESULT = re.compile(
+    rb"""\s*\{.{0,4000}?"schema":\s*"tinygc-|<!DOCTYPE html>.*TinyGC|<\?xml.*>TinyGC<|folder,key,|.*^schema = "tinygc-""",
+    re.DOTALL | re.MULTILINE,
+)
 #: files in an input folder that are not recorded, but that other commands read
 DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
 #: command -> the one of these files that it writes itself, with the content of its JSON
@@ -128,11 +134,22 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
             if counts and has_recorded_name(place) and (place.parent in homes or is_session(place.parent)):
                 what = "is a file of the recording in" if there else "has the name of a recording's file in"
                 raise CalibrationError(f"{option} {path}: {what} {place.parent}, where nothing is written over; give {option} another path")
+        if option in paths.files.values() and not (args.force or is_stream(path) or _is_result(path)):
+            raise CalibrationError(f"{option} {path}: is there, and is no result of this tool; give {option} another path, or --force")
     for stream, said in ((1, "standard output"), (2, "standard error")):
         _refuse_known(said, _status(stream), known)
     for (one, first), (other, second) in itertools.combinations(written, 2):
         if os.path.realpath(first) == os.path.realpath(second) or _identity(_status(first)) == (_identity(_status(second)) or 0):
             raise CalibrationError(f"{one} and {other} are both {second}; give one of them another path")
+
+
+def _is_result(path: Path) -> bool:
+    """Whether nothing is there, or what this tool may have written; an empty file holds nothing that could be lost."""
+    try:
+        data = read_bytes(path, MOST_ARCHIVE) if path.exists() else b""
+    except FormatError:
+        return False
+    return not data or RESULT.match(data) is not None
 
 
 def _given(args: argparse.Namespace, options: dict[str, str]) -> Iterator[tuple[str, Path]]:
@@ -234,6 +251,7 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
         command.set_defaults(run=module.run)
         command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")
+        command.add_argument("--force", action="store_true", help="write over what is there: another's file, a log, an earlier simulation")
         command.add_argument("--quiet", action="store_true", help="print nothing but errors, and the verdict where one was asked for")
         if getattr(module, "USES_EFFECTS", False):
             command.add_argument("--effects", type=path_read, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)

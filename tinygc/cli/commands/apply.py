@@ -30,7 +30,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         help="where session.toml is (beside the log); its [accelerometer] then holds, not the model's",
     )
     command.add_argument("--which", type=filled, metavar="LOG", help="of an array's folder with several logs: log0002")
-    command.add_argument("--force", action="store_true", help="write over a file that is there")
     add_log_options(command)
 
 

@@ -18,7 +18,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--out", type=folder_written, default=Path("tinygc-demo"), metavar="DIR", help="session folder to write (./tinygc-demo)"
     )
-    command.add_argument("--force", action="store_true", help="replace an earlier simulation there")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -17,7 +17,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     from tinygc.simulation.options import SimulationOptions, flag
 
     command.add_argument("--out", type=folder_written, required=True, metavar="DIR", help="folder to write")
-    command.add_argument("--force", action="store_true", help="replace an earlier simulation there")
     hidden = "an effect that the gyroscope hides, its parameters by their names and in their units; may be given for several"
     command.add_argument("--effect", type=effect_parameters, action="append", default=[], metavar="ID=JSON", help=hidden)
     fields = {name: field for name, field in SimulationOptions.__dataclass_fields__.items() if name != "seed"}  # every command has --seed

@@ -2,14 +2,17 @@
 
 import importlib.metadata
 import json
+import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import broad
 
 from session.io.units import DEG
 from tinygc import models
-from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Parameter, catalogue, effect_of, load_folder, using
+from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Parameter, catalogue, effect_of, entries, load_folder, using
 from tinygc.effects.catalogue import _installed, having, loaded_folders
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
@@ -192,6 +195,29 @@ def test_an_installed_effect_that_is_broken_is_named(installed):
     installed(_Point(effect), _Point(effect, "again"))
     with pytest.raises(EffectError, match=r"'again'.*is already"):
         catalogue()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("syntax", ("fit", "--methods", "least_squares")),
+        ("no effect", ("simulate", "--effect", 'gyro.bias_step={"dps": [1, 0, 0], "at_s": 9}', "--out")),
+        broad("an error when it is used", ("report", "--methods", "least_squares")),
+    ],
+)
+def test_a_broken_file_of_the_package_is_named_in_one_line(name, words, tmp_path, monkeypatch, run, simulated):
+    text, says = BROKEN[name]
+    (tmp_path / "broken.py").write_text(text)
+    monkeypatch.setattr(entries, "__path__", [str(tmp_path)])
+    _installed.cache_clear()
+    try:
+        code, _, err = run(*words, simulated() if words[0] != "simulate" else tmp_path / "made", "--quiet")
+    finally:
+        _installed.cache_clear()
+        sys.modules.pop(f"{entries.__name__}.broken", None)
+    assert code == 2
+    assert err.count("\n") == 1, err
+    assert re.search(says, err)
 
 
 def test_a_model_whose_effect_is_missing_says_so(tmp_path, run, simulated):

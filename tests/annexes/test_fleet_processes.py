@@ -6,6 +6,7 @@ from threading import Timer
 
 import processes
 import pytest
+from conftest import broad
 from fleets import FIT, Here, content, made, ran
 from processes import CALIBRATE, PIPE, started, until
 
@@ -169,10 +170,13 @@ def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
     assert content(tmp_path) == reference
 
 
-def test_a_scheduler_that_is_not_there_is_said(fleet, tmp_path, run, monkeypatch):
-    pytest.importorskip("distributed", reason="the extra fleet is not installed")
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", broad("http://here:80")])
+def test_a_scheduler_that_is_not_there_is_said(address, fleet, tmp_path, run, monkeypatch):
+    """Without a client, whose end would be waited for."""
+    distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
     monkeypatch.setattr("tinygc.annexes.lots.fleet_run.PATIENCE_S", 0.1)
-    code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:9")
+    monkeypatch.setattr(distributed, "Client", None)
+    code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", address)
     assert code == 2
     assert "no Dask scheduler answers" in err.splitlines()[-1]
 

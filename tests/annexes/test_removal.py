@@ -10,6 +10,8 @@ from pathlib import Path
 
 import processes
 import pytest
+from simulated_lots import written_fleet
+from watched import model_file
 
 ROOT = Path(__file__).resolve().parents[2]
 #: annex -> its folders
@@ -26,6 +28,9 @@ FOLDERS = {
     "machines": ("session/annexes/machines", "tinygc/annexes/machines"),
     "turntable": ("session/annexes/turntable", "tinygc/annexes/turntable"),
     "certificate": ("tinygc/annexes/certificate",),
+    "verification": ("tinygc/annexes/verification",),
+    "watch": ("tinygc/annexes/watch",),
+    "history": ("tinygc/annexes/history",),
 }
 #: annex -> commands that need it
 GONE = {
@@ -55,6 +60,9 @@ GONE = {
     "machines": (["table", "list"],),
     "turntable": (["fit", "phone"],),
     "certificate": (["report", "data/session1", "--certificate"], ["report", "data/session1", "--dcc", "dcc.xml"]),
+    "verification": (["verify", "model.json", "data/session1"],),
+    "watch": (["watch", "model.json", "data/session1/log0001.csv.gz"],),
+    "history": (["history", "data/session1"],),
 }
 #: options that an annex serves
 OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--certificate", "--dcc")
@@ -75,7 +83,10 @@ import calibrate
 codes = []
 for words in json.loads(sys.argv[1]):
     print("#", *words, file=sys.stderr, flush=True)
-    codes.append(calibrate.main(words))
+    try:
+        codes.append(calibrate.main(words))
+    except Exception as error:
+        codes.append(repr(error))
 print(json.dumps(codes))
 """
 IMPORT = """
@@ -109,8 +120,12 @@ def without(annexes: tuple[str, ...], folder: Path) -> Path:
         ("array.json", {"schema": "tinygc-array-model/1"}),
         ("thermal.json", {"schema": "tinygc-model/1", "kind": "thermal"}),
         ("lot.json", {"schema": "tinygc-lot/3"}),
+        ("noise.json", {"schema": "tinygc-noise/1"}),
     ):
         (folder / name).write_text(json.dumps(table))
+    model_file(folder / "model.json")
+    written_fleet(folder / "fleet", "ASM330LHH")
+    (folder / "table.csv").write_text("rate_dps,x,y,z\n0,1,2,3\n")
     return folder
 
 
@@ -157,6 +172,20 @@ def hold_no_page_names_it(folder: Path, annexes: tuple[str, ...]) -> None:
     )
     for name, annex in (("fleet", "lots"), ("lot ", "lots"), ("challenge", "challenge")):
         assert (f"\n    {name}" in whole.stdout) == (annex not in annexes), (name, whole.stdout)
+
+
+def test_every_annex_is_removed_here():
+    annexes = (path for room in ("session", "tinygc") for path in (ROOT / room / "annexes").iterdir() if (path / "__init__.py").is_file())
+    assert {f"{path.parents[1].name}/annexes/{path.name}" for path in annexes} == {folder for each in FOLDERS.values() for folder in each}
+    assert set(GONE) == set(FOLDERS)
+
+
+@pytest.mark.broad
+def test_a_fleets_history_without_lots_says_so(tmp_path):
+    codes, _, (errors,) = run(without(("lots",), tmp_path), ["history", "fleet"])
+    assert codes == [2]
+    (line,) = errors
+    assert line.startswith("calibrate: fleet: lots and fleets: served by the annex lots, which is not there (tinygc/annexes/lots/)")
 
 
 @pytest.mark.broad

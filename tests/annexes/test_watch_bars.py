@@ -19,7 +19,7 @@ def siegmund(shift: float, bar: float) -> float:
 
 @pytest.mark.parametrize("shift", [0.25, 0.5, 1.0])
 def test_siegmunds_closed_form_agrees_for_small_shifts(shift):
-    for length in (1e3, 1e6):
+    for length in (1e3, 1e6, 1e12, 1e100):
         assert siegmund(shift, bar_of(shift, length)) == pytest.approx(length, rel=0.03)
 
 
@@ -38,6 +38,11 @@ def simulated(step, bar: float, seed: int) -> float:
         sums = np.maximum(0, sums + step(rng))
         alive &= sums < bar
     return float(length.mean())
+
+
+def test_bars_of_squares_grow_as_their_limit_does():
+    low, high, far = (squares_bar_of(2.0, 2, length) for length in (1e8, 1e10, 1e100))
+    assert (high - low, far - low) == pytest.approx((np.log(1e2), np.log(1e92)), abs=0.01)
 
 
 def test_simulated_squares_run_as_long():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import os
-import pkgutil
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -85,10 +84,14 @@ def effects_in(said: Path, folder: Path) -> list[tuple[Effect, Path]]:
         raise EffectError(f"{said}: that is a file; give its folder, {said.parent}")
     if not folder.is_dir():
         raise EffectError(f"{said}: no such folder; --effects names a folder of files that define EFFECT")
-    files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("_"))
-    if not files:
+    found = _effects(_package(folder), folder, said)
+    if not found:
         raise EffectError(f"{said}: no effect in it, expected files that define EFFECT (names that begin with _ are passed over)")
-    package = _package(folder)
+    return found
+
+
+def _effects(package: str, folder: Path, said: Path) -> list[tuple[Effect, Path]]:
+    files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("_"))
     return [(_effect(package, path, said / path.name), said / path.name) for path in files]
 
 
@@ -224,10 +227,10 @@ def loaded_folders() -> list[Path]:
 @cache
 def _installed() -> dict[str, Effect]:
     """Return the effects of this package and of installed packages."""
-    own = importlib.import_module(ENTRIES)
-    names = sorted(module.name for module in pkgutil.iter_modules(own.__path__) if not module.name.startswith("_"))
-    effects = {effect.id: effect for effect in (importlib.import_module(f"{ENTRIES}.{name}").EFFECT for name in names)}
-    if len(effects) != len(names):
+    folder = Path(importlib.import_module(ENTRIES).__path__[0])
+    own = [effect for effect, _ in _effects(ENTRIES, folder, folder)]
+    effects = {effect.id: effect for effect in own}
+    if len(effects) != len(own):
         raise EffectError(f"{ENTRIES}: two files give one id")
     from importlib.metadata import entry_points
 

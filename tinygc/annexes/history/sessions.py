@@ -10,6 +10,7 @@ import numpy as np
 
 from session.detect.accelerometer import BIASES, PARAMETERS, SCALES, SHEARS
 from session.detect.accelerometer import NAMES as TRIAD
+from session.io.annexes import need
 from session.io.config import Config
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import KB, read_text
@@ -234,6 +235,7 @@ def mean_temperature(folder: Path, config: Config) -> float | None:
 
 def _of_fleet(out: Path) -> Iterable[UnitSession]:
     """The fitted sessions of a fleet's table; their numbers are in the frame of each one's own accelerometer."""
+    need("lots and fleets", str(out))
     from tinygc.annexes.lots.fleet_row import VALUES, unpacked
     from tinygc.annexes.lots.fleet_summary import read_as_written
     from tinygc.annexes.lots.fleet_table import EACH, read_table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import os
@@ -283,6 +284,7 @@ class Cluster:
             if name.split(".")[0] == "distributed":  # what it would log, the run says in one line
                 logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
+            asyncio.run(self._is_there())  # a client that cannot be started waits and complains when it is collected
             self._client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -292,6 +294,10 @@ class Cluster:
         self._jobs: dict[Any, Job] = {}
         self._over: SimpleQueue[Any] = SimpleQueue()  # filled by the client's own thread
         self._threads, self._asked_s = 0, float("-inf")
+
+    async def _is_there(self) -> None:
+        secured = self._distributed.Security().get_connection_args("client")
+        await (await self._distributed.comm.connect(self._address, timeout=PATIENCE_S, **secured)).close()
 
     @property
     def capacity(self) -> int:

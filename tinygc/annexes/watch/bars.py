@@ -24,6 +24,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+#: run lengths beyond this one grow with exp(bar), its limit (Lorden 1971); 64-bit equations lose them from 1e11 on
+MOST = 1e9
 #: nodes of the quadrature: some two in a unit of z for the longest bars
 NODES = 160
 
@@ -45,6 +47,8 @@ def run_length(shift: float, bar: float) -> float:
 @cache
 def bar_of(shift: float, length: float) -> float:
     """The bar of one one-sided test whose mean run length is ``length``."""
+    if length > MOST:
+        return bar_of(shift, MOST) + float(np.log(length / MOST))
     return float(brentq(lambda bar: np.log(run_length(shift, bar) / length), 1e-3, np.log(length), xtol=1e-6))
 
 
@@ -69,4 +73,6 @@ def squares_run_length(ratio: float, freedom: int, bar: float) -> float:
 @cache
 def squares_bar_of(ratio: float, freedom: int, length: float) -> float:
     """The bar of that test whose mean run length is ``length``."""
+    if length > MOST:
+        return squares_bar_of(ratio, freedom, MOST) + float(np.log(length / MOST))
     return float(brentq(lambda bar: np.log(squares_run_length(ratio, freedom, bar) / length), 1e-3, np.log(length), xtol=1e-4))

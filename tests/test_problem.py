@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from session.detect.segments import FEWEST_SEGMENTS
 from session.io.errors import DataError, SegmentError
 from session.io.samples import Samples
-from tinygc import SimulationOptions, closure, read_session
+from tinygc import SimulationOptions, check, closure, read_session
 from tinygc.attitude import rotation
+from tinygc.closure import prepared
 from tinygc.closure.build import build_problem
-from tinygc.closure.problem import CLIPPED, LEFT_OUT
+from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.movement import move
 from tinygc.simulation.simulator import simulate_session
@@ -179,3 +180,38 @@ def test_a_gyro_without_any_noise_is_refused():
     quiet = Samples(made.t_ns, made.gyro, made.accel, made.temp_c)
     with pytest.raises((DataError, SegmentError), match=r"noise|still"):
         build_problem(session_of(quiet, odr_hz=104))
+
+
+# A long session: a first look builds the problem of some turns only, which stand for all.
+
+
+def test_some_turns_stand_for_a_longer_session(problem, folder):
+    """Runs of neighbours from the first turn to the last; each run's yaw begins anew, and the calibration is that of the whole."""
+    part = build_problem(read_session(folder), most=8)
+    assert [segment.number for segment in part.used] == [0, 1, 3, 4, 5, 6, 8, 9]
+    assert [segment.problem for segment in part.segments if not segment.accepted] == [NOT_TAKEN] * 2
+    assert len(part.batch) == len(part.floor.sigma) == 8
+    assert len(part.still_rates.rate) == 11  # the turns left out lie between stills of others
+    assert part.logs[0].group.tolist() == [0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2]
+    np.testing.assert_allclose(part.first.E, problem.first.E, atol=5e-3)
+
+
+def test_stills_of_no_turn_that_is_taken_are_none_of_the_problem(folder):
+    part = build_problem(read_session(folder), most=7)
+    assert [segment.number for segment in part.used] == [0, 3, 6, 9]
+    left_out = [number for number, still in enumerate(part.logs[0].stills) if still.problem == NOT_TAKEN]
+    assert left_out == [2, 5, 8]
+
+
+def test_a_session_that_is_not_longer_is_taken_whole(problem, folder):
+    same = build_problem(read_session(folder), most=10)
+    np.testing.assert_array_equal(same.batch.rate, problem.batch.rate)
+    np.testing.assert_array_equal(same.first.vector, problem.first.vector)
+
+
+def test_check_says_how_many_turns_stand_for_all(folder, monkeypatch):
+    assert "turns fitted here" not in {finding.what for finding in check(folder)}
+    monkeypatch.setattr(prepared, "LOOKED_AT", 8)
+    (said,) = [finding for finding in check(folder) if finding.what == "turns fitted here"]
+    assert said.level == "note"
+    assert "8 of 10 turns" in said.says

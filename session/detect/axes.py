@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations, product
@@ -205,7 +206,7 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
 
     A turn's closure is the angle between gravity in the last still and where the turn takes gravity of the first.
     """
-    *_, down = _carried(turns, factors)
+    (down,) = deque(_carried(turns, factors), maxlen=1)  # none before the last is kept
     sine = np.linalg.norm(np.cross(down, turns.last), axis=-1)
     return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
 

@@ -68,9 +68,11 @@ class Crossings:
     def __init__(self, gyro: np.ndarray, count: int, spoilt: np.ndarray):
         """gyro (N, 3); spoilt (N,) bool: rows that are no example."""
         self._gyro, self._count = gyro, count
-        places = np.arange(SIDE, max(len(gyro) - count - SIDE + 1, SIDE))
-        near = np.concatenate([[0], np.cumsum(spoilt)])
-        places = places[near[places + count + SIDE] == near[places - SIDE]]
+        near = np.zeros(len(spoilt) + 1, dtype=np.int32)
+        np.cumsum(spoilt, out=near[1:])
+        wide = count + 2 * SIDE
+        places = np.flatnonzero(near[wide:] == near[: max(len(near) - wide, 0)])
+        places += SIDE
         places = places[:: max(1, -(-len(places) // MOST_PLACES))]
         bends = bend(gyro, places - 1, places + count)
         order = np.argsort(bends)
@@ -153,14 +155,19 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Rows (G,) after which one to ``MOST`` readings are missing by the stamps, and how many (G,)."""
     if len(samples) < 2 * SIDE:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    pace = pace_of(samples.t_ns)
-    counts = np.minimum(pace.periods(samples.dt_s), FAR).astype(np.int32) - np.int32(1)  # a gap may last for years
+    pace, steps = pace_of(samples.t_ns), samples.dt_s
+    # A gap may last for years.
+    counts = np.concatenate([np.minimum(pace.periods(part), FAR).astype(np.int32) for _, part in pieces(steps)])
+    counts -= np.int32(1)
     rows = np.flatnonzero((counts >= 1) & (counts <= MOST))
     if not len(rows):
         return rows, counts[rows].astype(int)
-    steps = samples.dt_s / pace.period_s
     # A reading that only came late has its time made up in the neighbouring steps.
-    total = np.concatenate([[0.0], np.cumsum(steps - np.maximum(counts, 0) - 1)])
+    total = np.zeros(len(steps) + 1)
+    np.divide(steps, pace.period_s, out=total[1:])
+    total[1:] -= np.maximum(counts, 0)
+    total[1:] -= 1
+    np.cumsum(total, out=total)
     over = total[np.minimum(rows + 1 + SIDE, len(steps))] - total[np.maximum(rows - SIDE, 0)]
     rows = rows[over > -LATE]
     return rows, counts[rows].astype(int)
@@ -190,7 +197,7 @@ def _without_gaps(samples: Samples) -> tuple[Samples, list[Bridge]]:
         if samples.temp_c is not None:
             put_in["temp_c"].append(np.full(count, samples.temp_c[row]))
         sigma = np.sqrt(np.mean(errors.sum(axis=1) ** 2, axis=0)) * samples.period_s
-        bridges.append(Bridge(GAP, row + 1 + before, count, float(samples.t_s[row]), sigma))
+        bridges.append(Bridge(GAP, row + 1 + before, count, samples.at_s(row), sigma))
         before += count
     at = np.repeat(rows + 1, [len(part) for part in put_in["t_ns"]])
     filled = {name: inserted(getattr(samples, name), at, np.concatenate(put_in[name])) for name in names}
@@ -228,7 +235,7 @@ def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[S
                 put_in.setdefault(row, np.array(samples.gyro[row]))[axis] = value
             sigma = np.zeros(3)
             sigma[axis] = off.sum() * samples.period_s
-            bridges.append(Bridge(CLIPPED, start, count, float(samples.t_s[start]), sigma))
+            bridges.append(Bridge(CLIPPED, start, count, samples.at_s(start), sigma))
     if not bridges:
         return samples, []
     rows = np.array(sorted(put_in))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from math import erf, exp, pi, sqrt
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
@@ -55,13 +56,17 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     random walk.  It matters where it exceeds the gyro's own: angle random walk x sqrt(duration).
     """
     samples, where = log.samples, log.path.name
-    steps, pace = samples.dt_s, pace_of(samples.t_ns)
+    pace = pace_of(samples.t_ns)
+    steps = samples.dt_s
     period, gaps = pace.period_s, steps > GAP_PERIODS * samples.period_s  # as in the segments
-    single = pace.missing(steps[~gaps])
-    findings = [_gaps(samples, gaps, pace.missing(steps), single, where)]
+    lost = pace.missing(steps)
+    if gaps.any():
+        steps = steps[~gaps]
+    single = pace.missing(steps)
+    findings = [_gaps(samples, gaps, lost, single, where)]
     # A step of two periods is no jitter where a sample is missing.
     share = single / max(int(np.count_nonzero(~gaps)), 1)
-    jitter = float(np.sqrt(max(steps[~gaps].var() - share * (1 - share) * period**2, 0.0) / 2))
+    jitter = float(np.sqrt(max(steps.var() - share * (1 - share) * period**2, 0.0) / 2))
     square = sum((np.sum(((part[2:] - part[:-2]) / 2) ** 2, axis=0) for _, part in pieces(samples.gyro, overlap=2)), np.zeros(3))
     angle = float(np.sqrt((square / (len(samples) - 2)).max() * segment_s / period)) * jitter if len(samples) > 2 else 0.0
     floor = noise_floor(noise, segment_s)
@@ -80,7 +85,7 @@ def _gaps(samples: Samples, gaps: np.ndarray, lost: int, single: int, where: str
     """What is missing: in gaps, which cost turns, and one at a time, which cost accuracy."""
     if gaps.any():
         long = int(np.count_nonzero(gaps)) - int(np.count_nonzero(gaps[short_gaps(samples)[0]]))
-        longest_s, first_s = samples.dt_s.max(), samples.t_s[int(np.argmax(gaps))]
+        longest_s, first_s = samples.dt_s.max(), samples.at_s(int(np.argmax(gaps)))
         says = f"{gaps.sum()} gaps, {lost} samples lost{f' ({single} of them singly)' if single else ''}"
         says += f", the longest {longest_s:.3f} s, the first at {first_s:.1f} s"
         says += f"; {long} of them longer than {MOST} samples" if long else f"; none longer than {MOST} samples"
@@ -191,6 +196,7 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
         column = (samples.gyro if number < 3 else samples.accel)[:, number % 3]
         same &= column[1:] == column[:-1]
         steps[number] = _step(column)
+        del column  # of a day, no two at once
     share = float(same.mean())
     std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
     chance = np.prod(np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300)))
@@ -229,16 +235,29 @@ def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
     """Of rates (N, 3) rad/s: extremes of both signs that an axis stands at again and again, and never passes."""
     levels, at = np.full(3, np.nan), np.zeros(len(gyro), dtype=bool)
     for axis in range(3):
-        values = gyro[:, axis]
-        steps = np.diff(values)
-        np.abs(steps, out=steps)
-        noise = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
-        rest = np.median(values)
-        sides = [plateau(values, extreme, LEAST_RUN) for extreme in (values.max(), values.min()) if abs(extreme - rest) > FAR * noise]
-        if len(sides) == 2 and min(side.sum() for side in sides) >= LEAST_AT:
-            levels[axis] = np.abs(values[sides[0] | sides[1]]).mean() / DEG
-            at |= sides[0] | sides[1]
+        if (stands := _stands(gyro[:, axis], _usual_step(gyro[:, axis]))) is not None:
+            levels[axis] = stands[0] / DEG
+            at |= stands[1]
     return Ceiling(levels, at) if at.any() else None
+
+
+def _stands(values: np.ndarray, noise: float) -> tuple[float, np.ndarray] | None:
+    """Of the readings (N,) of one axis: the level at which they stand, and which (N,) bool; noise: their usual step."""
+    rest = np.median(values)
+    sides = [plateau(values, extreme, LEAST_RUN) for extreme in (values.max(), values.min()) if abs(extreme - rest) > FAR * noise]
+    if len(sides) < 2 or min(side.sum() for side in sides) < LEAST_AT:
+        return None
+    at = sides[0] | sides[1]
+    return float(np.abs(values[at]).mean()), at
+
+
+def _usual_step(values: np.ndarray) -> float:
+    """The median of the steps between neighbours (N,) that differ."""
+    steps = np.diff(values)
+    del values  # of a day, no two columns at once
+    np.abs(steps, out=steps)
+    steps = steps[steps > 0]
+    return float(np.median(steps, overwrite_input=True)) if len(steps) else 0.0
 
 
 def clean_turns(ceiling: Ceiling | None, between: Sequence[Ends]) -> list[Ends]:
@@ -253,7 +272,7 @@ def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, between: Sequenc
     clean, turns = len(clean_turns(ceiling, between)), len(between)
     says = (
         f"{axes_text(found)} never pass{'es' if found.sum() == 1 else ''} ±{levels} dps, of ±{sensor.gyro_fs_dps:g}: "
-        f"{ceiling.at.mean():.0%} of the readings stand there, the first at {log.samples.t_s[np.argmax(ceiling.at)]:.1f} s"
+        f"{ceiling.at.mean():.0%} of the readings stand there, the first at {log.samples.at_s(int(np.argmax(ceiling.at))):.1f} s"
     )
     if turns:
         says += f"; {turns - clean} of {turns} turns reach it"
@@ -283,15 +302,14 @@ def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
     samples, findings = log.samples, []
     absent = without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
     for number, column in enumerate(("gx", "gy", "gz", "ax", "ay", "az")):
-        values = samples.gyro[:, number] / DEG if number < 3 else samples.accel[:, number - 3] / G
-        found = _dead_runs(samples, values, number, absent)
+        found = _dead_runs(samples, number, absent)
         if not found:
             continue
         start, stop = max(found, key=lambda run: run[1] - run[0])
         sensor, unit = ("gyro", "dps") if number < 3 else ("accelerometer", "g")
         says = (
-            f"{column} reads {values[start] + 0.0:.4g} {unit} from row {start} to row {stop - 1}, "
-            f"{samples.t_s[start]:.1f} to {samples.t_s[stop - 1]:.1f} s, while others go on; a sensor has noise"
+            f"{column} reads {_channel(samples, number, start) + 0.0:.4g} {unit} from row {start} to row {stop - 1}, "
+            f"{samples.at_s(start):.1f} to {samples.at_s(stop - 1):.1f} s, while others go on; a sensor has noise"
         )
         says += f" ({len(found)} such places)" if len(found) > 1 else ""
         do = "look at the wiring and at what wrote the log; record again, or cut the log there"
@@ -299,10 +317,14 @@ def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
     return findings
 
 
-def _dead_runs(samples: Samples, values: np.ndarray, number: int, absent: np.ndarray) -> list[tuple[int, int]]:
-    """start, stop of each run of equal readings of one of six channels, (N,) dps or g, that neither noise, clipping nor a coarse register
-    makes."""
-    period_s = samples.period_s
+def _channel(samples: Samples, number: int, rows: slice | int) -> Any:
+    """Readings of one of six channels, dps or g."""
+    return samples.gyro[rows, number] / DEG if number < 3 else samples.accel[rows, number - 3] / G
+
+
+def _dead_runs(samples: Samples, number: int, absent: np.ndarray) -> list[tuple[int, int]]:
+    """start, stop of each run of equal readings of one of six channels that neither noise, clipping nor a coarse register makes."""
+    period_s, values = samples.period_s, _channel(samples, number, slice(None))
     extremes = (values.min(), values.max())
     if extremes[0] == extremes[1]:
         return []  # stuck throughout: another finding
@@ -388,8 +410,8 @@ def check_repeated_gravity(log: Log, noise: Noise | None) -> list[Finding]:
     if noise is None:
         return []
     accel = log.samples.accel
-    steps = np.abs(np.diff(accel, axis=0))
-    step = np.min(steps, axis=0, where=steps > 0, initial=np.inf)
+    apart = (np.abs(np.diff(part, axis=0)) for _, part in pieces(accel, overlap=1))
+    step = np.min([np.min(steps, axis=0, where=steps > 0, initial=np.inf) for steps in apart], axis=0)
     coarse = np.isfinite(step) & (noise.accel * np.sqrt(0.5 / log.samples.period_s) < NO_SCATTER * step)
     if not coarse.any():
         return []
@@ -419,9 +441,9 @@ def check_copies(logs: tuple[Log, ...]) -> list[Finding]:
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
     count = min(len(one), len(other))
-    if count < LEAST or np.ptp(one[:count], axis=0).max() == 0:
+    if count < LEAST or not np.array_equal(one[:LEAST], other[:LEAST]) or not np.ptp(one[:count], axis=0).any():
         return False
-    return np.array_equal(one[:LEAST], other[:LEAST]) and np.array_equal(one[:count], other[:count])
+    return np.array_equal(one[:count], other[:count])
 
 
 # Short gaps and single clipped readings are bridged before a fit: what was put in, and how much of a turn it may cost.
@@ -494,7 +516,7 @@ def check_impacts(where: str, samples: Samples, between: Sequence[Ends]) -> list
     if not hit:
         return []
     number, worst = max(((n, each) for n, impacts in hit.items() for each in impacts), key=lambda pair: pair[1].jump_g)
-    before_s = float(samples.t_s[turns[number][1]]) - worst.at_s
+    before_s = samples.at_s(turns[number][1]) - worst.at_s
     says = (
         f"{len(hit)} of {len(turns)} turns hold one: specific force jumps by {JUMP_G:g} g or more from one reading to the next, "
         f"most by {worst.jump_g:.1f} g at {worst.at_s:.1f} s, {before_s:.1f} s before the next rest"

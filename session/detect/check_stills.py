@@ -370,7 +370,10 @@ def _scatters(temp_c: np.ndarray, profile: Profile | None) -> tuple[str, str, st
     """A register, or noise: no thermometer in a package jumps so from sample to sample."""
     if len(temp_c) < LEAST_READINGS:
         return None
-    rms = float(np.sqrt(np.mean(np.square(np.clip(np.diff(temp_c), -1e4, 1e4))) / 2))
+    steps = np.diff(temp_c)
+    np.clip(steps, -1e4, 1e4, out=steps)
+    rms = float(np.sqrt(np.mean(np.square(steps, out=steps)) / 2))
+    del steps
     if rms <= SCATTER_C:
         return None
     low, high = map(float, np.percentile(temp_c, [1, 99]))
@@ -385,8 +388,9 @@ def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
     if register is None or abs(register.lsb_per_c) < FINE_LSB_PER_C or len(temp_c) < LEAST_READINGS:
         return None
     values = (temp_c - register.at_zero_c) * register.lsb_per_c
-    changes = np.diff(values)[np.abs(np.diff(values)) > 0.5]
-    if not len(changes) or np.sqrt(np.mean(np.square(changes))) > SINGLE_STEPS:
+    changes = np.diff(values)
+    changes = changes[np.abs(changes) > 0.5]
+    if not len(changes) or np.sqrt(np.mean(np.square(changes, out=changes))) > SINGLE_STEPS:
         return None
     low, high = map(float, np.percentile(values, [1, 99]))
     read = [f"as {unit} {_words(unit, low, high)}" for unit in WRITTEN if _handled(unit, low, high)]
@@ -427,8 +431,8 @@ def _fahrenheit_steps(step: float, profile: Profile | None) -> bool:
 
 def _step(values: np.ndarray) -> float:
     """The smallest difference between neighbours, beyond rounding; 0 where nothing moves."""
-    steps = np.abs(np.diff(values))
-    steps = steps[steps > 1e-9]
+    steps = np.diff(values)
+    steps = steps[np.abs(steps, out=steps) > 1e-9]
     return float(np.quantile(steps, 0.01)) if len(steps) else 0.0
 
 

@@ -129,7 +129,7 @@ def find_impacts(samples: Samples) -> list[Impact]:
         if last - first <= reach:
             near[first : last + 1] = True
     greatest = [int(start + np.argmax(jump[start:stop])) for start, stop in zip(*runs_of(near), strict=True)]
-    return [Impact(row, float(samples.t_s[row]), float(jump[row])) for row in greatest]
+    return [Impact(row, samples.at_s(row), float(jump[row])) for row in greatest]
 
 
 # Blocks of a rest log with knocks or footsteps: their scatter is beyond what the others have.

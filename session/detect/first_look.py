@@ -53,7 +53,7 @@ from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.logfile import Log, read_log
 from session.io.names import TURNS, log_paths
-from session.io.samples import Samples, mapped, times
+from session.io.samples import Samples, extremes, mapped, times
 from session.io.units import NS
 
 __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
@@ -109,7 +109,7 @@ def first_look(
     if not good and ceiling is not None:
         return [*findings, ceiling_finding(log, config.sensor, ceiling)]
     coarse = [] if good else check_quantised(log, config.sensor)
-    stuck = bool((np.ptp(log.samples.gyro, axis=0) == 0).any())
+    stuck = bool(np.equal(*extremes(log.samples.gyro)).any())
     findings += coarse + check_stills(where, stills, bool(coarse) or stuck) + check_unused_rests(where, unused, stills)
     if not good:
         return findings

@@ -15,7 +15,7 @@ from session.detect.stills import LogStills, SessionStills, Still, references
 from session.io.config import LeftOut, Protocol, Sensor
 from session.io.folder import Session
 from session.io.logfile import KnownTurn, Log
-from session.io.samples import Samples
+from session.io.samples import Samples, pieces
 from session.io.texts import command_line
 from session.io.units import DEG, NS
 
@@ -102,7 +102,7 @@ def cut_segments(
             last=last,
             start=start,
             stop=stop,
-            start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
+            start_s=samples.at_s(start),
             duration_s=duration_s,
             turn_s=turn_s,
             turn_deg=turn_deg,
@@ -145,7 +145,7 @@ def _says_leap(segment: Segment, samples: Samples, tilt: float) -> str:
     first, last = segment.stills
     force = samples.accel[first.stop - 1 : last.start + 1]
     step = np.linalg.norm(np.diff(force, axis=0), axis=1)
-    at_s = float(samples.t_ns[first.stop - 1 + int(np.argmax(step))] - samples.t_ns[0]) * NS if len(step) else segment.start_s
+    at_s = samples.at_s(first.stop - 1 + int(np.argmax(step))) if len(step) else segment.start_s
     turned = f"the gyro turned by {segment.turn_deg:.1f} deg"
     return f"{LEAPS} by {tilt / DEG:.0f} deg, most of it at {at_s:.2f} s, and {turned}: samples are missing"
 
@@ -221,7 +221,7 @@ class Pace:
 
     def missing(self, steps_s: np.ndarray) -> int:
         """Samples that are missing in consecutive steps (N,) s."""
-        return max(0, int((self.periods(steps_s) - 1).sum()))
+        return max(0, int(sum((self.periods(part) - 1).sum() for _, part in pieces(steps_s))))
 
 
 def pace_of(t_ns: np.ndarray) -> Pace:
@@ -231,10 +231,13 @@ def pace_of(t_ns: np.ndarray) -> Pace:
     a gap or not.  A clock of 1 ms under 833 samples a second shows steps of 1 and 2 ms without a loss: there what is no gap is one period.
     """
     ticks = np.diff(t_ns)
-    ticks = ticks[ticks > 0]
+    if not (fresh := ticks > 0).all():
+        ticks = ticks[fresh]
+    tick = np.gcd.reduce(ticks)
     steps_s = ticks * NS
+    del ticks, fresh  # a day has as many of them as of samples
     fine = _confirmed(steps_s)
-    in_ticks = np.gcd.reduce(ticks) * NS >= fine / 2
+    in_ticks = tick * NS >= fine / 2
     short = np.count_nonzero(steps_s < (1 - OFF) * fine)
     long = np.count_nonzero((steps_s > (1 + OFF) * fine) & (steps_s <= GAP_PERIODS * fine))
     late = long - short < LOST_SIGMA * np.sqrt(2 * short)  # steps of two periods are as likely late stamps as lost samples
@@ -247,11 +250,16 @@ def pace_of(t_ns: np.ndarray) -> Pace:
 def _confirmed(steps_s: np.ndarray) -> float:
     """The period, s, that steps of whole periods have; begun at the steps near the median, which lies on a tick of a coarse clock."""
     median = float(np.median(steps_s))
-    near = steps_s[np.abs(steps_s - median) <= median / 2]
+    off = steps_s - median
+    close = np.abs(off, out=off) <= median / 2
+    del off
+    near = steps_s[close]
     # Of two steps or so, none may lie near the middle between them: then the shorter of its two neighbours.
     period = float(near.mean()) if len(near) else float(np.quantile(steps_s, 0.5, method="lower"))
+    del near, close
     for _ in range(ROUNDS):
-        before, period = period, float(steps_s.sum() / np.rint(steps_s / period).sum())
+        counts = steps_s / period
+        before, period = period, float(steps_s.sum() / np.rint(counts, out=counts).sum())
         if abs(period / before - 1) < 1e-12:
             break
     return period

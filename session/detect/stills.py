@@ -329,7 +329,7 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     return Still(
         start=int(first),
         stop=int(last) + 1,
-        start_s=float((samples.t_ns[first] - samples.t_ns[0]) * NS),
+        start_s=samples.at_s(first),
         duration_s=float((samples.t_ns[last] - samples.t_ns[first]) * NS) + samples.period_s,
         gyro_mean=gyro.mean,
         gyro_std=gyro.std,
@@ -439,7 +439,7 @@ def unused_rests(samples: Samples, stills: list[Still], still_s: float) -> list[
             cause, why = "turns", f"turns at a steady {off / DEG:.1f} dps"
         elif (knock_s := _knock_s(number, runs, blocks)) is not None:
             cause, why = "knocked", f"{why}: {knock_s:.1f} s of movement part it from a rest in the same attitude"
-        found.append(UnusedRest(float(samples.t_s[run[0] * blocks.size]), duration_s, cause, why))
+        found.append(UnusedRest(samples.at_s(run[0] * blocks.size), duration_s, cause, why))
     return sorted(found, key=lambda rest: rest.start_s)
 
 

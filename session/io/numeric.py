@@ -32,7 +32,8 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
 
 def runs_of(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First rows (R,), and rows behind the last (R,), of each run of True in a mask (N,) bool, in order: ``start <= i < stop``."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
+    end = np.zeros(1, dtype=np.int8)
+    edges = np.flatnonzero(np.diff(np.concatenate([end, mask.view(np.int8), end])))
     return edges[::2], edges[1::2]
 
 

@@ -293,9 +293,9 @@ class Reader:
         """(N,) ns that go on from those before.  RowFault where they go back."""
         t_ns = self._unroll(stamps)
         before = int(t_ns[0]) if self._before is None else self._before
-        back = np.diff(t_ns, prepend=before) < 0
-        if back.any():
-            row = int(np.argmax(back))
+        back = t_ns[1:] < t_ns[:-1]
+        if t_ns[0] < before or back.any():
+            row = 0 if t_ns[0] < before else int(np.argmax(back)) + 1
             by_s = ((before if row == 0 else int(t_ns[row - 1])) - int(t_ns[row])) * NS
             do = " or correct the stamps" if self.layout.standard else ", or count samples: --time-unit none --odr HZ"
             raise RowFault(row, f"{self.layout.name(self.layout.time_column)} goes backward by {by_s:g} s", f"split the log there{do}")

@@ -23,6 +23,8 @@ Step = Callable[[np.ndarray], np.ndarray]
 MOST_DECIMALS = 9
 #: rows that are converted to float64 at once where all are read
 TOGETHER = 1 << 17
+#: rows of one access beyond which it is converted part by part, so that no step holds two copies of it
+AT_ONCE = 1 << 20
 
 
 class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
@@ -132,9 +134,12 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
 
     def _written_or_put_in(self, rows: Any, columns: tuple[Any, ...]) -> np.ndarray:
         packed = self._packed[(rows, *columns)] if columns else self._packed[rows]
-        found = packed / self._divisor if self._divisor != 1 else packed.astype(float)
-        for step in self._steps:
-            found = step(found)
+        if len(packed) <= AT_ONCE:
+            found = self._converted(packed)
+        else:
+            found = np.empty(packed.shape)
+            for start in range(0, len(packed), AT_ONCE):
+                found[start : start + AT_ONCE] = self._converted(packed[start : start + AT_ONCE])
         if self._put_in is None or not len(self._put_in[0]):
             return found
         if isinstance(rows, slice) and rows.step in (None, 1):
@@ -144,6 +149,13 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
             return found
         mine, place = self._among_put_in(np.arange(len(self))[rows])
         found[mine] = self._put_in[1][(place[mine], *columns)]
+        return found
+
+    def _converted(self, packed: np.ndarray) -> np.ndarray:
+        """Of some rows as they are kept, in SI."""
+        found = packed / self._divisor if self._divisor != 1 else packed.astype(float)
+        for step in self._steps:
+            found = step(found)
         return found
 
     def _among_put_in(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -187,6 +199,12 @@ def pieces(values: np.ndarray, overlap: int = 0) -> Iterator[tuple[int, np.ndarr
     """(row of the first, rows as float64) of consecutive parts of ``TOGETHER`` rows; each goes on for ``overlap`` rows into the next."""
     for start in range(0, max(len(values) - overlap, 1), TOGETHER):
         yield start, values[start : start + TOGETHER + overlap]
+
+
+def extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the greatest (C,) of each column of (N, C)."""
+    parts = [(part.min(axis=0), part.max(axis=0)) for _, part in pieces(values)]
+    return np.min([low for low, _ in parts], axis=0), np.max([high for _, high in parts], axis=0)
 
 
 class Growing:
@@ -300,6 +318,10 @@ class Samples:
     def t_s(self) -> np.ndarray:
         """(N,) s since the first sample."""
         return (self.t_ns - self.t_ns[0]) * NS if len(self) else np.zeros(0)
+
+    def at_s(self, row: int) -> float:
+        """``t_s`` of one sample, without those of all others."""
+        return float(self.t_ns[row] - self.t_ns[0]) * NS
 
     @cached_property
     def period_s(self) -> float:

@@ -50,12 +50,12 @@ class Unroll:
         """(N,) ns that go on from those before, from stamps (N,) ns as written."""
         if self._span is None:
             return t_ns
-        steps = np.diff(t_ns, prepend=t_ns[:1] if self._last is None else self._last)
+        before = t_ns[:1] if self._last is None else self._last
         self._lowest, self._highest = min(self._lowest, int(t_ns.min())), max(self._highest, int(t_ns.max()))
         self._last = t_ns[-1:]
-        if steps.min() >= 0:
-            return t_ns + self._offset
-        wrapped = comes_round(steps, self._lowest, self._highest, self._span)
+        if t_ns[0] >= before[0] and (t_ns[1:] >= t_ns[:-1]).all():
+            return t_ns + self._offset if self._offset else t_ns
+        wrapped = comes_round(np.diff(t_ns, prepend=before), self._lowest, self._highest, self._span)
         offset = self._offset + self._span * np.cumsum(wrapped)
         self._offset, self.wraps = int(offset[-1]), self.wraps + int(wrapped.sum())
         return t_ns + offset
@@ -63,7 +63,9 @@ class Unroll:
 
 def fresh(t_ns: np.ndarray) -> np.ndarray:
     """(N,) bool: stamps that are later than the one before; the first is."""
-    return np.diff(t_ns, prepend=t_ns[:1] - 1) > 0
+    later = np.ones(len(t_ns), dtype=bool)
+    np.greater(t_ns[1:], t_ns[:-1], out=later[1:])
+    return later
 
 
 #: of the mean step: a shorter one is a burst's, and the share of them from which on stamps are those of bursts

@@ -21,7 +21,7 @@ from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_e
 from tinygc.closure.floor import Floor, closure_floor
 from tinygc.closure.least_squares import StillRates, fit_least_squares, naming_segments
 from tinygc.closure.prior import PriorOf
-from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem, Widening, bridged_sigma, widened_by_bridges
+from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN, Problem, Widening, bridged_sigma, widened_by_bridges
 from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions, nearest_yaw
 from tinygc.closure.stills import StillSet, angle_between, carry_yaw
 from tinygc.closure.truth import build_truth_problem
@@ -63,7 +63,8 @@ def as_reference(turns: Sequence[FoundTurn], count: int, segments: Sequence[Segm
     angle, sigma, axis = np.full(count, np.nan), np.full(count, np.nan), np.tile([1.0, 0.0, 0.0], (count, 1))
     for turn in used:
         assert turn.segment is not None
-        row = rows[turn.segment.number]
+        if (row := rows.get(turn.segment.number)) is None:  # of the turns that are looked at it is none
+            continue
         angle[row], sigma[row], axis[row] = turn.known.angle_rad, turn.known.sigma_rad, turn.axis
     return KnownTurns(angle, sigma, axis)
 
@@ -227,6 +228,8 @@ DIAL_LIMIT_RAD = 1.0 * DEG
 FIRST_SIGMA_RAD = 1e-3
 #: variance factor of the prior in the first fit, which only carries the yaw: three times the sigma
 FIRST_WIDER = 9.0
+#: runs of turns that stand for a longer session: a quarter of them at its first turn, a quarter at its last
+RUNS = 4
 
 
 def build_problem(
@@ -239,13 +242,15 @@ def build_problem(
     found: SessionStills | None = None,
     near: LinearModel | None = None,
     prior: PriorOf | None = None,
+    most: int | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and compute the Earth's rate and the floor.
 
     exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known not to be at rest; clipped: numbers
     of segments with wrong rates, through which no attitude is carried; found: the session's stills, if already detected; near: a model
-    near the gyroscope's, at which the first fit starts; prior: of the unit, used here if its turns are too few for a fit without one.
+    near the gyroscope's, at which the first fit starts; prior: of the unit, used here if its turns are too few for a fit without one;
+    most: turns that are used of a longer session (``spread``).
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     found = found or SessionStills(session)
@@ -257,6 +262,9 @@ def build_problem(
     too_few = why_too_few(stills, segments, turns, session.config.protocol.still_s)
     if too_few and (prior is None or not any(segment.accepted for segment in segments)):
         raise SegmentError(f"{session.folder}: {too_few}")
+    every, segments = segments, spread(segments, most)
+    if len(segments) < len(every):
+        logs, every = _without_others(logs, every, segments)
     chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
     used = np.array([segment.accepted for segment in segments])
     sigma = np.hypot(FIRST_SIGMA_RAD, bridged_sigma([s for s in segments if s.accepted], [log.bridges for log in logs]))
@@ -303,7 +311,7 @@ def build_problem(
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
     rates = _still_rates(logs, earths)
-    return Problem(session, segments, batch, floor, earths, logs, fit.model, rates, found, known_turns=turns, widened=tuple(widened))
+    return Problem(session, every, batch, floor, earths, logs, fit.model, rates, found, known_turns=turns, widened=tuple(widened))
 
 
 def _stills_and_segments(
@@ -330,6 +338,28 @@ def _stills_and_segments(
     if unknown and segments:
         raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(segments) - 1}")
     return session, logs, excluded
+
+
+def spread(segments: list[Segment], most: int | None) -> list[Segment]:
+    """Of a session with more than ``most`` turns that can be used, so many of these, in ``RUNS`` runs from its first to its last.
+
+    Neighbours, since a run of attitudes that follow each other tells the Earth's rate from the bias, and turns far apart do not.
+    """
+    used = [segment for segment in segments if segment.accepted]
+    if most is None or len(used) <= most:
+        return segments
+    begins = np.linspace(0, len(used) - most // RUNS, RUNS).round().astype(int)
+    return [used[row] for begin in begins for row in range(begin, begin + most // RUNS)]
+
+
+def _without_others(logs: list[StillSet], segments: list[Segment], taken: list[Segment]) -> tuple[list[StillSet], list[Segment]]:
+    """Logs and segments in which turns that were not taken, and stills at the end of none that were, have a problem."""
+    numbers, ends = {segment.number for segment in taken}, {id(still) for segment in taken for still in segment.stills}
+    logs = [
+        replace(log, stills=[still if id(still) in ends else replace(still, problem=still.problem or NOT_TAKEN) for still in log.stills])
+        for log in logs
+    ]
+    return logs, [s if s.number in numbers else replace(s, problem=s.problem or NOT_TAKEN) for s in segments]
 
 
 def _require_agreement(session: Session, logs: list[StillSet]) -> None:

@@ -494,7 +494,7 @@ def pieces_at_rest(number: int, logs: list[StillSet]) -> Iterator[tuple]:
         parts = max(1, int(still.duration_s / piece_s))
         for a, b in pairwise(np.linspace(still.start + end, still.stop - end, parts + 1).astype(int)):
             temp_c = np.nan if samples.temp_c is None else samples.temp_c[a:b].mean()
-            middle_s = began + (samples.t_s[a] + samples.t_s[b - 1]) / 2
+            middle_s = began + (samples.at_s(a) + samples.at_s(b - 1)) / 2
             yield samples.gyro[a:b].mean(axis=0), number, middle_s, (b - a) * samples.period_s, walk, down, q, group, temp_c
 
 

@@ -21,7 +21,7 @@ from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
 from tinygc.closure.prior import PriorOf
-from tinygc.closure.problem import AtRest, JointFit, Problem
+from tinygc.closure.problem import NOT_TAKEN, AtRest, JointFit, Problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel
@@ -36,6 +36,8 @@ from tinygc.models.linear import LinearModel
 GRAVITY_SIGN = "gravity's sign"
 #: sigmas: the true Earth's rate must be off by at least the first, the reversed one by at most the second
 REFUTED, BORNE_OUT = 8.0, 3.0
+#: turns of which a first look builds the problem: more than a good session has (40), and ``fit`` alone needs all of a longer one
+LOOKED_AT = 60
 
 
 def check_gravity_sign(problem: Problem) -> list[Finding]:
@@ -62,18 +64,22 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
 
 def first_look_at_fit(session: Session, found: SessionStills, at_rest: AtRest | None = None) -> list[Finding]:
     """Build the problem that ``fit`` solves, for a session without errors: what ``fit`` would refuse is an error; the sign of gravity; and
-    what contradicts the noise figures of the unit.
+    what contradicts the noise figures of the unit.  Of a session of more turns, ``LOOKED_AT`` of them, in as much memory as these take.
 
     found: the session's stills, as the first check detected them; at_rest: the noise figures.
     """
     whole = with_bridges(session)
     try:
-        problem = build_problem(whole, found=SessionStills(whole, found))
+        problem = build_problem(whole, found=SessionStills(whole, found), most=LOOKED_AT)
         read_closure_runs(problem)
     except CalibrationError as error:
         return [Finding("error", session.name, "fit", str(error).removeprefix(f"{session.folder}: "))]
     measured = None if at_rest is None else at_rest(problem)
-    return check_gravity_sign(problem) + ([] if measured is None else measured.findings(session.name))
+    part = []
+    if passed := sum(segment.problem == NOT_TAKEN for segment in problem.segments):
+        says = f"{len(problem.used)} of {len(problem.used) + passed} turns stand for all, from the first to the last: they can be fitted"
+        part = [Finding("note", session.name, "turns fitted here", says)]
+    return part + check_gravity_sign(problem) + ([] if measured is None else measured.findings(session.name))
 
 
 def _vertical(logs: list[StillSet], model: LinearModel) -> tuple[float, float] | None:

@@ -35,7 +35,7 @@ from tinygc.models.linear import LinearModel
 # Reasons for rejecting a segment, as the report prints them.
 
 #: reasons for rejecting a segment
-LEFT_OUT, CLIPPED = "left out by request", "its rates stand at a ceiling"
+LEFT_OUT, CLIPPED, NOT_TAKEN = "left out by request", "its rates stand at a ceiling", "others stand for it"
 
 
 # The joint estimate of accelerometer and gyroscope, and its final linear system.

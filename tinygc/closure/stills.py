@@ -78,13 +78,13 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     if chain.turns is not None:
         # A known turn angle carries the yaw instead of the gyro's angle.
         step = rotation.multiply(rotation.conjugate(chain.start), chain.turns.turned(chain.start, rotation.multiply(chain.start, step)))
-    groups, begun = 0, -1
+    groups, begun, reached = 0, -1, -1
     place = {id(still): number for log in logs for number, still in enumerate(log.stills)}
     for i, segment in enumerate(segments):
         stills = logs[segment.log].stills
         first, last = (place[id(still)] for still in segment.stills)
-        if segment.log != begun:
-            previous = _end_of(logs, q_tb, group, segment.log - 1)
+        if segment.log != begun or first != reached:  # a log begins, or turns before this one are not looked at
+            previous = _end_of(logs, q_tb, group, segment.log - 1) if segment.log != begun else None
             begins = stills[first]
             if previous is not None and goes_on(logs[segment.log - 1].samples, previous[0], logs[segment.log].samples, begins):
                 _, q_before, group[segment.log][first] = previous
@@ -92,6 +92,7 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
             else:
                 group[segment.log][first], groups = groups, groups + 1
             begun = segment.log
+        reached = last
         if chain.yaw_known:
             q_tb[segment.log][first], q_tb[segment.log][last] = start[i], end[i]
             continue

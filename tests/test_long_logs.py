@@ -17,6 +17,7 @@ from tinygc import Session, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue
+from tinygc.estimation.stated_noise import rounding_covariance
 from tinygc.explanation.faulty_readings import find_glitches, without_glitches
 from tinygc.noise import thinned
 from tinygc.noise.channels import within_stills
@@ -28,7 +29,7 @@ ROWS = 200_000
 #: bytes: 8 of the stamp, 2 of each register, and the record around them
 KEPT = 24.0
 #: a day at 208 Hz is 18 million rows, of which 2 GB are 110 bytes each
-READING, LOOKING = 75.0, 50.0
+READING, LOOKING = 75.0, 32.0
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +71,29 @@ def test_a_log_is_read_and_kept_in_as_many_bytes_as_it_has_registers(folder):
 def test_the_first_look_holds_no_float_copy_of_a_whole_log(session, monkeypatch):
     """24 bytes a row would be one copy of one triad; all that is held is columns and parts."""
     monkeypatch.setattr(readings, "TOGETHER", 4096)
+    monkeypatch.setattr(readings, "AT_ONCE", 4096)
     monkeypatch.setattr(stills, "_CHUNK_BLOCKS", 200)
     monkeypatch.setattr(check_time, "AT_ONCE", 4096)
     peak, _, findings = peak_of(lambda: check_session(session))
     assert isinstance(findings, list)
     assert len(findings) > 15
     assert peak < LOOKING
+
+
+@pytest.mark.broad
+def test_what_rounding_leaves_is_found_one_still_at_a_time(problem):
+    """All stills of this log together are 24 bytes a row, and its longest a fifteenth of that."""
+    peak, _, covariance = peak_of(lambda: rounding_covariance(problem, problem.first))
+    assert np.isfinite(covariance).all()
+    assert peak < 12
+
+
+def test_a_column_is_converted_in_parts_to_the_same_numbers(session, monkeypatch):
+    gyro = session.logs[0].samples.gyro
+    whole, column = np.asarray(gyro), gyro[:, 1]
+    monkeypatch.setattr(readings, "AT_ONCE", 1000)
+    np.testing.assert_array_equal(np.asarray(gyro), whole)
+    np.testing.assert_array_equal(gyro[:, 1], column)
 
 
 @pytest.mark.broad

@@ -423,10 +423,10 @@ def rounding_covariance(problem: Problem, model: LinearModel) -> np.ndarray:
     where B is from the ends of the turns, whose rests are part of every segment.
     """
     covariance = np.zeros((PARAMETERS, PARAMETERS))
-    rests = [
-        np.asarray(log.samples.gyro[still.start : still.stop]) for log in problem.logs for still in log.stills if still.problem is None
-    ]
-    if rests and (lsb := lsb_of(np.concatenate(rests[:SHOW_STEPS]))) > 0:
-        variance = np.mean([rounding_of_mean(readings, lsb) for readings in rests], axis=0)
+    rests = [(log.samples.gyro, still.start, still.stop) for log in problem.logs for still in log.stills if still.problem is None]
+    # One still after the other: together they may be a day.
+    shown = [np.unique(gyro[start:stop]) for gyro, start, stop in rests[:SHOW_STEPS]]
+    if rests and (lsb := lsb_of(np.concatenate(shown))) > 0:
+        variance = np.mean([rounding_of_mean(gyro[start:stop], lsb) for gyro, start, stop in rests], axis=0)
         covariance[BIAS, BIAS] = (model.E * variance) @ model.E.T
     return covariance

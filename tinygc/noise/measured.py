@@ -138,7 +138,7 @@ def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> 
     m = max(round(max(READ_S, 2 * max(axis.from_s for axis in sensor.axes)) / period_s), READ_SAMPLES)
     end = round(END_S / period_s)
     pieces = [
-        log.samples.gyro[still.start + end : still.stop - end]
+        (log.samples.gyro, still.start + end, still.stop - end)
         for log in problem.logs
         if abs(log.samples.period_s / period_s - 1) < 0.01
         for still in log.stills
@@ -146,7 +146,8 @@ def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> 
     ]
     if not pieces:
         return ()
-    curve = curve_of([AllanSums.of(np.asarray(piece), (m,)) for piece in pieces], period_s, max(map(len, pieces)) * period_s)
+    sums = [AllanSums.of(gyro[start:stop], (m,)) for gyro, start, stop in pieces]  # one still after the other: together they may be a day
+    curve = curve_of(sums, period_s, max(stop - start for _, start, stop in pieces) * period_s)
     freedom, tau_s = float(curve.freedom[0]), float(curve.tau_s[0])
     if freedom < FLOOR_FREEDOM:
         return ()

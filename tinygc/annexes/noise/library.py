@@ -103,6 +103,7 @@ def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], 
     """Estimate the noise of one unit.  Raises CalibrationError, in one line, for inputs that cannot be read or are of several units."""
     rests = read_inputs(inputs, answers, columns, serial, progress)
     estimate = estimate_noise(rests.sums, progress)
+    rests.sums.clear()  # of a day as large as its logs, which are fitted next
     figures = replace(estimate.figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
     remarks = list(rests.remarks)
     found: list[Inflation] = []

@@ -45,7 +45,7 @@ def test_the_hosted_service_builds_what_people_install():
     assert all((ROOT / name).exists() and f"!{name}" in ignored for name in copied)
     oldest = re.search(r"\d+\.\d+", SETTINGS["project"]["requires-python"]).group()
     assert lines.index("USER calibrate") < lines.index('ENTRYPOINT ["calibrate"]')
-    assert all(line.startswith(f"FROM python:{oldest}-slim") for line in lines if line.startswith("FROM "))
+    assert all(re.match(rf"FROM python:{oldest}-slim-\w+@sha256:[0-9a-f]{{64}}\b", line) for line in lines if line.startswith("FROM "))
 
 
 def test_a_commit_is_checked_by_the_commands_of_the_script():
@@ -53,7 +53,27 @@ def test_a_commit_is_checked_by_the_commands_of_the_script():
     own = [hook["entry"] for repo in repos if repo["repo"] == "local" for hook in repo["hooks"]]
     assert tuple(own) == STYLE
     assert set(own) <= set(commands())
-    assert all("rev" in repo for repo in repos if repo["repo"] != "local")
+
+
+def test_what_others_wrote_is_named_by_what_it_holds():
+    """An action and a hook by their commits, the image by its digest; packages from one index: of two, pip takes the higher version."""
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
+    used = [step["uses"] for job in yaml.safe_load(workflow)["jobs"].values() for step in job["steps"] if "uses" in step]
+    assert used
+    assert all(re.fullmatch(r"actions/[\w-]+@[0-9a-f]{40}", name) for name in used)
+    repos = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    assert all(re.fullmatch(r"[0-9a-f]{40}", repo["rev"]) for repo in repos if repo["repo"] != "local")
+    installing = [workflow, RUN, *((ROOT / name).read_text(encoding="utf-8") for name in ("Dockerfile", "README.md", "docs/platforms.md"))]
+    assert not any("extra-index" in text for text in installing)
+
+
+def test_the_script_tries_a_newer_python_too():
+    newer = RUN[RUN.index("newest Python of this machine") :]
+    assert "python calibrate.py fit data/session1" in newer
+    assert "-c constraints.txt" in newer
+    run = re.findall(r"tests/\S+\.py", newer)
+    assert {"test_import.py", "test_html_report.py", "test_cli.py", "test_certificate_dcc.py"} <= {Path(name).name for name in run}
+    assert all((ROOT / name).exists() for name in run)
 
 
 def test_the_script_checks_types_the_reference_and_all_tests():

@@ -68,6 +68,8 @@ class Own(Firmware):
 
 FIRMWARE[OWN] = Own
 MAKES = tuple(FIRMWARE)
+#: deg where it rests once homed
+HOMED = {"grbl": 1.0}
 WORDS = {"grbl": "XY", "scpi": ("AXIS1", "AXIS2"), "line": ("outer", "inner"), OWN: "AB"}
 
 
@@ -78,6 +80,9 @@ def axis(name, word, limits=(-90, 270), direction=(0, 0, 1), **more):
 
 
 def description(make, limits=(-90, 270), axes=1, **settings):
+    """A GRBL with switches has all its travel on one side of them: here above, by its sense, from 1 deg on, where it rests once homed."""
+    if make == "grbl" and limits is not None and settings.get("homing", True):
+        limits, settings = (max(1, limits[0]), limits[1]), {"per_deg": -1.0} | settings
     words = WORDS.get(make, "XY")
     rows = [axis("outer", words[0], limits), axis("inner", words[1], limits, (1, 0, 0))][:axes]
     own = read_make(Path(__file__).parent / make).sha256 if make == OWN else ""
@@ -104,8 +109,9 @@ class Bench:
         self.guarded.confirm(moves or every, None, lambda line: None)
 
     def motor(self, number=0):
-        """Where its motor is by now: angle, rad, and rate, rad/s."""
-        return self.virtual.tracks[number].state(self.clock.now_s() - self.virtual.mechanics.begin_s)
+        """Where its motor is by now, in the sense of its description: angle, rad, and rate, rad/s."""
+        sense = np.sign(self.table.settings.get("per_deg", 1.0))
+        return sense * np.array(self.virtual.tracks[number].state(self.clock.now_s() - self.virtual.mechanics.begin_s))
 
     def comes_to_rest(self):
         """Wait until no motor turns any more; False where one turns for ever."""

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from virtual_line import SimulatedClock, VirtualLink
-from virtual_tables import MAKES, OWN, Bench, description
+from virtual_tables import HOMED, MAKES, OWN, Bench, description
 
 from session.annexes.machines.description import read_description
 from session.annexes.machines.dialogue import Dialogue, example
@@ -30,7 +30,7 @@ def test_the_five_verbs(make):
     with bench.guarded as table:
         table.home()
         assert table.where().moving
-        assert table.settle().angles[0] == pytest.approx(0, abs=0.02 * DEG)
+        assert table.settle().angles[0] == pytest.approx(HOMED.get(make, 0) * DEG, abs=0.02 * DEG)
         begin_s = bench.clock.now_s()
         table.turn_to(0, 90 * DEG, 30 * DEG)
         assert table.settle().angles[0] == pytest.approx(90 * DEG, abs=0.02 * DEG)
@@ -55,11 +55,11 @@ def test_two_axes_move_by_themselves(make):
     with bench.guarded as table:
         table.home()
         table.settle()
-        table.turn_to(1, -45 * DEG, 60 * DEG)
+        table.turn_to(1, 45 * DEG, 60 * DEG)
         table.settle()
         table.turn_to(0, 120 * DEG, 60 * DEG)
-        assert table.settle().angles == pytest.approx(np.array([120, -45]) * DEG, abs=0.02 * DEG)
-    assert [bench.motor(number)[0] / DEG for number in (0, 1)] == pytest.approx([120, -45], abs=0.02)
+        assert table.settle().angles == pytest.approx(np.array([120, 45]) * DEG, abs=0.02 * DEG)
+    assert [bench.motor(number)[0] / DEG for number in (0, 1)] == pytest.approx([120, 45], abs=0.02)
 
 
 def test_grbl_hears_its_documented_grammar_and_nothing_else():
@@ -69,15 +69,15 @@ def test_grbl_hears_its_documented_grammar_and_nothing_else():
     with bench.guarded as table:
         table.home()
         table.settle()
-        table.turn_to(0, -12.3456 * DEG, 10 * DEG)
+        table.turn_to(0, 12.3456 * DEG, 10 * DEG)
         table.settle()
         table.turn_at(0, 7.5 * DEG)
         bench.clock.sleep(1)
         table.stop()
     said = bench.link.sent.replace(b"?", b"").replace(b"\x85" * 2, b"")  # it is written again until it is heard
-    assert said.rstrip(b"\x85") + b"\x85" == b"$H\n$J=G53 G90 G21 X-12.346 F600.000\n$J=G53 G90 G21 X270.000 F450.000\n\x85"
+    assert said.rstrip(b"\x85") + b"\x85" == b"$$\n$H\n$J=G53 G90 G21 X-12.346 F600.000\n$J=G53 G90 G21 X-270.000 F450.000\n\x85"
     jog = rb"\$J=(?:G53 )?G9[01] G2[01] [XYZABC]-?\d+\.\d+ F\d+(?:\.\d+)?"
-    assert all(len(line) < 80 and re.fullmatch(rb"\$H|" + jog, line) for line in said.rstrip(b"\x85").splitlines())
+    assert all(len(line) < 80 and re.fullmatch(rb"\$[$H]|" + jog, line) for line in said.rstrip(b"\x85").splitlines())
 
 
 def test_a_grbl_jog_that_is_not_cancelled_is_held_and_reset():
@@ -113,24 +113,23 @@ def test_a_locked_grbl_says_so_and_is_homed():
     with pytest.raises(TableFault, match=r"error:9.*home it first"):
         bench.driver.turn_to(0, DEG, DEG)
     bench.driver.home()
+    bench.driver.where()
     bench.clock.sleep(5)
     assert not bench.driver.where().moving
 
 
-def test_soft_limits_of_grbl_are_of_one_sign():
-    """Its machine coordinates are at most 0: with $20 = 1 a table from -180 to 180 deg is refused half of its angles."""
-    bench = Bench(description("grbl", (-180, 180)))
+def test_soft_limits_of_grbl_that_were_set_since_are_named():
+    bench = Bench(description("grbl", (1, 180)))
     bench.confirm()
     bench.guarded.home()
     bench.guarded.settle()
     bench.link.write(b"$20=1\n$130=120\n")
     bench.clock.sleep(0.1)
     bench.link.read(0.0)
-    for angle in (30, -121):
-        with pytest.raises(TableFault, match=r"error:15.*-\$130 to 0"):
-            bench.guarded.turn_to(0, angle * DEG, 30 * DEG)
-    bench.guarded.turn_to(0, -119 * DEG, 30 * DEG)
-    assert bench.guarded.settle().angles[0] == pytest.approx(-119 * DEG)
+    with pytest.raises(TableFault, match=r"error:15.*-\$130 to 0"):
+        bench.guarded.turn_to(0, 121 * DEG, 30 * DEG)
+    bench.guarded.turn_to(0, 119 * DEG, 30 * DEG)
+    assert bench.guarded.settle().angles[0] == pytest.approx(119 * DEG)
 
 
 def test_an_emergency_stop_is_cleared_by_a_person_alone():
@@ -142,7 +141,7 @@ def test_an_emergency_stop_is_cleared_by_a_person_alone():
     table.turn_to(0, 200 * DEG, 30 * DEG)
     with pytest.raises(TableFault, match="ALARM:3"):
         table.settle()
-    for verb in (table.home, lambda: table.turn_to(0, 0.0, DEG), table.where):
+    for verb in (table.home, lambda: table.turn_to(0, DEG, DEG), table.where):
         with pytest.raises(TableFault, match="ALARM:3"):
             verb()
     assert not bench.link.sent.endswith((b"$X\n", b"$H\n"))
@@ -153,7 +152,7 @@ def test_an_emergency_stop_is_cleared_by_a_person_alone():
     bench.virtual.mechanics.release()
     table.clear()
     table.home()
-    assert table.settle().angles[0] == pytest.approx(0, abs=1e-9)
+    assert table.settle().angles[0] == pytest.approx(DEG)
 
 
 @pytest.mark.parametrize(
@@ -207,7 +206,7 @@ def test_a_controller_that_restarted_is_homed_again():
         with pytest.raises(TableFault, match=r"has restarted.*home it"):
             verb()
     bench.guarded.home()
-    assert bench.guarded.settle().angles[0] == pytest.approx(0)
+    assert bench.guarded.settle().angles[0] == pytest.approx(DEG)
 
 
 def test_an_axis_that_was_left_beyond_its_limits_comes_back():
@@ -226,7 +225,7 @@ def test_each_make_has_a_first_description(make, tmp_path):
     assert table.make == make
     if make not in MODULES:
         sent = dict(example(table, make_of(table)))
-        assert any(what.startswith("outer to 30 deg") for what in sent)
+        assert any(what.startswith(f"outer to {-1 if make == 'grbl' else 30} deg") for what in sent)
         assert all("{" not in text for text in sent.values())
 
 
@@ -481,9 +480,9 @@ def test_a_controller_that_says_nothing_while_it_homes():
         table.settle()
         begin_s = bench.clock.now_s()
         table.home()
-        assert table.settle().angles == pytest.approx(0, abs=0.02 * DEG)
+        assert table.settle().angles == pytest.approx(DEG, abs=0.02 * DEG)
         assert bench.clock.now_s() - begin_s > 9.0  # 180 deg at 20 dps
-        assert bench.motor()[0] == pytest.approx(0)
+        assert bench.motor()[0] == pytest.approx(DEG)
 
 
 def test_each_axis_of_a_homing_is_awaited():

@@ -120,14 +120,15 @@ def test_what_ends_its_silence_is_said_and_clear_sends_it(stopped_by):
         mechanics.stopped_by = stopped_by
     bench.link.read(0.1)
     other = Guarded(open_table(WITHOUT_SWITCHES, None, bench.link, bench.clock), bench.clock)
-    other.confirm([Move.anywhere(WITHOUT_SWITCHES, 0, 60 * DEG)], None, print)
-    for verb in (other.where, lambda: other.turn_to(0, 0.0, DEG)):
+    plan = [Move.anywhere(WITHOUT_SWITCHES, 0, 60 * DEG)]
+    for verb in (other.where, *[lambda: other.confirm(plan, None, print)] * (stopped_by != "estop")):
         with pytest.raises(TableFault, match=r"`table clear`"):
             verb()
     mechanics.release()
     other.clear()
     mechanics.clear()
     assert other.where().angles[0] == pytest.approx(100 * DEG)
+    other.confirm(plan, None, print)
     other.turn_to(0, 90 * DEG, 30 * DEG)  # nor are its angles lost
 
 
@@ -169,3 +170,48 @@ def test_a_port_that_another_program_holds_says_how_to_stop(run, tmp_path, monke
     (tmp_path / "table.toml").write_text(template("grbl"))
     code, _, err = run("table", "stop", tmp_path / "table.toml")
     assert (code, err.count("\n"), "Ctrl-C there stops the table" in err) == (3, 1, True)
+
+
+# Its own settings.
+
+SETTINGS = [
+    ({13: 1.0}, "angles in inches: set $13 to 0"),
+    ({130: 200.0}, "from 1 to 270 deg by table.toml, and from 1 to 200 by its controller ($130, $27, $23): beyond is its switch"),
+    ({27: 3.0}, "from 3 to 400 by its controller"),
+    ({27: 3.0, 23: 1.0, 130: 272.0}, "from 0 to 269 by its controller"),
+    ({130: 200.0, 20: 1.0, 21: 1.0}, "from 1 to 200 by its controller"),
+]
+
+
+@pytest.mark.parametrize(("numbers", "why"), SETTINGS)
+def test_settings_that_do_not_fit_table_toml_are_refused_before_anything_moves(numbers, why):
+    bench = Bench(description("grbl"))
+    bench.virtual._firmware._numbers.update(numbers)
+    with pytest.raises(TableLimit) as error:
+        bench.guarded.confirm([Move.home(), Move.to(0, 60 * DEG, 20 * DEG)], None, print)
+    assert why in str(error.value)
+    assert not {b"$H", b"$J"} & {bench.link.sent[at : at + 2] for at in range(len(bench.link.sent))}
+
+
+def test_the_other_side_of_the_switch_is_refused():
+    """Homed, it rests at -1 deg; a turn to 60 would drive through the switch."""
+    bench = Bench(description("grbl", (-180, 180), per_deg=1.0))
+    with pytest.raises(TableLimit, match=r"from 1 to 180 deg by table.toml, and from -400 to -1 by its controller"):
+        bench.guarded.confirm([Move.home(), Move.to(0, 60 * DEG, 20 * DEG)], None, print)
+
+
+@pytest.mark.parametrize(("numbers", "refused"), [({}, False), ({20: 1.0}, True), ({21: 1.0}, True), ({22: 9.0, 21: 1.0}, False)])
+def test_an_axis_without_end_passes_a_switch_that_stops_nothing(numbers, refused):
+    """$22 = 9, of grblHAL: its zero is forced, and its travel is not below it."""
+    bench = Bench(description("grbl", None))
+    bench.virtual._firmware._numbers.update(numbers)
+    if refused:
+        with pytest.raises(TableLimit, match=rf"turns without end by table.toml, and \${min(numbers)} stops it at -400 and -1 deg"):
+            bench.confirm()
+    else:
+        bench.confirm()
+
+
+def test_a_grbl_without_homing_has_no_travel_to_hold_against():
+    bench = turning()
+    assert bench.link.sent.startswith(b"$$\n")

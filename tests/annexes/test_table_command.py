@@ -43,7 +43,7 @@ def test_a_description_is_printed_and_checked(run, tmp_path, monkeypatch):
     (tmp_path / "table.toml").write_text(out)
     code, out, _ = run("table", "check")
     assert code == 0
-    assert "sent for outer to 30 deg at 10 dps: $J=G53 G90 G21 X30.000 F600.000" in out
+    assert "sent for outer to -1 deg at 10 dps: $J=G53 G90 G21 X-1.000 F600.000" in out
     assert run("table", "check", "table.toml", "--json", tmp_path / "x.json")[0] == 0
     assert not strangers(json.loads((tmp_path / "x.json").read_text()))
 

@@ -196,7 +196,7 @@ def test_a_table_that_does_not_know_its_angles_is_homed_first(tmp_path):
 
 
 def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys):
-    bench = Bench(tmp_path, table_toml("middle", "inner", limits={"middle": (-90, 270)}))
+    bench = Bench(tmp_path, table_toml("middle", "inner", make="line", limits={"middle": (-90, 270)}))
     machine = TurnedRecording(bench.file, opened=bench.bench.opened, now_s=bench.bench.clock.now_s)
     for answer in ("", "no\n"):
         monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda known=bool(answer): known, readline=lambda answer=answer: answer))

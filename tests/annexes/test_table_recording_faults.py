@@ -137,7 +137,7 @@ def test_a_table_that_is_too_slow_for_any_turn_is_refused():
 
 def test_a_move_beyond_the_limits_is_not_sent(tmp_path):
     """Whatever the planner says: the driver refuses it, and the recording pauses."""
-    bench = Bench(tmp_path, table_toml("middle", "inner", limits={"middle": (-100, 100)}))
+    bench = Bench(tmp_path, table_toml("middle", "inner", make="line", limits={"middle": (-100, 100)}))
 
     def each(guide, mover):
         mover._moves.first = (AxisMove(0, 170 * DEG, 1.0),)

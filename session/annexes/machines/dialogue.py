@@ -17,6 +17,7 @@ import numpy as np
 from session.annexes.machines.clocks import Clock
 from session.annexes.machines.description import Description
 from session.annexes.machines.makefile import AGAIN, LONGEST_LINE, Make, Pattern, Step
+from session.annexes.machines.travel import require_travel
 from session.annexes.machines.verbs import TableFault, TableLimit, Where
 from session.annexes.machines.wire import Link
 from session.io.units import DEG
@@ -81,6 +82,21 @@ class Dialogue:
             least = 10.0 ** -settings["decimals"] / settings["rate_per_dps"]
             what = f"{self.description.axes[axis].name} at {rate_rps / DEG:g} dps"
             raise TableLimit(f"{self.description.name}: {what} would be sent as 0, expected {least:.3g} dps or more; nothing was moved")
+
+    def require_travel(self) -> None:
+        """TableLimit where the controller's own settings do not fit the description; TableFault where it does not say them."""
+        for step in self.make.controller:
+            with self._exchange:
+                self._receive(0.0)
+                self._hear((), 0.0)
+                with self._writing:
+                    self._write(step, 0, 0.0, 0.0)
+                said = dict[int, float]()
+                while (found := self._hear((*step.answers, *self.make.done), self._settings["answer_s"])) and found["code"].isdigit():
+                    said[int(found["code"])] = float(found["count"])
+            if found is None:
+                raise TableFault(self._complaint("does not say its settings", step, step.answers))
+            require_travel(self.description, self.make.numbers, self.make.order, said, self._settings["per_deg"])
 
     # The five verbs.
 
@@ -512,6 +528,7 @@ def example(table: Description, make: Make) -> list[tuple[str, str]]:
 #: when requests are sent, for a reader
 WHEN = {
     "where": "where it is",
+    "controller": "its own settings, before a plan",
     "begin": "the first motion, before it",
     "home": "homing",
     "ask": "whether it takes a motion",

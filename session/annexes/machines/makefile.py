@@ -150,13 +150,15 @@ class Make:
     silent: str  #: what it may mean that it answers nothing
     refused: Messages
     alarms: Messages
+    controller: tuple[Step, ...]  #: asks its own settings
+    numbers: Mapping[str, int]  #: of these settings, by what they are (``travel``)
     errors: Step | None  #: asked after each motion; its {code} is checked
     none: tuple[str, ...]  #: codes and faults that mean no error
     sha256: str  #: of its file, in hexadecimal
 
     def requests(self) -> Iterator[tuple[str, tuple[Step, ...]]]:
         """All that it can send: key of its file and requests, in the order in which they are sent."""
-        for name in ("where", "begin", "home", "turn_to", "turn_at"):
+        for name in ("where", "controller", "begin", "home", "turn_to", "turn_at"):
             yield name, getattr(self, name)
         yield "ask", () if self.errors is None else (self.errors,)
         yield from (("stop", steps) for steps in self.stop)
@@ -193,6 +195,8 @@ class _Steps(Shape):
                 raise Mismatch(f"{where}[{number}] needs send or raw, and not both")
 
 
+#: settings of a controller, by what they are
+NUMBERS = ("inches", "soft", "hard", "homes", "sense", "pulloff", "travel")
 _MESSAGES = Keys({}, {"lines": PATTERNS, "words": MapOf(Text())})
 SHAPE = Keys(
     {
@@ -214,6 +218,7 @@ SHAPE = Keys(
         "states": Keys({}, {"order": Text(), "moving": ListOf(Text()), "rest": ListOf(Text()), "faults": MapOf(Text()), "silent": Text()}),
         "refused": _MESSAGES,
         "alarms": _MESSAGES,
+        "controller": Keys({"ask": _Steps(), **dict.fromkeys(NUMBERS, Number(0, 1000, whole=True))}),
         "errors": Keys({}, {"ask": _Steps(), "none": ListOf(Text())}),
     },
 )
@@ -278,10 +283,14 @@ def read_make(path: Path) -> Make:
         silent=states.get("silent", ""),
         refused=_messages(table.get("refused", {})),
         alarms=_messages(table.get("alarms", {})),
+        controller=steps("ask", table.get("controller", {})),
+        numbers={name: number for name, number in table.get("controller", {}).items() if name in NUMBERS},
         errors=errors[0] if errors else None,
         none=tuple(table.get("errors", {}).get("none", ["0"])),
         sha256=hashlib.sha256(data).hexdigest(),
     )
+    if make.controller and (not make.order or not make.done):
+        raise FormatError(f"{path}: controller needs states.order and line.done; {AGAIN}")
     fields = {name for step in make.where for pattern in step.answers for name in re.findall(r"\{(\w+)\}", pattern.text)}
     if not fields & {"angle", "angles", "count"} or not make.stop or not make.turn_to:
         raise FormatError(

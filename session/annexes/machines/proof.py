@@ -108,7 +108,7 @@ def _may_move(name: str, step: Step, text: str, begins: Iterable[tuple[str, str]
         return "has a value that turn_to and turn_at alone may have, in"
     if not text.isprintable() or len(text) > LONGEST_LINE:
         return "has more than one line, or a character that is to be raw, in"
-    if name in ("where", "ask") and not (step.answers and all(PLACE.search(pattern.text) for pattern in step.answers)):
+    if name in ("where", "controller", "ask") and not (step.answers and all(PLACE.search(pattern.text) for pattern in step.answers)):
         return "has no answer with a field, so that it is no question, in"
     said = MODAL.sub("", text + step.raw).upper()
     if name not in ("home", "stop"):  # which may go to zero, or at a rate of zero

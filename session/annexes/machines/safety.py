@@ -203,8 +203,8 @@ class Guarded:
     def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
 
-        Raises TableLimit for a plan beyond the limits, for one of angles that are lost, and where nobody confirms it.  It takes the place
-        of an earlier plan.
+        Raises TableLimit for a plan beyond the limits, here or by the controller's own settings, for one of angles that are lost, and where
+        nobody confirms it.  It takes the place of an earlier plan.
         """
         if not any(move.axis is None for move in moves):
             self.require_angles()
@@ -214,6 +214,7 @@ class Guarded:
                 for angle in {move.least_rad, move.most_rad} if not move.at_rate else ():
                     if np.isfinite(angle):
                         require_allowed(self.description, move.axis, angle, move.fastest_rps)
+        getattr(self._table, "require_travel", lambda: None)()
         for line in plan_lines(self.description, moves, self.notes):
             say(line)
         if ask is not None and not ask("Move it?"):

@@ -23,8 +23,7 @@ AXIS = """\
 name = "{name}"{gap}# yours: small letters
 word = "{word}"{word_gap}# what the machine calls it  <--
 direction = {direction}    # of a positive turn, at angles of zero, right-handed{about}  <--
-least_deg = -180         # <-- what the cable allows
-most_deg = 180           # <--
+{limits}
 fastest_dps = 30         # no move is faster  <--
 acceleration_dps2 = 100  # as the controller is set  <--
 sigma_deg = 0.1          # accuracy of the angle that it says, one sigma
@@ -37,6 +36,9 @@ AXES = (
     {"outer": [0, 0, 1], "middle": [0, 1, 0], "inner": [1, 0, 0]},
 )
 DOWN = ": [0, 0, 1] is down, so clockwise seen from above"
+LIMITS = "least_deg = -180         # <-- what the cable allows\nmost_deg = 180           # <--"
+#: of a GRBL with switches, where 0 is the switch
+BELOW = "least_deg = -180         # <-- what the cable allows, from -$130 on\nmost_deg = -1            # <-- up to -$27: its switch is at 0"
 #: what a make wants besides: a line of [settings], and the words of the axes (none: their names)
 SETTINGS = {
     "grbl": ("homing = true  # false without limit switches ($22 = 0)", "XYZ"),
@@ -68,5 +70,7 @@ def template(make: str, axes: int = 1) -> str:
     for (name, direction), word in zip(AXES[axes - 1].items(), words or AXES[axes - 1], strict=False):
         gap, word_gap = (" " * max(2, 16 - len(each)) for each in (name, word))
         about = DOWN if direction == [0, 0, 1] else ""
-        text += "\n" * (name != "outer") + AXIS.format(name=name, gap=gap, word=word, word_gap=word_gap, direction=direction, about=about)
+        text += "\n" * (name != "outer") + AXIS.format(
+            name=name, gap=gap, word=word, word_gap=word_gap, direction=direction, about=about, limits=BELOW if make == "grbl" else LIMITS
+        )
     return text

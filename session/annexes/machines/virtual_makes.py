@@ -78,12 +78,12 @@ class Grbl(Firmware):
 
     def __init__(self, mechanics: Mechanics):
         super().__init__(mechanics)
-        self._has_homing = bool(mechanics.description.settings.get("homing", True))
-        self._is_locked = self._has_homing
+        has_homing = bool(mechanics.description.settings.get("homing", True))
+        self._numbers = {13: 0.0, 20: 0.0, 21: 0.0, 22: float(has_homing), 23: 0.0, 27: 1.0} | dict.fromkeys((130, 131, 132), 400.0)
+        self._is_locked = has_homing
         self._is_held = self._is_asked = self._runs = False
         self._is_reset = False  # since its last alarm
         self._unread: list[tuple[float, str]] = []  # lines that wait, and since when
-        self._numbers = {20: 0.0} | dict.fromkeys((130, 131, 132), 200.0)  # soft limits, and how far they are
 
     def greeting(self) -> bytes:
         """The start-up message, and the lock where homing is enabled."""
@@ -159,7 +159,7 @@ class Grbl(Firmware):
         if mechanics.once("unknown_error"):
             return ["error:99"]
         if text == "$H":
-            if not self._has_homing:
+            if not self._numbers[22]:
                 return ["error:5"]
             if not self.mechanics.clear():
                 return ["error:13"]
@@ -167,7 +167,7 @@ class Grbl(Firmware):
                 return ["error:8"]
             self.mechanics.clear()
             self._is_locked = False
-            if self.mechanics.home():
+            if self.mechanics.home(-self._numbers[27] * DEG):  # beside its switch, which is at 0
                 self.later = ["ok"]
             return []
         if text == "$X":
@@ -175,8 +175,10 @@ class Grbl(Firmware):
                 return ["error:13"]
             was, self._is_locked = self._is_locked, False
             return [*(["[MSG:Caution: Unlocked]"] if was else []), "ok"]
+        if text == "$$":
+            return [*(f"${number}={value:.3f}" for number, value in self._numbers.items()), "ok"]
         if (setting := re.fullmatch(rf"\$(\d+)=({NUMBER})", text)) and int(setting[1]) in self._numbers:
-            if setting[1] == "20" and float(setting[2]) and not self._has_homing:
+            if setting[1] == "20" and float(setting[2]) and not self._numbers[22]:
                 return ["error:10"]
             self._numbers[int(setting[1])] = float(setting[2])
             return ["ok"]
@@ -224,11 +226,12 @@ class Grbl(Firmware):
         return ("Run" if self._runs else "Jog") if self.mechanics.is_moving() else "Idle"
 
     def _status(self) -> str:
+        unit = 25.4 if self._numbers[13] else 1.0
         places = [0.0] * max(3, *(1 + "XYZABC".find(word) for word in self.words))
         for axis, word in enumerate(self.words):
             if len(word) == 1 and word in "XYZABC":
                 places["XYZABC".index(word)] = self.deg(axis)
-        return f"<{self._state()}|MPos:{','.join(f'{place:.3f}' for place in places)}|FS:0,0>"
+        return f"<{self._state()}|MPos:{','.join(f'{place / unit:.3f}' for place in places)}|FS:0,0>"
 
 
 class Scpi(Firmware):

@@ -166,8 +166,8 @@ class Mechanics:
         self.tracks[axis].turn_at(now_s, rate_rps, self._acceleration(axis))
         self._expect(now_s, now_s + 2.0)
 
-    def home(self) -> bool:
-        """Begin to search the reference marks of all axes, which are at angles of zero; False where it fails."""
+    def home(self, beside_rad: float = 0.0) -> bool:
+        """Begin to search the reference marks of all axes, which are at angles of zero, and rest beside them; False where it fails."""
         self._count()
         now_s = self.now_s()
         if self.once("home_fails"):
@@ -176,7 +176,8 @@ class Mechanics:
         for axis, track in enumerate(self.tracks):
             if track.busy_until_s > now_s:
                 track.turn_at(now_s, 0.0, self._acceleration(axis))
-            track.turn_to(track.busy_until_s if track.busy_until_s > now_s else now_s, 0.0, HOMING_RPS, self._acceleration(axis))
+            for angle_rad in (0.0, beside_rad):
+                track.turn_to(max(track.busy_until_s, now_s), angle_rad, HOMING_RPS, self._acceleration(axis))
         self._homing_until_s = max(now_s, *(track.busy_until_s for track in self.tracks))
         self._expect(now_s, self._homing_until_s)
         return True

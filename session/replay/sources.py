@@ -248,15 +248,16 @@ class StreamSource:
 
     def pieces(self, *, as_written: bool = True) -> Iterator[Piece]:
         """All rows, some at a time; they are given up behind the last.  FormatError for values that no sensor measures."""
-        t_ns, lost, order = self.stream.t_ns, 0, None
+        t_ns, lost = self.stream.t_ns, 0
+        order: np.ndarray | None = None
         if t_ns is not None and (back := np.count_nonzero(t_ns[1:] < t_ns[:-1])):
             self.notes.append(f"{back} times a stamp goes back: put in the order of their stamps")
             order = np.argsort(t_ns, kind="stable")
         for start in range(0, len(self.stream), AT_ONCE):
-            which = slice(start, start + AT_ONCE) if order is None else order[start : start + AT_ONCE]
+            which: slice | np.ndarray = slice(start, start + AT_ONCE) if order is None else order[start : start + AT_ONCE]
             parts = {kind: getattr(self.stream, kind)[which] for kind in self.stream.holds}
             sound = np.all([np.isfinite(part).reshape(len(part), -1).all(axis=1) for part in parts.values()], axis=0)
-            lost += np.count_nonzero(~sound)
+            lost += int(np.count_nonzero(~sound))
             if sound.any():
                 gyro, accel, temp = (parts[kind][sound] if kind in parts else None for kind in ("gyro", "accel", "temp"))
                 gyro, accel = self._turned(gyro, self.layout.gyro, "gyro", 1), self._turned(accel, self.layout.accel, "accel", 4)

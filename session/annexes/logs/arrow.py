@@ -101,7 +101,12 @@ class _Table:
 
     def values(self, name: str) -> np.ndarray:
         """A column (N,) or (N, 3).  FormatError for one with gaps in its lists; missing numbers become NaN."""
-        grown, rows, part, flat = Growing(), 0, None, None
+        values = self._grown(name)
+        self._arrow.default_memory_pool().release_unused()
+        return values
+
+    def _grown(self, name: str) -> np.ndarray:
+        grown, rows = Growing(), 0
         for part in self._batches(name):
             rows += len(part)
             is_list = _is_list(part.type)
@@ -111,8 +116,6 @@ class _Table:
             if rows > self._rows:
                 raise FormatError(f"{self._path}: {name} has more rows than the file's head says; copy it again")
             grown.add(flat.reshape(-1, 3) if is_list else flat)
-        del part, flat
-        self._arrow.default_memory_pool().release_unused()
         return grown.rows()
 
 

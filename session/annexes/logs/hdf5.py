@@ -95,7 +95,7 @@ def _heaps(source: Source) -> Iterator[int]:
         start += len(data) - len(HEAP) + 1
 
 
-def _attributes(item: Any, wanted: Any) -> dict[str, object]:
+def _attributes(item: Any, wanted: Any) -> dict[str, Any]:
     """The attributes of these names that are one number or one text; no other is read."""
     found = {}
     for name in filter(wanted, item.attrs):

@@ -137,7 +137,7 @@ def _unpacked(source: Source, packed: memoryview, order: str) -> memoryview:
     head = unpack.decompress(packed, 8)
     length = 8 + struct.unpack(f"{order}4xI", head)[0]
     current().need(source.path, length + len(packed))
-    whole = memoryview(np.empty(length, np.uint8)).cast("B")
+    whole = np.empty(length, np.uint8).data
     whole[:8], at = head, 8
     rest = memoryview(unpack.unconsumed_tail)
     for begin in range(0, len(rest), AT_ONCE):

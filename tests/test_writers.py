@@ -149,6 +149,7 @@ def no_thread(monkeypatch):
     monkeypatch.setattr(rawfile, "threading", SimpleNamespace(Lock=threading.Lock, Event=threading.Event, Thread=lambda **_: idle))
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")  # the killed close nothing
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", [name if name in QUICK else broad(name) for name in WRITERS])
 def test_whichever_call_fails_the_old_is_whole_or_the_new(tmp_path, name, fault):

@@ -33,7 +33,7 @@ class JsonLines:
         self._file: FileIO | None = None
         if path is not None:
             try:
-                self._file = FileIO(open_written(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb")
+                self._file = os.fdopen(open_written(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb", buffering=0)
             except OSError as error:
                 raise StorageError(f"{path}: cannot be written ({error.strerror}); give --json another path") from None
 
@@ -51,7 +51,7 @@ class JsonLines:
     def _try(self) -> None:
         assert self._path is not None
         try:
-            file = self._file = self._file or FileIO(open_written(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "ab")
+            file = self._file = self._file or os.fdopen(open_written(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "ab", buffering=0)
             while self._waiting:
                 line = self._waiting[0]
                 if file.write(line) != len(line):

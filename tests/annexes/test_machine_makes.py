@@ -522,6 +522,7 @@ def test_homing_is_stopped_the_hard_way():
     begin_s, sent = bench.clock.now_s(), len(bench.link.sent)
     bench.driver.stop()
     assert bench.link.sent[sent:] == b"\x18"  # all else it would not hear
+    assert not bench.virtual.mechanics.releases  # amid homing the motors hold, as in GRBL 1.1h
     assert bench.clock.now_s() - begin_s < 0.5
     bench.clock.sleep(1)
     assert bench.motor()[1] == 0

@@ -103,7 +103,7 @@ class Grbl(Firmware):
     def alarm(self, problem: str) -> list[str]:
         """A hard limit, an abort by the emergency stop, or homing that failed."""
         self._is_locked, self._is_reset = True, False
-        self.mechanics.releases += 1
+        self.mechanics.releases += problem != "home_fails"  # amid homing the motors hold
         self._unread.clear()
         return [{"limit": "ALARM:1", "estop": "ALARM:3", "home_fails": "ALARM:9"}[problem]]
 
@@ -130,7 +130,7 @@ class Grbl(Firmware):
             moving = mechanics.is_moving()
             homing = mechanics.is_homing
             mechanics.stop(BRAKE)
-            mechanics.releases += moving
+            mechanics.releases += moving and not homing
             self.later, self._line, self._is_held, self._is_reset = [], b"", False, True
             self._unread.clear()
             self._is_locked = self._is_locked or moving

@@ -32,10 +32,10 @@ class Budget:
     """
 
     def __init__(self, paths: Sequence[Path] = (), most: int | None = None) -> None:
-        stored = PACKED * sum(map(_stored, paths))
-        self.most = max(LEAST, stored) if most is None else most
+        unpacks = PACKED * sum(map(stored, paths))
+        self.most = max(LEAST, unpacks) if most is None else most
         #: what may be read and unpacked in all, and given up again
-        self.unpackable = max(self.most, stored)
+        self.unpackable = max(self.most, unpacks)
         self.held = self._unpacked = 0
 
     @property
@@ -86,11 +86,11 @@ def amount(size: int) -> str:
     return f"{size / GB:.3g} GB" if size >= GB else f"{size / MB:.3g} MB"
 
 
-def _stored(path: Path) -> int:
+def stored(path: Path) -> int:
     """Bytes that a file, or the files of a folder, take on the disk: of a sparse file its holes take none."""
     with suppress(OSError, ValueError):
         if path.is_dir():
-            return sum(_stored(each) for each in path.iterdir() if each.is_file())
+            return sum(stored(each) for each in path.iterdir() if each.is_file())
         status = os.stat(path)
         return min(status.st_size, 512 * getattr(status, "st_blocks", status.st_size))
     return 0

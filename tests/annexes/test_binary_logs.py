@@ -403,7 +403,7 @@ def test_the_layout_agrees_with_rosbags_on_every_number_of_an_imu():
     rng = np.random.default_rng(5)
     for store_of, ros1 in ((Stores.ROS2_HUMBLE, False), (Stores.ROS1_NOETIC, True)):
         store = get_typestore(store_of)
-        layout = ros.Layout(dict(store.fielddefs), ros.IMU, cdr=not ros1)
+        layout = ros.Layout(Path("a.bag"), dict(store.fielddefs), ros.IMU, cdr=not ros1)
         layout.want(layout.paths)
         for frame in ("", "a", "imu_link", "frame of 13 .."):
             message = written.ros_imu(store, ros1, 123_456_789_012, rng.normal(size=3), rng.normal(size=3), frame)

@@ -156,6 +156,30 @@ def mcap_chunks(path):
     path.write_bytes(b"\x89MCAP0\r\n" + record(1, bytes(8)) + record(6, chunk) * 16)
 
 
+def text(words):
+    return struct.pack("<I", len(words)) + words
+
+
+def mcap(path, *records):
+    path.write_bytes(b"\x89MCAP0\r\n" + record(1, bytes(8)) + b"".join(records))
+
+
+def mcap_json(path, message):
+    channel = record(4, struct.pack("<HH", 1, 0) + text(b"/imu") + text(b"json") + bytes(4))
+    mcap(path, channel, record(5, struct.pack("<HIQQ", 1, 0, 0, 0) + message))
+
+
+def mcap_defined(path, definition, count=1):
+    """As many topics of the same type."""
+    for_each = (
+        record(3, struct.pack("<H", number) + text(b"a/msg/B") + text(b"ros2msg") + text(definition))
+        + record(4, struct.pack("<HH", number, number) + text(b"/imu%d" % number) + text(b"cdr") + bytes(4))
+        + record(5, struct.pack("<HIQQ", number, 0, 0, 0))
+        for number in range(1, count + 1)
+    )
+    mcap(path, *for_each)
+
+
 def mcap_with_a_hole(path):
     path.write_bytes(b"\x89MCAP0\r\n" + record(1, bytes(8)) + struct.pack("<BQ", 6, 900_000_000))
     os.truncate(path, 900_000_100)
@@ -176,9 +200,26 @@ BOMBS = {
     "hole.npy": (npy_with_a_hole, TAKES, None),
     "endless.db3": (bag_endless, "messages is no plain table", None),
     "generated.db3": (bag_generated, "messages is no plain table", None),
-    "one_page.db3": (bag_of_one_page, UNPACKS, 2),
+    "one_page.db3": (bag_of_one_page, "messages has more rows than the file has room for", None),
     "chunks.mcap": (mcap_chunks, UNPACKS, 10),
     "hole.mcap": (mcap_with_a_hole, TAKES, None),
+    "long_json.mcap": (lambda path: mcap_json(path, b'{"gyro":[1,2,3],"a":[' + b"[]," * 30_000 + b"1]}"), "more than 65536 bytes", None),
+    "many_json.mcap": (lambda path: mcap_json(path, b'{"gyro":[' + b"1," * 9000 + b"1]}"), UNPACKS, 20),
+    "long_definition.mcap": (lambda path: mcap_defined(path, b"int8 a\n" * 20_000), "its definition has more than 131072 letters", None),
+    "definitions.mcap": (lambda path: mcap_defined(path, b"int8 a\n" * 200, 20), UNPACKS, 10),
+    "arrays.mcap": (lambda path: mcap_defined(path, b"int8[900] a", 20), UNPACKS, 30),
+    "sequences.mcap": (
+        lambda path: mcap_defined(path, b"X[200] a\n" + b"=" * 80 + b"\nMSG: a/X\n" + b"int8[] a\n" * 200),
+        "has more than 20000 numbers",
+        None,
+    ),
+    "long_name.mcap": (lambda path: mcap_defined(path, b"int8[9] " + b"a" * 400), "has more than 300 letters", None),
+    "parts.mcap": (lambda path: mcap_defined(path, b"int8[] a\n" * 40 + b"float64[3] gyro"), "more than 32 texts and sequences", None),
+    "names.mcap": (
+        lambda path: mcap(path, *(record(4, struct.pack("<HH", at, 0) + text(b"%06d" % at * 9999) + bytes(8)) for at in range(60))),
+        TAKES,
+        5,
+    ),
 }
 
 
@@ -215,6 +256,46 @@ def test_a_bomb_takes_no_memory(name, tmp_path):
     done = run_process([sys.executable, "-c", code, tmp_path / name], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 2
     assert int(done.stdout.split()[-1]) * 1024 < GB / 3
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
+def test_the_index_is_asked_once_however_many_chunks_are_damaged(name, tmp_path):
+    """A file of as many bytes as this has room for 60 chunks, whose summary would else be read 60 times."""
+    path = tmp_path / name
+    if name == "a.mcap":
+        pytest.importorskip("mcap")
+        summary = record(4, bytes(4) + text(b"/imu" * 9999) + text(b"json") + bytes(4))
+        begin = 8 + 17 + 60 * (9 + 45) + 9 + 4
+        chunk = record(6, bytes(28) + text(b"?") + bytes(8) + bytes(4))
+        assert len(chunk) == 9 + 45
+        mcap(path, chunk * 60, record(15, bytes(4)), summary, record(2, struct.pack("<QQI", begin, 0, 0)), b"\x89MCAP0\r\n")
+    else:
+        pytest.importorskip("rosbags")
+
+        def fields(**values):
+            return b"".join(text(name.encode() + b"=" + value) for name, value in values.items())
+
+        def of_bag(body=b"", **values):
+            return text(fields(**values)) + text(body)
+
+        chunk = of_bag(op=b"\5", compression=b"?", size=bytes(4))
+        head = of_bag(op=b"\3", index_pos=bytes(8), conn_count=struct.pack("<I", 1), chunk_count=bytes(4))
+        begin = struct.pack("<Q", 13 + len(head) + 60 * len(chunk))
+        head = of_bag(op=b"\3", index_pos=begin, conn_count=struct.pack("<I", 1), chunk_count=bytes(4))
+        about = fields(type=b"a/B", message_definition=b"", topic=b"", md5sum=b"")
+        path.write_bytes(b"#ROSBAG V2.0\n" + head + chunk * 60 + of_bag(about, op=b"\7", conn=bytes(4), topic=b"/imu" * 9999))
+    with budget([path], MB), pytest.raises(FormatError, match="/imu/imu"):
+        reader_of(path, head_of(path)).topics(path, None)
+
+
+def test_a_bag_reads_each_of_its_files_once(tmp_path):
+    pytest.importorskip("rosbags")
+    bag(tmp_path / "a.db3", "create table messages(id integer primary key, topic_id integer, timestamp integer, data blob)")
+    os.truncate(tmp_path / "a.db3", (tmp_path / "a.db3").stat().st_size - 1)
+    (tmp_path / "metadata.yaml").write_text("  relative_file_paths:\n" + "  - a.db3\n" * 3)
+    with pytest.raises(FormatError, match="without a topic") as raised:
+        reader_of(tmp_path, b"").topics(tmp_path, None)
+    assert str(raised.value).count("the file is cut") == 1
 
 
 # What counts.

@@ -207,6 +207,7 @@ class _Channels:
         self._channels: dict[int, Any] = {}
         self._topics: dict[int, Topic | None] = {}
         self._messages = 0
+        self._summarized = self._counted = False
 
     def parsed(self, code: int, body: bytes) -> Any:
         """A record of the mcap package."""
@@ -222,7 +223,13 @@ class _Channels:
                 self._topics[number] = self._topic(number, data)
             if (topic := self._topics[number]) is not None:
                 topic.add(logged_ns, data)
-        elif code in (SCHEMA, CHANNEL, STATISTICS):
+        elif code in (SCHEMA, CHANNEL):
+            there = self._schemas if code == SCHEMA else self._channels
+            if int.from_bytes(body[:2], "little") not in there:
+                current().take(self.path, 3 * len(body))
+                self._describe(self.parsed(code, body))
+        elif code == STATISTICS and not self._counted:
+            self._counted = True
             self._describe(self.parsed(code, body))
 
     def _describe(self, record: Any) -> None:
@@ -238,6 +245,9 @@ class _Channels:
 
     def take_summary(self) -> None:
         """Schemas and channels as the file's summary repeats them, where it can be read: a damaged chunk may have held them."""
+        if self._summarized:
+            return
+        self._summarized = True
         with contextlib.suppress(Exception), Source(self.path) as source:
             summary = library(self.path, "an MCAP file", "mcap.reader", PACKAGE).make_reader(source).get_summary()
             for record in (*summary.schemas.values(), *summary.channels.values()):
@@ -253,7 +263,7 @@ class _Channels:
         name, text, encoding = ("", b"", "") if schema is None else (schema.name, schema.data, schema.encoding)
         try:
             if channel.message_encoding == "json":
-                paths, want = json_decoder(first)
+                paths, want = json_decoder(self.path, first)
                 fields = fields_of(paths, name)
                 if fields is None:
                     return None
@@ -261,7 +271,8 @@ class _Channels:
             else:
                 ros1 = channel.message_encoding == "ros1"
                 kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
-                layout = Layout(definitions_of(self.path, kind, text.decode(), encoding == "ros2idl", ros1), kind, cdr=not ros1)
+                definitions = definitions_of(self.path, kind, text.decode(), encoding == "ros2idl", ros1)
+                layout = Layout(self.path, definitions, kind, cdr=not ros1)
                 fields, name = fields_of(layout.paths, kind), kind
                 if fields is None:
                     return None

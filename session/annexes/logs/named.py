@@ -63,6 +63,8 @@ ENDINGS: dict[str, dict[tuple[str, ...], str]] = {
     "temp": {**dict.fromkeys([("c",), ("degc",), ("deg", "c"), ("celsius",)], "degc"), **dict.fromkeys([("lsb",), ("counts",)], "lsb")},
     "time": {(word,): unit for word, unit in UNITS.items()},
 }
+#: of each quantity the longest first, by which a name is cut
+ORDERED = [(kind, ending) for kind, endings in ENDINGS.items() for ending in sorted(endings, key=len, reverse=True)]
 
 
 @dataclass(frozen=True)
@@ -81,15 +83,16 @@ def meaning(name: str, unit: str = "") -> Meaning | None:
     bare, _, bracket = name.rstrip("])").rpartition("[") if name.endswith("]") else name.rstrip(")").rpartition("(")
     stated = bracket if bare and not bracket.strip().isdigit() else ""
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]", bare if stated else name)]
-    for kind, endings in ENDINGS.items():
-        for ending in sorted(endings, key=len, reverse=True):
-            for axis_last in (False, True):
-                rest = words[:-1] if axis_last and words and words[-1] in AXES else words
-                if axis_last == (rest is words) or tuple(rest[-len(ending) :]) != ending:
-                    continue
-                found = _plain(rest[: -len(ending)] + ([words[-1]] if axis_last else []))
-                if found is not None and found.kind == kind:
-                    return Meaning(kind, found.axis, _unit(kind, unit, stated) or endings[ending], found.of)
+    for kind, ending in ORDERED:
+        if ending[-1] not in words[-2:]:
+            continue
+        for axis_last in (False, True):
+            rest = words[:-1] if axis_last and words[-1] in AXES else words
+            if axis_last == (rest is words) or tuple(rest[-len(ending) :]) != ending:
+                continue
+            found = _plain(rest[: -len(ending)] + ([words[-1]] if axis_last else []))
+            if found is not None and found.kind == kind:
+                return Meaning(kind, found.axis, _unit(kind, unit, stated) or ENDINGS[kind][ending], found.of)
     plain = _plain(words)
     return None if plain is None else Meaning(plain.kind, plain.axis, _unit(plain.kind, unit, stated), plain.of)
 

@@ -11,6 +11,8 @@ import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ import numpy as np
 
 from session.annexes.logs.named import meaning, triads
 from session.annexes.logs.source import Rows, library
+from session.io.budget import current
 from session.io.errors import CalibrationError, FormatError
 from session.io.streams import Stream
 from session.io.units import NS_PER_S
@@ -29,6 +32,12 @@ LETTERS = {
 }
 #: numbers of one message when its types are written out
 MOST_FIELDS = 20_000
+#: runs of numbers, texts and sequences that are stepped over in each message
+MOST_PARTS = 64
+#: letters of the path of one number; bytes of a message of JSON
+MOST_PATH, MOST_JSON = 300, 1 << 16
+#: letters of a type's definitions; parsing one of them, and finding out what a number is, are as much work as unpacking so many bytes
+MOST_DEFINITION, PARSED, MEANT = 1 << 17, 512, 4096
 
 # Layout of a message.
 
@@ -40,8 +49,8 @@ class Layout:
     ROS 2, with four bytes before; else packed, as in ROS 1.
     """
 
-    def __init__(self, definitions: dict[str, Any], name: str, cdr: bool) -> None:
-        self._cdr = cdr
+    def __init__(self, path: Path, definitions: dict[str, Any], name: str, cdr: bool) -> None:
+        self._path, self._cdr = path, cdr
         #: runs of (letter, path) of a fixed length, and between them ``""`` for a text or the letter of a sequence
         self._parts: list[list[tuple[str, str]] | str] = [[]]
         self._count = 0
@@ -58,6 +67,8 @@ class Layout:
         self._wanted, self._unpack = tuple(paths), {}
         last = max(number for number, part in enumerate(self._parts) if isinstance(part, list) and any(path in paths for _, path in part))
         self._parts = self._parts[: last + 1]
+        if last > MOST_PARTS:
+            raise ValueError(f"more than {MOST_PARTS // 2} texts and sequences stand before its numbers")
         there = [path for part in self._parts if isinstance(part, list) for _, path in part if path in self._wanted]
         self._order = tuple(there.index(path) for path in paths)
 
@@ -103,11 +114,14 @@ class Layout:
         if name in above or name not in definitions:
             raise ValueError(f"{name} is not defined" if name not in above else f"{name} holds itself")
         for field, (node, value) in definitions[name][1]:
+            if len(prefix) + len(field) > MOST_PATH:
+                raise ValueError(f"the path of a number in {name} has more than {MOST_PATH} letters")
             kind, count = node.name, 1
             if kind in ("ARRAY", "SEQUENCE"):
                 (inner, value), count = value
                 kind = inner.name
                 if node.name == "SEQUENCE":
+                    self._one_more(name)
                     if kind == "BASE" and value[0] in LETTERS:
                         self._parts += [LETTERS[value[0]], []]
                     else:
@@ -117,9 +131,7 @@ class Layout:
                 path = f"{prefix}{field}" + (f"[{i}]" if node.name == "ARRAY" else "")
                 if not self._readable:
                     return
-                self._count += 1
-                if self._count > MOST_FIELDS:
-                    raise ValueError(f"{name} has more than {MOST_FIELDS} numbers")
+                self._one_more(name)
                 if kind == "NAME":
                     self._walk(definitions, value, f"{path}.", (*above, name))
                 elif value[0] in ("string", "wstring"):
@@ -132,14 +144,23 @@ class Layout:
                 else:
                     self._readable = False
 
+    def _one_more(self, name: str) -> None:
+        self._count += 1
+        current().unpack(self._path, MEANT)
+        if self._count > MOST_FIELDS:
+            raise ValueError(f"{name} has more than {MOST_FIELDS} numbers")
+
 
 def definitions_of(path: Path, name: str, text: str, idl: bool = False, ros1: bool = False) -> dict[str, Any]:
     """The definitions of a message type and of what it holds: of the file's text, with those of ROS for what the text leaves out."""
     types = library(path, "a ROS recording", "rosbags.typesys", "rosbags")
+    current().unpack(path, PARSED * (100 + len(text)))
     stores = types.Stores
     known = dict(types.get_typestore(stores.ROS1_NOETIC if ros1 else stores.LATEST).fielddefs)
     if not text.strip():
         return known
+    if len(text) > MOST_DEFINITION:
+        raise ValueError(f"its definition has more than {MOST_DEFINITION} letters")
     if not idl:
         return known | types.get_types_from_msg(text, name)
     rule = "=" * 80 + "\n"
@@ -203,7 +224,8 @@ def fields_of(paths: Sequence[str], kind: str) -> Fields | None:
     accel = next((names for (what, _), names in found.items() if what == "accel"), ())
     if not gyro and not accel:
         return None
-    temp = next((path for path in paths if (said := meaning(path)) is not None and said.kind == "temp"), None)
+    meanings = {path: said for path in paths if (said := meaning(path)) is not None}
+    temp = next((path for path, said in meanings.items() if said.kind == "temp"), None)
     stamp: tuple[tuple[str, int], ...] = next((((sec, NS_PER_S), (nsec, 1)) for sec, nsec in PAIRS if sec in paths and nsec in paths), ())
     if not stamp:
         single = next((path for path in ("timestamp_sample", "timestamp") if path in paths), None)
@@ -211,9 +233,9 @@ def fields_of(paths: Sequence[str], kind: str) -> Fields | None:
             stamp = ((single, 1000),)
         else:
             scale = {"ns": 1, "us": 1000, "ms": 10**6, "s": NS_PER_S}
-            times = [(path, of.unit) for path in paths if (of := meaning(path)) is not None and of.kind == "time" and of.unit in scale]
+            times = [(path, of.unit) for path, of in meanings.items() if of.kind == "time" and of.unit in scale]
             stamp = ((times[0][0], scale[times[0][1]]),) if times else ()
-    units = [said.unit if names and (said := meaning(names[0])) is not None else "" for names in (gyro, accel, (temp,) if temp else ())]
+    units = [meanings[names[0]].unit if names else "" for names in (gyro, accel, (temp,) if temp else ())]
     absent: tuple[tuple[str, str], ...] = ()
     if kind == IMU:
         units[:2] = ["rad/s", "m/s2"]
@@ -309,32 +331,47 @@ def _stamps(own: np.ndarray, logged: np.ndarray, stamped: bool) -> tuple[np.ndar
     return own, ""
 
 
-def json_decoder(first: bytes) -> tuple[list[str], Callable[[Sequence[str]], Callable[[bytes], list[float]]]]:
+def json_decoder(path: Path, first: bytes) -> tuple[list[str], Callable[[Sequence[str]], Callable[[bytes], list[float]]]]:
     """Paths of the numbers of a JSON message, and what makes a decoder of wanted ones.  ValueError for no JSON object."""
-    paths = [path for path, _ in _numbers(json.loads(first), "")]
+    paths = dict(_numbers(_json(path, first), "", ()))
+    current().unpack(path, MEANT * len(paths))
 
     def want(wanted: Sequence[str]) -> Callable[[bytes], list[float]]:
         def decode(data: bytes) -> list[float]:
-            there = dict(_numbers(json.loads(data), ""))
-            return [there[path] for path in wanted]
+            message = _json(path, data)
+            return [_number(reduce(getitem, paths[name], message)) for name in wanted]
 
         return decode
 
-    return paths, want
+    return list(paths), want
 
 
-def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
-    """Each number of an object of JSON, and its path: ``header.stamp.sec``, ``gyro[0]``."""
+def _json(path: Path, data: bytes) -> Any:
+    """A message of JSON, whose parsing takes some times its length of memory, and as long as unpacking as much again."""
+    if len(data) > MOST_JSON:
+        raise ValueError(f"a message of more than {MOST_JSON} bytes")
+    current().unpack(path, len(data))
+    return json.loads(data)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or abs(value) >= 2**63:
+        raise ValueError("no number that a sensor or a clock has")
+    return value
+
+
+def _numbers(value: Any, path: str, keys: tuple[str | int, ...]) -> Iterator[tuple[str, tuple[str | int, ...]]]:
+    """The path of each number in an object of JSON, ``header.stamp.sec`` or ``gyro[0]``, and the keys that lead there."""
+    if len(path) > MOST_PATH:
+        return
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _numbers(inner, f"{path}.{key}" if path else key)
+            yield from _numbers(inner, f"{path}.{key}" if path else key, (*keys, key))
     elif isinstance(value, list):
         for place, inner in enumerate(value[:MOST_FIELDS]):
-            yield from _numbers(inner, f"{path}[{place}]")
+            yield from _numbers(inner, f"{path}[{place}]", (*keys, place))
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
-        if abs(value) >= 2**63:
-            raise ValueError("a number that no sensor and no clock has")
-        yield path, value
+        yield path, keys
 
 
 def refuse_empty(path: Path, what: str, names: Sequence[str] | None, seen: Sequence[str], notes: Sequence[str]) -> FormatError:

@@ -28,6 +28,8 @@ MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
 #: beside these the bag's head, and parts of its index
 KNOWN = (MESSAGE, 3, 4, CHUNK, 6, CONNECTION)
+#: after so many notes on damage the rest goes without saying
+MOST_NOTES = 20
 
 
 def is_mine(path: Path, head: bytes) -> bool:
@@ -77,6 +79,7 @@ class _Bag:
         self.seen: set[str] = set()
         self.notes: list[str] = []
         self._damaged = DamagedChunks()
+        self._indexed = False
         self.at = 0
 
     def said(self) -> list[str]:
@@ -100,7 +103,7 @@ class _Bag:
             elif kind in (CONNECTION, MESSAGE):
                 self._record(kind, header, source.read(size))
             else:
-                if kind not in KNOWN:
+                if kind not in KNOWN and len(self.notes) < MOST_NOTES:
                     self.notes.append(f"the bag is damaged at byte {self.at}: a record of an unknown kind ({kind}) is passed over")
                 source.seek(size, 1)
 
@@ -121,6 +124,9 @@ class _Bag:
             raise
         except Exception as error:
             self._damaged.add(self.at, error)
+            if self._indexed:
+                return
+            self._indexed = True
             # The connections as the index repeats them, where it can be read: a damaged chunk may have held them
             with contextlib.suppress(Exception), Source(self._path) as source:
                 source.seek(len(MAGIC))
@@ -143,6 +149,7 @@ class _Bag:
         """A connection: which topic, of which type; two publishers of one topic go into one stream."""
         if number in self.topics:
             return
+        current().take(self._path, 3 * len(body))
         header = self._reader.Header.read(io.BytesIO(len(body).to_bytes(4, "little") + body))
         kind = self._reader.normalize_msgtype(header.get_string("type"))
         self.seen.add(f"{name} ({header.get_string('type')})")
@@ -150,7 +157,10 @@ class _Bag:
         if self._names is not None and name not in self._names:
             return
         try:
-            layout = Layout(definitions_of(self._path, kind, header.get_string("message_definition"), ros1=True), kind, cdr=False)
+            definitions = definitions_of(self._path, kind, header.get_string("message_definition"), ros1=True)
+            layout = Layout(self._path, definitions, kind, cdr=False)
+        except CalibrationError:
+            raise
         except Exception as error:
             self.notes.append(f"the definition of {name} cannot be read ({reason(error)})")
             return

@@ -16,7 +16,7 @@ from session.annexes.logs import mcap_file
 from session.annexes.logs.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
 from session.annexes.logs.source import as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
-from session.io.budget import RECORD, current
+from session.io.budget import PACKED, RECORD, current, stored
 from session.io.errors import FormatError
 from session.io.files import MOST_TOML, open_file, read_text, require_file
 from session.io.streams import Stream
@@ -29,6 +29,8 @@ METADATA = "metadata.yaml"
 #: how a table's SQL begins, and what no column of one is called: it would be another order of rows
 PLAIN = re.compile(r"CREATE\s+TABLE\b", re.IGNORECASE)
 ROWID = ("rowid", "oid", "_rowid_")
+#: bytes of a row that holds nothing, and of the place that its page keeps of it
+LEAST_ROW = 6
 #: of SQLite's machine, between two looks at the budget: some 10 ms
 STEPS = 1 << 20
 #: what a message that is packed by itself begins with
@@ -79,7 +81,9 @@ def _files(path: Path) -> list[Path]:
     # A list of plain names.  What else stands in the file is not needed, and a damaged one still names its files.
     block = re.search(r"relative_file_paths:\s*+((?:- .*+\s*+)++)", text)
     named = [name.strip().strip("'\"") for name in re.findall(r"- (.*)", block[1])] if block else []
-    files = [path / Path(name).name for name in named] or sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
+    files = [path / name for name in dict.fromkeys(Path(name).name for name in named)] or sorted(
+        [*path.glob("*.db3"), *path.glob("*.mcap")]
+    )
     if packed := [file for file in files if file.suffix in (".zstd", ".zst")]:
         raise FormatError(f"{packed[0]}: a file of a ROS 2 bag that is packed as a whole; unpack it (zstd -d) and give the unpacked file")
     if not files:
@@ -117,6 +121,7 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
             texts = dict(_definitions(path, database)) if "message_definitions" in tables else {}
             wanted: dict[int, Topic] = {}
             for number, name, kind, form in list(_rows(path, database, "topics", "id, name, type, serialization_format")):
+                current().take(path, RECORD + len(f"{name}{kind}"))
                 seen[f"{name} ({kind})"] = None
                 if form != "cdr" or (names is not None and name not in names):
                     continue
@@ -143,6 +148,7 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
 def _definitions(path: Path, database: sqlite3.Connection) -> Iterator[tuple[str, tuple[str, str]]]:
     columns = "topic_type, encoding, encoded_message_definition"
     for kind, encoding, text in _rows(path, database, "message_definitions", columns):
+        current().take(path, 3 * len(text))
         yield kind, (encoding, text)
 
 
@@ -153,8 +159,14 @@ def _rows(path: Path, database: sqlite3.Connection, table: str, columns: str) ->
     described = database.execute(f"PRAGMA table_xinfo({table})").fetchall()
     if not PLAIN.match(str(made)) or any(hidden or name.lower() in ROWID for _, name, _, _, _, _, hidden in described):
         raise FormatError(f"{path}: {table} is no plain table, as a ROS 2 bag has it; is it the right file?")
+    # A page that is among the pages below itself gives its rows again and again
+    left = min(path.stat().st_size, PACKED * stored(path))
     for row in database.execute(f"SELECT {columns} FROM {table} ORDER BY rowid"):
-        current().unpack(path, RECORD + sum(len(value) for value in row if isinstance(value, (bytes, str))))
+        size = sum(len(value) for value in row if isinstance(value, (bytes, str)))
+        left -= LEAST_ROW + size
+        if left < 0:
+            raise FormatError(f"{path}: {table} has more rows than the file has room for: its pages are damaged; copy it again")
+        current().unpack(path, RECORD + size)
         yield row
 
 
@@ -164,7 +176,7 @@ def ros2_topic(path: Path, name: str, kind: str, text: str, idl: bool, notes: li
         definitions: dict[str, Any] = definitions_of(path, kind, text, idl)
         if kind not in definitions:
             return None  # a type of somebody's own, in a bag that holds no definitions
-        layout = Layout(definitions, kind, cdr=True)
+        layout = Layout(path, definitions, kind, cdr=True)
     except FormatError:
         raise
     except Exception as error:

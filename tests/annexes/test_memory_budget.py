@@ -19,7 +19,8 @@ from processes import ROOT
 from processes import run as run_process
 
 from session.annexes.logs.registry import reader_of
-from session.io.budget import GB, MB, PACKED, Budget, budget
+from session.annexes.logs.source import Source
+from session.io.budget import GB, MB, PACKED, RECORD, Budget, budget
 from session.io.errors import FormatError
 from session.replay.sources import Sources, head_of
 
@@ -286,6 +287,13 @@ def test_the_index_is_asked_once_however_many_chunks_are_damaged(name, tmp_path)
         path.write_bytes(b"#ROSBAG V2.0\n" + head + chunk * 60 + of_bag(about, op=b"\7", conn=bytes(4), topic=b"/imu" * 9999))
     with budget([path], MB), pytest.raises(FormatError, match="/imu/imu"):
         reader_of(path, head_of(path)).topics(path, None)
+
+
+def test_a_parser_that_reads_three_bytes_at_once_comes_to_an_end(tmp_path):
+    """A hole of a terabyte is as many messages without a length as it has bytes."""
+    (tmp_path / "a.ulg").write_bytes(bytes(9999))
+    with Source(tmp_path / "a.ulg", strict=False, budget=5 * RECORD) as source:
+        assert len(list(iter(lambda: source.read(3), b""))) == 10
 
 
 def test_a_bag_reads_each_of_its_files_once(tmp_path):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from session.io.budget import current
+from session.io.budget import RECORD, current
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import open_file
 from session.io.streams import Stream, Topic
@@ -70,6 +70,10 @@ def as_topics(streams: list[Stream], columns: dict[str, tuple[str, ...]]) -> lis
     return [Topic(stream.name, len(stream), stream.holds, columns.get(stream.name, ())) for stream in streams]
 
 
+#: bytes that one read counts at least where a parser's reads are counted: it makes two of a message
+LEAST_READ = RECORD // 2
+
+
 class Cut(Exception):
     """A read beyond the end of a file."""
 
@@ -79,7 +83,7 @@ class Source(BufferedIOBase):
     what is read counts in the budget.
 
     strict: a read that the file cannot fill raises Cut; else it returns what is there.  budget: bytes that may be read in all, after
-    which the file seems to end: a parser that goes back and forth in damaged bytes comes to an end.
+    which the file seems to end: a parser that goes back and forth in damaged bytes, or by three bytes at once, comes to an end.
     """
 
     def __init__(self, path: Path, strict: bool = True, budget: int | None = None) -> None:
@@ -98,11 +102,11 @@ class Source(BufferedIOBase):
         if self.budget is not None:
             if self.budget <= 0:
                 return b""
-            self.budget -= min(wanted, left)
+            self.budget -= max(min(wanted, left), LEAST_READ)
         if self.strict and wanted > left:
             raise Cut(f"the file ends {wanted - left} bytes too early")
         self._allowed.need(self.path, 3 * min(wanted, left))  # what is made of it is as large
-        self._allowed.unpack(self.path, min(wanted, left))
+        self._allowed.unpack(self.path, max(min(wanted, left), LEAST_READ if self.budget is not None else 0))
         data = self._file.read(max(min(wanted, left), 0))
         self.short = 0 < len(data) < wanted or (not data and wanted > 3)
         return data

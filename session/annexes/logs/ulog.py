@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from session.annexes.logs.source import Source, as_topics, library, microseconds, no_columns, one_line, picked
-from session.io.budget import current
+from session.io.budget import PACKED, current, stored
 from session.io.errors import FormatError
 from session.io.streams import Stream, Topic
 from session.io.units import DEG, G
@@ -37,8 +37,7 @@ FRAME = "forward, right, down"
 CALIBRATED = "PX4 has applied its own calibration and thermal correction; sensor_gyro and sensor_accel hold what the sensor reported"
 #: numbers of one message when nested types are written out: a message has 65 535 bytes
 MOST_FIELDS = 65_535
-#: bytes that may be read of a file of one byte: pyulog steps back in damaged bytes, a message at a time
-READ_AGAIN = 16
+#: bytes that may be read of a file of no length: pyulog steps back in damaged bytes, a message at a time
 LEAST_BUDGET = 1 << 20
 
 
@@ -104,7 +103,7 @@ class _Last(Source):
 
 
 def _budget(path: Path) -> int:
-    return min(LEAST_BUDGET + READ_AGAIN * path.stat().st_size, current().unpackable - 1)
+    return min(LEAST_BUDGET + PACKED * stored(path), current().unpackable - 1)
 
 
 def _require_fields(path: Path, formats: dict[str, Any]) -> None:

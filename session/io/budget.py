@@ -17,7 +17,7 @@ from session.io.errors import FormatError
 
 MB, GB = 10**6, 10**9
 LEAST = GB
-#: what an honest log unpacks to, in bytes on the disk (docs/binary-logs.md#memory)
+#: what an honest log needs, in bytes on the disk; the most that was measured is 17.6, of a bag at rest (docs/binary-logs.md#memory)
 PACKED = 20
 #: what reading, joining and writing numbers takes, in their own size of 8 bytes each (docs/binary-logs.md#memory)
 TIMES = 2.5

@@ -224,6 +224,26 @@ BOMBS = {
 }
 
 
+BLACKBOX = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\nH Data version:2\nH I interval:32\n"
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (BLACKBOX * 300, UNPACKS),
+        (BLACKBOX + b"H x:" + b"1" * 66_000, "a header's line of more than 65536 bytes"),
+        (BLACKBOX + b"\0" * 66_000, "a header's line of more than 65536 bytes"),
+        (BLACKBOX + b"H Field I name:" + b",".join(b"f%d" % at for at in range(300)) + b"\nI", "more than 256 fields"),
+    ],
+    ids=["logs", "line", "no_line", "fields"],
+)
+def test_a_blackbox_log_is_not_searched_for_minutes(data, said, tmp_path):
+    pytest.importorskip("orangebox")
+    (tmp_path / "a.bbl").write_bytes(data)
+    with budget([tmp_path / "a.bbl"], 20 * len(data) if said != UNPACKS else 4 * len(data)), pytest.raises(FormatError, match=said):
+        reader_of(tmp_path / "a.bbl", data[:99]).topics(tmp_path / "a.bbl", None)
+
+
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_bomb_is_refused_in_one_line(name, tmp_path):
     write, said, most_mb = BOMBS[name]

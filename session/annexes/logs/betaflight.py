@@ -20,7 +20,7 @@ import numpy as np
 from session.annexes.logs.source import Rows, as_topics, library, no_columns, one_line, picked, reason
 from session.io.budget import current
 from session.io.errors import FormatError
-from session.io.files import require_file
+from session.io.files import read_bytes, require_file
 from session.io.streams import Stream, Topic
 
 NAME = "Betaflight blackbox"
@@ -35,6 +35,8 @@ FINER = 10
 MOST_INTERVAL = 65_536
 #: the counter of us comes round
 WRAP_US = 2**32
+#: bytes of a line of a header, and fields of a frame: Betaflight has some 1000 and 100
+MOST_LINE, MOST_FIELDS = 1 << 16, 256
 FIELDS = {"gyro": "gyroADC[{}]", "unfiltered": "gyroUnfilt[{}]", "accel": "accSmooth[{}]"}
 
 
@@ -71,13 +73,16 @@ def _silent() -> Iterator[None]:
 def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
     orangebox = library(path, "a blackbox log", "orangebox", PACKAGE, EXTRA)
     require_file(path)
-    current().take(path, 2 * path.stat().st_size)  # orangebox holds all of it
+    size = path.stat().st_size
+    current().take(path, 3 * size)  # orangebox holds all of it
+    _require_lines(path, read_bytes(path, size))
     held: list[Stream] = []
     labels: dict[str, tuple[str, ...]] = {}
     problems: list[str] = []
     with one_line(path, "a blackbox log"), _silent():
         reader = orangebox.reader.Reader(str(path), allow_invalid_header=True)
         for number in range(1, reader.log_count + 1):
+            current().unpack(path, size // 4)  # orangebox looks through the whole file for each log
             try:
                 streams, columns = _log(path, number, orangebox)
             except FormatError:
@@ -93,6 +98,17 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
             f"{path}: a blackbox log without gyroADC and accSmooth{why}; log them (blackbox_disable_gyro = OFF), or give another file"
         )
     return held, labels
+
+
+def _require_lines(path: Path, data: bytes) -> None:
+    """FormatError for a line of a header with which orangebox would be busy for minutes: it adds each byte to a copy of the line."""
+    end = data.find(MAGIC)
+    while end >= 0:
+        while data[end : end + 1] == b"H" and (line := data.find(b"\n", end, end + MOST_LINE)) >= 0:
+            end = line + 1
+        if data[end : end + 1] != b"I" and len(data) - end > MOST_LINE and b"\n" not in data[end : end + MOST_LINE]:
+            raise FormatError(f"{path}: a blackbox log with a header's line of more than {MOST_LINE} bytes; is it whole? copy it again")
+        end = data.find(MAGIC, end)
 
 
 @dataclass(frozen=True)
@@ -116,6 +132,8 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
         raise ValueError(f"intervals of frames {whole} and {share}")
     parser = orangebox.Parser(reader)
     columns = tuple(parser.field_names)
+    if len(columns) > MOST_FIELDS:
+        raise ValueError(f"more than {MOST_FIELDS} fields")
     places = {what: [columns.index(name.format(i)) for i in range(3)] for what, name in FIELDS.items() if name.format(2) in columns}
     if "time" not in columns or not places:
         return [], columns

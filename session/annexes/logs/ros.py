@@ -376,7 +376,7 @@ def _numbers(value: Any, path: str, keys: tuple[str | int, ...]) -> Iterator[tup
 
 def refuse_empty(path: Path, what: str, names: Sequence[str] | None, seen: Sequence[str], notes: Sequence[str]) -> FormatError:
     """The complaint about a recording without an IMU, or without the topics of these names; seen: its topics with their types."""
-    there = f"; its topics are {', '.join(seen)[:200]}" if seen else ""
-    why = f" ({'; '.join(notes)[:300]})" if notes else ""
+    there = f"; its topics are {', '.join(seen[:20])[:200]}" if seen else ""
+    why = f" ({'; '.join(notes[:20])[:300]})" if notes else ""
     lacks = f"the topic {names[0]}" if names else f"a topic of {IMU.replace('/msg', '')} or the like"
     return FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")

@@ -6,6 +6,7 @@ is linear in the 12 parameters (docs/model.md, first-order sensitivity); ``error
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import numpy as np
 from session.io.errors import DataError
 from session.io.logfile import Log
 from session.io.samples import Samples
+from session.io.units import NS
 from tinygc.attitude import rotation
 from tinygc.attitude.rotation import sample_weights, steps
 from tinygc.closure.floor import wander_covariance
@@ -91,14 +93,15 @@ def motion_of(logs: Sequence[Log] | Samples, seconds: float = MINUTE_S, from_s: 
     pieces, left = ([logs] if isinstance(logs, Samples) else [log.samples for log in logs]), seconds
     rates, dt = [], []
     for number, samples in enumerate(pieces):
-        t = samples.t_s - (from_s if number == 0 else 0.0)
-        kept = (t >= 0) & (t <= left)
-        if np.count_nonzero(kept) < 2:
+        begin_s, every = from_s if number == 0 else 0.0, range(len(samples))
+        kept = slice(bisect_left(every, begin_s, key=samples.at_s), bisect_right(every, begin_s + left, key=samples.at_s))
+        if kept.stop - kept.start < 2:
             continue
-        own = np.diff(samples.t_s[kept])
-        rates.append(samples.gyro[kept][:-1])
+        own = np.diff((samples.t_ns[kept] - samples.t_ns[0]) * NS)
+        gyro = samples.gyro[kept]
+        rates.append(gyro[:-1])
         dt.append(own)
-        last = samples.gyro[kept][-1]
+        last = gyro[-1]
         left -= float(own.sum())
         if left <= 0:
             break

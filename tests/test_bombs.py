@@ -294,7 +294,7 @@ def test_files_are_opened_for_reading_in_one_place_only():
 
 def _opens_to_read(node: ast.Call, called: str) -> bool:
     if called == "fdopen":
-        return True
+        return "open_written" not in ast.dump(node)
     if called == "load":
         return isinstance(node.func, ast.Attribute) and getattr(node.func.value, "id", "") in ("np", "json", "tomllib", "torch")
     if called != "open":

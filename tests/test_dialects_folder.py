@@ -1,5 +1,7 @@
 """The folder that a foreign log becomes: never written over, added to, nothing left of it by a full disk."""
 
+import shutil
+
 import pytest
 from conftest import write_session
 from dialect_logs import (
@@ -47,13 +49,11 @@ def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_a_full_disk_under_a_copied_log_is_not_the_logs_fault(tmp_path, monkeypatch):
-    import session.replay.convert as module
-
     def full(source, target):
-        raise OSError(28, "No space left on device", str(source), None, str(target))
+        raise OSError(28, "No space left on device", source.name)
 
     own = (write_session(tmp_path / "own", SAMPLES) / "log0001.csv").read_bytes()
-    monkeypatch.setattr(module.shutil, "copyfile", full)
+    monkeypatch.setattr(shutil, "copyfileobj", full)
     with pytest.raises(StorageError, match="session: No space") as said:
         make(tmp_path, own)
     assert "LOG.CSV" not in str(said.value)

@@ -115,7 +115,7 @@ def test_a_disk_that_fills_while_it_is_written_leaves_no_half_of_it(tmp_path, mo
         raise OSError(28, os.strerror(28))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StorageError, match="No space left on device; give --out another folder"):
+    with pytest.raises(StorageError, match="No space left on device; free space there, or choose another folder"):
         file_of(tmp_path).configure(Info(500.0, 4.0, 416.0, "7"))
     assert list(tmp_path.iterdir()) == []
     monkeypatch.undo()

@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 from session.io.errors import CalibrationError
+from session.io.files import open_file
 from session.io.results import whole
 
 #: names of a Chromium on the search path
@@ -45,5 +46,6 @@ def print_pdf(page: Path, out: Path) -> Path:
         if not made.is_file():
             last = next((line for line in reversed(said.stderr.splitlines()) if line.strip()), f"exit code {said.returncode}")
             raise CalibrationError(f"{out}: {command[0]} did not print it ({last.strip()[:120]}); print {page} by hand")
-        file.write(made.read_bytes())
+        with open_file(made) as printed:
+            shutil.copyfileobj(printed, file)
     return out

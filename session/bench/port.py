@@ -131,10 +131,11 @@ except ImportError:  # Windows, where pyserial raises nothing of the kind
 
 #: errors of a port whose cable is pulled: SerialException is an OSError, a terminal's own error is not
 UNPLUGGED: tuple[type[Exception], ...] = (OSError, serial.SerialException, TerminalError)
+#: of a port that another program has opened
+BUSY = (errno.EAGAIN, errno.EBUSY)
 HINTS = {
     errno.EACCES: ": your user may not use it; join the group that owns it, usually dialout",
-    errno.EAGAIN: ": another program has it open",
-    errno.EBUSY: ": another program has it open",
+    **dict.fromkeys(BUSY, ": another program has it open"),
 }
 LEFT_BEHIND = "the virtual board that made this link runs no more; start it again, or remove the link"
 SWITCHED_ON = "the board was switched on again, or has reset itself: it is set again"
@@ -192,7 +193,7 @@ class Port:
         try:
             self._serial = self._open()
         except UNPLUGGED as error:
-            raise DeviceError(f"{name}: cannot be opened ({_reason(error)}); see {command_line('ports')}") from None
+            raise DeviceError(f"{name}: cannot be opened ({reason(error)}); see {command_line('ports')}") from None
         self._thread = threading.Thread(target=self._read, name="port-reader", daemon=True)
         self._thread.start()
 
@@ -228,7 +229,7 @@ class Port:
                 try:
                     data = self._serial.read(max(1, self._serial.in_waiting))
                 except UNPLUGGED as error:
-                    self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
+                    self._hand_over(Closed(time.monotonic_ns(), reason(error)))
                     self._reopen()
                     continue
                 place = self._setup.forgotten(data) if data and self._setup else None
@@ -239,7 +240,7 @@ class Port:
                     try:
                         self._first = self._setup(self._serial)
                     except UNPLUGGED as error:  # meanwhile
-                        self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
+                        self._hand_over(Closed(time.monotonic_ns(), reason(error)))
                         self._reopen()
                         continue
                     self._opened()
@@ -279,7 +280,7 @@ def _close(port: serial.Serial) -> None:
         port.close()
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
     """The system's message, and what to do where that is known."""
     number = error.args[0] if isinstance(error, TerminalError) else getattr(error, "errno", None)
     if not isinstance(number, int):

@@ -23,6 +23,8 @@ from session.io.units import DEG
 SCHEMA = "tinygc-table/1"
 NAME = "table.toml"
 MOST_AXES = 3
+#: s that braking may take by its figures: so long a stop waits before it asks a silent table harder
+MOST_BRAKING_S = 60.0
 #: how far a matrix may be from a rotation
 ROTATION_WITHIN = 1e-3
 #: s of angles that a table takes to answer where nothing is declared: the prior of its latency
@@ -75,6 +77,11 @@ class Description:
     baud: int = 0  #: 0: that of the make
     settings: Mapping[str, object] = field(default_factory=dict)
     make_sha256: str = ""
+
+    @property
+    def braking_s(self) -> float:
+        """Return the longest that an axis takes to brake."""
+        return max(axis.fastest_rps / axis.acceleration_rps2 for axis in self.axes)
 
     def axis(self, name: str) -> int:
         """Number of the axis of that name.  FormatError where there is none."""
@@ -146,6 +153,9 @@ def _axis(where: str, row: Mapping) -> Axis:
     least, most = row.get("least_deg"), row.get("most_deg")
     if (least is None) != (most is None) or (least is not None and least >= most):
         raise FormatError(f"{where}: least_deg and most_deg are {least} and {most}, expected both, or none of an axis without end; {AGAIN}")
+    if (braking_s := row["fastest_dps"] / row["acceleration_dps2"]) > MOST_BRAKING_S:
+        figures = f"fastest_dps / acceleration_dps2 is {braking_s:.3g} s, which a stop may wait for"
+        raise FormatError(f"{where}: {figures}, expected {MOST_BRAKING_S:g} or less; {AGAIN}")
     return Axis(
         row["name"],
         direction / length,

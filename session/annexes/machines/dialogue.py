@@ -50,7 +50,7 @@ class Dialogue:
         self._settings: Mapping[str, Any] = {**make.settings, **description.settings}
         self._exchange, self._writing = threading.RLock(), threading.Lock()
         self._buffer, self._lines = b"", list[str]()
-        self._stops, self._harder = 0, 0
+        self._stops, self._harder, self._is_stopping = 0, 0, False
         self._unread_motion = False  # whether a motion was sent that is not acknowledged yet: it may not even be read
         self._awaited_home: float | None = None  # when homing counts as failed, where its acknowledgements come at its end
         self._owed = 0  # of these
@@ -92,8 +92,9 @@ class Dialogue:
                 with self._writing:
                     self._write(step, 0, 0.0, 0.0)
                 said = dict[int, float]()
-                while (found := self._hear((*step.answers, *self.make.done), self._settings["answer_s"])) and found["code"].isdigit():
-                    said[int(found["code"])] = float(found["count"])
+                while found := self._hear((*step.answers, *self.make.done), self._settings["answer_s"]):
+                    if found["code"].isdigit():
+                        said[int(found["code"])] = float(found["count"])
             if found is None:
                 raise TableFault(self._complaint("does not say its settings", step, step.answers))
             require_travel(self.description, self.make.numbers, self.make.order, said, self._settings["per_deg"])
@@ -158,22 +159,35 @@ class Dialogue:
 
         A request with ``states`` is written again while one of them is said, or a motion may not be read yet, for as long as braking
         takes.  Then, and at once where another motion or no state is said, what is harder follows; within one list, no state is waited for.
+        A list without ``states`` is written at once, and again while a motion may not be read yet.
         """
+        self._is_stopping = True
+        try:
+            self._stop()
+        finally:
+            self._is_stopping = False
+        self._awaited_home = None
+        self._before = None
+
+    def _stop(self) -> None:
         hardest = len(self.make.stop) - 1
         homes = self._awaited_home is not None  # a controller may then hear the hardest alone
         level, state = hardest if homes else min(self._harder, hardest), ""
         while True:
             self._harder = level + 1
-            steps = self.make.stop[level]
-            for step in steps:
-                if not (homes and step.states):
-                    self._write_stop(step)
-                    state = self._follow(step, step is not steps[-1]) if step.states else self._hear_stop(step)
+            steps, end_s, unread = self.make.stop[level], self._clock.now_s() + self._settings["answer_s"], True
+            while unread:
+                unread = not level and self._unread_motion and self._clock.now_s() < end_s
+                for step in steps:
+                    if not (homes and step.states):
+                        self._write_stop(step)
+                        state = self._follow(step, step is not steps[-1]) if step.states else ""
+                if steps[-1].states:
+                    break
+                self._hear_stop(steps[-1])
             level += 1
             if level > hardest or not steps[-1].states or (state and state not in self.make.moving):
-                break
-        self._awaited_home = None
-        self._before = None
+                return
 
     def _write_stop(self, step: Step) -> None:
         with self._writing:
@@ -184,39 +198,40 @@ class Dialogue:
 
     def _follow(self, step: Step, patient: bool) -> str:
         """Write it again, as ``stop`` says; the last state that was said, empty where none was."""
-        braking_s = max(axis.fastest_rps / axis.acceleration_rps2 for axis in self.description.axes)
         begin_s, state = self._clock.now_s(), ""
         while True:
-            if self._exchange.acquire(timeout=POLL_STOP_S):
+            if heard := self._exchange.acquire(timeout=POLL_STOP_S):  # else another thread asks
                 try:
                     state = self._state()
                 finally:
                     self._exchange.release()
-            longest_s = braking_s + (self._settings["answer_s"] if self._unread_motion else STOP_S)
+            longest_s = self.description.braking_s + (self._settings["answer_s"] if self._unread_motion else STOP_S)
             if self._clock.now_s() - begin_s > longest_s:
                 return state
-            if not self._unread_motion and state not in step.states and (state or not patient):
+            if heard and not self._unread_motion and state not in step.states and (state or not patient):
                 return state
             self._clock.sleep(POLL_STOP_S)
             self._write_stop(step)
 
-    def _hear_stop(self, step: Step) -> str:
-        """What comes behind a stop; its answers are awaited, so that they are not taken for something else.  No state."""
+    def _hear_stop(self, step: Step) -> None:
+        """What comes behind a stop; its answers are awaited, so that they are not taken for something else."""
         if self._exchange.acquire(timeout=STOP_S):
             try:
                 self._hear(step.answers, self._settings["answer_s"] if step.answers else POLL_STOP_S)
             finally:
                 self._exchange.release()
-        return ""
 
     def _state(self) -> str:
-        """The state that it says, whatever else is wrong; empty where it says none soon."""
+        """The state that it says, of an axis that moves if one does, whatever else is wrong; empty where it says none soon."""
         asks = (step for step in self.make.where if any("{state}" in pattern.text for pattern in step.answers))
         if (step := next(asks, None)) is None:
             return ""
-        with self._writing:
-            self._write(step, 0, 0.0, 0.0)
-        return (self._hear(step.answers, STATE_S) or {}).get("state", "")
+        for axis in range(len(self.description.axes)) if step.each else (0,):
+            with self._writing:
+                self._write(step, axis, 0.0, 0.0)
+            if (state := (self._hear(step.answers, STATE_S) or {}).get("state", "")) in self.make.moving:
+                break
+        return state
 
     def _hear(self, wanted: tuple[Pattern, ...], longest_s: float) -> dict[str, str] | None:
         """The fields of the first line that is wanted, and None where none comes; all others are noticed, and nothing is raised."""
@@ -225,10 +240,10 @@ class Dialogue:
             self._receive(min(POLL_STOP_S, longest_s))
             while self._lines:
                 line = self._lines.pop(0)
+                ends = any(pattern.match(line) is not None for pattern in (*self.make.done, *self.make.greeting))
+                self._unread_motion = self._unread_motion and not ends and self.make.refused.meaning(line) is None
                 if found := [fields for pattern in wanted if (fields := pattern.match(line)) is not None]:
                     return found[0]
-                ends = any(pattern.match(line) is not None for pattern in self.make.done)
-                self._unread_motion = self._unread_motion and not ends and self.make.refused.meaning(line) is None
                 self._notice(line)
             if self._clock.now_s() >= end_s:
                 return None
@@ -300,6 +315,7 @@ class Dialogue:
                 self._drain()
                 with self._writing:
                     if self._stops != stops:
+                        self._unread_motion = False
                         raise TableFault(
                             f"{self.description.name}: stopped before {self._text(step, number, angle_rad, rate_rps)!r} was sent"
                         )
@@ -343,9 +359,12 @@ class Dialogue:
     def _notice(self, line: str) -> None:
         """What a line says by itself: an alarm, a restart, the end of homing."""
         make, name = self.make, self.description.name
+        greets = any(pattern.match(line) is not None for pattern in make.greeting)
+        if greets or make.alarms.meaning(line) is not None:
+            self._unread_motion = False
         if (meaning := make.alarms.meaning(line)) is not None:
             self._alarm = f"{name}: the table says {line!r}: {meaning or 'it has stopped'}; see why, then `table clear` or `table home`"
-        elif any(pattern.match(line) is not None for pattern in make.greeting):
+        elif greets:
             if self._alarm and not self._restarted:  # a restart does not end an emergency stop
                 return
             self._restarted = self.angles_lost = True
@@ -480,9 +499,9 @@ class Dialogue:
     def _is_moving(self, state: str) -> bool | None:
         """Whether a state is motion; None of one that the make's file does not know.  TableFault of one that is a fault."""
         make = self.make
-        if state in make.states:
+        if state in make.states and not self._is_stopping:  # else it may be of our own stop
             raise TableFault(f"{self.description.name}: the table is in state {state}: {make.states[state]}")
-        return state in make.moving if state in (*make.moving, *make.rest) else None
+        return state not in make.rest if state in (*make.moving, *make.rest, *make.states) else None
 
     def _is_changing(self, now_s: float, angles: np.ndarray) -> bool:
         """Where nothing else says it: whether angles have stayed for ``same_s``."""

@@ -296,6 +296,8 @@ def read_make(path: Path) -> Make:
         raise FormatError(
             f"{path}: requests needs stop, turn_to, and a where whose answers hold {{angle}}, {{angles}} or {{count}}; {AGAIN}"
         )
+    if not all(make.stop) or all(step.states for step in make.stop[-1]):
+        raise FormatError(f"{path}: requests.stop has an empty list, or a hardest without a request that has no states; {AGAIN}")
     for step in make.where if make.most_axes > 1 else ():
         one_angle = any("{angle}" in pattern.text or "{count}" in pattern.text for pattern in step.answers)
         if one_angle and not step.each and not all(pattern.names_an_axis for pattern in step.answers):

@@ -52,10 +52,13 @@ def require_fit(table: Description, make: Make) -> None:
     if make.end not in ENDS:
         raise FormatError(f"{make.name}: line.end is {make.end[:20]!r}, expected one of {', '.join(map(repr, ENDS))}; {AGAIN}")
     settings: dict[str, Any] = {**make.settings, **table.settings}
+    homes = {_bare(step.send) for step in make.home}
     for name, steps, numbers in (("turn_to", make.turn_to, {"angle": 1, "rate": 1}), ("turn_at", make.turn_at, {"signed_rate": 1})):
         for word in words if steps else ():
             if why := _more_than_the_plan(steps, numbers, word, make.most_axes > 1):
                 raise FormatError(f"{make.name}: {name} {why}; a turn says the plan's axis, angle and rate, and nothing else; {AGAIN}")
+        if same := [step.send for step in steps if _bare(step.send) in homes]:
+            raise FormatError(f"{make.name}: {name} has the request {same[0][:60]!r}, which home has: it may search marks; {AGAIN}")
         per_deg, rate = (abs(float(settings[key])) for key in ("per_deg", "rate_per_dps"))
         in_minutes = math.isclose(rate, 60 * per_deg, rel_tol=1e-6) and any("F{rate}" in step.send for step in steps)
         if any(MODAL.search(step.send) for step in steps) and not in_minutes:
@@ -85,6 +88,8 @@ def _more_than_the_plan(steps: Iterable[Step], numbers: dict[str, int], word: st
         if not LITERAL.fullmatch(PLACE.sub("", text)):
             return f"has a character in {text[:60]!r} that may hide or change a number, expected letters, spaces and {SIGNS}"
         values = PROBE | {"word": word, "axis": AXIS}
+        if re.search(r"[-.] +\{", _filled(text, {"word": word, "axis": AXIS})):  # a controller may drop blanks
+            return f"has a sign or a point before a value in {text[:60]!r}"
         left = Counter(NUMBER.findall(_filled(MODAL.sub(" ", text), values)))
         for name in places:
             left.subtract(NUMBER.findall(values[name]))
@@ -116,6 +121,11 @@ def _may_move(name: str, step: Step, text: str, begins: Iterable[tuple[str, str]
     if any(re.search(rf"(?<![A-Z]){word}{before}[1-9]", said, re.DOTALL) for word, before in begins):
         return "has a turn, which turn_to and turn_at alone may be,"
     return ""
+
+
+def _bare(text: str) -> str:
+    """A request as a controller may read it, which drops blanks."""
+    return text.replace(" ", "").upper()
 
 
 def _filled(text: str, values: Mapping[str, object]) -> str:

@@ -480,8 +480,7 @@ class Guarded:
 
     def _is_seen_at_rest(self) -> bool:
         """Whether two looks see the same angles within the time that braking takes."""
-        braking_s = max(axis.fastest_rps / axis.acceleration_rps2 for axis in self.description.axes)
-        end_s = self._clock.now_s() + braking_s + REST_S
+        end_s = self._clock.now_s() + self.description.braking_s + REST_S
         look = getattr(self._table, "look", None) or (lambda: self._table.where().angles)
         before: np.ndarray | None = None
         while self._clock.now_s() <= end_s:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import threading
 from typing import Any, Protocol
 
 from session.annexes.machines.clocks import Clock
 from session.annexes.machines.verbs import TableFault
-from session.bench.port import UNPLUGGED, open_serial
+from session.bench.port import BUSY, UNPLUGGED, open_serial, reason
 from session.io.texts import command_line
 
 #: errors of a port that cannot be opened
 UNOPENED: tuple[type[Exception], ...] = (*UNPLUGGED, ValueError)
-#: of a port that another program has opened
-BUSY = (errno.EAGAIN, errno.EBUSY, errno.EACCES)
 #: at a port: an answer is stamped when it is seen
 PORT_POLL_S = 0.001
 #: s after which a port that takes no bytes counts as lost
@@ -51,7 +48,7 @@ class SerialLink:
         except UNOPENED as error:
             if getattr(error, "errno", None) in BUSY:
                 raise LineLost(f"{name}: another program holds the table's port: Ctrl-C there stops the table; {PRESS}") from None
-            raise LineLost(f"{name}: the table's port cannot be opened ({error}); see {command_line('ports')}") from None
+            raise LineLost(f"{name}: the table's port cannot be opened ({reason(error)}); see {command_line('ports')}") from None
 
     def write(self, data: bytes) -> None:
         """Send bytes."""

@@ -286,7 +286,7 @@ class Cluster:
         try:
             asyncio.run(self._is_there())  # a client that cannot be started waits and complains when it is collected
             self._client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
+        except (OSError, TypeError, ValueError, TimeoutError) as error:  # TypeError: tls:// without its files
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise CalibrationError(
                 f"--scheduler {address}: no Dask scheduler answers ({why}); give its address, such as tcp://host:8786"

@@ -11,7 +11,7 @@ from session.annexes.machines.makefile import AGAIN, FOLDER, Make, make_names, r
 from session.annexes.machines.makes import hand, ximc
 from session.annexes.machines.proof import require_fit
 from session.annexes.machines.verbs import Table
-from session.annexes.machines.wire import Link, SerialLink, VisaLink
+from session.annexes.machines.wire import PRESS, Link, SerialLink, VisaLink
 from session.io.errors import FormatError
 from session.io.texts import command_line
 
@@ -66,7 +66,8 @@ def open_table(
     if is_own(table) and table.make_sha256 != make.sha256:
         why = "has changed since it was confirmed" if table.make_sha256 else "does not come with the tool, and nobody has confirmed it"
         do = f"{command_line('table', 'check')} shows all that it can send, and the line that confirms it"
-        raise FormatError(f"{table.name}: {table.make} {why}: nothing was sent; {do}")
+        stop = f"; Ctrl-C in the program that moves it stops it; {PRESS}" if stops else ""
+        raise FormatError(f"{table.name}: {table.make} {why}: nothing was sent; {do}{stop}")
     if link is None and not table.port:
         raise FormatError(f'{table.name}: has no port; give it one, such as port = "/dev/ttyUSB0"; {AGAIN}')
     if link is None:

@@ -170,7 +170,7 @@ def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
     assert content(tmp_path) == reference
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", broad("http://here:80")])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "tls://127.0.0.1:9", "nonsense", broad("http://here:80")])
 def test_a_scheduler_that_is_not_there_is_said(address, fleet, tmp_path, run, monkeypatch):
     """Without a client, whose end would be waited for."""
     distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")

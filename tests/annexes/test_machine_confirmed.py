@@ -130,6 +130,10 @@ STRANGE = [
     (TURN, '"$J=G53 G90 G20 {word}{angle} F{rate}"', "has the number 20"),
     (TURN, '"$J=G53 {word}{angle}0 F{rate}"', "has the number 73010"),
     (TURN, '"$J=G53 {word}-{angle} F{rate}"', "has the number -7301"),
+    (TURN, '"$J=G53 {word}- {angle} F{rate}"', "has a sign or a point before a value"),
+    (TURN, '"$J=G53 {word}.  {angle} F{rate}"', "has a sign or a point before a value"),
+    (TURN, '"$J=G53 {word}{angle} F- {rate}"', "has a sign or a point before a value"),
+    (TURN, '"$h ", "$J=G53 {word}{angle} F{rate}"', "has the request '$h ', which home has"),
     (TURN, '"$J=G53 {axis}{angle} F{rate}"', "has the number 837301"),
     (TURN, '"$J=G53 {word}{angle}E{axis} F{rate}"', "has the number 7301E83"),
     (TURN, '"$J=G53 {word}{angle} X{angle} F{rate}"', "needs {angle} once"),
@@ -181,6 +185,14 @@ def test_a_word_that_ends_with_a_digit_makes_no_other_angle(tmp_path):
     (tmp_path / "mine.toml").write_text(MAKE.replace('order = "XYZ"\n', ""))
     with pytest.raises(FormatError, match="has the number 17301"):
         make_of(Description("table", "./mine.toml", (axis("outer", "A1"),)), tmp_path)
+
+
+def test_a_word_that_ends_with_a_sign_makes_no_other_angle(tmp_path):
+    text = MAKE.replace('order = "XYZ"\n', "").replace("{word}{angle}", "{word} {angle}")
+    (tmp_path / "mine.toml").write_text(text)
+    make_of(Description("table", "./mine.toml", (axis("outer", "A"),)), tmp_path)
+    with pytest.raises(FormatError, match="has a sign or a point before a value"):
+        make_of(Description("table", "./mine.toml", (axis("outer", "A-"),)), tmp_path)
 
 
 TABLE = """schema = "tinygc-table/1"

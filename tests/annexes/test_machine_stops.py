@@ -1,19 +1,23 @@
 """How a GRBL is stopped in each of its states, and what ends its silence: on the virtual one, which does as its sources say."""
 
 import errno
+import re
 import signal
 import threading
+import time
 from dataclasses import replace
 
 import pytest
 from virtual_tables import Bench, axis, description
 
+from session.annexes.machines.makefile import FOLDER, read_make
 from session.annexes.machines.makes import make_of, open_table
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault, TableLimit
 from session.annexes.machines.wire import LineLost, SerialLink
 from session.bench.port import serial
+from session.io.errors import FormatError
 from session.io.units import DEG
 
 WITHOUT_SWITCHES = description("grbl", homing=False)
@@ -26,9 +30,28 @@ def turning(faults="", **more):
     return bench
 
 
-def test_a_stop_right_behind_a_move_is_not_lost():
-    """0x85 is dropped before the line is read: it is written again until the line's ok has come, and no jog is said."""
-    bench = turning()
+FORMER = 'stop = [[{ raw = "\\u0085" }], [{ raw = "!", pause_s = 0.5 }, { raw = "\\u0018" }]]\n'
+
+
+def own(table, before, after, folder):
+    """A bench of a make's file of one's own, which has ``after`` for ``before`` of the one that comes with the tool."""
+    text = (FOLDER / f"{table.make}.toml").read_text()
+    assert before in text
+    (folder / "own.toml").write_text(text.replace(before, after))
+    mine = replace(table, make="./own.toml", make_sha256=read_make(folder / "own.toml").sha256)
+    bench = Bench(mine, folder=folder, virtual=table)
+    bench.confirm()
+    return bench
+
+
+@pytest.mark.parametrize("former", [False, True])
+def test_a_stop_right_behind_a_move_is_not_lost(former, tmp_path):
+    """0x85 is dropped before the line is read: it is written again until the line's ok has come, and no jog is said.
+
+    former: a copy of the file of a former version, whose stop has no states.
+    """
+    stops = re.search(r"stop = \[\n.*?\n\]\n", (FOLDER / "grbl.toml").read_text(), re.DOTALL)[0]
+    bench = own(WITHOUT_SWITCHES, stops, FORMER, tmp_path) if former else turning()
     write = bench.link.write
 
     def interrupted(data):
@@ -61,6 +84,93 @@ def test_a_stop_of_another_thread_right_behind_a_move_is_not_lost():
     stopping[0].join()
     assert bench.comes_to_rest()
     assert bench.motor()[0] < 10 * DEG
+
+
+def test_a_list_of_requests_is_written_at_once(tmp_path):
+    """The answer to its first is not awaited before the second, which stops it."""
+    bench = own(description("line"), '[[{ send = "STOP" }]]', '[[{ send = "HALT", answers = ["HALTED"] }, { send = "STOP" }]]', tmp_path)
+    bench.guarded.home()
+    bench.guarded.settle()
+    bench.guarded.turn_to(0, 200 * DEG, 30 * DEG)
+    bench.clock.sleep(2)
+    before = bench.motor()[0]
+    bench.driver.stop()
+    assert bench.comes_to_rest()
+    assert bench.motor()[0] - before < 6 * DEG
+
+
+def test_a_stop_while_another_thread_reads_slowly_goes_no_further():
+    """No state is heard meanwhile, which is another thing than that none is said."""
+    bench = turning()
+    bench.guarded.turn_to(0, 200 * DEG, 30 * DEG)
+    bench.clock.sleep(1)
+    read, looks = bench.link.read, threading.Event()
+
+    def slow(longest_s):
+        if threading.current_thread() is looking and not looks.is_set():
+            looks.set()
+            time.sleep(0.2)
+        return read(longest_s)
+
+    looking = threading.Thread(target=bench.driver.where)
+    bench.link.read = slow
+    looking.start()
+    looks.wait(5)
+    sent = len(bench.link.sent)
+    bench.driver.stop()
+    looking.join()
+    assert not {b"!", b"\x18"} & {bytes([byte]) for byte in bench.link.sent[sent:]}
+    assert not bench.driver.where().moving
+
+
+def test_a_hold_of_our_own_stop_is_no_fault(monkeypatch):
+    """Another thread asks where it is, and hears the state that the stop has led to."""
+    bench = turning()
+    monkeypatch.setattr(bench.virtual._firmware, "_state", lambda: "Hold:0")
+    read, write, stops, looks = bench.link.read, bench.link.write, threading.Event(), threading.Event()
+
+    def told(data):
+        if data == b"\x85":
+            stops.set()
+            looks.wait(5)
+        write(data)
+
+    def looked(longest_s):
+        if stops.is_set() and threading.current_thread() is threading.main_thread():
+            looks.set()
+        return read(longest_s)
+
+    bench.link.write, bench.link.read = told, looked
+    stopping = threading.Thread(target=bench.driver.stop)
+    stopping.start()
+    stops.wait(5)
+    assert bench.driver.where().moving
+    stopping.join()
+    with pytest.raises(TableFault, match="Hold:0"):
+        bench.driver.where()
+
+
+@pytest.mark.parametrize("heard", [b"ALARM:2\r\n", b"\r\nGrbl 1.1h ['$' for help]\r\n", b""])
+def test_a_motion_that_was_not_taken_is_not_waited_for(heard):
+    """An alarm, a restart, or a stop before its line was sent: later stops of a table at rest are short."""
+    bench = turning()
+    write, drain = bench.link.write, bench.driver._drain
+
+    def refused(data):
+        if data.startswith(b"$J"):
+            bench.link._received += heard
+        else:
+            write(data)
+
+    bench.link.write = refused
+    if not heard:
+        bench.driver._drain = lambda: (drain(), bench.driver.stop())
+    with pytest.raises(TableFault):
+        bench.driver.turn_to(0, 30 * DEG, 30 * DEG)
+    bench.driver._drain = drain
+    begin_s = bench.clock.now_s()
+    bench.driver.stop()
+    assert bench.clock.now_s() - begin_s < 1.5
 
 
 @pytest.mark.parametrize("opened", [True, False])
@@ -140,6 +250,15 @@ def test_what_moves_is_not_cleared():
     assert b"\x18" not in bench.link.sent
 
 
+@pytest.mark.parametrize("number", [0, 1])
+def test_no_axis_that_moves_is_cleared(number):
+    bench = Bench(description("scpi", axes=2))
+    bench.confirm()
+    bench.guarded.turn_to(number, 100 * DEG, 10 * DEG)
+    with pytest.raises(TableFault, match="it moves; stop it before"):
+        bench.driver.clear()
+
+
 @pytest.mark.parametrize(("code", "meaning"), [(10, "emergency stop is pressed"), (11, "homed"), (17, "motor"), (22, "overflowed")])
 def test_alarms_of_its_relatives_are_named(code, meaning):
     bench = turning()
@@ -160,6 +279,15 @@ def test_a_rate_that_its_decimals_make_zero_is_refused():
     assert b"$J" not in bench.link.sent
 
 
+def test_a_stop_that_is_not_sent_says_how_to_stop(tmp_path):
+    bench = own(description("line"), "[requests]", "\n[requests]", tmp_path)
+    changed = replace(bench.table, make_sha256="0" * 64)
+    for stops in (True, False):
+        with pytest.raises(FormatError, match="has changed since it was confirmed") as error:
+            open_table(changed, tmp_path, bench.link, bench.clock, stops)
+        assert ("Ctrl-C in the program that moves it" in str(error.value)) == ("emergency stop" in str(error.value)) == stops
+
+
 def test_a_port_that_another_program_holds_says_how_to_stop(run, tmp_path, monkeypatch):
     def busy(name, baud):
         raise serial.SerialException(errno.EAGAIN, "Could not exclusively lock port")
@@ -170,6 +298,15 @@ def test_a_port_that_another_program_holds_says_how_to_stop(run, tmp_path, monke
     (tmp_path / "table.toml").write_text(template("grbl"))
     code, _, err = run("table", "stop", tmp_path / "table.toml")
     assert (code, err.count("\n"), "Ctrl-C there stops the table" in err) == (3, 1, True)
+
+
+def test_a_port_that_its_user_may_not_open_is_held_by_nobody(monkeypatch):
+    def denied(name, baud):
+        raise serial.SerialException(errno.EACCES, "could not open port")
+
+    monkeypatch.setattr("session.annexes.machines.wire.open_serial", denied)
+    with pytest.raises(LineLost, match=r"cannot be opened .*join the group that owns it, usually dialout"):
+        SerialLink("port", 9600, None)
 
 
 # Its own settings.
@@ -191,6 +328,13 @@ def test_settings_that_do_not_fit_table_toml_are_refused_before_anything_moves(n
         bench.guarded.confirm([Move.home(), Move.to(0, 60 * DEG, 20 * DEG)], None, print)
     assert why in str(error.value)
     assert not {b"$H", b"$J"} & {bench.link.sent[at : at + 2] for at in range(len(bench.link.sent))}
+
+
+def test_a_setting_without_a_number_ends_no_list_of_settings():
+    bench = Bench(description("grbl"))
+    bench.virtual._firmware._numbers = {"N0": 1.0} | bench.virtual._firmware._numbers | {13: 1.0}
+    with pytest.raises(TableLimit, match="angles in inches"):
+        bench.confirm()
 
 
 def test_the_other_side_of_the_switch_is_refused():

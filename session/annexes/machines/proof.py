@@ -4,7 +4,8 @@ A make's file is a text of whoever wrote it, in a language that only the machine
 
 - ``turn_to`` holds the plan's angle once, its rate at most once, its axis, and no other number but words of G-code that say how numbers
   are meant (``MODAL``); nothing stands beside a number that would make another of it, nor what controllers take for a comment,
-  an expression or the end of a line.  ``turn_at`` likewise, with its rate and its sign.  In G-code the rate has the angle's unit.
+  an expression or the end of a line, nor a sign or a point before it, behind blanks.  It repeats no request of ``home``.  ``turn_at``
+  likewise, with its rate and its sign.  In G-code the rate has the angle's unit.
 - No other request is given an angle or a rate, nor is any of them the make's own turn with numbers in it, or an axis and a number.
 - A question has an answer that says something.  A request is one line.
 

@@ -150,6 +150,34 @@ def test_a_hold_of_our_own_stop_is_no_fault(monkeypatch):
         bench.driver.where()
 
 
+def test_a_reset_of_our_own_stop_loses_no_angles_while_another_thread_looks():
+    """It hears the greeting instead of the stop that has asked for it."""
+    bench = turning()
+    bench.guarded.turn_to(0, 20 * DEG, 30 * DEG)
+    bench.guarded.settle()
+    bench.driver.stop()
+    read, write, stops, looks = bench.link.read, bench.link.write, threading.Event(), threading.Event()
+
+    def told(data):
+        if data == b"\x18":
+            stops.set()
+            looks.wait(5)
+        write(data)
+
+    def looked(longest_s):
+        if stops.is_set() and threading.current_thread() is threading.main_thread():
+            looks.set()
+        return read(longest_s)
+
+    bench.link.write, bench.link.read = told, looked
+    stopping = threading.Thread(target=bench.driver.stop)
+    stopping.start()
+    stops.wait(5)
+    assert bench.driver.where().angles[0] == pytest.approx(20 * DEG)
+    stopping.join()
+    assert not bench.driver.angles_lost
+
+
 @pytest.mark.parametrize("heard", [b"ALARM:2\r\n", b"\r\nGrbl 1.1h ['$' for help]\r\n", b""])
 def test_a_motion_that_was_not_taken_is_not_waited_for(heard):
     """An alarm, a restart, or a stop before its line was sent: later stops of a table at rest are short."""

@@ -50,7 +50,8 @@ class Dialogue:
         self._settings: Mapping[str, Any] = {**make.settings, **description.settings}
         self._exchange, self._writing = threading.RLock(), threading.Lock()
         self._buffer, self._lines = b"", list[str]()
-        self._stops, self._harder, self._is_stopping = 0, 0, False
+        self._stops, self._harder = 0, 0
+        self._stopping: Step | None = None  # what of a stop was written, while it goes on
         self._unread_motion = False  # whether a motion was sent that is not acknowledged yet: it may not even be read
         self._awaited_home: float | None = None  # when homing counts as failed, where its acknowledgements come at its end
         self._owed = 0  # of these
@@ -161,11 +162,10 @@ class Dialogue:
         takes.  Then, and at once where another motion or no state is said, what is harder follows; within one list, no state is waited for.
         A list without ``states`` is written at once, and again while a motion may not be read yet.
         """
-        self._is_stopping = True
         try:
             self._stop()
         finally:
-            self._is_stopping = False
+            self._stopping = None
         self._awaited_home = None
         self._before = None
 
@@ -192,6 +192,7 @@ class Dialogue:
     def _write_stop(self, step: Step) -> None:
         with self._writing:
             self._stops += 1
+            self._stopping = step
             for axis in range(len(self.description.axes)) if step.each else (0,):
                 self._write(step, axis, 0.0, 0.0)
             self._clock.sleep(step.pause_s)
@@ -362,6 +363,8 @@ class Dialogue:
         greets = any(pattern.match(line) is not None for pattern in make.greeting)
         if greets or make.alarms.meaning(line) is not None:
             self._unread_motion = False
+        if self._stopping is not None and any(pattern.match(line) is not None for pattern in self._stopping.answers):
+            return  # which another thread's question has come across
         if (meaning := make.alarms.meaning(line)) is not None:
             self._alarm = f"{name}: the table says {line!r}: {meaning or 'it has stopped'}; see why, then `table clear` or `table home`"
         elif greets:
@@ -499,7 +502,7 @@ class Dialogue:
     def _is_moving(self, state: str) -> bool | None:
         """Whether a state is motion; None of one that the make's file does not know.  TableFault of one that is a fault."""
         make = self.make
-        if state in make.states and not self._is_stopping:  # else it may be of our own stop
+        if state in make.states and self._stopping is None:  # else it may be of our own stop
             raise TableFault(f"{self.description.name}: the table is in state {state}: {make.states[state]}")
         return state not in make.rest if state in (*make.moving, *make.rest, *make.states) else None
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from session.annexes.logs.source import Rows, as_topics, library, no_columns, one_line, picked, reason
-from session.io.budget import current
+from session.io.budget import RECORD, current
 from session.io.errors import FormatError
 from session.io.files import read_bytes, require_file
 from session.io.streams import Stream, Topic
@@ -37,6 +37,10 @@ MOST_INTERVAL = 65_536
 WRAP_US = 2**32
 #: bytes of a line of a header, and fields of a frame: Betaflight has some 1000 and 100
 MOST_LINE, MOST_FIELDS = 1 << 16, 256
+#: a frame is as much work as so many fields; fields a byte that cost nothing more: Betaflight's frames have one or two
+FRAME, A_BYTE = 8, 4
+#: predictor of a counter: orangebox counts through the loops without a frame, four of which are as much work as a field
+COUNTER = 6
 FIELDS = {"gyro": "gyroADC[{}]", "unfiltered": "gyroUnfilt[{}]", "accel": "accSmooth[{}]"}
 
 
@@ -75,14 +79,13 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
     require_file(path)
     size = path.stat().st_size
     current().take(path, 3 * size)  # orangebox holds all of it
-    _require_lines(path, read_bytes(path, size))
     held: list[Stream] = []
     labels: dict[str, tuple[str, ...]] = {}
     problems: list[str] = []
     with one_line(path, "a blackbox log"), _silent():
         reader = orangebox.reader.Reader(str(path), allow_invalid_header=True)
+        _require_headers(path, read_bytes(path, size), reader.log_pointers)
         for number in range(1, reader.log_count + 1):
-            current().unpack(path, size // 4)  # orangebox looks through the whole file for each log
             try:
                 streams, columns = _log(path, number, orangebox)
             except FormatError:
@@ -100,15 +103,16 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
     return held, labels
 
 
-def _require_lines(path: Path, data: bytes) -> None:
-    """FormatError for a line of a header with which orangebox would be busy for minutes: it adds each byte to a copy of the line."""
-    end = data.find(MAGIC)
-    while end >= 0:
+def _require_headers(path: Path, data: bytes, begins: Sequence[int]) -> None:
+    """FormatError for headers with which orangebox would be busy for minutes: it adds each byte to a copy of the line."""
+    for begin in begins:
+        end = begin
         while data[end : end + 1] == b"H" and (line := data.find(b"\n", end, end + MOST_LINE)) >= 0:
             end = line + 1
         if data[end : end + 1] != b"I" and len(data) - end > MOST_LINE and b"\n" not in data[end : end + MOST_LINE]:
             raise FormatError(f"{path}: a blackbox log with a header's line of more than {MOST_LINE} bytes; is it whole? copy it again")
-        end = data.find(MAGIC, end)
+        # orangebox looks through the whole file for each log, and reads a header byte by byte, up to the first frame
+        current().unpack(path, len(data) // 4 + (end - begin) * RECORD // 2)
 
 
 @dataclass(frozen=True)
@@ -130,10 +134,11 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
     above, below = map(int, share.split("/")) if isinstance(share, str) else (1, int(share))
     if not (1 <= int(whole) <= MOST_INTERVAL and above >= 1 and below >= 1):
         raise ValueError(f"intervals of frames {whole} and {share}")
-    parser = orangebox.Parser(reader)
-    columns = tuple(parser.field_names)
-    if len(columns) > MOST_FIELDS:
+    if max(map(len, reader.field_defs.values()), default=0) > MOST_FIELDS:
         raise ValueError(f"more than {MOST_FIELDS} fields")
+    parser = orangebox.Parser(reader)
+    _count_fields(path, parser, min(int(whole), below))
+    columns = tuple(parser.field_names)
     places = {what: [columns.index(name.format(i)) for i in range(3)] for what, name in FIELDS.items() if name.format(2) in columns}
     if "time" not in columns or not places:
         return [], columns
@@ -183,6 +188,26 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
                 )
             )
     return streams, columns
+
+
+def _count_fields(path: Path, parser: Any, loops: int) -> None:
+    """Hold the fields of each frame against the budget before it is decoded: a field may take no byte, so a byte may be a frame of many.
+
+    loops: from one frame to the next, at most.
+    """
+    work = {
+        kind: FRAME + sum(1 + (loops // 4 if field.predictor == COUNTER else 0) for field in fields)
+        for kind, fields in parser.reader.field_defs.items()
+    }
+    budget, decode, before = current(), parser._parse_frame, 0
+
+    def counted(fields: Any, reader: Any) -> Any:
+        nonlocal before
+        stored, before = max(reader.tell() - before, 0), reader.tell()
+        budget.unpack(path, max(work[parser._ctx.frame_type] - A_BYTE * stored, 0) * RECORD // FRAME)
+        return decode(fields, reader)
+
+    parser._parse_frame = counted
 
 
 def _header(headers: dict[str, Any]) -> _Header:

@@ -19,7 +19,7 @@ MB, GB = 10**6, 10**9
 LEAST = GB
 #: what an honest log needs, in bytes on the disk; the most that was measured is 17.6, of a bag at rest (docs/binary-logs.md#memory)
 PACKED = 20
-#: what reading, joining and writing numbers takes, in their own size of 8 bytes each (docs/binary-logs.md#memory)
+#: what numbers count as, in their own size of 8 bytes each; what they took was measured (docs/binary-logs.md#memory)
 TIMES = 2.5
 #: bytes of a record that are as much work as unpacking so many
 RECORD = 256

@@ -19,6 +19,7 @@ from processes import ROOT
 from processes import run as run_process
 
 from session.annexes.logs.registry import reader_of
+from session.annexes.logs.ros import json_decoder
 from session.annexes.logs.source import Source
 from session.io.budget import GB, MB, PACKED, RECORD, Budget, budget
 from session.io.errors import FormatError
@@ -258,6 +259,13 @@ def test_a_blackbox_log_is_not_searched_for_minutes(data, said, tmp_path):
     (tmp_path / "a.bbl").write_bytes(data)
     with budget([tmp_path / "a.bbl"], MB), pytest.raises(FormatError, match=said):
         reader_of(tmp_path / "a.bbl", data[:99]).topics(tmp_path / "a.bbl", None)
+
+
+def test_values_of_json_count_beside_their_bytes(tmp_path):
+    with budget(most=MB):
+        decode = json_decoder(tmp_path / "a.mcap", b'{"gyro": [1]}')[1](["gyro[0]"])
+        with pytest.raises(FormatError, match=UNPACKS):
+            list(map(decode, [b'{"gyro": [1], "a": [' + b"[]," * 9000 + b"1]}"] * 10))
 
 
 @pytest.mark.parametrize("name", BOMBS)

@@ -347,10 +347,10 @@ def json_decoder(path: Path, first: bytes) -> tuple[list[str], Callable[[Sequenc
 
 
 def _json(path: Path, data: bytes) -> Any:
-    """A message of JSON, whose parsing takes some times its length of memory, and as long as unpacking as much again."""
+    """A message of JSON: parsing it takes some times its length of memory, and as long as unpacking it and 8 bytes for each value."""
     if len(data) > MOST_JSON:
         raise ValueError(f"a message of more than {MOST_JSON} bytes")
-    current().unpack(path, len(data))
+    current().unpack(path, len(data) + 8 * (data.count(b",") + data.count(b"[")))
     return json.loads(data)
 
 

@@ -29,7 +29,7 @@ CALLS = (
 KILLED = "killed"
 FAULTS = ("ENOSPC", "EIO", "EINTR", KILLED)
 #: a random name of a file that is not whole yet, and a folder that is not
-PARTIAL, UNFINISHED = ".tinygc-", ".unfinished"
+PARTIAL, UNFINISHED, OLD = ".tinygc-", ".unfinished", ".old"
 
 
 class Killed(BaseException):
@@ -154,16 +154,18 @@ def _wrong(writer: Writer, there: dict[str, bytes], before: dict[str, bytes], af
         ]
     elif writer.folder:
         if mine not in (before, after):
-            inside = {name for name in mine if UNFINISHED in Path(name).parts}
+            outside = {name: data for name, data in mine.items() if UNFINISHED not in Path(name).parts}
             if said != KILLED:
                 wrong.append(f"an error left {sorted(set(mine) ^ set(before))}")
-            elif (
-                any(name.endswith("session.toml") and name not in before and name not in inside for name in mine)
-                and {name: data for name, data in mine.items() if name not in inside} != after
-            ):
-                wrong.append("a session that is not whole")
-            elif any(mine.get(name) not in (data, after.get(name)) for name, data in before.items()):
-                wrong.append("what stood there before is neither old nor new")
+            elif outside != after:
+                kept = [outside.get(name) == data for name, data in before.items()]
+                if (not all(kept) and any(name.endswith("session.toml") for name in outside)) or any(
+                    name.endswith("session.toml") and name not in before for name in outside
+                ):
+                    wrong.append("a session that is not whole")
+                moved = [mine.get(str(Path(name).parent / UNFINISHED / OLD / Path(name).name)) for name in before]
+                if not all(each or there == data for each, there, data in zip(kept, moved, before.values(), strict=True)):
+                    wrong.append("what stood there before is lost")
     else:
         for name, data in (before | after | mine).items():
             if mine.get(name) not in (before.get(name), after.get(name)):

@@ -1,11 +1,16 @@
 """Every file is written in one place: through no link, whole or not at all, whichever call to the system fails."""
 
 import ast
+import errno
+import fcntl
 import os
 import re
 import shutil
+import subprocess
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,7 +28,7 @@ from session.bench.session_file import SessionFile
 from session.detect.accelerometer import write_calibrated_copy
 from session.io.config import Accelerometer
 from session.io.errors import CalibrationError, StorageError
-from session.io.files import replaced
+from session.io.files import is_stream, naming, replaced
 from session.io.folder import add_board, add_notes
 from session.io.results import write_text_whole, write_whole
 from session.replay.repair import repair
@@ -129,6 +134,11 @@ WRITERS = {
     ),
     "Session.save": Writer(lambda folder: session_of(SAMPLES).save(folder / "s"), folder=True),
     "simulate": Writer(lambda folder: write_simulated(SIMULATED, folder / "s"), folder=True),
+    "simulate --force": Writer(
+        lambda folder: write_simulated(SIMULATED, folder / "s", force=True),
+        lambda folder: write_simulated(replace(SIMULATED, seed=2), folder / "s"),
+        folder=True,
+    ),
     "a note": Writer(lambda folder: add_notes(folder / "s" / "session.toml", {"by": "Mara"}), session),
     "a board": Writer(lambda folder: add_board(folder / "s" / "session.toml", {"firmware": "1"}, {}), session),
     "session.toml of a recording": Writer(configured),
@@ -243,7 +253,8 @@ def test_what_a_killed_import_leaves_is_said_by_the_next(tmp_path):
     shutil.copytree(tmp_path, out := tmp_path / "s" / ".unfinished")
     (out / "log0001.csv").write_text("half of it")
     (tmp_path / "card.csv").write_text(LOG)
-    with pytest.raises(CalibrationError, match=r"s: is of a run that did not end, or still goes on \(\.unfinished\); remove the folder"):
+    says = r"s: \.unfinished in it is of a run that did not end, or still goes on; remove \.unfinished and run again$"
+    with pytest.raises(CalibrationError, match=says):
         WRITERS["import"].write(tmp_path)
     (out / "log0001.csv").unlink()
     shutil.rmtree(tmp_path / "s")
@@ -251,6 +262,92 @@ def test_what_a_killed_import_leaves_is_said_by_the_next(tmp_path):
     out.mkdir()  # what another one leaves when it ends at its last step
     WRITERS["import --add"].write(tmp_path)
     assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["log0001.csv", "log0002.csv", "session.toml"]
+
+
+def test_what_a_killed_import_leaves_is_never_said_to_be_the_session(tmp_path):
+    session(tmp_path)
+    (tmp_path / "s" / ".unfinished").mkdir()
+    (tmp_path / "s" / ".unfinished" / "log0001.csv").write_text("half of it")
+    before = contents(tmp_path)
+    with pytest.raises(CalibrationError, match=r"/s: \.unfinished in it .*; remove \.unfinished and run again$"):
+        WRITERS["import --add"].write(tmp_path)
+    assert contents(tmp_path) == before
+
+
+def test_a_killed_simulate_says_where_the_earlier_one_is(tmp_path):
+    folder = write_simulated(SIMULATED, tmp_path / "s")
+    (folder / ".unfinished" / ".old").mkdir(parents=True)
+    (folder / "truth.json").rename(folder / ".unfinished" / ".old" / "truth.json")
+    with pytest.raises(CalibrationError, match=r"still goes on, and \.unfinished/\.old holds what stood here before; remove \.unfinished"):
+        write_simulated(SIMULATED, folder, force=True)
+
+
+def test_what_is_open_to_be_read_is_not_forced(tmp_path, monkeypatch):
+    """Windows answers EBADF."""
+    call = os.fsync
+
+    def fsync(number):
+        if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY and not os.path.isdir(f"/proc/self/fd/{number}"):
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        call(number)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    (tmp_path / "card.csv").write_text(LOG)
+    WRITERS["import"].write(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["import --add", "simulate --force"])
+def test_who_breaks_off_behind_the_last_file_has_the_new_session(tmp_path, monkeypatch, name):
+    WRITERS[name].before(tmp_path)
+    call = os.replace
+
+    def replaced_then_stopped(source, target):
+        call(source, target)
+        if Path(target) == tmp_path / "s" / "session.toml":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", replaced_then_stopped)
+    before = contents(tmp_path / "s")
+    with pytest.raises(KeyboardInterrupt):
+        WRITERS[name].write(tmp_path)
+    after = contents(tmp_path / "s")
+    assert after["session.toml"] != before["session.toml"]
+    monkeypatch.undo()
+    shutil.rmtree(tmp_path / "s")
+    WRITERS[name].before(tmp_path)
+    WRITERS[name].write(tmp_path)
+    assert after == contents(tmp_path / "s")
+
+
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
+def test_a_file_that_a_shell_has_opened_is_added_to(tmp_path, name):
+    (tmp_path / "notes").write_text("mine\n")
+    code = f"from session.io.results import write_text_whole as w; from pathlib import Path; w(Path({name!r}), 'a page')"
+    with (tmp_path / "notes").open("ab") as file:
+        subprocess.run([sys.executable, "-c", code], stdout=file, check=True, cwd=ROOT)
+    assert (tmp_path / "notes").read_text() == "mine\na page"
+    assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, cwd=ROOT).stdout == b"a page"
+
+
+def test_another_name_of_a_file_is_no_stream(tmp_path, monkeypatch):
+    (tmp_path / "notes").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    assert not is_stream(Path("/proc/self/cwd/notes"))
+    assert not is_stream(Path("/proc/self/fd/../cwd/notes"))
+    assert all(map(is_stream, map(Path, ["/dev/null", "/dev/stderr", "/dev/fd/9", f"/proc/{os.getpid()}/fd/0"])))
+
+
+def test_a_failure_names_one_file(tmp_path):
+    with pytest.raises(OSError, match="Is a directory") as said, naming(tmp_path / "page.html", Path("a")):
+        raise OSError(errno.EISDIR, "Is a directory", "a", None, "b")
+    assert str(said.value).endswith(f"'{tmp_path}/page.html'")
+
+
+def test_a_folder_that_is_a_link_to_nothing_is_said_to_be_one(tmp_path):
+    (tmp_path / "s").symlink_to(tmp_path / "nothing")
+    (tmp_path / "card.csv").write_text(LOG)
+    with pytest.raises(StorageError, match=r"s: is a link to .*nothing, "):
+        WRITERS["import"].write(tmp_path)
 
 
 def test_a_link_that_is_refused_is_no_failure_of_a_pipe(tmp_path):

@@ -12,7 +12,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -176,14 +176,15 @@ NOT_FORCED = (errno.EINVAL, errno.ENOTSUP, errno.EROFS)
 OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 #: in a folder that is being made: what will be in it
 UNFINISHED = ".unfinished"
+#: in that one, while its files take their places: what stood there before
+OLD = ".old"
+#: the system's names for what is open; reading them begins nothing anew
+STREAM = re.compile(r"/dev/(fd/\d+|stdout|stderr)|/proc/(self|thread-self|\d+)/fd/\d+")
 
 
 def is_stream(path: Path) -> bool:
     """Whether it is there and is a device, a pipe or a socket, or one of the system's names for what is open."""
-    name = Path(os.path.normpath(path))
-    if name.is_relative_to("/dev/fd") or name.is_relative_to("/proc") or str(name) in ("/dev/stdout", "/dev/stderr"):
-        return True
-    return path.exists() and not path.is_file() and not path.is_dir()
+    return STREAM.fullmatch(os.path.normpath(path)) is not None or (path.exists() and not path.is_file() and not path.is_dir())
 
 
 def refuse_link(path: Path) -> None:
@@ -195,9 +196,13 @@ def refuse_link(path: Path) -> None:
 
 
 def open_written(path: Path, flags: int) -> int:
-    """Open a file that is written, ``os.O_WRONLY | os.O_APPEND`` and the like; StorageError for a link."""
+    """Open a file that is written, ``os.O_WRONLY | os.O_APPEND`` and the like; StorageError for a link.
+
+    A stream may be of a file that holds something: it is added to.
+    """
     refuse_link(path)
-    return os.open(path, flags | OWN | (0 if is_stream(path) else getattr(os, "O_NOFOLLOW", 0)), 0o666)
+    own = flags & ~os.O_TRUNC | os.O_APPEND if is_stream(path) else flags | getattr(os, "O_NOFOLLOW", 0)
+    return os.open(path, own | OWN, 0o666)
 
 
 def created(path: Path) -> BufferedWriter:
@@ -225,7 +230,7 @@ def replaced(path: Path) -> Iterator[BufferedWriter]:
     """
     refuse_link(path)
     if is_stream(path):
-        with naming(path), path.open("wb") as stream:
+        with naming(path), os.fdopen(open_written(path, os.O_WRONLY), "wb") as stream:
             yield stream
         return
     partial = path.with_name(f".tinygc-{secrets.token_hex(8)}.partial")
@@ -251,10 +256,12 @@ def _force(number: int) -> None:
 
 
 def _force_folder(folder: Path) -> None:
-    try:
-        number = os.open(folder, os.O_RDONLY | NO_WAIT)
-    except (PermissionError, FileNotFoundError):  # Windows opens no folder; or somebody has removed it
-        return
+    with contextlib.suppress(PermissionError, FileNotFoundError):  # Windows opens no folder; or somebody has removed it
+        _force_path(folder, os.O_RDONLY | NO_WAIT)
+
+
+def _force_path(path: Path, flags: int) -> None:
+    number = os.open(path, flags)
     try:
         _force(number)
     finally:
@@ -273,7 +280,8 @@ def naming(path: Path, *aliases: Path) -> Iterator[None]:
         if error.errno in FULL:
             raise StorageError(f"{path}: {error.strerror}; free space there, or choose another folder") from None
         if error.filename is None or str(error.filename) in map(str, aliases):
-            error.filename, error.filename2 = str(path), None
+            error.filename = str(path)
+            del error.filename2  # None would be shown
         raise
 
 
@@ -281,6 +289,8 @@ def naming(path: Path, *aliases: Path) -> Iterator[None]:
 def result_folder(folder: Path) -> Iterator[None]:
     """Make a folder for the block to write into; where it fails, take away again what was made here and is empty."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    for path in missing:
+        refuse_link(path)
     try:
         with naming(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -292,54 +302,73 @@ def result_folder(folder: Path) -> Iterator[None]:
         raise
 
 
+def refuse_unfinished(folder: Path) -> None:
+    """FormatError where a run is making the folder, or did not end."""
+    if os.path.lexists(folder / UNFINISHED):
+        kept = f", and {UNFINISHED}/{OLD} holds what stood here before" if (folder / UNFINISHED / OLD).is_dir() else ""
+        raise FormatError(
+            f"{folder}: {UNFINISHED} in it is of a run that did not end, or still goes on{kept}; remove {UNFINISHED} and run again"
+        )
+
+
 def require_empty(folder: Path, do: str) -> None:
     """FormatError, which says what to do, where a folder that is to be made holds something already."""
-    if (folder / UNFINISHED).is_dir() and not (folder / "session.toml").exists():
-        raise FormatError(f"{folder}: is of a run that did not end, or still goes on ({UNFINISHED}); remove the folder and run again")
+    refuse_unfinished(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FormatError(f"{folder}: {do}")
 
 
 @contextlib.contextmanager
-def folder_whole(out: Path) -> Iterator[Path]:
+def folder_whole(out: Path, stale: Iterable[str] = ()) -> Iterator[Path]:
     """A folder to write into, within ``out``; its files become ``out``'s once the block ends well, session.toml last.
 
-    A process that is killed leaves nothing beside ``out``, and either no session in it or the whole.  Errors name ``out``.
+    A process that is killed leaves nothing beside ``out``, and either no session in it or the whole.  stale: what goes then; until all
+    is in its place, it and what is written over are kept in a folder of the unfinished one.  Errors name ``out``.
     """
-    work, moved = out / UNFINISHED, list[Path]()
-    try:
-        with result_folder(out), naming(out):
-            try:
-                with contextlib.suppress(OSError):
-                    work.rmdir()  # one that is empty
-                work.mkdir()
-            except FileExistsError:
-                raise StorageError(f"{work}: is of a run that did not end, or still goes on; remove it and run again") from None
-            try:
-                yield work
-                for path in work.iterdir():
-                    refuse_link(out / path.name)
-                _force_files(work)
-                for path in sorted(work.iterdir(), key=lambda path: (path.name == "session.toml", path.name)):
+    work, new = out / UNFINISHED, list[Path]()
+    old = work / OLD
+    with result_folder(out), naming(out, work):
+        with contextlib.suppress(OSError):
+            work.rmdir()  # one that is empty
+        try:
+            work.mkdir()
+        except FileExistsError:
+            refuse_unfinished(out)
+            raise
+        try:
+            yield work
+            for path in work.rglob("*"):
+                if path.is_file():
+                    _force_path(path, os.O_WRONLY | OWN)  # Windows forces nothing that is open to be read
+            made = sorted(work.iterdir(), key=lambda path: (path.name == "session.toml", path.name))
+            for path in made:
+                refuse_link(out / path.name)
+            old.mkdir()
+            new = made
+            # what is written over last is whole at any time
+            for name in sorted({*stale, *(path.name for path in made[:-1])}, key=lambda name: (name != "session.toml", name)):
+                if os.path.lexists(out / name):
+                    os.replace(out / name, old / name)
+            for path in made:
+                os.replace(path, out / path.name)
+        except BaseException as error:
+            if any(path.exists() for path in new):
+                for path in new:
+                    if not path.exists():
+                        os.replace(out / path.name, path)
+                for path in sorted(old.iterdir(), key=lambda path: path.name == "session.toml"):
                     os.replace(path, out / path.name)
-                    moved.append(path)
-            except BaseException:
-                for path in moved:
-                    os.replace(out / path.name, path)
-                raise
-            finally:
-                shutil.rmtree(work, ignore_errors=True)
-            _force_folder(out)
-    except CalibrationError as error:
-        error.args = tuple(str(each).replace(printable(str(work)), printable(str(out))) for each in error.args)
-        raise
-    except OSError as error:
-        error.filename = str(error.filename or out).replace(str(work), str(out))
-        raise
+            _removed(work)
+            if isinstance(error, CalibrationError):
+                error.args = tuple(str(each).replace(printable(str(work)), printable(str(out))) for each in error.args)
+            elif isinstance(error, OSError) and error.filename:
+                error.filename = str(error.filename).replace(str(work), str(out))
+                del error.filename2
+            raise
+        _removed(work)
+        _force_folder(out)
 
 
-def _force_files(folder: Path) -> None:
-    for path in folder.rglob("*"):
-        if path.is_file():
-            with open_file(path) as file:
-                _force(file.fileno())
+def _removed(folder: Path) -> None:
+    for _ in range(2):  # once more where a call failed
+        shutil.rmtree(folder, ignore_errors=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from session.io.config import SCHEMA
 from session.io.errors import FormatError
-from session.io.files import MOST_TOML, folder_whole, read_bytes, write_new
+from session.io.files import MOST_TOML, folder_whole, read_bytes, refuse_unfinished, write_new
 from session.io.logfile import NAME as KNOWN_TURNS
 from session.io.logfile import KnownTurn
 from session.io.names import has_recorded_name
@@ -102,7 +102,7 @@ def write_simulation(
 
 def write_files(simulation: Simulation, folder: Path, config: str, truth: str = "") -> None:
     """Write the files of a recorded session: ``config`` as session.toml, log, closure run, turns of known angle; truth.json, if any."""
-    with folder_whole(folder) as work:
+    with folder_whole(folder, (CONFIG, KNOWN_TURNS, REST, CLOSURE)) as work:  # those of an earlier one
         write_new(work / CONFIG, config)
         _write_log(work / LOG, simulation, simulation.log)
         if turns := stopped_turns(simulation.plan, simulation.options):
@@ -111,8 +111,6 @@ def write_files(simulation: Simulation, folder: Path, config: str, truth: str = 
             _write_log(work / CLOSURE, simulation, simulation.closure)
         if truth:
             write_new(work / TRUTH, truth)
-        for stale in (CONFIG, KNOWN_TURNS, REST, CLOSURE):  # of an earlier one
-            (folder / stale).unlink(missing_ok=True)
 
 
 def check_folder(folder: Path, force: bool) -> None:
@@ -132,6 +130,7 @@ def names_in(folder: Path, force: bool) -> set[str]:
     """Names of files in the folder; FormatError if its path is a file, or if it is not empty and ``force`` is not set."""
     if folder.exists() and not folder.is_dir():
         raise FormatError(f"{folder}: that is a file; give a new folder")
+    refuse_unfinished(folder)
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     if present and not force:
         raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")

@@ -210,15 +210,14 @@ def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Pat
     Raises FormatError for a folder that is not empty; ``force`` replaces an earlier simulation of an array, and nothing else.
     """
     check_array_folder(folder, force)
-    with folder_whole(folder) as work:
+    earlier = (CONFIG, *(path.name for path in folder.glob("*.unit*.csv.gz")))
+    with folder_whole(folder, earlier) as work:
         write_new(work / CONFIG, array_config_text(array))
         for number, unit in enumerate(array.units):
             _write_log(work / f"log0001.unit{number}.csv.gz", number, unit, unit.log)
             if unit.closure is not None:
                 _write_log(work / f"closure0001.unit{number}.csv.gz", number, unit, unit.closure)
         write_new(work / TRUTH, json.dumps(array_truth(array), indent=1) + "\n")
-        for path in (folder / CONFIG, *folder.glob("*.unit*.csv.gz")):  # of an earlier one
-            path.unlink(missing_ok=True)
     return folder
 
 

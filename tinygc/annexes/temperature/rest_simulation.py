@@ -127,12 +127,10 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
     ranges = f"gyro_fs_dps={chip.gyro_fs_dps:g} accel_fs_g={chip.accel_fs_g:g}"
     comment = f"# {ranges} odr_hz={chip.odr_hz:.4f} serial=SIM-{session.unit_drawn_from}"
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": made.knock_s.tolist()}}
-    with folder_whole(folder) as work:
+    with folder_whole(folder, (CONFIG, LOG, CLOSURE)) as work:  # those of an earlier one
         write_new(work / CONFIG, _config(session, options))
         write_new(work / REST, packed_log(comment, made.t_us, made.gyro, made.accel, made.temp))
         write_new(work / TRUTH, json.dumps(truth, indent=1) + "\n")
-        for stale in (CONFIG, LOG, CLOSURE):  # of an earlier one
-            (folder / stale).unlink(missing_ok=True)
     return folder
 
 

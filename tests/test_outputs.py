@@ -224,6 +224,17 @@ def test_the_same_result_is_written_again_unasked_and_over_nothing_else(run, fol
     assert path.read_text() != "my notes on TinyGC\n"
 
 
+@pytest.mark.parametrize("text", ['title = "mine"\nschema = "tinygc-defaults/1"\n', "x" * 65536 + '\nschema = "tinygc-session/1"\n'])
+def test_a_text_that_quotes_a_schema_is_no_result(run, idle, recording, tmp_path, text):
+    (tmp_path / "notes").write_text(text)
+    refused(run("check", recording, "--json", tmp_path / "notes"), "is no result of this tool", "--force")
+
+
+def test_a_link_is_refused_before_the_work(run, idle, recording, tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "nothing")
+    refused(run("check", recording, "--json", tmp_path / "link"), "is a link to")
+
+
 def test_standard_output_may_be_appended_to_a_file(recording, tmp_path):
     (tmp_path / "notes").write_text("mine\n")
     with (tmp_path / "notes").open("ab") as file:

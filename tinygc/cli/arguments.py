@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from session.io.errors import CalibrationError, FormatError
-from session.io.files import MOST_ARCHIVE, is_stream, read_bytes
+from session.io.files import KB, is_stream, open_file, refuse_link
 from session.io.names import has_recorded_name, is_session
 from session.io.texts import printable, program
 from tinygc.cli.commands import COMMANDS, command_module, present_commands
@@ -35,9 +35,11 @@ STANDARD_OUTPUT = (STANDARD, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 OWN_PLACE = Path()
 #: how the results begin that a file option writes: JSON, a page, a certificate in XML, a fleet's table, a session.toml
 RESULT = re.compile(
-    rb"""\s*\{.{0,4000}?"schema":\s*"tinygc-|<!DOCTYPE html>.*TinyGC|<\?xml.*>TinyGC<|folder,key,|.*^schema = "tinygc-""",
-    re.DOTALL | re.MULTILINE,
+    rb"""\s*\{.{0,4000}?"schema":\s*"tinygc-|<!DOCTYPE html>.*TinyGC|<\?xml.*>TinyGC<|folder,key,|(?:\#[^\n]*+\n|\s)*+schema = "tinygc-""",
+    re.DOTALL,
 )
+#: bytes that are looked at of what stands there
+BEGINNING = 64 * KB
 #: files in an input folder that are not recorded, but that other commands read
 DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
 #: command -> the one of these files that it writes itself, with the content of its JSON
@@ -134,21 +136,24 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
             if counts and has_recorded_name(place) and (place.parent in homes or is_session(place.parent)):
                 what = "is a file of the recording in" if there else "has the name of a recording's file in"
                 raise CalibrationError(f"{option} {path}: {what} {place.parent}, where nothing is written over; give {option} another path")
-        if option in paths.files.values() and not (args.force or is_stream(path) or _is_result(path)):
+        if option in paths.files.values() and not (args.force or path.is_symlink() or is_stream(path) or _is_result(path)):
             raise CalibrationError(f"{option} {path}: is there, and is no result of this tool; give {option} another path, or --force")
     for stream, said in ((1, "standard output"), (2, "standard error")):
         _refuse_known(said, _status(stream), known)
     for (one, first), (other, second) in itertools.combinations(written, 2):
         if os.path.realpath(first) == os.path.realpath(second) or _identity(_status(first)) == (_identity(_status(second)) or 0):
             raise CalibrationError(f"{one} and {other} are both {second}; give one of them another path")
+    for _, path in written:
+        refuse_link(path)
 
 
 def _is_result(path: Path) -> bool:
     """Whether nothing is there, or what this tool may have written; an empty file holds nothing that could be lost."""
     try:
-        data = read_bytes(path, MOST_ARCHIVE) if path.exists() else b""
-    except FormatError:
-        return False
+        with open_file(path) as file:
+            data = file.read(BEGINNING)
+    except (FormatError, OSError):
+        return not path.exists()
     return not data or RESULT.match(data) is not None
 
 

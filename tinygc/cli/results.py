@@ -198,7 +198,6 @@ def try_json(path: Path | None) -> None:
     try:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        refuse_link(path)
         tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
         raise _no_json(path, error) from None

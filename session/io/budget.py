@@ -46,10 +46,9 @@ class Budget:
     def need(self, path: Path, size: int) -> None:
         """Say that so many bytes will be held for a moment."""
         if self.held + size > self.most:
-            wanted = ceil(1.5 * (self.held + size) / GB * 10) / 10  # what is held for a moment later comes on top
             raise FormatError(
                 f"{path}: reading it takes more than {amount(self.held + size)} of memory, and {amount(self.most)} may be taken; "
-                f"is it the right file? if it is: import --most-memory {wanted:g}GB"
+                f"is it the right file? if it is: import --most-memory {_wanted(self.held + size)}"
             )
 
     def take(self, path: Path, size: int) -> None:
@@ -65,7 +64,8 @@ class Budget:
         """Say that so many bytes will be read or unpacked, and given up again: it is their time that is bounded."""
         if self.spends(size):
             raise FormatError(
-                f"{path}: unpacks to more than {amount(self.unpackable)}; is it the right file? if it is: import --most-memory with more"
+                f"{path}: unpacks to more than {amount(self.unpackable)}; is it the right file? if it is: "
+                f"import --most-memory {_wanted(self._unpacked)}"
             )
 
     def spends(self, size: int) -> bool:
@@ -84,6 +84,12 @@ class Budget:
 def amount(size: int) -> str:
     """``1.5 GB``."""
     return f"{size / GB:.3g} GB" if size >= GB else f"{size / MB:.3g} MB"
+
+
+def _wanted(size: int) -> str:
+    """As ``--most-memory`` takes it; what is held for a moment later comes on top."""
+    unit, name = (GB, "GB") if 1.5 * size >= GB else (MB, "MB")
+    return f"{ceil(15 * size / unit) / 10:.1f}{name}"
 
 
 def stored(path: Path) -> int:

@@ -371,4 +371,5 @@ def folder_whole(out: Path, stale: Iterable[str] = ()) -> Iterator[Path]:
 
 def _removed(folder: Path) -> None:
     for _ in range(2):  # once more where a call failed
-        shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(OSError):  # of closing a folder, which is not ignored
+            shutil.rmtree(folder, ignore_errors=True)

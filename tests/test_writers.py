@@ -163,7 +163,20 @@ def no_thread(monkeypatch):
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", [name if name in QUICK else broad(name) for name in WRITERS])
 def test_whichever_call_fails_the_old_is_whole_or_the_new(tmp_path, name, fault):
-    count, wrong = tried(WRITERS[name], tmp_path / "w", fault)
+    """Of a folder's hundreds of calls every seventh; all of them in the slow tests."""
+    every = (lambda number: number % 7 == 1) if WRITERS[name].folder else (lambda number: True)
+    require_whole(name, fault, *tried(WRITERS[name], tmp_path / "w", fault, every))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("name", [name for name in WRITERS if WRITERS[name].folder])
+def test_whichever_call_fails_a_folder_is_whole(tmp_path, name, fault):
+    require_whole(name, fault, *tried(WRITERS[name], tmp_path / "w", fault))
+
+
+def require_whole(name, fault, count, wrong):
     print(f"{name}, {fault}: {count} tried, {len(wrong)} failed")
     assert wrong == []
     assert count > 3

@@ -120,13 +120,13 @@ def test_a_log_from_a_stream_that_is_ended_leaves_nothing_half_done(how, folder,
     with begun(*words, stdin=PIPE) as process:
         process.stdin.write((folder / "log0001.csv").read_text()[:300_000])
         process.stdin.flush()
-        until(lambda: list(tmp_path.glob(".out.csv*")))
+        until(lambda: list(tmp_path.glob(".tinygc-*.partial")))
         process.send_signal(ENDS[how])
         until(lambda: process.poll() is not None)
         code, said = process.returncode, process.stderr.read()
     assert code == 130
     assert said.splitlines()[-1] == "calibrate: interrupted"
-    assert not list(tmp_path.glob("*out.csv*"))
+    assert not [*tmp_path.glob("*out.csv*"), *tmp_path.glob(".tinygc-*")]
 
 
 @pytest.mark.broad

@@ -239,6 +239,7 @@ def _fields(kind, names, encoding, predictor=0):
 #: frames of one byte: many fields for which none is stored; as many counters, each over all loops from a frame to the next
 NOT_STORED = BLACKBOX + _fields(b"I", RATES, 1) + _fields(b"H", b",".join([b"a"] * 250), 9) + b"I" + bytes(5) + b"H" * 300
 COUNTERS = BLACKBOX.replace(b"32", b"4096\nH P interval:1/4096") + _fields(b"I", RATES, 1) + _fields(b"H", RATES, 9, 6) + b"I" + bytes(5)
+ROWS = BLACKBOX + _fields(b"I", RATES, 9)
 
 
 @pytest.mark.parametrize(
@@ -251,8 +252,11 @@ COUNTERS = BLACKBOX.replace(b"32", b"4096\nH P interval:1/4096") + _fields(b"I",
         (BLACKBOX + _fields(b"H", b",".join([b"a"] * 300), 9) + b"I", "more than 256 fields"),
         (NOT_STORED, UNPACKS),
         (COUNTERS + b"H" * 10, UNPACKS),
+        (ROWS + b"I" * 2000, UNPACKS),
+        (ROWS + b"IX" * 1000, UNPACKS),
+        (ROWS + b"I" + b"E\0\0" * 2000, UNPACKS),
     ],
-    ids=["logs", "line", "no_line", "fields", "one_name", "not_stored", "counters"],
+    ids=["logs", "line", "no_line", "fields", "one_name", "not_stored", "counters", "rows", "between", "events"],
 )
 def test_a_blackbox_log_is_not_searched_for_minutes(data, said, tmp_path):
     pytest.importorskip("orangebox")

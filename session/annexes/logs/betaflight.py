@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -37,8 +38,11 @@ MOST_INTERVAL = 65_536
 WRAP_US = 2**32
 #: bytes of a line of a header, and fields of a frame: Betaflight has some 1000 and 100
 MOST_LINE, MOST_FIELDS = 1 << 16, 256
-#: a frame is as much work as so many fields; fields a byte that cost nothing more: Betaflight's frames have one or two
-FRAME, A_BYTE = 8, 4
+#: bytes that a field counts; a frame counts as so many fields more, and an event, or bytes between frames, twice as many: they are rare;
+#: fields a byte that count nothing: Betaflight's smallest frame, of rates alone and at rest, has five fields in as many bytes
+FIELD, FRAME, A_BYTE = 48, 16, 5
+#: bytes that begin a frame
+KINDS = re.compile(rb"[EGHIPS]")
 #: predictor of a counter: orangebox counts through the loops without a frame, four of which are as much work as a field
 COUNTER = 6
 FIELDS = {"gyro": "gyroADC[{}]", "unfiltered": "gyroUnfilt[{}]", "accel": "accSmooth[{}]"}
@@ -136,8 +140,8 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
         raise ValueError(f"intervals of frames {whole} and {share}")
     if max(map(len, reader.field_defs.values()), default=0) > MOST_FIELDS:
         raise ValueError(f"more than {MOST_FIELDS} fields")
+    reader.__class__ = type("Counted", (type(reader),), {"__iter__": lambda self: _steps(path, self, min(int(whole), below))})
     parser = orangebox.Parser(reader)
-    _count_fields(path, parser, min(int(whole), below))
     columns = tuple(parser.field_names)
     places = {what: [columns.index(name.format(i)) for i in range(3)] for what, name in FIELDS.items() if name.format(2) in columns}
     if "time" not in columns or not places:
@@ -190,24 +194,24 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
     return streams, columns
 
 
-def _count_fields(path: Path, parser: Any, loops: int) -> None:
-    """Hold the fields of each frame against the budget before it is decoded: a field may take no byte, so a byte may be a frame of many.
-
-    loops: from one frame to the next, at most.
+def _steps(path: Path, reader: Any, loops: int) -> Iterator[int | None]:
+    """The bytes that orangebox takes for the kind of a frame, None behind the last one.  Each counts before the frame is decoded: a field
+    may take no byte, so a byte may be a frame of many.  loops: from one frame to the next, at most.
     """
     work = {
-        kind: FRAME + sum(1 + (loops // 4 if field.predictor == COUNTER else 0) for field in fields)
-        for kind, fields in parser.reader.field_defs.items()
+        ord(kind.value): FRAME + sum(1 + (loops // 4 if field.predictor == COUNTER else 0) for field in fields)
+        for kind, fields in reader.field_defs.items()
     }
-    budget, decode, before = current(), parser._parse_frame, 0
-
-    def counted(fields: Any, reader: Any) -> Any:
-        nonlocal before
+    budget, before = current(), 0
+    while True:
+        byte = next(reader)
         stored, before = max(reader.tell() - before, 0), reader.tell()
-        budget.unpack(path, max(work[parser._ctx.frame_type] - A_BYTE * stored, 0) * RECORD // FRAME)
-        return decode(fields, reader)
-
-    parser._parse_frame = counted
+        budget.unpack(path, max(work.get(byte, 2 * FRAME) - A_BYTE * stored, 0) * FIELD)
+        yield byte
+        if byte is not None and not KINDS.match(bytes([byte])):
+            # orangebox goes back once for bytes between two frames, and passes over the others one by one
+            found = KINDS.search(reader._frame_data, reader.tell())
+            reader.seek(found.start() if found else len(reader))
 
 
 def _header(headers: dict[str, Any]) -> _Header:

@@ -208,15 +208,16 @@ def extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Growing:
-    """Rows (N, …) that are added piece by piece, in one array that grows where it lies: never all of them twice."""
+    """Rows (N, …) that are added piece by piece, in one array that grows where it lies: never all of them twice.  most: how many there may
+    be, where that is known: the array lies once where it has room."""
 
-    def __init__(self) -> None:
-        self._rows, self._table = 0, np.zeros(0)
+    def __init__(self, most: int = 0) -> None:
+        self._most, self._rows, self._table = most, 0, np.zeros(0)
 
     def add(self, rows: np.ndarray) -> None:
         """The next rows; of a wider type than those before, all are of that type."""
         if not self._rows:
-            self._table = np.empty((0, *rows.shape[1:]), dtype=rows.dtype)
+            self._table = np.empty((self._most, *rows.shape[1:]), dtype=rows.dtype)
         elif (kind := np.result_type(self._table, rows)) != self._table.dtype:
             self._table = self._table.astype(kind)
         end = self._rows + len(rows)

@@ -103,10 +103,11 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
     """All rows of a source; bursts: whether stamps that come in bursts stay as they are."""
     name, rows = source.path.name, 0
     growing: dict[str, Growing] = {}
+    most = len(source.stream) if isinstance(source, StreamSource) else 0
     for piece in source.pieces(as_written=True):
         for part in PARTS:
             if (values := getattr(piece, part)) is not None:
-                growing.setdefault(part, Growing()).add(values)
+                growing.setdefault(part, Growing(most)).add(values)
                 if not isinstance(source, StreamSource):  # whose reader has said it
                     current().numbers(source.path, values.size)
         rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))

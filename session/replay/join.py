@@ -108,7 +108,7 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         for part in PARTS:
             if (values := getattr(piece, part)) is not None:
                 growing.setdefault(part, Growing(most)).add(values)
-                if not isinstance(source, StreamSource):  # whose reader has said it
+                if not most:  # of a stream its reader has said it
                     current().numbers(source.path, values.size)
         rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
     notes += [f"{name}: {note}" for note in source.notes]

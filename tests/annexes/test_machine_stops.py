@@ -123,14 +123,12 @@ def test_a_stop_while_another_thread_reads_slowly_goes_no_further():
     assert not bench.driver.where().moving
 
 
-def test_a_hold_of_our_own_stop_is_no_fault(monkeypatch):
-    """Another thread asks where it is, and hears the state that the stop has led to."""
-    bench = turning()
-    monkeypatch.setattr(bench.virtual._firmware, "_state", lambda: "Hold:0")
+def seen_while_stopping(bench, stop):
+    """Where the table is to one thread that reads while another's stop is about to write ``stop``."""
     read, write, stops, looks = bench.link.read, bench.link.write, threading.Event(), threading.Event()
 
     def told(data):
-        if data == b"\x85":
+        if data == stop:
             stops.set()
             looks.wait(5)
         write(data)
@@ -144,8 +142,16 @@ def test_a_hold_of_our_own_stop_is_no_fault(monkeypatch):
     stopping = threading.Thread(target=bench.driver.stop)
     stopping.start()
     stops.wait(5)
-    assert bench.driver.where().moving
+    seen = bench.driver.where()
     stopping.join()
+    return seen
+
+
+def test_a_hold_of_our_own_stop_is_no_fault(monkeypatch):
+    """Another thread asks where it is, and hears the state that the stop has led to."""
+    bench = turning()
+    monkeypatch.setattr(bench.virtual._firmware, "_state", lambda: "Hold:0")
+    assert seen_while_stopping(bench, b"\x85").moving
     with pytest.raises(TableFault, match="Hold:0"):
         bench.driver.where()
 
@@ -156,25 +162,7 @@ def test_a_reset_of_our_own_stop_loses_no_angles_while_another_thread_looks():
     bench.guarded.turn_to(0, 20 * DEG, 30 * DEG)
     bench.guarded.settle()
     bench.driver.stop()
-    read, write, stops, looks = bench.link.read, bench.link.write, threading.Event(), threading.Event()
-
-    def told(data):
-        if data == b"\x18":
-            stops.set()
-            looks.wait(5)
-        write(data)
-
-    def looked(longest_s):
-        if stops.is_set() and threading.current_thread() is threading.main_thread():
-            looks.set()
-        return read(longest_s)
-
-    bench.link.write, bench.link.read = told, looked
-    stopping = threading.Thread(target=bench.driver.stop)
-    stopping.start()
-    stops.wait(5)
-    assert bench.driver.where().angles[0] == pytest.approx(20 * DEG)
-    stopping.join()
+    assert seen_while_stopping(bench, b"\x18").angles[0] == pytest.approx(20 * DEG)
     assert not bench.driver.angles_lost
 
 

@@ -14,6 +14,7 @@ import gzip
 import io
 import os
 import shutil
+import sys
 import warnings
 import zlib
 from collections.abc import Callable
@@ -49,6 +50,9 @@ class Calls:
         for name in CALLS:
             setattr(os, name, self._counted(name, self._before[name]))
         builtins.open = io.open = _pyio.open  # type: ignore[assignment]
+        self._told = told = sys.unraisablehook
+        # Since Python 3.13 a file says why its last close failed; a killed process says nothing, and to say it is a call, too
+        sys.unraisablehook = lambda what: None if self.dead else told(what)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -56,6 +60,7 @@ class Calls:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 gc.collect()  # buffers that were never written die with the process
+        sys.unraisablehook = self._told
         builtins.open, io.open = self._before.pop("")
         for name, call in self._before.items():
             setattr(os, name, call)

@@ -235,7 +235,8 @@ def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
     """Of rates (N, 3) rad/s: extremes of both signs that an axis stands at again and again, and never passes."""
     levels, at = np.full(3, np.nan), np.zeros(len(gyro), dtype=bool)
     for axis in range(3):
-        if (stands := _stands(gyro[:, axis], _usual_step(gyro[:, axis]))) is not None:
+        noise = _usual_step(gyro[:, axis])  # of a day, before the next column is held
+        if (stands := _stands(gyro[:, axis], noise)) is not None:
             levels[axis] = stands[0] / DEG
             at |= stands[1]
     return Ceiling(levels, at) if at.any() else None

@@ -387,13 +387,17 @@ def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
     register = sensor.register_units.thermometer
     if register is None or abs(register.lsb_per_c) < FINE_LSB_PER_C or len(temp_c) < LEAST_READINGS:
         return None
-    values = temp_c - register.at_zero_c
-    values *= register.lsb_per_c
-    changes = np.diff(values)
+
+    def values() -> np.ndarray:
+        found = temp_c - register.at_zero_c
+        found *= register.lsb_per_c
+        return found
+
+    changes = np.diff(values())
     changes = changes[(changes > 0.5) | (changes < -0.5)]  # of a day, no third column
     if not len(changes) or np.sqrt(np.mean(np.square(changes, out=changes))) > SINGLE_STEPS:
         return None
-    low, high = map(float, np.percentile(values, [1, 99], overwrite_input=True))
+    low, high = map(float, np.percentile(values(), [1, 99], overwrite_input=True))
     read = [f"as {unit} {_words(unit, low, high)}" for unit in WRITTEN if _handled(unit, low, high)]
     if not read:
         return None

@@ -556,6 +556,13 @@ def test_blackbox_intervals_without_end_are_refused(tmp_path):
             betaflight.topics(tmp_path / "a.bbl", None)
 
 
+def test_blackbox_header_without_its_interval_has_the_default(tmp_path):
+    """orangebox 0.4.0 has it as a class property, which Python 3.13 has no more."""
+    data = written.blackbox_bytes(T_NS // 1000, *COUNTS, interval=1)
+    (tmp_path / "a.bbl").write_bytes(data.replace(b"H I interval:1\n", b""))
+    np.testing.assert_array_equal(one(tmp_path / "a.bbl").t_ns, T_NS)
+
+
 def test_blackbox_without_orangebox_says_what_to_install(tmp_path, monkeypatch):
     written.write_blackbox(tmp_path / "a.bbl", *RECORDING)
     monkeypatch.setitem(sys.modules, "orangebox", None)

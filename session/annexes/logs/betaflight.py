@@ -87,6 +87,7 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
     labels: dict[str, tuple[str, ...]] = {}
     problems: list[str] = []
     with one_line(path, "a blackbox log"), _silent():
+        _mend_defaults(orangebox)
         reader = orangebox.reader.Reader(str(path), allow_invalid_header=True)
         _require_headers(path, read_bytes(path, size), reader.log_pointers)
         for number in range(1, reader.log_count + 1):
@@ -105,6 +106,15 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
             f"{path}: a blackbox log without gyroADC and accSmooth{why}; log them (blackbox_disable_gyro = OFF), or give another file"
         )
     return held, labels
+
+
+def _mend_defaults(orangebox: Any) -> None:
+    """What orangebox takes for a line that a header lacks: class properties up to its 0.4.0, which Python 3.13 has no more."""
+    defaults = getattr(orangebox.reader, "HeaderDefaults", None)  # 0.3.0 has none
+    for name in dir(defaults):
+        made = getattr(getattr(defaults, name), "__func__", None)
+        if isinstance(made, property) and made.fget:
+            setattr(defaults, name, made.fget(defaults))
 
 
 def _require_headers(path: Path, data: bytes, begins: Sequence[int]) -> None:

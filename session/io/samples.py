@@ -327,7 +327,7 @@ class Samples:
     @cached_property
     def period_s(self) -> float:
         """The usual time between two samples (median), in s; looked up often, computed once."""
-        return float(np.median(np.diff(self.t_ns))) * NS
+        return float(np.median(np.diff(self.t_ns), overwrite_input=True)) * NS
 
     @property
     def duration_s(self) -> float:

@@ -42,7 +42,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from session.io.errors import DataError
-from session.io.folder import read_session
 from session.io.results import write_whole
 from session.io.units import DEG
 from tinygc import closure
@@ -236,7 +235,7 @@ def inflations_of_folder(folder: Path, figures: NoiseFigures) -> tuple[Inflation
         prior = Path(place) / FILE
         write_whole(prior, to_json(figures))
         options = FitOptions(methods=("least_squares",), noise=prior)
-        return inflations(fit_session(read_session(folder), options), figures)
+        return inflations(fit_session(folder, options), figures)
 
 
 def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise) -> list[str]:

@@ -219,7 +219,8 @@ class Growing:
         if not self._rows:
             self._table = np.empty((self._most, *rows.shape[1:]), dtype=rows.dtype)
         elif (kind := np.result_type(self._table, rows)) != self._table.dtype:
-            self._table = self._table.astype(kind)
+            table, self._table = self._table, np.empty(self._table.shape, dtype=kind)
+            self._table[: self._rows] = table[: self._rows]  # and not the room, which holds anything
         end = self._rows + len(rows)
         if end > len(self._table):
             self._table.resize((end + end // 8, *rows.shape[1:]), refcheck=False)

@@ -110,7 +110,7 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
 
 def _mend_defaults(orangebox: Any) -> None:
     """What orangebox takes for a line that a header lacks: class properties up to its 0.4.0, which Python 3.13 has no more."""
-    defaults = getattr(orangebox.reader, "HeaderDefaults", None)  # 0.3.0 has none
+    defaults = orangebox.reader.HeaderDefaults
     for name in dir(defaults):
         made = getattr(getattr(defaults, name), "__func__", None)
         if isinstance(made, property) and made.fget:

@@ -7,6 +7,7 @@ import pytest
 from conftest import GRAVITY, Table, session_of
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
+from scipy.stats import f as fisher_f
 
 from session.detect.accelerometer import (
     IDENTITY,
@@ -300,3 +301,23 @@ def test_a_copy_holds_the_files_of_the_folder_and_nothing_is_written_over(tmp_pa
         write_calibrated_copy(folder, out, Accelerometer())
     with pytest.raises(FormatError, match="lies within the session folder"):
         write_calibrated_copy(folder, folder / "new", Accelerometer())
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.02])
+def test_the_drifts_p_value_is_fishers_f_of_three_numbers(drift):
+    """Beside scipy's fits with and without a drift, of the same weights."""
+    rng, count = np.random.default_rng(7), 26
+    middle_s = np.linspace(5, 595, count)
+    share = middle_s / 600 - 0.5
+    force = measured(count, rng) + drift * np.outer(share, [0.3, -1.0, 0.5])
+    found = fit_lengths(force, GRAVITY, middle_s=middle_s, duration_s=600.0)
+    root, full = np.sqrt(found.weight), np.append(UNITS, [1.0] * 3)
+    with_it = least_squares(
+        lambda u: root * missing((u * full)[:9], force - np.outer(share, u[9:])), np.append(found.x / UNITS, [0.0] * 3), xtol=1e-14
+    )
+    without = least_squares(lambda u: root * missing(u * UNITS, force), found.x / UNITS, xtol=1e-14)
+    F = (without.cost - with_it.cost) / 3 / (with_it.cost / (count - 12))
+    assert found.drift.p_value == pytest.approx(fisher_f.sf(F, 3, count - 12), rel=1e-4)
+    assert found.sigma_mps2 == pytest.approx(np.sqrt(2 * with_it.cost / (count - 12)), rel=1e-5)
+    assert found.drift.mps2 == pytest.approx(with_it.x[9:], abs=1e-6)
+    assert found.drift.significant == (drift > 0)

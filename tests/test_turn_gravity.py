@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import stdtr
+from scipy.stats import wilcoxon
 from simulated_twins import make_twin_of
 
 from tinygc import closure
@@ -53,6 +54,43 @@ def test_the_claimed_sigma_has_the_filters_share():
     assert found.whole_sigma_s == pytest.approx(0.0025)
     (claim,) = offset_claim(found, [])
     assert claim.std == {"seconds": pytest.approx(0.0025)}
+
+
+@pytest.mark.parametrize("t", [3.9, 5.0])
+def test_the_odds_of_a_delay_are_those_of_its_likelihood(t):
+    """Likelihood ratio of Student's t with 20 degrees of freedom, a prior of 1 in 30, ten scales, and the prior's own e^-1/2."""
+    found = TurnGravity(np.zeros(3), 0.01, 0.01 / t, 1.0, 1.0, 0.001, 24, 0.001)
+    (claim,) = offset_claim(found, [])
+    odds = (1 + t**2 / 20) ** (20 / 2) / 30 / 10 * np.exp(-1 / 2)
+    assert claim.probability == pytest.approx(odds / (1 + odds), rel=1e-9)
+    assert claim.p_value == pytest.approx(2 * stdtr(20, -t), rel=1e-9)
+
+
+def test_the_gain_of_a_turn_is_of_a_fit_to_all_others():
+    """By hand, with each turn left out of both fits: signed ranks of the residuals' squares."""
+    found, columns, values = equations(3, noise=2.0)
+    gains = []
+    for s in range(7):
+        left = []
+        for count in (3, 4):
+            rest = (np.delete(each, s, 0).reshape(30, *each.shape[2:]) for each in (columns[..., :count], values))
+            solution = np.linalg.lstsq(*rest, rcond=None)[0]
+            left.append(np.sum((values[s] - columns[s, :, :count] @ solution) ** 2))
+        gains.append(left[0] - left[1])
+    assert found.improvement_p() == wilcoxon(gains, alternative="greater", method="exact").pvalue
+    assert 0.01 < found.improvement_p() < 0.9
+
+
+def test_gravity_before_and_after_is_the_mean_square_of_a_value(twin_of):
+    """An arm of 1, 2, 3 m and a delay in exact equations: before is the rms of the force, after that of its noise."""
+    twin, whiten = twin_of()
+    fit = refit(twin, whiten, [], twin.start())
+    found, lever = turn_gravity(twin, fit), lever_equations(twin, fit)
+    size = round(0.025 * 104)
+    assert lever.count.sum() == 3 * sum((segment.stop - segment.start) // size for segment in twin.segments)
+    assert found.before_mps2**2 * lever.count.sum() == pytest.approx(lever.square.sum(), rel=1e-9)
+    noise = 60e-6 * 9.80665 * np.sqrt(104 / 2 / size)  # of the simulated accelerometer, in means of a block
+    assert found.after_mps2 == pytest.approx(noise, rel=0.25)
 
 
 def pushed(twin, fit, size):

@@ -1,11 +1,13 @@
 """The likelihood of noise terms: covariances against IEEE 952, slopes, curvature; the Allan deviation against AllanTools."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from resting import six, sums_of
 from scipy.integrate import quad
+from scipy.stats import chi2
 
 from tinygc.annexes.noise.estimate import allan_points
 from tinygc.annexes.noise.likelihood import autocovariance, cost, fit, line_autocovariance, stacked, stacks_of, unit_covariance
@@ -141,6 +143,19 @@ def test_the_band_holds_the_expected_deviation_in_68_of_100():
                 true = float(np.sqrt(axis.allan_variance(np.array([tau]))[0]))
                 inside.append(low < true < high)
     assert np.mean(inside) == pytest.approx(0.68, abs=0.06)
+
+
+def test_one_pair_in_each_window_has_a_chi_square_of_as_many_freedoms():
+    """White noise in 9 windows of 4 means: at two means each window holds one difference."""
+    group = replace(window(4), S=9 * np.diag([1.0, 2.0, 0.5]), count=9.0)
+    axis = AxisNoise(dict.fromkeys(TERMS, Term(0.0, None, 0.0)) | {"N": Term(1.0, 0.1, 1.0)})
+    (_, one, _, _), (_, two, low, high) = allan_points([group], DT, axis)
+    values = contrasts(4) @ np.diag([1.0, 2.0, 0.5]) @ contrasts(4).T  # covariance of the means
+    difference = np.array([-0.5, -0.5, 0.5, 0.5])
+    assert two**2 == pytest.approx(difference @ values @ difference / 2)
+    assert one**2 == pytest.approx(np.mean([d @ values @ d for d in np.diff(np.eye(4), axis=0)]) / 2)
+    assert low == pytest.approx(two * np.sqrt(9 / chi2.ppf(0.84, 9)))
+    assert high == pytest.approx(two * np.sqrt(9 / chi2.ppf(0.16, 9)))
 
 
 def test_a_line_counts_in_the_allan_variance_of_the_model():

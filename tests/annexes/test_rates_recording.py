@@ -189,3 +189,16 @@ def test_a_table_that_stands_still_is_refused(tmp_path):
 def test_too_few_frequencies_are_refused():
     with pytest.raises(DataError, match="3 frequencies, expected at least 4"):
         fit_response(response("flat", [1, 0], f=np.array([1.0, 2.0, 3.0])))
+
+
+def test_what_a_model_leaves_widens_its_sigmas_by_the_freedom_that_is_left():
+    """Of a flat response all is linear: K from the logarithms, a delay from the phases; 2 f values less two numbers."""
+    f = np.array([0.5, 1, 2, 4, 8, 12.0])
+    log_gain, phase = 4e-3 * np.array([1, -1, 1, -1, 1, -1]), 4e-3 * np.array([1, -1, -1, 1, 1, -1])
+    sweep = fit_response(Response("r", f, np.exp(log_gain), phase, 1e-3 * np.exp(log_gain), np.full(6, 1e-3)))
+    slope = -2 * np.pi * f
+    delay = slope @ phase / (slope @ slope)
+    chi_square = np.sum((log_gain - log_gain.mean()) ** 2 + (phase - delay * slope) ** 2) / 1e-6
+    assert sweep.model == "flat"
+    widened = chi_square / (2 * 6 - 2)
+    assert np.diag(sweep.covariance) == pytest.approx(widened * 1e-6 * np.array([sweep.vector[0] ** 2 / 6, 1 / (slope @ slope)]), rel=1e-4)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from table_simulation import LostSteps, fixed_moves
 from table_summaries import Summary, draw
 
@@ -431,3 +431,20 @@ def test_a_limit_is_what_nine_of_ten_would_show(clean):
     column = base.columns[:, skew.place.start]
     sigma = skew.candidate.plausible[0] / np.sqrt(column @ column - np.sum((base.basis[: base.count].T @ column) ** 2))
     assert limit == pytest.approx(bar * sigma, rel=1e-3)
+
+
+def test_a_p_value_has_as_many_degrees_of_freedom_as_directions_are_seen(clean):
+    """What a candidate takes of the residuals beside all that is fitted already, by least squares; chi-square of its numbers."""
+    _, selected = clean
+    base = _fitted(selected.observed, None, [], candidates_of)
+    compared = set()
+    for each in base.judged:
+        if not each.seen.all() or each.candidate.one_sided or each.candidate.id in ("table.lost_steps", DROPPED):
+            continue
+        columns = np.concatenate([base.columns[:, each.place], np.zeros((len(base.left) - base.count, len(each.s)))])
+        columns = columns - base.basis @ (base.basis.T @ columns)
+        left = base.left - columns @ np.linalg.lstsq(columns, base.left, rcond=None)[0]
+        gain = base.left @ base.left - left @ left
+        assert each.p_value == pytest.approx(chi2.sf(gain, len(each.s)), rel=1e-6)
+        compared.add(len(each.s))
+    assert len(compared) > 1

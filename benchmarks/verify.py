@@ -29,13 +29,14 @@ import tinygc
 from session.io.folder import Session, read_session
 from session.io.results import read_json
 from session.io.units import DEG, MG
-from tinygc.annexes.verification.cost import LIMIT_DEG, minute_of
+from tinygc.annexes.verification.cost import minute_of
 from tinygc.annexes.verification.expected import Spread, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
 from tinygc.annexes.verification.questions import PLAUSIBLE, ask, todays_noise
 from tinygc.annexes.verification.rows import LENGTH, Rows, rows_of
 from tinygc.annexes.verification.verdict import BIAS, HOLDS, Options, Verification, verify_session
 from tinygc.attitude import rotation
+from tinygc.closure.motion import LIMIT_DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.compare import read_calibrated
@@ -195,7 +196,7 @@ def cost_in_truth(found: Verification, unit: SimulatedUnit, drift: Callable[[np.
     first = 0.0 if found.rows.twin is None else found.rows.twin.segments[0].start_s
     mean = drift(first + np.linspace(0, motion.duration_s, 200)).mean(axis=0)
     true = LinearModel(unit.E, unit.B - mean)
-    errors = motion.error(old, true), motion.error(old.with_bias_moved(found.bias_anew), true)
+    errors = [motion.largest_error(each, true)[1] for each in (old, old.with_bias_moved(found.bias_anew))]
     stated = found.cost.as_it_is, found.cost.bias_anew
     sizes = [float(np.linalg.norm(error)) for error in errors]
     off = [float(np.linalg.norm(said - error)) for said, error in zip(stated, errors, strict=True)]

@@ -26,6 +26,28 @@ def test_a_bias_at_rest_turns_by_itself_times_the_time():
     assert at_rest(one, 60).slope(one)[:, 9:] == pytest.approx(60 * np.eye(3), rel=1e-12)
 
 
+@pytest.mark.parametrize("dps", [0.01, 2.9, 3.1, 5.9, 6.0, 6.1, 50.0])
+def test_the_cost_of_a_zero_at_rest_is_its_rate_times_the_time_however_far(dps):
+    one = LinearModel(np.eye(3), np.zeros(3))
+    bias = np.array([2.0, -1.0, 2.0]) / 3 * dps * DEG
+    part, error = at_rest(one, 60).largest_error(one, one.with_bias_moved(bias))
+    assert part.duration_s == pytest.approx(60)
+    assert error == pytest.approx(60 * bias, rel=1e-3)
+    assert np.linalg.norm(error) == pytest.approx(60 * dps * DEG, rel=1e-9)
+
+
+def test_the_cost_of_a_motion_is_the_largest_error_on_the_way():
+    """A misalignment by eps misses 2 sin(eps / 2) 2 half way round a turn, and nothing after it."""
+    eps, turn = 0.01, Motion(np.tile([0.0, 0.0, np.pi / 2], (401, 1)), np.full(400, 0.01), "a turn in 4 s")
+    one = LinearModel(np.eye(3), np.zeros(3))
+    leant = LinearModel(np.array([[1, 0, 0], [0, np.cos(eps), -np.sin(eps)], [0, np.sin(eps), np.cos(eps)]]), np.zeros(3))
+    assert np.linalg.norm(turn.error(one, leant)) < 1e-9
+    part, error = turn.largest_error(one, leant)
+    assert part.duration_s == pytest.approx(2.0, abs=0.02)
+    assert np.linalg.norm(error) == pytest.approx(2 * eps, rel=1e-4)
+    assert error == pytest.approx(part.error(one, leant), rel=1e-9)
+
+
 def test_a_sensor_at_rest_measures_what_its_calibration_takes_off():
     """Its zero, by which an error of E counts as well: the rate is off by dE m + dB."""
     model = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.6, -0.4, 0.2]) * DEG)

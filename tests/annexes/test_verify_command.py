@@ -1,6 +1,7 @@
 """``verify`` from the command line and in Python: verdicts, exit codes, files, and one line for what is wrong."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_the_cost_is_that_of_the_true_change(model, unit):
     assert found.result.diagnosis.best.theta[0] == pytest.approx(1 / 1.02 - 1, abs=1e-3)  # the axis reads less
     from tinygc.annexes.verification.cost import minute_of
 
-    truth = minute_of(found.result.rows).error(read_old(model).linear, LinearModel(today.E, today.B))
+    _, truth = minute_of(found.result.rows).largest_error(read_old(model).linear, LinearModel(today.E, today.B))
     assert found.result.cost.as_it_is == pytest.approx(truth, abs=0.3 * np.linalg.norm(truth))
     assert np.linalg.norm(found.result.cost.bias_anew) > 0.5 * np.linalg.norm(truth)  # E is not mended by another B
 
@@ -114,13 +115,27 @@ def test_a_jump_within_the_recording_is_timed_and_sized(model, unit):
 def test_a_minute_at_rest_asks_the_zero_and_leaves_e_open(model, unit, run, tmp_path):
     log = rest_log(tmp_path / "rest.csv", session_of(unit))
     code, out, _ = run("verify", model, log)
-    assert code == 5
-    assert out.startswith("undecided: ")
+    assert code == 0
+    assert out.startswith("holds: this recording tells E to ")
+    assert "the zero holds: " in out
     assert "scale and axes (E)" in out
     assert "Turns that would tell" in out
     code, out, _ = run("verify", model, rest_log(tmp_path / "moved.csv", session_of(unit), shift=2.0))
     assert code == 1
     assert "whether E holds stays open" in out
+
+
+@pytest.mark.parametrize(("shift", "code"), [(0.0, 0), (0.15, 5), (4.0, 1)])
+def test_verify_and_watch_say_the_same_of_a_rest(model, unit, run, tmp_path, shift, code):
+    """Within the noise; as a switch-on may move it, and more than a minute bears; beyond any switch-on, by more than a turn in a minute."""
+    log = rest_log(tmp_path / "rest.csv", session_of(unit), shift=shift)
+    said = [run(command, model, log, *more)[:2] for command, more in (("verify", ["--quiet"]), ("watch", []))]
+    assert [code for code, _ in said] == [code, code]
+    costs = [float(re.search(r"(?:costs?|attitude by) ([\d.]+)°", " ".join(out.splitlines())).group(1)) for _, out in said]
+    if shift:
+        assert costs == pytest.approx([60 * np.sqrt(3) * shift] * 2, rel=0.05)
+    else:
+        assert max(costs) < 1.0
 
 
 def test_another_sensors_recording_is_refused_unless_that_is_accepted(model, folder, run, tmp_path):

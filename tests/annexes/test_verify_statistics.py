@@ -22,6 +22,7 @@ from tinygc.annexes.verification.questions import (
     B,
     E,
     NoisePart,
+    Question,
     TodaysNoise,
     ask,
     by_freedom,
@@ -63,6 +64,13 @@ def test_one_estimated_variance_has_the_tail_of_fisher():
 def test_a_statistic_beyond_all_draws_has_the_smallest_probability_that_they_show():
     assert tail(1e9, np.zeros((2, 2)), [(np.eye(2), by_freedom(5.0, 0))]) == pytest.approx(1 / (DRAWS + 1), rel=1e-9)
     assert tail(0.0, np.zeros((2, 2)), [(np.eye(2), by_freedom(5.0, 0))]) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_the_printed_chi_square_has_the_printed_p():
+    for rank, p in ((3, 0.05), (42, 8e-54), (1, 0.99)):
+        assert stats.chi2.sf(Question(E, 1e9, rank, p, 0.0127).chi_square, rank) == pytest.approx(p, rel=1e-9)
+    drawn = Question(E, 1e9, 2, tail(1e9, np.zeros((2, 2)), [(np.eye(2), by_freedom(5.0, 0))]), 0.0127)
+    assert (drawn.beyond_draws, Question(E, 1e9, 2, 1e-6, 0.0127).beyond_draws) == (True, False)
 
 
 def test_half_an_estimated_variance_lies_between_both():

@@ -78,7 +78,7 @@ def test_a_gyroscope_that_turned_is_no_matter_of_b_and_nothing_else_changed(mode
     found = tinygc.verify(model, session_of(turned(unit, mrad * 1e-3 * np.array([0.6, -0.64, 0.48]))))
     assert (found.answer, found.exit_code) == (FAILS, 1)
     assert found.result.diagnosis.best.names == ("rotation",)
-    assert "E departs" in found.headline
+    assert "departs from the calibration: E (up to" in found.headline
     assert not found.result.bias_serves
 
 
@@ -134,20 +134,51 @@ def test_what_is_left_is_a_rate_over_its_degrees_of_freedom():
     assert noise.left_rps == pytest.approx(np.linalg.norm(left) / 4 / np.sqrt(len(keep) - COUNT), rel=1e-6)
 
 
-def decided(matters=(), small=(), open_=(), as_it_is=0.2, anew=0.1, names=()):
+def decided(matters=(), small=(), open_=(), as_it_is=0.2, anew=0.1, names=(), turned=True):
     """The decision on a cost, degrees, with causes of these names."""
-    bounds = [Bound(name, 2.0 if name in open_ else 0.1, 1.0, "a use") for name in (E, B, GRAVITY)]
+    bounds = [Bound(name, 2.0 if name in open_ else 0.1, 1.0, f"a use of {name}") for name in (E, B, GRAVITY)]
     sigma = np.full(3, 0.01 * DEG)
     cost = Cost("a minute", np.array([as_it_is, 0, 0]) * DEG, sigma, np.array([anew, 0, 0]) * DEG, sigma)
     found = [Cause(name, name, *[np.zeros(0)] * 3, "", 1.0, (), f"mend {name}") for name in names]
     diagnosis = SimpleNamespace(best=SimpleNamespace(causes=found, words=list(names)))
-    return verdict._decide(matters, small, bounds, cost, "NEW", diagnosis if matters or small else None, Options())
+    changed = dict.fromkeys(matters, 3.0) | dict.fromkeys(small, 0.87)
+    return verdict._decide(changed, bounds, cost, "NEW", diagnosis if changed else None, Options(), turned)
 
 
 def test_nothing_is_called_insignificant_that_was_refuted():
     assert decided(open_=(E,)).headline.startswith("nothing significant")
     found = decided(small=(GRAVITY,), open_=(E,))
-    assert (found.answer, found.headline.split(",")[0]) == (UNDECIDED, "the accelerometer changed by less than the limit")
+    assert found.answer == UNDECIDED
+    assert found.headline.startswith("changed beyond chance, and by less than 1° (95 %): the accelerometer (up to 0.87°")
+
+
+def test_the_headline_has_each_change_with_its_own_cost_the_largest_first():
+    """A moved accelerometer costs a tilt, whatever the gyroscope costs in a minute."""
+    found = decided(small=(GRAVITY,), as_it_is=0.025)
+    assert found.answer == HOLDS
+    assert "the accelerometer (up to 0.87° in a use of gravity's length); it costs 0.025° in the next minute" in found.headline
+    both = verdict._decide(
+        {E: 1.5, GRAVITY: 4.0},
+        [Bound(name, 0.1, 1.0, "a use") for name in (E, B, GRAVITY)],
+        Cost("a minute", *[np.zeros(3)] * 4),
+        "NEW",
+        None,
+        Options(),
+    )
+    assert both.headline.startswith("departs from the calibration: the accelerometer (up to 4.0° in a use), E (up to 1.5° in a use) (95 %)")
+
+
+def test_a_rest_holds_for_what_a_rest_shows():
+    found = decided(open_=(E, GRAVITY), turned=False)
+    assert (found.answer, found.headline.split(":")[0]) == (HOLDS, "the zero holds")
+    assert decided(open_=(E, B), turned=False).answer == UNDECIDED
+    assert decided(open_=(E, GRAVITY), turned=False, as_it_is=24.0).answer == UNDECIDED
+    assert decided(open_=(GRAVITY,)).answer == UNDECIDED
+
+
+def test_the_power_of_a_recording_is_named():
+    bounds = [Bound(E, 1.3, 1.0, "a turn"), Bound(B, 0.38, 1.0, "a rest"), Bound(GRAVITY, 12.0, 1.0, "a tilt")]
+    assert verdict.power_words(bounds) == "this recording tells E to 1.3°, the zero to 0.38°, the accelerometer to 12° (95 %)"
 
 
 def test_b_is_taken_anew_where_that_helps_and_e_left_open_where_it_was_not_asked():
@@ -155,13 +186,13 @@ def test_b_is_taken_anew_where_that_helps_and_e_left_open_where_it_was_not_asked
     left = decided(as_it_is=5.0, open_=(E,))
     assert (left.answer, left.bias_serves) == (UNDECIDED, True)
     assert left.headline.startswith("take B anew: B = NEW")
-    assert "whether E holds stays open" in left.headline
+    assert "costs 5.0° in the next minute; whether E holds stays open" in left.headline
     moved = decided(matters=(B,), as_it_is=5.0, open_=(E,))
     assert (moved.answer, moved.bias_serves) == (FAILS, True)
     assert "--write" in moved.advice
     in_vain = decided(as_it_is=5.0, anew=2.0)
     assert (in_vain.answer, in_vain.bias_serves) == (FAILS, False)
-    assert "with B anew the minute still misses 2°" in in_vain.headline
+    assert "with B anew the minute still misses 2.0°" in in_vain.headline
 
 
 @pytest.mark.parametrize("name", [E, GRAVITY, NOISE])
@@ -240,7 +271,7 @@ def test_a_jump_between_rests_is_seen_and_knocks_are_no_turns(model, today, tmp_
 
 def test_what_its_own_screen_rejects_is_not_written(model, unit, tmp_path):
     found = tinygc.verify(model, session_of(replace(unit, E=unit.E @ np.diag([1.02, 1, 1]))))
-    with pytest.raises(DataError, match="not written with B anew: E departs"):
+    with pytest.raises(DataError, match=r"not written with B anew: .* departs from the calibration: E \("):
         found.save_model(tmp_path / "anew.json")
     assert not (tmp_path / "anew.json").exists()
 

@@ -239,7 +239,7 @@ def test_after_an_alarm_the_reading_is_the_new_state():
         if found.alarm.any():
             alarms.append(number)
     assert len(alarms) == 1
-    assert filters.zero[:, 0] == pytest.approx([500] * 3, abs=1)
+    assert filters.zero[0][:, 0] == pytest.approx([500] * 3, abs=1)
 
 
 def test_a_zero_that_a_switch_on_allows_is_no_alarm():

@@ -34,12 +34,33 @@ STEP = joined(samples(40, 1), samples(30, 2, zero_dps=(0.0, 0.05, 0.0)))
 
 
 def test_a_rest_holds():
-    _, events = watched(samples(60, 3, zero_dps=(0.1, 0.0, -0.1)))
+    _, events = watched(samples(60, 3, zero_dps=(0.01, 0.0, -0.005)))
     assert [event.kind for event in events] == ["start", "rest", "end"]
     rest, end = events[1].table, events[-1].table
-    assert rest["zero_dps"] == pytest.approx([0.1, 0.0, -0.1], abs=0.003)
+    assert rest["zero_dps"] == pytest.approx([0.01, 0.0, -0.005], abs=0.003)
     assert end["held"] is True
     assert end["windows"] == rest["windows"] == int((60 * 16 / events[0].table["window_s"] - 2) / 16)
+
+
+@pytest.mark.parametrize(("dps", "held"), [(0.01, True), (0.4, None)])
+def test_the_last_line_has_the_zero_its_cost_and_what_a_switch_on_may_move(dps, held):
+    """A zero that a switch-on allows is no alarm, and yet a minute may not bear it: as ``verify`` says it, it is undecided."""
+    _, events = watched(samples(60, 3, zero_dps=(dps, 0.0, 0.0)))
+    end = events[-1]
+    assert not of_kind(events, "alarm")
+    assert end.table["held"] is held
+    assert end.table["zero_dps"] == pytest.approx([dps, 0.0, 0.0], abs=5 * max(end.table["zero_sigma_dps"]))
+    assert end.table["zero_cost_deg"] == pytest.approx(60 * np.linalg.norm(end.table["zero_dps"]), rel=1e-9)
+    assert end.words.startswith("HELD" if held else f"UNDECIDED: no alarm, but a zero of +{end.table['zero_dps'][0]:.4f}")
+    allowed = np.sqrt(2) * 0.1  # of then and of today, 0.1 dps each
+    assert f"a switch-on may move each axis by 0.14 dps ({60 * allowed:.1f}°, one sigma)" in end.words
+
+
+@pytest.mark.parametrize("dps", [4.0, 6.0, 7.0])
+def test_the_cost_of_a_zero_is_not_wrapped_round_the_circle(dps):
+    (alarm,) = of_kind(watched(samples(20, 3, zero_dps=(dps, 0.0, 0.0)))[1], "alarm")
+    assert alarm.table["cost_deg"] == pytest.approx(60 * dps, rel=0.05)
+    assert alarm.table["zero_cost_deg"] == pytest.approx(60 * dps, rel=0.01)
 
 
 def test_a_step_is_described():

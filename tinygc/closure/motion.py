@@ -26,8 +26,12 @@ from tinygc.models.model import Model
 
 #: s of the motion that a calibration's errors are stated for
 MINUTE_S = 60.0
+#: degrees that such a motion may miss before it matters
+LIMIT_DEG = 1.0
 #: blocks over which the drift within a motion is taken as constant: a second each, longer ones in more than 33 minutes
 MOST_BLOCKS = 2000
+#: sine of half an angle whose axis is known
+SEEN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,24 @@ class Motion:
         ends = [rotation.compose(steps(each.undelayed(self.measured)[None], self.dt[None]))[0] for each in (model, other)]
         return rotation.log(rotation.multiply(ends[1], rotation.conjugate(ends[0])))
 
+    def largest_error(self, model: Model, other: Model) -> tuple[Motion, np.ndarray]:
+        """The cost of a change: the part of the motion up to where the attitude by ``other`` is farthest from that by ``model``, and the
+        rotation vector (3,) rad between them there, axes of the start; exact.
+
+        The angle is followed along the motion, past half a turn and more: at rest a zero that is off by w costs |w| t, however long.
+        Both need rates alone (``rates_only``).
+        """
+        paths = [rotation.accumulate(steps(each.undelayed(self.measured)[None], self.dt[None]))[0] for each in (model, other)]
+        q = np.concatenate([[[1.0, 0, 0, 0]], rotation.multiply(paths[1], rotation.conjugate(paths[0]))])
+        q = q * _unbroken(q)[:, None]  # q and -q are one attitude: the nearer to the one before
+        size = np.linalg.norm(q[:, 1:], axis=1) * _unbroken(q[:, 1:])
+        half = np.unwrap(np.arctan2(size, q[:, 0]))
+        worst = int(np.argmax(np.abs(half)))
+        seen = worst if abs(size[worst]) > SEEN else max(worst - 1, 0)  # after whole turns the axis is that of a moment before
+        axis = np.divide(q[seen, 1:], size[seen], out=np.zeros(3), where=size[seen] != 0)
+        stop = max(worst, 1)
+        return Motion(self.measured[: stop + 1], self.dt[:stop], self.words), 2 * half[worst] * axis
+
     def noise_covariance(self, model: LinearModel, density: np.ndarray, instability_rps: float) -> np.ndarray:
         """(3, 3) rad^2 of the end attitude from the gyroscope's white noise, of two-sided density (3,) rad/s/sqrt(Hz), and from its flicker
         noise of this bias instability within the motion."""
@@ -76,6 +98,12 @@ class Motion:
             wander = wander_covariance(middle, self.duration_s / len(blocks), instability_rps=instability_rps)
             found = found + np.einsum("aik,ab,bjk->ij", each, wander, each, optimize=True)
         return found
+
+
+def _unbroken(vectors: np.ndarray) -> np.ndarray:
+    """(N,) of 1 and -1: signs with which each of vectors (N, k) points as the one before it does, the first as it is."""
+    flips = np.where(np.sum(vectors[1:] * vectors[:-1], axis=1) < 0, -1.0, 1.0)
+    return np.concatenate([[1.0], np.cumprod(flips)])
 
 
 def at_rest(model: LinearModel, seconds: float = MINUTE_S, rate_hz: float = 10.0) -> Motion:

@@ -1,7 +1,8 @@
 """What a change costs, what this recording cannot tell, and which turns would.
 
-The cost is the error of the end attitude after a minute: of today's own first minute of motion, exact, between the old calibration and
-today's best estimate.  What today's data leave open of a parameter is its posterior under a wide prior of plausible changes,
+The cost is the largest error of the attitude within a minute (``Motion.largest_error``): of today's own first minute of motion, exact,
+between the old calibration and today's best estimate.  What today's data leave open of a parameter is its posterior under a wide prior of
+plausible changes,
 
     W = (A' C^-1 A + D^-2)^-1,        C: covariance of noise and references,  D: ``questions.PLAUSIBLE``
 
@@ -30,8 +31,6 @@ from tinygc.models.linear import BIAS, MATRIX, LinearModel
 from tinygc.planning.proposals import Known, Proposal, best_turns
 from tinygc.planning.turns import SIDES
 
-#: degrees: what a change may cost in a minute before it matters
-LIMIT_DEG = 1.0
 #: sigmas of a bound of 95 %
 BOUND = 1.959963984540054
 #: turns that are proposed at most
@@ -45,8 +44,8 @@ TURN_S, RATE_HZ, ON_THE_WAY = 4.0, 50.0, (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Cost:
-    """Error of the end attitude after a motion, rad, axes of the start: with the old calibration as it is, with B taken anew, each with its
-    sigma (3,); motion, in words."""
+    """Largest error of the attitude in a motion, rad, axes of the start: with the old calibration as it is, with B taken anew, each with
+    its sigma (3,), the larger of there and at the end; motion, in words."""
 
     motion: str
     as_it_is: np.ndarray
@@ -89,18 +88,19 @@ def cost_of(
     """Cost of a change (21,) with its covariance (21, 21); anew (3,): the change of B that is taken, with its covariance (3, 3)."""
     motion = minute_of(rows)
     today, moved = LinearModel.from_vector(old.vector + change[GYROSCOPE]), old.with_bias_moved(anew)
-    slope = motion.slope(today)
     own = covariance[GYROSCOPE, GYROSCOPE]
     # B anew and today's B share their error: what is left is E's, and how far the two estimates of B differ.
-    matrix, bias = slope[:, MATRIX], slope[:, BIAS]
-    left = matrix @ own[MATRIX, MATRIX] @ matrix.T + bias @ anew_covariance @ bias.T
-    return Cost(
-        motion.words,
-        motion.error(old, today),
-        np.sqrt(np.diag(slope @ own @ slope.T)),
-        motion.error(moved, today),
-        np.sqrt(np.diag(left)),
-    )
+    left = np.zeros_like(own)
+    left[MATRIX, MATRIX], left[BIAS, BIAS] = own[MATRIX, MATRIX], anew_covariance
+    as_it_is, bias_anew = (_largest(motion, each, today, known) for each, known in ((old, own), (moved, left)))
+    return Cost(motion.words, *as_it_is, *bias_anew)
+
+
+def _largest(motion: Motion, model: LinearModel, today: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) largest error of a model, and its sigma from the covariance (12, 12) of today's."""
+    part, error = motion.largest_error(model, today)
+    slopes = [each.slope(today) for each in (part, motion)]
+    return error, np.max([np.sqrt(np.diag(slope @ covariance @ slope.T)) for slope in slopes], axis=0)
 
 
 def turn_about(axis: int, share: float) -> Motion:

@@ -102,7 +102,7 @@ class Verified(Shown):
                     "name": question.name,
                     "asked": question.asked,
                     "holds": question.holds if question.asked else None,
-                    "statistic": question.statistic if question.asked else None,
+                    "statistic": question.chi_square if question.asked else None,
                     "freedom": question.rank,
                     "p_value": question.p_value if question.asked else None,
                     "level": question.level,

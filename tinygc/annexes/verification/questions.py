@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
+from scipy.special import chdtrc, chdtri, fdtrc
 
 from session.io.units import DEG, MG, G
 from tinygc.annexes.verification.expected import ZERO, Part
@@ -44,6 +44,8 @@ PLAUSIBLE[ACCELEROMETER] = np.r_[np.full(6, 0.01), np.full(3, 10 * MG)]
 PLAUSIBLE[GYROSCOPE] = np.r_[np.full(9, 0.01), np.full(3, DEG)]
 #: draws of the estimated variances: the level of one question in four, 0.0127, is then known to 8 %
 DRAWS = 20_000
+#: the least probability that draws show
+LEAST_P = 1 / (DRAWS + 1)
 #: of all variance of a question: what a component adds at most for its size to count as known
 LEAST_SHARE = 1e-3
 #: names of the questions
@@ -131,6 +133,16 @@ class Question:
     def asked(self) -> bool:
         """Whether the recording says anything about it."""
         return self.rank > 0
+
+    @property
+    def chi_square(self) -> float:
+        """What T would be with this p if all variances were known: chi-square of ``rank`` degrees of freedom, as it is printed."""
+        return float(chdtri(self.rank, self.p_value)) if self.p_value > 0 else self.statistic
+
+    @property
+    def beyond_draws(self) -> bool:
+        """Whether no draw reached T: p_value is then a bound."""
+        return self.p_value == LEAST_P
 
     @property
     def holds(self) -> bool:

@@ -36,9 +36,12 @@ def verification_page(found: Verification) -> Group:
         f"{rows.turns} turns and {rows.stills} rests against {found.old.name}; "
         f"a false alarm in {significant(100 * found.options.false_alarm, 2)} % of such recordings"
     )
-    table = plain_table(title, "does it hold?", "answer", "statistic", "degrees of freedom", "p", "bar")
+    table = plain_table(title, "does it hold?", "answer", "χ²", "degrees of freedom", "p", "bar")
     for question in found.questions:
-        numbers = (f"{question.statistic:.1f}", str(question.rank), probability(question.p_value), significant(question.level, 2))
+        chi_square, p = f"{question.chi_square:.1f}", probability(question.p_value)
+        if question.beyond_draws:
+            chi_square, p = f"> {chi_square}", p.replace("=", "<")
+        numbers = (chi_square, str(question.rank), p, significant(question.level, 2))
         table.add_row(ASKED[question.name], _answer(question), *(numbers if question.asked else ("", "", "", "")))
     parts.append(table)
     parts += [one_line(line) for line in (*cause_lines(found), *cost_lines(found), *open_lines(found))]
@@ -77,7 +80,7 @@ def cost_lines(found: Verification) -> list[str]:
         pairs = zip(("roll", "pitch", "yaw"), value / DEG, sigma / DEG, strict=True)
         return ", ".join(f"{name} {angle:+.3f} ± {s:.3f}°" for name, angle, s in pairs)
 
-    as_it_is = f"Cost after {cost.motion}: {angles(cost.as_it_is, cost.sigma)}."
+    as_it_is = f"Cost, the largest error in {cost.motion}: {angles(cost.as_it_is, cost.sigma)}."
     if found.diagnosis is not None and set(found.diagnosis.best.names) & IN_TIME:
         return [as_it_is, "B anew would not last: the zero moves within this recording."]
     return [
@@ -89,7 +92,8 @@ def cost_lines(found: Verification) -> list[str]:
 def open_lines(found: Verification) -> list[str]:
     """What this recording cannot tell, and which turns would."""
     said = [
-        f"Open: {ASKED[bound.name]}: {bound.use} may miss {bound.bound_deg:.2g}° (95 %), more than {significant(bound.limit_deg, 2)}°."
+        f"Open: {ASKED[bound.name]}: {bound.use} may miss {significant(bound.bound_deg, 2)}° (95 %), "
+        f"more than {significant(bound.limit_deg, 2)}°."
         for bound in found.bounds
         if not bound.is_seen
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,10 @@ import numpy as np
 
 from session.io.errors import DataError
 from session.io.folder import Session, read_session
+from session.io.texts import significant
 from session.io.units import DEG
 from tinygc.annexes.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.annexes.verification.cost import (
-    LIMIT_DEG,
     Bound,
     Cost,
     bounds,
@@ -29,7 +29,7 @@ from tinygc.annexes.verification.expected import ZERO, Part, expected_parts, spr
 from tinygc.annexes.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
 from tinygc.annexes.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.annexes.verification.rows import Rows, rows_of
-from tinygc.closure.motion import MINUTE_S
+from tinygc.closure.motion import LIMIT_DEG, MINUTE_S
 from tinygc.noise.figures import read_figures
 from tinygc.planning.proposals import Proposal
 
@@ -37,7 +37,7 @@ from tinygc.planning.proposals import Proposal
 HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
 EXIT = {HOLDS: 0, BIAS: 1, FAILS: 1, UNDECIDED: 5}
 #: in whose way it fails, in words
-OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what no such change explains"}
+OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what is left beyond noise"}
 
 
 @dataclass(frozen=True)
@@ -167,13 +167,9 @@ def verify_session(
     effects[NOISE] = max(question.left_rps for question in questions) * MINUTE_S / DEG
     if diagnosis is not None:  # a zero that moves within the recording
         effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
-    matters = [question.name for question in refuted if effects[question.name] > options.limit_deg]
-    small = [question.name for question in refuted if question.name not in matters]
-    if small:
-        said = " and ".join(f"{OF[name]} ({effects[name]:.2g}°)" for name in small)
-        notes.append(f"changed beyond chance, but a minute of use misses less than {options.limit_deg:g}° by it: {said}")
+    changed = {question.name: effects[question.name] for question in refuted}
     new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
-    decision = _decide(matters, small, found_bounds, cost, new, diagnosis, options)
+    decision = _decide(changed, found_bounds, cost, new, diagnosis, options, rows.turns > 0)
     if rows.remark and decision.bias_serves:
         decision = _Decision(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again", bias_serves=False)
     if is_its_own(old, session):
@@ -185,7 +181,7 @@ def verify_session(
         rows=rows,
         options=options,
         answer=decision.answer,
-        headline=decision.headline,
+        headline=f"{power_words(found_bounds)}; {decision.headline}",
         questions=questions,
         parts=tuple(parts),
         noise=noise,
@@ -214,51 +210,64 @@ class _Decision:
 
 
 def _decide(
-    matters: Sequence[str],
-    small: Sequence[str],
+    changed: Mapping[str, float],
     found: Sequence[Bound],
     cost: Cost,
     new: str,
     diagnosis: Diagnosis | None,
     options: Options,
+    turned: bool = True,
 ) -> _Decision:
-    """Decide by the names of the questions with a significant change, that matters by the limit or is small; new: B anew, in words."""
-    limit = options.limit_deg * DEG
+    """Decide by the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %); new: B anew, in
+    words; turned: whether there are turns, without which E is not asked."""
+    limit, uses = options.limit_deg * DEG, {bound.name: bound.use for bound in found}
+    matters = [name for name in changed if changed[name] > options.limit_deg]
+    by_size = sorted(changed, key=lambda name: -changed[name])
+    amounts = {name: f"{OF[name]} (up to {significant(changed[name], 2)}° in {uses.get(name, uses[B])})" for name in by_size}
     causes = () if diagnosis is None else diagnosis.best.causes
     because = "" if diagnosis is None else "; ".join(diagnosis.best.words)
     fit_again = "fit a new session, and look at `explain`"
     if set(matters) - {B} or (matters and any(cause.name not in ("zero", "temperature") for cause in causes)):
         why = because or "no cause of the list explains it; run explain"
-        if set(matters) & {E, GRAVITY}:
-            why = f"{' and '.join(OF[name] for name in OF if name in matters)} departs from the calibration: {why}"
-        elif not because:
-            why = f"more than noise is left, and {why}"
-        return _Decision(FAILS, why, "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, bias_serves=False)
+        departs = f"departs from the calibration: {', '.join(amounts[name] for name in by_size if name in matters)} (95 %)"
+        return _Decision(
+            FAILS, f"{departs}; {why}", "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, bias_serves=False
+        )
     unseen = [bound for bound in found if not bound.is_seen]
     e_seen = E not in [bound.name for bound in unseen]
-    less = f"{' and '.join(OF[name] for name in small)} changed by less than the limit"
+    small = [amounts[name] for name in by_size if name not in matters]
+    less = f"changed beyond chance, and by less than {options.limit_deg:g}° (95 %): {', '.join(small)}"
     costs, anew = (float(np.linalg.norm(each)) for each in (cost.as_it_is, cost.bias_anew))
     if matters or costs > max(limit, 2 * float(np.linalg.norm(cost.sigma))):
-        if matters:
-            why = because or "the zero moved by more than between switch-ons"
-        else:
-            why = f"it moved as between switch-ons, and costs {costs / DEG:.2g}° in the next minute"
-        why += f"; {less}" if small else ""
+        why = (because or "the zero moved by more than between switch-ons") if matters else "it moved as between switch-ons"
+        why += f", and costs {significant(costs / DEG, 2)}° in the next minute{f'; {less}' if small else ''}"
         if anew > limit:
-            return _Decision(FAILS, f"{why}; with B anew the minute still misses {anew / DEG:.2g}°", fit_again, bias_serves=False)
+            return _Decision(
+                FAILS, f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°", fit_again, bias_serves=False
+            )
         take = "take B anew: --write FILE writes the model with it"
         if e_seen:
             return _Decision(BIAS, f"B = {new}; {why}", take)
         said = f"take B anew: B = {new}; {why}; whether E holds stays open"
         return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E")
-    if unseen:
+    if unseen and (turned or B in [bound.name for bound in unseen]):
         turns = "record the turns above, with a rest before and after each, then verify again"
         if {bound.name for bound in unseen} == {B}:
             turns = "let it lie still for some minutes, in several attitudes, then verify again"
-        open_ = "; ".join(f"{OF[b.name]}: up to {b.bound_deg:.2g}° in {b.use}" for b in unseen)
-        return _Decision(UNDECIDED, f"{less if small else 'nothing significant'}, but this recording leaves open (95 %): {open_}", turns)
+        open_ = " and ".join(OF[bound.name] for bound in unseen)
+        return _Decision(
+            UNDECIDED, f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°", turns
+        )
     so_far = less if small else "within what noise, the old fit and a switch-on explain"
-    return _Decision(HOLDS, f"{so_far}; it costs {costs / DEG:.2g}° in the next minute", "use it as it is")
+    said = f"{so_far}; it costs {significant(costs / DEG, 2)}° in the next minute"
+    if unseen:  # at rest, the zero is all that is asked for
+        return _Decision(HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)")
+    return _Decision(HOLDS, said, "use it as it is")
+
+
+def power_words(found: Sequence[Bound]) -> str:
+    """What this recording would have seen: ``this recording tells E to 1.3°, the zero to 0.2° (95 %)``."""
+    return f"this recording tells {', '.join(f'{OF[b.name]} to {significant(b.bound_deg, 2)}°' for b in found)} (95 %)"
 
 
 def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:

@@ -12,7 +12,10 @@ from tinygc.cli.results import Interruption, complain, output
 
 SUMMARY = "watch a live stream or a log: whether the zero, gravity and the turns still agree with the calibration"
 USES_EFFECTS = True
-EPILOG = "exit code: 0 no alarm, 1 an alarm, 5 no rest that could be judged; Ctrl-C ends a watch as the end of the stream does"
+EPILOG = (
+    "exit code: 0 no alarm, 1 an alarm, 5 no rest to judge, or a zero that is to be taken anew; Ctrl-C ends a watch as the end of "
+    "the stream does"
+)
 #: exit code of a watch that could judge nothing
 UNDECIDED = 5
 USUAL = "30d"

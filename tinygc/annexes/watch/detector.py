@@ -170,13 +170,15 @@ class ZeroFilter:
     @property
     def lasting(self) -> tuple[np.ndarray, np.ndarray]:
         """(3, S) zero without what the attitude of this rest adds, and its variance (S,) on each axis; normalised."""
-        return self.x[:ATTITUDE].sum(axis=0), np.maximum(self.P[:ATTITUDE, :ATTITUDE].sum(axis=(0, 1)), 0)
+        return self._sum(ATTITUDE)
 
     @property
-    def zero(self) -> np.ndarray:
-        """(3, S) normalised: zero of the present rest without the coefficient's part."""
-        total: np.ndarray = self.x[:COEFFICIENT].sum(axis=0)
-        return total
+    def zero(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the present rest, without the coefficient's part."""
+        return self._sum(COEFFICIENT)
+
+    def _sum(self, states: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.x[:states].sum(axis=0), np.maximum(self.P[:states, :states].sum(axis=(0, 1)), 0)
 
 
 def _project(P: np.ndarray, h: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -35,6 +35,8 @@ USUAL_WHITE, USUAL_INSTABILITY, USUAL_COVARIANCE_RPS = 10 * MDPS / np.sqrt(2), 1
 USUAL_ACCEL_WHITE, USUAL_ACCEL_INSTABILITY_MPS2 = 150e-6 * G / np.sqrt(2), 0.1 * MG
 #: zero of a rest that depends on its attitude (g-sensitivity), where the fit's stills do not show it
 USUAL_ATTITUDE_RPS = 0.002 * DEG
+#: how a spread that is not the unit's own is called
+SPREAD = "spread of the zero between switch-ons"
 #: degC: others are no temperature
 MOST_TEMPERATURE_C = 200.0
 #: gravity at sea level lies within 0.026 m/s^2 of its mean, one sigma of a place that nobody names
@@ -133,7 +135,7 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
     repeatability = None if spread is None else BiasRepeatability(np.asarray(spread, dtype=float), "the model's")
     zero = expected_zero(own[BIAS, BIAS], repeatability=repeatability)
     if zero.assumed:
-        assumed.append("spread of the zero between switch-ons")
+        assumed.append(SPREAD)
     instability = _instability(fit_noise, config)
     if figures is None and instability is None:
         assumed.append("bias instability of the gyroscope")

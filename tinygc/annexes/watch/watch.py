@@ -17,14 +17,15 @@ import numpy as np
 
 from session.detect.segments import pace_of
 from session.io.errors import DataError
+from session.io.texts import significant
 from session.io.units import DEG, MG, NS, NS_PER_S
 from tinygc.annexes.watch.change import Change, WindowRecord, change_of
 from tinygc.annexes.watch.detector import Detector, Judged, Window
-from tinygc.annexes.watch.expectation import Expectation, ModelInUse, expect
+from tinygc.annexes.watch.expectation import SPREAD, Expectation, ModelInUse, expect
 from tinygc.annexes.watch.settings import BLOCKS, CHANNELS, CLIP, FORCE_WITHIN, SHIFTS, Settings, settings
 from tinygc.annexes.watch.source import Item, Readings, Remark, Restart
 from tinygc.annexes.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
-from tinygc.closure.motion import MINUTE_S, at_rest
+from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.models.linear import LinearModel
 
@@ -74,7 +75,8 @@ class Watch:
         self._base_ns = 0  # what makes stamps go on over restarts
         self._last_ns: int | None = None
         self._first_ns: int | None = None
-        self._here: list[np.ndarray] = []  # first and last window of the present rest: zero, gravity, warmer
+        self._here: list[np.ndarray] = []  # first and last window of the present rest: zero, its variance, gravity, warmer
+        self._zero: tuple[np.ndarray, np.ndarray] | None = None  # rad/s, of the last rest, and its sigma
         self._windows_here = self._quiet_blocks = 0
         self._force_sum, self._force_count = 0.0, 0  # m/s^2, of all samples
 
@@ -241,7 +243,8 @@ class Watch:
             self._pending.append(block)
         self._direction = window.direction[:, 0]
         self._resting_rps = block[1].mean(axis=0)
-        self._here.append(np.concatenate([self._detector.filter.zero[:, 0], [window.gravity[0]], window.warmer]))
+        zero, variance = self._detector.filter.zero
+        self._here.append(np.concatenate([zero[:, 0], variance, [window.gravity[0]], window.warmer]))
         if len(self._here) > 2:  # of a rest, the first and the last window are kept
             del self._here[1]
         self._windows_here += 1
@@ -334,18 +337,18 @@ class Watch:
         if zeros:
             changed = np.zeros(3)
             changed[zeros] = [sizes[k][0] * DEG for k in zeros]
-            zero = f.zero[:, 0] * c.rate_sigma_rps
+            zero = f.zero[0][:, 0] * c.rate_sigma_rps
             cost = _cost_deg(changed)
             table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
             table |= {"cost_deg": cost, "zero_cost_deg": _cost_deg(zero)}
-            after.append(f"uncorrected it turns the attitude by {cost:.2g}° in the next minute")
+            after.append(f"uncorrected it turns the attitude by {significant(cost, 2)}° in the next minute")
             advice.append("take B anew (`calibrate verify` says how); a rest does not test E")
         if 3 in alarmed:
             size, sigma = sizes[3]
             tilt_deg = float(np.degrees(abs(size) * 1e-3))
             table |= {"size_mg": size, "sigma_mg": sigma}
             table.setdefault("cost_deg", tilt_deg)
-            after.append(f"a tilt from it errs by up to {tilt_deg:.2g}°")
+            after.append(f"a tilt from it errs by up to {significant(tilt_deg, 2)}°")
             advice.append("the accelerometer's zero or scale has changed: record it in six attitudes, then `calibrate verify`")
         table["advice"] = "; ".join(advice)
         order = sorted(alarmed, key=lambda k: k != first)
@@ -359,9 +362,9 @@ class Watch:
         if not here or self.settings is None or self.expected is None:
             return
         last, count = here[-1], self._windows_here
-        zero = last[:3] * self.settings.rate_sigma_rps / DEG
-        sigma = np.sqrt(np.maximum(self._detector.filter.P[0, 0, 0], 0)) * self.settings.rate_sigma_rps / DEG
-        gravity = float(last[3] * self.settings.gravity_sigma * self.expected.gravity_mps2 / MG)
+        self._zero = last[:3] * self.settings.rate_sigma_rps, np.sqrt(last[3]) * self.settings.rate_sigma_rps
+        zero, sigma = (each / DEG for each in self._zero)
+        gravity = float(last[4] * self.settings.gravity_sigma * self.expected.gravity_mps2 / MG)
         self.rests += 1
         self._here, self._windows_here = [], 0
         words = f"rest of {count * self.window_s:.0f} s: zero {', '.join(f'{each:+.4f}' for each in zero)} dps, gravity {gravity:+.2f} mg"
@@ -393,23 +396,45 @@ class Watch:
             "alarms": self.alarms,
             "rested_s": round(self.rested_s, 1),
             "counts": dict(self.counts),
-            "held": None if self.windows == 0 else self.alarms == 0,
+            "held": False if self.alarms else None if self._zero is None or self._zero_matters() else True,
         }
+        if self._zero is not None:
+            zero, sigma = ((each / DEG).tolist() for each in self._zero)
+            table |= {"zero_dps": zero, "zero_sigma_dps": sigma, "zero_cost_deg": _cost_deg(self._zero[0])}
         yield Event("end", self.t_s, self._ended_words(), table)
 
+    def _zero_matters(self) -> bool:
+        """Whether a minute at rest misses more than the limit by the last zero, as ``verify`` asks it: beyond two sigmas."""
+        assert self._zero is not None
+        zero, sigma = (float(np.linalg.norm(each)) for each in self._zero)
+        return _cost_deg(self._zero[0]) > LIMIT_DEG and zero > 2 * sigma
+
     def _ended_words(self) -> str:
-        if self.windows == 0:
+        if self._zero is None or self.expected is None:
             short = f" ({self.short} were too short)" if self.short else ""
             return f"UNDECIDED: {self.t_s:.0f} s, and no rest that could be judged{short}{self._wrong_force() if self.settings else ''}"
         short = f" ({self.short} shorter ones passed over)" if self.short else ""
         what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests{short}, {self.turns} turns, {self.t_s / 3600:.2f} h"
-        return f"HELD: {what}, no alarm" if not self.alarms else f"ALARMS: {self.alarms} in {what}"
+        zero, allowed = self._zero[0] / DEG, float(np.sqrt(np.mean(self.expected.offset**2)))
+        usual = ", as usual" if SPREAD in self.expected.assumed else ""
+        costs = (
+            f"a zero of {', '.join(f'{each:+.4f}' for each in zero)} dps turns the attitude by {significant(_cost_deg(self._zero[0]), 2)}°"
+        )
+        costs = (
+            f"{costs} in a minute at rest; a switch-on may move each axis by {significant(allowed / DEG, 2)} dps "
+            f"({significant(allowed * MINUTE_S / DEG, 2)}°, one sigma{usual})"
+        )
+        if self.alarms:
+            return f"ALARMS: {self.alarms} in {what}; {costs}"
+        if self._zero_matters():
+            return f"UNDECIDED: no alarm, but {costs}: take B anew (`calibrate verify` says how); {what}"
+        return f"HELD: {what}, no alarm; {costs}"
 
 
 def _cost_deg(zero_rps: np.ndarray) -> float:
     """Angle of the attitude's error after a minute at rest with this zero uncorrected, degrees."""
     same = LinearModel(np.eye(3), np.zeros(3))
-    return float(np.linalg.norm(at_rest(same, MINUTE_S).error(same, LinearModel(np.eye(3), zero_rps))) / DEG)
+    return float(np.linalg.norm(at_rest(same, MINUTE_S).largest_error(same, LinearModel(np.eye(3), zero_rps))[1]) / DEG)
 
 
 # Pieces of readings.

@@ -166,14 +166,13 @@ def test_groups_alike_have_no_variance_between():
     assert found.sigma[1] == pytest.approx(found.s[1] / np.sqrt(2 * GROUPS * (REPEATS - 1) + 2 * (GROUPS - 1)), rel=3e-3)
 
 
-def test_two_components_alike_have_the_sigma_of_one_with_the_other_known():
-    """Only their sum is seen: -2 log L = n log v + sum of squares / v has the second derivative n / v^2 at its minimum."""
+def test_of_two_components_alike_the_sum_alone_is_determined():
     y = np.random.default_rng(2).normal(size=8)
     V = [np.eye(8), np.eye(8)]
     found = estimate(y, np.zeros((8, 1)), 1e-9 * np.eye(8), V, np.ones(2), [None, None], [np.arange(8)], with_sigma=True, steps=60)
     variance = y @ y / 8
     assert found.s @ found.s == pytest.approx(variance, rel=1e-3)
-    assert found.sigma == pytest.approx(np.sqrt(2 / 8) * variance / 2 / found.s, rel=0.01)
+    assert np.isinf(found.sigma).all()
 
 
 def test_a_component_that_the_columns_take_up_may_have_any_size():

@@ -34,6 +34,13 @@ def test_the_sigma_is_the_jackknife_of_whole_turns():
     assert found.sigma_s() == pytest.approx(np.sqrt(6 / 7 * np.sum((without - np.mean(without)) ** 2)))
 
 
+def test_a_delay_that_one_turn_alone_shows_has_no_sigma():
+    found, _, _ = equations(1)
+    found.normal[1:, 3], found.normal[1:, :, 3], found.right[1:, 3] = 0, 0, 0
+    assert found.sigma_s() == np.inf
+    assert found.improvement_p() == 1.0
+
+
 def test_two_of_three_estimates_are_within_their_sigma():
     pulls = np.array([(found.solve()[3] - 0.5) / found.sigma_s() for found in (equations(seed)[0] for seed in range(400))])
     assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.68, abs=0.07)

@@ -233,6 +233,13 @@ def test_turns_that_the_parameters_fit_exactly_show_no_mismatch():
     assert (found.freedom, round(found.chi_square, 6), round(found.p_value, 3)) == (1, 0.0, 1.0)
 
 
+def test_numbers_that_no_turn_shows_take_no_degree_of_freedom():
+    batch = small_turns(20)
+    batch.rate[..., 0] = 0.0  # the first column of E, three numbers, multiplies nothing
+    floor = Floor(np.tile(1e-8 * np.eye(2), (20, 1, 1)), np.zeros((19, 2, 2)))
+    assert goodness(batch, floor, TRUE).freedom == batch.known.sum() - 9
+
+
 @pytest.mark.parametrize(
     ("chi_square", "p_value", "excess"), [(20.0, MISMATCH_P, 1.0), (20.0, 0.99 * MISMATCH_P, 2.0), (5.0, 0.001, 1.0), (30.0, 0.0, 3.0)]
 )

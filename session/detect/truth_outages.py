@@ -14,6 +14,7 @@ from session.io.folder import Session
 from session.io.logfile import Log, Truth, TruthOutage
 from session.io.numeric import runs_of
 from session.io.samples import Samples
+from session.io.solving import solve
 from session.io.units import NS
 
 # How far truth and gyro part: between moments about a tenth of a second apart, in units of what is usual at such a movement.
@@ -138,7 +139,7 @@ def _robust(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
     design, weight, theta = columns / scale, np.ones(len(values)), np.zeros(columns.shape[2])
     for _ in range(PASSES):
         rows = (design * weight[:, None, None]).reshape(-1, len(theta))
-        theta = np.linalg.lstsq(rows, (values * weight[:, None]).ravel(), rcond=1e-9)[0]
+        theta = solve(rows, (values * weight[:, None]).ravel()).shortest
         length = np.linalg.norm(values - design @ theta, axis=1)
         weight = 1 / np.sqrt(1 + (length / max(HALF_WEIGHT * float(np.median(length)), 1e-15)) ** 2)
     return theta / scale

@@ -495,6 +495,11 @@ def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
     assert not any(each.lagged for each in prompt.examined.candidates)
     _, still = fitted([small_rest(np.full(30, 25.0), np.random.default_rng(0).normal(size=30))])
     assert (still.order, still.p_value) == (0, 1)
+    # Two rests, each at a temperature of its own: their zeros take up any slope.
+    noise = np.random.default_rng(0).normal(size=(2, 30))
+    _, two = fitted([small_rest(np.full(30, t), n) for t, n in zip((10.0, 20.0), noise, strict=True)], orders=(0, 1))
+    assert two.order == 0
+    assert [each.order for each in two.examined.candidates] == [0]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.io.solving import solve
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude import rotation
 
@@ -65,12 +66,12 @@ def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, si
     jacobian = (design / sigma[..., None]).reshape(-1, 5)
     value = ((rate - known) / sigma).ravel()
     freedom = len(value) - 5
-    if freedom < 1 or np.linalg.matrix_rank(jacobian) < 5:
+    found = solve(jacobian, value)
+    if freedom < 1 or found.rank < 5:
         return vertical_only(latitude_deg)
-    solution = np.linalg.lstsq(jacobian, value, rcond=None)[0]
-    excess = max(1.0, np.sum((value - jacobian @ solution) ** 2) / freedom)
-    covariance = np.linalg.inv(jacobian.T @ jacobian)[3:, 3:] * excess
-    misfit = _north(latitude_deg) * _direction(_HEADINGS)[:, :2] - solution[3:]
+    excess = max(1.0, np.sum((value - jacobian @ found.value) ** 2) / freedom)
+    covariance = found.covariance[3:, 3:] * excess
+    misfit = _north(latitude_deg) * _direction(_HEADINGS)[:, :2] - found.value[3:]
     log_p = -0.5 * np.einsum("hi,ij,hj->h", misfit, np.linalg.inv(covariance), misfit)
     p = np.exp(log_p - log_p.max())
     mean = (p / p.sum()) @ _direction(_HEADINGS)
@@ -93,11 +94,11 @@ def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tupl
     jacobian = (design / sigma[..., None]).reshape(-1, 6)
     value = (rate / sigma).ravel()
     freedom = len(value) - 6
-    if freedom < 1 or np.linalg.matrix_rank(jacobian) < 6:
+    found = solve(jacobian, value)
+    if freedom < 1 or found.rank < 6:
         return None
-    solution = np.linalg.lstsq(jacobian, value, rcond=None)[0]
-    excess = max(1.0, float(np.sum((value - jacobian @ solution) ** 2)) / freedom)
-    return float(solution[5]), float(np.sqrt(np.linalg.inv(jacobian.T @ jacobian)[5, 5] * excess))
+    excess = max(1.0, float(np.sum((value - jacobian @ found.value) ** 2)) / freedom)
+    return float(found.value[5]), float(np.sqrt(found.covariance[5, 5] * excess))
 
 
 def unseen_covariance(earth: EarthRate, latitude_deg: float | None) -> np.ndarray:

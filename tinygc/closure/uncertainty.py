@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.io.solving import solve
 from session.io.units import EARTH_RATE_RPS
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -102,8 +103,9 @@ def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: Bia
     known = batch.known.ravel()
     angles, design, covariance = angles[known], design[known], covariance[np.ix_(known, known)]
     white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, design * PRIOR_SIGMA]))
-    left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
-    chi_square, freedom = float(left @ left), max(len(angles) - linear.PARAMETERS, 1)
+    found = solve(white[:, 1:], white[:, 0])
+    left = white[:, 0] - white[:, 1:] @ found.shortest
+    chi_square, freedom = float(left @ left), max(len(angles) - found.rank, 1)
     return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 

@@ -21,6 +21,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtri, expit, gammaincinv, ndtr
 
+from session.io.solving import solve
+
 #: the share of a normal variable within one sigma
 ONE_SIGMA = 0.6826894921370859
 #: coverage of intervals and limits
@@ -234,7 +236,7 @@ def course(values: np.ndarray, own: np.ndarray, at: np.ndarray, warmth: np.ndarr
     if warmth is not None and len(values) >= FEWEST_WITH_TEMPERATURE and np.ptp(warmth) >= LEAST_WARMTH_K:
         warmer = warmth - warmth[-1]
         design = np.column_stack([level, time, warmer])
-        if np.linalg.matrix_rank(design) == design.shape[1]:
+        if solve(design).rank == design.shape[1]:
             warming = Between(values, own, design)
             columns += [warmer] if warming.p_value(np.eye(3)[2]) < CHANCE / LOOKED_AT else []
     steps = _steps(values, own, lambda jumps: np.column_stack([level, *jumps, *columns]))

@@ -9,6 +9,7 @@ import numpy as np
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.detect.segments import FEWEST_SEGMENTS
 from session.io.errors import CalibrationError
+from session.io.solving import solve
 from session.io.units import DEG
 from tinygc import closure
 from tinygc.closure.build import with_still_bias
@@ -196,7 +197,7 @@ def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
 
 
 def bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = None) -> np.ndarray:
-    """Estimate (L, 3) rad/s to add to a model's calibrated rate for the best closure of each log, NaN where a log has one segment."""
+    """Estimate (L, 3) rad/s to add to a model's calibrated rate for the best closure of each log, NaN where not determined."""
     sigma = problem.floor.sigma if sigma is None else sigma
     changes = np.full((len(problem.logs), 3), np.nan)
     owner = np.array([segment.log for segment in problem.used])
@@ -209,5 +210,5 @@ def bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = Non
         changes[log] = 0
         for _ in range(STEPS):
             angles = 2 * closure.segment_residuals(batch, rate + changes[log])[..., None]
-            changes[log] -= np.linalg.lstsq((columns * weight).reshape(-1, 3), (angles * weight).ravel(), rcond=None)[0]
+            changes[log] -= solve((columns * weight).reshape(-1, 3), (angles * weight).ravel()).value
     return changes

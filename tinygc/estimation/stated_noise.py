@@ -10,6 +10,7 @@ import numpy as np
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.rounding import lsb_of, rounding_of_mean
 from session.detect.stills import BLOCK_S, NOISE_BLOCKS
+from session.io.solving import solve
 from tinygc import closure
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.build import bias_shares
@@ -313,8 +314,9 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
 def _goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndarray) -> GoodnessOfFit:
     columns = design * PRIOR_SIGMA[: design.shape[1]]
     white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, columns]))
-    left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
-    chi_square, freedom = float(left @ left), max(len(angles) - design.shape[1], 1)
+    found = solve(white[:, 1:], white[:, 0])
+    left = white[:, 0] - white[:, 1:] @ found.shortest
+    chi_square, freedom = float(left @ left), max(len(angles) - found.rank, 1)
     return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 

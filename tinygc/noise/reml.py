@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from session.io.solving import inverse
 from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.noise.whitening import Sparse
 
@@ -150,7 +151,7 @@ def _sigma(cost: Callable, x: np.ndarray) -> np.ndarray:
     there = np.flatnonzero((x > NOTHING) & (np.diag(curvature) > 0))
     joint = curvature[np.ix_(there, there)]
     # The joint sigma of each is at least its sigma with the others known.
-    variance = np.maximum(2 * np.diag(np.linalg.pinv((joint + joint.T) / 2, hermitian=True)), 2 / np.diag(joint))
+    variance = np.maximum(2 * np.diag(inverse(joint)), 2 / np.diag(joint))
     sigma[there] = np.sqrt(variance / x[there]) / 2
     for k in np.flatnonzero(x <= NOTHING):
         sigma[k] = _one_sigma_from_zero(cost, x, int(k))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
+from session.io.solving import inverse
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.uncertainty import signed_ranks_above
@@ -96,19 +97,20 @@ class TurnEquations:
         if count < 2:
             return np.inf
         without = self._solved_each()[:, 3]
-        return float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2)))
+        sigma = float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2)))
+        return sigma if np.isfinite(sigma) else np.inf
 
     def _solved_each(self) -> np.ndarray:
-        """(S, 4) solutions of all turns but one."""
+        """(S, 4) solutions of all turns but one; NaN where these do not determine a number."""
         normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
-        return np.einsum("sij,sj->si", np.linalg.pinv(normal, hermitian=True), right)
+        return np.einsum("sij,sj->si", inverse(normal), right)
 
     def improvement_p(self) -> float:
         """P-value of the delay's improvement of each turn, with all four numbers fitted to all others."""
         normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
-        three = np.einsum("sij,sj->si", np.linalg.pinv(normal[:, :3, :3], hermitian=True), right[:, :3])
+        three = np.einsum("sij,sj->si", inverse(normal[:, :3, :3]), right[:, :3])
         gains = self._left_each(np.pad(three, ((0, 0), (0, 1)))) - self._left_each(self._solved_each())
-        return signed_ranks_above(gains) if len(gains) > 1 else 1.0
+        return signed_ranks_above(gains) if len(gains) > 1 and np.isfinite(gains).all() else 1.0
 
     def _left_each(self, solutions: np.ndarray) -> np.ndarray:
         """(S,) residual sum of squares of each turn under its own solution (S, 4)."""

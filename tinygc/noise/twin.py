@@ -10,6 +10,7 @@ import numpy as np
 
 from session.detect.accelerometer import IDENTITY, force_columns, units
 from session.detect.stills import Still
+from session.io.solving import solve
 from session.io.units import DEG, G
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -179,7 +180,7 @@ class Twin:
         else:  # from the lengths alone
             down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
             nine, own = (np.einsum("qi,qip->qp", down, columns) for columns in (force_columns(IDENTITY, self.force), own))
-            found = units(G)[:, None] * np.linalg.lstsq(nine * units(G), own, rcond=1e-6)[0]
+            found = solve(nine, own).shortest
         self._known_taken_up[effect] = found
         return found
 

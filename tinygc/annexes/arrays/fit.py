@@ -25,6 +25,7 @@ from session.io.files import result_folder
 from session.io.folder import Session, input_hashes
 from session.io.numeric import sigma_of
 from session.io.results import write_whole
+from session.io.solving import inverse as covariance_of
 from session.io.units import DEG, DEG_PER_HOUR, NS, G
 from tinygc import models
 from tinygc.annexes.arrays.clocks import UnitPlace, rates_of
@@ -171,7 +172,7 @@ def solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition
     x = np.zeros(size)
     for _ in range(ROUNDS):
         normal = sum((D * w[:, None]).T @ D for D, w in zip(design, weights, strict=True))
-        if np.linalg.matrix_rank(normal) < size:
+        if not np.isfinite(np.diag(covariance_of(normal))).all():
             return None
         x = np.linalg.solve(normal, sum(D.T @ (w * v) for D, v, w in zip(design, values, weights, strict=True)))
         left = [v - D @ x for D, v in zip(design, values, strict=True)]

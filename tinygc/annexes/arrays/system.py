@@ -10,6 +10,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from session.detect.accelerometer import IDENTITY, PARAMETERS, after, corrected, force_columns, units
 from session.detect.accelerometer import PARAMETERS as OF_ACCELEROMETER
 from session.io.config import Accelerometer
+from session.io.solving import inverse
 from session.io.units import MG, G
 from tinygc import closure
 from tinygc.annexes.arrays.units import ArrayUnit, SameStills
@@ -220,11 +221,7 @@ class Solution:
         P = (np.eye(counted.sum()) - taken.T @ taken) * root[:, None] * root
         V = self.system.V[:, counted]
         information = np.einsum("gi,ij,hj->gh", V, P**2, V, optimize=True) / 2
-        there = np.diag(information) > 0
-        found = np.full(len(self.t), np.inf)
-        if there.any():
-            found[there] = np.sqrt(np.diag(np.linalg.pinv(information[np.ix_(there, there)], hermitian=True)))
-        return found
+        return np.sqrt(np.diag(inverse(information)))
 
     def blocks(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return chi-square (B,) and error (B, d) of blocks of rows (B, d), each as predicted by all other rows.

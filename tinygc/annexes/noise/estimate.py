@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from session.io.errors import DataError
+from session.io.solving import inverse
 from tinygc.annexes.noise.choice import UNSEEN, Chosen, Search
 from tinygc.annexes.noise.dependence import sandwich
 from tinygc.annexes.noise.likelihood import FILTER, cost, stacked, stacks_of, unit_covariance
@@ -396,6 +397,4 @@ def _relative(terms: dict[str, tuple[float, float | None]], name: str, duration_
     x = np.array([terms[key][0] ** 2 for key in names])
     _, _, curvature = cost(x, V, stacks)
     information = curvature * np.outer(x, x) / 2
-    variance = np.linalg.pinv(information, hermitian=True)[names.index(name), names.index(name)]
-    seen = information[names.index(name), names.index(name)]
-    return float(np.sqrt(max(variance, 1 / seen if seen > 0 else np.inf)) / 2)
+    return float(np.sqrt(inverse(information)[names.index(name), names.index(name)]) / 2)

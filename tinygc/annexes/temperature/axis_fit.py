@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 from session.io.numeric import sigma_of_steps
 from session.io.rests import RestLog
+from session.io.solving import solve as determined
 from tinygc.annexes.temperature.model import element_temperature
 from tinygc.closure.floor import wander_covariance
 from tinygc.noise.reml import estimate
@@ -438,7 +439,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     y, V = knots.mean(blocks), knots.covariances()
     unit = float(np.std(y)) or 1.0  # scaled to numbers near 1, as the noise estimate requires
     y = y / unit
-    orders = tuple(p for p in orders if p <= most_order(knots))
+    orders = tuple(p for p in orders if p <= most_order(knots) and determined(columns(knots, 0.0, p)).rank == len(knots.logs) + p)
     lags = lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
     white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
     every, most, tau = slice(None), max(orders), 0.0

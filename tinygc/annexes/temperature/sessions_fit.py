@@ -12,6 +12,7 @@ from session.io.config import Accelerometer
 from session.io.errors import FitError
 from session.io.folder import Session
 from session.io.logfile import Log
+from session.io.solving import inverse
 from tinygc.annexes.temperature.axis_fit import AxisFit
 from tinygc.annexes.temperature.model import ThermalModel
 from tinygc.annexes.temperature.rest_fit import RestFit
@@ -208,7 +209,7 @@ def _solve_E(points: Sequence[SessionPoint], away: np.ndarray, order: int) -> tu
         information += np.kron(np.outer(powers, powers), weight)
         pull += np.kron(powers, weight @ point.values[MATRIX])
         fixed += float(point.values[MATRIX] @ weight @ point.values[MATRIX])
-    covariance = _inverse(information)
+    covariance = inverse(information)
     terms = covariance @ pull
     left = 0.0
     for point, x in zip(points, away, strict=True):
@@ -308,12 +309,6 @@ def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], desig
         middle = (low + high) / 2
         low, high = (middle, high) if chi_square(middle) > freedom else (low, middle)
     return float(np.sqrt(high))
-
-
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Invert a positive matrix whose rows have very different units."""
-    scale = 1 / np.sqrt(np.diag(matrix))
-    return np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(scale, scale)
 
 
 def _possible(covariance: np.ndarray) -> np.ndarray:

@@ -127,3 +127,89 @@ def test_a_closure_run_that_returns_to_its_start_is_no_argument_for_a_scale_of_z
     assert of(findings, "axes").level == "ok"
     assert of(findings, "gyro scale").level == "ok"
     assert "deg/s" in of(look(made, gyro=made.logs[0].samples.gyro / DEG), "gyro scale").do
+
+
+# A hand that pushes: gravity within the turns is hidden, and only how they end from still to still tells.
+
+
+def flat_turns(share, seed=4, turns=12, push_g=0.16, odr_hz=83.0):
+    """Turns about axes in the sensor's level plane, z with this share, the hand pushing by so much: (session, its samples)."""
+    rng, table = np.random.default_rng(seed), Table().rest(2.2)
+    for _ in range(turns):
+        table.turn(rng.uniform(90, 260) * rng.choice([-1, 1]), rng.normal(size=3) * [1, 1, share], 2.0).rest(2.2)
+    made = session_of(table.samples(odr_hz=odr_hz, registers=False), odr_hz=odr_hz)
+    samples = made.logs[0].samples
+    push = np.apply_along_axis(np.convolve, 0, rng.normal(size=(len(samples), 3)), np.hanning(40) / 20, mode="same")
+    moves = np.linalg.norm(samples.gyro - np.median(samples.gyro, axis=0), axis=1) > 8 * DEG
+    return made, samples.with_accel(samples.accel + moves[:, None] * push * push_g * 9.80665 / push.std())
+
+
+@pytest.mark.parametrize(
+    ("signs", "words"),
+    [
+        ([-1, -1, -1], "all three axes of the gyro have the wrong sign"),
+        ([-1, 1, -1], "the gyro's x and z have the wrong sign:"),
+        ([-1, -1, 1], "the gyro's x and y have the wrong sign:"),
+    ],
+)
+def test_axes_are_decided_by_how_turns_end_and_not_by_a_hands_pushes(signs, words):
+    """Within the turns several orders leave as much of gravity's movement; from still to still the right one closes ten times better."""
+    made, samples = flat_turns(0.12)
+    finding = of(look(made, gyro=samples.gyro * signs, accel=samples.accel), "axes")
+    assert finding.level == "error"
+    assert finding.says.startswith(words)
+    (gyro, *_) = finding.corrections
+    assert np.diag(gyro.axes).tolist() == signs
+    assert of(look(made, gyro=samples.gyro, accel=samples.accel), "axes").level == "ok"
+
+
+def test_where_two_orders_fit_none_is_chosen():
+    """z never turns: its sign is open, so nothing is named, corrected, or said of the scale; as logged, it stays."""
+    made, samples = flat_turns(0.0)
+    findings = look(made, gyro=samples.gyro * [-1, -1, 1], accel=samples.accel)
+    finding = of(findings, "axes")
+    assert finding.level == "error"
+    assert finding.corrections == ()
+    assert "the gyro's x and y have the wrong sign" in finding.says
+    assert "all three axes of the gyro have the wrong sign" in finding.says
+    assert "2 orders fit alike, and none is chosen" in finding.says
+    assert not [each for each in findings if each.what == "gyro scale"]
+    assert of(look(made, gyro=samples.gyro, accel=samples.accel), "axes").level == "ok"
+
+
+def test_whole_circles_tell_the_scale_by_where_they_end():
+    """They end as they began, so they tell no axes; a scale that is 12 % off ends 43 degrees away, and is no push of the hand."""
+    table, rng = Table().rest(2.2), np.random.default_rng(1)
+    for _ in range(6):
+        axis = rng.normal(size=3) * [1, 1, 0.1]
+        table.turn(360 * rng.choice([-1, 1]), axis, 3.0).rest(2.2)
+    made = session_of(table.samples(registers=False))
+    samples = made.logs[0].samples
+    for factor in (1.0, 1.12):
+        found = agreement(replace(samples, gyro=samples.gyro * factor), find_stills(samples)[0])
+        assert found.ends == 0
+        assert (found.scale, found.scale_std) == (pytest.approx(1 / factor, abs=0.006), 0.03)
+
+
+def test_gravity_within_the_turns_alone_accuses_no_scale_that_pushes_can_make():
+    """Out and back, no end tells a scale: 0.888 is twice what pushes usually make, and a half is not."""
+    table = Table().rest(2.2)
+    for i in range(8):
+        table.turn(120, (1, i % 3 - 1, 0), 2.0).turn(-120, (1, i % 3 - 1, 0), 2.0).rest(2.2)
+    made = session_of(table.samples(registers=False))
+    gyro = made.logs[0].samples.gyro
+    assert of(look(made, gyro=gyro / 0.888), "gyro scale").level == "ok"
+    assert of(look(made, gyro=gyro / 0.5), "gyro scale").level == "error"
+
+
+@pytest.mark.parametrize(("lsb_dps", "named"), [(500 / 32768, False), (17.5e-3, True)])
+def test_the_step_of_the_readings_refutes_a_sensitivity(lsb_dps, named):
+    """Rates that are 15 % too large, in ST's steps: converted with these.  In steps of 500 dps / 32768 they were not."""
+    table = Table().tumble(12, seed=5)
+    samples = table.samples(registers=False)
+    made = session_of(samples, raw=False, model="unknown")
+    gyro = np.round(samples.gyro * 1.147 / (lsb_dps * DEG)) * lsb_dps * DEG
+    finding = of(look(made, gyro=gyro), "gyro scale")
+    assert finding.says.startswith("gravity requires rates x 0.87")
+    assert ("sensitivity" in finding.do) == named
+    assert finding.level == ("error" if named else "warning")

@@ -193,3 +193,53 @@ def test_temperature_missing_stuck_implausible_and_moving(good):
         finding = of(look(good, temp_c=temp_c), "temperature")
         assert finding.level == level
         assert said in finding.says
+
+
+# Readings that come several times
+
+
+def held(samples, gyro=1, accel=1):
+    """The gyroscope's and the accelerometer's readings standing for so many rows."""
+    rows = np.arange(len(samples))
+    return {"gyro": samples.gyro[rows // gyro * gyro], "accel": samples.accel[rows // accel * accel]}
+
+
+@pytest.mark.parametrize(
+    ("rows", "level", "says"),
+    [
+        ({"gyro": 6, "accel": 6}, "warning", "83% of the rows repeat all six readings"),
+        ({"accel": 2}, "note", "each reading of the accelerometer stands for 2 rows: new ones come at 104 Hz, rows at 208"),
+        ({"gyro": 3}, "warning", "each reading of the gyro stands for 3 rows: new ones come at 69 Hz, rows at 208"),
+    ],
+    ids=str,
+)
+def test_readings_that_repeat_are_no_clipping(good, rows, level, says):
+    findings = look(good, **held(good.logs[0].samples, **rows))
+    finding = of(findings, "repeats")
+    assert (finding.level, says in finding.says) == (level, True)
+    assert of(findings, "gyro clipping").level == "ok"
+    assert of(findings, "accelerometer clipping").level == "ok"
+
+
+def test_a_limit_is_found_among_readings_that_repeat(good):
+    samples = good.logs[0].samples
+    limit = 0.7 * np.abs(samples.gyro[:, 0]).max()
+    clipped = replace(samples, gyro=np.clip(samples.gyro, -limit, limit))
+    for rows in (1, 4):
+        finding = of(look(good, **held(clipped, gyro=rows)), "gyro clipping")
+        assert finding.level == "warning"
+        assert f"x stands at {limit / DEG:.5g} dps" in finding.says or f"{limit / DEG:.5g} dps" in finding.says
+
+
+def test_a_register_that_comes_round_is_an_error(good):
+    """At ±60 dps: where the movement goes on a whole register further."""
+    samples, end = good.logs[0].samples, 60 * DEG
+    narrow = with_sensor(good, gyro_mdps_per_lsb=60e3 / 32768)
+    assert not [finding for finding in look(narrow, gyro=np.clip(samples.gyro, -end, end)) if finding.what == "gyro wraps"]
+    finding = of(look(narrow, gyro=(samples.gyro + end) % (2 * end) - end), "gyro wraps")
+    assert finding.level == "error"
+    assert "between two readings in" in finding.says
+    assert "the register comes round at ±60 dps" in finding.says
+    spike = samples.gyro.copy()
+    spike[4000] = -end
+    assert not [finding for finding in look(narrow, gyro=np.clip(spike, -end, end)) if finding.what == "gyro wraps"]

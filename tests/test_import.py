@@ -91,6 +91,14 @@ def test_readings_that_stand_at_the_end_of_a_range_are_asked_about(rows_at_end, 
         make(tmp_path, text, **told)
 
 
+def test_readings_that_come_six_times_end_no_range(tmp_path):
+    """Each stands for six rows, the largest as well."""
+    held = np.arange(len(T_US)) // 6 * 6
+    text = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n" + rows(T_US / 1e3, *ACCEL["g"][held].T, *GYRO["dps"][held].T)
+    made = make(tmp_path, text, gyro_unit="dps", accel_unit="g", gyro_fs_dps=None)
+    assert any("full scale" in note and "is assumed" in note for note in made.notes)
+
+
 def test_acceleration_without_gravity_is_said(tmp_path):
     text = "time,ax,ay,az,wx,wy,wz\n" + rows(T_US / 1e6, *(0.05 * ACCEL["mps2"].T), *GYRO["rps"].T)
     made = make(tmp_path, text)

@@ -11,8 +11,9 @@ from conftest import DEG, SESSION_TOML, Table, broad, write_session
 from recorded_files import write_sundevil
 
 import tinygc
-from session.io.errors import CalibrationError
+from session.io.errors import CalibrationError, FitError
 from session.replay.repair import repair
+from tinygc.closure.build import build_problem
 
 G = 9.80665
 PHYSICAL = SESSION_TOML.replace("ASM330LHH", "unknown")
@@ -215,3 +216,25 @@ def test_the_rockets_board_whose_authors_did_not_know_it(shared, tmp_path, run, 
     assert raw["after"] < after
     assert np.allclose(table["closure"]["before"]["scale"], 2, atol=0.1)
     assert np.allclose(table["closure"]["after"]["scale"], 1, atol=0.05)
+
+
+def test_a_repair_after_which_nothing_closes_is_none(samples, tmp_path):
+    """z never turns and two signs are wrong: two orders fit, so there is no cause to undo, and no copy."""
+    table, rng = Table().rest(1.5), np.random.default_rng(5)
+    for _ in range(12):
+        table.turn(rng.uniform(90, 200), rng.normal(size=3) * [1, 1, 0], 3.0).rest(1.5)
+    spoilt = written(tmp_path / "spoilt", table.samples(odr_hz=104.0), gyro=np.diag([-1, -1, 1]) / DEG)
+    with pytest.raises(CalibrationError, match=r"no cause is determined: log0001\.csv: axes: not as logged: .* 2 orders fit alike"):
+        repair(spoilt, tmp_path / "copy")
+    assert not (tmp_path / "copy").exists()
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_an_axis_that_turns_against_itself_is_an_error_of_the_fit(samples, axis, tmp_path):
+    """What a first look that was passed over leaves: least squares would call it a misalignment of 3141 mrad."""
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    session = tinygc.read_session(written(tmp_path / "mirrored", samples, gyro=np.diag(signs) / DEG))
+    with pytest.raises(
+        FitError, match=rf"the turns require rates of {'xyz'[axis]} times -\d\.\d+, expected about 1: gyro {'xyz'[axis]} has"
+    ):
+        build_problem(session)

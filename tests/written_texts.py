@@ -131,6 +131,12 @@ def betaflight_explorer(s: Samples) -> Files:
     return file("btfl_001.csv", head, BLACKBOX, blackbox_rows(s, 16.4))
 
 
+def betaflight_fine(s: Samples) -> Files:
+    """With ``blackbox_high_resolution``: tenths of the scale, which is 1 dps here."""
+    head = '"Product","Blackbox flight data recorder"\n"gyro_scale","0x3f800000"\n"acc_1G","2048"\n"blackbox_high_resolution","1"\n'
+    return file("btfl_002.csv", head, BLACKBOX, blackbox_rows(s, 10.0))
+
+
 def betaflight_bare(s: Samples) -> Files:
     return file("LOG00001.01.csv", BLACKBOX, blackbox_rows(s, 16.4))
 
@@ -340,6 +346,7 @@ TEXTS = {
     "OpenLog Artemis": Text(artemis),
     "PX4 ulog2csv": Text(px4),
     "Betaflight, Blackbox Explorer": Text(betaflight_explorer, **BLACKBOX_STEPS),
+    "Betaflight, high resolution": Text(betaflight_fine, gyro_lsb=DEG / 10, accel_lsb=G / 2048),
     "Betaflight, blackbox_decode": Text(betaflight_bare, ("--gyro-unit", "dps/16.4", "--accel-unit", "g/2048"), **BLACKBOX_STEPS),
     "ArduPilot text": Text(ardupilot),
     "rostopic echo -p": Text(rostopic),

@@ -19,7 +19,7 @@ from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
 from session.io.folder import Session
 from session.io.logfile import Bridge, Log
-from session.io.numeric import runs_of
+from session.io.numeric import held_for, new_readings, runs_of, smallest_step
 from session.io.samples import Samples, pick, pieces
 from session.io.texts import SENSOR_NAME, STANDIN_NAME
 from session.io.units import DEG, MDPS, MG, NS, G
@@ -109,11 +109,15 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor), DEG, [s.gyro_std for s in stills]),
         ("accelerometer", "g", samples.accel, sensor.accel_fs_g, accel_reach_g(sensor), G, [s.accel_std for s in stills]),
     ):
-        t_ns = samples.t_ns
+        rows = np.arange(len(samples))
         if name == "accelerometer" and absent.any():
             if absent.all():
                 continue
-            values, t_ns = pick(values, ~absent), t_ns[~absent]
+            rows = rows[~absent]
+            values = pick(values, rows)
+        new = new_readings(values)
+        if held_for(new) > 1:  # then each reading stands, and not at a limit
+            values, rows = pick(values, new), rows[new]
         # One axis after the other: a day's log is three times as long side by side.
         ends = np.array([(values[:, i].min(), values[:, i].max()) for i in range(3)])
         stuck = ends[:, 0] == ends[:, 1]
@@ -125,9 +129,9 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         resting = np.zeros(len(samples), dtype=bool)
         for still in stills:
             resting[still.start : still.stop] = True
-        resting = resting[~absent] if len(values) < len(samples) else resting
+        stamps = (samples.t_ns[rows], samples.t_ns[0])
         each = [
-            _clipping(values[:, i] / factor, noise[i] / factor, (least, reach), resting, (t_ns, samples.t_ns[0]), f"{axis}", unit)
+            _clipping(values[:, i] / factor, noise[i] / factor, (least, reach), resting[rows], stamps, f"{axis}", unit)
             for i, axis in enumerate("xyz")
             if not stuck[i]
         ]
@@ -140,7 +144,32 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
             level = "note" if peak > full else "ok"
             beyond = " is passed: the datasheet promises nothing there" if peak > full else ""
             findings.append(Finding(level, log.path.name, f"{name} clipping", f"peak {peak:.4g} {unit}, full scale {full:g}{beyond}"))
-    return findings + _repeats(log, stills)
+    return findings + _wraps(log, sensor) + _repeats(log, stills)
+
+
+#: of the register's end: a jump from one side to the other; how far the reading behind it, a whole register on, is from where it went
+ACROSS, GOES_ON = 1.5, 0.1
+
+
+def _wraps(log: Log, sensor: Sensor) -> list[Finding]:
+    """Rates that come round at the register's end: from one reading to the next the sign changes, and a whole register on the movement
+    goes on as before."""
+    samples, end, texts = log.samples, gyro_reach_dps(sensor) * DEG, []
+    for axis, name in enumerate("xyz") if np.isfinite(end) else ():
+        values = samples.gyro[:, axis]
+        rows = np.flatnonzero(np.abs(np.diff(values)) > ACROSS * end)
+        rows = rows[rows > 0]
+        before, here, behind = values[rows - 1], values[rows], values[rows + 1]
+        rows = rows[np.abs(behind + np.sign(here) * 2 * end - (2 * here - before)) < GOES_ON * end]
+        if len(rows):
+            jump = f"{values[rows[0]] / DEG:.4g} to {values[rows[0] + 1] / DEG:.4g} dps"
+            texts.append(
+                f"{name} jumps from {jump} between two readings in {len(rows)} places, first at {samples.at_s(int(rows[0])):.1f} s"
+            )
+    if not texts:
+        return []
+    says = f"{'; '.join(texts)}: the register comes round at ±{end / DEG:.4g} dps"
+    return [Finding("error", log.path.name, "gyro wraps", says, "choose a larger full scale, or turn slower")]
 
 
 #: g: no range of an accelerometer ends below what it reads at rest, gravity with 20 % of scale and zero (``UNITS_RIGHT``)
@@ -167,7 +196,7 @@ def _clipping(
     repeats at rest, or within what gravity alone makes, is a register coarser than the noise.
     """
     least, reach = limits
-    run = run_bar(noise_std, _step(values))
+    run = run_bar(noise_std, smallest_step(values))
     rest = np.median(values)
     mask = np.zeros(len(values), dtype=bool)
     for level in (values.max(), values.min()):
@@ -186,33 +215,32 @@ def _clipping(
 
 
 def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
-    """Rows whose six readings all repeat the row before: the log was read faster than the sensor measures.
+    """Rows whose six readings all repeat the row before: the log was read faster than the sensor measures.  Or one sensor's three, row
+    after row: it measures at another rate than the other.
 
     Noise repeats a reading with a chance of step / (2 sqrt(pi) std) per axis, all six at once nearly never.
     """
     samples = log.samples
-    same, steps = np.ones(max(len(samples) - 1, 0), dtype=bool), np.empty(6)
-    for number in range(6):
-        column = (samples.gyro if number < 3 else samples.accel)[:, number % 3]
-        same &= column[1:] == column[:-1]
-        steps[number] = _step(column)
-        del column  # of a day, no two at once
-    share = float(same.mean())
-    std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
-    chance = np.prod(np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300)))
-    if share < max(0.01, 10 * chance):
-        return []
-    fresh_hz = (1 - share) / log.samples.period_s
-    says = f"{share:.0%} of the rows repeat all six readings (by noise {chance:.1g}): new ones come at {fresh_hz:.0f} Hz"
-    return [Finding("warning", log.path.name, "repeats", says, "read on the data-ready signal or from the FIFO; log each sample once")]
-
-
-def _step(values: np.ndarray) -> float:
-    """The register's step as seen in the values: the smallest difference between neighbours, or 0."""
-    steps = np.diff(values)
-    np.abs(steps, out=steps)
-    size = max(abs(values.max()), abs(values.min()))
-    return float(steps.min(initial=np.inf, where=steps > 1e-9 * max(size, 1e-300))) if (steps > 0).any() else 0.0
+    gyro, accel = new_readings(samples.gyro), new_readings(samples.accel)
+    do = "read on the data-ready signal or from the FIFO; log each sample once"
+    share = 1 - float((gyro | accel)[1:].mean()) if len(samples) > 1 else 0.0
+    if share >= 0.01:
+        std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
+        steps = np.array([smallest_step(sensor[:, axis]) for sensor in (samples.gyro, samples.accel) for axis in range(3)])
+        chance = np.prod(np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300)))
+        if share >= 10 * chance:
+            fresh_hz = (1 - share) / samples.period_s
+            says = f"{share:.0%} of the rows repeat all six readings (by noise {chance:.1g}): new ones come at {fresh_hz:.0f} Hz"
+            return [Finding("warning", log.path.name, "repeats", says, do)]
+    findings = []
+    for name, level, new in (("gyro", "warning", gyro), ("accelerometer", "note", accel)):
+        if (rows := held_for(new)) > 1:
+            fresh_hz = float(new.mean()) / samples.period_s
+            says = (
+                f"each reading of the {name} stands for {rows} rows: new ones come at {fresh_hz:.0f} Hz, rows at {1 / samples.period_s:.0f}"
+            )
+            findings.append(Finding(level, log.path.name, "repeats", says, do))
+    return findings
 
 
 # A gyro that stops at a level far below its full scale: checked before its scale and its stills, which it spoils.
@@ -233,6 +261,10 @@ class Ceiling:
 
 def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
     """Of rates (N, 3) rad/s: extremes of both signs that an axis stands at again and again, and never passes."""
+    new = new_readings(gyro)
+    if held_for(new) > 1:  # each reading stands, and not at a level
+        found = find_ceiling(gyro[new])
+        return None if found is None else replace(found, at=found.at[np.cumsum(new) - 1])
     levels, at = np.full(3, np.nan), np.zeros(len(gyro), dtype=bool)
     for axis in range(3):
         noise = _usual_step(gyro[:, axis])  # of a day, before the next column is held

@@ -149,11 +149,13 @@ class Layout:
 
 
 def _betaflight(said: Mapping[str, str]) -> dict[str, str]:
-    """Of ``gyro_scale`` (dps per count; often as the bits of a float) and ``acc_1G``, which the recorder's header lines state."""
+    """Of ``gyro_scale`` (dps per count; often as the bits of a float; a tenth with ``blackbox_high_resolution``) and ``acc_1G``, which the
+    recorder's header lines state."""
     facts: dict[str, str] = {}
     with suppress(KeyError, ValueError, struct.error, OverflowError):
         text = said["gyro_scale"].lower()
         scale = struct.unpack(">f", bytes.fromhex(text[2:].zfill(8)))[0] if text.startswith("0x") else float(text)
+        scale /= 10 if said.get("blackbox_high_resolution") == "1" else 1
         if 1e-4 < scale <= 1:
             facts |= {"gyro_unit": f"{scale:.9g}dps", "gyro_fs_dps": "2000"}
     with suppress(KeyError, ValueError, ZeroDivisionError):

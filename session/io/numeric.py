@@ -27,6 +27,33 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     return float(values[order][np.searchsorted(below, below[-1] / 2)])
 
 
+def smallest_step(values: np.ndarray) -> float:
+    """The register's step as seen in values (N,): the smallest difference between neighbours, or 0."""
+    steps = np.diff(values)
+    np.abs(steps, out=steps)
+    size = max(abs(values.max()), abs(values.min()))
+    return float(steps.min(initial=np.inf, where=steps > 1e-9 * max(size, 1e-300))) if (steps > 0).any() else 0.0
+
+
+# Readings that are held: rows of one sensor that come faster than it measures.
+
+
+def new_readings(values: np.ndarray) -> np.ndarray:
+    """(N,) bool: rows (N, 3) that differ from the one before; the first does."""
+    found = np.ones(len(values), dtype=bool)
+    for start in range(1, len(values), BLOCK):  # of a day, no second copy
+        some = values[start - 1 : start + BLOCK]
+        found[start : start + BLOCK] = (some[1:] != some[:-1]).any(axis=1)
+    return found
+
+
+def held_for(new: np.ndarray) -> int:
+    """Rows for which a reading usually stands, of ``new_readings`` (N,): the median over the readings, so that neither a rest in coarse
+    steps nor a limit counts for more than one."""
+    rows = np.flatnonzero(new)
+    return int(np.median(np.diff(rows))) if len(rows) > 2 else 1
+
+
 # Runs of rows that a mask marks.
 
 

@@ -13,7 +13,7 @@ from session.io.arrays import USUAL_DPS, USUAL_G
 from session.io.config import Sensor
 from session.io.dialects import Answers
 from session.io.errors import DataError
-from session.io.numeric import runs_of
+from session.io.numeric import held_for, new_readings, runs_of
 from session.io.questions import Question, QuestionsError
 from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
 from session.io.standard import OWN
@@ -112,7 +112,8 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
         if told is not None:
             found[kind] = told
             continue
-        if (run := _standing(in_unit)) >= AT_THE_END and most * unit > LEAST_AT_END[kind]:
+        new = new_readings(in_unit)
+        if (run := _standing(in_unit[new] if held_for(new) > 1 else in_unit)) >= AT_THE_END and most * unit > LEAST_AT_END[kind]:
             what = f"the {called}'s full scale, and its readings stand at {most:.6g} {word} for {run} rows"
             questions.append(Question(what, f"{option} {word.upper()}", "its range ends there, or near"))
             continue

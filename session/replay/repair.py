@@ -30,7 +30,8 @@ from session.io.units import ENDINGS, WORDS
 #
 # The causes are undone one after the other: time first, since stills depend on it; then settings and the accelerometer's unit, which the
 # gyroscope is examined against; then axes; then the gyroscope's scale.  Of several causes that explain one finding, each is tried on a
-# copy: the one that leaves fewest errors is right, and where two leave as few, nothing tells which it is.
+# copy: the one that leaves fewest errors is right, and where two leave as few, nothing tells which it is.  One after which gyroscope and
+# gravity do not close is none.
 
 NAME, SCHEMA = "repaired.json", "tinygc-repair/1"
 #: what a finding is of, in the order in which its cause is undone
@@ -136,6 +137,11 @@ def _stage(findings: Iterable[Finding]) -> str | None:
     return next((what for what in STAGES if _explained(findings, what)), None)
 
 
+def _disagrees(findings: Iterable[Finding]) -> bool:
+    """Whether gyroscope and gravity close with no order, sign and scale at all: what leaves that has put nothing right."""
+    return any(finding.what in ("gyro against gravity", "gravity moves") and finding.level != "note" for finding in findings)
+
+
 def _why_not(findings: Sequence[Finding]) -> str:
     errors = [finding for finding in findings if finding.level == "error"]
     return f"no cause is determined: {errors[0].line}" if errors else "nothing to repair: check finds no error"
@@ -151,7 +157,7 @@ def _undo(
         folder = copy.with_name(f"{copy.name}{number}")
         change = _apply(copy, folder, each, what, findings)
         after = check_folder(folder)
-        if len(_explained(after, what)) < len(mine):
+        if len(_explained(after, what)) < len(mine) and not _disagrees(after):
             tried.append((sum(finding.level == "error" for finding in after), folder, after, change))
     fewest = min((errors for errors, *_ in tried), default=0)
     best = [(folder, after, change) for errors, folder, after, change in tried if errors == fewest]

@@ -308,6 +308,7 @@ def build_problem(
         floor, widened = floor.widened(about @ more @ about.transpose(0, 2, 1)), widened + hit
         sigma = np.hypot(FIRST_SIGMA_RAD, np.sqrt(np.trace(floor.own[:, :2, :2], axis1=1, axis2=2)))
         fit = fit_least_squares(batch, sigma, fit.model, still_rates=at_rest, prior=beforehand)
+    _require_axes(session, fit.model)
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
     rates = _still_rates(logs, earths)
@@ -360,6 +361,17 @@ def _without_others(logs: list[StillSet], segments: list[Segment], taken: list[S
         for log in logs
     ]
     return logs, [s if s.number in numbers else replace(s, problem=s.problem or NOT_TAKEN) for s in segments]
+
+
+def _require_axes(session: Session, model: LinearModel) -> None:
+    """Require that no axis turns against itself: a least-squares fit takes any sign for a very large misalignment."""
+    axis = int(np.argmin(np.diag(model.E)))
+    if model.E[axis, axis] <= 0:
+        name = "xyz"[axis]
+        raise FitError(
+            f"{session.folder}: the turns require rates of {name} times {model.E[axis, axis]:.3f}, expected about 1: "
+            f"gyro {name} has the wrong sign, or axes are exchanged; correct the columns (`calibrate.py check` tries every order)"
+        )
 
 
 def _require_agreement(session: Session, logs: list[StillSet]) -> None:

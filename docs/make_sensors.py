@@ -13,7 +13,7 @@ from session.io.sensors.profile import Figure, Profile  # noqa: E402
 
 PAGE = ROOT / "docs" / "sensors.md"
 BEGIN, END = "<!-- tables: docs/make_sensors.py -->", "<!-- end of tables -->"
-FIGURES = ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph", "zero_rate_dps")
+FIGURES = ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph", "zero_rate_dps", "accel_zero_mg")
 
 
 def tables() -> str:
@@ -25,8 +25,8 @@ def tables() -> str:
     ]
     figures = [
         "| sensor | data rates, Hz | gyroscope noise, mdps/√Hz | accelerometer noise, µg/√Hz | bias instability, °/h "
-        "| zero rate, at most, dps | works, °C |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| zero rate, at most, dps | accelerometer's zero, at most, mg | works, °C |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
         *(_figures(profile) for profile in PROFILES),
     ]
     sources = ["| sensor | figure | source |", "| --- | --- | --- |", *(row for profile in PROFILES for row in _sources(profile))]
@@ -59,7 +59,7 @@ def _figure(figure: Figure | None) -> str:
 def _sources(profile: Profile) -> list[str]:
     """Figures of one source in one row; what is remembered says so in the table before."""
     named = {"gyro_noise_mdps_rthz": "gyroscope noise", "accel_noise_ug_rthz": "accelerometer noise"}
-    named |= {"gyro_bias_instability_dph": "bias instability", "zero_rate_dps": "zero rate"}
+    named |= {"gyro_bias_instability_dph": "bias instability", "zero_rate_dps": "zero rate", "accel_zero_mg": "accelerometer's zero"}
     by_source: dict[str, list[str]] = {}
     for name, figure in profile.figures.items():
         if figure.read:

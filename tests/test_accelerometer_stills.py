@@ -1,6 +1,7 @@
 """An accelerometer's nine numbers from stills: recovered within what noise allows, unmoved by a bad still, refused where not fixed."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,15 +12,21 @@ from scipy.stats import f as fisher_f
 
 from session.detect.accelerometer import (
     IDENTITY,
+    NAMES,
     RUNGS,
+    SPREAD_MPS2,
     attitudes_of,
     fit_lengths,
+    length_columns,
+    matrix_of,
+    units,
+    unobserved_of,
     why_not,
     with_section,
     write_calibrated_copy,
 )
-from session.detect.check_references import own_fit
-from session.io.config import Accelerometer
+from session.detect.check_references import check_zero, own_fit
+from session.io.config import Accelerometer, Sensor
 from session.io.errors import FormatError
 from session.io.units import MG
 
@@ -160,8 +167,40 @@ def test_five_faces_fix_a_bias_and_one_scale():
 def test_one_pose_fixes_nothing_and_nothing_is_changed(force):
     found = fit_lengths(force, GRAVITY)
     assert found.rung is None
-    assert found.unobserved == ("all of them",)
+    assert found.unobserved == NAMES
     np.testing.assert_array_equal(found.accelerometer.correct(force), force)
+
+
+@pytest.mark.parametrize(("width", "rung"), [(0.35, 1), (0.2, 2)])
+def test_what_a_rung_leaves_alone_is_in_the_sigmas_of_what_it_fits(width, rung):
+    """By the same fit of sensors that differ by one number each: their errors, a spread each, are the covariance."""
+    rng = np.random.default_rng(8)
+    force = np.array([0.3, -0.2, 1.0]) + width * rng.normal(size=(30, 3))
+    force *= GRAVITY / np.linalg.norm(force, axis=1)[:, None]
+    found = fit_lengths(force, GRAVITY)
+    assert found.rung is RUNGS[rung]
+    spread, columns, directions = SPREAD_MPS2 * units(GRAVITY), length_columns(IDENTITY, force), RUNGS[rung].directions
+    linear, fitted = np.zeros((9, 9)), np.zeros((9, 9))
+    for step in np.eye(9) * spread:
+        error = directions @ np.linalg.lstsq(columns @ directions, columns @ step, rcond=None)[0] - step
+        linear += np.outer(error, error)
+        truth = IDENTITY + 1e-3 * step
+        read = np.linalg.solve(matrix_of(truth), force.T).T + truth[6:]
+        error = (fit_lengths(read, GRAVITY).x - truth) / 1e-3
+        fitted += np.outer(error, error)
+    assert found.covariance == pytest.approx(linear, abs=1e-6 * np.abs(linear).max())
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(np.sqrt(np.diag(fitted)), rel=0.3)  # stills that miss count less
+
+
+@pytest.mark.parametrize(
+    ("mg", "sigma_mg", "told"),
+    [(471.0, 9.0, True), (3.0, 9.0, False), (3.0, 5.9, True), (3.0, 6.1, False), (26.0, 9.0, False), (28.0, 9.0, True)],
+)
+def test_a_number_is_observed_by_its_sigma(mg, sigma_mg, told):
+    """Below a tenth of the spread of 60 mg, or three sigmas from none."""
+    size, sigma = np.zeros(9), np.full(9, 1e-9)
+    size[6], sigma[6] = mg * MG, sigma_mg * MG
+    assert unobserved_of(size, sigma, GRAVITY) == (() if told else ("bias x",))
 
 
 def test_a_zero_of_half_a_g_is_found():
@@ -321,3 +360,27 @@ def test_the_drifts_p_value_is_fishers_f_of_three_numbers(drift):
     assert found.sigma_mps2 == pytest.approx(np.sqrt(2 * with_it.cost / (count - 12)), rel=1e-5)
     assert found.drift.mps2 == pytest.approx(with_it.x[9:], abs=1e-6)
     assert found.drift.significant == (drift > 0)
+
+
+@pytest.mark.parametrize(("model", "bar"), [("ASM330LHH", 65), ("MPU-6050", 80), ("unknown", 80)])
+def test_a_zero_beyond_the_data_sheet_is_a_warning(model, bar):
+    sensor = Sensor(model, "A", 104.0, 500.0, 4.0)
+    for mg, warned in ((bar - 2, False), (bar + 2, True), (-470.0, True)):
+        rng = np.random.default_rng(4)
+        force = measured(24, rng) - BIAS + np.array([0.0, mg, 0.0]) * MG
+        found = check_zero(fit_lengths(force, GRAVITY), sensor)
+        assert [each.level for each in found] == ["warning"] * warned
+        assert all(f"bar {bar} (" in each.says for each in found)
+        assert [float(each.says.split(", ")[1].split(" ±")[0]) for each in found] == pytest.approx([mg] * warned, abs=1)
+    far = fit_lengths(measured(24, rng) - BIAS + np.array([0.0, 100 * MG, 0.0]), GRAVITY)
+    assert check_zero(replace(far, covariance=far.covariance + np.eye(9) * (20 * MG) ** 2), sensor) == []  # within what is known
+
+
+def test_the_zero_of_a_triad_behind_a_frame_has_its_sigma_in_the_sensors_axes():
+    """After a quarter turn the correction's x is the sensor's y."""
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    found = fit_lengths(measured(30, np.random.default_rng(5)), GRAVITY)
+    sigma = np.diag([1.0, 2.0, 3.0]) ** 2
+    turned = replace(found, accelerometer=replace(found.accelerometer, matrix=matrix_of(found.x) @ quarter))
+    turned = replace(turned, covariance=np.pad(sigma, ((6, 0), (6, 0))))
+    assert turned.zero[1] == pytest.approx([2.0, 1.0, 3.0], rel=1e-9)

@@ -94,7 +94,7 @@ def from_stills(samples: Sequence[Samples], gravity_mps2: float = STANDARD_GRAVI
     logs = [references(find_stills(log, still_s)[0]) for log in samples]
     middle_s, duration_s = times_of(logs, samples)
     found = fit_lengths(force_of([still for log in logs for still in log]), gravity_mps2, middle_s=middle_s, duration_s=duration_s)
-    if found.unobserved:
+    if not found.fixes_all:
         raise SegmentError(f"{why_not(found)}: rest it on all six sides and some edges, or leave its calibration out")
     return found.accelerometer
 

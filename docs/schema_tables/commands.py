@@ -199,9 +199,9 @@ _SENSOR = {
     "divided": [{"base_hz": SIZE, "most": COUNT}],
     "clock_within": maybe(_FIGURE),
     "works_c": maybe(array(NUMBER, 2)),
-    "figures": {
-        f"{name}?": _FIGURE for name in ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph", "zero_rate_dps")
-    },
+    "figures": dict.fromkeys(
+        ("gyro_noise_mdps_rthz?", "accel_noise_ug_rthz?", "gyro_bias_instability_dph?", "zero_rate_dps?", "accel_zero_mg?"), _FIGURE
+    ),
 }
 
 TABLES = {

@@ -202,7 +202,7 @@ class LiveAccelerometerFit:
         else:
             given = fit.accelerometer
             self.accelerometer = replace(given, matrix=given.matrix / scale, bias_mps2=given.bias_mps2 * scale)
-            self.known = not fit.unobserved
+            self.known = fit.fixes_all
 
     @property
     def _force(self) -> np.ndarray:

@@ -34,11 +34,10 @@ SCALES, SHEARS, BIASES = np.array([0, 3, 5]), np.array([1, 2, 4]), np.array([6, 
 
 @dataclass(frozen=True, eq=False)
 class Ladder:
-    """One choice of what is fitted: what a person calls it, directions (9, K) of the vector, and the numbers that it leaves alone."""
+    """One choice of what is fitted: what a person calls it, and directions (9, K) of the vector."""
 
     says: str
     directions: np.ndarray
-    left: tuple[str, ...]
 
     @property
     def count(self) -> int:
@@ -53,14 +52,17 @@ def _axes(*groups: np.ndarray) -> np.ndarray:
 _ONE_SCALE = np.eye(PARAMETERS)[:, SCALES].sum(axis=1, keepdims=True)
 #: what is tried, the most first.  Six faces up and down fix six numbers; a bias and one scale are the least that is worth its name
 RUNGS = (
-    Ladder("scale, nonorthogonality and bias", np.eye(PARAMETERS), ()),
-    Ladder("scale and bias", _axes(SCALES, BIASES), tuple(NAMES[i] for i in SHEARS)),
-    Ladder(
-        "bias and one scale for all axes",
-        np.concatenate([_ONE_SCALE, _axes(BIASES)], axis=1),
-        (*(NAMES[i] for i in SHEARS), "differences of the scales"),
-    ),
+    Ladder("scale, nonorthogonality and bias", np.eye(PARAMETERS)),
+    Ladder("scale and bias", _axes(SCALES, BIASES)),
+    Ladder("bias and one scale for all axes", np.concatenate([_ONE_SCALE, _axes(BIASES)], axis=1)),
 )
+
+#: m/s^2, sigmas of what is known without a calibration: 2 % of scale, 1 % of shear, 60 mg of zero-g level (docs/sensor.md, siblings: 2 %,
+#: 0.5 %, 65 mg)
+SPREAD_MPS2 = np.zeros(PARAMETERS)
+SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
+#: share of this spread: a number that is known no better is not observed, unless it is so many of its own sigmas from none
+OBSERVED_BELOW, SURE_SIGMAS = 0.1, 3.0
 
 
 def matrix_of(x: np.ndarray) -> np.ndarray:
@@ -176,8 +178,11 @@ def shares(middle_s: np.ndarray, duration_s: float) -> np.ndarray:
 class LengthFit:
     """accelerometer, from what was measured; x (9,): the correction that it is of the one before; covariance (9, 9) of x, SI; rung: which
     numbers were fitted, None where the attitudes fix none; attitudes that lie apart; weight (S,) of each still, 1 for a good one;
-    before, after (S,) m/s^2: by how much each length misses gravity's; sigma_mps2 of one still; drift of the zero, where the stills' times
-    are given and enough stills are to spare."""
+    before, after (S,) m/s^2: by how much each length misses gravity's; sigma_mps2 of one still; unobserved: names of numbers that these
+    attitudes do not tell; drift of the zero, where the stills' times are given and enough stills are to spare.
+
+    The covariance counts what the rung leaves alone, of its spread beforehand: in few attitudes it passes for the numbers that are fitted.
+    """
 
     accelerometer: Accelerometer
     x: np.ndarray
@@ -188,12 +193,19 @@ class LengthFit:
     before: np.ndarray
     after: np.ndarray
     sigma_mps2: float
+    unobserved: tuple[str, ...]
     drift: ZeroDrift | None = None
 
     @property
-    def unobserved(self) -> tuple[str, ...]:
-        """Names of numbers that these attitudes do not tell."""
-        return () if self.rung is not None and not self.rung.left else ("all of them",) if self.rung is None else self.rung.left
+    def fixes_all(self) -> bool:
+        """Whether the attitudes fix all nine numbers."""
+        return self.rung is RUNGS[0]
+
+    @property
+    def zero(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) m/s^2 in the sensor's axes, and its sigmas (3,)."""
+        back = np.linalg.solve(self.accelerometer.matrix, matrix_of(self.x))  # of M0 in f = T (M0 (m - b0) - d)
+        return self.accelerometer.bias_mps2, np.sqrt(np.diag(back @ self.covariance[BIAS, BIAS] @ back.T))
 
 
 def fit_lengths(
@@ -230,12 +242,19 @@ def fit_lengths(
                 x, left, weight, sigma, covariance = found
                 drift = drift.turned(before)
         x, covariance = x[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]
+        hidden = unobserved_of(x - IDENTITY, np.sqrt(np.diag(covariance)), gravity_mps2)
         # All lengths in common: the matrix as a whole, and nothing else.
         common = np.where(np.arange(PARAMETERS) < BIASES[0], x, 0.0) * gravity_sigma_mps2 / gravity_mps2
         covariance = covariance + np.outer(common, common)
-        return LengthFit(after(x, before), x, covariance, rung, attitudes, weight, misses, left, sigma, drift)
-    zero = np.zeros((PARAMETERS, PARAMETERS))
-    return LengthFit(before, IDENTITY.copy(), zero, None, attitudes, np.ones(len(force)), misses, misses, 0.0)
+        return LengthFit(after(x, before), x, covariance, rung, attitudes, weight, misses, left, sigma, hidden, drift)
+    spread = np.diag((SPREAD_MPS2 * units(gravity_mps2)) ** 2)
+    return LengthFit(before, IDENTITY.copy(), spread, None, attitudes, np.ones(len(force)), misses, misses, 0.0, NAMES)
+
+
+def unobserved_of(size: np.ndarray, sigma: np.ndarray, gravity_mps2: float) -> tuple[str, ...]:
+    """Names of the numbers, of this size (9,) and sigma (9,), that are not observed: no better known than beforehand, and perhaps none."""
+    seen = (sigma < OBSERVED_BELOW * SPREAD_MPS2 * units(gravity_mps2)) | (np.abs(size) > SURE_SIGMAS * sigma)
+    return tuple(name for name, ok in zip(NAMES, seen, strict=True) if not ok)
 
 
 def attitudes_of(force: np.ndarray) -> int:
@@ -257,13 +276,28 @@ def _fitted(rung: Ladder, force: np.ndarray, gravity_mps2: float, white_mps2: fl
     x, bar = _robust(rung, force, gravity_mps2)
     if not np.isfinite(x).all() or min(x[[0, 3, 5]]) <= 0:
         return None
-    scaled = rung.directions * _scale(rung, gravity_mps2)
-    design = _columns(x, force) @ scaled
-    if _gain(design) > WORST_GAIN:
+    columns = _columns(x, force)
+    if _gain(columns @ (rung.directions * _scale(rung, gravity_mps2))) > WORST_GAIN:
         return None
     left = _miss(x, force, gravity_mps2)
     sigma = _sigma(left, bar, rung.count, white_mps2)
-    return (x, left, _weight(left, bar), sigma, scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2), bar
+    return (x, left, _weight(left, bar), sigma, _covariance(rung, columns, sigma, gravity_mps2)), bar
+
+
+def _covariance(rung: Ladder, columns: np.ndarray, sigma: float, gravity_mps2: float) -> np.ndarray:
+    """Covariance (n, n) of x, n = 9 or 12 with a drift, fitted along the rung's directions; columns (S, n) of misses, weighed.
+
+        x - truth = D (X' X)^-1 X' e + (D (X' X)^-1 X' C - 1) delta,   X = C D,   delta: what the sensor is, of the spread beforehand
+
+    The second term vanishes in the fitted directions.
+    """
+    scaled = rung.directions * _scale(rung, gravity_mps2)
+    design = columns @ scaled
+    inverse = np.linalg.inv(design.T @ design)
+    spread = np.zeros(len(scaled))
+    spread[:PARAMETERS] = SPREAD_MPS2 * units(gravity_mps2)
+    missed = (scaled @ inverse @ design.T @ columns - np.eye(len(scaled))) * spread
+    return scaled @ inverse @ scaled.T * sigma**2 + missed @ missed.T
 
 
 def _with_drift(
@@ -290,16 +324,15 @@ def _with_drift(
             return None
         if np.abs(x - before).max() < SMALLEST_STEP * gravity_mps2:
             break
-    root, scaled = np.sqrt(weight), moving.directions * _scale(moving, gravity_mps2)
-    design = _columns(x, force, share) @ scaled * root[:, None]
-    if _gain(design) > WORST_GAIN:
+    root = np.sqrt(weight)
+    columns = _columns(x, force, share) * root[:, None]
+    if _gain(columns @ (moving.directions * _scale(moving, gravity_mps2))) > WORST_GAIN:
         return None
     left = _miss(x, force, gravity_mps2, share)
     with_it, without = float(np.sum((root * left) ** 2)), float(np.sum((root * _miss(constant, force, gravity_mps2)) ** 2))
     sigma = np.sqrt(with_it / spare)
     p_value = float(fdtrc(DRIFTS, spare, max(without - with_it, 0.0) / DRIFTS / max(sigma**2, np.finfo(float).tiny)))
-    covariance = scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2
-    return (x, left, weight, float(sigma), covariance), p_value
+    return (x, left, weight, float(sigma), _covariance(moving, columns, float(sigma), gravity_mps2)), p_value
 
 
 def _scale(rung: Ladder, gravity_mps2: float) -> np.ndarray:

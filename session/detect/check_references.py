@@ -14,7 +14,7 @@ from session.detect.findings import Finding, xyz_text
 from session.detect.segments import FoundTurn, LogSegments, Segment, angle_read, contradiction
 from session.detect.stills import SessionStills, references
 from session.detect.truth_segments import cut_at_truth
-from session.io.config import FOUND, GIVEN, Config, TruthAlignment, TruthGiven, down_of
+from session.io.config import FOUND, GIVEN, Config, Sensor, TruthAlignment, TruthGiven, down_of
 from session.io.errors import CalibrationError
 from session.io.folder import Session
 from session.io.logfile import NAME, Log, Truth, TruthOutage
@@ -290,6 +290,8 @@ def _finding(turn: FoundTurn, free: list[tuple[int, np.ndarray]]) -> Finding:
 SESSION_FILE, ACCELEROMETER = "session.toml", "accelerometer"
 #: a zero that moves within the session
 ZERO_DRIFT = "accelerometer's zero"
+#: one that no good part has; mg, where the sensor's data sheet is not known: the largest that one of docs/sensors.md allows; sigmas of 95 %
+FAR_ZERO, USUAL_ZERO_MG, WITHIN = "accelerometer's zero-g level", 80.0, 1.96
 #: of gravity: a sensor whose lengths are farther off has another unit or full scale, not another sensitivity
 UNITS_RIGHT = 0.2
 
@@ -342,11 +344,22 @@ def with_own_accelerometer(session: Session, anew: bool = False, looked_at: Sess
     if own.unobserved:
         level, says = "warning", f"{says}; not observable: {', '.join(own.unobserved)}"
         do = f"rest it on edges and corners, too, or {known}"
-    found = [Finding(level, SESSION_FILE, ACCELEROMETER, says, do), *drift_finding(own.drift)]
+    found = [Finding(level, SESSION_FILE, ACCELEROMETER, says, do), *check_zero(own, config.sensor), *drift_finding(own.drift)]
     if config.site.gravity_mps2 is None:
         say = "not given: the scale that all axes share is fitted to standard gravity, and known to 0.2 % (one sigma)"
         found.append(Finding("note", SESSION_FILE, "site.gravity_mps2", say, "give local gravity, to 0.001 m/s², for a true scale"))
     return replace(session, config=replace(config, accelerometer=own.accelerometer)), found
+
+
+def check_zero(own: LengthFit, sensor: Sensor) -> list[Finding]:
+    """The accelerometer's zero against the greatest that its data sheet allows, or that of any such sensor; nothing within it (95 %)."""
+    name, bar = sensor.typical("accel_zero_mg") or ("MEMS accelerometers", USUAL_ZERO_MG)
+    value, sigma = (each / MG for each in own.zero)
+    if np.all(np.abs(value) - WITHIN * sigma <= bar):
+        return []
+    shown = ", ".join(f"{each:+.1f} ± {s:.1g}" for each, s in zip(value, sigma, strict=True))
+    do = "a calibration removes it; a unit that far off is worth a look, or the units and the mounting of its axes"
+    return [Finding("warning", SESSION_FILE, FAR_ZERO, f"{shown} mg, bar {bar:g} ({name})", do)]
 
 
 def drift_finding(drift: ZeroDrift | None) -> list[Finding]:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from small_array import FORCE_WALK, STILL_S, TURN_S, WALK, G, small_array
 from small_turns import numeric_jacobian, turns_by_scipy
 
-from session.detect.accelerometer import IDENTITY, matrix_of
+from session.detect.accelerometer import IDENTITY, SPREAD_MPS2, matrix_of
 from session.io.units import DEG, EARTH_RATE_RPS, MG
 from session.io.units import G as STANDARD_G
 from tinygc.annexes.arrays.system import (
@@ -31,7 +31,7 @@ from tinygc.annexes.arrays.system import (
     with_earth,
 )
 from tinygc.attitude.earth import EarthRate, estimate_heading, with_heading
-from tinygc.closure.joint import GIVEN_SIGMA_MG, SPREAD_MPS2
+from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.models.linear import BIAS, LinearModel
 
 #: a unit that turns from still to still, and one whose first turn spans two intervals

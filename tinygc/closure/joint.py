@@ -8,13 +8,11 @@ import numpy as np
 
 from session.detect.accelerometer import (
     BIAS,
-    BIASES,
     DRIFTS,
     IDENTITY,
-    NAMES,
     PARAMETERS,
-    SCALES,
-    SHEARS,
+    SPREAD_MPS2,
+    UPPER,
     after,
     corrected,
     fit_lengths,
@@ -24,6 +22,7 @@ from session.detect.accelerometer import (
     shares,
     times_of,
     units,
+    unobserved_of,
 )
 from session.detect.stills import Still, references
 from session.io.numeric import sigma_of
@@ -31,7 +30,6 @@ from session.io.units import MG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.build import tilt_excess
-from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import ACCELEROMETER, COUNT, DRIFT, GRAVITY, GYROSCOPE, JointFit, JointSystem, Problem, bent
 from tinygc.closure.residual import nearest_yaw
 from tinygc.closure.uncertainty import chi_square_above
@@ -48,9 +46,6 @@ from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
 #: sigma of a given calibration, at zero g and at one g, where session.toml states none
 GIVEN_SIGMA_MG = 0.1
-#: sigmas without a calibration: 2 % of scale, 1 % of shear, 60 mg of zero-g level (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
-SPREAD_MPS2 = np.zeros(PARAMETERS)
-SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
 #: sigma of a drift of the zero within a session: that of the zero itself.  MPU-9150 drift by 1 to 5 mg within 500 s, known to 0.5 to 1 mg:
 #: what is not known to a tenth of its prior stays at its centre
 DRIFT_MPS2 = 60 * MG
@@ -100,9 +95,11 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
         if np.abs(moved[ACCELEROMETER] / units(gravity)).max() < SETTLED_MPS2:
             break
     found = centre[ACCELEROMETER] + x[ACCELEROMETER]
+    accelerometer = after(found, problem.session.config.accelerometer, "stills" if mode == "fit" else "prior")
     # A parameter is observed if it would be with gravity's length known.
     told = replace(system, prior=np.where(np.arange(len(prior)) == GRAVITY, KNOWN_MPS2, prior)).covariance
-    sure = np.sqrt(np.diag(told))[ACCELEROMETER] < OBSERVED_BELOW * prior[ACCELEROMETER]
+    whole = np.concatenate([(accelerometer.matrix @ accelerometer.frame.T)[UPPER], accelerometer.matrix @ accelerometer.bias_mps2])
+    hidden = unobserved_of(whole - IDENTITY, np.sqrt(np.diag(told))[ACCELEROMETER], gravity)  # in the body's axes, as x is
     drift, zero = lengths.drift, np.zeros(DRIFTS)
     if drift is not None and drifts:
         zero = x[DRIFT]
@@ -110,10 +107,10 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     now = corrected(found, force - share[:, None] * zero)
     return JointFit(
         mode=mode,
-        accelerometer=after(found, problem.session.config.accelerometer, "stills" if mode == "fit" else "prior"),
+        accelerometer=accelerometer,
         x=found,
         model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
-        unobserved=() if mode == "prior" else tuple(name for name, ok in zip(NAMES, sure, strict=True) if not ok),
+        unobserved=() if mode == "prior" else hidden,
         p_value=None if mode == "fit" or not judged else _improbable(problem, prior, drifts),
         system=replace(system, x=x, values=system.values + system.design @ moved),
         first=first,

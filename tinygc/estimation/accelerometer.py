@@ -120,7 +120,11 @@ class AccelerometerFit:
         return np.array([effective_freedom([part[i] for part in parts], freedoms) for i in range(PARAMETERS)])
 
     def to_json(self) -> dict:
-        """Return ``accelerometer`` of ``tinygc-fit/2``."""
+        """Return ``accelerometer`` of ``tinygc-fit/2``; a number that is not observed is none there, as on the screen."""
+
+        def known(values: np.ndarray, names: list[str]) -> list[float | None]:
+            return [None if name in self.unobserved else float(value) for value, name in zip(values, names, strict=True)]
+
         rows = self.rows()
         before, after = (None, None) if self.spread_mps2 is None else (each / MG for each in self.spread_mps2)
         return {
@@ -128,8 +132,8 @@ class AccelerometerFit:
             "equation": "f = matrix (measured - bias)",
             "matrix": self.calibration.matrix.tolist(),
             "bias_mps2": self.calibration.bias_mps2.tolist(),
-            **{key: values.tolist() for key, _, values, _, _ in rows},
-            "sigma": {key: None if sigmas is None else sigmas.tolist() for key, _, _, sigmas, _ in rows},
+            **{key: known(values, names) for key, _, values, _, names in rows},
+            "sigma": {key: None if sigmas is None else known(sigmas, names) for key, _, _, sigmas, names in rows},
             "unobserved": list(self.unobserved),
             "p_value": self.p_value,
             "gravity_spread_before_mg": before,

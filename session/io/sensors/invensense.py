@@ -33,6 +33,7 @@ PROFILES = (
         gyro_noise_mdps_rthz=Figure(5.0, _MPU_6050),
         accel_noise_ug_rthz=Figure(400.0, _MPU_6050),
         zero_rate_dps=Figure(20.0, _MPU_6050),
+        accel_zero_mg=Figure(80.0, _MPU_6050),
         works_c=WORKS_C,
     ),
     Profile(
@@ -45,6 +46,7 @@ PROFILES = (
         gyro_noise_mdps_rthz=Figure(5.0, f"{_MPU_6050}, which is in it"),
         accel_noise_ug_rthz=Figure(400.0, f"{_MPU_6050}, which is in it"),
         zero_rate_dps=Figure(20.0, f"{_MPU_6050}, which is in it"),
+        accel_zero_mg=Figure(80.0, f"{_MPU_6050}, which is in it"),
         works_c=WORKS_C,
     ),
     Profile(

@@ -59,7 +59,8 @@ class Profile:
 
     units: where these are from.  thermometer: None where its conversion is not known.  odr_hz: the gyroscope's nominal data rates, Hz;
     divided: those that a divider makes.  clock_within: by how much parts' rates differ from the nominal one, fraction.
-    Typical figures: one-sided noise densities, bias instability, the greatest zero-rate level of a good part; works_c: where it works.
+    Typical figures: one-sided noise densities, bias instability, the greatest zero-rate level and accelerometer's zero of a good part;
+    works_c: where it works.
     """
 
     name: str
@@ -75,12 +76,13 @@ class Profile:
     accel_noise_ug_rthz: Figure | None = None
     gyro_bias_instability_dph: Figure | None = None
     zero_rate_dps: Figure | None = None
+    accel_zero_mg: Figure | None = None
     works_c: tuple[float, float] | None = None
 
     @property
     def figures(self) -> dict[str, Figure]:
         """Those of its typical figures that are known, by name."""
-        names = ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph", "zero_rate_dps")
+        names = ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph", "zero_rate_dps", "accel_zero_mg")
         return {name: figure for name in names if (figure := getattr(self, name)) is not None}
 
     def yardstick(self, name: str) -> float | None:

@@ -46,6 +46,7 @@ PROFILES = (
         accel_noise_ug_rthz=Figure(60.0, f"{_DHCX}; as in public logs of two units"),
         gyro_bias_instability_dph=Figure(3.0, _DHCX),
         zero_rate_dps=Figure(3.0, _DHCX),
+        accel_zero_mg=Figure(65.0, _DHCX),
         works_c=INDUSTRIAL_C,
     ),
     Profile(
@@ -69,6 +70,7 @@ PROFILES = (
         accel_noise_ug_rthz=Figure(60.0, _OWN_DHCX),
         gyro_bias_instability_dph=Figure(3.0, _OWN_DHCX),
         zero_rate_dps=Figure(3.0, _OWN_DHCX),
+        accel_zero_mg=Figure(65.0, _OWN_DHCX),
         works_c=INDUSTRIAL_C,
     ),
     Profile(

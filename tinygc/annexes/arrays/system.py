@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from session.detect.accelerometer import IDENTITY, PARAMETERS, after, corrected, force_columns, units
+from session.detect.accelerometer import IDENTITY, PARAMETERS, SPREAD_MPS2, after, corrected, force_columns, units
 from session.detect.accelerometer import PARAMETERS as OF_ACCELEROMETER
 from session.io.config import Accelerometer
 from session.io.solving import inverse
@@ -18,7 +18,7 @@ from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, estimate_heading, with_heading
 from tinygc.closure.build import bias_shares, rest_biases
 from tinygc.closure.floor import gyro_variance
-from tinygc.closure.joint import GIVEN_SIGMA_MG, SPREAD_MPS2
+from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.models import linear

@@ -18,6 +18,7 @@ FIGURES = {
     "accel_noise_ug_rthz": ("accelerometer noise", "ug/√Hz"),
     "gyro_bias_instability_dph": ("bias instability", "deg/h"),
     "zero_rate_dps": ("zero-rate level, at most", "dps"),
+    "accel_zero_mg": ("accelerometer's zero, at most", "mg"),
 }
 
 

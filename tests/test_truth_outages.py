@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made
 
 from session.detect.check_references import with_aligned_truth
-from session.detect.truth_outages import _runs, _usual, without_outages
+from session.detect.truth_outages import _runs, _usual, ceilings_of, without_outages
 from session.detect.truth_segments import cut_at_truth
+from session.io.errors import DataError
 from tinygc.closure.prepared import prepare
 from tinygc.explanation.truth_engine import _outage_claims
 
@@ -145,3 +146,58 @@ def test_runs_join_over_a_pause_and_need_three_spans_or_an_end():
     assert runs(50, 51, 56) == []
     assert runs(99) == [(99, 100)]
     assert runs(*range(50, 95)) == []
+
+
+# A gyroscope that stops softly below its range
+
+
+def softly_limited(level_dps, seed=3, late_s=0.0):
+    """The gyro stands at a level, with a scatter of 1 dps; how much of its readings."""
+    session, _ = made(Wrong(late_s=late_s), seed)
+    samples, rng = session.logs[0].samples, np.random.default_rng(seed)
+    limited = np.clip(samples.gyro, -level_dps * DEG, level_dps * DEG)
+    at = limited != samples.gyro
+    gyro = limited + at * rng.normal(size=limited.shape) * DEG
+    return replace(session, logs=(replace(session.logs[0], samples=replace(samples, gyro=gyro)),)), at.any(axis=1).mean()
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.05])
+def test_a_soft_ceiling_of_the_gyro_is_located_and_the_truths_clock_is_not_accused(late_s):
+    """By the rates that are missed; the clock is that of the readings below."""
+    session, share = softly_limited(60.0, late_s=late_s)
+    assert 0.14 < share < 0.18
+    aligned, findings = with_aligned_truth(session)
+    (finding,) = [each for each in findings if each.what == "gyro ceiling"]
+    assert finding.level == "error"
+    assert finding.says.startswith("x, y, z stay at ±")
+    assert "of ±500, wherever the truth turns faster, and go along with it below" in finding.says
+    assert aligned.alignment.ceiling_rps == pytest.approx(60 * DEG, abs=1.0 * DEG)
+    assert aligned.alignment.offset_sigma_s < 2e-4
+    assert aligned.alignment.offset_s == pytest.approx(-late_s, abs=3 * aligned.alignment.offset_sigma_s)
+    assert [each.level for each in findings if each.what == "truth's clock"] == ["note" if late_s else "ok"]
+    with pytest.raises(DataError, match="gyro ceiling"):
+        prepare(session)
+
+
+def test_a_sound_gyro_has_no_ceiling():
+    aligned, findings = with_aligned_truth(made(Wrong(), 3)[0])
+    assert np.isnan(aligned.alignment.ceiling_rps).all()
+    assert not [each for each in findings if each.what == "gyro ceiling"]
+
+
+def test_a_ceiling_is_where_the_gyro_stays_and_below_which_it_goes_along():
+    """Twenty spans beyond 1.1 times the level, four of five of them within 5 % of it; below, within 5 % of the truth."""
+    truth = np.tile(np.linspace(-2.0, 2.0, 401)[:, None], (1, 3))
+    limited = np.clip(truth, -1.0, 1.0)
+    assert ceilings_of(truth, limited) == pytest.approx(np.ones(3))
+    for scale, found in ((0.96, True), (0.94, False), (1.04, True), (1.06, False)):
+        assert np.isfinite(ceilings_of(truth, np.clip(truth * scale, -1.0, 1.0))).all() == found
+    assert np.isnan(ceilings_of(truth, truth * 0.8)).all()  # a scale that is far too small stands nowhere
+    fast = np.flatnonzero(np.abs(truth[:, 0]) > 1.1)
+    for beyond, found in ((20, True), (19, False)):
+        kept = np.setdiff1d(np.arange(len(truth)), fast[beyond:])
+        assert np.isfinite(ceilings_of(truth[kept], limited[kept])).all() == found
+    for stay, found in ((0.82, True), (0.78, False)):
+        falls = limited.copy()
+        falls[fast[round(stay * len(fast)) :]] *= 0.5
+        assert np.isfinite(ceilings_of(truth, falls)).all() == found

@@ -10,7 +10,7 @@ import numpy as np
 
 from session.detect.accelerometer import SCALES, LengthFit, ZeroDrift, fit_lengths, force_of, times_of, why_not
 from session.detect.dials import angles_between, down_of_dials
-from session.detect.findings import Finding, xyz_text
+from session.detect.findings import Finding, axes_text, xyz_text
 from session.detect.segments import FoundTurn, LogSegments, Segment, angle_read, contradiction
 from session.detect.stills import SessionStills, references
 from session.detect.truth_segments import cut_at_truth
@@ -32,8 +32,9 @@ SHORT_S = 10.0  #: over more, a bias of some dps turns so far that it is no long
 LEAST_DEG = 1.0
 
 
-def check_truth(log: Log, truth: Truth, config: Config) -> list[Finding]:
-    """The rotations between moments of truth, against the gyro's, a constant bias taken off."""
+def check_truth(log: Log, truth: Truth, config: Config, limited: bool = False) -> list[Finding]:
+    """The rotations between moments of truth, against the gyro's, a constant bias taken off; limited: whether a ceiling of the gyro, which
+    another finding names, is the reason of what they miss."""
     where = truth.path.name
     try:
         cut = cut_at_truth(log.samples, truth, config.sensor, config.protocol)
@@ -64,6 +65,8 @@ def check_truth(log: Log, truth: Truth, config: Config) -> list[Finding]:
     hint = (
         "the inverse explains it: write q_nb, body to navigation frame"
         if inverse < 0.5 * misfit
+        else "the gyro's ceiling is the reason"
+        if limited
         else "are axes, units and clocks the same?"
     )
     return [*findings, Finding("error", where, "gyro against truth", says, hint)]
@@ -92,7 +95,7 @@ def _integrated(log: Log, segment: Segment) -> np.ndarray:
 # A truth file whose clock, frame or mounting departs from docs/formats.md: it is estimated, corrected and reported.
 
 CLOCK, FRAME, ATTITUDE, MOUNTING = "truth's clock", "truth's frame", "truth's attitudes", "truth's mounting"
-OUTAGE = "truth's outages"
+OUTAGE, CEILING = "truth's outages", "gyro ceiling"
 #: what fit and explain say as well, where it is more than ok
 SAID = (CLOCK, FRAME, ATTITUDE, MOUNTING, OUTAGE)
 MS = 1e-3
@@ -116,6 +119,7 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     where = session.truths[0].path.name if len(session.truths) == 1 else "truth files"
     given = session.config.truth
     findings = [_clock(alignment), *_attitude(alignment), _frame(alignment, given), _mounting(alignment, given)]
+    findings += _ceiling(session, alignment)
     findings += [_outage(truth, outage) for truth in aligned.truths or () for outage in truth.outages]
     return aligned, [Finding(level, where, what, says, do) for level, what, says, do in findings if what]
 
@@ -186,6 +190,20 @@ def _attitude(alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
     if alignment.source["order"] == FOUND:
         found.append(("note", ATTITUDE, "the gyro turns as they do with the scalar last", 'truth.order = "xyzw", or a header qx,qy,qz,qw'))
     return [(level, what, says, f"{do} in session.toml keeps it") for level, what, says, do in found]
+
+
+def _ceiling(session: Session, alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
+    """What the reference is not to be accused of: the gyro stops below its range."""
+    found = np.isfinite(alignment.ceiling_rps)
+    if not found.any():
+        return []
+    levels = " and ".join(f"{level:.4g}" for level in alignment.ceiling_rps[found] / DEG)
+    stay, go = ("stays", "goes") if found.sum() == 1 else ("stay", "go")
+    says = (
+        f"{axes_text(found)} {stay} at ±{levels} dps, of ±{session.config.sensor.gyro_fs_dps:g}, wherever the truth turns faster, and {go} "
+        f"along with it below: {alignment.ceiling_share:.0%} of the readings are there"
+    )
+    return [("error", CEILING, says, "what is beyond is lost: turn slower, or look for the limit in the sensor's settings")]
 
 
 def _frame(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str, str]:

@@ -102,7 +102,8 @@ def first_look(
     ]
     if session.truths is not None and log in session.logs:
         # Where something better than gravity is the reference, nothing has to be still.
-        return findings + check_truth(log, session.truths[session.logs.index(log)], config)
+        limited = session.alignment is not None and bool(np.isfinite(session.alignment.ceiling_rps).any())
+        return findings + check_truth(log, session.truths[session.logs.index(log)], config, limited)
     ceiling = find_ceiling(log.samples.gyro)
     if not good:
         findings += check_length(log, config.protocol.segment_s)

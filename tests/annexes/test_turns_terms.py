@@ -302,3 +302,35 @@ def test_the_covariance_of_the_model_is_that_of_scales_and_bias():
     assert variance[8] == pytest.approx((z.sigma / (1 + z.value) ** 2) ** 2, rel=1e-12)
     np.testing.assert_allclose(variance[[1, 2, 3, 4, 5, 6, 7]], 0.2**2)
     assert np.count_nonzero(found.model_covariance) == 12
+
+
+def lossy(t_ns, gyro, seed=3):
+    """Four of five samples are lost, one at a time, for most of the time: the stamps of the others are right."""
+    rng = np.random.default_rng(seed)
+    edges = np.cumsum(rng.uniform(2, 6, 99) * np.resize([1, 4], 99))
+    thin = np.searchsorted(edges, t_ns * 1e-9) % 2 == 1
+    kept = ~thin | (rng.random(len(t_ns)) < 0.2)
+    return t_ns[kept], gyro[kept]
+
+
+def test_lost_samples_that_look_like_bursts_are_told_by_how_turns_repeat():
+    """Spaced evenly, turns of 1800 degrees are tens of degrees off; as stamped, by the ramps that gaps cut short."""
+    turned = Turned(tuple((2, 1800 * sign, 200.0) for sign in (1, -1) * 3), noise=0.002, odr_hz=200.0)
+    t_ns, gyro = lossy(*turned.arrays())
+    assert clock.sample_times(t_ns).bursts
+    found = fitted(t_ns, gyro, turned.known())
+    (log,) = found.logs
+    assert not log.times.bursts
+    assert log.other.worse > 5
+    assert log.other.apart_rad > 20 * DEG
+    for angle in found.angles:
+        assert angle.measured_rad == pytest.approx(1800 * DEG, abs=3 * DEG)
+    assert "samples are lost, none came in bursts" in found.summary()
+
+
+def test_where_no_turn_repeats_both_readings_are_stated():
+    turned = Turned(((2, 1800, 300.0), (0, 1800, 300.0)), noise=0.002, odr_hz=200.0)
+    found = fitted(*lossy(*turned.arrays()), turned.known())
+    assert found.logs[0].times.bursts
+    assert found.logs[0].other.is_open
+    assert "its stamps are taken for those of bursts; as lost samples turns differ by up to" in found.summary()

@@ -3,6 +3,9 @@
 A telephone hands its samples on several at a time: 0.1 ms apart, then 10 ms later.  The sensor took them evenly.  A stamp is then the
 sample's time and a delay, which is never negative and does not last: what came late is caught up.  A gap that is never caught up is samples
 that are lost.
+
+Stamps that are closer than half a period may also be right: where many samples are lost, their mean distance is no period.  Stamps alone do
+not tell the two apart where few of both happen; which reading makes turns repeat does (``tinygc/annexes/turntable/angles.py``).
 """
 
 from __future__ import annotations
@@ -47,8 +50,7 @@ def sample_times(t_ns: np.ndarray) -> SampleTimes:
     t_s = (t_ns - t_ns[0]) * NS
     steps = np.diff(t_s)
     if len(t_s) <= 2 * WINDOW:
-        period_s = float(np.median(steps))
-        return SampleTimes(t_s, period_s, *_gaps(steps, period_s), bursts=False)
+        return as_stamped(t_ns)
     lag = min(LAG, len(t_s) // 4)
     period_s = float(np.median(t_s[lag:] - t_s[:-lag])) / lag
     if np.mean(steps < CLOSE * period_s) <= COARSE:
@@ -67,6 +69,14 @@ def sample_times(t_ns: np.ndarray) -> SampleTimes:
     even = np.maximum.accumulate(even)
     long = lost_s > (GAP - 1) * period_s
     return SampleTimes(even - even[0], period_s, rows[long], lost_s[long], bursts=True)
+
+
+def as_stamped(t_ns: np.ndarray) -> SampleTimes:
+    """The times (N,) of samples whose stamps (N,) ns are right, however many are lost between."""
+    t_s = (t_ns - t_ns[0]) * NS
+    steps = np.diff(t_s)
+    period_s = float(np.median(steps))
+    return SampleTimes(t_s, period_s, *_gaps(steps, period_s), bursts=False)
 
 
 def _gaps(steps: np.ndarray, period_s: float) -> tuple[np.ndarray, np.ndarray]:

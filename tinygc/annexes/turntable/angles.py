@@ -24,14 +24,14 @@ Terms of the variance of an angle over T seconds, by the name that the results h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import chdtrc
 
-from session.annexes.turntable.clock import SampleTimes, sample_times
+from session.annexes.turntable.clock import SampleTimes, as_stamped, sample_times
 from session.annexes.turntable.folder import sensor_axis
 from session.annexes.turntable.rests import Movement, Rest, find_turns
 from session.detect.rounding import lsb_of, rounding_variance
@@ -48,6 +48,9 @@ CLIPPED = 0.999
 OWN_SCATTER = 1e-3
 #: median of chi-square with one degree of freedom
 MEDIAN_CHI2 = 0.4549
+#: two readings of the stamps are told apart where turns repeat so many times worse, mean square: with 8 turns of one kind 2 in 100 by
+#: chance, were the two independent (Fisher's F of 7 and 7 degrees of freedom)
+MUCH_WORSE = 5.0
 TERMS = ("rests", "drift", "white", "vibration", "ends", "rounding")
 
 
@@ -90,7 +93,8 @@ class TurnAngle:
 
 @dataclass(frozen=True, eq=False)
 class LogOfTurns:
-    """A log: its times, its rests and its turns; lsb, rad/s, that its readings are rounded to."""
+    """A log: its times, its rests and its turns; lsb, rad/s, that its readings are rounded to; other: where stamps may be those of bursts
+    or of samples with others lost between, what the reading that was not taken makes of its turns."""
 
     log: Log
     gyro: np.ndarray
@@ -98,6 +102,22 @@ class LogOfTurns:
     rests: list[Rest]
     turns: list[Movement]
     lsb: float
+    other: OtherReading | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class OtherReading:
+    """apart_rad: by how much a turn differs at most, and in its own sigmas; worse: mean square by which turns of one axis and sense differ
+    among themselves, over that of the reading which was taken; 1 where none repeats another."""
+
+    apart_rad: float
+    apart_sigmas: float
+    worse: float
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it may be right as well, and would make other angles."""
+        return self.apart_sigmas > 1 and self.worse < MUCH_WORSE
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +140,41 @@ def bridge_variance(drift: float | np.ndarray, lead_s: float, duration_s: float,
 
 def measured_turns(session: Session) -> tuple[list[TurnAngle], list[LogOfTurns], RestNoise]:
     """Each stated turn in the order of the file, the logs, and the noise of the rests.  Raises FormatError for an oblique axis."""
-    logs = [_log_of_turns(log, _smallest_angle(session.turns, log.path.name)) for log in session.logs]
+    logs = [_log_of_turns(log, _smallest_angle(session.turns, log.path.name), sample_times) for log in session.logs]
+    if not any(log.times.bursts for log in logs):
+        return _all_measured(session, logs)
+    stamped = [
+        _log_of_turns(log.log, _smallest_angle(session.turns, log.log.path.name), as_stamped) if log.times.bursts else log for log in logs
+    ]
+    even, as_written = (_all_measured(session, each)[0] for each in (logs, stamped))
+    chosen = [_better(one, other, even, as_written) if one.times.bursts else one for one, other in zip(logs, stamped, strict=True)]
+    return _all_measured(session, chosen)
+
+
+def _all_measured(session: Session, logs: list[LogOfTurns]) -> tuple[list[TurnAngle], list[LogOfTurns], RestNoise]:
     noise = _rest_noise(logs)
     return [_measured(session, turn, logs, noise) for turn in session.turns], logs, noise
+
+
+def _better(even: LogOfTurns, stamped: LogOfTurns, evenly: Sequence[TurnAngle], as_written: Sequence[TurnAngle]) -> LogOfTurns:
+    """Of two readings of a log's stamps the one whose turns repeat better; where none repeats another, bursts are spaced evenly."""
+    name = even.log.path.name
+    both = [pair for pair in zip(evenly, as_written, strict=True) if pair[0].log == name and all(each.problem is None for each in pair)]
+    if not both:
+        return even
+    squares = [_scatter([pair[which] for pair in both]) for which in (0, 1)]
+    apart = np.array([abs(one.measured_rad - other.measured_rad) for one, other in both])
+    sigma = np.sqrt([max(one.gyro_variance, np.finfo(float).tiny) for one, _ in both])
+    kept, best, other = (stamped, squares[1], squares[0]) if squares[1] < squares[0] else (even, squares[0], squares[1])
+    return replace(kept, other=OtherReading(float(apart.max()), float((apart / sigma).max()), other / best if best > 0 else 1.0))
+
+
+def _scatter(angles: Sequence[TurnAngle]) -> float:
+    """Sum of squares of what turns measure for each stated rad, about the mean of their axis and sense; 0 where none repeats another."""
+    groups: dict[tuple[int, int], list[float]] = {}
+    for angle in angles:
+        groups.setdefault((angle.axis, angle.sense), []).append(angle.measured_rad / angle.stated_rad)
+    return float(sum(np.sum((np.array(each) - np.mean(each)) ** 2) for each in groups.values()))
 
 
 def _smallest_angle(turns: Sequence[KnownTurn], name: str) -> float:
@@ -130,8 +182,8 @@ def _smallest_angle(turns: Sequence[KnownTurn], name: str) -> float:
     return min(mine or [abs(turn.angle_rad) for turn in turns])
 
 
-def _log_of_turns(log: Log, least_rad: float) -> LogOfTurns:
-    gyro, times = np.asarray(log.samples.gyro), sample_times(log.samples.t_ns)
+def _log_of_turns(log: Log, least_rad: float, times_of: Callable[[np.ndarray], SampleTimes]) -> LogOfTurns:
+    gyro, times = np.asarray(log.samples.gyro), times_of(log.samples.t_ns)
     return LogOfTurns(log, gyro, times, *find_turns(times, gyro, least_rad), lsb_of(gyro))
 
 

@@ -1,5 +1,7 @@
 """What is reported: held-out rows by exact refits, thresholds one step below and above, and each p-value by hand."""
 
+import tempfile
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -8,10 +10,12 @@ import pytest
 from conftest import DEG
 from linear_twin import effect, fixed_columns, linear_twin, stepped
 from scipy import stats
-from small_turns import PERFECT, TRUE, small_turns
 
-from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.residual import closure_angles
+from session.io.units import G
+from tinygc import SimulationOptions, read_session
+from tinygc.closure.build import build_problem
+from tinygc.effects import catalogue
+from tinygc.estimation.options import FitOptions
 from tinygc.explanation import decision
 from tinygc.explanation.decision import (
     FitClosure,
@@ -19,7 +23,7 @@ from tinygc.explanation.decision import (
     Proof,
     beyond_the_catalogue,
     borne_out,
-    by_ends,
+    cleared,
     decide,
     decided,
     fold_rows,
@@ -35,12 +39,15 @@ from tinygc.explanation.decision import (
     prove,
     tilt_rms,
     undersampled_claim,
+    without_effects,
 )
 from tinygc.explanation.evidence import Guess
 from tinygc.explanation.search import NAMELESS, probabilities
-from tinygc.models.linear import BIAS, LinearModel
 from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
-from tinygc.noise.refit import prior_sigmas
+from tinygc.noise.refit import prior_sigmas, refit
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
+from tinygc.simulation.write import write_session
 
 A, B, C = effect("a", 2), effect("b", 3), effect("c")
 ROWS = {"closure": slice(0, 24), "still": slice(24, 24 + 39), "length": slice(63, 76)}  # of twelve turns and thirteen stills
@@ -168,31 +175,6 @@ def test_a_claim_is_kept_if_chance_improves_held_out_rows_so_much_in_less_than_o
         np.testing.assert_allclose(shape, have.whiten(twin.columns_of(step.at(at))))
 
 
-@pytest.mark.parametrize("count", [24, 4])
-def test_held_out_ends_alone_are_those_of_refits_without_them(count):
-    """Of four turns, what is known beforehand tells the most."""
-    model = LinearModel.from_vector(PERFECT.vector + 0.1 * (TRUE.vector - PERFECT.vector))
-    batch = small_turns(count, model, noise_rad=2e-4)
-    sigma = np.random.default_rng(1).uniform(1e-4, 3e-4, (count, 2))
-    problem = SimpleNamespace(batch=batch, floor=SimpleNamespace(sigma=sigma), first=PERFECT)
-    found, exact = by_ends(problem), np.zeros((count, 2))
-    for held in folds_of(count):
-        seen = np.setdiff1d(np.arange(count), held)
-        model = fit_least_squares(batch.pick(seen), sigma[seen], PERFECT).model
-        exact[held] = closure_angles(batch.pick(held), model)
-    np.testing.assert_allclose(found, exact, atol=0.01 * np.abs(exact).max())
-
-
-def test_the_linear_model_held_out_is_the_better_of_two(monkeypatch):
-    twin = twin_with()
-    have = twin.evidence().nothing
-    alike = held_out(twin, have.whiten, have.fit)
-    for share, chosen in ((0.99, "ends"), (1.01, "alike")):
-        monkeypatch.setattr(decision, "by_ends", lambda problem, share=share: share * alike)
-        found = decision.linear_held_out(twin.problem, twin, have.whiten)
-        assert np.abs(found - (share * alike if chosen == "ends" else alike)).max() < 0.005 * np.abs(alike).max()
-
-
 # What is proved
 
 
@@ -233,65 +215,74 @@ def test_segments_keep_the_numbers_that_they_had_before_a_repair():
     assert numbers_before(SimpleNamespace(segments=old), SimpleNamespace(segments=joined)) == [1, 4, 3, 2, 2, 2]
 
 
-def test_a_proof_has_both_closures_and_whether_anything_changed(monkeypatch):
+@pytest.mark.parametrize(
+    ("named", "worse", "kept"), [(0.9, False, "named"), (1.0, False, "named"), (1.005, False, "before"), (1.02, True, "before")]
+)
+def test_what_is_handed_on_is_the_better_on_the_turns_of_both(named, worse, kept):
+    """The second turn of before, which the repair left out, does not count, however badly it closes."""
+    tilt = np.array([[0.6, 0.8], [30.0, 40.0], [0.8, -0.6]])
+    proof = Proof(tilt, named * tilt[[0, 2]], [4, 5, 7], [4, 7], 0.1, True)
+    assert (proof.ratio, proof.worse) == (pytest.approx(named), worse)
+    assert proof.after is getattr(proof, kept)
+    assert proof.after_numbers == {"named": [4, 7], "before": [4, 5, 7]}[kept]
+
+
+def test_before_is_what_fit_states_and_after_its_own_answer_without_the_effects(monkeypatch):
     twin = twin_with((A, [6.0, -4.0]))
     twin.problem.used = twin.problem.segments = twin.segments
-    evidence = twin.evidence()
-    named, nothing = evidence.of((A,), evidence.nothing), evidence.nothing
-    before = np.ones((12, 2))
-    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
-    proof = prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before))
-    np.testing.assert_array_equal(proof.after, held_out(twin, named.whiten, named.fit))
-    assert (proof.changed, proof.floor_rms, proof.before is before) == (True, np.sqrt(2.0), True)
-    assert proof.before_numbers == proof.after_numbers == list(range(1, 13))
-    same = prove(twin.problem, twin, nothing.whiten, nothing.fit, FitClosure(before))
-    assert (same.changed, same.after is before) == (False, True)
+    named, nothing = twin.evidence().of((A,), twin.evidence().nothing), twin.evidence().nothing
+    before, after, given = np.ones((12, 2)), 0.5 * np.ones((12, 2)), []
+    monkeypatch.setattr(decision, "without_effects", lambda base, *_: given.append(base) or base)
+    monkeypatch.setattr(FitClosure, "of", lambda problem: FitClosure(after))
+    fitted, numbers = SimpleNamespace(), list(range(1, 13))
+    proof = prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before, numbers, False, fitted))
+    assert (proof.before is before, proof.after is after, proof.changed, proof.floor_rms) == (True, True, True, np.sqrt(2.0))
+    assert proof.before_numbers == proof.after_numbers == numbers
+    assert given.pop() is fitted
+    # Where fit used other turns, or another accelerometer was named, or the turns were repaired, the twin's own problem stands.
+    prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before, numbers[1:], False, fitted))
+    assert given.pop() is twin.problem
     other = SimpleNamespace(**vars(twin.problem))
-    assert prove(other, twin, nothing.whiten, nothing.fit, FitClosure(before)).changed
-    for stated, least in ((None, 2), (before, 1), (3 * before, 2)):  # the better of both
-        proof = prove(twin.problem, twin, nothing.whiten, nothing.fit, FitClosure(stated))
-        np.testing.assert_array_equal(proof.before, least * before)
+    assert prove(other, twin, nothing.whiten, nothing.fit, FitClosure(before, numbers, False, fitted)).changed
+    assert given.pop() is twin.problem
+    same = prove(twin.problem, twin, nothing.whiten, nothing.fit, FitClosure(before, numbers, False, fitted))
+    assert (same.changed, same.after is before, given) == (False, True, [])
+    # Where fit does not settle, both are predictions of the twin.
+    monkeypatch.setattr(FitClosure, "of", lambda problem: FitClosure())
+    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
+    proof = prove(twin.problem, twin, named.whiten, named.fit)
+    np.testing.assert_array_equal(proof.before, 2 * before)
+    np.testing.assert_array_equal(proof.named, held_out(twin, named.whiten, named.fit))
 
 
-@pytest.mark.parametrize("size", [0.5, 2.0])
-def test_where_fit_takes_the_bias_from_the_stills_a_proof_may_do_as_well(monkeypatch, size):
-    """The better of both; ``fit`` alone says whether it does."""
-    twin = twin_with((A, [6.0, -4.0]))
-    twin.problem.used = twin.problem.segments = twin.segments
-    named = twin.evidence().of((A,), twin.evidence().nothing)
-    ends, stills = np.ones((12, 2)), size * np.ones((12, 2))
-    monkeypatch.setattr(decision, "held_out", lambda twin, whiten, fit, from_stills=False: stills if from_stills else ends)
-    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: ends)
-    proofs = [prove(twin.problem, twin, named.whiten, named.fit, FitClosure(ends, from_stills)) for from_stills in (False, True)]
-    assert [each.after[0, 0] for each in proofs] == [1.0, min(size, 1.0)]
+def test_fit_on_what_is_left_closes_as_on_a_sensor_without_the_effect():
+    """The zero follows gravity: with that taken out, held out, the session closes as the same one without it; nothing taken out changes
+    nothing."""
+    made = {}
+    for name, per_g in (("clean", 0.0), ("bent", 0.05 * DEG)):
+        options = SimulationOptions(segments=20, closure_s=0.0, seed=3, odr_hz=62.5)
+        with tempfile.TemporaryDirectory() as folder:
+            bent = lambda t, rate, force, temp, per_g=per_g: rate + per_g * force[:, [1, 2, 0]] / G  # noqa: E731
+            made[name] = build_problem(read_session(write_session(options, Path(folder) / name, distort=bent)))
+    twin = Twin(made["bent"])
+    whiten = Whitener(twin)
+    fit = refit(twin, whiten, [catalogue()["gyro.g_sensitivity"]], twin.start())
+    clean, bent, left = (FitClosure.of(p) for p in (made["clean"], made["bent"], without_effects(made["bent"], twin, whiten, fit)))
+    assert tilt_rms(bent.held_out) > 3 * tilt_rms(clean.held_out)
+    assert tilt_rms(left.held_out) == pytest.approx(tilt_rms(clean.held_out), rel=0.35)
+    nothing = refit(twin, whiten, [], twin.start())
+    assert without_effects(made["bent"], twin, whiten, nothing) is made["bent"]
+    same = cleared(made["bent"], twin, nothing.state)
+    np.testing.assert_allclose(FitClosure.of(same).held_out, bent.held_out, atol=1e-6 * tilt_rms(bent.held_out))
+    # The effect of a fold is that of the other turns.
+    folds = without_effects(made["bent"], twin, whiten, fit).folds
+    assert len(folds) == FitOptions().folds
+    assert all(np.abs(fold.batch.rate - folds[0].batch.rate).max() > 0 for fold in folds[1:])
 
 
 def test_what_fit_states_bounds_the_closure_of_named_effects_unless_its_bias_is_of_the_stills():
     angles = np.array([[3.0, 4.0, 9.0]] * 2)
-    assert [each.most_rad for each in (FitClosure(angles), FitClosure(angles, True), FitClosure())] == [5.0, np.inf, np.inf]
-
-
-def test_a_bias_that_moves_in_a_turn_and_its_stills_alike_leaves_no_closure_with_the_bias_of_the_stills(monkeypatch):
-    """Every channel is moved as by a bias of the fourth turn and of both its stills: its neighbours have half of it at one end."""
-    twin = twin_with()
-    twin.calibration[ROWS["still"], BIAS] = np.tile(np.eye(3), (13, 1))
-    nothing = twin.evidence().nothing
-    closure, still = nothing.whiten.parts["closure"], nothing.whiten.parts["still"]
-    by_bias = nothing.whiten.back(nothing.fit.J[:, BIAS])
-    ends, turn, bias = np.stack([twin.first, twin.last], axis=1), 3, np.array([2e-3, -1e-3, 3e-3])
-    moved, angles = np.zeros(len(nothing.fit.r)), twin.batch.angles
-    moved[closure][angles * turn : angles * (turn + 1)] = (by_bias[closure] @ bias)[angles * turn : angles * (turn + 1)]
-    for number in set(ends[turn]):
-        moved[still][3 * number : 3 * number + 3] = (by_bias[still] @ bias)[3 * number : 3 * number + 3]
-    monkeypatch.setattr(decision, "left_out", lambda twin, whiten, r, J: moved)
-    found = held_out(twin, nothing.whiten, nothing.fit, from_stills=True)
-    shared = np.array([sum(number in ends[turn] for number in pair) for pair in ends]) / 2
-    shared[turn] = 0.0
-    expected = -shared[:, None] * (by_bias[closure] @ bias).reshape(found.shape)
-    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(by_bias).max())
-    assert np.abs(expected).max() > 1e-6 * np.abs(by_bias).max()
-    twin.first = np.where(np.arange(12) == 5, -1, twin.first)  # a turn that begins at no still
-    np.testing.assert_array_equal(held_out(twin, nothing.whiten, nothing.fit, from_stills=True).ravel(), moved[closure])
+    assert [each.most_rad for each in (FitClosure(angles), FitClosure(angles, from_stills=True), FitClosure())] == [5.0, np.inf, np.inf]
 
 
 # Decisions

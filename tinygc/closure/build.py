@@ -218,7 +218,7 @@ def with_still_bias(problem: Problem) -> Problem:
     first, last, share = bias_shares(problem)
     apart = bias[first][:, None] * (1 - share[..., None]) + bias[last][:, None] * share[..., None] - mean
     batch = replace(problem.batch, earth=problem.batch.earth + apart @ problem.first.E.T)
-    return replace(problem, batch=batch, rest_rps=mean)
+    return replace(problem, batch=batch, rest_rps=mean, folds=tuple(map(with_still_bias, problem.folds)))
 
 
 # From a session to the problem that every method solves, with the same segments, references, Earth and floor.

@@ -273,7 +273,8 @@ class Problem:
     for its closure runs; rest_rps: the mean bias (3,) rad/s, in measured units, if the bias of each turn is fixed from its stills
     (``build.with_still_bias``), else None; joint: the joint estimate behind the references, if any; known_turns: those of ``turns.csv``,
     used or with the reason for rejection; widened: used segments that are less certain than their noise, with causes; prior: of the
-    gyroscope, None for the weak default prior; at_rest: noise figures of the unit, None where none were measured.
+    gyroscope, None for the weak default prior; at_rest: noise figures of the unit, None where none were measured;
+    folds: the problem for each fold, where what was taken out of its readings was fitted without the fold's segments.
     """
 
     session: Session
@@ -291,6 +292,7 @@ class Problem:
     widened: tuple[Widening, ...] = ()
     prior: GaussianPrior | None = None
     at_rest: MeasuredNoise | None = None
+    folds: tuple[Problem, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"

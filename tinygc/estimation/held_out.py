@@ -69,11 +69,26 @@ class FitInput:
     rest_rps: np.ndarray | None = None
     prior: GaussianPrior | None = None
 
-    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> FitInput:
-        """Select the segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
-        same = batch is self.batch
+    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress, same_rates: bool = True) -> FitInput:
+        """Select the segments of a batch of all where ``seen`` (S,) is set, as fold ``number``; same_rates: whether its readings are those
+        of the fit to all, whose work may be used."""
+        same, among = same_rates and batch is self.batch, seen if same_rates else None
         batch, sigma, label = batch.pick(seen), self.sigma[seen], f"fold{number}"
-        return replace(self, batch=batch, sigma=sigma, whole=whole, among=seen, same=same, progress=progress, label=label)
+        return replace(self, batch=batch, sigma=sigma, whole=whole, among=among, same=same, progress=progress, label=label)
+
+
+def _input(problem: Problem, options: FitOptions, progress: Progress) -> FitInput:
+    return FitInput(
+        batch=problem.batch,
+        sigma=problem.floor.sigma,
+        options=options,
+        # A session with a truth file may never rest: then the bias that closes it replaces the first still's.
+        start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
+        still_rates=problem.still_rates if options.still_rates else None,
+        progress=progress,
+        rest_rps=problem.rest_rps,
+        prior=problem.prior,
+    )
 
 
 #: a model, and notes on how it was found
@@ -87,17 +102,7 @@ def held_out(
     batch, judged_by = problem.batch, integrator or options.integrator
     folds = min(options.folds, len(batch))
     steps = folds + 1
-    everything = FitInput(
-        batch=batch,
-        sigma=problem.floor.sigma,
-        options=options,
-        # A session with a truth file may never rest: then the bias that closes it replaces the first still's.
-        start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
-        still_rates=problem.still_rates if options.still_rates else None,
-        progress=lambda done, of: progress(done, of * steps),
-        rest_rps=problem.rest_rps,
-        prior=problem.prior,
-    )
+    everything = _input(problem, options, lambda done, of: progress(done, of * steps))
     began = time.perf_counter()
     with naming_segments(problem.used):
         model, notes = fit(everything)
@@ -106,10 +111,12 @@ def held_out(
     fold = np.arange(len(batch)) % folds
     for k in range(folds):
         seen = fold != k
+        own = problem.folds[k] if problem.folds else problem
         # The accelerometer, too, is estimated without the held-out turns.
-        apart = batch if problem.joint is None else problem.joint.without(~seen, batch)
+        apart = own.batch if own.joint is None else own.joint.without(~seen, own.batch)
+        of_all = _input(own, options, progress) if problem.folds else everything
         with naming_segments([segment for segment, kept in zip(problem.used, seen, strict=True) if kept]):
-            part, _ = fit(everything.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps)))
+            part, _ = fit(of_all.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps), same_rates=not problem.folds))
         models.append(part)
         angles[~seen] = closure_angles(apart.pick(~seen), part, judged_by)
     progress(steps, steps)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -12,12 +13,13 @@ from scipy.special import chdtrc
 
 from session.detect.check_time import STEPS
 from session.detect.segments import Segment
+from session.io.errors import CalibrationError
 from session.io.units import DEG
-from tinygc.closure.least_squares import fit_least_squares
+from tinygc.attitude.rotation import matrix
 from tinygc.closure.problem import Problem
-from tinygc.closure.residual import closure_angles, sensitivity
 from tinygc.effects import Effect, catalogue
-from tinygc.estimation.bias import tilt_rms
+from tinygc.estimation.bias import SAME, choose, tilt_rms
+from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
 from tinygc.explanation.search import (
@@ -34,11 +36,10 @@ from tinygc.explanation.search import (
     unknown_candidates,
 )
 from tinygc.explanation.standing import Standing, standing_of
-from tinygc.models import linear
 from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise, known_whitener
 from tinygc.noise.refit import Refit, prior_sigmas, refit
-from tinygc.noise.twin import Twin, claim_slice
+from tinygc.noise.twin import State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
 
 # Prove: closure on held-out segments, before, after, and the floor.
@@ -54,36 +55,73 @@ LEAST_EXCESS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """Held-out error angles (S, d) rad: before by the least squares of ``fit``, after with the named effects. floor_rms rad of tilt;
-    changed: whether anything is repaired or named between them.
+    """Held-out error angles (S, d) rad: before as ``fit`` states them; named with the named effects. floor_rms rad of tilt; changed:
+    whether anything is repaired or named between them.
 
-    before and after may have different segments: clipped turns, which cannot be repaired, are left out of after.  Both use the numbers of
-    before.
+    The two may have different segments: clipped turns, which cannot be repaired, are left out of named.  Both use the numbers of before.
     """
 
     before: np.ndarray
-    after: np.ndarray
+    named: np.ndarray
     before_numbers: list[int]
-    after_numbers: list[int]
+    named_numbers: list[int]
     floor_rms: float
     changed: bool
 
+    @cached_property
+    def ratio(self) -> float:
+        """Closure with what is named over that before, on the turns of both."""
+        common = sorted(set(self.before_numbers) & set(self.named_numbers))
+        rows = [[numbers.index(number) for number in common] for numbers in (self.named_numbers, self.before_numbers)]
+        named, before = (tilt_rms(angles[own]) for angles, own in zip((self.named, self.before), rows, strict=True))
+        return named / before if before > 0 else 1.0
+
+    @property
+    def worse(self) -> bool:
+        """Whether what is named makes the closure of these turns worse."""
+        return self.ratio > 1 + SAME
+
+    @property
+    def after(self) -> np.ndarray:
+        """Angles of the better of the two, which is what is handed on."""
+        return self.before if self.ratio > 1 else self.named
+
+    @property
+    def after_numbers(self) -> list[int]:
+        """Segments of ``after``."""
+        return self.before_numbers if self.ratio > 1 else self.named_numbers
+
     @property
     def removed(self) -> float | None:
-        """Share of the excess over the floor that is removed; None if the excess is negligible or nothing was changed. Closure below the
-        floor is chance, and counts as all of it."""
+        """Share of the excess over the floor that what is named removes, negative where it adds to it; None if the excess is negligible or
+        nothing was changed. Closure below the floor is chance, and counts as all of it."""
         floor = self.floor_rms**2
         excess = tilt_rms(self.before) ** 2 - floor
-        return None if excess < LEAST_EXCESS * floor or not self.changed else 1 - max(tilt_rms(self.after) ** 2 - floor, 0.0) / excess
+        return None if excess < LEAST_EXCESS * floor or not self.changed else 1 - max(tilt_rms(self.named) ** 2 - floor, 0.0) / excess
+
+
+#: ``fit`` without an option, by the method that every model is held against
+AS_FIT = FitOptions(methods=("least_squares",))
 
 
 @dataclass(frozen=True, eq=False)
 class FitClosure:
-    """Held-out angles (S, d) rad of what ``fit`` states for a session, None if it states none of these segments; from_stills: whether it
-    takes the bias of each turn from its stills."""
+    """What ``fit`` states for a session: held-out angles (S, d) rad and the numbers of their segments; from_stills: whether it takes the
+    bias of each turn from its stills; problem: that it solves. All None where it states nothing."""
 
     held_out: np.ndarray | None = None
+    numbers: list[int] | None = None
     from_stills: bool = False
+    problem: Problem | None = None
+
+    @classmethod
+    def of(cls, problem: Problem) -> FitClosure:
+        """``fit``'s own function on this problem; none where that does not settle."""
+        try:
+            source, _, fit = choose(problem, AS_FIT)
+        except CalibrationError:
+            return NOT_STATED
+        return cls(fit.held_out, [segment.number for segment in problem.used], source.used == "stills", problem)
 
     @property
     def most_rad(self) -> float:
@@ -96,24 +134,52 @@ NOT_STATED = FitClosure()
 
 
 def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, stated: FitClosure = NOT_STATED) -> Proof:
-    """Hold out every tenth segment, with the stills at its ends, in turn; stated: what ``fit`` reaches without any effect."""
+    """Hold out segments as ``fit`` does; stated: what it reaches without any effect."""
+    numbers = [segment.number for segment in original.used]
     changed = bool(fit.state.claims) or twin.problem is not original
-    # The better one: an effect must not be credited with what the stills' rates, or another source of the bias, do for any fit.
-    linear_ones = (linear_held_out(original, twin, whiten), stated.held_out)
-    before = min((angles for angles in linear_ones if angles is not None), key=tilt_rms)
-    after = before
+    before, before_numbers = stated.held_out, stated.numbers
+    if before is None or before_numbers is None:
+        before, before_numbers = linear_held_out(original, twin, whiten), numbers
+    named, named_numbers = before, before_numbers
     if changed:
-        after = held_out(twin, whiten, fit)
-        if stated.from_stills:  # the explained model may do as ``fit`` does
-            after = min(after, held_out(twin, whiten, fit, from_stills=True), key=tilt_rms)
-    return Proof(
-        before=before,
-        after=after,
-        before_numbers=[segment.number for segment in original.used],
-        after_numbers=numbers_before(original, twin),
-        floor_rms=twin.problem.floor.tilt_rms,
-        changed=changed,
-    )
+        base = twin.problem
+        if stated.problem is not None and stated.numbers == numbers and base is original and not fit.state.bends:
+            base = stated.problem  # with the accelerometer that ``fit`` has, as none was named
+        left = FitClosure.of(without_effects(base, twin, whiten, fit))
+        named = held_out(twin, whiten, fit) if left.held_out is None else left.held_out
+        named_numbers = numbers_before(original, twin)
+    return Proof(before, named, before_numbers, named_numbers, twin.problem.floor.tilt_rms, changed)
+
+
+def without_effects(base: Problem, twin: Twin, whiten: Whitener, fit: Refit) -> Problem:
+    """The problem ``base`` as a sensor without the named effects would have recorded it, for ``fit``'s own function.
+
+    In each of its folds the effects are those of a fit without the fold's segments and the stills at their ends.  base: with the turns and
+    stills of the twin; without effects it comes back as it is.
+    """
+    effects, parts = [claim.effect for claim in fit.state.claims], []
+    for held in folds_of(len(twin.segments), AS_FIT.folds) if effects else ():
+        rows = fold_rows(twin, whiten, held)
+        parts.append(cleared(base, twin, refit(twin, whiten, effects, fit.state, rows=rows, max_steps=FOLD_STEPS).state))
+    return cleared(base, twin, fit.state).changed(folds=tuple(parts)) if effects else base
+
+
+def cleared(base: Problem, twin: Twin, state: State) -> Problem:
+    """The problem with the effects of a state taken out of its rates, references and Earth's rate."""
+    state = replace(state, horizontal=np.zeros(2))  # a heading is no effect
+    back = np.linalg.inv(state.model.E).T
+    rates = [(rate - state.model.B) @ back for rate in twin.rates(state)]
+    batch = replace(twin.batch_at(state), rate=twin.padded(rates))
+    if state.bends:
+        base = base.changed(joint=None)
+    else:
+        batch = replace(batch, start=base.batch.start, end=base.batch.end)
+    stills = base.still_rates
+    if twin.stills:
+        earth = stills.earth + np.einsum("qji,j->qi", matrix(twin.q_tb), state.earth_t)
+        change = twin.still_means([rate - log.samples.gyro for rate, log in zip(rates, twin.seen.logs, strict=True)])
+        stills = replace(stills, rate=stills.rate + change, earth=earth)
+    return base.changed(batch=batch, still_rates=stills)
 
 
 def numbers_before(original: Problem, twin: Twin) -> list[int]:
@@ -130,50 +196,17 @@ def numbers_before(original: Problem, twin: Twin) -> list[int]:
 
 
 def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
-    """Held-out angles of the linear model, fitted to the segment ends alone or to everything that ``after`` is fitted to, whichever closes
-    better. Adding the mean rates of the stills improves any fit, which must not be credited to the named effects."""
+    """Held-out angles of the linear model, fitted to everything that the named effects are fitted to."""
     if twin.problem is not original:
         twin = Twin(original)
         whiten = known_whitener(twin)
-    alike = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
-    return min(by_ends(original), alike, key=tilt_rms)
+    return held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
 
 
-def by_ends(problem: Problem) -> np.ndarray:
-    """(S, d) rad with the model of the other folds' ends, linearized at the fit of all segments, which is close to that of a fold."""
-    batch, sigma = problem.batch, problem.floor.sigma
-    model = fit_least_squares(batch, sigma, problem.first).model
-    angles = closure_angles(batch, model)
-    columns = linear.columns(sensitivity(batch, model(batch.rate)), batch.rate)[:, : batch.angles] * linear.PRIOR_SIGMA
-    weighted, weight = columns / sigma.reshape(len(batch), -1, 1), 1 / sigma.reshape(len(batch), -1)
-    normal = np.einsum("sai,saj->ij", weighted, weighted) + np.eye(linear.PARAMETERS)
-    found = np.zeros_like(angles)
-    for held in folds_of(len(batch)):
-        own = weighted[held].reshape(-1, linear.PARAMETERS)
-        # At the fit of all segments the gradient is zero; without these rows it moves by their contribution.
-        moved = np.linalg.solve(normal - own.T @ own, own.T @ (angles[held] * weight[held]).ravel())
-        found[held] = angles[held] + columns[held] @ moved
-    return found
-
-
-def held_out(twin: Twin, whiten: Whitener, fit: Refit, from_stills: bool = False) -> np.ndarray:
-    """(S, d) rad of each segment, with parameters estimated from all rows except its fold's.
-
-    from_stills: with the bias of each turn moved by the residual rate of its two stills, which are held out as well.
-    """
+def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
+    """(S, d) rad of each segment, with parameters estimated from all rows except its fold's, linearized."""
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
-    left = left_out(twin, whiten, fit.r, fit.J * prior)
-    closure, still = whiten.parts["closure"], whiten.parts["still"]
-    angles = left[closure].reshape(-1, twin.batch.angles)
-    if not from_stills:
-        return angles
-    by_bias = whiten.back(fit.J[:, linear.BIAS])
-    ends = np.stack([twin.first, twin.last], axis=1)
-    if ends.min() < 0:
-        return angles  # a turn without two stills has no bias from them
-    at_rest = left[still].reshape(-1, 3)[ends].mean(axis=1)
-    moved = np.linalg.solve(by_bias[still].reshape(-1, 3, 3)[ends].mean(axis=1), -at_rest[..., None])
-    return angles + (by_bias[closure].reshape(*angles.shape, 3) @ moved)[..., 0]
+    return left_out(twin, whiten, fit.r, fit.J * prior)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
 
 
 def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -221,7 +254,7 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
 # shows that the curve has more terms, not that the effect's own law holds.
 
 #: share of an effect's action, after projection, that further terms of the curve reproduce; above it the effect is one of them
-SAME = 0.9
+SAME_CURVE = 0.9
 
 
 def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
@@ -237,7 +270,7 @@ def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
         rest = orthonormal(np.delete(J, part, axis=1))
         does = left_of(rest, J[:, part])
         curve = left_of(rest, np.concatenate([best.whiten(evidence.columns(term)) for term in terms], axis=1))
-        if does.shape[1] and np.sum((curve.T @ does) ** 2) > SAME * does.shape[1]:
+        if does.shape[1] and np.sum((curve.T @ does) ** 2) > SAME_CURVE * does.shape[1]:
             return True
     return False
 

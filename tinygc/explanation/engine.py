@@ -9,16 +9,13 @@ from functools import cached_property
 from pathlib import Path
 
 from session.detect.findings import Finding, as_arguments
-from session.io.errors import CalibrationError
 from session.io.folder import Session
 from session.io.units import DEG
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
-from tinygc.estimation.bias import choose
-from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
-from tinygc.explanation.decision import NOT_STATED, FitClosure, Naming, Proof, decide, prove, tilt_rms
+from tinygc.explanation.decision import FitClosure, Naming, Proof, decide, prove
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
@@ -94,12 +91,12 @@ def explain_session(
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     progress("least squares", 1, 6)
-    stated = _by_fit(fitted, problem)
+    stated = FitClosure.of(fitted)
     mended = repair(problem, lambda what: progress(what, 2, 6))
     twin, naming, proof = _decided(problem, mended, seed, progress, stated)
     # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
     in_turns = mended.found.keys() - {"reference.not_still"}
-    if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
+    if in_turns and proof.worse:
         mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
         twin, naming, proof = _decided(problem, mended, seed, progress, stated)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
@@ -119,17 +116,6 @@ def explain_session(
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
     return explanation
-
-
-def _by_fit(fitted: Problem, problem: Problem) -> FitClosure:
-    """Closure that ``fit`` states for this session; none where it does not settle, or uses other segments."""
-    if [segment.number for segment in fitted.used] != [segment.number for segment in problem.used]:
-        return NOT_STATED
-    try:
-        source, _, fit = choose(fitted, FitOptions(methods=("least_squares",)))
-    except CalibrationError:
-        return NOT_STATED
-    return FitClosure(fit.held_out, source.used == "stills")
 
 
 def _decided(
@@ -166,7 +152,7 @@ def _verdict(explanation: Explanation) -> str:
         unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or unusual
         return "unexplained" if unnamed else "no_mismatch"
     clocks_alone = [claim.effect.id for claim in explanation.claimed] == ["timing.gyro_accel_offset"]
-    if explanation.findings or unusual or (clocks_alone and explanation.naming.first_p <= FAMILY_WISE):
+    if explanation.findings or unusual or explanation.proof.worse or (clocks_alone and explanation.naming.first_p <= FAMILY_WISE):
         return "partly_explained"
     if any(claim.equivalent for claim in explanation.claimed):
         return "ambiguous"

@@ -224,7 +224,7 @@ class Twin:
         angles = closure.error_angles(closure.batch_residual(batch, q_pred))
         earth = self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
         lengths = np.linalg.norm(self.freed(state, self.rests), axis=1) - state.gravity_mps2
-        return Channels(angles, self._still_means(rates) - earth, lengths)
+        return Channels(angles, self.still_means(rates) - earth, lengths)
 
     def batch_at(self, state: State) -> Batch:
         """The batch with the state's reference attitudes and Earth."""
@@ -279,7 +279,7 @@ class Twin:
             row[:count] = rates[segment.log][segment.start : segment.stop]
         return padded
 
-    def _still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
+    def still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
         """Means (Q, …) over the stills of samples (N, …) of each log."""
         return np.concatenate([mean(values) for values, mean in zip(by_log, self._means, strict=True)])
 
@@ -301,7 +301,7 @@ class Twin:
         """Columns of the 12 linear parameters."""
         design = linear.columns(_square(sensitivity), self.batch.rate)[:, : self.batch.angles]
         still = np.zeros((len(self.stills), 3, linear.PARAMETERS))
-        mean = self._still_means([np.asarray(log.samples.gyro) for log in self.seen.logs])
+        mean = self.still_means([np.asarray(log.samples.gyro) for log in self.seen.logs])
         for axis in range(3):
             still[:, axis, 3 * axis : 3 * axis + 3] = mean
             still[:, axis, linear.BIAS.start + axis] = 1.0
@@ -394,7 +394,7 @@ class Twin:
             count = segment.stop - segment.start
             part = by_log[segment.log][segment.start : segment.stop]
             row[:] = turn[:count].transpose(1, 0, 2).reshape(self.batch.angles, -1) @ part.reshape(-1, size)
-        return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
+        return Channels(-design, -self.still_means(by_log), np.zeros((len(self.stills), size)))
 
     def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
         """``effect_columns`` of an effect with basis functions: each function is summed once for all axes."""
@@ -406,7 +406,7 @@ class Twin:
             count = segment.stop - segment.start
             summed = turn[:count].reshape(count, -1).T @ by_log[segment.log][segment.start : segment.stop]
             row[:] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
-        mean = self._still_means(by_log)
+        mean = self.still_means(by_log)
         still = mean[:, None, :, None] * np.eye(3)[:, None]
         if effect.has_rows:
             design, still = design.swapaxes(2, 3), still.swapaxes(2, 3)

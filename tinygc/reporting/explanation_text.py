@@ -209,6 +209,8 @@ def _proof(e: Explanation) -> Text:
     removed = "" if e.proof.removed is None else f"; {100 * e.proof.removed:.1f} % of the excess is gone"
     if e.proof.removed is not None and e.proof.removed <= 0:
         removed = "; closure is no better for what is named"
+    if e.proof.worse:
+        removed = f"; closure is worse with what is named, {tilt_rms(e.proof.named) / DEG:.4f}°: the model without it is handed on"
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
 
 

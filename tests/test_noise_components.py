@@ -9,7 +9,7 @@ import pytest
 from conftest import DEG
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 from small_sessions import DPH, attitudes_by_scipy, closure_of, small_session, tilted_stills
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 
@@ -28,6 +28,8 @@ from tinygc.noise.components import (
     TURN,
     TURNED,
     UNDERSAMPLED,
+    UNKNOWN_SPREAD,
+    UNKNOWN_WANDER_RPS,
     WANDER,
     Component,
     SessionNoise,
@@ -369,15 +371,22 @@ def test_noise_is_unusual_above_its_limit(name, limit):
         noise = noise_of([s, 0.0, 0.0], names=(name, "a", "b"), usual=(2.0, 1.0, 1.0), priors=(Prior(3.0, 0.4), None, None))
         assert bool(noise.unusual) is bool(unusual)
     free = noise_of([1e3, 0.0, 0.0], names=(WANDER, "a", "b"))
-    assert not free.unusual  # nothing is known of it
+    assert free.unusual  # no MEMS gyroscope drifts so
+    at = UNKNOWN_WANDER_RPS * np.exp(3 * UNKNOWN_SPREAD)  # where nothing is known of this one: 900 °/h
+    assert [noise_of([times * at, 0.0, 0.0], names=(WANDER, "a", "b")).unusual for times in (0.999, 1.001)] == [False, True]
+
+
+def absent(rows):
+    """A component that these rows do not show."""
+    return Component(REFERENCE, Sparse.of_diagonal(rows), 1.0, "mg", MG, "", None)
 
 
 def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
-    """Half of chi-square's, since none is on the edge; times the number of the large ones.  By hand: variances of single rows."""
+    """Of all large ones together, each on the edge half the time.  By hand: variances of single rows."""
     r = np.array([3.0, -2.0, 2.5, 2.2, -3.3, 1.0])
     noise = noise_of([1.0, 1.0], names=(TURN, STILL_RATE), priors=(None, None))
-    whiten = SimpleNamespace(white=np.eye(6))
-    noise = noise.estimated(whiten, r, np.zeros((6, 1)), steps=60)
+    noise = replace(noise, components=(*noise.components, absent(np.eye(6)[5])), s=np.ones(3), sigma=np.zeros(3))
+    noise = noise.estimated(SimpleNamespace(white=np.eye(6)), r, np.zeros((6, 1)), steps=60)
     assert np.isnan(noise.sigma).all()  # unless asked for
 
     def gain(rows):  # -2 log L of variance 1 less the least of it
@@ -385,21 +394,50 @@ def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
 
     gains = [gain(slice(0, 3)), gain(slice(3, 5))]
     assert noise.unusual
-    expected = 2 * min(chi2.sf(gains, 1) / 2)
-    assert noise.unusual_p(whiten, r, np.zeros((6, 1))) == pytest.approx(expected, rel=1e-3)
-    only = replace(noise, s=np.array([noise.s[0], 0.5]))
-    assert only.unusual_p(whiten, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gains[0] - gains[1] + gain(slice(3, 5)), 1) / 2, rel=0.3)
-    small = replace(noise, s=np.array([0.9, 0.9]))
-    assert small.unusual_p(whiten, r, np.zeros((6, 1))) == 1.0
-    three = replace(noise_of([3.0, 3.0, 3.0], names=(TURN, STILL_RATE, UNDERSAMPLED)), value=1e9)  # three times a half, at most 1
-    assert three.unusual_p(whiten, r, np.zeros((6, 1))) == 1.0
-    # Each counts from its own limit on; where the value is no gain, with a half.
-    for name, limit in ((TURN, 2.0), (STILL_RATE, 2.0), (UNDERSAMPLED, 2 * np.exp(0.8))):
-        for times, p in ((0.999, 0.5), (1.001, 1.0)):
-            both = noise_of([times * limit, 100.0], names=(name, TURN if name != TURN else STILL_RATE), usual=(2.0, 1.0))
-            assert replace(both, value=1e9).unusual_p(whiten, r, np.zeros((6, 1))) == p
-    wander = noise_of([0.5, 0.5, 100.0], priors=(None, None, Prior(1.0, 0.5)))
-    assert wander.unusual_p(whiten, r, np.zeros((6, 1))) == pytest.approx(2 * norm.sf(3))
+    expected = chi2.sf(sum(gains), 1) / 2 + chi2.sf(sum(gains), 2) / 4
+    assert noise.unusual_p(np.eye(6), r, np.zeros((6, 1))) == pytest.approx(expected, rel=1e-3)
+    only = replace(noise, s=np.array([noise.s[0], 0.5, 0.0]))
+    assert only.unusual_p(np.eye(6), r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gains[0] - gains[1] + gain(slice(3, 5)), 1) / 2, rel=0.3)
+    small = replace(noise, s=np.array([0.9, 0.9, 0.0]))
+    assert small.unusual_p(np.eye(6), r, np.zeros((6, 1))) == 1.0
+    # Each counts from its own limit on; where the value is no gain, with the ways in which any is there.
+    for name, limit in ((TURN, 2.0), (STILL_RATE, 2.0), (UNDERSAMPLED, np.exp(0.8))):
+        for times, p in ((0.999, 0.5), (1.001, 0.75)):
+            both = noise_of([times * limit, 100.0, 0.0], names=(name, TURN if name != TURN else STILL_RATE, "a"), usual=(2.0, 1.0, 1.0))
+            assert replace(both, value=1e9).unusual_p(np.eye(6), r, np.zeros((6, 1))) == p
+
+
+@pytest.mark.parametrize(("prior", "limit"), [(Prior(1.0, 0.5), np.exp(1.5)), (None, UNKNOWN_WANDER_RPS * np.exp(3 * UNKNOWN_SPREAD))])
+def test_a_drift_is_held_against_the_largest_that_such_a_sensor_has(prior, limit):
+    """By hand: the likelihood with it at its limit, the prior's cost with it; also where it grows beyond it once a turn's is removed."""
+    white = limit**2 * np.eye(6)
+    V, r = np.full((6, 6), 0.5) + np.eye(6), 4 * limit * np.array([3.0, -2.0, 2.5, 2.2, -3.3, 1.0])
+
+    def value(s):
+        C = white + s**2 * V
+        return np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r) + (0.0 if prior is None else (np.log(s) / 0.5) ** 2)
+
+    best = minimize_scalar(value, bounds=(limit, 1e3 * limit), method="bounded", options={"xatol": 1e-6 * limit})
+    drift = Component(WANDER, V, limit, "deg", DEG, "", prior)
+    alone = SessionNoise((absent(1e-9 * np.ones(6)), drift), [np.arange(6)], NOTHING, np.array([0.0, best.x]), np.zeros(2), best.fun)
+    gain = value(limit) - best.fun
+    assert alone.unusual_p(white, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gain, 1) / 2, rel=0.01)
+    turns = replace(drift, name=TURN, V=Sparse.of(V), prior=None)
+    both = replace(alone, components=(*alone.components, turns), s=np.array([0.0, 0.9 * limit, 9 * limit]), sigma=np.zeros(3))
+    assert both.unusual_p(white, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gain, 1) / 2 + chi2.sf(gain, 2) / 4, rel=0.01)
+
+
+def test_one_component_does_not_hide_another_that_may_take_its_place():
+    """Of the same rows: either alone can go without a loss, and the rows are forty times as scattered as white noise."""
+    r = np.random.default_rng(4).normal(size=40) * 6.3
+    V = Sparse.of_diagonal(np.ones(40))
+    parts = (*(Component(name, V, 1.0, "deg", DEG, "", None) for name in (TURN, STILL_RATE)), absent(1e-6 * np.ones(40)))
+    noise = SessionNoise(parts, [np.arange(40)], NOTHING, np.array([4.0, 4.0, 0.0]), np.zeros(3))
+    noise = noise.estimated_beside(np.eye(40), r, np.zeros((40, 1)), noise.s, steps=60)
+    assert len(noise.beyond) == 2
+    one = noise.without(TURN).estimated_beside(np.eye(40), r, np.zeros((40, 1)), steps=60)
+    assert one.value - noise.value < 0.1
+    assert noise.unusual_p(np.eye(40), r, np.zeros((40, 1))) < 1e-20
 
 
 def test_a_long_session_is_cut_into_blocks_of_turns_with_the_stills_before_them(monkeypatch):

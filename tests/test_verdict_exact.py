@@ -23,9 +23,11 @@ from tinygc.estimation.choice import (
     run_figures,
     worse_in_table,
 )
+from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest
+from tinygc.estimation.promise import Promise
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.systematic import Systematic, systematic_of
-from tinygc.estimation.verdict import JudgedFit, decide, require_plausible, run_p_values, too_good, too_wide
+from tinygc.estimation.verdict import BELOW_95, GIVEN, JudgedFit, decide, require_plausible, run_p_values, too_good, too_wide
 from tinygc.models.linear import LinearModel
 
 # Figures
@@ -203,6 +205,9 @@ def judged(times=1.0, segments=40, **known):
     return JudgedFit(**figures | known)
 
 
+SHEET = Promise(5.0, 10.0, "an X1 by its data sheet")
+
+
 def run(error=1e-3, p=0.5, lost=""):
     return {"run_errors": [np.full(3, error)], "run_p": [p], "run_losses": [lost]}
 
@@ -229,20 +234,23 @@ def run(error=1e-3, p=0.5, lost=""):
     ],
 )
 def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
-    found = decide(judged(**known), ["closure0001.csv"] * len(known.get("run_p", [])), limit_deg)
+    found = decide(judged(**known), ["closure0001.csv"] * len(known.get("run_p", [])), limit_deg, promise=SHEET)
     assert found.answer == answer
     assert found.passed == (answer != "fail")
     assert found.by_limit == (limit_deg is not None)
     assert len(found.conformities) == (0 if limit_deg is None else 1 + len(known.get("run_p", [])))
     assert found.word == {"pass": "PASS", "doubtful pass": "PASS, with doubts", "not decided": "NOT DECIDED", "fail": "FAIL"}[answer]
     assert all(met for met, _ in found.reasons) == (answer != "fail")
-    assert found.to_json(limit_deg) == {
+    assert found.to_json() == {
         "answer": answer,
         "headline": found.headline,
         "rule": found.rule,
-        "limit_deg": limit_deg,
+        "limit_deg": pytest.approx(20 / DEG if limit_deg is None else limit_deg),
+        "limit_from": SHEET.source if limit_deg is None else GIVEN,
         "reasons": [{"met": met, "reason": text} for met, text in found.reasons],
         "doubts": found.doubts,
+        "undecided": found.undecided,
+        "tests": [],
         "conformity": [each.to_json() for each in found.conformities],
     }
 
@@ -258,13 +266,14 @@ def test_worse_than_raw_is_a_fail_whatever_the_limit(share, segments, failed, li
 @pytest.mark.parametrize(
     ("candidate", "files", "limit", "says"),
     [
-        (judged(), 0, None, "PASS: held out 0.0573° (1.0 × noise, 40 segments)"),
-        (judged(**run()), 1, None, "PASS: held out 0.0573° (1.0 × noise, 40 segments), closure run 0.0573°"),
+        (judged(), 0, None, "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 1\u202f146°)"),
+        (judged(), 0, 1.0, "PASS: held out 0.0573° (1.0 × noise, 40 segments)"),
+        (judged(**run()), 1, None, "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 1\u202f146°), closure run 0.0573°"),
         (
             judged(run_errors=[np.full(3, 1e-3), np.full(3, 2e-3)], run_p=[0.5, 0.5], run_losses=["", ""]),
             2,
             None,
-            "PASS: held out 0.0573° (1.0 × noise, 40 segments), worst of 2 closure runs 0.115°",
+            "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 1\u202f146°), worst of 2 closure runs 0.115°",
         ),
         (
             judged(**run(2e-3, 1e-5, "lost")),
@@ -290,7 +299,43 @@ def test_worse_than_raw_is_a_fail_whatever_the_limit(share, segments, failed, li
     ],
 )  # fmt: skip
 def test_the_first_line_gives_the_answer_and_its_reason(candidate, files, limit, says):
-    assert decide(candidate, ["closure0001.csv"] * files, limit).headline == says
+    assert decide(candidate, ["closure0001.csv"] * files, limit, promise=SHEET).headline == says
+
+
+@pytest.mark.parametrize(
+    ("sheet", "answer", "says"),
+    [
+        (Promise(5.0, 0.501e-3, "an X1 by its data sheet"), "pass", "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 0.057°)"),
+        (
+            Promise(5.0, 0.499e-3, "an X1 by its data sheet", "this unit has 9 mdps/√Hz, 5 there"),
+            "not decided",
+            "NOT DECIDED: held out 0.0573° over 5 s, more than that of an X1 by its data sheet, 0.057°; this unit has 9 mdps/√Hz, 5 there",
+        ),
+        (Promise(5.0), "no limit", "no limit: closure 0.0991° over 5 s (95 %), 1.0 × noise, 40 segments"),
+    ],
+)
+def test_without_a_limit_it_is_twice_what_the_data_sheet_promises(sheet, answer, says):
+    """Of tilts about two axes alike 5 % are above sqrt(-ln 0.05) = 1.73 times their rms."""
+    found = decide(judged(), [], None, promise=sheet)
+    assert (found.answer, found.headline) == (answer, says)
+    assert decide(judged(), [], 0.06, promise=sheet).answer == "pass"  # a limit that is given decides
+    assert decide(judged(closure_p=1e-3), [], None, promise=sheet).answer == "fail"
+    assert decide(judged(segments=5), [], None, promise=Promise(5.0)).answer == "not decided"
+    assert pytest.approx(np.sqrt(-np.log(0.05)), abs=2e-3) == BELOW_95
+
+
+@pytest.mark.parametrize(("name", "limit", "answer"), [
+    (TURNS, None, "pass"), (TURNS, 1.0, "not decided"), (RUN, None, "pass"), (RUN, 1.0, "not decided"),
+    (NOISE, None, "not decided"), (NOISE, 1.0, "not decided"), (EFFECT, 1.0, "not decided"), (GRAVITY, None, "not decided"),
+])  # fmt: skip
+def test_what_contradicts_the_model_never_passes(name, limit, answer):
+    """Without a limit the p-values of turns and runs are reasons by themselves."""
+    for p, expected in ((0.0099, answer), (0.0100, "pass")):
+        found = decide(judged(**run()), ["c.csv"], limit, tests=[ModelTest(name, p, 0.01, "it does")], promise=SHEET)
+        assert found.answer == expected
+        assert found.unsound == (["it does"] if expected == "not decided" else [])
+        assert [test["contradicts"] for test in found.to_json()["tests"]] == [p < 0.01]
+    assert decide(judged(), [], 0.01, tests=[ModelTest(name, 0.0, 0.01, "it does")]).answer == "fail"
 
 
 @pytest.mark.parametrize(
@@ -298,13 +343,7 @@ def test_the_first_line_gives_the_answer_and_its_reason(candidate, files, limit,
     [
         ({"unobserved": ("bias x", "bias y")}, ["accelerometer: not observed: bias x, bias y; "]),
         ({"unobserved": tuple("abcdefghi")}, ["accelerometer: not observed: all of its numbers; "]),
-        (
-            {"mode": "prior", "p_value": 0.99e-4},
-            ["accelerometer: the given calibration was kept as a prior, and no longer holds (p = "],
-        ),
-        ({"mode": "prior", "p_value": 1e-4}, []),
-        ({"mode": "prior"}, []),
-        ({"mode": "fit", "p_value": 1e-9}, []),
+        ({}, []),
     ],
 )
 def test_an_accelerometer_that_closure_does_not_show_is_a_doubt(accelerometer, says):

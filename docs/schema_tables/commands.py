@@ -65,7 +65,7 @@ _REPORT = {
     "session": TEXT,
     "made": TEXT,
     "passed": maybe(FLAG),
-    "answer": words("pass", "doubtful pass", "not decided", "fail"),
+    "answer": words("pass", "doubtful pass", "no limit", "not decided", "fail"),
     "rule": TEXT,
     "limit_deg": maybe(SIZE),
     "doubts": [TEXT],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .commands import FINDING
-from .fit import ALIGNMENT, AT_REST, COMPONENT, EVENT, INSTABILITY, LEFT_OUT, SPLIT
+from .fit import ALIGNMENT, AT_REST, COMPONENT, EVENT, INSTABILITY, LEFT_OUT, SPLIT, TESTED
 from .shapes import (
     COUNT,
     FLAG,
@@ -172,6 +172,7 @@ _HEAD = {"session": TEXT, "verdict": VERDICT}
 _EXPLAIN = _HEAD | {
     "mismatch": _MISMATCH | {"where": _PLACE | {"segment_seconds": [INTERVAL], "seconds": maybe(INTERVAL)}},
     "effects": [_EFFECT],
+    "decision": maybe(TESTED),
     "findings": [_CLAIM | {"share": maybe(NUMBER)}],
     "families": [{"id": TEXT, "size_dps": SIZE, "shares": {"<id>": SHARE}, "description": TEXT}],
     "considered": [{"id": TEXT, "probability": SHARE, "moments": COUNT, "closure_rms_deg": maybe(_CHANGE)}],

@@ -51,6 +51,11 @@ ACCELEROMETER = {
     "gravity_spread_mg": maybe(SIZE),
     "zero_drift": maybe({"mg_per_1000s": VECTOR, "sigma": VECTOR, "p_value": SHARE, "significant": FLAG}),
 }
+TESTED = {
+    "answer": words("pass", "doubtful pass", "no limit", "not decided", "fail"),
+    "headline": TEXT,
+    "tests": [{"name": words("turns", "run", "noise", "effect", "gravity"), "p_value": maybe(SHARE), "contradicts": FLAG, "says": TEXT}],
+}
 ALIGNMENT = {
     "offset_s": maybe(NUMBER),
     "offset_std_s": maybe(SIZE),
@@ -152,13 +157,14 @@ _FIT = {
     "not_run": [{"method": TEXT, "why": TEXT}],
     "use": {"method": maybe(TEXT), "model": maybe(TEXT), "best": TEXT, "p_value": maybe(SHARE), "why": TEXT},
     "against_raw": {"method": words("raw", "raw_bias_removed"), "tilt_rms_deg": SIZE, "worse": [TEXT], "passed": FLAG},
-    "verdict": {
-        "answer": words("pass", "doubtful pass", "not decided", "fail"),
-        "headline": TEXT,
+    "verdict": TESTED
+    | {
         "rule": TEXT,
         "limit_deg": maybe(SIZE),
+        "limit_from": maybe(TEXT),
         "reasons": [{"met": maybe(FLAG), "reason": TEXT}],
         "doubts": [TEXT],
+        "undecided": [TEXT],
         "conformity": [CONFORMITY],
     },
     "closure_runs": [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import subprocess
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import metadata
@@ -30,13 +31,15 @@ from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above, goodness
 from tinygc.estimation.accelerometer import JOINT_NAMES, AccelerometerFit, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
+from tinygc.estimation.model_tests import GRAVITY, ModelTest, model_tests
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
 from tinygc.estimation.physics import errors_with_physics, rate_covariance, rows_of_rates
+from tinygc.estimation.promise import promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
-from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
+from tinygc.estimation.verdict import Acceptance, Candidate, JudgedFit, decide, run_p_values, too_good, too_wide
 from tinygc.models.linear import BIAS, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 
@@ -225,9 +228,28 @@ class FitResult:
 
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
-        doubts = self.doubts if self.use.method in PHYSICS else self.linear_doubts(limit_deg)
-        files = [run.file for run in self.runs]
-        return decide(self.judged, files, limit_deg, self.against_raw, self.accelerometer, doubts, self.requirements)
+        return self.decided(self.judged, self.use.method not in PHYSICS, limit_deg)
+
+    def decided(self, judged: Candidate, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
+        """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts beside
+        this session's own."""
+        return decide(
+            judged,
+            [run.file for run in self.runs],
+            limit_deg,
+            self.against_raw,
+            self.accelerometer,
+            [*(self.linear_doubts(limit_deg) if is_linear else self.doubts), *doubts],
+            self.requirements,
+            [test for test in self.tests if is_linear or test.name == GRAVITY],
+            promise_of(self.problem),
+        )
+
+    @cached_property
+    def tests(self) -> tuple[ModelTest, ...]:
+        """Whether the recording contradicts the linear model."""
+        runs = {} if self.use.method in PHYSICS else dict(zip((run.file for run in self.runs), self.judged.run_p, strict=True))
+        return model_tests(self.goodness, runs, self.noise, self.allowed, self.accelerometer)
 
     @cached_property
     def requirements(self) -> Requirements | None:
@@ -350,7 +372,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
         "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
         "use": {**result.use.to_json(), "model": result.file_to_use},
         "against_raw": result.against_raw.to_json(),
-        "verdict": result.verdict(limit_deg).to_json(limit_deg),
+        "verdict": result.verdict(limit_deg).to_json(),
         "closure_runs": [
             {
                 "file": run.file,

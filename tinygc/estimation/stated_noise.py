@@ -30,7 +30,6 @@ from tinygc.noise.components import (
     UNDERSAMPLED,
     WANDER,
     SessionNoise,
-    estimate,
     first_noise,
 )
 from tinygc.noise.refit import prior_sigmas, refit
@@ -60,12 +59,14 @@ FROM_LENGTHS = np.array([0, 1, 2, *(3 + 3 * i + j for i, j in zip(*np.triu_indic
 @dataclass(frozen=True, eq=False)
 class StatedNoise:
     """The estimated noise: its components; white (n, n): white noise alone of the stacked channels (``Channels.stacked``); accelerometer
-    (n, 12): one sigma of each error of its pre-calibration, constant over the session; twin that it was estimated with."""
+    (n, 12): one sigma of each error of its pre-calibration, constant over the session; twin that it was estimated with; unusual_p:
+    probability that such a sensor has noise of this size (``SessionNoise.unusual_p``)."""
 
     twin: Twin
     noise: SessionNoise
     white: np.ndarray
     accelerometer: np.ndarray
+    unusual_p: float = 1.0
 
     @property
     def covariance(self) -> np.ndarray:
@@ -158,28 +159,20 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
         J = np.concatenate([J, joint_columns(problem, joint) * joint.system.prior[joint.own]], axis=1)
     elif own:
         J = np.concatenate([J, columns * OPEN_MPS2], axis=1)
-    parts = first.components
     white = whiten.white - PRECALIBRATION_MPS2**2 * columns @ columns.T
     if joint is not None:
         # Where the accelerometer is estimated, its uncertainty is the estimate's, instead of that of a sensor of its class.
         lengths = np.arange(len(white))[whiten.parts["length"]]
         white[lengths, lengths] -= ACCEL_INSTABILITY_MPS2**2
-    found = estimate(
-        whiten.back(fit.r),
-        J,
-        whiten.white if joint is None else white,
-        [c.V for c in parts],
-        np.array([c.usual for c in parts]),
-        [c.prior for c in parts],
-        first.blocks,
-        with_sigma=True,
-    )
-    noise = replace(first, s=found.s, sigma=found.sigma, value=found.value)
+    beside, r = whiten.white if joint is None else white, whiten.back(fit.r)
+    noise = first.estimated_beside(beside, r, J, with_sigma=True)
+    unusual_p = noise.unusual_p(beside, r, J)
     if joint is None:
-        return StatedNoise(twin, noise, white, columns @ accelerometer_factor(columns[whiten.parts["length"]], noise, own))
+        factor = accelerometer_factor(columns[whiten.parts["length"]], noise, own)
+        return StatedNoise(twin, noise, white, columns @ factor, unusual_p)
     from_rows = joint_response(problem, joint)
     known = from_rows @ (white + noise.covariance) @ from_rows.T + joint.beforehand @ joint.beforehand.T
-    return StatedNoise(twin, noise, white, joint_columns(problem, joint) @ np.linalg.cholesky(known))
+    return StatedNoise(twin, noise, white, joint_columns(problem, joint) @ np.linalg.cholesky(known), unusual_p)
 
 
 def joint_columns(problem: Problem, joint: JointFit) -> np.ndarray:

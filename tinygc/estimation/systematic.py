@@ -27,8 +27,10 @@ from tinygc.models.linear import NAMES, LinearModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import calibration_columns, prior_sigmas
 
-#: natural logarithm of the odds from which an effect is suspected: with prior odds of 1 to 30, as in ``explain``, it is there with 95 %
-SUSPECTED = float(np.log(30 * 19))
+#: prior odds of any effect of the catalogue, as in ``explain``
+PRIOR_ODDS = 1 / 30
+#: natural logarithm of the odds from which an effect is suspected: it is there with 95 %
+SUSPECTED = float(np.log(19 / PRIOR_ODDS))
 #: that of odds between two effects that one fit does not tell apart: "positive" evidence (Kass & Raftery 1995)
 AS_PROBABLE = 3.0
 

@@ -1,8 +1,11 @@
 """PASS, NOT DECIDED or FAIL: the verdict on a calibration, by the one rule that ``fit``, ``report`` and ``fleet`` apply.
 
 With a limit, neither the held-out closure of the segments nor the error of any closure run may exceed it.  Without a limit, both must agree
-with noise (p at least 0.01).  Either way a calibration fails if held-out segments close worse with it than with the raw rates.
-Requirements of session.toml, or of a file, count besides; whether a value meets its limits is decided in ``requirements.py``.
+with noise (p at least 0.01), and the limit of the closure is what the sensor's data sheet promises for such turns (``promise.py``): its own
+noise would pass a noisy unit.  Where nothing promises anything there is no PASS, but the closure in words.  Either way a calibration fails
+if held-out segments close worse with it than with the raw rates, and does not pass where the recording contradicts the model
+(``model_tests.py``).  Requirements of session.toml, or of a file, count besides; whether a value meets its limits is decided in
+``requirements.py``.
 
 A pass needs evidence.  With few segments a fit follows almost anything, so held-out closure must be near its floor on enough segments.  A
 closure far below its floor means that noise or references are not what they are taken for.  An error that is common to all references, or a
@@ -24,7 +27,6 @@ from session.io.errors import FitError
 from session.io.requirements import CLOSURE, CLOSURE_RUN, Requirements, Rule
 from session.io.texts import command_line, degrees, probability, significant
 from session.io.units import DEG
-from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
@@ -32,7 +34,9 @@ from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import AgainstRaw, rmse
 from tinygc.estimation.expected_zero import drift_between
+from tinygc.estimation.model_tests import RUN, TURNS, ModelTest, contradictions
 from tinygc.estimation.options import METHODS
+from tinygc.estimation.promise import Promise
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.requirements import (
     Conformity,
@@ -56,7 +60,15 @@ TOO_GOOD_P = 1e-4
 #: where the limit of the closure is from that ``limit_deg`` gives
 GIVEN = "limit of the closure, as it was given to the program"
 #: answers in words; a given limit decides, and doubts are stated with the result
-WORDS = {"pass": "PASS", "doubtful pass": "PASS, with doubts", "not decided": "NOT DECIDED", "fail": "FAIL"}
+WORDS = {
+    "pass": "PASS",
+    "doubtful pass": "PASS, with doubts",
+    "no limit": "no limit",
+    "not decided": "NOT DECIDED",
+    "fail": "FAIL",
+}
+#: of tilts with this rms, about two axes alike, 95 % are below so many times it: sqrt(-ln 0.05)
+BELOW_95 = 1.73
 
 
 class Candidate(Protocol):
@@ -120,10 +132,11 @@ class Acceptance:
     """Verdict on a calibration.
 
     passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule, None where that is not decided; doubts, a
-    sentence for each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given; closure: what closes to what,
-    in words; conformities: each value that has limits, against them; undecided: a sentence for each that is neither PASS nor FAIL; unsound:
-    reasons not met that no limit has: noise does not explain the closure, or the raw rates close better, so that the uncertainties may not
-    hold.
+    sentence for each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given, or the sensor's data sheet
+    promises one; closure: what closes to what, in words; conformities: each value that has limits, against them; undecided: a sentence for
+    each that is neither PASS nor FAIL; unsound: reasons not met that no limit has: noise does not explain the closure, the recording
+    contradicts the model, or the raw rates close better, so that the uncertainties may not hold; limit_deg of the closure, in use, and
+    where it is from, None without one; tests of the model by the recording.
     """
 
     passed: bool
@@ -135,27 +148,38 @@ class Acceptance:
     conformities: list[Conformity] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
     unsound: list[str] = field(default_factory=list)
+    limit_deg: float | None = None
+    limit_from: str | None = None
+    tests: tuple[ModelTest, ...] = ()
 
     @property
     def answer(self) -> str:
-        """One of pass, doubtful pass, not decided, fail.  A given limit decides; doubts are stated with the result."""
+        """One of pass, doubtful pass, no limit, not decided, fail.  A given limit decides; doubts are stated with the result."""
         if not self.passed:
             return "fail"
         if self.undecided:
             return "not decided"
-        return "pass" if not self.doubts else "doubtful pass" if self.by_limit else "not decided"
+        if self.doubts:
+            return "doubtful pass" if self.by_limit else "not decided"
+        return "pass" if self.by_limit or self.limit_deg is not None else "no limit"
 
     @property
     def word(self) -> str:
         """The answer in words for the user."""
         return WORDS[self.answer]
 
-    def to_json(self, limit_deg: float | None = None) -> dict:
+    def to_json(self) -> dict:
         """Return ``verdict`` of ``tinygc-fit/2``."""
-        reasons = [{"met": met, "reason": text} for met, text in self.reasons]
-        return {"answer": self.answer, "headline": self.headline, "rule": self.rule, "limit_deg": limit_deg} | {
-            "reasons": reasons,
+        return {
+            "answer": self.answer,
+            "headline": self.headline,
+            "rule": self.rule,
+            "limit_deg": self.limit_deg,
+            "limit_from": self.limit_from,
+            "reasons": [{"met": met, "reason": text} for met, text in self.reasons],
             "doubts": self.doubts,
+            "undecided": self.undecided,
+            "tests": [test.to_json() for test in self.tests],
             "conformity": [each.to_json() for each in self.conformities],
         }
 
@@ -179,11 +203,14 @@ def decide(
     accelerometer: AccelerometerFit | None = None,
     doubts: Sequence[str] = (),
     requirements: Requirements | None = None,
+    tests: Sequence[ModelTest] = (),
+    promise: Promise | None = None,
 ) -> Acceptance:
     """Decide whether the calibration passes.
 
     files: the names of the closure runs; raw: comparison with the raw rates; accelerometer that gives the references; doubts: further
-    reasons for which a pass is weak evidence; requirements: limits, of which limit_deg takes the place of those of the closure.
+    reasons for which a pass is weak evidence; requirements: limits, of which limit_deg takes the place of those of the closure; tests of
+    this model; promise: what the sensor's data sheet says of these turns.
     """
     tilt, times = tilt_rms(candidate.angles), tilt_rms(candidate.angles) / candidate.floor_rms
     closure_p = candidate.closure_p if np.isfinite(tilt) else float("nan")
@@ -214,7 +241,7 @@ def decide(
     elif not segments or (len(files) and not runs):
         rules.append(
             f"No limit given: noise must explain what is left, p at least {MISMATCH_P:g}; to be decided, held-out closure of at least "
-            f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor."
+            f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor, and {NEAR_FLOOR:g} times that of the data sheet."
         )
     if asked.limits and (others or limit_deg is None):
         rules.append(f"Requirements of {asked.source or 'the user'}. {rule_words(asked.rule)}")
@@ -228,16 +255,43 @@ def decide(
         reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates ({named})"))
         unsound.append(reasons[-1][1])
         rule += " Worse than the raw rates is a fail in any case."
-    closure = f"held out {degrees(tilt)} ({significant(times, 2)} × noise, {len(candidate.numbers)} segments)"
+    limit, source = limit_deg, None if limit_deg is None else GIVEN
+    if segments:
+        most = segments[0].limits[1]
+        limit, source = (float(most), asked.source if limit_deg is None else GIVEN) if np.isfinite(most) else (None, None)
+    elif promise is not None and promise.tilt_rms is not None:
+        limit, source = NEAR_FLOOR * promise.tilt_rms / DEG, promise.source
+    against = contradictions(tests)
+    decided = [*segments, *runs, *others]
+    by_limit = {TURNS: segments, RUN: runs}  # without a limit they are reasons above
+    undecided = [test.says for test in against if by_limit.get(test.name, True)]
+    unsound += undecided
+    if not segments and limit is not None and tilt / DEG > limit:
+        more = f"; {promise.noisier}" if promise is not None and promise.noisier else ""
+        undecided.append(f"{_over(tilt, promise)}, more than that of {source}, {significant(limit, 2)}°{more}")
+    closure = _closure(tilt, times, candidate, None if segments else promise, limit)
     if len(files):
         which = f", worst of {len(files)} closure runs " if len(files) > 1 else ", closure run "
         closure += which + degrees(max(map(rmse, candidate.run_errors)))
     found = [*_doubts(candidate, times, accelerometer), *doubts]
-    decided = [*segments, *runs, *others]
-    undecided = [f"{each.measured.words}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
+    undecided += [f"{each.measured.words}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
     undecided += [text for met, text in by_chance if met is None]
     passed = all(met is not False for met, _ in reasons)
-    return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound)
+    return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound, limit, source, tuple(tests))
+
+
+def _over(tilt_rad: float, promise: Promise | None) -> str:
+    return f"held out {degrees(tilt_rad)}" + ("" if promise is None else f" over {promise.turn_s:.2g} s")
+
+
+def _closure(tilt_rad: float, times: float, candidate: Candidate, promise: Promise | None, promised_deg: float | None) -> str:
+    """What a pass closes to, in words; promise: of the data sheet, with the limit that follows, None where a limit is given."""
+    in_noise = f"{significant(times, 2)} × noise, {len(candidate.numbers)} segments"
+    if promise is None:
+        return f"held out {degrees(tilt_rad)} ({in_noise})"
+    if promised_deg is not None:
+        return f"{_over(tilt_rad, promise)} ({promise.source}: {significant(promised_deg, 2)}°)"
+    return f"closure {degrees(BELOW_95 * tilt_rad)} over {promise.turn_s:.2g} s (95 %), {in_noise}"
 
 
 def _others(candidate: Candidate, accelerometer: AccelerometerFit | None) -> list[Measured]:
@@ -272,10 +326,6 @@ def _doubts(candidate: Candidate, times_floor: float, accelerometer: Acceleromet
         none = len(accelerometer.unobserved) == ACCELEROMETER_PARAMETERS
         left = f"not observed: {'all of its numbers' if none else ', '.join(accelerometer.unobserved)}"
         doubts.append(f"accelerometer: {left}; what it errs there is in E, and closure does not show it: rest it on more sides")
-    if accelerometer.mode == "prior" and accelerometer.p_value is not None and accelerometer.p_value < REFUTED_P:
-        doubts.append(
-            f"accelerometer: the given calibration was kept as a prior, and no longer holds ({probability(accelerometer.p_value)})"
-        )
     return doubts
 
 

@@ -100,6 +100,8 @@ VERDICTS = {
     "partly_explained": ("partly explained: something is left that has no name here", "yellow"),
     "unexplained": ("there is a mismatch, and no effect in the catalogue fits it", "red"),
 }
+#: ``unexplained`` where nothing but the scatter of turns and stills contradicts the model
+DIFFERS = "turns or stills differ by more than noise: motion beyond the data rate would do, or anything that each has by itself"
 #: verdicts with a misfit that has no name: probabilities then compare the catalogue's effects with one another, and no other cause
 LEFT = ("partly_explained", "unexplained")
 

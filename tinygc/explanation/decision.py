@@ -530,7 +530,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, mo
     noise = best.noise.estimated(best.whiten, r, J, best.noise.s, with_sigma=True)
     undersampled = undersampled_claim(evidence, best.whiten, fit, noise)
     p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
-    unusual = noise.unusual_p(best.whiten, r, J) < UNUSUAL_P
+    unusual = noise.unusual_p(best.whiten.white, r, J) < UNUSUAL_P
     named = sorted(names, key=lambda n: -n.gain)
     beyond = [n for n in kept if n not in names]
     return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual)

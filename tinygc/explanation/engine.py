@@ -8,18 +8,26 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from session.detect.findings import Finding, as_arguments
+from session.io.errors import CalibrationError
 from session.io.folder import Session
 from session.io.units import DEG
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
-from tinygc.explanation.claims import Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.model_tests import NOISE, ModelTest, contradictions
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import FitResult
+from tinygc.estimation.verdict import NEAR_FLOOR, Acceptance
+from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
-from tinygc.explanation.decision import FitClosure, Naming, Proof, decide, prove
+from tinygc.explanation.decision import FitClosure, Naming, Proof, decide, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
-from tinygc.noise.components import SessionNoise
+from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import Replay
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
@@ -31,8 +39,9 @@ from tinygc.noise.whitening import Whitener
 class Explanation:
     """The result of an explanation; docs/explain.md defines the verdicts.
 
-    findings: shapes without a name. left: p-values of the channels under one calibration, after the claims. own_p:
-    p-values of each channel by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit.
+    findings: shapes without a name. left: p-values of the channels under one calibration, after the claims. own_p: p-values of each channel
+    by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit. decision: the verdict of ``fit`` on
+    this session, which is explained here; None where no fit was possible.
     """
 
     session: Session
@@ -52,6 +61,7 @@ class Explanation:
     detection_limits: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
     considered: list[Considered] = field(default_factory=list)
+    decision: Acceptance | None = None
 
     @property
     def whiten(self) -> Whitener:
@@ -62,6 +72,19 @@ class Explanation:
     def noise(self) -> SessionNoise:
         """The estimated noise and its components."""
         return self.naming.noise
+
+    @property
+    def contradictions(self) -> list[ModelTest]:
+        """The tests of ``fit`` by which the recording contradicts its model."""
+        return [] if self.decision is None else contradictions(self.decision.tests)
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """The verdict in words, and its style."""
+        differs = {component.name for component, _, _ in self.noise.beyond} & {TURN, STILL_RATE, UNDERSAMPLED}
+        if self.verdict == "unexplained" and [test.name for test in self.contradictions] == [NOISE] and differs:
+            return DIFFERS, VERDICTS[self.verdict][1]
+        return VERDICTS[self.verdict]
 
     @cached_property
     def replay(self) -> Replay:
@@ -80,17 +103,19 @@ def explain_session(
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     prepared: Prepared | None = None,
     noise: Path | None = None,
+    fit: FitResult | None = None,
 ) -> Explanation:
     """Explain a session's mismatch.  prepared: the session, if it has been prepared already; noise:
-    figures at rest of the unit (``noise.measured.measured_noise``). Raises what ``prepare`` raises.
+    figures at rest of the unit (``noise.measured.measured_noise``); fit: of the session, if it was fitted, whose verdict is explained.
+    Raises what ``prepare`` raises.
 
     A given calibration of the accelerometer is not changed: whether it is correct is one of the hypotheses.
     """
     prepared = prepared or prepare(session, use_earth=use_earth, at_rest=measured_noise(noise), progress=lambda what: progress(what, 0, 6))
-    fitted = prepared.problem
+    progress("least squares", 1, 6)
+    fitted, fit = prepared.problem, fit or _fitted(prepared, use_earth)
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
-    progress("least squares", 1, 6)
     stated = FitClosure.of(fitted)
     mended = repair(problem, lambda what: progress(what, 2, 6))
     twin, naming, proof = _decided(problem, mended, seed, progress, stated)
@@ -105,8 +130,11 @@ def explain_session(
     before_the_fit = repair_claims(mended) + offset_claim(gravity, named)
     beyond = named_claims(naming.fit, naming.beyond, beyond_noise)
     claimed = before_the_fit + named + naming.undersampled
-    p_value = min([naming.p_value, *(claim.p_value for claim in before_the_fit)])
-    explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond)
+    # What is detected along the catalogue's columns is a mismatch where it has a name; else the tests of ``fit`` decide.
+    p_values = [claim.p_value for claim in before_the_fit] + ([naming.p_value] if claimed or beyond or fit is None else [])
+    decision = None if fit is None else fit.verdict()
+    p_value = min([*p_values, *(test.p_value for test in (() if decision is None else decision.tests))])
+    explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond, decision=decision)
     explanation.considered = considered_of(mended, naming.considered)
     explanation.left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
@@ -116,6 +144,14 @@ def explain_session(
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
     return explanation
+
+
+def _fitted(prepared: Prepared, use_earth: bool) -> FitResult | None:
+    """What ``fit`` makes of the session; None where it does not settle."""
+    try:
+        return fit_session(prepared.session, FitOptions(methods=("least_squares",), earth=use_earth), prepared=prepared)
+    except CalibrationError:
+        return None
 
 
 def _decided(
@@ -147,13 +183,23 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
 
 
 def _verdict(explanation: Explanation) -> str:
-    unusual = explanation.naming.unusual
-    if not explanation.claimed:
-        unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or unusual
-        return "unexplained" if unnamed else "no_mismatch"
-    clocks_alone = [claim.effect.id for claim in explanation.claimed] == ["timing.gyro_accel_offset"]
-    if explanation.findings or unusual or explanation.proof.worse or (clocks_alone and explanation.naming.first_p <= FAMILY_WISE):
+    e = explanation
+    contradicted = bool(e.contradictions) if e.decision is not None else e.naming.unusual or e.naming.first_p <= FAMILY_WISE
+    if not e.claimed:
+        return "unexplained" if contradicted or e.findings else "no_mismatch"
+    clocks_alone = [claim.effect.id for claim in e.claimed] == ["timing.gyro_accel_offset"]
+    if (
+        e.findings
+        or e.naming.unusual
+        or e.proof.worse
+        or (clocks_alone and contradicted)
+        or tilt_rms(e.proof.after) > NEAR_FLOOR * _expected_rms(e)
+    ):
         return "partly_explained"
-    if any(claim.equivalent for claim in explanation.claimed):
-        return "ambiguous"
-    return "explained"
+    return "ambiguous" if any(claim.equivalent for claim in e.claimed) else "explained"
+
+
+def _expected_rms(e: Explanation) -> float:
+    """Tilt rms, rad, that noise with a cause leaves of a segment: of what is estimated, all but each turn's and each still's own error."""
+    variance = np.diag(e.noise.without(TURN).without(STILL_RATE).covariance)[e.whiten.parts["closure"]].reshape(-1, e.twin.batch.angles)
+    return math.hypot(e.proof.floor_rms, float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1]))))

@@ -332,6 +332,7 @@ def to_json(e: Explanation) -> dict:
     """The complete result, JSON-ready."""
     assert e.within is not None  # an explanation that is reported is complete
     return _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed) | {
+        "decision": None if e.decision is None else {name: e.decision.to_json()[name] for name in ("answer", "headline", "tests")},
         "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
         "families": [family.to_json() for family in families_of(e)],
         "considered": [each.to_json() for each in e.considered],

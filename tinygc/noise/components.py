@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -13,7 +14,7 @@ from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import wander_covariance
-from tinygc.closure.uncertainty import chi_square_above, normal_above
+from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects.signals import angular_acceleration
 from tinygc.noise.reml import SCORING_STEPS, Prior, estimate
 from tinygc.noise.twin import Twin
@@ -326,31 +327,52 @@ class SessionNoise:
         return next((float(s) for s, c in zip(self.s, self.components, strict=True) if c.name == name), 0.0)
 
     @property
+    def beyond(self) -> list[tuple[Component, float, float]]:
+        """The components larger than such a sensor and its rests have, each with its size and the largest usual one, SI: errors of turns or
+        stills above white noise, undersampling above its prediction, a bias drift far above its prior."""
+        most = [MOST_FACTOR if c.name == UNDERSAMPLED else c.usual if c.name in (TURN, STILL_RATE) else np.inf for c in self.components]
+        for number, component in enumerate(self.components):
+            if component.name == WANDER:
+                prior = component.prior or Prior(UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
+                most[number] = prior.median * np.exp(UNUSUAL * prior.spread)
+        return [(c, float(s), float(m)) for c, s, m in zip(self.components, self.s, most, strict=True) if s > m]
+
+    @property
+    def beyond_words(self) -> str:
+        """The components that are larger than such a sensor has, with what it has, in one line."""
+        return "; ".join(f"{c.says} {s / c.si:.2g} {c.unit}, where {most / c.si:.2g} {c.unit} is usual" for c, s, most in self.beyond)
+
+    @property
     def unusual(self) -> bool:
-        """Whether the noise exceeds that of a sensor: turns or stills have errors above white noise, undersampling exceeds its prediction,
-        or the bias drift far exceeds its prior."""
-        found = dict(zip((c.name for c in self.components), zip(self.s, self.components, strict=True), strict=True))
-        for name in (TURN, STILL_RATE):
-            if name in found and found[name][0] > found[name][1].usual:
-                return True
-        if self.size(UNDERSAMPLED) > MOST_FACTOR:
-            return True
-        s, wander = found.get(WANDER, (0.0, None))
-        return wander is not None and wander.prior is not None and s > wander.prior.median * np.exp(UNUSUAL * wander.prior.spread)
+        """Whether some component is larger than such a sensor has."""
+        return bool(self.beyond)
 
-    def unusual_p(self, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> float:
-        """P-value of unusual noise; 1 if it is not unusual.  r (n,), J (n, p): as passed to ``estimated``, which gave these sizes.
+    def unusual_p(self, white: np.ndarray, r: np.ndarray, J: np.ndarray) -> float:
+        """P-value of unusual noise; 1 if it is not unusual.  white (n, n), r (n,), J (n, p): those that gave these sizes.
 
-        It is the likelihood ratio of each large component against none, whose estimate is zero half the time (Self & Liang 1987).
+        It is the likelihood ratio against the noise that such a sensor may have: none of the large components, the bias drift at most as
+        large as usual.  All of them together, since one by itself may be removed without a loss where another takes its place.  Under the
+        hypothesis each estimate is on its edge half the time (Self & Liang 1987).
         """
-        if not self.unusual:
+        large = {component.name for component, _, _ in self.beyond}
+        if not large:
             return 1.0
-        most = {TURN: 1.0, STILL_RATE: 1.0, UNDERSAMPLED: MOST_FACTOR}
-        large = [c.name for s, c in zip(self.s, self.components, strict=True) if c.name in most and s > most[c.name] * c.usual]
-        gains = [self.without(name).estimated(whiten, r, J, self.without(name).s).value - self.value for name in large]
-        # For a component with a prior, the prior gives the probability.
-        p = [chi_square_above(max(gain, 0.0), 1) / 2 for gain in gains] or [2 * normal_above(UNUSUAL)]
-        return min(1.0, len(p) * min(p))
+        own = self
+        for name in large - {WANDER}:
+            own = own.without(name)
+        own = own.estimated_beside(white, r, J, own.s)
+        value = own.value
+        for component, _, most in own.beyond:
+            if component.name != WANDER:
+                continue
+            large.add(WANDER)
+            V = component.V.dense() if isinstance(component.V, Sparse) else component.V
+            held = own.without(WANDER)
+            value = held.estimated_beside(white + most**2 * V, r, J, held.s).value
+            value += 0.0 if component.prior is None else component.prior.apart(most)[0] ** 2
+        gain = max(value - self.value, 0.0)
+        ways = [math.comb(len(large), k) / 2 ** len(large) for k in range(1, len(large) + 1)]
+        return sum(way * chi_square_above(gain, k) for k, way in enumerate(ways, start=1))
 
     def to_json(self) -> list[dict]:
         """``noise.components`` of explain.json and fit.json."""
@@ -390,10 +412,22 @@ class SessionNoise:
         An effect that explains part of a component reduces it.  start: s (K,) at which the search starts; with_sigma: whether to compute
         the sigmas.
         """
+        return self.estimated_beside(whiten.white, r, J, start, with_sigma, steps)
+
+    def estimated_beside(
+        self,
+        white: np.ndarray,
+        r: np.ndarray,
+        J: np.ndarray,
+        start: np.ndarray | None = None,
+        with_sigma: bool = False,
+        steps: int = SCORING_STEPS,
+    ) -> SessionNoise:
+        """``estimated``, beside white noise of covariance (n, n)."""
         found = estimate(
             r,
             J,
-            whiten.white,
+            white,
             [c.V for c in self.components],
             np.array([c.usual for c in self.components]),
             [c.prior for c in self.components],

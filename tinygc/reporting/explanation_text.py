@@ -16,7 +16,7 @@ from session.io.units import DEG, MG
 from tinygc.effects import largest
 from tinygc.effects.effect import IN_STILLS
 from tinygc.explanation.checked import Checked, checked_to_json
-from tinygc.explanation.claims import LEFT, VERDICTS, Claim, measured, p_words
+from tinygc.explanation.claims import LEFT, Claim, measured, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -56,7 +56,7 @@ MOST_SAID = 6  #: number of segments listed, worst first
 
 def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     """Page of verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next."""
-    parts: list = [verdict_line(e), Text("")]
+    parts: list = [verdict_line(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), Text("")]
     among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
@@ -106,7 +106,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
 
 def verdict_line(e: Explanation) -> Text:
     """Session, verdict and p-value."""
-    words, style = VERDICTS[e.verdict]
+    words, style = e.words
     return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})")
 
 

@@ -22,7 +22,7 @@ from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_li
 COLUMNS = 80
 #: methods that only ``--verbose`` shows: the weaker one of the raw rates, and one whose purpose is another than closure
 VERBOSE = ("raw_bias_removed", "tinygc_denoised")
-STYLES = {"pass": "bold green", "doubtful pass": "bold yellow", "not decided": "bold yellow", "fail": "bold red"}
+STYLES = {"pass": "bold green", "doubtful pass": "bold yellow", "no limit": "bold cyan", "not decided": "bold yellow", "fail": "bold red"}
 
 
 def fit_screen(result: FitResult, decision: Acceptance) -> Group:

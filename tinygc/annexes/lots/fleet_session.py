@@ -22,6 +22,7 @@ from tinygc.annexes.lots.fleet_row import DONE, FAILED, FleetOptions, Row, cell_
 from tinygc.closure.prepared import Prepared, first_look_at_fit, prepare
 from tinygc.effects import using
 from tinygc.estimation.fit import fit_session
+from tinygc.estimation.results import FitResult
 from tinygc.estimation.session_times import date_of
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
@@ -94,12 +95,14 @@ def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
     prepared = prepare(session, use_earth=options.earth, accelerometer=options.accelerometer, at_rest=measured_noise())
     if "check" in options.steps:
         _kept_findings(row, folder, prepared.findings + check_rests(session.rests, session.config.sensor))
+    fit = None
     if "fit" in options.steps:
         with _failing_at("fit", row, folder):
-            row |= fitted(fit_session(session, options.of_fit, prepared=prepared))
+            fit = fit_session(session, options.of_fit, prepared=prepared)
+            row |= fitted(fit)
     if "explain" in options.steps and row["status"] == DONE:
         with _failing_at("explain", row, folder):
-            row |= _explained(session, prepared, options)
+            row |= _explained(session, prepared, options, fit)
 
 
 @contextlib.contextmanager
@@ -154,7 +157,7 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
     row |= {"first_look": worst(findings), "findings": cell_of(told)}
 
 
-def _explained(session: Session, prepared: Prepared, options: FleetOptions) -> Row:
+def _explained(session: Session, prepared: Prepared, options: FleetOptions, fit: FitResult | None) -> Row:
     if session.config.protocol.reference == "truth":
         truth = explain_truth(session, seed=options.seed, use_earth=options.earth)
         return {
@@ -162,6 +165,6 @@ def _explained(session: Session, prepared: Prepared, options: FleetOptions) -> R
             "p_value": number(truth.p_value),
             "effects": cell_of([claim.to_json() for claim in truth.claimed]),
         }
-    found = explain_session(session, seed=options.seed, use_earth=options.earth, prepared=prepared)
+    found = explain_session(session, seed=options.seed, use_earth=options.earth, prepared=prepared, fit=fit)
     effects = cell_of([claim.to_json() for claim in found.claimed])
     return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects}

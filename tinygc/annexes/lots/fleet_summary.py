@@ -163,7 +163,7 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
     """Summarise an open table; only its numbers are in memory, 20 MB for a hundred thousand rows."""
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
     if limit_deg is None:
-        undecided = table.one(f"SELECT count(*) FROM {EACH} WHERE judged = 'not decided'")
+        undecided = table.one(f"SELECT count(*) FROM {EACH} WHERE judged IN ('not decided', 'no limit')")
         passed = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND judged = 'pass'")
     else:
         used = f"SELECT held_out_deg, ifnull(run_rmse_deg, 0) FROM {EACH} WHERE held_out_deg IS NOT NULL AND use IS NOT NULL"

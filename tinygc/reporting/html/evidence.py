@@ -30,7 +30,8 @@ from tinygc.estimation.physics import covariance_at_end, errors_with_physics, lo
 from tinygc.estimation.requirements import field_measured, known_sources
 from tinygc.estimation.results import AT_END, FitResult, versions
 from tinygc.estimation.sources import Source, coverage_factor, freedom_of
-from tinygc.estimation.verdict import Acceptance, decide, run_p_values
+from tinygc.estimation.verdict import Acceptance, run_p_values
+from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
 from tinygc.explanation.truth_engine import explain_truth
@@ -352,7 +353,7 @@ def gather(
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
         prepared = replace(prepared, problem=problem.changed(at_rest=prepared.problem.at_rest))
     how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
-    explanation = explain_session(session, **how) if explain and not truth else None
+    explanation = explain_session(session, fit=fit, **how) if explain and not truth else None
     against_truth = explain_truth(session, **how) if explain and truth else None
     progress("what the session shows besides", 0, 1)
     adopted = adopt(fit, explanation)
@@ -361,7 +362,7 @@ def gather(
     beyond = [] if truth else _beyond(fit, explanation, adopted)
     known = [with_freedom(quantity, np.inf) for quantity in beyond]
     quantities = [*adopted.quantities, *known, *_noise(allan)]
-    doubts = fit.linear_doubts(limit_deg) if adopted.name == LINEAR else fit.doubts
+    left = [] if explanation is None or adopted.name == LINEAR or explanation.verdict not in LEFT else [explanation.words[0]]
     # UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte.
     asked = os.environ.get("SOURCE_DATE_EPOCH", "")
     moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
@@ -370,7 +371,7 @@ def gather(
         explanation=explanation,
         against_truth=against_truth,
         adopted=adopted,
-        decision=decide(adopted, [r.file for r in fit.runs], limit_deg, fit.against_raw, fit.accelerometer, doubts, fit.requirements),
+        decision=fit.decided(adopted, adopted.name == LINEAR, limit_deg, left),
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),

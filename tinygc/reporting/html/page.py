@@ -27,11 +27,11 @@ def summary(evidence: ReportData) -> dict:
     return {
         "schema": SCHEMA,
         "session": evidence.fit.session.name,
-        "passed": None if decision.answer == "not decided" else decision.passed,
+        "passed": None if decision.answer in ("not decided", "no limit") else decision.passed,
         "answer": decision.answer,
         "doubts": decision.doubts,
         "rule": decision.rule,
-        "limit_deg": evidence.limit_deg,
+        "limit_deg": decision.limit_deg,
         "conformity": [each.to_json() for each in decision.conformities],
         "calibration": adopted.name,
         "effects": [claim.effect.id for claim in adopted.claims],

@@ -8,7 +8,6 @@ import numpy as np
 
 from session.io.units import DEG, MG
 from tinygc.effects.effect import TURNS
-from tinygc.explanation.claims import VERDICTS
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import is_refitted
@@ -30,7 +29,7 @@ def figure_of(e: Explanation) -> Figure:
     told = [*e.claimed, *e.findings]
     shown = told[:MOST_ROWS]
     rows = max(len(shown), 1) + 1
-    headline = f"{e.session.name}: {VERDICTS[e.verdict][0]}"
+    headline = f"{e.session.name}: {e.words[0]}"
     figure, grid = canvas(rows, headline, [claim.effect.id for claim in told], [claim.says for claim in told])
     for claim, row in zip(shown, grid, strict=False):
         draw_claim(e, claim, *row)

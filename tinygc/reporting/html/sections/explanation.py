@@ -10,7 +10,7 @@ from session.io.texts import fixed, significant
 from session.io.units import DEG
 from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
 from tinygc.estimation.bias import tilt_rms
-from tinygc.explanation.claims import LEFT, VERDICTS, Claim
+from tinygc.explanation.claims import LEFT, Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
     HEADING,
@@ -61,7 +61,7 @@ def section(evidence: ReportData) -> Section | None:
     html = render(
         "explanation.html",
         e=e,
-        verdict=VERDICTS[e.verdict][0],
+        verdict=e.words[0],
         words=WORDS,
         among=" among the catalogue's effects" if e.verdict in LEFT else "",
         place=_place(e),

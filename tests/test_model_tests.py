@@ -1,0 +1,210 @@
+"""Whether a recording contradicts the model, asked once: each test at its bar, the data sheet's promise, and what ``explain`` says."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG
+
+import tinygc
+from session.io.units import DEG_PER_HOUR, MG
+from tinygc.closure.floor import wander_covariance
+from tinygc.closure.uncertainty import GoodnessOfFit
+from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, model_tests, none_missing
+from tinygc.estimation.promise import promise_of
+from tinygc.estimation.systematic import SUSPECTED
+from tinygc.explanation.claims import DIFFERS, VERDICTS
+from tinygc.explanation.engine import Explanation, _expected_rms, _verdict
+from tinygc.noise.components import STILL_RATE, TURN, WANDER
+
+MDPS = 1e-3 * DEG
+FINE = GoodnessOfFit(60.0, 60, 0.5)
+
+
+def noise(p=0.5, beyond="each turn 2 deg, where 1 deg is usual"):
+    return SimpleNamespace(unusual_p=p, noise=SimpleNamespace(beyond_words=beyond))
+
+
+def odds(log_odds, suspected=()):
+    return SimpleNamespace(log_odds={"gyro.bias_drift": log_odds, "gyro.noise": -1.0}, suspected=list(suspected))
+
+
+@pytest.mark.parametrize(("p", "contradicted"), [(0.0099, True), (0.0101, False)])
+def test_turns_runs_and_noise_contradict_below_one_in_a_hundred(p, contradicted):
+    for name, found in {
+        TURNS: model_tests(GoodnessOfFit(99.0, 60, p), {}, None, None, None),
+        RUN: model_tests(FINE, {"a.csv": 0.5, "b.csv": p}, None, None, None),
+        NOISE: model_tests(FINE, {}, noise(p), None, None),
+    }.items():
+        assert [test.name for test in contradictions(found)] == [name] * contradicted
+    assert "closure of the fitted segments, 60 degrees of freedom: p = 0.50" in model_tests(FINE, {}, None, None, None)[0].says
+    assert "b.csv: p = 0.0" in model_tests(FINE, {"b.csv": p}, None, None, None)[1].says
+    said = model_tests(FINE, {}, noise(p), None, None)[1].says
+    assert said.startswith(
+        "turns and stills differ by more than the noise of such a sensor (each turn 2 deg, where 1 deg is usual): p = 0."
+    )
+    assert model_tests(FINE, {}, noise(1.0, ""), None, None)[1].says == "the noise is that of such a sensor: p = 1.0"
+
+
+def test_an_effect_contradicts_where_it_is_there_with_95_percent():
+    """With prior odds of 1 to 30, odds of 570."""
+    assert none_missing(SUSPECTED) == pytest.approx(0.05)
+    assert none_missing(np.log(30)) == pytest.approx(0.5)
+    assert (none_missing(1e9), none_missing(-np.inf)) == (pytest.approx(0.0, abs=1e-300), 1.0)
+    above, below = np.log(571), np.log(569)
+    (found,) = contradictions(model_tests(FINE, {}, None, odds(above, ["gyro.bias_drift"]), None))
+    assert (found.name, found.says) == (EFFECT, "an effect is probably missing: gyro.bias_drift (probability that none is 0.05)")
+    assert contradictions(model_tests(FINE, {}, None, odds(below), None)) == []
+
+
+@pytest.mark.parametrize(
+    ("mode", "p", "tested", "contradicted"),
+    [("prior", 0.99e-4, 1, 1), ("given", 0.99e-4, 1, 1), ("prior", 1.01e-4, 1, 0), ("prior", None, 0, 0), ("fit", 1e-9, 0, 0)],
+)
+def test_a_given_calibration_of_the_accelerometer_is_tested_where_it_is_in_use(mode, p, tested, contradicted):
+    found = model_tests(FINE, {}, None, None, SimpleNamespace(mode=mode, p_value=p))[1:]
+    assert (len(found), len(contradictions(found))) == (tested, contradicted)
+    assert all(test.name == GRAVITY for test in found)
+    assert [test.to_json()["says"].startswith("accelerometer: the given calibration no longer holds") for test in found] == [
+        bool(contradicted)
+    ] * tested
+
+
+def test_the_least_probable_is_told_first():
+    tests = [ModelTest("a", 0.5, 0.01, ""), ModelTest("b", 1e-3, 0.01, ""), ModelTest("c", 1e-9, 0.01, "")]
+    assert [test.name for test in contradictions(tests)] == ["c", "b"]
+
+
+# What a data sheet promises
+
+
+def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instability=3.0):
+    """Three turns of 4, 5 and 9 s beside an accelerometer twice as noisy as its data sheet says."""
+    figures = {"gyro_noise_mdps_rthz": 5.0, "accel_noise_ug_rthz": 60.0, "gyro_bias_instability_dph": instability}
+    sensor = SimpleNamespace(
+        gyro_noise_mdps_rthz=noise_mdps,
+        gyro_bias_instability_dph=dph,
+        typical=lambda name: (model, figures[name]) if model and figures[name] else None,
+    )
+    part = lambda variance: SimpleNamespace(own=np.tile(np.diag([variance, 2 * variance, 7.0]), (3, 1, 1)))  # noqa: E731
+    parts = {"white noise of the gyroscope": part(1.0), "white noise of the accelerometer": part(4e-8), "truth file": part(1e-8)}
+    return SimpleNamespace(
+        session=SimpleNamespace(config=SimpleNamespace(sensor=sensor, model_given=given)),
+        batch=SimpleNamespace(duration_s=np.array([4.0, 5.0, 9.0])),
+        middle_s=np.array([10.0, 20.0, 40.0]),
+        used=[0, 1, 2],
+        floor=SimpleNamespace(parts=parts | {"bridged readings and impacts": part(3.0)}),
+        noise=SimpleNamespace(gyro=np.full(3, 6.0 * MDPS), accel=np.full(3, 120e-6 * 1e3 * MG)),
+    )
+
+
+@pytest.mark.parametrize(("noise_mdps", "dph"), [(None, None), (8.0, None), (None, 12.0), (8.0, 12.0)])
+def test_a_data_sheet_promises_noise_drift_and_references(noise_mdps, dph):
+    """N^2 T of both axes, B about its mean over the session, a quarter of the measured noise of the accelerometer, and the truth's."""
+    found = promise_of(problem(noise_mdps=noise_mdps, dph=dph))
+    seconds, at = np.array([4.0, 5.0, 9.0]), np.array([10.0, 20.0, 40.0])
+    about_mean = np.eye(3) - 1 / 3
+    drift = np.diag(about_mean @ wander_covariance(at, instability_rps=(dph or 3.0) * DEG_PER_HOUR) @ about_mean)
+    variance = ((noise_mdps or 5.0) * MDPS) ** 2 * seconds + 2 * seconds**2 * drift + 3 * 4e-8 / 4 + 3 * 1e-8
+    assert found.tilt_rms == pytest.approx(np.sqrt(np.mean(variance)))
+    assert found.turn_s == 5.0
+    assert found.source == ("by the noise in session.toml" if noise_mdps else "an ASM330LHH by its data sheet")
+    assert found.noisier == ("" if noise_mdps else "this unit has 6 mdps/√Hz of noise, 5 there")
+
+
+def test_without_a_profile_or_a_name_nothing_is_promised():
+    for each in (problem(model=""), problem(given=False)):
+        found = promise_of(each)
+        assert (found.turn_s, found.tilt_rms, found.source, found.noisier) == (5.0, None, "", "")
+    still = promise_of(problem(model="BMI088", instability=None))  # its drift is not known, and is none
+    assert still.source == "a BMI088 by its data sheet"
+    assert still.tilt_rms < promise_of(problem()).tilt_rms
+
+
+# What ``explain`` makes of it
+
+
+def explained(tests=(), named=(), findings=(), unusual=False, after=1.0, decided=True, first_p=0.5, turn=0.0, beyond=(), worse=False):
+    """Expected without an error of each turn: a floor of 1 and a drift of sqrt(3) on two axes together, which is 2."""
+    claims = [SimpleNamespace(effect=SimpleNamespace(id=name), equivalent=equivalent) for name, equivalent in dict(named).items()]
+    sizes = {TURN: turn, STILL_RATE: 5.0, WANDER: np.sqrt(1.5)}
+
+    def covariance(names):
+        return sum((sizes[name] ** 2 for name in names), 0.0) * np.eye(6)
+
+    def without(name, kept=tuple(sizes)):
+        names = [each for each in kept if each != name]
+        return SimpleNamespace(covariance=covariance(names), without=lambda other: without(other, names))
+
+    e = SimpleNamespace(
+        decision=SimpleNamespace(tests=tests) if decided else None,
+        contradictions=contradictions(tests),
+        claimed=claims,
+        findings=findings,
+        naming=SimpleNamespace(unusual=unusual, first_p=first_p),
+        proof=SimpleNamespace(after=np.array([[after, 0.0]] * 3), floor_rms=1.0, worse=worse),
+        noise=SimpleNamespace(without=without, beyond=[(SimpleNamespace(name=name), 2.0, 1.0) for name in beyond]),
+        whiten=SimpleNamespace(parts={"closure": slice(0, 6)}),
+        twin=SimpleNamespace(batch=SimpleNamespace(angles=2)),
+    )
+    e.verdict = _verdict(e)
+    return e
+
+
+AGAINST, FOR = ModelTest(NOISE, 1e-9, 0.01, ""), ModelTest(TURNS, 0.5, 0.01, "")
+
+
+@pytest.mark.parametrize(
+    ("known", "verdict"),
+    [
+        ({"tests": [FOR]}, "no_mismatch"),
+        ({"tests": [FOR, AGAINST]}, "unexplained"),
+        ({"tests": [FOR], "first_p": 1e-3, "unusual": True}, "no_mismatch"),  # asked once, by the tests
+        ({"decided": False, "first_p": 0.05}, "unexplained"),  # where there is no fit
+        ({"decided": False, "first_p": 0.051}, "no_mismatch"),
+        ({"decided": False, "unusual": True}, "unexplained"),
+        ({"tests": [FOR], "findings": ["a shape"]}, "unexplained"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ()}}, "explained"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ("gyro.bias_step",)}}, "ambiguous"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ()}, "unusual": True}, "partly_explained"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ()}, "findings": ["a shape"]}, "partly_explained"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ()}, "worse": True}, "partly_explained"),
+        ({"tests": [AGAINST], "named": {"timing.gyro_accel_offset": ()}}, "partly_explained"),
+        ({"tests": [FOR], "named": {"timing.gyro_accel_offset": ()}}, "explained"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ()}, "after": 3.99}, "explained"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ()}, "after": 4.01}, "partly_explained"),
+        ({"tests": [AGAINST], "named": {"gyro.bias_drift": ()}, "after": 4.01, "turn": 9.0}, "partly_explained"),
+    ],
+)
+def test_what_explain_says_follows_the_tests_of_fit(known, verdict):
+    """Explained: what is left is at most twice what noise with a cause leaves, which an error of each turn is not."""
+    e = explained(**known)
+    assert e.verdict == verdict
+    assert _expected_rms(e) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("tests", "beyond", "differs"),
+    [([AGAINST], [TURN], True), ([AGAINST], [WANDER], False), ([AGAINST, ModelTest(TURNS, 1e-9, 0.01, "")], [TURN], False)],
+)
+def test_turns_that_differ_by_more_than_noise_are_a_verdict(tests, beyond, differs):
+    e = explained(tests=tests, beyond=beyond)
+    words = Explanation.words.fget(e)
+    assert words == ((DIFFERS, VERDICTS["unexplained"][1]) if differs else VERDICTS["unexplained"])
+
+
+@pytest.mark.broad
+def test_a_zero_that_drifts_is_no_pass_and_is_named(tmp_path, simulated):
+    """0.5 dps over the session: a drift of a hundred times such a sensor's had been its noise, with p = 1."""
+    session = tinygc.simulate(segments=20, closure_s=0.0, odr_hz=104.0, seed=31).session
+    log = session.logs[0]
+    from dataclasses import replace
+
+    ramp = np.linspace(-0.25, 0.25, len(log.samples))[:, None] * DEG * [0.0, 0.0, 1.0]
+    session = replace(session, logs=(replace(log, samples=replace(log.samples, gyro=log.samples.gyro + ramp)),))
+    decision = tinygc.fit(session, methods=("least_squares",)).verdict()
+    assert decision.answer == "not decided"
+    assert {test.name for test in contradictions(decision.tests)} >= {NOISE, EFFECT}
+    why = tinygc.explain(session)
+    assert why.explanation.decision.headline == decision.headline
+    assert "gyro.bias_drift" in [effect.id for effect in why.effects]

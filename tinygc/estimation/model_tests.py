@@ -1,0 +1,86 @@
+"""Whether a recording contradicts the model, asked once: by what ``fit`` says, ``explain`` names, and every page prints.
+
+turns     closure of the fitted segments against all noise that has a cause (``stated_goodness``)
+noise     components larger than such a sensor has (``SessionNoise.beyond``): what turns and stills have beyond it is no noise of a sensor
+effect    odds of one effect of the catalogue against none (``systematic``)
+gravity   a given calibration of the accelerometer against gravity in the stills
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.io.texts import probability
+from tinygc.closure.joint import REFUTED_P
+from tinygc.closure.uncertainty import MISMATCH_P, GoodnessOfFit
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.stated_noise import StatedNoise
+from tinygc.estimation.systematic import PRIOR_ODDS, SUSPECTED, Systematic
+
+TURNS, RUN, NOISE, EFFECT, GRAVITY = "turns", "run", "noise", "effect", "gravity"
+
+
+@dataclass(frozen=True)
+class ModelTest:
+    """One test: p_value, the probability of as much without a contradiction; least_p, below which it contradicts the model; says: a
+    sentence."""
+
+    name: str
+    p_value: float
+    least_p: float
+    says: str
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the recording contradicts the model."""
+        return self.p_value < self.least_p
+
+    def to_json(self) -> dict:
+        """Return an entry of ``tests`` of ``tinygc-fit/2`` and ``tinygc-explain/2``."""
+        return {
+            "name": self.name,
+            "p_value": self.p_value if np.isfinite(self.p_value) else None,
+            "contradicts": self.contradicts,
+            "says": self.says,
+        }
+
+
+def model_tests(
+    goodness: GoodnessOfFit,
+    runs: Mapping[str, float],
+    noise: StatedNoise | None,
+    allowed: Systematic | None,
+    accelerometer: AccelerometerFit | None,
+) -> tuple[ModelTest, ...]:
+    """Return the tests of a linear model that can be made; runs: p-value by file; noise and allowed: None where the noise is not
+    estimated."""
+    p = goodness.p_value
+    found = [ModelTest(TURNS, p, MISMATCH_P, f"closure of the fitted segments, {goodness.freedom} degrees of freedom: {probability(p)}")]
+    found += [ModelTest(RUN, p, MISMATCH_P, f"{file}: {probability(p)}") for file, p in runs.items()]
+    if noise is not None:
+        p, beyond = noise.unusual_p, noise.noise.beyond_words
+        differs = "turns and stills differ by more than the noise of such a sensor" if beyond else "the noise is that of such a sensor"
+        found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs}{beyond and f' ({beyond})'}: {probability(p)}"))
+    if allowed is not None:
+        most = max(allowed.log_odds.values(), default=-np.inf)
+        p, named = none_missing(most), " or ".join(allowed.suspected)
+        missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue by itself is probable"
+        found.append(ModelTest(EFFECT, p, none_missing(SUSPECTED), f"{missing} (probability that none is {p:.2g})"))
+    if accelerometer is not None and accelerometer.mode in ("given", "prior") and accelerometer.p_value is not None:
+        p = accelerometer.p_value
+        held = "no longer holds" if p < REFUTED_P else "agrees with gravity in the stills"
+        found.append(ModelTest(GRAVITY, p, REFUTED_P, f"accelerometer: the given calibration {held} ({probability(p)})"))
+    return tuple(found)
+
+
+def none_missing(log_odds: float) -> float:
+    """Probability that no effect is missing, by the odds of the most probable one against none, and the prior odds."""
+    return float(1 / (1 + PRIOR_ODDS * np.exp(min(log_odds, 700.0))))
+
+
+def contradictions(tests: Sequence[ModelTest]) -> list[ModelTest]:
+    """Return those that contradict the model, the least probable first."""
+    return sorted((test for test in tests if test.contradicts), key=lambda test: test.p_value)

@@ -1,5 +1,6 @@
 """Evidence by direct integration: a linear recording, whose probability is an integral over sizes and over their scale."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy import integrate, optimize, special
 
 from tinygc.explanation.evidence import Guess, Hypothesis, least_gain, price, settled
 from tinygc.noise.components import STILL_RATE, TURN
+from tinygc.noise.refit import over_shapes
 
 A, B, C = effect("a", 2), effect("b", 3), effect("c", 1)
 
@@ -230,3 +232,46 @@ def test_a_guess_of_what_is_hardly_seen_is_held_by_its_prior():
 
     best = optimize.minimize(density, nothing.noise.s + 0.1, method="Powell").fun
     assert evidence.guess(nothing, add=weak).score == pytest.approx(best + evidence.price(weak), abs=0.05)
+
+
+# The moment of a step is known to some time only.
+
+
+def test_a_size_has_the_uncertainty_of_its_moment():
+    """Against the integral over the moment of the size's normal posterior at each, all else integrated out."""
+    rng, plausible = np.random.default_rng(3), 100.0
+    grid = np.arange(10.0)
+
+    def columns(of) -> np.ndarray:
+        moment = of.shape["at_s"] * 1e-3
+        return early + moment * late if moment < 6 else early + 6 * late  # beyond 6 s nothing changes
+
+    early, late = rng.normal(size=(52, 1)), 0.25 * rng.normal(size=(52, 1))
+    step = stepped("step", grid)
+    twin = linear_twin(columns=columns)
+    twin.spoil(step.at(4.4), [2.5])
+    evidence = twin.evidence()
+    found = evidence.of((step.at(4.2),), evidence.nothing)
+    (theta,), *_ = sizes(found)
+
+    P = np.where(np.arange(15) // 2 == 6, 0.0, PRIORS) ** 2
+    known = found.whiten.covariance + (twin.calibration * P) @ twin.calibration.T
+    moments, weight, second = np.linspace(-0.5, 9.5, 2001), [], []
+    for moment in moments.clip(0, 9):
+        c = columns(step.at(moment))[:, 0]
+        solved = np.linalg.solve(known, np.column_stack([c, twin.recorded]))
+        variance = 1 / (c @ solved[:, 0] + plausible**-2)
+        mean = -variance * (c @ solved[:, 1])
+        weight.append(0.5 * (mean**2 / variance + np.log(variance)))
+        second.append(variance + (mean - theta) ** 2)
+    weight = np.exp(np.array(weight) - max(weight))
+    by_hand = float(weight @ np.array(second) / weight.sum())
+
+    alone = found.fit.theta_covariance(0)[0, 0]
+    whole = over_shapes(twin, found.whiten, found.fit)
+    assert whole.theta_covariance(0)[0, 0] == pytest.approx(by_hand, rel=0.03)
+    assert by_hand > 1.5 * alone
+    assert whole.state is found.fit.state
+    smooth = replace(found.fit.state.claims[0], effect=replace(step.at(4.2), scan=replace(step.scan, smooth=True)))
+    fitted = replace(found.fit, state=replace(found.fit.state, claims=(smooth,)))  # its shape was fitted with all else
+    assert over_shapes(twin, found.whiten, fitted).covariance is fitted.covariance

@@ -29,7 +29,7 @@ from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
-from tinygc.noise.refit import Replay
+from tinygc.noise.refit import Replay, over_shapes
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -166,7 +166,7 @@ def _decided(
     twin = Twin(mended.problem)
     most_rad = stated.most_rad if mended.problem is problem else math.inf
     naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, most_rad)
-    naming = replace(naming, fit=in_gauge(twin, naming.whiten, naming.fit))
+    naming = replace(naming, fit=over_shapes(twin, naming.whiten, in_gauge(twin, naming.whiten, naming.fit)))
     progress("proof on held-out segments", 5, 6)
     return twin, naming, prove(problem, twin, naming.whiten, naming.fit, stated)
 

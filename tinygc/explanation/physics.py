@@ -26,7 +26,7 @@ from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
-from tinygc.noise.refit import refit
+from tinygc.noise.refit import over_shapes, refit
 from tinygc.noise.twin import Twin
 
 
@@ -97,7 +97,7 @@ def fit_physics(
         evidence = Evidence(twin)
         asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
         fit, whiten = asked.fit, asked.whiten
-    fit = in_gauge(twin, whiten, fit)
+    fit = over_shapes(twin, whiten, in_gauge(twin, whiten, fit))
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
     # The fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise.

@@ -10,6 +10,7 @@ import numpy as np
 from session.io.units import EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.models.linear import PRIOR_SIGMA
+from tinygc.noise.candidates import scanned
 from tinygc.noise.twin import Channels, State, Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 
@@ -210,6 +211,44 @@ def prior_sigmas(twin: Twin, effects: list[Effect]) -> np.ndarray:
     horizontal = np.multiply(free, EARTH_RATE_RPS)
     plausible = [np.full(effect.parameter.size, effect.parameter.plausible) for effect in effects]
     return np.concatenate([PRIOR_SIGMA, horizontal, [GRAVITY_SIGMA], *plausible])
+
+
+# A scanned shape on which an effect does not depend smoothly, as the moment of a step, is known to some time only: what the effect's size
+# and all else would be at its other values is in their covariance.  The values have a flat prior, and each its linear fit:
+#
+#     P(v) = cell exp(-chi^2(v) / 2) |H(v)|^(-1/2),    covariance = sum of P(v) (H(v)^-1 + s(v) s(v)'),
+#
+# H the information at the value, s the step of all parameters from the fit to the best ones there.
+
+#: values about the best one, up to its second neighbours on the grid of a scan
+NEAR_VALUES = 61
+
+
+def over_shapes(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """Return the fit with the covariance that its parameters have where the values of such shapes are not known."""
+    prior, replay = prior_sigmas(twin, [claim.effect for claim in fit.state.claims]), Replay(twin, fit)
+    scaled, covariance = fit.J * prior, fit.covariance
+    # At the fit the slope of chi-square vanishes: its priors pull as much as its residuals.
+    pull, held = scaled.T @ fit.r, np.linalg.inv(scaled.T @ scaled + np.eye(len(prior)))
+    for number, claim in enumerate(fit.state.claims):
+        if claim.effect.scan is None or claim.effect.scan.smooth:
+            continue
+        part, at, grid = claim_slice(fit.state.claims, number), value_of(claim.effect), scanned(twin, claim.effect)
+        near = [at, *grid[np.argsort(np.abs(grid - at))[:5]]]
+        values = np.unique([*grid, *np.linspace(min(near), max(near), NEAR_VALUES), at])
+        scores, parts = [], []
+        for columns in whiten.each(replay.columns(effect).stacked() for effect in claim.effect.variants(values)):
+            r, J = fit.r + (columns - fit.J[:, part]) @ claim.theta, scaled.copy()
+            J[:, part] = columns * prior[part]
+            own = np.linalg.inv(J.T @ J + np.eye(len(prior)))
+            step = -own @ (J.T @ r - pull)
+            left = r + J @ step
+            scores.append(np.linalg.slogdet(own)[1] - float(left @ left - 2 * pull @ step + step @ step))
+            parts.append(own + np.outer(step, step))
+        cells = np.gradient(values) if len(values) > 1 else np.ones(1)
+        weight = cells * np.exp((np.array(scores) - max(scores)) / 2)
+        covariance = covariance + np.einsum("v,vij->ij", weight / weight.sum(), np.array(parts) - held) * np.outer(prior, prior)
+    return replace(fit, covariance=covariance)
 
 
 # A fit's motion at every sample takes 50 MB for a day with 400 turns, so fits do not keep it.

@@ -3,6 +3,9 @@
 ``python benchmarks/noise_terms.py`` simulates rests of 2 minutes to 20 hours with every subset of the terms beside N, in sizes
 about what such a rest can show.  A subset can be seen if the evidence of its expected data ("Asimov" data: each sum of
 products at its expectation) exceeds that of every other subset by ``SEEN``; there the choice is to be right in 95 of 100.
+
+``--sizes 120`` asks so many mixtures of N, B and K, each with a probability of ``PRESENT``, whether the stated B and K lie within their
+sigmas and limits, whether they can be told apart or not, and whether the halves of a rest contradict each other.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from tinygc.annexes.noise.estimate import estimate_noise
 from tinygc.annexes.noise.likelihood import unit_covariance
 from tinygc.annexes.noise.scales import Group, groups_of, rest_of
 from tinygc.annexes.noise.summary import RestSums
-from tinygc.noise.figures import TERMS, unit_allan_variance
+from tinygc.noise.figures import TERMS, Term, unit_allan_variance
 
 RATE_HZ = 25.0
 DURATIONS_S = {"2 min": 120.0, "20 min": 1200.0, "3 h": 10_800.0, "20 h": 72_000.0}
@@ -83,6 +86,74 @@ def rest(values: np.ndarray) -> RestSums:
     return sums
 
 
+#: probability of B, and of K, in a mixture
+PRESENT = 2 / 3
+#: averaging time at which they cross N: at the earliest, s, and of the rest at the latest; apart from each other by up to a factor
+CROSS_S, CROSS_SHARE, CROSS_APART = 15.0, 1 / 15, 2.0
+
+
+def mixture(duration_s: float, rng: np.random.Generator) -> dict[str, float]:
+    """Sizes of B and K, beside N = 1, that both rise above it about the same time, by up to 5 times its variance."""
+    sizes = {"N": 1.0}
+    cross_s = np.exp(rng.uniform(np.log(CROSS_S), np.log(CROSS_SHARE * duration_s)))
+    for name in "BK":
+        at_s = cross_s * CROSS_APART ** rng.uniform(-1, 1)
+        share = 5 ** rng.uniform(0, 1)
+        if rng.random() < PRESENT:
+            sizes[name] = float(np.sqrt(share / at_s / unit_allan_variance(name, np.array([at_s]))[0]))
+    return sizes
+
+
+def sizes_table(mixtures: int) -> str:
+    """Coverage of B and K."""
+    z: dict[str, list[float]] = {"B": [], "K": []}
+    limits: dict[str, list[bool]] = {"B": [], "K": []}
+    apart, halves = [], Counter[str]()
+    for number in range(-(-mixtures // 6)):
+        rng = np.random.default_rng([54, number])
+        duration_s = (1200.0, 3600.0)[number % 2]
+        truth = [mixture(duration_s, rng) for _ in range(6)]
+        count = round(duration_s * RATE_HZ)
+        values = np.column_stack([simulated(sizes, 1.0, count, rng) for sizes in truth])
+        whole, *parts = (
+            [axis for sensor in estimate_noise([rest(each)]).figures.sensors().values() for axis in sensor.axes]
+            for each in (values, values[: count // 2], values[count // 2 :])
+        )
+        for k, sizes in enumerate(truth):
+            apart.append(not any(whole[k].terms[n].chosen and not whole[k].terms[n].is_determined for n in "BK"))
+            for name in "BK":
+                term, size = whole[k].terms[name], sizes.get(name, 0.0)
+                if term.is_determined:
+                    z[name].append((term.value - size) / (term.sigma or np.inf))
+                elif term.at_most is not None:
+                    limits[name].append(size <= term.at_most)
+                one, other = (part[k].terms[name] for part in parts)
+                halves["compared"] += 1
+                halves["contradict"] += contradict(one, other) or contradict(other, one)
+    rows = [
+        [
+            name,
+            len(z[name]),
+            *(f"{100 * np.mean(np.abs(z[name]) < bar):.0f} %" for bar in (1, 1.96)),
+            f"{np.mean(z[name]):+.2f}",
+            f"{100 * np.mean(limits[name]):.0f} % of {len(limits[name])}",
+        ]
+        for name in "BK"
+    ]
+    told = f"{apart.count(False)} of {len(apart)} axes do not tell them apart; "
+    told += f"{halves['contradict']} of {halves['compared']} halves contradict."
+    return markdown(["term", "stated", "within 1 sigma", "within 1.96", "mean, sigmas", "limits hold"], rows) + f"\n\n{told}"
+
+
+def contradict(one: Term, other: Term) -> bool:
+    """Whether two statements of one size differ by 3 sigmas: numbers, or a number above a limit."""
+    if not one.is_determined:
+        return False
+    if other.is_determined:
+        return abs(one.value - other.value) > 3 * np.hypot(one.sigma or 0, other.sigma or 0)
+    return other.at_most is not None and one.value - 3 * (one.sigma or 0) > other.at_most
+
+
 def margin(sizes: dict[str, float], time_s: float, like: RestSums) -> float:
     """ln of the odds of the true subset over the best other one, in data at their expectation."""
     ready = rest_of(like)
@@ -106,8 +177,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--durations", nargs="*", default=list(DURATIONS_S))
     parser.add_argument("--rate-hz", type=float, default=RATE_HZ)
+    parser.add_argument("--sizes", type=int, metavar="MIXTURES", help="coverage of B and K alone, in so many mixtures")
     args = parser.parse_args()
     globals()["RATE_HZ"] = args.rate_hz
+    if args.sizes:
+        print(sizes_table(args.sizes))
+        return
     beside = [name for name in TERMS if name != "N"]
     subsets = [terms for n in range(len(beside) + 1) for terms in itertools.combinations(beside, n)]
     rows = []

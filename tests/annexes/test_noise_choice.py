@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from resting import six, sums_of
 from scipy.optimize import minimize
+from scipy.stats import lognorm
 
 from tinygc.annexes.noise import choice
-from tinygc.annexes.noise.choice import ODDS, Search
+from tinygc.annexes.noise.choice import ODDS, Chosen, Search
 from tinygc.annexes.noise.dependence import sandwich
-from tinygc.annexes.noise.likelihood import DECADES, PRIOR_VARIANCE, autocovariance, cost
+from tinygc.annexes.noise.likelihood import DECADES, PRIOR_VARIANCE, Fitted, autocovariance, cost
 from tinygc.annexes.noise.scales import groups_of, rest_of
 
 DT = 0.01
@@ -56,18 +57,53 @@ def test_a_filter_is_likely_behind_a_scale_that_was_left_out_and_no_term_of_the_
         assert filtered.log_evidence == pytest.approx(by_hand - 2 * np.log(2 * DECADES * np.log(10)) + np.log(100), abs=1e-6)
 
 
-def test_n_is_the_mean_over_sets_and_its_sigma_contains_their_difference():
-    search = Search(search_of(10, N=1.0).groups, DT, (), ("F", "Q", "K"), is_behind_filter=True)
-    search.best()
-    sets = [each for each in search.tried.values() if each is not None]
-    assert len(sets) > 1
-    weight = np.exp(np.array([each.log_evidence for each in sets]) - max(each.log_evidence for each in sets))
-    weight /= weight.sum()
-    log_n = np.array([np.log(each.variance("N")) / 2 for each in sets])
-    mean, sigma = search.average("N")
-    assert mean == pytest.approx(weight @ log_n, abs=1e-12)
-    square = weight @ (np.array([each.log_sigma("N") for each in sets]) ** 2 + log_n**2) - mean**2
-    assert sigma == pytest.approx(np.sqrt(square), rel=1e-9)
+def chosen_by_hand(log_evidence, **log_s_and_sigma):
+    """A set with sizes of these logarithms and sigmas of them."""
+    log_s, sigma = np.transpose(list(log_s_and_sigma.values()))
+    information = np.diag(1 / (2 * sigma) ** 2 - 1 / PRIOR_VARIANCE)
+    return Chosen(tuple(log_s_and_sigma), Fitted(np.exp(2 * log_s), 0.0, information), log_evidence)
+
+
+def sets_by_hand():
+    """Sets with the probabilities 1/8, 1/2, 1/8, 1/4 where B and K are as probable as not; one lacks K that has the finest N."""
+    search = Search(search_of(10, N=1.0).groups, DT, (), ("Q", "B", "K"))
+    search.tried = {
+        frozenset(): chosen_by_hand(np.log(1.0), N=(0.1, 0.01)),
+        frozenset("K"): chosen_by_hand(np.log(4.0 * ODDS), N=(0.05, 0.02), K=(1.0, 0.3)),
+        frozenset("B"): chosen_by_hand(np.log(1.0 * ODDS), N=(0.03, 0.02), B=(0.5, 0.2)),
+        frozenset("BK"): chosen_by_hand(np.log(2.0 * ODDS**2), N=(0.02, 0.02), B=(-0.5, 0.6), K=(0.4, 0.5)),
+        frozenset("Q"): None,
+    }
+    return search
+
+
+@pytest.mark.parametrize("wider", [1.0, 1.3])
+def test_a_size_is_the_mean_over_all_sets_with_zero_where_one_lacks_it(wider):
+    parts = {
+        "N": [(1, 0.1, 0.01), (4, 0.05, 0.02), (1, 0.03, 0.02), (2, 0.02, 0.02)],
+        "K": [(4, 1.0, 0.3), (2, 0.4, 0.5)],
+        "B": [(1, 0.5, 0.2), (2, -0.5, 0.6)],
+    }
+    for name, sets in parts.items():
+        weight, log_s, sigma = np.transpose(sets)
+        own = [(w / 8, lognorm(wider * g, scale=np.exp(m))) for w, m, g in zip(weight, log_s, sigma, strict=True)]
+        mean, square = (sum(w * each.moment(power) for w, each in own) for power in (1, 2))
+        found = sets_by_hand().average(name, wider)
+        assert found[:2] == pytest.approx((mean, np.sqrt(square - mean**2)), rel=1e-9)
+        assert sum(w * each.sf(found[2]) for w, each in own) == pytest.approx(0.05, rel=1e-4)
+
+
+def test_a_term_that_nearly_no_set_has_is_limited_to_none_by_them():
+    search = sets_by_hand()
+    search.tried[frozenset()] = chosen_by_hand(np.log(200.0), N=(0.1, 0.01))
+    assert search.average("K")[2] == 0
+    assert search.average("Q") == (0, 0, 0)
+
+
+def test_names_are_held_to_their_odds_and_sizes_of_slow_terms_to_even_ones():
+    assert choice.EVEN == {"B": 1, "K": 1}
+    with_k = 4 * ODDS + 2 * ODDS**2
+    assert sets_by_hand().probability("K") == pytest.approx(with_k / (1 + with_k + ODDS), rel=1e-12)
 
 
 def test_the_trace_of_a_filter_is_that_of_any_filter():
@@ -97,7 +133,7 @@ def test_probabilities_are_shares_of_the_evidence():
     assert best.log_evidence == max(each.log_evidence for each in sets)
 
 
-def test_a_limit_is_where_the_likelihood_has_dropped_by_two_sigma():
+def test_a_limit_is_where_the_likelihood_has_dropped_by_one_sided_95_percent():
     search = search_of(4, N=1.0)
     chosen = search.best()
     limit = search.limit(chosen, "B")
@@ -108,7 +144,7 @@ def test_a_limit_is_where_the_likelihood_has_dropped_by_two_sigma():
         return found.fun
 
     lowest = min(chosen.fitted.value, *(profile(size) for size in np.geomspace(limit / 100, limit, 12)))
-    assert profile(0.93 * limit) - lowest < 4 < profile(1.07 * limit) - lowest
+    assert profile(0.93 * limit) - lowest < 1.645**2 < profile(1.07 * limit) - lowest
 
 
 def test_terms_that_are_not_seen_are_no_set(monkeypatch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import Table, write_session
 from formats_page import strangers
-from noise_made import UG, H, N, axis, estimate, figures, hidden, shown
+from noise_made import UG, WALK, H, N, axis, estimate, figures, hidden, shown
 
 import tinygc
 from session.io.errors import CalibrationError
@@ -170,6 +170,19 @@ def test_kalibr_has_the_worst_axis_and_no_number_for_what_does_not_show():
     assert found["accelerometer_random_walk"] is None
     assert "accelerometer 0.00333, < 8.2e-05" in Noise(estimate()).summary()
     assert kalibr_figures(figures(accel=None))["accelerometer_noise_density"] is None
+
+
+def test_a_size_that_is_not_determined_is_no_number():
+    unsure = dataclasses.replace(shown(178 * WALK, 0.6, 0.7), at_most=350 * WALK)
+    assert unsure.chosen
+    gyro = SensorNoise(tuple(axis(N=shown(N, 0.001), K=unsure) for _ in "xyz"))
+    out = Noise(dataclasses.replace(estimate(), figures=figures(gyro=gyro))).summary()
+    assert re.search(r"K  °/h/√h +(< 350 \(70 %\) *){3}", out)
+    assert kalibr_figures(figures(gyro=gyro))["gyroscope_random_walk"] is None
+    assert "gyroscope 0.000291, < 2.8e-05" in out
+    assert gyro.at_most("K") == pytest.approx(350 * WALK)
+    (row,) = (row for row in open_terms(figures(gyro=gyro)) if (row.sensor, row.axis, row.term) == ("gyro", "x", "K"))
+    assert row.known_after_s == AFTER[0]
 
 
 def test_open_terms_say_when_they_will_be_known():

@@ -1,5 +1,7 @@
 """Noise terms of a unit: injected and recovered with their sigmas, not named where they are not, on real rests, beside temperature."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from resting import samples_of, six, sums_of
@@ -9,10 +11,11 @@ from session.io.errors import DataError
 from session.io.results import write_whole
 from session.io.samples import Samples
 from session.io.units import DEG, G
-from tinygc.annexes.noise.choice import Search
+from tinygc.annexes.noise.choice import ODDS, Search
 from tinygc.annexes.noise.curve import fit_curve
 from tinygc.annexes.noise.dependence import sandwich
 from tinygc.annexes.noise.estimate import _bands, _relative, described, estimate_noise, known_after_s
+from tinygc.annexes.noise.likelihood import PRIOR_VARIANCE
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
 from tinygc.annexes.noise.scales import groups_of, rest_of
 from tinygc.annexes.noise.summary import RestSums, contrasts
@@ -231,14 +234,63 @@ def test_a_misfit_widens_sigmas_and_a_change_of_n_is_in_its_sigma():
     search = Search(groups, DT)
     chosen = search.of(frozenset("G"))
     plain, wide = (described(search, chosen, p, 1.44, 0.0, 0.0) for p in (0.5, 1e-4))
-    for name in "NG":
-        assert wide.terms[name].sigma == pytest.approx(1.2 * plain.terms[name].sigma, rel=1e-9)
+    widths = np.sqrt(np.diag(sandwich(search, chosen)) / np.diag(chosen.fitted.covariance))
+    for k, name in enumerate("NG"):
+        for axis, times in ((plain, 1.0), (wide, 1.2)):
+            assert (axis.value(name), axis.terms[name].sigma) == pytest.approx(search.average(name, times * widths[k])[:2], rel=1e-9)
     assert wide.terms["G"].tau_sigma_s == pytest.approx(1.2 * plain.terms["G"].tau_sigma_s)
     log_sigma = np.sqrt(np.diag(sandwich(search, chosen)))
     assert plain.terms["G"].tau_sigma_s == pytest.approx(plain.terms["G"].tau_s * log_sigma[-1], rel=1e-9)
     changed = described(search, chosen, 0.5, 1.0, 0.0, 0.3)
     assert changed.terms["N"].sigma == pytest.approx(np.hypot(plain.terms["N"].sigma, 0.3 * plain.value("N")), rel=1e-9)
     assert changed.terms["G"].sigma == plain.terms["G"].sigma
+
+
+def of_sizes(present, log_sigma):
+    """An axis whose sets have a K of size 2 with a sigma of its logarithm, and have it with a probability."""
+    rest = rest_of(sums_of(six(2**12, DT, 17, N=1.0, K=2.0), DT))
+    groups = groups_of([rest], 0, [rest.blocks.mean[:, 0]], [np.zeros((len(rest.blocks), 0))])
+    search = Search(groups, DT)
+    both, none = search.of(frozenset("K")), search.of(frozenset())
+    width = sandwich(search, both)[1, 1] / both.fitted.covariance[1, 1]
+    information = np.diag([1e4, width / (2 * log_sigma) ** 2]) - np.eye(2) / PRIOR_VARIANCE
+    chosen = replace(both, fitted=replace(both.fitted, x=np.array([1.0, 4.0]), information=information), log_evidence=0.0)
+    search.tried = {frozenset("K"): chosen}
+    if present < 1:
+        search.tried[frozenset()] = replace(none, log_evidence=-float(np.log(ODDS * present / (1 - present))))
+    return described(search, chosen, 0.5, 1.0, 0.0, 0.0).terms["K"]
+
+
+def test_a_size_within_two_sigmas_of_none_is_a_limit_alone():
+    sure = of_sizes(1.0, 0.1)
+    assert sure.is_determined
+    assert sure.value == pytest.approx(2, rel=0.02)
+    assert sure.at_most is None
+    unsure = of_sizes(0.7, 0.1)  # sd / mean = 0.67
+    assert unsure.chosen
+    assert not unsure.is_determined
+    assert unsure.value == pytest.approx(1.4, rel=0.02)
+    assert unsure.at_most == pytest.approx(2 * 1.155, rel=0.05)
+    assert of_sizes(0.9, 0.1).is_determined  # 0.35
+    assert not of_sizes(1.0, 0.6).is_determined
+
+
+def test_b_is_not_taken_from_a_log_whose_temperature_moves_the_zero_by_more():
+    count = 2**15
+    temp_c = 30 - 10 * np.cos(2 * np.pi * np.arange(count) / (count / 2))
+    values = six(count, DT, 5, N=1.0, B=2.0)
+    moved = estimate_noise([sums_of(values + 5.0 * (temp_c - 30)[:, None], DT, temp_c)])
+    alike = estimate_noise([sums_of(values, DT, temp_c)])
+    assert any("of B there is a limit alone: the error of temperature's law is in it" in line for line in moved.said)
+    assert not any("a limit alone" in line for line in alike.said)
+    for axis in (axis for sensor in moved.figures.sensors().values() for axis in sensor.axes):
+        term = axis.terms["B"]
+        assert not term.is_determined
+        if term.chosen:
+            assert term.at_most == pytest.approx(term.value + 1.645 * term.sigma)
+    assert any(axis.terms["B"].is_determined for axis in alike.figures.gyro.axes)
+    shown = next(k for k, axis in enumerate(moved.figures.gyro.axes) if axis.terms["B"].chosen)
+    assert known_after_s(moved.figures, "gyro", shown, "B") == np.inf
 
 
 def test_a_ramp_is_a_slope_with_the_sigma_of_least_squares():

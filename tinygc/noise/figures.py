@@ -41,6 +41,8 @@ SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 AGAIN = "write it again with `calibrate noise`"
 
 
+#: of a normal distribution
+ONE_SIDED_95 = 1.645
 #: p-value of a misfit by chance; chi-square over its degrees of freedom up to which a misfit widens the sigmas, by a fifth, and no more
 MISFIT, TOLERATED = 0.01, 1.5
 
@@ -54,9 +56,10 @@ def fits_data(p_value: float, excess: float) -> bool:
 class Term:
     """One term of one axis, SI.
 
-    value: its size, 0 where it is not chosen; sigma: its standard deviation with all other chosen terms estimated, None where it is not
-    chosen; probability: that it is present; at_most: upper limit (95 %) of one that is not chosen, None where the log sets none;
-    tau_s, tau_sigma_s: correlation time of G and the sigma of its logarithm times itself.
+    value: its size, the mean over the sets of terms that may describe the log, 0 where it is not chosen; sigma: its standard deviation,
+    with the other terms estimated and over those sets, None where it is not chosen; probability: that it is present; at_most: upper limit
+    (95 %) of one that is not determined, None where the log sets none; tau_s, tau_sigma_s: correlation time of G and the sigma of its
+    logarithm times itself.
     """
 
     value: float
@@ -70,6 +73,11 @@ class Term:
     def chosen(self) -> bool:
         """Whether the log shows it."""
         return self.sigma is not None
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether its size is a number, and not a limit alone."""
+        return self.chosen and self.at_most is None
 
 
 @dataclass(frozen=True)
@@ -154,8 +162,8 @@ class SensorNoise:
 
 
 def _limit(term: Term) -> float:
-    if term.sigma is not None:
-        return term.value + 1.645 * term.sigma
+    if term.sigma is not None and term.at_most is None:
+        return term.value + ONE_SIDED_95 * term.sigma
     return float("inf") if term.at_most is None else term.at_most
 
 

@@ -3,14 +3,18 @@
 The prior of a size is flat in its logarithm over ``DECADES``, that of a correlation time over the times that the rest can show; each term
 beside N is present with odds of ``ODDS``.  The evidence is Laplace's: the likelihood at its maximum times the width of the peak over that
 of the prior.  Sets are searched by adding, dropping and exchanging single terms from the best so far; N is in all of them.
+
+Which set is named is often chance, above all between B and K, so a size is the mean over all sets, zero where a set lacks the term, and
+its sigma contains how the sets differ (Hoeting et al. 1999).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from tinygc.annexes.noise.likelihood import DECADES, FILTER, Fitted, Stacked, cost, fit, fit_with_time, stacked, stacks_of, unit_covariance
 from tinygc.annexes.noise.scales import Group
@@ -19,6 +23,9 @@ from tinygc.annexes.noise.scales import Group
 CANDIDATES = (FILTER, "Q", "G", "B", "K", "R")
 #: prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100 (benchmarks/noise_terms.py)
 ODDS = 0.2
+#: prior odds of B and of K in the mean of a size over sets.  The odds of a name keep false names rare; a floor that rises has both as a
+#: rule, and which one is named is chance (benchmarks/noise_terms.py --sizes)
+EVEN = dict.fromkeys("BK", 1.0)
 #: prior odds of a filter's trace where a finer scale was left out, which the filter has shaped; at the finest scale there is none: means of
 #: one sample are not longer than the filter's memory
 ODDS_OF_FILTER = 100.0
@@ -34,9 +41,9 @@ SHORTEST_MEANS, LONGEST_SHARE = 10.0, 1 / 30
 AT_BOUND = 1.1
 #: share of a line's power that means of the finest scale pass, below which they do not show it
 PASSED = 0.01
-#: rise of -2 log L at an upper limit: 1.645 sigma would be 95 % of a term that is looked for alone; one that is not chosen has been drawn
-#: low, and with 2 sigma the limits hold in 95 of 100 (tests/annexes/test_noise_estimate.py)
-AT_LIMIT = 2.0**2
+#: rise of -2 log L at an upper limit of 95 % of a term that is looked for alone.  That one which is not chosen has been drawn low, the
+#: mean over sets knows: the larger of both limits counts (benchmarks/noise_terms.py --sizes)
+AT_LIMIT = 1.645**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +118,35 @@ class Search:
 
     def probability(self, name: str) -> float:
         """Probability of a term among all sets that were tried."""
-        sets = [chosen for chosen in self.tried.values() if chosen is not None]
-        weight = np.exp([chosen.log_evidence - max(each.log_evidence for each in sets) for chosen in sets])
-        return float(sum(w for w, chosen in zip(weight, sets, strict=True) if name in chosen.names) / weight.sum())
+        return float(sum(weight for weight, chosen in self._sets() if name in chosen.names))
 
-    def average(self, name: str) -> tuple[float, float]:
-        """Return ln s of a term over all sets that have it, by their probabilities, and its sigma, which contains how the sets differ."""
-        sets = [chosen for chosen in self.tried.values() if chosen is not None and name in chosen.names]
-        weight = np.exp([chosen.log_evidence - max(each.log_evidence for each in sets) for chosen in sets])
-        log_s, sigma = (np.array(column) for column in zip(*((np.log(c.variance(name)) / 2, c.log_sigma(name)) for c in sets), strict=True))
-        mean = float(weight @ log_s / weight.sum())
-        return mean, float(np.sqrt(weight @ (sigma**2 + (log_s - mean) ** 2) / weight.sum()))
+    def average(self, name: str, wider: float = 1.0) -> tuple[float, float, float]:
+        """Return the mean of s of a term over all sets, its sigma and its upper limit (95 %); wider: factor on each set's own sigma.
+
+        A set has the term lognormal, or lacks it: s = 0.  B and K are present with odds ``EVEN``.
+        """
+        sets = self._sets(EVEN)
+        present = np.array([weight for weight, chosen in sets if name in chosen.names])
+        own = [chosen for _, chosen in sets if name in chosen.names]
+        if not own:
+            return 0.0, 0.0, 0.0
+        log_s = np.array([np.log(chosen.variance(name)) / 2 for chosen in own])
+        sigma = wider * np.array([chosen.log_sigma(name) for chosen in own])
+        mean, square = (float(present @ np.exp(power * log_s + (power * sigma) ** 2 / 2)) for power in (1, 2))
+        low, high = float((log_s - 4 * sigma).min()), float((log_s + 4 * sigma).max())
+        if 1 - present.sum() >= 0.95:
+            return mean, float(np.sqrt(square - mean**2)), 0.0
+        while high - low > 1e-6:
+            at = (low + high) / 2
+            low, high = (low, at) if present @ ndtr((log_s - at) / sigma) < 0.05 else (at, high)
+        return mean, float(np.sqrt(square - mean**2)), float(np.exp(high))
+
+    def _sets(self, odds: Mapping[str, float] = {}) -> list[tuple[float, Chosen]]:
+        """Return all sets that were tried with their probabilities; odds: of terms, where they are not ``ODDS``."""
+        sets = [chosen for chosen in self.tried.values() if chosen is not None]
+        log = np.array([each.log_evidence + sum(np.log(odds[n] / ODDS) for n in each.names if n in odds) for each in sets])
+        weight = np.exp(log - log.max())
+        return list(zip((weight / weight.sum()).tolist(), sets, strict=True))
 
     def of(self, terms: frozenset[str], near: Chosen | None = None) -> Chosen | None:
         """Return a set with its evidence; near: another set, where its search starts; None where a term is not seen."""

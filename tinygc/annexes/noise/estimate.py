@@ -18,7 +18,7 @@ from tinygc.annexes.noise.likelihood import FILTER, cost, stacked, stacks_of, un
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
 from tinygc.annexes.noise.scales import TOP, Group, groups_of, left_out, of_log_and_log, rest_of, unsteady
 from tinygc.annexes.noise.summary import SECTION, RestSums, contrasts, ratios_of
-from tinygc.noise.figures import MISFIT, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
+from tinygc.noise.figures import MISFIT, ONE_SIDED_95, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
 
 #: callback for progress: the current step, steps done, and their total
 Progress = Callable[[str, int, int], None]
@@ -36,6 +36,8 @@ WORTH_SAYING_LOST, FEW_CODES = 1e-3, 6
 NEAR = 4
 #: frequencies of a band
 LEAST_BAND = 4
+#: sigmas by which a size differs from none, below which it is a limit alone
+DETERMINED = 2.0
 #: windows per contrast from which a group's whole covariance is tested, else its bands of frequency
 ENOUGH = 3
 
@@ -82,11 +84,16 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
             continue
         remarks = [*of_log_and_log(rests, channel), *_coarse_steps(sections[:, :, channel])]
         found = _axis(groups, period_s, _lines_hz(sections[:, :, channel], period_s))
+        if any((term := found.terms[name]).chosen and not term.is_determined for name in "BK"):
+            remarks.append("slow noise is there, and the rest does not tell B from K: each has a limit alone.")
+        if part.rms > found.value("B") > 0:
+            found = replace(found, terms={**found.terms, "B": _limited(found.terms["B"])})
         axes.append(found)
         bands.append(allan_points(groups, period_s, found))
         remarks += unsteady(rests, part.residuals, period_s)
         if part.order:
-            remarks.append(f"temperature moves it by {_shown(part.rms, kind)} rms, which is taken off.")
+            less = ", and of B there is a limit alone: the error of temperature's law is in it" if found.value("B") else ""
+            remarks.append(f"temperature moves it by {_shown(part.rms, kind)} rms, which is taken off{less}.")
         for remark in remarks:
             of_axes.setdefault(remark, []).append(f"{kind} {axis}")
     said += [f"{', '.join(names)}: {remark}" for remark, names in of_axes.items()]
@@ -105,6 +112,11 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         samples=sum(each.samples for each in sums),
     )
     return NoiseEstimate(figures, tuple(said), sum(rest.left_out_s for rest in rests))
+
+
+def _limited(term: Term) -> Term:
+    assert term.sigma is not None
+    return replace(term, at_most=term.at_most or term.value + ONE_SIDED_95 * term.sigma)
 
 
 def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:
@@ -221,20 +233,21 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
         probability = 1.0 if name == "N" else search.probability(name)
         if name not in chosen.names:
             none = name == "G" or (name == "Q" and FILTER in chosen.names)  # a filter hides any quantisation
-            terms[name] = Term(0.0, None, probability, None if none else search.limit(chosen, name))
+            most = None if none else max(search.limit(chosen, name), search.average(name, wider)[2])
+            terms[name] = Term(0.0, None, probability, most)
             continue
-        value = float(np.sqrt(chosen.variance(name)))
-        sigma = value * float(log_sigma[chosen.names.index(name)])
-        if name == "N":  # with or without the trace of a filter, N is another
-            log_value, of_sets = search.average("N")
-            value, sigma = float(np.exp(log_value)), float(np.exp(log_value)) * max(of_sets, float(log_sigma[0]))
+        k = chosen.names.index(name)
+        value, sigma, most = search.average(name, wider * float(log_sigma[k]) / chosen.log_sigma(name))
         if name == "R" and sum(group.count for group in search.groups if group.top) == 1:
             value, sigma = _slope(search, chosen)
-        sigma = float(np.hypot(sigma * wider, value * change if name == "N" else 0.0))
-        terms[name] = Term(value, sigma, probability)
+            sigma *= wider
+            most = value + ONE_SIDED_95 * sigma
+        if name == "N":
+            sigma = float(np.hypot(sigma, value * change))
+        terms[name] = Term(value, sigma, probability, most if DETERMINED * sigma > value else None)
         if name == "G":
             time = chosen.fitted.correlation_s
-            terms[name] = Term(value, sigma, probability, None, time, time * 2 * float(log_sigma[-1]) * wider)
+            terms[name] = replace(terms[name], tau_s=time, tau_sigma_s=time * 2 * float(log_sigma[-1]) * wider)
     lines = [(f"line{k}", hz) for k, hz in enumerate(search.lines_hz)]
     seen = tuple(Line(hz, float(np.sqrt(chosen.variance(name)))) for name, hz in lines if chosen.log_sigma(name) < UNSEEN)
     return AxisNoise(terms, seen, p_value, excess, from_s)
@@ -360,6 +373,8 @@ def known_after_s(figures: NoiseFigures, kind: str, axis: int, name: str, relati
     """
     own = figures.sensors()[kind].axes[axis]
     terms = {key: (term.value, term.tau_s) for key, term in own.terms.items() if term.chosen}
+    if name in terms and not own.terms[name].is_determined and terms[name][0] > DETERMINED * (own.terms[name].sigma or 0.0):
+        return float("inf")  # what limits it is temperature, and no length of rest
     if name not in terms:
         if not own.terms[name].at_most:
             return float("inf")

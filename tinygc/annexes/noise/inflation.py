@@ -52,10 +52,7 @@ from tinygc.estimation.results import FitResult, read_fit
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise
-from tinygc.noise.figures import FILE, AxisNoise, Inflation, NoiseFigures, SensorNoise, to_json, unit_allan_variance
-
-#: one-sided 95 % of a normal distribution, in sigmas
-ONE_SIDED_95 = 1.645
+from tinygc.noise.figures import FILE, ONE_SIDED_95, AxisNoise, Inflation, NoiseFigures, SensorNoise, to_json, unit_allan_variance
 
 # The walk at rest.
 

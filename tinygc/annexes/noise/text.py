@@ -91,7 +91,7 @@ def headline(figures: NoiseFigures) -> str:
 
 def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:
     """``119.3 ± 8.2 (83 %)``, ``< 9.1``, the upper limit of 95 %, or a dash; with the probability where it is not clear."""
-    if term.sigma is not None:
+    if term.sigma is not None and term.is_determined:
         text = plain(term.value / unit.si, term.sigma / unit.si)
         if term.tau_s is not None:
             text += f", τ {duration_words(term.tau_s)}"
@@ -107,7 +107,7 @@ def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:
 def _worst(sensor: SensorNoise, name: str) -> tuple[float | None, float | None]:
     """Largest value of a term and largest upper limit (95 %), SI, of the axes whose data the terms describe; None where there is none."""
     which = [axis.is_described for axis in sensor.axes]
-    shown = [axis.value(name) for axis in sensor.axes if axis.is_described and axis.terms[name].chosen]
+    shown = [axis.value(name) for axis in sensor.axes if axis.is_described and axis.terms[name].is_determined]
     limit = float(max(sensor.at_most(name)[which], default=np.inf))
     return max(shown, default=None), limit if np.isfinite(limit) else None
 
@@ -175,7 +175,7 @@ def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
 
 
 def _is_known(term: Term) -> bool:
-    return term.sigma is not None and term.sigma <= KNOWN * term.value
+    return term.sigma is not None and term.is_determined and term.sigma <= KNOWN * term.value
 
 
 def open_lines(figures: NoiseFigures) -> list[str]:

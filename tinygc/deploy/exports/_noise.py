@@ -172,7 +172,7 @@ def _of_axis(axis: AxisNoise, name: str) -> tuple[float, float, str]:
     if not axis.is_described:
         return np.nan, np.nan, REPLACED
     term = axis.terms[name]
-    if term.sigma is not None and term.value > 0:
+    if term.sigma is not None and term.is_determined and term.value > 0:
         return term.value, term.sigma, MEASURED
     if name == "K":
         at = np.array([WALK_S])

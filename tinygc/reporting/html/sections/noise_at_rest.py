@@ -63,7 +63,7 @@ def meaning(kind: str, name: str) -> str:
 
 def _value(term: Term, si: float) -> str:
     """``0.281 ± 0.004`` (k = 2), ``< 4.0`` or a dash, in units of si."""
-    if term.sigma is None:
+    if term.sigma is None or not term.is_determined:
         return "–" if term.at_most is None else f"< {significant(term.at_most / si, 2)}"
     expanded = COVERAGE_FACTOR * term.sigma / si
     decimals = decimals_for(expanded)

@@ -7,10 +7,11 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import DEG
+from conftest import DEG, GRAVITY, Table, session_of
 from linear_twin import effect, fixed_columns, linear_twin, stepped
 from scipy import stats
 
+from session.io.samples import Samples
 from session.io.units import G
 from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
@@ -38,11 +39,13 @@ from tinygc.explanation.decision import (
     per_segment,
     prove,
     tilt_rms,
+    told_apart,
     undersampled_claim,
     without_effects,
 )
-from tinygc.explanation.evidence import Guess
-from tinygc.explanation.search import NAMELESS, probabilities
+from tinygc.explanation.evidence import Evidence, Guess
+from tinygc.explanation.families import motion
+from tinygc.explanation.search import NAMELESS, probabilities, slow_candidates
 from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
@@ -176,6 +179,12 @@ def test_a_claim_is_kept_if_chance_improves_held_out_rows_so_much_in_less_than_o
 
 
 # What is proved
+
+
+def test_a_drift_of_the_accelerometer_that_fit_states_is_weighed():
+    drifts, steady = (SimpleNamespace(joint=SimpleNamespace(drift=drift)) for drift in (object(), None))
+    found = [FitClosure(problem=problem).effects for problem in (drifts, steady, SimpleNamespace(joint=None), None)]
+    assert [[each.id for each in one] for one in found] == [["accelerometer.zero_drift"], [], [], []]
 
 
 @pytest.mark.parametrize(
@@ -441,9 +450,12 @@ def test_a_recording_is_decided_from_the_search_to_the_name():
     ):
         naming = decide(twin, 3, said.append)
         begun = decide(twin, 3, begin=(tried[0],))
+        also = decide(twin, 3, stated=(effect("stated"),))
     assert [n.effect.id for n in naming.named] == ["test.d", "test.a"] or {n.effect.id for n in naming.named} == {"test.a", "test.d"}
     assert {n.effect.id for n in begun.named} == {"test.a", "test.d"}
     assert naming.beyond == []
+    assert "test.stated" not in naming.considered
+    assert 0 < also.considered["test.stated"] <= 0.5
     assert said[0] == "detecting"
     assert said[-2:] == ["lookalikes", "beyond the catalogue"]
     evidence = twin.evidence()
@@ -527,6 +539,33 @@ def test_an_effect_that_further_terms_of_a_curve_reproduce_is_one_of_them(share,
     best.effects = (own, curve)
     with patch.object(decision, "curves_like", lambda twin, other: []):
         assert not part_of_a_curve(evidence, best, 0)
+
+
+def test_slow_motions_that_cancel_are_one_which_states_their_sum():
+    """The zero rises by 0.35 dps and no drift beside a warm-up is determined; a jump beside one is."""
+    table, rng = Table().tumble(20, seed=4), np.random.default_rng(4)
+    t_s = np.arange(0, table.duration_s, 1 / 52)
+    rate, attitude = table.truth(t_s)
+    u = t_s / t_s[-1]
+    rise = np.outer(0.35 * DEG * (np.exp(1.5 * u) - 1) / (np.exp(1.5) - 1), [1.0, 0, 0])
+    force = attitude.inv().apply([0, 0, -GRAVITY])
+    found = {}
+    for name, zero in (("rise", rise), ("jump", np.outer(0.3 * DEG * (u > 0.6), [1.0, 0, 0]) + rise)):
+        gyro = rate + zero + 0.02 * DEG * rng.normal(size=rate.shape)
+        samples = Samples(np.rint(t_s * 1e9).astype(np.int64), gyro, force + 2e-3 * rng.normal(size=force.shape), None)
+        found[name] = Evidence(Twin(build_problem(session_of(samples, raw=False, odr_hz=52.0), use_earth=False)))
+    evidence = found["rise"]
+    (warm_up,) = [each for each in slow_candidates(evidence.twin) if "warm_up" in each.id][-1:]
+    drift = catalogue()["gyro.bias_drift"]
+    best = told_apart(evidence, evidence.of((drift, warm_up), evidence.nothing))
+    (claim,) = best.fit.state.claims
+    size, axis = motion(evidence.twin, [(claim.effect, claim.theta)])
+    assert (size, axis) == (pytest.approx(0.35 * DEG, rel=0.25), 0)
+    assert evidence.of(best.effects, None).score == min(evidence.of((each,), evidence.nothing).score for each in (drift, warm_up))
+    evidence = found["jump"]
+    step = max(catalogue()["gyro.bias_step"].variants(0.6 * t_s[-1:]), key=lambda each: each.shape["at_s"])
+    both = evidence.of((step, warm_up), evidence.nothing)
+    assert told_apart(evidence, both) is both
 
 
 # Undersampling

@@ -22,6 +22,7 @@ from tinygc.estimation.bias import SAME, choose, tilt_rms
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
+from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.search import (
     NAMELESS,
     STAND_IN,
@@ -122,6 +123,12 @@ class FitClosure:
         except CalibrationError:
             return NOT_STATED
         return cls(fit.held_out, [segment.number for segment in problem.used], source.used == "stills", problem)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the catalogue that ``fit`` itself states: a drift of the accelerometer's zero."""
+        joint = None if self.problem is None else self.problem.joint
+        return () if joint is None or joint.drift is None else (catalogue()["accelerometer.zero_drift"],)
 
     @property
     def most_rad(self) -> float:
@@ -273,6 +280,18 @@ def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
         if does.shape[1] and np.sum((curve.T @ does) ** 2) > SAME_CURVE * does.shape[1]:
             return True
     return False
+
+
+def told_apart(evidence: Evidence, best: Hypothesis) -> Hypothesis:
+    """Without slow motions of the zero-rate offset that an unnamed one in the same hypothesis reproduces, or without that one, whichever
+    leaves more evidence.  Beside each other such members may cancel, and only their sum is determined: one of them, fitted alone, states
+    it."""
+    for number, own in enumerate(best.effects):
+        if own.id in SLOW_ZERO and part_of_a_curve(evidence, best, number):
+            others = [e for e in best.effects if e.id in SLOW_ZERO and e.id.startswith(NAMELESS)]
+            fewer = [tuple(effect for effect in best.effects if effect is not gone) for gone in (own, *others)]
+            return told_apart(evidence, min((evidence.of(effects, best) for effects in fewer), key=lambda h: h.score))
+    return best
 
 
 # ``motion.undersampled``: a claim about the turns' own noise, compared with the same noise without that cause.
@@ -471,21 +490,26 @@ def decide(
     progress: Callable[[str], None] = lambda what: None,
     begin: tuple[Effect, ...] = (),
     most_rad: float = math.inf,
+    stated: tuple[Effect, ...] = (),
 ) -> Naming:
     """Compare the catalogue's effects with each other, with unnamed shapes, and with no effect.
 
     begin: effects found in a part of the recording, from which the search may start; most_rad: tilt rms of held-out segments, above which
-    effects are not kept.
+    effects are not kept; stated: effects that ``fit`` states, which are weighed whatever their rank.
     """
     evidence, tried = Evidence(twin), candidates(twin)
     progress("detecting")
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
-    start = min(evidence.nothing, evidence.of(begin, evidence.nothing), key=lambda h: h.score)
+    begins = (begin, *((effect,) for effect in stated))
+    start = min(evidence.nothing, *(evidence.of(effects, evidence.nothing) for effects in begins), key=lambda h: h.score)
     best = search(evidence, tried, start, progress=progress)
     progress("lookalikes")
     best = exchanged(evidence, tried, best)
     progress("beyond the catalogue")
     best = beyond_the_catalogue(evidence, tried, best, first_p)
+    for effect in stated:
+        if effect.id not in best.ids:
+            evidence.guess(best, add=effect)
     return decided(evidence, best, first_p, len({effect.id for effect in tried}), most_rad)
 
 
@@ -506,6 +530,7 @@ def beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothes
 
 def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, most_rad: float = math.inf) -> Naming:
     """Select which effects of the best hypothesis are reported; most_rad: as in ``decide``."""
+    best = told_apart(evidence, best)
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [named_effect(evidence, best, number, chance, tests) for number in range(len(best.effects))]

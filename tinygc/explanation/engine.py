@@ -165,7 +165,7 @@ def _decided(
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
     most_rad = stated.most_rad if mended.problem is problem else math.inf
-    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, most_rad)
+    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, most_rad, stated.effects)
     naming = replace(naming, fit=over_shapes(twin, naming.whiten, in_gauge(twin, naming.whiten, naming.fit)))
     progress("proof on held-out segments", 5, 6)
     return twin, naming, prove(problem, twin, naming.whiten, naming.fit, stated)

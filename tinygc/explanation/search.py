@@ -357,8 +357,9 @@ def slow_candidates(twin: Twin) -> list[Effect]:
 
 
 def curves_like(twin: Twin, shape: Effect) -> list[Effect]:
-    """All terms of the smooth curve to which a shape belongs, including itself; none if the shape is not such a curve."""
-    if "curve_over_" not in shape.id:
+    """All terms of the smooth curve to which a shape belongs, including itself; none if the shape is not such a curve.  Of a warm-up these
+    are all time constants, which are fitted."""
+    if not any(kind in shape.id for kind in ("curve_over_", "warm_up")):
         return []
     return [other for other in slow_candidates(twin) if other.id == shape.id and (SIGNED in other.equation) == (SIGNED in shape.equation)]
 

@@ -1,6 +1,7 @@
 """``fit --physics``: the model goes on with what `explain` named, and with nothing that it refused."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ import pytest
 import calibrate
 from session.io.units import DEG, G
 from tinygc import SimulationOptions, read_session
-from tinygc.closure.build import build_problem
-from tinygc.explanation.physics import fit_physics
+from tinygc.closure.build import build_problem, with_still_bias
+from tinygc.closure.residual import closure_angles
+from tinygc.explanation.physics import _closure, fit_physics
 from tinygc.models.files import load
-from tinygc.models.linear import NAMES
+from tinygc.models.linear import NAMES, LinearModel
+from tinygc.noise.twin import Twin
 from tinygc.simulation.write import write_session
 
 PER_G = np.array([[0.03, -0.01, 0.0], [0.0, 0.02, 0.015], [-0.02, 0.0, 0.01]])  # dps/g
@@ -50,6 +53,15 @@ def test_parameters_asked_for_by_id_are_recovered(tmp_path):
     assert np.abs(pulls).max() < 4
     assert np.mean(np.abs(pulls) < 1) > 0.3
     assert sigma.max() < 0.004 * DEG
+
+
+def test_its_closure_takes_the_bias_from_where_fit_takes_it(tmp_path):
+    problem = build_problem(read_session(simulated(tmp_path / "s", on_gravity, segments=12, odr_hz=62.5)))
+    twin = Twin(problem)
+    found, state, level = SimpleNamespace(twin=twin, problem=problem), twin.start(), with_still_bias(problem)
+    by_stills = LinearModel(state.model.E, -state.model.E @ level.rest_rps)
+    np.testing.assert_allclose(_closure(found, state, True), closure_angles(level.batch, by_stills), atol=1e-9)
+    np.testing.assert_array_equal(_closure(found, state, False), twin.residuals(state).closure)
 
 
 @pytest.mark.slow

@@ -47,8 +47,9 @@ class PhysicsFit:
 
 #: function that gives the roll, pitch and yaw errors (3,) rad of a closure run under a trial vector of parameters
 RunErrors = Callable[[np.ndarray, ClosureRun], np.ndarray]
-#: function that fits named physics; its arguments are the problem, the fit's options, its closure runs, and a progress callback
-FitPhysics = Callable[[Problem, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
+#: function that fits named physics; its arguments are the problem as given, that of the fit, its options, its closure runs, and a progress
+#: callback
+FitPhysics = Callable[[Problem, Problem, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
 
 
 def errors_with_physics(claims: Sequence[AppliedEffect], known: Conditions, earth_t: np.ndarray) -> RunErrors:

@@ -116,14 +116,7 @@ def explain_session(
     fitted, fit = prepared.problem, fit or _fitted(prepared, use_earth)
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
-    stated = FitClosure.of(fitted)
-    mended = repair(problem, lambda what: progress(what, 2, 6))
-    twin, naming, proof = _decided(problem, mended, seed, progress, stated)
-    # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
-    in_turns = mended.found.keys() - {"reference.not_still"}
-    if in_turns and proof.worse:
-        mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
-        twin, naming, proof = _decided(problem, mended, seed, progress, stated)
+    mended, twin, naming, proof = named_in(problem, FitClosure.of(fitted), seed, progress)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
@@ -152,6 +145,19 @@ def _fitted(prepared: Prepared, use_earth: bool) -> FitResult | None:
         return fit_session(prepared.session, FitOptions(methods=("least_squares",), earth=use_earth), prepared=prepared)
     except CalibrationError:
         return None
+
+
+def named_in(
+    problem: Problem, stated: FitClosure, seed: int, progress: Callable[[str, int, int], None]
+) -> tuple[RepairedProblem, Twin, Naming, Proof]:
+    """Repair a problem, select the effects, and prove them; stated: by ``fit`` for this session."""
+    mended = repair(problem, lambda what: progress(what, 2, 6))
+    twin, naming, proof = _decided(problem, mended, seed, progress, stated)
+    # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
+    if mended.found.keys() - {"reference.not_still"} and proof.worse:
+        mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
+        twin, naming, proof = _decided(problem, mended, seed, progress, stated)
+    return mended, twin, naming, proof
 
 
 def _decided(

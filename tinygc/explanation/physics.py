@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.io.errors import FitError
+from tinygc.closure.build import with_still_bias
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.closure.runs import ClosureRun
@@ -18,16 +19,18 @@ from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.claims import readable
 from tinygc.explanation.data_repair import repair
-from tinygc.explanation.decision import FOLD_STEPS, decide, fold_rows, folds_of
+from tinygc.explanation.decision import FOLD_STEPS, NOT_STATED, FitClosure, cleared, fold_rows, folds_of
+from tinygc.explanation.engine import named_in
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.truth_engine import without_wrong_moments
 from tinygc.explanation.truth_names import TruthTwin, beside_clock, name_beside_truth
+from tinygc.models.linear import LinearModel
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.refit import over_shapes, refit
-from tinygc.noise.twin import Twin
+from tinygc.noise.twin import State, Twin
 
 
 def effect_of(twin: Twin, name: str) -> Effect:
@@ -80,20 +83,26 @@ def _effect(twin: Twin, name: str) -> Effect:
 
 
 def fit_physics(
-    problem: Problem, ids: tuple[str, ...] | None, seed: int = 0, progress: Callable[[str], None] = lambda what: None
+    problem: Problem,
+    ids: tuple[str, ...] | None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda what: None,
+    stated: FitClosure | None = None,
 ) -> PhysicsFit:
-    """Fit with these effects, or with what `explain` would name (None).  Raises FitError for an id that cannot be fitted."""
+    """Fit with these effects, or with what `explain` names (None), given what ``fit`` states without them.  Raises FitError for an id that
+    cannot be fitted."""
     if problem.session.truths is not None:
         return fit_beside_truth(problem, ids, seed, progress)
-    mended = repair(problem, progress)
-    twin = Twin(mended.problem)
     refused = False
     if ids is None:
-        decision = decide(twin, seed, progress, mended.reference)
+        closure = FitClosure.of(problem) if stated is None else stated
+        mended, twin, decision, _ = named_in(problem, closure, seed, lambda what, done, of: progress(what))
         fit, whiten, refused = decision.fit, decision.whiten, decision.refused
         if decision.beyond:  # an unnamed shape is not part of a model
             fit = refit(twin, whiten, [named.effect for named in decision.named], twin.start())
     else:
+        mended = repair(problem, progress)
+        twin = Twin(mended.problem)
         evidence = Evidence(twin)
         asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
         fit, whiten = asked.fit, asked.whiten
@@ -125,11 +134,18 @@ PHYSICS, NET = "physics", "tinygc_physics"
 
 
 def physics_methods(
-    problem: Problem, options: FitOptions, runs: Sequence[ClosureRun], progress: Callable[[str], None] = lambda what: None
+    problem: Problem,
+    fitted: Problem,
+    options: FitOptions,
+    runs: Sequence[ClosureRun],
+    progress: Callable[[str], None] = lambda what: None,
 ) -> PhysicsFit:
-    """Fit the physics of the options, and the net after it if the net is among their methods; close both on the runs."""
+    """Fit the physics of the options, and the net after it if the net is among their methods; close both on the runs.  fitted: the problem
+    that ``fit`` solves, whose source of the bias holds for the closure of the physics as well."""
     began = time.perf_counter()
-    found = fit_physics(problem, None if options.physics == ("auto",) else options.physics, options.seed, progress)
+    stated = FitClosure.of(fitted) if fitted.session.truths is None else NOT_STATED
+    found = fit_physics(problem, None if options.physics == ("auto",) else options.physics, options.seed, progress, stated)
+    from_stills = options.bias == "stills" or (options.bias == "auto" and stated.from_stills)
     seconds = time.perf_counter() - began
     twin, with_net = found.twin, "tinygc" in options.methods
     progress("physics, held out")
@@ -138,7 +154,7 @@ def physics_methods(
     effects = [claim.effect for claim in found.fit.state.claims]
     for held in folds_of(len(twin.segments), options.folds):
         part = refit(twin, found.whiten, effects, found.fit.state, rows=fold_rows(twin, found.whiten, held), max_steps=FOLD_STEPS)
-        held_physics[held] = twin.residuals(part.state).closure[held]
+        held_physics[held] = _closure(found, part.state, from_stills)[held]
         if with_net:
             claims = part.state.claims
             model = PhysicsModel(part.state.model, tuple(claim for claim in claims if claim.effect.kind == "rate"), found.model.known)
@@ -147,7 +163,7 @@ def physics_methods(
             seen[held] = False
             net, _ = _train(batch.pick(seen), found.problem.floor.sigma[seen])
             held_net[held] = closure_angles(batch.pick(~seen), net)
-    angles = twin.residuals(found.fit.state).closure
+    angles = _closure(found, found.fit.state, from_stills)
     fits = {PHYSICS: MethodFit(PHYSICS, found.model, angles, held_physics, seconds)}
     if with_net:
         batch = _without_effects(found, found.model)
@@ -160,6 +176,15 @@ def physics_methods(
         rates = {name: run.rates(fit.model) for name, fit in fits.items()}
         errors.append({name: run.with_earth(found.fit.state.earth_t, rate).errors_at(rate) for name, rate in rates.items()})
     return replace(found, methods=fits, run_errors=errors, lost_s=tuple(lost_in(run) for run in runs))
+
+
+def _closure(found: PhysicsFit, state: State, from_stills: bool) -> np.ndarray:
+    """(S, d) rad of each segment by a state, with the bias of each turn from its stills where ``fit`` takes it from them."""
+    if not from_stills:
+        return found.twin.residuals(state).closure
+    level = with_still_bias(cleared(found.problem, found.twin, state))
+    assert level.rest_rps is not None  # by ``with_still_bias``
+    return closure_angles(level.batch, LinearModel(state.model.E, -state.model.E @ level.rest_rps))
 
 
 def _without_effects(found: PhysicsFit, model: PhysicsModel) -> Batch:

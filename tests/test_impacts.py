@@ -12,7 +12,7 @@ from session.detect.events import find_impacts
 from session.detect.first_look import check_session
 from session.io.samples import Samples
 from session.io.units import G
-from tinygc.closure.build import build_problem
+from tinygc.closure.build import build_problem, restricted
 from tinygc.closure.prepared import prepare
 
 ODR_HZ = 104.0
@@ -74,9 +74,35 @@ def test_the_sigma_is_what_the_impacts_did(missed_deg):
     assert np.median(sigmas) == pytest.approx(missed_deg * np.sqrt(2 / 3), rel=0.35)
 
 
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_calibration_and_usual_misfit_are_estimated_with_the_impacts(scale):
+    """By the dense covariance of all angles; the factor is that of the residuals over their freedom, and never below 1."""
+    rng = np.random.default_rng(2)
+    design, variance = rng.normal(size=(9, 2, 3)), rng.uniform(0.5, 2.0, (9, 2))
+    angles = scale * np.sqrt(variance) * rng.normal(size=(9, 2)) + design @ [0.5, -1.0, 0.8]
+    flat = design.reshape(18, 3)
+    whole = np.diag(variance.ravel()) + flat @ flat.T
+    square = angles.ravel() @ np.linalg.solve(whole, angles.ravel())
+    seen = flat.T @ (flat / variance.reshape(18, 1))
+    freedom = 18 - np.trace(seen @ np.linalg.inv(seen + np.eye(3)))
+    likelihood, excess = restricted(angles, design, variance)
+    assert excess == pytest.approx(max(1.0, square / freedom))
+    assert (excess > 1) == (scale > 1)
+    expected = -(freedom * np.log(excess) + square / excess + np.linalg.slogdet(whole)[1]) / 2
+    assert likelihood == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_effect_in_every_turn_is_no_impact(seed):
+    """Half of the turns hold a jump of 3 g that did nothing; in the middle the zero steps by half a degree per second."""
+    samples, _ = hit(seed, 0.0, turns=tuple(range(0, TURNS, 2)))
+    gyro = samples.gyro + np.multiply((0.5, -0.4, 0.3), DEG) * (np.arange(len(samples)) > len(samples) / 2)[:, None]
+    assert problem_of(replace(samples, gyro=gyro)).widened == ()
+
+
 @pytest.mark.broad
 def test_impacts_that_did_nothing_cost_nothing():
-    """The sensor filtered them: their turns close as the others do, and count as much; by chance one session in twenty says otherwise."""
+    """The sensor filtered them: their turns close as the others do, and count as much; one session in a hundred says otherwise."""
     widened = [problem_of(hit(seed, 0.0)[0]).widened for seed in range(8)]
     assert sum(map(bool, widened)) <= 2
 

@@ -96,16 +96,18 @@ def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:
 
 # Turns with an impact: their extra uncertainty, estimated from their own closure residuals.
 #
-# An impact of j g makes a turn's end uncertain by s j.  The calibration from turns without impacts predicts the others.  s is estimated
-# from their residuals beyond the uncertainty of that prediction and the usual misfit of a turn: it is the median of its posterior under a
-# flat prior if that is significantly better than none, else 0.  Some sensors filter an impact without loss, others lose degrees
+# An impact of j g makes a turn's end uncertain by s j, and every turn misses its floor by a common factor.  Both are estimated together
+# with the calibration, from all turns (restricted likelihood): an effect that the calibration lacks bends every turn, and the fewer of them
+# are calm, the more it would pass for what the impacts did.  s is the median of its posterior under a flat prior if that is significantly
+# better than none and than of the same impacts in other turns, else 0.  Some sensors filter an impact without loss, others lose degrees
 # (docs/real-recordings.md), so a constant would be wrong for both.
 
-#: turns without an impact needed to fit 12 parameters and their misfit; with fewer, all turns are used
-FEWEST_CALM = 9
-#: twice the logarithm of the likelihood by which s must be better than none: by chance once in 20 (Self & Liang 1987: s cannot be negative)
-BORNE_OUT = 2.71
-#: grid of s, rad per g: from a thousandth of a degree to ten degrees
+#: twice the logarithm of the likelihood by which s must be better than none: by chance once in a hundred (Self & Liang 1987: s cannot be
+#: negative), as a weight that is wrong throws turns away, and one that is missed costs little
+BORNE_OUT = 5.41
+#: share of the shuffles of the impacts among the turns that may do as well, their number, and the step of the grid that is tried for them
+BY_CHANCE, SHUFFLES, COARSE = 0.05, 99, 10
+#: grid of s over that factor, rad per g: from a thousandth of a degree to ten degrees
 GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 120)]) * DEG
 
 
@@ -146,25 +148,37 @@ def widened_by_impacts(
 
 def _per_g(jump_g: np.ndarray, batch: closure.Batch, floor: Floor, start: LinearModel) -> float:
     """Estimate s, rad per g and angle."""
-    hit = jump_g > 0
-    own = ~hit if (~hit).sum() >= FEWEST_CALM else np.ones_like(hit)
-    fit = fit_least_squares(batch.pick(own), floor.sigma[own], start)
-    rate = fit.model(batch.rate)
+    rate = fit_least_squares(batch, floor.sigma, start).model(batch.rate)
     angles = closure.error_angles(closure.segment_residuals(batch, rate))[:, :2]
-    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :2]
-    variance = floor.sigma[:, :2] ** 2
-    # The uncertainty of the other turns' calibration, and the factor by which the usual turn exceeds its floor.
-    freedom = max(2 * int(own.sum()) - PARAMETERS, 1)
-    usual = max(1.0, float(np.sum(angles[own] ** 2 / variance[own])) / freedom)
-    known = np.einsum("sdp,pq,seq->sde", design[hit], fit.covariance, design[hit]) + variance[hit][:, :, None] * np.eye(2)
-    size, axes = np.linalg.eigh(usual * known)
-    square = np.einsum("sd,sde->se", angles[hit], axes) ** 2
-    total = size + np.square(GRID[:, None, None] * jump_g[hit][:, None])
-    likelihood = -np.sum(np.log(total) + square / total, axis=(1, 2)) / 2
+    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :2] * linear.PRIOR_SIGMA
+
+    def at(grid: np.ndarray, jump_g: np.ndarray) -> np.ndarray:
+        white = floor.sigma[:, :2] ** 2
+        return np.array([restricted(angles, design, white + np.square(s * jump_g)[:, None]) for s in grid]).T
+
+    likelihood, excess = at(GRID, jump_g)
     if 2 * (likelihood.max() - likelihood[0]) < BORNE_OUT:
         return 0.0
+    # An effect that some turns have more of makes tails, which a likelihood of normal errors takes for impacts: do other turns do as well?
+    rng, some = np.random.default_rng(0), GRID[::COARSE]
+    others = [at(some, rng.permutation(jump_g))[0].max() for _ in range(SHUFFLES)]
+    if np.mean(np.array(others) >= likelihood[::COARSE].max()) > BY_CHANCE:
+        return 0.0
     weight = np.exp(likelihood - likelihood.max()) * np.gradient(GRID)
-    return float(np.interp(0.5, np.cumsum(weight) / weight.sum(), GRID))
+    return float(np.interp(0.5, np.cumsum(weight) / weight.sum(), GRID * np.sqrt(excess)))
+
+
+def restricted(angles: np.ndarray, design: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
+    """Restricted log-likelihood of angles (S, 2) whose calibration, with columns (S, 2, P) in units of its priors, is estimated with them,
+    and the factor, at least 1, on their variance (S, 2) rad^2 that is the most likely."""
+    root = np.sqrt(variance)
+    J, r = (design / root[..., None]).reshape(angles.size, -1), (angles / root).ravel()
+    seen, pull = J.T @ J, J.T @ r
+    normal = seen + np.eye(len(seen))
+    freedom = len(r) - float(np.trace(np.linalg.solve(normal, seen)))
+    square = float(r @ r - pull @ np.linalg.solve(normal, pull))
+    excess = max(1.0, square / freedom)
+    return -(freedom * np.log(excess) + square / excess + np.sum(np.log(variance)) + np.linalg.slogdet(normal)[1]) / 2, excess
 
 
 def _words(impacts: list[Impact]) -> str:

@@ -29,8 +29,9 @@ from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
-from tinygc.noise.refit import over_shapes, refit
+from tinygc.noise.refit import Refit, over_shapes, refit
 from tinygc.noise.twin import State, Twin
+from tinygc.noise.whitening import Whitener
 
 
 def effect_of(twin: Twin, name: str) -> Effect:
@@ -99,14 +100,13 @@ def fit_physics(
         mended, twin, decision, _ = named_in(problem, closure, seed, lambda what, done, of: progress(what))
         fit, whiten, refused = decision.fit, decision.whiten, decision.refused
         if decision.beyond:  # an unnamed shape is not part of a model
-            fit = refit(twin, whiten, [named.effect for named in decision.named], twin.start())
+            fit = _stated(twin, whiten, refit(twin, whiten, [named.effect for named in decision.named], twin.start()))
     else:
         mended = repair(problem, progress)
         twin = Twin(mended.problem)
         evidence = Evidence(twin)
         asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
-        fit, whiten = asked.fit, asked.whiten
-    fit = over_shapes(twin, whiten, in_gauge(twin, whiten, fit))
+        whiten, fit = asked.whiten, _stated(twin, asked.whiten, asked.fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
     # The fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise.
@@ -116,6 +116,10 @@ def fit_physics(
             _, parameters, std = readable(claim, widen * fit.theta_covariance(number))
             found.append({"id": claim.effect.id, "equation": claim.effect.equation, "parameters": parameters, "std": std})
     return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused, of_force=tuple(found))
+
+
+def _stated(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    return over_shapes(twin, whiten, in_gauge(twin, whiten, fit))
 
 
 # Samples lost in a closure run.  A log's losses are repaired by its own closure; a run is never fitted, so its losses are not repaired.

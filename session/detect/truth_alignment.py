@@ -352,10 +352,10 @@ def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: Tru
         now = replace(reading, mounting=mounting, offset_s=offset_s)
         rows = [span_rows(one, log, now) for one, log in zip(seen, gyro, strict=True)]
         error, columns = (np.concatenate(part) for part in list(zip(*rows, strict=True))[:2])
-        block = _blocks(rows)
+        block, length_s = _blocks(rows)
         if sum(_independent(part[2]) for part in rows) < FEWEST:
             return None
-        solved = _solved(error, columns, block)
+        solved = _solved(error, columns, block, length_s, float(np.median(np.concatenate([np.diff(part[2]) for part in rows]))))
         if solved is None:
             return None
         theta, covariance = solved
@@ -402,8 +402,8 @@ def _independent(begin: np.ndarray) -> int:
     return count
 
 
-def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """(K,) number of each span's block."""
+def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, float]:
+    """(K,) number of each span's block, and the blocks' length, s."""
     total = sum(float(begin[-1] - begin[0]) for _, _, begin in rows if len(begin))
     length = float(np.clip(total / BLOCKS, *BLOCK_S))
     numbers: list[np.ndarray] = []
@@ -412,12 +412,17 @@ def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray
         own = ((begin - begin[:1]) / length).astype(int)
         numbers.append(own + first)
         first += int(own[-1]) + 1 if len(own) else 0
-    return np.concatenate(numbers)
+    return np.concatenate(numbers), length
 
 
-def _solved(error: np.ndarray, columns: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """theta (13,) that takes up most of the errors, robustly, and its covariance (13, 13) by a sandwich over blocks; None where they
-    are not fixed."""
+def _solved(
+    error: np.ndarray, columns: np.ndarray, block: np.ndarray, length_s: float, every_s: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """theta (13,) that takes up most of the errors (K, 3), robustly, and its covariance (13, 13); None where they are not fixed.
+
+    The covariance is that of leaving out each block (the jackknife, Bell & McCaffrey 2002), which holds where one block has most of the
+    movement.  Errors go on from block to block: ``_within`` has what blocks of this length do not see of that.  every_s: from span to span.
+    """
     size = columns.shape[2]
     scale = np.linalg.norm(columns.reshape(-1, size), axis=0)
     if not (scale > 0).all():
@@ -432,13 +437,32 @@ def _solved(error: np.ndarray, columns: np.ndarray, block: np.ndarray) -> tuple[
         left = error - design @ theta
         length = np.linalg.norm(left, axis=1)
         weight = np.sqrt(np.minimum(1, ROBUST * np.median(length) / np.maximum(length, 1e-15)))
-    score = np.einsum("kip,ki,k->kp", design, left, weight**2)
-    sums = np.zeros((int(block.max()) + 1, size))
-    np.add.at(sums, block, score)
-    inverse_ = np.linalg.inv(normal)
-    count = len(sums)
-    covariance = inverse_ @ (sums.T @ sums) @ inverse_ * (count / (count - 1)) / np.outer(scale, scale)
-    return theta / scale, covariance
+    count = int(block.max()) + 1
+    sums, normals = np.zeros((count, size)), np.zeros((count, size, size))
+    np.add.at(sums, block, np.einsum("kip,ki,k->kp", design, left, weight**2))
+    np.add.at(normals, block, np.einsum("kip,kiq,k->kpq", design, design, weight**2))
+    if (np.linalg.cond(normal - normals) > 1e12).any():
+        return None
+    moved = np.linalg.solve(normal - normals, sums[:, :, None])[:, :, 0]
+    covariance = moved.T @ moved * ((count - 1) / count) / _within(left * weight[:, None], every_s / length_s)
+    return theta / scale, covariance / np.outer(scale, scale)
+
+
+def _within(left: np.ndarray, step: float) -> float:
+    """Share of the variance of a mean that blocks show, of errors (K, 3) that are correlated like an autoregression of first order; step:
+    from one to the next, in lengths of a block.
+
+    With the correlation time T in lengths of a block it is 1 - T (1 - exp(-1 / T)): what neighbouring blocks have in common is not in it.
+    T is half the sum of the autocorrelation over all lags, up to its first zero.
+    """
+    power, total = float(np.sum(left**2)), 0.0
+    for lag in range(1, len(left)):
+        correlation = float(np.sum(left[lag:] * left[:-lag])) / power if power else 0.0
+        if correlation <= 0:
+            break
+        total += correlation
+    T = step * (0.5 + total)
+    return float(1 + T * np.expm1(-1 / T))
 
 
 # How a truth file was read, as the results' JSON has it (docs/formats.md).

@@ -184,7 +184,7 @@ def test_white_noise_has_the_degrees_of_freedom_that_its_estimates_scatter_with(
 @pytest.mark.parametrize(
     ("instability", "kind", "freedom"),
     [
-        (BiasInstability(1.0, "typical of X"), "B", 2.0),  # a spread of 0.5: 1 / 0.5^2 / 2
+        (BiasInstability(1.0, "typical of X"), "B", 1.0),  # a spread of 0.8: 1 / 0.8^2 / 2, and one at least
         (BiasInstability(1.0, "given"), "B", 50.0),
         (BiasInstability(1.0, "estimated from this recording", 0.2, 2.0, of_unit=True), "A", 12.5),
     ],

@@ -362,7 +362,6 @@ def gather(
     beyond = [] if truth else _beyond(fit, explanation, adopted)
     known = [with_freedom(quantity, np.inf) for quantity in beyond]
     quantities = [*adopted.quantities, *known, *_noise(allan)]
-    left = [] if explanation is None or adopted.name == LINEAR or explanation.verdict not in LEFT else [explanation.words[0]]
     # UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte.
     asked = os.environ.get("SOURCE_DATE_EPOCH", "")
     moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
@@ -371,7 +370,7 @@ def gather(
         explanation=explanation,
         against_truth=against_truth,
         adopted=adopted,
-        decision=fit.decided(adopted, adopted.name == LINEAR, limit_deg, left),
+        decision=decided(fit, explanation, adopted, limit_deg),
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),
@@ -381,6 +380,13 @@ def gather(
         reused=fit.reused,
         searched=None if discovery is None or folder is None else discovery.searched(folder, logs),
     )
+
+
+def decided(fit: FitResult, explanation: Explanation | None, adopted: Adopted, limit_deg: float | None = None) -> Acceptance:
+    """The verdict of ``fit`` on the adopted calibration; with named effects, what is left without a name is a doubt."""
+    is_linear = adopted.name == LINEAR
+    left = [] if is_linear or explanation is None or explanation.verdict not in LEFT else [explanation.words[0]]
+    return fit.decided(adopted, is_linear, limit_deg, left)
 
 
 def stillness(problem: Problem) -> AllanCurve | None:

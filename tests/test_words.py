@@ -42,8 +42,8 @@ def test_the_first_look_has_the_worst_first_each_level_in_its_order():
     assert str(verdict_line(findings)) == (
         "FAIL: fix these errors before fitting (2 errors, 1 warning, 1 note, 2 ok): log2.csv: what: says; do it"
     )
-    assert str(verdict_line(findings[:1])) == "PASS (1 ok)"
-    assert str(verdict_line([])) == "PASS (nothing was looked at)"
+    assert str(verdict_line(findings[:1])) == "READY (1 ok)"
+    assert str(verdict_line([])) == "READY (nothing was looked at)"
 
 
 def test_check_begins_with_its_verdict_and_ends_with_what_to_do_next(run, folder):
@@ -51,7 +51,7 @@ def test_check_begins_with_its_verdict_and_ends_with_what_to_do_next(run, folder
     code, out, _ = run("check", folder)
     verdict, *between, introduction, following = out.strip().splitlines()
     assert code == 0
-    assert verdict.startswith("PASS")
+    assert verdict.startswith("READY")
     assert (introduction, following) == ("next:", f"  python calibrate.py fit {folder}")
     assert not [line for line in between if line.startswith("ok")]
     assert [line for line in run("check", folder, "--all")[1].splitlines() if line.startswith("ok")]

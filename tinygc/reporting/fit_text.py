@@ -12,6 +12,7 @@ from session.io.texts import command_line, printable
 from session.io.units import DEG, MG
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.model_tests import contradictions
 from tinygc.estimation.options import METHODS, MethodFit
 from tinygc.estimation.results import FitResult, known_turns_words
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
@@ -83,7 +84,7 @@ def remarks(result: FitResult) -> list[Text]:
         said.append(one_line(result.lot.words, "" if result.lot.used == "yes" else "yellow"))
     said += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
-        said.append(Text(_physics_words(result.physics), "cyan"))
+        said.append(Text(_physics_words(result.physics, bool(contradictions(result.tests))), "cyan"))
         from tinygc.estimation.physics import loss_words
 
         lost = [(run.file, loss_words(samples)) for run, samples in zip(result.runs, result.physics.lost_s, strict=True)]
@@ -158,13 +159,13 @@ def _denoiser_words(figures: dict) -> str:
     return f"Denoised: noise at rest reduced {reduced}; delay {figures['delay_samples']} samples ({figures['delay_s'] * 1e3:.0f} ms)."
 
 
-def _physics_words(physics: PhysicsFit) -> str:
+def _physics_words(physics: PhysicsFit, contradicted: bool) -> str:
     from tinygc.explanation.claims import described  # with the search for effects, which a plain fit does not need
 
     claims = enumerate(physics.fit.state.claims)
     fitted = [described(claim.effect, claim.theta, physics.fit.theta_covariance(number)) for number, claim in claims]
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
-    if physics.refused:
+    if physics.refused and contradicted:
         explain = command_line("explain")
         nameless = f"a mismatch that no effect in the catalogue fits ({explain} says what is known): nothing is added to the linear model"
         mended.append(f"there is more that has no name: see {explain}" if mended else nameless)

@@ -92,15 +92,16 @@ def unit_lines(findings: list[Finding]) -> list[Text]:
 
 
 def verdict_line(findings: list[Finding], with_worst: bool = True) -> Text:
-    """Count of findings by level, and the worst in full, unless it stands below."""
+    """Whether it can be fitted, the count of findings by level, and the worst in full, unless it stands below.  Whether the calibration
+    passes is for ``fit`` to say."""
     counts = [(sum(finding.level == level for finding in findings), level) for level in reversed(LEVELS)]
     counted = ", ".join(f"{n} {level if n == 1 or level == 'ok' else level + 's'}" for n, level in counts if n)
     level = worst(findings)
     words = {
         "error": "FAIL: fix these errors before fitting",
-        "warning": "PASS, with warnings: it costs accuracy",
-        "note": "PASS",
-        "ok": "PASS",
+        "warning": "READY, with warnings: it costs accuracy",
+        "note": "READY",
+        "ok": "READY",
     }
     first = next((finding.line for finding in findings if finding.level == level), "")
     more = f": {first}" if level in ("error", "warning") and with_worst else ""

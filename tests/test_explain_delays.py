@@ -13,14 +13,13 @@ from tinygc.noise.channels import in_gauge
 from tinygc.noise.refit import refit
 from tinygc.noise.turn_gravity import turn_gravity
 
-pytestmark = pytest.mark.broad
-
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 
 
 # Gravity during the turns
 
 
+@pytest.mark.broad
 def test_gravity_during_the_turns_tells_the_lever_arm(twin_of):
     twin, whiten = twin_of()
     gravity = turn_gravity(twin, refit(twin, whiten, [], twin.start()))
@@ -29,6 +28,7 @@ def test_gravity_during_the_turns_tells_the_lever_arm(twin_of):
     assert not gravity.is_offset
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("seconds", [0.015, -0.02])
 def test_gravity_during_the_turns_tells_a_late_gyro(twin_of, seconds):
     """Beyond the delay of the sensors' filters, which the same session has without it."""
@@ -55,6 +55,7 @@ def lagging(t_s, rate, force, temp_c):
     return np.stack([lfilter([k], [1, k - 1], rate[:, i], zi=[rate[0, i] * (1 - k)])[0] for i, k in enumerate(share)], axis=-1)
 
 
+@pytest.mark.broad
 def test_skew_is_counted_from_the_earliest_axis(twin_of):
     twin, whiten = twin_of(skewed, segments=16)
     fit = refit(twin, whiten, [catalogue()["timing.axis_skew"]], twin.start())
@@ -72,6 +73,7 @@ def test_the_gauge_costs_nothing(twin_of):
     np.testing.assert_array_equal(moved.state.vector[:15], fit.state.vector[:15])
 
 
+@pytest.mark.broad
 def test_a_lag_is_never_negative(twin_of):
     """Axes that are late by different delays, fitted as lags: what they share has either sign as far as the closure goes."""
     twin, whiten = twin_of(skewed, segments=16)
@@ -83,6 +85,7 @@ def test_a_lag_is_never_negative(twin_of):
         assert not turn_gravity(twin, in_gauge(twin, whiten, refit(twin, whiten, [effect], start))).is_offset
 
 
+@pytest.mark.broad
 def test_a_lag_is_found_from_zero(twin_of):
     """From a start at zero half of all searches ended at negative lags, with some 80 more of chi-square."""
     twin, whiten = twin_of(lagging, segments=16)
@@ -94,6 +97,7 @@ def test_a_lag_is_found_from_zero(twin_of):
     assert stats.chi2.cdf(fit.chi_square, len(fit.r) - 15) < 0.999
 
 
+@pytest.mark.broad
 def test_what_all_axes_share_of_a_lag_is_taken_from_gravity(twin_of):
     twin, whiten = twin_of(lambda t, w, f, T: w + np.gradient(w, t, axis=0) @ CROSS.T, segments=16)
     fit = refit(twin, whiten, [catalogue()["gyro.angular_acceleration"]], twin.start())

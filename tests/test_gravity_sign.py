@@ -23,8 +23,6 @@ from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import GRAVITY_SIGN, prepare
 
-pytestmark = pytest.mark.broad
-
 
 @pytest.fixture(scope="module")
 def folder(simulated):
@@ -59,6 +57,7 @@ def said(session):
     return [finding for finding in prepare(session).warnings if finding.what == GRAVITY_SIGN]
 
 
+@pytest.mark.broad
 def test_the_turns_do_not_tell_gravitys_sign(folder):
     session = read_session(folder)
     pair = [each.calibrated(each.logs[0]) for each in (session, upside_down(session))]
@@ -67,6 +66,7 @@ def test_the_turns_do_not_tell_gravitys_sign(folder):
     assert all(finding.level != "error" for finding in check_session(upside_down(session)))
 
 
+@pytest.mark.broad
 def test_the_earth_tells_an_accelerometer_that_is_upside_down(folder):
     session = read_session(folder)
     assert said(session) == []
@@ -94,6 +94,7 @@ def test_check_says_it_too_before_anything_is_fitted(folder, tmp_path, run):
     assert "gravity's sign" in shown
 
 
+@pytest.mark.broad
 def test_check_says_nothing_of_it_where_there_is_too_little_to_tell(simulated, tmp_path):
     few = in_a_folder(simulated(segments=4, closure_s=0.0, odr_hz=208.0), tmp_path / "few", -1)
     assert [finding for finding in tinygc.check(few) if finding.what == GRAVITY_SIGN] == []
@@ -139,6 +140,7 @@ def test_dials_tell_it_at_once(folder, tmp_path):
     assert of(check_session(turned), "dials against gravity").level == "warning"
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("given", [None, "ned"])
 def test_a_truth_whose_world_has_z_up_is_said_in_one_line(given):
     session, _ = made(Wrong(frame="enu", turns=12, given=TruthGiven(frame=given)))

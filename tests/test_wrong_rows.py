@@ -11,8 +11,6 @@ from tinygc import FitOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.estimation.fit import fit_session
 
-pytestmark = pytest.mark.broad
-
 TOML = f'{SESSION_TOML}[protocol]\nreference = "table"\n'
 #: of the made sensor, which the fit must give back: rows x, y, z
 E_TRUE = np.eye(3) + np.array([[0.03, 0.01, -0.004], [-0.006, -0.02, 0.008], [0.002, -0.01, 0.015]])
@@ -60,6 +58,7 @@ def nothing(angles):
     pass
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize(
     ("spoil", "rows"),
     [
@@ -96,6 +95,7 @@ def test_many_wrong_rows_are_another_convention_and_stay(dialled):
     assert ("dials against gravity", "warning") in serious(looked)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("turn", [broad(0), 6, broad(TURNS - 1)])
 @pytest.mark.parametrize("part", [1.0, 0.6])
 def test_a_turn_without_its_movement_is_named_and_left_out(turn, part, plan, tmp_path):
@@ -116,6 +116,7 @@ def test_a_turn_without_its_movement_is_named_and_left_out(turn, part, plan, tmp
     np.testing.assert_allclose(result.linear.model.E, np.eye(3), atol=5e-4)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1e-6])
 def test_rates_of_another_scale_are_no_missing_movement(factor, plan, tmp_path):
     """Then every turn moves gravity by more than the rates say: the axes' line says that, or that the gyroscope is dead."""

@@ -10,8 +10,6 @@ from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.selection import Constants, FormEvidence, exact, one_step
 from tinygc.noise.twin import claim_slice
 
-pytestmark = pytest.mark.broad
-
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_RPS = 500 * DEG
 #: rad/s for one of each quantity
@@ -43,6 +41,7 @@ LAWS = {
 }
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("name", LAWS)
 def test_a_constant_is_recovered_with_its_uncertainty(twin_of, name):
     distort, form, true, size = LAWS[name]
@@ -64,6 +63,7 @@ def test_a_constant_is_recovered_with_its_uncertainty(twin_of, name):
     assert np.all(std > np.sqrt(np.diag(held))[part])
 
 
+@pytest.mark.broad
 def test_a_step_is_taken_where_it_promises_what_is_lacking(twin_of):
     evidence = FormEvidence(twin_of(excess, segments=24)[0])
     law = evidence.effect_of(LAWS["strong excess"][1])
@@ -72,6 +72,7 @@ def test_a_step_is_taken_where_it_promises_what_is_lacking(twin_of):
     assert one_step(evidence, have, law, 0.0)[0].score < have.score - 10
 
 
+@pytest.mark.broad
 def test_a_law_without_constants_stays_as_it_is(twin_of):
     evidence = FormEvidence(twin_of(soft, segments=24)[0])
     law = evidence.effect_of(LawForm((Factor("rate", "signed_root"),)))

@@ -14,8 +14,6 @@ from tinygc.annexes.discovery.words import LONGEST, equation, in_words, regime, 
 from tinygc.effects import signals, without_vibration
 from tinygc.noise.twin import READ
 
-pytestmark = pytest.mark.broad
-
 #: of movements that the enumeration has not seen
 FRESH, FRESHER = 6, 8
 #: of the added rate, beside what a calibration holds: what the issue asks of a law that is found
@@ -42,6 +40,7 @@ def forms(movement):
 # Each form once
 
 
+@pytest.mark.broad
 def test_forms_are_many_and_none_is_another_on_any_movement(movement, forms):
     assert 10_000 <= len(forms) <= 100_000
     assert len(set(forms)) == len(forms)
@@ -71,6 +70,7 @@ PROMISED = {
 PROMISED_LATE = ("rate", "rate_size", "force", "acceleration", "acceleration_size", "temperature", "vibration", "sense")
 
 
+@pytest.mark.broad
 def test_what_a_search_promises_is_a_form_or_is_held(forms):
     own = [form.factors[0] for form in forms if len(form.factors) == 1]
     said = {(factor.quantity, factor.function) for factor in own if factor.lag_s is None}
@@ -83,6 +83,7 @@ def test_what_a_search_promises_is_a_form_or_is_held(forms):
     assert patterns == {("scalar", "each"), *(("vector", pattern) for pattern in PATTERNS)}
 
 
+@pytest.mark.broad
 def test_products_are_of_any_two_quantities(forms):
     pairs = {frozenset(factor.quantity for factor in form.factors) for form in forms if len(form.factors) == 2}
     # Two fields of the world would be one field of twice the frequency, with nine numbers for each axis.
@@ -90,6 +91,7 @@ def test_products_are_of_any_two_quantities(forms):
     assert pairs >= {frozenset(pair) for pair in combinations(several, 2)}
 
 
+@pytest.mark.broad
 def test_identities_are_one_form(movement):
     same = [
         LawForm((Factor("rate", "square"),)),
@@ -103,17 +105,20 @@ def test_identities_are_one_form(movement):
     assert distinct_forms([LawForm((Factor("rate"),), "full"), LawForm((Factor("sense"), Factor("sense")))], [movement]) == []
 
 
+@pytest.mark.broad
 def test_a_small_difference_is_one(movement):
     # A limit that is passed in a few samples of four minutes, by little.
     near = [LawForm((Factor("time"),)), LawForm((Factor("time", "excess", 2.0),))]
     assert distinct_forms(near, [movement]) == near
 
 
+@pytest.mark.broad
 def test_what_a_recording_has_not_is_not_asked(movement):
     largest = largest_of([movement]) | dict.fromkeys(set(QUANTITIES) - {"force", "temperature"}, 0.0)
     assert {factor.quantity for form in enumerated(largest) for factor in form.factors} == {"force", "temperature"}
 
 
+@pytest.mark.broad
 def test_constants_are_those_of_the_recording(movement, forms):
     largest = largest_of([movement])
     wide = enumerated(largest | {"vibration": 10 * largest["vibration"]})
@@ -140,6 +145,7 @@ def test_bits_are_those_of_a_code(forms):
 # Words
 
 
+@pytest.mark.broad
 def test_every_form_has_words(forms):
     shapes = {form.shape: form for form in forms}
     names = {what(form) for form in shapes}
@@ -239,6 +245,7 @@ LAWS = {
 ENOUGH_OF = {"load that is switched to a clock": 0.96}
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_of_physics_is_a_form(name, movement, values, forms, record_property):
     law, quantities = LAWS[name]
@@ -252,6 +259,7 @@ def test_a_law_of_physics_is_a_form(name, movement, values, forms, record_proper
     assert best, [equation(form) for form in first.values()]
 
 
+@pytest.mark.broad
 def test_what_is_no_law_is_no_form(movement, values, forms):
     noise = np.random.default_rng(8).standard_normal(movement.rate.shape)
     assert _correlation(forms[::31], values, noise, NEAR).max() < 0.5

@@ -19,8 +19,6 @@ from tinygc.explanation.engine import explain_session
 from tinygc.noise.components import components_of, undersampling
 from tinygc.noise.twin import Twin
 
-pytestmark = pytest.mark.broad
-
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_RPS = 500 * DEG
 PRODUCT = LawForm((Factor("rate"), Factor("rate")), "next")
@@ -47,6 +45,7 @@ def plain(twin_of):
     return twin_of(None, segments=24)[0]
 
 
+@pytest.mark.broad
 def test_what_is_put_away_is_a_third_and_nothing_of_it_is_seen(plain):
     shares = []
     for seed in range(6):
@@ -62,6 +61,7 @@ def test_what_is_put_away_is_a_third_and_nothing_of_it_is_seen(plain):
     assert np.mean(shares) == pytest.approx(1 / 3, abs=0.02)
 
 
+@pytest.mark.broad
 def test_of_several_recordings_one_is_put_away_whole(simulated_with, tmp_path):
     """The smaller of two is not searched at all, where the other is enough; its own samples are still there to be judged by."""
     folder = tmp_path / "two"
@@ -78,6 +78,7 @@ def test_of_several_recordings_one_is_put_away_whole(simulated_with, tmp_path):
     assert [axes.shape for axes in Twin(split.seen).level_axes] == [(len(log.samples.t_ns), 6) for log in problem.logs]
 
 
+@pytest.mark.broad
 def test_two_short_recordings_are_thinned_and_none_is_put_away_whole(simulated_with, tmp_path):
     folder = tmp_path / "two"
     shutil.copytree(simulated_with(None, segments=9), folder)
@@ -103,12 +104,14 @@ def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns, 
     assert len({tuple(split.parts.tolist()) for split in drawn}) == 3
 
 
+@pytest.mark.broad
 def test_few_turns_prove_nothing_and_the_answer_says_so(simulated_with):
     found = engine.discover(explain_session(simulated_with(None, segments=9)))
     assert found.verdict == "none"
     assert found.why == "a third of 9 turns is too few to judge an equation by: record 15 or more"
 
 
+@pytest.mark.broad
 def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(plain):
     """Its twin closes the turns that stay as the whole one does, and its noise has the rows of theirs."""
     held = np.zeros(24, dtype=bool)
@@ -125,6 +128,7 @@ def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(plain):
     }
 
 
+@pytest.mark.broad
 def test_neighbours_across_a_gap_share_no_still(plain):
     held = np.zeros(24, dtype=bool)
     held[6:10] = True
@@ -134,6 +138,7 @@ def test_neighbours_across_a_gap_share_no_still(plain):
     np.testing.assert_array_equal(floor.shared[6], plain.problem.floor.shared[10])
 
 
+@pytest.mark.broad
 def test_what_a_calibration_takes_up_does_not_make_two_laws_alike(plain):
     movement = plain.movements[0]
     rate = movement.rate
@@ -152,6 +157,7 @@ def weighed(twin_of):
     return evidence, Unseen(whole, evidence.twin), split
 
 
+@pytest.mark.broad
 def test_a_law_holds_on_what_was_put_away_and_a_wrong_one_does_not(weighed):
     evidence, unseen, split = weighed
     right, wrong = (evidence.of((evidence.effect_of(form),), evidence.nothing) for form in (PRODUCT, FORCE))
@@ -164,6 +170,7 @@ def test_a_law_holds_on_what_was_put_away_and_a_wrong_one_does_not(weighed):
     assert worse.removed < 0.5
 
 
+@pytest.mark.broad
 def test_a_form_pays_for_its_bits(weighed):
     evidence = weighed[0]
     plain, sharp = (evidence.effect_of(LawForm((factor,))) for factor in (Factor("rate", "cube"), Factor("rate", "dead_zone", 0.1)))

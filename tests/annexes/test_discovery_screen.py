@@ -27,8 +27,6 @@ from tinygc.noise import thinned
 from tinygc.noise.refit import Replay, refit
 from tinygc.noise.twin import Twin
 
-pytestmark = pytest.mark.broad
-
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 ROOT_CUBE = LawForm((Factor("rate", "root_cube"),))
 DEAD_ZONE = LawForm((Factor("rate", "dead_zone", 0.13),))
@@ -79,6 +77,7 @@ def of_every_pattern():
     yield LawForm((Factor("time", "decay", 20.0),))
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("form", list(of_every_pattern()), ids=repr)
 def test_columns_are_the_twins(seen, form):
     expected = seen.replay.columns(as_effect(form)).stacked()
@@ -93,6 +92,7 @@ def test_columns_are_the_twins(seen, form):
         assert np.abs(one - other).max() <= 1e-5 * np.abs(other).max()
 
 
+@pytest.mark.broad
 def test_gains_are_those_of_the_catalogues_ranking(seen):
     """``search.promises`` for each form by itself, in double precision."""
     fit = seen.law(2)
@@ -105,6 +105,7 @@ def test_gains_are_those_of_the_catalogues_ranking(seen):
         assert screening.gain[0, number] == pytest.approx(np.sum((basis.T @ r) ** 2), rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("rows", [None, np.r_[0:20, 30:60]], ids=["all", "some rows"])
 def test_a_look_is_what_a_dense_projection_makes_of_it(seen, rows):
     """Whitening by a full matrix, and the nuisance taken out by I - q q': lengths and scalar products are the same to rounding."""
@@ -129,6 +130,7 @@ def test_a_look_is_what_a_dense_projection_makes_of_it(seen, rows):
     assert np.allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(projection.whitened(columns), axis=0), rtol=1e-5)
 
 
+@pytest.mark.broad
 def test_a_law_that_is_put_in_promises_most(seen):
     theta = np.array([3.0, -2.0, 2.5]) * DEG
     screening = seen.screened(seen.law(3, ROOT_CUBE, theta))
@@ -151,6 +153,7 @@ def test_the_tail_goes_on_where_draws_end():
     assert chance.p(-np.inf) == 1.0
 
 
+@pytest.mark.broad
 def test_noise_that_is_larger_than_stated_raises_no_alarm(seen, null):
     fit = seen.law(7)
     usual, loud = (seen.screened(replace(fit, r=scale * fit.r), draws=2) for scale in (1.0, 1.6))
@@ -160,6 +163,7 @@ def test_noise_that_is_larger_than_stated_raises_no_alarm(seen, null):
     assert null.chance_p(loud.tested.max()) > 0.01
 
 
+@pytest.mark.broad
 def test_forms_that_are_the_same_here_are_said(seen):
     wide = LawForm((Factor("temperature", "within", 1e3),))
     twice = LawForm((Factor("temperature"), Factor("temperature")))
@@ -175,6 +179,7 @@ def test_forms_that_are_the_same_here_are_said(seen):
     assert screening.distinct <= np.sum(screening.rank[-1] > 0) - 2
 
 
+@pytest.mark.broad
 def test_a_form_that_needs_the_calibrations_place_is_told_from_a_law(seen):
     """What one turn alone has is said by the rate of all the others, and a scale factor that makes up for it."""
     first = LawForm((Factor("rate"), Factor("time", "beyond", 6.0)))
@@ -185,6 +190,7 @@ def test_a_form_that_needs_the_calibrations_place_is_told_from_a_law(seen):
     assert not takes_calibration(ROOT_CUBE, seen.responses, Projection(seen.twin, seen.whiten, fit), fit)
 
 
+@pytest.mark.broad
 def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
     """Between the peaks of the turns its gain is level, and beyond each it falls by a step: what is near says nothing of where to go."""
     grid = [constant_at("rate", "latch", place, largest_of(seen.twin.movements)["rate"]) for place in places("rate", "latch")]
@@ -199,12 +205,14 @@ def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
             assert gain_of(seen.responses.columns(found), projection) > np.sum((basis.T @ projection.residual) ** 2) - 20
 
 
+@pytest.mark.broad
 def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
     theta = np.array([1.0, 1.0, -1.0]) * DEG
     one, two = (learnable_from(null, ROOT_CUBE, size * theta, 0.01) for size in (1, 2))
     assert two == pytest.approx(one / 2, rel=0.05)
 
 
+@pytest.mark.broad
 def test_a_form_has_its_neighbours_on_the_grid(null):
     zones = [form for form in null.forms if form.factors[0].function == "dead_zone"]
     sharp = zones[0].with_constants(np.array(zones[0].constants) * 1.1)
@@ -214,6 +222,7 @@ def test_a_form_has_its_neighbours_on_the_grid(null):
     assert null.neighbours(ROOT_CUBE) == [ROOT_CUBE]
 
 
+@pytest.mark.broad
 def test_what_could_have_been_found_of_each_quantity(seen, null):
     sizes = learnable(null, 0.01)
     assert {"rate", "rate_size", "force", "acceleration"} <= set(sizes)
@@ -235,6 +244,7 @@ def test_what_could_have_been_found_of_each_quantity(seen, null):
     assert beside_calibration(LawForm((Factor("rate"),)), np.full(3, DEG), seen.responses.values) < 1e-3 * DEG
 
 
+@pytest.mark.broad
 def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     theta = np.array([3.0, -2.0, 2.5]) * DEG
     fit = seen.law(4, ROOT_CUBE, theta)
@@ -251,6 +261,7 @@ def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     assert some.order[0] == every.order[0]
 
 
+@pytest.mark.broad
 def test_a_memory_is_the_same_in_a_part_of_a_long_session(seen, monkeypatch):
     """Turns that are put away stay sample by sample: a play that they moved would stand elsewhere if they were means over a second."""
     monkeypatch.setattr(thinned, "LONG", 0)
@@ -264,6 +275,7 @@ def test_a_memory_is_the_same_in_a_part_of_a_long_session(seen, monkeypatch):
     np.testing.assert_array_equal(signals.play(here.rate, 0.5), signals.play(there.rate, 0.5))
 
 
+@pytest.mark.broad
 def test_a_sign_of_the_rate_says_nothing_of_rests(seen):
     """At rest a reading's sign is that of its noise, whose mean is the very residual of the still: a law of it would be found in noise."""
     columns = seen.responses.columns(LawForm((Factor("rate", "sign"),)))

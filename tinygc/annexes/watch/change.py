@@ -2,7 +2,8 @@
 
 The filter follows a change, so that its innovations show only what it has not followed yet: a change u(t) of the reading gives the mean
 innovation g, by the same gains.  For each moment and form, the size is sum(z g) / sum(g^2) in sigmas, the log likelihood ratio half of
-sum(z g)^2 / sum(g^2).
+sum(z g)^2 / sum(g^2).  The likeliest ones are named; the size is the mean over all moments, and over both forms where they are not told
+apart, by their probabilities, and its sigma contains how they differ.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from tinygc.annexes.watch.settings import Settings
 
 #: log likelihood ratio by which one form must be better than the other: odds of twenty to one
 TOLD_APART = 3.0
+#: sigma of the prior of a size, in the likeliest one's: moments just before the end, which tell no size, then have little of the mean
+WIDE = 3.0
 #: windows before the test's own beginning among which the change is looked for, and moments that are tried
 BEFORE, TRIED = 30, 60
 
@@ -41,7 +44,7 @@ class WindowRecord:
 @dataclass(frozen=True)
 class Change:
     """kind: ``step``, ``ramp`` or ``step or ramp``; began_s: of the likeliest moment; earlier: whether it may have begun before what is
-    remembered; size now, and its sigma, normalised."""
+    remembered; size now, and its sigma, over all moments, normalised."""
 
     kind: str
     began_s: float
@@ -67,21 +70,27 @@ def change_of(records: Sequence[WindowRecord], channel: int, begun: int, chosen:
     moments = np.unique(np.linspace(first, count - 1, TRIED).round().astype(int))
     t_s = np.array([row.t_s for row in rows])
     z = np.array([row.z[channel] for row in rows])
-    best = []
+    forms = []
     for ramp in (False, True):
         mean = _response(rows, moments, ramp, channel, chosen)
-        information = np.maximum(np.sum(mean**2, axis=0), 1e-12)
-        score = mean.T @ z
-        at = int(np.argmax(score**2 / information))
-        slope, sigma = score[at] / information[at], 1 / np.sqrt(information[at])
-        grown = t_s[-1] - t_s[moments[at]] if ramp else 1.0
-        best.append((float(score[at] ** 2 / information[at] / 2), int(moments[at]), slope * max(grown, 1e-9), sigma * max(grown, 1e-9)))
-    better = best[0][0] - best[1][0]
-    chosen_form = best[0] if better >= 0 else best[1]
+        # What a size now, not a slope, would add.
+        mean = mean / np.maximum(t_s[-1] - t_s[moments], 1e-9) if ramp else mean
+        forms.append((mean.T @ z, np.maximum(np.sum(mean**2, axis=0), 1e-12)))
+    gains = np.array([score**2 / information / 2 for score, information in forms])
+    better = float(gains[0].max() - gains[1].max())
     kind = "step" if better > TOLD_APART else "ramp" if better < -TOLD_APART else "step or ramp"
-    _, moment, size, spread = chosen_form
+    likelier = int(better < 0)
+    at = int(np.argmax(gains[likelier]))
+    score, information = (np.concatenate(each) for each in zip(*(forms if kind == "step or ramp" else [forms[likelier]]), strict=True))
+    best = abs(forms[likelier][0][at] / forms[likelier][1][at])
+    precision = information + 1 / max(WIDE * best, 1e-12) ** 2
+    sizes = score / precision
+    weight = np.exp(score * sizes / 2 - gains.max()) / np.sqrt(precision)
+    weight /= weight.sum()
+    size = float(weight @ sizes)
+    moment = int(moments[at])
     began = t_s[moment - 1] if moment > 0 else t_s[0]
-    return Change(kind, float(began), moment == 0 and count > 1, float(size), float(spread))
+    return Change(kind, float(began), moment == 0 and count > 1, size, float(np.sqrt(weight @ (1 / precision + (sizes - size) ** 2))))
 
 
 def _response(rows: Sequence[WindowRecord], moments: np.ndarray, ramp: bool, channel: int, chosen: Settings) -> np.ndarray:

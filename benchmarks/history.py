@@ -6,6 +6,7 @@ and how many units still meet the requirement on the day that was stated.
 
     python benchmarks/history.py                      # all of it, about 8 minutes of one core
     python benchmarks/history.py --units 50 --only forecast
+    python benchmarks/history.py --days FOLDER        # fitted sessions ``e1u0`` … of ``python -m benchmarks.public mimu``: real units
 """
 
 from __future__ import annotations
@@ -14,14 +15,21 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown
 
+from session.detect.accelerometer import BIASES, SCALES, SHEARS
 from tinygc.annexes.history.estimate import history_of
 from tinygc.annexes.history.forecast import draws_of, outlooks_of, parse_limit
-from tinygc.annexes.history.sessions import NUMBERS, ZERO, UnitSession
-from tinygc.estimation.between_sessions import CHANCE
+from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession, in_one_frame
+from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
+from tinygc.estimation.between_sessions import CHANCE, course
+from tinygc.estimation.compare import Calibrated, read_calibrated
+from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.estimation.repeatability import widened
 from tinygc.estimation.session_times import YEAR_S, Moment
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
@@ -212,12 +220,80 @@ def forecasts(units: int) -> None:
     print(f"{units} units a row.\n\n{markdown([*head, 'a year on, within 68 %', 'within 95 %'], rows)}\n")
 
 
+# Real units on several days: how many of their numbers lie within the sigma that is stated for any other session?
+
+
+def days(folder: Path) -> None:
+    """Each number of a session less the same of each other day of that unit, over its stated sigma, by kind of number.
+
+    Three statements: the fit's own sigmas; with the spread that is usual; with that of the unit's days but these two.
+    """
+    units: dict[str, list[Calibrated]] = {}
+    for session in sorted(folder.glob("e*u*")):
+        if (session / "fit" / "model_least_squares.json").exists():
+            units.setdefault(session.name.partition("u")[2], []).append(read_calibrated(session))
+    usual = np.zeros(len(NUMBERS))
+    usual[ZERO] = USUAL_SPREAD.rps
+    usual[GYROSCOPE:] = USUAL_ACCELEROMETER.spread[[*SCALES, *SHEARS, *BIASES]]
+    z: dict[str, dict[str, list[float]]] = {}
+    for read in units.values():
+        sessions = in_one_frame(read)
+        for first, second in combinations(range(len(sessions)), 2):
+            one, other = sessions[first], sessions[second]
+            left = [each for i, each in enumerate(sessions) if i not in (first, second)]
+            own, off = np.diag(one.covariance) + np.diag(other.covariance), one.values - other.values
+            for q in np.flatnonzero(np.isfinite(off) & np.isfinite(own)):
+                lasting = NUMBERS[q].name in ("scale factor error", "misalignment")
+                spreads = {"the fit's own": 0.0} | ({} if lasting else {"as usual": usual[q], "of the unit's other days": _spread(left, q)})
+                for name, spread in spreads.items():
+                    if spread is not None:
+                        found = off[q] / np.sqrt(own[q] + 2 * spread**2)
+                        z.setdefault(NUMBERS[q].name, {}).setdefault(name, []).append(float(found))
+    rows = []
+    for number, by_statement in z.items():
+        for statement, values in by_statement.items():
+            size = np.abs(values)
+            shares = [f"{100 * np.mean(size < bar):.0f} %" for bar in (1, 1.96)]
+            rows.append([number, statement, str(len(size)), *shares, f"{np.sqrt(np.mean(size**2)):.1f}"])
+    print(markdown(["number", "sigma", "pairs of days", "within 1σ", "within 1.96σ", "rms"], rows))
+    count = sum(map(len, units.values()))
+    scatter = {name: _usual_size([in_one_frame(each) for each in units.values()], name) for name in z}
+    print(f"\n{count} sessions of {len(units)} units; scatter beyond the fit, rms over units and axes: {scatter}")
+
+
+def _spread(sessions: Sequence[UnitSession], q: int) -> float | None:
+    """As ``fit --history`` counts it; None of fewer than two sessions."""
+    values, own = np.array([each.values[q] for each in sessions]), np.array([each.covariance[q, q] for each in sessions])
+    shown = np.isfinite(values)
+    if shown.sum() < 2:
+        return None
+    model = course(values[shown], own[shown], np.arange(shown.sum(), dtype=float)).model
+    return float(widened(np.array([model.counted]), np.array([float(model.freedom)]))[0])
+
+
+def _usual_size(units: Sequence[Sequence[UnitSession]], name: str) -> str:
+    """Root of the mean square of the scatter about each unit's mean, less the fits' own variances."""
+    squares = []
+    for sessions in units:
+        for q in (q for q, number in enumerate(NUMBERS) if number.name == name):
+            values, own = np.array([each.values[q] for each in sessions]), np.array([each.covariance[q, q] for each in sessions])
+            shown = np.isfinite(values) & np.isfinite(own)
+            if shown.sum() > 1:
+                squares.append(np.var(values[shown], ddof=1) - np.mean(own[shown]))
+    si = next(number for number in NUMBERS if number.name == name)
+    return f"{np.sqrt(max(float(np.mean(squares)), 0.0)) / si.si:.3g} {si.unit}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     what = "units a row of the first table; a fifth of shocks, a third of forecasts (%(default)s)"
     parser.add_argument("--units", type=int, default=200, help=what)
     parser.add_argument("--only", choices=("statements", "shocks", "forecast"), help="one table")
+    parser.add_argument("--days", type=Path, metavar="FOLDER", help="fitted sessions of units on several days, eNuM")
     args = parser.parse_args()
+    if args.days is not None:
+        days(args.days)
+        return
     for name, table, part in (("statements", statements, 1), ("shocks", shocks, 5), ("forecast", forecasts, 3)):
         if args.only in (None, name):
             table(max(args.units // part, 2))

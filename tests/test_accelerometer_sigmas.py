@@ -13,7 +13,15 @@ from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, SCALES, af
 from session.io.config import Accelerometer
 from session.io.units import MG
 from tinygc import FitOptions, read_session
-from tinygc.estimation.accelerometer import AccelerometerFit, accelerometer_fit, jacobian, triad_errors, unobserved_values
+from tinygc.estimation.accelerometer import (
+    USUAL_SPREAD,
+    AccelerometerFit,
+    AnySession,
+    accelerometer_fit,
+    jacobian,
+    triad_errors,
+    unobserved_values,
+)
 from tinygc.estimation.compare import SessionTriad, compare_triads
 from tinygc.estimation.fit import fit_session
 
@@ -132,14 +140,15 @@ def test_a_tenth_of_a_numbers_spread_from_one_that_nobody_observed_is_named(shar
 
 
 def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
-    """A bias of the sensor's x has moved, beside a session in another frame, which knows it as well as its own y's: 3.3 sigmas, not 3.5."""
+    """A bias of the sensor's x has moved, beside a session in another frame, which knows it as well as its own y's; each session is one
+    draw of what a switch-on does."""
     one, other = fitted(np.eye(3), x=IDENTITY), fitted(QUARTER, x=IDENTITY)
-    moved = Accelerometer(other.calibration.matrix, other.calibration.bias_mps2 + np.array([1.0 * MG, 0, 0]))
+    moved = Accelerometer(other.calibration.matrix, other.calibration.bias_mps2 + np.array([10.0 * MG, 0, 0]))
     triads = [SessionTriad("fit", one.calibration, one.covariance), SessionTriad("fit", moved, other.covariance)]
-    sigma = np.hypot(one.sigmas[6], other.sigmas[6])
+    sigma = np.sqrt(one.sigmas[6] ** 2 + other.sigmas[6] ** 2 + 2 * USUAL_SPREAD.spread[6] ** 2)
     found = compare_triads(triads, [config(), config()]).agreement
     assert found.freedom == PARAMETERS
-    assert found.chi_square == pytest.approx((MG / sigma) ** 2, rel=0.03)
+    assert found.chi_square == pytest.approx((10 * MG / sigma) ** 2, rel=0.03)
 
 
 @pytest.mark.broad
@@ -156,3 +165,17 @@ def test_a_turn_of_the_body_frame_changes_nothing_of_the_sensor(mode):
     np.testing.assert_allclose(there.sigmas, here.sigmas, rtol=0.02)
     # Of the correction itself they are other numbers' by tens of percent.
     assert np.abs(np.sqrt(np.diag(there.covariance) / np.diag(here.covariance)) - 1).max() > 0.3
+
+
+def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
+    found = replace(fitted(np.eye(3), x=IDENTITY), between=AnySession(np.arange(9) * 1e-4, "two other sessions"))
+    np.testing.assert_allclose(found.any_session, np.sqrt(found.sigmas**2 + 2 * (np.arange(9) * 1e-4) ** 2), rtol=1e-12)
+    said = found.to_json()["any_session"]
+    assert said["source"] == "two other sessions"
+    assert said["sigma"]["bias_mg"] == pytest.approx(found.any_session[6:] / MG)
+    assert said["sigma"]["scale_correction_ppm"] == pytest.approx(found.any_session[SCALES] / 1e-6)
+    assert found.any_session_words.endswith(f"bias ± {found.any_session[6:].max() / MG:.2g} mg (two other sessions)")
+    assert AccelerometerFit("given", after(X, Accelerometer())).any_session_words == ""
+    # The usual one: 2 mg between two switch-ons
+    assert np.sqrt(2) * USUAL_SPREAD.spread[6:] == pytest.approx([2 * MG] * 3)
+    assert USUAL_SPREAD.spread[[1, 2, 4]].tolist() == [0.0] * 3

@@ -62,7 +62,9 @@ def test_the_accelerometers_of_one_sensor_agree_and_one_that_moved_does_not(days
     for names in (("monday", "tuesday"), ("monday", "turned"), ("monday", "bare")):
         assert compare(read(days, *names)).triads.agreement.p_value > 0.01, names
     monday, bare = read(days, "monday", "bare")
-    moved = Accelerometer(bare.triad.calibration.matrix, bare.triad.calibration.bias_mps2 + np.array([2e-3, 0, 0]))  # 0.2 mg
+    moved = Accelerometer(
+        bare.triad.calibration.matrix, bare.triad.calibration.bias_mps2 + np.array([0.2, 0, 0])
+    )  # 20 mg, ten times what a switch-on does
     object.__setattr__(bare, "triad", SessionTriad("fit", moved, bare.triad.covariance, bare.triad.shared))
     assert compare([monday, bare]).triads.agreement.p_value < 1e-6
 

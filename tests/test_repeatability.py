@@ -20,7 +20,7 @@ from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc import models
 from tinygc.estimation.between_sessions import ONE_SIGMA
-from tinygc.estimation.repeatability import BiasRepeatability, between_sessions, repeatability_of
+from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, between_sessions, repeatability_of
 from tinygc.models.linear import BIAS, LinearModel
 
 
@@ -99,6 +99,27 @@ def test_the_spread_is_of_the_biases_of_fitted_sessions_less_their_own_variances
     assert repeatability_of(session()) is None
 
 
+def test_the_accelerometers_spread_is_of_its_numbers_in_fitted_sessions(unit):
+    """Three sessions, two degrees of freedom: the scatter beyond their own sigmas, widened; two without one show none."""
+    _, fitted = unit
+    values = np.array([0.3, -0.1, 0.7])
+
+    def triad(number, sigma):
+        given = {"equation": "f", "matrix": np.eye(3).tolist(), "bias_mps2": [values[number], 0.0, 0.0], "source": "stills"}
+        return {"accelerometer": given, "joint_covariance": {"matrix": (np.eye(21) * sigma**2).tolist()}}
+
+    folders = [fitted(f"t{number}", **triad(number, 1e-6)) for number in range(3)]
+    found = accelerometer_between(folders)
+    assert found.source == "3 other sessions of this unit"
+    assert not found.usual
+    assert found.spread[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, 2) * values.std(ddof=1), rel=1e-4)
+    assert found.spread[7] < 1e-5
+    own = accelerometer_between([fitted(f"w{number}", **triad(number, 10.0)) for number in range(3)])
+    assert own.spread[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, 2) * np.sqrt(0.1) * values.std(ddof=1), rel=1e-4)
+    assert accelerometer_between([folders[0], fitted("bare")]) is None
+    assert accelerometer_between([]) is None
+
+
 def test_a_history_shows_no_spread_where_it_is_of_one_session_twice_or_of_another_unit(unit):
     session, fitted = unit
     one, two = fitted("a"), fitted("b")
@@ -165,8 +186,11 @@ def test_the_history_of_a_unit_goes_into_model_exports_and_apply(days, tmp_path,
 
 
 @pytest.mark.broad
-def test_it_may_be_given_and_is_else_not_stated(folder, run):
-    assert "any other session" not in run("fit", folder, "--methods", "least_squares")[1]
+def test_it_may_be_given_and_is_else_as_usual(folder, run):
+    usual = " ".join(run("fit", folder, "--methods", "least_squares")[1].split())
+    assert "this bias is of this session; the bias of any other session: ± 0.14" in usual
+    assert "usual of MEMS gyroscopes" in usual
+    assert json.loads((folder / "fit" / "fit.json").read_text())["bias_any_session"] is None
     toml = folder / "session.toml"
     toml.write_text(toml.read_text().replace("[sensor]\n", "[sensor]\ngyro_bias_repeatability_dps = 0.05\n"))
     assert "the bias of any other session: ± 0.07" in " ".join(run("fit", folder, "--methods", "least_squares")[1].split())

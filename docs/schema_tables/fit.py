@@ -45,6 +45,12 @@ ACCELEROMETER = {
     "bias_mps2": VECTOR,
     **dict.fromkeys(("scale_correction_ppm", "nonorthogonality_mrad", "bias_mg"), array(maybe(NUMBER), 3)),
     "sigma": {name: maybe(array(maybe(SIZE), 3)) for name in ("scale_correction_ppm", "nonorthogonality_mrad", "bias_mg")},
+    "any_session": maybe(
+        {
+            "sigma": {name: array(maybe(SIZE), 3) for name in ("scale_correction_ppm", "nonorthogonality_mrad", "bias_mg")},
+            "source": TEXT,
+        }
+    ),
     "unobserved": [TEXT],
     "p_value": maybe(SHARE),
     "gravity_spread_before_mg": maybe(SIZE),

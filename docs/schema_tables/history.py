@@ -66,6 +66,7 @@ _UNIT = {
     ],
     "numbers": [_NUMBER],
     "steps": [_STEP],
+    "accelerometer_any_session": maybe([{"name": TEXT, "component": TEXT, "unit": TEXT, "sigma": SIZE}]),
     "bias_any_session": maybe({"spread_dps": [SIZE], "degrees_of_freedom": [maybe(COUNT)], "sigma_dps": [SIZE], "source": TEXT}),
     "requirements": [_REQUIREMENT],
     "remarks": [TEXT],

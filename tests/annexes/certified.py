@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -82,10 +81,11 @@ def with_fields(data: ReportData, fields: str = FIELDS, serial: str = "Serialwor
     path = folder / "session.toml"
     if not path.exists():
         folder.mkdir()
-        shutil.copy(session.folder / "session.toml", path)
+        text = (session.folder / "session.toml").read_text(encoding="utf-8")
+        path.write_text(text.replace("SIMULATED", "recorded"), encoding="utf-8")
     plain = path.read_text(encoding="utf-8")
     table = parse_toml(f"{plain}\n{fields}", str(path))
-    table["sensor"]["serial"] = serial
+    table["sensor"] |= {"serial": serial, "clock_sigma_ppm": 20.0}
     config = replace(config_of(Path("session.toml"), table), accelerometer=session.config.accelerometer)
     problem = data.fit.problem.changed(session=replace(session, config=config, folder=folder))
     fit = replace(data.fit, problem=problem)

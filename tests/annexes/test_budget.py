@@ -15,12 +15,13 @@ from tinygc.annexes.budget.library import budget_of_fit
 from tinygc.annexes.budget.monte_carlo import Redrawn, coverage_of
 from tinygc.annexes.budget.quantities import parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
 from tinygc.annexes.budget.rows import Budget, Row
-from tinygc.annexes.budget.text import cells_of, freedom_words, sum_words
-from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use, usual_switch_on
+from tinygc.annexes.budget.text import beside_words, cells_of, freedom_words, sum_words
+from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use
 from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
+from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source, total
 from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, stated_response
@@ -158,8 +159,9 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
     later = {source.name for source in sources_in_use(result, Use("rest", 10.0, 3600.0), motion)[0]}
     assert "bias of another switch-on" not in later
     assert "drift of the bias since the session" in later
-    unknown = {source.name for source in sources_in_use(fitted, Use("rest", 10.0), motion)[0]}
-    assert "bias of another switch-on" not in unknown  # nobody knows it: it stands beside the sum, by the usual spread
+    unknown = {source.name: source.covariance for source in sources_in_use(fitted, Use("rest", 10.0), motion)[0]}
+    usual = unknown["bias of another switch-on, as usual"]  # nobody knows it: in the sum is the usual spread
+    np.testing.assert_allclose(usual, 100 * np.diag(2 * USUAL_SPREAD.rps**2), rtol=1e-9, atol=1e-20)
 
 
 @pytest.mark.parametrize("elapsed_s", [1.0, 3600.0, 1e6])
@@ -192,10 +194,18 @@ def test_session_and_use_of_one_switch_on_are_not_drawn(fitted):
         budget_of_fit(fitted, Use("rest", elapsed_s=10.0), draws=1)
 
 
-def test_the_usual_spread_between_switch_ons_counts_twice(fitted):
-    """0.1 dps each of session and use: 60 s at rest miss 60 s x 0.1 dps x sqrt(2) = 8.485 degrees about each axis."""
-    slope = at_rest(fitted.linear.model).slope(fitted.linear.model)
-    np.testing.assert_allclose(np.sqrt(np.diag(usual_switch_on(slope))) / DEG, 8.485, rtol=1e-3)
+def test_the_u_of_a_use_holds_the_usual_spread_between_switch_ons(fitted):
+    """0.1 dps each of session and use: 60 s at rest miss 60 s x 0.1 dps x sqrt(2) = 8.485 degrees about each axis, the largest source."""
+    _, (x, *_, whole), _ = use_budgets(fitted, Use("rest"))
+    assert x.largest[0].source == "bias of another switch-on, as usual"
+    assert x.largest[0].u / DEG == pytest.approx(8.485, rel=1e-3)
+    assert whole.expanded > 1.9 * np.sqrt(3) * 8.485 * DEG
+    assert any("the unit's own bias of another switch-on" in words for words in beside_words(x))
+    made = budget_of_fit(fitted, Use("rest"))
+    assert made.to_json()["motion"] == "60 s at rest, at another switch-on"
+    later = budget_of_fit(fitted, Use("rest", elapsed_s=10.0))
+    assert later.to_json()["motion"] == "60 s at rest, for this switch-on only"
+    assert later.attitude[0].u < 0.1 * x.u
 
 
 def test_a_total_says_that_it_covers_more_than_95_percent(fitted):

@@ -1,6 +1,7 @@
 """The certificate: what is on it, what leaves it a draft, and that nothing is on it that the session does not hold."""
 
 import ast
+import gzip
 import json
 import re
 from dataclasses import replace
@@ -83,10 +84,13 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
         more = 1e3 if q.unit == "dps" else 1.0
         assert rows[name].value == pytest.approx(q.value * more)
         slope = field_jacobian(data.adopted.vector)[list(quantities).index(name)]
-        variances = [float(source.variance(slope[None])[0]) for source in data.fit.sources]
-        k = coverage_factor(effective_freedom(variances, [source.freedom for source in data.fit.sources]))
-        assert q.factor == pytest.approx(k)
-        assert rows[name].expanded == pytest.approx(q.expanded * more)  # one U on all pages
+        variances, freedoms = zip(*((float(each.variance(slope[None])[0]), each.freedom) for each in data.fit.sources), strict=True)
+        assert q.factor == pytest.approx(coverage_factor(effective_freedom(variances, freedoms)))
+        # U is that of the report, and the effect that the model lacks, which the report states beside it
+        moved = float(data.fit.allowed.of(slope[None])[0])
+        freedom = effective_freedom([sum(variances), moved**2], [effective_freedom(variances, freedoms), np.inf])
+        k = coverage_factor(freedom)
+        assert rows[name].expanded == pytest.approx(k * np.hypot(q.sigma, q.moved) * more)
     closure, floor = filled.closure[0]
     assert closure.value == pytest.approx(np.sqrt(np.mean(np.sum(data.adopted.angles[:, :2] ** 2, axis=1))) / DEG)
     assert floor == pytest.approx(data.adopted.floor_rms / DEG)
@@ -95,7 +99,7 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
 def test_sources_that_are_told_apart_give_their_own_k(data):
     covariance = data.adopted.covariance
     sources = tuple(content_module.Source(name, "A", 4.0, covariance / 2) for name in ("first", "second"))
-    told = replace(data, adopted=replace(data.adopted, sources=sources))
+    told = replace(data, adopted=replace(data.adopted, sources=sources), fit=replace(data.fit, allowed=None))
     found = content_of(told)
     assert found.results[0].values[0].factor == pytest.approx(2.306004, rel=1e-5)  # Student's t of 8 degrees of freedom
     assert "Contributions: first (A), second (A)." in " ".join(found.uncertainty)
@@ -158,18 +162,31 @@ def test_a_limit_of_the_command_is_no_part_of_the_customers_specification(data):
     assert "none: an uncertainty" in words
 
 
-def test_a_risk_says_that_it_does_not_hold_what_the_model_lacks(data):
-    says = "It does not hold the effect that the model lacks"
+class Allowed:
+    """Another stand-in for the effects that a recording does not exclude: each quantity moves by 100 ppm, mrad / 10, or 100 urad/s."""
+
+    def of(self, slope):
+        return np.full(len(slope), 1e-4)
+
+
+def test_u_holds_the_effect_that_the_model_lacks(data):
+    """In the results, in the bias at any switch-on, and in what is held against limits: 1e-4 in SI, beside the fit's own sigma."""
     made = with_fields(data)
-    assert says not in words_of(page(content_of(replace(made, fit=replace(made.fit, allowed=None)))))
-    moved = [replace(q, moved=100.0) for q in made.adopted.quantities]
-    lacking = replace(made, adopted=replace(made.adopted, quantities=moved), fit=replace(made.fit, allowed=object()))
-    closure, sensor = content_of(replace(lacking, decision=limited(made, 5.0))).statements
-    assert says not in closure.rule
-    assert says in sensor.rule
-    words = words_of(page(content_of(lacking)))
-    assert says in words
-    assert "One effect that the model lacks and this recording does not exclude may besides have moved" in words
+    plain = content_of(replace(made, fit=replace(made.fit, allowed=None)))
+    lacking = replace(made, fit=replace(made.fit, allowed=Allowed()))
+    found = content_of(replace(lacking, decision=limited(made, 5.0)))
+
+    def named(content):
+        return {f"{row.words} {part}": one for row in content.results for part, one in zip(row.parts, row.values, strict=True)}
+
+    before, after = named(plain), named(found)
+    moved = {"gyroscope scale factor error x": 100.0, "gyroscope misalignment x to y": 0.1, "gyroscope bias z": 1e-4 / DEG * 1e3}
+    for name, more in moved.items():
+        assert after[name].sigma == pytest.approx(np.hypot(before[name].sigma, more), rel=1e-6)
+        assert after[name].freedom >= before[name].freedom
+        assert after[name].value == before[name].value
+    stated = {each.measured.key: each.measured.sigma for each in found.conformity}
+    assert stated["gyro_bias_z_mdps"] == pytest.approx(after["gyroscope bias z"].sigma, rel=1e-12)
 
 
 def test_the_operator_of_the_notes_signs_where_the_certificate_names_none(data):
@@ -192,7 +209,7 @@ def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
         found = content_of(replace(data, fit=replace(data.fit, problem=problem)))
         return next(field.text for field in found.traceability if field.label == "Clock")
 
-    assert "whose clock's error is not known and is in no U of a scale factor" in words()
+    assert "whose clock's error is not known" in words()
     assert "whose clock is known to 20 ppm (k = 1), which is in U" in words(clock_sigma_ppm=20.0)
     assert "not known" not in words(clock_sigma_ppm=0.0)
 
@@ -238,6 +255,40 @@ def test_a_simulated_recording_is_a_draft_that_says_so(data):
     """Beside the session lies what the simulation keeps of its truth; the fields' folder has it not."""
     assert "the recording is simulated: truth.json lies beside it" in content_of(data).draft
     assert content_of(with_fields(data)).draft == ()
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_log_whose_first_line_says_simulated_is_a_draft(data, tmp_path, packed):
+    made = with_fields(data)
+    log = tmp_path / ("log.csv.gz" if packed else "log.csv")
+    text = b"# SIMULATED by another program\nt_us,gx_dps\n"
+    log.write_bytes(gzip.compress(text) if packed else text)
+    session = made.fit.session
+    logs = (replace(session.logs[0], path=log), *session.logs[1:])
+    problem = made.fit.problem.changed(session=replace(session, logs=logs))
+    assert content_of(replace(made, fit=replace(made.fit, problem=problem))).draft == (
+        f"the recording is simulated: the first line of {log.name} says so",
+    )
+
+
+def test_a_clock_that_is_not_known_is_a_draft(data):
+    made = with_fields(data)
+    session = made.fit.session
+    config = replace(session.config, sensor=replace(session.config.sensor, clock_sigma_ppm=None))
+    problem = made.fit.problem.changed(session=replace(session, config=config))
+    assert any("clock's error is not known" in why for why in content_of(replace(made, fit=replace(made.fit, problem=problem))).draft)
+
+
+def test_standards_and_the_day_of_the_computation_are_on_the_page(data):
+    found = content_of(with_fields(data))
+    assert [(each.name, each.certificate) for each in found.equipment[-2:]] == [
+        ("standard of force: gravity", "Gravityword"),
+        ("standard of time: clock", "Clockword"),
+    ]
+    assert next(field.text for field in found.dates if field.label == "Computed") == data.made
+    words = words_of(page(found))
+    assert f"Computed {data.made}" in words
+    assert "Component: value ± U" in words
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from conftest import broad
 from scipy.special import ndtr
+from scipy.stats import t
 from unit_sessions import FIRST, OWN, drawn, of
 
 from session.io.errors import CalibrationError
-from session.io.units import DEG
+from session.io.units import DEG, MG
 from tinygc.annexes.history.curves import panels_of
 from tinygc.annexes.history.estimate import NumberHistory, history_of
 from tinygc.annexes.history.forecast import (
@@ -26,7 +27,7 @@ from tinygc.annexes.history.forecast import (
 )
 from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, ZERO
 from tinygc.annexes.history.text import headline, lines, rows, significant
-from tinygc.estimation.between_sessions import TRIED, Between, candidates, course, jump
+from tinygc.estimation.between_sessions import ONE_SIGMA, TRIED, Between, candidates, course, jump
 from tinygc.estimation.session_times import YEAR_S
 
 YEARS = np.linspace(0, 3, 10)
@@ -67,6 +68,18 @@ def test_the_bias_of_any_session_is_of_two_draws_and_the_last_calibration():
     history = history_of(drawn(YEARS, 3, SCATTER))
     sizes = np.sqrt(np.diag(history.sessions[-1].bias_covariance) + 2 * history.any_session.rps**2) / DEG
     assert f"the bias of any other session: ± {' '.join(map(significant, sizes))} dps" in lines(history)[0]
+
+
+def test_the_accelerometer_of_any_session_is_of_two_draws_and_the_last_calibration():
+    history = history_of(drawn(YEARS, 3, of("accelerometer bias", 0.5)))
+    for place, (each, sigma) in enumerate(zip(history.numbers[GYROSCOPE:], history.accelerometer_any_session, strict=True)):
+        model = each.course.model
+        spread = model.counted * t.ppf((1 + ONE_SIGMA) / 2, model.freedom)
+        assert sigma == pytest.approx(np.sqrt(each.sigmas[-1] ** 2 + 2 * spread**2), rel=1e-9), place
+    bias = history.accelerometer_any_session[6:] / MG
+    assert bias == pytest.approx(np.sqrt(2) * 0.5, rel=0.8)
+    assert f"bias ± {' '.join(map(significant, bias))} mg" in lines(history)[1]
+    assert history_of(drawn(YEARS[:1], 3, SCATTER)).accelerometer_any_session is None
 
 
 def test_what_does_not_show_is_undecided_with_a_limit():

@@ -17,6 +17,7 @@ from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, fac
 from tinygc.annexes.verification.rows import LENGTH
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.effects import AppliedEffect, Conditions, effect_of
+from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table
@@ -78,7 +79,8 @@ def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_sprea
     variance = np.full(COUNT, np.nan)
     old, name = written(tmp_path), "accelerometer's switch-on"
     usual = {p.name: p for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"))}
-    assert np.sqrt(np.diag(total([usual[name]]))[ACCELEROMETER]) == pytest.approx(np.r_[np.zeros(6), np.full(3, 2 * MG)])
+    assert np.sqrt(np.diag(total([usual[name]]))[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * USUAL_ACCELEROMETER.spread)
+    assert np.sqrt(2) * USUAL_ACCELEROMETER.spread[6:] == pytest.approx(np.full(3, 2 * MG))
     assert usual[name].assumed
     assert name not in {p.name for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"), switched_on_since=False)}
     variance[ACCELEROMETER] = 1e-6
@@ -93,6 +95,8 @@ def test_where_the_spread_is_from(tmp_path):
     assert np.isnan(usual.variance[ACCELEROMETER]).all()
     given = spread_of_unit(old, rows_with(repeatability=0.02))
     assert (given.assumed, given.variance[ZERO].tolist()) == (False, [pytest.approx((0.02 * DEG) ** 2)] * 3)
+    triad = spread_of_unit(written(tmp_path, accelerometer_spread=(np.arange(9) * 1e-3).tolist()), rows_with())
+    assert triad.variance[ACCELEROMETER] == pytest.approx((np.arange(9) * 1e-3) ** 2)
     stated = spread_of_unit(written(tmp_path, bias_sigma_rps=[1e-3, 2e-3, 3e-3]), rows_with())
     assert stated.variance[ZERO] == pytest.approx(np.array([1e-6, 4e-6, 9e-6]))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,7 @@ from session.detect.accelerometer import (
     matrix_of,
 )
 from session.io.config import Accelerometer
+from session.io.texts import significant
 from session.io.units import MG
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
@@ -38,6 +39,22 @@ SMALL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class AnySession:
+    """How far a switch-on or a day moves the triad's parameters: spread (9,) SI, one sigma each; source, in words; usual: whether it is
+    not the unit's own."""
+
+    spread: np.ndarray
+    source: str
+    usual: bool = False
+
+
+#: of each axis, where nothing says it of the unit: eight MPU-9150 over six days (docs/measured/history.md, benchmarks/history.py --mimu);
+#: data sheets state 10 to 40 mg over the life, and 0.005 to 0.02 % per K
+USUAL_SPREAD = AnySession(np.zeros(PARAMETERS), "usual of MEMS accelerometers, not of this unit", usual=True)
+USUAL_SPREAD.spread[SCALES], USUAL_SPREAD.spread[BIASES] = 150e-6, 2 * MG / np.sqrt(2)
+
+
+@dataclass(frozen=True, eq=False)
 class AccelerometerFit:
     """The accelerometer's calibration of a fit.
 
@@ -45,7 +62,7 @@ class AccelerometerFit:
     it was taken as given; unobserved: names of ``values`` that are not estimated; p_value: for a given one, of its agreement with the data;
     misses_mps2: residual of gravity's length in each still, as measured (or with a given calibration), and after the fit; x (9,): the
     correction, which is the identity if it was not stored; drift: of the zero within the session, None where it was not looked for;
-    sources (9, 9) of the covariance, where they are told apart.
+    sources (9, 9) of the covariance, where they are told apart; between: how far another session moves the parameters.
     """
 
     mode: str
@@ -57,6 +74,7 @@ class AccelerometerFit:
     x: np.ndarray = field(default_factory=IDENTITY.copy)
     drift: ZeroDrift | None = None
     sources: tuple[Source, ...] = ()
+    between: AnySession = USUAL_SPREAD
 
     @property
     def spread_mps2(self) -> tuple[float, float] | None:
@@ -83,6 +101,22 @@ class AccelerometerFit:
     def sigmas(self) -> np.ndarray | None:
         """Standard deviations (9,) of ``values``."""
         return None if self.covariance is None else np.sqrt(np.diag(self.jacobian @ self.covariance @ self.jacobian.T))
+
+    @property
+    def any_session(self) -> np.ndarray | None:
+        """Standard deviations (9,) of ``values`` as those of any other session: both are one draw of the spread."""
+        return None if self.sigmas is None else np.sqrt(self.sigmas**2 + 2 * self.between.spread**2)
+
+    @property
+    def any_session_words(self) -> str:
+        """``scale ± 290 ppm, bias ± 2.0 mg (source)``: the largest of three axes, in any other session; empty where it was given."""
+        if self.any_session is None:
+            return ""
+        parts = []
+        for word, unit, which in (("scale", "ppm", SCALES), ("bias", "mg", BIASES)):
+            seen = [self.any_session[i] for i in which if NAMES[i] not in self.unobserved]
+            parts += [f"{word} ± {significant(max(seen) / UNITS[unit], 2)} {unit}"] if seen else []
+        return f"{', '.join(parts)} ({self.between.source})" if parts else ""
 
     def rows(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
         """Rows of the correction: key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names."""
@@ -134,12 +168,19 @@ class AccelerometerFit:
             "bias_mps2": self.calibration.bias_mps2.tolist(),
             **{key: known(values, names) for key, _, values, _, names in rows},
             "sigma": {key: None if sigmas is None else known(sigmas, names) for key, _, _, sigmas, names in rows},
+            "any_session": None if self.any_session is None else self._any_session_json(known),
             "unobserved": list(self.unobserved),
             "p_value": self.p_value,
             "gravity_spread_before_mg": before,
             "gravity_spread_mg": after,
             "zero_drift": None if self.drift is None else drift_json(self.drift),
         }
+
+    def _any_session_json(self, known: Callable[[np.ndarray, list[str]], list[float | None]]) -> dict:
+        assert self.any_session is not None
+        groups = (("scale_correction_ppm", "ppm", SCALES), ("nonorthogonality_mrad", "mrad", SHEARS), ("bias_mg", "mg", BIASES))
+        sigma = {key: known(self.any_session[which] / UNITS[unit], [NAMES[i] for i in which]) for key, unit, which in groups}
+        return {"sigma": sigma, "source": self.between.source}
 
 
 def drift_json(drift: ZeroDrift) -> dict:

@@ -18,7 +18,7 @@ from session.io.results import json_text, read_json_text
 from session.io.texts import command_line, printable
 from tinygc import models
 from tinygc.closure.uncertainty import chi_square_above, normal_above
-from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit
 from tinygc.estimation.results import FitResult, model_tables, read_fit
 from tinygc.estimation.results import to_json as fit_to_json
 from tinygc.models.linear import BIAS, MATRIX, NAMES, WORDS, LinearModel, field_jacobian, field_vector
@@ -183,6 +183,8 @@ def compare_triads(triads: list[SessionTriad], configs: list[Config]) -> TriadCo
         apart = whole - np.array(shared)
     slope = np.array([triad.fit.jacobian for triad in estimated])[:, seen]
     whole, apart = (slope @ each @ slope.transpose(0, 2, 1) for each in (whole, apart))
+    between = np.diag(USUAL_SPREAD.spread[seen] ** 2)  # each session is one draw of what a switch-on does
+    whole, apart = whole + between, apart + between
     kept = _told(whole.sum(axis=0), apart.sum(axis=0))
     if not kept.shape[1]:
         return TriadComparison(tuple(triads), None)

@@ -29,9 +29,8 @@ USUAL_SPREAD = BiasRepeatability(np.full(3, 0.1 * DEG), "usual of MEMS gyroscope
 #: change of the zero with temperature, one sigma, rad/s per K, where no model over temperature says it: an ASM330LHH's siblings state
 #: 0.005 to 0.01 dps/K as typical, older ones 0.05
 USUAL_PER_K = 0.01 * DEG
-#: the same of an accelerometer: change of its zero between two switch-ons or days, and of gravity's length per K, one sigma.  Data sheets
-#: state 10 to 40 mg over the life and 0.1 to 0.3 mg/K; eight units of six days move by 1.4 to 2.4 mg (docs/measured/history.md)
-USUAL_ACCEL_ZERO_MPS2, USUAL_ACCEL_PER_K = 2 * MG, 0.1 * MG
+#: the same of an accelerometer, of gravity's length per K, one sigma: data sheets state 0.1 to 0.3 mg/K
+USUAL_ACCEL_PER_K = 0.1 * MG
 #: s: a walk is not followed beyond a day: no rest log is longer
 END_S = 86400.0
 

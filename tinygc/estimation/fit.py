@@ -19,13 +19,14 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation import results
+from tinygc.estimation.accelerometer import USUAL_SPREAD
 from tinygc.estimation.adamw import device
 from tinygc.estimation.assembly import stated_uncertainty
 from tinygc.estimation.bias import choose
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import NETS, FitOptions, MethodFit
-from tinygc.estimation.repeatability import BiasRepeatability, repeatability_of
+from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import stated_noise
 from tinygc.estimation.systematic import systematic_of
@@ -77,7 +78,9 @@ def fit_session(
     if options.still_rates and not len(problem.still_rates.rate):
         raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
-    between = repeatability_of(problem.session, options.history)
+    between, triad_between = repeatability_of(problem.session, options.history), accelerometer_between(options.history)
+    if triad_between is None:
+        triad_between = USUAL_SPREAD if given is None else lots.accelerometer_between(given)
     if options.bias_per_log:
         from tinygc.estimation.bias import levelled
 
@@ -125,6 +128,7 @@ def fit_session(
         linear=linear,
         allowed=systematic,
         repeatability=between,
+        accelerometer_between=triad_between,
         noise=noise,
         bias_from=bias_from,
         other_choice=other,

@@ -1,7 +1,8 @@
-"""The bias of another session: its spread over switch-ons and days, from session.toml, the unit's other sessions, or a lot.
+"""The bias and the accelerometer of another session: their spread over switch-ons and days, from session.toml, the unit's other sessions,
+or a lot.
 
-A fit's covariance is that of this session.  A bias that is another one after the next switch-on is off by the difference of two draws from
-the spread between sessions, so the sigma of B in any other session is sqrt(covariance + 2 spread^2).
+A fit's covariance is that of this session.  A number that is another one after the next switch-on is off by the difference of two draws
+from the spread between sessions, so its sigma in any other session is sqrt(covariance + 2 spread^2).
 """
 
 from __future__ import annotations
@@ -13,16 +14,19 @@ from pathlib import Path
 import numpy as np
 from scipy.special import stdtrit
 
+from session.detect.accelerometer import NAMES as ACCELEROMETER
 from session.io.config import read_config
 from session.io.errors import FormatError
 from session.io.folder import Session, input_hashes
 from session.io.results import read_json
 from session.io.texts import command_line
 from session.io.units import DEG
+from tinygc.estimation.accelerometer import AccelerometerFit, AnySession
 from tinygc.estimation.between_sessions import ONE_SIGMA, Course, course
 from tinygc.estimation.session_times import Moment, moment_of, times_of
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import BIAS, LinearModel
+from tinygc.models.model import accelerometer_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +44,7 @@ class BiasRepeatability:
     @property
     def rps(self) -> np.ndarray:
         """(3,) one sigma of B of each axis: the scatter, widened as Student's t is, so that 68 % of the next sessions lie within it."""
-        return self.scatter_rps * np.where(np.isfinite(self.freedom), stdtrit(self.freedom, (1 + ONE_SIGMA) / 2), 1.0)
+        return widened(self.scatter_rps, self.freedom)
 
     def sigma(self, own: np.ndarray) -> np.ndarray:
         """(3,) rad/s: one sigma of B in any other session, where ``own`` (3, 3) is its covariance in the fit."""
@@ -60,6 +64,11 @@ class BiasRepeatability:
             "sigma_dps": (self.sigma(own) / DEG).tolist(),
             "source": self.source,
         }
+
+
+def widened(scatter: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """(n,): scatters (n,) of these degrees of freedom (n,), times the 68 % of Student's t."""
+    return scatter * np.where(np.isfinite(freedom), stdtrit(freedom, (1 + ONE_SIGMA) / 2), 1.0)
 
 
 def repeatability_of(session: Session, history: Sequence[Path] = ()) -> BiasRepeatability | None:
@@ -109,6 +118,34 @@ def taken_out(courses: Sequence[Course]) -> str:
     steps = sum(len(each.steps) for each in courses)
     taken = [*(["drift"] if courses[0].has_drift else []), *([f"{steps} step{'s' * (steps > 1)}"] if steps else [])]
     return f", less {' and '.join(taken)}" if taken else ""
+
+
+def accelerometer_between(history: Sequence[Path]) -> AnySession | None:
+    """Spread of the accelerometer's nine numbers over fitted sessions of one unit; None where fewer than two have estimated them.
+
+    Raises FormatError for one that is not fitted.
+    """
+    read = [(folder, _triad(folder)) for folder in history]
+    found = [(folder, *triad) for folder, triad in read if triad is not None]
+    if len(found) < 2:
+        return None
+    order, at = times_of([_moment(folder) for folder, _, _ in found])
+    values, own = (np.array([found[i][part] for i in order]) for part in (1, 2))
+    courses = [course(values[:, q], own[:, q, q], at) for q in range(values.shape[1])]
+    scatter, freedom = (np.array([getattr(each.model, name) for each in courses], dtype=float) for name in ("counted", "freedom"))
+    return AnySession(widened(scatter, freedom), f"{len(found)} other sessions of this unit{taken_out(courses)}")
+
+
+def _triad(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """The nine numbers (9,) of a fitted session's accelerometer, with their covariance (9, 9); None where it did not estimate them."""
+    path = folder / "fit" / "model_least_squares.json"
+    _, table = load_with_table(path)
+    calibration, joint = accelerometer_of(table, str(path)), table.get("joint_covariance")
+    if calibration is None or joint is None:
+        return None
+    covariance = np.asarray(joint["matrix"], dtype=float)[: len(ACCELEROMETER), : len(ACCELEROMETER)]
+    fit = AccelerometerFit("fit", calibration, covariance)
+    return fit.values, fit.jacobian @ covariance @ fit.jacobian.T
 
 
 def _moment(folder: Path) -> Moment | None:

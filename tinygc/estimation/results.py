@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import subprocess
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from importlib import metadata
 from pathlib import Path
@@ -28,7 +28,7 @@ from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above, goodness
-from tinygc.estimation.accelerometer import JOINT_NAMES, AccelerometerFit, accelerometer_fit
+from tinygc.estimation.accelerometer import JOINT_NAMES, USUAL_SPREAD, AccelerometerFit, AnySession, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
 from tinygc.estimation.model_tests import GRAVITY, ModelTest, model_tests
@@ -107,7 +107,7 @@ class FitResult:
     joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None
     without one; not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
     allows moves the parameters, None where the noise is not estimated; repeatability: spread of the bias between sessions, None where
-    nothing tells it; sources: the parts that ``covariance`` is the sum of.
+    nothing tells it; accelerometer_between: the same of the accelerometer; sources: the parts that ``covariance`` is the sum of.
     """
 
     problem: Problem
@@ -136,6 +136,7 @@ class FitResult:
     not_run: dict[str, str] = field(default_factory=dict)
     allowed: Systematic | None = None
     repeatability: BiasRepeatability | None = None
+    accelerometer_between: AnySession = USUAL_SPREAD
     sources: tuple[Source, ...] = ()
 
     def __repr__(self) -> str:
@@ -146,7 +147,8 @@ class FitResult:
         """The accelerometer's calibration that the references depend on."""
         config = self.session.config
         gravity_mps2 = config.site.expected_gravity_mps2
-        return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, gravity_mps2, self.joint_sources)
+        found = accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, gravity_mps2, self.joint_sources)
+        return replace(found, between=self.accelerometer_between)
 
     @property
     def session(self) -> Session:
@@ -585,6 +587,8 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             ended |= covariance_at_end(result.physics.model, covariance)
         if result.repeatability is not None:
             more["bias_sigma_rps"] = result.repeatability.rps.tolist()
+        if not result.accelerometer_between.usual:
+            more["accelerometer_spread"] = result.accelerometer_between.spread.tolist()
         if fit.model.session_s is not None and result.physics is not None:
             more["began_s"] = _began_s(result.physics.problem)
             tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)

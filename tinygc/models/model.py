@@ -79,6 +79,7 @@ MODEL = Keys(
         ),
         "unobserved": Maybe(ListOf(Text())),
         "bias_sigma_rps": Maybe(Array((3,), Number(0, RATE.high))),
+        "accelerometer_spread": Maybe(Array((9,), Number(0, FORCE.high))),
         "began_s": MapOf(SECONDS),
         "temperature_c": Maybe(CELSIUS),
         "stored": Maybe(Keys(may=ORIGIN)),

@@ -12,6 +12,7 @@ from session.io.texts import command_line, printable
 from session.io.units import DEG, MG
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.model_tests import contradictions
 from tinygc.estimation.options import METHODS, MethodFit
 from tinygc.estimation.results import FitResult, known_turns_words
@@ -41,12 +42,13 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
         cells = ["not observed" if name in found.unobserved else f"{v:.{digits}f} ± {s:.{digits}f}" for v, s, name in shown]
         table.add_row(f"{word}, {unit}" + (" (xy, xz, yz)" if unit == "mrad" else ""), *cells)
     if found.drift is not None:
-        said = drift_json(found.drift)
-        cells = [f"{v:.2f} ± {s:.2f}" for v, s in zip(said["mg_per_1000s"], said["sigma"], strict=True)]
+        drift = drift_json(found.drift)
+        cells = [f"{v:.2f} ± {s:.2f}" for v, s in zip(drift["mg_per_1000s"], drift["sigma"], strict=True)]
         table.add_row("drift of the bias, mg/1000s", *cells)
-    if found.mode == "prior":
-        table.caption = f"the given calibration agrees with the data (p = {found.p_value:.2g})"
-        table.caption_justify = "left"
+    said = [f"the given calibration agrees with the data (p = {found.p_value:.2g})"] if found.mode == "prior" else []
+    said += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
+    if said:
+        table.caption, table.caption_justify = "; ".join(said), "left"
     return table
 
 
@@ -327,9 +329,10 @@ def parameters_table(result: FitResult) -> Table:
             f"further, by one effect that the model lacks, up to: scale {most[0]:.0f} ppm, misalignment {most[1]:.3f} mrad, "
             f"bias {most[2]:.4f} dps"
         )
-    if result.repeatability is not None:
-        any_session = result.repeatability.sigma(result.covariance[BIAS, BIAS]).max() / DEG
-        said.append(f"the bias of any other session: ± {any_session:.3f} dps ({result.repeatability.source})")
+    spread = result.repeatability or USUAL_SPREAD
+    any_session = spread.sigma(result.covariance[BIAS, BIAS]).max() / DEG
+    own = "" if result.repeatability else "this bias is of this session; "
+    said.append(f"{own}the bias of any other session: ± {any_session:.3f} dps ({spread.source})")
     if said:
         table.caption, table.caption_justify = "; ".join(said), "left"
     sigma = min(by_name["bias", axis].sigma for axis in "xyz")

@@ -201,7 +201,10 @@ def _triads_agree(comparison: Comparison) -> Text:
     if found is None:
         return Text("The accelerometers were not both estimated: there is nothing to hold against each other.")
     agrees = found.p_value >= DIFFERS_P
-    return Text(f"The accelerometers {'agree' if agrees else 'DIFFER'} ({_words(found)}).", "bold green" if agrees else "bold red")
+    return Text(
+        f"The accelerometers {'agree' if agrees else 'DIFFER'}, with the spread between switch-ons usual of them ({_words(found)}).",
+        "bold green" if agrees else "bold red",
+    )
 
 
 def comparison_verdict_line(comparison: Comparison) -> Text:

@@ -41,6 +41,7 @@ class UncertaintyBudget(Shown):
     sensor_errors: tuple[Budget, ...]
     attitude: tuple[Budget, ...]
     motion: str
+    when: str
     asked: tuple[Budget, ...] = ()
     drawn: MonteCarlo | None = None
 
@@ -66,9 +67,9 @@ class UncertaintyBudget(Shown):
             for each in self.asked:
                 parts += [*whole(each), ""]
             return Group(*parts[:-1], *drawn)
-        title = f"Attitude after {self.motion}, about the axes of its start, 95 % (total: at least)"
+        title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least)"
         errors = [each for each in self.shown if each not in self.attitude]
-        return Group(overview("Sensor errors, 95 %", errors), "", overview(title, self.attitude), *drawn)
+        return Group(overview("Sensor errors, 95 %, the bias for this switch-on only", errors), "", overview(title, self.attitude), *drawn)
 
     def to_json(self) -> dict:
         """``tinygc-budget/1`` (docs/formats/budget.md)."""
@@ -76,7 +77,7 @@ class UncertaintyBudget(Shown):
             "schema": SCHEMA,
             "version": VERSION,
             "session": self.name,
-            "motion": self.motion,
+            "motion": f"{self.motion}, {self.when}",
             "budgets": [each.to_json() for each in (self.asked or self.budgets)],
             "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
         }
@@ -84,7 +85,7 @@ class UncertaintyBudget(Shown):
     def html(self) -> str:
         """The budgets as one HTML document."""
         errors = [each for each in self.shown if each not in self.attitude]
-        return page(self.name, errors, self.attitude, self.motion, self.drawn)
+        return page(self.name, errors, self.attitude, f"{self.motion}, {self.when}", self.drawn)
 
     def save(self, folder: Path | str) -> Path:
         """Write ``budget.json`` and ``budget.html`` into a folder, and return it.  Raises StorageError for what cannot be written."""
@@ -112,8 +113,9 @@ def budget_of_fit(
     if draws and use.elapsed_s is not None:
         raise CalibrationError("--monte-carlo: the drift of session and use is not drawn as one; leave --elapsed out, or the draws")
     motion, attitude, in_use = use_budgets(result, use)
+    when = "at another switch-on" if use.elapsed_s is None else "for this switch-on only"
     parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
-    made = UncertaintyBudget(result.session.name, parameters, errors, tuple(attitude), motion.words)
+    made = UncertaintyBudget(result.session.name, parameters, errors, tuple(attitude), motion.words, when)
     chosen = []
     for name in asked:
         if (found := named(made.budgets, name)) is None:

@@ -11,7 +11,7 @@ from session.detect.rounding import lsb_of
 from session.io.texts import printable
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc.annexes.budget.rows import Beside, Budget, budget_of
-from tinygc.annexes.budget.use import DRIFT_SINCE, Use, axes_and_total, model_of, motion_in, sources_in_use, usual_switch_on
+from tinygc.annexes.budget.use import DRIFT_SINCE, USUAL_SWITCH_ON, Use, axes_and_total, model_of, motion_in, sources_in_use
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STOPS, TRUTH
 from tinygc.closure.motion import Motion
@@ -124,16 +124,13 @@ def _beside_use(result: FitResult, use: Use, slope: np.ndarray, weight: np.ndarr
     if result.allowed is not None:
         moved = float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2)))
         found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
-    if use.elapsed_s is None and result.repeatability is None:
-        usual = float(np.sqrt(weight @ np.diag(usual_switch_on(slope))))
-        why = f"{NOT_KNOWN}; this is by the spread usual of MEMS gyroscopes: give --history, or sensor.gyro_bias_repeatability_dps"
-        found.append(Beside("bias of another switch-on", usual, why))
     if use.warmer_k is None:
         found.append(Beside("temperature of the use", None, f"{NOT_KNOWN}: give --warmer"))
     if use.elapsed_s is not None and not result.problem.instability.rps:
         found.append(Beside(DRIFT_SINCE, None, f"{NOT_KNOWN}: give sensor.gyro_bias_instability_dph"))
-    if use.warmer_k:
-        found += [Beside(name, None, "in the sum, with a size that is usual, not this unit's") for name in assumed]
+    for name in assumed:
+        give = "; give --history, or sensor.gyro_bias_repeatability_dps" if name == USUAL_SWITCH_ON else ""
+        found.append(Beside(f"the unit's own {name.removesuffix(', as usual')}", None, f"in the sum is a usual size{give}"))
     return found
 
 

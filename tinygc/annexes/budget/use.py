@@ -24,7 +24,7 @@ from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.closure.floor import GYRO_NOISE
 from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
 from tinygc.closure.uncertainty import BIAS_DRIFT
-from tinygc.estimation.expected_zero import USUAL_SPREAD, drift_between, expected_zero
+from tinygc.estimation.expected_zero import drift_between, expected_zero
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.sources import Source, freedom_of
 from tinygc.estimation.stated_noise import COMPONENTS, kind_of
@@ -39,6 +39,8 @@ ZERO_OF_USE = {
     "switch-on": "bias of another switch-on",
     "temperature": "temperature of the use",
 }
+#: the same by the spread that is usual of MEMS gyroscopes, where nothing tells that of the unit
+USUAL_SWITCH_ON = "bias of another switch-on, as usual"
 #: the drift in use less that in the session, of one switch-on
 DRIFT_SINCE = f"{BIAS_DRIFT} since the session"
 #: s: a use is at most a day
@@ -104,26 +106,22 @@ def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[So
         repeatability=result.repeatability,
         warmer_k=use.warmer_k,
     )
-    for cause, name in ZERO_OF_USE.items():
-        if cause not in zero.parts or (cause == "switch-on" and cause in zero.assumed):
+    names = ZERO_OF_USE | ({"switch-on": USUAL_SWITCH_ON} if "switch-on" in zero.assumed else {})
+    for cause, name in names.items():
+        if cause not in zero.parts:
             continue
         own, spread = Source(name, "B", np.inf, zero.parts[cause]), result.repeatability
         if cause == "switch-on" and spread is not None and np.isfinite(spread.freedom).all():  # as estimated: its freedom is in k
             own = Source(name, "A", float(spread.freedom.min()), np.diag(2 * spread.scatter_rps**2))
         found.append(own.through(slope[:, BIAS]))
         sizes[name] = (float(np.sqrt(np.mean(np.diag(zero.parts[cause])))) / DEG, "dps")
-    return found, sizes, tuple(ZERO_OF_USE[cause] for cause in zero.assumed)
+    return found, sizes, tuple(names[cause] for cause in zero.assumed)
 
 
 def model_of(result: FitResult) -> LinearModel:
     """The model of least squares."""
     assert isinstance(result.linear.model, LinearModel)
     return result.linear.model
-
-
-def usual_switch_on(slope: np.ndarray) -> np.ndarray:
-    """(3, 3) rad^2 of the end attitude by the usual spread between switch-ons of MEMS gyroscopes; slope (3, 12)."""
-    return slope[:, BIAS] @ np.diag(2 * USUAL_SPREAD.rps**2) @ slope[:, BIAS].T
 
 
 def replace_covariance(source: Source, name: str, covariance: np.ndarray) -> Source:

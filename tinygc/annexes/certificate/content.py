@@ -7,15 +7,18 @@ certificate (ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1) and is not there reads "no
 from __future__ import annotations
 
 import contextlib
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import date
+from pathlib import Path
 
 import numpy as np
 
 from session.io.certificate import TRACED, CertificateGiven, Equipment, out_of_order
 from session.io.config import Config
 from session.io.errors import FormatError
+from session.io.files import open_file
 from session.io.requirements import Rule
 from session.io.texts import STANDIN_NAME, fixed, significant
 from session.io.toml import read_toml
@@ -30,14 +33,18 @@ from tinygc.estimation.requirements import (
     rule_words,
     run_measured,
 )
-from tinygc.estimation.sources import Source
-from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
+from tinygc.estimation.sources import Source, effective_freedom, total
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity, field_jacobian
 from tinygc.reporting.html.evidence import LINEAR, ReportData
 from tinygc.reporting.html.sections.front import SOURCES, recorded
 
 NOT_STATED = "not stated"
-#: begins the sentence on effects that are not in U
-LACKING = "One effect that the model lacks"
+#: what U holds beside the fit's own sources
+LACKING = "one effect that the model lacks"
+#: what begins the first line of a file that no sensor wrote
+SIMULATED = "SIMULATED"
+#: bytes that are read of a first line, and how a packed file begins
+LONGEST_LINE, GZIP = 4096, b"\x1f\x8b"
 #: what a simulation leaves beside its recording
 TRUTH = "truth.json"
 #: fields that a certificate must have -> what they are, in words
@@ -168,9 +175,10 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         draft.append(f"the calibration does not pass its own check: {'; '.join(data.decision.unsound)}")
     if config.board.source == STANDIN_NAME:
         draft.append("the board had no sensor: the samples are made up, or were played to it")
-    session = data.fit.session
-    if not session.in_memory and (session.folder / TRUTH).exists():
-        draft.append(f"the recording is simulated: {TRUTH} lies beside it")
+    if why := _simulated(data):
+        draft.append(f"the recording is simulated: {why}")
+    if not data.fit.session.clock_known:
+        draft.append("the clock's error is not known and is in no U of a scale factor: give sensor.clock_sigma_ppm")
     # Reasons against days that each are one, and do not go together
     found = []
     days = {"calibrated": day, **{key: getattr(given, key) for key in ("received", "issued", "valid_until", "next_calibration")}}
@@ -178,7 +186,6 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         found.append(f"{pair[1]} is {days[pair[1]]}, before {pair[0]}, {days[pair[0]]}")
     late = [each.name for each in given.equipment if day is not None and each.due is not None and each.due < day]
     draft += found + ([f"equipment was overdue on the day of the calibration: {', '.join(late)}"] if late else [])
-    uncertainty = _uncertainty(data, sources, vector)
     machine = _machine(data)
     return Content(
         number=given.number or NOT_STATED,
@@ -187,18 +194,18 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         given=given,
         config=config,
         item=_item(data),
-        dates=_dates(given, calibrated),
+        dates=[*_dates(given, calibrated), Field("Computed", data.made)],
         conditions=_conditions(data),
         traceability=_traceability(data),
-        equipment=given.equipment + ((machine,) if machine is not None else ()),
+        equipment=given.equipment + ((machine,) if machine is not None else ()) + _standards(data),
         results=_results(data, vector, sources),
         as_found=[] if previous is None else _as_found(previous[1], data, vector, sources),
         previous="" if previous is None else previous[0],
         closure=_closure(data),
-        statements=_statements(data.decision.conformities, any(LACKING in each for each in uncertainty)),
+        statements=_statements(_with_lacking(data, sources, vector)),
         operator=_operator(config)[0],
         method=_method(data),
-        uncertainty=uncertainty,
+        uncertainty=_uncertainty(data, sources, vector),
         remarks=_remarks(data, given),
         calibrated=day,
         model=LinearModel.from_vector(vector),
@@ -301,7 +308,7 @@ def _traceability(data: ReportData) -> list[Field]:
     if config.sensor.clock_sigma_ppm is not None and not counted:
         clock += f", whose clock is known to {config.sensor.clock_sigma_ppm:g} ppm (k = 1), which is in U"
     elif not data.fit.session.clock_known:
-        clock += ", whose clock's error is not known and is in no U of a scale factor"
+        clock += ", whose clock's error is not known"
     angle = REFERENCES[protocol.reference].format(dial=protocol.dial_sigma_deg, truth=protocol.truth_sigma_deg)
     if protocol.reference == "gravity":
         found = data.fit.accelerometer
@@ -324,8 +331,37 @@ def _machine(data: ReportData) -> Equipment | None:
     return Equipment(f"machine that turned the item, make {make}", f"description {MACHINE} of the recording")
 
 
-def _statements(conformities: Sequence[Conformity], lacking: bool) -> list[Statement]:
-    """One for each origin of limits and each rule, in the order of the values; lacking: an effect may besides have moved them."""
+def _standards(data: ReportData) -> tuple[Equipment, ...]:
+    """Gravity, and the clock of the stamps: what the scales are traced to."""
+    site, stated = data.fit.session.config.site, data.fit.session.config.certificate.traceability
+    gravity = "standard gravity" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s² at the place"
+    clock = "samples counted at the nominal rate" if data.fit.nominal_rate is not None else "stamps of the item's board"
+    named = (("standard of force: gravity", gravity, "gravity"), ("standard of time: clock", clock, "clock"))
+    return tuple(Equipment(name, identification, stated.get(key, "")) for name, identification, key in named)
+
+
+def _simulated(data: ReportData) -> str:
+    """Why the recording is known to be simulated; empty where nothing says so."""
+    session = data.fit.session
+    if not session.in_memory and (session.folder / TRUTH).exists():
+        return f"{TRUTH} lies beside it"
+    paths = [] if session.in_memory else [session.folder / "session.toml", *(log.path for log in session.logs)]
+    marked = [path.name for path in paths if path.is_file() and SIMULATED in _first_line(path)]
+    return f"the first line of {marked[0]} says so" if marked else ""
+
+
+def _first_line(path: Path) -> str:
+    """The first line of a text file, packed by gzip or not, as far as it is short."""
+    with open_file(path) as file:
+        head = file.read(LONGEST_LINE)
+    if head.startswith(GZIP):
+        with contextlib.suppress(zlib.error):
+            head = zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(head, LONGEST_LINE)
+    return head.split(b"\n", 1)[0].decode("utf-8", "replace")
+
+
+def _statements(conformities: Sequence[Conformity]) -> list[Statement]:
+    """One for each origin of limits and each rule, in the order of the values."""
     groups: dict[tuple[str, Rule], list[Conformity]] = {}
     for each in conformities:
         groups.setdefault((each.reference, each.rule), []).append(each)
@@ -334,8 +370,6 @@ def _statements(conformities: Sequence[Conformity], lacking: bool) -> list[State
         said = [rule_words(rule)]
         if any(np.isfinite(each.measured.sigma) for each in of):
             said.append("The risk is that of the measured value with its U, without prior knowledge of the item (JCGM 106:2012, 7.2).")
-        if lacking and any(each.measured.key.startswith("gyro_") for each in of):
-            said.append("It does not hold the effect that the model lacks, whose size stands under Uncertainty of measurement.")
         found.append(Statement(reference, " ".join(said), of))
     return found
 
@@ -343,13 +377,40 @@ def _statements(conformities: Sequence[Conformity], lacking: bool) -> list[State
 # Results.
 
 
+def _gyroscope(data: ReportData, vector: np.ndarray, sources: Sequence[Source], turned: np.ndarray | None = None) -> list[Measured]:
+    """The sensor errors of a model (12,), with U that holds the largest effect that the model lacks and the recording does not exclude.
+
+    turned (12, 12): derivative of the model by the one that was fitted, where it is another.
+    """
+    measured = field_measured(vector, sources, data.adopted.unobserved)
+    allowed = data.fit.allowed if data.adopted.name == LINEAR else None
+    if allowed is None:
+        return measured
+    slope = field_jacobian(vector)
+    own = np.sqrt(np.einsum("qi,ij,qj->q", slope, total(sources), slope))  # SI, of the sigmas as they are displayed
+    moved = allowed.of(slope if turned is None else slope @ turned)
+    return [_widened(each, float(each.sigma * more)) for each, more in zip(measured, np.divide(moved, own), strict=True)]
+
+
+def _widened(each: Measured, moved: float) -> Measured:
+    """With a further standard uncertainty, of any number of degrees of freedom."""
+    variances = [each.sigma**2, moved**2]
+    return replace(each, sigma=float(np.sqrt(sum(variances))), freedom=effective_freedom(variances, [each.freedom, np.inf]))
+
+
+def _with_lacking(data: ReportData, sources: Sequence[Source], vector: np.ndarray) -> list[Conformity]:
+    """Each value against its limits, with the U that the results state."""
+    stated = {each.key: each for each in _gyroscope(data, vector, sources)}
+    return [replace(each, measured=stated.get(each.measured.key, each.measured)) for each in data.decision.conformities]
+
+
 def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[ResultRow]:
-    found = _rows(field_measured(vector, sources, data.adopted.unobserved))
+    found = _rows(_gyroscope(data, vector, sources))
     if data.fit.repeatability is not None:
         spread = np.zeros((PARAMETERS, PARAMETERS))
         spread[BIAS, BIAS] = np.diag(2 * data.fit.repeatability.rps**2)
         other = [*sources, Source("switch-on", "B", float("inf"), spread)]
-        again = [row for row in _rows(field_measured(vector, other)) if row.words == "gyroscope bias"]
+        again = [row for row in _rows(_gyroscope(data, vector, other)) if row.words == "gyroscope bias"]
         found += [replace(row, words="gyroscope bias at any switch-on") for row in again]
     # one that was taken as given is no result of this calibration
     found += _rows([each for each in accelerometer_measured(data.fit.accelerometer) if np.isfinite(each.sigma)])
@@ -393,7 +454,7 @@ def _as_found(previous: LinearModel, data: ReportData, vector: np.ndarray, sourc
     turned[BIAS, :9] = -np.kron(np.eye(3), undone @ previous.B)
     turned[BIAS, BIAS] = np.eye(3)
     moved = [replace(each, covariance=turned @ each.covariance @ turned.T) for each in sources]
-    return _rows(field_measured(turned @ vector, moved, data.adopted.unobserved))
+    return _rows(_gyroscope(data, turned @ vector, moved, turned))
 
 
 def _closure(data: ReportData) -> list[tuple[Measured, float]]:
@@ -426,7 +487,7 @@ def _method(data: ReportData) -> list[str]:
 
 
 def _uncertainty(data: ReportData, sources: Sequence[Source], vector: np.ndarray) -> list[str]:
-    factors = [each.factor for each in field_measured(vector, sources)]
+    factors = [each.factor for each in _gyroscope(data, vector, sources)]
     low, high = (fixed(each, 2) for each in (min(factors), max(factors)))
     said = [
         "U is the expanded uncertainty: the standard uncertainty multiplied by the coverage factor k that is stated, for a coverage "
@@ -447,7 +508,7 @@ def _uncertainty(data: ReportData, sources: Sequence[Source], vector: np.ndarray
         units = {q.word: q.unit for q in most}
         sizes = ", ".join(f"{word} {significant(size, 2)} {units[word]}" for word, size in groups.items())
         if sizes:
-            said.append(f"{LACKING} and this recording does not exclude may besides have moved: {sizes} (k = 1).")
+            said.append(f"U holds {LACKING} and this recording does not exclude: {sizes} (k = 1, B).")
     return said
 
 

@@ -43,8 +43,7 @@ def _row(row: ResultRow) -> dict[str, Any]:
     known = [each for each in row.values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
     decimals = min((decimals_for(each.expanded) for each in known), default=3)
     factors = sorted({fixed(each.factor, 2) for each in known})
-    named = row.parts != ("x", "y", "z")
-    cells = [_cell(part if named else "", each, decimals) for part, each in zip(row.parts, row.values, strict=True)]
+    cells = [_cell(part, each, decimals) for part, each in zip(row.parts, row.values, strict=True)]
     return {
         "words": _first(row.words),
         "unit": row.values[0].unit,

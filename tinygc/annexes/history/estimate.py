@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from session.io.texts import printable
-from tinygc.annexes.history.sessions import NUMBERS, ZERO, Number, UnitSession
+from session.io.texts import printable, significant
+from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, ZERO, Number, UnitSession
 from tinygc.estimation.between_sessions import LOOKED_AT, TRIED, Between, Course, candidates, course, jump
-from tinygc.estimation.repeatability import BiasRepeatability, between_sessions
+from tinygc.estimation.repeatability import BiasRepeatability, between_sessions, widened
 from tinygc.estimation.session_times import times_of
 
 assert len(NUMBERS) == LOOKED_AT
@@ -145,6 +145,31 @@ class UnitHistory:
     def name(self) -> str:
         """``ASM330LHH 17``."""
         return f"{self.model} {self.serial}".strip()
+
+    @property
+    def accelerometer_any_session(self) -> np.ndarray | None:
+        """(9,) SI, in the order of ``NUMBERS``: one sigma of the accelerometer's numbers in any other session, from the last one's; None
+        where fewer than two sessions tell them."""
+        triad = self.numbers[GYROSCOPE:]
+        models = [each.course.model for each in triad if each.course is not None]
+        if len(models) < len(triad):
+            return None
+        spread = widened(np.array([each.counted for each in models]), np.array([each.freedom for each in models], dtype=float))
+        return np.sqrt(np.array([each.sigmas[-1] for each in triad]) ** 2 + 2 * spread**2)
+
+    @property
+    def accelerometer_words(self) -> str | None:
+        """``scale ± 120 90 200 ppm, bias ± 1.2 0.5 2.8 mg``; None where they are not told."""
+        sigma = self.accelerometer_any_session
+        if sigma is None:
+            return None
+        numbers = NUMBERS[GYROSCOPE:]
+        shown = {"scale": [0, 1, 2], "bias": [6, 7, 8]}
+        parts = [
+            f"{word} ± {' '.join(significant(sigma[i] / numbers[i].si, 2) for i in which)} {numbers[which[0]].unit}"
+            for word, which in shown.items()
+        ]
+        return ", ".join(parts)
 
     @property
     def span_years(self) -> float | None:

@@ -16,8 +16,8 @@ from session.io.results import write_text_whole, write_whole
 from session.io.units import DEG
 from tinygc.annexes.history.estimate import NumberHistory, UnitHistory, history_of
 from tinygc.annexes.history.forecast import FAILS, UNDECIDED, Outlook, Requirement, outlooks_of, parse_accuracy, parse_limit
+from tinygc.annexes.history.sessions import NUMBERS, sessions_of
 from tinygc.annexes.history.sessions import read_dates as read_dates
-from tinygc.annexes.history.sessions import sessions_of
 from tinygc.annexes.history.text import outlook_line, unit_page
 from tinygc.estimation.session_times import Moment
 from tinygc.library.arguments import Progress
@@ -156,9 +156,19 @@ def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
             for step in unit.steps
         ],
         "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(unit.sessions[-1].bias_covariance),
+        "accelerometer_any_session": _accelerometer_json(unit),
         "requirements": [_of_outlook(each) for each in outlooks],
         "remarks": list(unit.remarks),
     }
+
+
+def _accelerometer_json(unit: UnitHistory) -> list[dict[str, Any]] | None:
+    """One sigma of each of the accelerometer's numbers in any other session."""
+    sigma = unit.accelerometer_any_session
+    if sigma is None:
+        return None
+    triad = NUMBERS[-len(sigma) :]
+    return [{"name": n.name, "component": n.component, "unit": n.unit, "sigma": float(s) / n.si} for n, s in zip(triad, sigma, strict=True)]
 
 
 def _of_number(each: NumberHistory) -> dict[str, Any]:

@@ -159,6 +159,8 @@ def lines(history: UnitHistory) -> list[str]:
     if (spread := history.any_session) is not None:
         sizes = " ".join(significant(each) for each in spread.sigma(history.sessions[-1].bias_covariance) / DEG)
         found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
+    if (words := history.accelerometer_words) is not None:
+        found.append(f"the accelerometer of any other session: {words} from the last calibration's, x y z")
     found += _drift_lines(history)
     found += _step_lines(history)
     found += _warmth_lines(history)

@@ -17,6 +17,7 @@ from tinygc.closure.prior import GaussianPrior, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.bias import BiasChoice, choose
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions, MethodFit
@@ -218,6 +219,14 @@ def lot_for(path: Path, sensor: str) -> LotFile:
     lot = read_lot(path)
     require_usable(lot, sensor, file_key(path))
     return LotFile(lot, file_key(path), sha256_of(path))
+
+
+def accelerometer_between(given: LotFile) -> AnySession:
+    """How far a switch-on moves the accelerometer of a unit of the lot; what it does not tell is as usual."""
+    repeats = given.lot.repeatability[-len(USUAL_SPREAD.spread) :]
+    if not np.isfinite(repeats).any():
+        return USUAL_SPREAD
+    return AnySession(np.where(np.isfinite(repeats), repeats, USUAL_SPREAD.spread), f"{given.lot.units} units of a lot")
 
 
 def require_possible(options: FitOptions) -> None:

@@ -18,15 +18,15 @@ import numpy as np
 
 from session.io.annexes import need
 from session.io.errors import FormatError
-from session.io.units import DEG, MG, G
+from session.io.units import DEG, G
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.annexes.verification.rows import LENGTH, Rows
 from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.compare import SessionTriad, into_frame_of, read_calibrated
 from tinygc.estimation.expected_zero import (
     USUAL_ACCEL_PER_K,
-    USUAL_ACCEL_ZERO_MPS2,
     USUAL_PER_K,
     USUAL_SPREAD,
     drift_between,
@@ -84,6 +84,8 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
         found[GYROSCOPE], found[ACCELEROMETER] = repeats[:12], repeats[12:]
         if np.isfinite(found[ZERO]).all():
             return Spread(found, float(max(1, known.sessions - known.units)), f"{known.sessions} sessions of {known.units} units of a lot")
+    if old.table.get("accelerometer_spread") is not None:
+        found[ACCELEROMETER] = np.asarray(old.table["accelerometer_spread"], dtype=float) ** 2
     if old.table.get("bias_sigma_rps") is not None:
         found[ZERO] = np.asarray(old.table["bias_sigma_rps"], dtype=float) ** 2
         return Spread(found, np.inf, "stated in the model file")
@@ -157,9 +159,9 @@ def expected_parts(
             one = slice(number, number + 1)
             freedom = float(np.broadcast_to(spread.freedom, COUNT)[number])
             parts.append(_of_parameters(rows, "switch-on", one, sigma, freedom, spread.source, spread.assumed))
-    if switched_on_since and not np.isfinite(spread.variance[ACCELEROMETER_ZERO]).all():
-        sigma, said = np.full(3, USUAL_ACCEL_ZERO_MPS2), f"{USUAL_ACCEL_ZERO_MPS2 / MG:g} mg as usual"
-        parts.append(_of_parameters(rows, "accelerometer's switch-on", ACCELEROMETER_ZERO, sigma, np.inf, said, True))
+    if switched_on_since and not np.isfinite(spread.variance[ACCELEROMETER]).all():
+        sigma = np.sqrt(2) * USUAL_ACCELEROMETER.spread
+        parts.append(_of_parameters(rows, "accelerometer's switch-on", ACCELEROMETER, sigma, np.inf, USUAL_ACCELEROMETER.source, True))
     allowed = max(PRECALIBRATION_MPS2, USUAL_ACCEL_PER_K * abs(warmer_k or 0.0))
     sigma = np.r_[np.full(6, allowed / G), np.full(3, allowed)]
     parts.append(_of_parameters(rows, "accelerometer's temperature", ACCELEROMETER, sigma, np.inf, "0.1 mg/K as usual", True))

@@ -15,12 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
+from session.detect.accelerometer import BIASES
 from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
-from tinygc.estimation.expected_zero import END_S, USUAL_ACCEL_PER_K, USUAL_ACCEL_ZERO_MPS2, USUAL_PER_K, expected_zero, wander_variance
+from tinygc.estimation.accelerometer import USUAL_SPREAD
+from tinygc.estimation.expected_zero import END_S, USUAL_ACCEL_PER_K, USUAL_PER_K, expected_zero, wander_variance
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.results import read_fit
 from tinygc.models.linear import BIAS, PARAMETERS
@@ -168,7 +170,7 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         STANDARD_GRAVITY_MPS2 if gravity is None else gravity,
         given(accel_white, USUAL_ACCEL_WHITE, "white noise of the accelerometer"),
         lambda elapsed_s, span_s: _drift(elapsed_s, span_s, accel, usual),
-        np.full(3, USUAL_ACCEL_ZERO_MPS2),
+        np.sqrt(2) * np.asarray(known.table.get("accelerometer_spread") or USUAL_SPREAD.spread, dtype=float)[BIASES],
         float(np.hypot(PRECALIBRATION_MPS2 if reference is None else reference, 0.0 if gravity is not None else UNKNOWN_GRAVITY_MPS2)),
         USUAL_ACCEL_PER_K,
         own,

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.detect.accelerometer import BIASES, PARAMETERS, SCALES
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.io.errors import FormatError
 from session.io.folder import file_key, input_hashes, sha256_of
@@ -18,11 +19,12 @@ from session.io.logfile import read_log
 from session.io.names import log_paths
 from session.io.results import json_text, read_json, read_json_text
 from session.io.texts import command_line, printable
-from session.io.units import DEG, DEG_PER_HOUR, G
+from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import models
 from tinygc.deploy import ExportError
 from tinygc.deploy.calibration import effects_of_session_time
 from tinygc.estimation import bias_of_day
+from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit, AnySession
 from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.results import AT_END, FitResult, model_tables, read_judged, to_json
@@ -87,6 +89,17 @@ class Context:
         return self.config.accelerometer if own is None else own
 
     @property
+    def accelerometer_any_session(self) -> np.ndarray | None:
+        """(9,) SI: one sigma of the triad's numbers in any other session; None where it was given."""
+        joint = self.table.get("joint_covariance")
+        if joint is None or self.accelerometer.source == "none":
+            return None
+        own = np.asarray(joint["matrix"], dtype=float)[:PARAMETERS, :PARAMETERS]
+        spread = self.table.get("accelerometer_spread")
+        between = USUAL_SPREAD if spread is None else AnySession(np.asarray(spread, dtype=float), "of the unit")
+        return AccelerometerFit("fit", self.accelerometer, own, between=between).any_session
+
+    @property
     def accelerometer_words(self) -> str:
         """Origin of the accelerometer calibration, and its numbers that kept their initial values because they were not observed."""
         words = {
@@ -95,6 +108,10 @@ class Context:
             "stills": "from the session's own stills and turns",
             "none": "nobody has calibrated it: as measured",
         }[self.accelerometer.source]
+        if self.accelerometer_any_session is not None:
+            spread = self.accelerometer_any_session
+            scale, zero = (f"{spread[which].max() / si:.2g}" for which, si in ((SCALES, 1e-6), (BIASES, MG)))
+            words = f"{words}; in any other session its scale is within ± {scale} ppm and its zero within ± {zero} mg (one sigma)"
         if self.accelerometer_unobserved:
             words = f"{words}; not observed: {', '.join(self.accelerometer_unobserved)}"
         return f"{words}; not in this format: {', '.join(self.effects_of_force)}" if self.effects_of_force else words

@@ -31,6 +31,8 @@ def export(model: Model, context: Context) -> dict[str, str]:
         }
     if context.any_session_covariance is not None:
         table["any_session_covariance"] = context.any_session_covariance.tolist()
+    if context.accelerometer_any_session is not None:
+        table["accelerometer_any_session_sigma"] = context.accelerometer_any_session.tolist()
     table |= {key: context.table[key] for key in ("temperature_c", "remaining_rps", "accel_change_mps2") if key in context.table}
     if "joint_covariance" in context.table:
         table["joint_covariance"] = context.table["joint_covariance"]

@@ -93,6 +93,7 @@ _MODEL = {
     "lot?": {"file": TEXT, "hash": HASH, "used": TEXT, "belongs_probability": SHARE},
     "unobserved?": [TEXT],
     "accelerometer_spread?": array(SIZE, 9),
+    "accelerometer_any_session_sigma?": array(SIZE, 9),
     "bias_sigma_rps?": VECTOR,
     "stored?": maybe({"method": maybe(TEXT), "session": maybe(TEXT), "sha256": maybe({"<file>": HASH})}),
     "remaining_rps?": array(maybe(SIZE), 3),

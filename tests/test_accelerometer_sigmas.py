@@ -13,6 +13,7 @@ from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, SCALES, af
 from session.io.config import Accelerometer
 from session.io.units import MG
 from tinygc import FitOptions, read_session
+from tinygc.deploy.exports._context import Context
 from tinygc.estimation.accelerometer import (
     USUAL_SPREAD,
     AccelerometerFit,
@@ -24,6 +25,7 @@ from tinygc.estimation.accelerometer import (
 )
 from tinygc.estimation.compare import SessionTriad, compare_triads
 from tinygc.estimation.fit import fit_session
+from tinygc.models.model import accelerometer_table
 
 SESSION1 = Path(__file__).resolve().parent.parent / "data" / "session1"
 GRAVITY = 9.7946
@@ -179,3 +181,19 @@ def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
     # The usual one: 2 mg between two switch-ons
     assert np.sqrt(2) * USUAL_SPREAD.spread[6:] == pytest.approx([2 * MG] * 3)
     assert USUAL_SPREAD.spread[[1, 2, 4]].tolist() == [0.0] * 3
+
+
+def test_each_export_says_what_the_accelerometer_is_in_any_other_session():
+    made = fitted(np.eye(3), x=IDENTITY)
+    joint = np.zeros((21, 21))
+    joint[:9, :9] = made.covariance
+    table = {
+        "accelerometer": accelerometer_table(replace(made.calibration, source="stills")),
+        "joint_covariance": {"matrix": joint.tolist()},
+    }
+    for more, spread in (({}, USUAL_SPREAD.spread), ({"accelerometer_spread": [1e-3] * 9}, np.full(9, 1e-3))):
+        context = Context("today", "least_squares", config(), table | more, {}, {})
+        expected = np.sqrt(made.sigmas**2 + 2 * spread**2)
+        np.testing.assert_allclose(context.accelerometer_any_session, expected, rtol=1e-6)
+        assert f"zero within ± {expected[6:].max() / MG:.2g} mg" in context.accelerometer_words
+    assert Context("today", "least_squares", config(), {"accelerometer": table["accelerometer"]}, {}, {}).accelerometer_any_session is None

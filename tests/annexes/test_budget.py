@@ -8,12 +8,13 @@ import pytest
 from scipy.stats import chi2, norm, t
 
 import tinygc
+from session.detect.accelerometer import NAMES as NAMES_OF_FORCE
 from session.io.errors import CalibrationError
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.annexes.budget import monte_carlo as draws
 from tinygc.annexes.budget.library import budget_of_fit
 from tinygc.annexes.budget.monte_carlo import Redrawn, coverage_of
-from tinygc.annexes.budget.quantities import parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
+from tinygc.annexes.budget.quantities import accelerometer_budgets, parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
 from tinygc.annexes.budget.rows import Budget, Row
 from tinygc.annexes.budget.text import beside_words, cells_of, freedom_words, sum_words
 from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, motion_in, sources_in_use
@@ -146,6 +147,21 @@ def test_the_attitude_at_rest_by_hand(fitted):
     mean = wander_covariance(np.array([30.0]), 60.0, instability_rps=rps)[0, 0]
     np.testing.assert_allclose(np.diag(sources[DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
     assert axes["attitude total"].variance == pytest.approx(sum(axes[f"attitude {axis}"].variance for axis in "xyz"), rel=1e-12)
+
+
+def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted):
+    """Their variances are those of the fit's own sigmas; beside them stand two draws of the spread."""
+    own = {each.name: each for each in accelerometer_budgets(fitted)}
+    triad = fitted.accelerometer
+    for word, unit, values, sigmas, names in triad.errors():
+        for value, sigma, name in zip(values, sigmas, names, strict=True):
+            found = own[f"accelerometer {word} {name.split()[-1]}"]
+            assert (found.unit, found.value / found.si) == (unit, pytest.approx(value))
+            assert found.u / found.si == pytest.approx(sigma, rel=1e-6)
+            spread = np.sqrt(2) * triad.between.spread[NAMES_OF_FORCE.index(name)]
+            assert [each.u for each in found.beside] == ([pytest.approx(spread)] if spread else [])
+    made = budget_of_fit(fitted, Use("rest"), ("accelerometer_bias_x",))
+    assert [each.name for each in made.asked] == ["accelerometer bias x"]
 
 
 def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(fitted):

@@ -133,7 +133,7 @@ class AccelerometerFit:
     def errors(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
         """Rows of the sensor errors for display, as in ``field_parameters`` for the gyroscope: word, unit, values (3,), sigmas (3,), in
         that unit, and names.  The numbers in ``rows`` are those of the correction."""
-        found, slope = triad_errors(self.values), self._slope
+        found, slope = triad_errors(self.values), self.slope
         sigmas = None if self.covariance is None else np.sqrt(np.diag(slope @ self.covariance @ slope.T))
         return [
             (word, unit, found[which] / UNITS[unit], None if sigmas is None else sigmas[which] / UNITS[unit], [NAMES[i] for i in which])
@@ -141,7 +141,7 @@ class AccelerometerFit:
         ]
 
     @property
-    def _slope(self) -> np.ndarray:
+    def slope(self) -> np.ndarray:
         """Derivative (9, 9) of the sensor errors by the correction x."""
         sides = [[triad_errors(self.values + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
         return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL) @ self.jacobian
@@ -149,7 +149,7 @@ class AccelerometerFit:
     @property
     def freedoms(self) -> np.ndarray:
         """(9,) effective degrees of freedom of the sigmas of ``errors``; infinite where their sources are not told apart."""
-        parts = [source.variance(self._slope) for source in self.sources]
+        parts = [source.variance(self.slope) for source in self.sources]
         freedoms = [source.freedom for source in self.sources]
         return np.array([effective_freedom([part[i] for part in parts], freedoms) for i in range(PARAMETERS)])
 

@@ -13,7 +13,7 @@ from session.io.results import write_text_whole, write_whole
 from session.io.texts import printable
 from tinygc.annexes.budget.monte_carlo import MonteCarlo, monte_carlo
 from tinygc.annexes.budget.page import page
-from tinygc.annexes.budget.quantities import named, parameter_budgets, sensor_error_budgets, use_budgets
+from tinygc.annexes.budget.quantities import accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
 from tinygc.annexes.budget.rows import Budget
 from tinygc.annexes.budget.text import drawn_page, overview, whole
 from tinygc.annexes.budget.use import TOTAL
@@ -33,12 +33,13 @@ SHOWN = ("scale factor error", "misalignment", "bias")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class UncertaintyBudget(Shown):
-    """Result of ``tinygc.budget``: ``parameters``, ``sensor_errors``, ``attitude``: a ``Budget`` of each quantity; ``asked``: those that
-    were asked for; ``motion``: in words."""
+    """Result of ``tinygc.budget``: ``parameters``, ``sensor_errors``, ``accelerometer``, ``attitude``: a ``Budget`` of each quantity;
+    ``asked``: those that were asked for; ``motion``: in words; ``when``: for which switch-on the attitude is."""
 
     name: str
     parameters: tuple[Budget, ...]
     sensor_errors: tuple[Budget, ...]
+    accelerometer: tuple[Budget, ...]
     attitude: tuple[Budget, ...]
     motion: str
     when: str
@@ -51,7 +52,7 @@ class UncertaintyBudget(Shown):
     @property
     def budgets(self) -> tuple[Budget, ...]:
         """All quantities."""
-        return (*self.parameters, *self.sensor_errors, *self.attitude)
+        return (*self.parameters, *self.sensor_errors, *self.accelerometer, *self.attitude)
 
     @property
     def shown(self) -> tuple[Budget, ...]:
@@ -69,7 +70,9 @@ class UncertaintyBudget(Shown):
             return Group(*parts[:-1], *drawn)
         title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least)"
         errors = [each for each in self.shown if each not in self.attitude]
-        return Group(overview("Sensor errors, 95 %, the bias for this switch-on only", errors), "", overview(title, self.attitude), *drawn)
+        force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""] if self.accelerometer else []
+        gyroscope = overview("Sensor errors, 95 %, the bias for this switch-on only", errors)
+        return Group(gyroscope, "", *force, overview(title, self.attitude), *drawn)
 
     def to_json(self) -> dict:
         """``tinygc-budget/1`` (docs/formats/budget.md)."""
@@ -114,8 +117,9 @@ def budget_of_fit(
         raise CalibrationError("--monte-carlo: the drift of session and use is not drawn as one; leave --elapsed out, or the draws")
     motion, attitude, in_use = use_budgets(result, use)
     when = "at another switch-on" if use.elapsed_s is None else "for this switch-on only"
+    force = tuple(accelerometer_budgets(result))
     parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
-    made = UncertaintyBudget(result.session.name, parameters, errors, tuple(attitude), motion.words, when)
+    made = UncertaintyBudget(result.session.name, parameters, errors, force, tuple(attitude), motion.words, when)
     chosen = []
     for name in asked:
         if (found := named(made.budgets, name)) is None:
@@ -125,5 +129,6 @@ def budget_of_fit(
     made = replace(made, asked=tuple(chosen))
     if not draws:
         return made
-    judged = [each for each in made.asked or made.shown if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
+    drawn = [each for each in made.asked if each not in made.accelerometer] or made.shown  # draws fit the gyroscope alone
+    judged = [each for each in drawn if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
     return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))

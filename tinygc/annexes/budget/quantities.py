@@ -1,4 +1,4 @@
-"""The budgets of a fit: its twelve parameters, its sensor errors in the field's words, the attitude after a motion."""
+"""The budgets of a fit: its twelve parameters, the errors of both sensors in the field's words, the attitude after a motion."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.rounding import lsb_of
 from session.io.texts import printable
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
@@ -17,6 +18,7 @@ from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS
 from tinygc.closure.motion import Motion
 from tinygc.closure.problem import GRAVITY
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
+from tinygc.estimation.accelerometer import UNITS
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.sources import Source
@@ -55,6 +57,21 @@ def sensor_error_budgets(result: FitResult) -> list[Budget]:
             of, beside = partial(_along, slope), _beside_parameter(result, slope)
             found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, of, sizes, beside))
     return found
+
+
+def accelerometer_budgets(result: FitResult) -> list[Budget]:
+    """Of the accelerometer's errors in the terms and signs of ``fit``, as far as the session estimates and observes them."""
+    found, sizes, budgets = result.accelerometer, source_sizes(result), []
+    for word, unit, values, _, names in found.errors() if found.sources else ():
+        for value, name in zip(values, names, strict=True):
+            if name in found.unobserved:
+                continue
+            at, si = ACCELEROMETER_NAMES.index(name), UNITS[unit]
+            other = float(np.sqrt(2) * found.between.spread[at])
+            beside = [Beside("another switch-on", other, f"{found.between.source}; counts in any other session")] if other else []
+            called = f"accelerometer {word} {name.split()[-1]}"
+            budgets.append(budget_of(called, unit, si, value * si, found.sources, partial(_along, found.slope[at]), sizes, beside))
+    return budgets
 
 
 def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget], list[Source]]:

@@ -1,5 +1,7 @@
 """Whether a recording contradicts the model, asked once: each test at its bar, the data sheet's promise, and what ``explain`` says."""
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from conftest import DEG
 
 import tinygc
+from session.detect.check_stills import NO_STILLS, check_unseen
 from session.io.units import DEG_PER_HOUR, MG
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
@@ -193,13 +196,29 @@ def test_turns_that_differ_by_more_than_noise_are_a_verdict(tests, beyond, diffe
     assert words == ((DIFFERS, VERDICTS["unexplained"][1]) if differs else VERDICTS["unexplained"])
 
 
+@pytest.mark.parametrize(
+    ("rests", "said"),
+    [
+        ([(2.0, 3.0), (35.0, 36.0), (68.0, 69.0), (98.0, 99.0)], None),
+        ([(2.0, 3.0), (36.4, 38.0), (70.0, 71.0), (98.0, 99.0)], "from 3 to 36 s, 33% of the log"),
+        ([(2.0, 30.0), (40.0, 60.0)], "from 60 to 100 s, 40% of the log"),
+        ([(45.0, 60.0), (70.0, 80.0)], "from 0 to 45 s, 45% of the log"),
+        ([], None),
+    ],
+)
+def test_a_third_of_a_log_without_a_still_is_told(rests, said):
+    stills = [SimpleNamespace(start_s=a, duration_s=b - a, problem=None) for a, b in rests]
+    log = SimpleNamespace(samples=SimpleNamespace(duration_s=100.0), path=Path("log0001.csv"))
+    found = check_unseen([SimpleNamespace(log=log, stills=stills)])
+    assert [finding.says for finding in found] == ([] if said is None else [f"{said}: nothing there is used"])
+    assert all((finding.level, finding.what, finding.where) == ("warning", NO_STILLS, "log0001.csv") for finding in found)
+
+
 @pytest.mark.broad
 def test_a_zero_that_drifts_is_no_pass_and_is_named(tmp_path, simulated):
     """0.5 dps over the session: a drift of a hundred times such a sensor's had been its noise, with p = 1."""
     session = tinygc.simulate(segments=20, closure_s=0.0, odr_hz=104.0, seed=31).session
     log = session.logs[0]
-    from dataclasses import replace
-
     ramp = np.linspace(-0.25, 0.25, len(log.samples))[:, None] * DEG * [0.0, 0.0, 1.0]
     session = replace(session, logs=(replace(log, samples=replace(log.samples, gyro=log.samples.gyro + ramp)),))
     decision = tinygc.fit(session, methods=("least_squares",)).verdict()

@@ -23,6 +23,9 @@ from session.io.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 
 # Checks of what a log's still phases show: their number, the noise, the zero-rate level, the length of gravity.
 
+#: share of a log without a still: 0.17 at most in recordings that begin or end by moving (mimu, mikov); 0.42 and 0.5 where a range or a
+#: filter changes on the way
+UNSEEN_SHARE = 1 / 3
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
 #: share of the noise's power that lines must hold, or the other sensor follow, before they are a reason: 5 % of its size
 VIBRATION = 0.1
@@ -33,7 +36,7 @@ GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do t
 MOST_LISTED = 8  #: places in one line; ``fit`` writes all of them into its JSON
 ENOUGH_SEGMENTS = 13
 #: of the finding on the turns that a fit uses
-TURNS, MOVEMENT = "turns", "movement"
+TURNS, MOVEMENT, NO_STILLS = "turns", "movement", "no stills"
 ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
@@ -101,6 +104,23 @@ def check_leaps(parts: Sequence[LogSegments]) -> list[Finding]:
     do = "it is left out; were rows removed, or lost with stamps that have closed up?"
     gone = [(part.log.path.name, s) for part in parts for s in part.segments if (s.problem or "").startswith(LEAPS)]
     return [Finding("warning", where, MOVEMENT, f"turn {s.number}: {s.problem}", do) for where, s in gone]
+
+
+def check_unseen(parts: Sequence[LogSegments]) -> list[Finding]:
+    """Long stretches of a log without a still: what moves there is not used, and what differs there is not seen."""
+    found = []
+    for part in parts:
+        samples, stills = part.log.samples, references(part.stills)
+        if not stills:
+            continue  # another finding says that
+        begins = [0.0, *(still.start_s + still.duration_s for still in stills)]
+        ends = [*(still.start_s for still in stills), samples.duration_s]
+        begin, end = max(zip(begins, ends, strict=True), key=lambda span: span[1] - span[0])
+        if (share := (end - begin) / samples.duration_s) > UNSEEN_SHARE:
+            says = f"from {begin:.0f} to {end:.0f} s, {share:.0%} of the log: nothing there is used"
+            do = "does the noise, the range or a filter of the sensor change there? rest between the turns there, too, or cut the log"
+            found.append(Finding("warning", part.log.path.name, NO_STILLS, says, do))
+    return found
 
 
 def check_noise(

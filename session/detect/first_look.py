@@ -40,6 +40,7 @@ from session.detect.check_stills import (
     check_stills,
     check_temperature,
     check_turns,
+    check_unseen,
     check_unused_rests,
     check_zero_rate,
 )
@@ -203,6 +204,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
         unused = here.unused if log in session.logs and session.truths is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
     findings += check_excluded(session) + counted + check_leaps(parts)
+    findings += [] if session.truths is not None else check_unseen(parts)
     findings += dials + check_dials(session, found) + check_known_turns(known, parts)
     return [as_arguments(finding) for finding in findings] if session.in_memory else findings
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session import VERSION
+from session.detect.check_stills import NO_STILLS
 from session.detect.check_time import looks_counted
 from session.detect.findings import Finding
 from session.io.config import NominalRate
@@ -221,6 +222,7 @@ class FitResult:
             known.append("no method was fitted: ask for least_squares")
         if counted := [log.path.name for log in self.session.logs if looks_counted(log, self.session.config.sensor)]:
             known.append(f"{counted[0]}: the stamps look counted, so the scale common to all axes is not known; give sensor.odr_sigma")
+        known += [f"{w.where}: {w.what} {w.says}" for w in self.warnings if w.what == NO_STILLS]
         return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
 
     def linear_doubts(self, limit_deg: float | None = None) -> list[str]:

@@ -15,7 +15,7 @@ from test_exports_force import ACCELEROMETERS, told
 from session.io.units import DEG_PER_HOUR, G
 from tinygc.deploy import FORMATS, NOISE_FORMATS
 from tinygc.deploy.exports import ExportError, exporter
-from tinygc.noise.figures import read_figures
+from tinygc.noise.figures import Term, read_figures
 
 
 def files(name, noise=None, said=None, **changes):
@@ -213,6 +213,15 @@ def test_a_flicker_floor_becomes_the_walk_of_its_allan_deviation_at_100_s():
     assert "Measured, and not in this format: B (bias instability)" in text
     both, _ = imu(figures(sensor(axis(N=1e-4, B=B, K=7e-6))))
     assert both["gyroscope_random_walk"] == 7e-6  # what is measured stands
+
+
+def test_a_walk_that_is_not_determined_is_a_limit_or_the_floor_and_no_number():
+    vague = Term(7e-6, 4e-6, 0.7, 2e-5)
+    for others, said in (({}, "UPPER LIMIT (95 %)"), ({"B": 8 * DEG_PER_HOUR}, "from the flicker floor at 100 s")):
+        known = axis(N=1e-4, **others)
+        table, text = imu(figures(sensor(replace(known, terms={**known.terms, "K": vague}))))
+        assert said in text
+        assert table["gyroscope_random_walk"] == pytest.approx(0.664 * others["B"] * np.sqrt(0.03) if others else 2e-5, rel=1e-3)
 
 
 def test_a_gauss_markov_process_becomes_a_walk_likewise():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +17,7 @@ from session.io.errors import DataError
 from session.io.samples import Samples
 from tinygc.annexes.noise import live
 from tinygc.annexes.noise.live import LiveNoise, answer_of
-from tinygc.noise.figures import SensorNoise
+from tinygc.noise.figures import SensorNoise, Term
 
 DPH, G = DEG / 3600, 9.80665
 N, B, K = DEG / 60, DPH, DPH / 60
@@ -87,6 +88,14 @@ def test_a_drift_that_does_not_show_yet_is_awaited():
     assert answer_of(figures_of(sensor(hidden)), 300.0, 0.2, after).lines[0] == "5 min, gyroscope: B known to 20 %; N not before 10 min"
     never = answer_of(figures, 720.0, 0.2, lambda *of: np.inf)
     assert "B or K will not be, however long it rests" in never.lines[0]
+
+
+def test_a_size_that_is_not_determined_is_its_limit():
+    shown = KNOWN.gyro.axes[0]
+    vague = replace(shown, terms={**shown.terms, "K": Term(K, 0.6 * K, 0.7, 2 * K)})
+    found = answer_of(figures_of(sensor(vague)), 720.0, 0.2, after)
+    assert found.lines[1].endswith("K < 2.0 < 2.0 < 2.0 °/h/√h")
+    assert not found.known
 
 
 def test_an_estimate_runs_each_minute_and_then_each_tenth_of_the_rest():

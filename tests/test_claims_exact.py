@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tinygc.effects import AppliedEffect, catalogue
+from tinygc.effects import AppliedEffect, Parts, catalogue
 from tinygc.effects.effect import StatedNumbers
 from tinygc.explanation.claims import (
     AgainstStated,
@@ -43,6 +43,7 @@ STEP, SKEW, VIBRATION = (EFFECTS[name] for name in ("gyro.bias_step", "timing.ax
         (1234.56, 12.3, "1235 ± 12"),
         (1234.56, 1.23, "1234.6 ± 1.2"),
         (123456.0, 1234.0, "123500 ± 1200"),
+        (12345.0, 123.0, "12340 ± 120"),
         (1.23456789, None, "1.2346"),
         (1.23456789, 0.0, "1.2346"),
         (1.23456789, -1.0, "1.2346"),
@@ -101,6 +102,11 @@ def test_theta_is_the_states_own_where_it_holds_the_effect():
     state = SimpleNamespace(claims=[AppliedEffect(STEP, np.array([1.0, 2.0, 3.0]))])
     assert theta_of(STEP, {"dps": [9.0, 9.0, 9.0]}, state).tolist() == [1.0, 2.0, 3.0]
     assert theta_of(VIBRATION, {"dps_per_g2": [1.0, 2.0, 3.0]}, state) == pytest.approx(np.array([1.0, 2.0, 3.0]) * DEG)
+    parts = Parts((("slow", 2.0, (0, 1)), ("fast", 10.0, (2,))), np.eye(3))
+    split = replace(VIBRATION, derived=parts)
+    written, _ = parts.values(np.array([2.0, 4.0, 30.0]), np.eye(3))
+    assert theta_of(split, written, state) == pytest.approx([2.0, 4.0, 30.0])
+    assert theta_of(replace(STEP, derived=parts), written, state).tolist() == [1.0, 2.0, 3.0]
 
 
 # Against what a file states
@@ -124,6 +130,8 @@ def test_a_scanned_shape_counts_in_si():
     own = replace(STEP, stated=stated, shape={"at_s": 12.0})
     found = against_stated(AppliedEffect(own, np.zeros(3)), np.eye(3))
     assert (found.chi_square, found.freedom) == (pytest.approx(2.0), 4)
+    minutes = replace(own, shape={"at_s": 0.25}, scan=replace(STEP.scan, si=60.0))
+    assert against_stated(AppliedEffect(minutes, np.zeros(3)), np.eye(3)).chi_square == pytest.approx(5.0**2 / 2)
 
 
 def test_agreement_is_said_down_to_one_in_a_thousand():
@@ -192,6 +200,7 @@ def test_named_effects_have_their_share_of_what_is_beyond_noise():
     for beyond, share in ((120.0, 0.25), (20.0, 1.0), (0.5, 1.0), (0.0, None), (-5.0, None)):
         (claim,) = named_claims(fit, named, beyond)
         assert claim.share == share
+    assert named_claims(fit, [replace(named[0], gain=-1.0)], 120.0)[0].share == 0.0
     assert (claim.p_value, claim.probability, claim.p_is_bound) == (1e-6, 0.95, False)
     assert (claim.equivalent, claim.rivals) == (("gyro.bias_drift",), {"x": 0.04})
     assert claim.parameters["dps"] == pytest.approx([0.3, -0.2, 0.1])
@@ -212,6 +221,7 @@ def test_the_lags_that_a_delay_may_be_part_of_are_named():
     (claim,) = offset_claim(gravity, named)
     assert claim.equivalent == ("gyro.bandwidth", "timing.axis_skew")
     assert claim.parameters == {"seconds": 0.012}
+    assert not claim.p_is_bound
     assert claim.says == EFFECTS["timing.gyro_accel_offset"].describe(np.array([0.012]))
     assert offset_claim(replace(gravity, offset_s=0.001), named) == []
     # Two turns leave one degree of freedom, as few as there are.

@@ -76,9 +76,23 @@ def steps(rates_dps, dwell_s: float) -> tuple[AxisTrack, float]:
 
 
 def record(
-    folder: Path, track, ends_s: float, *, scale=1.0, distort=None, latency_s=0.0, seed=1, settings="", noise=5.0, name="rates0001.csv"
+    folder: Path,
+    track,
+    ends_s: float,
+    *,
+    scale=1.0,
+    distort=None,
+    latency_s=0.0,
+    seed=1,
+    settings="",
+    noise=5.0,
+    name="rates0001.csv",
+    jitter_s=0.0,
+    has_clock=False,
+    limits="",
 ):
-    """Write the folder of a recording; latency_s: by which its angles are late."""
+    """Write the folder of a recording; latency_s: by which its angles are late; jitter_s: of their stamps, which a clock of the machine
+    has not."""
     folder.mkdir(parents=True, exist_ok=True)
     options = SimulationOptions(seed=seed, gyro_noise_dps_rthz=noise * 1e-3, odr_hz=ODR_HZ, gyro_fs_dps=500, bias_instability_dph=0.0)
     sensor = SensorOnTable(TABLE, TableErrors((AxisErrors(),)), options, unit(scale), distort)
@@ -87,11 +101,13 @@ def record(
     lines += [",".join(map(str, cells)) for cells in np.column_stack([log.t_us, log.gyro, log.accel, log.temp]).tolist()]
     (folder / name).write_text("\n".join(lines) + "\n")
     (folder / "session.toml").write_text(SESSION)
-    (folder / "table.toml").write_text(TOML.format(settings=settings))
+    (folder / "table.toml").write_text(TOML.format(settings=settings) + limits)
     rng = np.random.default_rng(seed)
     t_s = np.arange(0.0, ends_s - 0.1, 1 / ANSWERS_HZ)
     said = track.said_and_sense(t_s - latency_s)[0] + 0.002 * DEG * rng.normal(size=len(t_s))
-    rows = [row(name, round(t * 1e6), None, True, [angle]) for t, angle in zip(t_s.tolist(), said, strict=True)]
+    stamp_s = np.maximum.accumulate(t_s + jitter_s * np.abs(rng.normal(size=len(t_s))))
+    clock = [7.0 + t if has_clock else None for t in t_s.tolist()]
+    rows = [row(name, round(s * 1e6), c, True, [angle]) for s, c, angle in zip(stamp_s.tolist(), clock, said, strict=True)]
     path = folder / "table.csv"
     before = path.read_text() if path.exists() else header(TABLE) + "\n"
     path.write_text(before + "\n".join(rows) + "\n")

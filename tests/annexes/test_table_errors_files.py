@@ -9,7 +9,7 @@ from formats_page import strangers
 from table_simulation import LostSteps, fixed_moves, simulate_on_table
 
 import tinygc
-from session.annexes.machines.angles import AngleLog, read_angles
+from session.annexes.machines.angles import AngleLog, on_its_clock, read_angles
 from session.annexes.machines.description import Axis, Description, read_description
 from session.annexes.machines.kinematics import attitudes, roll_pitch_yaw
 from session.annexes.machines.mechanics import AxisErrors, TableErrors
@@ -17,7 +17,7 @@ from session.io.errors import FormatError
 from session.io.results import json_text
 from session.io.units import DEG, NS
 from tinygc.annexes.machines.explanation import explain_table
-from tinygc.annexes.machines.observed import observe, on_its_clock
+from tinygc.annexes.machines.observed import observe
 from tinygc.closure.prepared import prepare
 from tinygc.reporting.terminal import as_text
 from tinygc.simulation.options import SimulationOptions

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,12 @@ import numpy as np
 from session.annexes.machines.description import Description
 from session.io.errors import FormatError
 from session.io.logfile import rows_of
-from session.io.units import DEG
+from session.io.units import DEG, NS
 
 NAME = "table.csv"
 COLUMNS = ("log", "t_us", "table_s", "moving")
+#: answers that show how a machine's clock goes; how far it may go from the board's, as a share
+FEWEST_ANSWERS, MOST_DRIFT = 20, 0.05
 #: 40 hours at 50 Hz
 MOST_ROWS = 8_000_000
 
@@ -70,6 +72,22 @@ def read_angles(path: Path, table: Description) -> dict[str, AngleLog]:
             raise FormatError(f"{path.name} line {number}: {line[:60]!r}, expected {expected}")
         found.setdefault(cells[0], []).append((t_us, clock, moving, *angles))
     return {log: _log(path.name, log, rows) for log, rows in found.items()}
+
+
+def on_its_clock(word: AngleLog) -> AngleLog:
+    """The same answers, at the times of the machine's own clock where it has one: a line through the stamps takes out their jitter.
+
+    A stamp is that of the last sample before the answer, so it is early by half a sample on average, and the line with it.
+    """
+    known = np.isfinite(word.table_s)
+    if known.sum() < FEWEST_ANSWERS or not known.all() or np.ptp(word.table_s) <= 0:
+        return word
+    t_s = (word.t_ns - word.t_ns[0]) * NS
+    slope, offset = np.polyfit(word.table_s, t_s, 1)
+    if abs(slope - 1) > MOST_DRIFT:  # no clock in seconds
+        return word
+    times = word.t_ns[0] + np.rint((slope * word.table_s + offset) / NS).astype(np.int64)
+    return replace(word, t_ns=np.maximum.accumulate(times))
 
 
 def _log(name: str, log: str, rows: list[tuple[float, ...]]) -> AngleLog:

@@ -8,12 +8,12 @@ readings. Specific force is in g of the site, with the pre-calibration of sessio
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
-from session.annexes.machines.angles import AngleLog
+from session.annexes.machines.angles import AngleLog, on_its_clock
 from session.annexes.machines.description import Description
 from session.io.errors import DataError
 from session.io.samples import Samples
@@ -26,8 +26,6 @@ SHORTEST_BLOCK_S = 0.04
 TURNED_RAD = 0.5 * DEG
 #: fewer rests or turns say nothing of a table
 FEWEST_RESTS, FEWEST_TURNS = 4, 3
-#: answers that show how a machine's clock goes; how far it may go from the board's, as a share
-FEWEST_ANSWERS, MOST_DRIFT = 20, 0.05
 #: blocks of a turn, at most: a longer turn has longer blocks
 MOST_BLOCKS = 120
 #: an answer whose stamp differs from those of its neighbours by so many sigmas of the session was held up; answers among which it is
@@ -98,22 +96,6 @@ class Observed:
         for number, each in enumerate(change, start=1):
             found[number] = np.where(np.abs(each) > TURNED_RAD, np.sign(each), found[number - 1])
         return found
-
-
-def on_its_clock(word: AngleLog) -> AngleLog:
-    """The same answers, at the times of the machine's own clock where it has one: a line through the stamps takes out their jitter.
-
-    A stamp is that of the last sample before the answer, so it is early by half a sample on average, and the line with it.
-    """
-    known = np.isfinite(word.table_s)
-    if known.sum() < FEWEST_ANSWERS or not known.all() or np.ptp(word.table_s) <= 0:
-        return word
-    t_s = (word.t_ns - word.t_ns[0]) * NS
-    slope, offset = np.polyfit(word.table_s, t_s, 1)
-    if abs(slope - 1) > MOST_DRIFT:  # no clock in seconds
-        return word
-    times = word.t_ns[0] + np.rint((slope * word.table_s + offset) / NS).astype(np.int64)
-    return replace(word, t_ns=np.maximum.accumulate(times))
 
 
 def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]) -> Observed:

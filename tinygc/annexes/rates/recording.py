@@ -2,7 +2,7 @@
 
 The machine's angles give each dwell: a stretch in which one axis turns at one rate.  The rate is the slope of what the machine says; the
 output is the sensor's mean over the settled part, over whole turns where there is one, so that the Earth's rate and gravity cancel about a
-tilted axis.  Its sigma is that of means of blocks, which holds for noise of any colour that is shorter than a block.
+tilted axis.  Its sigma is that of means of blocks, which holds for noise of any colour that is shorter than a block, with that of the rate.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from session.annexes.machines.angles import NAME as ANGLES
-from session.annexes.machines.angles import AngleLog, read_angles
+from session.annexes.machines.angles import AngleLog, on_its_clock, read_angles
 from session.annexes.machines.description import NAME as TABLE
 from session.annexes.machines.description import Description, read_description
 from session.annexes.machines.kinematics import body_axes
+from session.annexes.machines.rates import MARGIN_RAD
 from session.io.config import read_config
 from session.io.errors import DataError, FormatError
 from session.io.files import require_file
@@ -88,6 +89,7 @@ def read_recording(folder: Path, progress: Progress) -> Recording:
         own = angles.get(name) or angles.get(path.name)
         if own is None:
             raise FormatError(f"{folder / ANGLES}: no angle of {name}; expected rows whose first column is {name}")
+        own = on_its_clock(own)
         samples = read_log(path, config.sensor).samples
         found = list(_steps(name, samples, own, table))
         for axis, rate, mean, sigma in found:
@@ -143,7 +145,7 @@ def _steady(rates: np.ndarray) -> bool:
 
 def _steps(name: str, samples: Samples, own: AngleLog, table: Description) -> Iterator[tuple[int, float, float, float]]:
     """Gyroscope axis, rate °/s, mean °/s and its sigma of each dwell of a log."""
-    found = dwells(own)
+    found = [dwell for dwell in dwells(own) if not _is_way_back(own, dwell, table)]
     turned = [dwell.axis for dwell in found if abs(dwell.rate) > RATE_WITHIN_DPS * DEG]
     if not turned:
         return
@@ -161,6 +163,17 @@ def _steps(name: str, samples: Samples, own: AngleLog, table: Description) -> It
             yield axis, rate * float(seen[axis]) / DEG, float(mean[axis]) / DEG, float(sigma[axis]) / DEG
 
 
+def _is_way_back(own: AngleLog, dwell: Dwell, table: Description) -> bool:
+    """Whether a stretch ends in a rest at a limit of its axis: it brings the axis to where the next step begins; no step goes so far."""
+    axis = table.axes[dwell.axis]
+    after = own.angles[dwell.stop :, dwell.axis]
+    moves = np.flatnonzero(np.abs(np.diff(after)) <= AT_REST * axis.sigma_rad)
+    if abs(dwell.rate) <= RATE_WITHIN_DPS * DEG or not len(moves) or axis.least_rad is None or axis.most_rad is None:
+        return False
+    rests = float(np.unwrap([axis.least_rad, after[moves[0]]])[1])
+    return min(abs(rests - axis.least_rad), abs(rests - axis.most_rad)) < MARGIN_RAD / 2
+
+
 def _settled(samples: Samples, own: AngleLog, dwell: Dwell, sigma_rad: float) -> tuple[float, np.ndarray, np.ndarray] | None:
     """Over the settled part of a dwell: the table's rate, mean (3,) of the gyroscope and its sigma (3,), rad/s; None where it is short."""
     begin, end = own.t_ns[dwell.start] * NS, own.t_ns[dwell.stop] * NS
@@ -175,11 +188,14 @@ def _settled(samples: Samples, own: AngleLog, dwell: Dwell, sigma_rad: float) ->
     if len(gyro) < 2 * BLOCKS or answers.stop - answers.start < 2:
         return None
     t_s = (own.t_ns[answers] - own.t_ns[answers][0]) * NS
-    rate = float(np.polyfit(t_s - t_s.mean(), np.unwrap(own.angles[answers, dwell.axis]), 1)[0])
+    said, since = np.unwrap(own.angles[answers, dwell.axis]), t_s - t_s.mean()
+    rate = float(np.polyfit(since, said, 1)[0])
+    off = said - said.mean() - rate * since
+    rate_sigma = float(np.sqrt(np.sum(off**2) / max(len(off) - 2, 1) / np.sum(since**2)))
     if abs(rate) * (end - begin) < AT_REST * sigma_rad:
-        rate = 0.0
+        rate = rate_sigma = 0.0
     means = np.stack([part.mean(axis=0) for part in np.array_split(gyro, BLOCKS)])
-    return rate, gyro.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(BLOCKS)
+    return rate, gyro.mean(axis=0), np.hypot(means.std(axis=0, ddof=1) / np.sqrt(BLOCKS), rate_sigma)
 
 
 # Sweeps: stretches in which an axis swings at one frequency.

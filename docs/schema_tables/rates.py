@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .shapes import COUNT, FLAG, NUMBER, SHARE, SIZE, TEXT, maybe, words
 
-_NUMBER = {"name": TEXT, "value": NUMBER, "sigma": maybe(SIZE), "unit": TEXT}
+_NUMBER = {"name": TEXT, "value": maybe(NUMBER), "sigma": maybe(SIZE), "unit": TEXT, "between": maybe([NUMBER])}
 _TERM = {
     "key": TEXT,
     "name": TEXT,
@@ -33,7 +33,6 @@ _SENSOR = {
     "terms": [_TERM],
     "points": [{"curve": COUNT, "rate_dps": NUMBER, "output": NUMBER, "predicted": NUMBER, "limited": FLAG}],
     "held_out": [_HELD_OUT],
-    "discovery": maybe({"equation": maybe(TEXT), "untouched": maybe(SIZE), "rivals": [TEXT], "p_value": SHARE}),
 }
 _SWEEP = {
     "name": TEXT,

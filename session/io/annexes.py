@@ -43,7 +43,6 @@ SERVICES = {
     "rates": "tinygc.annexes.rates.command",
     "rates of a table": "tinygc.annexes.rates.library",
     "rate steps recorded with a machine": "tinygc.annexes.rates.recording",
-    "equations of curves (rates --discover)": "tinygc.annexes.rates.discovery",
     "verify": "tinygc.annexes.verification.command",
     "verification of a calibration": "tinygc.annexes.verification.library",
     "watch": "tinygc.annexes.watch.command",

@@ -11,6 +11,7 @@ from session.annexes.machines.angles import read_angles
 from session.annexes.machines.mechanics import AxisTrack
 from session.io.errors import DataError, FormatError
 from session.io.units import DEG
+from tinygc.annexes.rates import sweep
 from tinygc.annexes.rates.recording import _phasor, dwells, read_recording
 from tinygc.annexes.rates.sweep import Response, fit_response, read_response, transfer
 
@@ -175,6 +176,13 @@ def test_what_a_model_leaves_widens_its_sigmas():
     wide, told = fit_response(honest), fit_response(stated)
     assert told.bandwidth_sigma_hz == pytest.approx(wide.bandwidth_sigma_hz, rel=0.3)
     assert told.delay_s[1] == pytest.approx(wide.delay_s[1], rel=0.3)
+
+
+def test_a_bandwidth_that_no_frequency_shows_has_no_sigma():
+    """A gain that falls by less than rounding at 0.05 Hz of 10^6."""
+    flat = response("flat", [1.0, 0.0], sigma=1e-3, f=np.linspace(0.01, 0.05, 8))
+    found = sweep._bandwidth(flat, "first", np.array([1.0, 0.0, 1e6]), np.diag([1e-6, 1e-9, np.inf]))
+    assert found == (None, None, 0.05)
 
 
 def test_a_bandwidth_far_beyond_the_highest_frequency_is_a_lower_limit():

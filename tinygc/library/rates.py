@@ -19,7 +19,6 @@ def estimate_rates(
     rate_column: str = "",
     output_column: str = "",
     readings: int | None = None,
-    discover: bool = False,
     progress: Progress | None = None,
 ) -> Any:
     """Choose the law of a sensor's output over the rate of a table, with the terms of IEEE 1431; bandwidth and delay of a sweep.
@@ -37,15 +36,13 @@ def estimate_rates(
         Names of the columns of a CSV.
     readings : int, optional
         Readings behind each mean, where the CSV has their std.
-    discover : bool, optional
-        Whether to search the equation of each curve, beyond the laws that are known.
     progress : callable, optional
         Called with what is done, how far, and of how much.
 
     Returns
     -------
     Rates
-        ``choices``, ``sweeps``, ``discoveries``, ``remarks``, ``summary()``, ``html()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
+        ``choices``, ``sweeps``, ``remarks``, ``summary()``, ``html()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
 
     Raises
     ------
@@ -66,7 +63,7 @@ def estimate_rates(
         if sigma is not None:
             raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
         columns = annex.Columns(rate_column, output_column, unit, readings)
-        return annex.rates_of(Path(source), columns, discover, progress or nothing)
+        return annex.rates_of(Path(source), columns, progress or nothing)
     if not (isinstance(source, tuple) and len(source) == 2):
         raise CalibrationError(f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)")
-    return annex.rates_of_arrays(*source, sigma, unit or "units", discover, progress or nothing)
+    return annex.rates_of_arrays(*source, sigma, unit or "units", progress or nothing)

@@ -21,9 +21,11 @@ from functools import cached_property
 import numpy as np
 
 from session.io.errors import DataError
+from session.io.solving import solve
 from session.io.texts import printable
-from tinygc.annexes.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, fit, floor, span, weight_sigma
-from tinygc.annexes.rates.laws import COMPETING, LAWS, LIMITS, Hypothesis
+from tinygc.annexes.rates.curve import Curve, fit, fit_curve
+from tinygc.annexes.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, floor, span, weight_sigma
+from tinygc.annexes.rates.laws import COMPETING, CURVE, LAWS, LIMITS, Hypothesis
 from tinygc.annexes.rates.points import Points
 
 #: probability of giving up a straight line that is true (tests/annexes/test_rates_choice.py; docs/measured/rate-table.md)
@@ -41,6 +43,8 @@ LINE = Hypothesis("line")
 RAIL = 0.1
 #: rates at which a departure may begin
 MOST_PLACES = 60
+#: laws without a bend, or with a kink
+NOT_SMOOTH = ("line", "asymmetry", "dead_band", "pieces")
 #: laws that a held-out table shows beside the chosen one
 COMPARED = (LINE, Hypothesis("cubic"), Hypothesis("line", True, True), Hypothesis("sine"), Hypothesis("sine", True, True))
 
@@ -81,6 +85,13 @@ class Choice:
         return self.fit.hypothesis == LINE
 
     @cached_property
+    def curve(self) -> Curve | None:
+        """The smooth curve with the chosen law's limits and extras, of which a range's figures are; None of a law not smooth."""
+        if self.fit.hypothesis.law in NOT_SMOOTH:
+            return None
+        return self.fit if isinstance(self.fit, Curve) else fit_curve(self.points, replace(self.fit.hypothesis, law=CURVE))
+
+    @cached_property
     def held_out(self) -> tuple[HeldOut, ...]:
         """Each curve predicted from the other curves, and from the widest one alone, by the chosen law and by simpler ones."""
         if len(self.points.curves) < 2:
@@ -110,8 +121,13 @@ def choose(points: Points) -> Choice:
         if law == LINE.law or all(may or not there for may, there in zip(ends, limits, strict=True))
     ]
     hypotheses += [Hypothesis("line", extras=(name,)) for name in COMPETING if name not in LAWS and _may_have(points, LINE, name)]
-    hypotheses.append(replace(LINE, apart=_farthest(line)))
     fits = [found for each in hypotheses if (found := fit(points, each)) is not None and _shows_limits(found)]
+    # A line within any limits, but for one reading: what a law with a bend at that reading would be, which it alone shows.
+    more = [
+        replace(each.hypothesis, apart=_farthest(each)) for each in fits if each.hypothesis.law == LINE.law and not each.hypothesis.extras
+    ]
+    more.append(replace(min(fits, key=lambda each: score(each, unit)).hypothesis, law=CURVE))
+    fits += [found for each in more if (found := fit(points, each)) is not None and _shows_limits(found)]
     scored = sorted(((found, score(found, unit) + EXTRA_GAIN * (found.hypothesis.apart >= 0)) for found in fits), key=lambda each: each[1])
     p_value = chance(points)
     others = [each for each in scored if each[0].hypothesis != LINE]
@@ -161,8 +177,7 @@ def _may_have(points: Points, hypothesis: Hypothesis, extra: str) -> bool:
 
 def _farthest(found: Fit) -> int:
     """Row of the reading without which a fit leaves least."""
-    left, size, _ = np.linalg.svd(found.jacobian, full_matrices=False)
-    leverage = np.sum(left[:, size > 1e-12 * size.max()] ** 2, axis=1)
+    leverage = np.einsum("ij,jk,ik->i", found.jacobian, found.solution.spread, found.jacobian)
     return int(np.argmax((found.residuals / weight_sigma(found.points)) ** 2 / np.maximum(1 - leverage, 1e-9)))
 
 
@@ -185,7 +200,7 @@ def score(found: Fit, unit: float) -> float:
     price = 2 * np.log(len(LAWS)) * (of.law != LINE.law or bool(of.extras)) + 2 * np.log(len(LIMITS)) * (of.lower or of.upper)
     price += 2 * np.log(len(points)) * (of.apart >= 0)
     parameters = found.parameters * np.log(len(points) * unit**2)
-    return float(found.freedom * np.log((chi_square + stated) / 2) - 2 * gammaln(found.freedom / 2) + parameters + price)
+    return float(found.freedom * np.log((chi_square + stated) / 2) - 2 * gammaln(found.freedom / 2) + parameters + price + found.occam)
 
 
 # Chance: departures from a straight line as columns, of which the best is held against the best of pure noise.
@@ -218,8 +233,7 @@ def chance(points: Points) -> float:
     sigma = weight_sigma(points)
     nuisance = np.column_stack([np.eye(len(points.curves))[points.curve], points.rate_dps]) / sigma[:, None]
     basis = np.linalg.svd(nuisance, full_matrices=True)[0]
-    rank = np.linalg.matrix_rank(nuisance)
-    left = basis[:, rank:]  # (N, N - r): what no offset and no scale changes
+    left = basis[:, solve(nuisance).rank :]  # (N, N - r): what no offset and no scale changes
     spaces = []
     for columns in departures(points):
         u, size, _ = np.linalg.svd(left.T @ (columns / sigma[:, None]), full_matrices=False)

@@ -15,7 +15,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     what = "a CSV of rates and mean outputs, of frequencies, gains and phases, or a folder with rates*.csv, table.toml and table.csv"
     command.add_argument("source", type=path_read, metavar="FILE|DIR", help=what)
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where rates.json, rates.html and rates.png go")
-    command.add_argument("--discover", action="store_true", help="search the equation of each curve, beyond the laws that are known")
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
     table = command.add_argument_group("a CSV whose header does not say it")
     table.add_argument("--rate-column", default="", metavar="NAME", help="the column of the table's rate")
@@ -36,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
         try_json(args.json)
     columns = Columns(args.rate_column, args.output_column, args.output_unit, args.readings)
     with progress_bar(args.quiet) as progress:
-        found = rates_of(args.source, columns, args.discover, progress)
+        found = rates_of(args.source, columns, progress)
     output(args).print(found.page)
     if args.out is not None:
         found.save(args.out, pictures=not args.no_pictures)

@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from session.io.solving import Solution, solve
 from tinygc.annexes.rates.laws import EXTRAS, Hypothesis
 from tinygc.annexes.rates.points import Points
 
@@ -22,6 +23,8 @@ PASSES = 6
 ROUNDING = 1e-7
 #: least degrees of freedom of repeats that test a law, and the probability below which they refute it
 LEAST_REPEATS, REFUTED = 3, 0.05
+#: rise of chi-square, in the noise's variance, up to which a value is not excluded (95 %), and values that are tried of a number
+PROFILE_95, PROFILED = 3.84, 181
 #: step of a central difference, of the parameter's size
 STEP = 1e-5
 #: fits of one hypothesis, from different starts, that are refined; steps of each; residuals, in those of its start, where it is no fit
@@ -41,6 +44,17 @@ class LackOfFit:
     noise: float
     freedom: int
     variance_inflation: float
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a law: value and sigma, both None where the points do not determine it; between: which values leave as little."""
+
+    name: str
+    value: float | None
+    sigma: float | None
+    unit: str
+    between: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,19 +102,25 @@ class Fit:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
     @property
+    def at_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) whether a point lies at the lower limit, and at the upper one."""
+        return self.predicted <= self.limits[0], self.predicted >= self.limits[1]
+
+    @property
     def is_limited(self) -> np.ndarray:
         """(N,) whether a point lies at a limit."""
-        return (self.predicted <= self.limits[0]) | (self.predicted >= self.limits[1])
+        low, high = self.at_limits
+        return low | high
 
     @property
     def parameters(self) -> int:
-        """How many numbers were estimated."""
-        return len(self.vector)
+        """How many numbers without a prior were estimated."""
+        return int(np.sum(self.prior_scale == 0))
 
     @cached_property
     def chi_square(self) -> float:
-        """Sum of squared residuals, each over its sigma where these are known."""
-        return float(np.sum((self.residuals / weight_sigma(self.points)) ** 2))
+        """Sum of squared residuals, each over its sigma where these are known, and of what priors miss."""
+        return float(np.sum((self.residuals / weight_sigma(self.points)) ** 2) + np.sum((self.prior_scale * self.vector) ** 2))
 
     @property
     def freedom(self) -> float:
@@ -109,9 +129,15 @@ class Fit:
 
     @property
     def noise(self) -> float:
-        """Size of the noise: sigma of a point in the output's unit, or the factor on the stated ones; NaN where nothing is free."""
-        stated = STATED_FREEDOM if self.points.is_known else 0.0
-        return float(np.sqrt((self.chi_square + stated) / self.freedom)) if self.freedom > 0 else float("nan")
+        """Size of the noise: sigma of a point at no limit, or the factor on stated ones; NaN where nothing is free."""
+        stated, ends = STATED_FREEDOM if self.points.is_known else 0.0, self.hypothesis.lower + self.hypothesis.upper
+        freedom = self.freedom - int(self.is_limited.sum()) + ends
+        return float(np.sqrt((self.chi_square - self._clipped + stated) / freedom)) if freedom > 0 else float("nan")
+
+    @property
+    def _clipped(self) -> float:
+        """Sum of squared whitened residuals of the points at the limits."""
+        return float(np.sum((self.residuals / weight_sigma(self.points))[self.is_limited] ** 2))
 
     # All parameters as one vector: offsets, coefficients, shape, the limits that there are.
 
@@ -120,6 +146,16 @@ class Fit:
         """(p,) all estimated numbers."""
         limits = [limit for limit, there in zip(self.limits, (self.hypothesis.lower, self.hypothesis.upper), strict=True) if there]
         return np.array([*self.offsets, *self.coefficients, *self.shape, *limits])
+
+    @property
+    def occam(self) -> float:
+        """-2 log evidence that numbers with a prior cost."""
+        return 0.0
+
+    @property
+    def prior_scale(self) -> np.ndarray:
+        """(p,) 1 / prior sigma of each number, in sigmas of the noise; 0 for what has none."""
+        return np.zeros(len(self.vector))
 
     def moved(self, vector: np.ndarray) -> Fit:
         """The same hypothesis with other numbers."""
@@ -153,25 +189,49 @@ class Fit:
         return 1e-3 * span(self.points) / max(float(np.abs(column).max()), 1e-300)
 
     @cached_property
-    def covariance(self) -> np.ndarray:
-        """(p, p) of ``vector``, wider where repeats refute the law."""
-        size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
-        inverse = np.linalg.pinv((self.jacobian / size).T @ (self.jacobian / size), rcond=1e-13) / np.outer(size, size)
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """(M, p) derivatives and (M,) residuals, whitened: of the points, then of the priors.
+
+        Points at the limits miss these by more than the noise where the limits are soft, and count less for it.
+        """
+        known, limited = np.flatnonzero(self.prior_scale), self.is_limited
+        prior = np.diag(self.prior_scale)[known]
+        spare = int(limited.sum()) - self.hypothesis.lower - self.hypothesis.upper
+        more = max(float(np.sqrt(self._clipped / spare)) / max(self.noise, 1e-300), 1.0) if spare > 0 else 1.0
+        less = np.where(limited, 1 / more, 1.0)
+        residuals = np.append(less * self.residuals / weight_sigma(self.points), -prior @ self.vector)
+        return np.concatenate([self.jacobian * less[:, None], prior]), residuals
+
+    @cached_property
+    def solution(self) -> Solution:
+        """What the points determine of ``vector``, for noise of variance one (``session.io.solving``)."""
+        return solve(self._rows[0])
+
+    @property
+    def variance(self) -> float:
+        """Of the noise, wider where repeats refute the law."""
         lack = self.lack_of_fit
-        return inverse * self.noise**2 * (1.0 if lack is None else lack.variance_inflation)
+        return self.noise**2 * (1.0 if lack is None else lack.variance_inflation)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(p, p) of ``vector``; of numbers that the points do not determine the variance is infinite."""
+        return self.solution.covariance * self.variance
 
     @cached_property
     def lack_of_fit(self) -> LackOfFit | None:
         """Whether the law leaves more than repeats of a rate do; None where too few rates were repeated."""
         rates = np.unique(self.points.distinct)
         repeated = (self.points.distinct[:, None] == rates[None, :]) / weight_sigma(self.points)[:, None]
-        residuals = self.residuals / weight_sigma(self.points)
-        size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
+        jacobian, residuals = self._rows
         free, left = [], []
-        for columns in (self.jacobian / size, np.column_stack([self.jacobian / size, repeated])):
-            solved, _, rank, _ = np.linalg.lstsq(columns, residuals, rcond=1e-10)
-            free.append(len(residuals) - int(rank))
-            left.append(max(float(np.sum((residuals - columns @ solved) ** 2)), floor(self.points)))
+        for columns in (
+            jacobian,
+            np.column_stack([jacobian, np.concatenate([repeated, np.zeros((len(jacobian) - len(repeated), len(rates)))])]),
+        ):
+            found = solve(columns, residuals)
+            free.append(len(residuals) - found.rank)
+            left.append(max(float(np.sum((residuals - columns @ found.shortest) ** 2)), floor(self.points)))
         between = free[0] - free[1]
         if free[1] < LEAST_REPEATS or not between:
             return None
@@ -181,6 +241,32 @@ class Fit:
         p_value = float(fdtrc(between, free[1], scatter / repeats))
         inflation = max(scatter / self.noise**2, 1.0) if p_value < REFUTED else 1.0
         return LackOfFit(p_value, float(np.sqrt(repeats)), free[1], inflation)
+
+    @cached_property
+    def profile(self) -> list[Fit]:
+        """Fits that leave as little with other values of a shape parameter that is not determined (95 %); this one alone where all are."""
+        found, at = [self], len(self.offsets) + len(self.coefficients)
+        least, most = self.hypothesis.of.bounds(float(np.abs(self.points.rate_dps).max()))
+        more = max(PROFILE_95 * self.noise**2, floor(self.points))
+        for number in np.flatnonzero(self.solution.is_open[at : at + len(self.shape)]):
+            for value in np.linspace(least[number], most[number], PROFILED):
+                shape = tuple(np.where(np.arange(len(self.shape)) == number, value, self.shape).tolist())
+                other = _from(self.points, self.hypothesis, shape, *self.at_limits)
+                found += [other] if other is not None and other.chi_square < self.chi_square + more else []
+        return found
+
+    @property
+    def numbers(self) -> list[Number]:
+        """The numbers that have a name, with their sigmas."""
+        found, at = [], len(self.offsets) + len(self.coefficients)
+        # a curve's weights come last, and have no names
+        for n, (name, unit, value, variance) in enumerate(zip(self.names, self.units, self.vector, np.diag(self.covariance), strict=False)):
+            if np.isfinite(variance):
+                found.append(Number(name, float(value), float(np.sqrt(variance)), unit))
+            else:
+                values = [each.vector[n] for each in self.profile] if at <= n < at + len(self.shape) else []
+                found.append(Number(name, None, None, unit, (float(min(values)), float(max(values))) if values else None))
+        return found
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -235,7 +321,7 @@ def fit(points: Points, hypothesis: Hypothesis) -> Fit | None:
     if len(points) < width + hypothesis.lower + hypothesis.upper + 2 or len(np.unique(points.distinct)) < _least_rates(hypothesis):
         return None
     found: list[Fit] = []
-    for low, high in product(_plateaus(points, hypothesis.lower, False), _plateaus(points, hypothesis.upper, True)):
+    for low, high in product(plateaus(points, hypothesis.lower, False), plateaus(points, hypothesis.upper, True)):
         for start in hypothesis.of.starts(float(np.abs(points.rate_dps).max())):
             first = _from(points, hypothesis, start, low, high)
             if first is not None:
@@ -250,7 +336,14 @@ def _least_rates(hypothesis: Hypothesis) -> int:
     return len(hypothesis.of.coefficients) + len(hypothesis.of.shapes) + hypothesis.added + 2
 
 
-def _plateaus(points: Points, there: bool, upper: bool) -> Iterator[np.ndarray]:
+def enough(points: Points, hypothesis: Hypothesis, low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether there are points at each limit, low and high (N,), and rates enough at none."""
+    if (hypothesis.lower and not low.any()) or (hypothesis.upper and not high.any()):
+        return False
+    return len(np.unique(points.distinct[~(low | high)])) >= _least_rates(hypothesis)
+
+
+def plateaus(points: Points, there: bool, upper: bool) -> Iterator[np.ndarray]:
     """(N,) which points may lie at a limit, one guess after the other; none where there is no limit."""
     output = points.output if upper else -points.output
     if not there:
@@ -281,7 +374,7 @@ def _from(points: Points, hypothesis: Hypothesis, shape: tuple[float, ...], low:
         if (hypothesis.lower and not low.any()) or (hypothesis.upper and not high.any()) or free.sum() < len(size):
             return None
         limits = (float(output[low].mean()) if hypothesis.lower else -np.inf, float(output[high].mean()) if hypothesis.upper else np.inf)
-        solved = np.linalg.lstsq(columns[free] / sigma[free, None], output[free] / sigma[free], rcond=None)[0]
+        solved = solve(columns[free] / sigma[free, None], output[free] / sigma[free]).shortest
         unlimited = columns @ solved
         now = (unlimited <= limits[0]) & hypothesis.lower, (unlimited >= limits[1]) & hypothesis.upper
         if (now[0] == low).all() and (now[1] == high).all():

@@ -107,13 +107,6 @@ LAWS: dict[str, Law] = {
             (("K", 1), ("q", 2), ("c", 3)),
             _columns(_rate, lambda w: w**2, lambda w: w**3),
         ),
-        Law(
-            "quintic",
-            "an odd polynomial of the fifth order",
-            "K w + c w³ + d w⁵",
-            (("K", 1), ("c", 3), ("d", 5)),
-            _columns(_rate, lambda w: w**3, lambda w: w**5),
-        ),
         Law("tanh", "soft saturation (tanh)", "A tanh(w / w0)", (("A", 0),), _columns(lambda w, c: np.tanh(w / c)), (_BEND,)),
         Law("arctan", "soft saturation (arctan)", "A arctan(w / w0)", (("A", 0),), _columns(lambda w, c: np.arctan(w / c)), (_BEND,)),
         Law(
@@ -177,6 +170,11 @@ LAWS: dict[str, Law] = {
 }
 
 
+#: the smooth curve that no law names (``curve.py``)
+CURVE = "curve"
+_CURVE = Law(CURVE, "a smooth curve of no law in the list", "K w + f(w); f smooth", (("K", 1),), _columns(_rate))
+
+
 @dataclass(frozen=True, eq=False)
 class Extra:
     """One more column beside a law: name; words; power of °/s in its coefficient's unit; column of rate, direction and order, each (N,)."""
@@ -219,7 +217,7 @@ class Hypothesis:
     @property
     def of(self) -> Law:
         """Its law."""
-        return LAWS[self.law]
+        return _CURVE if self.law == CURVE else LAWS[self.law]
 
     @property
     def name(self) -> str:

@@ -17,7 +17,7 @@ from session.io.results import write_text_whole, write_whole
 from tinygc.annexes.rates.choice import Choice, choose
 from tinygc.annexes.rates.page import page
 from tinygc.annexes.rates.picture import figure_of
-from tinygc.annexes.rates.points import Columns, Points, points_of, read_points, read_table
+from tinygc.annexes.rates.points import Columns, Points, points_of, read_points, read_table, settings_of
 from tinygc.annexes.rates.sweep import Sweep, fit_response, is_response, read_response
 from tinygc.annexes.rates.terms import terms
 from tinygc.annexes.rates.text import rates_page
@@ -27,7 +27,6 @@ from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
 if TYPE_CHECKING:
-    from tinygc.annexes.rates.discovery import Discovery
     from tinygc.reporting.pictures.canvas import Figure
 
 SCHEMA = "tinygc-rates/1"
@@ -36,12 +35,11 @@ FILE, PICTURE, PAGE = "rates.json", "rates.png", "rates.html"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rates(Shown):
-    """Result of ``tinygc.estimate_rates``: ``choices`` (law, fit, rivals of each sensor), ``sweeps``, ``discoveries``, ``remarks``."""
+    """Result of ``tinygc.estimate_rates``: ``choices`` (law, fit, rivals of each sensor), ``sweeps``, ``remarks``."""
 
     name: str
     choices: tuple[Choice, ...]
     sweeps: tuple[Sweep, ...] = ()
-    discoveries: tuple[Discovery | None, ...] = ()
     remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -50,7 +48,7 @@ class Rates(Shown):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        return rates_page(self.choices, self.sweeps, self.discoveries, self.remarks)
+        return rates_page(self.choices, self.sweeps, self.remarks)
 
     def to_json(self) -> dict:
         """``tinygc-rates/1`` (docs/formats/rates.md)."""
@@ -58,7 +56,7 @@ class Rates(Shown):
             "schema": SCHEMA,
             "version": VERSION,
             "name": self.name,
-            "sensors": [_of_sensor(choice, found) for choice, found in zip(self.choices, self.discoveries, strict=True)],
+            "sensors": [_of_sensor(choice) for choice in self.choices],
             "sweeps": [_of_sweep(sweep) for sweep in self.sweeps],
             "remarks": list(self.remarks),
         }
@@ -78,7 +76,7 @@ class Rates(Shown):
 
     def html(self) -> str:
         """The report of the rate table as one HTML document."""
-        return page(self.choices, self.sweeps, self.discoveries, self.remarks, self.name)
+        return page(self.choices, self.sweeps, self.remarks, self.name)
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw outputs, laws and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
@@ -86,11 +84,9 @@ class Rates(Shown):
         return figure if path is None else saved(figure, Path(path))
 
 
-def _of_sensor(choice: Choice, discovery: Discovery | None) -> dict[str, Any]:
+def _of_sensor(choice: Choice) -> dict[str, Any]:
     found, points = choice.fit, choice.points
     lack = found.lack_of_fit
-    sigmas = np.sqrt(np.diag(found.covariance)).tolist()
-    numbers = zip(found.names, found.vector.tolist(), sigmas, found.units, strict=True)
     rows = zip(points.curve.tolist(), points.rate_dps, points.output, found.predicted, found.is_limited, strict=True)
     return {
         "sensor": points.sensor,
@@ -99,7 +95,7 @@ def _of_sensor(choice: Choice, discovery: Discovery | None) -> dict[str, Any]:
         "law": found.hypothesis.law,
         "name": found.hypothesis.name,
         "equation": found.hypothesis.equation,
-        "parameters": [{"name": name, "value": value, "sigma": sigma, "unit": unit} for name, value, sigma, unit in numbers],
+        "parameters": [vars(each) for each in found.numbers],
         "probability": choice.probability,
         "p_value": choice.p_value,
         "rms": found.rms,
@@ -113,7 +109,6 @@ def _of_sensor(choice: Choice, discovery: Discovery | None) -> dict[str, Any]:
             for curve, rate, output, predicted, limited in rows
         ],
         "held_out": [vars(one) for one in choice.held_out],
-        "discovery": None if discovery is None else discovery.to_json(),
     }
 
 
@@ -137,7 +132,7 @@ def _of_sweep(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def rates_of(path: Path, columns: Columns, discovering: bool, progress: Progress) -> Rates:
+def rates_of(path: Path, columns: Columns, progress: Progress) -> Rates:
     """Rate steps and sweeps of a CSV or of a recording's folder.  Raises CalibrationError, in one line, for what cannot be read."""
     remarks: list[str] = []
     points: list[Points] = []
@@ -153,27 +148,25 @@ def rates_of(path: Path, columns: Columns, discovering: bool, progress: Progress
         )
     else:
         points, remarks = read_points(path, columns)
-    return _chosen(path.name, points, sweeps, remarks, discovering, progress)
+    return _chosen(path.name, points, sweeps, remarks, progress)
 
 
 def rates_of_arrays(
-    rate_dps: Sequence[float], output: Sequence[float], sigma: Sequence[float] | None, unit: str, discovering: bool, progress: Progress
+    rate_dps: Sequence[float], output: Sequence[float], sigma: Sequence[float] | None, unit: str, progress: Progress
 ) -> Rates:
     """Rate steps of arrays (N,), in the order in which they were taken."""
     rate, out = np.asarray(rate_dps, dtype=float), np.asarray(output, dtype=float)
     known = None if sigma is None else np.asarray(sigma, dtype=float)
     if rate.ndim != 1 or rate.shape != out.shape or (known is not None and known.shape != rate.shape):
         raise FormatError(f"rates: shapes {rate.shape} and {out.shape}, expected (N,) rates and as many outputs")
-    return _chosen("arrays", [points_of("arrays", unit, rate, out, [""] * len(rate), known)], [], [], discovering, progress)
+    return _chosen("arrays", [points_of("arrays", unit, rate, out, [""] * len(rate), known)], [], [], progress)
 
 
-def _chosen(
-    name: str, points: Sequence[Points], sweeps: Sequence[Sweep], remarks: Sequence[str], discovering: bool, progress: Progress
-) -> Rates:
-    search = need("equations of curves (rates --discover)") if discovering else None
-    choices = []
+def _chosen(name: str, points: Sequence[Points], sweeps: Sequence[Sweep], remarks: Sequence[str], progress: Progress) -> Rates:
+    choices, said = [], list(remarks)
     for number, own in enumerate(points):
         progress(f"laws of {own.sensor}", number, len(points))
-        choices.append(choose(own))
-    discoveries = tuple(None if search is None else search.discover(choice) for choice in choices)
-    return Rates(name, tuple(choices), tuple(sweeps), discoveries, tuple(remarks))
+        settled, why = settings_of(own)
+        choices.append(choose(settled))
+        said += why
+    return Rates(name, tuple(choices), tuple(sweeps), tuple(said))

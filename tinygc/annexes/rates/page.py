@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,19 +17,14 @@ from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph
 from tinygc.reporting.html.page import document
 from tinygc.reporting.pictures.canvas import plain
 
-if TYPE_CHECKING:
-    from tinygc.annexes.rates.discovery import Discovery
-
 #: rates at which a law is drawn
 DRAWN = 401
 HEIGHT, LOW = 260, 180
 
 
-def page(
-    choices: Sequence[Choice], sweeps: Sequence[Sweep], discoveries: Sequence[Discovery | None], remarks: Sequence[str], name: str
-) -> str:
+def page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str], name: str) -> str:
     """The page as one HTML document; name: of what was measured."""
-    sections = [_sensor(choice, found, n) for n, (choice, found) in enumerate(zip(choices, discoveries, strict=True))]
+    sections = [_sensor(choice, n) for n, choice in enumerate(choices)]
     sections += [_sweep(sweep, n) for n, sweep in enumerate(sweeps)]
     if remarks:
         sections.append(Section("remarks", "Remarks", "".join(paragraph(escape(remark)) for remark in remarks)))
@@ -39,8 +33,8 @@ def page(
     return document(f"Rate table: {name}", head, sections, foot)
 
 
-def _sensor(choice: Choice, discovery: Discovery | None, number: int) -> Section:
-    said = "".join(paragraph(escape(line)) for line in (headline(choice), *lines(choice), *(discovery.lines if discovery else ())))
+def _sensor(choice: Choice, number: int) -> Section:
+    said = "".join(paragraph(escape(line)) for line in (headline(choice), *lines(choice)))
     rows = []
     for row in terms(choice):
         value, sigma = cells(row)

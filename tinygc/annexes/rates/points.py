@@ -25,6 +25,9 @@ from session.io.units import DEG
 MOST_BYTES, MOST_POINTS = 16 * MB, 2000
 #: least number of rates
 LEAST_RATES = 4
+#: rates of one setting lie closer than two settings by this factor; readings beyond one of each that tell whether the output follows
+#: them, and the probability that it does
+APART, LEAST_SCATTERED, FOLLOWED = 5.0, 6, 1e-3
 #: of the largest output: a stated sigma below is none
 LEAST_SIGMA = 1e-9
 #: digits behind the point with which an output is still taken as rounded
@@ -117,6 +120,45 @@ class Points:
         """The points (N,) bool that are chosen, the curves keeping their numbers."""
         rows = ("rate_dps", "output", "sigma", "curve", "direction", "order", "std")
         return replace(self, **{name: getattr(self, name)[which] for name in rows})
+
+
+def settings_of(points: Points) -> tuple[Points, list[str]]:
+    """One point for each setting of the table, where the rates within one scatter and the output does not follow them; a remark of it.
+
+    The rate of a reading then errs: K (rate - mean of its setting) would add to the scatter of the output, and does not.
+    """
+    order = np.argsort(points.rate_dps, kind="stable")
+    gaps = np.diff(points.rate_dps[order])
+    sizes = np.unique(gaps[gaps > 0])
+    if len(sizes) < 2 or (ratio := sizes[1:] / sizes[:-1]).max() < APART:
+        return points, []
+    setting = np.empty(len(points), dtype=int)
+    setting[order] = np.concatenate([[0], np.cumsum(gaps > sizes[np.argmax(ratio)])])
+    begins = np.concatenate([[True], (np.diff(setting) != 0) | (np.diff(points.curve) != 0)])
+    visit = np.cumsum(begins) - 1
+    count = np.bincount(visit)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        found: np.ndarray = np.bincount(visit, values) / count
+        return found
+
+    rate, output, freedom = mean(points.rate_dps), mean(points.output), len(points) - len(count)
+    if len(np.unique(setting)) < LEAST_RATES or freedom < LEAST_SCATTERED:
+        return points, []
+    scale = float(np.polyfit(rate, output, 1)[0])
+    off, own = points.rate_dps - rate[visit], points.output - output[visit]
+    from scipy.special import fdtrc
+
+    if fdtrc(freedom, freedom, float(np.sum((own - scale * off) ** 2) / np.sum(own**2))) > FOLLOWED:
+        return points, []
+    moved = np.bincount(visit, off**2) > 0
+    rate_error = float(np.sqrt(np.sum(off**2) / np.sum((count - 1)[moved])))
+    noise = float(np.sqrt(np.sum(own**2) / freedom))
+    first = np.flatnonzero(begins)
+    sigma = np.sqrt((noise**2 + (scale * rate_error * moved) ** 2) / count)
+    settled = points_of(points.sensor, points.unit, rate, output, [points.curves[n] for n in points.curve[first]], sigma)
+    said = f"{printable(points.sensor)}: within a setting the rates scatter by {rate_error:.2g} °/s, which the output does not follow: "
+    return settled, [f"{said}taken for errors of the rates, {len(points)} readings for {len(count)} settings."]
 
 
 @dataclass(frozen=True)

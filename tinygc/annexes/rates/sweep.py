@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.errors import DataError, FormatError
+from session.io.solving import solve
 from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.rates.points import read_table
@@ -173,7 +174,7 @@ def _fit(response: Response, model: str) -> tuple[str, np.ndarray, np.ndarray, f
     assert found is not None  # every model has starts
     chi_square = float(2 * found.cost)
     widened = max(chi_square / max(2 * len(f) - len(found.x), 1), 1.0)  # what the model lacks widens its sigmas
-    return model, found.x, np.linalg.pinv(found.jac.T @ found.jac) * widened, chi_square
+    return model, found.x, solve(found.jac).covariance * widened, chi_square
 
 
 def _bandwidth(
@@ -191,6 +192,8 @@ def _bandwidth(
         return float(shape[0] * np.sqrt(a + np.sqrt(a**2 + 1)))
 
     shape, part = vector[2:], covariance[2:, 2:]
+    if not np.isfinite(part).all():  # these frequencies do not determine where the gain falls
+        return None, None, top
     slopes = np.array([(at(shape + step) - at(shape - step)) / (2 * step.sum()) for step in np.diag(1e-5 * shape)])
     band, sigma = at(shape), float(np.sqrt(max(slopes @ part @ slopes, 0.0)))
     if band - 2 * sigma > 3 * top:

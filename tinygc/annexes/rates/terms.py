@@ -1,7 +1,8 @@
 """The terms of IEEE 1431 (12.9 to 12.11) as rows: value, sigma, and the condition under which they hold; of what does not show, a limit.
 
-A term that the chosen law has is a function of its numbers, with the sigma of these.  A term that it does not have is fitted beside the
-law: its size and sigma then say what would have been seen, and 95 % of the probability lies below the limit.
+Where the output bends, the linear range and what is quoted within it are those of the smooth curve (``curve.py``), whatever the law is
+called.  Asymmetry, hysteresis and what does not show are fitted to the readings within the linear range alone: their sizes and sigmas say
+what these show, and 95 % of the probability lies below a limit.  What the readings do not determine has no number.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import numpy as np
 
 from session.io.texts import significant
 from tinygc.annexes.rates.choice import Choice
-from tinygc.annexes.rates.fitting import Fit, fit, over_rate, span
+from tinygc.annexes.rates.curve import Curve, fit
+from tinygc.annexes.rates.fitting import Fit, over_rate, span
+from tinygc.annexes.rates.laws import EXTRAS, Hypothesis
 from tinygc.annexes.rates.points import Points
 
 #: departure from the slope at rest that ends the linear range of a law that bends
@@ -24,7 +27,7 @@ LIMIT_95 = 1.96
 FOLLOWS = 3.0
 #: rates at which a law is looked at
 GRID = 2001
-#: step of a difference quotient, in sigmas
+#: step of a difference quotient, in sigmas that a number would have alone
 STEP = 0.1
 
 
@@ -49,11 +52,13 @@ class TermRow:
 
 @dataclass(frozen=True)
 class Range:
-    """The linear range, °/s, and whether each end is the output's: a limit, or a bend of 1 %; else the rates tested end there."""
+    """The linear range, °/s, and whether each end is the output's: a limit, or a bend of 1 %; else the rates tested end there.  between:
+    whether an end lies between rest and the smallest rate, which no reading determines; the range is then to that rate."""
 
     low: float
     high: float
     ends: tuple[bool, bool]
+    between: tuple[bool, bool] = (False, False)
 
     @property
     def words(self) -> str:
@@ -64,29 +69,50 @@ class Range:
 def terms(choice: Choice) -> list[TermRow]:
     """The rows of one sensor."""
     found, points = choice.fit, choice.points
-    within = linear_range(found)
+    within = linear_range(choice.curve or found)
     tested = f"{len(np.unique(points.distinct))} rates from {size(points.rate_dps.min(), 4)} to {size(points.rate_dps.max(), 4)} °/s"
     unit = points.unit
     outside = "outside the dead band, " if found.hypothesis.law == "dead_band" else ""
     scale, scale_sigma = averaged(choice, lambda have: best_line(have, within)[0])
     rows = [
-        TermRow("scale", "scale factor", scale, scale_sigma, None, over_rate(unit, 1), f"best line {outside}within {within.words}"),
-        TermRow("offset", "output at rest", *averaged(choice, lambda have: have.offset), None, unit, _curves_words(points)),
-        _value("offset_rate", "… as a rate", found, lambda have: have.offset / best_line(have, within)[0], "°/s", _curves_words(points)),
+        _row("scale", "scale factor", (scale, scale_sigma), over_rate(unit, 1), f"best line {outside}within {within.words}"),
+        _row("offset", "output at rest", averaged(choice, lambda have: have.offset), unit, _curves_words(points)),
+        _row(
+            "offset_rate",
+            "… as a rate",
+            averaged(choice, lambda have: have.offset / best_line(have, within)[0]),
+            "°/s",
+            _curves_words(points),
+        ),
     ]
     if len(points.curves) > 1:
         rows.append(_drift(found))
+    inside = _inside(choice, within)
     rows += _range_rows(choice, within)
-    rows.append(_nonlinearity(choice, within))
-    rows += _over_all(found, within)
-    rows.append(_asymmetry(choice, within, tested))
-    rows.append(_hysteresis(choice, scale))
-    rows.append(_dead_band(choice, tested))
+    rows.append(_nonlinearity(choice, within, inside))
+    rows += _over_all(choice, within)
+    rows.append(_asymmetry(choice, within, inside, tested))
+    rows.append(_hysteresis(choice, inside, scale))
+    rows.append(_dead_band(choice, inside, scale, tested))
     rows += _saturation(found)
+    lack = found.lack_of_fit
+    if lack is not None:
+        known = "stated sigmas" if points.is_known else unit
+        rows.append(
+            TermRow(
+                "repeats",
+                "scatter of repeats",
+                lack.noise,
+                lack.noise / np.sqrt(2 * lack.freedom),
+                None,
+                known,
+                f"{lack.freedom} more than rates",
+            )
+        )
     line = choice.line
     share = 100 * float(np.abs(line.residuals).max() / max(abs(line.coefficients[0]) * np.abs(points.rate_dps).max(), 1e-300))
     rows.append(TermRow("straight_line", "a straight line would say: nonlinearity", share, None, None, "% of full scale", tested))
-    if not abs(scale) > FOLLOWS * scale_sigma:  # and then nothing over the scale is known
+    if not abs(scale) > FOLLOWS * scale_sigma and np.isfinite(scale_sigma):  # and then nothing over the scale is known
         why = "not measured: the output does not follow the rate"
         over_scale = [row.key for row in rows if row.unit in ("ppm", "°/s", "% of full scale") and not row.key.startswith("linear")]
         rows = [TermRow(row.key, row.name, None, None, None, row.unit, why) if row.key in over_scale else row for row in rows]
@@ -94,7 +120,10 @@ def terms(choice: Choice) -> list[TermRow]:
 
 
 def averaged(choice: Choice, function: Callable[[Fit], float]) -> tuple[float, float]:
-    """A function of the chosen law's numbers, and its sigma, with what rival laws say of it by their probabilities."""
+    """A function of the curve, where the law has one, and its sigma; else of the law's numbers, with what rival laws say of it by their
+    probabilities."""
+    if choice.curve is not None:
+        return derived(choice.curve, function)
     value, sigma = derived(choice.fit, function)
     total = choice.probability + sum(share for _, share in choice.rivals)
     spread = sum(share / total * (function(rival) - value) ** 2 for rival, share in choice.rivals)
@@ -102,24 +131,22 @@ def averaged(choice: Choice, function: Callable[[Fit], float]) -> tuple[float, f
 
 
 def derived(found: Fit, function: Callable[[Fit], float]) -> tuple[float, float]:
-    """A function of a fit's numbers, and its sigma by their covariance."""
+    """A function of a fit's numbers, and its sigma by their covariance, infinite where the points do not determine it; of a curve the
+    median over its draws, and half of what holds 68 % of them."""
+    if isinstance(found, Curve):
+        low, value, high = np.percentile([function(each) for each in found.draws], [16, 50, 84])
+        return float(value), float(high - low) / 2
     value = function(found)
-    sigmas = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    slopes = np.zeros(len(sigmas))
-    for number, sigma in enumerate(sigmas):
-        if sigma > 0:
-            sides = []
-            for sign in (1, -1):
-                other = found.vector.copy()
-                other[number] += sign * STEP * sigma
-                sides.append(function(found.moved(other)))
-            slopes[number] = (sides[0] - sides[1]) / (2 * STEP * sigma)
-    return value, float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
+    step = STEP * np.sqrt(found.variance) / found.solution.size
+    slope = np.array([function(found.moved(found.vector + each)) - function(found.moved(found.vector - each)) for each in np.diag(step)])
+    return value, float(np.sqrt(found.solution.variance(slope / (2 * step)) * found.variance))
 
 
-def _value(key: str, name: str, found: Fit, function: Callable[[Fit], float], unit: str, condition: str) -> TermRow:
-    value, sigma = derived(found, function)
-    return TermRow(key, name, value, sigma, None, unit, condition)
+def _row(key: str, name: str, found: tuple[float, float], unit: str, condition: str) -> TermRow:
+    """A row of a value and its sigma; without a number where this is infinite."""
+    if not np.isfinite(found[1]):
+        return TermRow(key, name, None, None, None, unit, f"not determined by these rates: {condition}")
+    return TermRow(key, name, *found, None, unit, condition)
 
 
 def _curves_words(points: Points) -> str:
@@ -142,12 +169,14 @@ def _drift(found: Fit) -> TermRow:
 def linear_range(found: Fit) -> Range:
     """From rest outwards until the output reaches a limit, or departs by 1 % from its slope at rest; at most the rates tested."""
     rates = found.points.rate_dps
-    ends, sides = [], []
+    ends, sides, between = [], [], []
     for end in (min(rates.min(), 0.0), max(rates.max(), 0.0)):
-        at, reached = _end(found, float(end))
-        sides.append(at)
+        at, reached = derived(found, lambda have, end=end: _end(have, float(end))[0])[0], _end(found, float(end))[1]  # type: ignore[misc]
+        smallest = float(np.copysign(np.abs(rates[rates * np.sign(end) > 0]).min(initial=abs(end)), end))
+        between.append(reached and abs(at) < abs(smallest))
+        sides.append(smallest if between[-1] else at)
         ends.append(reached)
-    return Range(sides[0], sides[1], (ends[0], ends[1]))
+    return Range(sides[0], sides[1], (ends[0], ends[1]), (between[0], between[1]))
 
 
 def _end(found: Fit, end: float) -> tuple[float, bool]:
@@ -193,8 +222,9 @@ def best_line(found: Fit, within: Range) -> tuple[float, float]:
 
 
 def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
-    found, rows = choice.fit, []
-    for key, name, end, reached in (("low", "lower", within.low, within.ends[0]), ("high", "upper", within.high, within.ends[1])):
+    found, rows = choice.curve or choice.fit, []
+    for n, (key, name, end) in enumerate((("low", "lower", within.low), ("high", "upper", within.high))):
+        reached = within.ends[n]
         why = (
             "rates tested end there" if not reached else "limit of the output" if _is_limit(found, end) else "departs by 1 % from its slope"
         )
@@ -203,7 +233,15 @@ def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
             alike = [(rival, share) for rival, share in choice.rivals if _is_limit(rival, end) == _is_limit(found, end)]
             sigma = averaged(replace(choice, rivals=tuple(alike)), lambda have, end=end: _end(have, 1.5 * end)[0])[1]  # type: ignore[misc]
         what = f"input limit, {name}" if why.startswith("limit") else f"linear range, {name} end"
-        rows.append(TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why))
+        row = TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why)
+        if within.between[n]:
+            row = TermRow(
+                f"linear_{key}", what, None, None, None, "°/s", f"{why} before {size(end)} °/s, the smallest rate: not determined"
+            )
+        elif sigma is not None and not np.isfinite(sigma):
+            low, high = sorted((min(ends := [_end(each, 1.5 * end)[0] for each in found.profile]), max(ends)))
+            row = TermRow(f"linear_{key}", what, None, None, None, "°/s", f"{why} between {size(low)} and {size(high)} °/s: not determined")
+        rows.append(row)
     return rows
 
 
@@ -215,98 +253,101 @@ def _is_limit(found: Fit, end: float) -> bool:
 # Terms that a law has or has not.
 
 
-def _probe(choice: Choice, extra: str) -> tuple[float, float] | None:
-    """Coefficient and sigma of a column beside the chosen law; None where the points do not determine it."""
-    of = choice.fit.hypothesis
-    if extra not in of.extras:
-        of = replace(of, extras=(*of.extras, extra))
-    found = choice.fit if of == choice.fit.hypothesis else fit(choice.points, of)
+def _inside(choice: Choice, within: Range) -> Points:
+    """The points within the linear range, at no limit, without one that is off."""
+    points, found = choice.points, choice.fit
+    kept = ~found.is_limited & (points.rate_dps >= within.low) & (points.rate_dps <= within.high)
+    if found.hypothesis.apart >= 0:
+        kept[found.hypothesis.apart] = False
+    return points.part(kept)
+
+
+def _probe(choice: Choice, inside: Points, extra: str) -> tuple[float, float] | None:
+    """Coefficient and sigma of a column beside a line, or beside the law's own shape, of the points inside; None where not determined."""
+    of, extras = choice.fit.hypothesis, [each for each in choice.fit.hypothesis.extras if each != extra]
+    law = of.law if of.law == "dead_band" else "line" if choice.curve is None or extra == "bend" else "cubic"
+    numbers = np.unique(inside.curve)
+    own = replace(inside, curve=np.searchsorted(numbers, inside.curve), curves=tuple(inside.curves[n] for n in numbers))
+    found = fit(own, Hypothesis(law, extras=(*extras, extra)))
     if found is None:
         return None
-    size = np.linalg.norm(found.jacobian, axis=0)
-    if not size.all() or np.linalg.matrix_rank(found.jacobian / size, tol=1e-6) < len(size):
-        return None
-    number = len(found.offsets) + len(found.hypothesis.of.coefficients) + of.extras.index(extra)
+    number = found.names.index(EXTRAS[extra].symbol.split()[0], len(found.offsets) + len(found.hypothesis.of.coefficients))
     sigma = float(np.sqrt(found.covariance[number, number]))
     return (float(found.vector[number]), sigma) if np.isfinite(sigma) and sigma > 0 else None
 
 
-def _limited(key: str, name: str, value: tuple[float, float] | None, factor: float, unit: str, condition: str) -> TermRow:
-    """A row of what does not show: less than x."""
+def _shown(key: str, name: str, value: tuple[float, float] | None, factor: float, unit: str, condition: str, shows: bool) -> TermRow:
+    """A row of a term that the law has, where the points inside show it by themselves; else of what does not show: less than x."""
     if value is None:
         return TermRow(key, name, None, None, None, unit, f"{condition}: these rates do not determine it")
+    if shows and abs(value[0]) > LIMIT_95 * value[1]:
+        return TermRow(key, name, factor * value[0], abs(factor) * value[1], None, unit, condition)
     return TermRow(key, name, None, None, abs(factor) * (abs(value[0]) + LIMIT_95 * value[1]), unit, condition)
 
 
-def _nonlinearity(choice: Choice, within: Range) -> TermRow:
+def _nonlinearity(choice: Choice, within: Range, inside: Points) -> TermRow:
     """Largest departure from the best line within the linear range, ppm of its larger end."""
-    found = choice.fit
-    full = abs(best_line(found, within)[0]) * max(abs(within.low), abs(within.high))
+    full = abs(best_line(choice.curve or choice.fit, within)[0]) * max(abs(within.low), abs(within.high))
     condition = f"of {size(full)} {choice.points.unit}, within {within.words}"
-    if _bends(found):
-        return _value("nonlinearity", "nonlinearity", found, lambda have: 1e6 * best_line(have, within)[1] / full, "ppm", condition)
+    if any(within.between):
+        return TermRow("nonlinearity", "nonlinearity", None, None, None, "ppm", "not determined: the linear range is not")
+    if _bends(choice.fit):
+        return _row(
+            "nonlinearity", "nonlinearity", averaged(choice, lambda have: 1e6 * best_line(have, within)[1] / full), "ppm", condition
+        )
     grid = np.linspace(within.low, within.high, GRID)
     departure = np.abs(grid**3 - np.polyval(np.polyfit(grid, grid**3, 1), grid)).max()
-    return _limited("nonlinearity", "nonlinearity", _probe(choice, "bend"), 1e6 * departure / full, "ppm", f"{condition}, as a cubic")
+    probed = _probe(choice, inside, "bend")
+    return _shown("nonlinearity", "nonlinearity", probed, 1e6 * departure / full, "ppm", f"{condition}, as a cubic", False)
 
 
-def _over_all(found: Fit, within: Range) -> list[TermRow]:
+def _over_all(choice: Choice, within: Range) -> list[TermRow]:
     """Departure of a law that bends from its best line over all rates tested, ppm of the larger end; limits of the output aside."""
-    rates = found.points.rate_dps
+    rates = choice.points.rate_dps
     tested = Range(float(rates.min()), float(rates.max()), (False, False))
-    if not _bends(found) or (tested.low, tested.high) == (within.low, within.high):
+    if not _bends(choice.fit) or (tested.low, tested.high) == (within.low, within.high):
         return []
-    full = abs(best_line(found, tested)[0]) * float(np.abs(rates).max())
-    name, condition = "… over all rates tested", f"of {size(full)} {found.points.unit}, {tested.words}"
-    return [_value("nonlinearity_tested", name, found, lambda have: 1e6 * best_line(have, tested)[1] / full, "ppm", condition)]
+    full = abs(best_line(choice.curve or choice.fit, tested)[0]) * float(np.abs(rates).max())
+    name, condition = "… over all rates tested", f"of {size(full)} {choice.points.unit}, {tested.words}"
+    return [_row("nonlinearity_tested", name, averaged(choice, lambda have: 1e6 * best_line(have, tested)[1] / full), "ppm", condition)]
 
 
 def _bends(found: Fit) -> bool:
     return found.hypothesis.law not in ("line", "asymmetry", "dead_band")
 
 
-def _asymmetry(choice: Choice, within: Range, tested: str) -> TermRow:
+def _asymmetry(choice: Choice, within: Range, inside: Points, tested: str) -> TermRow:
     """Slope of positive less slope of negative rates, ppm of their mean."""
-    found = choice.fit
     key, name, condition = "asymmetry", "asymmetry of the scale", f"both senses, within {within.words}"
     if not (choice.points.rate_dps.min() < 0 < choice.points.rate_dps.max()):
         return TermRow(key, name, None, None, None, "ppm", f"not measured: one sense only, {tested}")
-    scale = best_line(found, within)[0]
-    names = dict(zip(found.names, range(len(found.names)), strict=True))
-    if "a" in names:
-        return _value(key, name, found, lambda have: 2e6 * have.vector[names["a"]] / scale, "ppm", condition)
-    return _limited(key, name, _probe(choice, "asymmetry"), 2e6 / scale, "ppm", condition)
+    scale = best_line(choice.curve or choice.fit, within)[0]
+    return _shown(key, name, _probe(choice, inside, "asymmetry"), 2e6 / scale, "ppm", condition, "a" in choice.fit.names)
 
 
-def _hysteresis(choice: Choice, scale: float) -> TermRow:
+def _hysteresis(choice: Choice, inside: Points, scale: float) -> TermRow:
     """Output on the way up less output on the way down at one rate, as a rate."""
-    points = choice.points
     key, name = "hysteresis", "hysteresis"
-    both = len(points.both_ways)
+    both = len(inside.both_ways)
     if both < 2:
         return TermRow(key, name, None, None, None, "°/s", "not measured: the rates go one way; step up and down again")
     condition = f"{both} rates reached from both sides"
     likely = [choice.fit, *(rival for rival, _ in choice.rivals)]
     if all(any(name in each.hypothesis.extras for each in likely) for name in ("hysteresis", "drift")):
         condition += "; a drift is not told from it: step up, down and up again"
-    probed = _probe(choice, "hysteresis")
-    if "hysteresis" in choice.fit.hypothesis.extras and probed is not None:
-        return TermRow(key, name, probed[0] / scale, probed[1] / abs(scale), None, "°/s", condition)
-    return _limited(key, name, probed, 1 / scale, "°/s", condition)
+    shows = "hysteresis" in choice.fit.hypothesis.extras
+    return _shown(key, name, _probe(choice, inside, "hysteresis"), 1 / scale, "°/s", condition, shows)
 
 
-def _dead_band(choice: Choice, tested: str) -> TermRow:
+def _dead_band(choice: Choice, inside: Points, scale: float, tested: str) -> TermRow:
     """Half the width about rest in which the output stays."""
     found, points = choice.fit, choice.points
     if found.hypothesis.law == "dead_band":
         number = found.names.index("d")
-        return _value("dead_band", "dead band, ±", found, lambda have: have.vector[number], "°/s", tested)
-    slope = float(np.diff(found.unlimited(np.array([0.0, 1e-3 * np.abs(points.rate_dps).max()])))[0] * 1e3 / np.abs(points.rate_dps).max())
-    if "turning" in found.hypothesis.extras:
-        number = found.names.index("t")
-        slope -= float(found.vector[number]) * 1e3 / np.abs(points.rate_dps).max()
+        return _row("dead_band", "dead band, ±", averaged(replace(choice, rivals=()), lambda have: have.vector[number]), "°/s", tested)
     smallest = float(np.abs(points.rate_dps[points.rate_dps != 0]).min())
-    return _limited("dead_band", "dead band, ±", _probe(choice, "sense"), 1 / slope, "°/s", f"smallest rate {size(smallest)} °/s")
+    probed = _probe(choice, inside, "sense")
+    return _shown("dead_band", "dead band, ±", probed, 1 / scale, "°/s", f"smallest rate {size(smallest)} °/s", False)
 
 
 def _saturation(found: Fit) -> list[TermRow]:

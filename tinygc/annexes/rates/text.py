@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from session.io.texts import NONE, printable, probability
-from tinygc.annexes.rates.choice import Choice, HeldOut
-from tinygc.annexes.rates.fitting import REFUTED
+from tinygc.annexes.rates.choice import RIVAL, Choice, HeldOut
+from tinygc.annexes.rates.fitting import REFUTED, Number
+from tinygc.annexes.rates.laws import LAWS
 from tinygc.annexes.rates.sweep import Sweep
 from tinygc.annexes.rates.terms import TermRow, size, terms
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
-if TYPE_CHECKING:
-    from tinygc.annexes.rates.discovery import Discovery
 
-
-def rates_page(
-    choices: Sequence[Choice], sweeps: Sequence[Sweep], discoveries: Sequence[Discovery | None], remarks: Sequence[str]
-) -> Group:
+def rates_page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str]) -> Group:
     """The screen."""
     parts: list[RenderableType] = []
-    for choice, discovery in zip(choices, discoveries, strict=True):
-        parts += [*_sensor(choice), *([] if discovery is None else map(one_line, discovery.lines)), ""]
+    for choice in choices:
+        parts += [*_sensor(choice), ""]
     for sweep in sweeps:
         table = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
         for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
@@ -50,18 +47,19 @@ def law_words(choice: Choice) -> str:
 def lines(choice: Choice) -> list[str]:
     """What stands between headline and terms: the equation, its numbers, chance and rivals."""
     found, points = choice.fit, choice.points
-    sigmas = found.covariance.diagonal() ** 0.5
     skip = len(found.offsets) if len(found.offsets) > 1 else 0
-    shown = list(zip(found.names, found.vector, sigmas, found.units, strict=True))[skip:]
-    numbers = ", ".join(f"{name} {number(value, sigma)} {'' if unit == '1' else unit}".strip() for name, value, sigma, unit in shown)
-    said = [found.hypothesis.equation, numbers]
+    said = [found.hypothesis.equation, ", ".join(map(_number, found.numbers[skip:]))]
     if choice.is_line:
         said.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
     else:
         said.append(f"a straight line leaves {size(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})")
     if found.hypothesis.apart >= 0:
-        at = size(points.rate_dps[found.hypothesis.apart])
-        said.append(f"the reading at {at} °/s is off, or the output has a limit there; measure it again, and beyond")
+        at = float(points.rate_dps[found.hypothesis.apart])
+        others = points.rate_dps[~found.is_limited & (points.distinct != points.distinct[found.hypothesis.apart])]
+        beyond, before = others[others * np.sign(at) > abs(at)], others[others * np.sign(at) < abs(at)]
+        last = float(before[np.argmax(before * np.sign(at))]) if at and len(before) else at
+        more = "" if len(beyond) else f", or the output has a limit there or a kink from {size(last)} °/s on, which no reading determines"
+        said.append(f"the reading at {size(at)} °/s is off{more}; measure it again, and {'beside it' if len(beyond) else 'beyond'}")
     lack = found.lack_of_fit
     if lack is not None and lack.p_value < REFUTED:
         repeats = f"{size(lack.noise)} {points.unit}" if not points.is_known else f"{size(lack.noise)} of the stated sigmas"
@@ -69,11 +67,16 @@ def lines(choice: Choice) -> list[str]:
         said.append(
             f"repeats scatter by {repeats}, and the law leaves more ({probability(lack.p_value)}): it is not the whole of it{wider}"
         )
+    laws = f"of {len(LAWS)} laws and a curve of none"
     if choice.rivals:
         others = ", ".join(
             f"{rival.hypothesis.name} ({100 * share:.0f} %, {size(rival.rms)} {points.unit})" for rival, share in choice.rivals
         )
-        said.append(f"not excluded besides ({100 * choice.probability:.0f} %): {others}")
+        said.append(f"{laws} this one has {100 * choice.probability:.0f} %; not excluded: {others}")
+    elif not choice.is_line:
+        said.append(f"{laws} no other is more than {100 * RIVAL:.0f} % as probable")
+    if choice.curve is not None:
+        said.append("the figures of a range are of a smooth curve through these points, whatever the law is called")
     return said
 
 
@@ -103,6 +106,15 @@ def cells(row: TermRow) -> tuple[str, str]:
         return size(row.value), ""
     value, _, sigma = number(row.value, row.sigma).partition(" ± ")
     return value, sigma
+
+
+def _number(each: Number) -> str:
+    """``K 0.01986 ± 0.00012 V/(°/s)``, or between which values it is not determined."""
+    if each.between is not None:
+        shown = f"not determined: {size(each.between[0])} to {size(each.between[1])} leave as little,"
+    else:
+        shown = "not determined" if each.value is None else number(each.value, each.sigma or 0.0)
+    return f"{each.name} {shown} {'' if each.unit == '1' else each.unit}".strip(" ,")
 
 
 def number(value: float, sigma: float) -> str:

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from conftest import broad
 
+from tinygc.closure.prepared import prepare
+from tinygc.estimation.bias import choose, tilt_rms
+from tinygc.estimation.options import FitOptions
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json
 
@@ -25,6 +28,9 @@ def test_what_was_concealed_is_named_with_its_size_and_nothing_else_is(case, sha
     assert result["verdict"] == ("explained" if truth else "no_mismatch")
     held = result["fit"]["holdout_closure_rms_deg"]
     assert held["after"] < 1.6 * held["floor"]
+    stated = choose(prepare(folder / case).problem, FitOptions(methods=("least_squares",)))[2].held_out
+    assert held["before"] == pytest.approx(np.degrees(tilt_rms(stated)))
+    assert held["after"] <= held["before"]
     if thermal := effects.get("gyro.thermal_bias"):
         value, std = (np.array(thermal[key]["dps_per_c"]) for key in ("parameters", "std"))
         assert (np.abs(value - truth["gyro.thermal_bias"]["dps_per_c"]) < 3 * std).all()

@@ -181,6 +181,20 @@ def test_a_claim_is_kept_if_chance_improves_held_out_rows_so_much_in_less_than_o
 # What is proved
 
 
+def test_before_is_the_figure_of_the_fit_that_is_explained(monkeypatch):
+    """With its own options; a fit with a lot, or with a bias of each log, has another problem than the session's."""
+    used = [SimpleNamespace(number=number) for number in (3, 5)]
+    problem, of_it = SimpleNamespace(used=used), SimpleNamespace(held_out=np.ones((2, 2)))
+    monkeypatch.setattr(decision, "choose", lambda problem, options: (SimpleNamespace(used="ends"), problem, of_it))
+    for lot, bias_per_log, folds in ((None, False, 3), ("lot", False, 5), (None, True, 5)):
+        options = SimpleNamespace(lot=lot, bias_per_log=bias_per_log, folds=3)
+        fit = SimpleNamespace(options=options, linear=of_it, bias_from=SimpleNamespace(used="stills"), problem=problem)
+        stated = FitClosure.stated_by(fit, problem)
+        assert (stated.options.folds, stated.from_stills, stated.numbers) == (folds, folds == 3, [3, 5])
+        assert stated.held_out is of_it.held_out
+    assert FitClosure.stated_by(None, problem).options is decision.AS_FIT
+
+
 def test_a_drift_of_the_accelerometer_that_fit_states_is_weighed():
     drifts, steady = (SimpleNamespace(joint=SimpleNamespace(drift=drift)) for drift in (object(), None))
     found = [FitClosure(problem=problem).effects for problem in (drifts, steady, SimpleNamespace(joint=None), None)]
@@ -242,7 +256,7 @@ def test_before_is_what_fit_states_and_after_its_own_answer_without_the_effects(
     named, nothing = twin.evidence().of((A,), twin.evidence().nothing), twin.evidence().nothing
     before, after, given = np.ones((12, 2)), 0.5 * np.ones((12, 2)), []
     monkeypatch.setattr(decision, "without_effects", lambda base, *_: given.append(base) or base)
-    monkeypatch.setattr(FitClosure, "of", lambda problem: FitClosure(after))
+    monkeypatch.setattr(FitClosure, "of", lambda problem, options: FitClosure(after))
     fitted, numbers = SimpleNamespace(), list(range(1, 13))
     proof = prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before, numbers, False, fitted))
     assert (proof.before is before, proof.after is after, proof.changed, proof.floor_rms) == (True, True, True, np.sqrt(2.0))
@@ -257,7 +271,7 @@ def test_before_is_what_fit_states_and_after_its_own_answer_without_the_effects(
     same = prove(twin.problem, twin, nothing.whiten, nothing.fit, FitClosure(before, numbers, False, fitted))
     assert (same.changed, same.after is before, given) == (False, True, [])
     # Where fit does not settle, both are predictions of the twin.
-    monkeypatch.setattr(FitClosure, "of", lambda problem: FitClosure())
+    monkeypatch.setattr(FitClosure, "of", lambda problem, options: FitClosure())
     monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
     proof = prove(twin.problem, twin, named.whiten, named.fit)
     np.testing.assert_array_equal(proof.before, 2 * before)

@@ -20,6 +20,7 @@ from tinygc.closure.problem import Problem
 from tinygc.effects import Effect, catalogue
 from tinygc.estimation.bias import SAME, choose, tilt_rms
 from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import FitResult
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
 from tinygc.explanation.families import SLOW_ZERO
@@ -108,21 +109,30 @@ AS_FIT = FitOptions(methods=("least_squares",))
 @dataclass(frozen=True, eq=False)
 class FitClosure:
     """What ``fit`` states for a session: held-out angles (S, d) rad and the numbers of their segments; from_stills: whether it takes the
-    bias of each turn from its stills; problem: that it solves. All None where it states nothing."""
+    bias of each turn from its stills; problem: that it solves. All None where it states nothing.  options: that it was run with."""
 
     held_out: np.ndarray | None = None
     numbers: list[int] | None = None
     from_stills: bool = False
     problem: Problem | None = None
+    options: FitOptions = AS_FIT
 
     @classmethod
-    def of(cls, problem: Problem) -> FitClosure:
+    def of(cls, problem: Problem, options: FitOptions = AS_FIT) -> FitClosure:
         """``fit``'s own function on this problem; none where that does not settle."""
         try:
-            source, _, fit = choose(problem, AS_FIT)
+            source, _, fit = choose(problem, options)
         except CalibrationError:
             return NOT_STATED
-        return cls(fit.held_out, [segment.number for segment in problem.used], source.used == "stills", problem)
+        return cls(fit.held_out, [segment.number for segment in problem.used], source.used == "stills", problem, options)
+
+    @classmethod
+    def stated_by(cls, fit: FitResult | None, problem: Problem) -> FitClosure:
+        """What a fit of this problem states; what ``fit`` would state where there is none, or one by other sessions as well."""
+        if fit is None or fit.options.lot is not None or fit.options.bias_per_log:
+            return cls.of(problem)
+        numbers = [segment.number for segment in fit.problem.used]
+        return cls(fit.linear.held_out, numbers, fit.bias_from.used == "stills", problem, fit.options)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -152,20 +162,20 @@ def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, stated: F
         base = twin.problem
         if stated.problem is not None and stated.numbers == numbers and base is original and not fit.state.bends:
             base = stated.problem  # with the accelerometer that ``fit`` has, as none was named
-        left = FitClosure.of(without_effects(base, twin, whiten, fit))
+        left = FitClosure.of(without_effects(base, twin, whiten, fit, stated.options.folds), stated.options)
         named = held_out(twin, whiten, fit) if left.held_out is None else left.held_out
         named_numbers = numbers_before(original, twin)
     return Proof(before, named, before_numbers, named_numbers, twin.problem.floor.tilt_rms, changed)
 
 
-def without_effects(base: Problem, twin: Twin, whiten: Whitener, fit: Refit) -> Problem:
+def without_effects(base: Problem, twin: Twin, whiten: Whitener, fit: Refit, folds: int = AS_FIT.folds) -> Problem:
     """The problem ``base`` as a sensor without the named effects would have recorded it, for ``fit``'s own function.
 
     In each of its folds the effects are those of a fit without the fold's segments and the stills at their ends.  base: with the turns and
     stills of the twin; without effects it comes back as it is.
     """
     effects, parts = [claim.effect for claim in fit.state.claims], []
-    for held in folds_of(len(twin.segments), AS_FIT.folds) if effects else ():
+    for held in folds_of(len(twin.segments), folds) if effects else ():
         rows = fold_rows(twin, whiten, held)
         parts.append(cleared(base, twin, refit(twin, whiten, effects, fit.state, rows=rows, max_steps=FOLD_STEPS).state))
     return cleared(base, twin, fit.state).changed(folds=tuple(parts)) if effects else base

@@ -116,7 +116,7 @@ def explain_session(
     fitted, fit = prepared.problem, fit or _fitted(prepared, use_earth)
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
-    mended, twin, naming, proof = named_in(problem, FitClosure.of(fitted), seed, progress)
+    mended, twin, naming, proof = named_in(problem, FitClosure.stated_by(fit, fitted), seed, progress)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)

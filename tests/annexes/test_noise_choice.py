@@ -133,18 +133,19 @@ def test_probabilities_are_shares_of_the_evidence():
     assert best.log_evidence == max(each.log_evidence for each in sets)
 
 
-def test_a_limit_is_where_the_likelihood_has_dropped_by_one_sided_95_percent():
-    search = search_of(4, N=1.0)
+@pytest.mark.parametrize(("name", "drop"), [("B", 1.645**2), ("Q", 2.0**2)])
+def test_a_limit_is_where_the_likelihood_has_dropped_by_its_sigmas(name, drop):
+    search = search_of(4, candidates=("Q", "B", "K", "R"), N=1.0)
     chosen = search.best()
-    limit = search.limit(chosen, "B")
+    limit = search.limit(chosen, name)
 
     def profile(size):
-        names = (*chosen.names, "B")
+        names = (*chosen.names, name)
         found = minimize(lambda z: value_at(search, names, [*z, 2 * np.log(size)]), np.log(chosen.fitted.x), method="Nelder-Mead")
         return found.fun
 
     lowest = min(chosen.fitted.value, *(profile(size) for size in np.geomspace(limit / 100, limit, 12)))
-    assert profile(0.93 * limit) - lowest < 1.645**2 < profile(1.07 * limit) - lowest
+    assert profile(0.93 * limit) - lowest < drop < profile(1.07 * limit) - lowest
 
 
 def test_terms_that_are_not_seen_are_no_set(monkeypatch):

@@ -1,12 +1,14 @@
 """The gyro's axes and sensitivity against gravity: 48 orders, the usual mistakes, and what cannot be seen."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
 from looks import IDENTITY, X_Y_EXCHANGED, look, name_of, of, serious
 
+from session.detect import axes as axes_module
 from session.detect.axes import SIGNED_PERMUTATIONS, agreement, axes_in_words
 from session.detect.stills import find_stills
 
@@ -177,6 +179,39 @@ def test_where_two_orders_fit_none_is_chosen():
     assert of(look(made, gyro=samples.gyro, accel=samples.accel), "axes").level == "ok"
 
 
+@pytest.mark.parametrize(
+    ("best_deg", "other", "fits"),
+    [
+        (4.0, lambda way: 7.9, True),
+        (4.0, lambda way: 8.1, False),
+        (0.1, lambda way: 0.0098 * way, True),
+        (0.1, lambda way: 0.0102 * way, False),
+    ],
+)
+def test_an_order_fits_too_within_twice_the_best_or_a_hundredth_of_the_way(best_deg, other, fits, monkeypatch):
+    """How far each order misses is given here: the first two of those that turn the rates' way, and all others by far."""
+    _, samples = flat_turns(0.5, push_g=0.0)
+    stills = find_stills(samples)[0]
+    scales, _ = axes_module._regress(axes_module.cut_turns(samples, list(pairwise(stills))))
+    first, second = [i for i in np.flatnonzero(scales > 0) if i != axes_module.IDENTITY][:2]
+    missed = np.full(48, 50 * DEG)
+    missed[first] = best_deg * DEG
+    number = lambda axes: next(i for i, each in enumerate(SIGNED_PERMUTATIONS) if (each == axes).all())  # noqa: E731
+    monkeypatch.setattr(axes_module, "_closures", lambda turns, factors: missed)
+    ways = {}
+
+    def sharpened(turns, axes, scale):
+        ways[number(axes)] = np.median(np.linalg.norm(scale * turns.angle, axis=-1).sum(axis=1)) / DEG
+        return scale, missed[number(axes)]
+
+    monkeypatch.setattr(axes_module, "_sharpen", sharpened)
+    agreement(samples, stills)
+    missed[second] = other(ways[first]) * DEG
+    found = agreement(samples, stills)
+    np.testing.assert_array_equal(found.axes, SIGNED_PERMUTATIONS[first])
+    assert len(found.others) == fits
+
+
 def test_whole_circles_tell_the_scale_by_where_they_end():
     """They end as they began, so they tell no axes; a scale that is 12 % off ends 43 degrees away, and is no push of the hand."""
     table, rng = Table().rest(2.2), np.random.default_rng(1)
@@ -198,8 +233,8 @@ def test_gravity_within_the_turns_alone_accuses_no_scale_that_pushes_can_make():
         table.turn(120, (1, i % 3 - 1, 0), 2.0).turn(-120, (1, i % 3 - 1, 0), 2.0).rest(2.2)
     made = session_of(table.samples(registers=False))
     gyro = made.logs[0].samples.gyro
-    assert of(look(made, gyro=gyro / 0.888), "gyro scale").level == "ok"
-    assert of(look(made, gyro=gyro / 0.5), "gyro scale").level == "error"
+    for scale, level in ((0.888, "ok"), (0.82, "ok"), (0.78, "error"), (1.18, "ok"), (1.22, "error"), (0.5, "error")):
+        assert of(look(made, gyro=gyro / scale), "gyro scale").level == level
 
 
 @pytest.mark.parametrize(("lsb_dps", "named"), [(500 / 32768, False), (17.5e-3, True)])

@@ -243,3 +243,23 @@ def test_a_register_that_comes_round_is_an_error(good):
     spike = samples.gyro.copy()
     spike[4000] = -end
     assert not [finding for finding in look(narrow, gyro=np.clip(spike, -end, end)) if finding.what == "gyro wraps"]
+
+
+@pytest.mark.parametrize(
+    ("three", "found"),
+    [
+        ((0.8, 0.9, -1.0), True),  # on to 1.0, which is -1.0
+        ((0.8, 0.9, -0.91), True),  # within a tenth of the end from where it went
+        ((0.8, 0.9, -0.89), False),
+        ((0.1, 0.55, -1.0), True),  # a jump of 1.55
+        ((-0.09, 0.46, -0.99), False),  # of 1.45
+        ((-0.8, -0.9, 1.0), True),
+    ],
+)
+def test_a_jump_is_a_wrap_where_the_movement_goes_on(good, three, found):
+    end = 60 * DEG
+    gyro = 0.1 * good.logs[0].samples.gyro
+    gyro[4000:4003, 1] = np.array(three) * end * 32767 / 32768
+    narrow = with_sensor(good, gyro_mdps_per_lsb=60e3 / 32768)
+    wraps = [finding for finding in look(narrow, gyro=gyro) if finding.what == "gyro wraps"]
+    assert bool(wraps) == found

@@ -81,7 +81,7 @@ def test_the_least_probable_is_told_first():
 # What a data sheet promises
 
 
-def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instability=3.0):
+def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instability=3.0, unit_mdps=7.1):
     """Three turns of 4, 5 and 9 s beside an accelerometer twice as noisy as its data sheet says."""
     figures = {"gyro_noise_mdps_rthz": 5.0, "accel_noise_ug_rthz": 60.0, "gyro_bias_instability_dph": instability}
     sensor = SimpleNamespace(
@@ -97,7 +97,7 @@ def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instabilit
         middle_s=np.array([10.0, 20.0, 40.0]),
         used=[0, 1, 2],
         floor=SimpleNamespace(parts=parts | {"bridged readings and impacts": part(3.0)}),
-        noise=SimpleNamespace(gyro=np.full(3, 6.0 * MDPS), accel=np.full(3, 120e-6 * 1e3 * MG)),
+        noise=SimpleNamespace(gyro=np.full(3, unit_mdps * MDPS), accel=np.full(3, 120e-6 * 1e3 * MG)),
     )
 
 
@@ -112,7 +112,8 @@ def test_a_data_sheet_promises_noise_drift_and_references(noise_mdps, dph):
     assert found.tilt_rms == pytest.approx(np.sqrt(np.mean(variance)))
     assert found.turn_s == 5.0
     assert found.source == ("by the noise in session.toml" if noise_mdps else "an ASM330LHH by its data sheet")
-    assert found.noisier == ("" if noise_mdps else "this unit has 6 mdps/√Hz of noise, 5 there")
+    assert found.noisier == ("" if noise_mdps else "this unit has 7.1 mdps/√Hz of noise, 5 there")
+    assert promise_of(problem(unit_mdps=6.9)).noisier == ""  # units differ by 1.4
 
 
 def test_without_a_profile_or_a_name_nothing_is_promised():

@@ -1,5 +1,6 @@
 """Each rule of a verdict at its limit, one step below and above; its figures and p-values by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -319,6 +320,8 @@ def test_without_a_limit_it_is_twice_what_the_data_sheet_promises(sheet, answer,
     found = decide(judged(), [], None, promise=sheet)
     assert (found.answer, found.headline) == (answer, says)
     assert decide(judged(), [], 0.06, promise=sheet).answer == "pass"  # a limit that is given decides
+    noisy = decide(judged(), [], None, promise=replace(sheet, tilt_rms=1.0, noisier="9 mdps/√Hz, 5 there"))
+    assert (noisy.answer, noisy.doubts) == ("not decided", [f"noisier than {sheet.source}: 9 mdps/√Hz, 5 there"])
     assert decide(judged(closure_p=1e-3), [], None, promise=sheet).answer == "fail"
     assert decide(judged(segments=5), [], None, promise=Promise(5.0)).answer == "not decided"
     assert pytest.approx(np.sqrt(-np.log(0.05)), abs=2e-3) == BELOW_95

@@ -18,11 +18,14 @@ from session.io.units import DEG_PER_HOUR, MDPS, MG
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, wander_covariance
 from tinygc.closure.problem import Problem
 
+#: ratio of the noise of a unit to that of its data sheet, above which it is no such unit: units differ by 1.4 at most (``check_noise``)
+NOISIER = 1.4
+
 
 @dataclass(frozen=True)
 class Promise:
     """turn_s: median duration of the turns; tilt_rms, rad, that they close to by ``source``, None where nothing says how much noise the
-    sensor has; noisier: how much more this unit has, in words, empty where it has no more."""
+    sensor has; noisier: how much more this unit has, in words, empty where it has no more than units do."""
 
     turn_s: float
     tilt_rms: float | None = None
@@ -51,7 +54,7 @@ def promise_of(problem: Problem) -> Promise:
     for cause, part in problem.floor.parts.items():
         tilt = tilt + shares.get(cause, 1.0) * (part.own[:, 0, 0] + part.own[:, 1, 1])
     unit = float(np.sqrt(np.mean(problem.noise.gyro**2))) / MDPS
-    noisier = f"this unit has {unit:.2g} mdps/√Hz of noise, {density:g} there" if unit > density else ""
+    noisier = f"this unit has {unit:.2g} mdps/√Hz of noise, {density:g} there" if unit > NOISIER * density else ""
     return Promise(turn_s, float(np.sqrt(np.mean(tilt))), source, noisier)
 
 

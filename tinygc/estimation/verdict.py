@@ -274,6 +274,8 @@ def decide(
         which = f", worst of {len(files)} closure runs " if len(files) > 1 else ", closure run "
         closure += which + degrees(max(map(rmse, candidate.run_errors)))
     found = [*_doubts(candidate, times, accelerometer), *doubts]
+    if not segments and promise is not None and promise.noisier:
+        found.append(f"noisier than {promise.source}: {promise.noisier}")
     undecided += [f"{each.measured.words}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
     undecided += [text for met, text in by_chance if met is None]
     passed = all(met is not False for met, _ in reasons)

@@ -1,6 +1,7 @@
 """What is reported: held-out rows by exact refits, thresholds one step below and above, and each p-value by hand."""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -246,6 +247,8 @@ def test_what_is_handed_on_is_the_better_on_the_turns_of_both(named, worse, kept
     tilt = np.array([[0.6, 0.8], [30.0, 40.0], [0.8, -0.6]])
     proof = Proof(tilt, named * tilt[[0, 2]], [4, 5, 7], [4, 7], 0.1, True)
     assert (proof.ratio, proof.worse) == (pytest.approx(named), worse)
+    assert not replace(proof, floor_rms=1.001 * named).worse
+    assert replace(proof, floor_rms=0.999 * named).worse == worse
     assert proof.after is getattr(proof, kept)
     assert proof.after_numbers == {"named": [4, 7], "before": [4, 5, 7]}[kept]
 

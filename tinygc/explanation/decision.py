@@ -80,8 +80,8 @@ class Proof:
 
     @property
     def worse(self) -> bool:
-        """Whether what is named makes the closure of these turns worse."""
-        return self.ratio > 1 + SAME
+        """Whether what is named makes the closure of these turns worse; below the floor the difference is chance."""
+        return self.ratio > 1 + SAME and tilt_rms(self.named) > self.floor_rms
 
     @property
     def after(self) -> np.ndarray:

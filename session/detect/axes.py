@@ -34,8 +34,9 @@ LEAST_PATH_RAD = 90 * DEG  #: gravity's movement in all turns together
 LEAST_TURNS = 3  #: from still to still, to tell axes and to sharpen the scale
 #: orders that close best at their own coarse scale, of which each is sharpened; the right one is the first or second of all recordings
 SHARPENED = 4
-#: an order fits, too, where it misses the ends by so many times as much as the best, or by that share of the turn.  Of the 30 sessions of
-#: ../shared with turns between stills, the best misses by 0.4 to 1.7 % of the turn, the second by 14 times as much or more
+#: an order fits, too, where it misses the ends by so many times as much as the best, or by that share of the turn.  Of 48 sessions with
+#: turns between stills (data/session1, and xsens, injected, mikov, concealed and closure of ../shared), the best misses by 0.4 to 4.2 % of
+#: the turn, and the second by 9 times as much or more
 FITS_TOO, FITS_WITHIN = 2.0, 0.01
 FORCE_RATIO = 0.2  #: specific force that differs more from gravity is not gravity's direction
 COARSE, SHARP = 0.10, 0.03  #: how well the scale is known without still ends and with them

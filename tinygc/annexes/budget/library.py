@@ -70,7 +70,9 @@ class UncertaintyBudget(Shown):
             return Group(*parts[:-1], *drawn)
         title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least)"
         errors = [each for each in self.shown if each not in self.attitude]
-        force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""] if self.accelerometer else []
+        force: list[RenderableType] = []
+        if self.accelerometer:
+            force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""]
         gyroscope = overview("Sensor errors, 95 %, the bias for this switch-on only", errors)
         return Group(gyroscope, "", *force, overview(title, self.attitude), *drawn)
 

@@ -84,6 +84,12 @@ def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_sprea
     assert usual[name].assumed
     assert name not in {p.name for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"), switched_on_since=False)}
     variance[ACCELEROMETER] = 1e-6
+    variance[ACCELEROMETER.start + 6] = np.nan  # of one number alone: the others have their own, once
+    some = expected_parts(old, rows_with(), Spread(variance, 3.0, "own"))
+    own = np.where(np.arange(9) == 6, USUAL_ACCELEROMETER.spread[6], 1e-3)
+    both = total([p for p in some if p.name in (name, "switch-on")])
+    assert np.sqrt(np.diag(both)[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * own)
+    variance[ACCELEROMETER] = 1e-6
     assert name not in {p.name for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"))}
 
 
@@ -97,6 +103,13 @@ def test_where_the_spread_is_from(tmp_path):
     assert (given.assumed, given.variance[ZERO].tolist()) == (False, [pytest.approx((0.02 * DEG) ** 2)] * 3)
     triad = spread_of_unit(written(tmp_path, accelerometer_spread=(np.arange(9) * 1e-3).tolist()), rows_with())
     assert triad.variance[ACCELEROMETER] == pytest.approx((np.arange(9) * 1e-3) ** 2)
+    both = written(tmp_path, accelerometer_spread=[1e-3] * 9)
+    for more, source, assumed in ((None, USUAL_SPREAD.source, True), (0.02, "given in session.toml", False)):
+        rows = rows_with(repeatability=more)
+        parts = [part for part in expected_parts(both, rows, spread_of_unit(both, rows)) if part.name == "switch-on"]
+        assert np.diag(total(parts))[ACCELEROMETER] == pytest.approx(np.full(9, 2e-6), rel=1e-12)
+        told = [(part.source, part.assumed) for part in parts]
+        assert sorted(told) == sorted([(source, assumed)] * 3 + [("stated in the model file", False)] * 9)
     stated = spread_of_unit(written(tmp_path, bias_sigma_rps=[1e-3, 2e-3, 3e-3]), rows_with())
     assert stated.variance[ZERO] == pytest.approx(np.array([1e-6, 4e-6, 9e-6]))
 

@@ -42,6 +42,8 @@ from tinygc.noise.whitening import PRECALIBRATION_MPS2
 ZERO = slice(GYROSCOPE.start + BIAS.start, GYROSCOPE.start + BIAS.stop)
 #: the accelerometer's zero in them
 ACCELEROMETER_ZERO = slice(ACCELEROMETER.start + 6, ACCELEROMETER.start + 9)
+#: source of a spread that the model file has
+STATED = "stated in the model file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +62,15 @@ class Part:
 @dataclass(frozen=True, eq=False)
 class Spread:
     """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom, of each or of all; source, in words;
-    assumed: whether it is not the unit's own; note: what else the sessions say."""
+    assumed: whether it is not the unit's own; note: what else the sessions say; accelerometer: source of its numbers, which then are the
+    unit's own, empty where it is that of B."""
 
     variance: np.ndarray
     freedom: float | np.ndarray
     source: str
     assumed: bool = False
     note: str = ""
+    accelerometer: str = ""
 
 
 def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = (), lot: Path | None = None) -> Spread:
@@ -74,23 +78,24 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
     found = np.full(COUNT, np.nan)
     if history:
         return _of_history(old, rows, history)
-    given = rows.session.config.sensor.gyro_bias_repeatability_dps
-    if given is not None:
-        found[ZERO] = (given * DEG) ** 2
-        return Spread(found, np.inf, "given in session.toml")
-    if lot is not None:
+    given, triad = rows.session.config.sensor.gyro_bias_repeatability_dps, ""
+    if given is None and lot is not None:
         known = need("a lot as prior (--lot)", "--lot").lot_for(lot, rows.session.config.sensor.model).lot
         repeats = known.repeatability**2
         found[GYROSCOPE], found[ACCELEROMETER] = repeats[:12], repeats[12:]
+        triad = f"{known.sessions} sessions of {known.units} units of a lot"
         if np.isfinite(found[ZERO]).all():
-            return Spread(found, float(max(1, known.sessions - known.units)), f"{known.sessions} sessions of {known.units} units of a lot")
+            return Spread(found, float(max(1, known.sessions - known.units)), triad)
     if old.table.get("accelerometer_spread") is not None:
-        found[ACCELEROMETER] = np.asarray(old.table["accelerometer_spread"], dtype=float) ** 2
+        found[ACCELEROMETER], triad = np.asarray(old.table["accelerometer_spread"], dtype=float) ** 2, STATED
+    if given is not None:
+        found[ZERO] = (given * DEG) ** 2
+        return Spread(found, np.inf, "given in session.toml", accelerometer=triad)
     if old.table.get("bias_sigma_rps") is not None:
         found[ZERO] = np.asarray(old.table["bias_sigma_rps"], dtype=float) ** 2
-        return Spread(found, np.inf, "stated in the model file")
+        return Spread(found, np.inf, STATED, accelerometer=triad)
     found[ZERO] = USUAL_SPREAD.rps**2
-    return Spread(found, np.inf, USUAL_SPREAD.source, assumed=True)
+    return Spread(found, np.inf, USUAL_SPREAD.source, assumed=True, accelerometer=triad)
 
 
 def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spread:
@@ -158,9 +163,12 @@ def expected_parts(
             sigma = np.sqrt(2 * spread.variance[number : number + 1])
             one = slice(number, number + 1)
             freedom = float(np.broadcast_to(spread.freedom, COUNT)[number])
-            parts.append(_of_parameters(rows, "switch-on", one, sigma, freedom, spread.source, spread.assumed))
-    if switched_on_since and not np.isfinite(spread.variance[ACCELEROMETER]).all():
-        sigma = np.sqrt(2) * USUAL_ACCELEROMETER.spread
+            triad = spread.accelerometer if number in range(COUNT)[ACCELEROMETER] else ""
+            source, assumed = triad or spread.source, spread.assumed and not triad
+            parts.append(_of_parameters(rows, "switch-on", one, sigma, freedom, source, assumed))
+    hidden = ~np.isfinite(spread.variance[ACCELEROMETER])
+    if switched_on_since and hidden.any():
+        sigma = np.sqrt(2) * USUAL_ACCELEROMETER.spread * hidden
         parts.append(_of_parameters(rows, "accelerometer's switch-on", ACCELEROMETER, sigma, np.inf, USUAL_ACCELEROMETER.source, True))
     allowed = max(PRECALIBRATION_MPS2, USUAL_ACCEL_PER_K * abs(warmer_k or 0.0))
     sigma = np.r_[np.full(6, allowed / G), np.full(3, allowed)]

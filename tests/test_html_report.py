@@ -93,7 +93,7 @@ def test_its_figures_are_those_of_fit(simulated, tmp_path):
     for entry in (entry for entry in report["parameters"] if entry["value"] is not None):
         largest = max(other["expanded_uncertainty"] or 0 for other in report["parameters"] if other["parameter"] == entry["parameter"])
         value, expanded = (fixed(entry[which], markup.decimals_for(largest)) for which in ("value", "expanded_uncertainty"))
-        further = "" if entry["by_one_effect"] is None else f" ± {fixed(entry['by_one_effect'], markup.decimals_for(largest))}"
+        further = "" if entry["by_one_effect"] is None else f" ({fixed(entry['by_one_effect'], markup.decimals_for(largest))})"
         assert f"{value} <small>± {expanded}{further}</small>" in page
     for digest in report["inputs"].values():
         assert digest in page

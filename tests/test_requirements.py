@@ -329,6 +329,19 @@ def test_sensor_errors_have_the_sigma_of_the_sum_and_welch_satterthwaites_freedo
     assert found[0].value == pytest.approx(field_vector(vector)[0] / 1e-6)
 
 
+def test_a_sensor_errors_u_holds_the_effect_that_the_model_lacks():
+    """u^2 = sum of the sources + moved^2, of which the last counts as known: u^4 / nu is that of the sources alone."""
+    vector, sources = vector_and_sources()
+    moved = np.linspace(1e-5, 1e-3, 18)
+    plain = field_measured(vector, sources)
+    found = field_measured(vector, sources, moved=lambda slope: moved[: len(slope)])
+    si = [{"ppm": 1e-6, "mrad": 1e-3, "mdps": DEG * 1e-3}[each.unit] for each in plain]
+    for before, after, size, unit in zip(plain, found, moved, si, strict=True):
+        assert after.sigma == pytest.approx(np.sqrt(before.sigma**2 + (size / unit) ** 2), rel=1e-9)
+        assert after.freedom == pytest.approx(before.freedom * (after.sigma / before.sigma) ** 4, rel=1e-9)
+        assert (after.value, after.key) == (before.value, before.key)
+
+
 def test_an_error_of_zero_keeps_its_unit():
     vector = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
     sigma = np.concatenate([np.full(9, 1e-5), np.full(3, 1e-4)])

@@ -85,12 +85,11 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
         assert rows[name].value == pytest.approx(q.value * more)
         slope = field_jacobian(data.adopted.vector)[list(quantities).index(name)]
         variances, freedoms = zip(*((float(each.variance(slope[None])[0]), each.freedom) for each in data.fit.sources), strict=True)
-        assert q.factor == pytest.approx(coverage_factor(effective_freedom(variances, freedoms)))
-        # U is that of the report, and the effect that the model lacks, which the report states beside it
         moved = float(data.fit.allowed.of(slope[None])[0])
-        freedom = effective_freedom([sum(variances), moved**2], [effective_freedom(variances, freedoms), np.inf])
-        k = coverage_factor(freedom)
-        assert rows[name].expanded == pytest.approx(k * np.hypot(q.sigma, q.moved) * more)
+        assert q.factor == pytest.approx(coverage_factor(effective_freedom([*variances, moved**2], [*freedoms, np.inf])))
+        unit = q.moved / moved
+        assert q.sigma == pytest.approx(unit * np.sqrt(sum(variances) + moved**2))
+        assert rows[name].expanded == pytest.approx(q.expanded * more)  # one U on all pages
     closure, floor = filled.closure[0]
     assert closure.value == pytest.approx(np.sqrt(np.mean(np.sum(data.adopted.angles[:, :2] ** 2, axis=1))) / DEG)
     assert floor == pytest.approx(data.adopted.floor_rms / DEG)
@@ -99,7 +98,7 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
 def test_sources_that_are_told_apart_give_their_own_k(data):
     covariance = data.adopted.covariance
     sources = tuple(content_module.Source(name, "A", 4.0, covariance / 2) for name in ("first", "second"))
-    told = replace(data, adopted=replace(data.adopted, sources=sources), fit=replace(data.fit, allowed=None))
+    told = replace(data, adopted=replace(data.adopted, sources=sources, allowed=None))
     found = content_of(told)
     assert found.results[0].values[0].factor == pytest.approx(2.306004, rel=1e-5)  # Student's t of 8 degrees of freedom
     assert "Contributions: first (A), second (A)." in " ".join(found.uncertainty)
@@ -143,6 +142,23 @@ def test_the_statement_of_conformity_says_rule_limits_answer_and_risk(filled):
     assert len(answers) == 7
 
 
+def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
+    """Limits within U with the effect that the model lacks, and beyond U without it: no page may decide."""
+    q = next(q for q in data.adopted.quantities if (q.word, q.component) == ("scale factor error", "x"))
+    alone = 2 * np.sqrt(q.sigma**2 - q.moved**2)
+    near = q.value + (alone + q.expanded) / 2
+    fields = FIELDS + f"[requirements.gyro_scale_factor_error_x_ppm]\nlower = {q.value - 1e5}\nupper = {near}\n"
+    made = with_fields(data, fields)
+    files, fit = [run.file for run in made.fit.runs], made.fit
+    by_fit = decide(fit.judged, files, None, fit.against_raw, fit.accelerometer, [], fit.requirements)
+    key = "gyro_scale_factor_error_x_ppm"
+    (one,) = (each for each in by_fit.conformities if each.measured.key == key)
+    (other,) = (each for each in content_of(made).conformity if each.measured.key == key)
+    assert one.to_json() == other.to_json()
+    assert one.measured.expanded == pytest.approx(q.expanded)
+    assert one.answer == "not decided"
+
+
 def limited(made, limit_deg):
     runs, fit = [run.file for run in made.fit.runs], made.fit
     return decide(made.adopted, runs, limit_deg, fit.against_raw, fit.accelerometer, [], fit.requirements)
@@ -172,9 +188,9 @@ class Allowed:
 def test_u_holds_the_effect_that_the_model_lacks(data):
     """In the results, in the bias at any switch-on, and in what is held against limits: 1e-4 in SI, beside the fit's own sigma."""
     made = with_fields(data)
-    plain = content_of(replace(made, fit=replace(made.fit, allowed=None)))
-    lacking = replace(made, fit=replace(made.fit, allowed=Allowed()))
-    found = content_of(replace(lacking, decision=limited(made, 5.0)))
+    plain = content_of(replace(made, adopted=replace(made.adopted, allowed=None)))
+    lacking = replace(made, adopted=replace(made.adopted, allowed=Allowed()))
+    found = content_of(replace(lacking, decision=limited(lacking, 5.0)))
 
     def named(content):
         return {f"{row.words} {part}": one for row in content.results for part, one in zip(row.parts, row.values, strict=True)}

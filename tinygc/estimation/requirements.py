@@ -14,7 +14,7 @@ normal errors inside a sphere, and its guard band ends where p is F(r k); below 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -361,11 +361,21 @@ def known_sources(sources: Sequence[Source], covariance: np.ndarray) -> tuple[So
     return tuple(sources) if matching else (Source("all together", "A", float("inf"), covariance),)
 
 
-def field_measured(vector: np.ndarray, sources: Sequence[Source], unobserved: tuple[str, ...] = ()) -> list[Measured]:
-    """The 18 sensor errors of a linear model (12,), each with the degrees of freedom of its own mixture of sources (12, 12)."""
+def field_measured(
+    vector: np.ndarray,
+    sources: Sequence[Source],
+    unobserved: tuple[str, ...] = (),
+    moved: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> list[Measured]:
+    """The 18 sensor errors of a linear model (12,), each with the degrees of freedom of its own mixture of sources (12, 12).
+
+    moved: standard uncertainty (Q,) of quantities with a derivative (Q, 12) by one effect that the model lacks, as ``Systematic.of``; it is
+    taken as known.
+    """
     values, jacobian = field_vector(vector), field_jacobian(vector)
     parts = np.array([source.variance(jacobian) for source in sources])
-    freedoms = [source.freedom for source in sources]
+    further = np.zeros(len(values)) if moved is None else moved(jacobian) ** 2
+    freedoms = [*(source.freedom for source in sources), np.inf]
     quantities = field_quantities(vector, total(sources), unobserved)
     found = []
     for at, q in enumerate(quantities):
@@ -373,8 +383,8 @@ def field_measured(vector: np.ndarray, sources: Sequence[Source], unobserved: tu
         kind = f"gyro_{q.word.replace(' ', '_')}"
         unit, more = (KINDS[kind][1], 1e3 if q.unit == "dps" else 1.0)
         key = f"{kind}_{q.component.replace(' ', '_')}_{unit}"
-        sigma = np.sqrt(parts[:, at].sum()) * abs(scale) * more
-        freedom = effective_freedom(parts[:, at].tolist(), freedoms)
+        variances = [*parts[:, at].tolist(), float(further[at])]
+        sigma, freedom = np.sqrt(sum(variances)) * abs(scale) * more, effective_freedom(variances, freedoms)
         found.append(Measured(key, f"gyroscope {q.word} {q.component}", unit, q.value * more, float(sigma), freedom, q.observed))
     return found
 

@@ -210,6 +210,7 @@ class FitResult:
             covariance=covariance,
             sources=self.sources,
             unobserved=tuple(self.linear.notes.get("unobserved", ())),
+            allowed=None if physics is not None and name in PHYSICS else self.allowed,
         )
 
     @property

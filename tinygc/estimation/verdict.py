@@ -51,6 +51,7 @@ from tinygc.estimation.requirements import (
     run_measured,
 )
 from tinygc.estimation.sources import Source
+from tinygc.estimation.systematic import Systematic
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 
 #: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
@@ -100,6 +101,8 @@ class Candidate(Protocol):
     def sources(self) -> tuple[Source, ...]: ...  # noqa: D102
     @property
     def unobserved(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def allowed(self) -> Systematic | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,8 @@ class JudgedFit:
     angles (S, d) rad held out, of the segments with these numbers; vector of its parameters; floor_rms rad of tilt that noise alone leaves;
     closure_p: p-value of the closure on fitted segments, with its degrees of freedom (None: with more data than these segments); of each
     closure run the errors (3,) rad, the p-value, and a sentence where samples seem lost.  What requirements need besides: run_floors (3,)
-    rad of each run, one sigma from noise alone; covariance (P, P) of the vector, its sources, names of parameters that are not observed.
+    rad of each run, one sigma from noise alone; covariance (P, P) of the vector, its sources, names of parameters that are not observed,
+    and what one effect that the model lacks may have moved, None where that is not known.
     """
 
     angles: np.ndarray
@@ -125,6 +129,7 @@ class JudgedFit:
     covariance: np.ndarray | None = None
     sources: tuple[Source, ...] = ()
     unobserved: tuple[str, ...] = ()
+    allowed: Systematic | None = None
 
 
 @dataclass(frozen=True)
@@ -302,7 +307,8 @@ def _others(candidate: Candidate, accelerometer: AccelerometerFit | None) -> lis
     if candidate.covariance is not None:
         vector, covariance = candidate.vector[:PARAMETERS], candidate.covariance[:PARAMETERS, :PARAMETERS]
         sources = known_sources(candidate.sources, covariance)
-        found = [*field_measured(vector, sources, candidate.unobserved), *found]
+        moved = None if candidate.allowed is None else candidate.allowed.of
+        found = [*field_measured(vector, sources, candidate.unobserved, moved), *found]
         found.append(attitude_measured(vector, sources, candidate.unobserved))
     return found
 

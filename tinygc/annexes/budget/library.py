@@ -27,6 +27,8 @@ from tinygc.reporting.terminal import Group, RenderableType
 
 SCHEMA = "tinygc-budget/1"
 FILE, PAGE = "budget.json", "budget.html"
+#: what is in no U here, and in that of requirements; each quantity's own table states its size
+WITHOUT = "without an effect that the model lacks"
 #: sensor errors of the overview
 SHOWN = ("scale factor error", "misalignment", "bias")
 
@@ -68,12 +70,12 @@ class UncertaintyBudget(Shown):
             for each in self.asked:
                 parts += [*whole(each), ""]
             return Group(*parts[:-1], *drawn)
-        title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least)"
+        title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least), {WITHOUT}"
         errors = [each for each in self.shown if each not in self.attitude]
         force: list[RenderableType] = []
         if self.accelerometer:
             force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""]
-        gyroscope = overview("Sensor errors, 95 %, the bias for this switch-on only", errors)
+        gyroscope = overview(f"Sensor errors, 95 %, the bias for this switch-on only, {WITHOUT}", errors)
         return Group(gyroscope, "", *force, overview(title, self.attitude), *drawn)
 
     def to_json(self) -> dict:

@@ -33,8 +33,8 @@ from tinygc.estimation.requirements import (
     rule_words,
     run_measured,
 )
-from tinygc.estimation.sources import Source, effective_freedom, total
-from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity, field_jacobian
+from tinygc.estimation.sources import Source
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
 from tinygc.reporting.html.evidence import LINEAR, ReportData
 from tinygc.reporting.html.sections.front import SOURCES, recorded
 
@@ -202,7 +202,7 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         as_found=[] if previous is None else _as_found(previous[1], data, vector, sources),
         previous="" if previous is None else previous[0],
         closure=_closure(data),
-        statements=_statements(_with_lacking(data, sources, vector)),
+        statements=_statements(data.decision.conformities),
         operator=_operator(config)[0],
         method=_method(data),
         uncertainty=_uncertainty(data, sources, vector),
@@ -382,26 +382,13 @@ def _gyroscope(data: ReportData, vector: np.ndarray, sources: Sequence[Source], 
 
     turned (12, 12): derivative of the model by the one that was fitted, where it is another.
     """
-    measured = field_measured(vector, sources, data.adopted.unobserved)
-    allowed = data.fit.allowed if data.adopted.name == LINEAR else None
-    if allowed is None:
-        return measured
-    slope = field_jacobian(vector)
-    own = np.sqrt(np.einsum("qi,ij,qj->q", slope, total(sources), slope))  # SI, of the sigmas as they are displayed
-    moved = allowed.of(slope if turned is None else slope @ turned)
-    return [_widened(each, float(each.sigma * more)) for each, more in zip(measured, np.divide(moved, own), strict=True)]
+    allowed = data.adopted.allowed
 
+    def moved(slope: np.ndarray) -> np.ndarray:
+        assert allowed is not None
+        return allowed.of(slope if turned is None else slope @ turned)
 
-def _widened(each: Measured, moved: float) -> Measured:
-    """With a further standard uncertainty, of any number of degrees of freedom."""
-    variances = [each.sigma**2, moved**2]
-    return replace(each, sigma=float(np.sqrt(sum(variances))), freedom=effective_freedom(variances, [each.freedom, np.inf]))
-
-
-def _with_lacking(data: ReportData, sources: Sequence[Source], vector: np.ndarray) -> list[Conformity]:
-    """Each value against its limits, with the U that the results state."""
-    stated = {each.key: each for each in _gyroscope(data, vector, sources)}
-    return [replace(each, measured=stated.get(each.measured.key, each.measured)) for each in data.decision.conformities]
+    return field_measured(vector, sources, data.adopted.unobserved, None if allowed is None else moved)
 
 
 def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[ResultRow]:
@@ -501,8 +488,7 @@ def _uncertainty(data: ReportData, sources: Sequence[Source], vector: np.ndarray
     if data.adopted.name == LINEAR and data.fit.widened > 1:
         factor = significant(float(np.sqrt(data.fit.widened)), 3)
         said.append(f"The turns scatter by more than this noise; standard uncertainties are multiplied by {factor} for it.")
-    allowed = data.fit.allowed
-    if data.adopted.name == LINEAR and allowed is not None:
+    if data.adopted.allowed is not None:
         most = [q for q in data.adopted.quantities if np.isfinite(q.moved)]
         groups = {q.word: max(abs(each.moved) for each in most if each.word == q.word) for q in most}
         units = {q.word: q.unit for q in most}

@@ -30,6 +30,7 @@ from tinygc.estimation.physics import covariance_at_end, errors_with_physics, lo
 from tinygc.estimation.requirements import field_measured, known_sources
 from tinygc.estimation.results import AT_END, FitResult, versions
 from tinygc.estimation.sources import Source, coverage_factor, freedom_of
+from tinygc.estimation.systematic import Systematic
 from tinygc.estimation.verdict import Acceptance, run_p_values
 from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
@@ -118,7 +119,8 @@ class Adopted:
     vector and covariance of its parameters (12 linear ones first, then the effects'); claims: the effects in it; errors (3,) rad of
     each closure run and the p-value of each from the known uncertainties; run_losses: a sentence for each run in which
     samples seem lost, else none; quantities in the field's terms; accelerometer that gives its references; run_floors (3,) rad: one sigma
-    of each run from noise alone; sources of the covariance, where they are told apart; unobserved: names of parameters that are not.
+    of each run from noise alone; sources of the covariance, where they are told apart; unobserved: names of parameters that are not;
+    allowed: what one effect that the model lacks may have moved, None where that is not known, or where the model has effects.
     """
 
     name: str
@@ -139,6 +141,7 @@ class Adopted:
     run_floors: list[np.ndarray]
     sources: tuple[Source, ...] = ()
     unobserved: tuple[str, ...] = ()
+    allowed: Systematic | None = None
 
     @property
     def linear(self) -> LinearModel:
@@ -203,10 +206,11 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         covariance=covariance,
         claims=(),
         **_runs(fit, vector, covariance, errors),
-        quantities=with_factors(field_quantities(vector, covariance, unobserved, moved), vector, covariance, fit.sources),
+        quantities=with_factors(field_quantities(vector, covariance, unobserved, moved), vector, covariance, fit.sources, moved),
         accelerometer=fit.session.config.accelerometer,
         sources=fit.sources,
         unobserved=unobserved,
+        allowed=fit.allowed,
     )
 
 
@@ -236,11 +240,16 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
 
 
 def with_factors(
-    quantities: Sequence[Quantity], vector: np.ndarray, covariance: np.ndarray, sources: Sequence[Source] = ()
+    quantities: Sequence[Quantity],
+    vector: np.ndarray,
+    covariance: np.ndarray,
+    sources: Sequence[Source] = (),
+    moved: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> list[Quantity]:
-    """The 18 quantities of a linear model (12,) with the coverage factor of 95 % that their sources give, as requirements are decided."""
-    measured = field_measured(vector, known_sources(sources, covariance))
-    return [with_freedom(quantity, each.freedom) for quantity, each in zip(quantities, measured, strict=True)]
+    """The 18 quantities of a linear model (12,) with the expanded uncertainty by which requirements are decided (``field_measured``)."""
+    measured = field_measured(vector, known_sources(sources, covariance), moved=moved)
+    whole = [replace(q, expanded=q.factor * float(np.hypot(q.sigma, np.nan_to_num(q.moved)))) for q in quantities]
+    return [with_freedom(quantity, each.freedom) for quantity, each in zip(whole, measured, strict=True)]
 
 
 def with_freedom(quantity: Quantity, freedom: float) -> Quantity:

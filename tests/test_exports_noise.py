@@ -222,6 +222,9 @@ def test_a_walk_that_is_not_determined_is_a_limit_or_the_floor_and_no_number():
         table, text = imu(figures(sensor(replace(known, terms={**known.terms, "K": vague}))))
         assert said in text
         assert table["gyroscope_random_walk"] == pytest.approx(0.664 * others["B"] * np.sqrt(0.03) if others else 2e-5, rel=1e-3)
+    known = axis(N=1e-4, K=7e-6)
+    _, text = imu(figures(sensor(replace(known, terms={**known.terms, "B": vague}))))
+    assert "Measured, and not in this format" not in text
 
 
 def test_a_gauss_markov_process_becomes_a_walk_likewise():

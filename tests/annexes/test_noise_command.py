@@ -15,7 +15,7 @@ from session.io.errors import CalibrationError
 from session.io.units import DEG
 from tinygc.annexes.noise import library, text
 from tinygc.annexes.noise.library import Noise
-from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, open_lines, open_terms
+from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, kalibr_line, open_lines, open_terms
 from tinygc.noise.figures import Inflation, SensorNoise, read_figures
 from tinygc.reporting.terminal import as_text
 
@@ -181,6 +181,11 @@ def test_a_size_that_is_not_determined_is_no_number():
     assert kalibr_figures(figures(gyro=gyro))["gyroscope_random_walk"] is None
     assert "gyroscope 0.000291, < 2.8e-05" in out
     assert gyro.at_most("K") == pytest.approx(350 * WALK)
+    one = SensorNoise((axis(N=shown(N, 0.001), K=unsure), *(axis(N=shown(N, 0.001), K=shown(178 * WALK, 0.05)) for _ in "yz")))
+    assert "gyroscope 0.000291, 1.44e-05 (x < 2.8e-05)" in kalibr_line(figures(gyro=one))
+    assert " (x" not in kalibr_line(figures())
+    assert not gyro.measured("K")
+    assert one.measured("K")
     (row,) = (row for row in open_terms(figures(gyro=gyro)) if (row.sensor, row.axis, row.term) == ("gyro", "x", "K"))
     assert row.known_after_s == AFTER[0]
 

@@ -19,7 +19,7 @@ from tinygc.annexes.noise.likelihood import PRIOR_VARIANCE
 from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
 from tinygc.annexes.noise.scales import groups_of, rest_of
 from tinygc.annexes.noise.summary import RestSums, contrasts
-from tinygc.noise.figures import FILE, TERMS, read_figures, to_json, unit_allan_variance
+from tinygc.noise.figures import FILE, TERMS, AxisNoise, Term, read_figures, to_json, unit_allan_variance
 
 DT = 0.01
 
@@ -157,7 +157,14 @@ def test_how_long_to_record_is_what_that_length_gives():
     figures = estimate_noise([sums_of(six(2**15, DT, 5, N=1.0, K=1.0), DT)]).figures
     terms = {name: (figures.gyro.axes[0].value(name), None) for name in "NK"}
     needed_s = known_after_s(figures, "gyro", 0, "K", 0.1)
-    assert _relative(terms, "K", needed_s, 1 / figures.rate_hz, 0.0) == pytest.approx(0.1, rel=0.03)
+    stated, length = figures.gyro.axes[0].terms["K"], figures.duration_s
+    more = stated.sigma / stated.value / _relative(terms, "K", length, 1 / figures.rate_hz, 0.0)
+    assert more * _relative(terms, "K", needed_s, 1 / figures.rate_hz, 0.0) == pytest.approx(0.1, rel=0.03)
+    # what is stated now is known after just the present length, and a term with twice that sigma is not
+    assert known_after_s(figures, "gyro", 0, "K", stated.sigma / stated.value) == pytest.approx(length, rel=0.03)
+    vague = replace(figures.gyro.axes[0], terms={**figures.gyro.axes[0].terms, "K": replace(stated, sigma=2 * stated.sigma)})
+    wide = replace(figures, gyro=replace(figures.gyro, axes=(vague, *figures.gyro.axes[1:])))
+    assert known_after_s(wide, "gyro", 0, "K", 0.1) == pytest.approx(4 * needed_s, rel=0.1)
     assert known_after_s(figures, "gyro", 0, "K", 0.05) == pytest.approx(4 * needed_s, rel=0.1)
     white = {"N": (1.0, None)}
     assert _relative(white, "N", 1000.0, DT, 0.0) == pytest.approx(1 / np.sqrt(2 * 1000 / DT), rel=0.02)
@@ -261,6 +268,10 @@ def of_sizes(present, log_sigma):
     return described(search, chosen, 0.5, 1.0, 0.0, 0.0).terms["K"]
 
 
+#: of a number, of a limit alone, and of a term that does not show
+SURE, VAGUE, NONE = Term(6.0, 0.6, 1.0), Term(2.0, 1.2, 0.7, 4.0), Term(0.0, None, 0.1, 3.0)
+
+
 def test_a_size_within_two_sigmas_of_none_is_a_limit_alone():
     sure = of_sizes(1.0, 0.1)
     assert sure.is_determined
@@ -273,6 +284,16 @@ def test_a_size_within_two_sigmas_of_none_is_a_limit_alone():
     assert unsure.at_most == pytest.approx(2 * 1.155, rel=0.05)
     assert of_sizes(0.9, 0.1).is_determined  # 0.35
     assert not of_sizes(1.0, 0.6).is_determined
+
+
+@pytest.mark.parametrize(
+    ("B", "K", "is_said"), [(VAGUE, VAGUE, True), (VAGUE, NONE, True), (SURE, VAGUE, False), (VAGUE, SURE, False), (NONE, NONE, False)]
+)
+def test_b_is_said_to_be_hidden_in_k_only_where_neither_is_a_number(monkeypatch, B, K, is_said):
+    found = AxisNoise({**dict.fromkeys(TERMS, NONE), "N": SURE, "B": B, "K": K})
+    monkeypatch.setattr("tinygc.annexes.noise.estimate._axis", lambda *of: found)
+    said = estimate_noise([sums_of(six(2**13, DT, 5, N=1.0), DT)]).said
+    assert any("does not tell B from K" in line for line in said) == is_said
 
 
 def test_b_is_not_taken_from_a_log_whose_temperature_moves_the_zero_by_more():

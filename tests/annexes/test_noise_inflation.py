@@ -309,6 +309,8 @@ def test_a_walk_that_no_rest_shows_is_its_limit_unless_the_session_has_a_larger_
     hidden = replace(hidden, terms={**hidden.terms, "K": Term(0.0, None, 0.1, 5e-6)})
     rest = replace(at_rest(figures_of(axis_of(N=N))), walk_density=np.full(3, walk))
     assert inflation_lines([rest], SensorNoise((hidden,) * 3)) == [f"At rest N holds (1.00); walk {words} rad/s/√s"]
+    vague = replace(hidden, terms={**hidden.terms, "B": Term(1e-9, 6e-10, 0.7, 2e-9)})  # a limit alone is shown by no axis
+    assert inflation_lines([rest], SensorNoise((hidden, hidden, vague))) == [f"At rest N holds (1.00); walk {words} rad/s/√s"]
     shown = SensorNoise((hidden, hidden, axis_of(N=N, B=1e-9)))
     assert inflation_lines([rest], shown) == [f"At rest N holds (1.00); walk {walk:.2g} rad/s/√s"]
 

@@ -96,6 +96,8 @@ def test_a_size_that_is_not_determined_is_its_limit():
     found = answer_of(figures_of(sensor(vague)), 720.0, 0.2, after)
     assert found.lines[1].endswith("K < 2.0 < 2.0 < 2.0 °/h/√h")
     assert not found.known
+    warm = replace(shown, terms={**shown.terms, "B": Term(3 * B, 0.3 * B, 1.0, 4 * B)})  # limited by temperature, with a small sigma
+    assert "N known to 20 %; B will be after 3.1 h" in answer_of(figures_of(sensor(warm)), 720.0, 0.2, after).lines[0]
 
 
 def test_an_estimate_runs_each_minute_and_then_each_tenth_of_the_rest():

@@ -153,8 +153,8 @@ class SensorNoise:
         return np.array([axis.value(name) for axis in self.axes])
 
     def measured(self, name: str) -> bool:
-        """Whether some axis shows a term."""
-        return any(axis.terms[name].chosen for axis in self.axes)
+        """Whether a term's size is a number on some axis, and not a limit alone."""
+        return any(axis.terms[name].is_determined for axis in self.axes)
 
     def at_most(self, name: str) -> np.ndarray:
         """(3,) SI: upper limit of a term on each axis (95 %); infinite where the log sets none."""

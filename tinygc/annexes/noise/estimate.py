@@ -84,7 +84,8 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
             continue
         remarks = [*of_log_and_log(rests, channel), *_coarse_steps(sections[:, :, channel])]
         found = _axis(groups, period_s, _lines_hz(sections[:, :, channel], period_s))
-        if any((term := found.terms[name]).chosen and not term.is_determined for name in "BK"):
+        slow = [found.terms[name] for name in "BK"]
+        if any(term.chosen for term in slow) and not any(term.is_determined for term in slow):
             remarks.append("slow noise is there, and the rest does not tell B from K: each has a limit alone.")
         if part.rms > found.value("B") > 0:
             found = replace(found, terms={**found.terms, "B": _limited(found.terms["B"])})
@@ -369,7 +370,8 @@ def _band(axes: Sequence[list[tuple[float, float, float, float]]]) -> AllanBand:
 def known_after_s(figures: NoiseFigures, kind: str, axis: int, name: str, relative: float = 0.2) -> float:
     """Duration of rest, s, after which a term (of its present size, or of its limit) is known to a relative sigma; inf where never.
 
-    From the expected information of a rest of that length, with all terms that the axis shows.
+    From the expected information of a rest of that length, with all terms that the axis shows; its sigma counts as much more, or less,
+    as that which is stated now exceeds what these figures' own length lets expect.
     """
     own = figures.sensors()[kind].axes[axis]
     terms = {key: (term.value, term.tau_s) for key, term in own.terms.items() if term.chosen}
@@ -380,6 +382,9 @@ def known_after_s(figures: NoiseFigures, kind: str, axis: int, name: str, relati
             return float("inf")
         terms[name] = (float(own.terms[name].at_most or 0.0), None)
     period_s, first = 1 / figures.rate_hz, max(own.from_s, 0.0)
+    if (stated := own.terms[name]).sigma is not None:
+        expected = _relative(terms, name, figures.duration_s, period_s, first)
+        relative *= expected * stated.value / stated.sigma if 0 < expected < np.inf else 1.0
     low, high = np.log(10.0), np.log(LONGEST_S)
     if _relative(terms, name, float(np.exp(high)), period_s, first) > relative:
         return float("inf")

@@ -260,7 +260,7 @@ def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise) -> list[str]:
         line = f"Inflate by {much} on {each.motion}" if each.motion != REST else f"At rest N holds ({much})"
         line += f": {why}" if why else ""
         if each.walk_density is not None:
-            known = each.walk_density.any() and not (below and np.all(each.walk_density < limit))
+            known = below and each.walk_density.any() and not np.all(each.walk_density < limit)
             line += f"; walk not known{below}" if is_hidden and not known else f"; walk {_rms(each.walk_density):.2g} rad/s/√s"
         lines.append(line)
     return lines

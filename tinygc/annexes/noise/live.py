@@ -138,14 +138,14 @@ def answer_of(figures: NoiseFigures, rested_s: float, relative: float, known_aft
 
             def wait_s(name: str, kind: str = kind, number: int = number) -> float:
                 term = figures.sensors()[kind].axes[number].terms[name]
-                if term.sigma is not None and term.sigma <= relative * term.value:
+                if term.sigma is not None and term.is_determined and term.sigma <= relative * term.value:
                     return 0.0
                 return max(known_after(figures, kind, number, name, relative), rested_s)
 
             shown = [name for name in WALKS if axis.terms[name].chosen]
             for name in ("N", *shown):
                 waits[name] = max(waits.get(name, 0.0), wait_s(name))
-            if not axis.terms["N"].chosen:
+            if not axis.terms["N"].is_determined:
                 hidden.add("N")
             if not shown:
                 waits["B or K"] = max(waits.get("B or K", 0.0), min(wait_s(name) for name in ("B", "K")))

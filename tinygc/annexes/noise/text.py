@@ -128,15 +128,23 @@ def kalibr_figures(figures: NoiseFigures) -> dict[str, float | None]:
 
 
 def kalibr_line(figures: NoiseFigures) -> str:
-    """The numbers in one line; an upper limit where no axis shows the walk; without which axes, where some are not described."""
+    """The numbers in one line; an upper limit where no axis shows the walk, and beside the number where that of an axis is larger; without
+    which axes, where some are not described."""
     parts = []
     for kind, sensor in figures.sensors().items():
         words = []
         for name in "NK":
             value, most = _worst(sensor, name)
-            words.append(f"{value:.3g}" if value is not None else NONE if most is None else f"< {most:.2g}")
+            words.append(f"{value:.3g}{_larger(sensor, name, value)}" if value is not None else NONE if most is None else f"< {most:.2g}")
         parts.append(f"{CALLED[kind]} {', '.join(words)}{_without(sensor)}")
     return f"Kalibr density, walk (SI): {'; '.join(parts)}"
+
+
+def _larger(sensor: SensorNoise, name: str, value: float) -> str:
+    """`` (x < 0.002)``, the axes whose limit alone is above the largest number; empty where there are none."""
+    limits = {axis: own.terms[name].at_most for axis, own in zip("xyz", sensor.axes, strict=True) if own.is_described}
+    larger = [f"{axis} < {most:.2g}" for axis, most in limits.items() if most is not None and most > value]
+    return f" ({', '.join(larger)})" if larger else ""
 
 
 def _without(sensor: SensorNoise) -> str:

@@ -233,7 +233,7 @@ def noise_remarks(context: Context, found: Mapping[str, Densities]) -> tuple[str
         lines.append("What is guessed has no log behind it: replace it by a log at rest.")
     lines += [*_left_out(context), *described_from(figures)]
     axes = [axis for sensor in figures.sensors().values() for axis in sensor.axes if axis.is_described]
-    apart = [f"{name} ({NAMES[name]})" for name in TERMS if name not in "NK" and any(axis.terms[name].chosen for axis in axes)]
+    apart = [f"{name} ({NAMES[name]})" for name in TERMS if name not in "NK" and any(axis.terms[name].is_determined for axis in axes)]
     apart += ["lines of the spectrum"] * any(axis.lines for axis in axes)
     if apart:
         lines.append(f"Measured, and not in this format: {', '.join(apart)}.")

@@ -9,6 +9,7 @@ _QUESTION = {
     "asked": FLAG,
     "holds": maybe(FLAG),
     "statistic": maybe(SIZE),
+    "chi_square?": maybe(SIZE),
     "freedom": COUNT,
     "p_value": maybe(SHARE),
     "level": SHARE,

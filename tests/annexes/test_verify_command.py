@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from formats_page import strangers
+from scipy.stats import chi2
 from verify_units import OPTIONS, SIGMA, rest_log, session_of, write
 
 import tinygc
@@ -45,6 +46,9 @@ def test_a_calibration_that_holds_says_so(model, folder, run, tmp_path):
     found = json.loads((tmp_path / "found.json").read_text())
     assert strangers(found) == []
     assert [question["holds"] for question in found["questions"]] == [True, True, True, None]
+    for question in found["questions"][:3]:
+        assert chi2.sf(question["chi_square"], question["freedom"]) == pytest.approx(question["p_value"], rel=1e-6)
+        assert question["statistic"] > 0
     assert found["false_alarm"] == 0.05
     assert np.abs(found["cost"]["as_it_is_deg"]).max() < 1.0
 

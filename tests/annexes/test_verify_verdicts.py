@@ -202,6 +202,13 @@ def test_b_anew_is_no_answer_where_another_change_matters(name):
     assert decided(matters=(B,), as_it_is=5.0, names=("step",)).bias_serves is False
 
 
+def test_what_noise_does_not_explain_is_said_beside_what_departs():
+    left = f"more than noise is left: up to 3.0° in a use of {B} (95 %); "
+    assert decided(matters=(NOISE,)).headline.startswith(left)
+    both = decided(matters=(NOISE, E)).headline
+    assert both.startswith(f"departs from the calibration: E (up to 3.0° in a use of {E}); {left}")
+
+
 def test_one_factor_on_all_rates_is_named_as_the_factor():
     rows, old = replace(made_rows(), session=session_of(unit_of(OPTIONS))), SimpleNamespace(linear=NONE, accelerometer=object())
     found = {cause.name: cause for cause in candidate_causes(rows, old)}

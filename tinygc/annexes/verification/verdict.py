@@ -223,13 +223,19 @@ def _decide(
     limit, uses = options.limit_deg * DEG, {bound.name: bound.use for bound in found}
     matters = [name for name in changed if changed[name] > options.limit_deg]
     by_size = sorted(changed, key=lambda name: -changed[name])
-    amounts = {name: f"{OF[name]} (up to {significant(changed[name], 2)}° in {uses.get(name, uses[B])})" for name in by_size}
+
+    def amount(name: str) -> str:
+        return f"{significant(changed[name], 2)}° in {uses.get(name, uses[B])}"
+
+    amounts = {name: f"{OF[name]} (up to {amount(name)})" for name in by_size}
     causes = () if diagnosis is None else diagnosis.best.causes
     because = "" if diagnosis is None else "; ".join(diagnosis.best.words)
     fit_again = "fit a new session, and look at `explain`"
     if set(matters) - {B} or (matters and any(cause.name not in ("zero", "temperature") for cause in causes)):
         why = because or "no cause of the list explains it; run explain"
-        departs = f"departs from the calibration: {', '.join(amounts[name] for name in by_size if name in matters)} (95 %)"
+        moved = ", ".join(amounts[name] for name in by_size if name in matters and name != NOISE)
+        left = f"more than noise is left: up to {amount(NOISE)}" if NOISE in matters else ""
+        departs = f"{'; '.join(filter(None, (moved and f'departs from the calibration: {moved}', left)))} (95 %)"
         return _Decision(
             FAILS, f"{departs}; {why}", "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, bias_serves=False
         )

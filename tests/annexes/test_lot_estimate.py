@@ -5,7 +5,7 @@ import pytest
 from scipy import optimize
 from simulated_lots import COUNT, simulated_lot
 
-from tinygc.annexes.lots.estimate import FAMILY_P, estimate, family, spread_of
+from tinygc.annexes.lots.estimate import FAMILY_P, estimate, family, line, spread_of
 from tinygc.annexes.lots.lot import LotSessions, lot_sessions
 
 
@@ -18,6 +18,22 @@ def drawn(counts, seed=0, drift=0.0, repeats=0.0, sigma=0.2, vary=0.0):
     y = values[unit] + np.hypot(sigmas, repeats) * rng.normal(size=shape)
     names = [str(number) for number in range(len(counts))]
     return LotSessions(y, sigmas**2, np.ones(shape, dtype=bool), np.cumsum(counts) - counts, counts, names, [str(i) for i in unit])
+
+
+def test_a_line_s_numbers_follow_the_unit_of_x_and_none_is_made_where_x_is_zero():
+    rng = np.random.default_rng(5)
+    y, x, w = rng.normal(size=(6, 21)), rng.normal(size=(6, 21)), rng.uniform(1, 2, size=(6, 21))
+    beta, covariance, left = line(y, x, w)
+    for unit in (1e-9, 1e9):
+        scaled, spread, same = line(y, unit * x, w)
+        np.testing.assert_allclose(scaled * [1, unit], beta, rtol=1e-9)
+        np.testing.assert_allclose(spread * [[1, unit], [unit, unit**2]], covariance, rtol=1e-9)
+        np.testing.assert_allclose(same, left, atol=1e-9)
+    beta, covariance, _ = line(y, 0 * x, w)
+    np.testing.assert_allclose(beta[:, 0], (w * y).sum(axis=0) / w.sum(axis=0))
+    np.testing.assert_allclose(covariance[:, 0, 0], 1 / w.sum(axis=0))
+    assert not beta[:, 1].any()
+    assert not covariance[:, 1].any()
 
 
 def test_of_equal_sigmas_all_are_the_ordinary_regression_s():

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from session.io.numeric import MEDIAN_SIGMAS
+from session.io.solving import inverse
 from tinygc.annexes.lots.lot import COUNT, LotSessions
 
 # Each number of unit u is
@@ -106,9 +107,9 @@ def repeated(lot: LotSessions, belongs: np.ndarray) -> np.ndarray:
 def line(y: np.ndarray, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return mean and drift (21, 2) of values (U, 21) at x (U, 21) with weights w, their covariance (21, 2, 2), residuals (U, 21).
 
-    Where x is zero there is no drift.
+    Where x is zero there is no drift: 0, as all that is not determined.
     """
-    covariance = np.linalg.pinv(moments(w, x), hermitian=True)
+    covariance = np.nan_to_num(inverse(moments(w, x)), posinf=0.0)
     beta = (covariance @ np.stack([(w * y).sum(axis=0), (w * x * y).sum(axis=0)], axis=-1)[..., None])[..., 0]
     return beta, covariance, y - beta[:, 0] - x * beta[:, 1]
 

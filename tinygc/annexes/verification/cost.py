@@ -1,6 +1,6 @@
 """What a change costs, what this recording cannot tell, and which turns would.
 
-The cost is the largest error of the attitude within a minute (``Motion.largest_error``): of today's own first minute of motion, exact,
+The cost is the largest error of the attitude within a minute (``tinygc/closure/motion.py``): of today's own first minute of motion, exact,
 between the old calibration and today's best estimate.  What today's data leave open of a parameter is its posterior under a wide prior of
 plausible changes,
 

@@ -1,5 +1,6 @@
 """What readings do not determine, and what is of the range in which it was tested: kinks, rates that err, curves that no law names."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from tinygc.annexes.rates.curve import Curve, Shape, fit_curve
 from tinygc.annexes.rates.fitting import fit
 from tinygc.annexes.rates.laws import CURVE, LAWS, Hypothesis
 from tinygc.annexes.rates.points import points_of, settings_of
-from tinygc.annexes.rates.terms import Range, _asymmetry, _inside, _probe, derived, terms
+from tinygc.annexes.rates.terms import Range, _asymmetry, _end, _inside, _probe, derived, left_open, linear_range, terms
 from tinygc.annexes.rates.text import lines
 
 UP = np.arange(-240.0, 241.0, 20.0)
@@ -51,11 +52,87 @@ def kink(K=0.015, low=-1.71, high=1.92, at=120.0, off=0.031):
 def test_one_reading_makes_no_kink_and_no_nonlinearity():
     choice = choose(kink())
     assert choice.fit.hypothesis.name == "line, clipped below and above, one reading off"
-    assert "a kink from 100 °/s on, which no reading determines" in " ".join(lines(choice))
+    assert "the reading at 120 °/s is off, or there is a kink from 100 °/s on, which no reading determines" in " ".join(lines(choice))
     found = rows_of(choice)
     assert found["nonlinearity"].value is None
     assert found["nonlinearity"].at_most < 300
-    assert found["linear_high"].value == pytest.approx(128.0, abs=0.05)
+    assert "within −114 to 100 °/s" in found["nonlinearity"].condition
+    assert found["linear_low"].value == pytest.approx(-114.0, abs=0.05)
+
+
+def test_no_range_ends_beyond_the_last_reading_that_is_sound():
+    """A kink at 105 °/s that the reading at 120 °/s alone shows: the output meets its limit at 125.18 °/s, and not at 128."""
+    rate = np.concatenate([np.linspace(-m, m, 11) for m in (75, 150, 250)])
+    output = np.clip(0.015 * rate + 0.0021 * np.maximum(rate - 105, 0), -1.71, 1.92) + 1e-4 * np.random.default_rng(3).normal(size=33)
+    kinked = points_of("s", "V", rate, output, np.repeat(["75", "150", "250"], 11).tolist())
+    for points in (kinked, kink()):
+        found = rows_of(choose(points))
+        assert found["linear_high"].value is found["linear_high"].sigma is found["linear_high"].at_most is None
+        assert found["linear_high"].condition == "not determined, 100 to 150 °/s: the reading at 120 °/s is off"
+        assert "reached at" not in found["saturation_high"].condition
+        assert "reached at −114 °/s" in found["saturation_low"].condition
+
+
+def test_what_one_reading_that_is_off_leaves_open():
+    """The last sound rate before it and the first limited one beyond; nothing with a sound one beside or beyond."""
+    rate = np.array([-80.0, -60, -40, -20, 0, 20, 40, 60, 80, 100, 60])
+
+    def open_at(row, upper, count=11, sense=1.0):
+        output = np.minimum(SCALE * rate, 1.5) if upper else SCALE * rate
+        points = points_of("s", "V", sense * rate[:count], output[:count] + 0.3 * (np.arange(count) == row), ["one"] * count)
+        return left_open(fit(points, Hypothesis("line", upper=upper, apart=row)))
+
+    assert open_at(7, True, 10) == (60.0, 40.0, 80.0)
+    assert open_at(7, True, 10, -1.0) == (-60.0, -40.0, -80.0)
+    assert open_at(7, True) is None  # read again
+    assert open_at(7, False, 10) is None  # 80 and 100 °/s are sound
+    assert open_at(9, False, 10) == (100.0, 80.0, None)
+    assert open_at(4, False, 10) is None  # at rest
+
+
+def test_no_departure_over_all_rates_where_a_reading_leaves_an_end_open():
+    points = measured(lambda w: SCALE * w * (1 - np.abs(w) / 9000), UP)
+    assert "nonlinearity_tested" in rows_of(given(points, Hypothesis("quadratic")))
+    points.output[-1] += 0.5
+    assert "nonlinearity_tested" not in rows_of(given(points, Hypothesis("quadratic", apart=24)))
+
+
+def test_a_limit_at_a_reading_is_named_where_none_beyond_reads_more():
+    rate = np.arange(-100.0, 101.0, 20.0)
+    points = points_of("s", "V", rate, SCALE * rate - 0.5 * (rate == 100), ["one"] * 11)
+    said = " ".join(lines(given(points, Hypothesis("line", apart=10))))
+    assert "the reading at 100 °/s is off, or the output has a limit there or a kink from 80.0 °/s on, which no reading" in said
+    found = rows_of(given(points, Hypothesis("line", apart=10)))["linear_high"]
+    assert found.condition == "not determined, beyond 80.0 °/s: the reading at 100 °/s is off"
+
+
+def test_a_range_is_reached_where_most_draws_reach_it():
+    """Near the last rate tested: an end has a number and a sigma, or is that of the rates; no case between."""
+    for bend in (0.70, 0.72, 0.74):
+        points = measured(lambda w, bend=bend: SCALE * 700 / bend * np.arcsinh(w * bend / 700), noise=1e-3, seed=int(100 * bend))
+        curve = fit_curve(points, Hypothesis(CURVE))
+        within = linear_range(curve)
+        for end, at, reached in zip((-240.0, 240.0), (within.low, within.high), within.ends, strict=True):
+            found = [_end(each, end) for each in curve.draws]
+            assert reached == (sum(is_reached for _, is_reached in found) > len(found) / 2)
+            assert at == (pytest.approx(np.median([each for each, _ in found])) if reached else end)
+        rows = rows_of(given(points, Hypothesis(CURVE)))
+        for key, end in (("linear_low", -240.0), ("linear_high", 240.0)):
+            assert rows[key].value == end if rows[key].sigma is None else abs(rows[key].value) < 240
+
+
+def test_a_number_that_leaves_as_little_elsewhere_is_said_so():
+    said = " ".join(lines(given(kink(), Hypothesis("pieces", True, True))))
+    assert re.search(r"w1 not determined; (99|100|10[0-3])\S* to 1[12]\d\S* °/s fit as well", said)
+
+
+def test_a_line_has_one_sigma():
+    """Rivals of a line that nothing refutes are in neither of its two places."""
+    choice = choose(measured(lambda w: SCALE * w, seed=4))
+    rival = fit(choice.points, Hypothesis("quadratic"))
+    found = rows_of(replace(choice, rivals=((rival, 0.4),)))["scale"]
+    K = next(each for each in choice.fit.numbers if each.name == "K")
+    assert (found.value, found.sigma) == (pytest.approx(K.value), pytest.approx(K.sigma, rel=1e-6))
 
 
 def test_a_kink_that_one_reading_shows_has_no_place():
@@ -96,6 +173,32 @@ def test_rates_that_the_output_does_not_follow_are_one_setting():
     assert settled.sigma[-1] == pytest.approx(noise / np.sqrt(6))
     line = fit(settled, LINE)
     assert line.coefficients[0] == pytest.approx(1.006, abs=3 * np.sqrt(line.covariance[1, 1]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_setting_that_was_read_once_errs_as_much(seed):
+    rng = np.random.default_rng(seed)
+    set_to = np.array([-40] * 8 + [40] * 8 + [-25] * 2 + [25] * 2 + [0] * 6 + [-100, 100, -80, 80], dtype=float)
+    written = set_to + 0.3 * rng.normal(size=30) * (set_to != 0)
+    points = points_of("s", "°/s", written, 1.006 * set_to + 0.41 + 3e-3 * rng.normal(size=30), ["one"] * 30)
+    settled, _ = settings_of(points)
+    assert len(settled) == 9
+    groups = [slice(0, 8), slice(8, 16), slice(16, 18), slice(18, 20), slice(20, 26)]
+    within = np.concatenate([written[g] - written[g].mean() for g in groups])
+    own = np.concatenate([points.output[g] - points.output[g].mean() for g in groups])
+    scale = np.polyfit(settled.rate_dps, settled.output, 1)[0]
+    once = np.sqrt(np.sum(own**2) / 21 + scale**2 * np.sum(within**2) / 16)  # of 26 readings in 5 settings, 20 in 4 that turn
+    assert settled.sigma[5:] == pytest.approx(np.full(4, once))
+    assert settled.sigma[4] == pytest.approx(np.sqrt(np.sum(own**2) / 21 / 6))  # at rest the rate is exact
+    assert choose(settled).is_line
+
+
+def test_one_reading_at_rest_has_no_error_of_the_rate():
+    points = scattered(0.1, follows=False)
+    settled, _ = settings_of(points.part(np.arange(34) < 29))
+    groups = [slice(0, 8), slice(8, 16), *(slice(16 + 2 * k, 18 + 2 * k) for k in range(6))]
+    own = np.concatenate([points.output[g] - points.output[g].mean() for g in groups])
+    assert settled.sigma[-1] == pytest.approx(np.sqrt(np.sum(own**2) / 20))
 
 
 def test_rates_that_the_output_follows_stay_as_they_are():
@@ -227,6 +330,49 @@ def test_the_asymmetry_of_a_range_is_that_of_its_readings():
     assert row.sigma == pytest.approx(2e6 * sigma / choice.fit.coefficients[0], rel=1e-3)
     whole = choice.fit.vector[choice.fit.names.index("a")]
     assert 2e6 * whole / choice.fit.coefficients[0] > 3e4  # of all rates
+
+
+def test_an_even_shape_is_an_asymmetry_and_no_noise():
+    """Of a parabola K w + q w^2 the line beside |w| over +-E has the coefficient q E: the regression of w^2 on w, from rest to E."""
+    points = measured(lambda w: SCALE * w + 2e-6 * w**2, noise=1e-3, seed=5)
+    choice = choose(points)
+    assert choice.fit.hypothesis.name == "quadratic"
+    found = rows_of(choice)
+    row, end = found["asymmetry"], min(-found["linear_low"].value, found["linear_high"].value)
+    assert row.value == pytest.approx(2e6 * 2e-6 * end / SCALE, abs=2.5 * row.sigma)
+    assert row.sigma < 0.1 * row.value
+    line = rows_of(choose(measured(lambda w: SCALE * w, noise=1e-3, seed=5)))["hysteresis"]
+    assert found["hysteresis"].at_most < 2 * line.at_most
+
+
+@pytest.mark.parametrize(("law", "columns"), [("asymmetry", lambda w: [w, np.abs(w)]), ("tanh", lambda w: [w, w**2, w**3])])
+def test_a_probe_stands_beside_the_shape_of_the_law(law, columns):
+    points = measured(lambda w: SCALE * (400 * np.tanh(w / 400) if law == "tanh" else w + 0.01 * np.abs(w)))
+    choice = given(points, Hypothesis(law))
+    within = Range(-160.0, 160.0, (True, True))
+    inside = _inside(choice, within)
+    A = np.column_stack([np.ones(len(inside)), *columns(inside.rate_dps), inside.direction / 2])
+    by_hand, (left,) = np.linalg.lstsq(A, inside.output, rcond=None)[:2]
+    value, sigma = _probe(choice, inside, "hysteresis")
+    assert value == pytest.approx(by_hand[-1], rel=1e-6)
+    assert sigma >= 0.999 * np.sqrt(np.linalg.inv(A.T @ A)[-1, -1] * left / (len(A) - A.shape[1]))
+    assert sigma < 2 * NOISE / np.sqrt(len(A)) * 2
+
+
+def test_the_asymmetry_of_two_pieces_is_that_of_the_law():
+    """Of its even part, h max(|w| - 90, 0) / 2, the slope over 0 to E is 12 / E^3 of the integral of (w - E / 2) times it."""
+    found = rows_of(given(measured(lambda w: SCALE * w + 2e-3 * np.maximum(w - 90, 0), noise=1e-4), Hypothesis("pieces")))
+    row, end = found["asymmetry"], found["linear_high"].value
+    assert end == pytest.approx(100.0, abs=0.5)
+    slope = 6 / end**3 * 2e-3 * quad(lambda w: (w - end / 2) * (w - 90), 90, end)[0]
+    assert row.value == pytest.approx(2e6 * slope / SCALE, abs=max(3 * row.sigma, 30.0))
+    assert row.sigma < 0.2 * row.value
+
+
+def test_a_line_that_nothing_refutes_has_a_limit_of_asymmetry():
+    row = rows_of(choose(measured(lambda w: SCALE * w, seed=4)))["asymmetry"]
+    assert row.value is None
+    assert row.at_most > 0
 
 
 def test_the_noise_is_that_of_the_readings_at_no_limit():

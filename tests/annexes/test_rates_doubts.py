@@ -47,7 +47,7 @@ def test_one_reading_that_is_low_is_no_limit_of_the_output():
     assert points.rate_dps[choice.fit.hypothesis.apart] == 300
     found = rows_of(choice)
     assert found["scale"].value == pytest.approx(SCALE, abs=4 * found["scale"].sigma)
-    assert found["linear_high"].condition == "rates tested end there"
+    assert found["linear_high"].condition == "not determined, beyond 270 °/s: the reading at 300 °/s is off"
     assert "the reading at 300 °/s is off, or the output has a limit there" in " ".join(lines(choice))
     assert choice.fit.hypothesis.equation == "V = V0 + K w + r [one reading]"
 

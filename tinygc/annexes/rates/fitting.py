@@ -48,7 +48,7 @@ class LackOfFit:
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a law: value and sigma, both None where the points do not determine it; between: which values leave as little."""
+    """A number of a law: value and sigma, both None where the points do not determine it; between: which values fit as well."""
 
     name: str
     value: float | None

@@ -151,7 +151,7 @@ def settings_of(points: Points) -> tuple[Points, list[str]]:
 
     if fdtrc(freedom, freedom, float(np.sum((own - scale * off) ** 2) / np.sum(own**2))) > FOLLOWED:
         return points, []
-    moved = np.bincount(visit, off**2) > 0
+    moved = (np.bincount(visit, off**2) > 0) | ((count == 1) & (rate != 0))  # what was read once errs as much, but at rest
     rate_error = float(np.sqrt(np.sum(off**2) / np.sum((count - 1)[moved])))
     noise = float(np.sqrt(np.sum(own**2) / freedom))
     first = np.flatnonzero(begins)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.io.texts import significant
-from tinygc.annexes.rates.choice import Choice
+from tinygc.annexes.rates.choice import NOT_SMOOTH, Choice
 from tinygc.annexes.rates.curve import Curve, fit
 from tinygc.annexes.rates.fitting import Fit, over_rate, span
 from tinygc.annexes.rates.laws import EXTRAS, Hypothesis
@@ -121,10 +121,12 @@ def terms(choice: Choice) -> list[TermRow]:
 
 def averaged(choice: Choice, function: Callable[[Fit], float]) -> tuple[float, float]:
     """A function of the curve, where the law has one, and its sigma; else of the law's numbers, with what rival laws say of it by their
-    probabilities."""
+    probabilities, but of a straight line, from which nothing departs beyond chance."""
     if choice.curve is not None:
         return derived(choice.curve, function)
     value, sigma = derived(choice.fit, function)
+    if choice.is_line:
+        return value, sigma
     total = choice.probability + sum(share for _, share in choice.rivals)
     spread = sum(share / total * (function(rival) - value) ** 2 for rival, share in choice.rivals)
     return value, float(np.sqrt(sigma**2 + spread))
@@ -167,16 +169,35 @@ def _drift(found: Fit) -> TermRow:
 
 
 def linear_range(found: Fit) -> Range:
-    """From rest outwards until the output reaches a limit, or departs by 1 % from its slope at rest; at most the rates tested."""
+    """From rest outwards until the output reaches a limit, or departs by 1 % from its slope at rest; at most the rates tested, and where
+    one reading that is off leaves an end open, the last sound one."""
     rates = found.points.rate_dps
-    ends, sides, between = [], [], []
+    ends, sides, between, beyond = [], [], [], left_open(found)
     for end in (min(rates.min(), 0.0), max(rates.max(), 0.0)):
-        at, reached = derived(found, lambda have, end=end: _end(have, float(end))[0])[0], _end(found, float(end))[1]  # type: ignore[misc]
+        drawn = [_end(each, float(end)) for each in (found.draws if isinstance(found, Curve) else [found])]
+        reached = 2 * sum(before for _, before in drawn) > len(drawn)
+        at = float(np.median([each for each, _ in drawn])) if reached else float(end)
+        if beyond is not None and beyond[0] * end > 0 and abs(at) > abs(beyond[1]):
+            at, reached = beyond[1], False
         smallest = float(np.copysign(np.abs(rates[rates * np.sign(end) > 0]).min(initial=abs(end)), end))
         between.append(reached and abs(at) < abs(smallest))
         sides.append(smallest if between[-1] else at)
         ends.append(reached)
     return Range(sides[0], sides[1], (ends[0], ends[1]), (between[0], between[1]))
+
+
+def left_open(found: Fit) -> tuple[float, float, float | None] | None:
+    """The rate of a reading that is off and has no sound one beyond it or beside it, the last sound rate before it (0 where there is none
+    of its sense), and the first at a limit beyond, None where there is none; None where there is no such reading."""
+    rates, apart = found.points.rate_dps, found.hypothesis.apart
+    if apart < 0 or not (at := float(rates[apart])):
+        return None
+    outwards, steps, sound = rates * np.sign(at), found.points.distinct * np.sign(at), ~found.is_limited
+    sound[apart] = False
+    if (steps[sound] >= steps[apart]).any():
+        return None
+    last, limited = outwards[sound].max(initial=0.0), outwards[found.is_limited & (steps > steps[apart])]
+    return at, float(np.copysign(last, at)), float(np.copysign(limited.min(), at)) if len(limited) else None
 
 
 def _end(found: Fit, end: float) -> tuple[float, bool]:
@@ -222,7 +243,7 @@ def best_line(found: Fit, within: Range) -> tuple[float, float]:
 
 
 def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
-    found, rows = choice.curve or choice.fit, []
+    found, rows, beyond = choice.curve or choice.fit, [], left_open(choice.fit)
     for n, (key, name, end) in enumerate((("low", "lower", within.low), ("high", "upper", within.high))):
         reached = within.ends[n]
         why = (
@@ -234,7 +255,12 @@ def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
             sigma = averaged(replace(choice, rivals=tuple(alike)), lambda have, end=end: _end(have, 1.5 * end)[0])[1]  # type: ignore[misc]
         what = f"input limit, {name}" if why.startswith("limit") else f"linear range, {name} end"
         row = TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why)
-        if within.between[n]:
+        if beyond is not None and (beyond[0] > 0) == (n == 1) and end == beyond[1]:
+            at, last, first = beyond
+            open_to = f"beyond {size(last)} °/s" if first is None else f"{size(last)} to {size(first)} °/s"
+            why = f"not determined, {open_to}: the reading at {size(at)} °/s is off"
+            row = TermRow(f"linear_{key}", f"linear range, {name} end", None, None, None, "°/s", why)
+        elif within.between[n]:
             row = TermRow(
                 f"linear_{key}", what, None, None, None, "°/s", f"{why} before {size(end)} °/s, the smallest rate: not determined"
             )
@@ -262,18 +288,25 @@ def _inside(choice: Choice, within: Range) -> Points:
     return points.part(kept)
 
 
-def _probe(choice: Choice, inside: Points, extra: str) -> tuple[float, float] | None:
-    """Coefficient and sigma of a column beside a line, or beside the law's own shape, of the points inside; None where not determined."""
+def _probe(choice: Choice, inside: Points, extra: str, within: Range | None = None) -> tuple[float, float] | None:
+    """Coefficient and sigma of a column beside the law of the points inside, a polynomial where it is smooth; of an asymmetry that of the
+    best lines of both senses within the range, the law's own included; None where not determined."""
     of, extras = choice.fit.hypothesis, [each for each in choice.fit.hypothesis.extras if each != extra]
-    law = of.law if of.law == "dead_band" else "line" if choice.curve is None or extra == "bend" else "cubic"
+    law = "line" if of.law == extra else of.law if of.law in NOT_SMOOTH else "polynomial"
     numbers = np.unique(inside.curve)
     own = replace(inside, curve=np.searchsorted(numbers, inside.curve), curves=tuple(inside.curves[n] for n in numbers))
     found = fit(own, Hypothesis(law, extras=(*extras, extra)))
     if found is None:
         return None
     number = found.names.index(EXTRAS[extra].symbol.split()[0], len(found.offsets) + len(found.hypothesis.of.coefficients))
-    sigma = float(np.sqrt(found.covariance[number, number]))
-    return (float(found.vector[number]), sigma) if np.isfinite(sigma) and sigma > 0 else None
+    value, sigma = derived(found, lambda have: float(have.vector[number]) if within is None else _uneven(have, within))
+    return (value, sigma) if np.isfinite(sigma) and sigma > 0 else None
+
+
+def _uneven(found: Fit, within: Range) -> float:
+    """Coefficient of |w| beside the best line over the range, as far as it goes in both senses."""
+    half = np.linspace(0.0, min(-within.low, within.high), GRID)[1:]
+    return float(np.polyfit(half, (found.unlimited(half) + found.unlimited(-half)) / 2, 1)[0])
 
 
 def _shown(key: str, name: str, value: tuple[float, float] | None, factor: float, unit: str, condition: str, shows: bool) -> TermRow:
@@ -302,10 +335,11 @@ def _nonlinearity(choice: Choice, within: Range, inside: Points) -> TermRow:
 
 
 def _over_all(choice: Choice, within: Range) -> list[TermRow]:
-    """Departure of a law that bends from its best line over all rates tested, ppm of the larger end; limits of the output aside."""
+    """Departure of a law that bends from its best line over all rates tested, ppm of the larger end; limits of the output aside; none
+    where one that is off leaves an end open."""
     rates = choice.points.rate_dps
     tested = Range(float(rates.min()), float(rates.max()), (False, False))
-    if not _bends(choice.fit) or (tested.low, tested.high) == (within.low, within.high):
+    if not _bends(choice.fit) or left_open(choice.fit) or (tested.low, tested.high) == (within.low, within.high):
         return []
     full = abs(best_line(choice.curve or choice.fit, tested)[0]) * float(np.abs(rates).max())
     name, condition = "… over all rates tested", f"of {size(full)} {choice.points.unit}, {tested.words}"
@@ -318,11 +352,18 @@ def _bends(found: Fit) -> bool:
 
 def _asymmetry(choice: Choice, within: Range, inside: Points, tested: str) -> TermRow:
     """Slope of positive less slope of negative rates, ppm of their mean."""
-    key, name, condition = "asymmetry", "asymmetry of the scale", f"both senses, within {within.words}"
-    if not (choice.points.rate_dps.min() < 0 < choice.points.rate_dps.max()):
+    key, name = "asymmetry", "asymmetry of the scale"
+    if not within.low < 0 < within.high:
         return TermRow(key, name, None, None, None, "ppm", f"not measured: one sense only, {tested}")
     scale = best_line(choice.curve or choice.fit, within)[0]
-    return _shown(key, name, _probe(choice, inside, "asymmetry"), 2e6 / scale, "ppm", condition, "a" in choice.fit.names)
+    shows = "a" in choice.fit.names or _bends(choice.fit)
+    condition = f"both senses, within ±{size(min(-within.low, within.high))} °/s"
+    if choice.fit.hypothesis.law == "pieces":  # which differ by nothing else, and whose kink the readings inside may not show
+        value, sigma = averaged(choice, lambda have: _uneven(have, within))
+        probed = (value, sigma) if np.isfinite(sigma) else None
+    else:
+        probed = _probe(choice, inside, "asymmetry", within)
+    return _shown(key, name, probed, 2e6 / scale, "ppm", condition, shows)
 
 
 def _hysteresis(choice: Choice, inside: Points, scale: float) -> TermRow:
@@ -363,6 +404,8 @@ def _saturation(found: Fit) -> list[TermRow]:
             # At which rate the output comes to a limit
             rates = found.points.rate_dps
             places = [at for end in (rates.min(), rates.max()) if end and (at := input_limit(found, float(end))) is not None]
+            beyond = left_open(found)
+            places = [at for at in places if beyond is None or at * beyond[0] < 0 or abs(at) <= abs(beyond[1])]
             of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - value) < 1e-3 * span(found.points)]
             alone = ", by one reading whose std is far below all others" if found.is_limited.sum() == 1 else ""
             remark = f"the output's limit{alone}" + "".join(f", reached at {size(at)} °/s" for at in of_limit)

@@ -11,7 +11,7 @@ from tinygc.annexes.rates.choice import RIVAL, Choice, HeldOut
 from tinygc.annexes.rates.fitting import REFUTED, Number
 from tinygc.annexes.rates.laws import LAWS
 from tinygc.annexes.rates.sweep import Sweep
-from tinygc.annexes.rates.terms import TermRow, size, terms
+from tinygc.annexes.rates.terms import TermRow, left_open, size, terms
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
@@ -54,12 +54,13 @@ def lines(choice: Choice) -> list[str]:
     else:
         said.append(f"a straight line leaves {size(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})")
     if found.hypothesis.apart >= 0:
-        at = float(points.rate_dps[found.hypothesis.apart])
-        others = points.rate_dps[~found.is_limited & (points.distinct != points.distinct[found.hypothesis.apart])]
-        beyond, before = others[others * np.sign(at) > abs(at)], others[others * np.sign(at) < abs(at)]
-        last = float(before[np.argmax(before * np.sign(at))]) if at and len(before) else at
-        more = "" if len(beyond) else f", or the output has a limit there or a kink from {size(last)} °/s on, which no reading determines"
-        said.append(f"the reading at {size(at)} °/s is off{more}; measure it again, and {'beside it' if len(beyond) else 'beyond'}")
+        at, more, again, beyond = float(points.rate_dps[found.hypothesis.apart]), "", "beside it", left_open(found)
+        if beyond is not None:
+            size_of = points.output * np.sign(choice.line.coefficients[0] * at)
+            is_larger = size_of[points.rate_dps * np.sign(at) > abs(at)] > size_of[found.hypothesis.apart]
+            limit = "" if is_larger.any() else "the output has a limit there or "
+            more, again = f", or {limit or 'there is '}a kink from {size(beyond[1])} °/s on, which no reading determines", "beyond"
+        said.append(f"the reading at {size(at)} °/s is off{more}; measure it again, and {again}")
     lack = found.lack_of_fit
     if lack is not None and lack.p_value < REFUTED:
         repeats = f"{size(lack.noise)} {points.unit}" if not points.is_known else f"{size(lack.noise)} of the stated sigmas"
@@ -110,11 +111,10 @@ def cells(row: TermRow) -> tuple[str, str]:
 
 def _number(each: Number) -> str:
     """``K 0.01986 ± 0.00012 V/(°/s)``, or between which values it is not determined."""
+    unit = "" if each.unit == "1" else f" {each.unit}"
     if each.between is not None:
-        shown = f"not determined: {size(each.between[0])} to {size(each.between[1])} leave as little,"
-    else:
-        shown = "not determined" if each.value is None else number(each.value, each.sigma or 0.0)
-    return f"{each.name} {shown} {'' if each.unit == '1' else each.unit}".strip(" ,")
+        return f"{each.name} not determined; {size(each.between[0])} to {size(each.between[1])}{unit} fit as well"
+    return f"{each.name} not determined" if each.value is None else f"{each.name} {number(each.value, each.sigma or 0.0)}{unit}"
 
 
 def number(value: float, sigma: float) -> str:

@@ -13,7 +13,7 @@ from session.detect.check_stills import NO_STILLS, check_unseen
 from session.io.units import DEG_PER_HOUR, MG
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
-from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, model_tests, none_missing
+from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests, none_missing
 from tinygc.estimation.promise import promise_of
 from tinygc.estimation.systematic import SUSPECTED
 from tinygc.explanation.claims import DIFFERS, VERDICTS
@@ -43,10 +43,18 @@ def test_turns_runs_and_noise_contradict_below_one_in_a_hundred(p, contradicted)
     assert "closure of the fitted segments, 60 degrees of freedom: p = 0.50" in model_tests(FINE, {}, None, None, None)[0].says
     assert "b.csv: p = 0.0" in model_tests(FINE, {"b.csv": p}, None, None, None)[1].says
     said = model_tests(FINE, {}, noise(p), None, None)[1].says
-    assert said.startswith(
-        "turns and stills differ by more than the noise of such a sensor (each turn 2 deg, where 1 deg is usual): p = 0."
-    )
-    assert model_tests(FINE, {}, noise(1.0, ""), None, None)[1].says == "the noise is that of such a sensor: p = 1.0"
+    differs = "turns or stills differ by more than the noise of such a sensor" if contradicted else "the noise may be that of such a sensor"
+    assert said.startswith(f"{differs} (each turn 2 deg, where 1 deg is usual): p = 0.")
+    assert model_tests(FINE, {}, noise(1.0, ""), None, None)[1].says == "the noise may be that of such a sensor: p = 1.0"
+
+
+def test_the_probability_that_no_effect_is_missing_is_a_p_value_where_it_decides():
+    """With even odds it is 0.5, below the p of the turns; with odds of 571 to 1 and prior odds of 1 to 30 it is the least."""
+    turns = GoodnessOfFit(60.0, 60, 0.7)
+    assert least_p(model_tests(turns, {}, None, odds(np.log(30)), None)) == [0.7]
+    (p,) = least_p(model_tests(turns, {}, None, odds(np.log(571)), None))
+    assert p == pytest.approx(30 / (30 + 571))
+    assert least_p(()) == []
 
 
 def test_an_effect_contradicts_where_it_is_there_with_95_percent():
@@ -111,7 +119,7 @@ def test_a_data_sheet_promises_noise_drift_and_references(noise_mdps, dph):
     variance = ((noise_mdps or 5.0) * MDPS) ** 2 * seconds + 2 * seconds**2 * drift + 3 * 4e-8 / 4 + 3 * 1e-8
     assert found.tilt_rms == pytest.approx(np.sqrt(np.mean(variance)))
     assert found.turn_s == 5.0
-    assert found.source == ("by the noise in session.toml" if noise_mdps else "an ASM330LHH by its data sheet")
+    assert found.source == ("the noise in session.toml" if noise_mdps else "an ASM330LHH's data sheet")
     assert found.noisier == ("" if noise_mdps else "this unit has 7.1 mdps/√Hz of noise, 5 there")
     assert promise_of(problem(unit_mdps=6.9)).noisier == ""  # units differ by 1.4
 
@@ -121,7 +129,7 @@ def test_without_a_profile_or_a_name_nothing_is_promised():
         found = promise_of(each)
         assert (found.turn_s, found.tilt_rms, found.source, found.noisier) == (5.0, None, "", "")
     still = promise_of(problem(model="BMI088", instability=None))  # its drift is not known, and is none
-    assert still.source == "a BMI088 by its data sheet"
+    assert still.source == "a BMI088's data sheet"
     assert still.tilt_rms < promise_of(problem()).tilt_rms
 
 

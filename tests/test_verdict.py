@@ -147,7 +147,7 @@ def test_the_first_screen_fits(capsys, tmp_path):
     """80 columns, 32 lines; no number is cut."""
     assert calibrate.main(["fit", "data/session1", "--out", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    headline = "PASS: held out 0.0143° over 5 s (an ASM330LHH by its data sheet: 0.028°), closure run 0.0435°"
+    headline = "PASS: held out 0.0143° over 5 s (twice an ASM330LHH's data sheet: 0.028°), closure run 0.0435°"
     assert " ".join(line.rstrip() for line in lines[:2]) == headline
     assert len(lines) <= 32
     assert max(len(line.rstrip()) for line in lines if str(tmp_path) not in line) <= 80

@@ -206,7 +206,7 @@ def judged(times=1.0, segments=40, **known):
     return JudgedFit(**figures | known)
 
 
-SHEET = Promise(5.0, 10.0, "an X1 by its data sheet")
+SHEET = Promise(5.0, 10.0, "an X1's data sheet")
 
 
 def run(error=1e-3, p=0.5, lost=""):
@@ -247,7 +247,7 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
         "headline": found.headline,
         "rule": found.rule,
         "limit_deg": pytest.approx(20 / DEG if limit_deg is None else limit_deg),
-        "limit_from": SHEET.source if limit_deg is None else GIVEN,
+        "limit_from": f"twice {SHEET.source}" if limit_deg is None else GIVEN,
         "reasons": [{"met": met, "reason": text} for met, text in found.reasons],
         "doubts": found.doubts,
         "undecided": found.undecided,
@@ -267,14 +267,14 @@ def test_worse_than_raw_is_a_fail_whatever_the_limit(share, segments, failed, li
 @pytest.mark.parametrize(
     ("candidate", "files", "limit", "says"),
     [
-        (judged(), 0, None, "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 1\u202f146°)"),
+        (judged(), 0, None, "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 1\u202f146°)"),
         (judged(), 0, 1.0, "PASS: held out 0.0573° (1.0 × noise, 40 segments)"),
-        (judged(**run()), 1, None, "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 1\u202f146°), closure run 0.0573°"),
+        (judged(**run()), 1, None, "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 1\u202f146°), closure run 0.0573°"),
         (
             judged(run_errors=[np.full(3, 1e-3), np.full(3, 2e-3)], run_p=[0.5, 0.5], run_losses=["", ""]),
             2,
             None,
-            "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 1\u202f146°), worst of 2 closure runs 0.115°",
+            "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 1\u202f146°), worst of 2 closure runs 0.115°",
         ),
         (
             judged(**run(2e-3, 1e-5, "lost")),
@@ -306,11 +306,11 @@ def test_the_first_line_gives_the_answer_and_its_reason(candidate, files, limit,
 @pytest.mark.parametrize(
     ("sheet", "answer", "says"),
     [
-        (Promise(5.0, 0.501e-3, "an X1 by its data sheet"), "pass", "PASS: held out 0.0573° over 5 s (an X1 by its data sheet: 0.057°)"),
+        (Promise(5.0, 0.501e-3, "an X1's data sheet"), "pass", "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 0.057°)"),
         (
-            Promise(5.0, 0.499e-3, "an X1 by its data sheet", "this unit has 9 mdps/√Hz, 5 there"),
+            Promise(5.0, 0.499e-3, "an X1's data sheet", "this unit has 9 mdps/√Hz, 5 there"),
             "not decided",
-            "NOT DECIDED: held out 0.0573° over 5 s, more than that of an X1 by its data sheet, 0.057°; this unit has 9 mdps/√Hz, 5 there",
+            "NOT DECIDED: held out 0.0573° over 5 s, more than twice an X1's data sheet, 0.057°; this unit has 9 mdps/√Hz, 5 there",
         ),
         (Promise(5.0), "no limit", "no limit: closure 0.0991° over 5 s (95 %), 1.0 × noise, 40 segments"),
     ],

@@ -18,6 +18,7 @@ from session.bench.console import PlainConsole
 from session.detect.accelerometer import BIASES, SCALES, SHEARS, UPPER
 from session.detect.findings import Finding
 from tinygc.estimation.accelerometer import triad_errors
+from tinygc.estimation.model_tests import ModelTest
 from tinygc.models.linear import scale_factor_errors
 from tinygc.reporting.fit_screen import next_line
 from tinygc.reporting.tables import findings_table, verdict_line
@@ -166,10 +167,8 @@ def test_quiet_says_nothing_where_a_file_is_the_result(run, folder):
 
 def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):
     def says(*effects):
-        goodness = SimpleNamespace(excess=2.0)
-        result = SimpleNamespace(
-            session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", goodness=goodness, noise=None, allowed=None
-        )
+        tests = [ModelTest("turns", 0.009, 0.01, "")]
+        result = SimpleNamespace(session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", tests=tests, allowed=None)
         return next_line(result, SimpleNamespace(passed=True), effects).plain
 
     assert says() == "next:\n  python calibrate.py explain s"

@@ -25,8 +25,8 @@ TURNS, RUN, NOISE, EFFECT, GRAVITY = "turns", "run", "noise", "effect", "gravity
 
 @dataclass(frozen=True)
 class ModelTest:
-    """One test: p_value, the probability of as much without a contradiction; least_p, below which it contradicts the model; says: a
-    sentence."""
+    """One test: p_value, the probability of as much without a contradiction, or of EFFECT that no effect is missing; least_p, below which
+    it contradicts the model; says: a sentence."""
 
     name: str
     p_value: float
@@ -62,7 +62,8 @@ def model_tests(
     found += [ModelTest(RUN, p, MISMATCH_P, f"{file}: {probability(p)}") for file, p in runs.items()]
     if noise is not None:
         p, beyond = noise.unusual_p, noise.noise.beyond_words
-        differs = "turns and stills differ by more than the noise of such a sensor" if beyond else "the noise is that of such a sensor"
+        more = "turns or stills differ by more than the noise of such a sensor"
+        differs = more if p < MISMATCH_P else "the noise may be that of such a sensor"
         found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs}{beyond and f' ({beyond})'}: {probability(p)}"))
     if allowed is not None:
         most = max(allowed.log_odds.values(), default=-np.inf)
@@ -84,3 +85,9 @@ def none_missing(log_odds: float) -> float:
 def contradictions(tests: Sequence[ModelTest]) -> list[ModelTest]:
     """Return those that contradict the model, the least probable first."""
     return sorted((test for test in tests if test.contradicts), key=lambda test: test.p_value)
+
+
+def least_p(tests: Sequence[ModelTest]) -> list[float]:
+    """Return the least p-value, in a list, empty without tests.  The probability that no effect is missing is none, and counts where it
+    decides alone."""
+    return sorted(test.p_value for test in tests if test.contradicts or test.name != EFFECT)[:1]

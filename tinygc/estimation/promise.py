@@ -38,9 +38,9 @@ def promise_of(problem: Problem) -> Promise:
     sensor, turn_s = problem.session.config.sensor, float(np.median(problem.batch.duration_s))
     typical = sensor.typical("gyro_noise_mdps_rthz") if problem.session.config.model_given else None
     if sensor.gyro_noise_mdps_rthz is not None:
-        density, source = sensor.gyro_noise_mdps_rthz, "by the noise in session.toml"
+        density, source = sensor.gyro_noise_mdps_rthz, "the noise in session.toml"
     elif typical is not None:
-        source, density = f"{_article(typical[0])} {typical[0]} by its data sheet", typical[1]
+        source, density = f"{_article(typical[0])} {typical[0]}'s data sheet", typical[1]
     else:
         return Promise(turn_s)
     accel, unit_accel = sensor.typical("accel_noise_ug_rthz"), float(np.mean(problem.noise.accel**2))

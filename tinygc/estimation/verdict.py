@@ -137,8 +137,8 @@ class Acceptance:
     """Verdict on a calibration.
 
     passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule, None where that is not decided; doubts, a
-    sentence for each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given, or the sensor's data sheet
-    promises one; closure: what closes to what, in words; conformities: each value that has limits, against them; undecided: a sentence for
+    sentence for each reason why a pass is weak evidence; by_limit: whether a limit of the closure was given;
+    closure: what closes to what, in words; conformities: each value that has limits, against them; undecided: a sentence for
     each that is neither PASS nor FAIL; unsound: reasons not met that no limit has: noise does not explain the closure, the recording
     contradicts the model, or the raw rates close better, so that the uncertainties may not hold; limit_deg of the closure, in use, and
     where it is from, None without one; tests of the model by the recording.
@@ -229,6 +229,7 @@ def decide(
     floors = [*candidate.run_floors, *[None] * (len(files) - len(candidate.run_floors))]
     runs = conformity(closes, [run_measured(*each) for each in zip(files, candidate.run_errors, floors, strict=True)])
     others = conformity(asked, _others(candidate, accelerometer)) if set(asked.limits) - {CLOSURE, CLOSURE_RUN} else []
+    promised = promise if promise is not None and promise.tilt_rms is not None else None
     rules = []
     reasons: list[tuple[bool | None, str]]
     if segments:
@@ -246,7 +247,8 @@ def decide(
     elif not segments or (len(files) and not runs):
         rules.append(
             f"No limit given: noise must explain what is left, p at least {MISMATCH_P:g}; to be decided, held-out closure of at least "
-            f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor, and {NEAR_FLOOR:g} times that of the data sheet."
+            f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor"
+            + (f", and {NEAR_FLOOR:g} times {promised.source}." if promised is not None else ".")
         )
     if asked.limits and (others or limit_deg is None):
         rules.append(f"Requirements of {asked.source or 'the user'}. {rule_words(asked.rule)}")
@@ -264,8 +266,8 @@ def decide(
     if segments:
         most = segments[0].limits[1]
         limit, source = (float(most), asked.source if limit_deg is None else GIVEN) if np.isfinite(most) else (None, None)
-    elif promise is not None and promise.tilt_rms is not None:
-        limit, source = NEAR_FLOOR * promise.tilt_rms / DEG, promise.source
+    elif promised is not None:
+        limit, source = NEAR_FLOOR * promised.tilt_rms / DEG, f"twice {promised.source}"
     against = contradictions(tests)
     decided = [*segments, *runs, *others]
     by_limit = {TURNS: segments, RUN: runs}  # without a limit they are reasons above
@@ -273,7 +275,7 @@ def decide(
     unsound += undecided
     if not segments and limit is not None and tilt / DEG > limit:
         more = f"; {promise.noisier}" if promise is not None and promise.noisier else ""
-        undecided.append(f"{_over(tilt, promise)}, more than that of {source}, {significant(limit, 2)}°{more}")
+        undecided.append(f"{_over(tilt, promise)}, more than {source}, {significant(limit, 2)}°{more}")
     closure = _closure(tilt, times, candidate, None if segments else promise, limit)
     if len(files):
         which = f", worst of {len(files)} closure runs " if len(files) > 1 else ", closure run "
@@ -297,7 +299,7 @@ def _closure(tilt_rad: float, times: float, candidate: Candidate, promise: Promi
     if promise is None:
         return f"held out {degrees(tilt_rad)} ({in_noise})"
     if promised_deg is not None:
-        return f"{_over(tilt_rad, promise)} ({promise.source}: {significant(promised_deg, 2)}°)"
+        return f"{_over(tilt_rad, promise)} (twice {promise.source}: {significant(promised_deg, 2)}°)"
     return f"closure {degrees(BELOW_95 * tilt_rad)} over {promise.turn_s:.2g} s (95 %), {in_noise}"
 
 

@@ -17,7 +17,7 @@ from session.io.units import DEG
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.model_tests import NOISE, ModelTest, contradictions
+from tinygc.estimation.model_tests import NOISE, ModelTest, contradictions, least_p
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.verdict import NEAR_FLOOR, Acceptance
@@ -126,7 +126,7 @@ def explain_session(
     # What is detected along the catalogue's columns is a mismatch where it has a name; else the tests of ``fit`` decide.
     p_values = [claim.p_value for claim in before_the_fit] + ([naming.p_value] if claimed or beyond or fit is None else [])
     decision = None if fit is None else fit.verdict()
-    p_value = min([*p_values, *(test.p_value for test in (() if decision is None else decision.tests))])
+    p_value = min([*p_values, *([] if decision is None else least_p(decision.tests))])
     explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond, decision=decision)
     explanation.considered = considered_of(mended, naming.considered)
     explanation.left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)

@@ -13,6 +13,7 @@ import numpy as np
 from session.io.texts import command_line
 from session.io.units import DEG
 from tinygc.estimation.choice import RAW, closure_figures, rmse, run_figures
+from tinygc.estimation.model_tests import contradictions
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.verdict import Acceptance
 from tinygc.reporting.fit_text import TITLES, linear_of, parameters_table
@@ -115,10 +116,9 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
         return Text("next: record more turns, to more attitudes; look for errors with\n").append(
             one_line(f"  {command_line('check', folder)}")
         )
-    noise = result.noise is not None and result.noise.noise.unusual
     if missing_of(result):
         return Text("next:\n").append(one_line(f"  {command_line('fit', folder, '--physics', 'auto', *_given(effects))}"))
-    unexplained = result.goodness.excess > 1 or noise or not decision.passed
+    unexplained = bool(contradictions(result.tests)) or not decision.passed
     return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *_given(effects))}"))
 
 

@@ -13,7 +13,7 @@ from session.io.units import DEG, MG
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.estimation.model_tests import contradictions
+from tinygc.estimation.model_tests import NOISE, contradictions
 from tinygc.estimation.options import METHODS, MethodFit
 from tinygc.estimation.results import FitResult, known_turns_words
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
@@ -120,7 +120,7 @@ def remarks(result: FitResult) -> list[Text]:
 def _noise_words(result: FitResult) -> list[Text]:
     """Noise that the sigmas include, and whether the closure exceeds it."""
     words = []
-    if result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual):
+    if result.goodness.excess > 1 or any(test.name == NOISE for test in contradictions(result.tests)):
         above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
         p_value = result.goodness.p_value
         p = f" (p {f'= {p_value:.1g}' if p_value > 1e-99 else '< 1e-99'})" if result.goodness.excess > 1 else ""

@@ -369,6 +369,17 @@ def test_the_asymmetry_of_two_pieces_is_that_of_the_law():
     assert row.sigma < 0.2 * row.value
 
 
+def test_the_asymmetry_of_a_bend_is_of_the_rates_of_both_senses():
+    """A bend of one sense, whose range goes to −240 and 80 °/s: of the readings within ±80 °/s alone, by hand."""
+    points = measured(lambda w: SCALE * w * (1 - (w > 0) * w / 9000))
+    choice, within = given(points, Hypothesis("polynomial")), Range(-240.0, 80.0, (False, True))
+    w = BOTH_WAYS[np.abs(BOTH_WAYS) <= 80]
+    A = np.column_stack([np.ones(len(w)), w, w**2, w**3, np.abs(w)])
+    by_hand = np.linalg.lstsq(A, points.output[np.abs(BOTH_WAYS) <= 80], rcond=None)[0]
+    # over 0 to E the line beside w^2 has the slope E
+    assert _probe(choice, _inside(choice, within), "asymmetry", within)[0] == pytest.approx(by_hand[4] + 80 * by_hand[2], rel=2e-3)
+
+
 def test_a_line_that_nothing_refutes_has_a_limit_of_asymmetry():
     row = rows_of(choose(measured(lambda w: SCALE * w, seed=4)))["asymmetry"]
     assert row.value is None

@@ -293,6 +293,8 @@ def _probe(choice: Choice, inside: Points, extra: str, within: Range | None = No
     best lines of both senses within the range, the law's own included; None where not determined."""
     of, extras = choice.fit.hypothesis, [each for each in choice.fit.hypothesis.extras if each != extra]
     law = "line" if of.law == extra else of.law if of.law in NOT_SMOOTH else "polynomial"
+    if within is not None and law == "polynomial":  # a bend that one sense alone has would pull it
+        inside = inside.part(np.abs(inside.rate_dps) <= min(-within.low, within.high))
     numbers = np.unique(inside.curve)
     own = replace(inside, curve=np.searchsorted(numbers, inside.curve), curves=tuple(inside.curves[n] for n in numbers))
     found = fit(own, Hypothesis(law, extras=(*extras, extra)))

@@ -351,28 +351,21 @@ class SessionNoise:
     def unusual_p(self, white: np.ndarray, r: np.ndarray, J: np.ndarray) -> float:
         """P-value of unusual noise; 1 if it is not unusual.  white (n, n), r (n,), J (n, p): those that gave these sizes.
 
-        It is the likelihood ratio against the noise that such a sensor may have: none of the large components, the bias drift at most as
-        large as usual.  All of them together, since one by itself may be removed without a loss where another takes its place.  Under the
+        It is the likelihood ratio against the noise that such a sensor may have: each large component as large as usual at most.  All
+        of them together, and those that grow for it, since one by itself may be held without a loss where another takes its place.  Under the
         hypothesis each estimate is on its edge half the time (Self & Liang 1987).
         """
-        large = {component.name for component, _, _ in self.beyond}
-        if not large:
+        own, held, cost = self, 0, 0.0
+        while own.beyond:
+            for component, _, most in own.beyond:
+                white = white + most**2 * (component.V.dense() if isinstance(component.V, Sparse) else component.V)
+                cost += 0.0 if component.prior is None else component.prior.apart(most)[0] ** 2
+                own, held = own.without(component.name), held + 1
+            own = own.estimated_beside(white, r, J, own.s)
+        if not held:
             return 1.0
-        own = self
-        for name in large - {WANDER}:
-            own = own.without(name)
-        own = own.estimated_beside(white, r, J, own.s)
-        value = own.value
-        for component, _, most in own.beyond:
-            if component.name != WANDER:
-                continue
-            large.add(WANDER)
-            V = component.V.dense() if isinstance(component.V, Sparse) else component.V
-            held = own.without(WANDER)
-            value = held.estimated_beside(white + most**2 * V, r, J, held.s).value
-            value += 0.0 if component.prior is None else component.prior.apart(most)[0] ** 2
-        gain = max(value - self.value, 0.0)
-        ways = [math.comb(len(large), k) / 2 ** len(large) for k in range(1, len(large) + 1)]
+        gain = max(own.value + cost - self.value, 0.0)
+        ways = [math.comb(held, k) / 2**held for k in range(1, held + 1)]
         return sum(way * chi_square_above(gain, k) for k, way in enumerate(ways, start=1))
 
     def to_json(self) -> list[dict]:

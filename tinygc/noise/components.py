@@ -351,9 +351,9 @@ class SessionNoise:
     def unusual_p(self, white: np.ndarray, r: np.ndarray, J: np.ndarray) -> float:
         """P-value of unusual noise; 1 if it is not unusual.  white (n, n), r (n,), J (n, p): those that gave these sizes.
 
-        It is the likelihood ratio against the noise that such a sensor may have: each large component as large as usual at most.  All
-        of them together, and those that grow for it, since one by itself may be held without a loss where another takes its place.  Under the
-        hypothesis each estimate is on its edge half the time (Self & Liang 1987).
+        It is the likelihood ratio against the noise that such a sensor may have: each large component as large as usual at most.  All of
+        them together, and those that grow for it: held alone, one gives way where another takes its place.  Under the hypothesis each
+        estimate is on its edge half the time (Self & Liang 1987).
         """
         own, held, cost = self, 0, 0.0
         while own.beyond:

@@ -166,7 +166,7 @@ class Acceptance:
             return "not decided"
         if self.doubts:
             return "doubtful pass" if self.by_limit else "not decided"
-        return "pass" if self.by_limit or self.limit_deg is not None else "no limit"
+        return "pass" if self.by_limit or self.limit_deg is not None or self.conformities else "no limit"
 
     @property
     def word(self) -> str:

@@ -199,7 +199,10 @@ def test_the_command_writes_it(simulated, tmp_path, run):
     folder, out = tmp_path / "session", tmp_path / "dcc.xml"
     shutil.copytree(simulated(segments=16), folder, ignore=shutil.ignore_patterns("truth.json"))
     toml = folder / "session.toml"
-    toml.write_text(toml.read_text(encoding="utf-8") + FIELDS, encoding="utf-8")
+    # No draft: nothing says that the recording is simulated, and the clock's error is known.
+    marked, recorded = toml.read_text(encoding="utf-8").split("\n", 1)
+    assert marked.startswith("# SIMULATED")
+    toml.write_text(recorded.replace("[sensor]\n", "[sensor]\nclock_sigma_ppm = 20\n") + FIELDS, encoding="utf-8")
     code, said, _ = run("report", folder, "--methods", "raw,least_squares", "--no-explain", "--certificate", "--dcc", out)
     assert code == 0
     assert str(out) in said

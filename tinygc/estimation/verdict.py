@@ -229,7 +229,7 @@ def decide(
     floors = [*candidate.run_floors, *[None] * (len(files) - len(candidate.run_floors))]
     runs = conformity(closes, [run_measured(*each) for each in zip(files, candidate.run_errors, floors, strict=True)])
     others = conformity(asked, _others(candidate, accelerometer)) if set(asked.limits) - {CLOSURE, CLOSURE_RUN} else []
-    promised = promise if promise is not None and promise.tilt_rms is not None else None
+    promised_rad = None if promise is None else promise.tilt_rms
     rules = []
     reasons: list[tuple[bool | None, str]]
     if segments:
@@ -248,7 +248,7 @@ def decide(
         rules.append(
             f"No limit given: noise must explain what is left, p at least {MISMATCH_P:g}; to be decided, held-out closure of at least "
             f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor"
-            + (f", and {NEAR_FLOOR:g} times {promised.source}." if promised is not None else ".")
+            + (f", and {NEAR_FLOOR:g} times {promise.source}." if promise is not None and promised_rad is not None else ".")
         )
     if asked.limits and (others or limit_deg is None):
         rules.append(f"Requirements of {asked.source or 'the user'}. {rule_words(asked.rule)}")
@@ -266,8 +266,8 @@ def decide(
     if segments:
         most = segments[0].limits[1]
         limit, source = (float(most), asked.source if limit_deg is None else GIVEN) if np.isfinite(most) else (None, None)
-    elif promised is not None:
-        limit, source = NEAR_FLOOR * promised.tilt_rms / DEG, f"twice {promised.source}"
+    elif promise is not None and promised_rad is not None:
+        limit, source = NEAR_FLOOR * promised_rad / DEG, f"twice {promise.source}"
     against = contradictions(tests)
     decided = [*segments, *runs, *others]
     by_limit = {TURNS: segments, RUN: runs}  # without a limit they are reasons above

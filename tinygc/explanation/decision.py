@@ -17,6 +17,7 @@ from session.io.errors import CalibrationError
 from session.io.units import DEG
 from tinygc.attitude.rotation import matrix
 from tinygc.closure.problem import Problem
+from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import Effect, catalogue
 from tinygc.estimation.bias import SAME, choose, tilt_rms
 from tinygc.estimation.options import FitOptions
@@ -459,8 +460,6 @@ def per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
 SAID = 0.5
 #: -2 log evidence within which a single unnamed shape is evaluated in place of all names: a second shape may add to it
 INSTEAD = 60.0
-#: false-alarm rate for noise unlike a sensor's: a fifth of that for the shapes (benchmarks/null_sessions.py)
-UNUSUAL_P = 0.01
 MOST_FINDINGS = 2  #: unnamed shapes in addition to the named effects: as many as fit on a page
 #: ratio of held-out closures that is tolerated of an effect that the stills show: above the 1.02 of a g-sensitivity of four times its limit
 #: in a recording whose turns miss for another reason (mimu e5u4)
@@ -565,7 +564,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, mo
     noise = best.noise.estimated(best.whiten, r, J, best.noise.s, with_sigma=True)
     undersampled = undersampled_claim(evidence, best.whiten, fit, noise)
     p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
-    unusual = noise.unusual_p(best.whiten.white, r, J) < UNUSUAL_P
+    unusual = noise.unusual_p(best.whiten.white, r, J) < MISMATCH_P
     named = sorted(names, key=lambda n: -n.gain)
     beyond = [n for n in kept if n not in names]
     return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual)

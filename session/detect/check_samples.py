@@ -109,15 +109,15 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor), DEG, [s.gyro_std for s in stills]),
         ("accelerometer", "g", samples.accel, sensor.accel_fs_g, accel_reach_g(sensor), G, [s.accel_std for s in stills]),
     ):
-        rows = np.arange(len(samples))
+        rows: slice | np.ndarray = slice(None)  # of a day's log no list
         if name == "accelerometer" and absent.any():
             if absent.all():
                 continue
-            rows = rows[~absent]
+            rows = np.flatnonzero(~absent)
             values = pick(values, rows)
         new = new_readings(values)
         if held_for(new) > 1:  # then each reading stands, and not at a limit
-            values, rows = pick(values, new), rows[new]
+            values, rows = pick(values, new), np.flatnonzero(new) if isinstance(rows, slice) else rows[new]
         # One axis after the other: a day's log is three times as long side by side.
         ends = np.array([(values[:, i].min(), values[:, i].max()) for i in range(3)])
         stuck = ends[:, 0] == ends[:, 1]

@@ -50,6 +50,8 @@ def new_readings(values: np.ndarray) -> np.ndarray:
 def held_for(new: np.ndarray) -> int:
     """Rows for which a reading usually stands, of ``new_readings`` (N,): the median over the readings, so that neither a rest in coarse
     steps nor a limit counts for more than one."""
+    if 2 * np.count_nonzero(new[1:] & new[:-1]) > np.count_nonzero(new) - 1:  # most stand for one: of a day's log no list of rows
+        return 1
     rows = np.flatnonzero(new)
     return int(np.median(np.diff(rows))) if len(rows) > 2 else 1
 

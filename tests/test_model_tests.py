@@ -128,6 +128,10 @@ def test_without_a_profile_or_a_name_nothing_is_promised():
     for each in (problem(model=""), problem(given=False)):
         found = promise_of(each)
         assert (found.turn_s, found.tilt_rms, found.source, found.noisier) == (5.0, None, "", "")
+    # session.toml has the noise and no name: nothing of a profile counts, and the accelerometer's share is the unit's own.
+    own = promise_of(problem(noise_mdps=8.0, given=False))
+    seconds = np.array([4.0, 5.0, 9.0])
+    assert own.tilt_rms == pytest.approx(np.sqrt(np.mean((8.0 * MDPS) ** 2 * seconds + 3 * 4e-8 + 3 * 1e-8)))
     still = promise_of(problem(model="BMI088", instability=None))  # its drift is not known, and is none
     assert still.source == "a BMI088's data sheet"
     assert still.tilt_rms < promise_of(problem()).tilt_rms

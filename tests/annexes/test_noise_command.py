@@ -236,6 +236,18 @@ def test_a_term_that_does_not_show_is_held_against_the_sheet_by_its_limit():
         assert (f"B {'–' if most is None else f'< {most:g}'} °/h, data sheet 3: {verdict}") in row.words
 
 
+@pytest.mark.parametrize(
+    ("dph", "most", "verdict"), [(2.0, 2.9, "below"), (2.0, 3.1, "open"), (3.1, 3.5, "open"), (3.1, 2.9, "within"), (4.0, 9.0, "above")]
+)
+def test_an_axis_with_a_limit_alone_counts_beside_those_with_numbers(dph, most, verdict):
+    axes = [axis(N=shown(N, 0.01), B=each) for each in (shown(dph * H, 0.01 * H), hidden(most * H), shown(H, 0.01 * H))]
+    rows = against_data_sheet(figures(gyro=SensorNoise(tuple(axes)), accel=None, sensor="ASM330LHH"))
+    (row,) = (row for row in rows if row.term == "B")
+    assert row.verdict == verdict
+    if verdict == "open":
+        assert f"B {dph:g} (< {most:g}) °/h, data sheet 3: open" in row.words
+
+
 def test_terms_that_do_not_describe_the_data_are_said():
     bad = dataclasses.replace(figures().gyro.axes[1], p_value=1e-4, excess=1.7)
     gyro = SensorNoise((figures().gyro.axes[0], bad, figures().gyro.axes[2]))

@@ -84,6 +84,18 @@ def test_the_walk_covers_all_slow_terms_that_are_seen_and_no_more(terms):
     assert covered.min() == pytest.approx(1.0, abs=2e-3)
 
 
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_slow_terms_that_are_not_told_apart_count_as_the_sets_that_have_one_of_them(share):
+    """One set of terms has B, another K: the Allan variance is the mean of both."""
+    B, K = 1e-5, 1e-6
+    of = {name: Term(w * size, np.sqrt(w - w**2) * size, w, 2 * size) for name, size, w in (("B", B, share), ("K", K, 1 - share))}
+    apart = AxisNoise({**axis_of().terms, **of})
+    tau_s = np.geomspace(0.02, LONGEST_S, 50)
+    both = [axis_of(B=B).allan_variance(tau_s), axis_of(K=K).allan_variance(tau_s)]
+    np.testing.assert_allclose(apart.allan_variance(tau_s), share * both[0] + (1 - share) * both[1])
+    assert walk_density(apart, N) == pytest.approx(walk_density(axis_of(B=np.sqrt(share) * B, K=np.sqrt(1 - share) * K), N))
+
+
 # Coherent errors.
 
 

@@ -152,8 +152,19 @@ def test_a_lots_repeatability_is_in_the_order_of_the_parameters(tmp_path, monkey
     found = spread_of_unit(written(tmp_path), rows_with(), lot=tmp_path / "lot.json")
     assert found.variance[GYROSCOPE] == pytest.approx(np.arange(1, 13))  # a lot has the gyroscope first
     assert found.variance[ACCELEROMETER] == pytest.approx(np.arange(13, 22))
-    assert (found.freedom, found.assumed) == (20.0, False)
+    assert (found.freedom.tolist(), found.assumed) == ([20.0] * COUNT, False)
+    # B of session.toml goes before the lot's, and the model file's after it; E and the accelerometer have the lot's in each case.
+    stated = written(tmp_path, bias_sigma_rps=[2e-3] * 3, accelerometer_spread=[9.0] * 9)
+    own = spread_of_unit(stated, rows_with(repeatability=0.02), lot=tmp_path / "lot.json")
+    assert own.variance[ZERO] == pytest.approx(np.full(3, (0.02 * DEG) ** 2))
     lot.repeatability[9:12] = np.nan
+    hidden = spread_of_unit(stated, rows_with(), lot=tmp_path / "lot.json")
+    assert hidden.variance[ZERO] == pytest.approx(np.full(3, 4e-6))
+    for each, words in ((own, "given in session.toml"), (hidden, "stated in the model file")):
+        others = np.r_[0 : ZERO.start]
+        assert each.variance[others] == pytest.approx(found.variance[others])
+        assert [each.sources[k] for k in (0, 9, ZERO.start)] == ["30 sessions of 10 units of a lot"] * 2 + [words]
+        assert [each.freedom[k] for k in (0, 9, ZERO.start)] == [20.0, 20.0, np.inf]
     assert spread_of_unit(written(tmp_path), rows_with(), lot=tmp_path / "lot.json").assumed
 
 

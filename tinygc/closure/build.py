@@ -14,6 +14,7 @@ from session.detect.stills import SessionStills, Still
 from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session
 from session.io.samples import start_times
+from session.io.texts import command_line
 from session.io.units import DEG, EARTH_RATE_RPS, NS
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -384,7 +385,8 @@ def _require_axes(session: Session, model: LinearModel) -> None:
         name = "xyz"[axis]
         raise FitError(
             f"{session.folder}: the turns require rates of {name} times {model.E[axis, axis]:.3f}, expected about 1: "
-            f"gyro {name} has the wrong sign, or axes are exchanged; correct the columns (`calibrate.py check` tries every order)"
+            f"gyro {name} has the wrong sign, or axes are exchanged; correct the columns "
+            f"(`{command_line('check', session.folder)}` tries every order)"
         )
 
 

@@ -20,6 +20,8 @@ from tinygc.closure.problem import Problem
 
 #: ratio of the noise of a unit to that of its data sheet, above which it is no such unit: units differ by 1.4 at most (``check_noise``)
 NOISIER = 1.4
+#: figures of a data sheet that a promise is made of
+GYRO_DENSITY, ACCEL_DENSITY, INSTABILITY = "gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph"
 
 
 @dataclass(frozen=True)
@@ -36,17 +38,18 @@ class Promise:
 def promise_of(problem: Problem) -> Promise:
     """What is promised for the used segments of a problem."""
     sensor, turn_s = problem.session.config.sensor, float(np.median(problem.batch.duration_s))
-    typical = sensor.typical("gyro_noise_mdps_rthz") if problem.session.config.model_given else None
+    named = problem.session.config.model_given
+    typical, accel, drifts = (sensor.typical(name) if named else None for name in (GYRO_DENSITY, ACCEL_DENSITY, INSTABILITY))
     if sensor.gyro_noise_mdps_rthz is not None:
         density, source = sensor.gyro_noise_mdps_rthz, "the noise in session.toml"
     elif typical is not None:
         source, density = f"{_article(typical[0])} {typical[0]}'s data sheet", typical[1]
     else:
         return Promise(turn_s)
-    accel, unit_accel = sensor.typical("accel_noise_ug_rthz"), float(np.mean(problem.noise.accel**2))
+    unit_accel = float(np.mean(problem.noise.accel**2))
     shares = {GYRO_NOISE: 0.0, SINGLE_SEGMENTS: 0.0, ACCEL_NOISE: 1.0 if accel is None else (accel[1] * 1e-3 * MG) ** 2 / unit_accel}
     drift = np.zeros(len(problem.used))
-    instability = sensor.gyro_bias_instability_dph or (sensor.typical("gyro_bias_instability_dph") or ("", 0.0))[1]
+    instability = sensor.gyro_bias_instability_dph or (0.0 if drifts is None else drifts[1])
     if instability:
         of_turns = wander_covariance(problem.middle_s, instability_rps=instability * DEG_PER_HOUR)
         drift = np.diag(of_turns) - 2 * of_turns.mean(axis=0) + of_turns.mean()

@@ -79,6 +79,18 @@ class Term:
         """Whether its size is a number, and not a limit alone."""
         return self.chosen and self.at_most is None
 
+    def is_known(self, relative: float) -> bool:
+        """Whether its size is a number with at most this relative sigma."""
+        return self.is_determined and (self.sigma or 0.0) <= relative * self.value
+
+    @property
+    def mean_square(self) -> float:
+        """Mean of the square of its size over the sets of terms, SI squared, 0 where it is not chosen.
+
+        Of terms that are limits alone, as B and K that are not told apart, the squares of the means would add up to less than any set has.
+        """
+        return self.value**2 + (self.sigma**2 if self.sigma is not None and not self.is_determined else 0.0)
+
 
 @dataclass(frozen=True)
 class Line:
@@ -114,7 +126,7 @@ class AxisNoise:
         total = np.zeros(tau_s.shape)
         for name, term in self.terms.items():
             if term.value and only in (None, name):
-                total = total + term.value**2 * unit_allan_variance(name, tau_s, term.tau_s or 1.0)
+                total = total + term.mean_square * unit_allan_variance(name, tau_s, term.tau_s or 1.0)
         for line in self.lines if only is None else ():
             x = np.pi * line.hz * tau_s
             total = total + 2 * line.rms**2 * np.sin(x) ** 4 / x**2

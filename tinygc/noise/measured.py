@@ -99,7 +99,7 @@ def session_instability(sensor: SensorNoise, session_s: float, file: str = FILE)
         return float(step @ unit_allan_variance(name, tau_s, correlation_s or 1.0) / step.sum()) / flicker
 
     parts = [
-        [(term.value**2 * mean_of(name, term.tau_s), relative_sigma(term)) for name in WALKS if _shown(term := axis.terms[name])]
+        [(term.mean_square * mean_of(name, term.tau_s), relative_sigma(term)) for name in WALKS if _shown(term := axis.terms[name])]
         for axis in sensor.axes
         if axis.is_described
     ]

@@ -74,11 +74,7 @@ def _counts(summary: Summary) -> Section:
         *([("Not decided", _count(summary.undecided))] if summary.undecided else []),
         ("Computing, in all", f"{significant(summary.cpu_s / 3600)} CPU h"),
     ]
-    if summary.limit_deg is not None:
-        rule = f"Pass: held-out tilt and every closure run within {summary.limit_deg:g}°, and better than the raw rates."
-    else:
-        rule = "By the verdict of fit: noise explains what the calibration leaves. No limit was given."
-    return Section("counts", "How many", facts(pairs) + (paragraph(rule, "soft") if fitted else ""))
+    return Section("counts", "How many", facts(pairs) + (paragraph(f"Pass {summary.rule}.", "soft") if fitted else ""))
 
 
 def _closures(summary: Summary) -> Section | None:

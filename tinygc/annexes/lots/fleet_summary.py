@@ -147,6 +147,13 @@ class Summary:
     cpu_s: float
     distributions: dict[str, Distribution] = field(default_factory=dict)
 
+    @property
+    def rule(self) -> str:
+        """By what a session passes."""
+        if self.limit_deg is not None:
+            return f"by --limit: held-out tilt and every closure run within {self.limit_deg:g}°, and better than the raw rates"
+        return "by the verdict of each fit, which needs limits or a data sheet: without them a session is not decided"
+
     def to_json(self) -> dict:
         """Return ``tinygc-fleet/1`` (docs/formats.md), without the facts of the run itself."""
         return {
@@ -164,7 +171,7 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
     if limit_deg is None:
         undecided = table.one(f"SELECT count(*) FROM {EACH} WHERE judged IN ('not decided', 'no limit')")
-        passed = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND judged = 'pass'")
+        passed = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND judged LIKE '%pass'")
     else:
         used = f"SELECT held_out_deg, ifnull(run_rmse_deg, 0) FROM {EACH} WHERE held_out_deg IS NOT NULL AND use IS NOT NULL"
         undecided, passed = 0, sum(all(simply_accepted(each, (0.0, limit_deg)) for each in row) for row in table.each(used))

@@ -99,9 +99,8 @@ def fleet_page(summary: Summary, tally: Tally | None) -> Group:
         f"{summary.done} done, {failed} failed"
     )
     if fitted := summary.passed + summary.undecided + summary.missed:
-        rule = "by the verdict of fit" if summary.limit_deg is None else f"closes within {summary.limit_deg:g}°"
         undecided = f", {summary.undecided} not decided" if summary.undecided else ""
-        lines.append(f"of {fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {rule}")
+        lines.append(f"of {fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {summary.rule}")
     for what, counts in (("first look", summary.first_look), ("explain", summary.verdicts), ("named", summary.effects)):
         if counts:
             shown = ", ".join(f"{name} {count}" for name, count in list(counts.items())[:MOST_SHOWN])

@@ -351,7 +351,7 @@ def _model(group: Group, period_s: float, axis: AxisNoise) -> np.ndarray:
     total = np.zeros((group.basis.shape[1],) * 2)
     for name, term in axis.terms.items():
         if term.value:
-            total = total + term.value**2 * unit_covariance(name, [group], period_s, term.tau_s or 1.0)[0]
+            total = total + term.mean_square * unit_covariance(name, [group], period_s, term.tau_s or 1.0)[0]
     return total
 
 

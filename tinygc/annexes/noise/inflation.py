@@ -69,7 +69,7 @@ def walk_density(axis: AxisNoise, white: float, more_instability: float = 0.0) -
     more_instability: a bias instability, u, that replaces the axis' B where it is larger.
     """
     slow = sum(axis.allan_variance(TAUS_S, name) for name in SLOW if name != "B")
-    slow = slow + max(axis.value("B"), more_instability) ** 2 * unit_allan_variance("B", TAUS_S)
+    slow = slow + max(axis.terms["B"].mean_square, more_instability**2) * unit_allan_variance("B", TAUS_S)
     if not np.any(slow):
         return 0.0
     seen = slow * TAUS_S >= white**2

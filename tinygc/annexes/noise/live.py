@@ -127,8 +127,8 @@ class LiveNoise:
 def answer_of(figures: NoiseFigures, rested_s: float, relative: float, known_after: KnownAfter = known_after_s) -> RestAnswer:
     """What figures (rested_s s of rest) say of each sensor, and when N, and B or K, are known to a relative sigma.
 
-    Each term that some axis shows must be known on that axis.  N must be; of G, B and K an axis must show one, since no noise has a bias
-    that stays for ever.  Where it shows none, the one that its limit allows to be known first is awaited.
+    N must be known on each axis, and so must each of G, B and K whose size is a number there.  Where none is, B or K is awaited, whichever
+    its limit allows to be known first, since no noise has a bias that stays for ever.
     """
     lines, known = [], True
     for kind, sensor in figures.sensors().items():
@@ -138,11 +138,11 @@ def answer_of(figures: NoiseFigures, rested_s: float, relative: float, known_aft
 
             def wait_s(name: str, kind: str = kind, number: int = number) -> float:
                 term = figures.sensors()[kind].axes[number].terms[name]
-                if term.sigma is not None and term.is_determined and term.sigma <= relative * term.value:
+                if term.is_known(relative):
                     return 0.0
                 return max(known_after(figures, kind, number, name, relative), rested_s)
 
-            shown = [name for name in WALKS if axis.terms[name].chosen]
+            shown = [name for name in WALKS if axis.terms[name].is_determined]
             for name in ("N", *shown):
                 waits[name] = max(waits.get(name, 0.0), wait_s(name))
             if not axis.terms["N"].is_determined:

@@ -142,9 +142,14 @@ def kalibr_line(figures: NoiseFigures) -> str:
 
 def _larger(sensor: SensorNoise, name: str, value: float) -> str:
     """`` (x < 0.002)``, the axes whose limit alone is above the largest number; empty where there are none."""
-    limits = {axis: own.terms[name].at_most for axis, own in zip("xyz", sensor.axes, strict=True) if own.is_described}
-    larger = [f"{axis} < {most:.2g}" for axis, most in limits.items() if most is not None and most > value]
+    larger = [f"{axis} < {most:.2g}" for axis, most in _hidden(sensor, name).items() if value < most < np.inf]
     return f" ({', '.join(larger)})" if larger else ""
+
+
+def _hidden(sensor: SensorNoise, name: str) -> dict[str, float]:
+    """Limit of each axis that is described and shows no number of a term, infinite where the log sets none."""
+    axes = zip("xyz", sensor.axes, sensor.at_most(name), strict=True)
+    return {axis: float(most) for axis, own, most in axes if own.is_described and not own.terms[name].is_determined}
 
 
 def _without(sensor: SensorNoise) -> str:
@@ -178,12 +183,8 @@ def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
         for kind, sensor in figures.sensors().items()
         for name in ALWAYS
         for axis in range(3)
-        if sensor.axes[axis].is_described and not _is_known(sensor.axes[axis].terms[name])
+        if sensor.axes[axis].is_described and not sensor.axes[axis].terms[name].is_known(KNOWN)
     ]
-
-
-def _is_known(term: Term) -> bool:
-    return term.sigma is not None and term.is_determined and term.sigma <= KNOWN * term.value
 
 
 def open_lines(figures: NoiseFigures) -> list[str]:
@@ -195,7 +196,7 @@ def open_lines(figures: NoiseFigures) -> list[str]:
         waiting: dict[str, dict[str, dict[str, list[str]]]] = {"after": {}, "not before": {}}  # ... -> term -> duration -> axes
         for each in terms:
             if each.sensor == kind:
-                is_shown = sensor.axes["xyz".index(each.axis)].terms[each.term].chosen
+                is_shown = sensor.axes["xyz".index(each.axis)].terms[each.term].is_determined
                 when = "after" if is_shown or each.known_after_s == float("inf") else "not before"
                 waiting[when].setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
         known = [name for name in ALWAYS if not any(name in after for after in waiting.values())]
@@ -244,7 +245,8 @@ class SheetFigure:
 
     sensor: ``gyro`` or ``accel``; term; unit; value: None where no axis shows it; at_most: upper limit (95 %), None where there is none;
     sheet; source; verdict: ``within`` 10 %, ``above``,
-    ``below``, ``open`` where the term is not known, ``not judged`` where nobody has read the figure in its source.
+    ``below``, ``open`` where it is not known of some axis that is not limited by the sheet, ``not judged`` where nobody has read the figure
+    in its source.
     """
 
     sensor: str
@@ -264,7 +266,7 @@ class SheetFigure:
     def words(self) -> str:
         """``gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %``."""
         limit = NONE if self.at_most is None else f"< {self.at_most:.3g}"
-        value = limit if self.value is None else f"{self.value:.3g}"
+        value = limit if self.value is None else f"{self.value:.3g}" + (f" ({limit})" if self.verdict == "open" else "")
         ratio = None if self.value is None or self.verdict not in ("above", "below") else self.value / self.sheet
         by = "" if ratio is None else f" by {100 * abs(ratio - 1):.0f} %" if ratio < TIMES else f", {ratio:.2g} times"
         judged = "remembered, not judged" if self.verdict == "not judged" else f"{self.verdict}{by}"
@@ -289,17 +291,19 @@ def against_data_sheet(figures: NoiseFigures) -> list[SheetFigure]:
         if sensor is None or figure is None or not any(axis.is_described for axis in sensor.axes):
             continue
         value, at_most = (None if size is None else size / unit.si for size in _worst(sensor, name))
-        verdict = _verdict(value, at_most, figure.value) if figure.read else "not judged"
+        verdict = _verdict(value, max(_hidden(sensor, name).values(), default=0.0) / unit.si, figure.value) if figure.read else "not judged"
         rows.append(SheetFigure(kind, name, unit.words, value, at_most, figure.value, figure.source, verdict))
     return rows
 
 
-def _verdict(value: float | None, at_most: float | None, sheet: float) -> str:
-    if value is None:
-        return "below" if at_most is not None and at_most < sheet else "open"
-    if abs(value / sheet - 1) <= SHEET_WITHIN:
-        return "within"
-    return "above" if value > sheet else "below"
+def _verdict(value: float | None, hidden: float, sheet: float) -> str:
+    """hidden: largest limit of the axes that show no number."""
+    ratio = 0.0 if value is None else value / sheet
+    if ratio > 1 + SHEET_WITHIN:
+        return "above"
+    if hidden >= sheet:
+        return "open"
+    return "within" if ratio >= 1 - SHEET_WITHIN else "below"
 
 
 def sheet_lines(figures: NoiseFigures) -> list[str]:

@@ -61,41 +61,51 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom, of each or of all; source, in words;
-    assumed: whether it is not the unit's own; note: what else the sessions say; accelerometer: source of its numbers, which then are the
-    unit's own, empty where it is that of B."""
+    """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom and source, in words, of each or of all;
+    note: what else the sessions say."""
 
     variance: np.ndarray
     freedom: float | np.ndarray
-    source: str
-    assumed: bool = False
+    source: str | np.ndarray
     note: str = ""
-    accelerometer: str = ""
+
+    @property
+    def sources(self) -> list[str]:
+        """Source of each of the 21."""
+        return np.broadcast_to(self.source, COUNT).tolist()
+
+    @property
+    def assumed(self) -> bool:
+        """Whether the spread of B is not the unit's own."""
+        return self.sources[ZERO.start] == USUAL_SPREAD.source
 
 
 def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = (), lot: Path | None = None) -> Spread:
     """Spread between sessions.  Raises FormatError for a history that shows none, and the errors of a lot."""
-    found = np.full(COUNT, np.nan)
     if history:
         return _of_history(old, rows, history)
-    given, triad = rows.session.config.sensor.gyro_bias_repeatability_dps, ""
-    if given is None and lot is not None:
+    variance, freedom, source = np.full(COUNT, np.nan), np.full(COUNT, np.inf), np.full(COUNT, "", dtype=object)
+
+    def fill(which: slice, sigma: np.ndarray | float | None, words: str, its_freedom: float = np.inf) -> None:
+        """Take what an earlier source does not have."""
+        if sigma is None:
+            return
+        own = np.full(COUNT, np.nan)
+        own[which] = np.square(sigma)
+        new = np.isnan(variance) & np.isfinite(own)
+        variance[new], freedom[new], source[new] = own[new], its_freedom, words
+
+    given = rows.session.config.sensor.gyro_bias_repeatability_dps
+    fill(ZERO, None if given is None else given * DEG, "given in session.toml")
+    if lot is not None:
         known = need("a lot as prior (--lot)", "--lot").lot_for(lot, rows.session.config.sensor.model).lot
-        repeats = known.repeatability**2
-        found[GYROSCOPE], found[ACCELEROMETER] = repeats[:12], repeats[12:]
-        triad = f"{known.sessions} sessions of {known.units} units of a lot"
-        if np.isfinite(found[ZERO]).all():
-            return Spread(found, float(max(1, known.sessions - known.units)), triad)
-    if old.table.get("accelerometer_spread") is not None:
-        found[ACCELEROMETER], triad = np.asarray(old.table["accelerometer_spread"], dtype=float) ** 2, STATED
-    if given is not None:
-        found[ZERO] = (given * DEG) ** 2
-        return Spread(found, np.inf, "given in session.toml", accelerometer=triad)
-    if old.table.get("bias_sigma_rps") is not None:
-        found[ZERO] = np.asarray(old.table["bias_sigma_rps"], dtype=float) ** 2
-        return Spread(found, np.inf, STATED, accelerometer=triad)
-    found[ZERO] = USUAL_SPREAD.rps**2
-    return Spread(found, np.inf, USUAL_SPREAD.source, assumed=True, accelerometer=triad)
+        own = np.r_[known.repeatability[12:], known.repeatability[:12]]
+        shown = f"{known.sessions} sessions of {known.units} units of a lot"
+        fill(slice(COUNT), own, shown, float(max(1, known.sessions - known.units)))
+    fill(ACCELEROMETER, old.table.get("accelerometer_spread"), STATED)
+    fill(ZERO, old.table.get("bias_sigma_rps"), STATED)
+    fill(ZERO, USUAL_SPREAD.rps, USUAL_SPREAD.source)
+    return Spread(variance, freedom, source)
 
 
 def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spread:
@@ -163,9 +173,8 @@ def expected_parts(
             sigma = np.sqrt(2 * spread.variance[number : number + 1])
             one = slice(number, number + 1)
             freedom = float(np.broadcast_to(spread.freedom, COUNT)[number])
-            triad = spread.accelerometer if number in range(COUNT)[ACCELEROMETER] else ""
-            source, assumed = triad or spread.source, spread.assumed and not triad
-            parts.append(_of_parameters(rows, "switch-on", one, sigma, freedom, source, assumed))
+            source = spread.sources[number]
+            parts.append(_of_parameters(rows, "switch-on", one, sigma, freedom, source, source == USUAL_SPREAD.source))
     hidden = ~np.isfinite(spread.variance[ACCELEROMETER])
     if switched_on_since and hidden.any():
         sigma = np.sqrt(2) * USUAL_ACCELEROMETER.spread * hidden

@@ -138,7 +138,8 @@ def verify_session(
         figures=figures,
     )
     if options.switched_on and spread.assumed:
-        notes.append(f"how far the zero moves between switch-ons is {spread.source}; --history with other sessions of this unit tells it")
+        words = f"how far the zero moves between switch-ons is {spread.sources[ZERO.start]}"
+        notes.append(f"{words}; --history with other sessions of this unit tells it")
     if options.switched_on and spread.note:
         notes.append(spread.note)
     progress("noise of today")

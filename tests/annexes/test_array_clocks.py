@@ -153,7 +153,7 @@ def test_a_register_that_sticks_is_no_measurement(body):
 @pytest.mark.broad
 def test_a_body_that_turns_about_one_axis_tells_clocks_but_no_mounting():
     """The map between rates about axes that nothing turned about is noise: no mirror is read in it, and no mounting."""
-    clocks = []
+    clocks, pulls = [], []
     for seed in range(6):
         one = Body(turns=9, seed=1)
         times = one.rate.x
@@ -163,9 +163,11 @@ def test_a_body_that_turns_about_one_axis_tells_clocks_but_no_mounting():
         fit = clock_fits(array)[1]
         assert not fit.map_is_known
         clocks.append(fit.clock.offset_s - injected(any_unit(2, offset_s=0.3), any_unit(1), fit.clock.about_s)[0])
+        pulls.append(clocks[-1] / fit.clock.offset_sigma_s)
         with pytest.raises(CalibrationError, match="the body turned about too few axes"):
             places_of(array)
     assert np.abs(clocks).max() < 0.01
+    assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 2
 
 
 def in_two_logs(array: ArraySession, again_s: float) -> ArraySession:

@@ -15,6 +15,7 @@ from session.io.folder import Session
 from session.io.logfile import Log
 from session.io.numeric import sigma_of
 from session.io.samples import Samples
+from session.io.solving import inverse
 from session.io.units import DEG, NS
 
 # Extrinsics of a unit: clock, mounting and position relative to the array's first unit.
@@ -442,16 +443,21 @@ class _ClockRows:
         )
 
     def _covariance(self, whole: np.ndarray, design: np.ndarray, clock: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Covariance of all coefficients from the scatter of the blocks' scores, which includes all errors shared within a block."""
+        """Covariance of all coefficients from the scatter of the blocks' scores, which includes all errors shared within a block.
+
+        An axis about which nothing turns, whose sum of squares the correction for noise may make negative, has infinite variances.
+        """
         blocks, index = np.unique(self.values["block"], return_inverse=True)
         size = design.shape[1]
         scores = np.zeros((len(blocks), whole.shape[0]))
         for axis in range(3):
             np.add.at(scores[:, axis * size : (axis + 1) * size], index, design * residual[:, axis, None])
             np.add.at(scores[:, -2:], index, clock[:, axis] * residual[:, axis, None])
-        inverse = np.linalg.inv(whole)
+        spread = inverse(whole)
+        is_open = np.isinf(np.diag(spread))
+        spread[is_open], spread[:, is_open] = 0.0, 0.0
         few = len(blocks) / max(len(blocks) - whole.shape[0] / 3, 1.0)
-        return inverse @ (scores.T @ scores) @ inverse * few
+        return spread @ (scores.T @ scores) @ spread * few + np.diag(np.where(is_open, np.inf, 0.0))
 
 
 def _cardinal() -> tuple[np.ndarray, np.ndarray]:

@@ -25,6 +25,7 @@ from session.io.files import require_file
 from session.io.logfile import read_log
 from session.io.names import log_paths
 from session.io.samples import Samples
+from session.io.solving import solve
 from session.io.texts import printable
 from session.io.units import DEG, NS
 from tinygc.annexes.rates.points import Points, points_of
@@ -276,7 +277,7 @@ def _columns(t_s: np.ndarray, f: float) -> np.ndarray:
 def _phasor(t_s: np.ndarray, values: np.ndarray, f: float) -> tuple[complex, float]:
     """Complex amplitude of ``exp(2 pi i f t)`` in values, and the variance of each of its parts."""
     columns = _columns(t_s, f)
-    found = np.linalg.lstsq(columns, values, rcond=None)[0]
-    left = values - columns @ found
+    found = solve(columns, values)
+    left = values - columns @ found.shortest
     variance = float(left @ left) / max(len(values) - columns.shape[1], 1)
-    return complex(found[0], -found[1]), float(variance * 2 / len(values))
+    return complex(found.value[0], -found.value[1]), variance * float(np.mean(np.diag(found.covariance)[:2]))

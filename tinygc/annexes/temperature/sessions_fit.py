@@ -253,7 +253,7 @@ def _zero(
     for i in range(3):
         V = np.diag(own[:, i, i] + spread**2) + known[i]
         W = np.linalg.solve(V, design)
-        covariance = np.linalg.inv(design.T @ W)
+        covariance = inverse(design.T @ W)
         found = covariance @ W.T @ (values[:, i] - shape[:, i])
         rows = np.arange(free) * 3 + i
         terms[:free, i] = found

@@ -12,10 +12,11 @@ from truth_sessions import Wrong, made, write
 import calibrate
 from tinygc.closure.prepared import prepare
 from tinygc.effects import AppliedEffect, catalogue
+from tinygc.explanation.claims import common_delays
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.physics import fit_physics
 from tinygc.explanation.truth_engine import explain_truth
-from tinygc.explanation.truth_names import OFFSET, TruthTwin, common_delays
+from tinygc.explanation.truth_names import OFFSET, TruthTwin
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.refit import refit
 

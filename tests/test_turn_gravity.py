@@ -59,7 +59,7 @@ def test_a_delay_is_claimed_beyond_filters_and_beyond_chance():
 def test_the_claimed_sigma_has_the_filters_share():
     found = TurnGravity(np.zeros(3), 0.012, 0.002, 1.0, 1.0, 0.0045, 24, 0.001)
     assert found.whole_sigma_s == pytest.approx(0.0025)
-    (claim,) = offset_claim(found, [])
+    (claim,) = offset_claim(found)
     assert claim.std == {"seconds": pytest.approx(0.0025)}
 
 
@@ -67,7 +67,7 @@ def test_the_claimed_sigma_has_the_filters_share():
 def test_the_odds_of_a_delay_are_those_of_its_likelihood(t):
     """Likelihood ratio of Student's t with 20 degrees of freedom, a prior of 1 in 30, ten scales, and the prior's own e^-1/2."""
     found = TurnGravity(np.zeros(3), 0.01, 0.01 / t, 1.0, 1.0, 0.001, 24, 0.001)
-    (claim,) = offset_claim(found, [])
+    (claim,) = offset_claim(found)
     odds = (1 + t**2 / 20) ** (20 / 2) / 30 / 10 * np.exp(-1 / 2)
     assert claim.probability == pytest.approx(odds / (1 + odds), rel=1e-9)
     assert claim.p_value == pytest.approx(2 * stdtr(20, -t), rel=1e-9)

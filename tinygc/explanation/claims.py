@@ -235,18 +235,16 @@ def repair_claims(mended: RepairedProblem) -> list[Claim]:
     return claims
 
 
-def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
-    """Claim the delay between gyro and accelerometer, which closure does not observe.
+def common_delays() -> tuple[str, ...]:
+    """Ids of effects that can delay all axes alike: the common part cannot be separated from an unknown clock offset."""
+    return tuple(name for name, effect in catalogue().items() if effect.gauge_convention is not None and effect.gauge_convention.delays)
 
-    If a lag or its equivalent is named, the delay may as well be the common part of that lag.
-    """
+
+def offset_claim(gravity: TurnGravity) -> list[Claim]:
+    """Claim the delay between gyro and accelerometer, which closure does not observe; it may as well be the common part of a lag."""
     if not gravity.is_offset:
         return []
-    known = catalogue()
-    names = {name for claim in named for name in (claim.effect.id, *claim.equivalent)}
-    # Effects that delay each axis to first order: the part common to all axes is a delay of the gyro.
-    lags = sorted(name for name in names if name in known and (gauge := known[name].gauge_convention) is not None and gauge.delays)
-    effect = known["timing.gyro_accel_offset"]
+    effect = catalogue()["timing.gyro_accel_offset"]
     sigma = gravity.whole_sigma_s
     # The sigma comes from the scatter of these turns, so use Student's t; its likelihood pays the complexity penalty of any effect.
     freedom, t = max(gravity.turns - NUMBERS, 1), gravity.offset_s / gravity.sigma_s
@@ -254,7 +252,7 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     gain = freedom * np.log1p(t**2 / freedom)
     probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
     parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.describe(np.array([gravity.offset_s]))
-    return [Claim(effect, parameters, std, p_value, says, tuple(lags), probability=probability)]
+    return [Claim(effect, parameters, std, p_value, says, common_delays(), probability=probability)]
 
 
 def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> list[Claim]:

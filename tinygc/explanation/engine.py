@@ -120,7 +120,7 @@ def explain_session(
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
-    before_the_fit = repair_claims(mended) + offset_claim(gravity, named)
+    before_the_fit = repair_claims(mended) + offset_claim(gravity)
     beyond = named_claims(naming.fit, naming.beyond, beyond_noise)
     claimed = before_the_fit + named + naming.undersampled
     # What is detected along the catalogue's columns is a mismatch where it has a name; else the tests of ``fit`` decide.

@@ -15,6 +15,7 @@ from session.io.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
+from tinygc.explanation.claims import common_delays
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.truth_evidence import (
     Force,
@@ -35,7 +36,6 @@ from tinygc.explanation.truth_names import (
     MOUNTED,
     OFFSET,
     TruthTwin,
-    common_delays,
     excess_of,
     held_out,
     name_beside_truth,

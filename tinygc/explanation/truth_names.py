@@ -15,7 +15,8 @@ from tinygc.attitude import rotation
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, attitudes
-from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, catalogue, largest
+from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, largest
+from tinygc.explanation.claims import common_delays
 from tinygc.explanation.decision import FOLD_STEPS, Naming, decided, fold_rows, folds_of
 from tinygc.explanation.evidence import PRIOR_ODDS, Evidence, Hypothesis, selection_of
 from tinygc.explanation.search import NAMELESS, STAND_IN, NamedEffect, exchanged, search
@@ -88,11 +89,6 @@ MOUNTED = replace(
         "it is taken off, and what is common to the gyro's axes of misalignment with it"
     ),
 )
-
-
-def common_delays() -> tuple[str, ...]:
-    """Ids of effects that can delay all axes alike: the common part cannot be separated from an unknown clock offset."""
-    return tuple(name for name, effect in catalogue().items() if effect.gauge_convention is not None and effect.gauge_convention.delays)
 
 
 def wander(knots_s: np.ndarray) -> Effect:

@@ -11,11 +11,10 @@ EFFECT = Effect(
     kind="register",
     columns=nothing(1),
     describe=lambda theta: (
-        f"the gyro comes {1e3 * abs(theta[0]):.1f} ms "
-        f"{'after the accelerometer, by its clock or by a low-pass that its axes share' if theta[0] > 0 else 'before the accelerometer'}: "
+        f"the gyro comes {1e3 * abs(theta[0]):.1f} ms {'after' if theta[0] > 0 else 'before'} the accelerometer: "
         "shift one against the other before fusing them; the closure does not mind"
     ),
-    discriminating_motion="shake the table: rate and centripetal force must peak together",
+    discriminating_motion="shake the table at several speeds: a delay keeps rate and centripetal force alike, a lag rounds the rate off",
     conditions=("rate", "dps"),  # gravity turns in the body as fast as the body turns
     picture=CLOCKS,
 )

@@ -14,9 +14,10 @@ Each mutant is a forked process with NumPy, SciPy and PyTorch already loaded; th
 no file is touched, so checkouts and other runs are undisturbed.  Tests that start a process of their own see the unchanged source.
 Tests that cover the changed line run first, the fastest of them before the others.
 
-``benchmarks/mutation/SUBJECT.toml`` names a subject's files and quick tests (``functions``: only these of the files; ``texts = true``:
-also inside formatted texts, where C code is the product).  Its table ``equivalent`` lists the mutants that change nothing anybody could
-observe, each with its reason; these do not count.  Its table ``fixed`` is its part of CI's list: mutant = the test file that kills it.
+``benchmarks/mutation/SUBJECT.toml`` names a subject's files and quick tests, as pytest takes them (``--deselect=`` of slow ones);
+``functions``: only these of the files; ``texts = true``: also inside formatted texts, where C code is the product.  Its table
+``equivalent`` lists the mutants that change nothing anybody could observe, each with its reason; these do not count.  Its table ``fixed``
+is its part of CI's list: mutant = the test file that kills it.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ def read_subjects() -> dict[str, Subject]:
         entry = tomllib.loads(path.read_text(encoding="utf-8"))
         subject = subjects[path.stem] = Subject(path.stem, **{k: tuple(v) if isinstance(v, list) else v for k, v in entry.items()})
         for named in (*subject.files, *subject.tests, *subject.fixed.values()):
-            if not (ROOT / named).exists():
+            if not (ROOT / named.removeprefix("--deselect=").partition("::")[0]).exists():
                 sys.exit(f"{path.name}: {named} is not there")
     return subjects
 

@@ -9,7 +9,7 @@ from conftest import broad
 
 from session.io.errors import DataError, FormatError
 from tinygc.annexes.rates.choice import LINE, Choice, chance, choose, held_out
-from tinygc.annexes.rates.fitting import fit
+from tinygc.annexes.rates.fitting import fit, over_rate
 from tinygc.annexes.rates.laws import LAWS, Hypothesis
 from tinygc.annexes.rates.points import points_of
 from tinygc.annexes.rates.terms import input_limit, linear_range, terms
@@ -244,3 +244,46 @@ def test_too_few_points_are_refused_in_one_line():
         points_of("s", "V", [0, 1, 2], [0, 1, 2], ["one"] * 3)
     with pytest.raises(DataError, match="do not determine a line"):
         choose(points_of("s", "V", [0, 1, 2, 3], [0, 1, 2, 3], ["a", "b", "c", "d"]))
+
+
+# Columns of the laws and of what may be beside them, at 50 °/s in both senses.
+
+HALF = 1.25 / 2  # half the phase of 50 °/s over 40 °/s
+
+
+@pytest.mark.parametrize(
+    ("law", "shape", "expected"),
+    [
+        ("line", (), [[-50], [50]]),
+        ("asymmetry", (), [[-50, 50], [50, 50]]),
+        ("quadratic", (), [[-50, 2500], [50, 2500]]),
+        ("cubic", (), [[-50, -125e3], [50, 125e3]]),
+        ("polynomial", (), [[-50, 2500, -125e3], [50, 2500, 125e3]]),
+        ("tanh", (40,), [[2 / (1 + np.exp(2.5)) - 1], [1 - 2 / (1 + np.exp(2.5))]]),
+        ("arctan", (40,), [[-np.arctan2(5, 4)], [np.arctan2(5, 4)]]),
+        ("root", (40,), [[-2000 / np.hypot(40, 50)], [2000 / np.hypot(40, 50)]]),
+        ("sine", (40,), [[-np.cos(np.pi / 2 - 1.25)], [np.cos(np.pi / 2 - 1.25)]]),
+        ("sine_of_any_phase", (40,), [[-np.sin(1.25), -2 * np.sin(HALF) ** 2], [np.sin(1.25), -2 * np.sin(HALF) ** 2]]),
+        ("normalised_sine", (40, 0.5), [[-np.sin(1.25) / (1 + np.cos(1.25) / 2)], [np.sin(1.25) / (1 + np.cos(1.25) / 2)]]),
+        ("overloaded_sine", (40, 0.5, 2), [[-np.sin(1.25) / (1 + 4 * np.sin(1.25) ** 2)], [np.sin(1.25) / (1 + 4 * np.sin(1.25) ** 2)]]),
+        ("dead_band", (40,), [[-10], [10]]),
+        ("pieces", (-20,), [[-50, 0], [50, 70]]),
+    ],
+)
+def test_columns_of_a_law(law, shape, expected):
+    assert LAWS[law].columns(np.array([-50.0, 50.0]), shape) == pytest.approx(np.array(expected, dtype=float), rel=1e-12)
+
+
+def test_columns_of_extras_and_their_units():
+    rate = np.array([-20.0, 0, 20, 10, -10])
+    points = points_of("s", "mV", rate, rate, ["one"] * 5)
+    of = Hypothesis("line", False, True, ("asymmetry", "hysteresis", "drift", "turning", "bend", "sense"), apart=3)
+    expected = [rate, np.abs(rate), points.direction / 2, points.order, rate != 0, rate**3, np.sign(rate), np.arange(5) == 3]
+    assert pytest.approx(np.array(expected, dtype=float)) == of.columns(rate, (), points).T
+    assert not of.columns(rate, ())[:, [2, 3, 7]].any()  # of rates that are no points neither sense nor order is known
+    assert of.added == 7
+    assert of.name == "line, clipped above, asymmetry, hysteresis, drift, turning, bend, sense, one reading off"
+    found = fit(measured(lambda w: np.minimum(SCALE * w + 1e-4 * np.abs(w), 4), noise=0.0), Hypothesis("polynomial", upper=True))
+    assert found.names == ("V0", "K", "q", "c", "V+")
+    assert found.units == ("V", "V/(°/s)", "V/(°/s)²", "V/(°/s)³", "V")
+    assert [over_rate("°/s", power) for power in range(4)] == ["°/s", "1", "1/(°/s)", "1/(°/s)²"]

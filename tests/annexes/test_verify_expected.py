@@ -18,6 +18,7 @@ from tinygc.annexes.verification.rows import LENGTH
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.effects import AppliedEffect, Conditions, effect_of
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
+from tinygc.estimation.compare import Calibrated, SessionTriad
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table
@@ -49,8 +50,22 @@ def test_a_joint_covariance_is_taken_whole(tmp_path):
     joint = {"matrix": (root @ root.T).tolist()}
     old = written(tmp_path, joint_covariance=joint, accelerometer=accelerometer_table(config().accelerometer))
     assert not old.own_lengths
+    none = Spread(np.full(COUNT, np.nan), np.inf, "")
+    for each in expected_parts(old, replace(rows_with(), known=np.zeros((54, 2))), none):
+        assert each.into.shape == (COUNT, each.columns.shape[1])
     found = expected_parts(old, rows_with(), Spread(np.full(COUNT, np.nan), np.inf, ""))
     assert total([part for part in found if part.name == "calibration"]) == pytest.approx(root @ root.T, rel=1e-6, abs=1e-16)
+
+
+def test_a_covariance_without_a_direction_is_none_there(tmp_path):
+    """Whose eigenvalues rounding makes negative."""
+    one = np.outer(*[np.random.default_rng(0).normal(size=COUNT) * 1e-4] * 2)
+    for more in ({"accelerometer": accelerometer_table(config().accelerometer)}, {}):
+        old = replace(written(tmp_path, **more), covariance=one)
+        found = expected_parts(old, rows_with(), Spread(np.full(COUNT, np.nan), np.inf, ""))
+        assert total([part for part in found if part.name == "calibration"])[GYROSCOPE, GYROSCOPE] == pytest.approx(
+            one[GYROSCOPE, GYROSCOPE], abs=1e-20
+        )
 
 
 def test_the_error_of_a_given_accelerometer_is_in_lengths_and_not_in_e(tmp_path):
@@ -157,6 +172,9 @@ def test_a_lots_repeatability_is_in_the_order_of_the_parameters(tmp_path, monkey
     stated = written(tmp_path, bias_sigma_rps=[2e-3] * 3, accelerometer_spread=[9.0] * 9)
     own = spread_of_unit(stated, rows_with(repeatability=0.02), lot=tmp_path / "lot.json")
     assert own.variance[ZERO] == pytest.approx(np.full(3, (0.02 * DEG) ** 2))
+    lot.sessions = 10
+    assert spread_of_unit(written(tmp_path), rows_with(), lot=tmp_path / "lot.json").freedom[0] == 1.0
+    lot.sessions = 30
     lot.repeatability[9:12] = np.nan
     hidden = spread_of_unit(stated, rows_with(), lot=tmp_path / "lot.json")
     assert hidden.variance[ZERO] == pytest.approx(np.full(3, 4e-6))
@@ -171,6 +189,50 @@ def test_a_lots_repeatability_is_in_the_order_of_the_parameters(tmp_path, monkey
 def test_a_history_of_one_shows_no_spread(tmp_path):
     with pytest.raises(FormatError, match="two or more"):
         spread_of_unit(written(tmp_path), rows_with(), [tmp_path])
+
+
+def of_unit(tmp_path, monkeypatch, vectors, matrices=None, serial=None):
+    """The spread by other sessions of the unit, without errors of their own; matrices: of their accelerometers, None for given ones."""
+    sessions, made = {}, config()
+    made = replace(made, sensor=replace(made.sensor, serial=serial))
+    for number, vector in enumerate(vectors):
+        calibration = replace(made.accelerometer, matrix=np.eye(3) if matrices is None else matrices[number])
+        triad = SessionTriad(calibration=calibration, covariance=None if matrices is None else 1e-20 * np.eye(9))
+        folder = tmp_path / f"2026-01-{20 - number}"  # the last one first
+        sessions[folder] = Calibrated(folder, made, vector, 1e-20 * np.eye(12), (), (), (), triad=triad)
+    monkeypatch.setattr("tinygc.annexes.verification.expected.read_calibrated", sessions.__getitem__)
+    old = written(tmp_path, accelerometer=accelerometer_table(config().accelerometer), sensor={"serial": "mine"})
+    return spread_of_unit(old, rows_with(), list(sessions)), [each.triad.fit.values for each in sessions.values()]
+
+
+def test_the_spread_between_sessions_is_their_sample_variance(tmp_path, monkeypatch):
+    vectors = 1e-3 * np.random.default_rng(1).normal(size=(3, 12))
+    turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    found, _ = of_unit(tmp_path, monkeypatch, vectors)
+    assert found.variance[GYROSCOPE] == pytest.approx(vectors.var(axis=0, ddof=1))
+    assert np.isnan(found.variance[ACCELEROMETER]).all()  # all given: they show no spread of theirs
+    assert found.freedom[GYROSCOPE].tolist() == [2.0] * 12
+    assert (found.source, found.note, found.assumed) == ("3 other sessions of this unit", "", False)
+    matrices = [np.diag(np.r_[1 + 1e-3 * number, 1, 1]) @ turn for number in (0, 2, 1)]
+    found, values = of_unit(tmp_path, monkeypatch, vectors, matrices)
+    turned = [np.r_[(turn.T @ each[:9].reshape(3, 3)).ravel(), turn.T @ each[9:]] for each in vectors]  # into the frame of the old one
+    assert found.variance[GYROSCOPE] == pytest.approx(np.var(turned, axis=0, ddof=1))
+    assert found.variance[ACCELEROMETER] == pytest.approx(np.var(values, axis=0, ddof=1), abs=1e-15)
+
+
+def test_a_step_among_the_other_sessions_is_no_spread(tmp_path, monkeypatch):
+    vectors = 1e-5 * np.random.default_rng(1).normal(size=(8, 12))
+    vectors[:4, 9:11] += 0.1  # from the fifth last on
+    found, _ = of_unit(tmp_path, monkeypatch, vectors)
+    assert (found.variance[ZERO] < 1e-9).all()
+    assert found.freedom[GYROSCOPE].tolist() == [6.0] * 9 + [5.0, 5.0, 6.0]
+    assert "a step in B_x, B_y between 2026-01-16 and 2026-01-17: it is taken out" in found.note
+
+
+def test_a_history_of_another_unit_is_refused(tmp_path, monkeypatch):
+    with pytest.raises(FormatError, match=r"2026-01-\d+: of 'other', expected 'mine'"):
+        of_unit(tmp_path, monkeypatch, np.zeros((2, 12)), serial="other")
+    assert of_unit(tmp_path, monkeypatch, np.eye(12)[:2], serial="mine")[0].variance[GYROSCOPE.start] == pytest.approx(0.5)
 
 
 def test_without_a_covariance_that_of_a_usual_session_is_assumed(tmp_path):

@@ -9,7 +9,7 @@ from scipy import stats
 from verify_rows import made_rows, part
 
 from session.detect import accelerometer
-from session.io.units import DEG
+from session.io.units import DEG, MG
 from tinygc.annexes.verification import causes, questions
 from tinygc.annexes.verification import rows as rows_module
 from tinygc.annexes.verification.causes import Cause, Evidence, diagnose
@@ -37,6 +37,7 @@ from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.explanation.evidence import PRIOR_ODDS
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.noise.components import TURN, Component
+from tinygc.noise.reml import ComponentEstimate
 
 OLD = SimpleNamespace(accelerometer=object(), goodness=None, noise={}, linear=LinearModel(np.eye(3), np.zeros(3)))
 MATRIX_OF_21 = np.r_[GYROSCOPE][MATRIX]
@@ -69,8 +70,14 @@ def test_a_statistic_beyond_all_draws_has_the_smallest_probability_that_they_sho
 def test_the_printed_chi_square_has_the_printed_p():
     for rank, p in ((3, 0.05), (42, 8e-54), (1, 0.99)):
         assert stats.chi2.sf(Question(E, 1e9, rank, p, 0.0127).chi_square, rank) == pytest.approx(p, rel=1e-9)
+    assert Question(E, 5e3, 3, 0.0, 0.0127).chi_square == 5e3  # below the smallest number there is
     drawn = Question(E, 1e9, 2, tail(1e9, np.zeros((2, 2)), [(np.eye(2), by_freedom(5.0, 0))]), 0.0127)
     assert (drawn.beyond_draws, Question(E, 1e9, 2, 1e-6, 0.0127).beyond_draws) == (True, False)
+
+
+def test_a_variance_that_rounding_makes_negative_is_none():
+    found = tail(4.0, np.diag([-0.5, 1.0]), [(np.zeros((2, 2)), np.ones(DRAWS))])
+    assert found == pytest.approx(stats.chi2.sf(4.0, 1), rel=0.05)
 
 
 def test_half_an_estimated_variance_lies_between_both():
@@ -140,19 +147,25 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
     A = rows.parameters[keep] * PLAUSIBLE
     left = rows.r[keep] - A @ np.linalg.lstsq(A, rows.r[keep], rcond=None)[0]
     chi_square, freedom = float(np.sum(left**2)) / 0.25, len(keep) - COUNT
-    found = asked(rows)["noise"]
+    found = asked(replace(rows, spans_s=np.full(len(rows.r), 4.0)))["noise"]
     assert (found.statistic, found.rank) == (pytest.approx(chi_square, rel=1e-6), freedom)
+    assert found.left_rps == pytest.approx(np.sqrt(np.sum(left**2) / freedom) / 4)
     assert found.p_value == pytest.approx(stats.f.sf(chi_square / freedom, freedom, 1e6), rel=1e-4)
     before = SimpleNamespace(accelerometer=object(), goodness=(400.0, 100), noise={})
-    both = 1 / (1 / 1e6 + 1 / 100)
-    assert asked(rows, old=before)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, both), rel=1e-4)
+    for own in (50.0, 1e6):
+        both, rows = 1 / (1 / own + 1 / 100), replace(rows, noise_freedom=own)
+        assert asked(rows, old=before)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, both), rel=1e-4)
     nearly = SimpleNamespace(accelerometer=object(), goodness=(150.0, 100), noise={})  # any excess of the old fit counts
     assert asked(rows, old=nearly)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 1.5, freedom, both), rel=1e-4)
     few = SimpleNamespace(accelerometer=object(), goodness=(4.0, 1), noise={})
     one = 1 / (1 / 1e6 + 1)
     assert asked(rows, old=few)["noise"].p_value == pytest.approx(stats.f.sf(chi_square / freedom / 4, freedom, one), rel=1e-4)
     calm = SimpleNamespace(accelerometer=object(), goodness=(50.0, 100), noise={})  # less than noise is no yardstick
-    assert asked(rows, old=calm)["noise"].p_value == pytest.approx(found.p_value, rel=1e-6)
+    none = SimpleNamespace(accelerometer=object(), goodness=(0.0, 0), noise={})
+    for old in (calm, none):
+        assert asked(rows, old=old)["noise"].p_value == pytest.approx(found.p_value, rel=1e-6)
+    nothing = asked(replace(rows, blank=np.ones(len(rows.r), bool)))["noise"]
+    assert (nothing.statistic, nothing.rank, nothing.p_value, nothing.left_rps) == (0.0, 0, 1.0, 0.0)
 
 
 def test_without_a_change_alarms_have_the_stated_rate():
@@ -282,6 +295,40 @@ def test_noise_beyond_white_counts_with_the_uncertainty_of_its_size(sigma, heavi
     assert found.p_value > 1.5 * known if heavier else found.p_value == pytest.approx(known, rel=0.05)
 
 
+@pytest.mark.parametrize(("share", "drawn"), [(0.98e-3, False), (1.02e-3, True)])
+def test_a_size_counts_as_known_where_it_adds_a_thousandth_at_most(share, drawn):
+    """To the variance of T's three numbers together: trace of their covariance by the component."""
+    rows = made_rows(13)
+    still = np.arange(len(rows.r))[rows.kinds[STILL]]
+    loose = rows.parameters[np.ix_(still, MATRIX_OF_21)] * PLAUSIBLE[MATRIX_OF_21]
+    inverse = np.linalg.inv(rows.white[np.ix_(still, still)] + loose @ loose.T)
+    X = rows.parameters[np.ix_(still, np.r_[ZERO])]
+    trace = np.trace(np.linalg.solve(X.T @ inverse @ X, X.T @ inverse @ inverse @ X))
+    noise = with_component(rows, "noise.still_rate", STILL, 0.0, np.sqrt(share / trace))
+    found = {question.name: question for question in ask(rows, [], noise, OLD)}[B]
+    assert (found.p_value != pytest.approx(stats.chi2.sf(found.statistic, 3), rel=1e-9)) == drawn
+
+
+@pytest.mark.parametrize(("sigmas", "rank"), [(0.99, 0), (1.01, 1)])
+def test_a_change_is_asked_about_where_a_plausible_one_shows_by_a_sigma(sigmas, rank):
+    rows = made_rows()
+    rows.parameters[:] = 0.0
+    rows.parameters[3, MATRIX_OF_21[4]] = sigmas * 0.5 / 0.01  # 1 % of E, in a row of sigma 0.5
+    found, statistic = asked(rows)[E], rank * (rows.r[3] / 0.5) ** 2
+    assert (found.statistic, found.rank, found.left_rps) == (pytest.approx(statistic), rank, 0.0)
+    assert found.p_value == pytest.approx(stats.chi2.sf(statistic, rank) if rank else 1.0)
+
+
+def test_a_size_without_a_sigma_has_the_usual_one_or_itself(monkeypatch):
+    V = np.eye(54)
+    components = [Component(name, V, 0.5, "", 1.0, "") for name in "abc"]
+    found = ComponentEstimate(np.array([0.2, 3.0, 3.0]), np.array([np.nan, np.inf, 0.1]), 0.0)
+    monkeypatch.setattr(questions, "noise_beside", lambda *given, **more: found)
+    noise = todays_noise(made_rows(components=components))
+    assert [(each.s, each.sigma) for each in noise.parts] == [(0.2, 0.5), (3.0, 3.0), (3.0, 0.1)]
+    assert np.diag(noise.covariance) == pytest.approx(np.full(54, 0.25 + 0.04 + 9 + 9))
+
+
 def test_an_error_of_each_turn_is_no_excuse_for_what_is_left():
     rows = made_rows(14, noise=3.0)
     quiet = {question.name: question for question in ask(rows, [], todays_noise(rows), OLD)}["noise"]
@@ -323,6 +370,7 @@ def test_the_noise_is_estimated_beside_any_change_of_the_parameters():
 
 def test_the_bars_and_sizes_are_those_of_their_reasons():
     assert stats.norm.cdf(BOUND) - stats.norm.cdf(-BOUND) == pytest.approx(0.95, abs=1e-9)
+    assert pytest.approx([10 * MG] * 3) == PLAUSIBLE[ACCELEROMETER][6:]
     assert pytest.approx(3.1e-6 * 30, rel=0.1) == rows_module.SITE_MPS2  # 30 m of height
     assert pytest.approx(20 * USUAL_SPREAD.rps) == causes.ZERO_RPS  # a large one is far beyond a switch-on
 

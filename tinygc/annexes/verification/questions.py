@@ -120,13 +120,13 @@ def dense(V: np.ndarray | Sparse) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class Question:
     """An answer: name; statistic T; rank, its degrees of freedom, 0 where today's recording does not ask it; p_value; level of this
-    question; left_rps: of the fourth, rms rate that is left, rad/s."""
+    question (``ask``); left_rps: of the fourth, rms rate that is left, rad/s."""
 
     name: str
     statistic: float
     rank: int
     p_value: float
-    level: float
+    level: float = 0.0
     left_rps: float = 0.0
 
     @property
@@ -222,7 +222,7 @@ def _ask(
     u, size, vt = u[:, kept], size[kept], vt[kept]
     k = int(kept.sum())
     if k == 0:
-        return Question(name, 0.0, 0, 1.0, 0.0)
+        return Question(name, 0.0, 0, 1.0)
     project = u.T - (u.T @ q) @ q.T
     t = project @ w
     estimated, known = [], np.eye(k)
@@ -238,7 +238,7 @@ def _ask(
             known = known - noise_part.s**2 * carried
             estimated.append((carried, by_size(noise_part.s, noise_part.sigma, number)))
     statistic = float(t @ t)
-    return Question(name, statistic, k, tail(statistic, known, estimated), 0.0)
+    return Question(name, statistic, k, tail(statistic, known, estimated))
 
 
 def seen(columns: np.ndarray) -> np.ndarray:
@@ -267,11 +267,10 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
         total = total + columns[:, matrix] @ columns[:, matrix].T
         columns[:, matrix] = 0.0
     factor = np.linalg.cholesky(total[np.ix_(keep, keep)])
-    columns = solve_lower(factor, columns[keep])
-    q = orthonormal(columns[:, np.linalg.norm(columns, axis=0) > 0], 1e-9) if len(keep) else np.zeros((0, 0))
+    q = orthonormal(solve_lower(factor, columns[keep]), 1e-9)
     freedom = len(keep) - q.shape[1]
     if freedom < 1:
-        return Question(NOISE, 0.0, 0, 1.0, 0.0)
+        return Question(NOISE, 0.0, 0, 1.0)
     w = solve_lower(factor, rows.r[keep])
     left = w - q @ (q.T @ w)
     chi_square, left_rps = float(np.sum(left**2)), float(np.sqrt(np.sum((factor @ left / rows.spans_s[keep]) ** 2) / freedom))
@@ -281,4 +280,4 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     ratio, other = chi_square / freedom, 1 / (1 / noise.freedom + sum(share**2 / known for share, known in shares))
     if old.goodness is not None and old.goodness[1] > 0 and (before := old.goodness[0] / old.goodness[1]) > 1:
         ratio, other = ratio / before, 1 / (1 / other + 1 / old.goodness[1])
-    return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), 0.0, left_rps)
+    return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), left_rps=left_rps)

@@ -12,7 +12,7 @@ from verify_rows import made_rows
 from session.io.errors import FormatError
 from session.io.units import DEG, MG, G
 from tinygc import models
-from tinygc.annexes.verification.expected import ZERO, Spread, expected_parts, spread_of_unit
+from tinygc.annexes.verification.expected import ACCELEROMETER_ZERO, ZERO, Spread, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, facts, read_old, with_bias_moved
 from tinygc.annexes.verification.rows import LENGTH
 from tinygc.closure.floor import BiasInstability, wander_covariance
@@ -95,7 +95,7 @@ def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_sprea
     old, name = written(tmp_path), "accelerometer's switch-on"
     usual = {p.name: p for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"))}
     assert np.sqrt(np.diag(total([usual[name]]))[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * USUAL_ACCELEROMETER.spread)
-    assert np.sqrt(2) * USUAL_ACCELEROMETER.spread[6:] == pytest.approx(np.full(3, 2 * MG))
+    assert np.sqrt(np.diag(total([usual[name]]))[ACCELEROMETER_ZERO]) == pytest.approx(np.full(3, 2 * MG))
     assert usual[name].assumed
     assert name not in {p.name for p in expected_parts(old, rows_with(), Spread(variance, 3.0, "own"), switched_on_since=False)}
     variance[ACCELEROMETER] = 1e-6

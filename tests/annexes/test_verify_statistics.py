@@ -71,6 +71,7 @@ def test_the_printed_chi_square_has_the_printed_p():
     for rank, p in ((3, 0.05), (42, 8e-54), (1, 0.99)):
         assert stats.chi2.sf(Question(E, 1e9, rank, p, 0.0127).chi_square, rank) == pytest.approx(p, rel=1e-9)
     assert Question(E, 5e3, 3, 0.0, 0.0127).chi_square == 5e3  # below the smallest number there is
+    assert Question(E, 7.8, 3, 0.05, 0.05).holds
     drawn = Question(E, 1e9, 2, tail(1e9, np.zeros((2, 2)), [(np.eye(2), by_freedom(5.0, 0))]), 0.0127)
     assert (drawn.beyond_draws, Question(E, 1e9, 2, 1e-6, 0.0127).beyond_draws) == (True, False)
 
@@ -166,6 +167,19 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
         assert asked(rows, old=old)["noise"].p_value == pytest.approx(found.p_value, rel=1e-6)
     nothing = asked(replace(rows, blank=np.ones(len(rows.r), bool)))["noise"]
     assert (nothing.statistic, nothing.rank, nothing.p_value, nothing.left_rps) == (0.0, 0, 1.0, 0.0)
+
+
+def test_without_turns_the_rates_at_rest_are_asked_with_a_plausible_e_and_what_is_known():
+    """Beside any change of the zero and the accelerometer, which here is alone in the lengths."""
+    rows = made_rows(5, with_turns=False)
+    rows.parameters[:, ACCELEROMETER][: rows.kinds[LENGTH].start] = 0.0
+    rows = replace(rows, known=np.random.default_rng(2).normal(size=(54, 2)))
+    keep, loose = slice(0, rows.kinds[LENGTH].start), rows.parameters[:, MATRIX_OF_21] * PLAUSIBLE[MATRIX_OF_21]
+    inverse = np.linalg.inv((rows.white + rows.known @ rows.known.T + loose @ loose.T)[keep, keep])
+    A, r = (rows.parameters[:, ZERO] * PLAUSIBLE[ZERO])[keep], rows.r[keep]
+    left = r - A @ np.linalg.solve(A.T @ inverse @ A, A.T @ inverse @ r)
+    found = asked(rows)["noise"]
+    assert (found.statistic, found.rank) == (pytest.approx(left @ inverse @ left, rel=1e-6), len(r) - 3)
 
 
 def test_without_a_change_alarms_have_the_stated_rate():

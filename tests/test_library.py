@@ -7,6 +7,7 @@ import pydoc
 import re
 import runpy
 import sys
+from pathlib import Path
 
 import numpy as np
 import processes
@@ -225,6 +226,9 @@ def test_options_that_cannot_be_are_refused_in_one_line(simulated, choices, comp
 def test_one_name_stands_for_a_tuple_of_one():
     assert tinygc.FitOptions(methods="raw", physics="auto").methods == ("raw",)
     assert tinygc.FitOptions(physics="auto").physics == ("auto",)
+    given = tinygc.FitOptions(lot="lot.json", noise="noise.json", requirements="limits.toml", history=["a", "b"], checkpoints="here")
+    assert (given.lot, given.noise, given.requirements) == (Path("lot.json"), Path("noise.json"), Path("limits.toml"))
+    assert (given.history, given.checkpoints) == ((Path("a"), Path("b")), Path("here"))
 
 
 @pytest.mark.parametrize(

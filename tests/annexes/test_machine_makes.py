@@ -16,6 +16,7 @@ from session.annexes.machines.dialogue import Dialogue, example
 from session.annexes.machines.makefile import read_make
 from session.annexes.machines.makes import MODULES, make_of, makes, open_table
 from session.annexes.machines.makes.hand import Hand
+from session.annexes.machines.proof import require_fit
 from session.annexes.machines.safety import Guarded, Move
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault
@@ -328,6 +329,14 @@ def test_no_pattern_makes_a_reader_wait():
 def test_a_description_that_does_not_fit_its_make(table, expected):
     with pytest.raises(FormatError, match=re.escape(expected)):
         open_table(table, link=Bench(description("line")).link, clock=SimulatedClock())
+
+
+def test_the_latency_of_a_tables_angles_is_a_setting_of_every_make():
+    """For ``rates`` (docs/rate-steps.md): no make sends anything else for it."""
+    for late in (0, 0.02):
+        require_fit(description("line", latency_s=late), make_of(description("line")))
+    with pytest.raises(FormatError, match='latency_s is "late", expected a number'):
+        require_fit(description("line", latency_s="late"), make_of(description("line")))
 
 
 def test_braking_that_a_stop_would_wait_hours_for_is_refused(tmp_path):

@@ -17,13 +17,18 @@ def records(mean: np.ndarray, sigma: float = 1.0) -> list[WindowRecord]:
     return [WindowRecord(2.0 * i, np.array([0.0, 0.0, 0.0, z]), np.array([1.0, sigma]), none, 0.0, True) for i, z in enumerate(mean)]
 
 
+def forms_of(count: int, ramp: bool, places: int = 200) -> np.ndarray:
+    """(K, N) of a change of size one now that begins at any of so many places of each window."""
+    since = np.arange(count) - np.arange(0, count - 1e-9, 1 / places)[:, None]
+    return np.maximum(since, 0) / np.maximum(since[:, -1:], 1e-9) if ramp else np.clip(since + 1, 0, 1)
+
+
 def gains(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log likelihood ratios (N,) of a step and of a ramp from each moment on, against none."""
-    step, ramp = [], []
-    for moment in range(len(z)):
-        for found, form in ((step, np.ones(len(z) - moment)), (ramp, 2.0 * np.arange(len(z) - moment))):
-            found.append((z[moment:] @ form) ** 2 / 2 / max(form @ form, 1e-12))
-    return np.array(step), np.array(ramp)
+    """Log likelihood ratios (K,) of a step and of a ramp from each moment on, against none."""
+    step, ramp = (
+        (forms @ z) ** 2 / 2 / np.maximum(np.sum(forms**2, axis=1), 1e-12) for forms in (forms_of(len(z), ramp) for ramp in (False, True))
+    )
+    return step, ramp
 
 
 def shape(name: str) -> np.ndarray:
@@ -46,11 +51,9 @@ def integrated(z: np.ndarray, forms: tuple[bool, ...], best: float) -> tuple[flo
     size = np.linspace(-12, 12, 4001) * best
     density = np.zeros(len(size))
     for ramp in forms:
-        for moment in range(len(z)):
-            after = np.maximum(np.arange(len(z)) - moment, -1.0)
-            form = np.where(after >= 0, after / max(after[-1], 1e-9) if ramp else 1.0, 0.0)
+        for form in forms_of(len(z), ramp, 20):
             left = z[:, None] - form[:, None] * size
-            density += np.exp(-np.sum(left**2, axis=0) / 2 + np.sum(z**2) / 2 - (size / best / 3) ** 2 / 2 - 40)
+            density += np.exp(-np.sum(left**2, axis=0) / 2 - (size / best / 3) ** 2 / 2)
     mean = np.sum(density * size) / density.sum()
     return float(mean), float(np.sqrt(np.sum(density * (size - mean) ** 2) / density.sum()))
 
@@ -64,26 +67,37 @@ def test_a_size_is_the_mean_over_its_moments_and_over_forms_that_are_not_told_ap
     found = change_of(records(z / 1.0), 3, COUNT - 1 - BEGAN, chosen())
     assert found.kind == kind
     step, ramp = gains(z)
-    after = np.arange(COUNT)[::-1]
-    at = int(np.argmax(step if step.max() >= ramp.max() else ramp))
-    form = np.ones(COUNT - at) if step.max() >= ramp.max() else np.arange(COUNT - at) / after[at]
-    best = abs(z[at:] @ form / (form @ form))
+    form = forms_of(COUNT, bool(ramp.max() > step.max()))[np.argmax(max(step, ramp, key=np.max))]
+    best = abs(z @ form / (form @ form))
     assert (found.size, found.sigma) == pytest.approx(integrated(z, forms, best), rel=1e-3)
 
 
 def test_a_large_step_has_its_moment_its_size_and_the_sigma_of_a_mean():
-    """Of 15 windows, each of which errs by half a unit; the prior is three times as wide."""
+    """Of 14 whole windows and a part of one, each of which errs by half a unit."""
     found = change_of(records(3 * shape("step") / 0.5, sigma=0.5), 3, COUNT - 1 - BEGAN, chosen())
-    assert (found.kind, found.began_s, found.earlier) == ("step", 2.0 * (BEGAN - 1), False)
-    assert (found.size, found.sigma) == pytest.approx((3.0, 0.5 / np.sqrt(COUNT - BEGAN)), rel=3e-4)
+    assert (found.kind, found.began_s, found.earlier) == ("step", pytest.approx(2.0 * (BEGAN - 1)), False)
+    assert found.size == pytest.approx(3.0, abs=0.05)
+    assert 0.5 / np.sqrt(COUNT - BEGAN) < found.sigma < 0.5 / np.sqrt(COUNT - BEGAN - 1)
+    assert (found.size / 0.5, found.sigma / 0.5) == pytest.approx(integrated(6 * shape("step"), (False,), 6.0), rel=2e-3)
 
 
 def test_a_ramp_has_its_growth_until_now():
     """By 3 a window, each of which errs by one: what it has come to by the last one."""
     found = change_of(records(3 * shape("ramp")), 3, COUNT - 1 - BEGAN, chosen())
-    t_s = 2.0 * np.arange(COUNT - BEGAN)
-    assert (found.kind, found.began_s) == ("ramp", 2.0 * (BEGAN - 1))
-    assert (found.size, found.sigma) == pytest.approx((3 * (COUNT - 1 - BEGAN), t_s[-1] / np.sqrt(t_s @ t_s)), rel=1e-3)
+    assert (found.kind, found.began_s) == ("ramp", pytest.approx(2.0 * (BEGAN - 1)))
+    grown = 3.0 * (COUNT - 1 - BEGAN)
+    assert found.size == pytest.approx(grown, abs=0.05)
+    assert (found.size, found.sigma) == pytest.approx(integrated(3 * shape("ramp"), (True,), grown), rel=3e-3)
+
+
+@pytest.mark.parametrize(("part", "last"), [(0.5, 2), (0.1, 2), (0.7, 3), (0.95, 2)])
+def test_a_large_step_amid_a_window_is_no_drift_and_has_its_size(part, last):
+    """An alarm of two windows, the first of which the step moves by a part: a drift from before it would move them so, too."""
+    mean = np.r_[np.zeros(COUNT - last), part, np.ones(last - 1)]
+    found = change_of(records(300 * mean), 3, last, chosen())
+    assert found.kind == ("step or ramp" if (part, last) in ((0.5, 2), (0.1, 2)) else "step")
+    assert found.size == pytest.approx(300, abs=2)
+    assert 0.5 < found.sigma < 1.5
 
 
 @pytest.mark.broad

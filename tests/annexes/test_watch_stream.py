@@ -96,7 +96,7 @@ def test_a_step_of_three_axes_is_one_alarm():
     assert alarm.table["size_dps"] == pytest.approx(-0.2, abs=0.01)
     assert alarm.table["cost_deg"] == pytest.approx(60 * np.linalg.norm([0.1, 0.2, 0.15]), rel=0.05)
     assert "zero y: a step of -0.2" in alarm.words
-    assert "zero x: a step of +0.09" in alarm.words
+    assert "zero x: a step of +0.1" in alarm.words
     assert "a rest does not test E" in alarm.words
 
 

@@ -124,7 +124,7 @@ class FitOptions:
         Ids of effects to fit as well, ``("auto",)`` for those that ``explain`` would report.
     exclude : tuple of int, optional
         Numbers of segments to leave out.
-    checkpoints : Path, optional
+    checkpoints : str or Path, optional
         Folder of the checkpoints of a training as in the paper.
     resume : bool, optional
         Whether that training continues from its checkpoints.
@@ -136,13 +136,13 @@ class FitOptions:
     accelerometer : {"auto", "given", "fit", "prior"}, optional
         Its calibration is the one given, that of a fit, or a given one is a prior; ``auto``: a prior where one is given and agrees with
         the data, else a fit.
-    lot : Path, optional
+    lot : str or Path, optional
         File of a production lot, the prior of least squares; other methods are fitted without it.
-    history : tuple of Path, optional
+    history : tuple of str or Path, optional
         Fitted session folders of the same unit, whose spread of the bias is that between sessions.
-    noise : Path, optional
+    noise : str or Path, optional
         Noise figures of the unit, measured at rest; ``fit/noise.json`` of the session's folder by default.
-    requirements : Path, optional
+    requirements : str or Path, optional
         File of limits and a decision rule, in place of session.toml's ``[requirements]``; it changes no number of the fit.
 
     Raises
@@ -185,6 +185,10 @@ class FitOptions:
                 object.__setattr__(self, name, (getattr(self, name),))
         self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
         self._require(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for --as-in-paper to train")
+        for name in ("checkpoints", "lot", "noise", "requirements"):
+            if (path := getattr(self, name)) is not None:
+                object.__setattr__(self, name, Path(path))
+        object.__setattr__(self, "history", tuple(map(Path, self.history)))
         for name, known in (("bias", BIASES), ("accelerometer", ACCELEROMETERS)):
             self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
         for name, least in (("folds", 2), ("seed", 0)):

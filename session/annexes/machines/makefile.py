@@ -234,6 +234,7 @@ SETTINGS: Mapping[str, float | str | bool] = {
     "rest_dps": 0.01,  # a {rate} below it is rest
     "same_s": 0.4,  # angles that stay for so long are rest, where nothing else says so
     "clock_per_s": 1.0,  # units of a {clock} per second
+    "latency_s": 0.0,  # by which the angles in table.csv are late; nothing is sent differently
     "visa": "",  # PyVISA's library, as @py
 }
 
@@ -312,7 +313,7 @@ def require_settings(settings: Mapping[str, object], where: str, known: Mapping[
             raise FormatError(f"{where}.{name[:40]}: this make has no such setting; it has {', '.join(known)}; {AGAIN}")
         if name in SETTINGS and name not in ("visa",):
             sound = isinstance(value, int | float) and not isinstance(value, bool) and 0 < abs(value) < 1e9
-            if not sound and not (name in ("decimals", "open_s") and value == 0):
+            if not sound and not (name in ("decimals", "open_s", "latency_s") and value == 0):
                 raise FormatError(f"{where}.{name} is {shown(value)}, expected a number that is not 0; {AGAIN}")
             if name == "decimals" and not (isinstance(value, int) and 0 <= value <= 9):
                 raise FormatError(f"{where}.decimals is {shown(value)}, expected a whole number from 0 to 9; {AGAIN}")

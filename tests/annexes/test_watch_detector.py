@@ -90,6 +90,16 @@ def test_a_gap_ends_a_rest_and_lets_time_pass():
     assert windows(detector, samples(2, 6)) == []
 
 
+def test_each_rest_begins_anew_and_each_sixteenth_block_is_a_window_of_time(monkeypatch):
+    detector, calls = Detector(chosen()), []
+    for name in ("new_rest", "predict"):
+        monkeypatch.setattr(detector.filter, name, lambda name=name: calls.append(name))
+    rest = samples(0.12 * BLOCKS * 10, 1)
+    for part in (rest, dataclasses.replace(rest, gyro=rest.gyro + 1.0), rest):
+        windows(detector, part)
+    assert (calls.count("new_rest"), calls.count("predict")) == (2, 30)
+
+
 # The filters
 
 

@@ -100,6 +100,12 @@ def test_a_large_step_amid_a_window_is_no_drift_and_has_its_size(part, last):
     assert 0.5 < found.sigma < 1.5
 
 
+def test_a_size_is_in_the_unit_of_its_sigma():
+    z = 3 * shape("step") + 0.3 * np.random.default_rng(2).normal(size=COUNT)
+    whole, small = (change_of(records(z, sigma), 3, COUNT - 1 - BEGAN, chosen()) for sigma in (1.0, 1e-3))
+    assert (small.size, small.sigma) == pytest.approx((1e-3 * whole.size, 1e-3 * whole.sigma))
+
+
 @pytest.mark.broad
 def test_sizes_lie_within_their_sigmas():
     """Of 400 steps and drifts of 6 sigmas, at any moment; with the moment and the form as found 53 % and 81 % (68 and 95 are right)."""

@@ -273,6 +273,19 @@ def test_noise_that_is_larger_than_stated_is_taken_as_it_is():
     np.testing.assert_allclose(np.std(z[300:], axis=(0, 2)), 1, atol=5 / np.sqrt(2 * 40 * 100))
 
 
+@pytest.mark.parametrize(
+    ("before", "ratio", "wide"),
+    [(1.5, 2.9, 1.5 + 1.4 / 64), (1.5, 3.2, 3.2), (1.5, 0.5, 1.5 - 1 / 64), (0.3, 1.9, 1.0), (0.3, 2.1, 2.1), (0.9, 0.5, 1.0)],
+)
+def test_a_window_has_the_noise_of_the_last_64_and_its_own_from_twice_that_on(before, ratio, wide):
+    c = chosen()
+    filters = ZeroFilter(c)
+    filters.noise[:] = before
+    found = filters.judge(dataclasses.replace(reading(np.zeros((3, 1))), scatter=np.full((2, 1), ratio)))
+    own = c.offset + c.attitude, c.accel_offset + c.accel_attitude
+    assert found.sigma[:, 0] ** 2 - own == pytest.approx([wide, wide], rel=1e-6)
+
+
 # The settings
 
 

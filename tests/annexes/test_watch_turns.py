@@ -159,6 +159,36 @@ def test_a_turn_states_the_sum_of_its_errors():
         assert found.sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
 
 
+@pytest.mark.parametrize("alarm", [False, True])
+def test_a_turn_is_taken_by_the_textbooks_filter_and_an_alarm_opens_it(alarm):
+    """By as much as the turn's square is of what the prior makes of it; a quarter turn about x, with z down before it."""
+    none, prior = np.zeros(3), np.diag(np.r_[np.full(9, 1e-4**2 + 2e-4**2), np.full(3, 0.02**2)])
+    expected = flat(white=none, attitude=none, turn_rad=5e-4, accel_white=none, accel_attitude=0.0)
+    test, turn = TurnTest(expected, 1e6), Turn()
+    assert pytest.approx(prior) == test.P
+    turn.add(np.tile([np.pi / 2, 0, 0], (101, 1)), np.tile([np.pi / 2, 0, 0], (101, 1)), np.full(101, 0.01))
+    R = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    down, tilt = np.array([0, 0, -1.0]), np.array([0.0, 2.5e-3, 0])
+    test.sum = test.bar if alarm else 0.0
+    found = test.judge(turn, down, R.T @ (down + np.cross(tilt, down)), 0.0, 2.0)
+    y, H = tilt[:2] / np.hypot(1, 2.5e-3), np.zeros((2, 12))
+    H[:, :9] = turn.slope[:2]
+    H[:, 9:] = np.array([[0.0, 1, 0], [-1, 0, 0]]) @ (R - np.eye(3)) / G  # down x v
+    share = (y @ y) / np.trace(H[:, :9] @ prior[:9, :9] @ H[:, :9].T) if alarm else 0.0
+
+    def scatter(P):
+        return H @ P @ H.T + (expected.turn_rad**2 + np.trace(turn.slope @ P[:9, :9] @ turn.slope.T) ** 2) * np.eye(2)
+
+    square = y @ np.linalg.solve(scatter(prior), y)
+    assert (found.square, found.alarm) == (pytest.approx(square, rel=1e-4), alarm)
+    assert found.sigma_rad == pytest.approx(np.sqrt(np.trace(scatter(prior)) / 2), rel=1e-6)
+    assert test.sum == pytest.approx(0.0 if alarm else max(0.0, 0.375 * square - 2 * np.log(2)), rel=1e-4)
+    P = (1 + share) * prior
+    gain = P @ H.T @ np.linalg.inv(scatter(P))
+    assert test.x == pytest.approx(gain @ y, rel=1e-3, abs=1e-9)
+    assert pytest.approx(P - gain @ H @ P, rel=1e-6, abs=1e-15) == test.P
+
+
 def test_a_scale_that_has_changed_alarms_once_or_twice_and_is_followed():
     """After an alarm the turns are held against the E that they show."""
     readings, zero = turning(30, 1, scale=(1.03, 0.97, 1.02)), np.array([2.0, -2.0, 1.0]) * DEG

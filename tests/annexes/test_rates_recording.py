@@ -194,6 +194,75 @@ def test_a_bandwidth_far_beyond_the_highest_frequency_is_a_lower_limit():
     assert sweep.bandwidth_at_least_hz == pytest.approx(60)
 
 
+def flat_response(top_hz=60.0):
+    return response("flat", [1.0, 0.0], f=np.linspace(1, top_hz, 8))
+
+
+def test_the_sigma_of_a_bandwidth_of_the_second_order_is_that_of_its_slopes():
+    """(f / f0)^2 = a + sqrt(a^2 + 1), a = 1 - 2 zeta^2, where the gain is 0.707."""
+    f0, zeta = 30.0, 0.6
+    a = 1 - 2 * zeta**2
+    band = f0 * np.sqrt(a + np.hypot(a, 1))
+    along_zeta = f0**2 / (2 * band) * (1 + a / np.hypot(a, 1)) * -4 * zeta
+    covariance = np.diag([9.0, 9.0, 0.5**2, 0.01**2])
+    covariance[2, 3] = covariance[3, 2] = 0.002
+    variance = np.array([band / f0, along_zeta]) @ covariance[2:, 2:] @ [band / f0, along_zeta]
+    found = sweep._bandwidth(flat_response(), "second", np.array([2.0, 1.0, f0, zeta]), covariance)
+    assert found == (pytest.approx(band), pytest.approx(np.sqrt(variance), rel=1e-5), None)
+    assert np.abs(transfer("second", np.array([band]), np.array([2.0, 0.1, f0, zeta]))) == pytest.approx(np.sqrt(2))
+
+
+@pytest.mark.parametrize(("band", "shows"), [(181.0, True), (183.0, False)])
+def test_a_bandwidth_shows_where_it_may_be_within_three_times_the_highest_frequency(band, shows):
+    found = sweep._bandwidth(flat_response(), "first", np.array([1.0, 0.0, band]), np.diag([1.0, 1.0, 1.0]))
+    assert found == ((pytest.approx(band), pytest.approx(1.0), None) if shows else (None, None, 60.0))
+
+
+def test_the_probability_of_a_model_is_that_of_schwarz():
+    """exp(-BIC / 2) of chi-square per row, with a logarithm of rows for each number."""
+    some = response("second", [1.0, 0.0, 30.0, 0.7], sigma=0.02, seed=3)
+    rows = 2 * len(some.gain)
+    bic = [rows * np.log(chi / rows) + len(x) * np.log(rows) for _, x, _, chi in (sweep._fit(some, name) for name in sweep.MODELS)]
+    assert fit_response(some).probability == pytest.approx(np.exp(-min(bic) / 2) / np.sum(np.exp(-np.array(bic) / 2)), rel=1e-9)
+
+
+def test_sigmas_and_bounds_of_a_csv(tmp_path):
+    def read_rows(header, *rows):
+        (tmp_path / "sweep.csv").write_text("\n".join([header, *rows]))
+        return read_response(tmp_path / "sweep.csv")
+
+    plain = ("1,2,10", "10,1,-90")
+    found = read_rows("f_hz,magnitude,phase_deg", *plain)
+    assert (found.gain_sigma.tolist(), found.phase_sigma.tolist()) == (pytest.approx([2e-3, 1e-3]), pytest.approx([1e-3, 1e-3]))
+    assert found.latency_s is None
+    found = read_rows("f_hz,gain,phase_deg,gain_sigma,phase_sigma_deg", "1,2,10,0.1,3", "10,1,-90,0,0")
+    assert found.gain_sigma == pytest.approx([0.1, 1e-3])
+    assert found.phase_sigma == pytest.approx([3 * DEG, 1e-3])
+    for row, words in (("1e-6,1,0", "frequency"), ("1.1e5,1,0", "frequency"), ("1,1.1e6,0", "gain"), ("1,1e-7,0", "gain")):
+        with pytest.raises(FormatError, match=f"a {words} is not between"):
+            read_rows("f_hz,gain,phase_deg", *plain, row)
+    assert len(read_rows("f_hz,gain,phase_deg", "1e5,1e6,0", "1.1e-5,1.1e-6,0").gain) == 2
+    with pytest.raises(FormatError, match="line 3: gain is 'x', expected a number"):
+        read_rows("f_hz,gain,phase_deg", plain[0], "2,x,0")
+
+
+def test_what_a_sweep_says():
+    given = Response("r", np.array([1.0, 2, 4, 8]), np.ones(4), np.zeros(4), np.full(4, 0.01), np.full(4, 2 * DEG), 0.004)
+    covariance = np.diag([0.02**2, 0.003**2, 2.0**2])
+    found = sweep.Sweep(given, "first", np.array([1.1, -0.0065, 20.0]), covariance, 20.0, 2.0, None, 1.0)
+    assert found.gain == pytest.approx((1.1, 0.02))
+    assert found.delay_s == pytest.approx((-0.0065, 0.003))
+    assert found.rows_deg[1] == pytest.approx((2.0, 1.0, 0.01, 0.0, 2.0))
+    ratio = 1 / transfer("first", given.frequency_hz, found.vector)
+    left = np.sqrt(np.mean((np.abs(ratio) - 1) ** 2)), np.sqrt(np.mean(np.angle(ratio) ** 2))
+    assert found.left == pytest.approx(left)
+    said = " ".join(found.lines)
+    assert "delay −6.5 ± 3.0 ms: the sensor's, the table's declared latency taken off" in said.replace("\u202f", " ")
+    assert "a delay below zero" in said  # by more than two sigmas
+    later = dataclasses.replace(found, vector=np.array([1.1, -0.0055, 20.0]))
+    assert "a delay below zero" not in " ".join(later.lines)
+
+
 def test_points_that_no_model_describes_are_called_so():
     good = response("first", [1.0, 0.0, 20.0])
     assert not any("does not describe" in line for line in fit_response(good).lines)

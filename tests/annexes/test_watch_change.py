@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
-from watched import chosen
+from watched import chosen, reading
 
-from tinygc.annexes.watch.change import WindowRecord, change_of
+from tinygc.annexes.watch.change import WindowRecord, _response, change_of
+from tinygc.annexes.watch.detector import ZeroFilter
 
 COUNT, BEGAN = 40, 25
 
@@ -98,6 +101,31 @@ def test_a_large_step_amid_a_window_is_no_drift_and_has_its_size(part, last):
     assert found.kind == ("step or ramp" if (part, last) in ((0.5, 2), (0.1, 2)) else "step")
     assert found.size == pytest.approx(300, abs=2)
     assert 0.5 < found.sigma < 1.5
+
+
+@pytest.mark.parametrize("ramp", [False, True])
+def test_the_response_is_what_the_filter_makes_of_a_change(ramp):
+    """Of one unit, or one a second, from the 20th window on, with wander and temperature; the 25th window is not followed."""
+    c = dataclasses.replace(chosen(1e9), walk=0.01, drive=np.array([0.2, 0.05]), per_k=1.0)
+    filters, rows = ZeroFilter(c), []
+    for number in range(COUNT):
+        value = max(number - 20, -1) * 2e-3 if ramp else 1e-3  # so small that nothing clips
+        filters.predict()
+        before = filters.x, filters.P
+        window = reading(np.array([[value * (number >= 20)], [0.0], [0.0]]), warmer=np.sin(number))
+        judged = filters.judge(window)
+        if number == 25:
+            filters.x, filters.P = before
+            judged = dataclasses.replace(judged, taken=np.array([False]))
+        rows.append(WindowRecord.of(2.0 * number, window, judged))
+    found = _response(rows, np.array([20]), ramp, 0, c)[:, 0]
+    assert found == pytest.approx(1e3 * np.array([row.z[0] for row in rows]), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("began", [48, 49])
+def test_a_change_is_looked_for_30_windows_before_the_tests_own_beginning(began):
+    found = change_of(records(np.where(np.arange(100) >= began, 5.0, 0.0)), 3, 20, chosen())
+    assert (found.kind, found.began_s, found.earlier) == ("step", 2.0 * 48, False)
 
 
 def test_a_size_is_in_the_unit_of_its_sigma():

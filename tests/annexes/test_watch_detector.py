@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 from conftest import DEG
-from watched import ACCEL_WHITE, RATE_HZ, WHITE, G, chosen, flat, known, model_file, samples
+from watched import ACCEL_WHITE, RATE_HZ, WHITE, G, chosen, flat, known, model_file, reading, samples
 
 from session.io.errors import CalibrationError, FormatError
 from tinygc.annexes.watch.detector import PROCESSES, STATES, Detector, Window, ZeroFilter
@@ -27,13 +27,6 @@ def windows(detector: Detector, *parts) -> list:
         for *_, window, judged in detector.feed(part.gyro, part.accel, part.temp_c)
         if window is not None and judged is not None
     ]
-
-
-def reading(rate: np.ndarray, gravity: np.ndarray | float = 0.0, warmer: float = 0.0, direction=(0.0, 0.0, -1.0)) -> Window:
-    """A window of normalised rates (3, S)."""
-    copies = rate.shape[1]
-    along, whole = np.repeat(np.array(direction)[:, None], copies, axis=1), np.ones(copies)
-    return Window(rate, gravity * whole, along, warmer * whole, np.ones((2, copies)))
 
 
 # What is a rest

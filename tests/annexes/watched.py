@@ -10,6 +10,7 @@ from conftest import DEG
 
 from session.io.config import Accelerometer
 from tinygc import models
+from tinygc.annexes.watch.detector import Window
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse
 from tinygc.annexes.watch.settings import Settings, settings
 from tinygc.annexes.watch.source import Readings
@@ -67,6 +68,13 @@ def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float 
     accel = np.array(force) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
     stamps = np.rint((start_s + np.arange(count) / RATE_HZ) * 1e9).astype(np.int64)
     return Readings(stamps, rate, accel, None)
+
+
+def reading(rate: np.ndarray, gravity: np.ndarray | float = 0.0, warmer: float = 0.0, direction=(0.0, 0.0, -1.0)) -> Window:
+    """A window of normalised rates (3, S)."""
+    copies = rate.shape[1]
+    along, whole = np.repeat(np.array(direction)[:, None], copies, axis=1), np.ones(copies)
+    return Window(rate, gravity * whole, along, warmer * whole, np.ones((2, copies)))
 
 
 def joined(*parts: Readings) -> Readings:

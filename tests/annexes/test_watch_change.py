@@ -128,6 +128,12 @@ def test_a_change_is_looked_for_30_windows_before_the_tests_own_beginning(began)
     assert (found.kind, found.began_s, found.earlier) == ("step", 2.0 * 48, False)
 
 
+def test_a_change_may_be_earlier_than_what_is_remembered():
+    found = change_of(records(np.full(COUNT, 5.0)), 3, COUNT - 1, chosen())
+    assert (found.began_s, found.earlier) == (0.0, True)
+    assert not change_of(records(np.full(1, 5.0)), 3, 0, chosen()).earlier
+
+
 def test_a_size_is_in_the_unit_of_its_sigma():
     z = 3 * shape("step") + 0.3 * np.random.default_rng(2).normal(size=COUNT)
     whole, small = (change_of(records(z, sigma), 3, COUNT - 1 - BEGAN, chosen()) for sigma in (1.0, 1e-3))

@@ -9,7 +9,7 @@ from conftest import broad
 
 from session.io.errors import DataError, FormatError
 from tinygc.annexes.rates.choice import LINE, Choice, chance, choose, held_out
-from tinygc.annexes.rates.fitting import fit, over_rate
+from tinygc.annexes.rates.fitting import fit, floor, over_rate
 from tinygc.annexes.rates.laws import LAWS, Hypothesis
 from tinygc.annexes.rates.points import points_of
 from tinygc.annexes.rates.terms import input_limit, linear_range, terms
@@ -244,6 +244,54 @@ def test_too_few_points_are_refused_in_one_line():
         points_of("s", "V", [0, 1, 2], [0, 1, 2], ["one"] * 3)
     with pytest.raises(DataError, match="do not determine a line"):
         choose(points_of("s", "V", [0, 1, 2, 3], [0, 1, 2, 3], ["a", "b", "c", "d"]))
+
+
+# The fit's noise, its sigmas, and the points that it needs.
+
+
+def test_noise_is_that_of_points_at_no_limit_and_a_limits_sigma_that_of_those_at_it():
+    rate, at = np.arange(-100.0, 101.0, 10.0), np.arange(21) >= 15
+    rng = np.random.default_rng(3)
+    output = np.where(at, 0.9 + 0.02 * rng.normal(size=21), 0.02 * rate + 1e-3 * rng.normal(size=21))
+    for sigma, stated in ((None, 0.0), (np.full(21, 2e-3), 20.0)):
+        found = fit(points_of("s", "V", rate, output, ["one"] * 21, sigma), Hypothesis("line", upper=True))
+        assert found.is_limited.tolist() == at.tolist()
+        unit = 1.0 if sigma is None else 2e-3
+        left = output - np.where(at, output[at].mean(), np.polyval(np.polyfit(rate[~at], output[~at], 1), rate))
+        noise = np.sqrt((np.sum((left[~at] / unit) ** 2) + stated) / (15 - 2 + stated))
+        assert found.noise == pytest.approx(noise, rel=1e-6)
+        assert found.freedom == 21 - 3 + stated
+        design = np.column_stack([np.ones(15), rate[~at]])
+        line = np.diag(np.linalg.inv(design.T @ design)) * (noise * unit) ** 2
+        limit = np.var(output[at], ddof=1) / 6  # wider than the noise, as its points are
+        assert np.diag(found.covariance) == pytest.approx([*line, limit], rel=1e-5)
+
+
+def test_the_least_that_residuals_count():
+    """Rounding to the last digit, of rms step / sqrt(12), or a ten-millionth of the span; over the sigmas that are stated."""
+    rate = np.arange(5.0)
+    for output, least in ((0.01 * rate, 0.01 / np.sqrt(12)), (rate / 3, 4 / 3 * 1e-7)):
+        assert floor(points_of("s", "V", rate, output, ["one"] * 5)) == pytest.approx(5 * least**2)
+        assert floor(points_of("s", "V", rate, output, ["one"] * 5, np.full(5, 0.1))) == pytest.approx(5 * (least / 0.1) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("law", "count", "distinct"),
+    [("line", 4, 3), ("cubic", 5, 4), ("polynomial", 6, 5), ("dead_band", 5, 4)],
+)
+def test_points_and_rates_that_a_law_needs(law, count, distinct):
+    """Two more than it has numbers; and as many rates, without the offset of its curve."""
+
+    def is_fitted(rates):
+        more = np.append(rates, [-1, -2, -3, -4])  # which no table has less than
+        points = points_of("s", "V", more, more + 0.01 * np.sin(np.arange(len(more))), ["one"] * len(more))
+        return fit(points.part(np.arange(len(more)) < len(rates)), Hypothesis(law)) is not None
+
+    rates = np.linspace(-50, 50, count)
+    assert is_fitted(rates)
+    assert not is_fitted(rates[:-1])
+    assert is_fitted(np.append(rates[:distinct], [rates[0]] * (count - distinct)))
+    assert not is_fitted(np.append(rates[: distinct - 1], [rates[0]] * (count - distinct + 1)))
 
 
 # Columns of the laws and of what may be beside them, at 50 °/s in both senses.

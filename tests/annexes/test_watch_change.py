@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from watched import chosen, reading
 
-from tinygc.annexes.watch.change import WindowRecord, _response, change_of
+from tinygc.annexes.watch.change import Change, WindowRecord, _response, change_of
 from tinygc.annexes.watch.detector import ZeroFilter
 
 COUNT, BEGAN = 40, 25
@@ -138,6 +138,18 @@ def test_a_size_is_in_the_unit_of_its_sigma():
     z = 3 * shape("step") + 0.3 * np.random.default_rng(2).normal(size=COUNT)
     whole, small = (change_of(records(z, sigma), 3, COUNT - 1 - BEGAN, chosen()) for sigma in (1.0, 1e-3))
     assert (small.size, small.sigma) == pytest.approx((1e-3 * whole.size, 1e-3 * whole.sigma))
+
+
+@pytest.mark.parametrize(
+    ("kind", "earlier", "said"),
+    [
+        ("step", False, "a step of 5 dps at 12 s"),
+        ("ramp", True, "a drift since 12 s or earlier, by 5 dps so far"),
+        ("step or ramp", False, "a change of 5 dps since 12 s, a step or a drift"),
+    ],
+)
+def test_a_change_in_words(kind, earlier, said):
+    assert Change(kind, 12.3, earlier, 5.0, 1.0).words("5 dps") == said
 
 
 @pytest.mark.broad

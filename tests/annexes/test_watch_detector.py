@@ -65,6 +65,25 @@ def test_what_is_no_rest_gives_nothing(spoil):
     assert windows(Detector(chosen()), dataclasses.replace(part, gyro=rate, accel=force)) == []
 
 
+@pytest.mark.parametrize("bar", ["rate", "heavy", "light", "rate's scatter", "force's scatter"])
+def test_the_bars_of_a_quiet_block(bar):
+    """A mean of 10 °/s, gravity by a quarter more or less, and the variances (of n - 1) that the settings have."""
+    c = chosen()
+    n, other = c.samples, np.where(np.arange(c.samples) % 2, 1.0, -1.0)[:, None] * np.sqrt((c.samples - 1) / c.samples)  # of variance 1
+    for share, quiet in ((0.999, True), (1.001, False)):
+        rate, force = np.zeros((n, 3)), np.tile([0.0, 0.0, -G], (n, 1))
+        if bar == "rate":
+            rate[:, 1] = -share * 10 * DEG
+        elif bar in ("heavy", "light"):
+            force *= 1 + (0.25 if bar == "heavy" else -0.25) * share
+        elif bar == "rate's scatter":
+            rate[:, :2] = other * np.sqrt(share * c.gyro_limit / 2)
+        else:
+            force[:, 1:] += other * np.sqrt(share * c.accel_limit / 2)
+        ((found, *_),) = Detector(c).feed(rate, force)
+        assert found == quiet
+
+
 def test_the_earth_is_taken_off_along_gravity():
     rate = 7.292115e-5 * np.sin(50 * DEG)
     detector = Detector(settings(flat(earth_rps=rate), 1e6))

@@ -138,6 +138,7 @@ def test_a_size_is_in_the_unit_of_its_sigma():
     z = 3 * shape("step") + 0.3 * np.random.default_rng(2).normal(size=COUNT)
     whole, small = (change_of(records(z, sigma), 3, COUNT - 1 - BEGAN, chosen()) for sigma in (1.0, 1e-3))
     assert (small.size, small.sigma) == pytest.approx((1e-3 * whole.size, 1e-3 * whole.sigma))
+    assert change_of(records(np.zeros(COUNT)), 3, 10, chosen()).size == 0.0
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """``rates`` on simulated curves of each law, on straight lines, and on a public rate table beside the checkout.
 
-python benchmarks/rate_steps.py lines --tables 400      # how often a true straight line is called crooked
+python benchmarks/rate_steps.py lines --tables 400      # how often a true straight line is rejected
 python benchmarks/rate_steps.py laws --tables 20        # which law is chosen of curves of each
 python benchmarks/rate_steps.py ranges --tables 4       # whether the sigmas of a range hold, of laws in the list and out of it
 python benchmarks/rate_steps.py terms --tables 100      # whether the sigmas of the terms hold
@@ -78,7 +78,7 @@ NOISES = {
 
 def lines(tables: int) -> None:
     """Rows: design, share of true lines that are given up."""
-    print("| true straight lines | tables | called crooked |\n| --- | ---: | ---: |")
+    print("| true straight lines | tables | rejected |\n| --- | ---: | ---: |")
     up = np.linspace(-FULL_DPS, FULL_DPS, 21)
     rate = np.concatenate([up, up[-2::-1]])
     drawn = {f"{count} rates up and down": (count, lambda rng, count=count: table("line", rng, count)) for count in (7, 11, 21)}

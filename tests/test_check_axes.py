@@ -204,7 +204,7 @@ def test_an_order_fits_too_within_twice_the_best_or_a_hundredth_of_the_way(best_
         ways[number(axes)] = np.median(np.linalg.norm(scale * turns.angle, axis=-1).sum(axis=1)) / DEG
         return scale, missed[number(axes)]
 
-    monkeypatch.setattr(axes_module, "_sharpen", sharpened)
+    monkeypatch.setattr(axes_module, "_refine_scale", sharpened)
     agreement(samples, stills)
     missed[second] = other(ways[first]) * DEG
     found = agreement(samples, stills)

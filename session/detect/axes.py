@@ -110,16 +110,16 @@ def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | N
         residuals = np.where(scales > 0, _closures(tilted, scales[:, None, None] * SIGNED_PERMUTATIONS), np.inf)
         for i in {*np.argsort(residuals)[:SHARPENED].tolist(), IDENTITY}:
             if scales[i] > 0:
-                scales[i], residuals[i] = _sharpen(tilted, SIGNED_PERMUTATIONS[i], scales[i])
+                scales[i], residuals[i] = _refine_scale(tilted, SIGNED_PERMUTATIONS[i], scales[i])
         best, scale_std = int(np.argmin(residuals)), SHARP
         path = float(np.median(np.linalg.norm(scales[best] * tilted.angle, axis=-1).sum(axis=1)))
         fits = np.flatnonzero(residuals <= max(FITS_TOO * residuals[best], FITS_WITHIN * path))
     else:
         best = int(np.argmin(misfits))
         fits = np.flatnonzero(misfits <= 1.5 * misfits[best] + 0.01)
-        told = turns.of(_tells_scale(turns, scales[best] * SIGNED_PERMUTATIONS[best]))
-        if len(told) >= LEAST_TURNS and scales[best] > 0:
-            scales[best], _ = _sharpen(told, SIGNED_PERMUTATIONS[best], scales[best])
+        shown = turns.of(_shows_scale(turns, scales[best] * SIGNED_PERMUTATIONS[best]))
+        if len(shown) >= LEAST_TURNS and scales[best] > 0:
+            scales[best], _ = _refine_scale(shown, SIGNED_PERMUTATIONS[best], scales[best])
             scale_std = SHARP
     if IDENTITY in fits:
         best, fits = IDENTITY, fits[:0]
@@ -220,14 +220,14 @@ def _regress(turns: Turns) -> tuple[np.ndarray, np.ndarray]:
     return scales, 1 - scales * (flat @ right) / max(power_seen, 1e-300)
 
 
-def _sharpen(turns: Turns, axes: np.ndarray, scale: float) -> tuple[float, float]:
+def _refine_scale(turns: Turns, axes: np.ndarray, scale: float) -> tuple[float, float]:
     """The scale about ``scale`` that closes best, and its residual."""
     residuals = _closures(turns, (scale * SCALES)[:, None, None] * axes)
     best = int(np.argmin(residuals))
     return float(scale * SCALES[best]), float(residuals[best])
 
 
-def _tells_scale(turns: Turns, factor: np.ndarray) -> np.ndarray:
+def _shows_scale(turns: Turns, factor: np.ndarray) -> np.ndarray:
     """(S,) bool: turns whose end moves with the scale, as that of a whole circle does, too; none that goes out and back."""
     (down,) = deque(_carried(turns, np.array([[[1.0]], [[1 + COARSE]]]) * factor), maxlen=1)
     return np.arccos(np.clip((down[0] * down[1]).sum(axis=-1), -1, 1)) > COARSE * LEAST_TILT_RAD
@@ -326,9 +326,9 @@ def check_gravity_moves(where: str, samples: Samples, between: Sequence[Ends]) -
 
 
 def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
-    told = np.isfinite(found.residual)
-    ends = f", ends to {found.residual / DEG:.2f} deg" if told else ""
-    other = (found.axes != np.eye(3)).any() if told else found.misfit < CLEARLY * found.identity_misfit
+    has_ends = np.isfinite(found.residual)
+    ends = f", ends to {found.residual / DEG:.2f} deg" if has_ends else ""
+    other = (found.axes != np.eye(3)).any() if has_ends else found.misfit < CLEARLY * found.identity_misfit
     if not other:
         return Finding("ok", where, "axes", f"the gyro explains gravity's movement to {1 - found.identity_misfit:.0%}{ends} ({turns})")
     says = f"explains gravity's movement to {1 - found.misfit:.0%}{ends}, as logged to {1 - found.identity_misfit:.0%}"

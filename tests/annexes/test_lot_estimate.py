@@ -104,10 +104,10 @@ def test_means_drifts_and_spreads_are_true():
 def test_a_unit_far_off_is_left_out_and_no_other_is():
     """8 sigmas off in one number; the others' numbers are those without it."""
     lot = drawn([1] * 200)
-    assert not estimate(lot).odd.any()
+    assert not estimate(lot).excluded.any()
     lot.values[7, 10] += 8
     found = estimate(lot)
-    assert np.flatnonzero(found.odd).tolist() == [7]
+    assert np.flatnonzero(found.excluded).tolist() == [7]
     assert np.flatnonzero(found.p_values[7] < FAMILY_P).tolist() == [10]
     assert found.off[7, 10] == pytest.approx(lot.values[7, 10] - found.mean[10] - (7 / 199 - 0.5) * found.drift[10])
     rest = np.delete(lot.values[:, 10], 7)
@@ -123,7 +123,7 @@ def test_a_unit_far_off_is_left_out_and_no_other_is():
 
 def test_clean_lots_have_no_such_unit():
     """200 lots of 20 units at one in a hundred: 8 or more have p < 0.001."""
-    assert sum(estimate(drawn([1] * 20, seed)).odd.any() for seed in range(200)) < 8
+    assert sum(estimate(drawn([1] * 20, seed)).excluded.any() for seed in range(200)) < 8
 
 
 def test_what_is_not_told_is_unknown():
@@ -135,7 +135,7 @@ def test_what_is_not_told_is_unknown():
     lost = np.isin(np.arange(COUNT), [3, *range(12, COUNT)])
     for each in (found.mean, found.mean_sigma, found.drift, found.drift_sigma, found.next_mean, found.next_sigma, found.spread):
         np.testing.assert_array_equal(np.isnan(each), lost)
-    assert not found.odd.any()
+    assert not found.excluded.any()
 
 
 def test_two_units_have_a_mean_and_no_drift():

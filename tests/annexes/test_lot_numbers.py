@@ -96,12 +96,12 @@ def test_sessions_lie_by_unit_and_units_by_their_first_session():
     assert (lot.units, lot.sessions) == (4, 5)
     assert lot.place == pytest.approx([0, 1 / 3, 2 / 3, 1])
     assert lot.variances[:, 10] == pytest.approx([0.01] * 5)
-    assert np.flatnonzero(lot.told.any(axis=0)).tolist() == [10]
+    assert np.flatnonzero(lot.known.any(axis=0)).tolist() == [10]
 
 
 def test_a_value_without_error_is_none_and_one_unit_is_no_lot():
     lot = lot_sessions([result("a", "A", 0.0), result("d", "D", 3.0, known=(3, 10), sigma=np.array([0.1, 0.0]))])
-    assert (lot.told[:, 3].tolist(), lot.told[:, 10].tolist()) == ([False, True], [True, False])
+    assert (lot.known[:, 3].tolist(), lot.known[:, 10].tolist()) == ([False, True], [True, False])
     for results, units in (([result("a", "A", 0.0), result("b", "A", 1.0)], 1), ([], 0)):
         with pytest.raises(CalibrationError, match=f"two units or more, got {units}"):
             lot_sessions(results)

@@ -236,8 +236,8 @@ def test_the_evidence_of_a_shape_is_the_restricted_likelihood(monkeypatch):
         ratio, curve = found[k][1].ratio, found[k][1]
         # at the best s, n - 3 degrees of freedom: -2 log L = (n - 3) (ln(2 pi s^2) + 1) + log determinant
         s2 = curve.chi_square / 47
-        assert exact(ratio, np.sqrt(s2)) == pytest.approx(47 * (np.log(2 * np.pi * s2) + 1) + curve.paid, rel=1e-9)
-        assert found[k][0] == pytest.approx(47 * np.log(curve.chi_square / 2) + curve.paid)
+        assert exact(ratio, np.sqrt(s2)) == pytest.approx(47 * (np.log(2 * np.pi * s2) + 1) + curve.penalty, rel=1e-9)
+        assert found[k][0] == pytest.approx(47 * np.log(curve.chi_square / 2) + curve.penalty)
 
 
 def test_the_curve_is_the_mean_of_its_posterior_and_has_its_covariance():
@@ -259,7 +259,7 @@ def test_the_curve_is_the_mean_of_its_posterior_and_has_its_covariance():
 def test_draws_have_the_spread_of_the_curve():
     points = measured(lambda w: SCALE * w * (1 - np.abs(w) / 9000))
     best = fit_curve(points, Hypothesis(CURVE))
-    alone = replace(best, alike=((1.0, best),))
+    alone = replace(best, shapes=((1.0, best),))
     K = np.array([each.coefficients[0] for each in alone.draws])
     assert len(K) == curves.DRAWS
     assert K.mean() == pytest.approx(best.coefficients[0], abs=4 * K.std() / np.sqrt(len(K)))

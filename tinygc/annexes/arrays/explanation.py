@@ -431,16 +431,16 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
         size = f"{event.size / DEG:.2g}°" if event.what == OWN_TURN else f"{1e3 * event.size / G:.2g} mg"
         where = "turn" if event.what == OWN_TURN else "still"
         return f"{at:.1f} s: {both} differ by {size} in this {where}, and two do not tell which one errs; unit {number}'s does not count"
-    spoilt = event.together(fit.joint.events)
-    others = len(fit.units) - len(spoilt)
-    if len(spoilt) > 1:
-        turn = spoilt[0].what == OWN_TURN
-        in_order = sorted(spoilt, key=lambda event: fit.units[event.unit or 0].number)
+    deviating = event.together(fit.joint.events)
+    others = len(fit.units) - len(deviating)
+    if len(deviating) > 1:
+        turn = deviating[0].what == OWN_TURN
+        in_order = sorted(deviating, key=lambda event: fit.units[event.unit or 0].number)
         sizes = (f"{e.size / DEG:.2g}°" if turn else f"{1e3 * e.size / G:.2g} mg" for e in in_order)
         who = ", ".join(f"unit {fit.units[e.unit or 0].number} by {size}" for e, size in zip(in_order, sizes, strict=True))
         where, lost = ("turn", "their turns do not count") if turn else ("still", "their gravity there does not count")
         return (
-            f"{at:.1f} s: {len(spoilt)} of {len(fit.units)} units stand out in this {where}, each in its own way ({who}): several at "
+            f"{at:.1f} s: {len(deviating)} of {len(fit.units)} units stand out in this {where}, each in its own way ({who}): several at "
             f"once are hardly their own readings: a blow that each unit feels or samples otherwise is more probable; {lost}"
         )
     tested = f"against the other{'s' * (others > 1)} (F test, p = {event.p_value:.2g})"

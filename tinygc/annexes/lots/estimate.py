@@ -54,7 +54,7 @@ class LotEstimate:
     p_values: np.ndarray
 
     @property
-    def odd(self) -> np.ndarray:
+    def excluded(self) -> np.ndarray:
         """Return (U,): the units that stand out."""
         return self.p_values.min(axis=1) < FAMILY_P
 
@@ -65,12 +65,12 @@ def estimate(lot: LotSessions) -> LotEstimate:
     off = y - _median(y)
     spread = _median(np.abs(off)) / MEDIAN_SIGMAS
     far = off / np.sqrt(np.maximum(noise, spread**2))
-    odd = family(far, MEDIAN_FREEDOM * (np.isfinite(y).sum(axis=0) - 1)).min(axis=1) < FAMILY_P
+    excluded = family(far, MEDIAN_FREEDOM * (np.isfinite(y).sum(axis=0) - 1)).min(axis=1) < FAMILY_P
     for _ in range(ROUNDS):
-        found = without(lot, odd)
-        if (found.odd == odd).all():
+        found = without(lot, excluded)
+        if (found.excluded == excluded).all():
             break
-        odd = found.odd
+        excluded = found.excluded
     return found
 
 
@@ -81,10 +81,10 @@ def _median(y: np.ndarray) -> np.ndarray:
 
 def joined(lot: LotSessions, repeatability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (U, 21), the mean of each unit's sessions by their variances and the repeatability's (21,), and its variance."""
-    weight = np.where(lot.told, 1 / (lot.variances + repeatability), 0.0)
+    weight = np.where(lot.known, 1 / (lot.variances + repeatability), 0.0)
     total = np.add.reduceat(weight, lot.first)
     total[total == 0] = np.nan
-    return np.add.reduceat(weight * np.where(lot.told, lot.values, 0.0), lot.first) / total, 1 / total
+    return np.add.reduceat(weight * np.where(lot.known, lot.values, 0.0), lot.first) / total, 1 / total
 
 
 def family(far: np.ndarray, freedom: np.ndarray) -> np.ndarray:
@@ -96,10 +96,10 @@ def family(far: np.ndarray, freedom: np.ndarray) -> np.ndarray:
 def repeated(lot: LotSessions, belongs: np.ndarray) -> np.ndarray:
     """Return the repeatability's variances (21,): mean square of sessions about their unit's mean, less the stated one; NaN where no unit
     has two."""
-    count = np.add.reduceat(lot.told.astype(int), lot.first)
-    mean = np.add.reduceat(np.where(lot.told, lot.values, 0.0), lot.first) / np.maximum(count, 1)
-    share = np.where(lot.told & (count > 1)[lot.unit] & belongs[lot.unit, None], 1.0, 0.0)
-    square = np.where(lot.told, (lot.values - mean[lot.unit]) ** 2 - (1 - 1 / np.maximum(count, 1)[lot.unit]) * lot.variances, 0.0)
+    count = np.add.reduceat(lot.known.astype(int), lot.first)
+    mean = np.add.reduceat(np.where(lot.known, lot.values, 0.0), lot.first) / np.maximum(count, 1)
+    share = np.where(lot.known & (count > 1)[lot.unit] & belongs[lot.unit, None], 1.0, 0.0)
+    square = np.where(lot.known, (lot.values - mean[lot.unit]) ** 2 - (1 - 1 / np.maximum(count, 1)[lot.unit]) * lot.variances, 0.0)
     freedom = np.where(belongs[:, None], np.maximum(count - 1, 0), 0).sum(axis=0)
     return np.where(freedom > 0, np.maximum((share * square).sum(axis=0), 0.0) / np.maximum(freedom, 1), np.nan)
 
@@ -122,8 +122,8 @@ def moments(w: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def spread_of(y: np.ndarray, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Return the spread's variances (21,) of the largest restricted likelihood, by Fisher's scoring; noise (U, 21), infinite if unknown."""
-    told = np.isfinite(noise)
-    scale = variance = (np.where(told, line(y, x, 1.0 * told)[2], 0.0) ** 2).sum(axis=0)
+    known = np.isfinite(noise)
+    scale = variance = (np.where(known, line(y, x, 1.0 * known)[2], 0.0) ** 2).sum(axis=0)
     for _ in range(STEPS):
         w = 1 / (noise + variance)
         _, covariance, residual = line(y, x, w)
@@ -137,15 +137,15 @@ def spread_of(y: np.ndarray, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
     return variance
 
 
-def without(lot: LotSessions, odd: np.ndarray) -> LotEstimate:
+def without(lot: LotSessions, excluded: np.ndarray) -> LotEstimate:
     """Estimate the lot's numbers without these units (U,)."""
-    again = repeated(lot, ~odd)
+    again = repeated(lot, ~excluded)
     y, noise = joined(lot, np.nan_to_num(again))
-    told = np.isfinite(y) & ~odd[:, None]
-    units = told.sum(axis=0)
+    counted = np.isfinite(y) & ~excluded[:, None]
+    units = counted.sum(axis=0)
     known, several = np.where(units >= 2, 1.0, np.nan), np.where(units > 2, 1.0, np.nan)  # two units have no drift
     along, end = (np.nan_to_num(several * each) for each in (lot.place[:, None] - 0.5, 0.5 + 1 / max(lot.units - 1, 1)))
-    weighed, filled = np.where(told, noise, np.inf), np.nan_to_num(y)
+    weighed, filled = np.where(counted, noise, np.inf), np.nan_to_num(y)
     variance = spread_of(filled, along, weighed)
     w = 1 / (weighed + variance)
     beta, covariance, _ = line(filled, along, w)

@@ -42,14 +42,14 @@ def results_of(table: Table) -> Iterator[UnitResult]:
     names = ("key", "folder", "serial", "covariance")
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
     for order, row in enumerate(table.each(sql)):
-        told = dict(zip(names, row, strict=False))
-        with read_as_written(table, told["folder"]):
+        named = dict(zip(names, row, strict=False))
+        with read_as_written(table, named["folder"]):
             found = UnitResult(
-                key=told["key"],
-                serial=told["serial"] or "",
-                session=Path(told["folder"]).name,
+                key=named["key"],
+                serial=named["serial"] or "",
+                session=Path(named["folder"]).name,
                 values=np.array(row[len(names) :], dtype=float),
-                covariance=unpacked(told["covariance"]),
+                covariance=unpacked(named["covariance"]),
                 order=float(order),
             )
         yield found

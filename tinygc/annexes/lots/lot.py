@@ -170,14 +170,14 @@ COUNT = len(NAMES)
 
 @dataclass(frozen=True, eq=False)
 class LotSessions:
-    """Sessions of a lot: values (S, 21) and their variances (S, 21), SI; told (S, 21): those that are known.
+    """Sessions of a lot: values (S, 21) and their variances (S, 21), SI; known (S, 21): those that are known.
 
     Sessions of a unit are adjacent: first (U,), count (U,); serials (U,), in the order of production; names (S,).
     """
 
     values: np.ndarray
     variances: np.ndarray
-    told: np.ndarray
+    known: np.ndarray
     first: np.ndarray
     count: np.ndarray
     serials: list[str]

@@ -32,12 +32,12 @@ def lot_sections(report: LotReport) -> list[Section]:
 def _outliers(report: LotReport) -> str:
     if not report.outliers:
         return paragraph("No unit is farther off than chance explains.")
-    told = [
+    rows = [
         f'<div class="found">{paragraph(f"{escape(each.says)}. By chance, in such a lot: {probability(each.p_value)}.")}</div>'
         for each in report.outliers[:MOST_OUTLIERS]
     ]
-    more = len(report.outliers) - len(told)
-    return "".join(told) + (paragraph(f"And {more} more, in the lot's file.", "soft") if more > 0 else "")
+    more = len(report.outliers) - len(rows)
+    return "".join(rows) + (paragraph(f"And {more} more, in the lot's file.", "soft") if more > 0 else "")
 
 
 # The page of ``calibrate.py lot``.

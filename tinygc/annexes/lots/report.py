@@ -73,19 +73,19 @@ def lot_of(results: Iterable[UnitResult], sensor: str = "") -> LotReport:
     of_mean, spread, again, of_drift = (error_sigmas(each, J) for each in sigmas)
     drift = np.where(np.isfinite(of_drift), J @ np.nan_to_num(found.drift), np.nan) * per
     p = 2 * stdtr(found.freedom[OWN], -np.abs(drift) / of_drift)
-    units = np.logical_or.reduceat(sessions.told[:, OWN], sessions.first).sum(axis=0)
+    units = np.logical_or.reduceat(sessions.known[:, OWN], sessions.first).sum(axis=0)
     columns = zip(
         units.tolist(), *map(np.ndarray.tolist, (sensor_errors(found.mean), of_mean, spread, again, drift, of_drift, p)), strict=True
     )
-    told = []
+    notes = []
     if not (sessions.count > 1).any():
-        told.append("no unit has two sessions: repeatability is unknown, and is part of the spread between units")
-    if found.odd.any():
-        told.append(f"the numbers are those without the {int(found.odd.sum())} of {sessions.units} units that do not belong")
+        notes.append("no unit has two sessions: repeatability is unknown, and is part of the spread between units")
+    if found.excluded.any():
+        notes.append(f"the numbers are those without the {int(found.excluded.sum())} of {sessions.units} units that do not belong")
     if sessions.units <= 2:
-        told.append("two units have no drift")
+        notes.append("two units have no drift")
     quantities = tuple(LotQuantity(error, *row) for error, row in zip(SENSOR_ERRORS, columns, strict=True))
-    return LotReport(lot, quantities, tuple(outliers(sessions, found)), found, tuple(told))
+    return LotReport(lot, quantities, tuple(outliers(sessions, found)), found, tuple(notes))
 
 
 # A lot as a file: JSON of format ``tinygc-lot/3`` (docs/formats.md), null for unknown values.

@@ -46,11 +46,11 @@ def headline(report: LotReport) -> Text:
     """Number of units, drift, outliers."""
     lot, found = report.lot, report.estimate
     drift = f"it drifts (p = {found.drift_p:.2g})" if found.drifts else f"no drift is seen (p = {found.drift_p:.2g})"
-    odd = len(report.outliers)
-    which = f"{odd} unit{'s do' if odd != 1 else ' does'} not belong" if odd else "all belong"
+    count = len(report.outliers)
+    which = f"{count} unit{'s do' if count != 1 else ' does'} not belong" if count else "all belong"
     name = f"{lot.sensor}: " if lot.sensor else ""
     return one_line(
-        f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}.", "bold yellow" if odd or found.drifts else "bold"
+        f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}.", "bold yellow" if count or found.drifts else "bold"
     )
 
 

@@ -67,7 +67,7 @@ class HeldOut:
 class Choice:
     """What the points of one sensor follow.
 
-    fit: the chosen law; line: the straight line over all points; p_value: that noise on a straight line looks as crooked; rivals: other
+    fit: the chosen law; line: the straight line over all points; p_value: that noise on a straight line is as far from it; rivals: other
     laws with their probabilities, the likeliest first; fits: of all hypotheses, with their -2 log evidence.
     """
 

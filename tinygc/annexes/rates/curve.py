@@ -75,14 +75,14 @@ def _covariance(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Curve(Fit):
-    """A fitted curve: weights (free + q,) of its shape, those of f of variance ``ratio`` times that of the noise; paid: -2 log evidence of
-    the weights; alike: evidence and curve of every shape, in that of the best, which this one is."""
+    """A fitted curve: weights (free + q,) of its shape, those of f of variance ``ratio`` times that of the noise; penalty: -2 log evidence
+    of the weights; shapes: evidence and curve of every shape, in that of the best, which this one is."""
 
     of: Shape = field(kw_only=True)
     weights: np.ndarray = field(kw_only=True)
     ratio: float = field(kw_only=True)
-    paid: float = field(kw_only=True)
-    alike: tuple[tuple[float, Curve], ...] = field(kw_only=True, default=())
+    penalty: float = field(kw_only=True)
+    shapes: tuple[tuple[float, Curve], ...] = field(kw_only=True, default=())
 
     def unlimited(self, rate: np.ndarray, points: Points | None = None) -> np.ndarray:
         """(M,) output less offset at rates (M,) °/s, without the limits."""
@@ -97,12 +97,12 @@ class Curve(Fit):
         """The same shape with other numbers."""
         named = len(vector) - len(self.weights)
         like = super().moved(vector[:named])
-        return replace(self, offsets=like.offsets, coefficients=like.coefficients, limits=like.limits, weights=vector[named:], alike=())
+        return replace(self, offsets=like.offsets, coefficients=like.coefficients, limits=like.limits, weights=vector[named:], shapes=())
 
     @property
     def occam(self) -> float:
         """-2 log evidence that the numbers with a prior cost."""
-        return self.paid
+        return self.penalty
 
     @property
     def prior_scale(self) -> np.ndarray:
@@ -130,10 +130,10 @@ class Curve(Fit):
     def draws(self) -> list[Curve]:
         """Curves that the points allow: each shape as often as its evidence says, its numbers by their covariance."""
         rng = np.random.default_rng(SEED)
-        shares = np.array([share for share, _ in self.alike])
+        shares = np.array([share for share, _ in self.shapes])
         counts = rng.multinomial(DRAWS, shares / shares.sum())
         found = []
-        for (_, curve), count in zip(self.alike, counts.tolist(), strict=True):
+        for (_, curve), count in zip(self.shapes, counts.tolist(), strict=True):
             if count:
                 size, axes = np.linalg.eigh(curve.solution.spread)
                 root = axes * np.sqrt(np.maximum(size, 0.0))
@@ -162,37 +162,37 @@ def fit_curve(points: Points, hypothesis: Hypothesis) -> Curve | None:
         low, high = near.at_limits
     # What a number without a prior costs, as in ``choice.score``.
     sigma, everywhere, free = weight_sigma(points), np.ones(len(points), dtype=bool), ~(low | high)
-    price = np.log(max(float(np.sum((_crooked(points, everywhere) / sigma) ** 2)), floor(points)))
+    penalty_of_one = np.log(max(float(np.sum((_departure_from_line(points, everywhere) / sigma) ** 2)), floor(points)))
     first = [each for odd in (True, False) for each in _of_shape(points, hypothesis, Shape(1.0, odd, largest), low, high, RATIOS)]
     if not first:
         return None
     noise = min(first, key=lambda each: each[0])[1].noise * np.median(sigma)
-    ratios = (SIZES * np.abs(_crooked(points, free)).max() / max(noise, ROUNDING * span(points))) ** 2
+    ratios = (SIZES * np.abs(_departure_from_line(points, free)).max() / max(noise, ROUNDING * span(points))) ** 2
 
-    def over(log: float) -> list[tuple[float, Curve]]:
+    def evaluate(log: float) -> list[tuple[float, Curve]]:
         """-2 log evidence and curve of a power, for each sense and ratio."""
         found = [each for odd in (True, False) for each in _of_shape(points, hypothesis, Shape(2.0**log, odd, largest), low, high, ratios)]
-        return [(score + each.parameters * price - 2 * gammaln(each.freedom / 2), each) for score, each in found]
+        return [(score + each.parameters * penalty_of_one - 2 * gammaln(each.freedom / 2), each) for score, each in found]
 
-    have = {log: over(log) for log in POWERS.tolist()}
+    evaluated = {log: evaluate(log) for log in POWERS.tolist()}
     for times in range(MOST_TIMES):
-        logs = np.array(sorted(have))
-        owner = np.repeat(np.arange(len(logs)), [len(have[log]) for log in logs.tolist()])
-        scores = np.array([score for log in logs.tolist() for score, _ in have[log]])
+        logs = np.array(sorted(evaluated))
+        owner = np.repeat(np.arange(len(logs)), [len(evaluated[log]) for log in logs.tolist()])
+        scores = np.array([score for log in logs.tolist() for score, _ in evaluated[log]])
         share = np.exp((scores.min() - scores) / 2) * np.gradient(logs)[owner]
-        heavy = np.bincount(owner, share, len(logs)) > MOST_SHARE * share.sum()
-        if not heavy.any() or times == MOST_TIMES - 1:
+        probable = np.bincount(owner, share, len(logs)) > MOST_SHARE * share.sum()
+        if not probable.any() or times == MOST_TIMES - 1:
             break
-        have |= {log: over(log) for log in ((logs[1:] + logs[:-1]) / 2)[heavy[1:] | heavy[:-1]].tolist()}
+        evaluated |= {log: evaluate(log) for log in ((logs[1:] + logs[:-1]) / 2)[probable[1:] | probable[:-1]].tolist()}
     # The evidence is the mean over all powers, senses and sizes of f; the best stands for the curve.
-    curves = [each for log in logs.tolist() for _, each in have[log]]
+    curves = [each for log in logs.tolist() for _, each in evaluated[log]]
     best = curves[int(np.argmin(scores))]
     mean = share.sum() / (2 * len(SIZES) * np.ptp(POWERS))
-    alike = tuple((float(own), each) for own, each in zip(share / share.max(), curves, strict=True) if own > DRAWN)
-    return replace(best, paid=best.paid - 2 * float(np.log(mean)), alike=alike)
+    shapes = tuple((float(own), each) for own, each in zip(share / share.max(), curves, strict=True) if own > DRAWN)
+    return replace(best, penalty=best.penalty - 2 * float(np.log(mean)), shapes=shapes)
 
 
-def _crooked(points: Points, which: np.ndarray) -> np.ndarray:
+def _departure_from_line(points: Points, which: np.ndarray) -> np.ndarray:
     """(M,) of the points that are chosen, (N,) bool: output less the best straight line through them."""
     line = np.column_stack([np.eye(len(points.curves))[points.curve], points.rate_dps])[which]
     sigma, output = weight_sigma(points)[which], points.output[which]
@@ -248,5 +248,5 @@ def _of_shape(
         own = np.concatenate([powers, weights[number]])
         yield (
             float(scores[number]),
-            Curve(points, hypothesis, offsets, rest, (), limits, of=shape, weights=own, ratio=ratio, paid=float(occam[number])),
+            Curve(points, hypothesis, offsets, rest, (), limits, of=shape, weights=own, ratio=ratio, penalty=float(occam[number])),
         )

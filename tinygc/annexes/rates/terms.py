@@ -73,14 +73,14 @@ def terms(choice: Choice) -> list[TermRow]:
     tested = f"{len(np.unique(points.distinct))} rates from {size(points.rate_dps.min(), 4)} to {size(points.rate_dps.max(), 4)} °/s"
     unit = points.unit
     outside = "outside the dead band, " if found.hypothesis.law == "dead_band" else ""
-    scale, scale_sigma = averaged(choice, lambda have: best_line(have, within)[0])
+    scale, scale_sigma = averaged(choice, lambda law: best_line(law, within)[0])
     rows = [
         _row("scale", "scale factor", (scale, scale_sigma), over_rate(unit, 1), f"best line {outside}within {within.words}"),
-        _row("offset", "output at rest", averaged(choice, lambda have: have.offset), unit, _curves_words(points)),
+        _row("offset", "output at rest", averaged(choice, lambda law: law.offset), unit, _curves_words(points)),
         _row(
             "offset_rate",
             "… as a rate",
-            averaged(choice, lambda have: have.offset / best_line(have, within)[0]),
+            averaged(choice, lambda law: law.offset / best_line(law, within)[0]),
             "°/s",
             _curves_words(points),
         ),
@@ -158,7 +158,7 @@ def _curves_words(points: Points) -> str:
 def _drift(found: Fit) -> TermRow:
     """Spread of the offsets of several curves, about their mean."""
     key, name, count = "drift", "spread of the output at rest", len(found.offsets)
-    value, sigma = derived(found, lambda have: float(have.offsets.std(ddof=1)))
+    value, sigma = derived(found, lambda law: float(law.offsets.std(ddof=1)))
     of_one = float(np.sqrt(np.mean(np.diag(found.covariance)[:count])))
     if value > LIMIT_95 * of_one:
         return TermRow(key, name, value, sigma, None, found.points.unit, f"{count} curves")
@@ -251,8 +251,8 @@ def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
         )
         sigma = None
         if reached:
-            alike = [(rival, share) for rival, share in choice.rivals if _is_limit(rival, end) == _is_limit(found, end)]
-            sigma = averaged(replace(choice, rivals=tuple(alike)), lambda have, end=end: _end(have, 1.5 * end)[0])[1]  # type: ignore[misc]
+            same_end = [(rival, share) for rival, share in choice.rivals if _is_limit(rival, end) == _is_limit(found, end)]
+            sigma = averaged(replace(choice, rivals=tuple(same_end)), lambda law, end=end: _end(law, 1.5 * end)[0])[1]  # type: ignore[misc]
         what = f"input limit, {name}" if why.startswith("limit") else f"linear range, {name} end"
         row = TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why)
         if beyond is not None and (beyond[0] > 0) == (n == 1) and end == beyond[1]:
@@ -301,7 +301,7 @@ def _probe(choice: Choice, inside: Points, extra: str, within: Range | None = No
     if found is None:
         return None
     number = found.names.index(EXTRAS[extra].symbol.split()[0], len(found.offsets) + len(found.hypothesis.of.coefficients))
-    value, sigma = derived(found, lambda have: float(have.vector[number]) if within is None else _uneven(have, within))
+    value, sigma = derived(found, lambda law: float(law.vector[number]) if within is None else _uneven(law, within))
     return (value, sigma) if np.isfinite(sigma) and sigma > 0 else None
 
 
@@ -327,9 +327,7 @@ def _nonlinearity(choice: Choice, within: Range, inside: Points) -> TermRow:
     if any(within.between):
         return TermRow("nonlinearity", "nonlinearity", None, None, None, "ppm", "not determined: the linear range is not")
     if _bends(choice.fit):
-        return _row(
-            "nonlinearity", "nonlinearity", averaged(choice, lambda have: 1e6 * best_line(have, within)[1] / full), "ppm", condition
-        )
+        return _row("nonlinearity", "nonlinearity", averaged(choice, lambda law: 1e6 * best_line(law, within)[1] / full), "ppm", condition)
     grid = np.linspace(within.low, within.high, GRID)
     departure = np.abs(grid**3 - np.polyval(np.polyfit(grid, grid**3, 1), grid)).max()
     probed = _probe(choice, inside, "bend")
@@ -345,7 +343,7 @@ def _over_all(choice: Choice, within: Range) -> list[TermRow]:
         return []
     full = abs(best_line(choice.curve or choice.fit, tested)[0]) * float(np.abs(rates).max())
     name, condition = "… over all rates tested", f"of {size(full)} {choice.points.unit}, {tested.words}"
-    return [_row("nonlinearity_tested", name, averaged(choice, lambda have: 1e6 * best_line(have, tested)[1] / full), "ppm", condition)]
+    return [_row("nonlinearity_tested", name, averaged(choice, lambda law: 1e6 * best_line(law, tested)[1] / full), "ppm", condition)]
 
 
 def _bends(found: Fit) -> bool:
@@ -361,7 +359,7 @@ def _asymmetry(choice: Choice, within: Range, inside: Points, tested: str) -> Te
     shows = "a" in choice.fit.names or _bends(choice.fit)
     condition = f"both senses, within ±{size(min(-within.low, within.high))} °/s"
     if choice.fit.hypothesis.law == "pieces":  # which differ by nothing else, and whose kink the readings inside may not show
-        value, sigma = averaged(choice, lambda have: _uneven(have, within))
+        value, sigma = averaged(choice, lambda law: _uneven(law, within))
         probed = (value, sigma) if np.isfinite(sigma) else None
     else:
         probed = _probe(choice, inside, "asymmetry", within)
@@ -387,7 +385,7 @@ def _dead_band(choice: Choice, inside: Points, scale: float, tested: str) -> Ter
     found, points = choice.fit, choice.points
     if found.hypothesis.law == "dead_band":
         number = found.names.index("d")
-        return _row("dead_band", "dead band, ±", averaged(replace(choice, rivals=()), lambda have: have.vector[number]), "°/s", tested)
+        return _row("dead_band", "dead band, ±", averaged(replace(choice, rivals=()), lambda law: law.vector[number]), "°/s", tested)
     smallest = float(np.abs(points.rate_dps[points.rate_dps != 0]).min())
     probed = _probe(choice, inside, "sense")
     return _shown("dead_band", "dead band, ±", probed, 1 / scale, "°/s", f"smallest rate {size(smallest)} °/s", False)

@@ -113,10 +113,10 @@ def remarks(fit: TurnsResult) -> list[str]:
         lines.append(f"stamps of {bursts} log{'s' * (bursts != 1)} came in bursts: samples were spaced evenly between gaps")
     for log in fit.logs:
         if log.other is not None and log.other.is_open:
-            taken, else_ = ("bursts", "lost samples") if log.times.bursts else ("lost samples", "bursts")
+            taken, other = ("bursts", "lost samples") if log.times.bursts else ("lost samples", "bursts")
             apart = f"{log.other.apart_rad / DEG:.2g}°"
             lines.append(
-                f"{log.log.path.name}: its stamps are taken for those of {taken}; as {else_} turns differ by up to {apart}, undecided"
+                f"{log.log.path.name}: its stamps are taken for those of {taken}; as {other} turns differ by up to {apart}, undecided"
             )
         elif log.other is not None and not log.times.bursts:
             lines.append(f"{log.log.path.name}: samples are lost, none came in bursts: as stamped its turns repeat better")

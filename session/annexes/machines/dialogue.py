@@ -92,13 +92,13 @@ class Dialogue:
                 self._hear((), 0.0)
                 with self._writing:
                     self._write(step, 0, 0.0, 0.0)
-                said = dict[int, float]()
+                values = dict[int, float]()
                 while found := self._hear((*step.answers, *self.make.done), self._settings["answer_s"]):
                     if found["code"].isdigit():
-                        said[int(found["code"])] = float(found["count"])
+                        values[int(found["code"])] = float(found["count"])
             if found is None:
                 raise TableFault(self._complaint("does not say its settings", step, step.answers))
-            require_travel(self.description, self.make.numbers, self.make.order, said, self._settings["per_deg"])
+            require_travel(self.description, self.make.numbers, self.make.order, values, self._settings["per_deg"])
 
     # The five verbs.
 
@@ -158,8 +158,8 @@ class Dialogue:
     def stop(self) -> None:
         """Bring all axes to rest.  Called again before another motion, it asks harder, where the make has a harder way.
 
-        A request with ``states`` is written again while one of them is said, or a motion may not be read yet, for as long as braking
-        takes.  Then, and at once where another motion or no state is said, what is harder follows; within one list, no state is waited for.
+        A request with ``states`` is repeated while one of them is reported, or while a motion may not be read yet, for as long as braking
+        takes.  The harder request follows then, or at once where another motion or no state is reported; within one list, nothing waits.
         A list without ``states`` is written at once, and again while a motion may not be read yet.
         """
         try:
@@ -198,7 +198,7 @@ class Dialogue:
             self._clock.sleep(step.pause_s)
 
     def _follow(self, step: Step, patient: bool) -> str:
-        """Write it again, as ``stop`` says; the last state that was said, empty where none was."""
+        """Repeat a request, as ``stop`` describes; return the last reported state, empty without one."""
         begin_s, state = self._clock.now_s(), ""
         while True:
             if heard := self._exchange.acquire(timeout=POLL_STOP_S):  # else another thread asks
@@ -215,7 +215,7 @@ class Dialogue:
             self._write_stop(step)
 
     def _hear_stop(self, step: Step) -> None:
-        """What comes behind a stop; its answers are awaited, so that they are not taken for something else."""
+        """Read the answers to a stop, so that they are not taken for answers to a later request."""
         if self._exchange.acquire(timeout=STOP_S):
             try:
                 self._hear(step.answers, self._settings["answer_s"] if step.answers else POLL_STOP_S)
@@ -223,7 +223,7 @@ class Dialogue:
                 self._exchange.release()
 
     def _state(self) -> str:
-        """The state that it says, of an axis that moves if one does, whatever else is wrong; empty where it says none soon."""
+        """The reported state, of a moving axis if one moves; empty where none arrives in time."""
         asks = (step for step in self.make.where if any("{state}" in pattern.text for pattern in step.answers))
         if (step := next(asks, None)) is None:
             return ""

@@ -18,19 +18,19 @@ WITHIN_DEG = 1e-3
 HOMES, ZERO_THERE = 1, 8
 
 
-def require_travel(table: Description, numbers: Mapping[str, int], order: str, said: Mapping[int, float], per_deg: float) -> None:
-    """TableLimit where angles are said in inches, or an axis may turn beyond its travel.
+def require_travel(table: Description, numbers: Mapping[str, int], order: str, values: Mapping[int, float], per_deg: float) -> None:
+    """TableLimit where the controller counts in inches, or an axis may turn beyond its travel.
 
-    numbers: of the settings, by what they are (docs/formats/tables.md); said: their values; order: letters of its axes.
+    numbers: of the settings, by what they are (docs/formats/tables.md); values: by their numbers; order: letters of its axes.
     """
-    value = {name: said.get(number, 0.0) for name, number in numbers.items()}
+    value = {name: values.get(number, 0.0) for name, number in numbers.items()}
     if value.get("inches"):
-        raise TableLimit(f"{table.name}: its controller says angles in inches: set ${numbers['inches']} to 0; nothing was moved")
+        raise TableLimit(f"{table.name}: its controller has angles in inches: set ${numbers['inches']} to 0; nothing was moved")
     if int(value.get("homes", 0)) & (HOMES | ZERO_THERE) != HOMES:
         return
     for axis in table.axes:
         place = order.index(axis.word)
-        if (travel := said.get(numbers["travel"] + place)) is None:
+        if (travel := values.get(numbers["travel"] + place)) is None:
             continue
         pulloff = value["pulloff"]
         ends = (pulloff - travel, 0.0) if int(value["sense"]) >> place & 1 else (-travel, -pulloff)

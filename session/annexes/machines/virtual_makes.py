@@ -90,7 +90,7 @@ class Grbl(Firmware):
         return self.lines(["", "Grbl 1.1h ['$' for help]", *(["[MSG:'$H'|'$X' to unlock]"] if self._is_locked else [])])
 
     def events(self) -> bytes:
-        """Lines that it reads by now; behind the homing, the report that was asked for meanwhile."""
+        """Lines that it has received by now; after homing, the report that was requested meanwhile."""
         said = super().events()
         now_s = self.mechanics.now_s()
         while self._unread and now_s >= self._unread[0][0] + self.READ_S and not self._is_busy:

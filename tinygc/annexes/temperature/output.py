@@ -144,8 +144,8 @@ def temperature_report(fit: ThermalFit) -> Group:
         )
     parts: list[RenderableType] = [text]
     if fit.rests is not None:
-        told = [finding for finding in fit.rests.findings if finding.level != "ok"]
-        parts += [findings_table(told)] if told else []
+        problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
+        parts += [findings_table(problems)] if problems else []
         parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
         parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
     if fit.sessions is not None:

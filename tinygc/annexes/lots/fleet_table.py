@@ -18,7 +18,7 @@ from typing import Any
 from session.bench.rawfile import lock
 from session.io.errors import CalibrationError, FormatError, StorageError
 from session.io.files import open_written, refuse_link, result_folder
-from session.io.texts import printable, unicode_text
+from session.io.texts import command_line, printable, unicode_text
 from tinygc.annexes.lots.fleet_row import BLOB, COLUMNS, DIED, DONE, FAILED, INTEGER, REAL, TEXT, Row
 from tinygc.annexes.lots.fleet_session import Outcome
 
@@ -141,7 +141,7 @@ def read_table(out: Path) -> Iterator[Table]:
     """Open a folder's table read-only, also while another run writes it.  Raises FormatError where there is none."""
     path = out / NAME
     if not path.is_file():
-        raise FormatError(f"{path}: not found; `calibrate.py fleet DIR --out {out}` makes it")
+        raise FormatError(f"{path}: not found; `{command_line('fleet', 'DIR', '--out', out)}` makes it")
     with named_errors(path):
         connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
     try:

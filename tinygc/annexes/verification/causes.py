@@ -21,6 +21,7 @@ from scipy.special import logsumexp
 
 from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
+from session.io.texts import command_line
 from session.io.units import DEG, MG
 from tinygc.annexes.verification.expected import ACCELEROMETER_ZERO, ZERO, Part
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
@@ -232,7 +233,7 @@ def _of_accelerometer(rows: Rows, old: OldCalibration) -> list[Cause]:
     """Changes of the accelerometer, where its calibration is known and stills show gravity's length."""
     if not rows.stills or old.accelerometer is None:
         return []
-    found, advice = [], "calibrate the accelerometer again (`calibrate.py accelerometer`), then fit"
+    found, advice = [], f"calibrate the accelerometer again (`{command_line('accelerometer')}`), then fit"
     for name, says, which, sign, size, unit, si in (
         ("accelerometer's zero", "the accelerometer's zero has moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
         ("accelerometer's scale", "the accelerometer's scale has changed", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),

@@ -32,7 +32,7 @@ from tinygc.explanation.checked import (
     size_of,
     weighed_by,
 )
-from tinygc.explanation.decision import held_out, tilt_rms
+from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.standing import Standing
 from tinygc.explanation.truth_names import OFFSET
@@ -204,7 +204,8 @@ def test_a_sensors_effect_is_confirmed_in_its_other_session(explained):
     before, after = found.closure_rad
     assert after < 0.2 * before
     own = explained["second"]
-    assert after == pytest.approx(tilt_rms(held_out(own.twin, own.whiten, own.naming.fit)), rel=0.2)  # as well as its own fit
+    assert before == pytest.approx(tilt_rms(own.proof.before), rel=1e-6)  # the figure that fit states of that session
+    assert after == pytest.approx(tilt_rms(own.proof.named), rel=0.2)  # as well as with its own numbers
 
 
 def test_an_effect_that_is_not_there_is_contradicted(explained):

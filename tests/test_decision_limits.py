@@ -23,6 +23,7 @@ from tinygc.explanation.decision import (
     FitClosure,
     Naming,
     Proof,
+    Prover,
     beyond_the_catalogue,
     borne_out,
     cleared,
@@ -38,15 +39,16 @@ from tinygc.explanation.decision import (
     numbers_before,
     part_of_a_curve,
     per_segment,
-    prove,
     tilt_rms,
     told_apart,
     undersampled_claim,
+    with_linear,
     without_effects,
 )
 from tinygc.explanation.evidence import Evidence, Guess
 from tinygc.explanation.families import motion
 from tinygc.explanation.search import NAMELESS, probabilities, slow_candidates
+from tinygc.models.linear import LinearModel
 from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
@@ -182,17 +184,28 @@ def test_a_claim_is_kept_if_chance_improves_held_out_rows_so_much_in_less_than_o
 # What is proved
 
 
+def stated(held_out, numbers=range(1, 13), **problem):
+    """What a fit states that held out these angles."""
+    used = [SimpleNamespace(number=number) for number in numbers]
+    return FitClosure(SimpleNamespace(used=used, **problem), SimpleNamespace(held_out=held_out, model=None))
+
+
+def proof_of(before, named, before_numbers, named_numbers, floor_rms, changed):
+    return Proof(before, named, before_numbers, named_numbers, floor_rms, changed, FitClosure(), FitClosure(), None)
+
+
 def test_before_is_the_figure_of_the_fit_that_is_explained(monkeypatch):
     """With its own options; a fit with a lot, or with a bias of each log, has another problem than the session's."""
     used = [SimpleNamespace(number=number) for number in (3, 5)]
     problem, of_it = SimpleNamespace(used=used), SimpleNamespace(held_out=np.ones((2, 2)))
-    monkeypatch.setattr(decision, "choose", lambda problem, options: (SimpleNamespace(used="ends"), problem, of_it))
+    chosen = SimpleNamespace(used=used)
+    monkeypatch.setattr(decision, "choose", lambda problem, options: (None, chosen, of_it))
     for lot, bias_per_log, folds in ((None, False, 3), ("lot", False, 5), (None, True, 5)):
         options = SimpleNamespace(lot=lot, bias_per_log=bias_per_log, folds=3)
-        fit = SimpleNamespace(options=options, linear=of_it, bias_from=SimpleNamespace(used="stills"), problem=problem)
-        stated = FitClosure.stated_by(fit, problem)
-        assert (stated.options.folds, stated.from_stills, stated.numbers) == (folds, folds == 3, [3, 5])
-        assert stated.held_out is of_it.held_out
+        fit = SimpleNamespace(options=options, linear=of_it, problem=problem)
+        found = FitClosure.stated_by(fit, problem)
+        assert (found.options.folds, found.problem is problem, found.numbers) == (folds, folds == 3, [3, 5])
+        assert found.held_out is of_it.held_out
     assert FitClosure.stated_by(None, problem).options is decision.AS_FIT
 
 
@@ -217,7 +230,7 @@ def test_a_drift_of_the_accelerometer_that_fit_states_is_weighed():
 def test_what_is_removed_is_a_share_of_the_excess_over_the_floor(before, after, changed, removed):
     """In variances; an excess of less than half of the floor's is no excess."""
     angles = [np.array([[0.6, 0.8, 9.0], [0.8, -0.6, 9.0]]) * 2 * size for size in (before, after)]
-    proof = Proof(*angles, [1, 2], [1, 2], 2.0, changed)
+    proof = proof_of(*angles, [1, 2], [1, 2], 2.0, changed)
     assert proof.removed == (removed if removed is None else pytest.approx(removed))
 
 
@@ -245,7 +258,7 @@ def test_segments_keep_the_numbers_that_they_had_before_a_repair():
 def test_what_is_handed_on_is_the_better_on_the_turns_of_both(named, worse, kept):
     """The second turn of before, which the repair left out, does not count, however badly it closes."""
     tilt = np.array([[0.6, 0.8], [30.0, 40.0], [0.8, -0.6]])
-    proof = Proof(tilt, named * tilt[[0, 2]], [4, 5, 7], [4, 7], 0.1, True)
+    proof = proof_of(tilt, named * tilt[[0, 2]], [4, 5, 7], [4, 7], 0.1, True)
     assert (proof.ratio, proof.worse) == (pytest.approx(named), worse)
     assert not replace(proof, floor_rms=1.001 * named).worse
     assert replace(proof, floor_rms=0.999 * named).worse == worse
@@ -256,29 +269,54 @@ def test_what_is_handed_on_is_the_better_on_the_turns_of_both(named, worse, kept
 def test_before_is_what_fit_states_and_after_its_own_answer_without_the_effects(monkeypatch):
     twin = twin_with((A, [6.0, -4.0]))
     twin.problem.used = twin.problem.segments = twin.segments
-    named, nothing = twin.evidence().of((A,), twin.evidence().nothing), twin.evidence().nothing
+    nothing = twin.evidence().nothing
+    named = twin.evidence().of((A,), nothing)
     before, after, given = np.ones((12, 2)), 0.5 * np.ones((12, 2)), []
     monkeypatch.setattr(decision, "without_effects", lambda base, *_: given.append(base) or base)
-    monkeypatch.setattr(FitClosure, "of", lambda problem, options: FitClosure(after))
-    fitted, numbers = SimpleNamespace(), list(range(1, 13))
-    proof = prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before, numbers, False, fitted))
+    monkeypatch.setattr(FitClosure, "of", lambda problem, options: stated(after))
+    fitted = stated(before)
+    prove = Prover(twin.problem, twin, fitted)
+    proof = prove(named.whiten, named.fit)
     assert (proof.before is before, proof.after is after, proof.changed, proof.floor_rms) == (True, True, True, np.sqrt(2.0))
-    assert proof.before_numbers == proof.after_numbers == numbers
-    assert given.pop() is fitted
+    assert proof.before_numbers == proof.after_numbers == list(range(1, 13))
+    assert given == [fitted.problem]
+    assert prove(named.whiten, named.fit).named is proof.named  # the same effects are held out once
+    assert len(given) == 1
+    same = prove(nothing.whiten, nothing.fit)
+    assert (same.changed, same.after is before, same.left is fitted, len(given)) == (False, True, True, 1)
     # Where fit used other turns, or another accelerometer was named, or the turns were repaired, the twin's own problem stands.
-    prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before, numbers[1:], False, fitted))
+    Prover(twin.problem, twin, stated(before[1:], range(2, 13)))(named.whiten, named.fit)
     assert given.pop() is twin.problem
     other = SimpleNamespace(**vars(twin.problem))
-    assert prove(other, twin, nothing.whiten, nothing.fit, FitClosure(before, numbers, False, fitted)).changed
+    assert Prover(other, twin, fitted)(nothing.whiten, nothing.fit).changed
     assert given.pop() is twin.problem
-    same = prove(twin.problem, twin, nothing.whiten, nothing.fit, FitClosure(before, numbers, False, fitted))
-    assert (same.changed, same.after is before, given) == (False, True, [])
     # Where fit does not settle, both are predictions of the twin.
     monkeypatch.setattr(FitClosure, "of", lambda problem, options: FitClosure())
-    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
-    proof = prove(twin.problem, twin, named.whiten, named.fit)
-    np.testing.assert_array_equal(proof.before, 2 * before)
+    proof = Prover(twin.problem, twin, FitClosure())(named.whiten, named.fit)
+    np.testing.assert_allclose(proof.before, held_out(twin, named.whiten, refit(twin, named.whiten, [], twin.start())))
     np.testing.assert_array_equal(proof.named, held_out(twin, named.whiten, named.fit))
+    assert proof.fit is named.fit
+
+
+def test_what_is_handed_on_has_the_covariance_of_both_estimates_for_the_same_errors(monkeypatch):
+    """The effects by the twin's fit, the linear model by another response L: errors of all channels and of the effects' prior, by hand."""
+    twin = twin_with((A, [6.0, -4.0]), wide=True)
+    have = twin.evidence().of((A,), twin.evidence().nothing)
+    L = np.random.default_rng(2).normal(size=(12, twin.n))
+    monkeypatch.setattr(decision, "stated_response", lambda problem, model, still_rates: L)
+    left = FitClosure(SimpleNamespace(), SimpleNamespace(model=LinearModel.from_vector(np.arange(12.0))))
+    found = with_linear(twin, have.whiten, have.fit, left)
+    np.testing.assert_array_equal(found.state.vector[:12], np.arange(12.0))
+    np.testing.assert_array_equal(found.state.vector[12:], have.fit.state.vector[12:])
+    C, prior = have.whiten.covariance, prior_sigmas(twin, [A])
+    columns = have.whiten.back(have.fit.J)
+    information = columns.T @ np.linalg.solve(C, columns) + np.diag(prior**-2.0)
+    theta = np.linalg.inv(information)[15:]
+    to_errors, to_prior = -theta @ np.linalg.solve(C, columns).T, theta / prior
+    linear = L + L @ columns[:, 15:] @ to_errors, L @ columns[:, 15:] @ to_prior
+    errors, priors = np.concatenate([linear[0], to_errors]), np.concatenate([linear[1], to_prior])
+    index = [*range(12), 15, 16]
+    np.testing.assert_allclose(found.covariance[np.ix_(index, index)], errors @ C @ errors.T + priors @ priors.T, rtol=1e-6, atol=1e-9)
 
 
 def test_fit_on_what_is_left_closes_as_on_a_sensor_without_the_effect():
@@ -304,11 +342,6 @@ def test_fit_on_what_is_left_closes_as_on_a_sensor_without_the_effect():
     folds = without_effects(made["bent"], twin, whiten, fit).folds
     assert len(folds) == FitOptions().folds
     assert all(np.abs(fold.batch.rate - folds[0].batch.rate).max() > 0 for fold in folds[1:])
-
-
-def test_what_fit_states_bounds_the_closure_of_named_effects_unless_its_bias_is_of_the_stills():
-    angles = np.array([[3.0, 4.0, 9.0]] * 2)
-    assert [each.most_rad for each in (FitClosure(angles), FitClosure(angles, from_stills=True), FitClosure())] == [5.0, np.inf, np.inf]
 
 
 # Decisions
@@ -426,30 +459,31 @@ def test_effects_that_held_out_segments_do_not_confirm_are_taken_out_weakest_fir
     object.__setattr__(at_rest, "observable_in", ("still",))
     best = evidence.of((A, C, at_rest), evidence.nothing)
     kept = [SimpleNamespace(effect=each, gain=gain) for each, gain in ((A, 30.0), (C, 20.0), (at_rest, 1.0))]
-    angles = tilt_rms(held_out(twin, best.whiten, best.fit))
-    assert no_worse(twin, best, kept, best.fit, angles) == (kept, best.fit)
-    left, fit = no_worse(twin, best, kept, best.fit, 0.0)
+    assert no_worse(twin, best, kept, best.fit, lambda fit: 1.0) == (kept, best.fit)
+    left, fit = no_worse(twin, best, kept, best.fit, lambda fit: 2.0)
     assert [n.effect for n in left] == [at_rest]
     assert [claim.effect for claim in fit.state.claims] == [at_rest]
-    with patch.object(decision, "held_out", lambda twin, whiten, fit: np.full((12, 2), 1.0 + (len(fit.state.claims) > 2))):
-        left, fit = no_worse(twin, best, kept, best.fit, 1.5)
+    left, fit = no_worse(twin, best, kept, best.fit, lambda fit: 0.5 + (len(fit.state.claims) > 2))
     assert [n.effect for n in left] == [A, at_rest]
     both = effect("both", 1)
     object.__setattr__(both, "observable_in", ("still", "turn"))
     best = evidence.of((A, both), evidence.nothing)
     of_both, of_turns = (SimpleNamespace(effect=each, gain=gain) for each, gain in ((both, 1.0), (A, 30.0)))
     for ratio, alone, together in ((1.04, [both], [both]), (1.06, [], []), (0.99, [both], [A, both])):
-        with patch.object(decision, "held_out", lambda twin, whiten, fit, ratio=ratio: np.full((12, 2), ratio / np.sqrt(2))):
-            assert [n.effect for n in no_worse(twin, best, [of_both], best.fit, 1.0)[0]] == alone
-            assert [n.effect for n in no_worse(twin, best, [of_turns, of_both], best.fit, 1.0)[0]] == together
-    with (
-        patch.object(decision, "linear_held_out", lambda *_: np.full((12, 2), 5.0)),
-        patch.object(decision, "no_worse", lambda twin, best, kept, fit, before: (kept[:1], (fit, before))),
-        patch.object(decision, "undersampled_claim", lambda *_: []),
-        pytest.raises(AttributeError) as failed,  # the fit that stands in for one has no residuals
-    ):
-        decided(evidence, best, 0.5, 3, most_rad=0.25)
-    assert "tuple" in str(failed.value)
+        assert [n.effect for n in no_worse(twin, best, [of_both], best.fit, lambda fit, ratio=ratio: ratio)[0]] == alone
+        assert [n.effect for n in no_worse(twin, best, [of_turns, of_both], best.fit, lambda fit, ratio=ratio: ratio)[0]] == together
+
+
+def test_the_closure_that_fit_states_decides_what_held_out_segments_do_not_confirm():
+    """Of the effects of each fit, against that without any."""
+    twin = twin_with((A, [6.0, -4.0]))
+    evidence = twin.evidence()
+    best, tilts = evidence.of((A,), evidence.nothing), {0: 2.0, 1: 1.9}
+    prove = lambda whiten, fit: SimpleNamespace(named=np.full((12, 2), tilts[len(fit.state.claims)]))  # noqa: E731
+    with patch.object(decision, "borne_out", lambda *_: True), patch("tinygc.noise.components.SessionNoise.unusual_p", lambda *_: 1.0):
+        assert [n.effect for n in decided(evidence, best, 0.5, 3, prove).named] == [A]
+        tilts[1] = 2.1
+        assert decided(evidence, best, 0.5, 3, prove).named == []
 
 
 def test_a_recording_is_decided_from_the_search_to_the_name():
@@ -459,6 +493,7 @@ def test_a_recording_is_decided_from_the_search_to_the_name():
     object.__setattr__(line, "id", f"{NAMELESS}line")
     twin = twin_with((tried[0], [6.0, -4.0]), (tried[3], [8.0]), resting=False, columns=fixed_columns())
     said: list[str] = []
+    by_nothing = lambda self, whiten, fit: SimpleNamespace(named=np.ones((12, 2)))  # noqa: E731
     with (
         patch("tinygc.explanation.evidence.first_noise", lambda twin, white: twin.noise(white)),
         patch.object(decision, "candidates", lambda twin: tried),
@@ -467,7 +502,9 @@ def test_a_recording_is_decided_from_the_search_to_the_name():
     ):
         naming = decide(twin, 3, said.append)
         begun = decide(twin, 3, begin=(tried[0],))
-        also = decide(twin, 3, stated=(effect("stated"),))
+        prove = Prover(twin.problem, twin, FitClosure())
+        with patch.object(FitClosure, "effects", (effect("stated"),)), patch.object(Prover, "__call__", by_nothing):
+            also = decide(twin, 3, prove=prove)
     assert [n.effect.id for n in naming.named] == ["test.d", "test.a"] or {n.effect.id for n in naming.named} == {"test.a", "test.d"}
     assert {n.effect.id for n in begun.named} == {"test.a", "test.d"}
     assert naming.beyond == []

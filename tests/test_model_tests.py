@@ -10,15 +10,18 @@ from conftest import DEG
 
 import tinygc
 from session.detect.check_stills import NO_STILLS, check_unseen
+from session.io.config import Accelerometer
 from session.io.units import DEG_PER_HOUR, MG
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
+from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests, none_missing
 from tinygc.estimation.promise import promise_of
-from tinygc.estimation.systematic import SUSPECTED
+from tinygc.estimation.systematic import SURE, SUSPECTED
 from tinygc.explanation.claims import DIFFERS, VERDICTS
 from tinygc.explanation.engine import Explanation, _expected_rms, _verdict
 from tinygc.noise.components import STILL_RATE, TURN, WANDER
+from tinygc.reporting.fit_text import accelerometer_table
 
 MDPS = 1e-3 * DEG
 FINE = GoodnessOfFit(60.0, 60, 0.5)
@@ -59,13 +62,17 @@ def test_the_probability_that_no_effect_is_missing_is_a_p_value_where_it_decides
 
 def test_an_effect_contradicts_where_it_is_there_with_95_percent():
     """With prior odds of 1 to 30, odds of 570."""
-    assert none_missing(SUSPECTED) == pytest.approx(0.05)
+    assert (none_missing(SURE), none_missing(SUSPECTED)) == (pytest.approx(0.05), pytest.approx(0.5))
     assert none_missing(np.log(30)) == pytest.approx(0.5)
     assert (none_missing(1e9), none_missing(-np.inf)) == (pytest.approx(0.0, abs=1e-300), 1.0)
     above, below = np.log(571), np.log(569)
     (found,) = contradictions(model_tests(FINE, {}, None, odds(above, ["gyro.bias_drift"]), None))
     assert (found.name, found.says) == (EFFECT, "an effect is probably missing: gyro.bias_drift (probability that none is 0.05)")
     assert contradictions(model_tests(FINE, {}, None, odds(below), None)) == []
+    # From there to even odds, 30 to 1 with the prior ones, it is open, as names of explain are more probable than not.
+    opened = [model_tests(FINE, {}, None, odds(np.log(each)), None)[1].leaves_open for each in (571, 569, 31, 29)]
+    assert opened == [False, True, True, False]
+    assert not ModelTest(TURNS, 0.2, 0.01, "").leaves_open
 
 
 @pytest.mark.parametrize(
@@ -79,6 +86,15 @@ def test_a_given_calibration_of_the_accelerometer_is_tested_where_it_is_in_use(m
     assert [test.to_json()["says"].startswith("accelerometer: the given calibration no longer holds") for test in found] == [
         bool(contradicted)
     ] * tested
+
+
+@pytest.mark.parametrize(
+    ("mode", "p", "said"), [("prior", 0.5, "agrees with"), ("prior", 0.99e-4, "no longer holds"), ("prior", None, ""), ("fit", None, "")]
+)
+def test_the_table_of_the_accelerometer_says_what_the_test_says(mode, p, said):
+    caption = accelerometer_table(AccelerometerFit(mode, Accelerometer(), p_value=p), "").caption or ""
+    assert said in caption
+    assert ("agrees" in caption, "no longer" in caption) == (said == "agrees with", said == "no longer holds")
 
 
 def test_the_least_probable_is_told_first():

@@ -1,7 +1,6 @@
 """``fit --physics``: the model goes on with what `explain` named, and with nothing that it refused."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +8,14 @@ import pytest
 import calibrate
 from session.io.units import DEG, G
 from tinygc import SimulationOptions, read_session
-from tinygc.closure.build import build_problem, with_still_bias
+from tinygc.closure.build import build_problem
 from tinygc.closure.residual import closure_angles
-from tinygc.explanation.physics import _closure, fit_physics
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.physics import fit_physics, physics_methods
 from tinygc.models.files import load
-from tinygc.models.linear import NAMES, LinearModel
-from tinygc.noise.twin import Twin
+from tinygc.models.linear import NAMES
 from tinygc.simulation.write import write_session
 
 PER_G = np.array([[0.03, -0.01, 0.0], [0.0, 0.02, 0.015], [-0.02, 0.0, 0.01]])  # dps/g
@@ -55,13 +56,21 @@ def test_parameters_asked_for_by_id_are_recovered(tmp_path):
     assert sigma.max() < 0.004 * DEG
 
 
-def test_its_closure_takes_the_bias_from_where_fit_takes_it(tmp_path):
-    problem = build_problem(read_session(simulated(tmp_path / "s", on_gravity, segments=12, odr_hz=62.5)))
-    twin = Twin(problem)
-    found, state, level = SimpleNamespace(twin=twin, problem=problem), twin.start(), with_still_bias(problem)
-    by_stills = LinearModel(state.model.E, -state.model.E @ level.rest_rps)
-    np.testing.assert_allclose(_closure(found, state, True), closure_angles(level.batch, by_stills), atol=1e-9)
-    np.testing.assert_array_equal(_closure(found, state, False), twin.residuals(state).closure)
+def test_fit_and_explain_have_one_closure_of_one_model_and_one_verdict(tmp_path):
+    """Also where a fit with physics is explained: what is to be explained is what the linear model misses."""
+    session = read_session(simulated(tmp_path / "s", on_gravity, segments=20, odr_hz=62.5))
+    fit = fit_session(session, FitOptions(methods=("least_squares",), physics=("auto",)), physics=physics_methods)
+    alone = fit_session(session, FitOptions(methods=("least_squares",)))
+    physics, why, again = fit.methods["physics"], explain_session(session), explain_session(session, fit=fit)
+    assert fit.use.method == "physics"
+    np.testing.assert_allclose(physics.held_out, why.proof.after, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(why.proof.before, alone.linear.held_out, rtol=1e-9, atol=1e-12)
+    assert physics.model.linear is fit.physics.fit.state.model
+    np.testing.assert_allclose(closure_angles(fit.physics.left.batch, physics.model.linear), physics.angles, atol=1e-12)
+    assert [test.name for test in fit.verdict().tests] == ["gravity"]  # those of the linear model do not hold for the one with physics
+    assert again.decision.tests == why.decision.tests == alone.verdict().tests
+    assert again.decision.headline == alone.verdict().headline
+    assert (again.verdict, again.p_value) == (why.verdict, why.p_value)
 
 
 @pytest.mark.slow

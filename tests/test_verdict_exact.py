@@ -333,12 +333,19 @@ def test_without_a_limit_it_is_twice_what_the_data_sheet_promises(sheet, answer,
 ])  # fmt: skip
 def test_what_contradicts_the_model_never_passes(name, limit, answer):
     """Without a limit the p-values of turns and runs are reasons by themselves."""
-    for p, expected in ((0.0099, answer), (0.0100, "pass")):
+    for p, expected in ((0.0099, answer), (0.5 if name == EFFECT else 0.0100, "pass")):
         found = decide(judged(**run()), ["c.csv"], limit, tests=[ModelTest(name, p, 0.01, "it does")], promise=SHEET)
         assert found.answer == expected
         assert found.unsound == (["it does"] if expected == "not decided" else [])
         assert [test["contradicts"] for test in found.to_json()["tests"]] == [p < 0.01]
     assert decide(judged(), [], 0.01, tests=[ModelTest(name, 0.0, 0.01, "it does")]).answer == "fail"
+
+
+@pytest.mark.parametrize("limit", [None, 1.0])
+def test_an_effect_that_is_more_probable_than_not_is_no_pass_and_no_contradiction(limit):
+    found = decide(judged(), [], limit, tests=[ModelTest(EFFECT, 0.499, 0.05, "it may be")], promise=SHEET)
+    assert (found.answer, found.undecided, found.unsound) == ("not decided", ["it may be"], ["it may be"])
+    assert not found.to_json()["tests"][0]["contradicts"]
 
 
 @pytest.mark.parametrize(
@@ -463,10 +470,10 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     twin.spoil(a, [0.5, -0.3])
     twin.spoil(variants[1], [0.4])
     covariance, response = np.diag(np.linspace(0.5, 2.0, twin.n)), np.random.default_rng(1).normal(size=(12, twin.n))
-    noise = SimpleNamespace(twin=twin, covariance=covariance)
+    noise = SimpleNamespace(twin=twin, covariance=covariance, first=np.eye(twin.n), gain_of=lambda columns: 60.0 + columns.shape[1])
     with (
         patch.object(systematic, "candidates", lambda twin: [a, *variants]),
-        patch.object(systematic, "stated_response", lambda problem, model, noise, still_rates: response),
+        patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
     ):
         found = systematic_of(None, None, noise, 1.7, False)
     J = twin.calibration * np.where(np.arange(15) // 2 == 6, 0.0, PRIORS)
@@ -486,8 +493,11 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     twin.spoil(variants[1], [40.0])  # so strong that its evidence alone would overflow
     with (
         patch.object(systematic, "candidates", lambda twin: variants),
-        patch.object(systematic, "stated_response", lambda problem, model, noise, still_rates: response),
+        patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
     ):
         strong = systematic_of(None, None, noise, 1.7, False)
     np.testing.assert_allclose(strong.by_effect["test.step"], moments(variants[1])[0], rtol=1e-6)
     np.testing.assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
+    # With the noise estimated again: half of the gain, less the logarithms of ten scales and of three shapes, and a half for each number.
+    expected = {"test.a": 30.0 - np.log(10.0), "test.step": 30.0 - np.log(30.0)}
+    assert {name: found.log_odds[name] for name in expected} == pytest.approx(expected)

@@ -29,7 +29,7 @@ from tinygc.annexes.arrays.traits import (
     yaw_to_array,
 )
 from tinygc.effects import Movement, catalogue
-from tinygc.explanation.evidence import PRIOR_ODDS
+from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.standing import Standing
 
 OFFSET, DRIFT = catalogue()["timing.gyro_accel_offset"], catalogue()["gyro.bias_drift"]

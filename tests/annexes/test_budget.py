@@ -270,7 +270,7 @@ def test_a_refit_moves_by_the_response_to_the_errors(which, request):
     """Errors of the channels, in every kind of row, through the actual fit: L y, to first order."""
     result = request.getfixturevalue(which)
     redrawn, noise, problem = Redrawn(result, 1), result.noise, result.problem
-    L = stated_response(problem, result.linear.model, noise, result.options.still_rates)
+    L = stated_response(problem, result.linear.model, result.options.still_rates)
     sigma, stop = np.sqrt(np.diag(result.covariance)), noise.closure.stop
     rows = {"closure": slice(0, stop), "still": slice(stop, -len(noise.twin.stills)), "length": slice(-len(noise.twin.stills), None)}
     size = np.sqrt(np.diag(noise.white))
@@ -315,7 +315,7 @@ def test_each_source_is_drawn_with_its_covariance(fitted):
     """The covariance of the drawn errors, through the response, is the source's; the misfit is the inflation times the rest."""
     result = replace(fitted, widened=3.0, sources=(*fitted.sources, Source(MISFIT, "A", 9.0, 2.0 * total(fitted.sources))))
     redrawn = Redrawn(result, 2)
-    L = stated_response(result.problem, result.linear.model, result.noise, False)
+    L = stated_response(result.problem, result.linear.model, False)
     count = 1500
     by_name = {source.name: source for source in result.sources}
     beforehand = by_name.pop(CALIBRATION).covariance + by_name.pop(GRAVITY_LENGTH).covariance

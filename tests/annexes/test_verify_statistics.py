@@ -34,7 +34,7 @@ from tinygc.annexes.verification.questions import (
 from tinygc.annexes.verification.rows import CLOSURE, LENGTH, STILL
 from tinygc.attitude import rotation
 from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.explanation.evidence import PRIOR_ODDS
+from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.noise.components import TURN, Component
 from tinygc.noise.reml import ComponentEstimate

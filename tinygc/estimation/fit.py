@@ -105,7 +105,7 @@ def fit_session(
             raise ValueError("options.physics is fitted by a function that is given as physics")
         # `explain` compares a given calibration with reference.accelerometer.
         whole = prepared.as_given().problem if options.accelerometer == "auto" and not options.bias_per_log else problem
-        named = physics(whole, problem, options, runs, lambda what: progress(what, 0, 1))
+        named = physics(whole, level, linear, options, runs, lambda what: progress(what, 0, 1))
         fits |= named.methods
         errors = [error | more for error, more in zip(errors, named.run_errors, strict=True)]
     model = linear.model

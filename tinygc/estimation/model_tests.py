@@ -18,7 +18,7 @@ from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.uncertainty import MISMATCH_P, GoodnessOfFit
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.stated_noise import StatedNoise
-from tinygc.estimation.systematic import PRIOR_ODDS, SUSPECTED, Systematic
+from tinygc.estimation.systematic import PRIOR_ODDS, SURE, SUSPECTED, Systematic
 
 TURNS, RUN, NOISE, EFFECT, GRAVITY = "turns", "run", "noise", "effect", "gravity"
 
@@ -37,6 +37,11 @@ class ModelTest:
     def contradicts(self) -> bool:
         """Whether the recording contradicts the model."""
         return self.p_value < self.least_p
+
+    @property
+    def leaves_open(self) -> bool:
+        """Whether the recording neither contradicts the model nor supports it: an effect is more probably missing than not."""
+        return self.name == EFFECT and self.least_p <= self.p_value < none_missing(SUSPECTED)
 
     def to_json(self) -> dict:
         """Return an entry of ``tests`` of ``tinygc-fit/2`` and ``tinygc-explain/2``."""
@@ -69,12 +74,17 @@ def model_tests(
         most = max(allowed.log_odds.values(), default=-np.inf)
         p, named = none_missing(most), " or ".join(allowed.suspected)
         missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue by itself is probable"
-        found.append(ModelTest(EFFECT, p, none_missing(SUSPECTED), f"{missing} (probability that none is {p:.2g})"))
-    if accelerometer is not None and accelerometer.mode in ("given", "prior") and accelerometer.p_value is not None:
-        p = accelerometer.p_value
-        held = "no longer holds" if p < REFUTED_P else "agrees with gravity in the stills"
-        found.append(ModelTest(GRAVITY, p, REFUTED_P, f"accelerometer: the given calibration {held} ({probability(p)})"))
-    return tuple(found)
+        found.append(ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability that none is {p:.2g})"))
+    return (*found, *([] if accelerometer is None else gravity_test(accelerometer)))
+
+
+def gravity_test(accelerometer: AccelerometerFit) -> list[ModelTest]:
+    """Return the test of a given calibration of the accelerometer; empty where none was given, or it was not tested."""
+    p = accelerometer.p_value
+    if accelerometer.mode not in ("given", "prior") or p is None:
+        return []
+    held = "no longer holds" if p < REFUTED_P else "agrees with gravity in the stills"
+    return [ModelTest(GRAVITY, p, REFUTED_P, f"accelerometer: the given calibration {held} ({probability(p)})")]
 
 
 def none_missing(log_odds: float) -> float:

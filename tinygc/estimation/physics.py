@@ -18,25 +18,26 @@ from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import NAMES, PARAMETERS, LinearModel
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.refit import Refit
-from tinygc.noise.twin import LINEAR, State, Twin, claim_slice
-from tinygc.noise.whitening import Whitener
+from tinygc.noise.twin import LINEAR, State, claim_slice
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicsFit:
     """Named physics fitted together with the linear model.
 
-    model; problem it was fitted to, after data repair; twin, whitener and refit that led to it; mended: ids of the effects repaired
-    before; refused: whether a mismatch remains that no effect explains; methods: those that include the physics, by name; run_errors:
-    their errors (3,) rad in each closure run; lost_s: times in each run after which samples seem to be missing; of_force: the effects of
+    model; problem it was fitted to, after data repair; left: the problem as a sensor without the effects would have recorded it; fit of the
+    effects with the linear model of that; angles (S, d) rad of the segments, and held_out; mended: ids of the effects repaired before;
+    refused: whether a mismatch remains that no effect explains; methods: those that include the physics, by name; run_errors: their errors
+    (3,) rad in each closure run; lost_s: times in each run after which samples seem to be missing; of_force: the effects of
     the accelerometer among those fitted, as JSON: no model has them.
     """
 
     model: PhysicsModel
     problem: Problem
-    twin: Twin
-    whiten: Whitener
+    left: Problem
     fit: Refit
+    angles: np.ndarray
+    held_out: np.ndarray
     mended: tuple[str, ...]
     refused: bool = False
     methods: dict[str, MethodFit] = field(default_factory=dict)
@@ -47,9 +48,9 @@ class PhysicsFit:
 
 #: function that gives the roll, pitch and yaw errors (3,) rad of a closure run under a trial vector of parameters
 RunErrors = Callable[[np.ndarray, ClosureRun], np.ndarray]
-#: function that fits named physics; its arguments are the problem as given, that of the fit, its options, its closure runs, and a progress
-#: callback
-FitPhysics = Callable[[Problem, Problem, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
+#: function that fits named physics; its arguments are the problem as given, that of the fit and its least squares, its options, its closure
+#: runs, and a progress callback
+FitPhysics = Callable[[Problem, Problem, MethodFit, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
 
 
 def errors_with_physics(claims: Sequence[AppliedEffect], known: Conditions, earth_t: np.ndarray) -> RunErrors:

@@ -251,9 +251,20 @@ class FitResult:
         )
 
     @cached_property
+    def without_physics(self) -> FitResult:
+        """The fit without the physics that were named in it: ``explain`` takes it so, since its verdict is on what is to be explained."""
+        if self.physics is None:
+            return self
+        methods = {name: fit for name, fit in self.methods.items() if name not in PHYSICS}
+        errors = [{name: error[name] for name in methods} for error in self.run_errors]
+        held_out = {name: tilt for name, tilt in self.against_raw.held_out.items() if name in methods}
+        raw = replace(self.against_raw, held_out=held_out)
+        return replace(self, physics=None, methods=methods, run_errors=errors, against_raw=raw)
+
+    @cached_property
     def tests(self) -> tuple[ModelTest, ...]:
         """Whether the recording contradicts the linear model."""
-        runs = {} if self.use.method in PHYSICS else dict(zip((run.file for run in self.runs), self.judged.run_p, strict=True))
+        runs = dict(zip((run.file for run in self.runs), self.without_physics.judged.run_p, strict=True))
         return model_tests(self.goodness, runs, self.noise, self.allowed, self.accelerometer)
 
     @cached_property

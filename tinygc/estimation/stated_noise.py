@@ -31,6 +31,7 @@ from tinygc.noise.components import (
     WANDER,
     SessionNoise,
     first_noise,
+    noise_beside,
 )
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
@@ -60,13 +61,25 @@ FROM_LENGTHS = np.array([0, 1, 2, *(3 + 3 * i + j for i, j in zip(*np.triu_indic
 class StatedNoise:
     """The estimated noise: its components; white (n, n): white noise alone of the stacked channels (``Channels.stacked``); accelerometer
     (n, 12): one sigma of each error of its pre-calibration, constant over the session; twin that it was estimated with; unusual_p:
-    probability that such a sensor has noise of this size (``SessionNoise.unusual_p``)."""
+    probability that such a sensor has noise of this size (``SessionNoise.unusual_p``); first (n, n): the covariance before anything is
+    estimated; rows: residuals (n,), columns (n, p) and white covariance (n, n) of the estimate."""
 
     twin: Twin
     noise: SessionNoise
     white: np.ndarray
     accelerometer: np.ndarray
     unusual_p: float = 1.0
+    first: np.ndarray | None = None
+    rows: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    def gain_of(self, columns: np.ndarray) -> float:
+        """-2 log of the restricted likelihood by which an effect with columns (n, P), in units of its plausible size, beats none, the noise
+        estimated again: what it takes over from a component counts for it."""
+        assert self.rows is not None  # an estimate of this recording
+        r, J, beside = self.rows
+        factor = np.linalg.cholesky(beside + self.noise.covariance)
+        found = noise_beside(self.noise, lambda values: solve_lower(factor, values), beside, r, J, columns, self.noise.s)
+        return self.noise.value - found.value
 
     @property
     def covariance(self) -> np.ndarray:
@@ -169,10 +182,11 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
     unusual_p = noise.unusual_p(beside, r, J)
     if joint is None:
         factor = accelerometer_factor(columns[whiten.parts["length"]], noise, own)
-        return StatedNoise(twin, noise, white, columns @ factor, unusual_p)
+        return StatedNoise(twin, noise, white, columns @ factor, unusual_p, whiten.covariance, (r, J, beside))
     from_rows = joint_response(problem, joint)
     known = from_rows @ (white + noise.covariance) @ from_rows.T + joint.beforehand @ joint.beforehand.T
-    return StatedNoise(twin, noise, white, joint_columns(problem, joint) @ np.linalg.cholesky(known), unusual_p)
+    by_joint = joint_columns(problem, joint) @ np.linalg.cholesky(known)
+    return StatedNoise(twin, noise, white, by_joint, unusual_p, whiten.covariance, (r, J, beside))
 
 
 def joint_columns(problem: Problem, joint: JointFit) -> np.ndarray:
@@ -240,9 +254,9 @@ def stated_sources(problem: Problem, model: LinearModel, noise: StatedNoise, sti
     each source of the channels, and what was known beforehand."""
     joint = problem.joint
     if joint is None:
-        rows = _response(problem, model, noise, still_rates)
+        rows = _response(problem, model, still_rates)
         return [source.through(rows) for source in channel_sources(problem, noise)]
-    rows, beforehand = _joint_parts(problem, model, noise, still_rates)
+    rows, beforehand = _joint_parts(problem, model, still_rates)
     known = {CALIBRATION: beforehand[:, :-1], GRAVITY_LENGTH: beforehand[:, -1:]}
     found = [source.through(rows) for source in channel_sources(problem, noise)]
     return found + [Source(name, "B", np.inf, columns @ columns.T) for name, columns in known.items()]
@@ -265,11 +279,11 @@ def shared_part(problem: Problem, sources: Iterable[Source]) -> np.ndarray:
     return total(shared) * (problem.joint is None or problem.joint.mode == "prior")
 
 
-def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
+def _joint_parts(problem: Problem, model: LinearModel, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the responses (21, n) and (21, k) of the parameters to an error of each channel, and to one sigma of each prior."""
     joint = problem.joint
     assert joint is not None
-    gyroscope = _response(problem, model, noise, still_rates)
+    gyroscope = _response(problem, model, still_rates)
     columns, accelerometer = joint_columns(problem, joint), joint_response(problem, joint)
     through = gyroscope @ columns
     nine = slice(0, ACCELEROMETER_PARAMETERS)  # a drift is no parameter of the sensor, but its error is in those that are
@@ -277,12 +291,12 @@ def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still
     return rows, np.concatenate([joint.beforehand[nine], through @ joint.beforehand])
 
 
-def stated_response(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+def stated_response(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
     """Return the response (12, n) of the gyroscope's parameters to errors of the stacked channels, also through a jointly estimated
     accelerometer."""
     if problem.joint is None:
-        return _response(problem, model, noise, still_rates)
-    return _joint_parts(problem, model, noise, still_rates)[0][GYROSCOPE]
+        return _response(problem, model, still_rates)
+    return _joint_parts(problem, model, still_rates)[0][GYROSCOPE]
 
 
 def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:
@@ -292,7 +306,7 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
     """
     batch = problem.batch
     end, sensitivity = closure.end_and_sensitivity(batch, model(batch.rate))
-    carry = _carry(problem, noise, sensitivity)
+    carry = _carry(problem, sensitivity)
     angles = closure.error_angles(closure.batch_residual(batch, end)).ravel()
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(len(angles), PARAMETERS)
     if problem.rest_rps is not None:
@@ -313,14 +327,14 @@ def _goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndarray) ->
     return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
-def _response(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+def _response(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
     """Return L (12, n) 1, rad/s: the response of the parameters to errors of the stacked channels."""
     batch, rest = problem.batch, problem.rest_rps
     count, q = len(batch) * batch.angles, len(problem.still_rates.rate)
     sensitivity = closure.sensitivity(batch, model(batch.rate))
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(count, PARAMETERS)
     weight = 1 / problem.floor.sigma.ravel() ** 2
-    carry = _carry(problem, noise, sensitivity)
+    carry = _carry(problem, sensitivity)
     if rest is not None:
         design = _about(design, rest)[:, MATRIX]
         hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
@@ -375,11 +389,11 @@ def _about(design: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return turned
 
 
-def _carry(problem: Problem, noise: StatedNoise, sensitivity: np.ndarray) -> np.ndarray:
+def _carry(problem: Problem, sensitivity: np.ndarray) -> np.ndarray:
     """Return the map (S d, n) from errors of the channels to those of the closure; a still's rate error enters the turns around it, where
     their bias comes from it."""
-    rows = noise.closure.stop
-    carry = np.zeros((rows, len(noise.white)))
+    rows = len(problem.batch) * problem.batch.angles
+    carry = np.zeros((rows, rows + 4 * len(problem.still_rates.rate)))
     carry[:, :rows] = np.eye(rows)
     if problem.rest_rps is not None:
         batch = problem.batch

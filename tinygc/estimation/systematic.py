@@ -15,6 +15,8 @@ effect.  What no residual shows, such as a common clock rate, has its own term (
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,17 +24,23 @@ from scipy.special import logsumexp
 
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import Problem
+from tinygc.effects import Effect
 from tinygc.estimation.stated_noise import StatedNoise, stated_response
 from tinygc.models.linear import NAMES, LinearModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import calibration_columns, prior_sigmas
 
-#: prior odds of any effect of the catalogue, as in ``explain``
+#: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
 PRIOR_ODDS = 1 / 30
-#: natural logarithm of the odds from which an effect is suspected: it is there with 95 %
-SUSPECTED = float(np.log(19 / PRIOR_ODDS))
+#: log width of the prior of an effect's scale, from unobservable to larger than any sensor has
+SCALES = 10.0
+#: natural logarithms of the odds from which an effect is suspected, being more probable than not as a name of ``explain`` is; and from
+#: which the recording contradicts the model: it is there with 95 %
+SUSPECTED, SURE = float(np.log(1 / PRIOR_ODDS)), float(np.log(19 / PRIOR_ODDS))
 #: that of odds between two effects that one fit does not tell apart: "positive" evidence (Kass & Raftery 1995)
 AS_PROBABLE = 3.0
+#: effects of either ranking that are weighed with the noise estimated again
+MOST_WEIGHED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +94,14 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     rates = twin.rates(start)
     sensitivity = twin.sensitivity(start, rates)
     factor = np.linalg.cholesky(widened * noise.covariance)
-    J = solve_lower(factor, calibration_columns(twin, start, sensitivity) * prior_sigmas(twin, []))
-    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+    linear = calibration_columns(twin, start, sensitivity) * prior_sigmas(twin, [])
     effects = candidates(twin)
     columns = [twin.effect_columns(effect, start, sensitivity, rates).stacked() for effect in effects]
     edges = np.cumsum([0, *(each.shape[1] for each in columns)])
     stacked = np.concatenate(columns, axis=1)
-    white = solve_lower(factor, np.column_stack([stacked, twin.residuals(start, rates).stacked()]))
-    left = white - J @ (inverse @ (J.T @ white))  # what the calibration, within its prior, cannot absorb
-    moves = stated_response(problem, model, noise, still_rates) @ stacked
+    rows = np.column_stack([stacked, twin.residuals(start, rates).stacked()])
+    white, left = _beside(solve_lower(factor, linear), solve_lower(factor, rows))
+    moves = stated_response(problem, model, still_rates) @ stacked
     found: dict[str, list[tuple[float, np.ndarray]]] = {}
     for effect, begin, end in zip(effects, edges[:-1], edges[1:], strict=True):
         own = slice(begin, end)
@@ -107,7 +114,39 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         found.setdefault(effect.id, []).append(((float(mean @ information @ mean) - size) / 2, square))
     tilts = twin.linear_columns(sensitivity).closure[:, :2]
     log_odds = {name: float(logsumexp([odds for odds, _ in values]) - np.log(len(values))) for name, values in found.items()}
+    assert noise.first is not None  # of a recording
+    first = np.linalg.cholesky(noise.first)
+    for look in ((white, left), _beside(solve_lower(first, linear), solve_lower(first, rows))):
+        for number in _likeliest(effects, edges, *look):
+            effect = effects[number]
+            gain = noise.gain_of(columns[number] * effect.parameter.plausible)
+            log_odds[effect.id] = max(log_odds[effect.id], (gain - penalty(effect, len(found[effect.id]))) / 2)
     return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
+
+
+def penalty(effect: Effect, shapes: int) -> float:
+    """What the evidence pays for an effect, -2 log: its scale, the number of its trial shapes, and the position of its parameters."""
+    return 2 * float(np.log(SCALES) + np.log(shapes)) + effect.parameter.size
+
+
+def _beside(J: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened rows (n, k), and what a calibration with columns J (n, p), within its prior, cannot absorb of them."""
+    return rows, rows - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ rows)
+
+
+def _likeliest(effects: Sequence[Effect], edges: np.ndarray, white: np.ndarray, left: np.ndarray) -> list[int]:
+    """Numbers of the effects that explain the last of whitened rows best, each id once at its best shape; left: as in ``_beside``."""
+    shapes = Counter(effect.id for effect in effects)
+    best: dict[str, tuple[float, int]] = {}
+    for number, effect in enumerate(effects):
+        own, size = slice(edges[number], edges[number + 1]), effect.parameter.size
+        information = white[:, own].T @ left[:, own] + np.eye(size) / effect.parameter.plausible**2
+        pull = left[:, own].T @ white[:, -1]
+        gain = float(pull @ np.linalg.solve(information, pull))
+        promise = gain - size * np.log(max(gain / size, 1.0)) - penalty(effect, shapes[effect.id])
+        if effect.id not in best or promise > best[effect.id][0]:
+            best[effect.id] = (promise, number)
+    return [number for _, number in sorted(best.values(), reverse=True)[:MOST_WEIGHED]]
 
 
 def _mean_by_evidence(values: list[tuple[float, np.ndarray]]) -> np.ndarray:

@@ -271,7 +271,7 @@ def decide(
     against = contradictions(tests)
     decided = [*segments, *runs, *others]
     by_limit = {TURNS: segments, RUN: runs}  # without a limit they are reasons above
-    undecided = [test.says for test in against if by_limit.get(test.name, True)]
+    undecided = [test.says for test in against if by_limit.get(test.name, True)] + [test.says for test in tests if test.leaves_open]
     unsound += undecided
     if not segments and limit is not None and tilt / DEG > limit:
         more = f"; {promise.noisier}" if promise is not None and promise.noisier else ""

@@ -17,7 +17,7 @@ from session.io.errors import DataError
 from session.io.folder import Session, hash_of_log
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.claims import readable
-from tinygc.explanation.decision import left_out, tilt_rms
+from tinygc.explanation.decision import FitClosure, cleared, tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS
@@ -25,7 +25,6 @@ from tinygc.explanation.standing import LEVEL, ONE_SIDED, Standing
 from tinygc.explanation.truth_evidence import TruthExplanation, rms
 from tinygc.explanation.truth_names import OFFSET, TruthTwin
 from tinygc.noise.twin import Twin, claim_slice
-from tinygc.noise.whitening import Whitener
 
 #: 2 ln of the odds that decide: 20 to 1, "strong" (Kass & Raftery 1995), which even odds turn into the 95 % of ``standing``
 STRONG = 2 * float(np.log(20))
@@ -282,9 +281,8 @@ def predicted(named: SizedEffect, other: Explanation | TruthExplanation, evidenc
         tried.append((value, beside, turned[best]))
     value, beside, best_named = min(tried, key=lambda each: each[0])
     there = weighed_by(best_named, beside.estimate, seed, nothing - value)
-    whiten = beside.hypothesis.whiten
-    before, after = (_closure(evidence.twin, whiten, r, beside.J) for r in (beside.r, beside.r + beside.own @ best_named.theta))
-    return replace(there, named=named, closure_rad=(before, after))
+    before, after = (_closure(other, evidence.twin, beside, theta) for theta in (np.zeros_like(best_named.theta), best_named.theta))
+    return replace(there, named=named, closure_rad=None if before is None or after is None else (before, after))
 
 
 def headings(named: SizedEffect) -> list[SizedEffect]:
@@ -296,13 +294,17 @@ def headings(named: SizedEffect) -> list[SizedEffect]:
     return found
 
 
-def _closure(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> float:
-    """Held-out closure rms, rad, of stacked residuals r (n,) with columns J (n, p), in units of their priors, fitted to other turns."""
-    white_r, white_J = whiten(r), whiten(J)
-    # ``left_out`` begins at the fit of all rows.
-    moved = np.linalg.solve(white_J.T @ white_J + np.eye(J.shape[1]), white_J.T @ white_r)
-    angles = left_out(twin, whiten, white_r - white_J @ moved, white_J)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
-    return rms(angles) if isinstance(twin, TruthTwin) else tilt_rms(angles)
+def _closure(other: Explanation | TruthExplanation, twin: Twin, beside: _Prediction, theta: np.ndarray) -> float | None:
+    """Held-out closure rms, rad, that ``fit`` states of the other recording without the effect at theta (P,), which nothing there gave, and
+    without the effects beside it; None where it does not settle."""
+    state = beside.hypothesis.fit.state
+    state = replace(state, claims=(*state.claims[:-1], replace(state.claims[-1], theta=theta)))
+    if isinstance(other, TruthExplanation):
+        angles = FitClosure.of(cleared(other.problem, twin, state)).held_out
+        return None if angles is None else rms(angles)
+    stated = other.proof.stated
+    angles = FitClosure.of(cleared(stated.base(other.problem, twin, state), twin, state), stated.options).held_out
+    return None if angles is None else tilt_rms(angles)
 
 
 # What several recordings say together.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,8 +19,9 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import Effect, catalogue
 from tinygc.estimation.bias import SAME, choose, tilt_rms
-from tinygc.estimation.options import FitOptions
+from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.results import FitResult
+from tinygc.estimation.stated_noise import stated_response
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
 from tinygc.explanation.families import SLOW_ZERO
@@ -39,10 +39,11 @@ from tinygc.explanation.search import (
     unknown_candidates,
 )
 from tinygc.explanation.standing import Standing, standing_of
+from tinygc.models.linear import LinearModel
 from tinygc.noise.candidates import candidates, scanned
-from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise, known_whitener
+from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise
 from tinygc.noise.refit import Refit, prior_sigmas, refit
-from tinygc.noise.twin import State, Twin, claim_slice
+from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
 
 # Prove: closure on held-out segments, before, after, and the floor.
@@ -56,10 +57,63 @@ FOLD_STEPS = 3
 LEAST_EXCESS = 0.5
 
 
+#: ``fit`` without an option, by the method that every model is held against
+AS_FIT = FitOptions(methods=("least_squares",))
+
+
+@dataclass(frozen=True, eq=False)
+class FitClosure:
+    """What ``fit`` states for a session: the problem that it solves, with the bias of each turn from its stills where it takes it from
+    them; its least squares; and its options.  None where it states nothing."""
+
+    problem: Problem | None = None
+    fit: MethodFit | None = None
+    options: FitOptions = AS_FIT
+
+    @classmethod
+    def of(cls, problem: Problem, options: FitOptions = AS_FIT) -> FitClosure:
+        """``fit``'s own function on this problem; nothing where that does not settle."""
+        try:
+            _, level, fit = choose(problem, options)
+        except CalibrationError:
+            return cls(None, None, options)
+        return cls(level, fit, options)
+
+    @classmethod
+    def stated_by(cls, fit: FitResult | None, problem: Problem) -> FitClosure:
+        """What a fit of this problem states; what ``fit`` would state where there is none, or one by other sessions as well."""
+        if fit is None or fit.options.lot is not None or fit.options.bias_per_log:
+            return cls.of(problem)
+        return cls(fit.problem, fit.linear, fit.options)
+
+    @property
+    def held_out(self) -> np.ndarray | None:
+        """Held-out error angles (S, d) rad."""
+        return None if self.fit is None else self.fit.held_out
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of its segments."""
+        return [] if self.problem is None else [segment.number for segment in self.problem.used]
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the catalogue that ``fit`` itself states: a drift of the accelerometer's zero."""
+        joint = None if self.problem is None else self.problem.joint
+        return () if joint is None or joint.drift is None else (catalogue()["accelerometer.zero_drift"],)
+
+    def base(self, original: Problem, twin: Twin, state: State) -> Problem:
+        """The problem whose closure is stated with effects, with the accelerometer that ``fit`` has where neither its turns nor the
+        accelerometer are changed."""
+        same = twin.problem is original and self.numbers == [segment.number for segment in original.used] and not state.bends
+        return self.problem if self.problem is not None and same else twin.problem
+
+
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """Held-out error angles (S, d) rad: before as ``fit`` states them; named with the named effects. floor_rms rad of tilt; changed:
-    whether anything is repaired or named between them.
+    """Held-out error angles (S, d) rad: before as ``fit`` states them; named as it states them without the named effects. floor_rms rad of
+    tilt; changed: whether anything is repaired or named between them. stated: by ``fit`` before; left: by ``fit`` without the effects;
+    fit: the effects with the linear model of ``left``, which is handed on.
 
     The two may have different segments: clipped turns, which cannot be repaired, are left out of named.  Both use the numbers of before.
     """
@@ -70,6 +124,9 @@ class Proof:
     named_numbers: list[int]
     floor_rms: float
     changed: bool
+    stated: FitClosure
+    left: FitClosure
+    fit: Refit
 
     @cached_property
     def ratio(self) -> float:
@@ -103,70 +160,58 @@ class Proof:
         return None if excess < LEAST_EXCESS * floor or not self.changed else 1 - max(tilt_rms(self.named) ** 2 - floor, 0.0) / excess
 
 
-#: ``fit`` without an option, by the method that every model is held against
-AS_FIT = FitOptions(methods=("least_squares",))
+class Prover:
+    """Hold out segments as ``fit`` does, once for each set of effects.  original: the problem before its repair, twin after it; stated: by
+    ``fit`` without any effect."""
+
+    def __init__(self, original: Problem, twin: Twin, stated: FitClosure):
+        self.original, self.twin, self.stated = original, twin, stated
+        self._known: dict[tuple[Effect, ...], tuple[np.ndarray, FitClosure]] = {}
+
+    def __call__(self, whiten: Whitener, fit: Refit) -> Proof:
+        """Prove the effects of a fit."""
+        twin, stated = self.twin, self.stated
+        effects = tuple(claim.effect for claim in fit.state.claims)
+        if effects not in self._known:
+            self._known[effects] = self._held_out(whiten, fit)
+        named, left = self._known[effects]
+        before, changed = stated.held_out, bool(effects) or twin.problem is not self.original
+        if before is None:
+            before = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
+        numbers = numbers_before(self.original, twin)
+        before_numbers = stated.numbers or numbers
+        named_numbers = numbers if changed else before_numbers
+        handed_on = with_linear(twin, whiten, fit, left)
+        return Proof(before, named, before_numbers, named_numbers, twin.problem.floor.tilt_rms, changed, stated, left, handed_on)
+
+    def _held_out(self, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, FitClosure]:
+        """The angles with the effects of a fit, and what ``fit`` states without them; where it states nothing, by the columns."""
+        twin, left = self.twin, self.stated
+        if fit.state.claims or twin.problem is not self.original:
+            base = left.base(self.original, twin, fit.state)
+            left = FitClosure.of(without_effects(base, twin, whiten, fit, left.options.folds), left.options)
+        return held_out(twin, whiten, fit) if left.held_out is None else left.held_out, left
 
 
-@dataclass(frozen=True, eq=False)
-class FitClosure:
-    """What ``fit`` states for a session: held-out angles (S, d) rad and the numbers of their segments; from_stills: whether it takes the
-    bias of each turn from its stills; problem: that it solves. All None where it states nothing.  options: that it was run with."""
+def with_linear(twin: Twin, whiten: Whitener, fit: Refit, left: FitClosure) -> Refit:
+    """The effects of a fit with the linear model of ``left``, which ``fit`` made of what they leave: its closure is stated for both.
 
-    held_out: np.ndarray | None = None
-    numbers: list[int] | None = None
-    from_stills: bool = False
-    problem: Problem | None = None
-    options: FitOptions = AS_FIT
-
-    @classmethod
-    def of(cls, problem: Problem, options: FitOptions = AS_FIT) -> FitClosure:
-        """``fit``'s own function on this problem; none where that does not settle."""
-        try:
-            source, _, fit = choose(problem, options)
-        except CalibrationError:
-            return NOT_STATED
-        return cls(fit.held_out, [segment.number for segment in problem.used], source.used == "stills", problem, options)
-
-    @classmethod
-    def stated_by(cls, fit: FitResult | None, problem: Problem) -> FitClosure:
-        """What a fit of this problem states; what ``fit`` would state where there is none, or one by other sessions as well."""
-        if fit is None or fit.options.lot is not None or fit.options.bias_per_log:
-            return cls.of(problem)
-        numbers = [segment.number for segment in fit.problem.used]
-        return cls(fit.linear.held_out, numbers, fit.bias_from.used == "stills", problem, fit.options)
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """Effects of the catalogue that ``fit`` itself states: a drift of the accelerometer's zero."""
-        joint = None if self.problem is None else self.problem.joint
-        return () if joint is None or joint.drift is None else (catalogue()["accelerometer.zero_drift"],)
-
-    @property
-    def most_rad(self) -> float:
-        """Tilt rms, rad, above which no effect is kept: none where the stills absorb a bias that moves, and so close what an effect of the
-        bias explains."""
-        return math.inf if self.held_out is None or self.from_stills else tilt_rms(self.held_out)
-
-
-NOT_STATED = FitClosure()
-
-
-def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, stated: FitClosure = NOT_STATED) -> Proof:
-    """Hold out segments as ``fit`` does; stated: what it reaches without any effect."""
-    numbers = [segment.number for segment in original.used]
-    changed = bool(fit.state.claims) or twin.problem is not original
-    before, before_numbers = stated.held_out, stated.numbers
-    if before is None or before_numbers is None:
-        before, before_numbers = linear_held_out(original, twin, whiten), numbers
-    named, named_numbers = before, before_numbers
-    if changed:
-        base = twin.problem
-        if stated.problem is not None and stated.numbers == numbers and base is original and not fit.state.bends:
-            base = stated.problem  # with the accelerometer that ``fit`` has, as none was named
-        left = FitClosure.of(without_effects(base, twin, whiten, fit, stated.options.folds), stated.options)
-        named = held_out(twin, whiten, fit) if left.held_out is None else left.held_out
-        named_numbers = numbers_before(original, twin)
-    return Proof(before, named, before_numbers, named_numbers, twin.problem.floor.tilt_rms, changed)
+    The covariance is that of both estimates for the same errors of the channels: the linear model answers to them by L, and to an error of
+    the effects by L times their columns.  What the effects' covariance has beyond the channels' errors, as a prior, is independent.
+    """
+    if left.fit is None or left.problem is None or not isinstance(left.fit.model, LinearModel):
+        return fit
+    own = slice(FIRST_CLAIM, len(fit.covariance))
+    response = -fit.covariance[own] @ fit.J.T
+    L = stated_response(left.problem, left.fit.model, left.options.still_rates)
+    along = np.concatenate([L @ whiten.back(fit.J[:, own]), np.eye(len(response))])
+    rows = along @ response
+    rows[LINEAR] += whiten(whiten.covariance @ L.T).T
+    beyond = fit.covariance[own, own] - response @ response.T
+    index = np.r_[LINEAR, own]
+    covariance = fit.covariance.copy()
+    covariance[np.ix_(index, index)] = rows @ rows.T + along @ beyond @ along.T
+    return replace(fit, state=replace(fit.state, model=left.fit.model), covariance=covariance)
 
 
 def without_effects(base: Problem, twin: Twin, whiten: Whitener, fit: Refit, folds: int = AS_FIT.folds) -> Problem:
@@ -188,7 +233,7 @@ def cleared(base: Problem, twin: Twin, state: State) -> Problem:
     back = np.linalg.inv(state.model.E).T
     rates = [(rate - state.model.B) @ back for rate in twin.rates(state)]
     batch = replace(twin.batch_at(state), rate=twin.padded(rates))
-    if state.bends:
+    if batch.start is not twin.batch.start:  # the references follow the state
         base = base.changed(joint=None)
     else:
         batch = replace(batch, start=base.batch.start, end=base.batch.end)
@@ -197,7 +242,7 @@ def cleared(base: Problem, twin: Twin, state: State) -> Problem:
         earth = stills.earth + np.einsum("qji,j->qi", matrix(twin.q_tb), state.earth_t)
         change = twin.still_means([rate - log.samples.gyro for rate, log in zip(rates, twin.seen.logs, strict=True)])
         stills = replace(stills, rate=stills.rate + change, earth=earth)
-    return base.changed(batch=batch, still_rates=stills)
+    return base.changed(batch=batch, still_rates=stills, rest_rps=None)
 
 
 def numbers_before(original: Problem, twin: Twin) -> list[int]:
@@ -211,14 +256,6 @@ def numbers_before(original: Problem, twin: Twin) -> list[int]:
         same_log = [other for other in original.segments if other.log == segment.log] or original.segments
         numbers.append(min(same_log, key=lambda other: abs(middle(other) - middle(segment))).number)
     return numbers
-
-
-def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
-    """Held-out angles of the linear model, fitted to everything that the named effects are fitted to."""
-    if twin.problem is not original:
-        twin = Twin(original)
-        whiten = known_whitener(twin)
-    return held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
 
 
 def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
@@ -498,17 +535,17 @@ def decide(
     seed: int,
     progress: Callable[[str], None] = lambda what: None,
     begin: tuple[Effect, ...] = (),
-    most_rad: float = math.inf,
-    stated: tuple[Effect, ...] = (),
+    prove: Prover | None = None,
 ) -> Naming:
     """Compare the catalogue's effects with each other, with unnamed shapes, and with no effect.
 
-    begin: effects found in a part of the recording, from which the search may start; most_rad: tilt rms of held-out segments, above which
-    effects are not kept; stated: effects that ``fit`` states, which are weighed whatever their rank.
+    begin: effects found in a part of the recording, from which the search may start; prove: holds out segments, to keep only effects with
+    which they close no worse; those that ``fit`` states are weighed whatever their rank.
     """
     evidence, tried = Evidence(twin), candidates(twin)
     progress("detecting")
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
+    stated = () if prove is None else prove.stated.effects
     begins = (begin, *((effect,) for effect in stated))
     start = min(evidence.nothing, *(evidence.of(effects, evidence.nothing) for effects in begins), key=lambda h: h.score)
     best = search(evidence, tried, start, progress=progress)
@@ -519,7 +556,7 @@ def decide(
     for effect in stated:
         if effect.id not in best.ids:
             evidence.guess(best, add=effect)
-    return decided(evidence, best, first_p, len({effect.id for effect in tried}), most_rad)
+    return decided(evidence, best, first_p, len({effect.id for effect in tried}), prove)
 
 
 def beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
@@ -537,8 +574,8 @@ def beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothes
     return ahead
 
 
-def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, most_rad: float = math.inf) -> Naming:
-    """Select which effects of the best hypothesis are reported; most_rad: as in ``decide``."""
+def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, prove: Prover | None = None) -> Naming:
+    """Select which effects of the best hypothesis are reported; prove: as in ``decide``."""
     best = told_apart(evidence, best)
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
@@ -551,8 +588,9 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, mo
         and not part_of_a_curve(evidence, best, number)
     ]
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
-    if kept and twin.stills:
-        kept, fit = no_worse(twin, best, kept, fit, min(tilt_rms(linear_held_out(twin.problem, twin, best.whiten)), most_rad))
+    if kept and prove is not None:
+        before = tilt_rms(prove(evidence.nothing.whiten, evidence.nothing.fit).named)
+        kept, fit = no_worse(twin, best, kept, fit, lambda tried: tilt_rms(prove(best.whiten, tried).named) / before)
     if not kept:  # then use the noise of the hypothesis without effects
         best, fit = evidence.nothing, evidence.nothing.fit
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
@@ -574,18 +612,20 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
     return refit(twin, best.whiten, [n.effect for n in kept], best.fit.state)
 
 
-def no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
-    """Remove the effects with the least gain until held-out segments close no worse than with the linear model, ``before`` rad; or worse by
-    the ratio ``TOLERATED`` at most, where every remaining effect is also seen in stills.
+def no_worse(
+    twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, ratio: Callable[[Refit], float]
+) -> tuple[list[NamedEffect], Refit]:
+    """Remove the effects with the least gain until held-out segments close no worse than without any; or worse by the ratio ``TOLERATED``
+    at most, where every remaining effect is also seen in stills.  ratio: of the closures with the effects of a fit and without.
 
     Effects seen in stills only are tested there.  Those seen in both need not improve the closure: a turn's bias follows its stills anyway.
     """
     while turning := [n for n in kept if "turn" in n.effect.observable_in]:
         in_turns_alone = [n for n in turning if "still" not in n.effect.observable_in]
-        after = tilt_rms(held_out(twin, best.whiten, fit))
-        if after <= before * (1 if in_turns_alone else TOLERATED):
+        after = ratio(fit)
+        if after <= (1 if in_turns_alone else TOLERATED):
             break
-        weakest = min(in_turns_alone if after <= before * TOLERATED else turning, key=lambda n: n.gain)
+        weakest = min(in_turns_alone if after <= TOLERATED else turning, key=lambda n: n.gain)
         kept = [n for n in kept if n is not weakest]
         fit = _refitted(twin, best, kept)
     return kept, fit

@@ -23,13 +23,13 @@ from tinygc.estimation.results import FitResult
 from tinygc.estimation.verdict import NEAR_FLOOR, Acceptance
 from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
-from tinygc.explanation.decision import FitClosure, Naming, Proof, decide, prove, tilt_rms
+from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, decide, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
-from tinygc.noise.refit import Replay, over_shapes
+from tinygc.noise.refit import Refit, Replay, over_shapes
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -113,7 +113,7 @@ def explain_session(
     """
     prepared = prepared or prepare(session, use_earth=use_earth, at_rest=measured_noise(noise), progress=lambda what: progress(what, 0, 6))
     progress("least squares", 1, 6)
-    fitted, fit = prepared.problem, fit or _fitted(prepared, use_earth)
+    fitted, fit = prepared.problem, _fitted(prepared, use_earth) if fit is None else fit.without_physics
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     mended, twin, naming, proof = named_in(problem, FitClosure.stated_by(fit, fitted), seed, progress)
@@ -170,11 +170,21 @@ def _decided(
     """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    most_rad = stated.most_rad if mended.problem is problem else math.inf
-    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, most_rad, stated.effects)
-    naming = replace(naming, fit=over_shapes(twin, naming.whiten, in_gauge(twin, naming.whiten, naming.fit)))
+    prove = Prover(problem, twin, stated)
+    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, prove)
+    naming = replace(naming, fit=settled(twin, naming.whiten, naming.fit))
     progress("proof on held-out segments", 5, 6)
-    return twin, naming, prove(problem, twin, naming.whiten, naming.fit, stated)
+    return twin, naming, prove(naming.whiten, naming.fit)
+
+
+def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """The fit in the gauge of its effects, with the covariance that unknown shapes leave it."""
+    return over_shapes(twin, whiten, in_gauge(twin, whiten, fit))
+
+
+def proved(problem: Problem, twin: Twin, whiten: Whitener, fit: Refit, stated: FitClosure) -> Proof:
+    """Prove the effects of a fit of a problem, which the twin has after its repair; stated: by ``fit`` without them."""
+    return Prover(problem, twin, stated)(whiten, settled(twin, whiten, fit))
 
 
 def _heading_not_used(problem: Problem) -> list[Finding]:

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.special import fdtrc
 
 from tinygc.effects import Effect
+from tinygc.estimation.systematic import PRIOR_ODDS, penalty
 from tinygc.noise.candidates import scanned
 from tinygc.noise.channels import in_gauge
-from tinygc.noise.components import SessionNoise, Whiteners, first_noise
+from tinygc.noise.components import SessionNoise, Whiteners, first_noise, noise_beside
 from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
@@ -218,16 +219,10 @@ def without_claim(fit: Refit, number: int) -> Refit:
 # equally probable at every scale up to the catalogue's.  Its best value is the rms of the parameters, so that a strong and a weak effect
 # have the same penalty.
 
-#: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
-PRIOR_ODDS = 1 / 30
-#: log width of the prior of an effect's scale, from unobservable to larger than any sensor has
-SCALES = 10.0
 #: Gauss-Newton steps before and after the noise is re-estimated: the second fit starts where the first ended
 FIRST_STEPS, MORE_STEPS = 5, 2
 #: values of candidates' columns that are cached, 64 MB: enough for the catalogue in sessions of up to about a thousand turns
 MOST_KEPT = 1 << 23
-#: steps of the noise estimate of an approximate hypothesis, which starts from the noise of a similar one
-GUESS_STEPS = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,18 +323,8 @@ class Evidence:
             part = claim_slice(have.fit.state.claims, number)
             r = r - J[:, part] @ have.fit.state.claims[number].theta
             J, prior = (np.delete(values, part, axis=-1) for values in (J, prior))
-        if add is not None:
-            J = np.concatenate([J, self.columns(add)], axis=1)
-            prior = np.concatenate([prior, np.full(add.parameter.size, add.parameter.plausible)])
-        # All parameters move to the optimum with the new columns.
-        white_r, white_J = have.whiten(r), have.whiten(J) * prior
-        step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
-        if add is not None:
-            prior[-add.parameter.size :] *= np.sqrt(np.mean(step[-add.parameter.size :] ** 2))
-            white_J = have.whiten(J) * prior
-            step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
-        J = J * prior
-        return self.first_noise.estimated(have.whiten, r + J @ step, J, have.noise.s, steps=GUESS_STEPS).value
+        columns = np.zeros((len(r), 0)) if add is None else self.columns(add) * add.parameter.plausible
+        return noise_beside(self.first_noise, have.whiten, have.whiten.white, r, J * prior, columns, have.noise.s).value
 
     def columns(self, effect: Effect) -> np.ndarray:
         """(n, P) stacked change of the channels per unit of each parameter, from the linear model, which is accurate enough for ranking."""
@@ -397,7 +382,7 @@ class Evidence:
 
 def price(effect: Effect, shapes: int) -> float:
     """``Evidence.price`` of an effect with this number of trial shapes."""
-    return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
+    return penalty(effect, shapes) - 2 * float(np.log(PRIOR_ODDS))
 
 
 def least_gain(effect: Effect, shapes: int) -> float:

@@ -16,9 +16,10 @@ from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, attitudes
 from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, largest
+from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.claims import common_delays
-from tinygc.explanation.decision import FOLD_STEPS, Naming, decided, fold_rows, folds_of
-from tinygc.explanation.evidence import PRIOR_ODDS, Evidence, Hypothesis, selection_of
+from tinygc.explanation.decision import FOLD_STEPS, FOLDS, Naming, decided, fold_rows, folds_of
+from tinygc.explanation.evidence import Evidence, Hypothesis, selection_of
 from tinygc.explanation.search import NAMELESS, STAND_IN, NamedEffect, exchanged, search
 from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation, offset_columns, truth_claim
 from tinygc.models.linear import PARAMETERS
@@ -369,11 +370,11 @@ def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> Tr
     return truth_claim(claim.effect, claim.theta, sigma, named.p_value, share=share, **more)
 
 
-def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit) -> np.ndarray:
-    """(S, 3) rad: closure of every tenth segment, in turn, from the fit of all others."""
+def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit, folds: int = FOLDS) -> np.ndarray:
+    """(S, 3) rad: closure of every ``folds``-th segment, in turn, from the fit of all others."""
     effects = [_shrunk(claim) for claim in fit.state.claims]
     angles = np.zeros((len(twin.segments), 3))
-    for held in folds_of(len(twin.segments)):
+    for held in folds_of(len(twin.segments), folds):
         part = refit(twin, whiten, effects, fit.state, rows=fold_rows(twin, whiten, held), max_steps=FOLD_STEPS)
         angles[held] = twin.residuals(part.state).closure[held]
     return angles

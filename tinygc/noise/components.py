@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -431,6 +432,36 @@ class SessionNoise:
             steps,
         )
         return replace(self, s=found.s, sigma=found.sigma, value=found.value)
+
+
+#: steps of an estimate beside one more effect, which starts from the noise without it
+GUESS_STEPS = 7
+
+
+def noise_beside(
+    noise: SessionNoise,
+    whiten: Callable[[np.ndarray], np.ndarray],
+    white: np.ndarray,
+    r: np.ndarray,
+    J: np.ndarray,
+    columns: np.ndarray,
+    start: np.ndarray,
+) -> SessionNoise:
+    """Re-estimate the noise with an effect, by linear columns (n, P), beside J (n, p), both stacked and in units of their priors' sigmas.
+
+    The sigma of the effect's prior becomes the rms of its own parameters.  whiten: by the noise without it, of sizes ``start``; white
+    (n, n): white noise.
+    """
+    both = np.concatenate([J, columns], axis=1)
+    own = slice(J.shape[1], both.shape[1])
+
+    def optimum() -> np.ndarray:
+        white_J = whiten(both)
+        return -np.linalg.solve(white_J.T @ white_J + np.eye(len(both.T)), white_J.T @ whiten(r))
+
+    if columns.shape[1]:
+        both[:, own] *= np.sqrt(np.mean(optimum()[own] ** 2))
+    return noise.estimated_beside(white, r + both @ optimum(), both, start, steps=GUESS_STEPS)
 
 
 def first_noise(twin: Twin, whiten: Whitener, missed: Undersampling | None = None) -> SessionNoise:

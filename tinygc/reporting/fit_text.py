@@ -13,7 +13,7 @@ from session.io.units import DEG, MG
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.estimation.model_tests import NOISE, contradictions
+from tinygc.estimation.model_tests import NOISE, contradictions, gravity_test
 from tinygc.estimation.options import METHODS, MethodFit
 from tinygc.estimation.results import FitResult, known_turns_words
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
@@ -45,7 +45,7 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
         drift = drift_json(found.drift)
         cells = [f"{v:.2f} ± {s:.2f}" for v, s in zip(drift["mg_per_1000s"], drift["sigma"], strict=True)]
         table.add_row("drift of the bias, mg/1000s", *cells)
-    said = [f"the given calibration agrees with the data (p = {found.p_value:.2g})"] if found.mode == "prior" else []
+    said = [test.says for test in gravity_test(found)]
     said += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
     if said:
         table.caption, table.caption_justify = "; ".join(said), "left"
@@ -175,7 +175,7 @@ def _physics_words(physics: PhysicsFit, contradicted: bool) -> str:
         mended.append(
             "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"
         )
-    return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
+    return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model")
 
 
 # The terminal report of a fit, as rich renderables; nothing is printed here.

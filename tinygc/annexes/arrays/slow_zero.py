@@ -10,8 +10,9 @@ from scipy.special import chdtrc
 
 from session.io.units import DEG
 from tinygc.effects import Effect
+from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.engine import Explanation
-from tinygc.explanation.evidence import PRIOR_ODDS, Evidence, linear_estimate
+from tinygc.explanation.evidence import Evidence, linear_estimate
 from tinygc.explanation.families import SLOW_ZERO, alternatives, has_thermometer, motion, shares_of
 from tinygc.explanation.search import guesses, slow_candidates
 from tinygc.explanation.standing import LEVEL, Standing, Statement, upper_limit

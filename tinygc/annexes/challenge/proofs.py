@@ -33,7 +33,7 @@ from tinygc.effects.catalogue import having, tried
 from tinygc.effects.effect import ANYWHERE
 from tinygc.explanation.claims import named_claims, readable
 from tinygc.explanation.data_repair import repair
-from tinygc.explanation.decision import Naming, prove
+from tinygc.explanation.decision import FitClosure, Naming, Prover
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.search import NamedEffect
 from tinygc.library.sessions import simulate
@@ -191,7 +191,8 @@ def explanation_of(found: FittedProof) -> Explanation:
     twin, whiten, fit, problem = found.twin, found.whiten, found.fit, found.twin.problem
     named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square, 1.0)]
     naming = Naming(found.first, 0.0, fit, named, whiten, first_noise(twin, whiten))
-    proof, gravity, claimed = prove(problem, twin, whiten, fit), turn_gravity(twin, fit), named_claims(fit, named, found.first.chi_square)
+    proof, gravity = Prover(problem, twin, FitClosure.of(problem))(whiten, fit), turn_gravity(twin, fit)
+    claimed = named_claims(fit, named, found.first.chi_square)
     e = Explanation(problem.session, problem, repair(problem), twin, naming, gravity, proof, "explained", 0.0, claimed)
     e.within = within_stills(twin)
     return e

@@ -9,7 +9,8 @@ import numpy as np
 
 from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.responses import Responses
-from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, UNSEEN, orthonormal
+from tinygc.estimation.systematic import PRIOR_ODDS, SCALES
+from tinygc.explanation.evidence import UNSEEN, orthonormal
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener

@@ -29,8 +29,7 @@ from tinygc.annexes.verification.questions import dense, noise_beside
 from tinygc.annexes.verification.rows import Rows
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import solve_lower
-from tinygc.estimation.systematic import AS_PROBABLE
-from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
+from tinygc.estimation.systematic import AS_PROBABLE, PRIOR_ODDS, SCALES
 from tinygc.models.linear import MATRIX, LinearModel
 
 #: causes in one explanation at most

@@ -215,7 +215,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
 
 
 def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
-    found = explanation.naming.fit
+    found = explanation.proof.fit
     claims = tuple(claim for claim in found.state.claims if claim.effect.kind == "rate")
     known = conditions(explanation.mended.problem)
     vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.session.clock)

@@ -1,6 +1,7 @@
 """The table's own errors: exact columns, slopes of the state, terms of the noise, inject and recover, and what is inseparable."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,15 +10,24 @@ from scipy.stats import chi2, norm
 from table_simulation import LostSteps, fixed_moves
 from table_summaries import Summary, draw
 
-from session.annexes.machines.description import Axis, Description
+from session.annexes.machines.description import LATENCY_SIGMA_S, Axis, Description
 from session.annexes.machines.mechanics import AxisErrors, TableErrors, normals, true_attitudes
 from session.io.errors import DataError
-from session.io.units import DEG
-from tinygc.annexes.machines.candidates import DROPPED, candidates_of
+from session.io.units import DEG, EARTH_RATE_RPS
+from tinygc.annexes.machines.candidates import DROPPED, candidates_of, most_cycles
 from tinygc.annexes.machines.explanation import TableExplanation
-from tinygc.annexes.machines.rows import Comparison, moved, part_names, prior_of, start_of
-from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, NoiseModel
-from tinygc.annexes.machines.selection import DELAY_SIGMA_S, Named, _fitted, select
+from tinygc.annexes.machines.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
+from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, NoiseModel, RowsNoise, of_answers
+from tinygc.annexes.machines.selection import (
+    DELAY_SIGMA_S,
+    Named,
+    _family_wise,
+    _fitted,
+    _Judged,
+    _odd_inside,
+    _smallest_under_noise,
+    select,
+)
 from tinygc.effects.catalogue import effect_of
 from tinygc.reporting.terminal import as_text
 
@@ -448,3 +458,95 @@ def test_a_p_value_has_as_many_degrees_of_freedom_as_directions_are_seen(clean):
         assert each.p_value == pytest.approx(chi2.sf(gain, len(each.s)), rel=1e-6)
         compared.add(len(each.s))
     assert len(compared) > 1
+
+
+# The parts by themselves.
+
+
+def test_an_edge_has_of_its_answers_what_cubic_convolution_gives():
+    """Of Keys (1981): exact for parabolas, and an answer's own where the edge is there."""
+    at = np.array([1.0, 2.5, 3.0, 4.25])
+    found = of_answers(at)
+    for power in range(3):
+        assert found @ np.arange(float(found.shape[1])) ** power == pytest.approx(at**power)
+    assert found[0].tolist() == [0, 1, 0, 0, 0, 0, 0]
+    assert found[1] == pytest.approx(np.array([0, -1, 9, 9, -1, 0, 0]) / 16)
+
+
+def test_a_right_jacobian_is_the_slope_of_the_exponential():
+    for vector in np.array([[0.3, -1.2, 0.7], [1e-6, 2e-6, -1e-6], [5e-3, 0, 0], [0.0, 3.0, 0]]):
+        R = Rotation.from_rotvec(vector)
+        for number, found in enumerate(_right_jacobian(vector[None])[0].T):
+            step = 1e-6 * np.eye(3)[number]
+            moved_by = [(R.inv() * Rotation.from_rotvec(vector + sign * step)).as_rotvec() for sign in (1, -1)]
+            assert found == pytest.approx((moved_by[0] - moved_by[1]) / 2e-6, abs=1e-9)
+
+
+def test_priors_of_the_state():
+    """Axes: zeros of 1°, play of 0.2°; the Earth's rate as the latitude has it, to 1 % of the vertical one."""
+    seen = session(table(Z, Y), moves=4)
+    names = part_names(2)
+    assert [names.count(name) for name in dict.fromkeys(names)] == [9, 3, 6, 3, 3, 3, 2, 2, 1, 1, 1]
+    for latitude in (None, 50 * DEG):
+        mean, sigma = prior_of(replace(seen, latitude_rad=latitude, accel_sigma_g=0.02))
+        horizontal, vertical = (EARTH_RATE_RPS, EARTH_RATE_RPS) if latitude is None else EARTH_RATE_RPS * np.array([np.cos(latitude), 0.01])
+        expected = [0.05] * 9 + [5 * DEG] * 3 + [0.02] * 9 + [3 * DEG] * 3 + [horizontal] * 2 + [vertical] + [1 * DEG] * 2 + [0.2 * DEG] * 2
+        assert sigma == pytest.approx([*expected, LATENCY_SIGMA_S, 0.02, 0.02**2])
+        assert mean == pytest.approx(np.where(np.arange(34) == 26, 0.0 if latitude is None else -EARTH_RATE_RPS * np.sin(latitude), 0.0))
+
+
+def test_rows_are_whitened_by_the_factor_of_their_covariance():
+    rng = np.random.default_rng(1)
+    factors = [np.tril(rng.normal(size=(n, n))) + 3 * np.eye(n) for n in (4, 2, 3)]
+    whole = np.zeros((9, 9))
+    for start, factor in zip((0, 4, 6), factors, strict=True):
+        here = slice(start, start + len(factor))
+        whole[here, here] = factor
+    rows = rng.normal(size=(9, 2))
+    noise = RowsNoise({}, 0.0, np.ones(5), factors[0], factors[1:])
+    assert noise.whiten(rows) == pytest.approx(np.linalg.solve(whole, rows))
+    assert noise.whiten(rows[:, 0]) == pytest.approx(np.linalg.solve(whole, rows[:, 0]))
+
+
+@pytest.mark.parametrize(("far", "size", "odd"), [(1, 6.1, True), (1, 5.9, False), (3, 6.1, True), (4, 6.1, False)])
+def test_a_turn_is_odd_inside_from_six_times_the_usual_square_where_few_are(far, size, odd):
+    """Of 12 turns of one axis, a quarter at most; beside them one of another axis, and one of several without rows."""
+    squares = np.where(np.arange(12) < far, size, 1.0)
+    inner = np.ones((14, 4), dtype=bool)
+    inner[13] = False
+    inner[0, 2:] = False
+    left = np.concatenate([np.zeros(5), np.sqrt(np.repeat([*squares, 100.0, 0.0], inner.sum(axis=1))), np.full(3, 9.0)])
+    seen = SimpleNamespace(said=np.zeros((15, 2)), alone=np.array([0] * 12 + [1, -1]))
+    base = SimpleNamespace(
+        comparison=SimpleNamespace(observed=seen, inner=inner), left=left, model=SimpleNamespace(outer=5), count=5 + int(inner.sum())
+    )
+    assert _odd_inside(base).tolist() == [odd and number < far for number in range(14)]
+
+
+def test_the_fastest_ripple_is_what_the_blocks_resolve():
+    """Of a turn of 0.1 rad a block, 0.8 of half a wave a block; at most 100; none of an axis that never turns alone."""
+    edges = np.zeros((3, 6, 3))
+    edges[:, :, 0] = 0.1 * np.minimum(np.arange(6), 4)
+    edges[:, :, 1] = 0.001 * np.arange(6)
+    for axis, most in ((0, int(0.8 * np.pi / 0.1)), (1, 100), (2, 0)):
+        assert most_cycles(SimpleNamespace(alone=np.full(3, min(axis, 1)), said_edges=edges), axis) == most
+
+
+def test_a_family_wise_p_is_the_share_of_draws_and_one_that_was_not_drawn():
+    assert _family_wise(0.02, np.array([0.01, 0.02, 0.03, 0.5])) == pytest.approx(3 / 5)
+    assert _family_wise(1e-9, np.linspace(0.1, 1, 99)) == pytest.approx(0.01)
+
+
+def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
+    """Five candidates, of 1, 1, 1, 2 and 2 directions that no other sees, one without any: P(smallest < p) = 1 - (1 - p)^5."""
+    size, start, judged = [1, 1, 1, 2, 2], 0, []
+    for count in size:
+        judged.append(_Judged(None, slice(start, start + count), np.full(count, 7.0), np.eye(count), 1.0, 0.0))
+        start += count
+    judged.append(_Judged(None, slice(start, start + 1), np.array([1.9]), np.eye(1), 1.0, 0.0))
+    found = _smallest_under_noise(SimpleNamespace(gram=49.0 * np.eye(8)), judged, np.random.default_rng(1))
+    for p in (0.01, 0.05, 0.2):
+        expected = 1 - (1 - p) ** 5
+        assert np.mean(found < p) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 2000))
+    assert len(found) == 2000
+    assert (_smallest_under_noise(SimpleNamespace(gram=np.eye(1)), judged[-1:], np.random.default_rng(1)) == 1.0).all()

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from conftest import broad
+from scipy.stats import f as f_distribution
 
 from session.io.errors import DataError, FormatError
 from tinygc.annexes.rates.choice import LINE, Choice, chance, choose, held_out
@@ -265,6 +266,22 @@ def test_noise_is_that_of_points_at_no_limit_and_a_limits_sigma_that_of_those_at
         line = np.diag(np.linalg.inv(design.T @ design)) * (noise * unit) ** 2
         limit = np.var(output[at], ddof=1) / 6  # wider than the noise, as its points are
         assert np.diag(found.covariance) == pytest.approx([*line, limit], rel=1e-5)
+
+
+@pytest.mark.parametrize(("repeats", "tests"), [(2, False), (3, True)])
+def test_a_law_is_held_against_three_repeats_or_more(repeats, tests):
+    """F of what the means of a rate leave beside the line, over what repeats scatter."""
+    rate = np.r_[-50.0, -30, -10, 10, 30, 50, [-50.0, 10, 50][:repeats]]
+    points = measured(lambda w: SCALE * w + 1e-6 * w**2, rate)
+    lack = fit(points, LINE).lack_of_fit
+    assert (lack is not None) == tests
+    if lack is not None:
+        pairs = points.output[[0, 3, 5]] - points.output[6:]
+        pure = np.sum(pairs**2 / 2)
+        left = np.polyfit(rate, points.output, 1, full=True)[1][0]
+        f = (left - pure) / 4 / (pure / 3)
+        assert (lack.noise, lack.freedom) == (pytest.approx(np.sqrt(pure / 3)), 3)
+        assert lack.p_value == pytest.approx(f_distribution.sf(f, 4, 3))
 
 
 def test_the_least_that_residuals_count():

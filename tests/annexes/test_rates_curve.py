@@ -88,6 +88,9 @@ def test_what_one_reading_that_is_off_leaves_open():
     assert open_at(7, False, 10) is None  # 80 and 100 °/s are sound
     assert open_at(9, False, 10) == (100.0, 80.0, None)
     assert open_at(4, False, 10) is None  # at rest
+    one_sense = measured(lambda w: SCALE * w + 0.5 * (w == 240), UP[UP >= 0])
+    within = linear_range(fit(one_sense, Hypothesis("line", apart=12)))
+    assert (within.low, within.high, within.ends) == (0.0, 220.0, (False, False))
 
 
 def test_no_departure_over_all_rates_where_a_reading_leaves_an_end_open():
@@ -119,6 +122,18 @@ def test_a_range_is_reached_where_most_draws_reach_it():
         rows = rows_of(given(points, Hypothesis(CURVE)))
         for key, end in (("linear_low", -240.0), ("linear_high", 240.0)):
             assert rows[key].value == end if rows[key].sigma is None else abs(rows[key].value) < 240
+
+
+@pytest.mark.parametrize(("bent", "high"), [(2, 240.0), (3, 100.0)])
+def test_an_end_is_the_median_of_the_draws_where_more_than_half_reach_it(bent, high):
+    """A cubic departs by 1 % at 0.1 over the root of its share: of five draws at 100 °/s, or beyond the rates."""
+    points = measured(lambda w: SCALE * w, UP)
+    law, curve = fit(points, Hypothesis("cubic")), fit_curve(points, Hypothesis(CURVE))
+    shares = np.where(np.arange(5) < bent, 1e-6, 1e-8)
+    vars(curve)["draws"] = [law.moved(np.array([0.0, SCALE, -SCALE * share])) for share in shares]
+    within = linear_range(curve)
+    assert (within.low, within.high) == (pytest.approx(-high, rel=1e-4), pytest.approx(high, rel=1e-4))
+    assert within.ends == (bent == 3, bent == 3)
 
 
 def test_a_number_that_leaves_as_little_elsewhere_is_said_so():

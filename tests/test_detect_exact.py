@@ -7,10 +7,28 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
 from looks import G, look, of, with_sensor
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
-from session.detect.axes import IDENTITY, SIGNED_PERMUTATIONS, agreement, axes_in_words, check_gravity_moves, cut_turns
-from session.detect.check_samples import check_stamps, find_ceiling
+from session.detect import dials
+from session.detect.axes import (
+    IDENTITY,
+    SIGNED_PERMUTATIONS,
+    Turns,
+    _closures,
+    _counted_at,
+    _mistakes,
+    _regress,
+    _scale_correction,
+    _sharpen,
+    _tells_scale,
+    agreement,
+    axes_in_words,
+    check_gravity_moves,
+    cut_turns,
+)
+from session.detect.check_samples import _same, _scatter_bar, _stands, _usual_step, check_stamps, find_ceiling
 from session.detect.events import clips, plateau, run_bar
 from session.detect.stills import find_stills
 from session.io.numeric import held_for, new_readings, smallest_step
@@ -198,3 +216,166 @@ def test_an_impact_counts_from_one_g_between_two_readings(good):
         accel[row - 1] *= np.linalg.norm(samples.accel[row]) / np.linalg.norm(accel[row - 1])
         findings = [each for each in look(good, accel=accel) if each.what == "impacts"]
         assert bool(findings) == found
+
+
+# Sensitivities: what undoes a usual mistake
+
+
+@pytest.mark.parametrize(
+    ("factor", "raw", "kind", "by", "settings"),
+    [
+        (0.5, True, "", 1.0, (("gyro_fs_dps", 250.0),)),
+        (3.0, True, None, None, None),
+        (4.0, False, "gyro", 4.0, (("gyro_fs_dps", 2000.0),)),
+        (DEG, False, "gyro", DEG, ()),
+        (1 / DEG, False, "gyro", 1 / DEG, ()),
+        (0.001, False, "gyro", 0.001, ()),
+    ],
+)
+def test_what_undoes_a_wrong_sensitivity(good, factor, raw, kind, by, settings):
+    found = _scale_correction(factor, replace(good.config.sensor, model="unknown"), raw)
+    assert (found and (found.kind, found.factor, found.settings)) == (None if kind is None else (kind, by, settings))
+
+
+def test_what_undoes_a_wrong_sensitivity_of_registers(good):
+    sensor = replace(good.config.sensor, gyro_mdps_per_lsb=17.5)
+    assert _scale_correction(2.0, sensor, True).settings == (("gyro_fs_dps", 1000.0), ("gyro_mdps_per_lsb", 35.0))
+    assert _scale_correction(1 / 64, sensor, True) is None  # the sensor has no such full scale
+
+
+def test_samples_counted_at_a_wrong_rate(good):
+    found = _counted_at(1.25, replace(good.config.sensor, odr_hz=104.0))
+    assert (found.says, found.factor, found.settings) == ("the samples were counted at 104 Hz, and came at 83.2", 1.25, (("odr_hz", 83.2),))
+
+
+def test_usual_mistakes_have_their_factors(good):
+    """Degrees for radians, mdps, us for ns, powers of two up to 32, and ST's 17.5 mdps of 500 dps against 32768 counts."""
+    sensor = replace(good.config.sensor, model="unknown")
+    st = 17.5e-3 * 32768 / 500
+    powers = {2.0**power for power in range(-5, 6)} - {1.0}
+    assert set(_mistakes(sensor, True, 0.0)) == {DEG, 1 / DEG, 1e-3, 1e3, st, 1 / st} | powers
+    # A step of the registers that is already what the mistake says they should be is none.
+    to_span = 500 / 32.768
+    for step, missing in ((to_span, 1 / st), (st * to_span, st)):
+        assert set(_mistakes(sensor, True, step * 1.0019)) == {DEG, 1 / DEG, 1e-3, 1e3, st, 1 / st} - {missing} | powers
+        assert len(_mistakes(sensor, True, step * 1.0021)) == 16
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        (np.diag([1, -1, 1]), "the gyro's y has the wrong sign; its triad is left-handed"),
+        (np.diag([-1, -1, 1]), "the gyro's x and y have the wrong sign"),
+        (-np.eye(3), "all three axes of the gyro have the wrong sign; its triad is left-handed"),
+        (np.eye(3)[[1, 2, 0]], "the gyro's axes are in a wrong order; true x is the logged +y, y is the logged +z, z is the logged +x"),
+        (
+            np.diag([1, 1, -1.0])[[1, 0, 2]],
+            "the gyro's x and y are exchanged; z has the wrong sign; true x is the logged +y, y is the logged +x, z is the logged -z",
+        ),
+    ],
+)
+def test_wrong_axes_in_words(axes, words):
+    assert axes_in_words(np.asarray(axes, dtype=float)) == words
+
+
+# Closures by hand
+
+
+def turned_by(vector, blocks=7):
+    """Turns of z by rotation vectors (S, 3) rad in equal blocks."""
+    vector = np.atleast_2d(vector).astype(float)
+    first = np.tile([0.0, 0, 1], (len(vector), 1))
+    last = Rotation.from_rotvec(vector).inv().apply(first)
+    return Turns(np.repeat(vector[:, None] / blocks, blocks, axis=1), np.full((len(vector), blocks, 3), np.nan), first, last)
+
+
+def test_a_closure_is_the_angle_by_which_the_median_turn_misses_gravity():
+    turns = turned_by([[0.5, 0, 0], [0, 1.0, 0], [0, 0, 2.0]])
+    factors = np.array([np.eye(3), 1.1 * np.eye(3), np.diag([1, -1, 1.0])])
+    assert _closures(turns, factors) == pytest.approx([0, 0.05, 0], abs=1e-9)  # of 0.05, 0.1 and 0; of 0, 2 and 0
+    assert _sharpen(turned_by([[0.5, 0, 0]] * 3), np.eye(3), 1 / 1.1)[0] == pytest.approx(1.0, abs=0.003)
+
+
+def test_a_turn_tells_the_scale_where_a_tenth_more_moves_its_end_by_two_degrees():
+    there = np.array([[1.0, 0, 0]])
+    for degrees, tells in ((19.5, False), (20.5, True), (360, True)):
+        assert _tells_scale(turned_by(degrees * DEG * there), np.eye(3)).tolist() == [tells]
+    assert _tells_scale(turned_by([[0, 0, 2.0]]), np.eye(3)).tolist() == [False]
+
+
+def test_a_regression_finds_the_scale_and_what_it_leaves():
+    """Gravity that moves as the rates say, in small steps; and the mirrored axis with the other sign."""
+    rotation = Rotation.from_rotvec(np.arange(400)[:, None] * 0.002 * [1, 0, 0])
+    down = rotation.inv().apply([0, 0, 1.0])
+    turns = Turns(np.full((1, 400, 3), 0.002 / 1.25) * [1, 0, 0], down[None], down[:1], down[-1:])
+    scales, misfits = _regress(turns)
+    assert (scales[IDENTITY], misfits[IDENTITY]) == (pytest.approx(1.25, rel=1e-4), pytest.approx(0, abs=1e-4))
+    mirrored = next(i for i, axes in enumerate(SIGNED_PERMUTATIONS) if (axes == np.diag([-1, 1, 1])).all())
+    assert (scales[mirrored], misfits[mirrored]) == (pytest.approx(-1.25, rel=1e-4), pytest.approx(0, abs=1e-4))
+
+
+# Coarse registers and copies
+
+
+@pytest.mark.parametrize("length", [20, 60, 200])
+def test_equal_neighbours_that_noise_leaves_in_one_step(length):
+    """Two normal readings differ by d of sqrt(2) sigma, and share a step by chance 1 - |d|; sigma such that a run stays in it by 1e-5."""
+    sigma = 0.5 / norm.isf((1 - 1e-5 ** (1 / length)) / 2)
+    share = quad(lambda d: 2 * (1 - d) * norm.pdf(d, scale=np.sqrt(2) * sigma), 0, 1)[0]
+    assert _scatter_bar(length) == pytest.approx(min(0.6, share), rel=1e-9)
+
+
+@pytest.mark.parametrize(("count", "same"), [(99, False), (100, True)])
+def test_a_copy_has_a_hundred_readings_or_more(count, same):
+    rows = np.random.default_rng(1).normal(size=(150, 3))
+    assert _same(rows, rows[:count]) == _same(rows[:count], rows) == same
+    assert not _same(np.ones((150, 3)), np.ones((150, 3)))  # nothing that a sensor reads
+    other = rows.copy()
+    other[-1, 2] += 1
+    assert not _same(rows, other)
+    assert _same(rows[:-1], other)
+
+
+def test_readings_stand_at_both_ends_for_twenty_each_and_far_from_rest():
+    """Of a wave between 0 and 1: twice 10 readings in a row at each end; from 20 steps of the noise on."""
+    wave = np.tile(np.r_[np.linspace(-0.9, 0.9, 50), np.ones(10), np.linspace(0.9, -0.9, 50), -np.ones(10)], 2)
+    level, at = _stands(wave, 0.049)
+    assert (level, at.sum()) == (1.0, 40)
+    assert _stands(wave, 0.051) is None
+    assert _stands(wave[:-1], 0.049) is None  # 19 at one end
+    assert _usual_step(np.array([0.0, 0, 1, 4, 4, -1])) == 3.0
+    assert _usual_step(np.zeros(4)) == 0.0
+
+
+# Dials by hand
+
+
+def test_rotations_of_dials_are_those_of_scipy():
+    rng = np.random.default_rng(1)
+    angles = rng.uniform(-1.5, 1.5, size=(20, 3))
+    of = Rotation.from_euler("ZYX", angles[:, ::-1])
+    assert dials._matrix(angles) == pytest.approx(of.as_matrix())
+    assert dials.down_of_dials(angles) == pytest.approx(of.inv().apply([0, 0, 1.0]))
+    vectors = np.concatenate([rng.normal(size=(20, 3)), [[0, 0, 0], [1e-9, 0, 0], [0, 3.1, 0]]])
+    assert dials._exp(vectors) == pytest.approx(Rotation.from_rotvec(vectors).as_matrix())
+    assert dials._log(Rotation.from_rotvec(vectors).as_matrix()) == pytest.approx(Rotation.from_rotvec(vectors).as_rotvec(), abs=1e-9)
+    assert np.linalg.norm(dials._log(np.diag([-1.0, 1, -1])[None])) == pytest.approx(np.pi)
+    assert dials.angles_between(np.eye(3), np.eye(3)[[0, 2, 1]]) == pytest.approx([0, np.pi / 2, np.pi / 2])
+
+
+def test_what_dials_miss_is_beside_scale_and_mounting_and_one_turn_has_no_say():
+    """Of 12 turns, of a gyroscope of scales and a mounting within their priors; the last dial is off by 10°."""
+    rng = np.random.default_rng(1)
+    turn, whole = rng.normal(size=(12, 5, 3)) * 0.3, Rotation.identity(12)
+    for part in range(5):
+        whole = whole * Rotation.from_rotvec(turn[:, part])
+    first, mounting = Rotation.random(12, random_state=1), Rotation.from_rotvec([6e-3, -4e-3, 1e-2])
+    of = [(each * mounting).as_matrix() for each in (first, first * whole)]
+    read = np.repeat(turn / 40, 40, axis=1) / [1.005, 0.996, 1.002]
+    missed, usual = dials._missed(read, *of, 1e-4)
+    assert missed.max() < 5e-4
+    assert usual == pytest.approx(np.median(missed))
+    of[1][-1] = of[1][-1] @ Rotation.from_rotvec([0, 10 * DEG, 0]).as_matrix()
+    missed, _ = dials._missed(read, *of, 1e-4)
+    assert missed[-1] == pytest.approx(10 * DEG, rel=0.05)
+    assert missed[:-1].max() < 1e-3

@@ -265,6 +265,11 @@ def test_without_data_a_turn_may_miss_what_a_plausible_change_makes():
     assert of_g.bound_deg == pytest.approx(BOUND * np.hypot(0.01, 0.01) / DEG, rel=0.05)
 
 
+def test_gravity_is_asked_of_where_the_old_calibration_has_an_accelerometer():
+    alone = SimpleNamespace(**{**vars(OLD), "accelerometer": None})
+    assert [set(asked(made_rows(), old=old)) for old in (OLD, alone)] == [{E, B, "gravity's length", "noise"}, {E, B, "noise"}]
+
+
 def test_rows_of_rests_leave_e_unasked():
     rows = made_rows(11)
     rows.parameters[rows.kinds[CLOSURE]] = 0.0

@@ -1,6 +1,7 @@
 """Which law the points of a rate table follow, and the terms of it: exact cases, injected terms and their sigmas, chance."""
 
 import dataclasses
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.stats import f as f_distribution
 from session.io.errors import DataError, FormatError
 from tinygc.annexes.rates.choice import LINE, Choice, chance, choose, held_out
 from tinygc.annexes.rates.fitting import fit, floor, over_rate
-from tinygc.annexes.rates.laws import LAWS, Hypothesis
+from tinygc.annexes.rates.laws import EXTRAS, LAWS, Hypothesis
 from tinygc.annexes.rates.points import points_of
 from tinygc.annexes.rates.terms import input_limit, linear_range, terms
 
@@ -339,6 +340,17 @@ def test_columns_of_a_law(law, shape, expected):
     assert LAWS[law].columns(np.array([-50.0, 50.0]), shape) == pytest.approx(np.array(expected, dtype=float), rel=1e-12)
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_a_coefficients_unit_has_the_power_of_its_column(law):
+    """Rates, and shapes that are rates, twice as large: a column of the power n is 2^n times as large."""
+    of, rate = LAWS[law], np.array([-70.0, -20, 10, 50])
+    shape, twice = (
+        tuple(each * (factor if p.is_rate else 1) for each, p in zip((40.0, 0.6, 4.0), of.shapes, strict=False)) for factor in (1, 2)
+    )
+    powers = np.array([power for _, power in of.coefficients])
+    assert of.columns(2 * rate, twice) == pytest.approx(2.0**powers * of.columns(rate, shape), rel=1e-9, abs=1e-12)
+
+
 def test_columns_of_extras_and_their_units():
     rate = np.array([-20.0, 0, 20, 10, -10])
     points = points_of("s", "mV", rate, rate, ["one"] * 5)
@@ -348,6 +360,10 @@ def test_columns_of_extras_and_their_units():
     assert not of.columns(rate, ())[:, [2, 3, 7]].any()  # of rates that are no points neither sense nor order is known
     assert of.added == 7
     assert of.name == "line, clipped above, asymmetry, hysteresis, drift, turning, bend, sense, one reading off"
+    every = Hypothesis("line", extras=tuple(EXTRAS))
+    powers = np.array([1, *(extra.power for extra in EXTRAS.values())])
+    twice = replace(points, rate_dps=2 * rate)
+    assert every.columns(2 * rate, (), twice) == pytest.approx(2.0**powers * every.columns(rate, (), points))
     found = fit(measured(lambda w: np.minimum(SCALE * w + 1e-4 * np.abs(w), 4), noise=0.0), Hypothesis("polynomial", upper=True))
     assert found.names == ("V0", "K", "q", "c", "V+")
     assert found.units == ("V", "V/(°/s)", "V/(°/s)²", "V/(°/s)³", "V")

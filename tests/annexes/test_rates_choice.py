@@ -368,3 +368,15 @@ def test_columns_of_extras_and_their_units():
     assert found.names == ("V0", "K", "q", "c", "V+")
     assert found.units == ("V", "V/(°/s)", "V/(°/s)²", "V/(°/s)³", "V")
     assert [over_rate("°/s", power) for power in range(4)] == ["°/s", "1", "1/(°/s)", "1/(°/s)²"]
+
+
+@pytest.mark.parametrize(
+    ("hypothesis", "said"),
+    [
+        (LINE, "V = V0 + K w"),
+        (Hypothesis("normalised_sine", lower=True), "V = clip(V0 + A sin x / (1 + j cos x), V−, ∞); x = w / w0"),
+        (Hypothesis("line", False, True, ("hysteresis",), 2), "V = clip(V0 + K w + h direction / 2 + r [one reading], −∞, V+)"),
+    ],
+)
+def test_the_equation_of_a_hypothesis(hypothesis, said):
+    assert hypothesis.equation == said

@@ -285,6 +285,11 @@ def test_a_law_is_held_against_three_repeats_or_more(repeats, tests):
         assert lack.p_value == pytest.approx(f_distribution.sf(f, 4, 3))
 
 
+def test_the_slopes_of_numbers_that_are_zero():
+    found = fit(measured(lambda w: SCALE * w), Hypothesis("cubic")).moved(np.zeros(3))
+    assert found.jacobian == pytest.approx(np.column_stack([np.ones(41), BOTH_WAYS, BOTH_WAYS**3]), rel=1e-6, abs=1e-6)
+
+
 def test_the_least_that_residuals_count():
     """Rounding to the last digit, of rms step / sqrt(12), or a ten-millionth of the span; over the sigmas that are stated."""
     rate = np.arange(5.0)

@@ -53,6 +53,7 @@ def test_a_joint_covariance_is_taken_whole(tmp_path):
     none = Spread(np.full(COUNT, np.nan), np.inf, "")
     for each in expected_parts(old, replace(rows_with(), known=np.zeros((54, 2))), none):
         assert each.into.shape == (COUNT, each.columns.shape[1])
+        assert each.assumed == (each.name not in ("calibration", "references"))
     found = expected_parts(old, rows_with(), Spread(np.full(COUNT, np.nan), np.inf, ""))
     assert total([part for part in found if part.name == "calibration"]) == pytest.approx(root @ root.T, rel=1e-6, abs=1e-16)
 

@@ -19,10 +19,10 @@ from session.detect.axes import (
     _closures,
     _counted_at,
     _mistakes,
+    _refine_scale,
     _regress,
     _scale_correction,
-    _sharpen,
-    _tells_scale,
+    _shows_scale,
     agreement,
     axes_in_words,
     check_gravity_moves,
@@ -293,14 +293,14 @@ def test_a_closure_is_the_angle_by_which_the_median_turn_misses_gravity():
     turns = turned_by([[0.5, 0, 0], [0, 1.0, 0], [0, 0, 2.0]])
     factors = np.array([np.eye(3), 1.1 * np.eye(3), np.diag([1, -1, 1.0])])
     assert _closures(turns, factors) == pytest.approx([0, 0.05, 0], abs=1e-9)  # of 0.05, 0.1 and 0; of 0, 2 and 0
-    assert _sharpen(turned_by([[0.5, 0, 0]] * 3), np.eye(3), 1 / 1.1)[0] == pytest.approx(1.0, abs=0.003)
+    assert _refine_scale(turned_by([[0.5, 0, 0]] * 3), np.eye(3), 1 / 1.1)[0] == pytest.approx(1.0, abs=0.003)
 
 
 def test_a_turn_tells_the_scale_where_a_tenth_more_moves_its_end_by_two_degrees():
     there = np.array([[1.0, 0, 0]])
     for degrees, tells in ((19.5, False), (20.5, True), (360, True)):
-        assert _tells_scale(turned_by(degrees * DEG * there), np.eye(3)).tolist() == [tells]
-    assert _tells_scale(turned_by([[0, 0, 2.0]]), np.eye(3)).tolist() == [False]
+        assert _shows_scale(turned_by(degrees * DEG * there), np.eye(3)).tolist() == [tells]
+    assert _shows_scale(turned_by([[0, 0, 2.0]]), np.eye(3)).tolist() == [False]
 
 
 def test_a_regression_finds_the_scale_and_what_it_leaves():

@@ -251,10 +251,11 @@ def test_too_few_points_are_refused_in_one_line():
 # The fit's noise, its sigmas, and the points that it needs.
 
 
-def test_noise_is_that_of_points_at_no_limit_and_a_limits_sigma_that_of_those_at_it():
+@pytest.mark.parametrize("scatter", [0.02, 1e-5])
+def test_noise_is_that_of_points_at_no_limit_and_a_limits_sigma_that_of_those_at_it(scatter):
     rate, at = np.arange(-100.0, 101.0, 10.0), np.arange(21) >= 15
     rng = np.random.default_rng(3)
-    output = np.where(at, 0.9 + 0.02 * rng.normal(size=21), 0.02 * rate + 1e-3 * rng.normal(size=21))
+    output = np.where(at, 0.9 + scatter * rng.normal(size=21), 0.02 * rate + 1e-3 * rng.normal(size=21))
     for sigma, stated in ((None, 0.0), (np.full(21, 2e-3), 20.0)):
         found = fit(points_of("s", "V", rate, output, ["one"] * 21, sigma), Hypothesis("line", upper=True))
         assert found.is_limited.tolist() == at.tolist()
@@ -265,7 +266,7 @@ def test_noise_is_that_of_points_at_no_limit_and_a_limits_sigma_that_of_those_at
         assert found.freedom == 21 - 3 + stated
         design = np.column_stack([np.ones(15), rate[~at]])
         line = np.diag(np.linalg.inv(design.T @ design)) * (noise * unit) ** 2
-        limit = np.var(output[at], ddof=1) / 6  # wider than the noise, as its points are
+        limit = max(np.var(output[at], ddof=1), (noise * unit) ** 2) / 6  # no less than the noise
         assert np.diag(found.covariance) == pytest.approx([*line, limit], rel=1e-5)
 
 

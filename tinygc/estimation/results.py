@@ -40,7 +40,7 @@ from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
-from tinygc.estimation.verdict import Acceptance, Candidate, JudgedFit, decide, run_p_values, too_good, too_wide
+from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
 from tinygc.models.linear import BIAS, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 
@@ -235,7 +235,7 @@ class FitResult:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
         return self.decided(self.judged, self.use.method not in PHYSICS, limit_deg)
 
-    def decided(self, judged: Candidate, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
+    def decided(self, judged: JudgedFit, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
         """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts beside
         this session's own."""
         return decide(

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -70,39 +69,6 @@ WORDS = {
 }
 #: of tilts with this rms, about two axes alike, 95 % are below so many times it: sqrt(-ln 0.05)
 BELOW_95 = 1.73
-
-
-class Candidate(Protocol):
-    """A calibration to judge: see ``JudgedFit``, which is one."""
-
-    @property
-    def angles(self) -> np.ndarray: ...  # noqa: D102
-    @property
-    def numbers(self) -> list[int]: ...  # noqa: D102
-    @property
-    def vector(self) -> np.ndarray: ...  # noqa: D102
-    @property
-    def floor_rms(self) -> float: ...  # noqa: D102
-    @property
-    def closure_p(self) -> float: ...  # noqa: D102
-    @property
-    def closure_freedom(self) -> int | None: ...  # noqa: D102
-    @property
-    def run_errors(self) -> list[np.ndarray]: ...  # noqa: D102
-    @property
-    def run_p(self) -> list[float]: ...  # noqa: D102
-    @property
-    def run_losses(self) -> list[str]: ...  # noqa: D102
-    @property
-    def run_floors(self) -> list[np.ndarray]: ...  # noqa: D102
-    @property
-    def covariance(self) -> np.ndarray | None: ...  # noqa: D102
-    @property
-    def sources(self) -> tuple[Source, ...]: ...  # noqa: D102
-    @property
-    def unobserved(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def allowed(self) -> Systematic | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +167,7 @@ class Acceptance:
 
 
 def decide(
-    candidate: Candidate,
+    candidate: JudgedFit,
     files: Sequence[str],
     limit_deg: float | None,
     raw: AgainstRaw | None = None,
@@ -293,7 +259,7 @@ def _over(tilt_rad: float, promise: Promise | None) -> str:
     return f"held out {degrees(tilt_rad)}" + ("" if promise is None else f" over {promise.turn_s:.2g} s")
 
 
-def _closure(tilt_rad: float, times: float, candidate: Candidate, promise: Promise | None, promised_deg: float | None) -> str:
+def _closure(tilt_rad: float, times: float, candidate: JudgedFit, promise: Promise | None, promised_deg: float | None) -> str:
     """What a pass closes to, in words; promise: of the data sheet, with the limit that follows, None where a limit is given."""
     in_noise = f"{significant(times, 2)} × noise, {len(candidate.numbers)} segments"
     if promise is None:
@@ -303,7 +269,7 @@ def _closure(tilt_rad: float, times: float, candidate: Candidate, promise: Promi
     return f"closure {degrees(BELOW_95 * tilt_rad)} over {promise.turn_s:.2g} s (95 %), {in_noise}"
 
 
-def _others(candidate: Candidate, accelerometer: AccelerometerFit | None) -> list[Measured]:
+def _others(candidate: JudgedFit, accelerometer: AccelerometerFit | None) -> list[Measured]:
     """The values besides the closure that may have limits."""
     found = accelerometer_measured(accelerometer)
     if candidate.covariance is not None:
@@ -323,7 +289,7 @@ def _undecided(each: Conformity) -> str:
     return f"required {each.limit_words}: not decided within {significant(each.band, 2)} of a limit"
 
 
-def _doubts(candidate: Candidate, times_floor: float, accelerometer: AccelerometerFit | None) -> list[str]:
+def _doubts(candidate: JudgedFit, times_floor: float, accelerometer: AccelerometerFit | None) -> list[str]:
     """Reasons why a pass is weak evidence.  An accelerometer's error is common to all references, so closure does not show it."""
     doubts, in_numbers = [], f"{len(candidate.numbers)} segments for {len(candidate.vector)} parameters"
     if len(candidate.numbers) < ENOUGH_SEGMENTS:

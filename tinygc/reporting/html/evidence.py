@@ -30,8 +30,7 @@ from tinygc.estimation.physics import covariance_at_end, errors_with_physics, lo
 from tinygc.estimation.requirements import field_measured, known_sources
 from tinygc.estimation.results import AT_END, FitResult, versions
 from tinygc.estimation.sources import Source, coverage_factor, freedom_of
-from tinygc.estimation.systematic import Systematic
-from tinygc.estimation.verdict import Acceptance, run_p_values
+from tinygc.estimation.verdict import Acceptance, JudgedFit, run_p_values
 from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
@@ -109,39 +108,20 @@ def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> li
 LINEAR, PHYSICS = "least_squares", "physics"
 
 
-@dataclass(frozen=True, eq=False)
-class Adopted:
-    """Calibration that is reported.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Adopted(JudgedFit):
+    """Calibration that is reported: what its verdict looks at, and more.
 
-    name (least_squares or physics); model; angles (S, d) rad held out, of segments by their numbers; floor_rms rad of tilt that
-    noise alone leaves on them; closure_p: p-value of the closure on fitted segments, with closure_freedom degrees (None: with
-    more data than these segments);
-    vector and covariance of its parameters (12 linear ones first, then the effects'); claims: the effects in it; errors (3,) rad of
-    each closure run and the p-value of each from the known uncertainties; run_losses: a sentence for each run in which
-    samples seem lost, else none; quantities in the field's terms; accelerometer that gives its references; run_floors (3,) rad: one sigma
-    of each run from noise alone; sources of the covariance, where they are told apart; unobserved: names of parameters that are not;
-    allowed: what one effect that the model lacks may have moved, None where that is not known, or where the model has effects.
+    name (least_squares or physics); model, whose parameters are 12 linear ones, then the effects'; claims: the effects in it; quantities in
+    the field's terms; accelerometer that gives its references.
     """
 
     name: str
     model: LinearModel | PhysicsModel
-    angles: np.ndarray
-    numbers: list[int]
-    floor_rms: float
-    closure_p: float
-    closure_freedom: int | None
-    vector: np.ndarray
     covariance: np.ndarray
     claims: tuple[AppliedEffect, ...]
-    run_errors: list[np.ndarray]
-    run_p: list[float]
-    run_losses: list[str]
     quantities: list[Quantity]
     accelerometer: Accelerometer
-    run_floors: list[np.ndarray]
-    sources: tuple[Source, ...] = ()
-    unobserved: tuple[str, ...] = ()
-    allowed: Systematic | None = None
 
     @property
     def linear(self) -> LinearModel:

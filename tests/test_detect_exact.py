@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,10 +29,22 @@ from session.detect.axes import (
     check_gravity_moves,
     cut_turns,
 )
-from session.detect.check_samples import _same, _scatter_bar, _stands, _usual_step, check_stamps, find_ceiling
+from session.detect.check_samples import (
+    _same,
+    _scatter_bar,
+    _stands,
+    _usual_step,
+    check_dead,
+    check_quantised,
+    check_stamps,
+    find_ceiling,
+    without_force,
+)
 from session.detect.events import clips, plateau, run_bar
 from session.detect.stills import find_stills
+from session.io.logfile import Log
 from session.io.numeric import held_for, new_readings, smallest_step
+from session.io.samples import Samples
 
 # Readings that repeat, and steps
 
@@ -254,6 +267,9 @@ def test_usual_mistakes_have_their_factors(good):
     st = 17.5e-3 * 32768 / 500
     powers = {2.0**power for power in range(-5, 6)} - {1.0}
     assert set(_mistakes(sensor, True, 0.0)) == {DEG, 1 / DEG, 1e-3, 1e3, st, 1 / st} | powers
+    assert not any("does not have" in says for says in _mistakes(sensor, True, 0.0).values())
+    known = _mistakes(good.config.sensor, True, 0.0)
+    assert ["does not have" in known[factor] for factor in (0.5, 2.0, 0.125, 16.0)] == [False, False, True, True]
     # A step of the registers that is already what the mistake says they should be is none.
     to_span = 500 / 32.768
     for step, missing in ((to_span, 1 / st), (st * to_span, st)):
@@ -315,6 +331,33 @@ def test_a_regression_finds_the_scale_and_what_it_leaves():
 
 
 # Coarse registers and copies
+
+
+def of_rows(gyro, accel, rate_hz=104.0):
+    return Log(Path("log0001.csv"), Samples(np.rint(np.arange(len(gyro)) * 1e9 / rate_hz).astype(np.int64), gyro, accel))
+
+
+@pytest.mark.parametrize(("rate_hz", "least"), [(2.0, 9), (104.0, 105)])
+def test_steps_are_looked_for_in_stretches_of_a_second_and_eight_steps(good, rate_hz, least):
+    """Of an axis that repeats all but its last reading; the noise of the data sheet is its density times the root of half the rate."""
+    gyro = np.zeros((least, 3))
+    gyro[-1, 0] = 0.5 * DEG
+    (found,) = check_quantised(of_rows(gyro, gyro, rate_hz), good.config.sensor)
+    density = good.config.sensor.typical("gyro_noise_mdps_rthz")[1]
+    assert f"in steps of 500 mdps, and repeats {(least - 2) / (least - 1):.0%} of its readings" in found.says
+    assert f"({density * np.sqrt(rate_hz / 2):.3g} mdps rms for the ASM330LHH" in found.says
+    assert check_quantised(of_rows(gyro[1:], gyro[1:], rate_hz), good.config.sensor) == []
+
+
+def test_rows_without_force_are_no_dead_axis_where_that_is_agreed():
+    rng = np.random.default_rng(1)
+    gyro, accel = rng.normal(size=(1000, 3)), rng.normal(size=(1000, 3))
+    accel[300:700] = 0.0
+    log = of_rows(gyro, accel)
+    assert np.flatnonzero(without_force(log.samples)).tolist() == list(range(300, 700))
+    assert [each.what for each in check_dead(log)] == ["accelerometer dead"] * 3
+    assert "ax reads 0 g from row 300 to row 699, 2.9 to 6.7 s" in check_dead(log)[0].says
+    assert check_dead(log, True) == []
 
 
 @pytest.mark.parametrize("length", [20, 60, 200])

@@ -17,18 +17,20 @@ from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.annexes.machines.candidates import DROPPED, candidates_of, most_cycles
 from tinygc.annexes.machines.explanation import TableExplanation
 from tinygc.annexes.machines.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
-from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, NoiseModel, RowsNoise, of_answers
+from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER, NoiseModel, RowsNoise, of_answers
 from tinygc.annexes.machines.selection import (
     DELAY_SIGMA_S,
     Named,
     _family_wise,
     _fitted,
     _Judged,
+    _late,
     _odd_inside,
     _smallest_under_noise,
     select,
 )
 from tinygc.effects.catalogue import effect_of
+from tinygc.noise.reml import Prior
 from tinygc.reporting.terminal import as_text
 
 X, Y, Z = np.eye(3)
@@ -550,3 +552,29 @@ def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
         assert np.mean(found < p) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 2000))
     assert len(found) == 2000
     assert (_smallest_under_noise(SimpleNamespace(gram=np.eye(1)), judged[-1:], np.random.default_rng(1)) == 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("latency_s", "id", "values"), [(0.03, "table.latency", {"latency_ms": 30.0}), (-0.03, "gyro.bandwidth", {"tau_s": [0.03] * 3})]
+)
+def test_a_late_word_is_the_machines_and_an_early_one_a_late_sensors(latency_s, id, values):
+    base = SimpleNamespace(comparison=SimpleNamespace(of_latency=lambda: np.zeros((9, 1))))
+    found = _late(base, latency_s, 2e-3, 0.01, 5.0)
+    assert (found.candidate.id, found.p_value, found.log_evidence, found.equivalent) == (id, 0.01, 5.0, ("timing.axis_skew",))
+    assert found.candidate.values(found.theta) == pytest.approx(values)
+    assert (found.sigma == 2e-3).all()
+    assert len(found.sigma) == len(found.theta) == len(found.candidate.plausible)
+
+
+def test_sizes_that_errors_of_a_table_may_have(exact):
+    of = candidates_of(exact)
+    found = {each.id: np.unique(each.plausible / DEG).tolist() for each in of if each.id.startswith("table.") or each.id == DROPPED}
+    sizes = {"tilt": 0.5, "index": 0.2, "wobble": 0.1, "backlash": 0.3, "nonorthogonal": 0.3, "rate_ripple": 0.1, "lost_steps": 2}
+    assert found == {f"table.{name}": [pytest.approx(size)] for name, size in sizes.items()} | {DROPPED: [pytest.approx(2)]}
+
+
+@pytest.mark.parametrize(("instability_rps", "usual"), [(2e-5, 2e-5), (0.0, 1e-9)])
+def test_the_wander_is_looked_for_about_what_is_known_of_it(instability_rps, usual):
+    model = NoiseModel(Comparison(replace(session(table(Z), moves=4), instability_rps=instability_rps)))
+    _, first, prior = model.components[WANDER]
+    assert (first, prior) == (usual, Prior(usual, 0.7))

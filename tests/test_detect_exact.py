@@ -34,6 +34,7 @@ from session.detect.check_samples import (
     _scatter_bar,
     _stands,
     _usual_step,
+    check_copies,
     check_dead,
     check_quantised,
     check_stamps,
@@ -357,7 +358,17 @@ def test_rows_without_force_are_no_dead_axis_where_that_is_agreed():
     assert np.flatnonzero(without_force(log.samples)).tolist() == list(range(300, 700))
     assert [each.what for each in check_dead(log)] == ["accelerometer dead"] * 3
     assert "ax reads 0 g from row 300 to row 699, 2.9 to 6.7 s" in check_dead(log)[0].says
+    assert "such places" not in check_dead(log)[0].says
+    accel[800:950] = 0.0
+    assert "(2 such places)" in check_dead(log)[0].says
     assert check_dead(log, True) == []
+
+
+def test_each_copy_of_a_log_is_an_error_of_the_later_one():
+    first, other = (of_rows(np.random.default_rng(seed).normal(size=(200, 3)), np.zeros((200, 3))) for seed in (1, 2))
+    copy = replace(first, path=Path("log0003.csv"))
+    (found,) = check_copies((first, replace(other, path=Path("log0002.csv")), copy))
+    assert (found.level, found.where, found.says) == ("error", "log0003.csv", "holds the same readings as log0001.csv")
 
 
 @pytest.mark.parametrize("length", [20, 60, 200])

@@ -561,7 +561,7 @@ def test_a_late_word_is_the_machines_and_an_early_one_a_late_sensors(latency_s, 
     base = SimpleNamespace(comparison=SimpleNamespace(of_latency=lambda: np.zeros((9, 1))))
     found = _late(base, latency_s, 2e-3, 0.01, 5.0)
     assert (found.candidate.id, found.p_value, found.log_evidence, found.equivalent) == (id, 0.01, 5.0, ("timing.axis_skew",))
-    assert found.candidate.values(found.theta) == pytest.approx(values)
+    assert found.candidate.values(found.theta) == {name: pytest.approx(value) for name, value in values.items()}
     assert (found.sigma == 2e-3).all()
     assert len(found.sigma) == len(found.theta) == len(found.candidate.plausible)
 

@@ -16,6 +16,7 @@ from session.detect import dials
 from session.detect.axes import (
     IDENTITY,
     SIGNED_PERMUTATIONS,
+    AxesAgreement,
     Turns,
     _closures,
     _counted_at,
@@ -26,6 +27,7 @@ from session.detect.axes import (
     _shows_scale,
     agreement,
     axes_in_words,
+    check_axes,
     check_gravity_moves,
     cut_turns,
 )
@@ -293,6 +295,42 @@ def test_usual_mistakes_have_their_factors(good):
 )
 def test_wrong_axes_in_words(axes, words):
     assert axes_in_words(np.asarray(axes, dtype=float)) == words
+
+
+def look_at(good, monkeypatch, **found):
+    """What is found of axes that agree so."""
+    usual = {"misfit": 0.01, "residual": 0.01, "ends": 8, "scale": 1.0, "scale_std": 0.03}
+    given = {"axes": np.eye(3), "others": (), "turned": 1.0, "turns": 10} | usual | found
+    given |= {"identity_misfit": given["misfit"], "identity_residual": given["residual"]}
+    monkeypatch.setattr("session.detect.axes.agreement", lambda *_: AxesAgreement(**given))
+    log = good.logs[0]
+    return check_axes(log, log.samples, [], good.config)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "residual", "ends", "warns"),
+    [
+        (0.51, 0.05, 7, True),
+        (0.51, 0.05, 8, False),
+        (0.51, 0.101, 8, True),
+        (0.49, 0.05, 0, False),
+        (0.49, 0.101, 8, True),
+        (0.49, 0.099, 8, False),
+        (0.51, np.nan, 7, True),
+    ],
+)
+def test_gravity_is_explained_by_half_or_by_eight_ends_within_a_tenth_of_the_turn(good, monkeypatch, misfit, residual, ends, warns):
+    found = look_at(good, monkeypatch, misfit=misfit, residual=residual, ends=ends)
+    assert [(each.what, each.level) for each in found] == (
+        [("gyro against gravity", "warning")] if warns else [("axes", "ok"), ("gyro scale", "ok")]
+    )
+
+
+@pytest.mark.parametrize(
+    ("scale", "std", "level"), [(1.049, 0.03, "ok"), (1.051, 0.03, "warning"), (1.19, 0.1, "ok"), (1.21, 0.1, "error")]
+)
+def test_a_scale_is_within_five_per_cent_or_two_sigmas_of_a_coarse_one(good, monkeypatch, scale, std, level):
+    assert of(look_at(good, monkeypatch, scale=scale, scale_std=std), "gyro scale").level == level
 
 
 # Closures by hand

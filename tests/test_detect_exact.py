@@ -383,6 +383,7 @@ def test_steps_are_looked_for_in_stretches_of_a_second_and_eight_steps(good, rat
     gyro[-1, 0] = 0.5 * DEG
     (found,) = check_quantised(of_rows(gyro, gyro, rate_hz), good.config.sensor)
     density = good.config.sensor.typical("gyro_noise_mdps_rthz")[1]
+    assert found.says.startswith("the gyro (x) moves")  # the others are stuck
     assert f"in steps of 500 mdps, and repeats {(least - 2) / (least - 1):.0%} of its readings" in found.says
     assert f"({density * np.sqrt(rate_hz / 2):.3g} mdps rms for the ASM330LHH" in found.says
     assert check_quantised(of_rows(gyro[1:], gyro[1:], rate_hz), good.config.sensor) == []
@@ -471,3 +472,16 @@ def test_what_dials_miss_is_beside_scale_and_mounting_and_one_turn_has_no_say():
     missed, _ = dials._missed(read, *of, 1e-4)
     assert missed[-1] == pytest.approx(10 * DEG, rel=0.05)
     assert missed[:-1].max() < 1e-3
+
+
+def test_the_scale_of_turns_is_held_by_its_prior_of_five_per_cent():
+    """Five turns about x, of 1 rad by the gyroscope and 1.1 by the dials: weights are Cauchy's, by the median of three normal errors."""
+    identity = np.tile(np.eye(3), (5, 1, 1))
+    missed, _ = dials._missed(
+        np.full((5, 100, 3), 0.01) * [1, 0, 0], identity, identity @ Rotation.from_rotvec([1.1, 0, 0]).as_matrix(), 0.04
+    )
+    left = 0.1
+    for _ in range(30):
+        weight = 1 / (max(left / 1.5382, 0.04) ** 2 + left**2)
+        left = 0.1 * (1 - 5 * weight / (5 * weight + 0.05**-2))
+    assert missed == pytest.approx(np.full(5, left), rel=1e-6)

@@ -343,7 +343,8 @@ def test_sizes_beyond_what_is_declared_are_known(clean):
     assert model.excess(replace(selected.noise, sizes=quiet)) == {}
     assert model.excess(replace(selected.noise, sizes=quiet | {REPEATABILITY: 6.0})) == {REPEATABILITY: pytest.approx(2.0)}
     assert model.excess(replace(selected.noise, sizes=quiet | {AT_REST: 2e-3})) == {AT_REST: pytest.approx(2.0)}
-    assert set(model.excess(replace(selected.noise, sizes=quiet | {IN_TURN: 1 * DEG}))) == {IN_TURN}
+    in_turn = 6 * np.hypot(model.components[IN_TURN][1], np.sqrt(2) * declared)
+    assert model.excess(replace(selected.noise, sizes=quiet | {IN_TURN: in_turn})) == {IN_TURN: pytest.approx(2.0)}
 
 
 def of_name(selected, id, whose, where="", equivalent=()):

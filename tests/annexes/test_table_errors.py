@@ -14,17 +14,19 @@ from session.annexes.machines.description import LATENCY_SIGMA_S, Axis, Descript
 from session.annexes.machines.mechanics import AxisErrors, TableErrors, normals, true_attitudes
 from session.io.errors import DataError
 from session.io.units import DEG, EARTH_RATE_RPS
-from tinygc.annexes.machines.candidates import DROPPED, candidates_of, most_cycles
+from tinygc.annexes.machines.candidates import DROPPED, Candidate, candidates_of, most_cycles
 from tinygc.annexes.machines.explanation import TableExplanation
 from tinygc.annexes.machines.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER, NoiseModel, RowsNoise, of_answers
 from tinygc.annexes.machines.selection import (
     DELAY_SIGMA_S,
     Named,
+    _Base,
     _family_wise,
     _fitted,
     _Judged,
     _late,
+    _named,
     _odd_inside,
     _smallest_under_noise,
     select,
@@ -579,3 +581,22 @@ def test_the_wander_is_looked_for_about_what_is_known_of_it(instability_rps, usu
     model = NoiseModel(Comparison(replace(session(table(Z), moves=4), instability_rps=instability_rps)))
     _, first, prior = model.components[WANDER]
     assert (first, prior) == (usual, Prior(usual, 0.7))
+
+
+def test_a_named_error_has_what_is_seen_of_it_and_what_is_within_three_of_its_evidence(monkeypatch):
+    """A direction is seen where its sigma is half of the plausible size: with the prior, a fifth of that variance is left."""
+    own = Candidate("own", "table", "", None, np.array([10.0, 0.1]), (), {})
+    others = [(replace(own, id=id), evidence) for id, evidence in (("near", 2.1), ("far", 1.9))]
+    judged = [_Judged(each, None, None, None, 1.0, evidence) for each, evidence in [(own, 5.0), *others]]
+    monkeypatch.setattr("tinygc.annexes.machines.selection._fitted", lambda *_: SimpleNamespace(judged=judged))
+    theta, covariance = np.array([7.0, 0.3]), np.diag([0.19 * 100, 0.21 * 0.01])
+    base = SimpleNamespace(place_of=lambda _: slice(0, 2), theta=theta, covariance=covariance)
+    found = _named(None, base, [own], 0, 0.01, None)
+    assert (found.theta.tolist(), found.sigma.tolist()) == (pytest.approx([7.0, 0.0]), pytest.approx([np.sqrt(19), 0.0]))
+    assert (found.p_value, found.log_evidence, found.equivalent) == (0.01, 5.0, ("near",))
+
+
+def test_named_errors_come_after_the_state_in_their_order():
+    first, second, other = (Candidate(id, "table", "", None, np.ones(size), (), {}) for id, size in (("a", 2), ("b", 3), ("c", 1)))
+    base = SimpleNamespace(state=np.zeros(34), named=[first, second])
+    assert [_Base.place_of(base, each) for each in (first, second, other)] == [slice(34, 36), slice(36, 39), None]

@@ -16,10 +16,13 @@ from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests, none_missing
+from tinygc.estimation.physics import PART_NAMED
 from tinygc.estimation.promise import promise_of
+from tinygc.estimation.results import FitResult
 from tinygc.estimation.systematic import SURE, SUSPECTED
 from tinygc.explanation.claims import DIFFERS, VERDICTS
-from tinygc.explanation.engine import Explanation, _expected_rms, _verdict
+from tinygc.explanation.decision import expected_rms
+from tinygc.explanation.engine import Explanation, _verdict
 from tinygc.noise.components import STILL_RATE, TURN, WANDER
 from tinygc.reporting.fit_text import accelerometer_table
 
@@ -168,15 +171,21 @@ def explained(tests=(), named=(), findings=(), unusual=False, after=1.0, decided
         names = [each for each in kept if each != name]
         return SimpleNamespace(covariance=covariance(names), without=lambda other: without(other, names))
 
+    noise = SimpleNamespace(without=without, beyond=[(SimpleNamespace(name=name), 2.0, 1.0) for name in beyond])
     e = SimpleNamespace(
         decision=SimpleNamespace(tests=tests) if decided else None,
         contradictions=contradictions(tests),
         claimed=claims,
         findings=findings,
-        naming=SimpleNamespace(unusual=unusual, first_p=first_p),
+        naming=SimpleNamespace(
+            unusual=unusual,
+            first_p=first_p,
+            beyond=findings,
+            noise=noise,
+            whiten=SimpleNamespace(parts={"closure": slice(0, 6)}),
+        ),
         proof=SimpleNamespace(after=np.array([[after, 0.0]] * 3), floor_rms=1.0, worse=worse),
-        noise=SimpleNamespace(without=without, beyond=[(SimpleNamespace(name=name), 2.0, 1.0) for name in beyond]),
-        whiten=SimpleNamespace(parts={"closure": slice(0, 6)}),
+        noise=noise,
         twin=SimpleNamespace(batch=SimpleNamespace(angles=2)),
     )
     e.verdict = _verdict(e)
@@ -212,7 +221,7 @@ def test_what_explain_says_follows_the_tests_of_fit(known, verdict):
     """Explained: what is left is at most twice what noise with a cause leaves, which an error of each turn is not."""
     e = explained(**known)
     assert e.verdict == verdict
-    assert _expected_rms(e) == pytest.approx(2.0)
+    assert expected_rms(e.twin, e.naming, e.proof) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(
@@ -256,3 +265,15 @@ def test_a_zero_that_drifts_is_no_pass_and_is_named(tmp_path, simulated):
     why = tinygc.explain(session)
     assert why.explanation.decision.headline == decision.headline
     assert "gyro.bias_drift" in [effect.id for effect in why.effects]
+
+
+@pytest.mark.parametrize(("method", "refused", "doubts"), [("physics", True, [PART_NAMED]), ("physics", False, []), ("pso", True, [])])
+def test_what_is_left_beside_physics_is_a_doubt_of_fit_as_of_explain(method, refused, doubts):
+    fit = SimpleNamespace(
+        use=SimpleNamespace(method=method),
+        physics=SimpleNamespace(refused=refused),
+        judged=None,
+        decided=lambda judged, is_linear, limit_deg, more: more,
+    )
+    assert FitResult.verdict(fit) == doubts
+    assert VERDICTS["partly_explained"][0] == PART_NAMED

@@ -27,7 +27,7 @@ class PhysicsFit:
 
     model; problem it was fitted to, after data repair; left: the problem as a sensor without the effects would have recorded it; fit of the
     effects with the linear model of that; angles (S, d) rad of the segments, and held_out; mended: ids of the effects repaired before;
-    refused: whether a mismatch remains that no effect explains; methods: those that include the physics, by name; run_errors: their errors
+    refused: whether a mismatch remains that has no name; methods: those that include the physics, by name; run_errors: their errors
     (3,) rad in each closure run; lost_s: times in each run after which samples seem to be missing; of_force: the effects of
     the accelerometer among those fitted, as JSON: no model has them.
     """
@@ -45,6 +45,9 @@ class PhysicsFit:
     lost_s: tuple[np.ndarray, ...] = ()
     of_force: tuple[dict, ...] = ()
 
+
+#: doubt about physics beside which something is left
+PART_NAMED = "partly explained: something is left that has no name here"
 
 #: function that gives the roll, pitch and yaw errors (3,) rad of a closure run under a trial vector of parameters
 RunErrors = Callable[[np.ndarray, ClosureRun], np.ndarray]

@@ -34,7 +34,7 @@ from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
 from tinygc.estimation.model_tests import GRAVITY, ModelTest, model_tests
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
-from tinygc.estimation.physics import errors_with_physics, rate_covariance, rows_of_rates
+from tinygc.estimation.physics import PART_NAMED, errors_with_physics, rate_covariance, rows_of_rates
 from tinygc.estimation.promise import promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source
@@ -233,7 +233,9 @@ class FitResult:
 
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
-        return self.decided(self.judged, self.use.method not in PHYSICS, limit_deg)
+        is_linear = self.use.method not in PHYSICS
+        more = [PART_NAMED] if not is_linear and self.physics is not None and self.physics.refused else []
+        return self.decided(self.judged, is_linear, limit_deg, more)
 
     def decided(self, judged: JudgedFit, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
         """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts beside

@@ -13,6 +13,7 @@ from tinygc.closure.problem import SAID_SIGMAS
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue
 from tinygc.effects.effect import DIFFERENT_P
+from tinygc.estimation.physics import PART_NAMED
 from tinygc.estimation.systematic import PRIOR_ODDS, SCALES
 from tinygc.explanation.data_repair import FROM_THE_BAR, RepairedProblem
 from tinygc.explanation.search import NamedEffect
@@ -97,7 +98,7 @@ VERDICTS = {
     "no_mismatch": ("no mismatch was found; the detection limits say what would have shown", "green"),
     "explained": ("explained", "green"),
     "ambiguous": ("explained, but this recording cannot decide between lookalikes", "yellow"),
-    "partly_explained": ("partly explained: something is left that has no name here", "yellow"),
+    "partly_explained": (PART_NAMED, "yellow"),
     "unexplained": ("there is a mismatch, and no effect in the catalogue fits it", "red"),
 }
 #: ``unexplained`` where nothing but the scatter of turns and stills contradicts the model

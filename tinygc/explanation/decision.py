@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,6 +23,7 @@ from tinygc.estimation.bias import SAME, choose, tilt_rms
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import stated_response
+from tinygc.estimation.verdict import NEAR_FLOOR
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
 from tinygc.explanation.families import SLOW_ZERO
@@ -41,7 +43,7 @@ from tinygc.explanation.search import (
 from tinygc.explanation.standing import Standing, standing_of
 from tinygc.models.linear import LinearModel
 from tinygc.noise.candidates import candidates, scanned
-from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise
+from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.refit import Refit, prior_sigmas, refit
 from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
@@ -528,6 +530,19 @@ class Naming:
     def refused(self) -> bool:
         """Whether there is a mismatch that no effect explains."""
         return not self.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
+
+
+def leaves_more(twin: Twin, naming: Naming, proof: Proof) -> bool:
+    """Whether beside what is named something has no name: a shape, noise unlike a sensor's, or a closure that the names make worse, or that
+    is far above the noise that has a cause."""
+    return bool(naming.beyond) or naming.unusual or proof.worse or tilt_rms(proof.after) > NEAR_FLOOR * expected_rms(twin, naming, proof)
+
+
+def expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
+    """Tilt rms, rad, that noise with a cause leaves of a segment: of what is estimated, all but each turn's and each still's own error."""
+    noise, closure = naming.noise.without(TURN).without(STILL_RATE), naming.whiten.parts["closure"]
+    variance = np.diag(noise.covariance)[closure].reshape(-1, twin.batch.angles)
+    return math.hypot(proof.floor_rms, float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1]))))
 
 
 def decide(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from session.detect.findings import Finding, as_arguments
 from session.io.errors import CalibrationError
@@ -20,10 +17,10 @@ from tinygc.estimation.fit import fit_session
 from tinygc.estimation.model_tests import NOISE, ModelTest, contradictions, least_p
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult
-from tinygc.estimation.verdict import NEAR_FLOOR, Acceptance
+from tinygc.estimation.verdict import Acceptance
 from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
-from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, decide, tilt_rms
+from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, decide, leaves_more
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
@@ -204,18 +201,6 @@ def _verdict(explanation: Explanation) -> str:
     if not e.claimed:
         return "unexplained" if contradicted or e.findings else "no_mismatch"
     clocks_alone = [claim.effect.id for claim in e.claimed] == ["timing.gyro_accel_offset"]
-    if (
-        e.findings
-        or e.naming.unusual
-        or e.proof.worse
-        or (clocks_alone and contradicted)
-        or tilt_rms(e.proof.after) > NEAR_FLOOR * _expected_rms(e)
-    ):
+    if leaves_more(e.twin, e.naming, e.proof) or (clocks_alone and contradicted):
         return "partly_explained"
     return "ambiguous" if any(claim.equivalent for claim in e.claimed) else "explained"
-
-
-def _expected_rms(e: Explanation) -> float:
-    """Tilt rms, rad, that noise with a cause leaves of a segment: of what is estimated, all but each turn's and each still's own error."""
-    variance = np.diag(e.noise.without(TURN).without(STILL_RATE).covariance)[e.whiten.parts["closure"]].reshape(-1, e.twin.batch.angles)
-    return math.hypot(e.proof.floor_rms, float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1]))))

@@ -18,7 +18,7 @@ from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.claims import readable
 from tinygc.explanation.data_repair import repair
-from tinygc.explanation.decision import AS_FIT, FitClosure, without_effects
+from tinygc.explanation.decision import AS_FIT, FitClosure, leaves_more, without_effects
 from tinygc.explanation.engine import named_in, proved
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.truth_engine import without_wrong_moments
@@ -96,7 +96,7 @@ def fit_physics(
     refused = False
     if ids is None:
         mended, twin, decision, proof = named_in(problem, stated, seed, lambda what, done, of: progress(what))
-        refused = decision.refused
+        refused = decision.refused or (bool(decision.named) and leaves_more(twin, decision, proof))
         if decision.beyond:  # an unnamed shape is not part of a model
             fit = refit(twin, decision.whiten, [named.effect for named in decision.named], twin.start())
             proof = proved(problem, twin, decision.whiten, fit, stated)

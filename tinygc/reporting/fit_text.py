@@ -170,7 +170,7 @@ def _physics_words(physics: PhysicsFit, contradicted: bool) -> str:
     if physics.refused and contradicted:
         explain = command_line("explain")
         nameless = f"a mismatch that no effect in the catalogue fits ({explain} says what is known): nothing is added to the linear model"
-        mended.append(f"there is more that has no name: see {explain}" if mended else nameless)
+        mended.append(f"there is more that has no name: see {explain}" if fitted or mended else nameless)
     if physics.model.session_s is not None:
         mended.append(
             "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"

@@ -134,11 +134,11 @@ def test_what_is_left_is_a_rate_over_its_degrees_of_freedom():
     assert noise.left_rps == pytest.approx(np.linalg.norm(left) / 4 / np.sqrt(len(keep) - COUNT), rel=1e-6)
 
 
-def decided(matters=(), small=(), open_=(), as_it_is=0.2, anew=0.1, names=(), turned=True):
+def decided(matters=(), small=(), open_=(), as_it_is=0.2, anew=0.1, names=(), turned=True, anew_sigma=0.01):
     """The decision on a cost, degrees, with causes of these names."""
     bounds = [Bound(name, 2.0 if name in open_ else 0.1, 1.0, f"a use of {name}") for name in (E, B, GRAVITY)]
     sigma = np.full(3, 0.01 * DEG)
-    cost = Cost("a minute", np.array([as_it_is, 0, 0]) * DEG, sigma, np.array([anew, 0, 0]) * DEG, sigma)
+    cost = Cost("a minute", np.array([as_it_is, 0, 0]) * DEG, sigma, np.array([anew, 0, 0]) * DEG, np.array([0, anew_sigma, 0]) * DEG)
     found = [Cause(name, name, *[np.zeros(0)] * 3, "", 1.0, (), f"mend {name}") for name in names]
     diagnosis = SimpleNamespace(best=SimpleNamespace(causes=found, words=list(names)))
     changed = dict.fromkeys(matters, 3.0) | dict.fromkeys(small, 0.87)
@@ -193,6 +193,10 @@ def test_b_is_taken_anew_where_that_helps_and_e_left_open_where_it_was_not_asked
     in_vain = decided(as_it_is=5.0, anew=2.0)
     assert (in_vain.answer, in_vain.bias_serves) == (FAILS, False)
     assert "with B anew the minute still misses 2.0°" in in_vain.headline
+    assert decided(as_it_is=5.0, anew=2.0, open_=(E,), anew_sigma=0.99).answer == FAILS
+    by_noise = decided(as_it_is=5.0, anew=2.0, open_=(E,), anew_sigma=1.01)  # nothing that this recording tells
+    assert (by_noise.answer, by_noise.bias_serves) == (UNDECIDED, True)
+    assert by_noise.headline.endswith("whether E holds stays open")
 
 
 @pytest.mark.parametrize("name", [E, GRAVITY, NOISE])

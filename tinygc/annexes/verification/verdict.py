@@ -248,7 +248,7 @@ def _decide(
     if matters or costs > max(limit, 2 * float(np.linalg.norm(cost.sigma))):
         why = (because or "the zero moved by more than between switch-ons") if matters else "it moved as between switch-ons"
         why += f", and costs {significant(costs / DEG, 2)}° in the next minute{f'; {less}' if small else ''}"
-        if anew > limit:
+        if anew > max(limit, 2 * float(np.linalg.norm(cost.bias_anew_sigma))):
             return _Decision(
                 FAILS, f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°", fit_again, bias_serves=False
             )

@@ -30,6 +30,7 @@ from tinygc.estimation.physics import covariance_at_end, errors_with_physics, lo
 from tinygc.estimation.requirements import field_measured, known_sources
 from tinygc.estimation.results import AT_END, FitResult, versions
 from tinygc.estimation.sources import Source, coverage_factor, freedom_of
+from tinygc.estimation.systematic import Systematic
 from tinygc.estimation.verdict import Acceptance, JudgedFit, run_p_values
 from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
@@ -122,6 +123,7 @@ class Adopted(JudgedFit):
     claims: tuple[AppliedEffect, ...]
     quantities: list[Quantity]
     accelerometer: Accelerometer
+    allowed: Systematic | None = None
 
     @property
     def linear(self) -> LinearModel:

@@ -19,7 +19,7 @@ from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, Mo
 from tinygc.estimation.physics import PART_NAMED
 from tinygc.estimation.promise import promise_of
 from tinygc.estimation.results import FitResult
-from tinygc.estimation.systematic import SURE, SUSPECTED
+from tinygc.estimation.systematic import SURE, SUSPECTED, Systematic
 from tinygc.explanation.claims import DIFFERS, VERDICTS
 from tinygc.explanation.decision import expected_rms
 from tinygc.explanation.engine import Explanation, _verdict
@@ -34,8 +34,8 @@ def noise(p=0.5, beyond="each turn 2 deg, where 1 deg is usual"):
     return SimpleNamespace(unusual_p=p, noise=SimpleNamespace(beyond_words=beyond))
 
 
-def odds(log_odds, suspected=()):
-    return SimpleNamespace(log_odds={"gyro.bias_drift": log_odds, "gyro.noise": -1.0}, suspected=list(suspected))
+def odds(log_odds, **others):
+    return Systematic({}, np.zeros((0, 2, 12)), {"gyro.bias_drift": log_odds, "gyro.noise": -1.0, **others})
 
 
 @pytest.mark.parametrize(("p", "contradicted"), [(0.0099, True), (0.0101, False)])
@@ -69,13 +69,24 @@ def test_an_effect_contradicts_where_it_is_there_with_95_percent():
     assert none_missing(np.log(30)) == pytest.approx(0.5)
     assert (none_missing(1e9), none_missing(-np.inf)) == (pytest.approx(0.0, abs=1e-300), 1.0)
     above, below = np.log(571), np.log(569)
-    (found,) = contradictions(model_tests(FINE, {}, None, odds(above, ["gyro.bias_drift"]), None))
+    (found,) = contradictions(model_tests(FINE, {}, None, odds(above), None))
     assert (found.name, found.says) == (EFFECT, "an effect is probably missing: gyro.bias_drift (probability that none is 0.05)")
     assert contradictions(model_tests(FINE, {}, None, odds(below), None)) == []
     # From there to even odds, 30 to 1 with the prior ones, it is open, as names of explain are more probable than not.
     opened = [model_tests(FINE, {}, None, odds(np.log(each)), None)[1].leaves_open for each in (571, 569, 31, 29)]
     assert opened == [False, True, True, False]
     assert not ModelTest(TURNS, 0.2, 0.01, "").leaves_open
+
+
+def test_effects_that_are_not_told_apart_count_together():
+    """Sixteen and ten and five to one, of which none is even with the prior odds; one within exp(3) of the best is the last to count."""
+    alike = odds(np.log(16), step=np.log(10), warmth=np.log(5), far=np.log(0.79), against=-0.1)
+    assert alike.likeliest == alike.suspected == ["gyro.bias_drift", "step", "warmth"]
+    assert none_missing(alike.log_odds_of_any) == pytest.approx(30 / 61)
+    assert odds(np.log(400), near=np.log(20), far=np.log(19.9)).likeliest == ["gyro.bias_drift", "near"]
+    fewer = odds(np.log(16), step=np.log(10), warmth=np.log(3.9))
+    assert (fewer.suspected, model_tests(FINE, {}, None, fewer, None)[1].leaves_open) == ([], False)
+    assert odds(-0.5).log_odds_of_any == -np.inf
 
 
 @pytest.mark.parametrize(

@@ -71,9 +71,8 @@ def model_tests(
         differs = more if p < MISMATCH_P else "the noise may be that of such a sensor"
         found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs}{beyond and f' ({beyond})'}: {probability(p)}"))
     if allowed is not None:
-        most = max(allowed.log_odds.values(), default=-np.inf)
-        p, named = none_missing(most), " or ".join(allowed.suspected)
-        missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue by itself is probable"
+        p, named = none_missing(allowed.log_odds_of_any), " or ".join(allowed.suspected)
+        missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue is probable"
         found.append(ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability that none is {p:.2g})"))
     return (*found, *([] if accelerometer is None else gravity_test(accelerometer)))
 
@@ -88,7 +87,7 @@ def gravity_test(accelerometer: AccelerometerFit) -> list[ModelTest]:
 
 
 def none_missing(log_odds: float) -> float:
-    """Probability that no effect is missing, by the odds of the most probable one against none, and the prior odds."""
+    """Probability that no effect is missing, by the odds of any of the most probable ones against none, and the prior odds."""
     return float(1 / (1 + PRIOR_ODDS * np.exp(min(log_odds, 700.0))))
 
 

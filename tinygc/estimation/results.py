@@ -28,7 +28,7 @@ from tinygc import models
 from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
-from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above, goodness
+from tinygc.closure.uncertainty import GoodnessOfFit, goodness
 from tinygc.estimation.accelerometer import JOINT_NAMES, USUAL_SPREAD, AccelerometerFit, AnySession, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
@@ -181,8 +181,7 @@ class FitResult:
             vector, covariance = state.vector[rows_of_rates(state)], rate_covariance(physics.fit, self.session.clock)
             errors = errors_with_physics(physics.model.claims, physics.model.known, state.earth_t)
             problem, held_out, freedom = physics.problem, self.methods[name].held_out, None
-            left = len(physics.fit.r) - physics.fit.J.shape[1]
-            closure_p = chi_square_above(physics.fit.chi_square, max(left, 1))
+            closure_p = physics.fit.p_value
         else:
             model = self.linear.model
             assert isinstance(model, LinearModel)

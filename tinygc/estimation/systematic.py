@@ -79,12 +79,22 @@ class Systematic:
         }
 
     @property
-    def suspected(self) -> list[str]:
-        """Effects that are probably missing from the model, the most probable first: ids with odds beyond ``SUSPECTED`` that are within
-        ``AS_PROBABLE`` of the best.  ``explain`` compares them properly."""
+    def likeliest(self) -> list[str]:
+        """Ids of the most probable effect and of those that the recording does not tell from it, within ``AS_PROBABLE``; none that it
+        speaks against."""
         most = max(self.log_odds.values(), default=-np.inf)
-        near = [name for name, odds in self.log_odds.items() if odds > max(SUSPECTED, most - AS_PROBABLE)]
+        near = [name for name, odds in self.log_odds.items() if odds > max(0.0, most - AS_PROBABLE)]
         return sorted(near, key=lambda name: -self.log_odds[name])
+
+    @property
+    def log_odds_of_any(self) -> float:
+        """Natural logarithm of the odds of any of the likeliest effects, against none."""
+        return float(logsumexp([self.log_odds[name] for name in self.likeliest])) if self.likeliest else -np.inf
+
+    @property
+    def suspected(self) -> list[str]:
+        """The likeliest effects, where one of them is probably missing from the model.  ``explain`` compares them properly."""
+        return self.likeliest if self.log_odds_of_any > SUSPECTED else []
 
 
 def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, widened: float, still_rates: bool) -> Systematic:

@@ -26,7 +26,7 @@ from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
-from tinygc.noise.refit import Refit, Replay, over_shapes
+from tinygc.noise.refit import Refit, Replay, over_shapes, refit
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -171,7 +171,10 @@ def _decided(
     naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, prove)
     naming = replace(naming, fit=settled(twin, naming.whiten, naming.fit))
     progress("proof on held-out segments", 5, 6)
-    return twin, naming, prove(naming.whiten, naming.fit)
+    fit = naming.fit
+    if naming.beyond:  # an unnamed shape is not part of a model: what is handed on has no such shape
+        fit = settled(twin, naming.whiten, refit(twin, naming.whiten, [named.effect for named in naming.named], twin.start()))
+    return twin, naming, prove(naming.whiten, fit)
 
 
 def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:

@@ -26,7 +26,6 @@ from tinygc.explanation.truth_names import TruthTwin, beside_clock, held_out, na
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.candidates import candidates
-from tinygc.noise.refit import refit
 from tinygc.noise.twin import Twin
 
 
@@ -96,10 +95,8 @@ def fit_physics(
     refused = False
     if ids is None:
         mended, twin, decision, proof = named_in(problem, stated, seed, lambda what, done, of: progress(what))
-        refused = decision.refused or (bool(decision.named) and leaves_more(twin, decision, proof))
-        if decision.beyond:  # an unnamed shape is not part of a model
-            fit = refit(twin, decision.whiten, [named.effect for named in decision.named], twin.start())
-            proof = proved(problem, twin, decision.whiten, fit, stated)
+        named = decision.named or decision.undersampled or mended.found
+        refused = leaves_more(twin, decision, proof) if named else decision.refused
     else:
         mended = repair(problem, progress)
         twin = Twin(mended.problem)

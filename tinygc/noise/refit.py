@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from session.io.units import EARTH_RATE_RPS, MG
+from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.models.linear import PRIOR_SIGMA
 from tinygc.noise.candidates import scanned
@@ -118,6 +119,11 @@ class Refit:
     chi_square: float
     covariance: np.ndarray
     columns_at: State
+
+    @property
+    def p_value(self) -> float:
+        """Probability that noise leaves a chi-square this large."""
+        return chi_square_above(self.chi_square, max(len(self.r) - self.J.shape[1], 1))
 
     def theta_covariance(self, number: int) -> np.ndarray:
         """Covariance (P, P) of one claim."""

@@ -163,7 +163,7 @@ class Adopted(JudgedFit):
 
 def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
     """Choose the calibration to report."""
-    if explanation is not None and any(claim.effect.kind == "rate" for claim in explanation.naming.fit.state.claims):
+    if explanation is not None and any(claim.effect.kind == "rate" for claim in explanation.proof.fit.state.claims):
         before, after = (tilt_rms(x) for x in (explanation.proof.before, explanation.proof.after))
         if after < before:
             return _with_physics(fit, explanation)
@@ -210,7 +210,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
         angles=explanation.proof.after,
         numbers=explanation.proof.after_numbers,
         floor_rms=explanation.proof.floor_rms,
-        closure_p=float(explanation.left["closure"]),
+        closure_p=found.p_value,
         closure_freedom=None,
         vector=vector,
         covariance=covariance,

@@ -5,13 +5,15 @@ contradicts.
 
 ``verify`` holds each recording against the first one of its unit (mimu), or its own.  A pair contradicts where two of them answer one
 question in two ways: a test of ``fit`` contradicts the model and ``explain`` finds no mismatch, or the reverse; a mismatch with a p-value
-of chance; PASS beside a name or a rest; another verdict in the report of the same calibration; ``verify`` holds what ``fit`` refutes.
+of chance; PASS beside a name or a rest; another verdict in the report of the same calibration; ``verify`` holds what ``fit`` refutes; *before* of ``explain`` is not ``fit``'s
+held-out closure.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -47,6 +49,7 @@ def main() -> None:
 def answers(job: Job) -> dict:
     """The five answers on one recording, and which of them contradict."""
     from tinygc.closure.prepared import prepare
+    from tinygc.estimation.bias import tilt_rms
     from tinygc.estimation.fit import fit_session
     from tinygc.estimation.model_tests import contradictions
     from tinygc.estimation.options import FitOptions
@@ -77,6 +80,7 @@ def answers(job: Job) -> dict:
         "pass beside a name": decision.answer == "pass" and bool(moves),
         "report differs": is_linear and row["report"] != decision.answer,
         "verify holds": row["verify"] == "holds" and contradicted,
+        "held out differs": not math.isclose(tilt_rms(e.proof.before), tilt_rms(fit.linear.held_out), rel_tol=1e-9),
     }
     return row | {"contradicting": "; ".join(pair for pair, is_so in said.items() if is_so)}
 

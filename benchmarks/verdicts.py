@@ -5,8 +5,8 @@ contradicts.
 
 ``verify`` holds each recording against the first one of its unit (mimu), or its own.  A pair contradicts where two of them answer one
 question in two ways: a test of ``fit`` contradicts the model and ``explain`` finds no mismatch, or the reverse; a mismatch with a p-value
-of chance; PASS beside a name or a rest; another verdict in the report of the same calibration; ``verify`` holds what ``fit`` refutes; *before* of ``explain`` is not ``fit``'s
-held-out closure.
+of chance; PASS beside a name or a rest; another verdict in the report of the same calibration; ``verify`` holds what ``fit`` refutes;
+*before* of ``explain`` is not ``fit``'s held-out closure.
 """
 
 from __future__ import annotations

@@ -280,8 +280,11 @@ def test_before_is_what_fit_states_and_after_its_own_answer_without_the_effects(
     assert (proof.before is before, proof.after is after, proof.changed, proof.floor_rms) == (True, True, True, np.sqrt(2.0))
     assert proof.before_numbers == proof.after_numbers == list(range(1, 13))
     assert given == [fitted.problem]
-    assert prove(named.whiten, named.fit).named is proof.named  # the same effects are held out once
+    assert prove(named.whiten, named.fit).named is proof.named  # the same fit is held out once
     assert len(given) == 1
+    moved = replace(named.fit, state=named.fit.state.with_vector(named.fit.state.vector + 1e-6))  # as into the gauge
+    assert prove(named.whiten, moved).fit.state.claims is moved.state.claims
+    assert [given.pop(), len(given)] == [fitted.problem, 1]
     same = prove(nothing.whiten, nothing.fit)
     assert (same.changed, same.after is before, same.left is fitted, len(given)) == (False, True, True, 1)
     # Where fit used other turns, or another accelerometer was named, or the turns were repaired, the twin's own problem stands.
@@ -317,6 +320,36 @@ def test_what_is_handed_on_has_the_covariance_of_both_estimates_for_the_same_err
     errors, priors = np.concatenate([linear[0], to_errors]), np.concatenate([linear[1], to_prior])
     index = [*range(12), 15, 16]
     np.testing.assert_allclose(found.covariance[np.ix_(index, index)], errors @ C @ errors.T + priors @ priors.T, rtol=1e-6, atol=1e-9)
+
+
+def test_an_unknown_shape_widens_the_linear_model_that_is_handed_on(monkeypatch):
+    """As a joint fit with a column of the shape says, where L is least squares of the linear model alone; by any L no variance of any sum
+    is negative, and no number is known better for it."""
+    twin = twin_with((A, [6.0, -4.0]), wide=True)
+    have = twin.evidence().of((A,), twin.evidence().nothing)
+    J, prior, rng = have.fit.J, np.r_[prior_sigmas(twin, [A]), 1.0], np.random.default_rng(4)
+    shape = J[:, 15:] @ [3.0, 2.0] + 2 * J[:, 0] / np.linalg.norm(J[:, 0]) + 0.1 * rng.normal(size=twin.n)
+    columns = np.column_stack([J, shape])
+    joint = np.linalg.inv(columns.T @ columns + np.diag(prior**-2.0))
+    widened = replace(have.fit, covariance=joint[:-1, :-1])
+    left = FitClosure(SimpleNamespace(), SimpleNamespace(model=LinearModel.from_vector(np.arange(12.0))))
+    least_squares = -np.linalg.solve(J[:, :12].T @ J[:, :12], J[:, :12].T)
+    for L in (least_squares, rng.normal(size=least_squares.shape)):
+        monkeypatch.setattr(decision, "stated_response", lambda *_, L=L: L @ have.whiten(np.eye(twin.n)))
+        before, found = (
+            np.delete(np.delete(with_linear(twin, have.whiten, fit, left).covariance, [12, 13, 14], 0), [12, 13, 14], 1)
+            for fit in (have.fit, widened)
+        )
+        size = np.sqrt(np.diag(found))
+        assert np.linalg.eigvalsh(found / np.outer(size, size)).min() > 0
+        assert (size >= np.sqrt(np.diag(before)) * (1 - 1e-9)).all()
+        if L is least_squares:
+            assert size[0] > 1.7 * np.sqrt(before[0, 0])
+            to_errors, to_prior = -joint[15:] @ columns.T, joint[15:] / prior
+            errors = np.concatenate([L + L @ columns[:, 15:] @ to_errors, to_errors[:2]])
+            priors = np.concatenate([L @ columns[:, 15:] @ to_prior, to_prior[:2]])
+            by_hand = errors @ errors.T + priors @ priors.T
+            np.testing.assert_allclose(found / np.outer(size, size), by_hand / np.outer(size, size), atol=1e-6)
 
 
 def test_fit_on_what_is_left_closes_as_on_a_sensor_without_the_effect():

@@ -44,7 +44,7 @@ from tinygc.explanation.standing import Standing, standing_of
 from tinygc.models.linear import LinearModel
 from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
-from tinygc.noise.refit import Refit, prior_sigmas, refit
+from tinygc.noise.refit import Refit, at_known_shapes, prior_sigmas, refit
 from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
 
@@ -163,20 +163,21 @@ class Proof:
 
 
 class Prover:
-    """Hold out segments as ``fit`` does, once for each set of effects.  original: the problem before its repair, twin after it; stated: by
+    """Hold out segments as ``fit`` does, once for each state of a fit.  original: the problem before its repair, twin after it; stated: by
     ``fit`` without any effect."""
 
     def __init__(self, original: Problem, twin: Twin, stated: FitClosure):
         self.original, self.twin, self.stated = original, twin, stated
-        self._known: dict[tuple[Effect, ...], tuple[np.ndarray, FitClosure]] = {}
+        self._known: dict[tuple[tuple[Effect, ...], bytes], tuple[np.ndarray, FitClosure]] = {}
 
     def __call__(self, whiten: Whitener, fit: Refit) -> Proof:
         """Prove the effects of a fit."""
         twin, stated = self.twin, self.stated
         effects = tuple(claim.effect for claim in fit.state.claims)
-        if effects not in self._known:
-            self._known[effects] = self._held_out(whiten, fit)
-        named, left = self._known[effects]
+        key = effects, fit.state.vector.tobytes()
+        if key not in self._known:
+            self._known[key] = self._held_out(whiten, fit)
+        named, left = self._known[key]
         before, changed = stated.held_out, bool(effects) or twin.problem is not self.original
         if before is None:
             before = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
@@ -198,21 +199,19 @@ class Prover:
 def with_linear(twin: Twin, whiten: Whitener, fit: Refit, left: FitClosure) -> Refit:
     """The effects of a fit with the linear model of ``left``, which ``fit`` made of what they leave: its closure is stated for both.
 
-    The covariance is that of both estimates for the same errors of the channels: the linear model answers to them by L, and to an error of
-    the effects by L times their columns.  What the effects' covariance has beyond the channels' errors, as a prior, is independent.
+    The covariance is that of both estimates for the same errors of the channels.  The linear model answers by L to what the twin's fit
+    leaves, which is independent of its errors, and to what is still in it: its columns but those of the effects, times their errors, which
+    an unknown shape widens.
     """
     if left.fit is None or left.problem is None or not isinstance(left.fit.model, LinearModel):
         return fit
-    own = slice(FIRST_CLAIM, len(fit.covariance))
-    response = -fit.covariance[own] @ fit.J.T
     L = stated_response(left.problem, left.fit.model, left.options.still_rates)
-    along = np.concatenate([L @ whiten.back(fit.J[:, own]), np.eye(len(response))])
-    rows = along @ response
-    rows[LINEAR] += whiten(whiten.covariance @ L.T).T
-    beyond = fit.covariance[own, own] - response @ response.T
-    index = np.r_[LINEAR, own]
-    covariance = fit.covariance.copy()
-    covariance[np.ix_(index, index)] = rows @ rows.T + along @ beyond @ along.T
+    answers = L @ whiten.back(fit.J)
+    through = np.eye(len(fit.covariance))
+    through[LINEAR, :FIRST_CLAIM] = -answers[:, :FIRST_CLAIM]
+    covariance = through @ fit.covariance @ through.T
+    held = at_known_shapes(fit.J, prior_sigmas(twin, [claim.effect for claim in fit.state.claims]))
+    covariance[LINEAR, LINEAR] += L @ whiten.covariance @ L.T - answers @ held @ answers.T
     return replace(fit, state=replace(fit.state, model=left.fit.model), covariance=covariance)
 
 

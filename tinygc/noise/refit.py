@@ -186,11 +186,16 @@ def _refit(twin: Twin, whiten: Whitener, effects: list[Effect], start: State, ma
             break
     del sensitivity
     J, sensitivity = design(twin, whiten, state, rates)
-    scaled = J * prior
-    covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior))) * np.outer(prior, prior)
+    covariance = at_known_shapes(J, prior)
     shapes = Shapes.of(twin, whiten, state, rates, sensitivity)
     found = Refit(state, r, J, float(r @ r), shapes.widened(J, covariance), state)
     return found, shapes.stepped(r, J, covariance) if shapes.numbers else None
+
+
+def at_known_shapes(J: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Covariance (p, p) of the parameters with whitened columns J (n, p) and prior sigmas (p,), were the values of the shapes known."""
+    scaled = J * prior
+    return np.linalg.inv(scaled.T @ scaled + np.eye(len(prior))) * np.outer(prior, prior)
 
 
 def design(

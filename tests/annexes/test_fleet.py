@@ -3,18 +3,22 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from fleets import FIT, QUICK, Here, asked, content, made, ran
 from scipy import stats
 
-from tinygc import check, fit
+from tinygc import check, fit, simulate
 from tinygc.annexes.lots import fleet_row, fleet_session
-from tinygc.annexes.lots.fleet_row import FleetOptions, key_of
+from tinygc.annexes.lots.fleet_row import FleetOptions, empty, fitted, key_of
 from tinygc.annexes.lots.fleet_run import listed_folders, run_fleet
-from tinygc.annexes.lots.fleet_summary import unit_results
+from tinygc.annexes.lots.fleet_session import Outcome
+from tinygc.annexes.lots.fleet_summary import summarise, unit_results
 from tinygc.annexes.lots.fleet_table import EACH, open_table
+from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest
+from tinygc.estimation.results import FitResult
 from tinygc.explanation.engine import explain_session
 
 
@@ -77,6 +81,35 @@ def test_what_was_injected_is_recovered_within_the_sigmas(fleet, whole):
         np.testing.assert_array_equal(each.covariance, each.covariance.T)
         np.testing.assert_array_equal(np.isnan(each.values), np.isnan(np.diag(each.covariance)))
     assert 0.001 < stats.chi2.sf(total, 48) < 0.999
+
+
+@pytest.fixture(scope="module")
+def alone():
+    """A fit with a closure run."""
+    return fit(simulate(segments=8, closure_s=20.0, odr_hz=104.0, seed=1).session, methods=("least_squares",)).result
+
+
+@pytest.mark.parametrize(
+    ("tests", "within"),
+    [
+        ([], "doubtful pass"),
+        *[([ModelTest(name, 0.009, 0.01, "contradicts")], "not decided") for name in (TURNS, RUN, NOISE, EFFECT, GRAVITY)],
+        ([ModelTest(EFFECT, 0.4, 0.05, "leaves open")], "not decided"),
+        ([ModelTest(EFFECT, 0.5, 0.05, "does neither")], "doubtful pass"),
+    ],
+)
+def test_a_limit_counts_the_verdict_of_fit_with_that_limit(alone, tmp_path, monkeypatch, tests, within):
+    """Just below each closure and at it, whatever the recording says of the model."""
+    monkeypatch.setattr(FitResult, "tests", tuple(tests))
+    result = replace(alone)
+    row = empty() | fitted(result) | {"status": "done"}
+    least, most = sorted([row["held_out_deg"], row["run_rmse_deg"]])
+    with open_table(tmp_path) as table:
+        table.put(Outcome("a", None), row, [tmp_path])
+        for limit, answer in ((least, "fail"), (most * (1 - 1e-9), "fail"), (most * (1 + 1e-9), within), (9.0, within)):
+            assert result.verdict(limit).answer == answer
+            found = summarise(table, limit)
+            assert [found.passed, found.undecided, found.missed] == [answer == "doubtful pass", answer == "not decided", answer == "fail"]
 
 
 @pytest.mark.broad

@@ -39,6 +39,7 @@ def filled(out, count: int) -> None:
         for number in range(count):
             row = empty() | {"serial": f"S{number}", "status": "done", "held_out_deg": float(rng.gamma(4, 0.01)), "use": "least_squares"}
             row["judged"] = ("pass", "not decided", "fail", "doubtful pass", "no limit")[number % 5]
+            row["judged_within"] = ("pass", "not decided", "fail", "doubtful pass", "doubtful pass")[number % 5]
             row |= dict(zip(VALUES, rng.normal(size=len(VALUES)), strict=True))
             row |= {"verdict": "explained", "effects": '[{"id":"gyro.bias_step"}]'} if number % 5 == 0 else {"verdict": "no_mismatch"}
             if number % 4 == 1:
@@ -69,11 +70,13 @@ def test_a_page_of_many_is_small_and_well_formed(tmp_path):
 def test_pass_and_fail_are_counted_by_the_limit(tmp_path):
     filled(tmp_path, 400)
     with read_table(tmp_path) as table:
-        values = [value for (value,) in table.rows("SELECT held_out_deg FROM results WHERE held_out_deg IS NOT NULL")]
+        values = table.rows("SELECT held_out_deg, judged_within FROM results WHERE held_out_deg IS NOT NULL")
         for limit in (0.03, 0.05):
             summary = summarise(table, limit)
-            assert summary.passed == sum(value <= limit for value in values)
-            assert summary.passed + summary.missed == len(values) == 300
+            within = [word for value, word in values if value <= limit]
+            assert summary.passed == sum(word.endswith("pass") for word in within)
+            assert summary.undecided == within.count("not decided") > 0
+            assert summary.passed + summary.undecided + summary.missed == len(values) == 300
         judged = [word for (word,) in table.rows("SELECT judged FROM results WHERE judged IS NOT NULL")]
         summary = summarise(table)  # without a limit by the verdict of each fit
         counts = [sum(map(judged.count, words)) for words in (("pass", "doubtful pass"), ("not decided", "no limit"), ("fail",))]

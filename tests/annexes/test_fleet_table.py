@@ -15,7 +15,7 @@ from tinygc.annexes.lots.fleet_row import empty
 from tinygc.annexes.lots.fleet_run import run_fleet, session_folders
 from tinygc.annexes.lots.fleet_session import Outcome
 from tinygc.annexes.lots.fleet_summary import to_check, unit_results, write_csv
-from tinygc.annexes.lots.fleet_table import NAME, open_table, read_table
+from tinygc.annexes.lots.fleet_table import NAME, VERSION, open_table, read_table
 
 pytestmark = pytest.mark.broad
 
@@ -57,10 +57,10 @@ def test_another_programs_file_is_left_alone(tmp_path):
 @pytest.mark.broad
 def test_another_forms_table_is_left_alone(out):
     connection = sqlite3.connect(out / NAME)
-    connection.execute("PRAGMA user_version = 3")
+    connection.execute(f"PRAGMA user_version = {VERSION + 1}")
     connection.close()
     before = (out / NAME).read_bytes()
-    assert "form 3" in refused(out)
+    assert f"form {VERSION + 1}" in refused(out)
     assert (out / NAME).read_bytes() == before
 
 
@@ -85,7 +85,7 @@ def content_of_each(out):
 
 
 def test_no_table_is_said(tmp_path):
-    with pytest.raises(FormatError, match=r"not found; `calibrate\.py fleet DIR --out"), read_table(tmp_path):
+    with pytest.raises(FormatError, match=r"not found; `.*fleet DIR --out"), read_table(tmp_path):
         pass
 
 

@@ -109,7 +109,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument("--accelerometer", choices=("auto", "given", "fit", "prior"), default="auto", help="as of fit (%(default)s)")
     command.add_argument("--csv", type=file_written, metavar="FILE", help="write the table as CSV, too (- for standard output)")
-    command.add_argument("--limit", type=positive, metavar="DEG", help="exit 1 if a session's held-out tilt or closure run is above this")
+    command.add_argument("--limit", type=positive, metavar="DEG", help="exit 1 if a session fails by this limit, as in fit --limit")
     command.add_argument("--strict", action="store_true", help="exit 1 if a session failed")
 
 
@@ -139,7 +139,8 @@ def run(args: argparse.Namespace) -> int:
     write_json(args.json, found.to_json())
     failed = summary.failed + summary.died + summary.unreadable
     if args.limit is not None and summary.missed:
-        complain(f"above --limit {args.limit:g} deg, or of no use: {summary.missed} of {summary.passed + summary.missed} fitted sessions")
+        fitted = summary.passed + summary.undecided + summary.missed
+        complain(f"FAIL with --limit {args.limit:g} deg: {summary.missed} of {fitted} fitted sessions")
     if args.strict and failed:
         complain(f"failed: {failed} of {summary.sessions + summary.unreadable} sessions, listed in {page}")
     return 1 if (args.limit is not None and summary.missed) or (args.strict and failed) else 0

@@ -159,6 +159,7 @@ FIGURES = {
     "run_rmse_deg": REAL,
     "use": TEXT,
     "judged": TEXT,
+    "judged_within": TEXT,
     "verdict": TEXT,
     "p_value": REAL,
 }
@@ -217,6 +218,7 @@ def fitted(result: FitResult) -> Row:
         "run_rmse_deg": number(max(runs)) if runs else None,
         "use": result.use.method,
         "judged": result.verdict().answer,
+        "judged_within": result.verdict(np.inf).answer,
         "covariance": packed(covariance),
         **{name: number(value) for name, value in zip((*VALUES, *SIGMAS), (*values, *sigmas), strict=True)},
     }

@@ -122,7 +122,7 @@ class Summary:
     """Summary of a table, for folders that still exist.
 
     folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed, undecided
-    and missed: sessions by the verdict of their fit; by limit_deg where it is given, and none is undecided; units: serial numbers;
+    and missed: sessions by the verdict of their fit, with limit_deg where it is given; units: serial numbers;
     first_look and verdicts: counts of each; effects: id -> sessions in which it is reported; reasons: (step, reason, count) of failures,
     the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; cpu_s: of all;
     distributions: ``held_out_deg``, ``floor_deg``, ``run_rmse_deg`` and each parameter, where there are any.
@@ -151,8 +151,8 @@ class Summary:
     def rule(self) -> str:
         """By what a session passes."""
         if self.limit_deg is not None:
-            return f"by --limit: held-out tilt and every closure run within {self.limit_deg:g}°, and better than the raw rates"
-        return "by the verdict of each fit, which needs limits or a data sheet: without them a session is not decided"
+            return f"by the verdict of each fit with a limit of {self.limit_deg:g}°"
+        return "by the verdict of each fit, which needs limits or a data sheet: without them no session passes"
 
     def to_json(self) -> dict:
         """Return ``tinygc-fleet/1`` (docs/formats.md), without the facts of the run itself."""
@@ -169,13 +169,7 @@ class Summary:
 def summarise(table: Table, limit_deg: float | None = None) -> Summary:
     """Summarise an open table; only its numbers are in memory, 20 MB for a hundred thousand rows."""
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
-    if limit_deg is None:
-        undecided = table.one(f"SELECT count(*) FROM {EACH} WHERE judged IN ('not decided', 'no limit')")
-        passed = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND judged LIKE '%pass'")
-    else:
-        used = f"SELECT held_out_deg, ifnull(run_rmse_deg, 0) FROM {EACH} WHERE held_out_deg IS NOT NULL AND use IS NOT NULL"
-        undecided, passed = 0, sum(all(simply_accepted(each, (0.0, limit_deg)) for each in row) for row in table.each(used))
-    fitted = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL")
+    answers = Counter(_answers(table, limit_deg))
     names = ("held_out_deg", "floor_deg", "run_rmse_deg", *VALUES)
     known = ", ".join(f"ifnull({name}, {INFINITE})" for name in names)
     figures = np.fromiter(table.each(f"SELECT {known} FROM {EACH}"), dtype=np.dtype((float, len(names))))
@@ -188,9 +182,9 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
         failed=status.get("failed", 0),
         died=status.get("died", 0),
         unreadable=table.one("SELECT count(*) FROM folders WHERE key IS NULL"),
-        passed=passed,
-        undecided=undecided,
-        missed=fitted - passed - undecided,
+        passed=answers["pass"] + answers["doubtful pass"],
+        undecided=answers["not decided"] + answers["no limit"],
+        missed=answers["fail"],
         units=table.one(f"SELECT count(DISTINCT serial) FROM {EACH} WHERE serial <> ''"),
         limit_deg=limit_deg,
         first_look=_counted(table, "first_look"),
@@ -203,6 +197,16 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
         cpu_s=table.one(f"SELECT ifnull(sum(cpu_s), 0) FROM {EACH} JOIN durations USING (key)"),
         distributions={name: each for name, each in found.items() if each is not None},
     )
+
+
+def _answers(table: Table, limit_deg: float | None) -> Iterator[str]:
+    """Yield the answer of each fit's verdict, with a limit where it is given."""
+    closures = "judged, judged_within, held_out_deg, ifnull(run_rmse_deg, 0)"
+    for judged, within, *values in table.each(f"SELECT {closures} FROM {EACH} WHERE held_out_deg IS NOT NULL"):
+        if limit_deg is None:
+            yield judged
+        else:
+            yield within if all(simply_accepted(each, (0.0, limit_deg)) for each in values) else "fail"
 
 
 def distribution(values: np.ndarray) -> Distribution | None:

@@ -24,7 +24,7 @@ from tinygc.annexes.lots.fleet_session import Outcome
 
 NAME, LOCK = "fleet.sqlite", "fleet.lock"
 #: file format (PRAGMA application_id, "TGCF"), and its version (user_version)
-APPLICATION, VERSION = 0x54474346, 2
+APPLICATION, VERSION = 0x54474346, 3
 SCHEMA = f"""
 CREATE TABLE results (key TEXT PRIMARY KEY, {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())});
 CREATE TABLE folders (folder TEXT PRIMARY KEY, key TEXT, error TEXT) WITHOUT ROWID;

@@ -5,7 +5,7 @@
     temperature     (coefficient x difference)^2 of B and of the accelerometer's zero
     references      the Earth's unknown rate, gravity's length, a data rate that nobody measured
 
-The spread comes from other sessions of the unit (``--history``), session.toml, the model file, a lot, or is that of usual gyroscopes.
+The spread comes from other sessions of the unit (``--history``), session.toml, a lot, the model file, or is that of usual gyroscopes.
 """
 
 from __future__ import annotations

@@ -206,7 +206,10 @@ def with_linear(twin: Twin, whiten: Whitener, fit: Refit, left: FitClosure) -> R
     if left.fit is None or left.problem is None or not isinstance(left.fit.model, LinearModel):
         return fit
     L = stated_response(left.problem, left.fit.model, left.options.still_rates)
-    answers = L @ whiten.back(fit.J)
+    columns = whiten.back(fit.J)
+    if L.shape[1] != len(columns):  # nothing is named, and ``fit`` has left out turns
+        return fit
+    answers = L @ columns
     through = np.eye(len(fit.covariance))
     through[LINEAR, :FIRST_CLAIM] = -answers[:, :FIRST_CLAIM]
     covariance = through @ fit.covariance @ through.T

@@ -9,6 +9,7 @@ from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, TEMP, betaflight, inertial,
 
 from session.io.errors import FormatError
 from session.io.units import G, parse_unit
+from session.replay import convert
 from tinygc import CalibrationError, read_session
 
 
@@ -20,6 +21,10 @@ def test_own_log_is_copied_byte_for_byte(tmp_path):
     same(made)
     packed = make(tmp_path, gzip.compress(own), name="LOG.CSV.gz".lower(), out="packed")
     assert packed.log.name == "log0001.csv.gz"
+    # Nothing is ordered that is not needed, and no value is suggested.
+    assert [step.split()[:-1][-1] for step in convert._next(made.folder, ())[:2]] == ["check", "fit"]
+    assert convert._next(made.folder, ())[2].startswith("optional: site.latitude_deg in")
+    assert "latitude_deg =" not in (made.folder / "session.toml").read_text()
     same(packed)
 
 
@@ -203,10 +208,10 @@ def test_the_first_look_speaks_where_axes_are_wrong(tmp_path):
         (odd(), {"columns": ODD_COLUMNS.replace("t_ms", "t")}, ("--time-unit",)),
         (odd(), {"columns": ODD_COLUMNS.replace("gz_dps=wz,", "")}, ("gz missing",)),
         (odd(), {"columns": ODD_COLUMNS.replace("wz", "wzz")}, ("wzz",)),
-        (odd(), {"columns": ODD_COLUMNS.replace("dps", "rpm")}, ("rpm", "--gyro-unit")),
+        (odd(), {"columns": ODD_COLUMNS.replace("dps", "rph")}, ("rph", "--gyro-unit")),
         (odd(), {"columns": "t_ms"}, ("--columns",)),
         (inertial(), {"gyro_axes": "x,x,z"}, ("--gyro-axes",)),
-        (inertial().replace("deg/s", "rpm"), {}, ("rpm", "--gyro-unit")),
+        (inertial().replace("deg/s", "rph"), {}, ("rph", "--gyro-unit")),
         (inertial().replace("Y (deg/s)", "Y (mdps)"), {}, ("different units",)),
     ],
 )
@@ -237,6 +242,13 @@ def test_answers_settle_it(tmp_path):
         ("accel", "m/s/s", 1.0),
         ("accel", "m/s2", 1.0),
         ("gyro", "lsb", None),
+        ("gyro", "rpm", 6 * DEG),
+        ("gyro", "º/s", DEG),
+        ("gyro", "ø/s", DEG),
+        ("gyro", "Grad/s", DEG),
+        ("gyro", "rad·s⁻¹", 1.0),
+        ("accel", "m·s⁻²", 1.0),
+        ("accel", "m/s**2", 1.0),
     ],
 )
 def test_units(kind, text, si):

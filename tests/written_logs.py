@@ -239,7 +239,7 @@ def signed_vb(value):
     return unsigned_vb((value << 1) ^ (value >> 31) & 0xFFFFFFFF if value >= 0 else ((-value) << 1) - 1)
 
 
-def blackbox_bytes(t_us, gyro, accel, unfiltered=None, gyro_scale=0.1, acc_1g=2048, interval=8, end=True, more=()):
+def blackbox_bytes(t_us, gyro, accel, unfiltered=None, gyro_scale=0.1, acc_1g=2048, interval=8, end=True, more=(), key="gyro_scale"):
     """gyro, accel (N, 3) counts; a whole frame each ``interval`` rows, between them differences to the frame before."""
     sensors = {"gyroADC": gyro, "accSmooth": accel} | ({} if unfiltered is None else {"gyroUnfilt": unfiltered})
     fields = ["loopIteration", "time", *(f"{name}[{i}]" for name in sensors for i in range(3))]
@@ -257,7 +257,7 @@ def blackbox_bytes(t_us, gyro, accel, unfiltered=None, gyro_scale=0.1, acc_1g=20
         f"Field P predictor:6,2{ones}",
         f"Field P encoding:9,0{zeros}",
         "Firmware revision:Betaflight 4.5.0 (c155f5ef4) STM32F405",
-        f"gyro_scale:0x{bits:08x}",
+        f"{key}:0x{bits:08x}",
         f"acc_1G:{acc_1g}",
         *more,
     ]
@@ -275,9 +275,9 @@ def blackbox_bytes(t_us, gyro, accel, unfiltered=None, gyro_scale=0.1, acc_1g=20
     return bytes(out) + (b"E\xffEnd of log\0" if end else b"")
 
 
-def write_blackbox(path, t_ns, gyro_rps, accel_mps2, temp_c=None):
-    """In counts of 0.1 dps and 1/2048 g."""
-    path.write_bytes(blackbox_bytes(t_ns // 1000, np.rint(gyro_rps / DEG / 0.1), np.rint(accel_mps2 / G * 2048)))
+def write_blackbox(path, t_ns, gyro_rps, accel_mps2, temp_c=None, key="gyro_scale"):
+    """In counts of 0.1 dps and 1/2048 g; key: of the scale in the header."""
+    path.write_bytes(blackbox_bytes(t_ns // 1000, np.rint(gyro_rps / DEG / 0.1), np.rint(accel_mps2 / G * 2048), key=key))
 
 
 # Arrays.

@@ -137,6 +137,12 @@ def betaflight_fine(s: Samples) -> Files:
     return file("btfl_002.csv", head, BLACKBOX, blackbox_rows(s, 10.0))
 
 
+def betaflight_2016(s: Samples) -> Files:
+    """With a point in the scale's key."""
+    ((_, data),) = betaflight_explorer(s)
+    return [("LOG00002.csv", data.replace(b"gyro_scale", b"gyro.scale"))]
+
+
 def betaflight_bare(s: Samples) -> Files:
     return file("LOG00001.01.csv", BLACKBOX, blackbox_rows(s, 16.4))
 
@@ -346,6 +352,7 @@ TEXTS = {
     "OpenLog Artemis": Text(artemis),
     "PX4 ulog2csv": Text(px4),
     "Betaflight, Blackbox Explorer": Text(betaflight_explorer, **BLACKBOX_STEPS),
+    "Betaflight of 2016": Text(betaflight_2016, **BLACKBOX_STEPS),
     "Betaflight, high resolution": Text(betaflight_fine, gyro_lsb=DEG / 10, accel_lsb=G / 2048),
     "Betaflight, blackbox_decode": Text(betaflight_bare, ("--gyro-unit", "dps/16.4", "--accel-unit", "g/2048"), **BLACKBOX_STEPS),
     "ArduPilot text": Text(ardupilot),

@@ -153,7 +153,7 @@ def _betaflight(said: Mapping[str, str]) -> dict[str, str]:
     recorder's header lines state."""
     facts: dict[str, str] = {}
     with suppress(KeyError, ValueError, struct.error, OverflowError):
-        text = said["gyro_scale"].lower()
+        text = (said.get("gyro_scale") or said["gyro.scale"]).lower()  # with a point before 2017
         scale = struct.unpack(">f", bytes.fromhex(text[2:].zfill(8)))[0] if text.startswith("0x") else float(text)
         scale /= 10 if said.get("blackbox_high_resolution") == "1" else 1
         if 1e-4 < scale <= 1:

@@ -16,6 +16,11 @@ from typing import Any
 from session.io.errors import FormatError
 from session.io.files import MB, open_file, open_stream, unreadable
 
+#: what begins UTF-16, and what is said of it
+UTF_16, UTF_16_NOTE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE), "UTF-16: read as text"
+# What is no UTF-8 is a letter of Windows' own code, as in ``°/s``.
+codecs.register_error("cp1252", lambda error: (error.object[error.start : error.end].decode("cp1252", "replace"), error.end))
+
 #: in the place of a file name: standard input
 STANDARD = "-"
 GZIP = b"\x1f\x8b"
@@ -61,10 +66,8 @@ class Lines:
         except OSError as error:
             raise unreadable(path, error) from None
         self._unpack = _Unpack() if packed else None
-        self._decode = io.IncrementalNewlineDecoder(
-            codecs.getincrementaldecoder("utf-8-sig")("strict" if strict else "replace"), translate=True
-        )
-        self._rest, self._ended = "", False
+        self._decode: io.IncrementalNewlineDecoder | None = None  # until the first bytes are there
+        self._rest, self._ended, self._wide = "", False, False
         self._number = 1  # of the line that ``_rest`` begins with
         self._barren = self._zeros = 0
 
@@ -76,7 +79,7 @@ class Lines:
             data = self._read()
             self._ended = not data
             try:
-                part = self._decode.decode(data, final=self._ended)
+                part = self._decoder(data).decode(data, final=self._ended)
             except UnicodeDecodeError:
                 raise FormatError(f"{self._path}: not UTF-8 text; save it as CSV in UTF-8") from None
             end = part.rfind("\n")
@@ -145,9 +148,20 @@ class Lines:
         if self._barren > MOST_BARREN:
             raise FormatError(f"{self._path.name}: no row among {MOST_BARREN} characters, but blank lines or comments; expected samples")
 
+    def _decoder(self, data: bytes) -> io.IncrementalNewlineDecoder:
+        """Of UTF-8, or, where the first bytes are its mark, of UTF-16, as Windows' programs write it; strict: of UTF-8 alone."""
+        if self._decode is None:
+            self._wide = data.startswith(UTF_16) and not self._strict
+            codec = codecs.getincrementaldecoder("utf-16" if self._wide else "utf-8-sig")
+            self.note = UTF_16_NOTE if self._wide else self.note
+            self._decode = io.IncrementalNewlineDecoder(codec("strict" if self._strict else "cp1252"), translate=True)
+        return self._decode
+
     def _read(self) -> bytes:
         """Some bytes of text; none at the end.  Of a run of zero bytes that ends what was read, one."""
         while (data := self._read_any()) and not data[-1]:
+            if self._wide or (self._decode is None and data.startswith(UTF_16)):
+                return data  # half of a letter
             sound = data.rstrip(b"\0")
             before = 0 if sound else self._zeros
             self._zeros = before + len(data) - len(sound)

@@ -21,6 +21,8 @@ EXACT = 2**53
 CLOSE_NS = 2**50
 #: whole numbers that a column can hold
 INT64 = (-(2**63), 2**63 - 1)
+#: what a line without a reading consists of, as a spreadsheet saves an empty row
+EMPTY = ' \t\r,;"'
 OPEN = "a quotation mark that is not closed"
 CORRECT = "correct or remove that line"
 
@@ -216,7 +218,7 @@ def wrong_width(lines: list[str], layout: Layout) -> int | None:
         return None
     for number, line in enumerate(lines):
         count = line.count(mark) + 1
-        if count == len(names) or not line.strip() or '"' in line or "#" in line or line.strip() == layout.header_line:
+        if count == len(names) or not line.strip(EMPTY) or '"' in line or "#" in line or line.strip() == layout.header_line:
             continue
         if count < len(names) or any(cell.strip() for cell in line.split(mark)[len(layout.names) :]):
             return number

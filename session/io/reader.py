@@ -12,8 +12,8 @@ from session.io.dialects import Answers, Layout, Triad
 from session.io.errors import FormatError
 from session.io.files import MB
 from session.io.forms import TORN, form_of
-from session.io.lines import PIECE_BYTES, Lines
-from session.io.numbers import CORRECT, RowFault, fault, parse, unreadable, wrong_width
+from session.io.lines import PIECE_BYTES, UTF_16_NOTE, Lines
+from session.io.numbers import CORRECT, EMPTY, RowFault, fault, parse, unreadable, wrong_width
 from session.io.recognise import recognise
 from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_turns, sensor_kinds, span_of
 from session.io.stamps import COUNTER, DAY_NS, ERA_NS, Unroll
@@ -64,10 +64,10 @@ class Reader:
         self._stream: Lines | None = None  # what can be read but once: a pipe, standard input
         self._first_line, self._last_line = span_of(None if answers is None else answers.lines)
         wanted = wanted or (Wanted() if answers is None else Wanted(answers.rows, answers.where))
-        head = self._head(wanted)
+        head = self._head(wanted, answers is None)
         if answers is not None and not wanted.rows and len(kinds := sensor_kinds(head)) == 1:
             wanted, answers = Wanted(kinds[0], wanted.where), replace(answers, rows=kinds[0])
-            head = self._head(wanted)
+            head = self._head(wanted, standard=False)
             self.notes.append(f"rows {kinds[0]} are taken: those that hold a gyroscope")
         if not any(line.strip() for line in head) or (answers is None and _first_of_content(head) is None):
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
@@ -164,7 +164,7 @@ class Reader:
         except RowFault as wrong:
             raise FormatError(f"{self.path.name} line {self._line_of(wrong.row)}: {wrong.what}; {wrong.do}") from None
 
-    def _head(self, wanted: Wanted) -> list[str]:
+    def _head(self, wanted: Wanted, standard: bool) -> list[str]:
         file = Lines(self.path)
         try:
             lines = file.take(HEAD_BYTES)
@@ -180,7 +180,7 @@ class Reader:
         if file.once:
             file.give_back(lines)
             self._stream = file
-        if "\0" in "\n".join(lines[:TEXT_BEGINS])[:TEXT_BEGINS]:
+        if "\0" in "\n".join(lines[:TEXT_BEGINS])[:TEXT_BEGINS] or (standard and file.note == UTF_16_NOTE):
             raise FormatError(f"{self.path.name}: not a text log (UTF-16 or binary); expected CSV in UTF-8")
         if wanted.word is None:
             return lines if first is None else lines[: first + HEAD_LINES]
@@ -241,7 +241,7 @@ class Reader:
             self._rows += len(table)
             t_ns = stamps if stamps is None or self._as_written else self._unrolled(stamps)
         except RowFault as wrong:
-            rows = [i for i, line in enumerate(lines) if line.split("#")[0].strip()]
+            rows = [i for i, line in enumerate(lines) if line.split("#")[0].strip(EMPTY)]
             raise FormatError(f"{self.path.name} line {number + rows[wrong.row]}: {wrong.what}; {wrong.do}") from None
         gyro, accel = (self._triad(table, triad) for triad in (self.layout.gyro, self.layout.accel))
         temp = None if self.layout.temp is None else table[:, self.layout.numbers.index(self.layout.temp)]
@@ -264,7 +264,7 @@ class Reader:
             at, lines = 1, file.take()
             while lines:
                 for line in self._wanted(self._as_table(lines, at)):
-                    if at >= number and at > self.layout.first and line.split("#")[0].strip():
+                    if at >= number and at > self.layout.first and line.split("#")[0].strip(EMPTY):
                         if first == row:
                             return at
                         first += 1
@@ -313,9 +313,9 @@ class Reader:
             kept[i] = ""
 
         for i, line in enumerate(lines):
-            if not line.split("#")[0].strip():
-                continue
-            if line.strip() == self.layout.header_line and not self.layout.standard:
+            if not line.split("#")[0].strip(EMPTY):
+                kept[i] = ""  # numpy takes blanks for a number that is missing
+            elif line.strip() == self.layout.header_line and not self.layout.standard:
                 self._note("the header comes again (the logger was restarted?): left out")
                 kept[i] = ""
             elif problem := fault(line, self.layout):

@@ -54,11 +54,15 @@ BEYOND_FULL_SCALE, LARGEST_DPS = 1.2, 4000.0
 
 #: words of each kind of quantity -> SI per unit (time: nanoseconds, exact)
 TIME = {"ns": 1, "us": 1_000, "µs": 1_000, "μs": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "sec": 1_000_000_000}
-GYRO = {"mdps": MDPS, "dps": DEG, "deg/s": DEG, "°/s": DEG, "deg s^-1": DEG, "rps": 1.0, "rad/s": 1.0, "rad s^-1": 1.0}
-_ANGLES = {"deg": DEG, "degree": DEG, "degrees": DEG, "rad": 1.0, "radian": 1.0, "radians": 1.0}
-GYRO |= {f"{angle}/{time}": si for time in ("s", "sec", "second") for angle, si in _ANGLES.items()}
+GYRO = {"mdps": MDPS, "dps": DEG, "deg/s": DEG, "°/s": DEG, "deg s^-1": DEG, "rps": 1.0, "rad/s": 1.0, "rad s^-1": 1.0, "rpm": 6 * DEG}
+_ANGLES = {**dict.fromkeys(("deg", "degree", "degrees", "grad", "grados", "gradi", "graus", "degrés"), DEG)}
+_ANGLES |= dict.fromkeys(("rad", "radian", "radians"), 1.0)
+GYRO |= {f"{angle}/{time}": si for time in ("s", "sec", "second", "sek", "seg") for angle, si in _ANGLES.items()}
 ACCEL = {"mg": MG, "g": G, "mps2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "m/s/s": 1.0, "m s^-2": 1.0, "m/sec^2": 1.0}
 TEMPERATURE = {"c": 1.0, "degc": 1.0, "°c": 1.0, "℃": 1.0}
+#: how signs of a unit are written otherwise: powers, products, a degree's sign by another letter or from a code of DOS
+SPELLINGS = (("**", ""), ("^", ""), ("²", "2"), ("ý", "2"), ("⁻", "-"), ("¹", "1"), ("℃", "degc"), *((sign, "deg") for sign in "°º˚ø¡"))
+SPELLINGS += tuple((sign, " ") for sign in "·⋅*")
 WORDS: Mapping[str, Mapping[str, float]] = {"time": TIME, "gyro": GYRO, "accel": ACCEL, "temp": TEMPERATURE}
 #: what registers are called
 COUNTS = ("lsb", "raw", "counts")
@@ -100,8 +104,8 @@ def parse_unit(kind: str, text: str) -> Unit | None:
     word = re.sub(r"\s+", " ", text.strip().lower())
     if word in COUNTS and kind != "time":
         return Unit(None, word)
-    if word in WORDS[kind]:
-        return Unit(WORDS[kind][word], word)
+    if (si := SPELT[kind].get(_spelt(word))) is not None:
+        return Unit(si, word)
     if match := re.fullmatch(rf"({NUMBER}(?:e[-+]?[0-9]++)?) ?(\D.*)", word):
         return _scaled(kind, float(match[1]), match[2], word)
     if match := re.fullmatch(rf"(.*\D) ?/ ?({NUMBER})", word):
@@ -109,10 +113,19 @@ def parse_unit(kind: str, text: str) -> Unit | None:
     return None
 
 
+def _spelt(word: str) -> str:
+    for sign, plain in SPELLINGS:
+        word = word.replace(sign, plain)
+    return " ".join(word.split())
+
+
+SPELT = {kind: {_spelt(word): si for word, si in words.items()} for kind, words in WORDS.items()}
+
+
 def _scaled(kind: str, factor: float, unit: str, word: str) -> Unit | None:
-    if unit.strip() not in WORDS[kind] or not factor > 0:
+    if (one := SPELT[kind].get(_spelt(unit))) is None or not factor > 0:
         return None
-    si = factor * WORDS[kind][unit.strip()]
+    si = factor * one
     if kind == "time":
         return Unit(round(si), word) if 1 <= si < LONGEST_NS and abs(si - round(si)) < 1e-6 else None
     return Unit(si, word) if math.isfinite(si) else None

@@ -9,13 +9,15 @@ import numpy as np
 from session.io.config import OWN_UNITS, SCHEMA, BoardGiven, Config, LeftOut, Protocol
 from session.io.logfile import COLUMNS, LOG, KnownTurn, Log, Truth
 from session.io.toml import Note, Value, line, setting
-from session.io.units import DEG
+from session.io.units import DEG, EARTH_RATE_RPS, MDPS
 
 # ``session.toml``: of a recording that begins, or of a session that is saved.
 
 #: keys of ``[sensor]`` that are written where they are known
 OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "clock_sigma_ppm", *OWN_UNITS)
-NO_SITE = "# latitude_deg = …  # without it the Earth's rotation stays in the rates\n"
+LATITUDE_REMOVES = f"removes the Earth's rotation from the rates, up to {EARTH_RATE_RPS / MDPS:.1f} mdps"
+OPTIONAL_SITE = f"# optional: [site] with latitude_deg, north positive ({LATITUDE_REMOVES}), and gravity_mps2, the local one"
+NO_SITE = f"# optional: latitude_deg, north positive ({LATITUDE_REMOVES})\n"
 
 
 def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:

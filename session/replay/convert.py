@@ -24,6 +24,7 @@ from session.io.standard import OWN, flags_of
 from session.io.texts import command_line, comment
 from session.io.toml import line, setting
 from session.io.units import TIME, endings
+from session.io.written import LATITUDE_REMOVES, OPTIONAL_SITE
 from session.replay.answers import ASSUMED_RANGE, sensor_of, with_comments, with_full_scales, with_sensor
 from session.replay.join import Joined, join
 from session.replay.sources import Source, Sources
@@ -199,16 +200,11 @@ schema = "tinygc-session/1"
 {line("model", model)}{line("serial", serial)}{line("odr_hz", odr_hz)}\
 {line("gyro_fs_dps", setting(answers.gyro_fs_dps))}{line("accel_fs_g", setting(answers.accel_fs_g))}\
 {"".join(f"# {comment(each).replace('=', '_')}" + chr(10) for each in assumed if ASSUMED_RANGE in each)}\
-# gyro_bias_instability_dph =  # deg/h, data sheet; without it, it is estimated from the recording
-# gyro_noise_mdps_rthz =       # one-sided, data sheet; what `check` holds the noise against
+# optional: gyro_bias_instability_dph, deg/h of the data sheet; without it, it is estimated from the recording
+# optional: gyro_noise_mdps_rthz, one-sided, of the data sheet; what `check` holds the noise against
 
-# Fill in what is known: what is missing here is error in the calibration.
-# [accelerometer]  # pre-calibration: a = matrix @ (measured_mps2 - bias_mps2)
-# matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
-# bias_mps2 = [0, 0, 0]
-# [site]
-# latitude_deg = 0.0
-# gravity_mps2 = 9.80665
+{OPTIONAL_SITE}
+# optional: [accelerometer] with matrix and bias_mps2, where another calibration knows them better than the session's own stills
 """
 
 
@@ -230,4 +226,4 @@ def _next(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
     look = command_line("check", out)
     if any(finding.level == "error" for finding in findings):
         return (look,)
-    return look, f"fill in [accelerometer] and [site] in {out / 'session.toml'}", command_line("fit", out)
+    return look, command_line("fit", out), f"optional: site.latitude_deg in {out / 'session.toml'} ({LATITUDE_REMOVES})"

@@ -502,10 +502,11 @@ def test_dataflash_agrees_with_pymavlink(tmp_path):
 COUNTS = np.rint(GYRO / written.DEG / 0.1), np.rint(ACCEL / written.G * 2048)
 
 
-def test_blackbox_counts_come_back_with_their_units(tmp_path):
+@pytest.mark.parametrize("key", ["gyro_scale", "gyro.scale"])
+def test_blackbox_counts_come_back_with_their_units(key, tmp_path):
     pytest.importorskip("orangebox")
     path = tmp_path / "a.bbl"
-    written.write_blackbox(path, *RECORDING)
+    written.write_blackbox(path, *RECORDING, key=key)
     assert reader_of(path, head_of(path)) is betaflight
     (topic,) = betaflight.topics(path, None)
     assert (topic.name, topic.rows, topic.holds) == ("log1", COUNT, ("gyro", "accel"))

@@ -25,6 +25,7 @@ def plain(path, header="rate_dps,mean_v", mark=","):
         ("Rate (deg/s),Output (mV)", 1.0, "mV"),
         ("rate_rad_s,output_lsb", 180 / np.pi, "LSB"),
         ("speed_rpm,voltage_v", 6.0, "V"),
+        ("rpm,gz_lsb", 6.0, "LSB"),
         ("rate [°/s],mean [V]", 1.0, "V"),
     ],
 )

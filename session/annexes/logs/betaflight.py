@@ -227,7 +227,7 @@ def _steps(path: Path, reader: Any, loops: int) -> Iterator[int | None]:
 def _header(headers: dict[str, Any]) -> _Header:
     """Units of one count.  ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g."""
     notes = [f"the gyroscope's full scale of {ASSUMED_FS_DPS:g} dps is assumed: Betaflight's drivers set it, and no header says it"]
-    scale, one_g = headers.get("gyro_scale"), headers.get("acc_1G")
+    scale, one_g = headers.get("gyro_scale", headers.get("gyro.scale")), headers.get("acc_1G")
     gyro_unit, accel_unit, accel_fs_g = "", "", None
     if scale is not None:
         dps = struct.unpack("<f", struct.pack("<I", scale))[0] if isinstance(scale, int) and scale >= 2**23 else float(scale)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -206,8 +206,8 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
     """Points of each sensor of a CSV, and remarks.  Raises FormatError, which names the line and what was expected."""
     columns = columns or Columns()
     header, rows = read_table(path)
-    rate = _column(path, header, columns.rate, RATES, "rate", "--rate-column")
-    output = _column(path, header, columns.output, OUTPUTS, "output", "--output-column")
+    rate = _column(path, header, columns.rate, (RATES, RATE_UNITS), "rate", "--rate-column")
+    output = _column(path, header, columns.output, (OUTPUTS, OUTPUT_UNITS), "output", "--output-column", rate)
     std, readings = (_found(header, names) for names in (STDS, READINGS))
     factor = _rate_factor(path, header[rate])
     more = [n for n, name in enumerate(header) if n not in (rate, output, std, readings)]
@@ -289,12 +289,31 @@ def _found(header: Sequence[str], names: Sequence[str]) -> int | None:
     return None
 
 
-def _column(path: Path, header: Sequence[str], wanted: str, names: Sequence[str], what: str, option: str) -> int:
+def _by_unit(header: Sequence[str], units: Iterable[str], taken: int | None) -> int | None:
+    """The only other column that is called as a unit is, or the only one that ends in one."""
+    left = [n for n in range(len(header)) if n != taken]
+    called = [n for n in left if header[n].strip().lower() in units]
+    found = called or [n for n in left if _suffix(header[n]) in units]
+    return found[0] if len(found) == 1 else None
+
+
+def _column(
+    path: Path,
+    header: Sequence[str],
+    wanted: str,
+    known: tuple[Sequence[str], Iterable[str]],
+    what: str,
+    option: str,
+    taken: int | None = None,
+) -> int:
+    """known: names of such a column, and its units; taken: a column that is another one."""
+    names, units = known
     if wanted:
         if wanted not in header:
             raise FormatError(f"{path}: no column {printable(wanted)!r} ({option}); it has {', '.join(map(printable, header))[:200]}")
         return header.index(wanted)
     found = _found(header, names)
+    found = _by_unit(header, units, taken) if found is None else found
     if found is None:
         raise FormatError(
             f"{path}: no column of {what}, such as {names[0]}_dps, among {', '.join(map(printable, header))[:200]}; name it with {option}"
@@ -310,7 +329,7 @@ def _suffix(name: str) -> str:
 
 def _rate_factor(path: Path, name: str) -> float:
     for unit, factor in RATE_UNITS.items():
-        if name.strip().lower().endswith(f"_{unit}") or _suffix(name) == unit:
+        if unit in (name.strip().lower(), _suffix(name)) or name.strip().lower().endswith(f"_{unit}"):
             return factor
     raise FormatError(f"{path}: the column {printable(name)!r} states no unit; call it rate_dps, rate_rad_s or rate_rpm")
 

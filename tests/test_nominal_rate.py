@@ -194,15 +194,16 @@ def stamped():
     return tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=3).session
 
 
+def with_stamps(session, ratio):
+    fast = [replace(log, samples=replace(log.samples, t_ns=np.rint(log.samples.t_ns * ratio).astype(np.int64))) for log in session.logs]
+    return replace(session, logs=tuple(fast))
+
+
 def test_a_clock_that_is_known_to_so_many_ppm_moves_all_scales_by_as_many(stamped):
     """Stamps that run fast by one sigma move E and B as the source says; the rest of the covariance is as without it."""
     ppm, bare = 400.0, fit_session(stamped, LEAST_SQUARES)
     known = fit_session(with_sensor(stamped, clock_sigma_ppm=ppm), LEAST_SQUARES)
-    fast = [
-        replace(log, samples=replace(log.samples, t_ns=np.rint(log.samples.t_ns * (1 + ppm * 1e-6)).astype(np.int64)))
-        for log in stamped.logs
-    ]
-    moved = fit_session(replace(stamped, logs=tuple(fast)), LEAST_SQUARES).linear.model.vector - bare.linear.model.vector
+    moved = fit_session(with_stamps(stamped, 1 + ppm * 1e-6), LEAST_SQUARES).linear.model.vector - bare.linear.model.vector
     part = next(source for source in known.sources if source.name == CLOCK)
     assert (part.kind, part.freedom) == ("B", np.inf)
     np.testing.assert_allclose(np.outer(moved, moved)[:9, :9], part.covariance[:9, :9], atol=0.03 * part.covariance[0, 0])
@@ -230,3 +231,21 @@ def test_a_clock_is_kept_and_counted_logs_have_their_own(stamped, counted, tmp_p
     assert (again.config.sensor.clock_sigma_ppm, again.clock.sigma) == (30.0, pytest.approx(30e-6))
     nominal = with_sensor(read_session(counted), clock_sigma_ppm=30.0)
     assert nominal.clock == nominal.nominal_rate is not None
+
+
+def test_a_ratio_that_was_measured_is_a_sigma_until_it_is_taken_out(stamped, tmp_path):
+    """Stamps that run 0.45 % fast: the ratio is in the sigma of all scales; divided by it, the fit is that of the true stamps."""
+    ratio, sigma_ppm = 1.0045, 30.0
+    folder = with_sensor(with_stamps(stamped, ratio), clock_ratio=ratio, clock_sigma_ppm=sigma_ppm).save(tmp_path / "s")
+    session, by_arrivals = read_session(folder), replace(LEAST_SQUARES, clock="arrivals")
+    assert session.clock.sigma == pytest.approx(np.hypot(4500e-6, 30e-6))
+    finding = of(tinygc.check(session), "clock")
+    assert finding.level == "warning"
+    assert "4500 ± 30 ppm fast" in finding.says
+    true, mended = fit_session(with_sensor(stamped, clock_sigma_ppm=sigma_ppm), LEAST_SQUARES), fit_session(folder, by_arrivals)
+    np.testing.assert_allclose(mended.linear.model.vector, true.linear.model.vector, atol=1e-6)
+    np.testing.assert_allclose(mended.covariance, true.covariance, rtol=1e-3, atol=1e-13)
+    assert mended.session.clock.sigma == pytest.approx(30e-6)
+    assert "divided by 1.0045 ± 30 ppm" in mended.session.logs[0].notes[-1]
+    with pytest.raises(FormatError, match=r"sensor.clock_ratio is not given; `record` measures it; leave --clock arrivals out"):
+        fit_session(stamped, by_arrivals)

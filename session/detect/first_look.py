@@ -44,7 +44,7 @@ from session.detect.check_stills import (
     check_unused_rests,
     check_zero_rate,
 )
-from session.detect.check_time import check_length, check_rate, check_undersampling, check_warming
+from session.detect.check_time import HOST_CLOCK, check_length, check_rate, check_undersampling, check_warming
 from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
@@ -215,6 +215,11 @@ def check_keys(config: Config) -> list[Finding]:
     if not config.model_given:
         says = f"sensor.model is not given: its registers and limits are taken to be those of an {config.sensor.model}"
         findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
+    if words := config.sensor.clock_words:
+        off, sigma_ppm = config.sensor.clock_ratio - 1, config.sensor.clock_sigma_ppm or 0.0
+        level = "warning" if abs(off) > max(HOST_CLOCK, 3e-6 * sigma_ppm) else "ok"
+        do = "`--clock arrivals` divides the stamps by it" if level == "warning" else ""
+        findings.append(Finding(level, "session.toml", "clock", f"{words}: so much every scale factor is off by the stamps", do))
     for key, near in config.unknown:
         do = f"did you mean {near}?" if near else "remove it"
         findings.append(Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", do))

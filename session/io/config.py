@@ -193,6 +193,7 @@ class Sensor:
     where: str | None = None
     odr_sigma: float | None = None  #: relative, of odr_hz where it stands for the clock; 0: it was measured; None: the model's
     clock_sigma_ppm: float | None = None  #: relative, one sigma of the clock that stamps the logs; None: not known
+    clock_ratio: float | None = None  #: what that clock counts in a second, as measured; clock_sigma_ppm is then what is left
 
     @property
     def profile(self) -> Profile | None:
@@ -222,6 +223,18 @@ class Sensor:
         return NominalRate(self.odr_hz, within.value / np.sqrt(3), f"within {100 * within.value:g} %, {within.source}")
 
     @property
+    def clock_sigma(self) -> float | None:
+        """Relative, one sigma of the stamps as they stand: a ratio that was measured is in them; None: not known."""
+        if self.clock_ratio is None:
+            return None if self.clock_sigma_ppm is None else self.clock_sigma_ppm * 1e-6
+        return float(np.hypot(self.clock_ratio - 1, (self.clock_sigma_ppm or 0.0) * 1e-6))
+
+    @property
+    def clock_words(self) -> str:
+        """How far the board's clock was measured to be off; empty where it was not, or its stamps were put right."""
+        return "" if self.clock_ratio is None else clock_words(self.clock_ratio, self.clock_sigma_ppm)
+
+    @property
     def wanted(self) -> Wanted:
         """The rows of its logs that are this sensor's."""
         return Wanted(self.rows, self.where)
@@ -230,6 +243,13 @@ class Sensor:
     def own_units(self) -> dict[str, float | None]:
         """What session.toml itself says of its registers, by the names of its keys."""
         return {name: getattr(self, name) for name in OWN_UNITS}
+
+
+def clock_words(ratio: float, sigma_ppm: float | None) -> str:
+    """``the board's clock runs 4500 ± 12 ppm fast by the computer's``."""
+    off_ppm, digits = (ratio - 1) * 1e6, 1 if sigma_ppm and sigma_ppm < 10 else 0
+    sigma = "" if sigma_ppm is None else f" ± {sigma_ppm:.{digits}f}"
+    return f"the board's clock runs {abs(off_ppm):.{digits}f}{sigma} ppm {'fast' if off_ppm > 0 else 'slow'} by the computer's"
 
 
 @dataclass(frozen=True)
@@ -422,6 +442,7 @@ SHAPE = Keys(
                 "temp_at_zero_c": Number(-300, 300),
                 "odr_sigma": Number(0, 0.5),
                 "clock_sigma_ppm": Number(0, 1e5),
+                "clock_ratio": Number(0.5, 2.0),
                 "rows": Text(),
                 "where": Text(),
             },

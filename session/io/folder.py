@@ -46,7 +46,7 @@ from session.io.files import (
 )
 from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
 from session.io.logfile import NAME as KNOWN_TURNS
-from session.io.names import TURNS, log_paths, refuse_array
+from session.io.names import CLOCKS, TURNS, log_paths, refuse_array
 from session.io.samples import Samples, joined, mapped
 from session.io.texts import command_line, printable, unicode_text
 from session.io.toml import Note, line, parse_toml, value_text
@@ -57,7 +57,7 @@ from session.io.written import attitudes_text, board_text, exclude_text, log_lin
 
 ATTITUDES = "attitudes.csv"
 #: keys of ``[sensor]`` that a saved session has besides those of a new one; which rows were its own (rows, where) is done with
-OF_THESE_LOGS = ("gyro_bias_repeatability_dps", "odr_sigma")
+OF_THESE_LOGS = ("gyro_bias_repeatability_dps", "odr_sigma", "clock_ratio")
 #: beyond any full scale, dps or g
 FAR = 1e9
 #: far beyond any recording, and small enough for a table with a row each
@@ -254,15 +254,36 @@ class Session:
     def clock(self) -> NominalRate | None:
         """What the logs' times are worth: that rate, else the clock that stamps them, where session.toml says how good it is."""
         sensor = self.config.sensor
-        if self.nominal_rate is not None or not sensor.clock_sigma_ppm:
+        if self.nominal_rate is not None or not sensor.clock_sigma:
             return self.nominal_rate
-        return NominalRate(sensor.odr_hz, sensor.clock_sigma_ppm * 1e-6, "sensor.clock_sigma_ppm")
+        return NominalRate(sensor.odr_hz, sensor.clock_sigma, "sensor.clock_sigma_ppm")
 
     @property
     def clock_known(self) -> bool:
         """Whether anything says how far the logs' clock may be off."""
         sensor = self.config.sensor
-        return self.nominal_rate is not None or sensor.odr_sigma is not None or sensor.clock_sigma_ppm is not None
+        return self.nominal_rate is not None or sensor.odr_sigma is not None or sensor.clock_sigma is not None
+
+    def on_clock(self, clock: str) -> Session:
+        """The session by this clock, one of ``CLOCKS``: ``arrivals`` divides all times by ``sensor.clock_ratio``, once.
+
+        Raises FormatError where no ratio was measured, and where a truth file goes by the same stamps.
+        """
+        if clock == CLOCKS[0]:
+            return self
+        ratio, sigma_ppm = self.config.sensor.clock_ratio, self.config.sensor.clock_sigma_ppm
+        if ratio is None or self.truths is not None:
+            why = "sensor.clock_ratio is not given; `record` measures it" if ratio is None else "the truth files go by the logs' own stamps"
+            raise FormatError(f"{self.folder}: {why}; leave --clock {clock} out")
+        note = f"stamps divided by {ratio:.9g}" + ("" if sigma_ppm is None else f" ± {sigma_ppm:.3g} ppm") + f" (--clock {clock})"
+
+        def timed(log: Log) -> Log:
+            t_ns = np.rint(log.samples.t_ns / np.longdouble(ratio)).astype(np.int64)
+            return replace(log, samples=replace(log.samples, t_ns=t_ns), notes=(*log.notes, note))
+
+        exclude = tuple(replace(row, at_s=row.at_s / ratio) for row in self.config.exclude)
+        config = replace(self.config, sensor=replace(self.config.sensor, clock_ratio=None), exclude=exclude)
+        return replace(self, config=config, logs=tuple(map(timed, self.logs)), closures=tuple(map(timed, self.closures)))
 
     def rate_of(self, log: Log) -> NominalRate | None:
         """The same of one log or closure run."""

@@ -16,6 +16,8 @@ from session.io.toml import read_toml
 # What was recorded cannot be made again; what a command derives can.  The rule is one of names, so that it also holds for a session that no
 # argument names (docs/formats.md, session folder).
 
+#: whose clock times the logs: the board's, which stamped them, or the computer's, by the ratio that the arrivals of the bytes gave
+CLOCKS = ("board", "arrivals")
 #: what makes a folder a session, or a recording that is just beginning
 SIGNS = ("session.toml", "raw.bin", "raw.times")
 #: the names of what a person or a port gave; a system that takes LOG0001.CSV for log0001.csv counts it as that

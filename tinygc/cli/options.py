@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from session.io.names import CLOCKS
 from tinygc.cli.arguments import METHODS, accel_full_scale, count, data_rate, gyro_full_scale, methods, path_read, segment_numbers
 from tinygc.cli.extensions import help_if_present
 from tinygc.estimation.options import ACCELEROMETERS, BIASES
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from session.io.dialects import Answers
+    from session.io.folder import Session
     from tinygc.estimation.options import FitOptions
 
 
@@ -46,10 +50,24 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
     command.add_argument("--noise", type=path_read, metavar="FILE", help=what)
     what = "limits of closure and sensor errors, and the rule that decides (session.toml's [requirements])"
     command.add_argument("--requirements", type=path_read, metavar="FILE", help=what)
+    add_clock_argument(command)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
     )
+
+
+def add_clock_argument(command: argparse.ArgumentParser) -> None:
+    """Add ``--clock``."""
+    what = "arrivals: divide the stamps by sensor.clock_ratio, the board's clock against the computer's as record measured it (%(default)s)"
+    command.add_argument("--clock", choices=CLOCKS, default=CLOCKS[0], help=what)
+
+
+def session_of(args: argparse.Namespace) -> Path | Session:
+    """Return the folder, or with another ``--clock`` its session."""
+    from session.io.folder import read_session
+
+    return args.folder if args.clock == CLOCKS[0] else read_session(args.folder).on_clock(args.clock)
 
 
 def _add_methods(command: argparse.ArgumentParser) -> None:

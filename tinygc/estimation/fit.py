@@ -62,9 +62,14 @@ def fit_session(
     if options.lot is not None:
         lots = need("a lot as prior (--lot)")
         lots.require_possible(options)
-        session = session if isinstance(session, Session) else read_session(session, lambda name: progress(f"reading {name}", 0, 1))
+    if prepared is not None:
+        session = prepared.session
+    elif not isinstance(session, Session):
+        session = read_session(session, lambda name: progress(f"reading {name}", 0, 1))
+    if options.lot is not None:
         given, saved = lots.lot_for(options.lot, session.config.sensor.model), None
     if prepared is None:
+        session = session.on_clock(options.clock)
         prepared = prepare(
             session,
             use_earth=options.earth,

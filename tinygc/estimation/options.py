@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.io.errors import CalibrationError
+from session.io.names import CLOCKS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -142,6 +143,8 @@ class FitOptions:
         Fitted session folders of the same unit, whose spread of the bias is that between sessions.
     noise : str or Path, optional
         Noise figures of the unit, measured at rest; ``fit/noise.json`` of the session's folder by default.
+    clock : {"board", "arrivals"}, optional
+        Times as the board stamped them, or divided by ``sensor.clock_ratio``, which ``record`` measured by the arrivals.
     requirements : str or Path, optional
         File of limits and a decision rule, in place of session.toml's ``[requirements]``; it changes no number of the fit.
 
@@ -177,6 +180,7 @@ class FitOptions:
     lot: Path | None = None
     history: tuple[Path, ...] = ()
     noise: Path | None = None
+    clock: str = CLOCKS[0]
     requirements: Path | None = None
 
     def __post_init__(self) -> None:
@@ -189,7 +193,7 @@ class FitOptions:
             if (path := getattr(self, name)) is not None:
                 object.__setattr__(self, name, Path(path))
         object.__setattr__(self, "history", tuple(map(Path, self.history)))
-        for name, known in (("bias", BIASES), ("accelerometer", ACCELEROMETERS)):
+        for name, known in (("bias", BIASES), ("accelerometer", ACCELEROMETERS), ("clock", CLOCKS)):
             self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
         for name, least in (("folds", 2), ("seed", 0)):
             value = getattr(self, name)

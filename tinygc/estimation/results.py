@@ -409,6 +409,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "bias_per_log": result.options.bias_per_log,
             "bias": result.options.bias,
             "accelerometer": result.options.accelerometer,
+            "clock": result.options.clock,
         },
         "version": VERSION,
     }

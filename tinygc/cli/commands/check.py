@@ -6,6 +6,7 @@ import argparse
 
 from session.io.errors import CalibrationError
 from tinygc.cli.arguments import folder_written, path_read
+from tinygc.cli.options import add_clock_argument, session_of
 from tinygc.cli.results import complain, output, verdict, write_json
 
 SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
@@ -14,6 +15,7 @@ SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or an array's")
+    add_clock_argument(command)
     command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
     command.add_argument("--all", action="store_true", help="a table of all that was looked at, what is ok included")
     command.add_argument(
@@ -32,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.library.sessions import check
     from tinygc.reporting.tables import finding_lines, findings_table, next_line, unit_lines, verdict_line
 
-    findings = check(args.folder)
+    findings = check(session_of(args))
     console = output(args)
     for line in (verdict_line(findings, with_worst=False), *unit_lines(findings)):  # one line each, for readers by program
         console.print(line, soft_wrap=True)

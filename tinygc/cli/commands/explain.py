@@ -12,6 +12,7 @@ from session.io.names import is_array
 from session.io.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.extensions import help_if_present
+from tinygc.cli.options import add_clock_argument, session_of
 from tinygc.cli.results import complain, output, print_commands, try_destinations, verdict, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
@@ -23,6 +24,7 @@ MOST_OFFERED = 3
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or one of an array")
+    add_clock_argument(command)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
     search = help_if_present("a search beyond the catalogue (--discover)", search)
@@ -50,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         _try_effects((args.out or args.folder / "explain") / "effects")
     with progress_bar(args.quiet) as progress:
         why = explain(
-            args.folder,
+            session_of(args),
             seed=args.seed,
             use_earth=not args.no_earth,
             discover=args.discover,

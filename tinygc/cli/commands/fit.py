@@ -8,7 +8,7 @@ from pathlib import Path
 
 from session.io.annexes import need
 from session.io.errors import CalibrationError
-from session.io.names import is_array, is_gyroscope_alone
+from session.io.names import CLOCKS, is_array, is_gyroscope_alone
 from tinygc.cli.arguments import folder_written, path_read, positive, three
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import add_fit_arguments, fit_options, given
@@ -56,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _fit(args: argparse.Namespace) -> Done:
     """Fit one session, one array, one folder of rest logs, or one of a gyroscope alone."""
+    if args.clock != CLOCKS[0] and (is_gyroscope_alone(args.folder) or is_array(args.folder) or _has_only_rests(args.folder)):
+        raise CalibrationError(f"{args.folder}: --clock is for the turns of one board; leave it out")
     if is_gyroscope_alone(args.folder):
         return need("a gyroscope alone").fit(args)
     if is_array(args.folder):

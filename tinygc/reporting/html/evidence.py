@@ -13,7 +13,8 @@ import numpy as np
 
 from session.io.annexes import find
 from session.io.config import Accelerometer
-from session.io.folder import Session, file_key, hash_of_log, input_hashes
+from session.io.folder import Session, file_key, hash_of_log, input_hashes, read_session
+from session.io.names import CLOCKS
 from session.io.texts import significant
 from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, MG
 from tinygc import models
@@ -323,6 +324,9 @@ def gather(
     """
     progress = progress or (lambda what, done, of: None)
     prepared = None
+    folder = session if isinstance(session, Path) else None if session.in_memory else session.folder
+    if options.clock != CLOCKS[0]:
+        session = (session if isinstance(session, Session) else read_session(session)).on_clock(options.clock)
     if explain or fit is None:
         prepared = prepare(
             session,
@@ -332,7 +336,6 @@ def gather(
             at_rest=measured_noise(options.noise),
             progress=lambda what: progress(what, 0, 1),
         )
-    folder = session if isinstance(session, Path) else None if session.in_memory else session.folder
     logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain and prepared is not None else {}
     discovery = find("earlier discoveries") if explain and folder is not None else None
     if fit is None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from session.bench.live import StreamHealth
-from session.detect.segments import pace_of
+from session.io.pace import pace_of
 from session.io.samples import Samples
 
 ODR_HZ = 209.56
@@ -70,3 +70,17 @@ def test_two_steps_of_which_neither_is_near_the_middle_have_the_pace_of_the_shor
     pace = pace_of(np.array([0, 9_600_000, 9_600_000 + 38_400_000]))
     assert pace.period_s == pytest.approx(0.0096)
     assert pace.missing(np.array([0.0096, 0.0384])) == 3
+
+
+@pytest.mark.parametrize(("odr_hz", "tick_ns"), [(118.7, 1_000_000), (952.0, 1_000_000), (104.3, 1000), (6.6, 100_000_000)])
+def test_the_period_of_samples_is_time_over_samples_though_steps_alternate_and_one_is_a_gap(odr_hz, tick_ns):
+    """118.7 Hz in whole ms has steps of 8 and 9 ms: their median says 125 Hz.  Ticks as long as a period tell a gap to one of 20 000."""
+    t_ns = np.delete(np.rint(np.arange(20_000) / odr_hz * 1e9 / tick_ns).astype(np.int64) * tick_ns, np.r_[70:90])
+    samples = Samples(t_ns, np.zeros((len(t_ns), 3)), np.zeros((len(t_ns), 3)))
+    assert samples.period_s == pytest.approx(1 / odr_hz, rel=1e-4 if tick_ns * odr_hz > 0.5e9 else 5e-6)
+    even = Samples(np.arange(1000) * 9_615_384, samples.gyro, samples.accel)
+    assert even.period_s == 9_615_384 * 1e-9  # to the last bit
+
+
+def test_stamps_that_stand_still_have_no_period():
+    assert np.isnan(pace_of(np.zeros(5, dtype=np.int64)).period_s)

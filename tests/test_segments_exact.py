@@ -16,7 +16,6 @@ from session.detect.segments import (
     find_known_turns,
     moments_of,
     moved_at,
-    pace_of,
     run_ends,
     session_segments,
     span_space,
@@ -28,6 +27,7 @@ from session.detect.stills import LogStills, Noise, Still
 from session.io.config import LeftOut
 from session.io.folder import Session
 from session.io.logfile import KnownTurn, Log
+from session.io.pace import pace_of
 from session.io.samples import Samples
 from session.io.units import DEG, NS
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.bench.messages import AcceptedTurn
-from session.detect.segments import GAP_PERIODS, Pace
 from session.detect.stills import (
     BUMP_RAD,
     BUMP_S,
@@ -23,6 +22,7 @@ from session.detect.stills import (
     noise_variance,
 )
 from session.io.numeric import sigma_of
+from session.io.pace import GAP_PERIODS, Pace
 from session.io.samples import Samples
 from session.io.units import DEG, MDPS, MG, NS, STANDARD_GRAVITY_MPS2, G
 

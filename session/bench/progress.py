@@ -10,9 +10,10 @@ import numpy as np
 from session.bench.live import CHECK_S, FEWEST, MotionBlock, Stillness, TurnInProgress, stream_problem
 from session.bench.messages import AcceptedTurn, Coverage, Progress
 from session.detect.accelerometer import attitudes_of, fit_lengths
-from session.detect.segments import Pace, Segment, cut_segments, pace_of
+from session.detect.segments import Segment, cut_segments
 from session.detect.stills import MIN_STILL_FRACTION, Noise, Still, block_size, find_stills
 from session.io.config import Accelerometer, Protocol, Sensor
+from session.io.pace import Pace
 from session.io.samples import Samples, joined
 from session.io.units import MG, NS
 
@@ -141,7 +142,7 @@ class PresentLog:
             return problem
         if not self._checked:
             self._checked, self.began_ns, self._now_ns = True, int(pending.t_ns[0]), int(pending.t_ns[0])
-            self.pace, self.stillness = pace_of(pending.t_ns), Stillness(pending.period_s)
+            self.pace, self.stillness = pending.pace, Stillness(pending.period_s)
             self.window = Window(sensor, protocol, pending.period_s)
         return ""
 

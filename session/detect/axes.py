@@ -10,11 +10,12 @@ from itertools import pairwise, permutations, product
 import numpy as np
 
 from session.detect.findings import Axes, Correction, Finding
-from session.detect.segments import GAP_PERIODS, Ends
+from session.detect.segments import Ends
 from session.detect.stills import Still, references
 from session.io.config import Config, Sensor
 from session.io.logfile import Log
 from session.io.numeric import smallest_step
+from session.io.pace import GAP_PERIODS
 from session.io.samples import Samples
 from session.io.sensors.profile import Profile
 from session.io.units import DEG, MDPS, NS

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from session.detect.events import register_end_dps
-from session.detect.segments import pace_of
 from session.io.config import Sensor
 from session.io.logfile import Bridge
 from session.io.numeric import runs_of
@@ -155,7 +154,7 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Rows (G,) after which one to ``MOST`` readings are missing by the stamps, and how many (G,)."""
     if len(samples) < 2 * SIDE:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    pace, steps = pace_of(samples.t_ns), samples.dt_s
+    pace, steps = samples.pace, samples.dt_s
     # A gap may last for years.
     counts = np.concatenate([np.minimum(pace.periods(part), FAR).astype(np.int32) for _, part in pieces(steps)])
     counts -= np.int32(1)

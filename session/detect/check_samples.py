@@ -14,12 +14,13 @@ import numpy as np
 from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
 from session.detect.findings import Correction, Finding, axes_text
-from session.detect.segments import GAP_PERIODS, Ends, pace_of, why_broken
+from session.detect.segments import Ends, why_broken
 from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
 from session.io.folder import Session
 from session.io.logfile import Bridge, Log
 from session.io.numeric import held_for, new_readings, runs_of, smallest_step
+from session.io.pace import GAP_PERIODS
 from session.io.samples import Samples, pick, pieces
 from session.io.texts import SENSOR_NAME, STANDIN_NAME
 from session.io.units import DEG, MDPS, MG, NS, G
@@ -56,7 +57,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     random walk.  It matters where it exceeds the gyro's own: angle random walk x sqrt(duration).
     """
     samples, where = log.samples, log.path.name
-    pace = pace_of(samples.t_ns)
+    pace = samples.pace
     steps = samples.dt_s
     period, gaps = pace.period_s, steps > GAP_PERIODS * samples.period_s  # as in the segments
     lost = pace.missing(steps)

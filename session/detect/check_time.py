@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from session.detect.findings import Correction, Finding
-from session.detect.segments import Ends, pace_of
+from session.detect.segments import Ends
 from session.detect.stills import Noise
 from session.io.config import Config, Sensor
 from session.io.logfile import Log
@@ -40,7 +40,7 @@ def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
     The nominal rate is only that: an ASM330LHH's oscillator is off by up to 5 %.  Rates are integrated with the stamps, so a true
     rate that differs does no harm; stamps that are wrong are a scale error of the same size.
     """
-    where, true_hz = log.path.name, pace_of(log.samples.t_ns).rate_hz
+    where, true_hz = log.path.name, log.samples.pace.rate_hz
     if (wrong := unit_factor(true_hz, sensor.odr_hz)) is not None:
         return [_wrong_unit(where, true_hz, sensor, wrong)]
     findings = [_counted(log, sensor) or _against_declared(where, true_hz, sensor)]

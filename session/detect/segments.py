@@ -15,7 +15,8 @@ from session.detect.stills import LogStills, SessionStills, Still, references
 from session.io.config import LeftOut, Protocol, Sensor
 from session.io.folder import Session
 from session.io.logfile import KnownTurn, Log
-from session.io.samples import Samples, pieces
+from session.io.pace import GAP_PERIODS
+from session.io.samples import Samples
 from session.io.texts import command_line
 from session.io.units import DEG, NS
 
@@ -25,7 +26,6 @@ from session.io.units import DEG, NS
 # to each: with the protocol's still 1 s, turn 3 s, still 1 s, forty times, that is the 5 s window.  A still that is no reference is
 # passed over: the two turns around it become one longer segment.
 
-GAP_PERIODS = 2.5  #: a longer step between two stamps is a gap
 LEAST_MARGIN_S = 0.1  #: of stillness at each end of a turn that fills the window: what one block of the detector may be late
 LONGEST_TURN_SEGMENTS = 6.0  #: times the protocol's segment: beyond that it is a run, not a segment
 
@@ -188,94 +188,6 @@ def why_broken(samples: Samples, turn: slice, sensor: Sensor, put_in: np.ndarray
         axes = ", ".join(axis for axis, bad in zip("xyz", clipped, strict=True) if bad)
         return f"the gyro clips at {rate_dps[:, clipped].max():.0f} dps on {axes}: turn slower or choose a larger full scale"
     return None
-
-
-# The true time between two samples, where single samples are missing, and where stamps are coarse or jitter.
-
-ROUNDS = 20  #: of counting, for a period that the counts confirm; two are usual
-#: long steps come evenly where a clock is coarse, and by chance where samples are lost: variance of a window's span, in periods,
-#: to the number of long steps in it
-EVEN = 0.4
-WINDOW_LONG_STEPS = 4  #: in one window, on average
-LEAST_WINDOWS = 4
-OFF = 0.45  #: of a period: a step that is off by more is counted; below the half, which steps of a coarse clock may hit
-LOST_SIGMA = 5  #: by which long steps must outnumber the short ones that late stamps make as often
-
-
-@dataclass(frozen=True)
-class Pace:
-    """period_s: the true time between two samples; coarse: stamps too coarse, or off by too much, to show that one sample is missing."""
-
-    period_s: float
-    coarse: bool = False
-
-    @property
-    def rate_hz(self) -> float:
-        """The true data rate, Hz."""
-        return 1 / self.period_s
-
-    def periods(self, steps_s: np.ndarray) -> np.ndarray:
-        """How many periods each of consecutive steps (N,) s holds, whole numbers: one, or more where samples are missing."""
-        counts = np.rint(steps_s / self.period_s)
-        return np.where(steps_s <= GAP_PERIODS * self.period_s, 1.0, counts) if self.coarse else counts
-
-    def missing(self, steps_s: np.ndarray) -> int:
-        """Samples that are missing in consecutive steps (N,) s."""
-        return max(0, int(sum((self.periods(part) - 1).sum() for _, part in pieces(steps_s))))
-
-
-def pace_of(t_ns: np.ndarray) -> Pace:
-    """The pace of stamps (N,) ns that do not go backward; those that repeat are passed over.  At least one step is needed.
-
-    Each step is counted in periods, and the period is their sum by their number: a missing sample does no harm, whether it is
-    a gap or not.  A clock of 1 ms under 833 samples a second shows steps of 1 and 2 ms without a loss: there what is no gap is one period.
-    """
-    ticks = np.diff(t_ns)
-    if not (fresh := ticks > 0).all():
-        ticks = ticks[fresh]
-    tick = np.gcd.reduce(ticks)
-    steps_s = ticks * NS
-    del ticks, fresh  # a day has as many of them as of samples
-    fine = _confirmed(steps_s)
-    in_ticks = tick * NS >= fine / 2
-    short = np.count_nonzero(steps_s < (1 - OFF) * fine)
-    long = np.count_nonzero((steps_s > (1 + OFF) * fine) & (steps_s <= GAP_PERIODS * fine))
-    late = long - short < LOST_SIGMA * np.sqrt(2 * short)  # steps of two periods are as likely late stamps as lost samples
-    if not (late or (in_ticks and _even(steps_s, fine))):
-        return Pace(fine)
-    within = steps_s <= GAP_PERIODS * fine
-    return Pace(float(steps_s[within].mean()), coarse=True)
-
-
-def _confirmed(steps_s: np.ndarray) -> float:
-    """The period, s, that steps of whole periods have; begun at the steps near the median, which lies on a tick of a coarse clock."""
-    median = float(np.median(steps_s))
-    off = steps_s - median
-    close = np.abs(off, out=off) <= median / 2
-    del off
-    near = steps_s[close]
-    # Of two steps or so, none may lie near the middle between them: then the shorter of its two neighbours.
-    period = float(near.mean()) if len(near) else float(np.quantile(steps_s, 0.5, method="lower"))
-    del near, close
-    for _ in range(ROUNDS):
-        counts = steps_s / period
-        before, period = period, float(steps_s.sum() / np.rint(counts, out=counts).sum())
-        if abs(period / before - 1) < 1e-12:
-            break
-    return period
-
-
-def _even(steps_s: np.ndarray, period_s: float) -> bool:
-    """Whether steps that count as more than one period come too evenly for samples lost by chance."""
-    gap = steps_s > GAP_PERIODS * period_s
-    long = (np.rint(steps_s / period_s) > 1) & ~gap
-    windows = int(long.sum()) // WINDOW_LONG_STEPS
-    if windows < LEAST_WINDOWS:
-        return False
-    size = len(steps_s) // windows
-    # Of spans, not of long steps: one that only a late stamp has made has a short one near it.
-    spans = np.where(gap, period_s, steps_s)[: size * windows].reshape(windows, size).sum(axis=1) / period_s
-    return float(spans.var()) < EVEN * min(WINDOW_LONG_STEPS, size - WINDOW_LONG_STEPS)
 
 
 # The two ends of a closure run: a still, a long turn, a still in the same attitude.  Judged here while it is recorded, and by ``fit``.

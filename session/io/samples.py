@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from session.io.dataframe import data_frame
+from session.io.pace import Pace, pace_of
 from session.io.units import NS
 
 # Readings of a whole log in as few bytes as they were written with, converted to SI and float64 on access.
@@ -326,9 +327,14 @@ class Samples:
         return float(self.t_ns[row] - self.t_ns[0]) * NS
 
     @cached_property
+    def pace(self) -> Pace:
+        """The true time between two samples, and whether the stamps are too coarse to show a missing one; computed once."""
+        return pace_of(self.t_ns)
+
+    @cached_property
     def period_s(self) -> float:
-        """The usual time between two samples (median), in s; looked up often, computed once."""
-        return float(np.median(np.diff(self.t_ns), overwrite_input=True)) * NS
+        """The true time between two samples, s: time over samples, in which gaps count with what they lack."""
+        return self.pace.period_s
 
     @property
     def duration_s(self) -> float:

@@ -12,7 +12,6 @@ import numpy as np
 from session.bench.session_file import UNKNOWN
 from session.detect.findings import Finding
 from session.detect.first_look import check_folder
-from session.detect.segments import pace_of
 from session.io.config import Sensor, read_config
 from session.io.dialects import AXES, Answers
 from session.io.errors import CalibrationError, FormatError
@@ -97,7 +96,7 @@ def convert(
 def _pace(log: Path, answers: Answers) -> tuple[float, float]:
     """Hz and seconds of a log that was written."""
     written = read_log(log, sensor_of(answers)).samples
-    return float(f"{pace_of(written.t_ns).rate_hz:.4g}"), written.duration_s
+    return float(f"{written.pace.rate_hz:.4g}"), written.duration_s
 
 
 def _as_in(sensor: Sensor, answers: Answers) -> Answers:

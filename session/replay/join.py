@@ -10,10 +10,11 @@ import numpy as np
 from session.io.budget import current
 from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
+from session.io.pace import pace_of
 from session.io.reader import Piece
 from session.io.samples import Growing
 from session.io.stamps import COARSE, counted, evenly, fresh
-from session.io.units import NS_PER_S, G
+from session.io.units import G
 from session.replay.sources import Source, StreamSource
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
@@ -220,8 +221,8 @@ def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.
 
 
 def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray) -> str:
-    rates = [NS_PER_S / np.median(np.diff(t)[np.diff(t) > 0]) if len(t) > 2 and np.diff(t).any() else np.nan for t in (gyro_ns, accel_ns)]
-    text = f"joined on time: gyroscope at {rates[0]:.4g} Hz, accelerometer at {rates[1]:.4g} Hz"
+    gyro_hz, accel_hz = (pace_of(t_ns).rate_hz for t_ns in (gyro_ns, accel_ns))
+    text = f"joined on time: gyroscope at {gyro_hz:.4g} Hz, accelerometer at {accel_hz:.4g} Hz"
     if not np.isin(gyro_ns[keep], accel_ns).all():
         text += ", read between its samples; an offset between their clocks stays, and `explain` looks for it"
     lost = np.count_nonzero(~keep)

@@ -16,7 +16,6 @@ from session.bench.rawfile import said_cut
 from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.detect.first_look import check_folder
-from session.detect.segments import pace_of
 from session.io.config import read_config
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, FormatError
@@ -128,7 +127,7 @@ def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
         layout = Reader(log, None, sensor.wanted).layout
     except CalibrationError:
         return ()
-    rate = f"{pace_of(samples.t_ns).rate_hz:.4g} Hz for {samples.duration_s:.1f} s" if np.diff(samples.t_ns).any() else "one sample"
+    rate = f"{samples.pace.rate_hz:.4g} Hz for {samples.duration_s:.1f} s" if np.diff(samples.t_ns).any() else "one sample"
     return said_port(raw_path.name, layout, sensor, rate)
 
 

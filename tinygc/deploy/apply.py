@@ -15,13 +15,13 @@ from typing import BinaryIO
 import numpy as np
 
 from session.bench.session_file import ASSUMED
-from session.detect.segments import pace_of
 from session.io.config import Accelerometer
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.lines import PIECE_BYTES, STANDARD
 from session.io.logfile import CALIBRATED, already_calibrated, number_in
 from session.io.numeric import decimal_rows
+from session.io.pace import pace_of
 from session.io.reader import Reader
 from session.io.registers import DEFAULT, RegisterUnits, require_registers
 from session.io.results import whole

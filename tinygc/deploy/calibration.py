@@ -203,7 +203,7 @@ class Stream:
             return np.zeros((0, 3))
         rate_hz = self._rate_hz or 1.0
         raw, acc, temp = self._held
-        stamps = np.rint(np.arange(len(raw)) * (1 / rate_hz / NS)).astype(np.int64)
+        stamps = np.rint((self._first + np.arange(len(raw))) * (1 / rate_hz / NS)).astype(np.int64)
         samples = Samples(stamps, raw, np.nan_to_num(acc), None if np.isnan(temp).all() else temp)
         samples.__dict__["period_s"] = 1 / rate_hz  # of the log, not of the piece
         omega = self._model.calibrate(samples, self._began_s + self._first / rate_hz, self._live)[self._before : stop]

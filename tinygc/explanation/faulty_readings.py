@@ -12,7 +12,6 @@ from scipy.ndimage import maximum_filter1d
 from session.detect import bridging
 from session.detect.bridging import GAP
 from session.detect.events import APART_S, find_impacts
-from session.detect.segments import pace_of
 from session.io.folder import Session
 from session.io.numeric import runs_of, sigma_of
 from session.io.samples import Samples, replaced
@@ -94,7 +93,7 @@ def _jumps_of(samples: Samples) -> Jumps:
 
 def open_gaps(samples: Samples) -> np.ndarray:
     """(N - 1,) bool: whether the stamps show missing samples between a row and the next, so that no loss is hidden there."""
-    return pace_of(samples.t_ns).periods(samples.dt_s) > 1
+    return samples.pace.periods(samples.dt_s) > 1
 
 
 def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:

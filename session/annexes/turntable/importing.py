@@ -14,6 +14,7 @@ from session.io.config import Sensor, read_config
 from session.io.dialects import Answers
 from session.io.errors import FormatError
 from session.io.logfile import NAME, read_known_turns
+from session.io.pace import pace_of
 from session.io.texts import command_line
 from session.io.units import NS
 from session.replay.answers import with_comments
@@ -83,7 +84,7 @@ def _took(used: Sequence[Source], logs: Sequence[GyroLog], answers: Answers, sen
     places = [f"{source.path.name} as {log.name}.csv.gz" for source, log in zip(used, logs, strict=True)]
     more = f" and {len(used) - NAMED} more" if len(used) > NAMED else ""
     assumed = " (assumed)" if answers.gyro_fs_dps is None else ""
-    rates_hz = [1 / np.median(np.diff(log.t_ns)) / NS for log in logs]
+    rates_hz = [pace_of(log.t_ns).rate_hz for log in logs]
     slow, fast = (f"{edge(rates_hz):.4g}" for edge in (min, max))
     duration_s = sum(float(log.t_ns[-1] - log.t_ns[0]) * NS for log in logs)
 

@@ -26,6 +26,7 @@ from session.io.files import MB, require_file
 from session.io.folder import Session, sha256_of
 from session.io.logfile import read_log
 from session.io.names import TURNS, has_recorded_name, log_paths, refuse_array
+from session.io.pace import pace_of
 from session.io.reader import Reader
 from session.io.registers import RegisterUnits, profile_of
 from session.io.rests import RestLog, read_rest, rest_from_samples
@@ -298,11 +299,11 @@ def _flowing(path: Path, answers: Answers, columns: Sequence[str]) -> float | No
     if reader.layout.time is None:
         return answers.odr_hz
     first = next(reader.pieces(), None)
-    if first is None or first.t_ns is None or len(first.t_ns) < 2 or not (steps := np.diff(first.t_ns)).any():
+    if first is None or first.t_ns is None or not np.diff(first.t_ns).any():
         return None
     if evenly(first.t_ns, 1.0, path.name)[1] is not None:
         return None
-    return float(1e9 / np.median(steps[steps > 0]))
+    return pace_of(first.t_ns).rate_hz
 
 
 def _stream(path: Path, sensor: Sensor, answers: Answers | None, rests: Rests) -> None:

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from session.detect.segments import pace_of
 from session.io.errors import DataError
+from session.io.pace import pace_of
 from session.io.texts import significant
 from session.io.units import DEG, MG, NS, NS_PER_S
 from tinygc.annexes.watch.change import Change, WindowRecord, change_of

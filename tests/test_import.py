@@ -547,3 +547,24 @@ def test_rows_that_were_written_twice_count_once(tmp_path):
     made = make(tmp_path, "\n".join([head, *twice]) + "\n", **told)
     same(made)
     assert any("rows repeat the one before them, stamp and readings: left out" in note for note in made.notes)
+
+
+OF_OTHERS = rows(T_US, *GYRO["dps"].T, *ACCEL["mps2"].T)
+ARRIVED = [f"10:00:{k / 100:06.3f} -> {line}\n" for k, line in enumerate(rows(*ACCEL["g"].T, *GYRO["dps"].T).splitlines()[:900])]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a,b,c,d,e,f,g\n" + OF_OTHERS, "give --columns t_UNIT=a,gx_UNIT=b,gy_UNIT=c,gz_UNIT=d,ax_mps2=e,ay_mps2=f,az_mps2=g"),
+        ("Uhr;b [°/s];c,1;d;e;f;g\n" + OF_OTHERS.replace(",", ";"), "'t_UNIT=Uhr,gx_dps=b [°/s],gy_UNIT=3,gz_UNIT=d,ax_mps2=e"),
+        (
+            "".join(ARRIVED),
+            "a serial monitor's lines: no header, 7 columns of numbers; name them by number, --columns t=7,gx_UNIT=4,.*,az_g=3",
+        ),
+        ("t_us,dtheta_x_deg,dtheta_y_deg,dtheta_z_deg,ax_g,ay_g,az_g\n" + OF_OTHERS, "'dtheta_x_deg' is the angle of each sample"),
+    ],
+)
+def test_a_log_that_says_nothing_is_named_with_the_option_to_edit(text, said, tmp_path):
+    with pytest.raises(FormatError, match=said.replace("[", r"\[")):
+        make(tmp_path, text)

@@ -209,6 +209,41 @@ def phyphox(s: Samples) -> Files:
     return [*file("Gyroscope.csv", gyro, lines(s.t_ns * 1e-9, *rps(s))), *file("Accelerometer.csv", accel, lines(fine * 1e-9, *force))]
 
 
+def phyphox_simple(s: Samples) -> Files:
+    """An experiment of one's own: the sensor is the file's, the columns are axes."""
+    gyro, accel = ('"Time (s)","X (unit)","Y (unit)","Z (unit)"\n'.replace("unit", unit) for unit in ("rad/s", "m/s^2"))
+    return [
+        *file("Gyroscope.csv", gyro, lines(s.t_ns * 1e-9, *rps(s))),
+        *file("Accelerometer.csv", accel, lines(s.t_ns * 1e-9, *mps2(s))),
+    ]
+
+
+def kalibr(s: Samples) -> Files:
+    head = "timestamp,omega_x,omega_y,omega_z,alpha_x,alpha_y,alpha_z\n"
+    return file("imu0.csv", head, lines(EPOCH_NS + s.t_ns, *rps(s), *mps2(s)))
+
+
+def gopro(s: Samples) -> Files:
+    """A name for three columns, which says their order."""
+    parts = (("gyro.csv", "Gyroscope (z,x,y) [rad/s]", rps(s)), ("accl.csv", "Accelerometer (z,x,y) [m/s2]", mps2(s)))
+    stamps = s.t_ns * 1e-6, ["2026-05-02T09:30:00.000Z"] * len(s)
+    return [
+        *(f for name, head, (x, y, z) in parts for f in file(name, f'"cts","date","{head}","1","2"\n', lines(*stamps, z, x, y))),
+    ]
+
+
+def spreadsheet(headings: str, encoding: str = "utf-8") -> Callable[[Samples], Files]:
+    """ms, g and °/s with decimal commas under headings, ``{}`` for the axis, as a spreadsheet saves them."""
+
+    def write(s: Samples) -> Files:
+        time, accel, gyro = headings.split(";")
+        head = ";".join([time, *(each.format(axis) for each in (accel, gyro) for axis in "XYZ")]) + "\r\n"
+        body = lines(s.t_ns * 1e-6, *g(s), *dps(s), delimiter=";").replace(".", ",").replace("\n", "\r\n")
+        return [("Mappe1.csv", (head + body).encode(encoding))]
+
+    return write
+
+
 def zipped(files: Files, name: str) -> Files:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -362,6 +397,17 @@ TEXTS = {
     "Xsens MT Manager": Text(xsens, ("--time-unit", "us", "--gyro-unit", "rad/s")),
     "phyphox, two files": Text(phyphox, accel_lsb=0.05),
     "phyphox, zip": Text(phyphox_zip, accel_lsb=0.05),
+    "phyphox, simple export": Text(phyphox_simple),
+    "Kalibr": Text(kalibr),
+    "GoPro, two files": Text(gopro),
+    "spreadsheet, English, Windows": Text(spreadsheet("Time (ms);Acc {} (g);Gyr {} (°/s)", "cp1252")),
+    "spreadsheet, German, Windows": Text(spreadsheet("Zeit [ms];Beschl. {} [g];Drehrate {} [°/s]", "cp1252")),
+    "spreadsheet, German, DIN": Text(spreadsheet("t in ms;Beschleunigung {} in g;Winkelgeschwindigkeit {} in Grad/s")),
+    "spreadsheet, French, UTF-16": Text(spreadsheet("Temps (ms);Accélération {} (g);Vitesse angulaire {} (°/s)", "utf-16")),
+    "spreadsheet, Spanish": Text(spreadsheet("Tiempo (ms);Aceleración {} (g);Velocidad angular {} (º/s)")),
+    "spreadsheet, Italian": Text(spreadsheet("Tempo (ms);Accelerazione {} (g);Velocità angolare {} (°/s)")),
+    "spreadsheet, Chinese": Text(spreadsheet("时间(ms);加速度{}(g);角速度{}(°/s)")),
+    "spreadsheet, Polish, by its units": Text(spreadsheet("Czas [ms];Przyspieszenie {} [g];Prędkość kątowa {} [°/s]")),
     "Sensor Logger, zip": Text(sensor_logger),
     "Physics Toolbox": Text(physics_toolbox),
     "AndroSensor": Text(androsensor),

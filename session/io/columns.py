@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 
 from session.io.errors import FormatError
@@ -61,7 +62,10 @@ def split(line: str, delimiter: str | None) -> tuple[str, ...]:
     line = line.strip().lstrip("\ufeff#").strip()
     if delimiter is None:
         line = re.sub(r"(?<!\s)\s++(?=[\[(])", "", line)
-    return tuple(part.strip().strip('"').strip() for part in line.split(delimiter))
+    # A name in quotation marks may have the delimiter in it.
+    quoted = '"' in line and delimiter is not None and len(delimiter) == 1
+    parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), []) if quoted else line.split(delimiter)
+    return tuple(part.strip().strip('"').strip() for part in parts)
 
 
 def parse_columns(text: str, pattern: re.Pattern[str] = KEY, expected: str = EXPECTED) -> dict[str, tuple[str, str, int]]:

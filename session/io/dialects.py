@@ -231,6 +231,18 @@ DIALECTS = (
         both=True,
     ),
     Dialect(
+        "Kalibr",
+        time=("timestamp",),
+        gyro="omega_{}",
+        accel="alpha_{}",
+        time_unit="ns",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        both=True,
+    ),
+    # A file for each sensor; one name stands for three columns, and may say their order.
+    Dialect("GoPro", time=("cts",), gyro="gyroscope {}", accel="accelerometer {}", time_unit="ms", frame="the camera's own axes"),
+    Dialect(
         "EuRoC", time=("timestamp",), gyro="w_rs_s_{}", accel="a_rs_s_{}", time_unit="ns", frame="the sensor frame S of its sensor.yaml"
     ),
     Dialect(

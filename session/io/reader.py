@@ -79,7 +79,7 @@ class Reader:
         else:
             form, begins = self._text_form, head
             head = [form.header] * bool(form.header) + form(begins)
-            self.layout = recognise(head, path.name, answers, picking)
+            self.layout = recognise(head, path.name, answers, picking, form.name)
             head = head[bool(form.header) :]
             self.layout = replace(self.layout, first=self.layout.first - bool(form.header))
             self.notes.append(f"{form.name}: read as a table")

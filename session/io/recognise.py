@@ -9,13 +9,17 @@ from session.io.clock import find_clock
 from session.io.columns import DELIMITERS, Column, from_columns, split
 from session.io.dialects import DIALECTS, Answers, Dialect, Layout, Triad, three
 from session.io.errors import FormatError
+from session.io.headings import name_and_unit, refuse_angles, spread, usual_columns
 from session.io.questions import Question, QuestionsError
 from session.io.rows import FORMAT_WORD, MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_kinds
 from session.io.standard import MOST_NAMES, OWN, parse_header
+from session.io.suggested import suggested
 from session.io.units import COUNTS, STAMP_NS, Unit, known, parse_unit
 
 # From a file's first lines to a layout: which column is what, in which unit; or all that the file does not say.
 
+#: the option for any table
+HOW = "t_us=NAME,gx_dps=NAME,…,az_g=NAME"
 NUMBER = r"[-+]?(?:[0-9]++[.,]?[0-9]*+|[.,][0-9]++)(?:[eE][-+]?[0-9]++)?"
 #: stands where one of our own headers lacks the time
 NO_STAMPS = "t_us"
@@ -28,8 +32,9 @@ TOLD, BY_HEADER, DOCUMENTED = "as you say", "header", "as that program documents
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
 
-def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None) -> Layout:
-    """The layout of a file that begins with these lines; picking: a column that tells several sensors apart.
+def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None, form: str = "") -> Layout:
+    """The layout of a file that begins with these lines; picking: a column that tells several sensors apart; form: of lines that were
+    made a table.
 
     Raises FormatError, which names the option to give, and QuestionsError of all that the file does not say.
     """
@@ -48,23 +53,20 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
         ours = {*STAMP_NS, "gx", "gx_dps", "gx_rps"}
         named = ((number, split(line, delimiter)) for number, line in enumerate(lines) for delimiter in DELIMITERS)
         own = next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
-        usual = max(_usual_matches(lines), key=lambda match: match[0], default=None)
+        usual = max(_usual_matches(lines, name), key=lambda match: match[0], default=None)
+        if usual is None:
+            refuse_angles((names for _, _, _, names in _headers(lines)), name)
         if own is not None and (usual is None or any(own[1].count(name) > 1 for name in own[1])):
             number, names = own
             parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
         if usual is None:
-            _refuse_headless(lines, name)
-            known_ones = ", ".join(dialect.name for dialect in DIALECTS)
-            raise FormatError(
-                f"{name}: no header of a log that is known ({known_ones}); it begins {_first(lines)!r}: "
-                "name its columns, --columns t_us=NAME,gx_dps=NAME,…,az_g=NAME"
-            )
+            raise _unknown(lines, name, form)
         found = usual
     _, number, delimiter, dialect, columns, names = found
     if dialect is not None:
         # Refuse two columns of one name; what is not read may repeat.
         where = f"{name} line {number + 1}"
-        known = [_name_and_unit(text)[0] for text in names]
+        known = [name_and_unit(text)[0] for text in names]
         for column, _, _ in columns.values():
             if (times := known.count(known[column])) > 1:
                 raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
@@ -88,14 +90,18 @@ def _like(text: str) -> Dialect | str:
     return dialect
 
 
-def _refuse_headless(lines: list[str], name: str) -> None:
-    """FormatError for rows of numbers without a header, in the words of the option that names them."""
-    row = next((line.strip().rstrip(",;") for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
-    for delimiter in DELIMITERS:
-        cells = [cell.strip() for cell in row.split(delimiter)]
-        if len(cells) >= 6 and all(re.fullmatch(NUMBER, cell) for cell in cells):
-            option = "--columns t_us=1,gx_dps=2,…,az_g=7 (in its own order and units), or without stamps gx_dps=1,…,az_g=6 and --odr HZ"
-            raise FormatError(f"{name}: no header, {len(cells)} columns of numbers; name them by number, {option}")
+def _unknown(lines: list[str], name: str, form: str) -> FormatError:
+    """The refusal of a log that says nothing of its columns, with the option that names them, ready to edit; form: of its lines."""
+    where = f"{name}{f', {form}' if form else ''}"
+    table = suggested(lines)
+    if table is None:
+        begins = f"it begins {_first(lines)!r}"
+        return FormatError(f"{where}: no header of a log that is known (import --list); {begins}: name its columns, --columns {HOW}")
+    edit = f"{table[1]} (as its numbers look; put the units, and correct it)"
+    rates = "" if " t" in table[1] or "'t" in table[1] else " and --odr HZ, as it has no stamps"
+    if re.search("[A-Za-z]", _first(lines)):
+        return FormatError(f"{where}: no header of a log that is known (import --list); it begins {_first(lines)!r}: give {edit}{rates}")
+    return FormatError(f"{where}: no header, {table[0]} columns of numbers; name them by number, {edit}{rates}")
 
 
 def _first(lines: list[str]) -> str:
@@ -124,7 +130,7 @@ def _headers(lines: list[str]) -> Iterator[tuple[int, bool, str | None, tuple[st
                     both = f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip()
                     whole.append(both if name or under else "")
                 yield number + 1, True, delimiter, tuple(whole)
-            yield number, False, delimiter, names
+            yield number, False, delimiter, spread(names)
 
 
 def _are_names(lines: list[str], delimiter: str | None, names: tuple[str, ...]) -> bool:
@@ -143,25 +149,13 @@ def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterato
         own = like in (None, OWN) and not lines[number].lstrip().startswith("#") and _is_own(names)
         if own and not _are_names(lines[number + 1 : number + 2], delimiter, names):
             yield (18, -number), number, delimiter, None, {}, names
-        cells = [_name_and_unit(text) for text in names]
+        cells = [name_and_unit(text) for text in names]
         for dialect in DIALECTS if like is None else (like,):
             if not isinstance(dialect, Dialect) or (dialect.begins and dialect.begins != lines[0].strip().lstrip("\ufeff")):
                 continue
             columns = _columns_of(dialect, cells, name)
             if columns:
                 yield (2 * len(columns) + 20 * bool(dialect.begins) + both, -number), number, delimiter, dialect, columns, names
-
-
-def _name_and_unit(text: str) -> tuple[str, str]:
-    """``Gyro X (deg/s)``: the name, and what its last brackets hold if there is a letter in it.  By hand: a pattern would look at a long
-    cell from each of its brackets."""
-    if text.endswith(("]", ")")):
-        begin = max(text.rfind(shut, 0, -1) for shut in "])") + 1
-        opens = [place for place in (text.find(bracket, begin) for bracket in "[(") if place >= 0]
-        unit = text[min(opens) + 1 : -1] if opens else ""
-        if any(letter.isalnum() and not letter.isdecimal() for letter in unit):
-            return text[: min(opens)].strip().lower(), unit
-    return text.strip().lower(), ""
 
 
 def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> dict[str, Column]:
@@ -188,88 +182,17 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
     return {**stamp, **found} if found else {}
 
 
-# Headers of no dialect whose names say what they are, as people print them themselves: ``accX``, ``gyro_y``, ``wz``, ``imu.rate.x``.
-
-#: what stands before or behind an axis, of a name in small letters without what is no letter
-USUAL = {
-    "g": (
-        "g",
-        "gyr",
-        "gyro",
-        "gyroscope",
-        "w",
-        "omega",
-        "rate",
-        "angularvelocity",
-        "angvel",
-        "angularrate",
-        "rotationrate",
-        "rotation",
-        "rot",
-        "angular",
-        "gyroraw",
-        "rawgyro",
-    ),
-    "a": (
-        "a",
-        "acc",
-        "accel",
-        "accelerometer",
-        "acceleration",
-        "f",
-        "force",
-        "specificforce",
-        "linearacceleration",
-        "accelraw",
-        "rawaccel",
-    ),
-}
 #: further columns of a file that is taken for one sensor's: a counter and a time, perhaps in two columns
 MOST_BESIDE = 3
-USUAL_TEMPERATURES = ("temp", "temperature", "tempc", "t")
-#: words of a unit behind a name, as ``gyro_x_dps`` or ``accXmss``
-UNIT_ENDINGS = {
-    "g": {"dps": "dps", "degs": "dps", "degps": "dps", "rads": "rad/s", "radps": "rad/s", "rps": "rad/s", "mdps": "mdps"},
-    "a": {"mps2": "m/s2", "ms2": "m/s2", "mss": "m/s2", "mg": "mg", "g": "g"},
-}
 
 
-def _usual_matches(lines: list[str]) -> Iterator[Match]:
+def _usual_matches(lines: list[str], name: str) -> Iterator[Match]:
+    """Headers of no dialect that say what their columns are."""
     for number, both, delimiter, names in _headers(lines):
-        columns: dict[str, Column] = {}
-        for column, text in enumerate(names[:MOST_NAMES]):
-            name, unit = _name_and_unit(text)
-            if (what := _usual(name)) is None:
-                continue
-            key, ending = what
-            if key in columns:  # two sensors: a person says which
-                columns = {}
-                break
-            columns[key] = column, unit or ending, 1
-        whole = [letter for letter in "ga" if all(f"{letter}{axis}" in columns for axis in "xyz")]
-        if not whole or len([key for key in columns if key != "temp"]) != 3 * len(whole):
-            continue
-        if len(whole) == 1 and len(names) - len(columns) > MOST_BESIDE:
-            continue  # the other sensor may be among the rest, by names that say nothing
-        yield (2 * len(columns) + both, -number), number, delimiter, None, columns, names
-
-
-def _usual(name: str) -> tuple[str, str] | None:
-    """``gyro_x_dps``: (gx, dps); None for a name that says no axis of a sensor."""
-    plain = re.sub(r"^(?:imu|raw|data|sensor|msg|field)+", "", re.sub(r"[^a-z0-9]", "", name.replace("²", "2").replace("^", "")))
-    if plain in USUAL_TEMPERATURES[:3]:
-        return "temp", "degc"
-    for letter, words in USUAL.items():
-        for word in words:
-            for axis, place in (("x", "0"), ("y", "1"), ("z", "2")):
-                for written in (f"{word}{axis}", f"{axis}{word}", f"{word}{place}", f"{word}{axis}axis"):
-                    rest = plain.removeprefix(written)
-                    if plain == written or (rest != plain and rest in UNIT_ENDINGS[letter]):
-                        return f"{letter}{axis}", UNIT_ENDINGS[letter].get(rest, "")
-                before = plain.removeprefix(word)[:-1]
-                if plain[-1:] in (axis, place) and before in UNIT_ENDINGS[letter] and plain.startswith(word):
-                    return f"{letter}{axis}", UNIT_ENDINGS[letter][before]
-    return None
+        columns = usual_columns(names[:MOST_NAMES], name)
+        alone = bool(columns) and ("gx" in columns) != ("ax" in columns)
+        if columns and not (alone and len(names) - len(columns) > MOST_BESIDE):  # the other sensor may be among the rest
+            yield (2 * len(columns) + both, -number), number, delimiter, None, columns, names
 
 
 # One of our own headers, perhaps without stamps, or nearly one.

@@ -568,3 +568,21 @@ ARRIVED = [f"10:00:{k / 100:06.3f} -> {line}\n" for k, line in enumerate(rows(*A
 def test_a_log_that_says_nothing_is_named_with_the_option_to_edit(text, said, tmp_path):
     with pytest.raises(FormatError, match=said.replace("[", r"\[")):
         make(tmp_path, text)
+
+
+def test_a_sentence_whose_checksum_is_wrong_is_refused_by_its_line(tmp_path):
+    ((_, data),) = TEXTS["VectorNav, $VNYMR"].write(SAMPLES)
+    lines = data.decode().splitlines(keepends=True)
+    lines[70] = lines[70].replace("+1.0", "+1.1", 1)
+    with pytest.raises(FormatError, match="line 71: its checksum is wrong"):
+        make(tmp_path, "".join(lines), odr_hz=104.0)
+    lines[70] = "$VNINS,1,2*00\r\n"  # another kind is left out
+    make(tmp_path, "".join(lines), odr_hz=104.0, out="others")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [('{"a": [1, 2', "damaged JSON"), ('{"a": {"b": 1}}', "without a list"), ("[" * 99_999, "line 1: longer than")]
+)
+def test_a_json_document_without_readings_is_refused(text, said, tmp_path):
+    with pytest.raises(FormatError, match=said):
+        make(tmp_path, text)

@@ -322,6 +322,47 @@ def json_lines(s: Samples) -> Files:
     return file("mqtt.jsonl", *rows)
 
 
+def json_documents(s: Samples) -> Files:
+    """A document for each sensor, over many lines."""
+    files: Files = []
+    for name, values in (("rotations", s.gyro), ("accelerations", s.accel)):
+        rows = zip(np.asarray(values).tolist(), us(s).tolist(), strict=True)
+        document = {name: [{"x": x, "y": y, "z": z, "time_usec": t} for (x, y, z), t in rows]}
+        files += file(f"{name}.json", json.dumps(document, indent=1))
+    return files
+
+
+def json_document(s: Samples) -> Files:
+    """One list of both sensors' records on one line, each with its sensor's name, and numbers in quotation marks."""
+    rows = [
+        {"sensor": name, "time": str(EPOCH_NS + int(t)), "z": repr(z), "y": repr(y), "x": repr(x)}
+        for t, *both in zip(s.t_ns, np.asarray(s.gyro).tolist(), np.asarray(s.accel).tolist(), strict=True)
+        for name, (x, y, z) in zip(("Gyroscope", "Accelerometer"), both, strict=True)
+    ]
+    return file("2024-11-26.json", json.dumps(rows))
+
+
+def json_arrays(s: Samples) -> Files:
+    """Lists of one length under their names."""
+    names = ("t_us", "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z")
+    columns = [us(s).tolist(), *(np.asarray(each).tolist() for each in (*dps(s), *g(s)))]
+    return file("imu.json", json.dumps({"device": "imu", "data": dict(zip(names, columns, strict=True))}))
+
+
+def vectornav(word: str, before: int, behind: int = 0) -> Callable[[Samples], Files]:
+    """Sentences with a checksum, without stamps; before, behind: numbers before the magnetometer's, and behind the rates."""
+
+    def write(s: Samples) -> Files:
+        rows = []
+        for w, f in zip(np.asarray(s.gyro).tolist(), np.asarray(s.accel).tolist(), strict=True):
+            values = [1.0] * before + [0.2, -0.1, 0.4] + f + w + [25.0] * behind
+            body = ",".join([word, *(f"{value:+.9f}" for value in values)])
+            rows.append(f"${body}*{np.bitwise_xor.reduce(np.frombuffer(body.encode(), np.uint8)):02X}\r\n")
+        return file("vn.txt", "+0.1,+0.2*33\r\n", *rows)
+
+    return write
+
+
 def hexadecimal(s: Samples) -> Files:
     raw = registers(s) & 0xFFFF
     return file("hex.csv", "millis,gx,gy,gz,ax,ay,az\n", lines(us(s) / 1e3, *[[f"0x{v:04X}" for v in c] for c in raw.T.tolist()], digits=3))
@@ -416,6 +457,11 @@ TEXTS = {
     "names and numbers": Text(key_value, MPU, **STEPS),
     "Adafruit's sketch in a serial monitor": Text(adafruit, gyro_lsb=1e-8, accel_lsb=1e-6),
     "JSON lines": Text(json_lines),
+    "JSON documents, a sensor each": Text(json_documents, ("--gyro-unit", "rad/s", "--accel-unit", "m/s2")),
+    "JSON document, records of both": Text(json_document, ("--gyro-unit", "rad/s", "--accel-unit", "m/s2")),
+    "JSON document, arrays": Text(json_arrays, ("--gyro-unit", "dps", "--accel-unit", "g")),
+    "VectorNav, $VNYMR": Text(vectornav("VNYMR", 3), ("--odr", "104"), exact_s=1e-5),
+    "VectorNav, $VNIMU": Text(vectornav("VNIMU", 0, 2), ("--odr", "104"), exact_s=1e-5),
     "hexadecimal registers": Text(hexadecimal, MPU, **STEPS),
     "packed hexadecimal": Text(packed, ("--packed", "mpu", "--time-unit", "us", *MPU), **STEPS),
     "two lines of names": Text(two_headers, ("--gyro-unit", "rad/s", "--accel-unit", "m/s2")),

@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, reduce
 from itertools import pairwise
+from operator import xor
 from typing import Protocol
 
 from session.io.clock import CLOCKS, UNITS
@@ -29,15 +30,21 @@ MOST_PAIRS = 200
 #: characters of a name behind its first
 LONGEST_NAME = 60
 NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
+DIGITS = re.compile(NUMBER)
+
+
+#: a row that no reader of tables takes: it is refused by its line, with what is wrong with it
+TORN, TORN_RECORD = "torn", "the record is torn, or in another unit than before"
 
 
 class TextForm(Protocol):
     """name: as people are told of it; header: the names of its columns, with commas, or empty where the lines have one of their own;
-    left_out: how many lines so far held nothing of it."""
+    left_out: how many lines so far held nothing of it; torn: what is wrong with a line that it calls torn."""
 
     name: str
     header: str
     left_out: int
+    torn: str
 
     def __call__(self, lines: list[str]) -> list[str]:
         """As many lines: rows of the table, and blanks where no row ends."""
@@ -53,7 +60,7 @@ def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
     if sum(MONITOR.match(line) is not None for line in some) > SHARE * len(some):
         without = [bare for line in some if (bare := MONITOR.sub("", line)).strip()]
         return _Monitor(form_of(without, packed, name), without)
-    for kind in (_JsonLines, _Pairs):
+    for kind in (_Sentences, _JsonLines, _Pairs):
         if (form := kind.found(some, name)) is not None:
             return form
     return _packed(some, packed, name) or _hexadecimal(some)
@@ -68,6 +75,7 @@ class _Monitor:
     """The clock becomes the last column: what the board itself says of the time comes before it."""
 
     name = "a serial monitor's lines"
+    torn = TORN_RECORD
     left_out = 0
 
     def __init__(self, inner: TextForm | None, lines: list[str]):
@@ -156,12 +164,9 @@ class _Record:
         return TORN if self._begun else ""
 
 
-#: a row that no reader of tables takes: it is refused by its line
-TORN = "torn"
-
-
 class _Pairs:
     name = "names and numbers in turn"
+    torn = TORN_RECORD
 
     def __init__(self, record: _Record, stamped: bool, commas: bool):
         self._record, self._stamped, self._commas = record, stamped, commas
@@ -249,11 +254,59 @@ def _is_unit(word: str) -> bool:
     return any(parse_unit(kind, word) is not None for kind in ("time", "gyro", "accel", "temp"))
 
 
+# Sentences of a sensor with firmware of its own: ``$VNYMR,…*5A``, checked by the checksum behind the asterisk.
+
+SENTENCE = re.compile(r"\$([A-Za-z]{2,10}),([^*$]*+)\*([0-9A-Fa-f]{2}|[0-9A-Fa-f]{4}|XX)\s*+")
+_MEASURED = ",".join(f"{what}{axis}{unit}" for what, unit in (("mag", ""), ("acc", " [m/s2]"), ("gyro", " [rad/s]")) for axis in "XYZ")
+#: what the makers' manuals say that a sentence holds behind its word; of several kinds in one log the first is taken
+SENTENCES = {
+    "VNIMU": f"{_MEASURED},temp [c],pressure",
+    "VNMAR": _MEASURED,
+    "VNQMR": f"q0,q1,q2,q3,{_MEASURED}",
+    "VNYMR": f"yaw,pitch,roll,{_MEASURED}",
+    "VNDTV": "dt,dthetaX,dthetaY,dthetaZ,dvX,dvY,dvZ",
+}
+
+
+class _Sentences:
+    torn = "its checksum is wrong"
+
+    def __init__(self, word: str):
+        self.name, self.header, self.left_out, self._word, self._begun = f"sentences ${word}", SENTENCES.get(word, ""), 0, word, False
+
+    @classmethod
+    def found(cls, lines: list[str], name: str) -> _Sentences | None:
+        """Where most lines are sentences, of a word that is known or of one alone."""
+        words = [match[1] for line in lines if (match := SENTENCE.fullmatch(line.strip())) is not None]
+        known = next((word for word in SENTENCES if words.count(word) > 1), words[0] if len(set(words)) == 1 else None)
+        return None if len(words) <= SHARE * len(lines) or known is None else cls(known)
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        rows = []
+        for line in lines:
+            match, mine = SENTENCE.fullmatch(line.strip()), line.lstrip().startswith(f"${self._word},")
+            if mine and match is not None and _sum_is_right(match):
+                self._begun = True
+                rows.append(match[2])
+                continue
+            torn = bool(line.strip()) and self._begun and (mine or not line.lstrip().startswith("$"))
+            self.left_out += bool(line.strip()) and not torn
+            rows.append(TORN if torn else "")
+        return rows
+
+
+def _sum_is_right(sentence: re.Match[str]) -> bool:
+    """Whether the two digits are the exclusive or of all letters; other sums are taken as they are."""
+    told = reduce(xor, f"{sentence[1]},{sentence[2]}".encode())
+    return len(sentence[3]) != 2 or sentence[3] == "XX" or told == int(sentence[3], 16)
+
+
 # JSON, an object a line: ``{"t": 1, "gyro": {"x": 0.1, …}}``.
 
 
 class _JsonLines:
     name = "JSON, an object a line"
+    torn = TORN_RECORD
 
     def __init__(self, record: _Record):
         self._record, self.header, self.left_out = record, record.header, 0
@@ -261,7 +314,7 @@ class _JsonLines:
     @classmethod
     def found(cls, lines: list[str], name: str) -> _JsonLines | None:
         """Where most lines are objects that hold numbers."""
-        objects = [list(found) for line in lines if (found := _flat(line))]
+        objects = [list(found) for line in lines if (found := flattened(line))]
         if len(objects) <= SHARE * len(lines) or not objects:
             return None
         record = _Record(objects)
@@ -270,26 +323,28 @@ class _JsonLines:
     def __call__(self, lines: list[str]) -> list[str]:
         rows = []
         for line in lines:
-            found = _flat(line)
+            found = flattened(line)
             torn = not found and line.strip().startswith(("{", "[{"))
             self.left_out += bool(line.strip()) and not found and not torn
             rows.append(TORN if torn else self._record.row(found))
         return rows
 
 
-def _flat(line: str) -> list[tuple[str, str, str]]:
-    """Numbers of an object: path, ``gyro.x``, ``gyro[0]``, number as it was written, and no unit; empty where the line is none."""
-    line = line.strip().removeprefix("[").removesuffix("]").rstrip(", ")
-    if not line.startswith("{"):
-        return []
-    try:
-        whole = json.loads(line, parse_float=_Number, parse_int=_Number)
-    except (ValueError, RecursionError):
-        return []
+def flattened(record: object) -> list[tuple[str, str, str]]:
+    """Numbers of an object, or of a line that holds one: path, ``gyro.x``, ``gyro[0]``, number as it was written, and no unit; empty where
+    it is none."""
+    if isinstance(record, str):
+        line = record.strip().removeprefix("[").removesuffix("]").rstrip(", ")
+        if not line.startswith("{"):
+            return []
+        try:
+            record = json.loads(line, parse_float=Number, parse_int=Number)
+        except (ValueError, RecursionError):
+            return []
     found: dict[str, str] = {}
 
     def walk(value: object, name: str, depth: int) -> None:
-        if isinstance(value, _Number):
+        if isinstance(value, Number) or (isinstance(value, str) and DIGITS.fullmatch(value)):
             found[name] = str(value)
         elif isinstance(value, str) and re.sub(r"[^a-z]", "", name.split(".")[-1].lower()) in SENSORS:
             found[name] = re.sub(r"[\s,]+", "_", value)[:40]  # which sensor it is of
@@ -300,11 +355,11 @@ def _flat(line: str) -> list[tuple[str, str, str]]:
             for place, inner in enumerate(value[:MOST_PAIRS]):
                 walk(inner, f"{name}[{place}]", depth - 1)
 
-    walk(whole, "", 4)
+    walk(record, "", 4)
     return [(name, value, "") for name, value in found.items()]
 
 
-class _Number(str):
+class Number(str):
     """A number of JSON as it was written: no digit of a stamp is lost."""
 
     __slots__ = ()
@@ -319,6 +374,7 @@ BETWEEN = re.compile(r"([,;\s]+)")
 
 class _Hexadecimal:
     name = "registers in hexadecimal"
+    torn = TORN_RECORD
     header = ""
     left_out = 0
 
@@ -375,6 +431,7 @@ WORD = re.compile(r"(?<![\w.])(?:0x)?((?:[0-9A-Fa-f]{4}){6,16})(?![\w.])")
 
 class _Packed:
     name = "registers, packed in hexadecimal"
+    torn = TORN_RECORD
 
     def __init__(self, order: str, fields: tuple[str, ...], stamped: bool):
         self._order, self._fields, self._stamped, self._begun = order, fields, stamped, False
@@ -432,6 +489,7 @@ def _fields(told: str) -> tuple[str, tuple[str, ...]]:
 EXAMPLES: dict[str, tuple[Callable[..., object], str]] = {
     _Pairs.name: (_Pairs, "t:1000 ax:12 ay:-7 az:4096 gx:3 gy:0 gz:-2"),
     _JsonLines.name: (_JsonLines, '{"t_ms": 1000, "gyro": [0.1, 0.2, 0.3], "accel": [0.0, 0.0, 9.8]}'),
+    "sentences": (_Sentences, "$VNYMR,+100.000,-006.000,…,+00.000123*5A"),
     _Hexadecimal.name: (_Hexadecimal, "1000,0x000C,0xFFF9,0x1000,0x0003,0x0000,0xFFFE"),
     _Packed.name: (_Packed, "1000,0C00F9FF00100300000000FE   (--packed st)"),
 }

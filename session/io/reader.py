@@ -219,7 +219,7 @@ class Reader:
             count, names = lines[wrong].count(self.layout.delimiter or "") + 1, len(self.layout.names)
             problem = f"{count} columns, expected {names}"
             if self._text_form is not None and lines[wrong] == TORN:
-                problem = "the record is torn, or in another unit than before"
+                problem = self._text_form.torn
             if not last or any(rest.strip() for rest in lines[wrong + 1 :]):
                 hint = ", or save decimal commas with semicolons between the columns" if count > names else ""
                 raise FormatError(f"{self.path.name} line {number + wrong}: {problem}; {CORRECT}{hint}")

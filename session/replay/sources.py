@@ -29,6 +29,7 @@ from session.io.reader import Piece, Reader
 from session.io.recognise import CHOICES, NO_TIME, OTHER, parse_axes
 from session.io.streams import Stream, Topic
 from session.io.units import Unit, beyond_any_sensor, known, parse_unit
+from session.replay.documents import is_document, unpack_document
 
 
 class Source(Protocol):
@@ -105,6 +106,10 @@ def _sources_of(path: Path, answers: Answers, stack: ExitStack, faults: list[For
         return _of_folder(path, answers, faults)
     if head.startswith(b"PK\x03\x04"):
         return _of_folder(_unpacked(path, stack), answers, faults, path.name)
+    if is_document(head):
+        tables = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="import-")))
+        unpack_document(path, tables)
+        return _of_folder(tables, answers, faults, path.name)
     return [_text(path, answers)]
 
 

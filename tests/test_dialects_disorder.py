@@ -31,7 +31,7 @@ from tinygc import CalibrationError
         (lambda text: _line(text, 40, "nan,0,0,0,0,0,0"), ("line 41", "Timestamp")),
         (lambda text: _line(text, 40, "9" * 40 + ",0,0,0,0,0,0"), ("line 41", "Timestamp", "no time of this era")),
         (lambda text: _line(text, 40, "1_000,0,0,0,0,0,0"), ("line 41",)),
-        (lambda text: _line(text, 40, "5,0,0,0,0,0,0"), ("line 41", "backward")),
+        (lambda text: _line(_line(text, 40, "5,0,0,0,0,0,0"), 41, "6,0,0,0,0,0,0"), ("line 41", "begins again at 5e-06 s: a restart")),
     ],
 )
 def test_bad_files_get_one_line(change, words, tmp_path):

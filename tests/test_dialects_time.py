@@ -1,5 +1,7 @@
 """Stamps of foreign logs: exact, repeated, coarse, come round, gone back."""
 
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 import pytest
 from dialect_logs import (
@@ -20,6 +22,7 @@ from dialect_logs import (
 
 from session.io.clock import exact_ns
 from session.io.errors import DataError, FormatError
+from session.io.stamps import span_of_counter
 from tinygc import read_session
 
 pytestmark = pytest.mark.broad
@@ -81,6 +84,115 @@ def test_a_counter_with_a_sign_comes_round(tmp_path):
     made = make(tmp_path, inertial().split("\n", 1)[0] + "\n" + rows(wrapped, *triads("dps", "g")))
     assert any("came round 1x" in note for note in made.notes)
     same(made)
+
+
+TABLE = "gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n"
+
+
+def table(stamps, name="t_us"):
+    return f"{name},{TABLE}" + rows(stamps, *triads("dps", "g"))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit_ns", "bits", "begins", "signed"),
+    [
+        ("t_us", 1000, 21, 1_900_000, False),
+        ("t_ms", 1_000_000, 12, 4000, True),
+        ("t_ms", 1_000_000, 10, 0, False),
+        ("cycles", 15.625, 24, 12_345_678, False),
+        ("ticks", 125 / 9, 27, 0, False),  # of 72 MHz
+        ("micros", 1000, 32, 2**32 - 2_500_000, False),
+    ],
+)
+def test_a_counter_of_any_width_comes_round(name, unit_ns, bits, begins, signed, tmp_path):
+    counts = (np.rint(SAMPLES.t_ns / unit_ns).astype(np.int64) + begins) % 2**bits
+    counts -= 2**bits * (signed & (counts >= 2 ** (bits - 1)))
+    told = {"time_unit": f"{unit_ns}ns"} if name in ("cycles", "ticks") else {}
+    made = make(tmp_path, table(counts, name), **told)
+    t_ns = read_session(made.folder).logs[0].samples.t_ns
+    assert np.abs(t_ns - t_ns[0] - SAMPLES.t_ns).max() <= unit_ns + 1
+    assert any("came round" in note for note in made.notes)
+
+
+def test_micros_that_are_written_in_ms_come_round_as_they_do(tmp_path):
+    ms = (T_US + 2**32 - 3_000_000) % 2**32 // 1000
+    made = make(tmp_path, table(ms, "t_ms"))
+    t_ns = read_session(made.folder).logs[0].samples.t_ns
+    assert np.abs(t_ns - t_ns[0] - SAMPLES.t_ns).max() <= 1_000_001
+
+
+@pytest.mark.parametrize(
+    ("fall", "highest", "span"),
+    [
+        (2**16 - 10, 2**16 - 5, 2**16),
+        (2**16 - 25, 2**16 - 5, 2**16),
+        (2**16 - 26, 2**16 - 5, None),  # more than 2.5 steps are lost there
+        (2**16, 2**16 - 5, None),
+        (2**16 - 10, 2**16, None),  # beyond such a counter
+        (30, 30, None),  # three rows a round
+        (31, 31, None),
+        (54, 60, 64),
+    ],
+)
+def test_a_counter_falls_by_a_power_of_two_less_a_usual_step(fall, highest, span):
+    assert span_of_counter(fall, 10, 0, highest, 1) == span
+    if span:
+        assert span_of_counter(fall, 10, -span / 2, highest - span / 2, 1) == span
+
+
+def iso(hours, zone):
+    """Stamps of a clock ``hours`` east of UTC, before and behind a moment in the middle."""
+    half, texts = int(T_US[len(T_US) // 2]), []
+    for t_us in T_US.tolist():
+        east = hours[t_us >= half]
+        moment = datetime(2026, 3, 29, 1, tzinfo=UTC) + timedelta(microseconds=t_us - half, hours=east)
+        texts.append(moment.strftime("%Y-%m-%dT%H:%M:%S.%f") + (f"{east:+03d}:00" if zone else ""))
+    return texts
+
+
+@pytest.mark.parametrize("hours", [(1, 2), (2, 1), (-5, -4), (-4, -5)])
+def test_summer_time_begins_and_ends_unseen_where_there_is_a_zone_and_is_named_where_there_is_none(hours, tmp_path):
+    same(make(tmp_path, table(iso(hours, True), "time")))
+    way = "forward, as where summer time begins" if hours[1] > hours[0] else "back, as where summer time ends"
+    with pytest.raises(FormatError, match=rf"line {len(T_US) // 2 + 2}: time leaps 3600 s {way}; write the stamps in UTC.*--odr"):
+        make(tmp_path, table(iso(hours, False), "time"), out="local")
+
+
+@pytest.mark.parametrize("value", [0, 2**30, 17])
+def test_a_single_bad_stamp_is_named_and_taken_as_the_middle(value, tmp_path):
+    bad = T_US.copy()
+    bad[[70, 300]] = value
+    made = make(tmp_path, table(bad))
+    assert any(
+        f"line 72: t_us is {value}, beyond both neighbours: taken as 673077" in note and "1 more such" in note for note in made.notes
+    )
+    t_ns = read_session(made.folder).logs[0].samples.t_ns
+    assert np.abs(t_ns - SAMPLES.t_ns).max() <= 1000
+
+
+def test_stamps_in_the_wrong_order_are_not_put_right(tmp_path):
+    swapped = T_US.copy()
+    swapped[[70, 71]] = swapped[[71, 70]]
+    with pytest.raises(FormatError, match=r"line 73: t_us goes backward by .*; split the log there"):
+        make(tmp_path, table(swapped))
+
+
+def rows_of(stamps, part):
+    return rows(stamps, *(column[part] for column in triads("dps", "g")))
+
+
+@pytest.mark.parametrize("words", [[], ["ets Jul 29 2019 12:21:46", "", "rst:0x1 (POWERON_RESET),boot:0x13"], ["Init, 3, ok"]])
+@pytest.mark.parametrize("header_again", [True, False])
+def test_a_board_that_starts_again_has_made_two_pieces(words, header_again, tmp_path):
+    half = len(T_US) // 2
+    first, second = (
+        rows_of(T_US[part] - T_US[part][0] + begins, part) for part, begins in ((slice(half), 9_000_000), (slice(half, None), 412))
+    )
+    head = f"t_us,{TABLE}"
+    text = head + first + "".join(f"{word}\n" for word in words) + header_again * head + second
+    line = half + 2 + (0 if words else header_again)
+    with pytest.raises(FormatError, match=rf"line {line}: .*t_us begins again at 0.000412 s.*two pieces: split the log there"):
+        make(tmp_path, text)
 
 
 @pytest.mark.parametrize("lost", [0.01, 0.05])

@@ -74,7 +74,7 @@ def test_a_wrapped_counter_runs_on(tmp_path):
     stamps = (2**32 - 10_000 + 4808 * np.arange(6)) % 2**32
     log = read(tmp_path, HEADER + "\n" + "".join(f"{t},1,2,3,4,5,6,7\n" for t in stamps))
     assert set(np.diff(log.samples.t_ns)) == {4_808_000}
-    assert any("wrapped 1x" in note for note in log.notes)
+    assert any("came round 1x" in note for note in log.notes)
 
 
 def test_a_repeated_stamp_is_left_out_and_said(tmp_path):

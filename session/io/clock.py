@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -16,26 +17,35 @@ import numpy as np
 
 from session.io.errors import FormatError
 from session.io.questions import Question, QuestionsError
+from session.io.stamps import COUNTER, DAY_NS, ERA_NS, Unroll, bad_stamps
 from session.io.units import NS, NS_PER_S, TIME, parse_unit
 
-#: behind a time of day: Z, +01:00
-ZONE = re.compile(r"(?:Z|[+-]\d\d:?\d\d)$")
+#: a time of day, behind a date or not, and its zone: Z, UTC, +01:00
+CLOCK = re.compile(r"(?:.*[ T])?(\d+):(\d+):([\d.]+) ?(?:Z|UTC|GMT|([+-])(\d\d):?(\d\d))?")
 #: no time, whatever its unit
 BEYOND = Decimal(10) ** 40
+#: minutes
+DAY_MIN = 1440
 
 
-def exact_ns(text: str, unit_ns: int) -> int:
-    """A decimal number or a clock (hh:mm:ss.ss, a date before it or not) as integer nanoseconds.  Raises ValueError for anything else."""
+def exact_ns(text: str, unit_ns: float) -> int:
+    """A decimal number or a clock (hh:mm:ss.ss, a date before it or not) as integer nanoseconds.  Raises ValueError for anything else.
+
+    A clock with a zone is the time of day in UTC, which goes on where the zone's summer time begins or ends.
+    """
     text = text.strip().strip('"')
     if ":" in text:
-        hours, minutes, seconds = ZONE.sub("", text).split(" ")[-1].split("T")[-1].split(":")
-        return (int(hours) * 60 + int(minutes)) * 60 * NS_PER_S + exact_ns(seconds, NS_PER_S)
+        if (clock := CLOCK.fullmatch(text)) is None:
+            raise ValueError(f"{text[:20]!r} is no time")
+        hours, minutes, seconds, sign, zone_hours, zone_minutes = clock.groups()
+        east_min = 0 if sign is None else (int(zone_hours) * 60 + int(zone_minutes)) * (-1 if sign == "-" else 1)
+        minutes_utc = int(hours) * 60 + int(minutes) - east_min
+        return (minutes_utc if sign is None else minutes_utc % DAY_MIN) * 60 * NS_PER_S + exact_ns(seconds, NS_PER_S)
+    if isinstance(unit_ns, int):
+        with suppress(ValueError):
+            return int(text) * unit_ns
     try:
-        return int(text) * unit_ns
-    except ValueError:
-        pass
-    try:
-        scaled = Decimal(text) * unit_ns
+        scaled = Decimal(text) * Decimal(unit_ns)
         if not abs(scaled) < BEYOND:  # also of "nan", and before an exponent of six digits is written out
             raise ValueError
         return int(scaled.to_integral_value())
@@ -90,8 +100,6 @@ COUNTERS = (
 LEAST_ROWS = 16
 #: of their median: by how much the steps of such a column may differ
 STEADY_WITHIN = 0.5
-#: of a counter of 32 bits, and of a time of day in s: where they come round
-SPANS = {False: 2.0**32, True: 86_400.0}
 #: a free choice of unit is taken within this factor of the rate that is declared; the next unit is a thousand away
 RATE_WITHIN = 2.0
 #: Hz, from the first to below the second: sensors' rates where none is declared, so far apart that one unit of a clock fits
@@ -178,8 +186,9 @@ def _words(name: str) -> list[str]:
     return re.findall(r"[a-zµμ]+", re.sub(r"([a-zµμ])([A-Z])", r"\1 \2", name).lower())
 
 
-def _values(rows: Sequence[Sequence[str]], column: int) -> np.ndarray | None:
-    """Cells as (N,) units of a second; None where they are no numbers and no times of day.  A row or two may be another program's words."""
+def _values(rows: Sequence[Sequence[str]], column: int, is_clock: bool) -> np.ndarray | None:
+    """Cells as (N,) units of a second from the first, carried on where a counter comes round; None where they are no numbers and no times
+    of day.  A row or two may be another program's words."""
     found, missing = [], 0
     for row in rows:
         try:
@@ -189,8 +198,14 @@ def _values(rows: Sequence[Sequence[str]], column: int) -> np.ndarray | None:
             missing += 1
     if len(found) < 2 or missing > len(rows) // LEAST_ROWS:
         return None
-    first = found[0]
-    return np.array([(value - first) / NS_PER_S for value in found])
+    if max(map(abs, found)) >= ERA_NS:  # no counter has so many digits
+        return np.array([(value - found[0]) / NS_PER_S for value in found])
+    stamps = np.array(found)
+    bad = bad_stamps(stamps)
+    stamps[bad] = (stamps[bad - 1] + stamps[bad + 1]) // 2
+    usual_ns = DAY_NS if is_clock else COUNTER * NS_PER_S
+    stamps = Unroll(usual_ns, None if is_clock else NS_PER_S)(stamps)
+    return (stamps - stamps[0]) / NS_PER_S
 
 
 def _candidate(rows: Sequence[Sequence[str]], column: int, names: Sequence[str]) -> _Candidate | None:
@@ -198,13 +213,11 @@ def _candidate(rows: Sequence[Sequence[str]], column: int, names: Sequence[str])
     words = _words(name)
     stated = [UNITS[word] for word in words if word in UNITS]
     named = bool(stated or set(words) & set(CLOCKS))
-    seconds = _values(rows, column)
+    is_clock = any(":" in row[column] for row in rows[:1] if column < len(row))
+    seconds = _values(rows, column, is_clock)
     if seconds is None or (not named and (set(words) & set(COUNTERS) or len(seconds) < LEAST_ROWS)):
         return None
-    is_clock = any(":" in row[column] for row in rows[:1] if column < len(row))
-    steps, span = np.diff(seconds), SPANS[is_clock]
-    steps[steps < -span / 2] += span
-    seconds = np.append(0.0, np.cumsum(steps))
+    steps = np.diff(seconds)
     if steps.min() < 0 or seconds[-1] <= 0:
         return None
     usual = float(np.median(steps))

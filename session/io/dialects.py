@@ -73,7 +73,7 @@ class Layout:
     delimiter: str | None
     first: int
     time: int | None
-    time_ns: int
+    time_ns: float
     clock: bool
     gyro: Triad | None
     accel: Triad | None

@@ -139,7 +139,7 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
     if layout.temp is not None and samples.temp_c is None:
         notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:
-        notes.append(f"the 32-bit time counter wrapped {reader.wraps}x: unrolled")
+        notes.append(f"the time counter came round {reader.wraps}x: unrolled")
     if not (kept := fresh(samples.t_ns)).all():
         notes.append(f"{np.count_nonzero(~kept)} rows repeat the stamp before them: left out")
         samples = samples.pick(kept)

@@ -133,7 +133,8 @@ def _stamps(time: np.ndarray | None, lines: list[str], layout: Layout) -> np.nda
     if time is not None and time.dtype == np.int64:
         last = ERA_NS // layout.time_ns
         _require_era((time > -last) & (time < last), lambda row: time[row], layout)
-        return time * layout.time_ns
+        unit = layout.time_ns
+        return time * unit if isinstance(unit, int) else np.rint(time * unit).astype(np.int64)
     if time is not None:
         largest = np.abs(time).max()
         if largest < CLOSE_NS / layout.time_ns:
@@ -141,7 +142,7 @@ def _stamps(time: np.ndarray | None, lines: list[str], layout: Layout) -> np.nda
         if layout.standard:
             _require_era(np.abs(time) < ERA_NS // layout.time_ns, lambda row: time[row], layout)
         if layout.is_whole(layout.time_column) and largest < EXACT:
-            return time.astype(np.int64) * layout.time_ns
+            return np.asarray(time.astype(np.int64) * layout.time_ns)
     # A float64 would round these: text to integers, exactly.
     texts = _load(lines, (layout.time_column,), layout, "U48")[:, 0].tolist()
     exact = np.array([exact_ns(text, layout.time_ns) for text in texts], dtype=object)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from session.io.lines import PIECE_BYTES, UTF_16_NOTE, Lines
 from session.io.numbers import CORRECT, EMPTY, RowFault, fault, parse, unreadable, wrong_width
 from session.io.recognise import recognise
 from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_turns, sensor_kinds, span_of
-from session.io.stamps import COUNTER, DAY_NS, ERA_NS, Unroll
+from session.io.stamps import COUNTER, DAY_NS, ERA_NS, TWO_PIECES, Unroll, bad_stamps, why_back
 from session.io.standard import flagged, standard_layout
 from session.io.units import NS
 
@@ -28,6 +29,8 @@ MOST_HEAD = 16 * MB
 TEXT_BEGINS = 1000
 #: rows of one stamp, many times as many as the coarsest stamps, whole seconds, share at any sensor's rate
 MOST_STANDING = 1_000_000
+#: lines among which a board's words at its start may stand
+BOOT_LINES = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +98,7 @@ class Reader:
             refuse_turns(head[layout.first :], layout.time, columns)
         self.picks_rows = bool(wanted) or (answers is not None and answers.lines is not None)
         self._file: Lines | None = None
-        self._unroll = Unroll(self._counter_ns())
+        self._unroll = Unroll(self._counter_ns(), None if self.layout.clock or self.layout.finer else self.layout.time_ns)
         self._before: int | None = None
         self._stood_at, self._standing = 0, 0  # the last stamp, and rows of the pieces that held no other
         self._as_written = False
@@ -160,7 +163,7 @@ class Reader:
         Raises FormatError with the line from which they go back.
         """
         try:
-            return self._unrolled(stamps)
+            return self._unrolled(stamps, self._line_of)
         except RowFault as wrong:
             raise FormatError(f"{self.path.name} line {self._line_of(wrong.row)}: {wrong.what}; {wrong.do}") from None
 
@@ -191,13 +194,13 @@ class Reader:
         return wanted.in_head(lines)
 
     def _counter_ns(self) -> int | None:
-        """The period of the stamps' counter, ns; None where it does not wrap."""
+        """The span of the usual counter in which some stamps may be missing, ns; None where there is none."""
         layout = self.layout
         if layout.standard:
-            return COUNTER * layout.time_ns if layout.name(layout.time_column) == "t_us" else None
+            return round(COUNTER * layout.time_ns) if layout.name(layout.time_column) == "t_us" else None
         if layout.clock:
             return DAY_NS
-        return None if layout.finer or COUNTER * layout.time_ns > ERA_NS else COUNTER * layout.time_ns
+        return None if layout.finer or COUNTER * layout.time_ns > ERA_NS else round(COUNTER * layout.time_ns)
 
     def _as_table(self, lines: list[str], number: int) -> list[str]:
         """The lines from ``number`` on as a table's, with blanks in the place of those that are not meant."""
@@ -218,6 +221,7 @@ class Reader:
         if (wrong := wrong_width(lines, self.layout)) is not None:
             count, names = lines[wrong].count(self.layout.delimiter or "") + 1, len(self.layout.names)
             problem = f"{count} columns, expected {names}"
+            self._refuse_restart(lines, wrong, number)
             if self._text_form is not None and lines[wrong] == TORN:
                 problem = self._text_form.torn
             if not last or any(rest.strip() for rest in lines[wrong + 1 :]):
@@ -225,6 +229,10 @@ class Reader:
                 raise FormatError(f"{self.path.name} line {number + wrong}: {problem}; {CORRECT}{hint}")
             self.notes.append(f"line {number + wrong}, the last, is cut off ({problem}): left out")
             lines = [*lines[:wrong], *[""] * (len(lines) - wrong)]
+
+        def line_of(row: int) -> int:
+            return number + [i for i, line in enumerate(lines) if line.split("#")[0].strip(EMPTY)][row]
+
         try:
             try:
                 table, stamps = parse(lines, self.layout)
@@ -239,10 +247,9 @@ class Reader:
                 return None
             self._begins.append((self._rows, number))
             self._rows += len(table)
-            t_ns = stamps if stamps is None or self._as_written else self._unrolled(stamps)
+            t_ns = stamps if stamps is None or self._as_written else self._unrolled(stamps, line_of)
         except RowFault as wrong:
-            rows = [i for i, line in enumerate(lines) if line.split("#")[0].strip(EMPTY)]
-            raise FormatError(f"{self.path.name} line {number + rows[wrong.row]}: {wrong.what}; {wrong.do}") from None
+            raise FormatError(f"{self.path.name} line {line_of(wrong.row)}: {wrong.what}; {wrong.do}") from None
         gyro, accel = (self._triad(table, triad) for triad in (self.layout.gyro, self.layout.accel))
         temp = None if self.layout.temp is None else table[:, self.layout.numbers.index(self.layout.temp)]
         return Piece(t_ns, gyro, accel, temp)
@@ -264,7 +271,8 @@ class Reader:
             at, lines = 1, file.take()
             while lines:
                 for line in self._wanted(self._as_table(lines, at)):
-                    if at >= number and at > self.layout.first and line.split("#")[0].strip(EMPTY):
+                    is_row = line.split("#")[0].strip(EMPTY) and line.strip() != self.layout.header_line
+                    if at >= number and at > self.layout.first and is_row:
                         if first == row:
                             return at
                         first += 1
@@ -289,16 +297,21 @@ class Reader:
         columns = table[:, first : first + 3] if places == [first, first + 1, first + 2] else table[:, places]
         return columns if triad.signs == (1, 1, 1) else columns * np.array(triad.signs, dtype=float)
 
-    def _unrolled(self, stamps: np.ndarray) -> np.ndarray:
-        """(N,) ns that go on from those before.  RowFault where they go back."""
+    def _unrolled(self, stamps: np.ndarray, line_of: Callable[[int], int]) -> np.ndarray:
+        """(N,) ns that go on from those before; single bad ones are put right.  RowFault where they go back."""
+        name = self.layout.name(self.layout.time_column)
+        if (stamps[1:] < stamps[:-1]).any() and len(bad := bad_stamps(stamps)):
+            before, stamps = stamps, stamps.copy()
+            stamps[bad] = (stamps[bad - 1] + stamps[bad + 1]) // 2
+            value, right = (f"{t[bad[0]] / self.layout.time_ns:.15g}" for t in (before, stamps))
+            more = f"; so are {len(bad) - 1} more such stamps" if len(bad) > 1 else ""
+            line = line_of(int(bad[0]))
+            self.notes.append(f"line {line}: {name} is {value}, beyond both neighbours: taken as {right}, their middle{more}")
         t_ns = self._unroll(stamps)
-        before = int(t_ns[0]) if self._before is None else self._before
-        back = t_ns[1:] < t_ns[:-1]
-        if t_ns[0] < before or back.any():
-            row = 0 if t_ns[0] < before else int(np.argmax(back)) + 1
-            by_s = ((before if row == 0 else int(t_ns[row - 1])) - int(t_ns[row])) * NS
-            do = " or correct the stamps" if self.layout.standard else ", or count samples: --time-unit none --odr HZ"
-            raise RowFault(row, f"{self.layout.name(self.layout.time_column)} goes backward by {by_s:g} s", f"split the log there{do}")
+        before_ns = int(t_ns[0]) if self._before is None else self._before
+        else_do = "or correct the stamps" if self.layout.standard else "or count samples: --time-unit none --odr HZ"
+        if (back := why_back(t_ns, before_ns, name, self.layout.clock, else_do)) is not None:
+            raise RowFault(*back)
         self._before = int(t_ns[-1])
         return t_ns
 
@@ -307,6 +320,7 @@ class Reader:
         kept = list(lines)
 
         def leave_out(i: int, problem: str) -> None:
+            self._refuse_restart(lines, i, number)
             if not (last and not any(rest.strip() for rest in lines[i + 1 :])):
                 raise FormatError(f"{self.path.name} line {number + i}: {problem}; {CORRECT}")
             self.notes.append(f"line {number + i}, the last, is cut off ({problem}): left out")
@@ -324,6 +338,20 @@ class Reader:
         if (row := unreadable(kept, self.layout)) is not None:
             leave_out(row, f"{kept[row][:40]!r} cannot be read as numbers")
         return kept
+
+    def _refuse_restart(self, lines: list[str], wrong: int, number: int) -> None:
+        """FormatError where a line that holds no reading is what a board says when it starts: behind it the time begins again."""
+        stamps: list[int] = []
+        for part in (reversed(lines[max(wrong - BOOT_LINES, 0) : wrong]), lines[wrong + 1 : wrong + BOOT_LINES]):
+            for line in part:
+                with suppress(ValueError, RowFault):
+                    if (stamp := parse([line], self.layout)[1]) is not None and wrong_width([line], self.layout) is None:
+                        stamps.append(int(stamp[0]))
+                        break
+        if len(stamps) == 2 and (back := why_back(np.array(stamps), stamps[0], "", False, "")) is not None and TWO_PIECES in back[2]:
+            name, text = self.layout.name(self.layout.time_column), lines[wrong].strip()[:40]
+            what = f"a restart: {text!r} stands between the rows, and {name} begins again at {stamps[1] * NS:g} s"
+            raise FormatError(f"{self.path.name} line {number + wrong}: {what}; {TWO_PIECES}")
 
     def _note(self, text: str) -> None:
         if text not in self.notes:

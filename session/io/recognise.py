@@ -289,7 +289,7 @@ def _layout(
         delimiter=delimiter,
         first=first,
         time=time_column,
-        time_ns=int(unit.si or 1),
+        time_ns=unit.si or 1,
         clock=unit.word == "clock",
         gyro=triads["gyro"],
         accel=triads["accel"],

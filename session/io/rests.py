@@ -104,7 +104,7 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, a
     if reader.layout.temp is not None and not has_temperature:
         notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:
-        notes.append(f"the 32-bit time counter wrapped {reader.wraps}x: unrolled")
+        notes.append(f"the time counter came round {reader.wraps}x: unrolled")
     if repeated:
         notes.append(f"{repeated} rows repeat the stamp before them: left out")
     log = blocks.log(path, float(np.median(steps_s)) if steps_s else np.nan, tuple(notes))

@@ -1,34 +1,25 @@
-"""Stamps as integers: counters and clocks that come round, and stamps that are coarser than the samples or come in bursts."""
+"""Stamps as integers: counters and clocks that come round, bad ones, and stamps that are coarser than the samples or come in bursts."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from session.io.errors import DataError
 from session.io.numeric import MEDIAN_SIGMAS
+from session.io.pace import GAP_PERIODS
 from session.io.units import NS_PER_S
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
 
-#: of a counter's span: what may lie between the last stamp before it comes round and the first after; at 32 bits of us, 9 minutes
-NEAR_ENDS = 1 / 8
-
-
-def comes_round(steps: np.ndarray, lowest: int, highest: int, span: int) -> np.ndarray:
-    """Which of the steps (N,) of integer stamps are a counter of ``span`` that has come round.
-
-    Such a step falls by nearly the whole span, and no stamp, lowest to highest, lies outside the counter: nanoseconds of an epoch, of
-    which some are lost, are no counter.  A counter may be written with a sign.
-    """
-    counter = any(first <= lowest and highest < first + span for first in (0, -span // 2))
-    return steps <= -span * (1 - NEAR_ENDS) if counter else np.zeros(len(steps), dtype=bool)
-
-
-# Stamps as integers: decimal text, clocks, counters that wrap, and stamps that are coarser than the samples.
-
 #: a counter of 32 bits, and a clock
 COUNTER = 2**32
 DAY_NS = 86_400 * NS_PER_S
+#: of the span of these two: what may lie between the last stamp before it comes round and the first after; at 32 bits of us, 9 minutes
+NEAR_ENDS = 1 / 8
+#: rows of one round at least: with fewer nobody can tell a step forward from one back
+LEAST_A_ROUND = 4
 #: stamps up to here, 146 years, can be told apart in ns without overflow
 ERA_NS = 2**62
 #: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
@@ -37,28 +28,112 @@ COARSE = 0.02
 OFF = 2.0
 
 
-class Unroll:
-    """Carries a wrapping counter or clock on, piece after piece; span_ns: None for stamps that count on for ever."""
+def span_of_counter(fall: float, usual: float, lowest: float, highest: float, unit: float) -> float | None:
+    """The span of a counter that has come round where its stamps fall by ``fall``; None where no counter falls so.
 
-    def __init__(self, span_ns: int | None):
-        self._span, self._offset = span_ns, 0
+    It is a power of two of its tick, and the stamp behind its end is as far from the one before it as stamps usually are.  Its values,
+    lowest to highest, do not reach beyond it.  The tick is the stamps' unit, or a thousandth or millionth of it, as where micros() is
+    written in ms.
+    """
+    found = []
+    for tick in (unit, unit * 1e-3, unit * 1e-6):
+        span = tick * 2.0 ** math.ceil(math.log2(fall / tick))
+        sound = max(-lowest, highest) < span and highest - lowest < span and usual * LEAST_A_ROUND <= span
+        if sound and fall < span <= fall + GAP_PERIODS * usual:
+            found.append(span)
+    return min(found, default=None)
+
+
+class Unroll:
+    """Carries a counter or clock that comes round on, piece after piece.
+
+    span_ns: of a usual one, in which samples may be missing where it comes round; None where there is none; unit_ns: of the stamps, a
+    power of two of which any other counter's span is.
+    """
+
+    def __init__(self, span_ns: int | None, unit_ns: float | None):
+        self._usual_span, self._unit, self._span = span_ns, unit_ns, 0.0
         self._last: np.ndarray | None = None  # (1,) ns as written
         self._lowest = self._highest = 0
         self.wraps = 0
 
     def __call__(self, t_ns: np.ndarray) -> np.ndarray:
         """(N,) ns that go on from those before, from stamps (N,) ns as written."""
-        if self._span is None:
-            return t_ns
-        before = t_ns[:1] if self._last is None else self._last
+        if self._last is None:
+            self._last, self._lowest, self._highest = t_ns[:1], int(t_ns[0]), int(t_ns[0])
         self._lowest, self._highest = min(self._lowest, int(t_ns.min())), max(self._highest, int(t_ns.max()))
-        self._last = t_ns[-1:]
+        before, self._last = self._last, t_ns[-1:]
         if t_ns[0] >= before[0] and (t_ns[1:] >= t_ns[:-1]).all():
-            return t_ns + self._offset if self._offset else t_ns
-        wrapped = comes_round(np.diff(t_ns, prepend=before), self._lowest, self._highest, self._span)
-        offset = self._offset + self._span * np.cumsum(wrapped)
-        self._offset, self.wraps = int(offset[-1]), self.wraps + int(wrapped.sum())
-        return t_ns + offset
+            return t_ns + round(self.wraps * self._span) if self.wraps else t_ns
+        steps = np.diff(t_ns, prepend=before)
+        self._span = self._span or self._found(steps, np.flatnonzero(steps < 0))
+        near = max(NEAR_ENDS * self._span, GAP_PERIODS * _usual(steps))
+        count = self.wraps + np.cumsum((steps < 0) & (steps + self._span <= near) & (steps + self._span > 0))
+        self.wraps = int(count[-1])
+        return t_ns + np.rint(count * self._span).astype(np.int64)
+
+    def _found(self, steps: np.ndarray, falls: np.ndarray) -> float:
+        """The span of the counter that comes round, ns; 0 where none does."""
+        span, fall = self._usual_span, -int(steps[falls].min())
+        # Nanoseconds of an epoch, of which some are lost, are no counter.
+        if span and fall >= span * (1 - NEAR_ENDS) and any(a <= self._lowest and self._highest < a + span for a in (0, -span // 2)):
+            return float(span)
+        usual = _usual(steps)
+        if self._unit is None or not usual:
+            return 0.0
+        return span_of_counter(float(np.median(-steps[falls])), usual, self._lowest, self._highest, self._unit) or 0.0
+
+
+def _usual(steps: np.ndarray) -> float:
+    later = steps[steps > 0]
+    return float(np.median(later)) if len(later) else 0.0
+
+
+#: in usual steps, between the good stamps on either side of a bad one: two, and not the one of stamps that are in the wrong order
+BETWEEN = (1.5, 2 * GAP_PERIODS)
+
+
+def bad_stamps(t_ns: np.ndarray) -> np.ndarray:
+    """Rows (K,) of single stamps that lie beyond both neighbours, which are two steps apart; none where there are too many of them."""
+    usual, apart = _usual(np.diff(t_ns)), t_ns[2:] - t_ns[:-2]
+    beyond = (t_ns[1:-1] > np.maximum(t_ns[2:], t_ns[:-2])) | (t_ns[1:-1] < np.minimum(t_ns[2:], t_ns[:-2]))
+    rows = np.flatnonzero(beyond & (apart > BETWEEN[0] * usual) & (apart <= BETWEEN[1] * usual)) + 1
+    return rows if len(rows) <= COARSE * len(t_ns) else rows[:0]
+
+
+#: a clock's own hour, by which it leaps where summer time begins or ends
+HOUR_NS = 3600 * NS_PER_S
+#: a board's time at its first sample after a start, at most
+BOOTED_NS = 10 * NS_PER_S
+#: of what it falls by: where a clock that begins again stands
+BEGINS_AGAIN = 0.1
+TWO_PIECES = "two pieces: split the log there, or take one with --lines FIRST-LAST"
+
+
+def why_back(t_ns: np.ndarray, before_ns: int, name: str, is_clock: bool, else_do: str) -> tuple[int, str, str] | None:
+    """The row from which stamps (N,) go back, what happened there and what to do; None where they go on.
+
+    before_ns: the stamp before them; is_clock: of the day, which has not gone on where it leaps an hour forward either; else_do: what to do
+    beside the usual.
+    """
+    if t_ns[0] >= before_ns and not is_clock and (t_ns[1:] >= t_ns[:-1]).all():
+        return None
+    steps = np.diff(t_ns, prepend=before_ns)
+    back = np.flatnonzero(steps < 0)
+    usual = _usual(steps)
+    if is_clock:
+        hour = np.flatnonzero(np.abs(np.abs(steps - usual) - HOUR_NS) <= GAP_PERIODS * usual)
+        if len(hour):
+            way = "forward, as where summer time begins" if steps[hour[0]] > 0 else "back, as where summer time ends"
+            return int(hour[0]), f"{name} leaps 3600 s {way}", f"write the stamps in UTC or with their zone (02:30:00+01:00), {else_do}"
+    if not len(back):
+        return None
+    row = int(back[0])
+    by_s, at_ns = -int(steps[row]) / NS_PER_S, int(t_ns[row])
+    if 0 <= at_ns < BOOTED_NS and at_ns < BEGINS_AGAIN * by_s * NS_PER_S:
+        return row, f"{name} begins again at {at_ns / NS_PER_S:g} s: a restart", TWO_PIECES
+    places = f" (and in {len(back) - 1} more places)" if len(back) > 1 else ""
+    return row, f"{name} goes backward by {by_s:g} s{places}", f"split the log there, {else_do}"
 
 
 def fresh(t_ns: np.ndarray) -> np.ndarray:

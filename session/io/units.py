@@ -127,7 +127,7 @@ def _scaled(kind: str, factor: float, unit: str, word: str) -> Unit | None:
         return None
     si = factor * one
     if kind == "time":
-        return Unit(round(si), word) if 1 <= si < LONGEST_NS and abs(si - round(si)) < 1e-6 else None
+        return Unit(round(si) if abs(si - round(si)) < 1e-6 else si, word) if 1e-3 <= si < LONGEST_NS else None
     return Unit(si, word) if math.isfinite(si) else None
 
 

@@ -113,6 +113,7 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
                     current().numbers(source.path, values.size)
         rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
     notes += [f"{name}: {note}" for note in source.notes]
+    said = len(source.notes)
     if not rows and getattr(source, "picks_rows", False):
         raise FormatError(f"{name}: no samples among the rows that --rows, --where and --lines leave; give others")
     if not rows:
@@ -128,6 +129,7 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         notes.append(f"{name}: its last {len(t_ns) - again} rows repeat the time before them, as a program's display does: left out")
         columns = [None if column is None else column[:again] for column in columns]
     stamps = source.unrolled(t_ns[:again])
+    notes += [f"{name}: {note}" for note in source.notes[said:]]
     if (once := _written_once(stamps, [column for column in columns[1:] if column is not None])) is not None:
         notes.append(f"{name}: {np.count_nonzero(~once)} rows repeat the one before them, stamp and readings: left out")
         stamps, columns = stamps[once], [None if column is None else column[once] for column in columns]

@@ -70,7 +70,7 @@ def said_clock(layout: Layout, answers: Answers, counted: bool) -> str:
     return f"{columns}{unit} ({source})"
 
 
-def _unit(ns: int) -> str:
+def _unit(ns: float) -> str:
     """The unit of a stamp, as people write it."""
     word = next((word for word in ("s", "ms", "us", "ns") if TIME[word] == ns), None)
-    return word or (f"{ns / 1000:g} us" if ns < NS_PER_S else f"{ns / NS_PER_S:g} s")
+    return word or (f"{ns:g} ns" if ns < 1000 else f"{ns / 1000:g} us" if ns < NS_PER_S else f"{ns / NS_PER_S:g} s")

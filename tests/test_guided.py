@@ -11,6 +11,7 @@ import pytest
 from conftest import Table, broad, config
 from processes import PATIENCE_S
 
+from session.bench.board_clock import ClockRatio
 from session.bench.events import SENSOR, BoardStatus, Info, SampleChunk, Trouble
 from session.bench.guide import Guide
 from session.bench.guided_session import RESET_SAYS, GuidedRecording
@@ -38,7 +39,7 @@ class Port:
         self.connected, self.why = True, ""
         self.port = SimpleNamespace(name="/dev/ttyACM0")
         self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
-        self.clock = SimpleNamespace(device_seconds_per_second=None, compared_s=0.0)
+        self.clock = SimpleNamespace(measured=None)
         self.raw, self.apart = SimpleNamespace(path=Path("raw.bin")), []
 
     def set_apart(self, landmarks):
@@ -198,10 +199,10 @@ def test_a_contradiction_counts_when_it_is_repeated():
         led(Port([INFO, wrong, *chunks(SESSION)[:5], wrong]), configure=configure)
 
 
-@pytest.mark.parametrize(("ratio", "says"), [(1.003, ""), (0.985, "1.50 % slow"), (1.02, "2.00 % fast"), (4.0, "")])
+@pytest.mark.parametrize(("ratio", "says"), [(1.0009, ""), (0.985, "15000 ± 50 ppm slow"), (1.0045, "4500 ± 50 ppm fast"), (4.0, "")])
 def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
     port = Port([INFO, *chunks(SESSION)])
-    port.clock = SimpleNamespace(device_seconds_per_second=ratio, compared_s=30.0)
+    port.clock = SimpleNamespace(measured=ClockRatio(ratio, 5e-5, 30.0))
     guide, said = led(port)
     assert [says in text for text in said.texts(Kind.WARNING)] == [True] * bool(says)
     assert guide.health.odr_by_host_hz == pytest.approx(208 * ratio, rel=1e-3)

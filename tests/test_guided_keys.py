@@ -45,7 +45,7 @@ class Wire:
         self._pieces, self._keys, self._resumed = iter([INFO, *pieces]), list(keys), list(resumed)
         self.connected, self.why, self.port = True, "", SimpleNamespace(name="/dev/ttyACM0")
         self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
-        self.clock = SimpleNamespace(device_seconds_per_second=None, compared_s=0.0)
+        self.clock = SimpleNamespace(measured=None)
         self.logs = SimpleNamespace(paths=[SimpleNamespace(name="log0001.csv")])
         self.decided, self.now_s, self.ended = [], 0.0, False
 

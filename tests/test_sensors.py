@@ -9,7 +9,7 @@ import pytest
 from conftest import DEG, ROOT, SESSION_TOML, Table, broad, session_of
 from looks import look, of, serious, with_sensor
 
-from session.bench.session_file import nominal_hz, toml_text
+from session.bench.session_file import toml_text
 from session.detect.events import accel_reach_g, gyro_reach_dps
 from session.detect.first_look import check_keys, check_session
 from session.io.config import Sensor, read_config
@@ -128,7 +128,13 @@ def test_names_are_unique_and_every_figure_has_its_source():
             assert profile.yardstick(name) == (figure.value if figure.read else None)
 
 
+def nominal_hz(odr_hz, model="ASM330LHH"):
+    return Sensor(model, "", odr_hz, 500.0, 4.0).nominal_hz
+
+
 def test_data_rates_are_the_sensor_s_own():
+    assert [nominal_hz(rate) for rate in (203.5, 425.98, 1630.0, 6900.0)] == [208.0, 416.0, 1667.0, 6667.0]
+    assert [nominal_hz(rate) for rate in (300.0, 1000.0, 63.16)] == [300.0, 1000.0, 63.16]  # `check` takes none of these for its nearest
     assert nominal_hz(425.98, "ASM330LHH") == 416.0
     assert nominal_hz(99.3, "MPU-9250") == 100.0
     assert nominal_hz(563.0, "ICM-20948") == 562.5

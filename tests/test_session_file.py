@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from session.bench.board_clock import ClockRatio
 from session.bench.events import Info
-from session.bench.session_file import NEAREST_WITHIN, SessionFile, nominal_hz, toml_text
+from session.bench.session_file import SessionFile, toml_text
 from session.detect.check_time import ODR_WRONG
-from session.io.config import read_config
+from session.io.config import NEAREST_WITHIN, read_config
 from session.io.errors import FormatError
 from tinygc import CalibrationError
 
@@ -41,9 +42,26 @@ def test_what_the_board_says_is_written(tmp_path):
     config = file_of(tmp_path / "new").configure(INFO)
     read = read_config(tmp_path / "new" / "session.toml")
     assert read.sensor == config.sensor
-    assert (read.sensor.odr_hz, read.sensor.gyro_fs_dps, read.sensor.accel_fs_g, read.sensor.serial) == (416.0, 500.0, 4.0, INFO.serial)
+    assert (read.sensor.odr_hz, read.sensor.gyro_fs_dps, read.sensor.accel_fs_g, read.sensor.serial) == (425.98, 500.0, 4.0, INFO.serial)
     assert read.unknown == ()
     assert read.accelerometer.source == "none"  # a section that is there would count as a calibration
+
+
+def test_the_boards_clock_is_written_with_its_sigma_and_joined_with_an_earlier_part(tmp_path):
+    """Two parts of one recording, each ± 20 ppm; a clock that the user knows stays, and a recording like this one has its own."""
+    file = file_of(tmp_path / "new")
+    assert file.measured(ClockRatio(1.0045, 20e-6, 60.0)) == ""  # there is no file yet
+    file.configure(INFO)
+    assert "runs 4500 ± 20 ppm fast" in file.measured(ClockRatio(1.0045, 20e-6, 60.0))
+    file_of(tmp_path / "new").measured(ClockRatio(1.00452, 20e-6, 60.0))
+    sensor = read_config(tmp_path / "new" / "session.toml").sensor
+    assert sensor.clock_ratio == pytest.approx(1.00451, abs=1e-9)
+    assert sensor.clock_sigma_ppm == pytest.approx(20 / np.sqrt(2), rel=0.01)
+    like = file_of(tmp_path / "like", tmp_path / "new").configure(INFO).sensor
+    assert (like.clock_ratio, like.clock_sigma_ppm) == (None, None)
+    (tmp_path / "session.toml").write_text(OWN.replace("odr_hz", "clock_sigma_ppm = 5\nodr_hz"))
+    assert "has its own clock_sigma_ppm, 5" in file_of(tmp_path).measured(ClockRatio(1.0045, 20e-6, 60.0))
+    assert read_config(tmp_path / "session.toml").sensor.clock_ratio is None
 
 
 def test_like_lends_accelerometer_site_and_protocol(tmp_path):
@@ -98,12 +116,7 @@ def test_a_broken_file_is_said_before_anything_is_recorded(tmp_path):
         file_of(tmp_path / "new", tmp_path / "nowhere.toml")
 
 
-def test_nominal_rates():
-    assert [nominal_hz(rate) for rate in (203.5, 425.98, 1630.0, 6900.0)] == [208.0, 416.0, 1667.0, 6667.0]
-    assert [nominal_hz(rate) for rate in (300.0, 1000.0, 63.16)] == [300.0, 1000.0, 63.16]  # `check` takes none of these for its nearest
-
-
-def test_a_nominal_rate_that_is_written_is_one_that_check_takes():
+def test_a_rate_that_counts_as_a_nominal_one_is_one_that_check_takes():
     assert NEAREST_WITHIN <= ODR_WRONG
 
 

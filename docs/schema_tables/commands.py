@@ -181,6 +181,7 @@ _RECORD = {
     **dict.fromkeys(("lost", "crc_errors", "garbage_bytes", "implausible", "resets"), COUNT),
     "odr_hz": maybe(SIZE),
     "odr_by_host_hz": maybe(SIZE),
+    "clock": maybe({"ratio": SIZE, "sigma_ppm": SIZE}),
     "logs": [TEXT],
     "missing": maybe([TEXT]),
     "rest?": {"wanted_s": maybe(SIZE), "recorded_s": SIZE, "moved_s": SIZE, "known": FLAG, "remarks": [TEXT]},

@@ -37,7 +37,7 @@ from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
-from session.io.config import Config
+from session.io.config import Config, clock_words
 from session.io.errors import CalibrationError, OtherSensor, StorageError
 from session.io.samples import Samples
 
@@ -247,10 +247,9 @@ UNKNOWN_S = 10.0  #: of samples without their ranges
 KEEPS_BAUD = "a board that was set to 6667 Hz keeps --baud 2000000 until it is switched off"
 LAST_WORD_S = 5.0  #: for the coach at the end
 SHOW_EVERY_S = 0.1
-CLOCK_RATIO = 0.005  #: limit of the relative difference of the two clocks; a host's is good to 0.0001
+CLOCK_RATIO = 0.001  #: limit of the relative difference of the two clocks; a host's is good to 0.0001
 CLOCK_RATIO_MOST = 0.25  #: beyond it the board is a virtual one that runs faster than real time
 NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}
-CLOCK_AFTER_S = 20.0  #: duration of the comparison: arrivals are late by some 10 ms
 
 Configure = Callable[[Info | None, float], Config | None]
 Watch = Callable[[Guide, Samples], None]
@@ -495,14 +494,13 @@ class GuidedRecording:
 
     def _check_clock(self) -> None:
         """Report once that the device's clock is wrong, which is a wrong scale factor of all axes."""
-        clock, health = self.recorder.clock, self.guide.health
-        health.clock_ratio = ratio = clock.device_seconds_per_second
-        if ratio is None or self._clock_reported or clock.compared_s < CLOCK_AFTER_S:
+        self.guide.health.clock = clock = self.recorder.clock.measured
+        if clock is None or self._clock_reported:
             return
-        if CLOCK_RATIO < abs(ratio - 1) < CLOCK_RATIO_MOST:
+        if max(CLOCK_RATIO, 3 * clock.sigma) < abs(clock.ratio - 1) < CLOCK_RATIO_MOST:
             self._clock_reported = True
-            wrong = f"the board's clock runs {100 * abs(ratio - 1):.2f} % {'fast' if ratio > 1 else 'slow'} by this computer's"
-            self._say(Kind.WARNING, f"{wrong} (bar {100 * CLOCK_RATIO:g} %): every scale factor will be wrong by as much")
+            wrong = f"{clock_words(clock.ratio, clock.sigma * 1e6)} (bar {1e6 * CLOCK_RATIO:g})"
+            self._say(Kind.WARNING, f"{wrong}: every scale factor is off by as much, which `fit --clock arrivals` takes out")
 
     def _say(self, kind: Kind, text: str) -> None:
         self._view.change(GuideMessage(kind, text, self.guide.now_s))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.bench.board_clock import ClockRatio
 from session.bench.messages import AcceptedTurn
 from session.detect.stills import (
     BUMP_RAD,
@@ -355,7 +356,7 @@ class StreamHealth:
         self.temp_c: float | None = None
         self.warmth = WarmUp()
         self.info_odr_hz: float | None = None  #: from the board's info
-        self.clock_ratio: float | None = None  #: seconds of device time in one of the host's
+        self.clock: ClockRatio | None = None  #: of the device, by the host's
         self._periods, self._periods_s = 0, 0.0
         self._last_ns: int | None = None
         self._temps: deque[tuple[float, float]] = deque(maxlen=round(SLOPE_OVER_S / TEMP_EVERY_S))
@@ -402,7 +403,7 @@ class StreamHealth:
     @property
     def odr_by_host_hz(self) -> float | None:
         """The same by the host's clock."""
-        return self.odr_hz * self.clock_ratio if self.odr_hz and self.clock_ratio else None
+        return self.odr_hz * self.clock.ratio if self.odr_hz and self.clock else None
 
     @property
     def temp_slope(self) -> float | None:

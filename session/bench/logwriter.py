@@ -1,4 +1,4 @@
-"""Writes events to ``log*.csv``, one file per reset or connection; compares the board's clock with the host's."""
+"""Writes events to ``log*.csv``, one file per reset or connection."""
 
 from __future__ import annotations
 
@@ -8,62 +8,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from session.bench.decoder import StreamDecoder
 from session.bench.events import BoardStatus, Comment, Event, FaultCounts, Info, SampleChunk, StreamFormat, Trouble, starts_log
 from session.bench.rawfile import GrowingFile, Mark, put_aside
 from session.bench.text_stream import parse_info
 from session.io.errors import FormatError, StorageError
-from session.io.units import NS
-
-# The device's clock against the host's.  Bytes arrive late by a random delay, never early.  So of each stretch of host time only the
-# arrival with the least delay counts, and the clock's rate is the slope of a line through these.
-
-STRETCH_NS = 500_000_000  #: at first
-FEWEST = 6  #: stretches, 3 s, before there is a result
-MOST = 1024  #: stretches; beyond them they become twice as long, so that a day takes no more memory than an hour
-
-
-class ClockComparison:
-    """``add`` arrivals, ``restart`` where device time restarts."""
-
-    def __init__(self) -> None:
-        self.restart()
-
-    def restart(self) -> None:
-        """Discard all arrivals."""
-        self._stretch_ns = STRETCH_NS
-        self._earliest: list[tuple[int, int]] = []  # host_ns, t_us of the least delay in each stretch
-
-    def add(self, host_ns: int, t_us: int) -> None:
-        """The sample of device time t_us had arrived at host_ns."""
-        self._take(host_ns, t_us)
-        if len(self._earliest) > MOST:
-            before, self._earliest = self._earliest, []
-            self._stretch_ns *= 2
-            for arrival in before:
-                self._take(*arrival)
-
-    def _take(self, host_ns: int, t_us: int) -> None:
-        if not self._earliest or host_ns // self._stretch_ns != self._earliest[-1][0] // self._stretch_ns:
-            self._earliest.append((host_ns, t_us))
-        elif host_ns - 1000 * t_us < self._earliest[-1][0] - 1000 * self._earliest[-1][1]:
-            self._earliest[-1] = host_ns, t_us
-
-    @property
-    def compared_s(self) -> float:
-        """Duration of the comparison by the host's clock."""
-        return (self._earliest[-1][0] - self._earliest[0][0]) * NS if self._earliest else 0.0
-
-    @property
-    def device_seconds_per_second(self) -> float | None:
-        """Rate of the device's clock by the host's, about 1; None for too few arrivals."""
-        if len(self._earliest) < FEWEST:
-            return None
-        since = np.array(self._earliest, np.int64) - self._earliest[0]
-        return float(np.polyfit(since[:, 0] * NS, since[:, 1] * 1e-6, 1)[0])
-
 
 # The log files (docs/formats.md).  A reset of the device, or a new connection, starts a new file, since device time restarts.
 

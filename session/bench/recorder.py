@@ -12,9 +12,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
+from session.bench.board_clock import ClockComparison
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Event, SampleChunk, Trouble, starts_log
-from session.bench.logwriter import FOREIGN, WORD, BoardRouter, ClockComparison, LogWriter, other_board
+from session.bench.logwriter import FOREIGN, WORD, BoardRouter, LogWriter, other_board
 from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings, is_virtual
 from session.bench.rawfile import RAW, Mark, RawFile, RecordingDecision, decision_of, name_kept, read_events
 from session.io.files import open_file
@@ -194,7 +195,7 @@ class Recorder:
                 if any(map(starts_log, fresh)):
                     self.clock.restart()
                 elif self._has_clock and chunks:
-                    self.clock.add(arrivals[-1].host_ns, int(chunks[-1].t_us[-1]))
+                    self.clock.add(arrivals[-1].host_ns, int(chunks[-1].t_us[-1]), sum(map(len, chunks)))
                 if chunks:
                     self.heard = arrivals[-1].host_ns, int(chunks[-1].t_us[-1])
                 events += self._router.take(fresh)

@@ -10,12 +10,13 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from session.bench.board_clock import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
 from session.bench.port import RequestedSettings
-from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, config_of, read_config
+from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, clock_words, config_of, read_config
 from session.io.errors import CalibrationError, FormatError, OtherSensor, StorageError
 from session.io.files import MOST_TOML, read_bytes, replaced, write_new
-from session.io.folder import add_board, add_exclude, add_notes
+from session.io.folder import add_board, add_exclude, add_notes, set_sensor
 from session.io.registers import DEFAULT, profile_of
 from session.io.texts import SENSOR_NAME
 from session.io.toml import Note, parse_toml, setting
@@ -29,8 +30,6 @@ UNKNOWN = "unknown"
 #: note on registers of an unnamed sensor
 ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
 NOMINAL_WITHIN = 0.2  #: relative tolerance of a stated rate: the range of INTERNAL_FREQ_FINE
-NEAREST_WITHIN = 0.1  #: relative tolerance of the nearest nominal rate: beyond it ``check`` reports another rate
-DIVIDED_WITHIN = 0.05  #: the same where a divider gives many rates
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 BOARD = "the board"
 BOARD_REMARKS = {
@@ -173,6 +172,24 @@ class SessionFile:
         """Whether the file excludes that turn: the user may have withdrawn it."""
         return any(row.log == log and abs(row.at_s - at_s) < SAME_MOMENT_S for row in read_config(self.path).exclude)
 
+    def measured(self, clock: ClockRatio | None) -> str:
+        """Write the board's clock, as it was measured, with what the file has of an earlier part; returns what is to be said of it.
+
+        A clock that the user knows, ``clock_sigma_ppm`` alone, stays.
+        """
+        if clock is None or self._own is None:
+            return ""
+        sensor = read_config(self.path).sensor
+        if sensor.clock_ratio is not None and sensor.clock_sigma_ppm:
+            clock = ClockRatio.of([clock, ClockRatio(sensor.clock_ratio, sensor.clock_sigma_ppm * 1e-6, 0.0)]) or clock
+        sigma_ppm = clock.sigma * 1e6
+        words = clock_words(clock.ratio, sigma_ppm)
+        if sensor.clock_ratio is None and sensor.clock_sigma_ppm is not None:
+            return f"{words}; session.toml has its own clock_sigma_ppm, {sensor.clock_sigma_ppm:g}, and is left so"
+        values = {"clock_ratio": round(clock.ratio, 9), "clock_sigma_ppm": float(f"{sigma_ppm:.3g}")}
+        self._text = set_sensor(self.path, values).encode()
+        return f"{words}: sensor.clock_ratio of session.toml; `--clock arrivals` of check and fit divides the stamps by it"
+
     def save_copy(self, folder: Path) -> None:
         """Write the last content of the file into the folder that replaces a removed one.  Raises OSError."""
         if self._text is not None and not (folder / NAME).exists():
@@ -191,15 +208,17 @@ class SessionFile:
         odr_hz, gyro_fs_dps, accel_fs_g = values["odr_hz"], values["gyro_fs_dps"], values["accel_fs_g"]
         if odr_hz is None or gyro_fs_dps is None or accel_fs_g is None:
             return None
+        odr_hz = float(f"{odr_hz:.7g}")  # a frame's has single precision
         serial = info.serial if info else ""
         chip = CHIPS.get(board.who_am_i, DEFAULT) if board is not None and board.source == SENSOR else DEFAULT
         of_board = (info.sensor if info else "") or (chip if chip != DEFAULT else "")  # siblings share the identity of the default
         model = self._model or of_board or (like.model if like is not None else "")
         self.assumed, model = not (model or physical), model or (UNKNOWN if physical else DEFAULT)
-        nominal = nominal_hz(odr_hz, model)
         if like is not None and _same_model(like.model, model):
-            return replace(like, serial=serial, odr_hz=nominal, gyro_fs_dps=gyro_fs_dps, accel_fs_g=accel_fs_g)
-        return Sensor(model, serial, nominal, gyro_fs_dps, accel_fs_g)
+            clock = like.clock_sigma_ppm if like.clock_ratio is None else None  # a ratio is of one recording
+            ranges = {"gyro_fs_dps": gyro_fs_dps, "accel_fs_g": accel_fs_g}
+            return replace(like, serial=serial, odr_hz=odr_hz, clock_ratio=None, clock_sigma_ppm=clock, **ranges)
+        return Sensor(model, serial, odr_hz, gyro_fs_dps, accel_fs_g)
 
     def _require_model(self, mine: str, other: str | None, who: str) -> None:
         if other and not _same_model(mine, other):
@@ -239,15 +258,6 @@ def plain(text: str) -> str:
     """A board's text for a file: one printable line of limited length."""
     text = text.encode("utf-8", errors="replace").decode("utf-8")
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())[:LONGEST_WORDS]
-
-
-def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
-    """The model's nominal data rate nearest to a true one; the true one if none is near, or the model's rates are not known."""
-    profile = profile_of(model)
-    nearest = None if profile is None or not odr_hz > 0 else profile.nearest_hz(odr_hz)  # a board may send anything
-    if profile is None or nearest is None:
-        return odr_hz
-    return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NEAREST_WITHIN) else odr_hz
 
 
 def _board_keys(board: BoardStatus) -> dict[str, str | float]:

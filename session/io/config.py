@@ -169,6 +169,9 @@ REFERENCES = ("gravity", "table", "truth", TURNS)
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 
 
+NEAREST_WITHIN = 0.1  #: relative tolerance of the nearest nominal rate: beyond it ``check`` reports another rate
+DIVIDED_WITHIN = 0.05  #: the same where a divider gives many rates
+
 #: of a field that no key of session.toml gives
 NOT_IN_TOML = {"toml": False}
 
@@ -179,7 +182,7 @@ class Sensor:
 
     model: str
     serial: str
-    odr_hz: float  #: nominal; the stamps say the true one
+    odr_hz: float  #: as it is stated, the board's own or the nominal one; the stamps say the true one
     gyro_fs_dps: float
     accel_fs_g: float  #: NaN of a gyroscope alone
     gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
@@ -209,6 +212,14 @@ class Sensor:
     def register_units(self) -> RegisterUnits:
         """What its registers mean; asking it raises FormatError where that is not known."""
         return RegisterUnits(self.model or DEFAULT, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+
+    @property
+    def nominal_hz(self) -> float:
+        """The model's nominal data rate nearest to ``odr_hz``; that one if none is near, or the model's rates are not known."""
+        nearest = None if self.profile is None or not self.odr_hz > 0 else self.profile.nearest_hz(self.odr_hz)  # a board may send anything
+        if self.profile is None or nearest is None:
+            return self.odr_hz
+        return nearest if abs(nearest / self.odr_hz - 1) < (DIVIDED_WITHIN if self.profile.divided else NEAREST_WITHIN) else self.odr_hz
 
     @property
     def nominal_rate(self) -> NominalRate | None:

@@ -495,7 +495,7 @@ def sha256_of(path: Path) -> str:
 #
 # Lines are added to the text, so comments and order stay.  The file is replaced whole or not at all.
 
-HEADER = re.compile(r"^[ \t]*\[[ \t]*notes[ \t]*\][ \t]*(#.*)?$", re.MULTILINE)
+HEADER = r"^[ \t]*\[[ \t]*{}[ \t]*\][ \t]*(#.*)?$"
 NEXT_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
@@ -512,16 +512,28 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
     if not (fresh := {name: value for name, value in notes.items() if name not in there}):
         return text
     lines = notes_text(fresh)
-    header = HEADER.search(text)
-    tried = []
-    if header is not None:
-        after = NEXT_HEADER.search(text, header.end())
-        end = len(text) if after is None else after.start()
-        kept = text[:end].rstrip()  # blank lines before the next section stay before it
-        tried.append(kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else ""))
-        tried.append(_ended(text[: header.end()]) + lines + text[header.end() :].removeprefix("\r").removeprefix("\n"))
-    tried.append(_ended(text) + f"\n[notes]\n{lines}")
+    tried = [*_with_lines(text, "notes", lines), _ended(text) + f"\n[notes]\n{lines}"]
     return _replace(path, tried, table | {"notes": there | fresh})
+
+
+def _with_lines(text: str, section: str, lines: str) -> list[str]:
+    """The text with these lines at the end of a section, or at its beginning; nothing where it has no such section."""
+    header = re.search(HEADER.format(section), text, re.MULTILINE)
+    if header is None:
+        return []
+    after = NEXT_HEADER.search(text, header.end())
+    end = len(text) if after is None else after.start()
+    kept = text[:end].rstrip()  # blank lines before the next section stay before it
+    last = kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else "")
+    return [last, _ended(text[: header.end()]) + lines + text[header.end() :].removeprefix("\r").removeprefix("\n")]
+
+
+def set_sensor(path: Path, values: Mapping[str, float]) -> str:
+    """Give keys of ``[sensor]`` these values, and give the file's text."""
+    text, table = _read(path)
+    without = re.sub(rf"^[ \t]*({'|'.join(values)})[ \t]*=.*\n?", "", text, flags=re.MULTILINE)
+    tried = _with_lines(without, "sensor", "".join(line(name, value) for name, value in values.items()))
+    return _replace(path, tried[::-1], table | {"sensor": {**table["sensor"], **values}})
 
 
 def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str, str]) -> str:

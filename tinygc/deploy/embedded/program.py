@@ -108,7 +108,7 @@ STAGES: dict[type, Callable[[Any], list[ProgramStage]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Registers:
-    """gyro_fs_dps and accel_fs_g of the sensor; its true or nominal odr_hz; the accelerometer's pre-calibration; the register units;
+    """gyro_fs_dps and accel_fs_g of the sensor; its nominal odr_hz; the accelerometer's pre-calibration; the register units;
     model: the sensor's name; own_units: as in session.toml."""
 
     gyro_fs_dps: float = 500
@@ -126,7 +126,7 @@ class Registers:
         """
         sensor = config.sensor
         own = accelerometer or config.accelerometer
-        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, own, sensor.model, sensor.own_units)
+        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.nominal_hz, own, sensor.model, sensor.own_units)
         try:
             return registers if registers.units.gyro_rps and registers.units.accel_mps2 and registers.units.thermometer else None
         except FormatError:

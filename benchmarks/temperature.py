@@ -19,7 +19,8 @@ from scipy.signal import lfilter
 from session.io.rests import RestLog
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc.annexes.temperature import axis_fit
-from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis, make_knots, sweeps_of
+from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis, make_knots
+from tinygc.annexes.temperature.sweeps import sweeps_of
 
 ZERO, SLOPE, BEND, ABOUT_C = 0.5, 0.034, 2e-4, 40.0
 COVERED = {

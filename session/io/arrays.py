@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from session.io.errors import DataError
 from session.io.logfile import COLUMNS, KnownTurn, Log, Truth, known_turn, of_length_1
 from session.io.samples import Samples
 from session.io.stamps import ERA_NS
+from session.io.thermometer import Sound
 from session.io.units import BEYOND_FULL_SCALE, DEG, LARGEST_DPS, NS, SI, WORDS, G, beyond_any_sensor, parse_unit
 
 LAST_S = ERA_NS * NS
@@ -77,7 +79,9 @@ def logs_of_arrays(
         if not isinstance(arrays, tuple | list) or len(arrays) not in (3, 4):
             raise DataError(f"each of {argument} is {LOG_ARRAYS}; {argument}[{number}] is not")
         samples = samples_of_arrays(f"{argument}[{number}]: " if argument else "", arrays, full_scale_dps, si)
-        logs.append(Log(Path(name), samples, raw=False, in_memory=True))
+        sound = Sound()
+        samples = replace(samples, temp_c=sound(samples.temp_c))
+        logs.append(Log(Path(name), samples, notes=tuple(sound.notes), raw=False, in_memory=True))
     return tuple(logs)
 
 

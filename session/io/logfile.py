@@ -21,6 +21,7 @@ from session.io.reader import Reader
 from session.io.registers import RegisterUnits
 from session.io.samples import Growing, PackedReadings, Packer, Samples, times
 from session.io.stamps import fresh
+from session.io.thermometer import Sound
 from session.io.units import DEG, NS_PER_S, STAMP_NS
 
 # One log of a session: a standard log (FORMATS), read by the one reader (``session/dialects``), in SI.
@@ -117,10 +118,12 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
     """
     reader = Reader(path, None, sensor.wanted, gyro_alone=gyro_alone)
     layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())
+    sound = Sound()
     for rows in reader.pieces(as_written=True):
         assert rows.t_ns is not None  # a standard log without stamps was refused
         stamps.add(rows.t_ns)
-        for packer, values in zip(packers, (rows.gyro, None if gyro_alone else rows.accel, rows.temp), strict=True):
+        temp = None if rows.temp is None else sound(layout.temperature_c(rows.temp, units), rows.temp)
+        for packer, values in zip(packers, (rows.gyro, None if gyro_alone else rows.accel, temp), strict=True):
             if values is not None:
                 packer.add(values)
     if not len(written := stamps.rows()):
@@ -135,7 +138,7 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
         packers[1].add(np.full((len(t_ns), 3), np.nan))
     gyro, accel = (cast(np.ndarray, PackedReadings(*p.packed(), (times(si),))) for p, si in zip(packers, factors, strict=False))
     samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
-    notes = list(reader.notes)
+    notes = [*reader.notes, *sound.notes]
     if layout.temp is not None and samples.temp_c is None:
         notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:

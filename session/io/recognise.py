@@ -12,7 +12,7 @@ from session.io.errors import FormatError
 from session.io.headings import name_and_unit, refuse_angles, spread, usual_columns
 from session.io.questions import Question, QuestionsError
 from session.io.rows import FORMAT_WORD, MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_kinds
-from session.io.standard import MOST_NAMES, OWN, parse_header
+from session.io.standard import MOST_NAMES, OWN, parse_header, with_degrees
 from session.io.suggested import suggested
 from session.io.units import COUNTS, STAMP_NS, Unit, known, parse_unit
 
@@ -73,7 +73,7 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
     elif not columns:
         columns = _own_columns(names, f"{name} line {number + 1}")
         called = OWN if "t" in columns else OTHER  # its registers may be anyone's
-        return _layout(name, called, delimiter, number + 1, names, columns, answers, lines, picking=picking)
+        return with_degrees(_layout(name, called, delimiter, number + 1, names, columns, answers, lines, picking=picking), lines)
     return _layout(name, dialect.name if dialect else OTHER, delimiter, number + 1, names, columns, answers, lines, dialect, picking)
 
 

@@ -7,7 +7,7 @@ keep everything that temperature can do; what a second hides is kept as the scat
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from session.io.errors import DataError, FormatError
 from session.io.reader import Reader
 from session.io.samples import Samples
 from session.io.stamps import counted, fresh
+from session.io.thermometer import NO_GRID, Grid, Sound, grid_with
 from session.io.units import NS_PER_S
 
 #: a block is a second, or so many samples where a second holds fewer: the scatter within it must mean something
@@ -34,7 +35,8 @@ class RestLog:
 
     number (B,) int: which block since the first, so that a gap shows; block_s; t_s (B,) s, middle of each, since the first sample;
     temp_c (B,) degC, NaN where the log has none; gyro (B, 3) rad/s and accel (B, 3) m/s^2, as measured; gyro_sd, accel_sd (B, 3): standard
-    deviation of the samples within each block; count (B,); samples in all; period_s between two; notes of the reader.
+    deviation of the samples within each block; count (B,); samples in all; period_s between two; notes of the reader; grid of the
+    thermometer's readings.
     """
 
     path: Path
@@ -49,6 +51,7 @@ class RestLog:
     samples: int
     period_s: float
     notes: tuple[str, ...] = ()
+    grid: Grid = NO_GRID
 
     def __len__(self) -> int:
         return len(self.number)
@@ -74,8 +77,7 @@ class RestLog:
     def pick(self, which: np.ndarray) -> RestLog:
         """The blocks of a mask or of indices (…)."""
         names = ("number", "temp_c", "gyro", "accel", "gyro_sd", "accel_sd", "count")
-        parts = {name: getattr(self, name)[which] for name in names}
-        return RestLog(self.path, block_s=self.block_s, samples=self.samples, period_s=self.period_s, notes=self.notes, **parts)
+        return replace(self, **{name: getattr(self, name)[which] for name in names})
 
 
 def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, answers: Answers | None = None) -> RestLog:
@@ -87,8 +89,8 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, a
     """
     reader = Reader(path, answers, sensor.wanted if answers is None else None)
     blocks = BlockMeans(max(BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
-    repeated, steps_s, has_temperature = 0, [], False
-    for samples, left_out in _pieces(reader, sensor):
+    repeated, steps_s, has_temperature, sound = 0, [], False, Sound()
+    for samples, left_out in _pieces(reader, sensor, sound):
         repeated += left_out
         has_temperature |= samples.temp_c is not None
         if len(samples) > 1:
@@ -100,7 +102,7 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, a
         watch(samples)
     if blocks.samples == 0:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
-    notes = list(reader.notes)
+    notes = [*reader.notes, *sound.notes]
     if reader.layout.temp is not None and not has_temperature:
         notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:
@@ -116,7 +118,7 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, a
     return log
 
 
-def _pieces(reader: Reader, sensor: Sensor) -> Iterator[tuple[Samples, int]]:
+def _pieces(reader: Reader, sensor: Sensor, sound: Sound) -> Iterator[tuple[Samples, int]]:
     """Samples in SI, and how many rows of each piece repeated a stamp."""
     layout, last, count = reader.layout, None, 0
     units = sensor.register_units
@@ -131,7 +133,7 @@ def _pieces(reader: Reader, sensor: Sensor) -> Iterator[tuple[Samples, int]]:
         count += len(t_ns)
         kept = fresh(t_ns) if last is None else np.diff(t_ns, prepend=last) > 0
         last = t_ns[-1]
-        temp = None if rows.temp is None else layout.temperature_c(rows.temp, units)
+        temp = None if rows.temp is None else sound(layout.temperature_c(rows.temp, units))
         samples = Samples(t_ns, rows.gyro * gyro_si, rows.accel * accel_si, temp)
         left_out = int(np.count_nonzero(~kept))
         if left_out:
@@ -145,7 +147,7 @@ class BlockMeans:
     """Sums over blocks of ``block_s``, piece by piece; the block that a piece ends in waits for the next piece."""
 
     def __init__(self, block_s: float):
-        self.block_s, self.samples, self._blocks = block_s, 0, 0
+        self.block_s, self.samples, self._blocks, self._grid = block_s, 0, 0, NO_GRID
         self._first_ns: int | None = None
         self._rows: list[np.ndarray] = []
         self._open: np.ndarray | None = None
@@ -157,6 +159,7 @@ class BlockMeans:
             self._first_ns = int(samples.t_ns[0])
         self.samples += len(samples)
         number = (samples.t_ns - self._first_ns) // round(self.block_s * NS_PER_S)
+        self._grid = grid_with(self._grid, samples.temp_c)
         temp = np.full(len(samples), np.nan) if samples.temp_c is None else samples.temp_c
         values = np.column_stack([samples.gyro, samples.accel])
         if self._about is None:
@@ -200,6 +203,7 @@ class BlockMeans:
             self.samples,
             period_s,
             notes,
+            self._grid,
         )
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from difflib import get_close_matches
 
 from session.io.dialects import Layout, Triad, three
 from session.io.errors import FormatError
+from session.io.thermometer import degrees_by
 from session.io.units import STAMP_NS, endings
 
 OWN = "TinyGC"
@@ -32,7 +34,19 @@ def standard_layout(lines: list[str], name: str, gyro_alone: bool = False) -> La
     number, line = next(
         ((number, line) for number, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), (0, "")
     )
-    return parse_header(line, f"{name} line {number + 1}", number + 1, gyro_alone)
+    return with_degrees(parse_header(line, f"{name} line {number + 1}", number + 1, gyro_alone), lines)
+
+
+def with_degrees(layout: Layout, lines: list[str]) -> Layout:
+    """The layout, with degC for a ``temp`` that holds whole degrees, as its first lines say, where all other columns state their units."""
+    triads = [triad.unit for triad in (layout.gyro, layout.accel) if triad is not None]
+    if layout.temp is None or layout.temp_unit is None or layout.temp_unit.si is not None or any(unit.si is None for unit in triads):
+        return layout
+    rows = (line.split("#")[0].split(layout.delimiter) for line in lines[layout.first :])
+    if (unit := degrees_by([row[layout.temp] for row in rows if layout.temp < len(row)])) is None:
+        return layout
+    says = f"{layout.name(layout.temp)} states no unit, where all other columns do: whole degrees, taken as °C"
+    return replace(layout, temp_unit=unit, remark="; ".join(filter(None, (layout.remark, says))))
 
 
 #: columns that say of all rows what a comment may say as well: {name: (key, what it adds)}; each row holds 1, so that other programs read

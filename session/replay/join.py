@@ -14,6 +14,7 @@ from session.io.pace import pace_of
 from session.io.reader import Piece
 from session.io.samples import Growing
 from session.io.stamps import COARSE, counted, evenly, fresh
+from session.io.thermometer import Sound
 from session.io.units import G
 from session.replay.sources import Source, StreamSource
 
@@ -79,6 +80,12 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
     temp_source, temp = next((entry for entry in temps if entry[0] is gyro_source), temps[0] if temps else (None, None))
     values = None if temp is None else temp.temp
     if temp is not None and values is not None and temp.t_ns is not None and temp_source is not gyro_source:
+        # Between a reading that failed and its neighbours a line would make many.
+        unit = None if temp_source is None else temp_source.layout.temp_unit
+        if unit is not None and unit.si is not None:
+            sound = Sound()
+            values = sound(values * unit.si, values)
+            notes += sound.notes
         values = np.interp(gyro_ns, temp.t_ns, values)
     if not keep.all():
         gyro_ns, rate, force = gyro_ns[keep], rate[keep], force[keep]

@@ -5,9 +5,10 @@ import pytest
 from conftest import DEG
 from rest_logs import rest_log
 
-from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots, sweeps_of
+from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots
 from tinygc.annexes.temperature.model import LEAD, ElementTemperature, element_temperature
 from tinygc.annexes.temperature.rest_fit import fit_rests
+from tinygc.annexes.temperature.sweeps import sweeps_of
 
 SIGN = np.array([1.0, -1.0, 1.0])
 

@@ -11,7 +11,6 @@ from tinygc.annexes.temperature import axis_fit
 from tinygc.annexes.temperature.axis_fit import (
     Candidate,
     Coloured,
-    Sweep,
     best_lag,
     by_chance,
     columns,
@@ -30,11 +29,10 @@ from tinygc.annexes.temperature.axis_fit import (
     predicted,
     simplest,
     solve,
-    sweeps_of,
-    turning_points,
     whiten,
 )
 from tinygc.annexes.temperature.model import element_temperature
+from tinygc.annexes.temperature.sweeps import Sweep, sweeps_of, turning_points
 from tinygc.closure.floor import TIMES_S
 
 # Sweeps

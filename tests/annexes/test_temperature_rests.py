@@ -8,7 +8,7 @@ from small_rests import small_rest, triangle
 
 from session.io.errors import DataError
 from session.io.samples import Samples
-from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots, sweeps_of
+from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots
 from tinygc.annexes.temperature.rest_fit import (
     ShortTimes,
     fit_rests,
@@ -18,6 +18,7 @@ from tinygc.annexes.temperature.rest_fit import (
     whole_curve,
     zero_of_blocks,
 )
+from tinygc.annexes.temperature.sweeps import sweeps_of
 from tinygc.closure.floor import AllanCurve, AllanSums, averaging_factors, curve_of
 
 RATE_HZ = 8.0

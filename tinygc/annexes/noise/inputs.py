@@ -34,6 +34,7 @@ from session.io.samples import TOGETHER, Samples, joined
 from session.io.sensors.profile import CLOCK_WITHIN
 from session.io.stamps import evenly
 from session.io.texts import command_line, printable
+from session.io.thermometer import Sound
 from session.io.units import DEG
 from session.replay.answers import with_comments, with_sensor
 from session.replay.convert import FASTEST_HZ, SLOWEST_HZ
@@ -261,10 +262,10 @@ def _read_log(paths: Sequence[Path], answers: Answers, columns: Sequence[str], r
             return
         notes: tuple[str, ...]
         if any(source.layout.accel is not None for source in sources):
-            whole = join(sources, answers.odr_hz)
+            whole, sound = join(sources, answers.odr_hz), Sound()
             gyro, accel = whole.gyro * whole.gyro_layout.gyro_si(units), whole.accel * whole.accel_layout.accel_si(units)
             temp = None if whole.temp is None or whole.temp_layout is None else whole.temp_layout.temperature_c(whole.temp, units)
-            samples, notes = Samples(whole.t_ns, gyro, accel, temp), whole.notes
+            samples, notes = Samples(whole.t_ns, gyro, accel, sound(temp)), (*whole.notes, *sound.notes)
         else:
             (source,) = sources
             t_ns, rates, more = rates_of(source, answers.odr_hz)

@@ -10,8 +10,9 @@ import numpy as np
 
 from session.io.rests import RestLog
 from tinygc.annexes.noise.scales import Rest
-from tinygc.annexes.temperature.axis_fit import Knots, fit_axis, make_knots, sweeps_of
+from tinygc.annexes.temperature.axis_fit import Knots, fit_axis, make_knots
 from tinygc.annexes.temperature.rest_fit import zero_of_blocks
+from tinygc.annexes.temperature.sweeps import sweeps_of
 
 #: degC: a smaller range has nothing to tell, and the self-heating of a switched-on sensor is larger
 LEAST_RANGE_C = 1.0
@@ -45,11 +46,8 @@ def knots_of(rests: Sequence[Rest]) -> Knots | None:
         none = np.zeros((int(np.count_nonzero(good)), 3))
         means = blocks.mean[good]
         count = np.full(len(none), blocks.size)
-        logs.append(
-            RestLog(
-                Path("rest"), blocks.number[good], rest.block_s, blocks.temp_c[good], means[:, :3], means[:, 3:], none, none, count, 0, 1.0
-            )
-        )
+        number, temp_c, rates, forces = blocks.number[good], blocks.temp_c[good], means[:, :3], means[:, 3:]
+        logs.append(RestLog(Path("rest"), number, rest.block_s, temp_c, rates, forces, none, none, count, 0, 1.0, grid=blocks.grid))
     if not logs or max(float(np.ptp(log.temp_c)) for log in logs) < LEAST_RANGE_C:
         return None
     return make_knots(logs, [sweep for index, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, index)])

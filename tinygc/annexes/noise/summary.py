@@ -18,6 +18,7 @@ import numpy as np
 
 from session.io.errors import DataError
 from session.io.samples import Samples
+from session.io.thermometer import NO_GRID, Grid, grid_with
 from session.io.units import NS
 
 #: s: no more of a block; a still of a session holds one or two
@@ -57,7 +58,8 @@ class Blocks:
     """Means of blocks in the order of time, B blocks of ``size`` samples, less the first reading.
 
     number (B,): which block of the rest's time; run (B,): which run without a gap; chunk (B,): which chunk of sums holds it; mean (B, 6)
-    rad/s, m/s^2; temp_c (B,) degC, NaN without; peak (B, 6): farthest reading from the mean; stuck (B,): readings that repeat all six.
+    rad/s, m/s^2; temp_c (B,) degC, NaN without; peak (B, 6): farthest reading from the mean; stuck (B,): readings that repeat all six;
+    grid of the thermometer's readings.
     """
 
     size: int
@@ -68,6 +70,7 @@ class Blocks:
     temp_c: np.ndarray
     peak: np.ndarray
     stuck: np.ndarray
+    grid: Grid = NO_GRID
 
     def __len__(self) -> int:
         return len(self.number)
@@ -85,7 +88,7 @@ class RestSums:
         self.rate_hz = float(rate_hz)
         self.size = max(LEAST_BLOCK, 2 ** int(np.floor(np.log2(rate_hz * BLOCK_S)))) if rate_hz * BLOCK_S >= 1 else LEAST_BLOCK
         self.ratios = ratios_of(self.size)
-        self.samples = 0
+        self.samples, self._grid = 0, NO_GRID
         self._each = 1  # blocks of a chunk
         self._sums: list[list[np.ndarray]] = [[] for _ in self.ratios]  # by level: (6, chunks, M - 1, M - 1)
         self._counts: list[np.ndarray] = []  # (chunks, levels) windows
@@ -126,6 +129,7 @@ class RestSums:
         if not len(samples):
             return
         t_ns = np.asarray(samples.t_ns)
+        self._grid = grid_with(self._grid, samples.temp_c)
         temp = np.full(len(samples), np.nan) if samples.temp_c is None else samples.temp_c
         values = np.column_stack([samples.gyro, samples.accel, temp]).T
         if not np.isfinite(values[:3]).all() or np.isinf(values).any():
@@ -250,5 +254,5 @@ class RestSums:
             np.zeros((0, 6)),
             np.zeros(0, int),
         )
-        blocks = Blocks(self.size, number, run, chunk, mean, temp, peak, stuck)
+        blocks = Blocks(self.size, number, run, chunk, mean, temp, peak, stuck, self._grid)
         return blocks, summed, np.concatenate([np.zeros((0, len(self.ratios))), *counts])

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
@@ -16,61 +15,9 @@ from session.io.numeric import sigma_of_steps
 from session.io.rests import RestLog
 from session.io.solving import solve as determined
 from tinygc.annexes.temperature.model import element_temperature
+from tinygc.annexes.temperature.sweeps import Sweep, between_steps
 from tinygc.closure.floor import wander_covariance
 from tinygc.noise.reml import estimate
-
-# Rest logs in blocks: sweeps of the temperature, and knots few enough for a full covariance.
-
-# Rising and falling half cycles of the temperature, the units of cross-validation.
-
-#: of the whole range: a smaller reversal of the temperature ends no sweep
-TURN_SHARE = 0.25
-#: degC: a log whose temperature varies by less has no sweep
-LEAST_C = 2.0
-#: blocks of the running median
-SMOOTH = 9
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """Blocks start <= i < stop of one log; direction +1 (up) or -1 (down)."""
-
-    log: int
-    start: int
-    stop: int
-    direction: int
-
-
-def sweeps_of(temp_c: np.ndarray, log: int = 0) -> list[Sweep]:
-    """Return the half cycles of one log's temperatures (B,) degC, in the order of time; none where they hardly vary."""
-    if len(temp_c) < 2 or not np.isfinite(temp_c).all():
-        return []
-    smooth = median_filter(temp_c, size=min(SMOOTH, len(temp_c)), mode="nearest")
-    extent = float(np.ptp(smooth))
-    if extent < LEAST_C:
-        return []
-    turns = turning_points(smooth, TURN_SHARE * extent)
-    edges = [0, *turns[1:-1], len(temp_c)]
-    directions = np.sign(np.diff(smooth[turns])).astype(int)
-    return [Sweep(log, start, stop, int(d)) for start, stop, d in zip(edges[:-1], edges[1:], directions, strict=True)]
-
-
-def turning_points(values: np.ndarray, least: float) -> list[int]:
-    """Return the indices of the first extreme, of each reversal by at least ``least``, and of the last."""
-    low = high = direction = 0
-    points: list[int] = []
-    for i, value in enumerate(values.tolist()):
-        high = i if direction >= 0 and value > values[high] else high
-        low = i if direction <= 0 and value < values[low] else low
-        if direction <= 0 and value - values[low] >= least:
-            points.append(low)
-            direction, high = 1, i
-        elif direction >= 0 and values[high] - value >= least:
-            points.append(high)
-            direction, low = -1, i
-    points.append(high if direction > 0 else low)
-    return points if len(points) > 1 else [0, len(values) - 1]
-
 
 # Blocks of a rest log merged into knots, few enough for a full covariance of their noise.
 #
@@ -86,9 +33,10 @@ MOST_KEPT = 100
 class Knots:
     """K knots from the B kept blocks of several rest logs.
 
-    logs: kept blocks; of (K,): log of each knot; starts (K,): its first block, counted through all logs; t_s, span_s (K,) s: middle in its
-    log, and averaging time; sweep (K,): number of its sweep, or 0 where there are none; direction (K,): of the temperature, +1, -1 or 0;
-    temp_c (K,): mean reading; reference_c and half_c: temperatures are normalised as x = (T - reference) / half.
+    logs: kept blocks, their temperature between the steps of the thermometer; of (K,): log of each knot; starts (K,): its first block,
+    counted through all logs; t_s, span_s (K,) s: middle in its log, and averaging time; sweep (K,): number of its sweep, or 0 where there
+    are none; direction (K,): of the temperature, +1, -1 or 0; temp_c (K,): mean; off_c (K, I): its errors by the steps, one sigma of each,
+    one independent of the other; reference_c and half_c: temperatures are normalised as x = (T - reference) / half.
     """
 
     logs: tuple[RestLog, ...]
@@ -99,6 +47,7 @@ class Knots:
     sweep: np.ndarray
     direction: np.ndarray
     temp_c: np.ndarray
+    off_c: np.ndarray
     reference_c: float
     half_c: float
     _powers: dict[float, np.ndarray] = field(default_factory=dict, repr=False)
@@ -137,6 +86,14 @@ class Knots:
         walk = np.where(same, np.minimum(self.t_s[:, None], self.t_s[None]), 0.0)
         return [np.diag(1 / self.span_s), flicker, walk]
 
+    def of_steps(self, y: np.ndarray, tau_s: float, order: int) -> np.ndarray:
+        """(K, K) covariance that the thermometer's steps add to knots y (K,): its errors times the polynomial's slope there."""
+        A = columns(self, tau_s, order)
+        bend = np.linalg.lstsq(A, y, rcond=None)[0][len(self.logs) :] * np.arange(1, order + 1)
+        slope = np.column_stack([np.ones(len(self)), self.powers(tau_s, order)])[:, :order] @ bend / self.half_c
+        off = slope[:, None] * self.off_c
+        return np.asarray(off @ off.T)
+
 
 def _powers_of(x: np.ndarray, order: int) -> Iterator[np.ndarray]:
     """x, x^2 and so on."""
@@ -157,6 +114,8 @@ def _lagged(log: RestLog, tau_s: float) -> np.ndarray:
 def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
     """Merge the kept blocks of each log by their sweeps (``sweeps_of``); a log without sweeps counts as one."""
     has_temperature = all(log.has_temperature for log in logs)
+    between = [between_steps(log.t_s, log.temp_c, log.grid) for log in logs]
+    logs = [replace(log, temp_c=found.temp_c) for log, found in zip(logs, between, strict=True)]
     temp = np.concatenate([log.temp_c for log in logs]) if has_temperature else np.zeros(sum(map(len, logs)))
     total = sum(map(len, logs))
     rows: list[tuple] = []
@@ -176,7 +135,12 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
     low, high = float(temp.min()), float(temp.max())
     reference_c = float(np.round((low + high) / 2)) if has_temperature else 25.0
     half_c = max((high - low) / 2, 1.0)
-    return Knots(tuple(logs), of, starts, t_s, span_s, sweep_number, direction, temp_c, reference_c, half_c)
+    knot, counts = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, total))), np.diff(np.append(starts, total))
+    first = np.cumsum([0, *(int(found.interval.max(initial=-1)) + 1 for found in between)])
+    interval = np.concatenate([found.interval + begin for found, begin in zip(between, first, strict=False)])
+    off_c = np.zeros((len(starts), first[-1]))
+    np.add.at(off_c, (knot, interval), np.concatenate([found.sigma_c for found in between]) / counts[knot])
+    return Knots(tuple(logs), of, starts, t_s, span_s, sweep_number, direction, temp_c, off_c[:, off_c.any(axis=0)], reference_c, half_c)
 
 
 # One axis' zero over temperature: polynomial, lag, hysteresis, and their uncertainties.
@@ -202,18 +166,23 @@ class Coloured:
         return cholesky(part, lower=True, check_finite=False)
 
 
-def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float) -> Coloured:
+def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0) -> Coloured:
     """Estimate the noise of knots y (K,) about the columns A (K, p); V: covariances of unit size (``Knots.covariances``); white: size of
-    white noise from the differences of blocks."""
+    white noise from the differences of blocks; steps (K, K): what the thermometer's add (``Knots.of_steps``)."""
     scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
     longest = float(np.sqrt(V[2].max()))
     usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
     J = A / np.abs(A).max(axis=0) * (WIDE * scatter)
     base = V[0] * (0.5 * usual[0]) ** 2
-    found = estimate(y, J, base, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
+    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
     sizes = found.s.copy()
     sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
-    return Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base)))
+    return Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps))
+
+
+def about(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau_s: float = 0.0) -> Coloured:
+    """The noise of knots y (K,) about a polynomial of this order."""
+    return estimate_noise(y, columns(knots, tau_s, order), V, white, knots.of_steps(y, tau_s, order))
 
 
 def whiten(L: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -443,10 +412,10 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     lags = lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
     white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
     every, most, tau = slice(None), max(orders), 0.0
-    noise = estimate_noise(y, columns(knots, 0.0, most), V, white)
+    noise = about(knots, y, V, white, most)
     if len(lags):
         tau = best_lag(knots, y, noise.factor(), every, lags, most)
-        noise = estimate_noise(y, columns(knots, tau, most), V, white)
+        noise = about(knots, y, V, white, most, tau)
     examined = examine(knots, y, noise, orders, lags)
     chosen = examined.candidates[examined.chosen]
     L = noise.factor()
@@ -466,7 +435,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
         chosen = Candidate(needed, chosen.lagged and needed > 0)
         tau = tau if chosen.lagged else 0.0
     if not needed:
-        noise = estimate_noise(y, columns(knots, 0.0, 0), V, white)
+        noise = about(knots, y, V, white, 0)
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
     plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
@@ -530,8 +499,7 @@ def none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: floa
         return 1.0
     values = []
     for order, lag in ((0, 0.0), (chosen.order, tau)):
-        A = columns(knots, lag, order)
-        L = estimate_noise(y, A, V, white).factor()
+        A, L = columns(knots, lag, order), about(knots, y, V, white, order, lag).factor()
         values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
     return float(chi2.sf(values[0] - values[1], chosen.order + 2 * chosen.lagged))
 

@@ -16,7 +16,8 @@ from session.io.errors import DataError
 from session.io.rests import RestLog, read_rest
 from session.io.samples import Samples
 from session.io.units import NS
-from tinygc.annexes.temperature.axis_fit import ORDERS, AxisFit, Knots, Sweep, fit_axis, make_knots, sweeps_of
+from tinygc.annexes.temperature.axis_fit import ORDERS, AxisFit, Knots, fit_axis, make_knots
+from tinygc.annexes.temperature.sweeps import Sweep, sweeps_of
 from tinygc.closure.floor import AllanCurve, AllanSums, averaging_factors, curve_of, joined_curves
 
 # A gyroscope's noise from rest logs: Allan deviation over all averaging times, and its dependence on temperature.

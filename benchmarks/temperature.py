@@ -3,8 +3,11 @@
     python benchmarks/temperature.py cover [--seeds 100]            # errors of slope, bend and lag in their own sigmas
     python benchmarks/temperature.py nulls [--seeds 100]            # share in which a dependence, or a lag, is claimed
     python benchmarks/temperature.py knots [--seeds 30]             # cover with fewer and with more knots
+    python benchmarks/temperature.py steps [--seeds 20]             # sweeps of half an hour by thermometers with steps and failed readings
+    python benchmarks/temperature.py walks [--seeds 100]            # what is claimed where the zero walks, and temperature does nothing
 
-cover and nulls draw block means of a second directly, with code of their own: white noise, flicker, a random walk.
+cover and nulls draw block means of a second directly, with code of their own: white noise, flicker, a random walk; steps and walks
+single readings, ten a second.
 """
 
 from __future__ import annotations
@@ -16,11 +19,34 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from session.io.rests import RestLog
+from session.io.rests import RestLog, rest_from_samples
+from session.io.samples import Samples
+from session.io.thermometer import Sound
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc.annexes.temperature import axis_fit
 from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis, make_knots
 from tinygc.annexes.temperature.sweeps import sweeps_of
+
+#: step of the thermometer, degC, its own noise, degC, and share of its readings that fail
+THERMOMETERS = {
+    "0.01 °C": (0.01, 0.0, 0.0),
+    "0.1 °C": (0.1, 0.0, 0.0),
+    "0.1 °C, noise 0.05 °C": (0.1, 0.05, 0.0),
+    "0.5 °C": (0.5, 0.0, 0.0),
+    "1 °C": (1.0, 0.0, 0.0),
+    "1 °C, noise 0.2 °C": (1.0, 0.2, 0.0),
+    "0.01 °C, 1 % fail": (0.01, 0.0, 0.01),
+    "0.5 °C, 5 % fail": (0.5, 0.0, 0.05),
+    "1 °C, 5 % fail": (1.0, 0.0, 0.05),
+}
+#: share of the range at a share of half an hour
+PATHS = {
+    "up": lambda x: x,
+    "up, and settles": lambda x: (1 - np.exp(-4 * x)) / (1 - np.exp(-4)),
+    "up and down": lambda x: (1 - np.cos(2 * np.pi * x)) / 2,
+}
+SLOPES, RANGE_C, FAILED_C = (0.020, -0.012, 0.003), (20.0, 45.0), (-40.0, 0.0, 85.0, 128.0)
+WALKS = {"none": 0.0, "6 mdps in an hour": 1e-4, "60 mdps in an hour": 1e-3, "0.3 dps in an hour": 5e-3}
 
 ZERO, SLOPE, BEND, ABOUT_C = 0.5, 0.034, 2e-4, 40.0
 COVERED = {
@@ -50,17 +76,24 @@ def drawn(seed: int, cycles: float = 4.0, lag_s: float = 0.0, flicker_dph: float
     element, reading = (heat, late) if lag_s < 0 else (late, heat)
     away = (element - ABOUT_C) * follows
     noise = 0.0035 * rng.standard_normal((len(t_s), 3)) + walk * np.cumsum(rng.standard_normal((len(t_s), 3)), axis=0)
-    for time_s in 2.0 ** np.arange(13):
-        keep = np.exp(-1 / time_s)
-        drive = flicker_dph * DEG_PER_HOUR / DEG * np.sqrt(np.log(2) / np.pi) * rng.standard_normal((len(t_s), 3))
-        drive[1:] *= np.sqrt(1 - keep**2)
-        noise += lfilter([1.0], [1.0, -keep], drive, axis=0)
+    noise += flicker(rng, len(t_s), 1.0, flicker_dph)
     gyro = (ZERO + (SLOPE * away + BEND * away**2)[:, None] + noise) * DEG
     sd = np.full((len(t_s), 3), 0.035 * DEG)
     accel = np.tile([0.0, 0.0, -G], (len(t_s), 1))
     number = np.arange(len(t_s))
     reading = reading + 0.003 * rng.standard_normal(len(t_s))
     return RestLog(Path("rest0001.csv"), number, 1.0, reading, gyro, accel, sd, sd, np.full(len(t_s), 100), 100 * len(t_s), 0.01)
+
+
+def flicker(rng: np.random.Generator, count: int, step_s: float, dph: float) -> np.ndarray:
+    """(count, 3) dps, of a bias instability: Gauss-Markov processes an octave apart."""
+    found = np.zeros((count, 3))
+    for time_s in 2.0 ** np.arange(13):
+        keep = np.exp(-step_s / time_s)
+        drive = dph * DEG_PER_HOUR / DEG * np.sqrt(np.log(2) / np.pi) * rng.standard_normal((count, 3))
+        drive[1:] *= np.sqrt(1 - keep**2)
+        found += lfilter([1.0], [1.0, -keep], drive, axis=0)
+    return found
 
 
 def fitted(seed: int, **how: float) -> tuple[AxisFit, float]:
@@ -94,6 +127,71 @@ def nulls(seeds: int) -> None:
         print(f"{name:36} {np.mean([fit.order > 0 for fit in fits]):.2f}   {np.mean([fit.tau_s != 0 for fit in fits]):.2f}")
 
 
+def read_out(seed: int, path: str, thermometer: str, slopes: tuple[float, ...] = SLOPES, walk: float = 0.0) -> RestLog:
+    """Half an hour of single readings: white noise of 0.03 dps a reading, a bias instability of 3 °/h, the zero's walk, dps/sqrt(s), and
+    what the thermometer says."""
+    rng = np.random.default_rng([seed, list(PATHS).index(path), list(THERMOMETERS).index(thermometer)])
+    step_c, noise_c, fail = THERMOMETERS[thermometer]
+    t_s = np.arange(18_000) * 0.1
+    low, high = np.array(RANGE_C) + rng.uniform(-0.5, 0.5)  # another place between two steps
+    heat = low + (high - low) * PATHS[path](t_s / t_s[-1])
+    reading = np.round((heat + noise_c * rng.standard_normal(len(heat))) / step_c) * step_c
+    out = rng.random(len(heat)) < fail
+    reading[out] = rng.choice(FAILED_C, size=out.sum())
+    wander = walk * np.sqrt(0.1) * np.cumsum(rng.standard_normal((len(heat), 3)), axis=0)
+    wander += flicker(rng, len(heat), 0.1, 3.0)
+    gyro = (0.3 + np.outer(heat - ABOUT_C, slopes) + wander + 0.03 * rng.standard_normal((len(heat), 3))) * DEG
+    force = np.tile([0.0, 0.0, -G], (len(heat), 1))
+    return rest_from_samples(Samples(np.round(t_s * 1e9).astype(np.int64), gyro, force, Sound()(reading)))
+
+
+def slopes_of(log: RestLog) -> list[tuple[str, float, float]]:
+    """Of each axis what is claimed, slope at 40 degC and its sigma, dps per degC."""
+    knots = make_knots([log], sweeps_of(log.temp_c))
+    found = []
+    for axis in range(3):
+        fit = fit_axis(knots, log.gyro[:, axis])
+        if fit.order:
+            away = (ABOUT_C - knots.reference_c) ** np.arange(fit.order) * np.arange(1, fit.order + 1)
+            slope, sigma = away @ fit.terms[1:], np.sqrt(away @ fit.covariance[1:-1, 1:-1] @ away)
+            found.append(("line" if fit.order == 1 else "curve", float(slope) / DEG, float(sigma) / DEG))
+        else:
+            assert fit.line is not None
+            found.append(("either" if fit.line.or_walk else "constant", fit.line.slope / DEG, fit.line.sigma / DEG))
+    return found
+
+
+def steps(seeds: int) -> None:
+    print(f"{'':40} line, curve, line or walk, constant; within 1 / 2 sigmas, rms; sigma, dps/°C ({3 * seeds} axes each)")
+    total = []
+    for path in PATHS:
+        for thermometer in THERMOMETERS:
+            rows = [row for seed in range(seeds) for row in zip(slopes_of(read_out(seed, path, thermometer)), SLOPES, strict=True)]
+            z = np.array([(slope - truth) / sigma for (_, slope, sigma), truth in rows])
+            total.append(z)
+            sigma, says = np.median([row[0][2] for row in rows]), claims([row[0] for row in rows])
+            print(f"{f'{path}; {thermometer}':40} {says}  {shares(z)}; {sigma:.1e}", flush=True)
+    print(f"{'all':40} {shares(np.concatenate(total))}")
+
+
+def walks(seeds: int) -> None:
+    print(f"{'':40} line, curve, line or walk, constant; slope 0 within 1 / 2 sigmas, rms ({3 * seeds} axes each)")
+    for path in PATHS:
+        for thermometer in ("0.01 °C", "1 °C, 5 % fail"):
+            for walk, size in WALKS.items():
+                rows = [row for seed in range(seeds) for row in slopes_of(read_out(seed, path, thermometer, (0.0, 0.0, 0.0), size))]
+                z = np.array([slope / sigma for _, slope, sigma in rows])
+                print(f"{f'{path}; {thermometer}; walk {walk}':60} {claims(rows)}  {shares(z)}", flush=True)
+
+
+def claims(rows: list[tuple[str, float, float]]) -> str:
+    return "  ".join(f"{sum(row[0] == kind for row in rows):3}" for kind in ("line", "curve", "either", "constant"))
+
+
+def shares(z: np.ndarray) -> str:
+    return f"{np.mean(np.abs(z) < 1):.2f} / {np.mean(np.abs(z) < 2):.2f}, {np.sqrt(np.mean(z**2)):.2f}"
+
+
 def knots(seeds: int) -> None:
     for count in (80, 160, 320):
         axis_fit.MOST_KNOTS = count
@@ -107,7 +205,7 @@ def knots(seeds: int) -> None:
 
 if __name__ == "__main__":
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("part", choices=("cover", "nulls", "knots"))
+    arguments.add_argument("part", choices=("cover", "nulls", "knots", "steps", "walks"))
     arguments.add_argument("--seeds", type=int, default=100)
     chosen = arguments.parse_args()
-    {"cover": cover, "nulls": nulls, "knots": knots}[chosen.part](chosen.seeds)
+    {"cover": cover, "nulls": nulls, "knots": knots, "steps": steps, "walks": walks}[chosen.part](chosen.seeds)

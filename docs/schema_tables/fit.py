@@ -225,6 +225,9 @@ def _axis(unit: str) -> dict:
         f"held_out_constant_{unit}": maybe(SIZE),
         f"left_{unit}": SIZE,
         f"turn_on_{unit}": maybe(SIZE),
+        f"line_{unit}": maybe(NUMBER),
+        f"line_std_{unit}": maybe(SIZE),
+        "line_or_walk": FLAG,
         "hysteresis": {"before": swing, "after": swing},
     }
 

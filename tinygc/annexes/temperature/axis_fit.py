@@ -363,6 +363,16 @@ BY_CHANCE = 0.001
 ORDERS = (0, 1, 2, 3, 4, 5)
 
 
+@dataclass(frozen=True)
+class Line:
+    """slope and sigma, SI per degC, of the straight line that a constant may hide, in the noise that the constant leaves; or_walk: whether
+    it shows beside the noise that the line itself leaves, so that the constant's walk or the line is there, and which is not told."""
+
+    slope: float
+    sigma: float
+    or_walk: bool
+
+
 @dataclass(frozen=True, eq=False)
 class AxisFit:
     """zero(T) = sum_n terms[n] (T_e - reference)^n, SI, T_e the element's temperature by ``tau_s``.
@@ -370,7 +380,7 @@ class AxisFit:
     terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; examined: candidates and
     their scores; held_out: rms error of predicting held-out sweeps, the model's remaining uncertainty; left: rms of the fit's residuals;
     p_value: of no dependence on temperature; noise: besides it; hysteresis: of the polynomial alone, and with the lag (None: the
-    temperature changed in one direction only); turn_on: scatter of the logs' zeros, NaN of one log.
+    temperature changed in one direction only); turn_on: scatter of the logs' zeros, NaN of one log; line: of a constant over a range.
     """
 
     terms: np.ndarray
@@ -384,6 +394,7 @@ class AxisFit:
     hysteresis_before: Hysteresis | None
     hysteresis_after: Hysteresis | None
     turn_on: float
+    line: Line | None = None
 
     @property
     def order(self) -> int:
@@ -434,8 +445,10 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     if needed < chosen.order:
         chosen = Candidate(needed, chosen.lagged and needed > 0)
         tau = tau if chosen.lagged else 0.0
+    line = None
     if not needed:
         noise = about(knots, y, V, white, 0)
+        line = line_in(knots, y, V, white, noise, unit) if 1 in orders else None
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
     plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
@@ -455,7 +468,16 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
         hysteresis_before=hysteresis_of(knots, plain * unit, noise.C * unit**2),
         hysteresis_after=hysteresis_of(knots, residual * unit, noise.C * unit**2),
         turn_on=float(np.std(zeros, ddof=1)) * unit if len(zeros) > 1 else float("nan"),
+        line=line,
     )
+
+
+def line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: Coloured, unit: float) -> Line:
+    """The line of an axis whose zero is taken as constant; noise: of the constant; unit: SI per unit of y."""
+    straight, per_c = Candidate(1, False), unit / knots.half_c
+    coefficients, covariance = solve(knots, y, noise, 0.0, straight)
+    p_value = by_chance(*solve(knots, y, about(knots, y, V, white, 1), 0.0, straight), len(knots.logs), 0, 1)
+    return Line(float(coefficients[-1]) * per_c, float(np.sqrt(covariance[-1, -1])) * per_c, p_value < BY_CHANCE)
 
 
 def most_order(knots: Knots) -> int:

@@ -124,6 +124,7 @@ def _scale(fit: ThermalFit, axes: Axes) -> None:
 
 #: sigmas above which a hysteresis is reported
 SEEN = 3.0
+LINE_OR_WALK = "line or walk"
 ORDERS = ("constant", "straight line", "parabola", "cubic", "order 4", "order 5")
 
 
@@ -192,10 +193,13 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
     )
     for axis, fit in zip("xyz", fits, strict=True):
         slope = pm(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
+        model = ORDERS[fit.order]
+        if fit.line is not None:
+            slope, model = pm(fit.line.slope / unit, fit.line.sigma / unit), LINE_OR_WALK if fit.line.or_walk else model
         lag = pm(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
         held = [f"{value / unit:.2g}" if np.isfinite(value) else "–" for value in (fit.held_out_of(0, False), fit.held_out)]
         zero = pm(fit.terms[0] / unit, fit.sigma[0] / unit)
-        table.add_row(axis, ORDERS[fit.order], zero, slope, lag, f"{_extent(rests, fit) / unit:.3g} {word}", *held)
+        table.add_row(axis, model, zero, slope, lag, f"{_extent(rests, fit) / unit:.3g} {word}", *held)
     by = "sweeps" if fits[0].examined.by == "sweeps" else "stretches of time"
     table.caption = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
     table.caption_justify = "left"
@@ -204,7 +208,7 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
 
 def _extent(rests: RestFit, fit: AxisFit) -> float:
     if not fit.order:
-        return 0.0
+        return abs(fit.line.slope) * float(np.ptp(rests.range_c)) if fit.line is not None and fit.line.or_walk else 0.0
     at = np.linspace(*rests.range_c, 200) - rests.knots.reference_c
     return float(np.ptp(np.polynomial.polynomial.polyval(at, fit.terms)))
 
@@ -237,6 +241,11 @@ def remarks(fit: ThermalFit) -> list[str]:
 
 def _of_rests(rests: RestFit) -> list[str]:
     said = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
+    said += [
+        f"{axis}: line {pm(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C or walk: not told apart, and the model takes off neither."
+        for axis, fit in zip("xyz", rests.gyro, strict=True)
+        if fit.line is not None and fit.line.or_walk
+    ]
     ways = {sweep.direction for sweep in rests.sweeps}
     if rests.sweeps and len(ways) == 1:
         said.append(
@@ -394,6 +403,9 @@ def _axis(axis: str, fit: AxisFit, unit: float, word: str) -> dict:
         f"held_out_constant_{word}": _number(fit.held_out_of(0, False) / unit),
         f"left_{word}": fit.left / unit,
         f"turn_on_{word}": _number(fit.turn_on / unit),
+        f"line_{word}": None if fit.line is None else fit.line.slope / unit,
+        f"line_std_{word}": None if fit.line is None else fit.line.sigma / unit,
+        "line_or_walk": fit.line is not None and fit.line.or_walk,
         "hysteresis": {
             name: None if found is None else _hysteresis_table(found, unit, word)
             for name, found in (("before", fit.hysteresis_before), ("after", fit.hysteresis_after))

@@ -3,10 +3,9 @@
 Every session runs through the whole loop, on a virtual table of three axes with a virtual board on it: guide, stills found in the samples,
 driver and settling times.  Only who chooses the next move differs:
 
-    computed    the coach, by what is still uncertain after what was recorded, and by the end of the session behind each move
-    greedy      the same by the gain of each move alone
-    best fixed  one sequence for all units, which the coach chooses beforehand by the end of the session, of the data sheet's noise; from
-                its end it goes back, and begins again
+    computed    the coach, by what is still uncertain after what was recorded
+    fixed       one sequence for all units, which the coach chooses beforehand, of the data sheet's noise; from its end it goes back, and
+                begins again
 
 Sigmas are those of ``parameter_covariance`` on the recorded session, in units of their targets; the largest of the twelve is shown.  The
 units' noise is between half and twice the data sheet's.
@@ -19,7 +18,6 @@ import itertools
 import sys
 import tempfile
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +41,7 @@ from tinygc.planning.coach import Coach
 from tinygc.planning.proposals import TARGETS
 from tinygc.simulation.options import SimulationOptions
 
-STRATEGIES = ("computed", "greedy", "best fixed")
+STRATEGIES = ("computed", "fixed")
 MINUTES = (0.5, 1.0, 1.5, 2.0, 3.0)
 TABLE = table_recordings.table_toml("outer", "middle", "inner")
 #: turns before which too little is seen for a covariance
@@ -71,10 +69,10 @@ def bench(folder: str, seed: int) -> table_recordings.Bench:
 
 
 def beforehand() -> list[tuple[AxisMove, ...]]:
-    """The best fixed sequence."""
+    """The fixed sequence."""
     with tempfile.TemporaryDirectory() as folder:
         moves = TableMoves(bench(folder, 0).description, np.zeros(3), HOLD_STILLS * Protocol().still_s)
-    return [turn.moves for turn in Coach(machine=moves).rehearse(False, ahead=True).turns]
+    return [turn.moves for turn in Coach(machine=moves).rehearse(False).turns]
 
 
 def one(job: tuple[str, int, int, list[tuple[AxisMove, ...]]]) -> list[tuple[float, float]]:
@@ -86,10 +84,10 @@ def one(job: tuple[str, int, int, list[tuple[AxisMove, ...]]]) -> list[tuple[flo
     def each(guide, mover) -> None:
         mover._moves = scripted
 
-    table_recordings.Coach = partial(Coach, ahead=strategy == "computed") if strategy != "best fixed" else lambda machine: None
+    table_recordings.Coach = Coach if strategy != "fixed" else lambda machine: None
     with tempfile.TemporaryDirectory() as folder:
         table = bench(folder, seed)
-        _, said = table.record(segments, each=each if strategy == "best fixed" else None)
+        _, said = table.record(segments, each=each if strategy == "fixed" else None)
         problem = build_problem(read_session(table.folder))
     times_s, found = [change.at_s for change in said.changes if change.kind is Kind.ACCEPTED], []
     for count in range(FEWEST, min(len(times_s), len(problem.used)) + 1):

@@ -8,7 +8,6 @@ from the present attitude.
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,7 +23,6 @@ from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.models import linear
 from tinygc.planning import turns as accel
-from tinygc.planning.lookahead import Place, Rated, soonest
 from tinygc.planning.proposals import TARGETS, parameter_words
 from tinygc.planning.turns import EIGHTHS, QUARTERS, OwnAccelerometer, Turn, as_known, columns, ends, length_information, turns_from
 
@@ -61,6 +59,15 @@ class _Seen:
     own: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a session stands: information (P, P) in units of the targets; force (3,) m/s^2 and angles (K,) rad, None: the present ones."""
+
+    information: np.ndarray
+    force: np.ndarray
+    angles: np.ndarray | None
+
+
 class Turnable(Protocol):
     """A machine whose moves the coach chooses from, instead of the turns that an operator can make."""
 
@@ -87,14 +94,12 @@ class Coach:
 
     targets (12,) of the gyroscope's parameters.  machine: what turns the table, None: an operator.  Of a machine the gain per time counts,
     and what none of its turns shows does not.
-    ahead: choose its turns by the end of the session, while it moves (``lookahead``), instead of by the gain of each.
     """
 
     def __init__(
         self,
         targets: np.ndarray = TARGETS,
         machine: Turnable | None = None,
-        ahead: bool = True,
     ):
         self._gyro_targets, self._machine = targets, machine
         self._seen: dict[int, _Seen] = {}
@@ -103,12 +108,9 @@ class Coach:
         self._zero_rps = np.zeros(3)  # of a machine's session: what the gyroscope reads at rest, which its scales multiply
         self._columns: dict[bytes, np.ndarray] = {}  # of a machine's turns, by where they begin and what they are
         self._turns: dict[int, tuple[list[Turn], bytes]] = {}  # the key of each list of turns, by its identity
-        self._ahead: Future[list[Turn]] | None = None  # the turns from the end of the present one
-        self._thinks = ThreadPoolExecutor(1, thread_name_prefix="lookahead") if machine is not None and ahead else None
 
     def __call__(self, progress: Progress) -> Advice:
         """Return advice from all segments so far (at least one)."""
-        kept = [] if self._ahead is None else self._ahead.result()
         self.look(progress)
         sigma = self.sigma
         worst = np.argsort(-sigma)
@@ -123,7 +125,7 @@ class Coach:
             return Advice("", reason, reached=True, sigmas=_named(sigma), moves=beyond)
         # The board lies as in the last still, which need not be the end of an accepted turn.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
-        turn = self._next_turn(lies.accel_mean, kept)
+        turn = self.best_turn(lies.accel_mean)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
         moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad, words) for part, words in zip(turn.parts, turn.steps, strict=True))
         return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), turn.moves)
@@ -136,18 +138,17 @@ class Coach:
             return np.zeros(len(self.targets), dtype=bool)
         return _stalled(self._sigma_of(count // 2), self.sigma, count)
 
-    def rehearse(self, own: bool, most: int = MOST_TO_GO, ahead: bool = False) -> Rehearsal:
+    def rehearse(self, own: bool, most: int = MOST_TO_GO) -> Rehearsal:
         """Choose turn after turn of the machine, before any was made; own: whether the accelerometer is not calibrated.  It ends
-        where every target is met.  ahead: choose each by the end of the session (``lookahead``), instead of its own gain."""
+        where every target is met."""
         alone = Coach(self._gyro_targets, machine=self._machine)
         alone._own, alone._zero_rps = as_known(None, ()) if own else None, self._zero_rps
         prior = np.concatenate([linear.PRIOR_SIGMA, accel.PRIOR_SIGMA]) if own else linear.PRIOR_SIGMA
-        place = Place(np.diag((alone.targets / prior) ** 2), np.array([0.0, 0.0, -G]), None)
-        turns, sigmas, kept = list[Turn](), list[np.ndarray](), list[Turn]()
+        place = _Place(np.diag((alone.targets / prior) ** 2), np.array([0.0, 0.0, -G]), None)
+        turns, sigmas = list[Turn](), list[np.ndarray]()
         while len(turns) < most and not (sigmas and sigmas[-1].max() <= 1):
-            kept = soonest(alone._rated, place, kept[1:]) if ahead else []
-            turn, rows = alone._rated(place).first(kept)
-            place = place.after(turn, rows)
+            turn, rows = alone._best(place)
+            place = _Place(place.information + rows.T @ rows, turn.carries(place.force), turn.angles)
             turns.append(turn)
             sigmas.append(np.sqrt(np.diag(np.linalg.inv(place.information))))
         return Rehearsal(tuple(turns), tuple(sigmas))
@@ -201,26 +202,15 @@ class Coach:
 
     def best_turn(self, measured: np.ndarray) -> Turn:
         """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
-        return self._rated(self._place(measured)).first()[0]
+        return self._best(self._place(measured))[0]
 
-    def _next_turn(self, measured: np.ndarray, kept: list[Turn]) -> Turn:
-        """Return the best turn, or of a machine the first of those kept; the turns after it are chosen while the machine moves."""
-        if self._machine is None:
-            return self.best_turn(measured)
-        place = self._place(measured)
-        turn, rows = self._rated(place).first(kept)
-        # An accelerometer that is not calibrated yet changes all rows with each still: no sequence is worth keeping.
-        if self._thinks is not None and self._own is None:
-            self._ahead = self._thinks.submit(soonest, self._rated, place.after(turn, rows), kept[1:])
-        return turn
-
-    def _place(self, measured: np.ndarray) -> Place:
+    def _place(self, measured: np.ndarray) -> _Place:
         """The present place, where the accelerometer reads ``measured`` (3,) m/s^2."""
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
-        return Place(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force, None)
+        return _Place(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force, None)
 
-    def _rated(self, place: Place) -> Rated:
-        """Rate all turns from a place.
+    def _best(self, place: _Place) -> tuple[Turn, np.ndarray]:
+        """Return the best rated turn from a place, and its rows (2 or 3, P).
 
         The gain of a turn is the logarithm of what it makes of the criterion, and counts by its time.
         """
@@ -247,7 +237,8 @@ class Coach:
         else:
             criterion = np.log((left[:, shown] ** (sharpness / 2)).sum(-1))
         rating = (criterion[0] - criterion[1:]) / np.array([turn.cost_s for turn in turns])
-        return Rated(turns, rows, rating, bool(sigma[shown].max() <= 1))
+        best = int(np.argmax(rating))
+        return turns[best], rows[best]
 
     def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
         """Return rows (M, 2 or 3, P) of each turn over its noise: its two angles, and the length of gravity in the still after it."""

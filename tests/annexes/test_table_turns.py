@@ -1,69 +1,14 @@
-"""A machine's lookahead: it finds ends that a greedy choice misses, keeps what it has, and rates turns by the table's kinematics."""
+"""The coach rates a machine's turns by the table's kinematics."""
 
 import numpy as np
 import pytest
 
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.kinematics import attitudes
-from session.bench.messages import AxisMove
 from session.io.units import DEG, G
 from tinygc.annexes.machines.planner import TableMoves
 from tinygc.planning.coach import Coach
-from tinygc.planning.lookahead import Place, Rated, followed, soonest, to_the_end
-from tinygc.planning.turns import Turn, TurnPart
-
-START = Place(np.eye(1) * 1e-6, np.array([0.0, 0.0, -G]), np.zeros(1))
-
-
-def turn(angle: float, cost_s: float) -> Turn:
-    """A turn to an angle of the one axis."""
-    part = TurnPart(np.array([1.0, 0, 0]), 1.0, cost_s, "", np.array([0.0, 0, 1]))
-    return Turn(part, (part,), cost_s, (AxisMove(0, angle, 1.0),), np.array([angle]))
-
-
-#: from each angle: turns with their information of the one parameter, 1 is enough; the richest first turn leads into a poor place
-GRAPH = {0.0: [(1.0, 2.0, 0.6), (2.0, 2.0, 0.5)], 1.0: [(1.5, 10.0, 0.1)], 1.5: [(1.0, 10.0, 0.5)], 2.0: [(0.0, 2.0, 0.5)]}
-
-
-def rate(place: Place) -> Rated:
-    """Greedy by information per time."""
-    here = GRAPH[float(place.angles[0])]
-    turns = [turn(angle, cost_s) for angle, cost_s, _ in here]
-    rows = np.sqrt([[[information]] for *_, information in here])
-    return Rated(turns, rows, np.array([gain / cost_s for _, cost_s, gain in here]), bool(place.information[0, 0] >= 1))
-
-
-def angles_of(turns):
-    """Where each turn ends."""
-    return [float(each.angles[0]) for each in turns]
-
-
-def test_it_ends_sooner_than_the_greedy_choice():
-    greedy, greedy_s = to_the_end(rate, START)
-    assert angles_of(greedy) == [1.0, 1.5, 1.0]
-    assert greedy_s == 22.0
-    assert angles_of(soonest(rate, START, [])) == [2.0, 0.0]
-
-
-def test_kept_turns_are_followed_and_only_given_up_for_a_sooner_end():
-    kept = [turn(2.0, 2.0), turn(0.0, 2.0)]
-    assert followed(rate, START, kept)[1] == 4.0
-    assert angles_of(soonest(rate, START, kept)) == [2.0, 0.0]
-    assert angles_of(soonest(rate, START, [turn(1.0, 2.0)])) == [2.0, 0.0]
-
-
-def test_turns_that_are_not_needed_or_not_there_are_not_followed():
-    done = Place(np.eye(1), START.force, START.angles)
-    assert followed(rate, done, [turn(2.0, 2.0)]) == ([], 0.0)
-    assert soonest(rate, done, [turn(2.0, 2.0)]) == []
-    assert angles_of(followed(rate, START, [turn(7.0, 1.0)])[0]) == [1.0, 1.5, 1.0]
-
-
-def test_without_an_end_nothing_is_kept():
-    def poor(place: Place) -> Rated:
-        return Rated([turn(0.0, 1.0)], np.zeros((1, 1, 1)), np.zeros(1), False)
-
-    assert soonest(poor, START, []) == []
+from tinygc.planning.turns import Turn
 
 
 def axis(name, direction, limit_deg=None):

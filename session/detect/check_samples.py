@@ -15,6 +15,7 @@ from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
 from session.detect.findings import Correction, Finding, axes_text
 from session.detect.segments import Ends, why_broken
+from session.detect.stamp_errors import angle_rms, stamp_errors
 from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
 from session.io.folder import Session
@@ -53,8 +54,7 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
 def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Finding]:
     """Gaps, and the jitter of the stamps.
 
-    A stamp wrong by e misplaces e times the change of rate around it, (m[k+1] - m[k-1]) / 2; over a segment these add up as a
-    random walk.  It matters where it exceeds the gyro's own: angle random walk x sqrt(duration).
+    What the stamps' errors make of a turn matters where it exceeds the gyro's own: angle random walk x sqrt(duration).
     """
     samples, where = log.samples, log.path.name
     pace = samples.pace
@@ -65,18 +65,24 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
         steps = steps[~gaps]
     single = pace.missing(steps)
     findings = [_gaps(samples, gaps, lost, single, where)]
-    # A step of two periods is no jitter where a sample is missing.
-    share = single / max(int(np.count_nonzero(~gaps)), 1)
-    jitter = float(np.sqrt(max(steps.var() - share * (1 - share) * period**2, 0.0) / 2))
-    square = sum((np.sum(((part[2:] - part[:-2]) / 2) ** 2, axis=0) for _, part in pieces(samples.gyro, overlap=2)), np.zeros(3))
-    angle = float(np.sqrt((square / (len(samples) - 2)).max() * segment_s / period)) * jitter if len(samples) > 2 else 0.0
-    floor = noise_floor(noise, segment_s)
-    says = f"{jitter * 1e6:.1f} us rms ({jitter / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
+    if len(samples) < 3:
+        return findings
+    errors, floor = stamp_errors(samples, segment_s), noise_floor(noise, segment_s)
+    whole = angle_rms(samples, errors, segment_s)
+    angle = whole * sqrt(errors.share)
+    says = f"{errors.scatter_s * 1e6:.1f} us rms ({errors.scatter_s / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
     if np.isfinite(floor):
         says += f", noise {floor / DEG:.4f}"
     if angle > floor:
-        do = "stamp with the sensor's or the board's clock, not on arrival"
+        grid = errors.grid_s**2 / 12 > errors.scatter_s**2 / 2
+        says = f"stamps in steps of {errors.grid_s * 1e3:g} ms, {says}" if grid else f"stamps come early and late, {says}"
+        do = f"import the log with --even, which counts the samples along their stamps and takes {(whole / DEG):.2g} deg off a turn"
+        do += "; a fit weighs them as they are; stamp with the sensor's or the board's clock, not on arrival"
         findings.append(Finding("warning", where, "jitter", says, do))
+    elif whole > floor:
+        follow = "the readings go along: samples were taken when their stamps say" if errors.told else "whether the stamps err is not told"
+        says += f"; {whole / DEG:.4f} if all of it were error: {follow}"
+        findings.append(Finding("ok" if errors.told else "note", where, "jitter", says))
     else:
         findings.append(Finding("ok", where, "jitter", says))
     return findings

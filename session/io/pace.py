@@ -57,14 +57,20 @@ def pace_of(t_ns: np.ndarray) -> Pace:
     if not len(steps):
         return Pace(np.nan)
     fine = _confirmed(steps)
-    short = np.count_nonzero(steps < (1 - OFF) * fine)
-    long = np.count_nonzero((steps > (1 + OFF) * fine) & (steps <= GAP_PERIODS * fine))
-    late = long - short < LOST_SIGMA * np.sqrt(2 * short)  # steps of two periods are as likely late stamps as lost samples
+    gap = steps > GAP_PERIODS * fine
+    each = float(steps.mean(where=~gap))
+    # Where stamps are late by half a period, some steps count as none and the period comes out too short: then the mean tells.
+    late = _late(steps, fine) or (float(steps.min()) < each / 2 and _late(steps, each))
     if not (late or (_even(steps, fine) and np.gcd.reduce(steps) >= fine / 2)):
         return Pace(fine * NS)
-    gap = steps > GAP_PERIODS * fine
-    each = float(steps[~gap].mean())
     return Pace(float(steps.sum()) / float(np.where(gap, np.rint(steps / each), 1.0).sum()) * NS, coarse=True)
+
+
+def _late(steps: np.ndarray, period: float) -> bool:
+    """Whether steps of two periods are as likely late stamps as lost samples."""
+    short = np.count_nonzero(steps < (1 - OFF) * period)
+    long = np.count_nonzero((steps > (1 + OFF) * period) & (steps <= GAP_PERIODS * period))
+    return bool(long - short < LOST_SIGMA * np.sqrt(2 * short))
 
 
 def _confirmed(steps: np.ndarray) -> float:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from session.io.errors import DataError
-from session.io.numeric import MEDIAN_SIGMAS
+from session.io.numeric import MEDIAN_SIGMAS, runs_of
 from session.io.pace import GAP_PERIODS
-from session.io.units import NS_PER_S
+from session.io.units import NS, NS_PER_S
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
 
@@ -141,6 +142,27 @@ def fresh(t_ns: np.ndarray) -> np.ndarray:
     later = np.ones(len(t_ns), dtype=bool)
     np.greater(t_ns[1:], t_ns[:-1], out=later[1:])
     return later
+
+
+# Gaps among stamps that are late by chance: what came late is caught up, what is lost never is.
+
+#: samples on either side of a step, of which the least delayed counts: a burst of a telephone is over after 5 to 20
+WINDOW = 32
+#: of a period: a step that lasts and is larger has lost samples
+LASTS = 1.5
+
+
+def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (G,) after which samples are lost, and by how much longer than a period each such step is, (G,) s, for stamps (N,) ns."""
+    if len(t_ns) <= 2 * WINDOW:
+        steps = np.diff(t_ns) * NS
+        rows = np.flatnonzero(steps > (1 + lasts) * period_s)
+        return rows, steps[rows] - period_s
+    least = sliding_window_view((t_ns - t_ns[0]) * NS - period_s * np.arange(len(t_ns)), WINDOW).min(axis=1)
+    # Row i + WINDOW - 1 is the last one of window i, and the first of the window behind it is the next row.
+    jumps = least[WINDOW:] - least[:-WINDOW]
+    firsts = runs_of(jumps > lasts * period_s)[0]
+    return firsts + WINDOW - 1, np.array([jumps[first : first + WINDOW].max() for first in firsts])
 
 
 #: of the mean step: a shorter one is a burst's, and the share of them from which on stamps are those of bursts

@@ -10,6 +10,7 @@ import numpy as np
 from session.detect.dials import without_wrong_dials
 from session.detect.events import Impact, find_impacts
 from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
+from session.detect.stamp_errors import stamp_errors
 from session.detect.stills import SessionStills, Still
 from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session
@@ -308,12 +309,14 @@ def build_problem(
     batch = chain.pick(used).trimmed()
     accepted = [segment for segment in segments if segment.accepted]
     at = attitudes(batch, fit.model(batch.rate))
+    stamps = [stamp_errors(log.samples, session.config.protocol.segment_s) for log in logs]
     floor = closure_floor(
         batch,
         at,
         [segment.stills for segment in accepted],
         [logs[segment.log].noise for segment in accepted],
         session.config.protocol.dial_sigma_deg * DEG,
+        [stamps[segment.log] for segment in accepted],
     )
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     about = directions(batch, at[:, -1])

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from session.detect.stamp_errors import StampErrors, moved_by_stamps
 from session.detect.stills import Noise, Still
 from session.io.config import Sensor
 from session.io.units import DEG_PER_HOUR
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.least_squares import solve_lower
-from tinygc.closure.residual import Batch, directions
+from tinygc.closure.residual import Batch, directions, parts
 from tinygc.closure.stills import StillSet
 
 # The floor: closure residuals expected from sensor noise alone, bias instability included.
@@ -127,8 +128,10 @@ def _over_both(t: np.ndarray, span: np.ndarray, i: np.ndarray, j: np.ndarray) ->
 
 #: causes of parts of a floor
 GYRO_NOISE, ACCEL_NOISE = "white noise of the gyroscope", "white noise of the accelerometer"
-DIALS, STOPS, TRUTH = "dials", "known angles of turns", "truth file"
+DIALS, STOPS, TRUTH, STAMPS = "dials", "known angles of turns", "truth file", "rounding and jitter of the stamps"
 SINGLE_SEGMENTS = "bridged readings and impacts"
+#: of the gyroscope's variance: errors of the stamps that add less are left out
+COUNTS = 1e-3
 #: rad^2 of an unknown angle: its residual and columns are 0, so any value larger than the measured ones will do
 UNKNOWN_RAD2 = 1.0
 
@@ -139,8 +142,8 @@ class Floor:
 
     tilt_excess: factor on the tilt's sigma, estimated from the residuals.  It changes the weights, not the covariance: otherwise tilts with
     too small a sigma would outweigh turns of known angle.  wider (S, d, d): the part of ``own`` that is not noise but the uncertainty of
-    single segments (bridged readings, impacts), or None.  references: parts of ``own`` and ``shared`` that the references give, by cause;
-    the gyroscope's white noise is the rest (``parts``).
+    single segments (bridged readings, impacts), or None.  references: parts of ``own`` and ``shared`` that references and stamps give, by
+    cause; the gyroscope's white noise is the rest (``parts``).
     """
 
     own: np.ndarray
@@ -213,9 +216,14 @@ def still_tilt_variance(still: Still, noise: Noise) -> float:
 
 
 def closure_floor(
-    batch: Batch, attitudes: np.ndarray, ends: list[tuple[Still, Still]], noises: list[Noise], dial_sigma_rad: float
+    batch: Batch,
+    attitudes: np.ndarray,
+    ends: list[tuple[Still, Still]],
+    noises: list[Noise],
+    dial_sigma_rad: float,
+    stamps: Sequence[StampErrors] = (),
 ) -> Floor:
-    """Floor of S segments with attitudes (S, T, 4), the stills at their ends, and the noise of each segment's log.
+    """Floor of S segments with attitudes (S, T, 4), the stills at their ends, the noise and the stamps' errors of each segment's log.
 
     Tilt has the accelerometer's white noise (including quantisation), a known yaw the dial's sigma, a known turn angle the stop's.
     Residual errors of the accelerometer's pre-calibration are not included, since they are not known.
@@ -239,6 +247,10 @@ def closure_floor(
             accel.shared[i, [0, 1], [0, 1]] = -end
             if batch.yaw_known:
                 references[DIALS].shared[i, 2, 2] = -(dial_sigma_rad**2)
+    late = stamp_variance(batch, attitudes, stamps) if stamps else np.zeros((len(batch), 3, 3))
+    if np.trace(late, axis1=1, axis2=2).sum() > COUNTS * np.trace(own, axis1=1, axis2=2).sum():
+        late = (axes @ late @ axes.transpose(0, 2, 1))[:, : batch.angles, : batch.angles]
+        references[STAMPS] = Floor(late, none)
     own = sum((part.own for part in references.values()), own)
     shared = sum((part.shared for part in references.values()), none)
     return Floor(own, shared, references=references)
@@ -250,6 +262,18 @@ def gyro_variance(batch: Batch, attitudes: np.ndarray, noises: list[Noise]) -> n
     turn = rotation.matrix(attitudes)
     walk = np.array([noise.angle_random_walk for noise in noises]) ** 2
     return np.einsum("st,stij,sj,stkj->sik", weights, turn, walk, turn, optimize=True)
+
+
+def stamp_variance(batch: Batch, attitudes: np.ndarray, stamps: Sequence[StampErrors]) -> np.ndarray:
+    """(S, 3, 3) rad^2, table axes: what the errors of the stamps of each segment's log make of its end, with attitudes (S, T, 4)."""
+    found = np.zeros((len(batch), 3, 3))
+    for some in parts(len(batch)):
+        q_tb, dt = attitudes[some], batch.dt[some]
+        step = 2 * rotation.multiply(q_tb[:, 1:], rotation.conjugate(q_tb[:, :-1]))[..., 1:]  # small, so its vector is twice this
+        moved = moved_by_stamps(step / np.where(dt > 0, dt, np.inf)[..., None])
+        for i, errors in enumerate(stamps[some]):
+            found[some.start + i] = errors.variance(moved[i : i + 1])[0]
+    return found
 
 
 # Allan deviation (IEEE 952, annex C), and the bias instability that the uncertainties use.

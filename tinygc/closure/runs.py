@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.detect.segments import RETURN_RAD, run_ends
+from session.detect.stamp_errors import stamp_errors
 from session.detect.stills import Still
 from session.io.errors import DataError
 from session.io.folder import Session
@@ -16,7 +17,7 @@ from session.io.units import DEG, NS
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, unseen_covariance, vertical_only
-from tinygc.closure.floor import gyro_variance, still_tilt_variance
+from tinygc.closure.floor import gyro_variance, stamp_variance, still_tilt_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.closure.stills import goes_on
@@ -107,6 +108,8 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     attitudes = closure.attitudes(bare, problem.first(bare.rate))
     batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
     variance = np.diagonal(gyro_variance(batch, attitudes, [problem.noise])[0]).copy()
+    stamps = stamp_errors(samples, session.config.protocol.segment_s)
+    variance += np.diagonal(stamp_variance(batch, attitudes, [stamps])[0])
     variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
     pause_s = float(samples.t_ns[0] - problem.logs[-1].samples.t_ns[-1]) * NS
     for bridge in (each for each in log.bridges if rows.start <= each.row < rows.stop):

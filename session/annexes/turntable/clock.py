@@ -13,18 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
-from session.io.numeric import runs_of
-from session.io.stamps import COARSE
+from session.io.stamps import COARSE, WINDOW, lasting_gaps
 from session.io.units import NS
 
-#: samples on either side of a step, of which the least delayed counts: a burst of a telephone is over after 5 to 20
-WINDOW = 32
 #: samples over which the period is measured, where there are four times as many: bursts are short beside
 LAG = 512
-#: of a period: stamps that are closer were not taken so; a step that lasts and is larger has lost samples
-CLOSE, LASTS = 0.5, 1.5
+#: of a period: stamps that are closer were not taken so
+CLOSE = 0.5
 #: of a period: an interval that is longer is a gap.  Stamps in steps of a display's 60 Hz make up to twice a period of 50 Hz
 GAP = 3.0
 
@@ -55,11 +51,7 @@ def sample_times(t_ns: np.ndarray) -> SampleTimes:
     period_s = float(np.median(t_s[lag:] - t_s[:-lag])) / lag
     if np.mean(steps < CLOSE * period_s) <= COARSE:
         return SampleTimes(t_s, period_s, *_gaps(steps, period_s), bursts=False)
-    least = sliding_window_view(t_s - period_s * np.arange(len(t_s)), WINDOW).min(axis=1)
-    # Row i + WINDOW - 1 is the last one of window i, and the first of the window behind it is the next row.
-    jumps = least[WINDOW:] - least[:-WINDOW]
-    firsts = runs_of(jumps > LASTS * period_s)[0]
-    rows, lost_s = firsts + WINDOW - 1, np.array([jumps[first : first + WINDOW].max() for first in firsts])
+    rows, lost_s = lasting_gaps(t_ns, period_s)
     even = t_s.copy()
     for start, stop in zip([0, *(rows + 1)], [*(rows + 1), len(t_s)], strict=True):
         if stop - start > WINDOW:

@@ -14,7 +14,7 @@ from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc.annexes.budget.rows import Beside, Budget, budget_of
 from tinygc.annexes.budget.use import DRIFT_SINCE, USUAL_SWITCH_ON, Use, axes_and_total, model_of, motion_in, sources_in_use
 from tinygc.attitude.earth import unseen_covariance
-from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STOPS, TRUTH
+from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, STOPS, TRUTH
 from tinygc.closure.motion import Motion
 from tinygc.closure.problem import GRAVITY
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
@@ -177,6 +177,8 @@ def source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
     }
     if problem.batch.turns is not None:
         found[STOPS] = (float(np.sqrt(np.nanmean(problem.batch.turns.sigma_rad**2))) / DEG, "°")
+    if (late := problem.floor.references.get(STAMPS)) is not None:
+        found[STAMPS] = (float(np.sqrt(np.mean(late.own[:, 0, 0] + late.own[:, 1, 1]))) / DEG, "°")
     if problem.widened:
         found[SINGLE_SEGMENTS] = (float(np.sqrt(np.mean([each.sigma_rad**2 for each in problem.widened]))) / DEG, "°")
     if result.noise is not None:

@@ -1,0 +1,150 @@
+"""Errors of the stamps: how they scatter about an even clock, and how much of that the readings went along with.
+
+A stamp that is off by e misplaces e times the change of the rate around it, whether it was rounded or came late.  A clock that truly ticks
+unevenly does no harm: the readings are then those of the uneven moments, and show it wherever the rate changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from session.detect.bridging import short_gaps
+from session.io.pace import GAP_PERIODS
+from session.io.samples import Samples, pieces
+from session.io.stamps import lasting_gaps
+from session.io.units import NS
+
+#: rows that are looked at together
+TOGETHER = 1 << 18
+#: of a period: a step that lasts and is larger has lost a sample
+LOST = 0.75
+#: rows on either side that a reading's slope is taken over
+SLOPE = 4
+#: what is left of a reading by its neighbours: a movement up to the third power of time leaves nothing
+BEND = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6
+#: rows whose sums are taken for independent
+BLOCK = 16
+#: sigma of the share up to which it is told: one more uncertain is of stamps that move the rate by less than a third of its noise
+TOLD = 1 / 3
+
+
+@dataclass(frozen=True, eq=False)
+class StampErrors:
+    """Of one log: period_s; grid_s, the step of its stamps; covariance (L,) s^2 of their scatter about a line through some seconds, at a
+    lag of so many samples; followed, sigma: share of that scatter that the readings went along with, 1 where samples were taken when their
+    stamps say, 0 where they were taken evenly."""
+
+    period_s: float
+    grid_s: float
+    covariance: np.ndarray
+    followed: float
+    sigma: float
+
+    @property
+    def scatter_s(self) -> float:
+        """Rms scatter about a line through some seconds."""
+        return float(np.sqrt(self.covariance[0]))
+
+    @property
+    def told(self) -> bool:
+        """Whether the readings tell if the stamps err."""
+        return self.sigma < TOLD
+
+    @cached_property
+    def share(self) -> float:
+        """Share of the scatter's variance that is in error: what the readings did not follow, and never less than what the grid makes."""
+        rounded = min(1.0, self.grid_s**2 / 12 / max(self.covariance[0], np.finfo(float).tiny))
+        return max(rounded, min(max(1 - self.followed, 0.0), 1.0)) if self.told else rounded
+
+    def variance(self, moved: np.ndarray) -> np.ndarray:
+        """(S, 3, 3) rad^2 of sums whose stamps' errors move them by ``moved`` (S, T, 3) rad/s: what one second late at each sample does."""
+        size = 2 * max(moved.shape[1], len(self.covariance))
+        lags = np.zeros(size)
+        lags[: len(self.covariance)] = self.covariance
+        lags[size - len(self.covariance) + 1 :] = self.covariance[:0:-1]
+        # A sum over lags, as one over frequencies: those between the first and the last count twice.
+        density = np.maximum(np.fft.rfft(lags).real, 0.0) / size
+        density[1:-1] *= 2
+        found = np.fft.rfft(moved, size, axis=1)
+        return self.share * np.einsum("sfi,f,sfj->sij", found, density, found.conj(), optimize=True).real
+
+
+def moved_by_stamps(steps: np.ndarray) -> np.ndarray:
+    """(..., T, 3) rad/s: the sum of steps (..., T-1, 3) rad/s times their durations, by one second that each of T stamps is late."""
+    none = np.zeros_like(steps[..., :1, :])
+    return np.concatenate([none, steps], axis=-2) - np.concatenate([steps, none], axis=-2)
+
+
+def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
+    """Estimated from a log's own stamps and readings; over_s: what a line goes through on either side, the length of a segment."""
+    pace = samples.pace
+    half = max(2 * SLOPE, round(over_s / pace.period_s))
+    sums, rows, blocks = np.zeros(half + 1), 0, []
+    for piece, count in even_pieces(samples):
+        off = about_lines(samples.t_ns[piece], count, half)
+        lags = np.fft.irfft(np.abs(np.fft.rfft(off, 2 * len(off))) ** 2)[: min(len(off), half + 1)]
+        sums[: len(lags)] += lags
+        rows += len(off)
+        gyro = np.asarray(samples.gyro[piece], dtype=float)
+        ramp = np.arange(SLOPE, -SLOPE - 1, -1.0)
+        slope = np.stack([np.convolve(axis, ramp / (ramp @ ramp), "same") for axis in gyro.T], axis=1) / pace.period_s
+        went, read = _bent(slope * off[:, None]), _bent(gyro)
+        blocks.append([_blocks(went**2), _blocks(went * read)])
+    if not rows:
+        return StampErrors(pace.period_s, 0.0, np.zeros(1), 0.0, np.inf)
+    power, product = np.concatenate(blocks, axis=1)
+    whole = float(power.sum())
+    followed = float(product.sum()) / whole if whole > 0 else 0.0
+    sigma = float(np.sqrt(np.sum((product - followed * power) ** 2))) / whole if whole > 0 else np.inf
+    return StampErrors(pace.period_s, int(np.gcd.reduce(np.diff(samples.t_ns))) * NS, sums / rows, followed, sigma)
+
+
+def even_pieces(samples: Samples) -> Iterator[tuple[slice, np.ndarray]]:
+    """The rows between gaps, no more than ``TOGETHER`` at a time, and their numbers (N,), by which samples lost singly are counted."""
+    pace = samples.pace
+    gaps = lasting_gaps(samples.t_ns, pace.period_s, LOST)[0] if pace.coarse else np.flatnonzero(samples.dt_s > GAP_PERIODS * pace.period_s)
+    lost = np.zeros(len(samples), dtype=np.int8)
+    if not pace.coarse:
+        rows, counts = short_gaps(samples)
+        lost[rows + 1] = counts
+    edges = [0, *(gaps + 1).tolist(), len(samples)]
+    for first, last in pairwise(edges):
+        for start in range(first, last, TOGETHER):
+            piece = slice(start, min(start + TOGETHER, last))
+            if piece.stop - start >= BLOCK + len(BEND) - 1:
+                yield piece, np.arange(piece.stop - start) + np.cumsum(lost[piece], dtype=int)
+
+
+def about_lines(t_ns: np.ndarray, count: np.ndarray, half: int) -> np.ndarray:
+    """(N,) s by which stamps (N,) ns of samples with these numbers (N,) are off a line through ``half`` of them on either side, fewer near
+    the ends: a rate that wanders slowly leaves nothing."""
+    t_s = (t_ns - t_ns[0]) * NS
+    t_s = t_s - t_s[-1] / (count[-1] - count[0]) * (count - count[0])
+    running = np.concatenate([[0.0], np.cumsum(t_s)])
+    row = np.arange(len(t_s))
+    reach = np.minimum(half, np.minimum(row, row[::-1]))
+    return t_s - (running[row + reach + 1] - running[row - reach]) / (2 * reach + 1)
+
+
+def _bent(values: np.ndarray) -> np.ndarray:
+    return np.stack([np.convolve(column, BEND, "valid") for column in values.T], axis=1)
+
+
+def _blocks(values: np.ndarray) -> np.ndarray:
+    """Sums of (N, 3) over ``BLOCK`` rows and the axes."""
+    count = len(values) // BLOCK
+    return values[: count * BLOCK].reshape(count, -1).sum(axis=1)
+
+
+def angle_rms(log: Samples, errors: StampErrors, segment_s: float) -> float:
+    """rad that the whole scatter of the stamps makes of a segment on its worst axis, rms over the log, were all of it in error."""
+    whole = replace(errors, followed=0.0, sigma=0.0)
+    square = np.zeros(3)
+    for _, gyro in pieces(log.gyro, overlap=1):
+        square += np.diagonal(whole.variance(moved_by_stamps((gyro[1:] + gyro[:-1]) / 2)[None, 1:-1])[0])
+    return float(np.sqrt(square.max() / (len(log) * errors.period_s) * segment_s))

@@ -1,0 +1,119 @@
+"""Errors of stamps: what rounding and jitter make of a turn, and what the readings say of them; and rates that change within a log."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import Table
+from scipy.spatial.transform import Rotation
+
+from session.detect.stamp_errors import StampErrors, angle_rms, moved_by_stamps, stamp_errors
+from session.io.samples import Samples
+from session.io.units import DEG
+from tinygc import closure
+from tinygc.closure.floor import stamp_variance
+from tinygc.closure.residual import Batch
+
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def turn(rate_hz=100.0, seconds=2.0):
+    """A turn of some 200 degrees about an axis that moves, from rest to rest, as a batch of one segment."""
+    share = np.arange(round(seconds * rate_hz) + 1) / round(seconds * rate_hz)
+    speed = 200 * DEG / seconds * (1 - np.cos(2 * np.pi * share))
+    axis = np.stack([np.cos(share), np.sin(share), 0.3 * share], axis=1)
+    rate = (speed[:, None] * axis)[None]
+    return Batch(rate, np.full((1, len(share) - 1), 1 / rate_hz), np.zeros_like(rate), IDENTITY[None], IDENTITY[None], yaw_known=True)
+
+
+def end_of(batch, late_s):
+    """Rotation vector (3,) rad, table axes, by which the end moves where each stamp is late by (T,) s."""
+    moved = closure.end_attitude(replace(batch, dt=batch.dt + np.diff(late_s)), batch.rate)[0]
+    right = Rotation.from_quat(closure.end_attitude(batch, batch.rate)[0], scalar_first=True)
+    return (Rotation.from_quat(moved, scalar_first=True) * right.inv()).as_rotvec()
+
+
+def white(sigma_s, lags=1):
+    return StampErrors(0.01, 0.0, np.r_[sigma_s**2, np.zeros(lags - 1)], 0.0, 0.0)
+
+
+def test_a_late_stamp_moves_the_end_by_the_change_of_the_rate_around_it():
+    batch = turn()
+    at = closure.attitudes(batch, batch.rate)
+    late = np.zeros(batch.rate.shape[1])
+    for sample in (0, 37, 100, 163, 200):
+        late[:] = 0.0
+        late[sample] = 1e-5
+        variance = stamp_variance(batch, at, [StampErrors(0.01, 0.0, np.array([1e-10]), 0.0, 0.0)])[0]
+        steps = Rotation.from_quat(at[0, :-1], scalar_first=True).apply((batch.rate[0, 1:] + batch.rate[0, :-1]) / 2)
+        np.testing.assert_allclose(end_of(batch, late), 1e-5 * moved_by_stamps(steps)[sample], atol=2e-9)
+        np.testing.assert_allclose(variance, 1e-10 * moved_by_stamps(steps).T @ moved_by_stamps(steps), rtol=1e-3, atol=1e-14)
+
+
+def test_rounding_to_a_grid_is_its_twelfth_through_the_turn():
+    """Stamps of a millisecond at moments that have nothing to do with them: 3000 turns against the variance, and the sum over lags."""
+    batch, rng = turn(), np.random.default_rng(1)
+    at, t_s = closure.attitudes(batch, batch.rate), np.arange(201) / 100
+    off = [np.rint((t_s + e) * 1e3) / 1e3 - t_s - e for e in rng.uniform(-5e-4, 5e-4, (3000, 201))]
+    found = np.cov(np.array([end_of(batch, each) for each in off]).T)
+    np.testing.assert_allclose(found, stamp_variance(batch, at, [white(1e-3 / np.sqrt(12))])[0], rtol=0.1, atol=0.05 * found.max())
+
+
+def test_the_variance_is_the_sum_over_all_pairs_of_samples():
+    moved, lags = np.random.default_rng(2).normal(size=(2, 30, 3)), 0.7 ** np.arange(40)
+    pairs = lags[np.abs(np.subtract.outer(np.arange(30), np.arange(30)))]
+    errors = StampErrors(0.01, 0.0, lags, 0.25, 0.0)
+    np.testing.assert_allclose(errors.variance(moved), 0.75 * np.einsum("ski,kl,slj->sij", moved, pairs, moved), rtol=1e-6)
+
+
+def moving(moments_s, seed=1, noise_dps=0.05):
+    """Readings (N, 3) rad/s at these moments of a hand that turns and rests."""
+    share = np.clip(moments_s % 4 / 2, 0, 1)
+    speed = 100 * (1 - np.cos(2 * np.pi * share))[:, None] * [1.0, -0.5, 0.3]
+    return (speed + np.random.default_rng(seed).normal(size=(len(moments_s), 3)) * noise_dps) * DEG
+
+
+def of(stamps_s, gyro):
+    return Samples(np.rint(stamps_s * 1e9).astype(np.int64), gyro, np.zeros_like(gyro))
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 104.2, 207.6])
+def test_the_readings_tell_stamps_that_err_from_samples_that_were_uneven(rate_hz):
+    rng, true_s = np.random.default_rng(3), np.arange(round(120 * rate_hz)) / rate_hz
+    jitter_s = np.abs(rng.normal(0, 0.1 / rate_hz, len(true_s)))
+    late = stamp_errors(of(true_s + jitter_s, moving(true_s)), 5.0)
+    uneven = stamp_errors(of(true_s + jitter_s, moving(true_s + jitter_s)), 5.0)
+    assert late.told
+    assert uneven.told
+    assert late.share == pytest.approx(1, abs=4 * late.sigma + 0.01)
+    assert uneven.share == pytest.approx(0, abs=4 * uneven.sigma + 0.01)
+    assert late.scatter_s == pytest.approx(jitter_s.std(), rel=0.02)
+
+
+def test_a_clock_that_wanders_slowly_does_not_scatter_and_one_that_rounds_does():
+    true_s = np.arange(12_000) / 100.3
+    wanders = stamp_errors(of(true_s + 0.05 * np.sin(true_s / 60), moving(true_s)), 5.0)
+    assert wanders.scatter_s < 1e-3 * 0.05
+    rounds = stamp_errors(of(np.rint(true_s * 1e3) / 1e3, moving(true_s)), 5.0)
+    assert rounds.grid_s == pytest.approx(1e-3)
+    assert rounds.scatter_s == pytest.approx(1e-3 / np.sqrt(12), rel=0.02)
+    assert rounds.share == pytest.approx(1, abs=0.1)
+    unmoved = stamp_errors(of(np.rint(true_s * 1e3) / 1e3, moving(true_s) * 0), 5.0)
+    assert not unmoved.told
+    assert unmoved.share == pytest.approx(1, abs=0.05)  # what the grid makes is error, whatever the readings tell
+
+
+def test_lost_samples_are_no_scatter():
+    true_s = np.arange(12_000) / 100.0
+    kept = np.random.default_rng(4).random(len(true_s)) > 0.03
+    kept[5000:5100] = False
+    errors = stamp_errors(of(true_s[kept], moving(true_s)[kept]), 5.0)
+    assert errors.scatter_s * errors.share**0.5 < 1e-5
+
+
+def test_the_angle_of_a_log_is_that_of_its_turns():
+    """White jitter on a table's session: rms over its segments, by the sums of squares of the changes of the rate."""
+    samples = Table().tumble(16, seed=5).samples()
+    change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
+    expected = 1e-3 * np.sqrt((change**2).sum(axis=0).max() / samples.duration_s * 5.0)
+    assert angle_rms(samples, replace(white(1e-3, 9), period_s=samples.period_s), 5.0) == pytest.approx(expected, rel=0.01)

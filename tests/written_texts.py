@@ -393,6 +393,24 @@ def usual_names(s: Samples) -> Files:
     )
 
 
+def slower_accelerometer(s: Samples) -> Files:
+    """One table; the accelerometer comes at a third of the rate, its cells are empty between."""
+    held = np.arange(len(s)) % 3 == 0
+    held[-1] = True
+    cells = [[f"{v:.10f}" if h else "" for v, h in zip(column, held, strict=True)] for column in mps2(s)]
+    return file("imu.csv", "t_us,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2\n", lines(us(s), *dps(s), *cells))
+
+
+def a_row_a_sensor(s: Samples) -> Files:
+    """Each row holds the reading of one sensor, and nan for the other; the temperature comes once in a hundred."""
+    none = [["nan"] * len(s)] * 3
+    temp = [["25.0" if i % 100 == 0 else "" for i in range(len(s))], [""] * len(s)]
+    parts = ((0, [*none, *g(s)], temp[0]), (1500, [*dps(s), *none], temp[1]))
+    both = [lines(us(s) + after_us, *part, temps).splitlines(keepends=True) for after_us, part, temps in parts]
+    rows = "".join(row for pair in zip(*both, strict=True) for row in pair)
+    return file("merged.csv", "time_us,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z,temp_c\n", rows)
+
+
 def bursts(s: Samples) -> Files:
     """A FIFO that is read every seven samples: its samples 0.1 ms apart, and then nothing."""
     t_ns = s.t_ns[np.minimum(np.arange(len(s)) // 7 * 7 + 6, len(s) - 1)] - (6 - np.arange(len(s)) % 7) * 100_000
@@ -467,6 +485,8 @@ TEXTS = {
     "two lines of names": Text(two_headers, ("--gyro-unit", "rad/s", "--accel-unit", "m/s2")),
     "units below the names": Text(units_below),
     "usual names": Text(usual_names, ("--gyro-unit", "dps", "--accel-unit", "g")),
+    "empty cells of a slower sensor": Text(slower_accelerometer, accel_lsb=0.05),
+    "a row a sensor": Text(a_row_a_sensor, ("--gyro-unit", "dps", "--accel-unit", "g"), exact_s=2e-6, accel_lsb=0.2),
     "bursts of a FIFO": Text(bursts, exact_s=2e-3),
     "whole-second stamps": Text(whole_seconds, exact_s=1.0),
     "a sum of columns": Text(sum_of_columns, ("--columns", SUM)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -106,6 +106,11 @@ class Layout:
         triads = (("gyro", self.gyro), ("accel", self.accel))
         found: list[tuple[str, tuple[int, ...], Unit]] = [(kind, triad.columns, triad.unit) for kind, triad in triads if triad is not None]
         return found + ([] if self.temp is None or self.temp_unit is None else [("temp", (self.temp,), self.temp_unit)])
+
+    def only(self, kind: str) -> Layout:
+        """Of one quantity alone."""
+        keep = {name: getattr(self, name) if name.startswith(kind) else None for name in ("gyro", "accel", "temp", "temp_unit")}
+        return replace(self, **keep)
 
     @property
     def time_column(self) -> int:

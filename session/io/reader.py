@@ -16,7 +16,7 @@ from session.io.forms import TORN, form_of
 from session.io.lines import PIECE_BYTES, UTF_16_NOTE, Lines
 from session.io.numbers import CORRECT, EMPTY, RowFault, fault, parse, unreadable, wrong_width
 from session.io.recognise import recognise
-from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_turns, sensor_kinds, span_of
+from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_turns, sensor_kinds, span_of, sparse
 from session.io.stamps import COUNTER, DAY_NS, ERA_NS, TWO_PIECES, Unroll, bad_stamps, why_back
 from session.io.standard import flagged, standard_layout
 from session.io.units import NS
@@ -54,10 +54,12 @@ class Reader:
         wanted: Wanted | None = None,
         picking: str | None = None,
         gyro_alone: bool = False,
+        only: str | None = None,
     ):
         """answers: options for a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
         wanted: its rows that are meant, where that is not among the answers.  picking: a column whose values tell several sensors apart,
-        of which ``values_of`` gives them.  gyro_alone: whether a standard log may lack an accelerometer.
+        of which ``values_of`` gives them.  gyro_alone: whether a standard log may lack an accelerometer.  only: the quantity that is read,
+        one of ``parts``: those of a table that has no reading of a slower sensor in many of its rows.
 
         Raises FormatError for what cannot be read or recognised, and for rows of several sensors of which none are picked.
         """
@@ -93,7 +95,14 @@ class Reader:
         columns = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line, layout.standard)
         if picking is not None:
             columns = replace(columns, read=(*layout.used, place_of(picking, columns)))
-        self._wanted, self._watch = Rows(wanted, columns), Watch(Rows(wanted, columns)(head[layout.first :]), columns)
+        kinds, rows = {kind: places for kind, places, _ in layout.kinds}, Rows(wanted, columns)(head[layout.first :])
+        self.parts = () if answers is None or only or layout.time is None or self._stream else sparse(rows, columns, kinds)
+        if only is not None:
+            self.layout = layout = layout.only(only)
+            lack = sum(map(bool, rows)) - sum(map(bool, Rows(wanted, columns, kinds[only])(rows)))
+            cells = f"the cells of {', '.join(map(layout.name, kinds[only]))}"
+            self.notes += [f"{cells} are empty in {lack} of the first {sum(map(bool, rows))} rows: read as a log of its own"] * bool(lack)
+        self._wanted, self._watch = Rows(wanted, columns, kinds[only] if only else ()), Watch(rows, columns)
         if answers is not None and picking is None and wanted.where is None and layout.time is not None:
             refuse_turns(head[layout.first :], layout.time, columns)
         self.picks_rows = bool(wanted) or (answers is not None and answers.lines is not None)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -120,15 +120,37 @@ def span_of(lines: str | None) -> tuple[int, int]:
     return begin, end
 
 
+#: what stands in a cell for a reading that a slower sensor did not have
+EMPTY_CELLS = ("", "nan", "null", "none", "na", "n/a", "-")
+
+
+def _holds(cells: Sequence[str], columns: Collection[int]) -> bool:
+    """Whether a row has a reading in any of the columns."""
+    return any(_bare(cells[column]).lower() not in EMPTY_CELLS for column in columns if column < len(cells))
+
+
+def sparse(lines: Sequence[str], form: Form, kinds: Mapping[str, Collection[int]]) -> tuple[str, ...]:
+    """The kinds of quantities, each with its columns, of a log whose first rows lack all readings of one of them again and again: a slower
+    sensor's.  Empty where none is slower."""
+    rows = [line.split(form.delimiter) for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    held = {kind: sum(_holds(row, columns) for row in rows) for kind, columns in kinds.items()}
+    if len(rows) < LEAST_ROWS or form.delimiter is None or min(held.values(), default=0) >= (1 - SHARE) * len(rows):
+        return ()
+    return tuple(kind for kind in kinds if held[kind] or kind != "temp")
+
+
 class Rows:
     """Keeps the rows that are wanted; ``left_out`` counts the others.  Raises FormatError for a column that is not there."""
 
-    def __init__(self, wanted: Wanted, form: Form):
-        self._wanted, self._delimiter, self.left_out = wanted, form.delimiter, 0
+    def __init__(self, wanted: Wanted, form: Form, held: Collection[int] = ()):
+        """held: columns, of which a row has a reading in one at least."""
+        self._wanted, self._delimiter, self.left_out, self._held = wanted, form.delimiter, 0, held
         self._column, self._value = (0, "") if wanted.where is None else _place_and_value(wanted.where, form)
 
     def __call__(self, lines: list[str]) -> list[str]:
         """The lines, with blanks in the place of rows that are not wanted: each line keeps its number."""
+        if self._held:
+            lines = [line if _holds(line.split(self._delimiter), self._held) else "" for line in lines]
         if not self._wanted:
             return lines
         kept = [line if self._mine(line) else "" for line in lines]

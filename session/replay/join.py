@@ -72,7 +72,7 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
     keep = np.ones(len(gyro_ns), dtype=bool)
     if accel_source is not gyro_source:
         force, keep = _at(gyro_ns, accel_ns, force)
-        notes.append(_joined_note(gyro_ns, accel_ns, keep))
+        notes.append(_joined_note(gyro_ns, accel_ns, keep, accel_source.path != gyro_source.path))
         if not keep.any():
             raise DataError(f"{gyro_source.path.name} and {accel_source.path.name} share no time; are they of one recording, on one clock?")
     temps = [(source, piece) for source, piece in whole if piece.temp is not None]
@@ -98,7 +98,7 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
         gyro_source.layout,
         accel_source.layout,
         None if temp_source is None else temp_source.layout,
-        tuple(notes),
+        tuple(dict.fromkeys(notes)),
         any(COUNTED in note for note in notes),
     )
 
@@ -229,10 +229,11 @@ def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.
     return between, inside & near
 
 
-def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray) -> str:
+def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray, clocks: bool) -> str:
+    """clocks: whether the two may have clocks of their own."""
     gyro_hz, accel_hz = (pace_of(t_ns).rate_hz for t_ns in (gyro_ns, accel_ns))
     text = f"joined on time: gyroscope at {gyro_hz:.4g} Hz, accelerometer at {accel_hz:.4g} Hz"
     if not np.isin(gyro_ns[keep], accel_ns).all():
-        text += ", read between its samples; an offset between their clocks stays, and `explain` looks for it"
+        text += ", read between its samples" + "; an offset between their clocks stays, and `explain` looks for it" * clocks
     lost = np.count_nonzero(~keep)
     return text + (f"; {lost} samples of the gyroscope without accelerometer samples are left out" if lost else "")

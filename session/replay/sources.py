@@ -110,7 +110,7 @@ def _sources_of(path: Path, answers: Answers, stack: ExitStack, faults: list[For
         tables = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="import-")))
         unpack_document(path, tables)
         return _of_folder(tables, answers, faults, path.name)
-    return [_text(path, answers)]
+    return _texts(path, answers)
 
 
 def _binary(path: Path, head: bytes, like: str | None) -> ModuleType | None:
@@ -131,6 +131,12 @@ def _binary(path: Path, head: bytes, like: str | None) -> ModuleType | None:
 
 #: as ``import --list`` calls a table of no program, whose header says what its columns are
 BY_NAMES = "columns by their names"
+
+
+def _texts(path: Path, answers: Answers) -> list[Source]:
+    """The reader of a text log, or one for each quantity of a table with empty cells, as of two files."""
+    reader = _text(path, answers)
+    return [Reader(path, answers, only=kind) for kind in reader.parts] or [reader]
 
 
 def _text(path: Path, answers: Answers) -> Reader:
@@ -180,7 +186,7 @@ def _of_folder(folder: Path, answers: Answers, faults: list[FormatError], called
     wrong: list[FormatError] = []
     for path in paths:
         try:
-            found.append(_text(path, answers))
+            found += _texts(path, answers)
         except QuestionsError as error:
             asked.append(error)
         except FormatError as error:

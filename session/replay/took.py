@@ -18,7 +18,7 @@ def said_took(
     sources: Sequence[Source], joined: Joined, answers: Answers, assumed: Sequence[str], rate_hz: float, duration_s: float
 ) -> tuple[str, ...]:
     """Three lines for people."""
-    files = "; ".join(f"{source.path.name}: {said_program(source.layout, answers)}" for source in sources)
+    files = "; ".join(dict.fromkeys(f"{source.path.name}: {said_program(source.layout, answers)}" for source in sources))
     ranges = [
         _range(word, full_scale, any(called in note and "assumed" in note for note in assumed))
         for called, word, full_scale in (("gyroscope", "dps", answers.gyro_fs_dps), ("accelerometer", "g", answers.accel_fs_g))

@@ -142,6 +142,36 @@ def test_registers_of_a_dialect_are_registers(tmp_path):
         list(reader.pieces())
 
 
+def wandering(count=400):
+    """(N, 7): three of a gyroscope about -20, three of an accelerometer, a thermometer at -3900."""
+    rng = np.random.default_rng(3)
+    slow = np.cumsum(rng.normal(size=(count, 7)) * 60, axis=0)
+    return np.rint(slow + np.array([-20, 30, 5, -300, 100, 8192, -3900])).astype(int)
+
+
+@pytest.mark.parametrize("columns", [slice(0, 3), slice(3, 6), slice(6, 7), slice(0, 7)])
+def test_unsigned_registers_are_read_signed(tmp_path, columns):
+    signed = wandering()
+    written = signed.copy()
+    written[:, columns] %= 1 << 16
+    lines = [",".join(map(str, (10_000 * i, *row))) for i, row in enumerate(written)]
+    path = log(tmp_path, "t_us,gx,gy,gz,ax,ay,az,temp", lines)
+    reader = Reader(path, None)
+    pieces = list(reader.pieces())
+    read = np.concatenate([np.column_stack([piece.gyro, piece.accel, piece.temp]) for piece in pieces])
+    assert np.array_equal(read, signed)
+    assert "unsigned registers; 65535 is read as -1" in reader.notes[0]
+    assert len(reader.notes) == (3 if columns == slice(0, 7) else 1)
+
+
+@pytest.mark.parametrize("added", [np.full(400, 32768), 50_000 * (np.arange(400) % 50 == 9)], ids=["offset binary", "glitches"])
+def test_other_numbers_beyond_sixteen_bits_are_refused(tmp_path, added):
+    gyro = np.abs(wandering()[:, :3] % 2000) + added[:, None]
+    lines = [",".join(map(str, (10_000 * i, *row, 0, 0, 8192))) for i, row in enumerate(gyro)]
+    with pytest.raises(FormatError, match="no 16-bit register value"):
+        list(Reader(log(tmp_path, "t_us,gx,gy,gz,ax,ay,az", lines), None).pieces())
+
+
 def test_one_table_of_units():
     assert STAMP_NS == {"t_ns": 1, "t_us": 1000, "t_s": 10**9}
     assert {ending: unit.si for ending, unit in endings("gyro").items()} == {"": None, "_dps": DEG, "_rps": 1.0}

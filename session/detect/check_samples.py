@@ -151,32 +151,7 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
             level = "note" if peak > full else "ok"
             beyond = " is passed: the datasheet promises nothing there" if peak > full else ""
             findings.append(Finding(level, log.path.name, f"{name} clipping", f"peak {peak:.4g} {unit}, full scale {full:g}{beyond}"))
-    return findings + _wraps(log, sensor) + _repeats(log, stills)
-
-
-#: of the register's end: a jump from one side to the other; how far the reading behind it, a whole register on, is from where it went
-ACROSS, GOES_ON = 1.5, 0.1
-
-
-def _wraps(log: Log, sensor: Sensor) -> list[Finding]:
-    """Rates that come round at the register's end: from one reading to the next the sign changes, and a whole register on the movement
-    goes on as before."""
-    samples, end, texts = log.samples, gyro_reach_dps(sensor) * DEG, []
-    for axis, name in enumerate("xyz") if np.isfinite(end) else ():
-        values = samples.gyro[:, axis]
-        rows = np.flatnonzero(np.abs(np.diff(values)) > ACROSS * end)
-        rows = rows[rows > 0]
-        before, here, behind = values[rows - 1], values[rows], values[rows + 1]
-        rows = rows[np.abs(behind + np.sign(here) * 2 * end - (2 * here - before)) < GOES_ON * end]
-        if len(rows):
-            jump = f"{values[rows[0]] / DEG:.4g} to {values[rows[0] + 1] / DEG:.4g} dps"
-            texts.append(
-                f"{name} jumps from {jump} between two readings in {len(rows)} places, first at {samples.at_s(int(rows[0])):.1f} s"
-            )
-    if not texts:
-        return []
-    says = f"{'; '.join(texts)}: the register comes round at ±{end / DEG:.4g} dps"
-    return [Finding("error", log.path.name, "gyro wraps", says, "choose a larger full scale, or turn slower")]
+    return findings + _repeats(log, stills)
 
 
 #: g: no range of an accelerometer ends below what it reads at rest, gravity with 20 % of scale and zero (``UNITS_RIGHT``)
@@ -221,32 +196,37 @@ def _clipping(
     return f"{axis} stands at {levels} {unit} in {mask.sum()} samples, first at {first_s:.1f} s"
 
 
+#: of rows that repeat a reading: fewer are not looked into; times as many as noise and the register's steps make
+LEAST_SHARE, BEYOND_CHANCE = 0.01, 10
+
+
 def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
-    """Rows whose six readings all repeat the row before: the log was read faster than the sensor measures.  Or one sensor's three, row
-    after row: it measures at another rate than the other.
+    """Rows whose six readings all repeat the row before: the log was read faster than the sensor measures.  Or one sensor's three: it
+    measures at another rate than the other.
 
     Noise repeats a reading with a chance of step / (2 sqrt(pi) std) per axis, all six at once nearly never.
     """
     samples = log.samples
-    gyro, accel = new_readings(samples.gyro), new_readings(samples.accel)
+    new = new_readings(samples.gyro), new_readings(samples.accel)
+    shares = [1 - float(each[1:].mean()) if len(samples) > 1 else 0.0 for each in (*new, new[0] | new[1])]
+    if max(shares) < LEAST_SHARE:
+        return []
+    std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
+    steps = np.array([smallest_step(sensor[:, axis]) for sensor in (samples.gyro, samples.accel) for axis in range(3)])
+    by_noise = np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300))
+    chances = [*by_noise.reshape(2, 3).prod(axis=1), by_noise.prod()]
+    held = [share >= max(LEAST_SHARE, BEYOND_CHANCE * chance) for share, chance in zip(shares, chances, strict=True)]
     do = "read on the data-ready signal or from the FIFO; log each sample once"
-    share = 1 - float((gyro | accel)[1:].mean()) if len(samples) > 1 else 0.0
-    if share >= 0.01:
-        std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
-        steps = np.array([smallest_step(sensor[:, axis]) for sensor in (samples.gyro, samples.accel) for axis in range(3)])
-        chance = np.prod(np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300)))
-        if share >= 10 * chance:
-            fresh_hz = (1 - share) / samples.period_s
-            says = f"{share:.0%} of the rows repeat all six readings (by noise {chance:.1g}): new ones come at {fresh_hz:.0f} Hz"
-            return [Finding("warning", log.path.name, "repeats", says, do)]
+    where, rows_hz = log.path.name, 1 / samples.period_s
+    if held[2]:
+        fresh_hz = (1 - shares[2]) * rows_hz
+        says = f"{shares[2]:.0%} of the rows repeat all six readings (by noise {chances[2]:.1g}): new ones come at {fresh_hz:.0f} Hz"
+        return [Finding("warning", where, "repeats", says, do)]
     findings = []
-    for name, level, new in (("gyro", "warning", gyro), ("accelerometer", "note", accel)):
-        if (rows := held_for(new)) > 1:
-            fresh_hz = float(new.mean()) / samples.period_s
-            says = (
-                f"each reading of the {name} stands for {rows} rows: new ones come at {fresh_hz:.0f} Hz, rows at {1 / samples.period_s:.0f}"
-            )
-            findings.append(Finding(level, log.path.name, "repeats", says, do))
+    for name, level, each, share, is_held in zip(("gyro", "accelerometer"), ("warning", "note"), new, shares, held, strict=False):
+        if share < 1 and (is_held or held_for(each) > 1):  # else it is stuck, another finding
+            says = f"each reading of the {name} stands for {1 / (1 - share):.3g} rows: new ones come at {(1 - share) * rows_hz:.0f} Hz"
+            findings.append(Finding(level, where, "repeats", f"{says}, rows at {rows_hz:.0f}", do))
     return findings
 
 
@@ -417,6 +397,8 @@ QUANTISATION = "quantisation"
 REPEATS = 0.6
 #: stretches that are looked at, and the share of them, the quietest, that must repeat
 STRETCH_S, LEAST_READINGS, QUIETEST = 1.0, 8, 0.2
+#: a larger step is stated in dps
+MOST_MDPS = 999
 #: of a step: scatter in the stills that is nothing but the rounding of sums
 NO_SCATTER = 1e-3
 
@@ -436,7 +418,8 @@ def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
         return []
     steps = np.abs(np.diff(gyro, axis=0))
     step = float(np.min(steps[:, coarse], where=steps[:, coarse] > 0, initial=np.inf))
-    says = f"the gyro ({axes_text(coarse)}) moves in steps of {step / MDPS:.3g} mdps, and repeats {share[coarse].max():.0%} of its readings"
+    size = f"{step / DEG:.3g} dps" if step / MDPS > MOST_MDPS else f"{step / MDPS:.3g} mdps"
+    says = f"the gyro ({axes_text(coarse)}) moves in steps of {size}, and repeats {share[coarse].max():.0%} of its readings"
     says += " where it is quietest: the steps are larger than its noise"
     if (typical := sensor.typical("gyro_noise_mdps_rthz")) is not None:
         rms = typical[1] * np.sqrt(0.5 / log.samples.period_s)

@@ -41,12 +41,13 @@ ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes
 
 
 def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[Finding]:
-    """The number and length of the stills, and those that are no reference; blind: the gyro shows no noise, which is reported elsewhere."""
+    """The number and length of the stills, and those that are no reference; blind: the gyro shows no noise, and that finding says why there
+    is none."""
     good = references(stills)
+    if not good and blind:
+        return []
     if not good:
         do = "let go of the table for still_s between turns; is it vibrating?"
-        if blind:
-            do = "no still can be found while the gyro shows no noise: correct that first"
         reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
         return [Finding("error", where, "stills", reason, do)]
     durations = np.array([still.duration_s for still in good])

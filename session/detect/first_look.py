@@ -48,6 +48,7 @@ from session.detect.check_time import HOST_CLOCK, check_length, check_rate, chec
 from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
+from session.detect.signatures import FILTER, check_signatures, explains_others
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
 from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
@@ -95,6 +96,12 @@ def first_look(
         *check_comments(log, config.sensor),
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),
+    ]
+    signatures = check_signatures(log, config.sensor, at_rest=not missing_accel)
+    if explains_others(signatures):
+        return findings + signatures
+    findings += [
+        *signatures,
         *check_registers(log, config.sensor, good, missing_accel),
         *check_bridges(log, config.sensor, good, noise, config.protocol.segment_s),
         *check_dead(log, missing_accel),
@@ -162,7 +169,8 @@ def check_folder(folder: Path, further: Callable[[Session, SessionStills], list[
     session, own = with_own_accelerometer(session)
     session, aligned = with_aligned_truth(session)
     found = SessionStills(session)
-    findings += own + aligned + check_session(session, found)
+    checked = check_session(session, found)
+    findings += ([] if explains_others(checked) else own) + aligned + checked
     if further is not None and worst(findings) != "error":
         findings += further(session, found)
     return findings + check_rests(session.rests, session.config.sensor)
@@ -203,9 +211,12 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
             turns = LogTurns.of(as_fitted, cut, enough=True, run=True)
         unused = here.unused if log in session.logs and session.truths is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
-    findings += check_excluded(session) + counted + check_leaps(parts)
-    findings += [] if session.truths is not None else check_unseen(parts)
-    findings += dials + check_dials(session, found) + check_known_turns(known, parts)
+    findings += check_excluded(session)
+    if not explains_others(findings):
+        findings += counted + check_leaps(parts)
+        changes = any(finding.what == FILTER for finding in findings)  # the reason of what is not seen
+        findings += [] if changes or session.truths is not None else check_unseen(parts)
+        findings += dials + check_dials(session, found) + check_known_turns(known, parts)
     return [as_arguments(finding) for finding in findings] if session.in_memory else findings
 
 

@@ -237,25 +237,28 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
     return [still for still in stills if np.abs(still.gyro_mean - usual).max() <= TURNING_RPS], noise
 
 
-def quiet_runs(blocks: Blocks) -> tuple[list[tuple[int, int]], np.ndarray]:
-    """Runs (start, stop) of quiet blocks at a constant rate, however short; (3,) what noise alone scatters a block's mean rate by."""
-    quiet = _quiet_blocks(blocks)
+def quiet_runs(blocks: Blocks, by_force: bool = False) -> tuple[list[tuple[int, int]], np.ndarray]:
+    """Runs (start, stop) of quiet blocks at a constant rate, however short; (3,) what noise alone scatters a block's mean rate by.
+
+    by_force: quiet by the specific force alone, whatever the gyroscope does, and with that steady.
+    """
+    quiet, means = _quiet_blocks(blocks, by_force), blocks.accel_mean if by_force else blocks.gyro_mean
     # (3,) standard deviation of a block's mean from noise alone: from differences of neighbours, robustly.
     both = quiet[1:] & quiet[:-1]
-    spread = np.full(3, np.inf) if not both.any() else sigma_of(np.diff(blocks.gyro_mean, axis=0)[both]) / np.sqrt(2)
+    spread = np.full(3, np.inf) if not both.any() else sigma_of(np.diff(means, axis=0)[both]) / np.sqrt(2)
     # Split each run where a block's mean rate leaves the run's: the slow ends of a turn are not still.
     kept = []
     for start, stop in _runs(quiet):
-        mean = blocks.gyro_mean[start:stop]
+        mean = means[start:stop]
         steady = (np.abs(mean - np.median(mean, axis=0)) < MEAN_SIGMAS * spread).all(axis=1)
         kept += [(start + a, start + b) for a, b in _runs(steady)]
     return kept, spread
 
 
-def _quiet_blocks(blocks: Blocks) -> np.ndarray:
+def _quiet_blocks(blocks: Blocks, by_force: bool = False) -> np.ndarray:
     """Blocks (B,) bool whose scatter is the noise's own."""
     quiet = np.ones(len(blocks), dtype=bool)
-    for variance, ratio in ((blocks.gyro_var, QUIET_VARIANCE_RATIO), (blocks.accel_var, QUIET_ACCEL_RATIO)):
+    for variance, ratio in ((blocks.gyro_var, QUIET_VARIANCE_RATIO), (blocks.accel_var, QUIET_ACCEL_RATIO))[by_force:]:
         noise = noise_variance(variance)
         # The worst axis counts as well as the sum: a slow turn shows in one axis only.
         with np.errstate(over="ignore"):  # a clamped axis has almost no noise
@@ -319,7 +322,8 @@ def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
     return span[size:] - span[:-size]
 
 
-def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
+def measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
+    """The still of a run's blocks of ``size`` samples, as it stands."""
     spans = [(a * size, b * size) for a, b in run]
     first, last = spans[0][0], spans[-1][1] - 1
     gyro, accel = (trend_of(values, samples.t_ns, spans) for values in (samples.gyro, samples.accel))
@@ -343,7 +347,7 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
 
 def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noise, shortest: int) -> Still:
     """The still once it has come to rest: what settles at its ends is cut off; one that never rests has a problem."""
-    whole = still = _measure(samples, run, size)
+    whole = still = measure(samples, run, size)
     # What the gyro reads (3,) at rest: its mean over a still, weighted as gravity's slope is, less the rate at which gravity turns.
     zero_rate = mean_as_a_slope_weighs(samples.gyro, [(a * size, b * size) for a, b in run]) - whole.tilt_rate
     while _creep(still, whole, zero_rate, noise):
@@ -354,7 +358,7 @@ def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noi
             rate = np.linalg.norm(whole.tilt_rate) / DEG
             return replace(whole, problem=f"creeps {rate:.3f} dps about {axis} (gravity moves in it)")
         ends = [_without_end(run, cut, at_start) for at_start in (True, False)]
-        run, still = min(((end, _measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate))
+        run, still = min(((end, measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate))
     return still
 
 

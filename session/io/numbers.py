@@ -35,9 +35,10 @@ class RowFault(Exception):
         self.row, self.what, self.do = row, what, do
 
 
-def parse(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray | None]:
+def parse(lines: list[str], layout: Layout, unsigned: set[str] | None = None) -> tuple[np.ndarray, np.ndarray | None]:
     """Numbers (N, ``layout.numbers``) as written, and stamps (N,) int64 ns as written, or None where there are none.
 
+    unsigned: kinds whose registers are known to be unsigned, to which those are added that are found to be; they become signed.
     Raises RowFault, and ValueError where a line cannot be read: ``fault`` says why.
     """
     if not any(line.lstrip()[:1] not in ("", "#") for line in lines):
@@ -50,6 +51,7 @@ def parse(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray | No
         table, time = _load(lines, layout.numbers, layout, np.float64), None
     else:
         table, time = _with_time(lines, layout)
+    _make_signed(table, layout, set() if unsigned is None else unsigned)
     _refuse_impossible(table, time, layout)
     if layout.finer and time is not None:
         return table, time
@@ -154,6 +156,33 @@ def _require_era(fine: np.ndarray, value: Callable[[int], object], layout: Layou
     if not fine.all():
         row = int(np.argmin(fine))
         raise RowFault(row, f"{layout.name(layout.time_column)} is {value(row)}, which is no time of this era")
+
+
+#: counts of a register of 16 bits; readings beyond its positive half, by which it is known to be unsigned
+SPAN, LEAST_UNSIGNED = 1 << 16, 8
+
+
+def _make_signed(table: np.ndarray, layout: Layout, unsigned: set[str]) -> None:
+    """Registers of 16 bits that were written as 0 … 65535 become -32768 … 32767, in place."""
+    for kind, places, unit in layout.kinds:
+        own = [layout.numbers.index(column) for column in places]
+        values = table[:, own]
+        high = values >= SPAN // 2
+        if unit.si is not None or not high.any() or not ((values >= 0) & (values < SPAN)).all():
+            continue
+        signed = np.where(high, values - SPAN, values)
+        if kind in unsigned or (np.count_nonzero(high) >= LEAST_UNSIGNED and _smoother(signed, values)):
+            unsigned.add(kind)
+            table[:, own] = signed
+
+
+def _smoother(signed: np.ndarray, values: np.ndarray) -> bool:
+    """Whether readings (N, …) go on better, or are nearer to zero where both do alike, than as offset binary, whose zero is in the
+    middle; none jumps by a quarter of the register as a glitch does."""
+    jumps, others = (np.abs(np.diff(each, axis=0)) for each in (signed, values))
+    if jumps.max(initial=0) > SPAN // 4:
+        return False
+    return bool(jumps.sum() < others.sum() or np.abs(signed).mean() < np.abs(values - SPAN // 2).mean())
 
 
 def _refuse_impossible(table: np.ndarray, time: np.ndarray | None, layout: Layout) -> None:

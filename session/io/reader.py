@@ -112,6 +112,7 @@ class Reader:
         self._stood_at, self._standing = 0, 0  # the last stamp, and rows of the pieces that held no other
         self._as_written = False
         self._rows, self._begins = 0, [(0, 1)]  # rows so far; of each piece, its first row, and its first line from 1
+        self._unsigned: set[str] = set()  # kinds whose registers are
         self._commas = False  # in the place of decimal points; whole numbers at the beginning do not show it
 
     @property
@@ -244,14 +245,16 @@ class Reader:
 
         try:
             try:
-                table, stamps = parse(lines, self.layout)
+                table, stamps = parse(lines, self.layout, self._unsigned)
             except ValueError:
                 # Only now, since it is slow: look for the line that is at fault.
                 if not self._commas and self._has_decimal_commas(lines):
                     self._commas = True
                     lines = _with_points(lines)
                 lines = self._repaired(lines, number, last)
-                table, stamps = parse(lines, self.layout)
+                table, stamps = parse(lines, self.layout, self._unsigned)
+            for places in (places for kind, places, _ in self.layout.kinds if kind in self._unsigned):
+                self._note(f"{', '.join(map(self.layout.name, places))}: unsigned registers; 65535 is read as -1")
             if not len(table):
                 return None
             self._begins.append((self._rows, number))

@@ -1,0 +1,165 @@
+"""Faults of hardware and firmware: each is known by its signature, said alone where it explains the rest, and seen in nothing sound."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG, Table, session_of
+from looks import G, look, of, with_sensor
+from scipy.signal import butter, lfilter
+
+from session.detect.first_look import check_session
+from session.detect.signatures import CAUSES, FILTER, NEW_ZERO, TRACKED, check_signatures
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from tinygc import read_session
+
+ZERO = np.array([0.56, -0.28, 0.42])
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Fifteen turns at 104 Hz, not rounded to registers."""
+    samples = Table().tumble(15).samples(odr_hz=104.0, registers=False, bias_dps=tuple(ZERO))
+    return session_of(samples, odr_hz=104.0)
+
+
+def found(session, **changes):
+    log = session.logs[0]
+    return check_signatures(replace(log, samples=replace(log.samples, **changes)), session.config.sensor)
+
+
+def rates(session):
+    """dps, without the zero."""
+    return session.logs[0].samples.gyro / DEG - ZERO
+
+
+def tracked(rate, tau_s, odr_hz=104.0):
+    """The zero drawn to 0 while the sensor rests; it wanders."""
+    drift = 0.2 * np.sin(np.arange(len(rate))[:, None] / odr_hz / 20 + np.arange(3))
+    zero, run, out = np.zeros(3), 0, np.empty_like(rate)
+    for i, read in enumerate(rate + ZERO + drift):
+        run = run + 1 if np.linalg.norm(rate[i]) < 1 else 0
+        zero = zero + (read - zero) / (tau_s * odr_hz) if run > 0.3 * odr_hz else zero
+        out[i] = read - zero
+    return out
+
+
+def with_band(rate, axis, width, noise):
+    rate = rate.copy()
+    rate[:, axis] = np.where(np.abs(rate[:, axis]) < width, 0, rate[:, axis]) + noise * np.random.default_rng(1).normal(size=len(rate))
+    return rate
+
+
+def high_passed(rate, axis, hz, odr_hz=104.0):
+    rate = rate.copy()
+    rate[:, axis] = lfilter(*butter(1, hz, "highpass", fs=odr_hz), rate[:, axis])
+    return rate
+
+
+def from_row(rate, row, change):
+    return np.concatenate([rate[:row], change(rate)[row:]])
+
+
+FAULTS = {
+    "gate": (lambda w: np.where(np.abs(w) < [0.6, 1.0, 0.4], 0, w), "dead band", "x, y, z stand at 0 dps"),
+    "gate of all": (lambda w: w * (np.linalg.norm(w, axis=1) > 0.8)[:, None], "dead band", "all others are beyond 0.8"),
+    "soft gate": (lambda w: np.sign(w) * np.maximum(np.abs(w) - 0.7, 0), "dead band", "in steps that are finer than any noise"),
+    "dead band": (lambda w: with_band(w, 1, 1.0, 0.02), "dead band", "y stands at"),
+    "high-pass": (lambda w: high_passed(w, 2, 0.05) + ZERO, "high-pass", "the rate of z is less by the angle turned over 3.1"),
+    "slow high-pass": (lambda w: high_passed(w, 0, 0.002) + ZERO, "high-pass", "a high-pass of 0.0019 Hz"),
+    "tracked": (lambda w: tracked(w, 1.5), TRACKED, "at rest x, y, z are drawn to 0 with 1."),
+    "new zero": (lambda w: from_row(w + ZERO, 4000, lambda w: w - ZERO), NEW_ZERO, "the zero steps by -0.5"),
+    "full scale": (lambda w: from_row(w, 3000, lambda w: 0.5 * w), "gyro range", "the rates are 0.5 times what they were"),
+    "few values": (lambda w: np.where(w > 0, 989.0, 0.0), "few values", "the gyro reads 2 values only, 0, 989 dps"),
+}
+
+
+@pytest.mark.parametrize(("spoil", "what", "says"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_is_known_by_its_signature(sound, spoil, what, says):
+    (finding,) = found(sound, gyro=spoil(rates(sound)) * DEG)
+    assert finding.what == what
+    assert says in finding.says
+    assert finding.do
+
+
+def mean_of(count):
+    return lambda rate: lfilter(np.ones(count) / count, 1, rate, axis=0)
+
+
+@pytest.mark.parametrize("row", [2500, 4321])
+@pytest.mark.parametrize("filtered", [mean_of(5), lambda w: lfilter(*butter(2, 10, fs=104), w, axis=0)], ids=["mean", "low-pass"])
+@pytest.mark.parametrize("before", [False, True])
+def test_a_filter_that_changes_is_named_with_its_row(sound, row, filtered, before):
+    rate = rates(sound) + ZERO
+    gyro = from_row(filtered(rate), row, lambda _: rate) if before else from_row(rate, row, filtered)
+    (finding,) = found(sound, gyro=gyro * DEG)
+    assert (finding.what, finding.level) == (FILTER, "warning")
+    assert int(finding.says.split()[2]) == pytest.approx(row, abs=12)  # the filter's own length
+
+
+def exchanged(registers):
+    return ((registers & 0xFF) << 8 | registers >> 8 & 0xFF).astype(np.uint16).astype(np.int16)
+
+
+@pytest.mark.parametrize("axes", [(True, True, True), (False, True, False)])
+def test_exchanged_bytes_are_named_axis_by_axis(sound, axes):
+    units = gyro_rps_per_lsb(500), accel_mps2_per_lsb(4)
+    samples = sound.logs[0].samples
+    gyro, accel = (np.rint(values / unit).astype(np.int64) for values, unit in ((samples.gyro, units[0]), (samples.accel, units[1])))
+    assert not found(sound, gyro=gyro * units[0], accel=accel * units[1])
+    (finding,) = found(sound, gyro=np.where(axes, exchanged(gyro), gyro) * units[0], accel=accel * units[1])
+    assert (finding.what, finding.level) == ("byte order", "error")
+    assert finding.says.startswith(f"gyro ({'x, y, z' if all(axes) else 'y'}): ")
+    left_justified = np.clip(gyro // 128, -128, 127) << 8  # eight bits
+    assert not found(sound, gyro=left_justified * units[0], accel=accel * units[1])
+
+
+def test_a_register_that_comes_round_is_found_without_its_sensor(sound):
+    gyro, end = sound.logs[0].samples.gyro, 60 * DEG
+    unknown = with_sensor(sound, model="unknown", gyro_fs_dps=500.0)
+    (finding,) = found(unknown, gyro=(gyro + end) % (2 * end) - end)
+    assert finding.what == "gyro wraps"
+
+
+@pytest.mark.parametrize(("step", "zero"), [(0.07, ZERO), (0.5, ZERO), (1.0, 0 * ZERO)])
+def test_a_coarse_register_is_no_dead_band(sound, step, zero):
+    assert not found(sound, gyro=np.rint((rates(sound) + zero) / step) * step * DEG)
+
+
+def test_what_drifts_or_vibrates_is_none_of_them(sound):
+    t_s = sound.logs[0].samples.t_s[:, None]
+    rate = rates(sound) + ZERO
+    assert not found(sound, gyro=(rate + np.exp(-t_s / 40)) * DEG)  # warms up
+    assert not found(sound, gyro=from_row(rate, 4000, lambda w: w + 0.1 * np.sin(2 * np.pi * 17 * t_s)) * DEG)
+    held = np.arange(len(rate)) // 4 * 4
+    assert not found(sound, gyro=rate[held] * DEG)
+
+
+def test_only_the_cause_is_said(sound):
+    gate, *_ = FAULTS["gate"]
+    samples = sound.logs[0].samples
+    log = replace(sound.logs[0], samples=replace(samples, gyro=gate(rates(sound)) * DEG))
+    findings = check_session(replace(sound, logs=(log,)))
+    assert [each.what for each in findings if each.level == "error"] == ["dead band"]
+    assert not {"stills", "turns", "gyro dead", "quantisation"} & {each.what for each in findings}
+    assert of(look(sound), "stills").level == "ok"
+
+
+def test_an_accelerometer_that_answers_two_values(sound):
+    accel = np.where(sound.logs[0].samples.accel > 0, G, 0.0)
+    (finding,) = found(sound, accel=accel)
+    assert finding.says.startswith("the accelerometer reads 2 values only, 0, 1 g")
+
+
+@pytest.mark.broad
+def test_no_sound_recording_shows_one(shared):
+    folders = [
+        path.parent for name in ("xsens", "mikov", "injected", "concealed", "closure") for path in (shared / name).glob("**/session.toml")
+    ]
+    if not folders:
+        pytest.skip("no recordings in ../shared")
+    for folder in folders:
+        session = read_session(folder)
+        for log in (*session.logs, *session.closures):
+            assert {each.what for each in check_signatures(log, session.config.sensor)} <= {NEW_ZERO}
+            assert not {each.what for each in check_signatures(log, session.config.sensor)} & set(CAUSES)

@@ -42,7 +42,7 @@ OTHERS = ("mag", "lin", "user", "grav")
 #: quantities that a unit tells
 BY_UNIT = {"g": "gyro", "a": "accel"}
 #: how names of angles of each sample begin
-ANGLES = ("dtheta", "deltatheta", "dang", "deltaang", "delang", "angleincrement", "angularincrement", "winkelinkrement")
+ANGLES = ("dtheta", "dθ", "deltatheta", "dang", "deltaang", "delang", "angleincrement", "angularincrement", "winkelinkrement")
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
@@ -54,9 +54,10 @@ def name_and_unit(text: str) -> tuple[str, str]:
         unit = text[min(opens) + 1 : -1] if opens else ""
         if any(letter.isalnum() and not letter.isdecimal() for letter in unit):
             return text[: min(opens)].rstrip(" /").strip().lower(), unit
-    name, between, unit = text.rpartition(" in ")
-    if between and any(parse_unit(kind, unit) for kind in ("time", "gyro", "accel", "temp")):
-        return name.strip().lower(), unit.strip()
+    for between in (" in ", " / ", ", "):
+        name, found, unit = text.partition(between)
+        if found and any(parse_unit(kind, unit) for kind in ("time", "gyro", "accel", "temp")):
+            return name.strip().lower(), unit.strip()
     return text.strip().lower(), ""
 
 
@@ -87,7 +88,7 @@ def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
     """
     columns: dict[str, Column] = {}
     stated: dict[str, dict[str, dict[int, Column]]] = {letter: {} for letter in BY_UNIT}  # by unit: sensor, rest of the name, axis
-    of_file = next((letter for letter in USUAL if any(plain(file.split(".")[0]).startswith(word) for word in USUAL[letter][1:])), "")
+    of_file = _of_file(file)
     for column, text in enumerate(names):
         name, unit = name_and_unit(text)
         if name in ("x", "y", "z") and not unit and of_file:
@@ -111,6 +112,14 @@ def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
                 columns |= {f"{letter}{axis}": by_rest[mine[0]][place] for place, axis in enumerate("xyz")}
     triads = [letter for letter in USUAL if all(f"{letter}{axis}" in columns for axis in "xyz")]
     return columns if triads and len([key for key in columns if key != "temp"]) == 3 * len(triads) else {}
+
+
+def _of_file(file: str) -> str:
+    """Which sensor the name of a file says: ``Gyroscope.csv``, ``imu_acc_2.json``; not ``rotation_vector.csv``."""
+    words = re.findall(r"[^\W\d_]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", file.split(".")[0]).lower())
+    called = {plain(word) for word in (*words, "".join(words)) if len(word) > 2}
+    said = [letter for letter, known in USUAL.items() if called & set(known)]
+    return said[0] if len(said) == 1 and not any(word.startswith(("vector", *OTHERS)) for word in words) else ""
 
 
 def _axis(name: str) -> tuple[str, int | None]:

@@ -195,6 +195,7 @@ class Reader:
             self._stream = file
         if "\0" in "\n".join(lines[:TEXT_BEGINS])[:TEXT_BEGINS] or (standard and file.note == UTF_16_NOTE):
             raise FormatError(f"{self.path.name}: not a text log (UTF-16 or binary); expected CSV in UTF-8")
+        lines = [line if line.strip(EMPTY) else "" for line in lines]
         if wanted.word is None:
             return lines if first is None else lines[: first + HEAD_LINES]
         if not found:

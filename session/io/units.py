@@ -54,7 +54,8 @@ BEYOND_FULL_SCALE, LARGEST_DPS = 1.2, 4000.0
 
 #: words of each kind of quantity -> SI per unit (time: nanoseconds, exact)
 TIME = {"ns": 1, "us": 1_000, "µs": 1_000, "μs": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "sec": 1_000_000_000}
-GYRO = {"mdps": MDPS, "dps": DEG, "deg/s": DEG, "°/s": DEG, "deg s^-1": DEG, "rps": 1.0, "rad/s": 1.0, "rad s^-1": 1.0, "rpm": 6 * DEG}
+GYRO = {"mdps": MDPS, "dps": DEG, "deg/s": DEG, "°/s": DEG, "deg s^-1": DEG, "rps": 1.0, "rad/s": 1.0, "rad s^-1": 1.0}
+GYRO |= dict.fromkeys(("rpm", "r/min", "rev/min", "u/min"), 6 * DEG)
 _ANGLES = {**dict.fromkeys(("deg", "degree", "degrees", "grad", "grados", "gradi", "graus", "degrés"), DEG)}
 _ANGLES |= dict.fromkeys(("rad", "radian", "radians"), 1.0)
 GYRO |= {f"{angle}/{time}": si for time in ("s", "sec", "second", "sek", "seg") for angle, si in _ANGLES.items()}

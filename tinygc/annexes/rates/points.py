@@ -50,7 +50,7 @@ RATE_UNITS = {
     "rad/s": 1 / DEG,
     "rps": 1 / DEG,
     "rad_s": 1 / DEG,
-    "rpm": 6.0,
+    **dict.fromkeys(("rpm", "r/min", "rev/min", "u/min", "1/min"), 6.0),
 }
 #: units of outputs as they are shown
 OUTPUT_UNITS = {

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import Table
+from conftest import Table, session_of
 from scipy.spatial.transform import Rotation
 
-from session.detect.stamp_errors import StampErrors, angle_rms, moved_by_stamps, stamp_errors
+from session.detect.first_look import check_session
+from session.detect.stamp_errors import StampErrors, angle_rms, moved_by_stamps, rate_pieces, stamp_errors
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc import closure
@@ -117,3 +118,39 @@ def test_the_angle_of_a_log_is_that_of_its_turns():
     change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
     expected = 1e-3 * np.sqrt((change**2).sum(axis=0).max() / samples.duration_s * 5.0)
     assert angle_rms(samples, replace(white(1e-3, 9), period_s=samples.period_s), 5.0) == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "slower", "jitter_s"), [(100.0, 0.08, 0.0), (207.6, -0.01, 1e-3), (52.0, 0.002, 0.0), (93.4, 0.03, 2e-3)]
+)
+def test_a_rate_that_changes_is_found_with_its_times(rate_hz, slower, jitter_s):
+    count = np.arange(round(150 * rate_hz))
+    between = (count > 50 * rate_hz) & (count < 100 * rate_hz)
+    stamps_s = np.cumsum(np.where(between, 1 + slower, 1.0)) / rate_hz
+    stamps_s = stamps_s + np.abs(np.random.default_rng(5).normal(0, jitter_s, len(count)))
+    found = rate_pieces(of(stamps_s, np.zeros((len(count), 3))))
+    assert [piece.hz for piece in found] == pytest.approx([rate_hz, rate_hz / (1 + slower), rate_hz], rel=5e-4)
+    assert [piece.start / rate_hz for piece in found] == pytest.approx([0, 50, 100], abs=1.5)
+
+
+def test_a_rate_that_wanders_or_rounds_does_not_change():
+    true_s = np.arange(20_000) / 100.01
+    for stamps_s in (true_s * (1 + 1e-5 * true_s), np.rint(true_s * 1e3) / 1e3, true_s + 0.02 * np.random.default_rng(6).random(20_000)):
+        assert len(rate_pieces(of(np.sort(stamps_s), moving(true_s)))) == 1
+
+
+@pytest.mark.parametrize("slower", [0.08, -0.01])
+def test_gravity_tells_a_clock_that_changed_from_a_sensor_that_did(slower):
+    """The same stamps: of readings that were taken evenly, and of readings of these moments."""
+    samples = Table().tumble(16, seed=5).samples(registers=False)
+    number = np.arange(len(samples))
+    pace = np.where((number > 0.35 * len(number)) & (number < 0.7 * len(number)), 1 + slower, 1.0)
+    stamps_s = np.concatenate([[0.0], np.cumsum(pace[1:])]) * samples.period_s
+    at = stamps_s[stamps_s < samples.t_s[-1]]
+    read = (np.stack([np.interp(at, samples.t_s, axis) for axis in values.T], axis=1) for values in (samples.gyro, samples.accel))
+    for taken, level in (
+        (replace(samples, t_ns=np.rint(stamps_s * 1e9).astype(np.int64)), "error"),
+        (Samples(np.rint(at * 1e9).astype(np.int64), *read), "note"),
+    ):
+        (finding,) = [each for each in check_session(session_of(taken)) if each.what == "rate changes"]
+        assert finding.level == level

@@ -8,9 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from session.detect.axes import share_of_stretch
 from session.detect.findings import Correction, Finding
 from session.detect.segments import Ends
-from session.detect.stills import Noise
+from session.detect.stamp_errors import RatePiece, rate_pieces
+from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Config, Sensor
 from session.io.logfile import Log
 from session.io.samples import Samples
@@ -145,6 +147,48 @@ def check_length(log: Log, segment_s: float) -> list[Finding]:
         return []
     says = f"no still and no turn: all {len(log.samples)} samples lie within {lasts_s:.3g} s, less than one segment of {segment_s:g} s"
     return [Finding("error", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? else record for longer")]
+
+
+# Where the rate by the stamps changes within a log, and what gravity says of it.
+
+#: of the change, in the turns: more is the clock's, less the sensor's, where three sigmas of it are less than this
+TELLS, SURELY = 0.5, 3.0
+
+
+def check_rate_changes(samples: Samples, where: str, turns: Sequence[Ends], noise: Noise | None, segment_s: float) -> list[Finding]:
+    """Where the rate by the stamps changes at once, and what gravity says of it; turns: the stills around each.
+
+    A turn is integrated with its stamps: stamps that run slow make it too long by as much.  Where the sensor has really changed its pace,
+    the turns of all pieces agree with gravity alike.
+    """
+    found = rate_pieces(samples)
+    usual = max(found, key=lambda piece: piece.stop - piece.start)
+    others = [piece for piece in found if piece is not usual]
+    angles = [float(np.linalg.norm(angle, axis=1).sum()) for a, b in turns if (angle := _turn(samples, a, b)) is not None]
+    worst = max((abs(piece.hz / usual.hz - 1) for piece in others), default=0.0) * (float(np.median(angles)) if angles else 0.0)
+    if not others or worst <= noise_floor(noise, segment_s):
+        return []
+    said = [f"{piece.hz:.2f} Hz from {samples.at_s(piece.start):.1f} to {samples.at_s(piece.stop - 1):.1f} s" for piece in found]
+    says = f"by the stamps {', '.join(said[:4])}" + (f" and {len(said) - 4} more" if len(said) > 4 else "")
+    says += f": {worst / DEG:.2g} deg per turn, if the clock changed"
+    share = share_of_stretch(samples, turns, [_off(found, usual, (a.stop + b.start) // 2) for a, b in turns])
+    told = share is not None and share[1] * SURELY < TELLS
+    if share is not None and told and share[0] < TELLS:
+        return [Finding("note", where, "rate changes", f"{says}; gravity shows that the sensor did, and the stamps are right")]
+    do = "stamp with the device's own clock, and switch off what sets the clock meanwhile; or take the part of one rate, --lines of import"
+    if told:
+        return [Finding("error", where, "rate changes", f"{says}; gravity shows that it was the clock", do)]
+    return [Finding("warning", where, "rate changes", f"{says}; gravity does not tell whether it or the sensor did", do)]
+
+
+def _off(found: Sequence[RatePiece], usual: RatePiece, row: int) -> float:
+    return next(piece.hz for piece in found if row < piece.stop) / usual.hz - 1
+
+
+def _turn(samples: Samples, first: Still, last: Still) -> np.ndarray | None:
+    start, stop = first.stop - 1, last.start + 1
+    steps = samples.dt_s[start : stop - 1][:, None]
+    return (samples.gyro[start : stop - 1] - first.gyro_mean) * steps if stop > start else None
 
 
 # Motion faster than half the data rate: what the readings of a turn miss of it, estimated by thinning them.

@@ -44,7 +44,7 @@ from session.detect.check_stills import (
     check_unused_rests,
     check_zero_rate,
 )
-from session.detect.check_time import HOST_CLOCK, check_length, check_rate, check_undersampling, check_warming
+from session.detect.check_time import HOST_CLOCK, check_length, check_rate, check_rate_changes, check_undersampling, check_warming
 from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
@@ -136,6 +136,7 @@ def first_look(
         *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise, closure_run=log in session.closures, raw=log.raw),
         *_axes_below(ceiling, turns, turns.log.samples.with_accel(force), config),
+        *check_rate_changes(turns.log.samples.with_accel(force), where, turns.examined, noise, config.protocol.segment_s),
         *check_undersampling(turns.log, turns.used, noise, config),
         *check_impacts(where, turns.log.samples.with_accel(force), turns.used),
     ]

@@ -6,7 +6,7 @@ unevenly does no harm: the readings are then those of the uneven moments, and sh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -85,7 +85,7 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
     pace = samples.pace
     half = max(2 * SLOPE, round(over_s / pace.period_s))
     sums, rows, blocks = np.zeros(half + 1), 0, []
-    for piece, count in even_pieces(samples):
+    for piece, count in even_pieces(samples, [(piece.start, piece.stop) for piece in rate_pieces(samples)]):
         off = about_lines(samples.t_ns[piece], count, half)
         lags = np.fft.irfft(np.abs(np.fft.rfft(off, 2 * len(off))) ** 2)[: min(len(off), half + 1)]
         sums[: len(lags)] += lags
@@ -104,16 +104,20 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
     return StampErrors(pace.period_s, int(np.gcd.reduce(np.diff(samples.t_ns))) * NS, sums / rows, followed, sigma)
 
 
-def even_pieces(samples: Samples) -> Iterator[tuple[slice, np.ndarray]]:
-    """The rows between gaps, no more than ``TOGETHER`` at a time, and their numbers (N,), by which samples lost singly are counted."""
+def even_pieces(samples: Samples, rates: Sequence[tuple[int, int]]) -> Iterator[tuple[slice, np.ndarray]]:
+    """The rows between gaps and within rates (first and last row, behind it), no more than ``TOGETHER`` at a time, and their numbers (N,),
+    by which samples lost singly are counted."""
     pace = samples.pace
     gaps = lasting_gaps(samples.t_ns, pace.period_s, LOST)[0] if pace.coarse else np.flatnonzero(samples.dt_s > GAP_PERIODS * pace.period_s)
     lost = np.zeros(len(samples), dtype=np.int8)
     if not pace.coarse:
         rows, counts = short_gaps(samples)
         lost[rows + 1] = counts
-    edges = [0, *(gaps + 1).tolist(), len(samples)]
-    for first, last in pairwise(edges):
+    edges = np.array([0, *(gaps + 1).tolist(), len(samples)])
+    # No line goes through a change of the rate.
+    margin = round(LAG_S / pace.period_s)
+    parts = [(start + margin * (start > 0), stop - margin * (stop < len(samples))) for start, stop in rates]
+    for first, last in ((max(a, start), min(b, stop)) for a, b in pairwise(edges.tolist()) for start, stop in parts):
         for start in range(first, last, TOGETHER):
             piece = slice(start, min(start + TOGETHER, last))
             if piece.stop - start >= BLOCK + len(BEND) - 1:
@@ -148,3 +152,73 @@ def angle_rms(log: Samples, errors: StampErrors, segment_s: float) -> float:
     for _, gyro in pieces(log.gyro, overlap=1):
         square += np.diagonal(whole.variance(moved_by_stamps((gyro[1:] + gyro[:-1]) / 2)[None, 1:-1])[0])
     return float(np.sqrt(square.max() / (len(log) * errors.period_s) * segment_s))
+
+
+# A rate that changes within a log: a clock that was set or slewed, or a sensor that really changed its pace.
+#
+# Each sample's stamp against that a second later says the rate there; medians of some seconds of them pass over gaps, late stamps and jumps
+# of a coarse clock.  A rate that wanders changes little from one stretch to the next, one that was changed does so at once.
+
+#: s between the two stamps of a rate; between the moments that are looked at; of a stretch before and behind a change, and at least
+LAG_S, MOMENT_S, STRETCH_S, SHORTEST_S = 1.0, 0.5, 10.0, 3.0
+#: times what the rate usually changes by from one stretch to the next; sigmas of the difference of two lines through the stamps
+CHANGES, LINES_APART = 8.0, 5.0
+
+
+@dataclass(frozen=True)
+class RatePiece:
+    """Rows from start to stop, not included, of one rate, hz with its sigma: that of a line through stamps that scatter together."""
+
+    start: int
+    stop: int
+    hz: float
+    sigma_hz: float
+
+
+def rate_pieces(samples: Samples) -> list[RatePiece]:
+    """A log in pieces, each of one rate by its stamps: one piece where the rate stays."""
+    period_s = samples.period_s
+    lag, size = max(1, round(LAG_S / period_s)), max(1, round(MOMENT_S / period_s))
+    most, least, apart = round(STRETCH_S / MOMENT_S), round(SHORTEST_S / MOMENT_S), -(-lag // size)
+    count = max(0, len(samples) - lag) // size
+    change = np.zeros(count)
+    if count > 2 * least + apart + most:
+        rows = count * size
+        off = np.median((samples.t_ns[lag : lag + rows] - samples.t_ns[:rows]).reshape(count, size), axis=1) * (NS / lag / period_s)
+        for at in range(least + apart, count - least):
+            change[at] = np.median(off[at : at + most]) - np.median(off[max(at - apart - most, 0) : at - apart])
+    bar = CHANGES * float(np.median(np.abs(change))) + np.finfo(np.float32).eps if count else 0.0
+    edges: list[int] = []
+    while count and np.abs(change).max() > bar:
+        at = int(np.argmax(np.abs(change)))
+        like = np.abs(change) > abs(change[at]) / 2
+        start = at - int(np.argmin(like[at::-1])) + 1 if not like[: at + 1].all() else 0
+        stop = at + int(np.argmin(like[at:])) if not like[at:].all() else count
+        edges.append((start + stop - apart) // 2 * size)
+        change[max(start - most // 2, 0) : stop + most // 2] = 0.0
+    ends = [0, *sorted(edges), len(samples)]
+    pieces = [_line(samples, start, stop) for start, stop in pairwise(ends) if stop > start]
+    joined = pieces[:1]
+    for piece in pieces[1:]:
+        before = joined[-1]
+        if abs(piece.hz - before.hz) > LINES_APART * np.hypot(piece.sigma_hz, before.sigma_hz):
+            joined.append(piece)
+        else:
+            joined[-1] = _line(samples, before.start, piece.stop)
+    return joined
+
+
+def _line(samples: Samples, start: int, stop: int) -> RatePiece:
+    """The rate of the lines through the stamps between gaps, all of one slope."""
+    square = product = left = 0.0
+    rows, parts = 0, []
+    for piece, number in even_pieces(samples, [(start, stop)]):
+        t_s = (samples.t_ns[piece] - samples.t_ns[piece.start]) * NS
+        count, t_s = number - number.mean(), t_s - t_s.mean()
+        square, product, rows = square + float(count @ count), product + float(count @ t_s), rows + len(count)
+        parts.append((count, t_s))
+    each_s = product / square if square else samples.period_s
+    for count, t_s in parts:
+        left += float(np.sum((t_s - each_s * count) ** 2))
+    sigma_s = float(np.sqrt(left / square)) if square else np.inf
+    return RatePiece(start, stop, 1 / each_s, sigma_s / each_s**2)

@@ -10,8 +10,11 @@ from looks import G, look, of, with_sensor
 
 import tinygc
 from session.io.dialects import Answers
-from session.io.errors import FormatError
+from session.io.errors import CalibrationError, FormatError
+from session.io.questions import QuestionsError
+from session.io.samples import Samples
 from session.io.sensors.profile import CLOCK_WITHIN
+from session.io.units import TIME
 from session.replay.convert import convert
 from tinygc import FitOptions, Session, read_session
 from tinygc.annexes.budget.quantities import sensor_error_budgets, use_budgets
@@ -112,6 +115,90 @@ def test_what_is_no_clock_asks_for_the_rate(names, columns, samples, tmp_path):
 def test_a_clock_may_be_left_aside_and_then_the_rate_is_nominal(samples, tmp_path):
     made = make(tmp_path, log_of(samples, "millis", ticks(samples, 1e-3)), odr_hz=NOMINAL_HZ, time_unit="none")
     assert read_session(made.folder).nominal_rate.hz == NOMINAL_HZ
+
+
+# A unit that nothing names: known by the rate that it gives, a date, the header or gravity's movement; else asked for.
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """A logger of 9.4 Hz, which is 9400 Hz in a unit that is a thousandth."""
+    return Table().tumble(4, seed=3, turn_s=5.0).samples(odr_hz=9.4)
+
+
+def at_rest(odr_hz=9.4, rows=600):
+    t_ns, none = np.rint(np.arange(rows) / odr_hz * 1e9).astype(np.int64), np.random.default_rng(0).normal(0, 1e-3, (rows, 3))
+    return Samples(t_ns, none, none + np.array([0, 0, G]))
+
+
+@pytest.mark.parametrize("unit", ["s", broad("ms"), "us"])
+def test_gravitys_movement_tells_a_unit_that_two_rates_would_suit(unit, slow, tmp_path):
+    text = log_of(slow, "time", np.round(slow.t_s * 1e9 / TIME[unit], 3 if unit == "s" else 0))
+    made = make(tmp_path, text)
+    assert made.took[2].startswith(f"clock: time in {unit} (by gravity's movement); 9.4 Hz")
+    assert any(f"in {unit} by gravity's movement" in note for note in made.notes)
+
+
+@pytest.mark.parametrize(("odr_hz", "unit"), [(5.0, "ms"), (7.0, "s"), broad(1.2, "ms"), broad(28.0, "ms"), (2300.0, "us")])
+def test_at_rest_such_a_unit_is_asked_for(odr_hz, unit, tmp_path):
+    rest = at_rest(odr_hz)
+    text = log_of(rest, "time", np.round(rest.t_s * 1e9 / TIME[unit], 4))
+    with pytest.raises(QuestionsError, match=rf"the unit of its clock 'time', which rises by .*{odr_hz:g} Hz in {unit}.*--time-unit"):
+        make(tmp_path, text)
+    for told in ({"time_unit": unit}, {"odr_hz": odr_hz * 1.3}):
+        path = tmp_path / f"{len(told)}{next(iter(told))}"
+        path.mkdir()
+        assert read_session(make(path, text, **told).folder).logs[0].samples.period_s == pytest.approx(1 / odr_hz, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("before", "begins_ms", "known"),
+    [("# Update Rate: 9.5 Hz\n", 0, "as 9.5 Hz stand before its rows"), ("", 1_700_000_000_000, "by its date")],
+)
+def test_a_rate_in_the_header_or_a_date_tells_it_too(before, begins_ms, known, tmp_path):
+    rest = at_rest()
+    made = make(tmp_path, before + log_of(rest, "time", ticks(rest, 1e-3) + begins_ms))
+    assert made.took[2].startswith(f"clock: time in ms ({known}); 9.4")
+
+
+@pytest.mark.parametrize("lost", [[], [50, 51, 200]])
+@pytest.mark.parametrize("name", ["t", "time", "tick"])
+def test_a_column_that_rises_by_one_numbers_the_rows(name, lost, samples, tmp_path):
+    text = log_of(samples.pick(np.delete(np.arange(len(samples)), lost)), name, np.delete(np.arange(len(samples)), lost))
+    with pytest.raises(QuestionsError, match=rf"'{name}', which rises by 1 a row, numbers the rows or is the clock; give --odr HZ"):
+        make(tmp_path, text)
+    assert read_session(make(tmp_path, text, odr_hz=NOMINAL_HZ).folder).nominal_rate.hz == NOMINAL_HZ
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "known"),
+    [
+        ("dt_ns", "ns", "by its name"),
+        ("delta_us", "us", "by its name"),
+        ("dT [ms]", "ms", "by its name"),
+        ("dt", "s", "by the sensors' rates"),
+    ],
+)
+def test_intervals_are_added_up(name, unit, known, samples, tmp_path):
+    steps = np.diff(samples.t_ns, prepend=samples.t_ns[0] - 9_500_000) + np.random.default_rng(1).integers(-9000, 9000, len(samples))
+    made = make(tmp_path, log_of(samples, name, steps / TIME[unit]))
+    assert f"{name}, intervals that are added up, in {unit} ({known})" in made.took[2]
+    t_ns = read_session(made.folder).logs[0].samples.t_ns
+    np.testing.assert_allclose(np.diff(t_ns), steps[1:], atol=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "stamps", "says"),
+    [
+        ("timestamp", lambda s: [f"{t:.6g}" for t in 1.7e9 + s.t_s], "1.7e\\+09 stands for"),
+        ("time", lambda s: (1.7e9 + s.t_s).astype(np.float32).astype(int), "steps of 128 s"),
+        ("t_s", lambda s: (1.7e9 + s.t_s).astype(np.float32).astype(float), "steps of 128 s"),
+        ("time_ms", lambda s: (1.7e12 + s.t_s * 1e3).astype(np.float32).astype(int), "steps of 131072 ms"),
+    ],
+)
+def test_stamps_with_too_few_digits_are_named(name, stamps, says, samples, tmp_path):
+    with pytest.raises(CalibrationError, match=rf"too few digits.*{says}.*write at least milliseconds"):
+        make(tmp_path, log_of(samples, name, stamps(samples)))
 
 
 # What a nominal rate is worth.

@@ -67,7 +67,8 @@ class Layout:
     frame, as far as it is documented; header_line as it stands in the file; standard: held to the letter of docs/formats.md, as a session's
     logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us; finer: further terms of the
     time, as a second's fraction beside whole seconds, each a column and its ns per unit; remark: what was chosen without being told;
-    sources: where the unit of ``time``, ``gyro``, ``accel`` is from; facts: what lines before the header say, as comments do."""
+    sources: where the unit of ``time``, ``gyro``, ``accel`` is from; facts: what lines before the header say, as comments do; intervals:
+    whether the time is that since the row before."""
 
     dialect: str
     delimiter: str | None
@@ -87,6 +88,7 @@ class Layout:
     remark: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
+    intervals: bool = False
 
     @property
     def numbers(self) -> tuple[int, ...]:

@@ -10,11 +10,13 @@ from session.io.errors import FormatError
 
 @dataclass(frozen=True)
 class Question:
-    """what is not known (``the unit of the gyroscope``); option and what may stand behind it: ``--gyro-unit``, ``dps, rad/s, …``."""
+    """what is not known (``the unit of the gyroscope``); option and what may stand behind it: ``--gyro-unit``, ``dps, rad/s, …``; units:
+    those of a clock that are plausible, among which gravity may choose."""
 
     what: str
     option: str
     choices: str = ""
+    units: tuple[str, ...] = ()
 
     @property
     def typed(self) -> str:

@@ -109,6 +109,7 @@ class Reader:
         self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns(), None if self.layout.clock or self.layout.finer else self.layout.time_ns)
         self._before: int | None = None
+        self._added = 0  # ns, of intervals so far
         self._stood_at, self._standing = 0, 0  # the last stamp, and rows of the pieces that held no other
         self._as_written = False
         self._rows, self._begins = 0, [(0, 1)]  # rows so far; of each piece, its first row, and its first line from 1
@@ -258,6 +259,9 @@ class Reader:
                 self._note(f"{', '.join(map(self.layout.name, places))}: unsigned registers; 65535 is read as -1")
             if not len(table):
                 return None
+            if stamps is not None and self.layout.intervals:
+                stamps = self._added + np.cumsum(stamps)
+                self._added = int(stamps[-1])
             self._begins.append((self._rows, number))
             self._rows += len(table)
             t_ns = stamps if stamps is None or self._as_written else self._unrolled(stamps, line_of)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-from session.io.clock import find_clock
+from session.io.clock import TOLD, find_clock
 from session.io.columns import DELIMITERS, Column, from_columns, split
 from session.io.dialects import DIALECTS, Answers, Dialect, Layout, Triad, three
 from session.io.errors import FormatError
@@ -27,7 +27,7 @@ NO_STAMPS = "t_us"
 OTHER = "other"
 NO_TIME = "when its samples were taken (it has no time stamps)"
 #: where a unit is from, as people are told
-TOLD, BY_HEADER, DOCUMENTED = "as you say", "header", "as that program documents"
+BY_HEADER, DOCUMENTED = "header", "as that program documents"
 #: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
@@ -259,7 +259,7 @@ def _layout(
         Watch(mine, form)  # two sensors in turn have no clock that rises steadily
         rows = [line.split(delimiter) for line in mine if line.split("#")[0].strip()]
         try:
-            clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name)
+            clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name, lines[:first])
         except QuestionsError as unknown:
             questions += unknown.questions
     if clock is not None:
@@ -300,7 +300,8 @@ def _layout(
         header_line=lines[first - 1].strip() if first else "",
         finer=finer,
         remark="" if clock is None else clock.says,
-        sources=_sources(columns, names, answers, facts, told),
+        sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, told),
+        intervals=clock is not None and clock.intervals,
         facts={key: value for key, value in facts.items() if not key.endswith("_unit")},
     )
 

@@ -27,6 +27,8 @@ ERA_NS = 2**62
 COARSE = 0.02
 #: of the stamps' own step: how far counted samples may lie from coarse stamps before samples must be missing
 OFF = 2.0
+#: changes of coarse stamps, with fewer of which they tell no rate
+FEW_CHANGES = 4
 
 
 def span_of_counter(fall: float, usual: float, lowest: float, highest: float, unit: float) -> float | None:
@@ -198,6 +200,9 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; stamps stay as they are"
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
     shares = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
+    if odr_hz is None and len(steps) - shared < FEW_CHANGES:
+        stand = f"steps of {step_ns / NS_PER_S:g} s" if step_ns else "all are one"
+        raise DataError(f"{name}: the stamps have too few digits ({stand}): write at least milliseconds, or give --odr HZ")
     if step_ns:
         # Where a stamp changes, it is right to within a sample; everywhere else only to within its own step.
         change = np.flatnonzero(steps > 0) + 1

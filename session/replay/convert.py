@@ -12,19 +12,29 @@ import numpy as np
 from session.bench.session_file import UNKNOWN
 from session.detect.findings import Finding
 from session.detect.first_look import check_folder
+from session.io.clock import TOLD
 from session.io.config import Sensor, read_config
 from session.io.dialects import AXES, Answers
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import MOST_TOML, copy_new, created, folder_whole, read_bytes, require_empty, write_new
 from session.io.logfile import CALIBRATED, read_log
 from session.io.names import log_paths
+from session.io.questions import QuestionsError
 from session.io.registers import profile_of, require_registers
 from session.io.standard import OWN, flags_of
 from session.io.texts import command_line, comment
 from session.io.toml import line, setting
 from session.io.units import TIME, endings
 from session.io.written import LATITUDE_REMOVES, OPTIONAL_SITE
-from session.replay.answers import ASSUMED_RANGE, sensor_of, with_comments, with_full_scales, with_sensor
+from session.replay.answers import (
+    ASSUMED_RANGE,
+    BY_GRAVITY,
+    sensor_of,
+    with_comments,
+    with_full_scales,
+    with_sensor,
+    with_unit_by_gravity,
+)
 from session.replay.join import Joined, join
 from session.replay.sources import Source, Sources
 from session.replay.took import said_took
@@ -64,7 +74,27 @@ def convert(
         raise FormatError(f"{out}: no session to add to; leave --add out to make one")
     if not add:
         require_empty(out, "exists; give --out a new folder, or add to the session there with --add log or --add closure")
+    try:
+        return _converted(paths, out, answers, add, serial, columns)
+    except QuestionsError as asked:
+        answers = with_unit_by_gravity(paths, answers, columns, asked)
+    return _converted(paths, out, answers, add, serial, columns, BY_GRAVITY)
+
+
+def _converted(
+    paths: Sequence[Path],
+    out: Path,
+    answers: Answers,
+    add: str | None,
+    serial: str,
+    columns: Sequence[str],
+    known: str = "",
+) -> Converted:
+    """known: how the unit of the clock is, where the person has not said it."""
     with Sources(paths, answers, columns) as sources:
+        for source in sources if known else ():
+            source.layout = replace(source.layout, sources={**source.layout.sources, "time": known})
+            source.notes = [note.replace(f"in {answers.time_unit} {TOLD}", f"in {answers.time_unit} {known}") for note in source.notes]
         answers = with_comments(answers, sources)
         if add:
             answers = _as_in(read_config(out / "session.toml").sensor, answers)

@@ -65,9 +65,11 @@ def said_clock(layout: Layout, answers: Answers, counted: bool) -> str:
     if counted or layout.time is None:
         return f"none, samples counted at {answers.odr_hz:g} Hz" if answers.odr_hz else "none, samples counted"
     columns = " + ".join(layout.name(column) for column in (layout.time, *(column for column, _ in layout.finer)))
-    source = layout.sources.get("time") or "by its name and its pace"
-    unit = "" if source == BY_FILE else " as a time of day" if layout.clock else f" in {_unit(layout.time_ns)}"
-    return f"{columns}{unit} ({source})"
+    source = layout.sources["time"]
+    if layout.clock:
+        return f"{columns} as a time of day"
+    summed = ", intervals that are added up," if layout.intervals else ""
+    return f"{columns}{summed}{'' if source == BY_FILE else f' in {_unit(layout.time_ns)}'} ({source})"
 
 
 def _unit(ns: float) -> str:

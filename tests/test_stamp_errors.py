@@ -9,7 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from session.detect.first_look import check_session
 from session.detect.stamp_errors import StampErrors, angle_rms, moved_by_stamps, rate_pieces, stamp_errors
+from session.io.errors import DataError
+from session.io.folder import read_session
 from session.io.samples import Samples
+from session.io.stamps import along_line
 from session.io.units import DEG
 from tinygc import closure
 from tinygc.closure.floor import stamp_variance
@@ -154,3 +157,53 @@ def test_gravity_tells_a_clock_that_changed_from_a_sensor_that_did(slower):
     ):
         (finding,) = [each for each in check_session(session_of(taken)) if each.what == "rate changes"]
         assert finding.level == level
+
+
+def jittery(rate_hz=93.4, seconds=140, jitter_s=2e-3, seed=7):
+    true_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    return true_s, np.rint((true_s + np.abs(np.random.default_rng(seed).normal(0, jitter_s, len(true_s)))) * 1e3).astype(np.int64) * 10**6
+
+
+@pytest.mark.parametrize(("rate_hz", "jitter_s"), [(93.4, 2e-3), (207.6, 5e-4), (52.1, 5e-3)])
+def test_samples_are_counted_along_stamps_that_scatter(rate_hz, jitter_s):
+    true_s, stamps = jittery(rate_hz, jitter_s=jitter_s)
+    errors = []
+    for seed in range(20):
+        even = along_line(jittery(rate_hz, jitter_s=jitter_s, seed=seed)[1], "x")
+        errors.append((even.hz / rate_hz - 1) * 1e6 / even.sigma_ppm)
+    assert 0.5 < np.std(errors) < 1.6
+    assert np.ptp(along_line(stamps, "x").t_ns * 1e-9 - true_s) < 2e-4
+
+
+def test_lines_begin_anew_behind_a_gap_and_missing_samples_are_refused():
+    true_s, stamps = jittery()
+    kept = np.ones(len(stamps), dtype=bool)
+    kept[5000:5400] = False
+    even = along_line(stamps[kept], "x")
+    assert even.hz == pytest.approx(93.4, rel=1e-5)
+    assert np.ptp(even.t_ns * 1e-9 - true_s[kept]) < 5e-4
+    kept[8000] = False
+    with pytest.raises(DataError, match=r"samples are missing near 85\.\d s, where no gap says so"):
+        along_line(stamps[kept], "x")
+    slewed = np.cumsum(np.where((true_s > 50) & (true_s < 90), 1.02, 1.0)) / 93.4
+    with pytest.raises(DataError, match="the rate changes"):
+        along_line(np.rint(slewed * 1e9).astype(np.int64), "x")
+
+
+def test_import_counts_along_the_stamps_where_it_is_asked_to(tmp_path, run):
+    samples = Table().tumble(16, seed=5).samples(registers=False, gyro_mdps=1.0)
+    late_us = samples.t_s * 1e6 + np.abs(np.random.default_rng(8).normal(0, 1500, len(samples)))
+    each_us = 300 * np.arange(len(samples))  # that a line takes on the wire
+    late_us = np.maximum.accumulate(late_us - each_us) + each_us
+    table = np.column_stack([late_us, samples.gyro / DEG, samples.accel])
+    header = "t_us,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2"
+    np.savetxt(tmp_path / "x.csv", table, ["%d", *["%.6f"] * 6], ",", header=header, comments="")
+    code, out, _ = run("import", tmp_path / "x.csv", "--out", tmp_path / "as_is")
+    assert "jitter" in out
+    assert "--even" in out
+    code, out, _ = run("import", tmp_path / "x.csv", "--even", "--out", tmp_path / "even")
+    assert code == 0
+    assert "samples were counted along them, 208.0" in out
+    session = read_session(tmp_path / "even")
+    assert np.ptp(np.diff(session.logs[0].samples.t_ns)) < 1e4
+    assert 0 < session.clock.sigma < 1e-4

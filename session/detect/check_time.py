@@ -101,7 +101,7 @@ def looks_counted(log: Log, sensor: Sensor) -> bool:
 
     A board that states another rate than the nominal one has measured it: its even stamps are no count.
     """
-    told = log.in_memory or log.counted or sensor.odr_sigma is not None
+    told = log.in_memory or log.counted or sensor.odr_sigma is not None or sensor.clock_sigma_ppm is not None
     return not told and _multiples(log.samples, sensor.nominal_hz)
 
 

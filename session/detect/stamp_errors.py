@@ -16,13 +16,11 @@ import numpy as np
 from session.detect.bridging import short_gaps
 from session.io.pace import GAP_PERIODS
 from session.io.samples import Samples, pieces
-from session.io.stamps import lasting_gaps
+from session.io.stamps import LOST, lasting_gaps
 from session.io.units import NS
 
 #: rows that are looked at together
 TOGETHER = 1 << 18
-#: of a period: a step that lasts and is larger has lost a sample
-LOST = 0.75
 #: rows on either side that a reading's slope is taken over
 SLOPE = 4
 #: what is left of a reading by its neighbours: a movement up to the third power of time leaves nothing

@@ -24,7 +24,7 @@ class Answers:
 
     gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.  rows, where, lines: the rows that are meant, as in
     ``session.io.rows.Wanted``.  packed: the order of registers in a hexadecimal word (``session.io.forms``).  like: the dialect's name.
-    topic: of a binary log.
+    topic: of a binary log.  even: whether samples are counted along their stamps (``session.io.stamps.along_line``).
     """
 
     odr_hz: float | None = None
@@ -43,6 +43,7 @@ class Answers:
     packed: str | None = None
     like: str | None = None
     topic: str | None = None
+    even: bool = False
 
 
 @dataclass(frozen=True)

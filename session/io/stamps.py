@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from session.io.errors import DataError
 from session.io.numeric import MEDIAN_SIGMAS, runs_of
-from session.io.pace import GAP_PERIODS
+from session.io.pace import GAP_PERIODS, pace_of
 from session.io.units import NS, NS_PER_S
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
@@ -150,8 +151,8 @@ def fresh(t_ns: np.ndarray) -> np.ndarray:
 
 #: samples on either side of a step, of which the least delayed counts: a burst of a telephone is over after 5 to 20
 WINDOW = 32
-#: of a period: a step that lasts and is larger has lost samples
-LASTS = 1.5
+#: of a period: a step that lasts and is larger has lost samples, if it is so many sigmas of what they usually are
+LASTS, SURE = 1.5, 8.0
 
 
 def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tuple[np.ndarray, np.ndarray]:
@@ -163,7 +164,8 @@ def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tup
     least = sliding_window_view((t_ns - t_ns[0]) * NS - period_s * np.arange(len(t_ns)), WINDOW).min(axis=1)
     # Row i + WINDOW - 1 is the last one of window i, and the first of the window behind it is the next row.
     jumps = least[WINDOW:] - least[:-WINDOW]
-    firsts = runs_of(jumps > lasts * period_s)[0]
+    usual = float(np.median(np.abs(jumps))) / MEDIAN_SIGMAS
+    firsts = runs_of(jumps > max(lasts * period_s, SURE * usual))[0]
     return firsts + WINDOW - 1, np.array([jumps[first : first + WINDOW].max() for first in firsts])
 
 
@@ -171,6 +173,8 @@ def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tup
 BURST, BURSTS = 0.3, 0.15
 #: samples among which one was handed over at once
 AMONG = 64
+#: in the note of stamps along which no samples were counted
+UNCOUNTED = "stamps stay as they are"
 
 
 def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None]:
@@ -197,7 +201,7 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
             slope, start = np.polyfit(least, (t_ns[least] - t_ns[0]).astype(float), 1)
             even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
             return even, f"{shares}: samples were counted along their stamps, {NS_PER_S / slope:.3f} Hz"
-        return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; stamps stay as they are"
+        return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; {UNCOUNTED}"
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
     shares = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
     if odr_hz is None and len(steps) - shared < FEW_CHANGES:
@@ -215,6 +219,63 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
     if odr_hz is None:
         raise DataError(f"{name}: {shares}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
     return counted(len(t_ns), odr_hz), f"{shares}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
+
+
+#: of a period: a step that lasts and is larger has lost a sample; how far one of ``PARTS`` of a log may lie off the line
+LOST, ASIDE = 0.75, 0.5
+#: parts of a log whose errors are taken for independent
+PARTS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Even:
+    """t_ns (N,) of samples that were counted along their stamps; hz, and its relative sigma, ppm; scatter_s: rms of stamps about them."""
+
+    t_ns: np.ndarray
+    hz: float
+    sigma_ppm: float
+    scatter_s: float
+
+    @property
+    def note(self) -> str:
+        """What was done."""
+        rate = f"{self.hz:.3f} Hz ± {self.sigma_ppm:.2g} ppm"
+        return f"stamps scatter by {self.scatter_s * 1e3:.2g} ms rms: samples were counted along them, {rate}"
+
+
+def along_line(t_ns: np.ndarray, name: str) -> Even:
+    """Samples on straight lines of one slope through their stamps (N,) ns, a line between two gaps.
+
+    Raises DataError where samples are missing and no gap says where, and where the lines miss the stamps: their rate changes.
+    """
+    if len(t_ns) < 2 * AMONG:
+        raise DataError(f"{name}: {len(t_ns)} samples are too few for --even, expected {2 * AMONG} or more; leave it out")
+    period_s = pace_of(t_ns).period_s
+    gaps, lost_s = lasting_gaps(t_ns, period_s, LOST)
+    if len(hidden := gaps[lost_s <= (GAP_PERIODS - 1) * period_s]):
+        at_s = (t_ns[hidden[0]] - t_ns[0]) * NS
+        more = f" (and in {len(hidden) - 1} more places)" if len(hidden) > 1 else ""
+        raise DataError(
+            f"{name}: samples are missing near {at_s:.1f} s{more}, where no gap says so: --even would misplace all behind; leave it out"
+        )
+    group = np.zeros(len(t_ns), dtype=int)
+    group[gaps + 1] = 1
+    group = np.cumsum(group)
+    size, count = np.bincount(group), np.arange(len(t_ns), dtype=float)
+    t_s = (t_ns - t_ns[0]) * NS
+    middle, mean_s = (np.bincount(group, weights=each) / size for each in (count, t_s))
+    count -= middle[group]
+    slope_s = float(count @ (t_s - mean_s[group]) / (count @ count))
+    even_s = mean_s[group] + slope_s * count
+    off = t_s - even_s
+    aside = np.abs([np.median(part) for part in np.array_split(off, PARTS)])
+    if aside.max() > ASIDE * slope_s:
+        at_s = t_s[int(np.argmax(aside)) * len(t_s) // PARTS]
+        what = f"counting along the stamps misses them by {aside.max() * 1e3:.4g} ms at {at_s:.1f} s"
+        raise DataError(f"{name}: {what}: the rate changes, or samples are missing; leave --even out, and look at `calibrate.py check`")
+    sums = [float(part.sum()) for part in np.array_split(count * off, PARTS)]
+    sigma_ppm = float(np.sqrt(np.square(sums).sum()) / (count @ count) / slope_s * 1e6)
+    return Even(t_ns[0] + np.rint(even_s * NS_PER_S).astype(np.int64), 1 / slope_s, sigma_ppm, float(off.std()))
 
 
 #: samples that a stamp's group may lack, beside so many times what groups usually differ by

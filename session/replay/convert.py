@@ -99,7 +99,7 @@ def _converted(
         if add:
             answers = _as_in(read_config(out / "session.toml").sensor, answers)
         answers, assumed = with_sensor(sources, answers)
-        joined = join(sources, answers.odr_hz)
+        joined = join(sources, answers.odr_hz, answers.even)
         answers, ranges = with_full_scales(sources, joined, answers)
         assumed = (*assumed, *ranges)
         with folder_whole(out) as work:
@@ -116,7 +116,9 @@ def _converted(
                 write_new(work / "session.toml", before + f"\n# {name}: from {_source(sources)}\n".encode())
             else:
                 name = log.name
-                _write_toml(work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed), out)
+                _write_toml(
+                    work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed, joined.clock_sigma_ppm), out
+                )
         dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
         findings = tuple(check_folder(out))
@@ -218,15 +220,21 @@ def _next_name(folder: Path, stem: str) -> str:
     return next(f"{stem}{number:04d}" for number in range(1, 10_000) if f"{stem}{number:04d}" not in taken)
 
 
-def _toml(sources: Sequence[Source], odr_hz: float, answers: Answers, serial: str, assumed: Sequence[str]) -> str:
+def _toml(
+    sources: Sequence[Source], odr_hz: float, answers: Answers, serial: str, assumed: Sequence[str], clock_sigma_ppm: float | None = None
+) -> str:
     assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``with_full_scales`` has found them
     model, serial = answers.sensor or UNKNOWN, serial or sources[0].comments.get("serial", "")
+    clock = ""
+    if clock_sigma_ppm is not None:
+        clock = "# of the rate counted along the stamps; add what the clock that made them may be off, as root of the sum of squares\n"
+        clock += line("clock_sigma_ppm", float(f"{clock_sigma_ppm:.2g}"))
     return f"""\
 # from {_source(sources)}
 schema = "tinygc-session/1"
 
 [sensor]
-{line("model", model)}{line("serial", serial)}{line("odr_hz", odr_hz)}\
+{line("model", model)}{line("serial", serial)}{line("odr_hz", odr_hz)}{clock}\
 {line("gyro_fs_dps", setting(answers.gyro_fs_dps))}{line("accel_fs_g", setting(answers.accel_fs_g))}\
 {"".join(f"# {comment(each).replace('=', '_')}" + chr(10) for each in assumed if ASSUMED_RANGE in each)}\
 # optional: gyro_bias_instability_dph, deg/h of the data sheet; without it, it is estimated from the recording

@@ -55,11 +55,13 @@ def import_log(
         raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns says what its columns are")
     if array_by is not None:
         _refuse_beside(
-            "--array-by", {"--add": add, "--serial": serial, "--turns": turns, "--where": answers.where, "--topic": answers.topic}
+            "--array-by",
+            {"--add": add, "--serial": serial, "--turns": turns, "--where": answers.where, "--topic": answers.topic}
+            | {"--even": answers.even},
         )
         return need("arrays out of one log", "--array-by").import_array(paths, out, answers, array_by, columns)
     if turns is not None:
-        _refuse_beside("--turns", {"--add": add})
+        _refuse_beside("--turns", {"--add": add, "--even": answers.even})
         return need("turns of known angle", "--turns").import_turns(paths, out, answers, turns, columns, serial)
     return convert(paths, out, answers, add, serial, columns)
 

@@ -13,7 +13,7 @@ from session.io.errors import DataError, FormatError
 from session.io.pace import pace_of
 from session.io.reader import Piece
 from session.io.samples import Growing
-from session.io.stamps import COARSE, counted, evenly, fresh
+from session.io.stamps import COARSE, UNCOUNTED, along_line, counted, evenly, fresh
 from session.io.thermometer import Sound
 from session.io.units import G
 from session.replay.sources import Source, StreamSource
@@ -29,7 +29,8 @@ COUNTED = "samples were counted at"
 @dataclass(frozen=True, eq=False)
 class Joined:
     """t_ns (N,); gyro, accel (N, 3) and temp (N,) as written, each with the layout of the file it is from (temp may be None); counted:
-    whether there were no stamps, or none to go by, so that samples were counted at a rate that was given."""
+    whether there were no stamps, or none to go by, so that samples were counted at a rate that was given; clock_sigma_ppm: of the rate of
+    samples that were counted along their stamps."""
 
     t_ns: np.ndarray
     gyro: np.ndarray
@@ -40,6 +41,7 @@ class Joined:
     temp_layout: Layout | None
     notes: tuple[str, ...]
     counted: bool = False
+    clock_sigma_ppm: float | None = None
 
     def without_rows(self) -> Joined:
         """The layouts and the notes."""
@@ -59,10 +61,14 @@ def rates_of(source: Source, odr_hz: float | None) -> tuple[np.ndarray, np.ndarr
     return piece.t_ns, piece.gyro, notes
 
 
-def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
-    """Raises FormatError where the files do not hold one gyroscope and one accelerometer, DataError where their times do not meet."""
+def join(sources: Sequence[Source], odr_hz: float | None, even: bool = False) -> Joined:
+    """even: count samples along their stamps.
+
+    Raises FormatError where the files do not hold one gyroscope and one accelerometer, DataError where their times do not meet.
+    """
     notes: list[str] = []
-    whole = [(source, _whole(source, odr_hz, notes)) for source in sources]
+    sigmas: list[float] = []
+    whole = [(source, _whole(source, odr_hz, notes, sigmas=sigmas if even else None)) for source in sources]
     whole = _showing_gravity(whole, notes)
     gyro_source, gyro = _only(whole, "gyro", "gyroscope")
     accel_source, accel = _only(whole, "accel", "accelerometer")
@@ -100,6 +106,7 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
         None if temp_source is None else temp_source.layout,
         tuple(dict.fromkeys(notes)),
         any(COUNTED in note for note in notes),
+        max(sigmas, default=None),
     )
 
 
@@ -107,8 +114,9 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
 PARTS = ("t_ns", "gyro", "accel", "temp")
 
 
-def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool = False) -> Piece:
-    """All rows of a source; bursts: whether stamps that come in bursts stay as they are."""
+def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool = False, sigmas: list[float] | None = None) -> Piece:
+    """All rows of a source; bursts: whether stamps that come in bursts stay as they are; sigmas: where the samples are to be counted along
+    their stamps, that of the rate, ppm, is added to it."""
     name, rows = source.path.name, 0
     growing: dict[str, Growing] = {}
     most = len(source.stream) if isinstance(source, StreamSource) else 0
@@ -147,6 +155,11 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
     stamps, note = evenly(stamps, odr_hz, name)
     if note:
         notes.append(f"{name}: {note}")
+    if sigmas is not None and (note is None or UNCOUNTED in note):
+        even = along_line(stamps, name)
+        sigmas.append(even.sigma_ppm)
+        notes.append(f"{name}: {even.note}")
+        stamps = even.t_ns
     return Piece(stamps, *columns[1:])
 
 

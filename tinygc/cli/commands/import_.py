@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tinygc.cli.arguments import folder_written, memory, path_read, stream_header
@@ -27,6 +28,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")
     command.add_argument("--array-by", metavar="NAME", help="of several sensors' rows: an array, of each value in this column a unit")
     command.add_argument("--turns", type=path_read, metavar="FILE", help="of a gyroscope alone: turns.csv, the known angles of its turns")
+    what = "count the samples along their stamps, which scatter or are rounded: at one rate, on straight lines between gaps"
+    command.add_argument("--even", action="store_true", help=what)
     what = "memory that reading may take, such as 3GB (1GB, or 20 times what the files take on the disk)"
     command.add_argument("--most-memory", type=memory, metavar="SIZE", help=what)
     add_log_options(command)
@@ -50,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     made = import_log(
         args.logs,
         args.out,
-        answers_of(args, len(args.logs)),
+        replace(answers_of(args, len(args.logs)), even=args.even),
         add=args.add,
         serial=args.serial,
         columns=args.columns if args.columns and len(args.columns) > 1 else (),

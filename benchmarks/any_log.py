@@ -1,7 +1,7 @@
-"""One simulated session as the logs of many programs: what is typed, what is asked, and the fit against the truth.
+"""One simulated session as the logs of many programs: what is typed and asked, the fit against the truth, and what damage does.
 
 ``python benchmarks/any_log.py`` writes each log by the writers of ``tests/``, imports it by the command line, fits it, and compares the
-twelve numbers with the truth.
+twelve numbers with the truth.  Then each log is damaged in five ways, and every sample that is still read is held against the sound log's.
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import re
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,8 @@ from written_texts import TEXTS, Files
 
 #: the session: turns, Hz
 TURNS, RATE_HZ, SEED = 30, 104.0, 11
+#: rows of the logs that are damaged
+SHORT = 2000
 #: what a person fills in: the accelerometer's calibration, and where the table stands
 GIVEN = """[accelerometer]
 matrix = {matrix}
@@ -43,11 +46,13 @@ gravity_mps2 = 9.8127
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of log: files of a recording's samples in a folder, and the options that answer what it does not say."""
+    """A kind of log: files of a recording's samples in a folder, and the options that answer what it does not say; whole: its numbers are
+    integers, which are always finite."""
 
     name: str
     write: Callable[[Samples, Path], list[Path]]
     options: tuple[str, ...] = ()
+    whole: bool = False
 
 
 def _text(name: str) -> Kind:
@@ -57,16 +62,16 @@ def _text(name: str) -> Kind:
             (folder / called).write_bytes(data)
         return [folder / called for called, _ in files]
 
-    return Kind(name, write, TEXTS[name].options)
+    return Kind(name, write, TEXTS[name].options, TEXTS[name].gyro_lsb > 1e-7)
 
 
-def _binary(name: str, writer: Callable, file: str, options: tuple[str, ...] = (), **more: object) -> Kind:
+def _binary(name: str, writer: Callable, file: str, options: tuple[str, ...] = (), whole: bool = False, **more: object) -> Kind:
     def write(samples: Samples, folder: Path) -> list[Path]:
         temp = np.full(len(samples), 25.0) if samples.temp_c is None else np.asarray(samples.temp_c)
         made = writer(folder / file, samples.t_ns, np.asarray(samples.gyro), np.asarray(samples.accel), temp, **more)
         return [made if isinstance(made, Path) else folder / file]
 
-    return Kind(name, write, options)
+    return Kind(name, write, options, whole)
 
 
 KINDS = [
@@ -76,7 +81,8 @@ KINDS = [
     _binary("ROS 2 bag (sqlite)", binary.write_ros2, "imu_bag"),
     _binary("MCAP", binary.write_mcap, "imu.mcap"),
     _binary("ArduPilot .BIN", binary.write_ardupilot, "00000042.BIN", ("--topic", "IMU[0]")),
-    _binary("Betaflight .bbl", binary.write_blackbox, "LOG00001.BBL"),
+    _binary("Betaflight .bbl", binary.write_blackbox, "LOG00001.BBL", whole=True),
+    _binary("Betaflight .bbl of 2016", binary.write_blackbox, "LOG00002.BBL", whole=True, key="gyro.scale"),
     _binary("HDF5", binary.write_hdf5, "imu.h5"),
     _binary("MATLAB 5", binary.write_mat, "imu.mat"),
     _binary("MATLAB 7.3", binary.write_mat73, "imu73.mat"),
@@ -85,15 +91,73 @@ KINDS = [
 ]
 
 
-def called(*words: object) -> tuple[int, str]:
-    """The exit code of a command, and what it says on standard error."""
-    said = io.StringIO()
-    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+# Damage: one function each, to the bytes of a log's first file, or to the samples before they are written.
+
+
+def cut(data: bytes) -> bytes:
+    """In the middle of the last line, or as near the end."""
+    return data[: (data.rstrip().rfind(b"\n") + len(data)) // 2]
+
+
+def garbage(data: bytes) -> bytes:
+    middle = data.find(b"\n", len(data) // 2) + 1
+    return data[:middle] + b"\xff@garbage; 7\n" + data[middle:]
+
+
+def half_header(data: bytes) -> bytes:
+    return data[: max(data.find(b"\n"), 2) // 2]
+
+
+def not_finite(samples: Samples) -> Samples:
+    gyro = np.array(samples.gyro)
+    gyro[len(gyro) // 2, 1] = np.nan
+    return replace(samples, gyro=gyro)
+
+
+def rows_lost(samples: Samples) -> Samples:
+    middle = len(samples) // 2
+    return samples.pick(np.r_[0 : middle - 20, middle + 20 : len(samples)])
+
+
+OF_BYTES = {"last line cut": cut, "garbage in the middle": garbage, "half a header": half_header}
+OF_SAMPLES = {"a value not finite": not_finite, "40 rows lost": rows_lost}
+DAMAGES = ("last line cut", "garbage in the middle", "a value not finite", "half a header", "40 rows lost")
+
+
+def outcome(kind: Kind, damage: str, samples: Samples, sound: Samples, folder: Path) -> str:
+    """What ``import`` makes of a damaged log; sound: what it reads of the whole one."""
+    if kind.whole and damage == "a value not finite":
+        return "–"
+    folder.mkdir()
+    paths = kind.write(OF_SAMPLES.get(damage, lambda same: same)(samples), folder)
+    if damage in OF_BYTES:
+        file = paths[0] if paths[0].is_file() else max(paths[0].iterdir(), key=lambda path: path.stat().st_size)
+        file.write_bytes(OF_BYTES[damage](file.read_bytes()))
+    code, said, _ = called("import", *paths, "--out", folder / "made", *kind.options)
+    if code:
+        fault = code != 2 or len(said.strip().splitlines()) > 1
+        return "FAULT" if fault else "its line" if re.search(r"line \d", said) else "refused"
+    read = tinygc.read_session(folder / "made").logs[0].samples
+    # Without stamps samples are counted, so that theirs say nothing: then the readings are found by their order.
+    counted = "--odr" in kind.options
+    at = np.clip(np.searchsorted(sound.t_ns, read.t_ns - 1_000_000), 0, len(sound) - 1)
+    if counted:
+        at = np.arange(len(read)) + (len(sound) - len(read)) * (np.arange(len(read)) > len(sound) // 2)
+    same = counted | (np.abs(sound.t_ns[at] - read.t_ns) < 1_000_000)
+    for a, b, within in ((sound.gyro, read.gyro, 1e-9), (sound.accel, read.accel, 1e-6)):
+        same &= (np.abs(np.asarray(a)[at] - np.asarray(b)) < within).all(axis=1)
+    return f"−{len(sound) - len(read)}" if same.all() else f"WRONG: {np.count_nonzero(~same)}"
+
+
+def called(*words: object) -> tuple[int, str, str]:
+    """The exit code of a command, and what it says on standard error and on standard output."""
+    said, out = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(out):
         try:
             code = calibrate.main([str(word) for word in words])
         except SystemExit as left:
             code = int(left.code or 0)
-    return code, said.getvalue()
+    return code, said.getvalue(), out.getvalue()
 
 
 def asked(message: str) -> int:
@@ -109,14 +173,20 @@ def row_of(
     folder.mkdir()
     paths, out = kind.write(samples, folder), folder / "made"
     start = time.perf_counter()
-    code, said = called("import", *paths, "--out", out)
+    code, said, took = called("import", *paths, "--out", out)
     questions = 0 if code == 0 else asked(said)
     if code != 0:
-        code, said = called("import", *paths, "--out", out, *kind.options)
+        code, said, took = called("import", *paths, "--out", out, *kind.options)
     imported_s = time.perf_counter() - start
     row: dict = {"log": kind.name, "typed": " ".join(kind.options), "questions": questions, "read": code == 0, "import_s": imported_s}
     if code != 0:
         return row | {"said": said.strip()}, None
+    row["clock"] = next((line.split("clock: ")[1].split(";")[0] for line in took.splitlines() if line.startswith("  clock: ")), "")
+    (short_folder := folder / "short").mkdir()
+    short = samples.between(0, SHORT)
+    called("import", *kind.write(short, short_folder), "--out", short_folder / "made", *kind.options)
+    sound = tinygc.read_session(short_folder / "made").logs[0].samples
+    row["damage"] = [outcome(kind, damage, short, sound, folder / f"damage{place}") for place, damage in enumerate(DAMAGES)]
     with (out / "session.toml").open("a") as toml:
         toml.write(given)
     try:
@@ -162,8 +232,8 @@ def main() -> None:
             rows.append(row)
             progress(f"{len(rows)} of {len(KINDS)}: {kind.name}")
     progress("")
-    head = ["log", "options typed", "asked", "import, s", "rms σ", "most σ", "from own σ"]
-    print(markdown(head, map(_cells, rows)))
+    print(markdown(["log", "typed", "asked", "import, s", "rms, σ", "most, σ", "from its own, σ"], map(_cells, rows)))
+    print(markdown(["log", "clock, and how its unit is known", *DAMAGES], ([row["log"], row["clock"], *row["damage"]] for row in rows)))
 
 
 def _cells(row: dict) -> list[str]:

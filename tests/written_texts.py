@@ -224,11 +224,11 @@ def kalibr(s: Samples) -> Files:
 
 
 def gopro(s: Samples) -> Files:
-    """A name for three columns, which says their order."""
-    parts = (("gyro.csv", "Gyroscope (z,x,y) [rad/s]", rps(s)), ("accl.csv", "Accelerometer (z,x,y) [m/s2]", mps2(s)))
+    """A name for three columns, which says their order and signs."""
+    parts = (("gyro.csv", "Gyroscope (z,-x,y) [rad/s]", rps(s)), ("accl.csv", "Accelerometer (z,-x,y) [m/s2]", mps2(s)))
     stamps = s.t_ns * 1e-6, ["2026-05-02T09:30:00.000Z"] * len(s)
     return [
-        *(f for name, head, (x, y, z) in parts for f in file(name, f'"cts","date","{head}","1","2"\n', lines(*stamps, z, x, y))),
+        *(f for name, head, (x, y, z) in parts for f in file(name, f'"cts","date","{head}","1","2"\n', lines(*stamps, z, -x, y))),
     ]
 
 

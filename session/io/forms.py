@@ -80,7 +80,7 @@ class _Monitor:
 
     def __init__(self, inner: TextForm | None, lines: list[str]):
         """lines: without the clock."""
-        self._inner, self._delimiter = inner, next((sign for sign in ",;\t" if any(line.count(sign) >= 2 for line in lines)), ",")
+        self._inner, self._delimiter = inner, next((sign for sign in ",;\t" if any(line.count(sign) >= 2 for line in lines)), " ")
         self.header = f"{inner.header},monitor_time" if inner is not None and inner.header else ""
         if inner is not None:
             self.name = f"{inner.name}, with a serial monitor's clock"

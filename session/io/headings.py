@@ -67,7 +67,7 @@ def plain(name: str) -> str:
 
 
 #: ``Gyroscope (z,x,y) [rad/s]``: one name for three columns
-ONE_NAME = re.compile(r"([^(\[]{1,60})(?:\(([xyz]),([xyz]),([xyz])\))?\s*([\[(][^\])]{1,20}[\])])?", re.IGNORECASE)
+ONE_NAME = re.compile(r"([^(\[]{1,60})(?:\((-?[xyz]), ?(-?[xyz]), ?(-?[xyz])\))?\s*([\[(][^\])]{1,20}[\])])?", re.IGNORECASE)
 
 
 def spread(names: Sequence[str]) -> tuple[str, ...]:

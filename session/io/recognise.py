@@ -161,8 +161,9 @@ def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterato
 def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> dict[str, Column]:
     """{t: column, gx: …, temp: …} where the header is of this dialect; empty where it is not."""
     at: dict[str, tuple[int, str]] = {}
+    turned = {column for column, (name, _) in enumerate(names) if " -" in name}  # ``gyroscope -x``
     for column, (name, unit) in enumerate(names):
-        at.setdefault(name, (column, unit))
+        at.setdefault(name.replace(" -", " "), (column, unit))
     time = next((parts for parts in (each.split("+") for each in dialect.time) if all(part in at for part in parts)), None)
     if time is None or not all(name in at for name in dialect.signature):
         return {}
@@ -171,7 +172,8 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
         triad = [pattern.format(axis) for axis in dialect.axes]
         begins = "gyro" if letter == "g" else ("accel", "totalaccel")  # of the telephone, not of a watch or a headphone
         if all(name in at for name in triad) and not (dialect.by_file and not file.lower().startswith(begins)):
-            found |= {f"{letter}{axis}": (at[name][0], at[name][1] or unit, 1) for axis, name in zip("xyz", triad, strict=True)}
+            places = {f"{letter}{axis}": at[name] for axis, name in zip("xyz", triad, strict=True)}
+            found |= {key: (column, said or unit, -1 if column in turned else 1) for key, (column, said) in places.items()}
     if dialect.both and ("gx" in found) != ("ax" in found):
         return {}
     if dialect.temp and dialect.temp in at:

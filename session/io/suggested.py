@@ -32,8 +32,9 @@ def suggested(lines: Sequence[str]) -> tuple[int, str] | None:
     values, clocks, names = max((_table(lines, delimiter) for delimiter in DELIMITERS), key=lambda table: table[0].size)
     count = values.shape[1]
     rises = [c for c in range(count) if (np.diff(values[:, c]) >= 0).all() and np.ptp(values[:, c]) > 0]
-    said = [c for c in rises if c in clocks or set(re.findall("[a-z]+", names[c].lower())) & set(CLOCKS)]
-    time = next(iter((*said, *(c for c in rises if not (np.diff(values[:, c]) == 1).all()), *rises)), None)
+    said = [c for c in rises if set(re.findall("[a-z]+", names[c].lower())) & set(CLOCKS)]
+    # A board's own time before a time of day, which is the computer's, and both before what counts the rows.
+    time = next(iter((*said, *(c for c in rises if c not in clocks and (np.diff(values[:, c]) != 1).any()), *sorted(clocks), *rises)), None)
     left = [c for c in range(count) if c not in (time, *clocks) and np.isfinite(values[:, c]).all()]
     triads = [c for c in left if {c + 1, c + 2} <= set(left)]
     lengths = {c: float(np.median(np.linalg.norm(values[:, c : c + 3], axis=1))) for c in triads}
@@ -45,7 +46,7 @@ def suggested(lines: Sequence[str]) -> tuple[int, str] | None:
     if gyro is None and accel is None:
         return None
     entries = [] if time is None else [f"t{'' if time in clocks else '_' + _unit('time', names[time], UNIT)}={_called(names, time)}"]
-    for kind, first, word in (("gyro", gyro, UNIT), ("accel", accel, unit)):
+    for kind, first, word in (("gyro", gyro, unit and UNIT), ("accel", accel, unit)):
         for place, axis in enumerate("xyz" if first is not None else ""):
             column = (first or 0) + place
             stated = _unit(kind, names[column], word)

@@ -211,7 +211,8 @@ def _left_out(paths: Sequence[Path], kind: str, called: str, faults: Sequence[Fo
 def _said(faults: Sequence[FormatError], first: str) -> str:
     """What is wrong with some of the files, those first whose name has this in it."""
     texts = sorted((str(fault) for fault in faults), key=lambda text: first not in text.split(" ")[0].lower())
-    some = [text if len(text) <= FAULT_LENGTH else f"{text[:FAULT_LENGTH]}…" for text in texts[:MOST_FAULTS]]
+    length = FAULT_LENGTH if len(texts) > 1 else MOST_FAULTS * FAULT_LENGTH
+    some = [text if len(text) <= length else f"{text[:length]}…" for text in texts[:MOST_FAULTS]]
     return "; ".join((*some, *([f"and {len(texts) - MOST_FAULTS} more"] if len(texts) > MOST_FAULTS else [])))
 
 

@@ -60,6 +60,10 @@ def from_row(rate, row, change):
     return np.concatenate([rate[:row], change(rate)[row:]])
 
 
+def mean_of(count):
+    return lambda rate: lfilter(np.ones(count) / count, 1, rate, axis=0)
+
+
 FAULTS = {
     "gate": (lambda w: np.where(np.abs(w) < [0.6, 1.0, 0.4], 0, w), "dead band", "x, y, z stand at 0 dps"),
     "gate of all": (lambda w: w * (np.linalg.norm(w, axis=1) > 0.8)[:, None], "dead band", "all others are beyond 0.8"),
@@ -70,6 +74,16 @@ FAULTS = {
     "tracked": (lambda w: tracked(w, 1.5), TRACKED, "at rest x, y, z are drawn to 0 with 1."),
     "new zero": (lambda w: from_row(w + ZERO, 4000, lambda w: w - ZERO), NEW_ZERO, "the zero steps by -0.5"),
     "full scale": (lambda w: from_row(w, 3000, lambda w: 0.5 * w), "gyro range", "the rates are 0.5 times what they were"),
+    "filter of one axis": (
+        lambda w: from_row(w, 4000, lambda w: w * [1, 1, 0] + mean_of(4)(w) * [0, 0, 1]),
+        FILTER,
+        "neighbouring readings of z",
+    ),
+    "few values on the way": (
+        lambda w: from_row(w, 5000, lambda w: -0.07 * (w > 0)),
+        "few values",
+        "reads 2 values only in 38% of the log, the first at 48 s",
+    ),
     "few values": (lambda w: np.where(w > 0, 989.0, 0.0), "few values", "the gyro reads 2 values only, 0, 989 dps"),
 }
 
@@ -80,10 +94,6 @@ def test_a_fault_is_known_by_its_signature(sound, spoil, what, says):
     assert finding.what == what
     assert says in finding.says
     assert finding.do
-
-
-def mean_of(count):
-    return lambda rate: lfilter(np.ones(count) / count, 1, rate, axis=0)
 
 
 @pytest.mark.parametrize("row", [2500, 4321])

@@ -48,23 +48,30 @@ def check_signatures(log: Log, sensor: Sensor, at_rest: bool = True) -> list[Fin
 
 #: values of three axes, and readings that hold no other; a coarse register has more while the body turns
 FEW_VALUES, LEAST_READINGS = 6, 200
-#: the body moves where the other sensor's readings span this over the middle four fifths of the rows, or the few values do: dps, g
-MOVES = (10.0 * DEG, 0.1 * G)
+#: the body moves where the other sensor's readings span this over the middle four fifths of so many rows, or the few values do: dps, g
+MOVES = (10.0 * DEG, 0.5 * G)
 
 
 def _check_values(log: Log, sensor: Sensor) -> list[Finding]:
-    parts = [np.asarray(values[:MOST]) for values in (log.samples.gyro, log.samples.accel)]
-    spans = [np.ptp(np.quantile(part, (0.1, 0.9), axis=0), axis=0).max() for part in parts]
+    count = min(len(log.samples), MOST) // LEAST_READINGS
+    gyro, accel = (np.asarray(part[: count * LEAST_READINGS]).reshape(count, -1, 3) for part in (log.samples.gyro, log.samples.accel))
     findings = []
-    for which, (part, unit, word) in enumerate(zip(parts, (DEG, G), ("dps", "g"), strict=True)):
-        if len(part) < LEAST_READINGS or len(np.unique(part[:LEAST_READINGS])) > FEW_VALUES or not np.ptp(part, axis=0).any():
+    for which, (own, other, unit, word) in enumerate(((gyro, accel, DEG, "dps"), (accel, gyro, G, "g"))):
+        ordered = np.sort(own.reshape(count, -1), axis=1)
+        few = (ordered[:, 1:] != ordered[:, :-1]).sum(axis=1) < FEW_VALUES
+        values = np.unique(own[few]) if few.any() else np.zeros(0)
+        if not 0 < len(values) <= FEW_VALUES or not np.ptp(own[few], axis=1).any():  # one value is stuck or dead, another finding
             continue
-        values = np.unique(part)
-        if len(values) > FEW_VALUES or max(spans[1 - which] / MOVES[1 - which], np.ptp(values) / MOVES[which]) < 1:
+        moved = other[few].reshape(1, -1, 3) if few.all() else other[few]  # from rest to rest, where it never answers
+        span = np.ptp(np.quantile(moved, (0.1, 0.9), axis=1), axis=0).max()
+        if max(span / MOVES[1 - which], np.ptp(values) / MOVES[which]) < 1:
             continue
-        says = f"the {SENSORS[which]} reads {len(values)} values only, {', '.join(f'{value / unit + 0.0:.4g}' for value in values)} {word}"
+        read = ", ".join(f"{value / unit + 0.0:.4g}" for value in values)
+        first = f", the first at {log.samples.at_s(int(np.argmax(few)) * LEAST_READINGS):.0f} s"
+        part = "" if few.all() else f" in {few.mean():.0%} of the log{first}"
+        says = f"the {SENSORS[which]} reads {len(values)} values only{part}, {read} {word}, while the body moves"
         do = "the bus answers, and the sensor does not: look at the wiring, the address, the register map and the supply"
-        findings.append(Finding("error", log.path.name, FEW, f"{says}, while the body moves", do))
+        findings.append(Finding("error", log.path.name, FEW, says, do))
     return findings
 
 
@@ -297,8 +304,10 @@ def _check_at_rest(log: Log) -> list[Finding]:
 
 #: log of the power of neighbours' differences: by as much it changes, and the share of rests on the wrong side of the middle
 LEAST_CHANGE, WRONG_SIDE = 0.3, 0.05
-#: correlation of neighbouring differences: by so much it changes where a filter does; the full scale leaves it
-LEAST_CORRELATION = 0.1
+#: correlation of neighbouring differences: by so much it changes where a filter of all axes does, and of one; the full scale leaves it
+LEAST_CORRELATION = (0.1, 0.15)
+#: sigmas of that change
+SURELY = 5.0
 #: that of white noise is -1/2, and no filter's is less by more than chance
 ALTERNATES = -0.6
 #: of what gravity requires of the rates: a change of the full scale
@@ -308,46 +317,63 @@ MOST_LIKELIHOOD = 5.0
 
 
 def _check_change(where: str, rests: _Rests) -> list[Finding]:
-    gyro = rests.samples.gyro
-    steps = [np.diff(gyro[rests.rows(number)], axis=0) for number in range(len(rests.runs))]
+    steps = [np.diff(rests.samples.gyro[rests.rows(number)], axis=0) for number in range(len(rests.runs))]
     power = np.array([step.var(axis=0) for step in steps])
-    if not power.all():
-        return []
-    level = np.log(power)
-    follows = np.array([(step[1:] * step[:-1]).mean(axis=0) for step in steps]) / power
-    size = level.mean(axis=1)
-    at = min(range(LEAST_RESTS, len(size) - LEAST_RESTS + 1), key=lambda k: _apart(size[:k]) + _apart(size[k:]))
-    change = _medians(level, at)
-    if not _clean(size, at) or np.abs(change.mean()) < LEAST_CHANGE or np.any(change * change.mean() < 0):
-        return []
-    stills = [measure(rests.samples, [run], rests.blocks.size) for run in rests.runs]
-    before, behind = (agreement(rests.samples, part) for part in (stills[:at], stills[at:]))
-    row = _row_of_change(rests, at, power)
-    place = f"from row {row} ({rests.samples.at_s(row):.1f} s) on"
-    noise = np.exp(change.mean() / 2)
-    if before is not None and behind is not None and np.array_equal(before.axes, behind.axes):
-        factor = before.scale / behind.scale
-        if abs(np.log(factor)) > np.log(FACTOR):
+    alive = power.all(axis=0)  # an axis that stands in a rest is dead or coarse, another finding
+    power[:, ~alive] = 1.0
+    level, follows = np.log(power), np.array([(step[1:] * step[:-1]).mean(axis=0) for step in steps]) / power
+    found = [[0, 1, 2]] if _changes(level) is not None else [[axis] for axis in range(3) if _changes(level[:, [axis]]) is not None]
+    for axes in found:
+        at = _changes(level[:, axes]) or 0
+        row, change = _row_of_change(rests, at, axes), _change(level[:, axes], at)
+        place, noise = f"from row {row} ({rests.samples.at_s(row):.1f} s) on", float(np.exp(change.mean() / 2))
+        if len(axes) == 3 and (factor := _factor(rests, at)) is not None:
             says = f"{place} the rates are {factor:.3g} times what they were by gravity, and their noise {noise:.2g} times"
             do = "the full scale changes there: record with one, or cut the log there and give each piece its own"
             return [Finding("error", where, RANGE, says, do)]
-    # A filter makes the quieter side the smoother one; a vibration is in the louder one, and has its own frequency.
-    other, louder = _medians(follows, at), follows[at:] if change.mean() > 0 else follows[:at]
-    smoother = -other * np.sign(change.mean())
-    if not _clean(follows.mean(axis=1), at) or smoother.min() < LEAST_CORRELATION or np.median(louder, axis=0).min() < ALTERNATES:
-        return []
-    says = f"{place} neighbouring readings at rest differ by {noise:.2g} times as much, and follow each other otherwise"
-    do = "a filter or a mean changes there, and with it the delay: record with one setting, or cut the log there"
-    return [Finding("warning", where, FILTER, says, do)]
+        # A filter makes the quieter side the smoother one; a vibration is in the louder one, and has its own frequency.
+        own, louder = follows[:, axes], slice(at, None) if change.mean() > 0 else slice(0, at)
+        smoother = -np.sign(change.mean()) * _change(own, at)
+        alternates = np.median(own[louder], axis=0).min() < ALTERNATES
+        if _sigmas(own.mean(axis=1), at) > SURELY and smoother.min() > LEAST_CORRELATION[len(axes) < 3] and not alternates:
+            says = f"{place} neighbouring readings of {', '.join('xyz'[axis] for axis in axes)} at rest differ by {noise:.2g} times as much"
+            do = "a filter or a mean changes there, and with it the delay: record with one setting, or cut the log there"
+            return [Finding("warning", where, FILTER, f"{says}, and follow each other otherwise", do)]
+    return []
+
+
+def _changes(level: np.ndarray) -> int | None:
+    """The rest from which on values (R, A) are others, all of them in one sense; None where they are not."""
+    size = level.mean(axis=1)
+    at = min(range(LEAST_RESTS, len(size) - LEAST_RESTS + 1), key=lambda k: _apart(size[:k]) + _apart(size[k:]))
+    change = _change(level, at)
+    return at if _clean(size, at) and (change * np.sign(change.mean())).min() > LEAST_CHANGE else None
+
+
+def _factor(rests: _Rests, at: int) -> float | None:
+    """How many times as large gravity says that rates are from a rest on; None where it is not much, or it does not say."""
+    stills = [measure(rests.samples, [run], rests.blocks.size) for run in rests.runs]
+    before, behind = (agreement(rests.samples, part) for part in (stills[:at], stills[at:]))
+    if before is None or behind is None or not np.array_equal(before.axes, behind.axes):
+        return None
+    factor = before.scale / behind.scale
+    return factor if abs(np.log(factor)) > np.log(FACTOR) else None
 
 
 def _apart(values: np.ndarray) -> float:
     return float(np.abs(values - np.median(values)).sum())
 
 
-def _medians(values: np.ndarray, at: int) -> np.ndarray:
-    """By how much the median of values (R, …) changes at a rest."""
+def _change(values: np.ndarray, at: int) -> np.ndarray:
+    """(A,): by how much the median of values (R, A) changes at a rest."""
     return np.asarray(np.median(values[at:], axis=0) - np.median(values[:at], axis=0))
+
+
+def _sigmas(values: np.ndarray, at: int) -> float:
+    """By how many of its sigmas the median of values (R,) changes at a rest; a median's is 1.25 times a mean's."""
+    parts = values[:at], values[at:]
+    sigma = float(sigma_of(np.concatenate([part - np.median(part) for part in parts])))
+    return abs(float(_change(values, at))) / max(1.25 * sigma * float(np.sqrt(sum(1 / len(part) for part in parts))), np.finfo(float).tiny)
 
 
 def _clean(values: np.ndarray, at: int) -> bool:
@@ -356,15 +382,16 @@ def _clean(values: np.ndarray, at: int) -> bool:
     return all(min(part.mean(), 1 - part.mean()) <= WRONG_SIDE for part in (up[: at - 1], up[at + 1 :]))
 
 
-def _row_of_change(rests: _Rests, at: int, power: np.ndarray) -> int:
-    """The likeliest row about the rest from which on it differs, by differences that hold no smooth movement."""
+def _row_of_change(rests: _Rests, at: int, axes: list[int]) -> int:
+    """The likeliest row about the rest from which on it differs, by differences of these axes that hold no smooth movement."""
+
+    def jerks(rows: slice) -> np.ndarray:
+        return np.diff(rests.samples.gyro[rows][:, axes], n=3, axis=0) ** 2
+
     first, last = (sum(rests.runs[number]) // 2 * rests.blocks.size for number in (at - 2, at + 1))
-    third = np.diff(rests.samples.gyro[first:last], n=3, axis=0) ** 2
-    sides = [
-        np.concatenate([np.diff(rests.samples.gyro[rests.rows(i)], n=3, axis=0) ** 2 for i in part]).mean(axis=0)
-        for part in (range(at), range(at, len(power)))
-    ]
-    before, behind = ((third / side + np.log(side)).sum(axis=1) / -2 for side in sides)
+    square, count = jerks(slice(first, last)), len(rests.runs)
+    sides = [np.concatenate([jerks(rests.rows(i)) for i in part]).mean(axis=0) for part in (range(at), range(at, count))]
+    before, behind = ((square / side + np.log(side)).sum(axis=1) / -2 for side in sides)
     gained = np.clip(before - behind, -MOST_LIKELIHOOD, MOST_LIKELIHOOD)
     return first + int(np.argmax(np.concatenate([[0.0], np.cumsum(gained)])))
 

@@ -84,6 +84,39 @@ def test_a_repeated_stamp_is_left_out_and_said(tmp_path):
     assert any("1 rows repeat the stamp" in note for note in log.notes)
 
 
+def late(kind, t_us, rng):
+    """Stamps of a sensor's samples (N,) us: rounded to 5 or 10 ms, of arrival, or, every 5 s, those of some rows that of their end."""
+    if kind == "arrival":
+        return np.maximum.accumulate(t_us + rng.exponential(4000, len(t_us)))
+    if isinstance(kind, int):
+        return np.rint(t_us / kind) * kind
+    into = t_us % 5e6
+    return np.where((into < kind * 1e6) & (t_us > 1e6), t_us - into + kind * 1e6, t_us)
+
+
+@pytest.mark.parametrize("lost", [0, 12])
+@pytest.mark.parametrize(
+    ("kind", "says"), [(5000, "counted along"), (10_000, "counted along"), ("arrival", "counted"), (0.4, "counted"), (0.03, "placed")]
+)
+def test_rows_that_share_a_stamp_keep_their_readings_and_get_their_times(tmp_path, kind, says, lost):
+    """207.06 Hz: none is missing, though the stamps say 200; where some are, none is made up."""
+    rng, t_us = np.random.default_rng(1), np.arange(12_000) * 1e6 / 207.06
+    kept = np.delete(np.arange(len(t_us)), slice(5000, 5000 + lost))
+    stamps = np.rint(late(kind, t_us, rng))[kept].astype(int)
+    readings = rng.integers(-3000, 3000, (len(t_us), 6))[kept]
+    text = "".join(f"{t},{','.join(map(str, row))},7\n" for t, row in zip(stamps, readings, strict=True))
+    log = read(tmp_path, f"{HEADER}\n{text}")
+    off_us = (log.samples.t_ns - log.samples.t_ns[0]) / 1000 - (t_us - t_us[0])[kept] if len(log.samples) == len(kept) else None
+    if lost and says != "placed":
+        assert any("samples are missing, or stamps come too late" in note for note in log.notes)
+        return
+    assert any(says in note for note in log.notes)
+    assert off_us is not None
+    assert np.abs(off_us).max() < 0.15 * 1e6 / 207.06
+    if not lost:
+        assert 1 / log.samples.period_s == pytest.approx(207.06, rel=1e-5)
+
+
 @pytest.mark.parametrize("cut", ["1019231,4", "1019231,4,5,6,1,2,3,", "1019231,4,5,6,1,2,3,-", "10"])
 def test_a_last_line_that_was_cut_off_is_left_out_and_said(tmp_path, cut):
     log = read(tmp_path, text_of() + cut)

@@ -20,7 +20,7 @@ from session.io.lines import Lines
 from session.io.reader import Reader
 from session.io.registers import RegisterUnits
 from session.io.samples import Growing, PackedReadings, Packer, Samples, times
-from session.io.stamps import fresh
+from session.io.stamps import COARSE, TWICE, evenly, fresh, placed_between, written_once
 from session.io.thermometer import Sound
 from session.io.units import DEG, NS_PER_S, STAMP_NS
 
@@ -143,13 +143,38 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
         notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:
         notes.append(f"the time counter came round {reader.wraps}x: unrolled")
-    if not (kept := fresh(samples.t_ns)).all():
-        notes.append(f"{np.count_nonzero(~kept)} rows repeat the stamp before them: left out")
-        samples = samples.pick(kept)
+    if not fresh(samples.t_ns).all():
+        samples, more = _with_stamps_of_their_own(samples, path.name)
+        notes += more
     if len(samples) < 2:
         raise DataError(f"{path.name}: a single sample; expected a recording of some seconds")
     raw = any(triad is not None and triad.unit.si is None for triad in (layout.gyro, layout.accel))
     return Log(path=path, samples=samples, comments=reader.comments, notes=tuple(notes), raw=raw)
+
+
+def _with_stamps_of_their_own(samples: Samples, name: str) -> tuple[Samples, list[str]]:
+    """The samples without rows that repeat the one before them, and with times for those that share its stamp alone; and notes.
+
+    Where many share a stamp, all are counted along the stamps, as ``import`` does; a few are placed between their neighbours, where there
+    is time for them.
+    """
+    once = written_once(samples.t_ns, [samples.gyro, samples.accel])
+    shared, twice, notes = np.count_nonzero(np.diff(samples.t_ns) == 0), np.count_nonzero(~once), list[str]()
+    if shared > COARSE * len(samples) and twice < TWICE * shared:
+        try:
+            t_ns, note = evenly(samples.t_ns, None, name)
+            return replace(samples, t_ns=t_ns), [note or ""]
+        except DataError as error:
+            notes.append(str(error).removeprefix(f"{name}: "))
+    samples = samples if once.all() else samples.pick(once)
+    placed = placed_between(samples.t_ns)
+    if moved := np.count_nonzero(placed != samples.t_ns):
+        notes.append(f"{moved} rows have the stamp of another row and readings of their own: placed between their neighbours")
+        samples = replace(samples, t_ns=placed)
+    kept = fresh(samples.t_ns)
+    if out := twice + np.count_nonzero(~kept):
+        notes.append(f"{out} rows repeat the stamp before them: left out")
+    return samples.pick(kept), notes
 
 
 # The rows of a session folder's small tables: dial readings, known turns, truth files.  Read a line at a time, however long they are.

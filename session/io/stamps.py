@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -175,6 +176,10 @@ BURST, BURSTS = 0.3, 0.15
 AMONG = 64
 #: in the note of stamps along which no samples were counted
 UNCOUNTED = "stamps stay as they are"
+#: so many times as many samples are such a number of groups at least
+FEW_GROUPS = 8
+#: of a period: within it the least late of stamps that many share tell that no sample is missing
+STRICTLY = 0.5
 
 
 def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None]:
@@ -193,14 +198,8 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
     count = np.arange(len(t_ns))
     if shared <= COARSE * len(steps):
         shares = f"{bursts} of {len(t_ns)} samples come in bursts"
-        # A stamp is late by the wait for the hand-over; the least late of some dozens are right, and show whether samples are missing.
-        slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
-        late_ns = (t_ns - t_ns[0] - start - slope * count)[: len(t_ns) // AMONG * AMONG].reshape(-1, AMONG)
-        if len(late_ns) > 1 and np.ptp(late_ns.min(axis=1)) <= OFF * slope:
-            least = np.arange(len(late_ns)) * AMONG + late_ns.argmin(axis=1)
-            slope, start = np.polyfit(least, (t_ns[least] - t_ns[0]).astype(float), 1)
-            even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
-            return even, f"{shares}: samples were counted along their stamps, {NS_PER_S / slope:.3f} Hz"
+        if (found := _along_least_late(t_ns, OFF)) is not None:
+            return found[0], f"{shares}: samples were counted along their stamps, {found[1]:.3f} Hz"
         return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; {UNCOUNTED}"
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
     shares = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
@@ -216,9 +215,62 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         if fits and not _lacks_samples(change, t_ns):
             even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
             return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
+        if not fits and (found := _along_least_late(t_ns, STRICTLY)) is not None:
+            return found[0], f"{shares}, those that came late: samples were counted along the least late, {found[1]:.3f} Hz"
+    shares += ", and counting along them misses them"
     if odr_hz is None:
-        raise DataError(f"{name}: {shares}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
-    return counted(len(t_ns), odr_hz), f"{shares}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
+        do = "log finer stamps, or give --odr HZ"
+        raise DataError(f"{name}: {shares}: samples are missing, or stamps come too late; {do}")
+    return counted(len(t_ns), odr_hz), f"{shares}: samples were counted at {odr_hz:g} Hz instead"
+
+
+def _along_least_late(t_ns: np.ndarray, within: float) -> tuple[np.ndarray, float] | None:
+    """Stamps (N,) ns on a straight line, and Hz; None where the least late lie on none, within so many periods.
+
+    A stamp is late by the wait for the hand-over; the least late among dozens, or more, are right, and show whether samples are missing.
+    """
+    count, t = np.arange(len(t_ns)), (t_ns - t_ns[0]).astype(float)
+    for among in (AMONG, 4 * AMONG, 16 * AMONG):
+        groups = [*np.split(count, range(among, len(count) - among + 1, among))[:-1], count[-among:]]
+        if len(groups) < (2 if among == AMONG else FEW_GROUPS):
+            break
+        least = count
+        for _ in range(2):  # by all, then by the least late of these
+            slope, start = np.polyfit(least, t[least], 1)
+            late_ns = t - start - slope * count
+            least = np.array([group[late_ns[group].argmin()] for group in groups])
+        if np.ptp(late_ns[least]) <= within * slope:
+            slope, start = np.polyfit(least, t[least], 1)
+            return t_ns[0] + np.rint(start + slope * count).astype(np.int64), NS_PER_S / slope
+    return None
+
+
+def placed_between(t_ns: np.ndarray) -> np.ndarray:
+    """Stamps (N,) ns in which rows that share one lie evenly between the stamps before and behind, where these are as far apart as so many
+    rows take: the stamp was late, or stood still.  Others stay."""
+    first = np.flatnonzero(fresh(t_ns))
+    counts, period = np.diff(np.append(first, len(t_ns))), pace_of(t_ns).period_s * NS_PER_S
+    placed = t_ns.copy()
+    for group in np.flatnonzero(counts[1:-1] > 1) + 1 if len(counts) > 2 else ():
+        begin, count = int(first[group]), int(counts[group])
+        before, behind = int(t_ns[begin - 1]), int(t_ns[begin + count])
+        alone = counts[group - 1] == counts[group + 1] == 1
+        if alone and abs((behind - before) / (count + 1) - period) <= period / 2:
+            placed[begin : begin + count] = before + np.arange(1, count + 1) * (behind - before) // (count + 1)
+    return placed
+
+
+#: of the rows that share a stamp with the one before: so many that are the same in all else were written twice
+TWICE = 0.99
+
+
+def written_once(t_ns: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
+    """(N,) bool: rows that do not repeat the row before them, its stamp and its readings of columns (N, …)."""
+    once, shares = np.ones(len(t_ns), dtype=bool), np.flatnonzero(np.diff(t_ns) == 0)
+    if len(shares):
+        same = [(column[shares + 1] == column[shares]).reshape(len(shares), -1).all(axis=1) for column in columns]
+        once[shares[np.all(same, axis=0)] + 1] = False
+    return once
 
 
 #: of a period: a step that lasts and is larger has lost a sample; how far one of ``PARTS`` of a log may lie off the line

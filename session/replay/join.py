@@ -13,7 +13,7 @@ from session.io.errors import DataError, FormatError
 from session.io.pace import pace_of
 from session.io.reader import Piece
 from session.io.samples import Growing
-from session.io.stamps import COARSE, UNCOUNTED, along_line, counted, evenly, fresh
+from session.io.stamps import COARSE, TWICE, UNCOUNTED, along_line, counted, evenly, fresh, written_once
 from session.io.thermometer import Sound
 from session.io.units import G
 from session.replay.sources import Source, StreamSource
@@ -145,12 +145,13 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         columns = [None if column is None else column[:again] for column in columns]
     stamps = source.unrolled(t_ns[:again])
     notes += [f"{name}: {note}" for note in source.notes[said:]]
-    if (once := _written_once(stamps, [column for column in columns[1:] if column is not None])) is not None:
+    once = written_once(stamps, [column for column in columns[1:] if column is not None])
+    if (shared := np.count_nonzero(np.diff(stamps) == 0)) > COARSE * len(stamps) and np.count_nonzero(~once) >= TWICE * shared:
         notes.append(f"{name}: {np.count_nonzero(~once)} rows repeat the one before them, stamp and readings: left out")
-        stamps, columns = stamps[once], [None if column is None else column[once] for column in columns]
+        stamps, columns, shared = stamps[once], [None if column is None else column[once] for column in columns], 0
     if source.wraps:
         notes.append(f"{name}: the time counter came round {source.wraps}x: unrolled")
-    if bursts and np.count_nonzero(np.diff(stamps) == 0) <= COARSE * len(stamps):
+    if bursts and shared <= COARSE * len(stamps):
         return Piece(stamps, *columns[1:])
     stamps, note = evenly(stamps, odr_hz, name)
     if note:
@@ -161,21 +162,6 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         notes.append(f"{name}: {even.note}")
         stamps = even.t_ns
     return Piece(stamps, *columns[1:])
-
-
-#: of the rows that share a stamp with the one before: so many that are the same in all else were written twice
-TWICE = 0.99
-
-
-def _written_once(t_ns: np.ndarray, columns: list[np.ndarray]) -> np.ndarray | None:
-    """(N,) bool: rows that do not repeat the row before them; None where rows that share a stamp are readings of their own."""
-    shares = np.diff(t_ns) == 0
-    if np.count_nonzero(shares) <= COARSE * len(shares):
-        return None  # a stutter, which the reader of the session leaves out
-    same = shares & np.all([(np.diff(column, axis=0) == 0).reshape(len(shares), -1).all(axis=1) for column in columns], axis=0)
-    if np.count_nonzero(same) < TWICE * np.count_nonzero(shares):
-        return None
-    return np.concatenate([[True], ~same])
 
 
 #: of a log: rows at its end that may repeat what is before them, and how near their last stamp is to the last before them, in periods

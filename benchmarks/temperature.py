@@ -157,7 +157,7 @@ def slopes_of(log: RestLog) -> list[tuple[str, float, float]]:
             found.append(("line" if fit.order == 1 else "curve", float(slope) / DEG, float(sigma) / DEG))
         else:
             assert fit.line is not None
-            found.append(("either" if fit.line.or_walk else "constant", fit.line.slope / DEG, fit.line.sigma / DEG))
+            found.append(("either" if fit.line.order else "constant", fit.line.slope / DEG, fit.line.sigma / DEG))
     return found
 
 

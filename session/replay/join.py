@@ -91,6 +91,7 @@ def join(sources: Sequence[Source], odr_hz: float | None, even: bool = False) ->
         if unit is not None and unit.si is not None:
             sound = Sound()
             values = sound(values * unit.si, values)
+            assert values is not None  # of readings
             notes += sound.notes
         values = np.interp(gyro_ns, temp.t_ns, values)
     if not keep.all():

@@ -9,6 +9,7 @@ from small_rests import small_rest, triangle
 
 from tinygc.annexes.temperature import axis_fit
 from tinygc.annexes.temperature.axis_fit import (
+    AS_NOISE,
     Candidate,
     Coloured,
     best_lag,
@@ -375,18 +376,25 @@ def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_th
     assert covariance == pytest.approx(slope @ noise.C @ slope.T, rel=5e-3)
 
 
-def test_no_dependence_by_chance_is_a_ratio_of_likelihoods_each_with_its_own_noise(rest):
+@pytest.mark.parametrize(("times", "by_ratio"), [(0.0, True), (1.0, False)])
+def test_no_dependence_by_chance_is_a_ratio_of_likelihoods_each_with_its_own_noise(rest, times, by_ratio):
+    """Or a fifth of the p-value in the noise of the constant, whichever is larger."""
     knots, V, root = rest
-    y = columns(knots, 20.0, 1) @ [3.0, 4.0] + root @ np.random.default_rng(7).normal(size=40)
+    y = columns(knots, 20.0, 1) @ [3.0, 4.0 * times] + root @ np.random.default_rng(7).normal(size=40)
+    larger = []
     for chosen, tau, freedom in ((Candidate(1, False), 0.0, 1), (Candidate(1, True), 20.0, 3), (Candidate(2, True), 20.0, 4)):
-        values = []
+        values, squares = [], []
         for order, lag in ((0, 0.0), (chosen.order, tau)):
             A = columns(knots, lag, order)
             C = estimate_noise(y, A, V, 1.0).C
-            r = y - A @ np.linalg.solve(A.T @ np.linalg.solve(C, A), A.T @ np.linalg.solve(C, y))
+            of_constant = estimate_noise(y, columns(knots, 0.0, 0), V, 1.0).C
+            r, other = (y - A @ np.linalg.solve(A.T @ np.linalg.solve(of, A), A.T @ np.linalg.solve(of, y)) for of in (C, of_constant))
             values.append(np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r))
-        expected = stats.chi2.sf(values[0] - values[1], freedom)
-        assert none_by_chance(knots, y, V, 1.0, chosen, tau) == pytest.approx(expected, rel=1e-6)
+            squares.append(other @ np.linalg.solve(of_constant, other))
+        of_ratio, of_noise = (stats.chi2.sf(gain, freedom) for gain in (values[0] - values[1], squares[0] - squares[1]))
+        larger.append(of_ratio > AS_NOISE * of_noise)
+        assert none_by_chance(knots, y, V, 1.0, chosen, tau) == pytest.approx(max(of_ratio, AS_NOISE * of_noise), rel=1e-6)
+    assert any(larger) == by_ratio
     assert none_by_chance(knots, y, V, 1.0, Candidate(0, False), 0.0) == 1
 
 

@@ -4,9 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from small_rests import small_rest
 
-from tinygc.annexes.temperature.axis_fit import about, columns, estimate_noise, fit_axis, make_knots
+from tinygc.annexes.temperature import axis_fit
+from tinygc.annexes.temperature.axis_fit import BY_CHANCE, about, columns, estimate_noise, fit_axis, line_in, make_knots
+from tinygc.annexes.temperature.output import of_rests, order_word, remarks
+from tinygc.annexes.temperature.rest_fit import fit_rests
+from tinygc.annexes.temperature.sessions_fit import of_rests_alone
 from tinygc.annexes.temperature.sweeps import BENT, DITHERED, UNIFORM, between_steps, sweeps_of
 
 T = np.arange(400.0)
@@ -142,3 +147,57 @@ def test_a_strong_slope_is_found_by_a_coarse_thermometer(step, back):
     assert fit.line is None
     assert abs(fit.terms[1] - 0.05) < 3 * fit.sigma[1]
     assert fit.sigma[1] < 0.05 * 0.03
+
+
+# What a constant may hide
+
+
+@pytest.mark.parametrize(("noise", "shows"), [(0.003, 2), (0.3, 0)])
+def test_the_line_of_a_constant_by_full_matrices(noise, shows):
+    """Slope by equal weights, sigma in the noise of the constant; whether the parabola shows in the noise that it leaves itself."""
+    log, _ = stepped(noise=noise, back=True)
+    knots = make_knots([log], sweeps_of(log.temp_c))
+    y, V = knots.mean(log.gyro[:, 0]) * 4, knots.covariances()
+    of_constant, of_parabola = about(knots, y, V, noise, 0), about(knots, y, V, noise, 2)
+    found = line_in(knots, y, V, noise, of_constant, 2, 0.25)
+    G = np.linalg.pinv(columns(knots, 0.0, 1))[1] / knots.half_c
+    assert found.slope == pytest.approx(G @ knots.mean(log.gyro[:, 0]))
+    assert found.sigma == pytest.approx(np.sqrt(G @ of_constant.C @ G) / 4)
+    G = np.linalg.pinv(columns(knots, 0.0, 2))[1:]
+    square = (G @ y) @ np.linalg.solve(G @ of_parabola.C @ G.T, G @ y)
+    assert (stats.chi2.sf(square, 2) < BY_CHANCE) == bool(shows)
+    assert found.order == shows
+
+
+def test_a_line_or_a_walk_is_said_and_no_constant(monkeypatch):
+    """A strong line that the test of chance does not let through."""
+    log, _ = stepped()
+    chance = axis_fit.none_by_chance
+    monkeypatch.setattr(axis_fit, "none_by_chance", lambda *given: 1.0)
+    rests = fit_rests([(log, None)], (0, 1), with_accel=False)
+    assert rests.gyro[0].order == 0
+    assert rests.gyro[0].line.order == 1
+    said = remarks(of_rests_alone("x", rests, {}))
+    assert any(line.startswith("x: straight line or walk, 1.1") and "not told apart" in line for line in said)
+    table = of_rests(rests)["gyro"][0]
+    assert table["line_or_walk"] is True
+    assert table["line_dps"] == pytest.approx(np.degrees(rests.gyro[0].line.slope))
+    assert table["line_std_dps"] == pytest.approx(np.degrees(rests.gyro[0].line.sigma))
+    monkeypatch.setattr(axis_fit, "none_by_chance", chance)
+    rests = fit_rests([(log, None)], (0, 1), with_accel=False)
+    assert rests.gyro[0].line is None
+    assert not any("walk" in line for line in remarks(of_rests_alone("x", rests, {})))
+    assert {key: of_rests(rests)["gyro"][0][key] for key in ("line_dps", "line_std_dps", "line_or_walk")} == {
+        "line_dps": None,
+        "line_std_dps": None,
+        "line_or_walk": False,
+    }
+
+
+def test_without_a_range_there_is_no_line():
+    rest = small_rest(np.full(100, 20.0), np.random.default_rng(0).standard_normal(100))
+    assert fit_axis(make_knots([rest], []), rest.gyro[:, 0]).line is None
+
+
+def test_orders_have_words():
+    assert [order_word(order) for order in (0, 1, 2, 3, 4, 9)] == ["constant", "straight line", "parabola", "cubic", "order 4", "order 9"]

@@ -359,18 +359,21 @@ def simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
 
 #: p-value below which a dependence on temperature, or a lag, is claimed
 BY_CHANCE = 0.001
+#: of the p-value of a dependence in the noise of the constant (benchmarks/temperature.py, walks)
+AS_NOISE = 0.2
 #: orders that are tried
 ORDERS = (0, 1, 2, 3, 4, 5)
 
 
 @dataclass(frozen=True)
 class Line:
-    """slope and sigma, SI per degC, of the straight line that a constant may hide, in the noise that the constant leaves; or_walk: whether
-    it shows beside the noise that the line itself leaves, so that the constant's walk or the line is there, and which is not told."""
+    """slope and sigma, SI per degC, of the straight line that a constant may hide, in the noise that the constant leaves; order of the
+    polynomial, a line or more, that shows beside the noise that it leaves itself, so that it or the constant's walk is there, and which
+    is not told; 0 where none does."""
 
     slope: float
     sigma: float
-    or_walk: bool
+    order: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,7 +439,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
             chosen = Candidate(chosen.order, False)
     tau = tau if chosen.lagged else 0.0
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
-    p_value, needed = none_by_chance(knots, y, V, white, chosen, tau), chosen.order
+    p_value, needed, tried = none_by_chance(knots, y, V, white, chosen, tau), chosen.order, max(chosen.order, 1)
     if p_value >= BY_CHANCE:
         needed = 0
     # A higher order may have the best held-out error by chance: its coefficients must be significant, too.
@@ -448,7 +451,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     line = None
     if not needed:
         noise = about(knots, y, V, white, 0)
-        line = line_in(knots, y, V, white, noise, unit) if 1 in orders else None
+        line = line_in(knots, y, V, white, noise, tried, unit) if tried in orders else None
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
     plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
@@ -472,12 +475,13 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     )
 
 
-def line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: Coloured, unit: float) -> Line:
-    """The line of an axis whose zero is taken as constant; noise: of the constant; unit: SI per unit of y."""
-    straight, per_c = Candidate(1, False), unit / knots.half_c
-    coefficients, covariance = solve(knots, y, noise, 0.0, straight)
-    p_value = by_chance(*solve(knots, y, about(knots, y, V, white, 1), 0.0, straight), len(knots.logs), 0, 1)
-    return Line(float(coefficients[-1]) * per_c, float(np.sqrt(covariance[-1, -1])) * per_c, p_value < BY_CHANCE)
+def line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: Coloured, order: int, unit: float) -> Line:
+    """The line of an axis whose zero is taken as constant; noise: of the constant; order: that was tried; unit: SI per unit of y."""
+    per_c = unit / knots.half_c
+    coefficients, covariance = solve(knots, y, noise, 0.0, Candidate(1, False))
+    own = solve(knots, y, about(knots, y, V, white, order), 0.0, Candidate(order, False))
+    shows = by_chance(*own, len(knots.logs), 0, order) < BY_CHANCE
+    return Line(float(coefficients[-1]) * per_c, float(np.sqrt(covariance[-1, -1])) * per_c, order if shows else 0)
 
 
 def most_order(knots: Knots) -> int:
@@ -515,15 +519,19 @@ def none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: floa
     """p-value of the fit if temperature has no effect: a likelihood-ratio test, with the noise estimated under each hypothesis.
 
     With the noise of the polynomial fit alone a slow drift would pass for an effect of temperature: the fit takes it for the trend, where
-    the null hypothesis takes it for noise (benchmarks/temperature.py, nulls).
+    the null hypothesis takes it for noise (benchmarks/temperature.py, nulls).  Of a single sweep few independent values of a small walk
+    are there, so that the ratio exceeds its limit forty times as often as it should.  The polynomial must therefore show in the noise of
+    the constant, too, which has taken some of it for a walk: ``AS_NOISE`` makes up for that (benchmarks/temperature.py, walks).
     """
     if not chosen.order:
         return 1.0
-    values = []
-    for order, lag in ((0, 0.0), (chosen.order, tau)):
-        A, L = columns(knots, lag, order), about(knots, y, V, white, order, lag).factor()
+    models, values = [columns(knots, lag, order) for order, lag in ((0, 0.0), (chosen.order, tau))], []
+    factors = [about(knots, y, V, white, order, lag).factor() for order, lag in ((0, 0.0), (chosen.order, tau))]
+    for A, L in zip(models, factors, strict=True):
         values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
-    return float(chi2.sf(values[0] - values[1], chosen.order + 2 * chosen.lagged))
+    constant, polynomial = (misfit(whiten(factors[0], y), whiten(factors[0], A)) for A in models)
+    by_ratio, by_noise = (chi2.sf(gain, chosen.order + 2 * chosen.lagged) for gain in (values[0] - values[1], constant - polynomial))
+    return float(max(by_ratio, AS_NOISE * by_noise))
 
 
 def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:

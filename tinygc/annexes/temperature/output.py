@@ -124,8 +124,12 @@ def _scale(fit: ThermalFit, axes: Axes) -> None:
 
 #: sigmas above which a hysteresis is reported
 SEEN = 3.0
-LINE_OR_WALK = "line or walk"
-ORDERS = ("constant", "straight line", "parabola", "cubic", "order 4", "order 5")
+ORDERS = ("constant", "straight line", "parabola", "cubic")
+
+
+def order_word(order: int) -> str:
+    """Of a polynomial."""
+    return ORDERS[order] if order < len(ORDERS) else f"order {order}"
 
 
 def temperature_report(fit: ThermalFit) -> Group:
@@ -193,9 +197,10 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
     )
     for axis, fit in zip("xyz", fits, strict=True):
         slope = pm(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
-        model = ORDERS[fit.order]
+        model = order_word(fit.order)
         if fit.line is not None:
-            slope, model = pm(fit.line.slope / unit, fit.line.sigma / unit), LINE_OR_WALK if fit.line.or_walk else model
+            slope = pm(fit.line.slope / unit, fit.line.sigma / unit)
+            model = f"{order_word(fit.line.order)} or walk" if fit.line.order else model
         lag = pm(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
         held = [f"{value / unit:.2g}" if np.isfinite(value) else "–" for value in (fit.held_out_of(0, False), fit.held_out)]
         zero = pm(fit.terms[0] / unit, fit.sigma[0] / unit)
@@ -208,7 +213,7 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
 
 def _extent(rests: RestFit, fit: AxisFit) -> float:
     if not fit.order:
-        return abs(fit.line.slope) * float(np.ptp(rests.range_c)) if fit.line is not None and fit.line.or_walk else 0.0
+        return abs(fit.line.slope) * float(np.ptp(rests.range_c)) if fit.line is not None and fit.line.order else 0.0
     at = np.linspace(*rests.range_c, 200) - rests.knots.reference_c
     return float(np.ptp(np.polynomial.polynomial.polyval(at, fit.terms)))
 
@@ -242,9 +247,10 @@ def remarks(fit: ThermalFit) -> list[str]:
 def _of_rests(rests: RestFit) -> list[str]:
     said = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
     said += [
-        f"{axis}: line {pm(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C or walk: not told apart, and the model takes off neither."
+        f"{axis}: {order_word(fit.line.order)} or walk, {pm(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C: not told apart, and the "
+        "model takes off neither."
         for axis, fit in zip("xyz", rests.gyro, strict=True)
-        if fit.line is not None and fit.line.or_walk
+        if fit.line is not None and fit.line.order
     ]
     ways = {sweep.direction for sweep in rests.sweeps}
     if rests.sweeps and len(ways) == 1:
@@ -269,7 +275,8 @@ def _of_sessions(found: SessionsFit, with_rests: bool) -> list[str]:
         said.append(f"E does not follow temperature as far as these sessions show (p = {found.p_constant:.2g}).")
     else:
         said.append(
-            f"E follows temperature ({ORDERS[order]}); by chance with p = {found.p_constant:.1g}. Beyond the sessions it is extrapolated."
+            f"E follows temperature ({order_word(order)}); by chance with p = {found.p_constant:.1g}. "
+            "Beyond the sessions it is extrapolated."
         )
     if found.widened > 1:
         said.append(f"E scatters more than its sigmas say (p = {found.p_value:.2g}): they are widened by {np.sqrt(found.widened):.2f}.")
@@ -405,7 +412,7 @@ def _axis(axis: str, fit: AxisFit, unit: float, word: str) -> dict:
         f"turn_on_{word}": _number(fit.turn_on / unit),
         f"line_{word}": None if fit.line is None else fit.line.slope / unit,
         f"line_std_{word}": None if fit.line is None else fit.line.sigma / unit,
-        "line_or_walk": fit.line is not None and fit.line.or_walk,
+        "line_or_walk": fit.line is not None and fit.line.order > 0,
         "hysteresis": {
             name: None if found is None else _hysteresis_table(found, unit, word)
             for name, found in (("before", fit.hysteresis_before), ("after", fit.hysteresis_after))

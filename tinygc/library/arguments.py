@@ -148,7 +148,8 @@ def answers_of(choices: Mapping[str, Any]) -> Answers:
     """Return what a log does not tell, checked; DataError for a full scale or rate that is no number above 0, and for other than text."""
     for name, value in choices.items():
         number = name in ("odr_hz", "gyro_fs_dps", "accel_fs_g")
-        if value is not None and not (is_number(value) and value > 0 if number else isinstance(value, str)):
+        fine = is_number(value) and value > 0 if number else isinstance(value, bool if name == "even" else str)
+        if value is not None and not fine:
             expected = "a number above 0" if number else f"text, as {EXAMPLES[name]}" if name in EXAMPLES else "text"
             raise DataError(f"{name} is {value!r:.60}, expected {expected}")
     return Answers(**{name: value for name, value in choices.items() if value is not None})

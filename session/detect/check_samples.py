@@ -15,7 +15,7 @@ from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
 from session.detect.findings import Correction, Finding, axes_text
 from session.detect.segments import Ends, why_broken
-from session.detect.stamp_errors import angle_rms, stamp_errors
+from session.detect.stamp_errors import JITTER, angle_rms, stamp_errors
 from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
 from session.io.folder import Session
@@ -78,13 +78,13 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
         says = f"stamps in steps of {errors.grid_s * 1e3:g} ms, {says}" if grid else f"stamps come early and late, {says}"
         do = f"import the log with --even, which counts the samples along their stamps and takes {(whole / DEG):.2g} deg off a turn"
         do += "; a fit weighs them as they are; stamp with the sensor's or the board's clock, not on arrival"
-        findings.append(Finding("warning", where, "jitter", says, do))
+        findings.append(Finding("warning", where, JITTER, says, do))
     elif whole > floor:
         follow = "the readings go along: samples were taken when their stamps say" if errors.told else "whether the stamps err is not told"
         says += f"; {whole / DEG:.4f} if all of it were error: {follow}"
-        findings.append(Finding("ok" if errors.told else "note", where, "jitter", says))
+        findings.append(Finding("ok" if errors.told else "note", where, JITTER, says))
     else:
-        findings.append(Finding("ok", where, "jitter", says))
+        findings.append(Finding("ok", where, JITTER, says))
     return findings
 
 

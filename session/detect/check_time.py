@@ -11,7 +11,7 @@ import numpy as np
 from session.detect.axes import share_of_stretch
 from session.detect.findings import Correction, Finding
 from session.detect.segments import Ends
-from session.detect.stamp_errors import RatePiece, rate_pieces
+from session.detect.stamp_errors import RATE_CHANGES, RatePiece, rate_pieces
 from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Config, Sensor
 from session.io.logfile import Log
@@ -174,11 +174,11 @@ def check_rate_changes(samples: Samples, where: str, turns: Sequence[Ends], nois
     share = share_of_stretch(samples, turns, [_off(found, usual, (a.stop + b.start) // 2) for a, b in turns])
     told = share is not None and share[1] * SURELY < TELLS
     if share is not None and told and share[0] < TELLS:
-        return [Finding("note", where, "rate changes", f"{says}; gravity shows that the sensor did, and the stamps are right")]
+        return [Finding("note", where, RATE_CHANGES, f"{says}; gravity shows that the sensor did, and the stamps are right")]
     do = "stamp with the device's own clock, and switch off what sets the clock meanwhile; or take the part of one rate, --lines of import"
     if told:
-        return [Finding("error", where, "rate changes", f"{says}; gravity shows that it was the clock", do)]
-    return [Finding("warning", where, "rate changes", f"{says}; gravity does not tell whether it or the sensor did", do)]
+        return [Finding("error", where, RATE_CHANGES, f"{says}; gravity shows that it was the clock", do)]
+    return [Finding("warning", where, RATE_CHANGES, f"{says}; gravity does not tell whether it or the sensor did", do)]
 
 
 def _off(found: Sequence[RatePiece], usual: RatePiece, row: int) -> float:

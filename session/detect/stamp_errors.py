@@ -19,6 +19,8 @@ from session.io.samples import Samples, pieces
 from session.io.stamps import LOST, lasting_gaps
 from session.io.units import NS
 
+#: findings on stamps that err: a likelier cause of whatever is left than any effect
+JITTER, RATE_CHANGES = STAMPS = "jitter", "rate changes"
 #: rows that are looked at together
 TOGETHER = 1 << 18
 #: rows on either side that a reading's slope is taken over

@@ -13,6 +13,7 @@ from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
 from session.detect.check_stills import TURNS
 from session.detect.findings import Finding, as_arguments, stop_at_errors
 from session.detect.first_look import check_session
+from session.detect.stamp_errors import STAMPS
 from session.detect.stills import SessionStills
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
@@ -134,9 +135,14 @@ class Prepared:
 
     @property
     def warnings(self) -> list[Finding]:
-        """Findings on lost accuracy, data repair, an accelerometer calibrated by the session itself, a corrected truth file."""
-        own = (ACCELEROMETER, BRIDGED, IMPACTS)
-        return [f for f in self.findings if f.level == "warning" or f.what in own or (f.what in SAID and f.level == "note")]
+        """Findings on lost accuracy, data repair, an accelerometer calibrated by the session itself, a corrected truth file.
+
+        Stamps that err are said first, and no more is asked for beside them.
+        """
+        stamps = [f for f in self.findings if f.what in STAMPS and f.level == "warning"]
+        own = (BRIDGED, IMPACTS) if stamps else (ACCELEROMETER, BRIDGED, IMPACTS)
+        others = [f for f in self.findings if f.what not in STAMPS]
+        return stamps + [f for f in others if f.level == "warning" or f.what in own or (f.what in SAID and f.level == "note")]
 
     def as_given(self) -> Prepared:
         """The session with the calibration of session.toml, if there is one, and without a drift of its zero that was fitted."""

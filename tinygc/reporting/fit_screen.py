@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.detect.stamp_errors import STAMPS
 from session.io.texts import command_line
 from session.io.units import DEG
 from tinygc.estimation.choice import RAW, closure_figures, rmse, run_figures
@@ -88,11 +89,13 @@ def _correction(result: FitResult) -> Text:
 
 def _remarks(result: FitResult) -> list[Text]:
     """What costs accuracy, in one line; ``--verbose`` has it in full."""
-    said = list(dict.fromkeys(f"{w.where}: {w.what}" for w in result.warnings if w.level == "warning"))
+    warned = [w for w in result.warnings if w.level == "warning"]
+    said = list(dict.fromkeys(f"{w.where}: {w.what}" for w in warned if w.what not in STAMPS))
     said += [f"{TITLES[name]}: {why}" for name, why in result.not_run.items()]
     if left_out := sum(not segment.accepted for segment in result.problem.segments):
         said.append(f"{left_out} segment{'s' * (left_out > 1)} left out")
-    lines = [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
+    lines = [one_line(w.line, "yellow") for w in warned if w.what in STAMPS]
+    lines += [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
     if words := result.session.config.sensor.clock_words:
         lines.append(one_line(f"{words}, which is in every scale's sigma; `--clock arrivals` takes it out", "yellow"))
     if result.lot is not None:

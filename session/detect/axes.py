@@ -15,7 +15,6 @@ from session.detect.stills import Still, references
 from session.io.config import Config, Sensor
 from session.io.logfile import Log
 from session.io.numeric import smallest_step
-from session.io.pace import GAP_PERIODS
 from session.io.samples import Samples
 from session.io.sensors.profile import Profile
 from session.io.units import DEG, MDPS, NS
@@ -177,7 +176,7 @@ def _padded(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
 def _blocks(samples: Samples, first: Still, last: Still, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     start, stop = first.stop - 1, last.start + 1
     steps = np.diff(samples.t_ns[start:stop]) * NS
-    if len(steps) < 2 * size or steps.max() > GAP_PERIODS * samples.period_s:
+    if len(steps) < 2 * size or ((samples.gaps >= start) & (samples.gaps < stop - 1)).any():
         return None
     t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
     share = (t_s / t_s[-1])[:, None]

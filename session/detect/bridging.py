@@ -11,6 +11,7 @@ from session.io.config import Sensor
 from session.io.logfile import Bridge
 from session.io.numeric import runs_of
 from session.io.samples import Samples, inserted, pieces, replaced
+from session.io.stamps import not_caught_up
 from session.io.units import DEG
 
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.
@@ -169,6 +170,7 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     np.cumsum(total, out=total)
     over = total[np.minimum(rows + 1 + SIDE, len(steps))] - total[np.maximum(rows - SIDE, 0)]
     rows = rows[over > -LATE]
+    rows = rows[not_caught_up(samples.t_ns, rows, pace.period_s)]
     return rows, counts[rows].astype(int)
 
 

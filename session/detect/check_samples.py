@@ -59,11 +59,11 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     samples, where = log.samples, log.path.name
     pace = samples.pace
     steps = samples.dt_s
-    period, gaps = pace.period_s, steps > GAP_PERIODS * samples.period_s  # as in the segments
-    lost = pace.missing(steps)
-    if gaps.any():
-        steps = steps[~gaps]
-    single = pace.missing(steps)
+    period, long = pace.period_s, steps > GAP_PERIODS * pace.period_s
+    gaps = np.zeros(len(steps), dtype=bool)
+    gaps[samples.gaps] = True
+    single = pace.missing(steps[~long] if long.any() else steps)
+    lost = single + int(np.rint(steps[gaps] / period).sum()) - len(samples.gaps)
     findings = [_gaps(samples, gaps, lost, single, where)]
     if len(samples) < 3:
         return findings
@@ -76,8 +76,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     if angle > floor:
         grid = errors.grid_s**2 / 12 > errors.scatter_s**2 / 2
         says = f"stamps in steps of {errors.grid_s * 1e3:g} ms, {says}" if grid else f"stamps come early and late, {says}"
-        do = f"import the log with --even, which counts the samples along their stamps and takes {(whole / DEG):.2g} deg off a turn"
-        do += "; a fit weighs them as they are; stamp with the sensor's or the board's clock, not on arrival"
+        do = f"import the log with --even (counting the samples takes {angle / DEG:.2g} deg off a turn); stamp on the board, not on arrival"
         findings.append(Finding("warning", where, JITTER, says, do))
     elif whole > floor:
         follow = "the readings go along: samples were taken when their stamps say" if errors.told else "whether the stamps err is not told"

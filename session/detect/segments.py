@@ -15,7 +15,6 @@ from session.detect.stills import LogStills, SessionStills, Still, references
 from session.io.config import LeftOut, Protocol, Sensor
 from session.io.folder import Session
 from session.io.logfile import KnownTurn, Log
-from session.io.pace import GAP_PERIODS
 from session.io.samples import Samples
 from session.io.texts import command_line
 from session.io.units import DEG, NS
@@ -176,8 +175,10 @@ def _note(passed: list[Still], turn_s: float, turn_deg: float, protocol: Protoco
 
 def why_broken(samples: Samples, turn: slice, sensor: Sensor, put_in: np.ndarray | None = None) -> str | None:
     """Why the movement cannot be integrated, or None; put_in (N,) bool: samples that are no readings."""
-    steps = np.diff(samples.t_ns[max(turn.start - 1, 0) : turn.stop]) * NS
-    if len(steps) and (worst := steps.max()) > GAP_PERIODS * samples.period_s:
+    inside = (samples.gaps >= max(turn.start - 1, 0)) & (samples.gaps < turn.stop - 1)
+    if inside.any():
+        rows = samples.gaps[inside]
+        worst = float((samples.t_ns[rows + 1] - samples.t_ns[rows]).max()) * NS
         lost = round(worst / samples.period_s) - 1
         return f"{lost} samples are missing during the turn (gap of {worst:.3f} s)"
     rate_dps = np.abs(samples.gyro[turn]) / DEG

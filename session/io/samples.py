@@ -10,7 +10,8 @@ from typing import Any, cast
 import numpy as np
 
 from session.io.dataframe import data_frame
-from session.io.pace import Pace, pace_of
+from session.io.pace import GAP_PERIODS, Pace, pace_of
+from session.io.stamps import not_caught_up
 from session.io.units import NS
 
 # Readings of a whole log in as few bytes as they were written with, converted to SI and float64 on access.
@@ -335,6 +336,12 @@ class Samples:
     def period_s(self) -> float:
         """The true time between two samples, s: time over samples, in which gaps count with what they lack."""
         return self.pace.period_s
+
+    @cached_property
+    def gaps(self) -> np.ndarray:
+        """(G,) rows after which samples are missing for longer than ``GAP_PERIODS``: a stamp that came late is none.  Computed once."""
+        rows = np.flatnonzero(self.dt_s > GAP_PERIODS * self.period_s)
+        return rows[not_caught_up(self.t_ns, rows, self.period_s)] if len(rows) else rows
 
     @property
     def duration_s(self) -> float:

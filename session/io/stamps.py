@@ -154,6 +154,8 @@ def fresh(t_ns: np.ndarray) -> np.ndarray:
 WINDOW = 32
 #: of a period: a step that lasts and is larger has lost samples, if it is so many sigmas of what they usually are
 LASTS, SURE = 1.5, 8.0
+#: of a period: a step that lasts and is larger has lost one sample
+LOST = 0.75
 
 
 def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tuple[np.ndarray, np.ndarray]:
@@ -168,6 +170,16 @@ def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tup
     usual = float(np.median(np.abs(jumps))) / MEDIAN_SIGMAS
     firsts = runs_of(jumps > max(lasts * period_s, SURE * usual))[0]
     return firsts + WINDOW - 1, np.array([jumps[first : first + WINDOW].max() for first in firsts])
+
+
+def not_caught_up(t_ns: np.ndarray, rows: np.ndarray, period_s: float) -> np.ndarray:
+    """(K,) bool: whether the long steps behind these rows (K,) of stamps (N,) ns last: the least late behind them are later than those
+    before."""
+    around = np.arange(WINDOW)
+    before = np.maximum(rows[:, None] - around, 0)
+    behind = np.minimum(rows[:, None] + 1 + around, len(t_ns) - 1)
+    least = [((t_ns[some] - t_ns[0]) * NS - period_s * some).min(axis=1) for some in (before, behind)]
+    return np.asarray(least[1] - least[0] > LOST * period_s)
 
 
 #: of the mean step: a shorter one is a burst's, and the share of them from which on stamps are those of bursts
@@ -273,8 +285,8 @@ def written_once(t_ns: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
     return once
 
 
-#: of a period: a step that lasts and is larger has lost a sample; how far one of ``PARTS`` of a log may lie off the line
-LOST, ASIDE = 0.75, 0.5
+#: of a period: how far one of ``PARTS`` of a log may lie off the line
+ASIDE = 0.5
 #: parts of a log whose errors are taken for independent
 PARTS = 16
 

@@ -8,6 +8,8 @@ static const uint32_t BOOT_MOST_US = 100000, BOOT_AGAIN_US = 10000; /* from powe
 static const uint32_t TRY_AGAIN_US = 100000, RAN_LEAST_US = 50000, UNREADABLE_US = 100000;
 static const uint32_t LOOK_AGAIN_US = 2000; /* a tenth of what the FIFO holds at 6667 Hz: 3 kB are 438 words */
 static const uint32_t BURST_MOST_US = 20000; /* it takes 1 ms at 5.25 MHz */
+static const uint32_t ABSENT_US = 1000000; /* without words; a temperature comes each 80 ms */
+static const uint32_t HELD_US = 5000; /* a poll's most: a core that was held for longer amid a look does not know of when that is */
 static const uint32_t QUIET_US = 15000, SILENCE_US = 50000; /* and four periods; a burst is due each 10 ms */
 
 void lsm6dsx_attach(struct lsm6dsx *sensor, const struct lsm6dsx_bus *bus, const struct lsm6dsx_settings *settings)
@@ -230,10 +232,16 @@ static unsigned words_due(struct lsm6dsx *sensor)
     return ((status[1] & FIFO_WATERMARK) != 0) ? sensor->level : 0u;
 }
 
+/* Behind an absence the temperature of before is none: samples wait for the next one, and count as lost. */
+static void forget_old_warmth(struct lsm6dsx *sensor, uint32_t now_us)
+{
+    if ((now_us - sensor->data_us) > ABSENT_US)
+        sensor->fifo.warm = 0;
+}
+
 static unsigned request_burst(struct lsm6dsx *sensor, unsigned words, struct fifo_sample *out)
 {
     const uint8_t address = READ | FIFO_DATA_OUT_TAG;
-    sensor->burst_us = sensor->bus->time();
     sensor->bus->select(1);
     if (!lsm6dsx_transfer(sensor, &address, 0, 1)) {
         sensor->bus->select(0);
@@ -245,10 +253,10 @@ static unsigned request_burst(struct lsm6dsx *sensor, unsigned words, struct fif
 }
 
 /* No words are due: but there is an end to that, and the FIFO may not be as it was set. */
-static void listen(struct lsm6dsx *sensor)
+static void listen(struct lsm6dsx *sensor, uint32_t looked_us)
 {
     const uint32_t periods_us = (uint32_t)(4e6f / lsm6dsx_nominal_hz(sensor->settings.odr));
-    const uint32_t quiet_us = sensor->bus->time() - sensor->data_us;
+    const uint32_t quiet_us = looked_us - sensor->data_us;
     if (quiet_us > (QUIET_US + periods_us)) {
         const enum fault fault = proof(sensor);
         if ((fault != FAULTS) || (quiet_us > (SILENCE_US + periods_us)))
@@ -266,6 +274,7 @@ static void look(struct lsm6dsx *sensor)
         stand_still(sensor, fault);
         return;
     }
+    forget_old_warmth(sensor, sensor->bus->time());
     fifo_gap(&sensor->fifo);
     sensor->overrun = true; /* if it ran over meanwhile, that is no other fault */
     run(sensor);
@@ -321,11 +330,16 @@ unsigned lsm6dsx_poll(struct lsm6dsx *sensor, struct fifo_sample *out)
     } else if (!sensor->running) {
         stand(sensor);
     } else {
+        const uint32_t looked_us = sensor->bus->time();
         const unsigned words = words_due(sensor);
+        if ((sensor->bus->time() - looked_us) > HELD_US)
+            return 0; /* what it says is of an unknown time: the next poll looks again */
+        sensor->burst_us = looked_us;
+        forget_old_warmth(sensor, looked_us);
         if (words > 0u)
             samples = request_burst(sensor, words, out);
         else if (sensor->running)
-            listen(sensor);
+            listen(sensor, looked_us);
     }
     return samples;
 }

@@ -8,6 +8,7 @@ enum {
     NEAR = 256,          /* periods: a longer gap must have been one by the target's clock, too */
     CLOCKS_PERIODS = 64, /* the two may differ by CLOCKS_SHARE, by what is not known of the age of a full FIFO's words, */
     GAIN_MOST = 12,
+    STEADY = 16,         /* slots behind a start must follow by a period each, before one is a sample */
 };
 static const uint32_t CLOCKS_US = 50000; /* and by this */
 static const uint32_t BACK_US = 4000000; /* that age is 3 s too high at most, at the lowest rate: so much later words may seem older */
@@ -224,20 +225,22 @@ static uint32_t periods_since(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS]
     return periods;
 }
 
-/* Whether a whole slot goes on from the stamp before; the periods in between, if there is one. */
+/* Whether a whole slot goes on from the stamp before; the periods in between, if there is one.  While the filters settle, slots may come
+ * as they like, of a sensor that is late: the first sample waits until they follow. */
 static int goes_on(struct lsm6dsx_fifo *fifo, uint32_t faults[FAULTS], uint32_t *periods)
 {
-    if (fifo->anchored) {
-        *periods = periods_since(fifo, faults);
-        if (*periods == 0) {
+    *periods = (fifo->anchored != 0u) ? periods_since(fifo, faults) : 0u;
+    if (*periods == 0u) {
+        if ((fifo->anchored != 0u) && (fifo->settled != 0u)) {
             faults[FAULT_STAMP]++;
             fifo->bad_stamps++;
             return 0;
         }
-    } else {
-        *periods = 0;
+        if ((fifo->anchored != 0u) && (fifo->unsettled < STEADY))
+            fifo->unsettled = STEADY;
         fifo->place_q32 = 0;
         fifo->anchored = 1;
+        forget_period(fifo);
         learn_from_here(fifo);
     }
     fifo->bad_stamps = 0;
@@ -300,9 +303,10 @@ static void take_warmth(struct lsm6dsx_fifo *fifo, int whole)
 static int finish(struct lsm6dsx_fifo *fifo, int whole, uint32_t faults[FAULTS], struct fifo_sample *out)
 {
     uint32_t periods = 0;
+    const int follows = whole && goes_on(fifo, faults, &periods);
     const int settled = is_settled(fifo, whole);
     take_warmth(fifo, whole);
-    if (!whole || !goes_on(fifo, faults, &periods))
+    if (!follows)
         return 0;
     if (fifo->joined) {
         fifo->time_q32 += (fifo->ticks - fifo->last_ticks) * fifo->tick_q32;
@@ -314,8 +318,12 @@ static int finish(struct lsm6dsx_fifo *fifo, int whole, uint32_t faults[FAULTS],
     fifo->counted = 1;
     fifo->slots = 0;
     fifo->stamped_us = fifo->made_us;
-    if (!settled || !fifo->warm)
+    if (!settled)
         return 0;
+    if (!fifo->warm) {
+        faults[FAULT_LOST] += fifo->joined;
+        return 0;
+    }
     if (!fifo->joined)
         join(fifo, faults);
     fifo->now_us = fifo->made_us;

@@ -55,7 +55,7 @@ bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uin
     const float periods = passed_us * 1e-6f * fifo_rate_hz(odr, freq_fine);
     const float period_ticks = (float)((uint32_t)TICKS << (LSM6DSX_QUICKEST - odr));
     bool wrong = false;
-    if (rate->odd_steps >= ODD_STEPS_MOST)
+    if (settled && (rate->odd_steps >= ODD_STEPS_MOST))
         return true;
     if (!rate->begun && (rate->stamps == 0u) && ((rate->gyro + rate->accel) > (2u * (uint32_t)PERIODS_LEAST)))
         return true;

@@ -20,6 +20,7 @@ uint8_t fine; /* INTERNAL_FREQ_FINE, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
 uint32_t words_in, words_out, now_us, byte_us, transfers, logged, breaks_after, held_at, lost;
 /* held_at: the word, from 1, behind which a core is held amid a burst, until the FIFO has run over by so many words as lost says */
+uint32_t held_us, held_from_us; /* a core that is held so long, once, amid the first look at the FIFO's level from then on */
 uint32_t wakes_us;             /* before that a sensor answers zeros, and takes nothing */
 uint32_t longest_us, waits;    /* the longest poll; calls of the function that waits */
 uint16_t accesses[LOG]; /* address with READ, value << 8 */
@@ -60,8 +61,13 @@ static void get_ready(uint8_t address)
     note(address, 0);
     registers[FIFO_STATUS1] = (uint8_t)words;
     registers[FIFO_STATUS1 + 1] = (uint8_t)((words >> 8 & 3) | (watermark && words >= watermark ? FIFO_WATERMARK : 0) | (overrun ? 0x48 : 0));
-    if ((address & 0x7F) == FIFO_STATUS1)
+    if ((address & 0x7F) == FIFO_STATUS1) {
         overrun = 0;
+        if (now_us >= held_from_us) {
+            now_us += held_us;
+            held_us = 0;
+        }
+    }
     registers[STATUS_REG] = XLDA | GDA;
     for (int i = 0; i < 3; i++) { /* the self-test's answer */
         const int gyro = (registers[CTRL5_C] & ST_G_POSITIVE ? 256 * pushed : 0) + (transfers % 8 < 4 ? shaken : 0) +
@@ -171,7 +177,7 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
     behaviour = ANSWERS;
     fine = stuck = turned = turned_bits = 0;
     turned_until_us = UINT32_MAX;
-    now_us = transfers = logged = words_in = words_out = breaks_after = held_at = lost = wakes_us = longest_us = waits = 0;
+    now_us = transfers = logged = words_in = words_out = breaks_after = held_at = held_us = held_from_us = lost = wakes_us = longest_us = waits = 0;
     line_from_us = line_until_us = 0;
     byte_us = 2;
     overrun = busy_polls = pushed = shaken = ramp = line = 0;

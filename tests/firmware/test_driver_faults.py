@@ -84,7 +84,8 @@ def test_a_bus_that_fails_is_counted_once_and_survived(name, behaviour):
         assert waited_ms < 10
     ran_over = 100 + int((now_us.value - began_us) * 1667e-6)
     discard()
-    after = np.concatenate([streamed(first, 100) for first in range(ran_over, ran_over + 500, 100)])
+    push(np.concatenate([slots(ran_over, 1), warmth(ran_over + 1)]))  # the one of before is too old
+    after = np.concatenate([streamed(first, 100) for first in range(ran_over + 1, ran_over + 500, 100)])
     assert len(after) >= 480
     both = np.concatenate([before, after])
     np.testing.assert_array_equal(both["registers"][:, :6], registers_of(both["number"] - both["number"][0]))

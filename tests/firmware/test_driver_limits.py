@@ -23,6 +23,7 @@ from driver_under_test import (
     accessed_us,
     accesses,
     attached,
+    discard,
     fail_behind,
     faults,
     library,
@@ -168,3 +169,47 @@ def test_a_backlog_is_as_old_as_the_fifo_is_deep():
     first = np.concatenate(found)[0]
     age_us = (137 - (int(first["registers"][0]) + 15_000)) * 600
     assert int(first["t_us"]) == pytest.approx(read_us - age_us, abs=1200)
+
+
+@pytest.mark.parametrize("held_ms", [20, 100, 700])
+@pytest.mark.parametrize("behind", [0, 350, 840])
+def test_a_core_that_is_held_amid_a_look_at_the_level_restarts_no_sound_sensor(held_ms, behind):
+    """What the look says is of an unknown time: it ends no window of the rate, and no words is no silence.  The FIFO holds 87 ms."""
+    started()
+    found = [streamed_by_time(0, 1600 + behind)]
+    number("held_us", ctypes.c_uint32).value = 1000 * held_ms
+    found.append(poll(1))
+    place = 1600 + behind
+    lost = max(0, int(held_ms * 1.667) - 140)
+    if lost:
+        discard()
+        number("overrun").value = 1
+    place += lost
+    for begin in range(place, place + int(held_ms * 1.667) - lost, 10):
+        push(slots(begin, 10))
+        place = begin + 10
+    found += [poll(6), streamed_by_time(place, 3400)]
+    assert not {"rate", "starts", "silent", "stamp"} & faults().keys()
+    assert (faults().get("lost", 0) > 0) == (lost > 0)
+
+
+@pytest.mark.parametrize("away_ms", [500, 3000])
+def test_behind_an_absence_samples_wait_for_a_temperature_and_are_counted(away_ms):
+    """The one of before is older than a second: no sample has it."""
+    started()
+    push(np.concatenate([warmth(0, 111), slots(0, 10)]))
+    poll(6)
+    before = streamed_by_time(10, 200)
+    number("behaviour").value = ONES
+    poll(away_ms)
+    number("behaviour").value = ANSWERS
+    discard()  # the FIFO ran over
+    number("overrun").value = 1
+    place = 210 + int(away_ms * 1.667)
+    behind = [streamed_by_time(place, 60)]
+    push(np.concatenate([warmth(place + 60, 222), slots(place + 60, 10)]))
+    behind = np.concatenate([*behind, poll(6), streamed_by_time(place + 70, 100)])
+    old = np.flatnonzero(behind["registers"][:, 6] != 222)
+    assert (len(old) > 30) == (away_ms < 1000)
+    everything = np.concatenate([before, behind])
+    assert faults()["lost"] == np.sum(np.diff(everything["number"].astype(int)) - 1)

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import ctypes
 
+import numpy as np
 import pytest
-from driver_under_test import (
-    RATES_HZ,
-    library,
-    number,
-    poll,
-    started,
-)
+from driver_under_test import RATES_HZ, faults, library, number, period_of, poll, push, registers_of, started, warmth, words_of
 
 #: samples to discard at 12.5, 26, 52, 104, 208, 416, 833 Hz: ST's Linux driver st_asm330lhhx
 GYRO = (2 + 1, 3 + 2, 3 + 4, 3 + 7, 3 + 15, 3 + 30, 3 + 58)
@@ -69,3 +64,24 @@ def test_a_start_takes_26_ms_and_what_the_filters_need():
         assert 22_000 <= number("now_us", ctypes.c_uint32).value - began_us <= 26_500
         assert (lib.running(), lib.has_settled()) == (1, 0)
     assert unsettled(1, lpf2=800) / RATES_HZ[0] == pytest.approx(48, abs=0.5)  # seconds
+
+
+@pytest.mark.parametrize("odr", [3, 5, 8, 10])
+@pytest.mark.parametrize("longer", [1.05, 1.2, 1.5, 2.0])
+def test_a_sensor_whose_first_slots_are_irregular_is_late_and_not_dead(odr, longer):
+    """The first 40 ms and three slots come at longer steps: its first sample waits for steps that follow, and nothing is restarted."""
+    lib = started(odr, settles=False)
+    settling, count = lib.unsettled(odr, 0xFF, 2, 0), 600
+    early = 3 + int(0.04 * RATES_HZ[odr - 1])
+    steps = np.where(np.arange(count) < early, longer, 1.0) * period_of(odr)
+    ticks, found, each = np.floor(100.5 + np.cumsum(steps)).astype(np.int64), [], max(1, int(0.006 * RATES_HZ[odr - 1]))
+    for place in range(0, count, each):
+        words = words_of(np.arange(place, min(place + each, count)), ticks[place : place + each])
+        push(np.concatenate([warmth(place), words]))
+        found.append(poll(max(1, round(1e3 * each / RATES_HZ[odr - 1]))))
+    found = np.concatenate(found)
+    assert not faults()
+    first = int(found["registers"][0, 0]) + 15000
+    assert settling <= first <= max(settling, early) + 17
+    np.testing.assert_array_equal(found["registers"][:, :6], registers_of(np.arange(first, first + len(found))))
+    assert len(found) > count - first - 40

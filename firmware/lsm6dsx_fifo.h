@@ -29,9 +29,13 @@ enum fault {
 /* TAG_SENSOR of a word. */
 enum { TAG_GYRO = 1, TAG_ACCEL = 2, TAG_TEMPERATURE = 3, TAG_STAMP = 4, TAG_CONFIGURATION = 5 };
 
-/* Words of a burst at most; a target with little RAM sets fewer.  The sensor's FIFO has 3 kB for words of seven bytes: 438. */
+/* Words of a burst at most; a target with little RAM, as an Uno, has fewer.  The sensor's FIFO has 3 kB for words of seven bytes: 438. */
 #ifndef FIFO_WORDS
+#ifdef __AVR_ATmega328P__
+#define FIFO_WORDS 24
+#else
 #define FIFO_WORDS 96
+#endif
 #endif
 
 enum {

@@ -23,7 +23,7 @@ from tinygc.simulation.virtual_board import simulated
 if shutil.which("g++") is None:
     pytest.skip("not installed: g++", allow_module_level=True)
 
-SKETCH = ROOT / "firmware" / "arduino" / "imu_to_record" / "imu_to_record.ino"
+SKETCH = ROOT / "firmware" / "examples" / "imu_to_record" / "imu_to_record.ino"
 BOARD = Path(__file__).with_name("arduino_board")
 PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
 SETTINGS = re.compile(r"const char INFO\[\].*?const bool HIGH_FIRST = \w+;", re.S)
@@ -63,10 +63,12 @@ def boards(tmp_path_factory):
     return make
 
 
-def sent(program: Path, rows: np.ndarray, family: str = "mpu", start_us: float = 0, fail_each: int = 0) -> tuple[bytes, list[int]]:
+def sent(
+    program: Path, rows: np.ndarray, family: str = "mpu", start_us: float = 0, fail_each: int = 0, who: int = 0
+) -> tuple[bytes, list[int]]:
     """What the board sends while its sensor makes these rows; the sensor's registers behind the set-up."""
     given = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
-    ran = run([program, family, PERIOD_US, start_us, fail_each], input=given, stdin=None, capture_output=True, check=True)
+    ran = run([program, family, PERIOD_US, start_us, fail_each, who], input=given, stdin=None, capture_output=True, check=True)
     return ran.stdout, [int(word) for word in ran.stderr.split()[1:]]
 
 
@@ -81,8 +83,8 @@ def random_rows(count: int) -> np.ndarray:
     return np.random.default_rng(2).integers(-32768, 32768, (count, 7))
 
 
-def test_the_sketch_has_forty_lines():
-    assert SKETCH.read_text(encoding="utf-8").count("\n") <= 40
+def test_the_sketch_has_fifty_lines():
+    assert SKETCH.read_text(encoding="utf-8").count("\n") <= 50
 
 
 @pytest.mark.parametrize(
@@ -137,10 +139,24 @@ def test_a_port_that_is_too_slow_loses_samples_and_makes_none_false(boards):
 
 
 def test_nothing_is_sent_of_a_sensor_that_is_another(boards):
-    """The sketch of one family on the bus of the other: it says so, once a second, and no sample."""
-    with started([boards("mpu"), "st", PERIOD_US, 0, 0], stdout=PIPE, stderr=PIPE) as process:
-        said = [process.stdout.readline() for _ in range(3)]
-    assert set(said) == {b"# no such sensor: look at SDA, SCL, 3.3 V, GND, CHIP, NAME\r\n"}
+    """It says what it read, or that nothing answers, once a second, and no sample."""
+    with started([boards("mpu"), "st", PERIOD_US, 0, 0, 0], stdout=PIPE, stderr=PIPE) as process:
+        said = {process.stdout.readline() for _ in range(3)}
+    assert said == {b"# nothing answers at 0x68: look at SDA, SCL, 3.3 V, GND, AD0, CHIP\r\n"}
+    said = sent(boards("mpu"), random_rows(300), who=0x6B)[0].splitlines()
+    assert set(said) == {b"# WHO_AM_I at 0x68 reads 0x6B, not 0x68: another sensor, see NAMES"}
+    assert len(said) == 3
+
+
+@pytest.mark.parametrize("who", [0x98, 0x70, 0x72, 0x75])
+def test_kin_of_the_sensor_is_taken_with_a_remark(boards, who):
+    rows = random_rows(1000)
+    decoder, events, _, found = decoded(sent(boards("mpu"), rows, who=who)[0])
+    np.testing.assert_array_equal(found, rows[: len(found)])
+    assert len(found) >= 998
+    assert decoder.info.sensor == "MPU-6050"
+    remarks = {event.text for event in events if isinstance(event, Comment) and "WHO_AM_I" in event.text}
+    assert remarks == {f"at 0x68 WHO_AM_I 0x{who:02X}: taken for 0x68"}
 
 
 def test_a_librarys_floats_come_in_their_units(boards):

@@ -21,7 +21,7 @@ from session.bench.guided_session import UNKNOWN_S
 
 FIRMWARE = ROOT / "firmware"
 TESTS = ROOT / "tests"
-SKETCH = FIRMWARE / "arduino" / "lsm6dsx_to_record" / "lsm6dsx_to_record.ino"
+SKETCH = FIRMWARE / "examples" / "lsm6dsx_to_record" / "lsm6dsx_to_record.ino"
 DRIVER = sorted(FIRMWARE.glob("lsm6dsx*.c"))
 FLAGS = ["-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", f"-I{FIRMWARE}", f"-I{TESTS}"]
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")  #: Debian's arduino-core-avr
@@ -112,6 +112,17 @@ def place(found: np.ndarray, rows: np.ndarray) -> int:
 
 def test_the_glue_has_a_hundred_lines_at_most():
     assert SKETCH.read_text(encoding="utf-8").count("\n") <= 100
+
+
+def test_the_folder_is_a_library_of_the_arduino_ide():
+    """``src/`` is what it compiles, ``examples/`` what it opens: the one source lies beside them."""
+    keys = dict(line.split("=", 1) for line in (FIRMWARE / "library.properties").read_text(encoding="utf-8").splitlines())
+    needed = {"name", "version", "author", "maintainer", "sentence", "paragraph", "category", "url", "architectures"}
+    assert needed <= keys.keys()
+    assert (FIRMWARE / "src" / keys["includes"]).is_file()
+    assert all((folder / f"{folder.name}.ino").is_file() for folder in (FIRMWARE / "examples").iterdir())
+    compiled_there = re.findall(r'#include "\.\./(.+)"', (FIRMWARE / "src" / "lsm6dsx.c").read_text(encoding="utf-8"))
+    assert compiled_there == [source.name for source in DRIVER if source.stem != "lsm6dsx_self_test"]  # no sketch asks for it
 
 
 @needs_gcc
@@ -238,23 +249,23 @@ def avr(tmp_path_factory):
         pytest.skip("not installed: gcc-avr, arduino-core-avr")
 
     def make(chip, odr_hz, baud):
-        variant, words = CHIPS[chip].variant, CHIPS[chip].words
+        variant = CHIPS[chip].variant
         folder = tmp_path_factory.mktemp(chip)
         (folder / "sketch.cpp").write_text(sketch(odr_hz, baud), encoding="utf-8")
         core, spi = ARDUINO / "cores" / "arduino", ARDUINO / "libraries" / "SPI" / "src"
         flags = ["-c", "-Os", "-flto", "-ffunction-sections", "-fdata-sections", f"-mmcu={chip}", "-DF_CPU=16000000L", "-DARDUINO=10819"]
-        flags += ["-DARDUINO_ARCH_AVR", "-DDECIMAL_DIG=__DECIMAL_DIG__", f"-DFIFO_WORDS={words}"]  # Debian's core wants DECIMAL_DIG
-        flags += [f"-I{path}" for path in (core, ARDUINO / "variants" / variant, spi, FIRMWARE)]
+        flags += ["-DARDUINO_ARCH_AVR", "-DDECIMAL_DIG=__DECIMAL_DIG__"]  # Debian's core wants DECIMAL_DIG
+        flags += [f"-I{path}" for path in (core, ARDUINO / "variants" / variant, spi, FIRMWARE / "src")]
         strict = ["-Wall", "-Wextra", "-Werror"]
         plus = ["-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics"]
         commands = [
             ["avr-gcc", "-std=gnu11", "-w", *core.glob("*.c")],
-            ["avr-gcc", "-std=gnu11", *strict, *DRIVER],
+            ["avr-gcc", "-std=gnu11", *strict, FIRMWARE / "src" / "lsm6dsx.c"],
             ["avr-g++", *plus, "-w", *core.glob("*.cpp"), spi / "SPI.cpp"],
             ["avr-g++", *plus, *strict, folder / "sketch.cpp"],
         ]
-        for compiler, *words_ in commands:
-            run([compiler, *flags, *words_], cwd=folder, check=True)
+        for compiler, *words in commands:
+            run([compiler, *flags, *words], cwd=folder, check=True)
         elf = folder / "sketch.elf"
         run(["avr-gcc", "-Os", "-flto", "-Wl,--gc-sections", f"-mmcu={chip}", *folder.glob("*.o"), "-lm", "-o", elf], check=True)
         return elf

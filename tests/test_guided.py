@@ -12,7 +12,7 @@ from conftest import Table, broad, config
 from processes import PATIENCE_S
 
 from session.bench.board_clock import ClockRatio
-from session.bench.events import SENSOR, BoardStatus, Info, SampleChunk, Trouble
+from session.bench.events import SENSOR, BoardStatus, Comment, Info, SampleChunk, Trouble
 from session.bench.guide import Guide
 from session.bench.guided_session import RESET_SAYS, GuidedRecording
 from session.bench.messages import Kind, Stage
@@ -134,10 +134,12 @@ def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
     def right_again(port):
         monkeypatch.setattr("session.bench.guided_session.SILENT_S", 60.0)
 
-    guide, said = led(Port([INFO, pulled, plugged, silent, wrong_baud, right_again, *chunks(SESSION)]))
+    remark = Comment("nothing answers at 0x68")
+    guide, said = led(Port([INFO, pulled, plugged, silent, remark, silent, INFO, wrong_baud, right_again, *chunks(SESSION)]))
     why = [now.why for now in said.instructions]
     assert "/dev/ttyACM0: Input/output error; it is tried again and again" in why
     assert any("no bytes arrive: is the board sending?" in words for words in why)
+    assert any("the board says: nothing answers at 0x68" in words for words in why)
     assert any("812 bytes and 3 frames that are none: is the baud rate right?" in words for words in why)
     assert guide.accepted == 3
 

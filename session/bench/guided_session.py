@@ -20,6 +20,7 @@ from session.bench.events import (
     STANDIN,
     BoardMessage,
     BoardStatus,
+    Comment,
     Event,
     FaultCounts,
     Info,
@@ -40,6 +41,7 @@ from session.bench.session_file import SessionFile
 from session.io.config import Config, clock_words
 from session.io.errors import CalibrationError, OtherSensor, StorageError
 from session.io.samples import Samples
+from session.io.texts import printable
 
 # The board's messages about its sensor, in words: faults when their counts rise, a stand-in once.
 
@@ -286,6 +288,7 @@ class GuidedRecording:
         self._heard_s = self._shown_s = time.monotonic()
         self._clock_reported = False
         self._last_info: tuple | None = None
+        self._remark = ""  # the board's last, behind samples and ranges
         self._new_logs = 0
         self._live = False  # decisions of an earlier recording are not made again
         self._resuming = False  # until the port is open
@@ -376,11 +379,13 @@ class GuidedRecording:
     def _take(self, events: Iterable[Event | RecordingDecision]) -> None:
         for event in joined_chunks(events):
             if isinstance(event, SampleChunk):
-                self._heard_s = time.monotonic()
+                self._heard_s, self._remark = time.monotonic(), ""
                 self._samples(event)
             elif isinstance(event, Info):
-                self._checkpoints += 1
+                self._checkpoints, self._remark = self._checkpoints + 1, ""
                 self._hear_board(event)
+            elif isinstance(event, Comment):
+                self._remark = event.text
             elif isinstance(event, BoardMessage):
                 if isinstance(event, BoardStatus) and self.board.changes_source(event):
                     self.guide.new_log()
@@ -486,7 +491,9 @@ class GuidedRecording:
         elif silent_s > SILENT_S:
             counts = self.recorder.decoder
             what = "no bytes arrive: is the board sending?"
-            if counts.garbage or counts.crc_errors:
+            if self._remark:
+                what = f"the board says: {printable(self._remark)}"
+            elif counts.garbage or counts.crc_errors:
                 what = (
                     f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right? ({KEEPS_BAUD}; --header)"
                 )

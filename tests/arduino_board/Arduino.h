@@ -1,4 +1,4 @@
-/* As much of an Arduino as the sketches of firmware/arduino need, on this machine and in simulated time (board.cpp). */
+/* As much of an Arduino as the sketches of firmware/examples need, on this machine and in simulated time (board.cpp). */
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -1,9 +1,9 @@
 /* The I2C bus of the sketch's board, with its sensor.
  *
- * board FAMILY PERIOD_US START_US FAIL_EACH < rows: a sensor of the family (mpu: 0x68, numbers high byte first, accelerometer, temperature,
+ * board FAMILY PERIOD_US START_US FAIL_EACH WHO < rows: a sensor of the family (mpu: 0x68, numbers high byte first, accelerometer, temperature,
  * gyroscope from 0x3B on, "new" goes when it is read; st: 0x6A, low byte first, temperature, gyroscope, accelerometer from 0x20 on, "new"
  * goes when the numbers are read) makes the rows gx gy gz ax ay az temp one after the other, one each period.  Each FAIL_EACH-th time its
- * numbers are not answered.  Behind the last row the program ends. */
+ * numbers are not answered.  WHO: what it says that it is, 0: the usual.  Behind the last row the program ends. */
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -95,7 +95,8 @@ int main(int, char **words)
     fail_each = std::atol(words[4]);
     for (std::vector<int> row(7); std::cin >> row[0] >> row[1] >> row[2] >> row[3] >> row[4] >> row[5] >> row[6];)
         rows.push_back(row);
-    registers[is_st ? 0x0F : 0x75] = is_st ? 0x6B : 0x68;
+    const int who = std::atoi(words[5]);
+    registers[is_st ? 0x0F : 0x75] = (uint8_t)(who ? who : is_st ? 0x6B : 0x68);
     setup();
     std::cerr << "set"; /* what was written: the test looks at it */
     for (int n = 0; n < 128; n++)

@@ -1,5 +1,5 @@
 // An IMU of ST's family (ASM330LHH, LSM6DSO) on SPI for `calibrate.py record --baud 115200`: the driver of firmware/, its samples as text.
-// The driver's files belong into this folder: cp ../../lsm6dsx*.[ch] .  docs/boards.md explains wiring, rates and memory.
+// docs/boards.md explains wiring, rates and memory.
 #include <SPI.h>
 extern "C" {
 #include "lsm6dsx.h"

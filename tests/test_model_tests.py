@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG
+from scipy.signal import lfilter
 
 import tinygc
 from session.detect.check_stills import NO_STILLS, check_unseen
@@ -276,6 +277,18 @@ def test_a_zero_that_drifts_is_no_pass_and_is_named(tmp_path, simulated):
     why = tinygc.explain(session)
     assert why.explanation.decision.headline == decision.headline
     assert "gyro.bias_drift" in [effect.id for effect in why.effects]
+
+
+@pytest.mark.broad
+def test_a_filter_that_changes_is_no_pass():
+    session = tinygc.simulate(segments=20, closure_s=0.0, odr_hz=104.0, seed=31).session
+    log, half = session.logs[0], len(session.logs[0].samples) // 2
+    gyro = np.asarray(log.samples.gyro)
+    gyro = np.concatenate([gyro[:half], lfilter(np.ones(4) / 4, 1, gyro, axis=0)[half:]])
+    session = replace(session, logs=(replace(log, samples=replace(log.samples, gyro=gyro)),))
+    fit = tinygc.fit(session, methods=("least_squares",))
+    assert fit.verdict().answer != "pass"
+    assert any("gyro filter from row" in doubt for doubt in fit.result.doubts)
 
 
 @pytest.mark.parametrize(("method", "refused", "doubts"), [("physics", True, [PART_NAMED]), ("physics", False, []), ("pso", True, [])])

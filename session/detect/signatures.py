@@ -185,9 +185,9 @@ def _check_dead_band(log: Log, sensor: Sensor) -> list[Finding]:
     if found.any():
         here = [band for band in bands if band is not None]
         edges = ", ".join(f"{band.beyond / DEG:.2g}" for band in here)
-        says = f"{_stands(found, centres, max(band.share for band in here))}, and no reading lies between that and ±{edges} dps"
+        says = f"{_stands(found, centres, max(band.share for band in here))}, and no reading lies between that and ±{edges} dps: a gate"
     elif (norm := _gap(np.linalg.norm(gyro - centres, axis=1), sided=False)) is not None and norm.within == 0:
-        says = f"{_stands(np.ones(3, dtype=bool), centres, norm.share)}, and all others are beyond {norm.beyond / DEG:.2g} dps together"
+        says = f"{_stands(np.ones(3, dtype=bool), centres, norm.share)}, and all others beyond {norm.beyond / DEG:.2g} dps together: a gate"
     elif (found := np.array([_repeats_finely(each, at, sensor, log) for each, at in zip(gyro.T, centres, strict=True)])).any():
         share = float((gyro == centres).mean(axis=0)[found].max())
         says = f"{_stands(found, centres, share)}, in steps that are finer than any noise"

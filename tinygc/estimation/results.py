@@ -17,6 +17,7 @@ from session import VERSION
 from session.detect.check_stills import NO_STILLS
 from session.detect.check_time import looks_counted
 from session.detect.findings import Finding
+from session.detect.signatures import FILTER, TRACKED
 from session.io.config import NominalRate
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import result_folder
@@ -47,6 +48,9 @@ from tinygc.models.model import accelerometer_table, sensor_table
 if TYPE_CHECKING:
     from tinygc.estimation.physics import PhysicsFit
 
+
+#: findings of the first look beside which a pass is weak evidence: not all of the log was used, or not all turns are alike
+DOUBTED = (NO_STILLS, FILTER, TRACKED)
 
 # The versions that made a result.
 
@@ -222,7 +226,7 @@ class FitResult:
             known.append("no method was fitted: ask for least_squares")
         if counted := [log.path.name for log in self.session.logs if looks_counted(log, self.session.config.sensor)]:
             known.append(f"{counted[0]}: the stamps look counted, so the scale common to all axes is not known; give sensor.odr_sigma")
-        known += [f"{w.where}: {w.what} {w.says}" for w in self.warnings if w.what == NO_STILLS]
+        known += [f"{w.where}: {w.what} {w.says}" for w in self.warnings if w.what in DOUBTED]
         return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
 
     def linear_doubts(self, limit_deg: float | None = None) -> list[str]:

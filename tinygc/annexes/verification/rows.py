@@ -20,6 +20,7 @@ from session.detect.axes import agreement
 from session.detect.check_samples import with_bridges
 from session.detect.findings import stop_at_errors
 from session.detect.first_look import check_session
+from session.detect.signatures import CAUSES
 from session.detect.stills import SessionStills, Still, references
 from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session
@@ -44,7 +45,7 @@ CLOSURE, STILL, LENGTH = "closure", "still", "length"
 #: m/s^2: gravity at a site that session.toml gives is known to this, one sigma: 30 m of height, or what a formula leaves
 SITE_MPS2 = 1e-4
 #: name of the first look's check of one factor on all rates; of those that a minute at rest has to pass
-SCALE, OF_RESTS = "gyro scale", ("gravity", "gyro stuck", "accelerometer stuck", "gyro dead", "accelerometer dead")
+SCALE, OF_RESTS = "gyro scale", ("gravity", "gyro stuck", "accelerometer stuck", "gyro dead", "accelerometer dead", *CAUSES)
 #: degrees: a recording without a larger turn is one of rests: a change of E by 1 % shows by a tenth of the usual limit in it
 LEAST_TURN_DEG = 10.0
 #: profile in time: from seconds of the session (N,) to (N,) of no unit

@@ -10,8 +10,8 @@ from session.detect.events import register_end_dps
 from session.io.config import Sensor
 from session.io.logfile import Bridge
 from session.io.numeric import runs_of
+from session.io.pace import not_caught_up
 from session.io.samples import Samples, inserted, pieces, replaced
-from session.io.stamps import not_caught_up
 from session.io.units import DEG
 
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.

@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from session.detect.bridging import short_gaps
-from session.io.pace import GAP_PERIODS
+from session.io.pace import GAP_PERIODS, LOST
 from session.io.samples import Samples, pieces
-from session.io.stamps import LOST, lasting_gaps
+from session.io.stamps import lasting_gaps
 from session.io.units import NS
 
 #: findings on stamps that err: a likelier cause of whatever is left than any effect

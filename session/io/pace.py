@@ -16,6 +16,10 @@ EVEN = 0.4
 WINDOW_LONG_STEPS = 4  #: in one window, on average
 LEAST_WINDOWS = 4
 OFF = 0.45  #: of a period: a step that is off by more is counted; below the half, which steps of a coarse clock may hit
+#: samples on either side of a step, of which the least delayed counts: a burst of a telephone is over after 5 to 20
+WINDOW = 32
+LOST = 0.75  #: of a period: a step that lasts and is larger has lost a sample
+LAG = 512  #: samples over which late stamps tell the period, where there are four times as many
 LOST_SIGMA = 5  #: by which long steps must outnumber the short ones that late stamps make as often
 #: steps that are counted at once
 TOGETHER = 1 << 17
@@ -57,13 +61,31 @@ def pace_of(t_ns: np.ndarray) -> Pace:
     if not len(steps):
         return Pace(np.nan)
     fine = _confirmed(steps)
-    gap = steps > GAP_PERIODS * fine
-    each = float(steps.mean(where=~gap))
-    # Where stamps are late by half a period, some steps count as none and the period comes out too short: then the mean tells.
-    late = _late(steps, fine) or (float(steps.min()) < each / 2 and _late(steps, each))
+    usual = _of_many(steps) if len(steps) >= 4 * WINDOW and steps.min() < (1 - OFF) * fine else fine
+    # Where stamps are late by half a period, some steps count as none and the period comes out too short: then many samples tell it.
+    late = _late(steps, fine) or (float(steps.min()) < usual / 2 and _late(steps, usual))
     if not (late or (_even(steps, fine) and np.gcd.reduce(steps) >= fine / 2)):
         return Pace(fine * NS)
-    return Pace(float(steps.sum()) / float(np.where(gap, np.rint(steps / each), 1.0).sum()) * NS, coarse=True)
+    rows = np.flatnonzero(steps > GAP_PERIODS * usual)
+    if len(steps) >= 4 * WINDOW:
+        rows = rows[not_caught_up(np.concatenate([[0], np.cumsum(steps)]), rows, usual * NS)]
+    within = float(steps.sum() - steps[rows].sum()) / max(len(steps) - len(rows), 1)
+    return Pace(float(steps.sum()) / (len(steps) - len(rows) + float(np.rint(steps[rows] / within).sum())) * NS, coarse=True)
+
+
+def _of_many(steps: np.ndarray) -> float:
+    t, lag = np.cumsum(steps), min(LAG, len(steps) // 4)
+    return float(np.median(t[lag:] - t[:-lag])) / lag
+
+
+def not_caught_up(t_ns: np.ndarray, rows: np.ndarray, period_s: float) -> np.ndarray:
+    """(K,) bool: whether the long steps behind these rows (K,) of stamps (N,) ns last: the least late behind them are later than those
+    before."""
+    around = np.arange(WINDOW)
+    before = np.maximum(rows[:, None] - around, 0)
+    behind = np.minimum(rows[:, None] + 1 + around, len(t_ns) - 1)
+    least = [((t_ns[some] - t_ns[0]) * NS - period_s * some).min(axis=1) for some in (before, behind)]
+    return np.asarray(least[1] - least[0] > LOST * period_s)
 
 
 def _late(steps: np.ndarray, period: float) -> bool:

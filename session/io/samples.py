@@ -10,8 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from session.io.dataframe import data_frame
-from session.io.pace import GAP_PERIODS, Pace, pace_of
-from session.io.stamps import not_caught_up
+from session.io.pace import GAP_PERIODS, Pace, not_caught_up, pace_of
 from session.io.units import NS
 
 # Readings of a whole log in as few bytes as they were written with, converted to SI and float64 on access.

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from session.io.errors import DataError
 from session.io.numeric import MEDIAN_SIGMAS, runs_of
-from session.io.pace import GAP_PERIODS, pace_of
+from session.io.pace import GAP_PERIODS, LOST, WINDOW, pace_of
 from session.io.units import NS, NS_PER_S
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
@@ -150,12 +150,8 @@ def fresh(t_ns: np.ndarray) -> np.ndarray:
 
 # Gaps among stamps that are late by chance: what came late is caught up, what is lost never is.
 
-#: samples on either side of a step, of which the least delayed counts: a burst of a telephone is over after 5 to 20
-WINDOW = 32
 #: of a period: a step that lasts and is larger has lost samples, if it is so many sigmas of what they usually are
 LASTS, SURE = 1.5, 8.0
-#: of a period: a step that lasts and is larger has lost one sample
-LOST = 0.75
 
 
 def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tuple[np.ndarray, np.ndarray]:
@@ -170,16 +166,6 @@ def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tup
     usual = float(np.median(np.abs(jumps))) / MEDIAN_SIGMAS
     firsts = runs_of(jumps > max(lasts * period_s, SURE * usual))[0]
     return firsts + WINDOW - 1, np.array([jumps[first : first + WINDOW].max() for first in firsts])
-
-
-def not_caught_up(t_ns: np.ndarray, rows: np.ndarray, period_s: float) -> np.ndarray:
-    """(K,) bool: whether the long steps behind these rows (K,) of stamps (N,) ns last: the least late behind them are later than those
-    before."""
-    around = np.arange(WINDOW)
-    before = np.maximum(rows[:, None] - around, 0)
-    behind = np.minimum(rows[:, None] + 1 + around, len(t_ns) - 1)
-    least = [((t_ns[some] - t_ns[0]) * NS - period_s * some).min(axis=1) for some in (before, behind)]
-    return np.asarray(least[1] - least[0] > LOST * period_s)
 
 
 #: of the mean step: a shorter one is a burst's, and the share of them from which on stamps are those of bursts

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.stamps import COARSE, WINDOW, lasting_gaps
+from session.io.pace import WINDOW
+from session.io.stamps import COARSE, lasting_gaps
 from session.io.units import NS
 
 #: samples over which the period is measured, where there are four times as many: bursts are short beside

@@ -12,9 +12,11 @@ from tinygc.annexes.temperature.axis_fit import BY_CHANCE, about, columns, estim
 from tinygc.annexes.temperature.output import of_rests, order_word, remarks
 from tinygc.annexes.temperature.rest_fit import fit_rests
 from tinygc.annexes.temperature.sessions_fit import of_rests_alone
-from tinygc.annexes.temperature.sweeps import BENT, DITHERED, UNIFORM, between_steps, sweeps_of
+from tinygc.annexes.temperature.sweeps import between_steps, sweeps_of
 
 T = np.arange(400.0)
+#: rms of a uniform error, of its width; of a parabola about its chord, as ``sweeps`` has it
+UNIFORM, BENT = 0.5 / np.sqrt(3), 0.046
 
 
 def read(temp_c, step=1.0):
@@ -56,7 +58,7 @@ def test_where_it_stays_the_reading_holds():
     assert stays.sigma_c[200] == pytest.approx(UNIFORM)
 
 
-@pytest.mark.parametrize(("rests", "by"), [(8, 0.2), (100, 0.5)])
+@pytest.mark.parametrize(("rests", "by"), [(8, 0.2), (18, 0.45), (100, 0.5)])
 def test_where_it_turns_it_goes_half_of_a_parabolas_way(rests, by):
     """Up a step in ten, down as fast; what it passed twice ``rests`` apart."""
     reading = np.concatenate([np.repeat([0.0, 1, 2], 10), np.full(rests, 3.0), np.repeat([2.0, 1, 0], 10)])
@@ -88,14 +90,14 @@ def test_what_is_left_as_it_is():
     """No grid; fine steps; noise that carries the means across the steps."""
     temp_c = np.linspace(20, 40, 400)
     rng = np.random.default_rng(0)
-    wide = read(temp_c) + 1.5 * DITHERED * rng.standard_normal(400)
+    wide = read(temp_c) + 0.18 * rng.standard_normal(400)
     for means, grid in ((temp_c, (0.0, 0.0)), (read(temp_c, 0.01), (0.01, 0.0)), (wide, (1.0, 0.0)), (temp_c[:1], (1.0, 0.0))):
         found = between_steps(np.arange(len(means)), means, grid)
         assert found.temp_c is means
         assert not found.sigma_c.any()
-    flat = between_steps(T, np.full(400, 20.0), (1.0, 0.0))
+    flat = between_steps(T, np.full(400, 20.0), (2.0, 0.0))
     assert set(flat.temp_c) == {20.0}
-    assert flat.sigma_c == pytest.approx(UNIFORM)
+    assert flat.sigma_c == pytest.approx(2 * UNIFORM)
 
 
 # In the knots and the fit

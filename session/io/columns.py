@@ -63,8 +63,9 @@ def split(line: str, delimiter: str | None) -> tuple[str, ...]:
     if delimiter is None:
         line = re.sub(r"(?<!\s)\s++(?=[\[(])", "", line)
     # A name in quotation marks may have the delimiter in it.
-    quoted = '"' in line and delimiter is not None and len(delimiter) == 1
-    parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), []) if quoted else line.split(delimiter)
+    parts = line.split(delimiter)
+    if delimiter is not None and '"' in line:
+        parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     return tuple(part.strip().strip('"').strip() for part in parts)
 
 

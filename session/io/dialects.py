@@ -112,8 +112,9 @@ class Layout:
 
     def only(self, kind: str) -> Layout:
         """Of one quantity alone."""
-        keep = {name: getattr(self, name) if name.startswith(kind) else None for name in ("gyro", "accel", "temp", "temp_unit")}
-        return replace(self, **keep)
+        gyro, accel = (triad if kind == name else None for name, triad in (("gyro", self.gyro), ("accel", self.accel)))
+        temp, unit = (self.temp, self.temp_unit) if kind == "temp" else (None, None)
+        return replace(self, gyro=gyro, accel=accel, temp=temp, temp_unit=unit)
 
     @property
     def time_column(self) -> int:

@@ -18,8 +18,15 @@ from session.io.files import MB, open_file, open_stream, unreadable
 
 #: what begins UTF-16, and what is said of it
 UTF_16, UTF_16_NOTE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE), "UTF-16: read as text"
-# What is no UTF-8 is a letter of Windows' own code, as in ``°/s``.
-codecs.register_error("cp1252", lambda error: (error.object[error.start : error.end].decode("cp1252", "replace"), error.end))
+
+
+def _windows(error: UnicodeError) -> tuple[str, int]:
+    """What is no UTF-8 is a letter of Windows' own code, as in ``°/s``."""
+    assert isinstance(error, UnicodeDecodeError)  # it is for reading alone
+    return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
+
+
+codecs.register_error("cp1252", _windows)
 
 #: in the place of a file name: standard input
 STANDARD = "-"

@@ -95,14 +95,14 @@ class Reader:
         columns = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line, layout.standard)
         if picking is not None:
             columns = replace(columns, read=(*layout.used, place_of(picking, columns)))
-        kinds, rows = {kind: places for kind, places, _ in layout.kinds}, Rows(wanted, columns)(head[layout.first :])
-        self.parts = () if answers is None or only or layout.time is None or self._stream else sparse(rows, columns, kinds)
+        places, rows = {kind: own for kind, own, _ in layout.kinds}, Rows(wanted, columns)(head[layout.first :])
+        self.parts = () if answers is None or only or layout.time is None or self._stream else sparse(rows, columns, places)
         if only is not None:
             self.layout = layout = layout.only(only)
-            lack = sum(map(bool, rows)) - sum(map(bool, Rows(wanted, columns, kinds[only])(rows)))
-            cells = f"the cells of {', '.join(map(layout.name, kinds[only]))}"
+            lack = sum(map(bool, rows)) - sum(map(bool, Rows(wanted, columns, places[only])(rows)))
+            cells = f"the cells of {', '.join(map(layout.name, places[only]))}"
             self.notes += [f"{cells} are empty in {lack} of the first {sum(map(bool, rows))} rows: read as a log of its own"] * bool(lack)
-        self._wanted, self._watch = Rows(wanted, columns, kinds[only] if only else ()), Watch(rows, columns)
+        self._wanted, self._watch = Rows(wanted, columns, places[only] if only else ()), Watch(rows, columns)
         if answers is not None and picking is None and wanted.where is None and layout.time is not None:
             refuse_turns(head[layout.first :], layout.time, columns)
         self.picks_rows = bool(wanted) or (answers is not None and answers.lines is not None)

@@ -55,7 +55,7 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
         own = next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
         usual = max(_usual_matches(lines, name), key=lambda match: match[0], default=None)
         if usual is None:
-            refuse_angles((names for _, _, _, names in _headers(lines)), name)
+            refuse_angles((names[:MOST_NAMES] for _, _, _, names in _headers(lines)), name)
         if own is not None and (usual is None or any(own[1].count(name) > 1 for name in own[1])):
             number, names = own
             parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it

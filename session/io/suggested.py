@@ -56,7 +56,8 @@ def suggested(lines: Sequence[str]) -> tuple[int, str] | None:
 
 def _table(lines: Sequence[str], delimiter: str | None) -> tuple[np.ndarray, set[int], list[str]]:
     """Numbers (N, C) of the rows of the width that most have, NaN where there are none; which columns are clocks; names, or numbers."""
-    rows, before, header = [], "", ""
+    rows: list[tuple[list[float], list[bool]]] = []
+    before = header = ""
     for line in lines:
         cells = [cell.strip().strip('"') for cell in line.split("#")[0].strip().split(delimiter)]
         numbers = [_number(cell.replace(",", ".") if delimiter != "," else cell) for cell in cells[:MOST]]

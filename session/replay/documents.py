@@ -16,8 +16,8 @@ from session.io.rows import MOST_SENSORS, SENSORS
 
 #: of the first bytes: how far from their end a document may seem broken, since they cut it
 NEAR_END = 200
-#: what a parsed document takes, in bytes of the file
-PARSED = 16
+#: what a parsed document takes: bytes for each of the file, and for each record or list of it; measured
+PARSED, RECORD = 10, 400
 #: of a document: lists inside lists, and tables
 DEPTH, MOST_TABLES = 6, 100
 
@@ -40,10 +40,10 @@ def is_document(head: bytes) -> bool:
 
 def unpack_document(path: Path, folder: Path) -> None:
     """Write its tables into a folder, ``rotations.csv``.  FormatError for what is no JSON, and where it holds none."""
-    size = path.stat().st_size
-    current().take(path, PARSED * size)
+    data = read_bytes(path, current().most)
+    current().take(path, PARSED * len(data) + RECORD * (data.count(b"{") + data.count(b"[")))
     try:
-        document = json.loads(read_bytes(path, size).decode("utf-8-sig"), parse_float=Number, parse_int=Number)
+        document = json.loads(data.decode("utf-8-sig"), parse_float=Number, parse_int=Number)
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{path.name}: a damaged JSON document ({str(error)[:80]}); save it again, or as a table") from None
     names: dict[str, int] = {}

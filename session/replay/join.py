@@ -147,7 +147,7 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
     stamps = source.unrolled(t_ns[:again])
     notes += [f"{name}: {note}" for note in source.notes[said:]]
     once = written_once(stamps, [column for column in columns[1:] if column is not None])
-    if (shared := np.count_nonzero(np.diff(stamps) == 0)) > COARSE * len(stamps) and np.count_nonzero(~once) >= TWICE * shared:
+    if (shared := int(np.count_nonzero(np.diff(stamps) == 0))) > COARSE * len(stamps) and np.count_nonzero(~once) >= TWICE * shared:
         notes.append(f"{name}: {np.count_nonzero(~once)} rows repeat the one before them, stamp and readings: left out")
         stamps, columns, shared = stamps[once], [None if column is None else column[once] for column in columns], 0
     if source.wraps:

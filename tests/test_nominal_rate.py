@@ -187,6 +187,12 @@ def test_intervals_are_added_up(name, unit, known, samples, tmp_path):
     np.testing.assert_allclose(np.diff(t_ns), steps[1:], atol=2)
 
 
+def test_intervals_that_are_named_as_the_time_are_added_up_too(samples, tmp_path):
+    columns = "t_us=dt,gx_dps=gx_dps,gy_dps=gy_dps,gz_dps=gz_dps,ax_g=ax_g,ay_g=ay_g,az_g=az_g"
+    made = make(tmp_path, log_of(samples, "dt", np.diff(samples.t_ns, prepend=-9_500_000) / 1000), columns=columns)
+    assert "clock: dt, intervals that are added up, in us (as you say); 105.4 Hz" in made.took[2]
+
+
 @pytest.mark.parametrize(
     ("name", "stamps", "says"),
     [

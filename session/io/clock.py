@@ -124,14 +124,13 @@ TOLD, BY_NAME, BY_RATE, BY_DATE = "as you say", "by its name", "by the sensors' 
 @dataclass(frozen=True)
 class Clock:
     """column; unit, a word of ``TIME``, or a multiple; known: how the unit is; says: which column it is, and why in this unit; finer: a
-    column of a second's fraction beside whole seconds, and its ns per unit; intervals: whether it holds the time since the row before."""
+    column of a second's fraction beside whole seconds, and its ns per unit."""
 
     column: int
     unit: str
     known: str
     says: str
     finer: tuple[int, int] | None = None
-    intervals: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +165,7 @@ class _Candidate:
             rate = f": {1 / (self.step * si * NS):.5g} Hz"
         what = f"is taken for {'intervals, which are added up' if self.intervals else 'the clock'}"
         in_unit = "as a time of day" if self.is_clock else f"in {unit} {known}"
-        return Clock(self.column, unit, known, f"{self.name!r} {what}, {in_unit}{rate}", intervals=self.intervals)
+        return Clock(self.column, unit, known, f"{self.name!r} {what}, {in_unit}{rate}")
 
 
 def find_clock(
@@ -292,6 +291,12 @@ def _exact(rows: Sequence[Sequence[str]], column: int) -> list[int] | None:
     return None if len(found) < 2 or missing > len(rows) // LEAST_ROWS else found
 
 
+def holds_intervals(rows: Sequence[Sequence[str]], column: int, names: Sequence[str]) -> bool:
+    """Whether a column holds the time since the row before: by its name, and as it does not rise."""
+    exact = _exact(rows, column) if column < len(names) and _states(names[column])[2] else None
+    return exact is not None and min(exact) >= 0 and any(b <= a for a, b in pairwise(exact))
+
+
 def _candidate(rows: Sequence[Sequence[str]], column: int, names: Sequence[str]) -> _Candidate | None:
     name = names[column] if column < len(names) and names[column] else f"column {column + 1}"
     unit, named, of_intervals = _states(name)
@@ -299,7 +304,7 @@ def _candidate(rows: Sequence[Sequence[str]], column: int, names: Sequence[str])
     if exact is None or (not named and not of_intervals and (set(_words(name)) & set(COUNTERS) or len(exact) < LEAST_ROWS)):
         return None
     is_clock = any(":" in row[column] for row in rows[:1] if column < len(row))
-    if of_intervals and min(exact) >= 0 and any(b <= a for a, b in pairwise(exact)):
+    if holds_intervals(rows, column, names):
         total = list(accumulate(exact))
         values = np.array([(value - total[0]) / NS_PER_S for value in total])
         return _Candidate(column, name, True, unit, 0.0, values, intervals=True) if values[-1] > 0 else None

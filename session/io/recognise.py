@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-from session.io.clock import TOLD, find_clock
+from session.io.clock import TOLD, find_clock, holds_intervals
 from session.io.columns import DELIMITERS, Column, from_columns, split
 from session.io.dialects import DIALECTS, Answers, Dialect, Layout, Triad, three
 from session.io.errors import FormatError
@@ -259,7 +259,7 @@ def _layout(
                 what = f"the column {picking!r} holds more than {MOST_SENSORS} values"
                 raise FormatError(f"{name}: {what}; give the column that tells the sensors apart")
         Watch(mine, form)  # two sensors in turn have no clock that rises steadily
-        rows = [line.split(delimiter) for line in mine if line.split("#")[0].strip()]
+        rows = _rows(mine, delimiter)
         try:
             clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name, lines[:first])
         except QuestionsError as unknown:
@@ -303,9 +303,13 @@ def _layout(
         finer=finer,
         remark="" if clock is None else clock.says,
         sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, told),
-        intervals=clock is not None and clock.intervals,
+        intervals=time_column is not None and holds_intervals(_rows(lines[first:], delimiter), time_column, names),
         facts={key: value for key, value in facts.items() if not key.endswith("_unit")},
     )
+
+
+def _rows(lines: list[str], delimiter: str | None) -> list[list[str]]:
+    return [line.split(delimiter) for line in lines if line.split("#")[0].strip()]
 
 
 def _sources(

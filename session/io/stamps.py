@@ -228,7 +228,7 @@ def _along_least_late(t_ns: np.ndarray, within: float) -> tuple[np.ndarray, floa
     A stamp is late by the wait for the hand-over; the least late among dozens, or more, are right, and show whether samples are missing.
     """
     count, t = np.arange(len(t_ns)), (t_ns - t_ns[0]).astype(float)
-    for among in (AMONG, 4 * AMONG, 16 * AMONG):
+    for among in (AMONG, 4 * AMONG, 16 * AMONG, 64 * AMONG):
         groups = [*np.split(count, range(among, len(count) - among + 1, among))[:-1], count[-among:]]
         if len(groups) < (2 if among == AMONG else FEW_GROUPS):
             break

@@ -201,7 +201,7 @@ def test_temperature_missing_stuck_implausible_and_moving(good):
 def held(samples, gyro=1, accel=1):
     """The gyroscope's and the accelerometer's readings standing for so many rows."""
     rows = np.arange(len(samples))
-    return {"gyro": samples.gyro[rows // gyro * gyro], "accel": samples.accel[rows // accel * accel]}
+    return {name: getattr(samples, name)[(rows // each * each).astype(int)] for name, each in (("gyro", gyro), ("accel", accel))}
 
 
 @pytest.mark.parametrize(
@@ -209,6 +209,7 @@ def held(samples, gyro=1, accel=1):
     [
         ({"gyro": 6, "accel": 6}, "warning", "83% of the rows repeat all six readings"),
         ({"accel": 2}, "note", "each reading of the accelerometer stands for 2 rows: new ones come at 104 Hz, rows at 208"),
+        ({"accel": 1.5}, "note", "the accelerometer stands for 1.5 rows: new ones come at 139 Hz, rows at 208"),
         ({"gyro": 3}, "warning", "each reading of the gyro stands for 3 rows: new ones come at 69 Hz, rows at 208"),
     ],
     ids=str,

@@ -167,6 +167,14 @@ def test_one_file_becomes_an_array(tmp_path, run):
         np.testing.assert_allclose(session.logs[0].samples.gyro, SAMPLES.gyro * (1 + 0.01 * unit), atol=1e-10)
 
 
+def test_a_sensor_that_is_held_is_said(tmp_path, run):
+    held = ACCEL["g"][np.arange(len(T_US)) // 2 * 2]
+    (tmp_path / "log.csv").write_text("t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n" + rows(T_US, *GYRO["dps"].T, *held.T))
+    code, said, _ = run("import", tmp_path / "log.csv", "--out", tmp_path / "out")
+    assert code == 0
+    assert "each reading of the accelerometer stands for 2 rows" in " ".join(said.split())
+
+
 def test_a_column_that_tells_no_sensors_apart_makes_no_array(tmp_path, run):
     (tmp_path / "log.csv").write_text(USUAL)
     told = ("--gyro-unit", "dps", "--accel-unit", "g")

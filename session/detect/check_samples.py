@@ -195,6 +195,8 @@ def _clipping(
     return f"{axis} stands at {levels} {unit} in {mask.sum()} samples, first at {first_s:.1f} s"
 
 
+#: of the finding on rows that repeat a reading
+HELD = "repeats"
 #: of rows that repeat a reading: fewer are not looked into; times as many as noise and the register's steps make
 LEAST_SHARE, BEYOND_CHANCE = 0.01, 10
 
@@ -220,12 +222,12 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
     if held[2]:
         fresh_hz = (1 - shares[2]) * rows_hz
         says = f"{shares[2]:.0%} of the rows repeat all six readings (by noise {chances[2]:.1g}): new ones come at {fresh_hz:.0f} Hz"
-        return [Finding("warning", where, "repeats", says, do)]
+        return [Finding("warning", where, HELD, says, do)]
     findings = []
     for name, level, each, share, is_held in zip(("gyro", "accelerometer"), ("warning", "note"), new, shares, held, strict=False):
         if share < 1 and (is_held or held_for(each) > 1):  # else it is stuck, another finding
             says = f"each reading of the {name} stands for {1 / (1 - share):.3g} rows: new ones come at {(1 - share) * rows_hz:.0f} Hz"
-            findings.append(Finding(level, where, "repeats", f"{says}, rows at {rows_hz:.0f}", do))
+            findings.append(Finding(level, where, HELD, f"{says}, rows at {rows_hz:.0f}", do))
     return findings
 
 

@@ -37,6 +37,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Convert a log to a session folder."""
+    from session.detect.check_samples import HELD
     from session.io.errors import FormatError
     from session.replay.importing import import_log, known_logs
 
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     for note in made.notes:
         console.print(f"  {note}", soft_wrap=True)
     for finding in made.findings:
-        if finding.level in ("error", "warning"):
+        if finding.level in ("error", "warning") or finding.what == HELD:  # how fast each sensor is
             console.print(f"  {finding.level}: {finding.line}", soft_wrap=True)
     console.print("next:")
     for step in made.next:

@@ -203,3 +203,12 @@ def test_without_a_range_there_is_no_line():
 
 def test_orders_have_words():
     assert [order_word(order) for order in (0, 1, 2, 3, 4, 9)] == ["constant", "straight line", "parabola", "cubic", "order 4", "order 9"]
+
+
+def test_the_errors_of_the_steps_are_not_taken_for_noise():
+    knots = make_knots([stepped()[0]], [])
+    off = 0.05 * knots.off_c
+    y = columns(knots, 0.0, 1) @ [0.5, 0.3] + off @ np.random.default_rng(1).standard_normal(off.shape[1])
+    A, V = columns(knots, 0.0, 1), knots.covariances()
+    told, untold = (estimate_noise(y, A, V, 1e-4, steps) for steps in (off @ off.T, 0.0))
+    assert told.sizes[1:].max() < 0.2 * untold.sizes[1:].max()

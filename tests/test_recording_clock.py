@@ -97,3 +97,13 @@ def test_info_is_an_event_of_its_own(wire, tmp_path):
     assert [event for event in events if isinstance(event, Info)] == [INFO]
     assert recorder.decoder.info.odr_hz == INFO.odr_hz
     recorder.close()
+
+
+def test_a_clock_that_stands_or_is_hardly_seen_tells_nothing():
+    clock = ClockComparison()
+    for k in range(3000):
+        clock.add(round(1e7 * k), 12345)
+    assert clock.measured is None
+    assert not ClockRatio(1.0005, 4e-4, 12.0).tells
+    assert ClockRatio(1.00001, 2e-5, 33.0).tells
+    assert ClockRatio(1.005, 1e-3, 12.0).tells

@@ -23,6 +23,8 @@ BLOCKS = (5, 10, 20)
 FEWEST = max(BLOCKS)  #: stretches, 10 s, before there is a result
 MOST = 1024  #: stretches; beyond them they become twice as long, so that a day takes no more memory than an hour
 FRAME_S = 1e-3  #: of USB at full speed
+OFF = 0.001  #: the two clocks' relative difference that is said at once; a host's is good to 0.0001
+OFF_MOST = 0.25  #: beyond it the board is a virtual one that runs faster than real time
 ONE_BY_ONE = 1.05  #: samples an arrival: up to so many, nothing holds them back
 
 
@@ -33,6 +35,11 @@ class ClockRatio:
     ratio: float
     sigma: float
     over_s: float
+
+    @property
+    def tells(self) -> bool:
+        """Whether it says more than that nothing was seen, of a board in real time."""
+        return 3 * self.sigma < max(OFF, abs(self.ratio - 1)) < OFF_MOST
 
     @classmethod
     def of(cls, found: Sequence[ClockRatio]) -> ClockRatio | None:
@@ -93,6 +100,8 @@ class ClockComparison:
         since = np.array(self._earliest, np.int64) - self._earliest[0]
         host_s, device_s = since[:, 0] * NS, since[:, 1] * 1e-6
         rate = float(np.polyfit(host_s, device_s, 1)[0])
+        if not 1 - OFF_MOST < rate < 1 / (1 - OFF_MOST):
+            return None  # no clock
         for _ in range(2):  # which arrivals are the least late depends a little on the rate
             late_s, sigmas = host_s - device_s / rate, []
             for count in BLOCKS:

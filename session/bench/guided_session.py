@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from session.bench.board_clock import OFF
 from session.bench.closure_guide import BEGIN
 from session.bench.events import (
     CHIPS,
@@ -249,8 +250,6 @@ UNKNOWN_S = 10.0  #: of samples without their ranges
 KEEPS_BAUD = "a board that was set to 6667 Hz keeps --baud 2000000 until it is switched off"
 LAST_WORD_S = 5.0  #: for the coach at the end
 SHOW_EVERY_S = 0.1
-CLOCK_RATIO = 0.001  #: limit of the relative difference of the two clocks; a host's is good to 0.0001
-CLOCK_RATIO_MOST = 0.25  #: beyond it the board is a virtual one that runs faster than real time
 NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}
 
 Configure = Callable[[Info | None, float], Config | None]
@@ -502,11 +501,9 @@ class GuidedRecording:
     def _check_clock(self) -> None:
         """Report once that the device's clock is wrong, which is a wrong scale factor of all axes."""
         self.guide.health.clock = clock = self.recorder.clock.measured
-        if clock is None or self._clock_reported:
-            return
-        if max(CLOCK_RATIO, 3 * clock.sigma) < abs(clock.ratio - 1) < CLOCK_RATIO_MOST:
+        if clock is not None and not self._clock_reported and clock.tells and abs(clock.ratio - 1) > OFF:
             self._clock_reported = True
-            wrong = f"{clock_words(clock.ratio, clock.sigma * 1e6)} (bar {1e6 * CLOCK_RATIO:g})"
+            wrong = f"{clock_words(clock.ratio, clock.sigma * 1e6)} (bar {1e6 * OFF:g})"
             self._say(Kind.WARNING, f"{wrong}: every scale factor is off by as much, which `fit --clock arrivals` takes out")
 
     def _say(self, kind: Kind, text: str) -> None:

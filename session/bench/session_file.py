@@ -177,17 +177,19 @@ class SessionFile:
 
         A clock that the user knows, ``clock_sigma_ppm`` alone, stays.
         """
-        if clock is None or self._own is None:
+        if clock is None or self._own is None or not clock.tells:
             return ""
-        sensor = read_config(self.path).sensor
-        if sensor.clock_ratio is not None and sensor.clock_sigma_ppm:
-            clock = ClockRatio.of([clock, ClockRatio(sensor.clock_ratio, sensor.clock_sigma_ppm * 1e-6, 0.0)]) or clock
-        sigma_ppm = clock.sigma * 1e6
-        words = clock_words(clock.ratio, sigma_ppm)
-        if sensor.clock_ratio is None and sensor.clock_sigma_ppm is not None:
-            return f"{words}; session.toml has its own clock_sigma_ppm, {sensor.clock_sigma_ppm:g}, and is left so"
-        values = {"clock_ratio": round(clock.ratio, 9), "clock_sigma_ppm": float(f"{sigma_ppm:.3g}")}
-        self._text = set_sensor(self.path, values).encode()
+        words = clock_words(clock.ratio, clock.sigma * 1e6)
+        try:
+            sensor = read_config(self.path).sensor
+            if sensor.clock_ratio is None and sensor.clock_sigma_ppm is not None:
+                return f"{words}; session.toml has its own clock_sigma_ppm, {sensor.clock_sigma_ppm:g}, and is left so"
+            if sensor.clock_ratio is not None and sensor.clock_sigma_ppm:
+                clock = ClockRatio.of([clock, ClockRatio(sensor.clock_ratio, sensor.clock_sigma_ppm * 1e-6, 0.0)]) or clock
+            values = {"clock_ratio": round(clock.ratio, 9), "clock_sigma_ppm": float(f"{clock.sigma * 1e6:.3g}")}
+            self._text = set_sensor(self.path, values).encode()
+        except FormatError:  # of a user's own form, or spoilt meanwhile: no recording fails by it
+            return f"{words}; session.toml leaves no place for it: give sensor.clock_ratio = {clock.ratio:.9g} by hand"
         return f"{words}: sensor.clock_ratio of session.toml; `--clock arrivals` of check and fit divides the stamps by it"
 
     def save_copy(self, folder: Path) -> None:
@@ -216,8 +218,8 @@ class SessionFile:
         self.assumed, model = not (model or physical), model or (UNKNOWN if physical else DEFAULT)
         if like is not None and _same_model(like.model, model):
             clock = like.clock_sigma_ppm if like.clock_ratio is None else None  # a ratio is of one recording
-            ranges = {"gyro_fs_dps": gyro_fs_dps, "accel_fs_g": accel_fs_g}
-            return replace(like, serial=serial, odr_hz=odr_hz, clock_ratio=None, clock_sigma_ppm=clock, **ranges)
+            like = replace(like, clock_ratio=None, clock_sigma_ppm=clock)
+            return replace(like, serial=serial, odr_hz=odr_hz, gyro_fs_dps=gyro_fs_dps, accel_fs_g=accel_fs_g)
         return Sensor(model, serial, odr_hz, gyro_fs_dps, accel_fs_g)
 
     def _require_model(self, mine: str, other: str | None, who: str) -> None:

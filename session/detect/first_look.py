@@ -227,9 +227,9 @@ def check_keys(config: Config) -> list[Finding]:
     if not config.model_given:
         says = f"sensor.model is not given: its registers and limits are taken to be those of an {config.sensor.model}"
         findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
-    if words := config.sensor.clock_words:
-        off, sigma_ppm = config.sensor.clock_ratio - 1, config.sensor.clock_sigma_ppm or 0.0
-        level = "warning" if abs(off) > max(HOST_CLOCK, 3e-6 * sigma_ppm) else "ok"
+    if (ratio := config.sensor.clock_ratio) is not None:
+        words, sigma_ppm = config.sensor.clock_words, config.sensor.clock_sigma_ppm or 0.0
+        level = "warning" if abs(ratio - 1) > max(HOST_CLOCK, 3e-6 * sigma_ppm) else "ok"
         do = "`--clock arrivals` divides the stamps by it" if level == "warning" else ""
         findings.append(Finding(level, "session.toml", "clock", f"{words}: so much every scale factor is off by the stamps", do))
     for key, near in config.unknown:

@@ -178,7 +178,6 @@ def _tell(
     args: argparse.Namespace, folder: Path, port: str, guide: Guide, recorder: Recorder, session_file: SessionFile, interrupted: bool
 ) -> bool:
     """Report what was recorded; return interrupted."""
-    from session.bench.guided_session import CLOCK_RATIO_MOST
     from session.bench.session_file import ASSUMED
 
     console = output(args)
@@ -194,11 +193,7 @@ def _tell(
             console.print(f"{path}: was removed meanwhile; --resume makes it again of {recorder.raw.path.name}", soft_wrap=True)
     if guide.taken.own is not None and args.rest is None:
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
-    if (
-        (clock := recorder.clock.measured) is not None
-        and abs(clock.ratio - 1) < CLOCK_RATIO_MOST
-        and (words := session_file.measured(clock))
-    ):
+    if words := session_file.measured(recorder.clock.measured):
         console.print(words, soft_wrap=True)
     if session_file.assumed:
         console.print(ASSUMED, soft_wrap=True)

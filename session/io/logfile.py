@@ -163,7 +163,8 @@ def _with_stamps_of_their_own(samples: Samples, name: str) -> tuple[Samples, lis
     if shared > COARSE * len(samples) and twice < TWICE * shared:
         try:
             t_ns, note = evenly(samples.t_ns, None, name)
-            return replace(samples, t_ns=t_ns), [note or ""]
+            if note and fresh(t_ns).all():
+                return replace(samples, t_ns=t_ns), [note]
         except DataError as error:
             notes.append(str(error).removeprefix(f"{name}: "))
     samples = samples if once.all() else samples.pick(once)

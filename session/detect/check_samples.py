@@ -419,8 +419,8 @@ def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
         return []
     steps = np.abs(np.diff(gyro, axis=0))
     step = float(np.min(steps[:, coarse], where=steps[:, coarse] > 0, initial=np.inf))
-    size = f"{step / DEG:.3g} dps" if step / MDPS > MOST_MDPS else f"{step / MDPS:.3g} mdps"
-    says = f"the gyro ({axes_text(coarse)}) moves in steps of {size}, and repeats {share[coarse].max():.0%} of its readings"
+    wide = f"{step / DEG:.3g} dps" if step / MDPS > MOST_MDPS else f"{step / MDPS:.3g} mdps"
+    says = f"the gyro ({axes_text(coarse)}) moves in steps of {wide}, and repeats {share[coarse].max():.0%} of its readings"
     says += " where it is quietest: the steps are larger than its noise"
     if (typical := sensor.typical("gyro_noise_mdps_rthz")) is not None:
         rms = typical[1] * np.sqrt(0.5 / log.samples.period_s)

@@ -125,8 +125,8 @@ EMPTY_CELLS = ("", "nan", "null", "none", "na", "n/a", "-")
 
 
 def _holds(cells: Sequence[str], columns: Collection[int]) -> bool:
-    """Whether a row has a reading in any of the columns."""
-    return any(_bare(cells[column]).lower() not in EMPTY_CELLS for column in columns if column < len(cells))
+    """Whether a row has a reading in any of the columns, or lacks the columns: then it is torn, which its reader says."""
+    return any(column >= len(cells) or _bare(cells[column]).lower() not in EMPTY_CELLS for column in columns)
 
 
 def sparse(lines: Sequence[str], form: Form, kinds: Mapping[str, Collection[int]]) -> tuple[str, ...]:

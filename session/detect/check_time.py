@@ -91,18 +91,19 @@ def _counted(log: Log, sensor: Sensor) -> Finding | None:
         return Finding("warning", log.path.name, "sample rate", says, do)
     if not looks_counted(log, sensor):
         return None
-    says = f"{sensor.nominal_hz:g} Hz as declared, and every step exactly so: they look counted, not measured; the true rate is not known"
+    says = f"{sensor.odr_hz:g} Hz as declared, and every step exactly so: they look counted, not measured; the true rate is not known"
     do = "a true rate that differs is a scale error of the same size; were they counted, give sensor.odr_sigma (0.03 is usual)"
     return Finding("note", log.path.name, "sample rate", says, do)
 
 
 def looks_counted(log: Log, sensor: Sensor) -> bool:
-    """Whether every stamp of a file is a multiple of the nominal period, and nothing says what the true rate is.
+    """Whether every stamp of a file is a multiple of the declared period, and nothing says what the true rate is.
 
-    A board that states another rate than the nominal one has measured it: its even stamps are no count.
+    A board that states a rate which is neither the sensor's nor whole has measured it: its even stamps are no count.
     """
-    told = log.in_memory or log.counted or sensor.odr_sigma is not None or sensor.clock_sigma_ppm is not None
-    return not told and _multiples(log.samples, sensor.nominal_hz)
+    measured = sensor.odr_hz != sensor.nominal_hz and sensor.odr_hz % 1 > 0
+    told = log.in_memory or log.counted or measured or sensor.odr_sigma is not None or sensor.clock_sigma_ppm is not None
+    return not told and _multiples(log.samples, sensor.odr_hz)
 
 
 def _multiples(samples: Samples, odr_hz: float) -> bool:

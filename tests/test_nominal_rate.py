@@ -322,6 +322,10 @@ def test_a_clock_that_nobody_knows_stands_beside_the_scales(stamped):
 def test_a_clock_is_kept_and_counted_logs_have_their_own(stamped, counted, tmp_path):
     again = read_session(with_sensor(stamped, clock_sigma_ppm=30.0).save(tmp_path / "s"))
     assert (again.config.sensor.clock_sigma_ppm, again.clock.sigma) == (30.0, pytest.approx(30e-6))
+    even = with_sensor(stamped, even_sigma_ppm=12.0)
+    assert (even.clock.sigma, even.clock_known) == (pytest.approx(12e-6), False)  # a line through stamps says nothing of their clock
+    both = with_sensor(stamped, even_sigma_ppm=12.0, clock_sigma_ppm=5.0)
+    assert (both.clock.sigma, both.clock_known) == (pytest.approx(13e-6), True)
     nominal = with_sensor(read_session(counted), clock_sigma_ppm=30.0)
     assert nominal.clock == nominal.nominal_rate is not None
 

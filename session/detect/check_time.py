@@ -102,7 +102,7 @@ def looks_counted(log: Log, sensor: Sensor) -> bool:
     A board that states a rate which is neither the sensor's nor whole has measured it: its even stamps are no count.
     """
     measured = sensor.odr_hz != sensor.nominal_hz and sensor.odr_hz % 1 > 0
-    told = log.in_memory or log.counted or measured or sensor.odr_sigma is not None or sensor.clock_sigma_ppm is not None
+    told = log.in_memory or log.counted or measured or sensor.odr_sigma is not None or sensor.clock_sigma is not None
     return not told and _multiples(log.samples, sensor.odr_hz)
 
 

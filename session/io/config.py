@@ -196,6 +196,7 @@ class Sensor:
     where: str | None = None
     odr_sigma: float | None = None  #: relative, of odr_hz where it stands for the clock; 0: it was measured; None: the model's
     clock_sigma_ppm: float | None = None  #: relative, one sigma of the clock that stamps the logs; None: not known
+    even_sigma_ppm: float | None = None  #: relative, one sigma of the rate that was counted along the stamps; the clock's own beside
     clock_ratio: float | None = None  #: what that clock counts in a second, as measured; clock_sigma_ppm is then what is left
 
     @property
@@ -235,10 +236,10 @@ class Sensor:
 
     @property
     def clock_sigma(self) -> float | None:
-        """Relative, one sigma of the stamps as they stand: a ratio that was measured is in them; None: not known."""
-        if self.clock_ratio is None:
-            return None if self.clock_sigma_ppm is None else self.clock_sigma_ppm * 1e-6
-        return float(np.hypot(self.clock_ratio - 1, (self.clock_sigma_ppm or 0.0) * 1e-6))
+        """Relative, one sigma of the stamps as far as it is known: a ratio that was measured is in them; None: nothing is."""
+        ratio = None if self.clock_ratio is None else (self.clock_ratio - 1) * 1e6
+        known = [ppm for ppm in (self.clock_sigma_ppm, self.even_sigma_ppm, ratio) if ppm is not None]
+        return float(np.linalg.norm(known)) * 1e-6 if known else None
 
     @property
     def clock_words(self) -> str:
@@ -453,6 +454,7 @@ SHAPE = Keys(
                 "temp_at_zero_c": Number(-300, 300),
                 "odr_sigma": Number(0, 0.5),
                 "clock_sigma_ppm": Number(0, 1e5),
+                "even_sigma_ppm": Number(0, 1e5),
                 "clock_ratio": Number(0.5, 2.0),
                 "rows": Text(),
                 "where": Text(),

@@ -262,7 +262,8 @@ class Session:
     def clock_known(self) -> bool:
         """Whether anything says how far the logs' clock may be off."""
         sensor = self.config.sensor
-        return self.nominal_rate is not None or sensor.odr_sigma is not None or sensor.clock_sigma is not None
+        told = (sensor.odr_sigma, sensor.clock_sigma_ppm, sensor.clock_ratio)
+        return self.nominal_rate is not None or any(each is not None for each in told)
 
     def on_clock(self, clock: str) -> Session:
         """The session by this clock, one of ``CLOCKS``: ``arrivals`` divides all times by ``sensor.clock_ratio``, once.

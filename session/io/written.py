@@ -14,7 +14,7 @@ from session.io.units import DEG, EARTH_RATE_RPS, MDPS
 # ``session.toml``: of a recording that begins, or of a session that is saved.
 
 #: keys of ``[sensor]`` that are written where they are known
-OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "clock_sigma_ppm", *OWN_UNITS)
+OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "clock_sigma_ppm", "even_sigma_ppm", *OWN_UNITS)
 LATITUDE_REMOVES = f"removes the Earth's rotation from the rates, up to {EARTH_RATE_RPS / MDPS:.1f} mdps"
 OPTIONAL_SITE = f"# optional: [site] with latitude_deg, north positive ({LATITUDE_REMOVES}), and gravity_mps2, the local one"
 NO_SITE = f"# optional: latitude_deg, north positive ({LATITUDE_REMOVES})\n"

@@ -117,7 +117,7 @@ def _converted(
             else:
                 name = log.name
                 _write_toml(
-                    work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed, joined.clock_sigma_ppm), out
+                    work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed, joined.even_sigma_ppm), out
                 )
         dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
@@ -221,14 +221,13 @@ def _next_name(folder: Path, stem: str) -> str:
 
 
 def _toml(
-    sources: Sequence[Source], odr_hz: float, answers: Answers, serial: str, assumed: Sequence[str], clock_sigma_ppm: float | None = None
+    sources: Sequence[Source], odr_hz: float, answers: Answers, serial: str, assumed: Sequence[str], even_sigma_ppm: float | None = None
 ) -> str:
     assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``with_full_scales`` has found them
     model, serial = answers.sensor or UNKNOWN, serial or sources[0].comments.get("serial", "")
     clock = ""
-    if clock_sigma_ppm is not None:
-        clock = "# of the rate counted along the stamps; add what the clock that made them may be off, as root of the sum of squares\n"
-        clock += line("clock_sigma_ppm", float(f"{clock_sigma_ppm:.2g}"))
+    if even_sigma_ppm is not None:
+        clock = line("even_sigma_ppm", float(f"{even_sigma_ppm:.2g}"))
     return f"""\
 # from {_source(sources)}
 schema = "tinygc-session/1"

@@ -29,7 +29,7 @@ COUNTED = "samples were counted at"
 @dataclass(frozen=True, eq=False)
 class Joined:
     """t_ns (N,); gyro, accel (N, 3) and temp (N,) as written, each with the layout of the file it is from (temp may be None); counted:
-    whether there were no stamps, or none to go by, so that samples were counted at a rate that was given; clock_sigma_ppm: of the rate of
+    whether there were no stamps, or none to go by, so that samples were counted at a rate that was given; even_sigma_ppm: of the rate of
     samples that were counted along their stamps."""
 
     t_ns: np.ndarray
@@ -41,7 +41,7 @@ class Joined:
     temp_layout: Layout | None
     notes: tuple[str, ...]
     counted: bool = False
-    clock_sigma_ppm: float | None = None
+    even_sigma_ppm: float | None = None
 
     def without_rows(self) -> Joined:
         """The layouts and the notes."""

@@ -305,10 +305,10 @@ def _traceability(data: ReportData) -> list[Field]:
     gravity = "standard gravity, taken as known to 0.2 %" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"
     counted = data.fit.nominal_rate is not None
     clock = f"time by counting samples at {_rate_words(data)}" if counted else "time by the stamps of the item's board"
-    if (sigma := config.sensor.clock_sigma) is not None and not counted:
-        clock += f", whose clock is known to {sigma * 1e6:.4g} ppm (k = 1), which is in U"
-    elif not data.fit.session.clock_known:
+    if not data.fit.session.clock_known:
         clock += ", whose clock's error is not known"
+    elif (sigma := config.sensor.clock_sigma) is not None and not counted:
+        clock += f", whose clock is known to {sigma * 1e6:.4g} ppm (k = 1), which is in U"
     angle = REFERENCES[protocol.reference].format(dial=protocol.dial_sigma_deg, truth=protocol.truth_sigma_deg)
     if protocol.reference == "gravity":
         found = data.fit.accelerometer

@@ -131,6 +131,12 @@ def test_a_register_that_comes_round_is_found_without_its_sensor(sound):
     assert finding.what == "gyro wraps"
 
 
+def test_a_log_of_a_few_rows_shows_none(sound):
+    log = sound.logs[0]
+    for count in range(2, 401):
+        assert not check_signatures(replace(log, samples=log.samples.between(0, count)), sound.config.sensor)
+
+
 @pytest.mark.parametrize(("step", "zero"), [(0.07, ZERO), (0.5, ZERO), (1.0, 0 * ZERO)])
 def test_a_coarse_register_is_no_dead_band(sound, step, zero):
     assert not found(sound, gyro=np.rint((rates(sound) + zero) / step) * step * DEG)

@@ -53,7 +53,8 @@ MOVES = (10.0 * DEG, 0.5 * G)
 
 
 def _check_values(log: Log, sensor: Sensor) -> list[Finding]:
-    count = min(len(log.samples), MOST) // LEAST_READINGS
+    if not (count := min(len(log.samples), MOST) // LEAST_READINGS):
+        return []
     gyro, accel = (np.asarray(part[: count * LEAST_READINGS]).reshape(count, -1, 3) for part in (log.samples.gyro, log.samples.accel))
     findings = []
     for which, (own, other, unit, word) in enumerate(((gyro, accel, DEG, "dps"), (accel, gyro, G, "g"))):

@@ -9,7 +9,7 @@ from conftest import broad
 from session.io.config import Sensor
 from session.io.dialects import Answers
 from session.io.errors import FormatError
-from session.io.lines import Lines
+from session.io.lines import PIECE_BYTES, Lines
 from session.io.logfile import read_log
 from session.io.reader import Reader
 from session.io.units import ACCEL, DEG, GYRO, STAMP_NS, TIME, G, endings
@@ -149,24 +149,32 @@ def wandering(count=400):
     return np.rint(slow + np.array([-20, 30, 5, -300, 100, 8192, -3900])).astype(int)
 
 
+@pytest.mark.parametrize("size", [PIECE_BYTES, 1000, 40], ids=["one piece", "pieces", "a row each"])
 @pytest.mark.parametrize("columns", [slice(0, 3), slice(3, 6), slice(6, 7), slice(0, 7)])
-def test_unsigned_registers_are_read_signed(tmp_path, columns):
+def test_unsigned_registers_are_read_signed(tmp_path, columns, size):
     signed = wandering()
     written = signed.copy()
     written[:, columns] %= 1 << 16
     lines = [",".join(map(str, (10_000 * i, *row))) for i, row in enumerate(written)]
     path = log(tmp_path, "t_us,gx,gy,gz,ax,ay,az,temp", lines)
     reader = Reader(path, None)
-    pieces = list(reader.pieces())
+    pieces = list(reader.pieces(size))
     read = np.concatenate([np.column_stack([piece.gyro, piece.accel, piece.temp]) for piece in pieces])
     assert np.array_equal(read, signed)
     assert "unsigned registers; 65535 is read as -1" in reader.notes[0]
     assert len(reader.notes) == (3 if columns == slice(0, 7) else 1)
 
 
-@pytest.mark.parametrize("added", [np.full(400, 32768), 50_000 * (np.arange(400) % 50 == 9)], ids=["offset binary", "glitches"])
+OTHERS = {
+    "offset binary": np.full(400, 32768),
+    "glitches": 50_000 * (np.arange(400) % 50 == 9),
+    "a glitch": 60_000 * (np.arange(400) == 99),
+}
+
+
+@pytest.mark.parametrize("added", OTHERS.values(), ids=OTHERS)
 def test_other_numbers_beyond_sixteen_bits_are_refused(tmp_path, added):
-    gyro = np.abs(wandering()[:, :3] % 2000) + added[:, None]
+    gyro = np.abs(wandering()[:, :3]) % 1000 + added[:, None]
     lines = [",".join(map(str, (10_000 * i, *row, 0, 0, 8192))) for i, row in enumerate(gyro)]
     with pytest.raises(FormatError, match="no 16-bit register value"):
         list(Reader(log(tmp_path, "t_us,gx,gy,gz,ax,ay,az", lines), None).pieces())

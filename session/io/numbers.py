@@ -158,8 +158,8 @@ def _require_era(fine: np.ndarray, value: Callable[[int], object], layout: Layou
         raise RowFault(row, f"{layout.name(layout.time_column)} is {value(row)}, which is no time of this era")
 
 
-#: counts of a register of 16 bits; readings beyond its positive half, by which it is known to be unsigned
-SPAN, LEAST_UNSIGNED = 1 << 16, 8
+#: counts of a register of 16 bits; times as far as other readings that a glitch jumps, which tests/test_one_reader.py holds
+SPAN, GLITCH = 1 << 16, 4
 
 
 def _make_signed(table: np.ndarray, layout: Layout, unsigned: set[str]) -> None:
@@ -171,16 +171,17 @@ def _make_signed(table: np.ndarray, layout: Layout, unsigned: set[str]) -> None:
         if unit.si is not None or not high.any() or not ((values >= 0) & (values < SPAN)).all():
             continue
         signed = np.where(high, values - SPAN, values)
-        if kind in unsigned or (np.count_nonzero(high) >= LEAST_UNSIGNED and _smoother(signed, values)):
+        if kind in unsigned or _smoother(signed, values):  # by one reading already: of pieces, the first may hold no more
             unsigned.add(kind)
             table[:, own] = signed
 
 
 def _smoother(signed: np.ndarray, values: np.ndarray) -> bool:
     """Whether readings (N, …) go on better, or are nearer to zero where both do alike, than as offset binary, whose zero is in the
-    middle; none jumps by a quarter of the register as a glitch does."""
+    middle; none jumps through zero as a glitch does, several times as far as any other, and beyond the lower byte."""
     jumps, others = (np.abs(np.diff(each, axis=0)) for each in (signed, values))
-    if jumps.max(initial=0) > SPAN // 4:
+    across = (signed[1:] < 0) != (signed[:-1] < 0)
+    if jumps.max(initial=0, where=across) > max(GLITCH * jumps.max(initial=0, where=~across), 1 << 8):
         return False
     return bool(jumps.sum() < others.sum() or np.abs(signed).mean() < np.abs(values - SPAN // 2).mean())
 

@@ -82,6 +82,7 @@ _MODEL = {
     "session?": TEXT,
     "version?": TEXT,
     "sha256?": {"<file>": HASH},
+    "clock?": words("board", "arrivals"),
     "began_s?": {"<file>": NUMBER},
     "temperature_c?": maybe(NUMBER),
     "covariance?": maybe(_COVARIANCE),

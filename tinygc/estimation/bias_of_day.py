@@ -513,7 +513,7 @@ def rebiased_table(result: Rebiased) -> dict:
         "sha256": hashes.input_hashes(session),
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
         "version": VERSION,
-        **{name: table[name] for name in ("sensor", "accelerometer") if name in table},  # E is in that one's body frame
+        **{name: table[name] for name in ("sensor", "accelerometer", "clock") if name in table},  # E is in that one's body frame
     }
     return models.to_dict(result.model, **more)
 

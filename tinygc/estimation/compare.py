@@ -13,7 +13,7 @@ from session.detect.accelerometer import PARAMETERS
 from session.io.config import Accelerometer, Config, read_config
 from session.io.errors import DataError, FitError, FormatError
 from session.io.folder import hash_of_log, sha256_of
-from session.io.names import log_paths, refuse_array
+from session.io.names import CLOCKS, log_paths, refuse_array
 from session.io.results import json_text, read_json_text
 from session.io.texts import command_line, printable
 from tinygc import models
@@ -329,6 +329,8 @@ def _calibrated(folder: Path, config: Config, path: Path, stored: tuple[Model, d
     notes = []
     if fit["goodness"]["p_value"] < DIFFERS_P:
         notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
+    if table.get("clock", CLOCKS[0]) != CLOCKS[0]:
+        notes.append(f"its scale is by the computer's clock (--clock {table['clock']})")
     unobserved = tuple(name for name in NAMES if name in (table.get("unobserved") or ()))
     accelerometer = None
     if "accelerometer_covariance" in table:

@@ -575,6 +575,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         "session": result.session.name,
         "sha256": input_hashes(result.session),
         "version": VERSION,
+        "clock": result.options.clock,
         "sensor": sensor_table(result.session.config.sensor),
     }
     if (temperature_c := result.session.temperature_c) is not None:

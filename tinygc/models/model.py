@@ -10,6 +10,7 @@ import numpy as np
 
 from session.io.config import OWN_UNITS, Accelerometer, Sensor
 from session.io.errors import CalibrationError
+from session.io.names import CLOCKS
 from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, require
 from session.io.units import DEG, G
 
@@ -70,6 +71,7 @@ MODEL = Keys(
         **ORIGIN,
         "equation": Text(),
         "version": Text(),
+        "clock": Text(CLOCKS),
         "covariance": Maybe(COVARIANCE),
         "covariance_of": ListOf(Text()),
         "covariance_units": Text(),

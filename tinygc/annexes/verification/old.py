@@ -14,7 +14,7 @@ from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.io.config import Accelerometer
 from session.io.errors import FormatError
 from session.io.folder import Session, hash_of_log
-from session.io.names import is_session, refuse_array
+from session.io.names import CLOCKS, is_session, refuse_array
 from session.io.texts import command_line, printable
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import models
@@ -80,9 +80,20 @@ class OldCalibration:
         found = self.table.get("sensor")
         return found if isinstance(found, dict) else {}
 
+    def clocks_apart(self, session: Session) -> str:
+        """That the model goes by another clock than the session can go by; empty where both go by the same."""
+        if self.table.get("clock", CLOCKS[0]) == CLOCKS[0] or (session.config.sensor.clock_ratio is not None and session.truths is None):
+            return ""
+        why = "no sensor.clock_ratio says how far that is off" if session.truths is None else "its truth files do"
+        return f"the model goes by the computer's clock (--clock arrivals), today's recording by the board's: {why}"
+
     def readings(self, session: Session) -> Session:
-        """The session with this calibration's accelerometer, and, for a model that is not linear, with calibrated rates as readings."""
-        config = session.config
+        """The session by this calibration's clock and with its accelerometer, and, for a model that is not linear, with calibrated rates as
+        readings."""
+        if not self.clocks_apart(session):
+            session = session.on_clock(self.table.get("clock", CLOCKS[0]))
+        # How far the board's clock is off is in both alike: only what its measurement leaves open may differ.
+        config = replace(session.config, sensor=replace(session.config.sensor, clock_ratio=None))
         if self.accelerometer is not None:
             config = replace(config, accelerometer=replace(self.accelerometer, source="given", own_stills=False))
         found = replace(session, config=config)

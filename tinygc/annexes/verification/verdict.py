@@ -113,6 +113,7 @@ def verify_session(
     DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``."""
     options = options or Options()
     told, other = facts(old, session)
+    told += [apart] if (apart := old.clocks_apart(session)) else []
     if other and not options.other_serial:
         raise DataError(
             f"{session.folder}: of sensor {session.config.sensor.serial!r}, expected {old.sensor.get('serial')!r}, which the model "
@@ -182,7 +183,7 @@ def verify_session(
         rows=rows,
         options=options,
         answer=decision.answer,
-        headline=f"{power_words(found_bounds)}; {decision.headline}",
+        headline="; ".join(filter(None, (power_words(found_bounds), apart, decision.headline))),
         questions=questions,
         parts=tuple(parts),
         noise=noise,
@@ -313,7 +314,7 @@ def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
     more: dict[str, Any] = {
         "method": f"{table.get('method') or 'stored'}, bias anew",
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
-        **{name: table[name] for name in ("sensor", "accelerometer") if name in table},
+        **{name: table[name] for name in ("sensor", "accelerometer", "clock") if name in table},
     }
     if np.isfinite(found.rows.temp_c):
         more["temperature_c"] = found.rows.temp_c

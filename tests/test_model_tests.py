@@ -135,7 +135,7 @@ def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instabilit
         batch=SimpleNamespace(duration_s=np.array([4.0, 5.0, 9.0])),
         middle_s=np.array([10.0, 20.0, 40.0]),
         used=[0, 1, 2],
-        floor=SimpleNamespace(parts=parts | {"bridged readings and impacts": part(3.0)}),
+        floor=SimpleNamespace(parts=parts | {"bridged readings and impacts": part(3.0), "rounding and jitter of the stamps": part(5.0)}),
         noise=SimpleNamespace(gyro=np.full(3, unit_mdps * MDPS), accel=np.full(3, 120e-6 * 1e3 * MG)),
     )
 

@@ -4,8 +4,9 @@
 
 N: one-sided density of white noise, of which each of two axes has half; T: the turn's seconds; C(B): covariance of flicker noise of the
 stated bias instability at the turns' middles, about their mean; references: the accelerometer's stated noise over the stills at both ends,
-or a truth's sigma.  Figures of session.toml take the place of the data sheet's.  ST states no nonlinearity; where a sheet does, as 0.1 or
-0.2 % of full scale, it bounds the whole range, of which E takes up all that a session's turns share: no limit of a turn follows from it.
+or a truth's sigma; errors of a log's stamps are none of it.  Figures of session.toml take the place of the data sheet's.  ST states no
+nonlinearity; where a sheet does, as 0.1 or 0.2 % of full scale, it bounds the whole range, of which E takes up all that a session's turns
+share: no limit of a turn follows from it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.io.units import DEG_PER_HOUR, MDPS, MG
-from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, wander_covariance
+from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, wander_covariance
 from tinygc.closure.problem import Problem
 
 #: ratio of the noise of a unit to that of its data sheet, above which it is no such unit: units differ by 1.4 at most (``check_noise``)
@@ -47,7 +48,8 @@ def promise_of(problem: Problem) -> Promise:
     else:
         return Promise(turn_s)
     unit_accel = float(np.mean(problem.noise.accel**2))
-    shares = {GYRO_NOISE: 0.0, SINGLE_SEGMENTS: 0.0, ACCEL_NOISE: 1.0 if accel is None else (accel[1] * 1e-3 * MG) ** 2 / unit_accel}
+    shares = dict.fromkeys((GYRO_NOISE, SINGLE_SEGMENTS, STAMPS), 0.0)
+    shares[ACCEL_NOISE] = 1.0 if accel is None else (accel[1] * 1e-3 * MG) ** 2 / unit_accel
     drift = np.zeros(len(problem.used))
     instability = sensor.gyro_bias_instability_dph or (0.0 if drifts is None else drifts[1])
     if instability:

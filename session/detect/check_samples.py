@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from math import erf, exp, pi, sqrt
@@ -18,11 +19,13 @@ from session.detect.segments import Ends, why_broken
 from session.detect.stamp_errors import JITTER, angle_rms, stamp_errors
 from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
+from session.io.errors import DataError
 from session.io.folder import Session
 from session.io.logfile import Bridge, Log
 from session.io.numeric import held_for, new_readings, runs_of, smallest_step
 from session.io.pace import GAP_PERIODS
 from session.io.samples import Samples, pick, pieces
+from session.io.stamps import along_line
 from session.io.texts import SENSOR_NAME, STANDIN_NAME
 from session.io.units import DEG, MDPS, MG, NS, G
 
@@ -76,7 +79,10 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     if angle > floor:
         grid = errors.grid_s**2 / 12 > errors.scatter_s**2 / 2
         says = f"stamps in steps of {errors.grid_s * 1e3:g} ms, {says}" if grid else f"stamps come early and late, {says}"
-        do = f"import the log with --even (counting the samples takes {angle / DEG:.2g} deg off a turn); stamp on the board, not on arrival"
+        do = "stamp on the board, not on arrival"
+        with suppress(DataError):  # it would refuse
+            along_line(samples.t_ns, where)
+            do = f"import the log with --even (counting the samples takes {angle / DEG:.2g} deg off a turn); {do}"
         findings.append(Finding("warning", where, JITTER, says, do))
     elif whole > floor:
         follow = "the readings go along: samples were taken when their stamps say" if errors.told else "whether the stamps err is not told"

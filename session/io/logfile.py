@@ -155,26 +155,31 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
 def _with_stamps_of_their_own(samples: Samples, name: str) -> tuple[Samples, list[str]]:
     """The samples without rows that repeat the one before them, and with times for those that share its stamp alone; and notes.
 
-    Where many share a stamp, all are counted along the stamps, as ``import`` does; a few are placed between their neighbours, where there
-    is time for them.
+    Where many share a stamp, all are counted along the stamps, as ``import`` does; else they are placed between their neighbours, where
+    there is time for them.  Raises DataError where many would be left out.
     """
     once = written_once(samples.t_ns, [samples.gyro, samples.accel])
     shared, twice, notes = np.count_nonzero(np.diff(samples.t_ns) == 0), np.count_nonzero(~once), list[str]()
+    refused = None
     if shared > COARSE * len(samples) and twice < TWICE * shared:
         try:
             t_ns, note = evenly(samples.t_ns, None, name)
             if note and fresh(t_ns).all():
                 return replace(samples, t_ns=t_ns), [note]
         except DataError as error:
-            notes.append(str(error).removeprefix(f"{name}: "))
+            refused = DataError(str(error).replace("give --odr HZ", "count the samples: import --odr HZ"))
     samples = samples if once.all() else samples.pick(once)
     placed = placed_between(samples.t_ns)
     if moved := np.count_nonzero(placed != samples.t_ns):
         notes.append(f"{moved} rows have the stamp of another row and readings of their own: placed between their neighbours")
         samples = replace(samples, t_ns=placed)
     kept = fresh(samples.t_ns)
-    if out := twice + np.count_nonzero(~kept):
-        notes.append(f"{out} rows repeat the stamp before them: left out")
+    if twice:
+        notes.append(f"{twice} rows repeat the row before them: left out")
+    if out := np.count_nonzero(~kept):
+        if refused is not None and out > COARSE * len(kept):
+            raise refused
+        notes.append(f"{out} rows have the stamp of another row, and no time before the next: left out")
     return samples.pick(kept), notes
 
 

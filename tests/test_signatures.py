@@ -124,11 +124,35 @@ def test_exchanged_bytes_are_named_axis_by_axis(sound, axes):
     assert not found(sound, gyro=left_justified * units[0], accel=accel * units[1])
 
 
-def test_a_register_that_comes_round_is_found_without_its_sensor(sound):
-    gyro, end = sound.logs[0].samples.gyro, 60 * DEG
+@pytest.mark.parametrize("end", [62.5, 125, 32767 * 4.375e-3])
+@pytest.mark.parametrize("coarser", [1, 8])
+def test_a_register_that_comes_round_is_found_without_its_sensor(sound, end, coarser):
     unknown = with_sensor(sound, model="unknown", gyro_fs_dps=500.0)
-    (finding,) = found(unknown, gyro=(gyro + end) % (2 * end) - end)
+    gyro = sound.logs[0].samples.gyro / DEG * end / 70
+    gyro = (gyro[::coarser] + end) % (2 * end) - end
+    samples = sound.logs[0].samples.pick(slice(None, None, coarser))
+    (finding,) = check_signatures(replace(unknown.logs[0], samples=replace(samples, gyro=gyro * DEG)), unknown.config.sensor)
     assert finding.what == "gyro wraps"
+    assert f"comes round at ±{end:.4g} dps" in finding.says
+
+
+AT_ONCE = {
+    "a register's step": lambda rng: np.clip(np.rint(0.4 * rng.normal(size=(6000, 3))), -1, 1) * 0.061,
+    **{
+        f"reverses, ±{rate} dps": lambda rng, rate=rate: rate * (-1) ** (np.arange(6000) // 50)[:, None] + 0.05 * rng.normal(size=(6000, 3))
+        for rate in (100, 120, 124.9, 240, 480)
+    },
+}
+
+
+@pytest.mark.parametrize("rates", AT_ONCE.values(), ids=AT_ONCE)
+@pytest.mark.parametrize("model", ["MPU-6050", "unknown"])
+def test_rates_that_turn_at_once_come_round_at_no_register(sound, rates, model):
+    log = sound.logs[0]
+    gyro = rates(np.random.default_rng(4)) * DEG
+    log = replace(log, samples=replace(log.samples.between(0, 6000), gyro=gyro))
+    sensor = replace(sound.config.sensor, model=model)
+    assert not {each.what for each in check_signatures(log, sensor)} & {"gyro wraps"}
 
 
 def test_a_log_of_a_few_rows_shows_none(sound):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.detect.axes import agreement
-from session.detect.events import gyro_reach_dps
+from session.detect.events import FULL_SCALE_ROUNDING, gyro_reach_dps
 from session.detect.findings import Finding, axes_text, xyz_text
 from session.detect.rounding import lsb_of, rounding_variance
 from session.detect.stills import Blocks, block_moments, measure, quiet_runs
@@ -19,7 +19,9 @@ from session.io.config import Sensor
 from session.io.errors import FormatError
 from session.io.logfile import Log
 from session.io.numeric import held_for, new_readings, sigma_of
+from session.io.registers import PROFILES
 from session.io.samples import Samples
+from session.io.sensors.profile import REGISTER_MAX
 from session.io.units import DEG, MDPS, G
 
 #: readings of a log that are looked at for what shows in every part of it
@@ -119,13 +121,19 @@ def _smoother_exchanged(registers: np.ndarray) -> float:
 
 #: of the register's end: a jump from one side to the other; how far the reading behind it, a whole register on, is from where it went
 ACROSS, GOES_ON = 1.5, 0.1
+#: of the step through the end, that the step before it is at least: a table that reverses at once makes none
+#: (tests/test_signatures.py, "reverses")
+TOWARDS = 0.25
+#: rad/s: where the registers of known sensors end
+ENDS = sorted({REGISTER_MAX * mdps * MDPS for profile in PROFILES if profile.gyro for mdps in profile.gyro.values()})
 
 
 def _check_wraps(log: Log, sensor: Sensor) -> list[Finding]:
     samples = log.samples
     peak = max(float(np.abs(samples.gyro[:, axis]).max()) for axis in range(3))
-    # Of a sensor that is not known, or is another than is said, the log's greatest reading is just below the end; it comes round and back.
-    for end, least in ((gyro_reach_dps(sensor) * DEG, 1), (peak, 2)):
+    # Of a sensor that is not known, or is another than is said, the log's greatest reading is just below an end; it comes round and back.
+    others = [(end, 2) for end in ENDS if (1 - GOES_ON) * end < peak < (1 + FULL_SCALE_ROUNDING) * end]
+    for end, least in ((gyro_reach_dps(sensor) * DEG, 1), *others):
         places = [_comes_round(samples.gyro[:, axis], end) for axis in range(3)] if np.isfinite(end) else []
         if sum(map(len, places)) < least:
             continue
@@ -141,11 +149,13 @@ def _check_wraps(log: Log, sensor: Sensor) -> list[Finding]:
 
 
 def _comes_round(values: np.ndarray, end: float) -> np.ndarray:
-    """Rows of readings (N,) behind which they come round at the register's end."""
+    """Rows of readings (N,) behind which they come round at the register's end, where most do that jump so far."""
     rows = np.flatnonzero(np.abs(np.diff(values)) > ACROSS * end)
     rows = rows[rows > 0]
-    before, here, behind = values[rows - 1], values[rows], values[rows + 1]
-    return rows[np.abs(behind + np.sign(here) * 2 * end - (2 * here - before)) < GOES_ON * end]
+    before, through = (np.sign(values[rows]) * step for step in (values[rows] - values[rows - 1], values[rows + 1] - values[rows]))
+    through = through + 2 * end
+    found = (np.abs(through - before) < GOES_ON * end) & (before > TOWARDS * through)
+    return rows[found & (2 * np.count_nonzero(found) > len(rows))]
 
 
 # A dead band: rates within it are logged as one value, or not at all; those beyond are complete, or begin at zero.

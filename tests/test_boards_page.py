@@ -11,8 +11,10 @@ from conftest import ROOT
 
 from session.bench import frames
 from session.bench import frames as commands
+from session.bench.board_clock import ClockRatio
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
+from session.io.config import HOST_CLOCK
 
 PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
 FIRMWARE = ROOT / "firmware"
@@ -84,3 +86,8 @@ def test_the_flashers_are_called_as_the_page_says():
         (called,) = re.findall(rf"^with-{tool} = (.*)$", makefile, re.M)
         assert f"`{called.replace('$(1)', 'build/recorder')}`" in PAGE
         assert f"$(1).{ending}" in called
+
+
+def test_the_computers_own_second_is_in_the_sigma_as_the_page_says():
+    assert f"has the computer's own second, {1e6 * HOST_CLOCK:g} ppm" in PAGE
+    assert ClockRatio(1.0, 4e-5, 60.0).sigma_ppm == pytest.approx(np.hypot(40, 1e6 * HOST_CLOCK))

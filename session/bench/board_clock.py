@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.io.config import HOST_CLOCK
 from session.io.units import NS
 
 # Bytes arrive late by a random delay, never early.  So of each stretch of host time only the arrival with the least delay counts, and of
@@ -25,16 +26,27 @@ MOST = 1024  #: stretches; beyond them they become twice as long, so that a day 
 FRAME_S = 1e-3  #: of USB at full speed
 OFF = 0.001  #: the two clocks' relative difference that is said at once; a host's is good to 0.0001
 OFF_MOST = 0.25  #: beyond it the board is a virtual one that runs faster than real time
+LEAST = 1e-6  #: sigma of a comparison: three digits of a file hold no less beside the host's own error
 ONE_BY_ONE = 1.05  #: samples an arrival: up to so many, nothing holds them back
 
 
 @dataclass(frozen=True)
 class ClockRatio:
-    """Seconds of the device's clock in one of the host's; sigma, relative; over_s, host's, in which they were compared."""
+    """Seconds of the device's clock in one of the host's; sigma, relative, of the comparison alone; over_s, host's, that it took."""
 
     ratio: float
     sigma: float
     over_s: float
+
+    @property
+    def sigma_ppm(self) -> float:
+        """By true seconds: the host's own error, the same in all comparisons, is in it."""
+        return float(np.hypot(self.sigma, HOST_CLOCK)) * 1e6
+
+    @classmethod
+    def written(cls, ratio: float, sigma_ppm: float) -> ClockRatio:
+        """As a file has it, whose sigma is ``sigma_ppm``."""
+        return cls(ratio, float(np.sqrt(max((sigma_ppm * 1e-6) ** 2 - HOST_CLOCK**2, LEAST**2))), 0.0)
 
     @property
     def tells(self) -> bool:

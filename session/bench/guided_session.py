@@ -503,7 +503,7 @@ class GuidedRecording:
         self.guide.health.clock = clock = self.recorder.clock.measured
         if clock is not None and not self._clock_reported and clock.tells and abs(clock.ratio - 1) > OFF:
             self._clock_reported = True
-            wrong = f"{clock_words(clock.ratio, clock.sigma * 1e6)} (bar {1e6 * OFF:g})"
+            wrong = f"{clock_words(clock.ratio, clock.sigma_ppm)} (bar {1e6 * OFF:g})"
             self._say(Kind.WARNING, f"{wrong}: every scale factor is off by as much, which `fit --clock arrivals` takes out")
 
     def _say(self, kind: Kind, text: str) -> None:

@@ -179,14 +179,14 @@ class SessionFile:
         """
         if clock is None or self._own is None or not clock.tells:
             return ""
-        words = clock_words(clock.ratio, clock.sigma * 1e6)
+        words = clock_words(clock.ratio, clock.sigma_ppm)
         try:
             sensor = read_config(self.path).sensor
             if sensor.clock_ratio is None and sensor.clock_sigma_ppm is not None:
                 return f"{words}; session.toml has its own clock_sigma_ppm, {sensor.clock_sigma_ppm:g}, and is left so"
             if sensor.clock_ratio is not None and sensor.clock_sigma_ppm:
-                clock = ClockRatio.of([clock, ClockRatio(sensor.clock_ratio, sensor.clock_sigma_ppm * 1e-6, 0.0)]) or clock
-            values = {"clock_ratio": round(clock.ratio, 9), "clock_sigma_ppm": float(f"{clock.sigma * 1e6:.3g}")}
+                clock = ClockRatio.of([clock, ClockRatio.written(sensor.clock_ratio, sensor.clock_sigma_ppm)]) or clock
+            values = {"clock_ratio": round(clock.ratio, 9), "clock_sigma_ppm": float(f"{clock.sigma_ppm:.3g}")}
             self._text = set_sensor(self.path, values).encode()
         except FormatError:  # of a user's own form, or spoilt meanwhile: no recording fails by it
             return f"{words}; session.toml leaves no place for it: give sensor.clock_ratio = {clock.ratio:.9g} by hand"

@@ -23,7 +23,6 @@ from session.io.units import DEG, NS
 ODR_UNIT_SPREAD = 0.01  #: part-to-part departure from the nominal rate that is usual
 ODR_WRONG = 0.10  #: beyond what parts were seen to have (5 %): another rate is set than the one declared
 ODR_CLOCKS = 0.005  #: INTERNAL_FREQ_FINE's step 0.15 % and the host clock's 0.3 %
-HOST_CLOCK = 1e-4  #: by which a computer's own clock may be off, a quartz that nothing steers
 #: of a period, by which all stamps lie on multiples of the declared period where they are counted.  A clock of its own that is only
 #: 1 ppm off leaves this after 1000 samples
 COUNTED_WITHIN, LEAST_COUNTED = 1e-3, 1000

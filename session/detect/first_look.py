@@ -44,13 +44,13 @@ from session.detect.check_stills import (
     check_unused_rests,
     check_zero_rate,
 )
-from session.detect.check_time import HOST_CLOCK, check_length, check_rate, check_rate_changes, check_undersampling, check_warming
+from session.detect.check_time import check_length, check_rate, check_rate_changes, check_undersampling, check_warming
 from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.signatures import FILTER, check_signatures, explains_others
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
-from session.io.config import Config, read_config
+from session.io.config import HOST_CLOCK, Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.logfile import Log, read_log
@@ -229,7 +229,7 @@ def check_keys(config: Config) -> list[Finding]:
         findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
     if (ratio := config.sensor.clock_ratio) is not None:
         words, sigma_ppm = config.sensor.clock_words, config.sensor.clock_sigma_ppm or 0.0
-        level = "warning" if abs(ratio - 1) > max(HOST_CLOCK, 3e-6 * sigma_ppm) else "ok"
+        level = "warning" if abs(ratio - 1) > 3 * max(HOST_CLOCK, 1e-6 * sigma_ppm) else "ok"
         do = "`--clock arrivals` divides the stamps by it" if level == "warning" else ""
         findings.append(Finding(level, "session.toml", "clock", f"{words}: so much every scale factor is off by the stamps", do))
     for key, near in config.unknown:

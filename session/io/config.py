@@ -257,6 +257,9 @@ class Sensor:
         return {name: getattr(self, name) for name in OWN_UNITS}
 
 
+HOST_CLOCK = 3e-5  #: relative, one sigma of a computer's own clock, a quartz that nothing steers; one that the network steers is better
+
+
 def clock_words(ratio: float, sigma_ppm: float | None) -> str:
     """``the board's clock runs 4500 ± 12 ppm fast by the computer's``."""
     off_ppm, digits = (ratio - 1) * 1e6, 1 if sigma_ppm and sigma_ppm < 10 else 0

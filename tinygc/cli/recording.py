@@ -260,7 +260,7 @@ def table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
         "resets": troubles["reset"],
         "odr_hz": health.odr_hz,
         "odr_by_host_hz": health.odr_by_host_hz,
-        "clock": None if health.clock is None else {"ratio": health.clock.ratio, "sigma_ppm": health.clock.sigma * 1e6},
+        "clock": None if health.clock is None else {"ratio": health.clock.ratio, "sigma_ppm": health.clock.sigma_ppm},
         "logs": [path.name for path in recorder.logs.paths],
         "missing": list(guide.advice.missing) if guide.advice else None,
         **_rest(guide),

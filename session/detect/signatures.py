@@ -446,7 +446,7 @@ DRAWN_S, EXPLAINED, GAINED = np.geomspace(0.2, 12.0, 30), 0.7, 50.0
 
 
 def _check_tracked(where: str, rests: _Rests) -> list[Finding]:
-    most = round(LONGEST_S / rests.blocks.duration_s)
+    most = max(LEAST_RESTS, round(LONGEST_S / rests.blocks.duration_s))  # blocks are minutes where time is in another unit
     runs = [rests.blocks.gyro_mean[start : min(stop, start + most)] for start, stop in rests.runs]
     constant = sum(((run - run.mean(axis=0)) ** 2).sum(axis=0) for run in runs)
     left = np.zeros((len(DRAWN_S), 3))

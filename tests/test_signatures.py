@@ -11,6 +11,7 @@ from scipy.signal import butter, lfilter
 from session.detect.first_look import check_session
 from session.detect.signatures import CAUSES, FILTER, NEW_ZERO, TRACKED, check_signatures
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.io.samples import Samples
 from tinygc import read_session
 
 ZERO = np.array([0.56, -0.28, 0.42])
@@ -164,6 +165,19 @@ def test_a_log_of_a_few_rows_shows_none(sound):
 @pytest.mark.parametrize(("step", "zero"), [(0.07, ZERO), (0.5, ZERO), (1.0, 0 * ZERO)])
 def test_a_coarse_register_is_no_dead_band(sound, step, zero):
     assert not found(sound, gyro=np.rint((rates(sound) + zero) / step) * step * DEG)
+
+
+@pytest.mark.parametrize(("full_scale", "odr_hz"), [(500, 200), (1000, 1000)])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_low_pass_is_no_dead_band(sound, full_scale, odr_hz, order):
+    """An MPU-6050's noise behind 5 Hz stands at one value of its register in up to half of the rows."""
+    t_s, step = np.arange(40 * odr_hz) / odr_hz, full_scale / 32768
+    noise = np.random.default_rng(5).normal(size=(len(t_s), 3)) * 0.005 * np.sqrt(odr_hz / 2)
+    turns = np.maximum(np.sin(t_s[:, None] + np.arange(3)), 0) ** 3 * 80
+    read = np.rint((lfilter(*butter(order, 5, fs=odr_hz), turns + noise, axis=0) + ZERO) / step) * step
+    samples = Samples(np.rint(t_s * 1e9).astype(np.int64), read * DEG, np.tile([0.0, 0.0, G], (len(t_s), 1)))
+    sensor = replace(sound.config.sensor, model="MPU-6050", gyro_fs_dps=float(full_scale))
+    assert not check_signatures(replace(sound.logs[0], samples=samples), sensor)
 
 
 def test_what_drifts_or_vibrates_is_none_of_them(sound):

@@ -248,7 +248,8 @@ def _gap(off: np.ndarray, sided: bool = True) -> _Band | None:
 
 
 def _repeats_finely(values: np.ndarray, centre: float, sensor: Sensor, log: Log) -> bool:
-    """Whether readings (N,) repeat one value though their steps are finer than the sensor's noise, or than any register of 16 bits."""
+    """Whether readings (N,) repeat one value though their steps are finer than the sensor's noise, or than any register of 16 bits, and
+    than what they show of noise elsewhere."""
     same = values == centre
     if same.mean() < REPEATED or np.count_nonzero(same[1:] != same[:-1]) < CROSSINGS:
         return False
@@ -259,7 +260,10 @@ def _repeats_finely(values: np.ndarray, centre: float, sensor: Sensor, log: Log)
     step = float(steps[steps > 2 * RESOLVED].min(initial=np.inf))
     typical = sensor.typical("gyro_noise_mdps_rthz")
     noise = 0.0 if typical is None else typical[1] * MDPS * np.sqrt(0.5 / log.samples.period_s)
-    return step < max(noise / 2, sensor.gyro_fs_dps * DEG / (1 << 16))
+    # A low-pass leaves less than that.  Third differences of white noise have 20 times its variance.
+    jerks = np.diff(values, n=3)[~np.lib.stride_tricks.sliding_window_view(same, 4).any(axis=1)]
+    shown = float(sigma_of(jerks) / np.sqrt(20)) if len(jerks) else 0.0
+    return step < min(shown, max(noise / 2, sensor.gyro_fs_dps * DEG / (1 << 16)))
 
 
 # Faults that show from rest to rest.  The rests are those of the accelerometer: what is wrong with the gyroscope may hide them from it.

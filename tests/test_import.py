@@ -228,7 +228,7 @@ def test_bursts_are_counted_along_their_stamps():
     table = Table().tumble(2, rest_s=2.0).samples(odr_hz=104)
     _, data = bursts(table)[0]
     stamps = np.array([round(float(line.split(";")[0]) * 1e9) for line in data.decode().splitlines()[1:]])
-    even, note = evenly(stamps, None, "x")
+    even, note, _ = evenly(stamps, None, "x")
     assert "come in bursts" in note
     steps = np.diff(even)
     assert np.ptp(steps) <= 1
@@ -239,7 +239,7 @@ def test_bursts_with_samples_missing_keep_their_stamps():
     count = np.arange(5000)
     t_ns = count // 7 * 7 * 10_000_000 + count % 7 * 100_000
     kept = np.delete(t_ns, np.s_[2000:2042])
-    even, note = evenly(kept, None, "x")
+    even, note, _ = evenly(kept, None, "x")
     assert "samples are missing" in note
     np.testing.assert_array_equal(even, kept)
 
@@ -247,9 +247,10 @@ def test_bursts_with_samples_missing_keep_their_stamps():
 def test_coarse_stamps_are_counted_along_their_changes():
     """Whole seconds, cut off: where a stamp changes it is right to a sample."""
     true_ns = np.round(np.arange(16_000) * (1e9 / 104.03)).astype(np.int64) + 370_000_000
-    even, note = evenly(true_ns // 10**9 * 10**9, None, "x")
+    even, note, sigma_ppm = evenly(true_ns // 10**9 * 10**9, None, "x")
     assert "share a stamp" in note
     assert 1e9 / np.diff(even).mean() == pytest.approx(104.03, rel=1e-5)
+    assert sigma_ppm == pytest.approx(1e6 / 12**0.5 / 16_000, rel=0.02)  # each change to a sample, in a pattern that hardly scatters
 
 
 @pytest.mark.parametrize("stamp", ["2025-01-27T11:03:{:09.6f}Z", "2025-01-27 11:03:{:09.6f}", "11:03:{:09.6f}+01:00"])

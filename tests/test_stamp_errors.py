@@ -207,3 +207,15 @@ def test_import_counts_along_the_stamps_where_it_is_asked_to(tmp_path, run):
     session = read_session(tmp_path / "even")
     assert np.ptp(np.diff(session.logs[0].samples.t_ns)) < 1e4
     assert 0 < session.clock.sigma < 1e-4
+    # A log beside it whose stamps say less: bursts, of which the session keeps the larger sigma; one that says more changes nothing.
+    rows = np.arange(len(samples))
+    table[:, 0] = np.round(samples.t_s[np.minimum(rows // 64 * 64 + 63, len(rows) - 1)] * 1e2) * 1e4
+    np.savetxt(tmp_path / "y.csv", table, ["%d", *["%.6f"] * 6], ",", header=header, comments="")
+    toml, sigmas = tmp_path / "even" / "session.toml", [session.config.sensor.even_sigma_ppm]
+    toml.write_bytes(toml.read_bytes().replace(b"\n", b"\r\n"))
+    for name in "yx":
+        code, out, _ = run("import", tmp_path / f"{name}.csv", "--even", "--add", "log", "--out", tmp_path / "even")
+        assert code == 0
+        sigmas.append(read_session(tmp_path / "even").config.sensor.even_sigma_ppm)
+    assert sigmas[0] < sigmas[1] == sigmas[2]
+    assert "# optional: gyro_noise_mdps_rthz" in toml.read_text()

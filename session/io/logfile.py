@@ -163,7 +163,7 @@ def _with_stamps_of_their_own(samples: Samples, name: str) -> tuple[Samples, lis
     refused = None
     if shared > COARSE * len(samples) and twice < TWICE * shared:
         try:
-            t_ns, note = evenly(samples.t_ns, None, name)
+            t_ns, note, _ = evenly(samples.t_ns, None, name)
             if note and fresh(t_ns).all():
                 return replace(samples, t_ns=t_ns), [note]
         except DataError as error:

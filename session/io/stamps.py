@@ -180,8 +180,9 @@ FEW_GROUPS = 8
 STRICTLY = 0.5
 
 
-def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None]:
-    """Stamps as they are, and None; or, where many samples share one or come in bursts, the samples counted along them, and a note.
+def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None, float | None]:
+    """Stamps as they are, and None; or, where many samples share one or come in bursts, the samples counted along them, a note, and the
+    rate's relative sigma, ppm, where it is that of the stamps.
 
     A burst's samples were taken one after the other and stamped when they were handed over.  Raises DataError where samples must be
     missing, which coarse stamps cannot place.
@@ -189,16 +190,16 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
     steps = np.diff(t_ns)
     shared = np.count_nonzero(steps == 0)
     if len(steps) < 10:
-        return t_ns, None
+        return t_ns, None, None
     bursts = np.count_nonzero(steps < BURST * steps.mean())
     if shared <= COARSE * len(steps) and bursts <= BURSTS * len(steps):
-        return t_ns, None
+        return t_ns, None, None
     count = np.arange(len(t_ns))
     if shared <= COARSE * len(steps):
         shares = f"{bursts} of {len(t_ns)} samples come in bursts"
         if (found := _along_least_late(t_ns, OFF)) is not None:
-            return found[0], f"{shares}: samples were counted along their stamps, {found[1]:.3f} Hz"
-        return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; {UNCOUNTED}"
+            return found[0], f"{shares}: samples were counted along their stamps, {found[1]:.3f} Hz", found[2]
+        return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; {UNCOUNTED}", None
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
     shares = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
     if odr_hz is None and len(steps) - shared < FEW_CHANGES:
@@ -208,22 +209,23 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         # Where a stamp changes, it is right to within a sample; everywhere else only to within its own step.
         change = np.flatnonzero(steps > 0) + 1
         at = change if len(change) > 2 else count
-        slope, start = np.polyfit(at, (t_ns[at] - t_ns[0]).astype(float), 1)
+        slope, start, sigma_ppm = _line(at, (t_ns[at] - t_ns[0]).astype(float), step_ns)
         fits = np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns
         if fits and not _lacks_samples(change, t_ns):
             even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
-            return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
+            said = f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
+            return even, said, sigma_ppm
         if not fits and (found := _along_least_late(t_ns, STRICTLY)) is not None:
-            return found[0], f"{shares}, those that came late: samples were counted along the least late, {found[1]:.3f} Hz"
+            return found[0], f"{shares}, those that came late: samples were counted along the least late, {found[1]:.3f} Hz", found[2]
     shares += ", and counting along them misses them"
     if odr_hz is None:
         do = "log finer stamps, or give --odr HZ"
         raise DataError(f"{name}: {shares}: samples are missing, or stamps come too late; {do}")
-    return counted(len(t_ns), odr_hz), f"{shares}: samples were counted at {odr_hz:g} Hz instead"
+    return counted(len(t_ns), odr_hz), f"{shares}: samples were counted at {odr_hz:g} Hz instead", None
 
 
-def _along_least_late(t_ns: np.ndarray, within: float) -> tuple[np.ndarray, float] | None:
-    """Stamps (N,) ns on a straight line, and Hz; None where the least late lie on none, within so many periods.
+def _along_least_late(t_ns: np.ndarray, within: float) -> tuple[np.ndarray, float, float] | None:
+    """Stamps (N,) ns on a straight line, Hz and its sigma, ppm; None where the least late lie on none, within so many periods.
 
     A stamp is late by the wait for the hand-over; the least late among dozens, or more, are right, and show whether samples are missing.
     """
@@ -238,9 +240,30 @@ def _along_least_late(t_ns: np.ndarray, within: float) -> tuple[np.ndarray, floa
             late_ns = t - start - slope * count
             least = np.array([group[late_ns[group].argmin()] for group in groups])
         if np.ptp(late_ns[least]) <= within * slope:
-            slope, start = np.polyfit(least, t[least], 1)
-            return t_ns[0] + np.rint(start + slope * count).astype(np.int64), NS_PER_S / slope
+            # A few do not show how they scatter: each is known to a period.
+            slope, start, sigma_ppm = _line(least, t[least], np.inf if len(least) < PARTS else float(np.gcd.reduce(np.diff(t_ns))))
+            return t_ns[0] + np.rint(start + slope * count).astype(np.int64), NS_PER_S / slope, sigma_ppm
     return None
+
+
+#: parts of a log whose errors are taken for independent
+PARTS = 16
+
+
+def _line(count: np.ndarray, t: np.ndarray, grid: float) -> tuple[float, float, float]:
+    """Slope, start and the slope's relative sigma, ppm, of a line through stamps (N,) of samples with these numbers (N,).
+
+    Each is right to within a sample, or the grid where that is finer; what is rounded in a regular pattern scatters less than it errs.
+    """
+    slope, start = np.polyfit(count, t, 1)
+    sigma_ppm = _sigma_ppm(count - count.mean(), t - start - slope * count, slope)
+    return slope, start, max(sigma_ppm, min(grid, slope) / math.sqrt(12) / float(np.ptp(t)) * 1e6)
+
+
+def _sigma_ppm(count: np.ndarray, off: np.ndarray, slope: float) -> float:
+    """Relative sigma, ppm, of the slope of a line that stamps are off (N,), of samples with these numbers (N,) about their mean."""
+    sums = [float(part.sum()) for part in np.array_split(count * off, PARTS)]
+    return float(np.linalg.norm(sums) / (count @ count) / slope * 1e6)
 
 
 def placed_between(t_ns: np.ndarray) -> np.ndarray:
@@ -273,8 +296,6 @@ def written_once(t_ns: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
 
 #: of a period: how far one of ``PARTS`` of a log may lie off the line
 ASIDE = 0.5
-#: parts of a log whose errors are taken for independent
-PARTS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,8 +344,7 @@ def along_line(t_ns: np.ndarray, name: str) -> Even:
         at_s = t_s[int(np.argmax(aside)) * len(t_s) // PARTS]
         what = f"counting along the stamps misses them by {aside.max() * 1e3:.4g} ms at {at_s:.1f} s"
         raise DataError(f"{name}: {what}: the rate changes, or samples are missing; leave --even out, and look at `calibrate.py check`")
-    sums = [float(part.sum()) for part in np.array_split(count * off, PARTS)]
-    sigma_ppm = float(np.sqrt(np.square(sums).sum()) / (count @ count) / slope_s * 1e6)
+    sigma_ppm = _sigma_ppm(count, off, slope_s)
     return Even(t_ns[0] + np.rint(even_s * NS_PER_S).astype(np.int64), 1 / slope_s, sigma_ppm, float(off.std()))
 
 

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from session.io.clock import TOLD
 from session.io.config import Sensor, read_config
 from session.io.dialects import AXES, Answers
 from session.io.errors import CalibrationError, FormatError
-from session.io.files import MOST_TOML, copy_new, created, folder_whole, read_bytes, require_empty, write_new
+from session.io.files import MOST_TOML, copy_new, created, folder_whole, read_bytes, read_text, require_empty, write_new
 from session.io.logfile import CALIBRATED, read_log
 from session.io.names import log_paths
 from session.io.questions import QuestionsError
@@ -43,6 +44,8 @@ from session.replay.took import said_took
 
 #: what a stamp in us leaves behind
 US_NS = 1000
+#: key of session.toml
+EVEN_SIGMA = "even_sigma_ppm"
 #: the data rates of session.toml (docs/formats.md): any sensor's, with room
 SLOWEST_HZ, FASTEST_HZ = 0.1, 50_000.0
 
@@ -112,7 +115,7 @@ def _converted(
             if add:
                 name = _next_name(out, add) + log.name.removeprefix("log0001")
                 log.rename(work / name)
-                before = read_bytes(out / "session.toml", MOST_TOML)
+                before = _with_even_sigma(out / "session.toml", joined.even_sigma_ppm)
                 write_new(work / "session.toml", before + f"\n# {name}: from {_source(sources)}\n".encode())
             else:
                 name = log.name
@@ -220,14 +223,23 @@ def _next_name(folder: Path, stem: str) -> str:
     return next(f"{stem}{number:04d}" for number in range(1, 10_000) if f"{stem}{number:04d}" not in taken)
 
 
+def _with_even_sigma(path: Path, sigma_ppm: float | None) -> bytes:
+    """A session.toml whose logs' rates have this relative sigma, or a larger one of the logs before."""
+    from tomlkit import dumps, parse  # only where something is written: a reader need not wait for it
+
+    if sigma_ppm is None or sigma_ppm <= (read_config(path).sensor.even_sigma_ppm or 0.0):
+        return read_bytes(path, MOST_TOML)
+    found: Any = parse(read_text(path, MOST_TOML).replace("\r\n", "\n").replace("\r", "\n"))
+    found["sensor"][EVEN_SIGMA] = float(f"{sigma_ppm:.2g}")
+    return dumps(found).encode()
+
+
 def _toml(
     sources: Sequence[Source], odr_hz: float, answers: Answers, serial: str, assumed: Sequence[str], even_sigma_ppm: float | None = None
 ) -> str:
     assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``with_full_scales`` has found them
     model, serial = answers.sensor or UNKNOWN, serial or sources[0].comments.get("serial", "")
-    clock = ""
-    if even_sigma_ppm is not None:
-        clock = line("even_sigma_ppm", float(f"{even_sigma_ppm:.2g}"))
+    clock = "" if even_sigma_ppm is None else line(EVEN_SIGMA, float(f"{even_sigma_ppm:.2g}"))
     return f"""\
 # from {_source(sources)}
 schema = "tinygc-session/1"

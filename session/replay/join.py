@@ -55,7 +55,7 @@ def rates_of(source: Source, odr_hz: float | None) -> tuple[np.ndarray, np.ndarr
     Stamps of bursts stay: who integrates them evens them between their gaps.
     """
     notes: list[str] = []
-    piece = _whole(source, odr_hz, notes, bursts=True)
+    piece = _whole(source, odr_hz, notes, [], bursts=True)
     if piece.gyro is None or piece.t_ns is None:
         raise FormatError(f"{source.path.name}: no gyroscope in it; give the logs of one")
     return piece.t_ns, piece.gyro, notes
@@ -68,7 +68,7 @@ def join(sources: Sequence[Source], odr_hz: float | None, even: bool = False) ->
     """
     notes: list[str] = []
     sigmas: list[float] = []
-    whole = [(source, _whole(source, odr_hz, notes, sigmas=sigmas if even else None)) for source in sources]
+    whole = [(source, _whole(source, odr_hz, notes, sigmas, even=even)) for source in sources]
     whole = _showing_gravity(whole, notes)
     gyro_source, gyro = _only(whole, "gyro", "gyroscope")
     accel_source, accel = _only(whole, "accel", "accelerometer")
@@ -115,9 +115,9 @@ def join(sources: Sequence[Source], odr_hz: float | None, even: bool = False) ->
 PARTS = ("t_ns", "gyro", "accel", "temp")
 
 
-def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool = False, sigmas: list[float] | None = None) -> Piece:
-    """All rows of a source; bursts: whether stamps that come in bursts stay as they are; sigmas: where the samples are to be counted along
-    their stamps, that of the rate, ppm, is added to it."""
+def _whole(source: Source, odr_hz: float | None, notes: list[str], sigmas: list[float], bursts: bool = False, even: bool = False) -> Piece:
+    """All rows of a source; sigmas: where samples are counted along their stamps, that of the rate, ppm, is added; bursts: whether stamps
+    that come in bursts stay as they are; even: whether samples are counted along stamps that scatter."""
     name, rows = source.path.name, 0
     growing: dict[str, Growing] = {}
     most = len(source.stream) if isinstance(source, StreamSource) else 0
@@ -154,14 +154,15 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         notes.append(f"{name}: the time counter came round {source.wraps}x: unrolled")
     if bursts and shared <= COARSE * len(stamps):
         return Piece(stamps, *columns[1:])
-    stamps, note = evenly(stamps, odr_hz, name)
+    stamps, note, sigma_ppm = evenly(stamps, odr_hz, name)
     if note:
         notes.append(f"{name}: {note}")
-    if sigmas is not None and (note is None or UNCOUNTED in note):
-        even = along_line(stamps, name)
-        sigmas.append(even.sigma_ppm)
-        notes.append(f"{name}: {even.note}")
-        stamps = even.t_ns
+    if even and (note is None or UNCOUNTED in note):
+        line = along_line(stamps, name)
+        stamps, sigma_ppm = line.t_ns, line.sigma_ppm
+        notes.append(f"{name}: {line.note}")
+    if sigma_ppm is not None:
+        sigmas.append(sigma_ppm)
     return Piece(stamps, *columns[1:])
 
 

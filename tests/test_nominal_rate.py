@@ -344,5 +344,8 @@ def test_a_ratio_that_was_measured_is_a_sigma_until_it_is_taken_out(stamped, tmp
     np.testing.assert_allclose(mended.covariance, true.covariance, rtol=1e-3, atol=1e-13)
     assert mended.session.clock.sigma == pytest.approx(30e-6)
     assert "divided by 1.0045 ± 30 ppm" in mended.session.logs[0].notes[-1]
+    stated = [replace(log, comments={"odr_hz": "103.5"}) for log in session.logs]
+    by_computer = replace(session, logs=tuple(stated)).on_clock("arrivals").logs[0]  # a rate that the board states is by its own seconds
+    assert by_computer.number("odr_hz") == pytest.approx(103.5 * ratio)
     with pytest.raises(FormatError, match=r"sensor.clock_ratio is not given; `record` measures it; leave --clock arrivals out"):
         fit_session(stamped, by_arrivals)

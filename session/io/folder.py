@@ -280,7 +280,9 @@ class Session:
 
         def timed(log: Log) -> Log:
             t_ns = np.rint(log.samples.t_ns / np.longdouble(ratio)).astype(np.int64)
-            return replace(log, samples=replace(log.samples, t_ns=t_ns), notes=(*log.notes, note))
+            stated_hz = log.number("odr_hz")  # by the same clock
+            comments = log.comments if stated_hz is None else log.comments | {"odr_hz": f"{stated_hz * ratio:.9g}"}
+            return replace(log, samples=replace(log.samples, t_ns=t_ns), comments=comments, notes=(*log.notes, note))
 
         exclude = tuple(replace(row, at_s=row.at_s / ratio) for row in self.config.exclude)
         config = replace(self.config, sensor=replace(self.config.sensor, clock_ratio=None), exclude=exclude)

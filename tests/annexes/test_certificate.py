@@ -218,16 +218,30 @@ def test_an_accelerometer_that_was_taken_as_given_is_no_result(data):
 
 
 def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
-    def words(**stated):
-        session = data.fit.session
+    def words(clock="board", **stated):
+        session, options = data.fit.session, replace(data.fit.options, clock=clock)
         config = replace(session.config, sensor=replace(session.config.sensor, **stated))
         problem = data.fit.problem.changed(session=replace(session, config=config))
-        found = content_of(replace(data, fit=replace(data.fit, problem=problem)))
+        found = content_of(replace(data, fit=replace(data.fit, problem=problem, options=options)))
         return next(field.text for field in found.traceability if field.label == "Clock")
 
     assert "whose clock's error is not known" in words()
     assert "whose clock is known to 20 ppm (k = 1), which is in U" in words(clock_sigma_ppm=20.0)
     assert "not known" not in words(clock_sigma_ppm=0.0)
+    off = words(clock_sigma_ppm=12.0, clock_ratio=1.0045)
+    assert "4500 ± 12 ppm fast by the computer's, a deviation that is not corrected" in off
+    assert "k = 1" not in off
+    by_computer = words("arrivals", clock_sigma_ppm=12.0)
+    assert by_computer.startswith("time by the computer's second: the stamps of the item's board, divided by")
+    assert "the two clocks, which is known to 12 ppm (k = 1), which is in U" in by_computer
+
+
+def test_the_nominal_rate_is_the_models_and_not_the_boards_own(data):
+    session = data.fit.session
+    config = replace(session.config, sensor=replace(session.config.sensor, model="ASM330LHH", odr_hz=207.064))
+    problem = data.fit.problem.changed(session=replace(session, config=config))
+    found = content_of(replace(data, fit=replace(data.fit, problem=problem)))
+    assert any(field.label == "Data rate" and field.text.startswith("208 Hz nominal, ") for field in found.item)
 
 
 # A draft

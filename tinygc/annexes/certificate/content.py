@@ -19,6 +19,7 @@ from session.io.certificate import TRACED, CertificateGiven, Equipment, out_of_o
 from session.io.config import Config
 from session.io.errors import FormatError
 from session.io.files import open_file
+from session.io.names import CLOCKS
 from session.io.requirements import Rule
 from session.io.texts import STANDIN_NAME, fixed, significant
 from session.io.toml import read_toml
@@ -240,7 +241,13 @@ def _rate_words(data: ReportData) -> str:
     if nominal is not None:
         return nominal.words
     rate_hz = 1 / np.median([log.samples.period_s for log in data.problem.logs])
-    return f"{config.sensor.odr_hz:g} Hz nominal, {rate_hz:.2f} Hz by the stamps"
+    by = "the computer's clock" if _by_arrivals(data) else "the stamps"
+    return f"{config.sensor.nominal_hz:g} Hz nominal, {rate_hz:.2f} Hz by {by}"
+
+
+def _by_arrivals(data: ReportData) -> bool:
+    """Whether the reference of time is the computer's second."""
+    return data.fit.options.clock == CLOCKS[1]
 
 
 def _calibrated(data: ReportData) -> tuple[str, date | None]:
@@ -305,10 +312,14 @@ def _traceability(data: ReportData) -> list[Field]:
     gravity = "standard gravity, taken as known to 0.2 %" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"
     counted = data.fit.nominal_rate is not None
     clock = f"time by counting samples at {_rate_words(data)}" if counted else "time by the stamps of the item's board"
+    if _by_arrivals(data):
+        clock = "time by the computer's second: the stamps of the item's board, divided by the measured ratio of the two clocks"
     if not data.fit.session.clock_known:
         clock += ", whose clock's error is not known"
+    elif (off := config.sensor.clock_words) and not counted:
+        clock += f": {off}, a deviation that is not corrected; U has it as a standard uncertainty"
     elif (sigma := config.sensor.clock_sigma) is not None and not counted:
-        clock += f", whose clock is known to {sigma * 1e6:.4g} ppm (k = 1), which is in U"
+        clock += f", {'which' if _by_arrivals(data) else 'whose clock'} is known to {sigma * 1e6:.4g} ppm (k = 1), which is in U"
     angle = REFERENCES[protocol.reference].format(dial=protocol.dial_sigma_deg, truth=protocol.truth_sigma_deg)
     if protocol.reference == "gravity":
         found = data.fit.accelerometer
@@ -336,6 +347,7 @@ def _standards(data: ReportData) -> tuple[Equipment, ...]:
     site, stated = data.fit.session.config.site, data.fit.session.config.certificate.traceability
     gravity = "standard gravity" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s² at the place"
     clock = "samples counted at the nominal rate" if data.fit.nominal_rate is not None else "stamps of the item's board"
+    clock = "the recording computer's, by the arrivals of the item's bytes" if _by_arrivals(data) else clock
     named = (("standard of force: gravity", gravity, "gravity"), ("standard of time: clock", clock, "clock"))
     return tuple(Equipment(name, identification, stated.get(key, "")) for name, identification, key in named)
 

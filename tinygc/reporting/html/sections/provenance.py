@@ -30,7 +30,7 @@ def section(evidence: ReportData) -> Section:
             ("Model", sensor.model),
             ("Serial", sensor.serial or "not given"),
             ("Full scales", f"±{sensor.gyro_fs_dps:g} dps, ±{sensor.accel_fs_g:g} g"),
-            ("Data rate, nominal", f"{sensor.odr_hz:g} Hz"),
+            ("Data rate, nominal", f"{sensor.nominal_hz:g} Hz"),
             ("Temperature", temperature_words(evidence.problem)),
             ("Latitude", "not given" if site.latitude_deg is None else f"{site.latitude_deg:g}°"),
             ("Gravity", "not given" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"),

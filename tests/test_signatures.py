@@ -167,6 +167,25 @@ def test_a_coarse_register_is_no_dead_band(sound, step, zero):
     assert not found(sound, gyro=np.rint((rates(sound) + zero) / step) * step * DEG)
 
 
+FIRMWARE, EITHER = "the sensor or its firmware tracks its zero", "or the mount creeps"
+
+
+@pytest.mark.parametrize(
+    ("tau_s", "turned", "noise_g", "says"),
+    [(0.5, 1, 0, ""), (1, 1, 0, ""), (0.5, 0, 0, FIRMWARE), (1, 0, 0, FIRMWARE), (0.5, 1, 0.005, EITHER)],
+)
+def test_a_mount_that_creeps_is_told_from_a_zero_that_is_tracked(sound, tau_s, turned, noise_g, says):
+    samples, rows = sound.logs[0].samples, np.arange(len(sound.logs[0].samples))
+    moves = np.linalg.norm(rates(sound), axis=1) > 1
+    since_s = (rows - np.maximum.accumulate(np.where(moves, rows, 0)))[:, None] / 104
+    creep = np.array([0.3, -0.25, 0.25]) * (since_s > 0) * np.exp(-since_s / tau_s)
+    angle = np.array([0.3, -0.25, 0.25]) * tau_s * (1 - np.exp(-since_s / tau_s)) * DEG * turned
+    noise = np.random.default_rng(6).normal(size=angle.shape) * noise_g * G
+    findings = found(sound, gyro=(rates(sound) + creep) * DEG, accel=samples.accel + np.cross(samples.accel, angle) + noise)
+    assert [each.what for each in findings] == [TRACKED] * bool(says)
+    assert all(each.says.endswith(says) for each in findings)
+
+
 @pytest.mark.parametrize(("full_scale", "odr_hz"), [(500, 200), (1000, 1000)])
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_low_pass_is_no_dead_band(sound, full_scale, odr_hz, order):

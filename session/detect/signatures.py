@@ -464,9 +464,27 @@ def _check_tracked(where: str, rests: _Rests) -> list[Finding]:
     found = settles & (gained > EXPLAINED * (constant - free * square)) & (gained > GAINED * np.maximum(square, least / free))
     if not found.any():
         return []
+    shown, sigma = _share_turned(rests, runs, found)
+    if shown - SURELY * sigma > 0.5:
+        return []
     says = f"at rest {axes_text(found)} are drawn to 0 with {DRAWN_S[best[found]].min():.2g} s: the sensor or its firmware tracks its zero"
     do = "switch that off, and record again: each turn begins with a zero that nothing tells"
+    if shown + SURELY * sigma > 0.5:
+        says, do = f"{says}, or the mount creeps", f"hold the sensor firmly, or {do}"
     return [Finding("warning", where, TRACKED, says, do)]
+
+
+def _share_turned(rests: _Rests, runs: list[np.ndarray], axes: np.ndarray) -> tuple[float, float]:
+    """The share of the angle that rates (B, 3) of rests say that gravity shows, 1 where the body creeps, and its sigma; only angles about
+    horizontal axes show."""
+    product, square, steps = 0.0, float(np.finfo(float).tiny), []
+    for (start, _), run in zip(rests.runs, runs, strict=True):
+        force = rests.blocks.accel_mean[start : start + len(run)]
+        says = np.cross(force.mean(axis=0), (np.cumsum(run, axis=0) - run / 2) * axes * rests.blocks.duration_s)
+        says -= says.mean(axis=0)
+        product, square = product + float((says * force).sum()), square + float((says**2).sum())
+        steps.append(np.diff(force, axis=0))
+    return product / square, float(sigma_of(np.concatenate(steps), axis=None)) / np.sqrt(2 * square)
 
 
 # A zero that is taken anew within a log, or steps.

@@ -21,6 +21,7 @@ from tinygc.annexes.budget.quantities import sensor_error_budgets, use_budgets
 from tinygc.annexes.budget.use import Use
 from tinygc.estimation.assembly import CLOCK
 from tinygc.estimation.fit import fit_session
+from tinygc.reporting.tables import next_line
 
 TRUE_HZ, NOMINAL_HZ = 105.4, 100.0
 LEAST_SQUARES = FitOptions(methods=("least_squares",))
@@ -344,6 +345,12 @@ def test_a_ratio_that_was_measured_is_a_sigma_until_it_is_taken_out(stamped, tmp
     np.testing.assert_allclose(mended.covariance, true.covariance, rtol=1e-3, atol=1e-13)
     assert mended.session.clock.sigma == pytest.approx(30e-6)
     assert "divided by 1.0045 ± 30 ppm" in mended.session.logs[0].notes[-1]
+    assert next_line(folder, tinygc.check(folder)).plain.endswith(f"fit {folder} --clock arrivals")
+    (folder / "log_broken.csv").write_text("t_s,gx_dps\n")  # is one finding among those of the others, by that clock, too
+    findings = tinygc.check(folder, clock="arrivals")
+    assert of([each for each in findings if each.where == "log_broken.csv"], "reading").level == "error"
+    assert any("divided by 1.0045 ± 30 ppm" in each.says for each in findings)
+    (folder / "log_broken.csv").unlink()
     stated = [replace(log, comments={"odr_hz": "103.5"}) for log in session.logs]
     by_computer = replace(session, logs=tuple(stated)).on_clock("arrivals").logs[0]  # a rate that the board states is by its own seconds
     assert by_computer.number("odr_hz") == pytest.approx(103.5 * ratio)

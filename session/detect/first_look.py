@@ -54,7 +54,7 @@ from session.io.config import HOST_CLOCK, Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.logfile import Log, read_log
-from session.io.names import TURNS, log_paths
+from session.io.names import CLOCKS, TURNS, log_paths
 from session.io.samples import Samples, extremes, mapped, times
 from session.io.units import NS
 
@@ -153,10 +153,12 @@ def _axes_below(ceiling: Ceiling | None, turns: LogTurns, samples: Samples, conf
     return [ceiling_finding(log, config.sensor, ceiling, between)] if spoilt and ceiling is not None else findings
 
 
-def check_folder(folder: Path, further: Callable[[Session, SessionStills], list[Finding]] | None = None) -> list[Finding]:
+def check_folder(
+    folder: Path, further: Callable[[Session, SessionStills], list[Finding]] | None = None, clock: str = CLOCKS[0]
+) -> list[Finding]:
     """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings.
 
-    further: a look at the whole session, as it is read, and its stills, that is taken where nothing is an error.
+    further: a look at the whole session, as it is read, and its stills, taken where nothing is an error; clock: that times the logs.
     """
     findings: list[Finding] = []
     if (rests := _rests_alone(folder)) is not None:
@@ -167,6 +169,7 @@ def check_folder(folder: Path, further: Callable[[Session, SessionStills], list[
         session, findings = _read_what_there_is(folder, error)
     if session is None:
         return findings
+    session = session.on_clock(clock)
     session, own = with_own_accelerometer(session)
     session, aligned = with_aligned_truth(session)
     found = SessionStills(session)

@@ -20,7 +20,7 @@ from session.io.annexes import need
 from session.io.config import Accelerometer, Protocol, Site
 from session.io.errors import CalibrationError, DataError, SegmentError
 from session.io.folder import Session, read_session
-from session.io.names import is_array
+from session.io.names import CLOCKS, is_array
 from session.io.texts import command_line
 from session.io.units import DEG, G
 from tinygc.closure.prepared import first_look_at_fit
@@ -41,13 +41,15 @@ from tinygc.simulation.write import stopped_turns, truth_table, write_simulation
 
 
 @public()
-def check(session: Any) -> list[Finding]:
+def check(session: Any, clock: str = CLOCKS[0]) -> list[Finding]:
     """Check a recording before a fit: rates, scales, stills, turns, gaps, the accelerometer.
 
     Parameters
     ----------
     session : Session, ArraySession, str or Path
         The recording, or its folder.
+    clock : {"board", "arrivals"}, optional
+        Times as the board stamped them, or divided by ``sensor.clock_ratio``; of one sensor.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def check(session: Any) -> list[Finding]:
     Raises
     ------
     CalibrationError
-        If ``session`` is not a recording.
+        If ``session`` is not a recording, or has no such clock.
 
     Examples
     --------
@@ -69,13 +71,15 @@ def check(session: Any) -> list[Finding]:
 
     """
     if isinstance(session, Session):
-        found = SessionStills(session)
+        found = SessionStills(session := session.on_clock(clock))
         findings = check_session(session, found)
         return findings if worst(findings) == "error" else findings + first_look_at_fit(session, found, measured_noise())
     if isinstance(session, str | PathLike):
         folder = Path(session)
         if not is_array(folder):
-            return check_folder(folder, partial(first_look_at_fit, at_rest=measured_noise()))
+            return check_folder(folder, partial(first_look_at_fit, at_rest=measured_noise()), clock)
+        if clock != CLOCKS[0]:
+            raise CalibrationError(f"{folder}: an array, whose units have clocks of their own; leave --clock {clock} out")
         read_array = need("recordings of arrays").read_array
         try:
             session = read_array(folder)

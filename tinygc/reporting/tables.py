@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from session.detect.findings import LEVELS, Finding, worst
+from session.io.names import CLOCKS
 from session.io.texts import command_line, printable
 from session.replay.repair import Repaired, can_be_repaired
 from tinygc.estimation.before_after import RecordingClosure
@@ -46,13 +47,15 @@ def finding_lines(findings: list[Finding]) -> Group:
 
 def next_line(folder: Path, findings: list[Finding]) -> Text:
     """Suggest the next step."""
+    by_arrivals = f"--clock {CLOCKS[1]}"  # where it was taken, or is advised
+    again = by_arrivals.split() if not unit_lines(findings) and any(by_arrivals in finding.line for finding in findings) else []
     if worst(findings) == "error":
         repaired = command_line("check", folder, "--repair", "OUT")
         by_itself = Text("next: the cause of an error is known; a corrected copy is written by\n").append(one_line(f"  {repaired}"))
         if can_be_repaired(findings) and not unit_lines(findings):
             return by_itself
-        return Text("next: correct the errors, then\n").append(one_line(f"  {command_line('check', folder)}"))
-    return Text("next:\n").append(one_line(f"  {command_line('fit', folder)}"))
+        return Text("next: correct the errors, then\n").append(one_line(f"  {command_line('check', folder, *again)}"))
+    return Text("next:\n").append(one_line(f"  {command_line('fit', folder, *again)}"))
 
 
 def repair_report(done: Repaired, before: RecordingClosure, after: RecordingClosure) -> Group:

@@ -6,7 +6,7 @@ import argparse
 
 from session.io.errors import CalibrationError
 from tinygc.cli.arguments import folder_written, path_read
-from tinygc.cli.options import add_clock_argument, session_of
+from tinygc.cli.options import add_clock_argument
 from tinygc.cli.results import complain, output, verdict, write_json
 
 SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.library.sessions import check
     from tinygc.reporting.tables import finding_lines, findings_table, next_line, unit_lines, verdict_line
 
-    findings = check(session_of(args))
+    findings = check(args.folder, args.clock)
     console = output(args)
     for line in (verdict_line(findings, with_worst=False), *unit_lines(findings)):  # one line each, for readers by program
         console.print(line, soft_wrap=True)

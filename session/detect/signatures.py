@@ -80,7 +80,8 @@ def _check_values(log: Log, sensor: Sensor) -> list[Finding]:
 
 # The two bytes of a register exchanged: what was the low byte's noise jumps by multiples of 256.
 
-#: times smoother that readings are with their bytes the other way: 256 where they are exchanged, 1/256 where they are not
+#: times smoother that readings are with their bytes the other way: 256 where they are exchanged, 1/256 where they are not;
+#: any bar far from both serves
 SMOOTHER = 4.0
 #: of a register's step, that readings are off whole numbers of it where they are no registers
 WHOLE_WITHIN = 0.05
@@ -122,7 +123,7 @@ def _smoother_exchanged(registers: np.ndarray) -> float:
 #: of the register's end: a jump from one side to the other; how far the reading behind it, a whole register on, is from where it went
 ACROSS, GOES_ON = 1.5, 0.1
 #: of the step through the end, that the step before it is at least: a table that reverses at once makes none
-#: (tests/test_signatures.py, "reverses")
+#: (test_rates_that_turn_at_once_come_round_at_no_register)
 TOWARDS = 0.25
 #: rad/s: where the registers of known sensors end
 ENDS = sorted({REGISTER_MAX * mdps * MDPS for profile in PROFILES if profile.gyro for mdps in profile.gyro.values()})
@@ -165,6 +166,7 @@ BY_CHANCE = 1e-4
 #: crossings of the gap in one step; share of the readings within the band; of those beyond, on the rarer side
 CROSSINGS, LEAST_WITHIN, LEAST_SIDE = 10, 0.05, 0.1
 #: of the gap: what the next gaps beyond it are smaller by.  Those of a register, or of few rates of a table, are as wide
+#: (test_a_coarse_register_is_no_dead_band)
 NEXT_GAP = 1 / 3
 #: rad/s, far below any register's step: equal decimals in other units differ by less
 RESOLVED = 1e-6 * DEG
@@ -321,7 +323,7 @@ def _check_at_rest(log: Log) -> list[Finding]:
 LEAST_CHANGE, WRONG_SIDE = 0.3, 0.05
 #: correlation of neighbouring differences: by so much it changes where a filter of all axes does, and of one; the full scale leaves it
 LEAST_CORRELATION = (0.1, 0.15)
-#: sigmas of that change
+#: sigmas of that change: normal ones are beyond with a chance of 6e-7
 SURELY = 5.0
 #: that of white noise is -1/2, and no filter's is less by more than chance
 ALTERNATES = -0.6
@@ -445,7 +447,7 @@ def _check_high_pass(where: str, rests: _Rests) -> list[Finding]:
 # A zero that is tracked: at rest the rates are drawn to 0, exponentially, whatever they began with.
 
 #: s that are tried, longer ones being a sensor that warms up; share of what rests differ from a constant by, that the law explains; what it
-#: gains at least, in chi-square
+#: gains at least, in chi-square: of one parameter, white noise gains that with a chance below 1e-11
 DRAWN_S, EXPLAINED, GAINED = np.geomspace(0.2, 12.0, 30), 0.7, 50.0
 
 

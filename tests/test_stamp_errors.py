@@ -131,7 +131,8 @@ def test_a_rate_that_changes_is_found_with_its_times(rate_hz, slower, jitter_s):
     between = (count > 50 * rate_hz) & (count < 100 * rate_hz)
     stamps_s = np.cumsum(np.where(between, 1 + slower, 1.0)) / rate_hz
     stamps_s = stamps_s + np.abs(np.random.default_rng(5).normal(0, jitter_s, len(count)))
-    found = rate_pieces(of(stamps_s, np.zeros((len(count), 3))))
+    found = rate_pieces(samples := of(stamps_s, np.zeros((len(count), 3))))
+    assert rate_pieces(samples.with_accel(samples.accel + 1)) is found  # of the stamps alone, and once
     assert [piece.hz for piece in found] == pytest.approx([rate_hz, rate_hz / (1 + slower), rate_hz], rel=5e-4)
     assert [piece.start / rate_hz for piece in found] == pytest.approx([0, 50, 100], abs=1.5)
 

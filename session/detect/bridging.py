@@ -11,7 +11,7 @@ from session.io.config import Sensor
 from session.io.logfile import Bridge
 from session.io.numeric import runs_of
 from session.io.pace import not_caught_up
-from session.io.samples import Samples, inserted, pieces, replaced
+from session.io.samples import Samples, inserted, once, pieces, replaced
 from session.io.units import DEG
 
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.
@@ -151,6 +151,7 @@ def bridged(samples: Samples, sensor: Sensor) -> tuple[Samples, tuple[Bridge, ..
     return samples, tuple(sorted((*gaps, *peaks), key=lambda bridge: bridge.row))
 
 
+@once
 def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Rows (G,) after which one to ``MOST`` readings are missing by the stamps, and how many (G,)."""
     if len(samples) < 2 * SIDE:

@@ -12,10 +12,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from session.detect.bridging import short_gaps
 from session.io.pace import GAP_PERIODS, LOST
-from session.io.samples import Samples, pieces
+from session.io.samples import Samples, once, pieces
 from session.io.stamps import lasting_gaps
 from session.io.units import NS
 
@@ -23,6 +24,8 @@ from session.io.units import NS
 JITTER, RATE_CHANGES = STAMPS = "jitter", "rate changes"
 #: rows that are looked at together
 TOGETHER = 1 << 18
+#: numbers of which a transform is quick
+ROUND = 1 << 12
 #: rows on either side that a reading's slope is taken over
 SLOPE = 4
 #: what is left of a reading by its neighbours: a movement up to the third power of time leaves nothing
@@ -80,6 +83,7 @@ def moved_by_stamps(steps: np.ndarray) -> np.ndarray:
     return np.concatenate([none, steps], axis=-2) - np.concatenate([steps, none], axis=-2)
 
 
+@once
 def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
     """Estimated from a log's own stamps and readings; over_s: what a line goes through on either side, the length of a segment."""
     pace = samples.pace
@@ -87,7 +91,7 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
     sums, rows, blocks = np.zeros(half + 1), 0, []
     for piece, count in even_pieces(samples, [(piece.start, piece.stop) for piece in rate_pieces(samples)]):
         off = about_lines(samples.t_ns[piece], count, half)
-        lags = np.fft.irfft(np.abs(np.fft.rfft(off, 2 * len(off))) ** 2)[: min(len(off), half + 1)]
+        lags = np.fft.irfft(np.abs(np.fft.rfft(off, ROUND * -(-(len(off) + half) // ROUND))) ** 2)[: min(len(off), half + 1)]
         sums[: len(lags)] += lags
         rows += len(off)
         gyro = np.asarray(samples.gyro[piece], dtype=float)
@@ -175,6 +179,7 @@ class RatePiece:
     sigma_hz: float
 
 
+@once
 def rate_pieces(samples: Samples) -> list[RatePiece]:
     """A log in pieces, each of one rate by its stamps: one piece where the rate stays."""
     period_s = samples.period_s
@@ -183,10 +188,13 @@ def rate_pieces(samples: Samples) -> list[RatePiece]:
     count = max(0, len(samples) - lag) // size
     change = np.zeros(count)
     if count > 2 * least + apart + most:
-        rows = count * size
-        off = np.median((samples.t_ns[lag : lag + rows] - samples.t_ns[:rows]).reshape(count, size), axis=1) * (NS / lag / period_s)
-        for at in range(least + apart, count - least):
-            change[at] = np.median(off[at : at + most]) - np.median(off[max(at - apart - most, 0) : at - apart])
+        parts = []
+        for first, last in pairwise([*range(0, count, max(1, TOGETHER // size)), count]):
+            rows = slice(first * size, last * size)
+            steps = samples.t_ns[rows.start + lag : rows.stop + lag] - samples.t_ns[rows]
+            parts.append(np.median(steps.reshape(-1, size), axis=1) * (NS / lag / period_s))
+        behind, ahead = _medians(off := np.concatenate(parts), most), _medians(off[::-1], most)[::-1]
+        change[least + apart : count - least] = ahead[least + apart : count - least] - behind[least - 1 : count - least - apart - 1]
     bar = CHANGES * float(np.median(np.abs(change))) + np.finfo(np.float32).eps if count else 0.0
     edges: list[int] = []
     while count and np.abs(change).max() > bar:
@@ -208,17 +216,27 @@ def rate_pieces(samples: Samples) -> list[RatePiece]:
     return joined
 
 
+def _medians(values: np.ndarray, most: int) -> np.ndarray:
+    """(N,) of each of values (N,) and those before it, ``most`` in all, fewer near the beginning; N is ``most`` at least."""
+    windows, every = sliding_window_view(values, most), TOGETHER // most
+    whole = [np.median(windows[start : start + every], axis=1) for start in range(0, len(windows), every)]
+    return np.concatenate([[np.median(values[:stop]) for stop in range(1, most)], *whole])
+
+
 def _line(samples: Samples, start: int, stop: int) -> RatePiece:
     """The rate of the lines through the stamps between gaps, all of one slope."""
-    square = product = left = 0.0
-    rows, parts = 0, []
+    found = []
     for piece, number in even_pieces(samples, [(start, stop)]):
         t_s = (samples.t_ns[piece] - samples.t_ns[piece.start]) * NS
         count, t_s = number - number.mean(), t_s - t_s.mean()
-        square, product, rows = square + float(count @ count), product + float(count @ t_s), rows + len(count)
-        parts.append((count, t_s))
-    each_s = product / square if square else samples.period_s
-    for count, t_s in parts:
-        left += float(np.sum((t_s - each_s * count) ** 2))
-    sigma_s = float(np.sqrt(left / square)) if square else np.inf
+        square = float(count @ count)
+        own_s = float(count @ t_s) / square
+        t_s -= own_s * count
+        found.append((square, own_s, float(t_s @ t_s)))
+    if not found:
+        return RatePiece(start, stop, 1 / samples.period_s, np.inf)
+    squares, each, left = np.array(found).T
+    each_s = float(squares @ each / squares.sum())
+    # About the common slope, what is left of each by its own, and what the two differ by.
+    sigma_s = float(np.sqrt((left.sum() + squares @ (each - each_s) ** 2) / squares.sum()))
     return RatePiece(start, stop, 1 / each_s, sigma_s / each_s**2)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, cast
+from functools import cached_property, partial, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 
@@ -347,9 +347,16 @@ class Samples:
         """From the first sample to the last, s."""
         return float(self.t_ns[-1] - self.t_ns[0]) * NS if len(self) else 0.0
 
+    @cached_property
+    def found(self) -> dict[Any, Any]:
+        """What ``once`` has found of the stamps and the rates."""
+        return {}
+
     def with_accel(self, accel: np.ndarray) -> Samples:
-        """The same samples with another specific force (N, 3)."""
-        return replace(self, accel=accel)
+        """The same samples with another specific force (N, 3): what is known of their stamps and rates stays known."""
+        other, known = replace(self, accel=accel), {"found": self.found}
+        vars(other).update(known | vars(self) | {"accel": accel})
+        return other
 
     def to_frame(self) -> Any:
         """A pandas DataFrame of N rows with the columns of a log in SI: ``t_ns``, ``gx_rps``, …, ``ax_mps2``, …, and ``temp_c``.
@@ -370,6 +377,22 @@ class Samples:
         """Some of them, by mask or index, kept as they are kept."""
         temp_c = None if self.temp_c is None else pick(self.temp_c, which)
         return Samples(self.t_ns[which], pick(self.gyro, which), pick(self.accel, which), temp_c)
+
+
+P, Found = ParamSpec("P"), TypeVar("Found")
+
+
+def once(work: Callable[Concatenate[Samples, P], Found]) -> Callable[Concatenate[Samples, P], Found]:
+    """Computes what depends on the stamps and rates of samples only once, whatever the specific force beside them."""
+
+    @wraps(work)
+    def known(samples: Samples, *more: P.args, **named: P.kwargs) -> Found:
+        key = (work.__qualname__, more, *named.items())
+        if key not in samples.found:
+            samples.found[key] = work(samples, *more, **named)
+        return cast(Found, samples.found[key])
+
+    return known
 
 
 def start_times(logs: Iterable[Samples]) -> np.ndarray:

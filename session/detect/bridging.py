@@ -12,7 +12,7 @@ from session.io.logfile import Bridge
 from session.io.numeric import runs_of
 from session.io.pace import not_caught_up
 from session.io.samples import Samples, inserted, once, pieces, replaced
-from session.io.units import DEG
+from session.io.units import DEG, NS
 
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.
 #
@@ -156,20 +156,20 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Rows (G,) after which one to ``MOST`` readings are missing by the stamps, and how many (G,)."""
     if len(samples) < 2 * SIDE:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    pace, steps = samples.pace, samples.dt_s
+    pace, steps = samples.pace, (np.diff(part) * NS for _, part in pieces(samples.t_ns, overlap=1))
     # A gap may last for years.
-    counts = np.concatenate([np.minimum(pace.periods(part), FAR).astype(np.int32) for _, part in pieces(steps)])
+    counts = np.concatenate([np.minimum(pace.periods(part), FAR).astype(np.int32) for part in steps])
     counts -= np.int32(1)
     rows = np.flatnonzero((counts >= 1) & (counts <= MOST))
     if not len(rows):
         return rows, counts[rows].astype(int)
     # A reading that only came late has its time made up in the neighbouring steps.
-    total = np.zeros(len(steps) + 1)
-    np.divide(steps, pace.period_s, out=total[1:])
+    total = np.zeros(len(samples))
+    np.divide(samples.dt_s, pace.period_s, out=total[1:])
     total[1:] -= np.maximum(counts, 0)
     total[1:] -= 1
     np.cumsum(total, out=total)
-    over = total[np.minimum(rows + 1 + SIDE, len(steps))] - total[np.maximum(rows - SIDE, 0)]
+    over = total[np.minimum(rows + 1 + SIDE, len(samples) - 1)] - total[np.maximum(rows - SIDE, 0)]
     rows = rows[over > -LATE]
     rows = rows[not_caught_up(samples.t_ns, rows, pace.period_s)]
     return rows, counts[rows].astype(int)

@@ -102,17 +102,22 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
     if not rows:
         return StampErrors(pace.period_s, 0.0, np.zeros(1), 0.0, np.inf)
     power, product = np.concatenate(blocks, axis=1)
+    grid = int(np.gcd.reduce([np.gcd.reduce(np.diff(part)) for _, part in pieces(samples.t_ns, overlap=1)]))
     whole = float(power.sum())
     followed = float(product.sum()) / whole if whole > 0 else 0.0
     sigma = float(np.sqrt(np.sum((product - followed * power) ** 2))) / whole if whole > 0 else np.inf
-    return StampErrors(pace.period_s, int(np.gcd.reduce(np.diff(samples.t_ns))) * NS, sums / rows, followed, sigma)
+    return StampErrors(pace.period_s, grid * NS, sums / rows, followed, sigma)
 
 
 def even_pieces(samples: Samples, rates: Sequence[tuple[int, int]]) -> Iterator[tuple[slice, np.ndarray]]:
     """The rows between gaps and within rates (first and last row, behind it), no more than ``TOGETHER`` at a time, and their numbers (N,),
     by which samples lost singly are counted."""
     pace = samples.pace
-    gaps = lasting_gaps(samples.t_ns, pace.period_s, LOST)[0] if pace.coarse else np.flatnonzero(samples.dt_s > GAP_PERIODS * pace.period_s)
+    if pace.coarse:
+        gaps = lasting_gaps(samples.t_ns, pace.period_s, LOST)[0]
+    else:
+        long_ns = GAP_PERIODS * pace.period_s / NS
+        gaps = np.concatenate([row + np.flatnonzero(np.diff(part) > long_ns) for row, part in pieces(samples.t_ns, overlap=1)])
     lost = np.zeros(len(samples), dtype=np.int8)
     if not pace.coarse:
         rows, counts = short_gaps(samples)

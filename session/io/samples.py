@@ -379,7 +379,8 @@ class Samples:
         return Samples(self.t_ns[which], pick(self.gyro, which), pick(self.accel, which), temp_c)
 
 
-P, Found = ParamSpec("P"), TypeVar("Found")
+P = ParamSpec("P")
+Found = TypeVar("Found")
 
 
 def once(work: Callable[Concatenate[Samples, P], Found]) -> Callable[Concatenate[Samples, P], Found]:

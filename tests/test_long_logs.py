@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from long_logs import long_session
 
-from session.detect import check_time, stamp_errors, stills
+from session.detect import check_time, signatures, stamp_errors, stills
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
 from session.io import samples as readings
@@ -75,6 +75,7 @@ def test_the_first_look_holds_no_float_copy_of_a_whole_log(session, monkeypatch)
     monkeypatch.setattr(stills, "_CHUNK_BLOCKS", 200)
     monkeypatch.setattr(check_time, "AT_ONCE", 4096)
     monkeypatch.setattr(stamp_errors, "TOGETHER", 4096)
+    monkeypatch.setattr(signatures, "MOST", 4096)
     peak, _, findings = peak_of(lambda: check_session(session))
     assert isinstance(findings, list)
     assert len(findings) > 15

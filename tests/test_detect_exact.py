@@ -136,8 +136,9 @@ def test_jitter_is_what_a_stamp_misplaces(good):
     size, period_s = 2e-4, log.samples.period_s
     change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
     angle = np.sqrt((change**2).sum(axis=0).max() / len(samples) * 5.0 / period_s) * size / DEG
-    assert float(jitter.says.split(" us rms")[0]) * 1e-6 == pytest.approx(size, rel=0.02)
-    assert f"{angle:.4f} deg per turn" in jitter.says
+    assert float(jitter.says.split(" us rms")[0].split()[-1]) * 1e-6 == pytest.approx(size, rel=0.02)
+    # A line through 5 s on either side takes up what is slower: of so many samples, correlated as the movement is, some hundredths.
+    assert float(jitter.says.split(" deg per turn")[0].split()[-1]) == pytest.approx(angle, rel=0.04, abs=5e-5)
     # Beside less noise it matters; where a row is missing and no gap says so, --even would refuse.
     quiet, kept = replace(noise, gyro=noise.gyro / 100), np.arange(len(samples)) != len(samples) // 2
     each = [check_stamps(replace(log, samples=some), quiet, 5.0) for some in (samples, samples.pick(kept))]

@@ -47,7 +47,7 @@ def test_duplicate_and_irregular_stamps_are_ordinary(tmp_path):
     made = make(tmp_path, "\n".join(lines[:100] + lines[103:]))
     log = read_session(made.folder).logs[0]
     assert len(log.samples) == len(SAMPLES) - 3
-    assert any("repeat the stamp" in note for note in log.notes)
+    assert any("repeat the row before" in note for note in log.notes)
 
 
 def test_coarse_stamps_over_lost_samples_are_refused(tmp_path):

@@ -18,7 +18,7 @@ from session.detect.stills import Blocks, block_moments, measure, quiet_runs
 from session.io.config import Sensor
 from session.io.errors import FormatError
 from session.io.logfile import Log
-from session.io.numeric import held_for, new_readings, sigma_of
+from session.io.numeric import held_for, new_readings, runs_of, sigma_of
 from session.io.registers import PROFILES
 from session.io.samples import Samples
 from session.io.sensors.profile import REGISTER_MAX
@@ -253,7 +253,9 @@ def _repeats_finely(values: np.ndarray, centre: float, sensor: Sensor, log: Log)
     """Whether readings (N,) repeat one value though their steps are finer than the sensor's noise, or than any register of 16 bits, and
     than what they show of noise elsewhere."""
     same = values == centre
-    if same.mean() < REPEATED or np.count_nonzero(same[1:] != same[:-1]) < CROSSINGS:
+    starts, stops = runs_of(same)
+    longest = int((stops - starts).max(initial=0))  # an axis that died stands in one run, a gate at each rest
+    if same.sum() - longest < REPEATED * (len(same) - longest) or 2 * len(starts) < CROSSINGS:
         return False
     others = np.unique(values[~same])
     if len(others) < LEAST_READINGS:
@@ -300,7 +302,7 @@ class _Rests:
 
 def _rests(samples: Samples) -> _Rests | None:
     blocks = block_moments(samples)
-    if len(blocks) < 3 or not samples.accel[:MOST].any():
+    if len(blocks) < 3 or blocks.duration_s > LONGEST_S / LEAST_RESTS or not samples.accel[:MOST].any():  # time in another unit
         return None
     trimmed, least = (max(1, round(seconds / blocks.duration_s)) for seconds in (TRIMMED_S, LEAST_REST_S))
     runs = [(start + trimmed, stop - trimmed) for start, stop in quiet_runs(blocks, by_force=True)[0]]
@@ -452,7 +454,7 @@ DRAWN_S, EXPLAINED, GAINED = np.geomspace(0.2, 12.0, 30), 0.7, 50.0
 
 
 def _check_tracked(where: str, rests: _Rests) -> list[Finding]:
-    most = max(LEAST_RESTS, round(LONGEST_S / rests.blocks.duration_s))  # blocks are minutes where time is in another unit
+    most = round(LONGEST_S / rests.blocks.duration_s)
     runs = [rests.blocks.gyro_mean[start : min(stop, start + most)] for start, stop in rests.runs]
     constant = sum(((run - run.mean(axis=0)) ** 2).sum(axis=0) for run in runs)
     left = np.zeros((len(DRAWN_S), 3))

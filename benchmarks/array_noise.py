@@ -6,20 +6,21 @@ rho: mean correlation of two units, in the band.  Densities are means of Welch's
 
 from __future__ import annotations
 
-import sys
 from itertools import product
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "annexes"))
-
 import numpy as np
 from common import markdown
-from real_array import aligned, recordings
 from scipy.signal import csd
 
+from benchmarks.public.mimu import experiments
+from session.io.config import Sensor
 from session.io.units import DEG
-from tinygc.annexes.arrays.fusion import fuse
-from tinygc.annexes.arrays.model import ArrayModel
+from tinygc.annexes.arrays.clocks import UnitPlace
+from tinygc.annexes.arrays.extrinsics import nearest_rotation
+from tinygc.annexes.arrays.fusion import END, build_array_model, fuse
+from tinygc.annexes.arrays.model import ArrayModel, FusedUnit
+from tinygc.models.linear import LinearModel
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "mimu"
 #: samples of a spectrum; Hz of the bands, of 62.5 samples a second
@@ -27,6 +28,39 @@ WINDOW = 256
 BANDS = ((0.25, 1.0), (1.0, 5.0), (5.0, 15.0), (15.0, 30.0))
 #: of the speed's deviation within a second: below, the board is at rest; rests of at least so many s
 REST_DPS, LONGEST_S = 0.35, 5.0
+
+RATE_HZ, FULL_SCALE_DPS, LSB_PER_DPS = 62.5, 2000.0, 16.4
+#: s at the beginning of each recording in which the board lies still
+FIRST_REST_S = 20.0
+
+
+def recordings(source: Path) -> dict[int, np.ndarray]:
+    """Of each experiment, what the units read: (T, 8, 3) rad/s."""
+    return {number: registers[:, :, 3:] / LSB_PER_DPS * DEG for number, (_, registers) in experiments(source)}
+
+
+def aligned(raw: np.ndarray) -> ArrayModel:
+    """Each unit's E and mounting by least squares against the mean of all, its bias and noise from the first rest.
+
+    Relative only: what all units have in common (the mean's own scale and axes) a joint fit finds, and no figure here depends on it.
+    """
+    rest = slice(0, round(FIRST_REST_S * RATE_HZ))
+    zero = raw[rest].mean(axis=0)
+    moved = raw - zero
+    whole = (np.abs(raw) < END * FULL_SCALE_DPS * DEG).all(axis=(1, 2))
+    units = raw.shape[1]
+    first = [np.linalg.lstsq(moved[whole, i], moved[whole, 0], rcond=None)[0].T for i in range(units)]
+    mean = np.mean([moved[:, i] @ first[i].T for i in range(units)], axis=0)
+    matrices = [np.linalg.lstsq(moved[whole, i], mean[whole], rcond=None)[0].T for i in range(units)]
+    back = nearest_rotation(matrices[0]).T
+    found = []
+    for i, matrix in enumerate(matrices):
+        mounting = nearest_rotation(back @ matrix)
+        E = mounting.T @ back @ matrix
+        density = np.diff(raw[rest, i], axis=0).std(axis=0) / np.sqrt(RATE_HZ)  # of white noise: sqrt(2) sigma in a difference
+        sensor = Sensor("MPU-9150", f"mimu-{i}", RATE_HZ, FULL_SCALE_DPS, 16.0)
+        found.append(FusedUnit(UnitPlace(i, mounting=mounting), LinearModel(E, -E @ zero[i]), density, sensor=sensor))
+    return build_array_model(found, RATE_HZ)
 
 
 def rests(rates: np.ndarray, rate_hz: float) -> list[np.ndarray]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from array_twins import DEG, Body, Unit, any_unit, array_of
+from array_twins import Body, Unit, any_unit, array_of
 from turn_differences import turn_differences
 
 from session.annexes.arrays.recording import ArraySession
@@ -70,18 +70,6 @@ def test_stamps_less_their_ages_bring_the_units_together(found):
     assert moved.max() <= 0
 
 
-@pytest.mark.broad
-@pytest.mark.parametrize("delayed", [False, True])
-def test_nothing_is_claimed_where_no_reading_waits(body, delayed):
-    """24 units, whose filters' delays may differ: a false claim has a chance of one in a thousand each."""
-    claimed = 0
-    for seed in range(6):
-        units = [any_unit(50 + 10 * seed + n, noise_dps=0.15, offset_s=3e-4 * n * delayed) for n in range(4)]
-        array = array_of(body, units, READER_HZ, 20 + seed)
-        claimed += sum(each.found for each in ages_of(array, clock_fits(array)))
-    assert claimed == 0
-
-
 def test_two_units_do_not_tell_whose_age_it_is(body):
     array, _ = aged(body, {0: 1.7}, count=2)
     assert not any(each.found for each in ages_of(array, clock_fits(array)))
@@ -92,11 +80,3 @@ def test_an_expected_sawtooth_is_exact_far_from_its_jump_and_half_where_nothing_
     assert sawtooth(cycles, np.full(5, 1e-4)) == pytest.approx([0.25, 0.25, 0.5, 0.999, 0.001], abs=1e-3)
     assert sawtooth(np.array([3.0]), np.array([0.01])) == pytest.approx(0.5, abs=0.01)
     assert sawtooth(np.array([0.2, 0.9]), np.full(2, 0.6)) == pytest.approx(0.5, abs=0.05)
-
-
-def test_turns_of_units_that_agree_differ_by_their_noise_alone(body):
-    array = array_of(body, [any_unit(n, noise_dps=0.15) for n in range(4)], READER_HZ, 77)
-    found = turn_differences(array, clock_fits(array))
-    expected = np.sqrt(np.mean(found.white**2))
-    assert np.sqrt(np.mean(found.rms_rad**2)) == pytest.approx(expected, rel=0.25)
-    assert expected < 0.1 * DEG

@@ -1,21 +1,14 @@
 """Effects of an array's units checked in another recording of the array."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import DEG
-from formats_page import strangers
 
-from session.annexes.arrays.recording import read_array
 from session.io.errors import DataError, SegmentError
-from tinygc import SimulationOptions
 from tinygc.annexes.arrays import checked as module
-from tinygc.annexes.arrays import library
 from tinygc.annexes.arrays.checked import check_units, checked_units_page, checked_units_to_json
-from tinygc.annexes.arrays.options import ArrayOptions
-from tinygc.annexes.arrays.simulation import simulate_array, write_array
 from tinygc.effects import catalogue
 from tinygc.explanation.checked import Checked, CheckedEffect, Outcome, SizedEffect
 from tinygc.reporting.terminal import Group, as_text
@@ -61,18 +54,3 @@ def test_another_array_is_refused(found):
     other = SimpleNamespace(name="other", folder="other", numbers=(7,), units=("other 7",))
     with pytest.raises(DataError, match="it has units 7, expected some of 0, 3"):
         check_units(found, other)
-
-
-@pytest.mark.slow
-def test_a_units_effect_is_confirmed_in_the_arrays_next_recording(tmp_path):
-    matrix = np.array([[0.06, 0.0, 0.02], [0.0, -0.05, 0.0], [0.03, 0.0, 0.04]]) * DEG / 9.80665
-    distort = {1: lambda t_s, rate, force, temp_c: rate + force @ matrix.T}
-    folders = []
-    for seed in (8, 9):
-        options = SimulationOptions(segments=16, closure_s=0, odr_hz=104, seed=seed, unit_seed=8)
-        folders.append(write_array(simulate_array(options, ArrayOptions(units=2), distort=distort), tmp_path / f"array{seed}"))
-    told = library.explain(read_array(folders[0]), check_on=[folders[1]])
-    table = json.loads((told.save(tmp_path / "out") / "array.json").read_text(encoding="utf-8"))
-    assert not strangers(table)
-    outcomes = {unit["number"]: [(e["id"], e["outcome"]) for e in unit["effects"]] for unit in table["checked"][0]["units"]}
-    assert outcomes == {0: [], 1: [("gyro.g_sensitivity", "confirmed")]}

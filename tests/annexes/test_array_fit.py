@@ -12,9 +12,7 @@ from formats_page import strangers
 from scipy.linalg import eigh
 
 import calibrate
-from benchmarks.public import mikov
 from session.annexes.arrays.recording import read_array
-from session.io.config import LeftOut
 from session.io.texts import shell_word
 from tinygc import SimulationOptions
 from tinygc.annexes.arrays.explanation import ArrayExplanation, event_lines
@@ -23,7 +21,6 @@ from tinygc.annexes.arrays.joint import ArrayEvent
 from tinygc.annexes.arrays.model import load_array_model
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
-from tinygc.annexes.arrays.system import MOUNTING
 from tinygc.explanation.standing import Standing
 
 
@@ -94,48 +91,6 @@ def test_what_makes_no_sense_of_an_array_is_refused_in_a_line(made, words, capsy
     assert "array" in said
     assert words[0] in said
     assert "\n" not in said
-
-
-@pytest.mark.broad
-def test_a_unit_that_cannot_be_used_is_left_out_and_said(made, tmp_path, capsys):
-    _, folder, _ = made()
-    array = read_array(folder)
-    log = array.units[2].logs[0]
-    shaken = np.asarray(log.samples.gyro) + np.random.default_rng(1).normal(size=(len(log.samples), 3)) * 1e-3
-    shaken[:, 0] += 2 * DEG * np.sin(20 * np.pi * log.samples.t_s)
-    noisy = dataclasses.replace(log, samples=dataclasses.replace(log.samples, gyro=shaken, accel=np.asarray(log.samples.accel) * 1.5))
-    spoilt = dataclasses.replace(array, units=(*array.units[:2], dataclasses.replace(array.units[2], logs=(noisy,))))
-    fit = fit_array(spoilt, bias="ends")
-    assert [unit.number for unit in fit.units] == [0, 1]
-    assert [unit.number for unit in fit.left_out] == [2]
-    assert fit.left_out[0].why
-    assert "\n" not in fit.left_out[0].why
-
-
-@pytest.mark.slow
-def test_a_turn_that_is_left_out_in_one_unit_counts_in_none(made):
-    simulation, folder, fit = made(seed=4, clock_rate=0.01, clock_offset_ms=900.0)
-    array, truth = read_array(folder), simulation.truths[1]
-    start, stop = simulation.plan.turns[5]
-    own_s = ((start + stop) / 2 - truth.offset_s) / (1 + truth.rate)
-    unit = array.units[1]
-    config = dataclasses.replace(unit.config, exclude=(LeftOut(unit.logs[0].path.name, own_s),))
-    less = dataclasses.replace(array, units=(array.units[0], dataclasses.replace(unit, config=config), array.units[2]))
-    found = fit_array(less, bias="ends")
-    assert [len(rows) for rows in fit.same.turns] == [12, 12, 12]
-    assert [len(rows) for rows in found.same.turns] == [11, 11, 11]
-    assert (5, 6) not in set(map(tuple, found.same.spans.tolist()))
-
-
-@pytest.mark.broad
-def test_three_sensors_on_one_body(shared, tmp_path):
-    """mikov: the Xsens beside two MEMS units; unit 2's clock is slow by what a separate analysis has, 0.220 %."""
-    (folder,) = mikov.write_array(shared / "mikov", tmp_path / "mikov")
-    fit = fit_array(read_array(folder), bias="ends")
-    assert fit.numbers == (0, 2, 4)
-    assert fit.units[1].place.clock.rate == pytest.approx(0.00220, abs=5e-5)
-    assert fit.split.minus_mean_rad < 0.05 * DEG
-    assert all(np.sqrt(np.trace(unit.covariance[MOUNTING, MOUNTING])) < 0.03 * DEG for unit in fit.units[1:])
 
 
 def test_units_that_stand_out_together_are_not_blamed(made):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.public import mikov, mimu
+from benchmarks.public import mikov
 from session.annexes.arrays.recording import read_array
 from session.detect.check_stills import ACCEL_NOISE, GYRO_NOISE
 from session.detect.findings import Finding
@@ -67,12 +67,3 @@ def test_the_mikov_body_moves_at_rest(shared, tmp_path):
     noise = noise_of_fits(array, clock_fits(array))
     assert noise[GYRO_NOISE].is_common
     assert noise[ACCEL_NOISE].is_own
-
-
-@pytest.mark.slow
-def test_the_noise_of_the_mimu_units_is_their_own(shared, tmp_path):
-    folder = next(mimu.write_array(shared / "mimu", tmp_path / "mimu"))
-    array = read_array(folder)
-    noise = noise_of_fits(array, clock_fits(array))
-    assert noise[GYRO_NOISE].is_own
-    assert noise[GYRO_NOISE].upper < 0.1

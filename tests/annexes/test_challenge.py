@@ -16,10 +16,8 @@ from tinygc import SimulationOptions
 from tinygc.annexes.challenge.examination import (
     ALIKE,
     ALONE,
-    NEEDS,
     STRENGTHS,
     Examination,
-    conceal,
     drawn,
     examine,
     host_of,
@@ -35,7 +33,7 @@ from tinygc.annexes.challenge.examination import (
 from tinygc.annexes.challenge.other_effects import MAKERS, bench
 from tinygc.effects import Movement, catalogue
 from tinygc.simulation.options import draw_unit
-from tinygc.simulation.simulator import plan_of, simulate_session, true_signals
+from tinygc.simulation.simulator import plan_of, true_signals
 
 # What is drawn
 
@@ -58,26 +56,6 @@ def test_the_same_seed_conceals_the_same(tmp_path):
     np.testing.assert_array_equal(sessions[0][0], sessions[1][0])
     assert {path.name for path in (tmp_path / "one").iterdir()} == {"session.toml", "log0001.csv.gz"}
     assert "\n#" not in (tmp_path / "one" / "session.toml").read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(MAKERS))
-def test_what_is_hidden_is_in_the_session_and_fades_with_its_strength(name):
-    options = SimulationOptions(closure_s=0.0, **({"segments": 8} | {k: v for k, v in NEEDS.get(name, {}).items() if k != "segments"}))
-    clean = simulate_session(options).log
-    sizes = []
-    for strength in (1.0, 0.2):
-        simulation, config, truth = conceal({name: strength}, options, np.random.default_rng(4))
-        assert set(truth) == {name}
-        json.dumps(truth)
-        log = simulation.log
-        same = min(len(log.gyro), len(clean.gyro))
-        sizes.append(sum(np.abs(a[:same].astype(float) - b[:same]).sum() for a, b in ((log.gyro, clean.gyro), (log.accel, clean.accel))))
-    if name == "earth.rotation":
-        assert "latitude" not in config
-    else:
-        assert "latitude" in config
-        assert sizes[0] > sizes[1] > 0
 
 
 @pytest.mark.parametrize("name", sorted({name for name in MAKERS if name.startswith("gyro.")} - {"gyro.saturation"}))
@@ -218,13 +196,3 @@ def test_a_session_is_concealed_explained_and_printed():
     table = json.loads(json.dumps(to_json(result)))
     assert table["totals"]["hidden"] == len(answer.hidden)
     assert page(Examination(0, "mine", ("a",), ())).renderables
-
-
-@pytest.mark.slow
-def test_a_strong_effect_in_a_copy_of_a_recording_is_named(host):
-    from tinygc.annexes.challenge.examination import explained
-
-    rng = np.random.default_rng(0)
-    for name in ("gyro.g_sensitivity", "gyro.scale_asymmetry"):
-        session, truth = injected(host, {name: 1.0}, rng)
-        assert judged({name: 1.0}, truth, explained(session)).hidden[0].outcome == "right"

@@ -9,13 +9,11 @@ from simulated_twins import make_twin_of
 
 from session.io.units import DEG
 from tinygc import SimulationOptions, read_session
-from tinygc.annexes.discovery import engine, search_state
+from tinygc.annexes.discovery import search_state
 from tinygc.annexes.discovery.form import Factor, LawForm
-from tinygc.annexes.discovery.law_fits import pairs_of
 from tinygc.annexes.discovery.search_state import FEWEST, RUN, Unseen, beside_calibration, correlation, parted, without
 from tinygc.annexes.discovery.selection import FormEvidence
 from tinygc.closure.build import build_problem
-from tinygc.explanation.engine import explain_session
 from tinygc.noise.components import components_of, undersampling
 from tinygc.noise.twin import Twin
 
@@ -46,22 +44,6 @@ def plain(twin_of):
 
 
 @pytest.mark.broad
-def test_what_is_put_away_is_a_third_and_nothing_of_it_is_seen(plain):
-    shares = []
-    for seed in range(6):
-        split = parted(plain.problem, seed)
-        seen = {id(still) for segment in split.seen.used for still in segment.stills}
-        away = [plain.segments[i] for i in split.parts]
-        inner = [still for segment in away for still in segment.stills if id(still) not in seen]
-        references = {(still.start, still.stop) for log in split.seen.logs for still in log.stills if still.problem is None}
-        assert not references & {(still.start, still.stop) for still in inner}
-        assert len(inner) >= (RUN - 1) * (len(away) // RUN)
-        assert len(split.seen.used) + len(away) == len(plain.segments)
-        shares.append(len(away) / len(plain.segments))
-    assert np.mean(shares) == pytest.approx(1 / 3, abs=0.02)
-
-
-@pytest.mark.broad
 def test_of_several_recordings_one_is_put_away_whole(simulated_with, tmp_path):
     """The smaller of two is not searched at all, where the other is enough; its own samples are still there to be judged by."""
     folder = tmp_path / "two"
@@ -78,19 +60,6 @@ def test_of_several_recordings_one_is_put_away_whole(simulated_with, tmp_path):
     assert [axes.shape for axes in Twin(split.seen).level_axes] == [(len(log.samples.t_ns), 6) for log in problem.logs]
 
 
-@pytest.mark.broad
-def test_two_short_recordings_are_thinned_and_none_is_put_away_whole(simulated_with, tmp_path):
-    folder = tmp_path / "two"
-    shutil.copytree(simulated_with(None, segments=9), folder)
-    shutil.copy(simulated_with(None, segments=9, seed=4) / "log0001.csv.gz", folder / "log0002.csv.gz")
-    problem = build_problem(read_session(folder))
-    for seed in range(3):
-        split = parted(problem, seed)
-        assert split.log is None
-        assert len(split.parts) == 6
-        assert {segment.log for segment in split.seen.used} == {0, 1}
-
-
 @pytest.mark.parametrize("turns", [(15,), (16,), (20,), (21,), (48,), (3,) * 10, (4,) * 6, (5,) * 6, (6,) * 4, (30, 3, 3, 3)])
 def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns, monkeypatch):
     """Many short logs are one session: none is counted anew."""
@@ -102,13 +71,6 @@ def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns, 
         assert FEWEST <= len(split.parts) <= rest / 3 + (RUN if rest > 20 else 1)
         assert np.count_nonzero(~split.seen) >= 2 * FEWEST
     assert len({tuple(split.parts.tolist()) for split in drawn}) == 3
-
-
-@pytest.mark.broad
-def test_few_turns_prove_nothing_and_the_answer_says_so(simulated_with):
-    found = engine.discover(explain_session(simulated_with(None, segments=9)))
-    assert found.verdict == "none"
-    assert found.why == "a third of 9 turns is too few to judge an equation by: record 15 or more"
 
 
 @pytest.mark.broad
@@ -179,18 +141,6 @@ def test_a_form_pays_for_its_bits(weighed):
 
 
 @pytest.fixture(scope="module")
-def discovered(simulated_with):
-    """``discovered(distort, …)``: the answer of a search over ``FORMS`` alone."""
-
-    def search(distort, **options):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(engine, "enumerated", lambda largest: FORMS)
-            return engine.discover(explain_session(simulated_with(distort, **options)))
-
-    return search
-
-
-@pytest.fixture(scope="module")
 def simulated_with(tmp_path_factory):
     from tinygc.simulation.write import write_session
 
@@ -199,38 +149,3 @@ def simulated_with(tmp_path_factory):
         return write_session(chosen, tmp_path_factory.mktemp("law") / "session", distort=distort)
 
     return make
-
-
-LEAKS = LawForm((Factor("acceleration", "square"),), "full")
-MATRIX = 6e-4 * np.array([[1.0, -0.6, 0.4], [0.5, -1.2, 0.3], [-0.4, 0.7, 0.9]])  #: rad/s per (rad/s²)²
-
-
-def two_laws(t_s, rate, force, temp_c):
-    """As ``rectifying``, and the angular accelerations, squared, leak into all axes: three numbers and nine."""
-    return rectifying(t_s, rate, force, temp_c) + np.gradient(rate, t_s, axis=0) ** 2 @ MATRIX.T
-
-
-@pytest.mark.slow
-def test_each_of_two_laws_keeps_its_own_rivals_numbers_and_picture(simulated_with, monkeypatch):
-    monkeypatch.setattr(engine, "enumerated", lambda largest: [*FORMS, LEAKS])
-    explained = explain_session(simulated_with(two_laws, segments=30))
-    answer = engine.discover(explained)
-    assert {law.form for law in answer.laws} == {PRODUCT, LEAKS}
-    truth = {PRODUCT: np.array([0.02, -0.015, 0.01]) * FS_RPS, LEAKS: MATRIX.ravel() * FS_RPS**2}
-    for law in answer.laws:
-        off, sigma = np.abs(law.theta - truth[law.form]), np.sqrt(np.diag(law.covariance))
-        assert np.all(off < 0.05 * np.abs(truth[law.form]).max() + 4 * sigma)  # the derivative of readings is taken over 19 ms
-        assert law.chance_p < 1e-6
-        assert 0 < law.learnable_from < 1
-    drawn = pairs_of(explained, answer)
-    for pair, law in zip(drawn, answer.laws, strict=True):
-        assert pair.own.theta.shape == law.theta.shape
-        assert pair.own.theta == pytest.approx(law.theta, abs=0.05 * np.abs(law.theta).max())
-
-
-@pytest.mark.slow
-def test_what_is_not_there_is_not_said(discovered):
-    answer = discovered(None)
-    assert answer.verdict == "none"
-    assert not answer.laws
-    assert answer.why

@@ -1,6 +1,5 @@
 """All forms by their linear columns: the twin's own columns, laws that are put in, chance, and what could have been learnt."""
 
-from copy import copy
 from dataclasses import replace
 from itertools import combinations, pairwise
 
@@ -11,21 +10,17 @@ from simulated_twins import make_twin_of
 from session.io.units import DEG
 from tinygc.annexes.discovery import screening as spread
 from tinygc.annexes.discovery.constants import gain_of, refined
-from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
+from tinygc.annexes.discovery.detection_limits import learnable_from
 from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, places
 from tinygc.annexes.discovery.equivalence import as_effect
 from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm
 from tinygc.annexes.discovery.projections import FAINT, Projection, basis_of
 from tinygc.annexes.discovery.quantities import largest_of
 from tinygc.annexes.discovery.responses import Responses
-from tinygc.annexes.discovery.screening import Chance, beside_calibration, screened
-from tinygc.annexes.discovery.search_state import without
+from tinygc.annexes.discovery.screening import Chance, screened
 from tinygc.annexes.discovery.selection import takes_calibration
-from tinygc.effects import signals
 from tinygc.explanation.evidence import left_of, orthonormal
-from tinygc.noise import thinned
 from tinygc.noise.refit import Replay, refit
-from tinygc.noise.twin import Twin
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 ROOT_CUBE = LawForm((Factor("rate", "root_cube"),))
@@ -154,16 +149,6 @@ def test_the_tail_goes_on_where_draws_end():
 
 
 @pytest.mark.broad
-def test_noise_that_is_larger_than_stated_raises_no_alarm(seen, null):
-    fit = seen.law(7)
-    usual, loud = (seen.screened(replace(fit, r=scale * fit.r), draws=2) for scale in (1.0, 1.6))
-    assert loud.gain == pytest.approx(1.6**2 * usual.gain, rel=1e-4, abs=1e-4)
-    assert loud.promise.max() > usual.promise.max() + 5
-    assert loud.tested.max() == pytest.approx(usual.tested.max(), abs=1.0)
-    assert null.chance_p(loud.tested.max()) > 0.01
-
-
-@pytest.mark.broad
 def test_forms_that_are_the_same_here_are_said(seen):
     wide = LawForm((Factor("temperature", "within", 1e3),))
     twice = LawForm((Factor("temperature"), Factor("temperature")))
@@ -213,38 +198,6 @@ def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
 
 
 @pytest.mark.broad
-def test_a_form_has_its_neighbours_on_the_grid(null):
-    zones = [form for form in null.forms if form.factors[0].function == "dead_zone"]
-    sharp = zones[0].with_constants(np.array(zones[0].constants) * 1.1)
-    near = null.neighbours(sharp)
-    assert near[0] == zones[0]
-    assert set(near) <= set(zones)
-    assert null.neighbours(ROOT_CUBE) == [ROOT_CUBE]
-
-
-@pytest.mark.broad
-def test_what_could_have_been_found_of_each_quantity(seen, null):
-    sizes = learnable(null, 0.01)
-    assert {"rate", "rate_size", "force", "acceleration"} <= set(sizes)
-    assert all(size is None or 1e-5 < size / DEG < 5 for size in sizes.values())
-    strict = learnable(null, 0.01, 503.0)
-    assert all(strict[name] is None or strict[name] >= size for name, size in sizes.items() if size is not None)
-    # A chi-square of 503, of which 95 % have more: (sqrt(503) + 1.645)^2.
-    shown = {probe.quantity: probe.rms for probe in null.probes}
-    least = [size / shown[name] for name, size in strict.items() if size is not None]
-    assert min(least) == pytest.approx(np.sqrt(503) + 1.645, abs=0.6)
-    costly = copy(null)
-    costly.price = null.price + 30
-    dearer = learnable(costly, 0.01)
-    grown = [(dearer[name] or np.inf) / size for name, size in sizes.items() if size is not None]
-    # Where a rival is all that stands in the way, the price of both does not matter.
-    assert min(grown) > 0.97
-    assert np.median(grown) > 1.2
-    # A bias and a scale are a calibration's: nothing of them is left but what is slower than a hand.
-    assert beside_calibration(LawForm((Factor("rate"),)), np.full(3, DEG), seen.responses.values) < 1e-3 * DEG
-
-
-@pytest.mark.broad
 def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     theta = np.array([3.0, -2.0, 2.5]) * DEG
     fit = seen.law(4, ROOT_CUBE, theta)
@@ -259,30 +212,3 @@ def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     best = every.order[:20]
     assert np.allclose(some.promise[:, best], every.promise[:, best], rtol=1e-3, atol=1e-3)
     assert some.order[0] == every.order[0]
-
-
-@pytest.mark.broad
-def test_a_memory_is_the_same_in_a_part_of_a_long_session(seen, monkeypatch):
-    """Turns that are put away stay sample by sample: a play that they moved would stand elsewhere if they were means over a second."""
-    monkeypatch.setattr(thinned, "LONG", 0)
-    problem = seen.twin.problem
-    held = np.arange(len(problem.used)) % 6 < 2
-    whole, part = Twin(problem), Twin(without(problem, held))
-    assert len(part.segments) < len(whole.segments)
-    there, here = (twin.movements[0] for twin in (whole, part))
-    assert len(there.t_s) < len(problem.logs[0].samples)
-    np.testing.assert_array_equal(here.t_s, there.t_s)
-    np.testing.assert_array_equal(signals.play(here.rate, 0.5), signals.play(there.rate, 0.5))
-
-
-@pytest.mark.broad
-def test_a_sign_of_the_rate_says_nothing_of_rests(seen):
-    """At rest a reading's sign is that of its noise, whose mean is the very residual of the still: a law of it would be found in noise."""
-    columns = seen.responses.columns(LawForm((Factor("rate", "sign"),)))
-    stills = columns[seen.whiten.parts["still"]]
-    assert np.any(columns[seen.whiten.parts["closure"]])
-    # What a hand still does as a rest begins and ends is left of it.
-    noisy = np.concatenate(
-        [np.sign(rate[still.start : still.stop]).mean(axis=0) for log, still in seen.twin.stills for rate in [seen.replay.rates[log]]]
-    )
-    assert np.sum(stills**2) < 0.01 * np.sum(noisy**2)

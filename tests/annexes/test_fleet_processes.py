@@ -161,15 +161,6 @@ def test_effects_that_a_process_does_not_find_end_the_run_and_fail_no_session(fl
     assert rows_of(tmp_path / "out") == 0
 
 
-@pytest.mark.slow
-def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
-    distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        code, out, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", cluster.scheduler_address)
-    assert (code, "4 done, 0 failed, 0 known before" in out) == (0, True), err
-    assert content(tmp_path) == reference
-
-
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "tls://127.0.0.1:9", "nonsense", broad("http://here:80")])
 def test_a_scheduler_that_is_not_there_is_said(address, fleet, tmp_path, run, monkeypatch):
     """Without a client, whose end would be waited for."""

@@ -121,11 +121,6 @@ def test_a_unit_far_off_is_left_out_and_no_other_is():
     assert (p[1:] == 1).all()
 
 
-def test_clean_lots_have_no_such_unit():
-    """200 lots of 20 units at one in a hundred: 8 or more have p < 0.001."""
-    assert sum(estimate(drawn([1] * 20, seed)).excluded.any() for seed in range(200)) < 8
-
-
 def test_what_is_not_told_is_unknown():
     """No accelerometer; and a number that one unit tells is no lot's."""
     results = simulated_lot(12, 5, 1, without_accelerometer=1.0)

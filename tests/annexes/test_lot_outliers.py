@@ -30,10 +30,3 @@ def test_odd_units_are_said_the_least_probable_first_with_the_numbers_to_blame()
     assert first.p_value < second.p_value < 0.01
     assert second.says.startswith("unit serial 00011 does not belong to the lot: gyro bias y -")
     assert first.says.startswith("unit serial 00020, of the single session 00020-0, does not belong to the lot: ")
-
-
-@pytest.mark.slow
-def test_a_clean_lot_has_none():
-    """20 lots, one in a hundred by chance: two at most, p = 0.001."""
-    lots = (lot_sessions(simulated_lot(80, seed, [1, 2])) for seed in range(20))
-    assert sum(len(outliers(lot, estimate(lot))) > 0 for lot in lots) <= 2

@@ -224,14 +224,6 @@ def test_the_u_of_a_use_holds_the_usual_spread_between_switch_ons(fitted):
     assert later.attitude[0].u < 0.1 * x.u
 
 
-def test_a_total_says_that_it_covers_more_than_95_percent(fitted):
-    *axes, whole = use_budgets(fitted, Use("rest"))[1]
-    assert "95 %, and more" in sum_words(whole)
-    assert "at least" not in sum_words(axes[0])
-    drawn = RNG.normal(size=(20_000, 3)) * np.array([each.u for each in axes])
-    assert np.mean(np.linalg.norm(drawn, axis=1) < norm.ppf(0.975) * whole.u) > 0.98
-
-
 def test_so_many_degrees_of_freedom_that_k_does_not_differ_are_infinite():
     assert [freedom_words(freedom) for freedom in (7.7, 9999.0, 27_093_866.0, np.inf)] == ["8", "9999", "∞", "∞"]
     assert "freedom" not in sum_words(budget((1.0, 27_093_866.0)))

@@ -16,7 +16,7 @@ import tinygc
 from session.io.folder import read_session
 from session.io.units import DEG
 from tinygc.annexes.budget.use import ZERO_OF_USE, Use, sources_in_use
-from tinygc.annexes.history.library import FILE, PAGE, PICTURE
+from tinygc.annexes.history.library import FILE, PAGE
 from tinygc.annexes.verification.expected import ZERO, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import read_old
 from tinygc.closure.motion import at_rest
@@ -64,14 +64,6 @@ def test_the_screen_the_files_and_the_json(days, tmp_path, run):
     html = (tmp_path / "out" / PAGE).read_text()
     assert html.count("<svg") >= 14
     assert "holds until" in html
-
-
-@pytest.mark.broad
-def test_the_picture(days, tmp_path, run):
-    pytest.importorskip("matplotlib")
-    code, out, _ = run("history", days, "--out", tmp_path / "out")
-    assert (code, PICTURE in out) == (0, True)
-    assert (tmp_path / "out" / PICTURE).read_bytes().startswith(b"\x89PNG")
 
 
 def test_names_of_folders_are_text_wherever_they_go(fitted, tmp_path, run):
@@ -135,21 +127,6 @@ def test_several_sessions_without_a_serial_number_are_no_unit(fitted, tmp_path, 
             path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.strip().startswith(("serial", '"serial'))))
     refused(run("history", tmp_path / "unit", "--quiet"), "day1: names no serial number; give sensor.serial")
     assert run("history", folders[0], "--quiet")[0] == 0  # one session is of one unit
-
-
-@pytest.mark.broad
-def test_each_serial_has_a_history_of_its_own(days, run):
-    for name in ("day1", "day2"):
-        for path in (days / name / "session.toml", days / name / "fit" / "model_least_squares.json"):
-            path.write_text(path.read_text().replace("SIM-", "OTHER-"))
-    code, out, _ = run("history", days, "--json", "-")
-    assert code == 0
-    assert [len(unit["sessions"]) for unit in json.loads(out)["units"]] == [2, 3]
-    serial = json.loads(out)["units"][0]["serial"]
-    assert len(json.loads(run("history", days, "--serial", serial, "--json", "-")[1])["units"]) == 1
-    path = days / "day3" / "session.toml"
-    path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.startswith("serial")))
-    refused(run("history", days, "--quiet"), "names no serial number")
 
 
 @pytest.mark.broad

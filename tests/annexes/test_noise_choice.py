@@ -122,17 +122,6 @@ def test_the_trace_of_a_filter_is_that_of_any_filter():
     assert model[2] == 0
 
 
-def test_probabilities_are_shares_of_the_evidence():
-    search = search_of(3, N=1.0, K=1.0)
-    best = search.best()
-    assert best.names == ("N", "K")
-    sets = [each for each in search.tried.values() if each is not None]
-    weight = np.exp([each.log_evidence - best.log_evidence for each in sets])
-    with_k = sum(w for w, each in zip(weight, sets, strict=True) if "K" in each.names)
-    assert search.probability("K") == pytest.approx(with_k / weight.sum(), rel=1e-12)
-    assert best.log_evidence == max(each.log_evidence for each in sets)
-
-
 @pytest.mark.parametrize(("name", "drop"), [("B", 1.645**2), ("Q", 2.0**2)])
 def test_a_limit_is_where_the_likelihood_has_dropped_by_its_sigmas(name, drop):
     search = search_of(4, candidates=("Q", "B", "K", "R"), N=1.0)
@@ -146,12 +135,6 @@ def test_a_limit_is_where_the_likelihood_has_dropped_by_its_sigmas(name, drop):
 
     lowest = min(chosen.fitted.value, *(profile(size) for size in np.geomspace(limit / 100, limit, 12)))
     assert profile(0.93 * limit) - lowest < drop < profile(1.07 * limit) - lowest
-
-
-def test_terms_that_are_not_seen_are_no_set(monkeypatch):
-    search = search_of(5, N=1.0)
-    monkeypatch.setattr(choice, "UNSEEN", 0.0)
-    assert search.of(frozenset("K")) is None
 
 
 def test_a_correlation_time_at_the_finest_scale_is_the_filters():

@@ -259,29 +259,6 @@ def test_without_estimated_noise_only_the_rest_is_stated(result, figures):
     assert len(inflations(replace(result, noise=None), figures)) == 1
 
 
-@pytest.mark.slow
-def test_an_error_of_each_turn_is_recovered(tmp_path, figures):
-    """Each turn has a bias of its own, drawn for each session."""
-    sigma, found, expected = 5e-4, [], []
-    for seed in range(8):
-        biases = sigma * np.random.default_rng([seed, 9]).standard_normal((1000, 3))
-
-        def distort(t_s, rate, force, temp_c, biases=biases):
-            turning = np.linalg.norm(rate, axis=1) > 0.1 * DEG
-            return rate + turning[:, None] * biases[np.cumsum(np.diff(turning.astype(int), prepend=0) > 0)]
-
-        options = replace(OPTIONS, segments=30, seed=seed)
-        result = fit_session(write_session(options, tmp_path / str(seed), distort=distort), FitOptions(methods=("least_squares",)))
-        _, turns, _, _ = inflations(result, figures)
-        # By hand: the turn's end for each bias, in the two horizontal angles.
-        batch, rate = result.problem.batch, result.linear.model(result.problem.batch.rate)
-        turning = np.linalg.norm(rate - batch.earth, axis=2) > 1 * DEG
-        ends = np.einsum("stij,st->sij", closure.sensitivity(batch, rate), turning)[:, :2]
-        expected.append(sigma**2 * np.mean(np.sum(ends**2, axis=2)) / np.mean(batch.duration_s))
-        found.append((turns.parts[UNNAMED][0] ** 2 - 1) * figures.gyro.values("N")[0] ** 2)
-    assert np.mean(found) == pytest.approx(np.mean(expected), rel=0.2)
-
-
 def test_the_inflations_of_a_folder_are_those_of_its_fit(folder, result, figures, tmp_path):
     assert inflations_of_folder(folder, figures) == ()
     save_models(result, folder / "fit")

@@ -8,7 +8,7 @@ from scipy.special import ndtri
 from session.io.errors import DataError
 from session.io.samples import Samples
 from tinygc.annexes.noise import summary
-from tinygc.annexes.noise.scales import TOP, above_chance, groups_of, left_out, rest_of, unsteady
+from tinygc.annexes.noise.scales import above_chance, groups_of, left_out, rest_of, unsteady
 from tinygc.annexes.noise.summary import RestSums, contrasts, ratios_of
 
 DT = 0.01
@@ -95,19 +95,6 @@ def test_what_is_shorter_than_a_block_counts_at_the_levels_that_it_fills():
     short = sums_of(six(31, DT, 5, N=1.0), DT)
     assert [group.size for group in groups(short)] == [1]
     assert groups(short)[0].count == 31 // short.ratios[0]
-
-
-def test_the_coarsest_vector_has_no_more_than_its_share():
-    for count in (1000, 20_000, 150_000):
-        found = groups(sums_of(six(count, DT, 6, N=1.0), DT))
-        tops = [group for group in found if group.top]
-        assert len(tops) == 1
-        assert TOP / 9 < len(tops[0].at) <= TOP
-
-
-def test_white_noise_leaves_nothing_out():
-    left = [rest_of(sums_of(six(30_000, DT, seed, N=1.0), DT)).bad.sum() for seed in range(20)]
-    assert sum(left) <= 1
 
 
 def test_the_limit_of_a_peak_is_that_of_gaussian_noise():

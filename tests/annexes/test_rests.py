@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from conftest import SESSION_TOML
-from rest_logs import CHIP, rest_log, rest_samples
+from rest_logs import rest_log, rest_samples
 
 from session.detect.check_stills import check_rest
 from session.detect.events import knocked
@@ -103,21 +103,6 @@ def test_packed_and_unpacked_at_once_is_refused(tmp_path, run):
     code, _, err = run("fit", tmp_path)
     assert code == 2
     assert "holds rest0001.csv and rest0001.csv.gz" in err
-
-
-@pytest.mark.broad
-def test_knocks_are_left_out_and_nothing_else_is():
-    clean = [knocked(rest_log(seed, cycles=1.0)).sum() for seed in range(10)]
-    assert sum(clean) == 0
-    options = {"cycles": 1.0, "knocks": 4}
-    from tinygc.annexes.temperature.options import RestOptions
-    from tinygc.annexes.temperature.rest_simulation import simulate_rest
-
-    moments = simulate_rest(RestOptions(cycle_s=1800.0, **options), CHIP, 5).knock_s
-    out = knocked(log := rest_log(5, **options))
-    for moment in moments:
-        assert out[np.argmin(np.abs(log.t_s - moment))]
-    assert out.sum() <= 4 * len(moments)
 
 
 def test_noise_that_grows_with_temperature_is_no_knock():

@@ -64,25 +64,6 @@ def test_no_lag_is_the_reading_itself():
 # Inject and recover
 
 
-@pytest.mark.broad
-@pytest.mark.parametrize("lag_s", [0.0, 40.0, -40.0])
-def test_slope_bend_and_lag_come_back_within_their_sigmas(lag_s):
-    log = rest_log(3, lag_s=lag_s, slope_dps_per_c=0.034, bend_dps_per_c2=2e-4)
-    for axis in range(3):
-        fit, about_c = fit_one(log, axis)
-        assert about_c == pytest.approx(30, abs=2)
-        truth = SIGN[axis] * np.array([0.034 + 4e-4 * (about_c - 30), 2e-4])
-        assert fit.order >= 2
-        # What a lead leaves of a lag, tau a w^2 of the swing at w, is no noise (test_a_lead_undoes_a_lag_up_to_its_own_time).
-        left = abs(truth) * 40.0**2 / (LEAD - 1) * (2 * np.pi / 1800) ** 2 * 2 * (lag_s < 0)
-        assert (np.abs(fit.terms[1:3] / DEG - truth) < 4 * fit.sigma[1:3] / DEG + left).all()
-        assert fit.sigma[1] / DEG < 1e-4
-        if lag_s:
-            assert fit.tau_s == pytest.approx(lag_s, abs=max(4 * fit.sigma[-1], 0.5))
-        else:
-            assert fit.tau_s == 0
-
-
 def test_a_hysteresis_that_no_lag_removes_remains_as_the_uncertainty():
     """The measured case: 0.65 dps between the branches of an axis that hardly follows temperature otherwise."""
     fit, _ = fit_one(rest_log(2, hysteresis_dps=0.65, slope_dps_per_c=0.002, bend_dps_per_c2=0.0))

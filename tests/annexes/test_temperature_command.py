@@ -68,21 +68,6 @@ def test_the_order_can_be_held_down(rests, tmp_path, run):
     assert {axis["order"] for axis in json.loads((tmp_path / "x.json").read_text())["gyro"]} == {1}
 
 
-@pytest.mark.slow
-def test_a_session_with_its_rest_logs(folder, rests, tmp_path, run):
-    shutil.copy(rests / "rest0001.csv.gz", folder)
-    code, out, err = run("fit", folder, "--temperature", "--json", tmp_path / "x.json")
-    assert code == 0, err
-    table = json.loads((tmp_path / "x.json").read_text())
-    assert len(table["sessions"]) == 1
-    assert len(table["model"]["E_per_c"]) == 1
-    assert "taken to be the same elsewhere" in " ".join(out.split())
-    # Without --temperature the rest logs change nothing.
-    code, out, _ = run("fit", folder, "--methods", "least_squares")
-    assert code == 0
-    assert "rest" not in out.split("files:")[0]
-
-
 def test_several_folders_ask_for_temperature(folder, rests, run):
     code, _, err = run("fit", folder, rests)
     assert code == 2

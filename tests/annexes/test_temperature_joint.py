@@ -73,22 +73,6 @@ def test_the_zero_form_of_a_covariance_is_its_derivative():
     np.testing.assert_allclose(values[:9].reshape(3, 3) @ (m - values[9:]), model(m), atol=1e-15)
 
 
-@pytest.mark.slow
-def test_recorded_sessions_and_a_rest_log_give_E_and_zero_at_every_temperature(rests):
-    shape = of_rests_alone("x", rests, {}).model
-    points = [point_of(recorded(celsius, seed), shape) for seed, celsius in enumerate((-5.0, 60.0), start=1)]
-    fit = joined("x", join(points, rests), rests, {})
-    assert len(fit.model.E_terms) == 2
-    for celsius in (-5.0, 30.0, 60.0):
-        E, zero = fit.model.at(celsius).E, fit.model.zero(np.full((1, 3), celsius))[0]
-        sigma_E, sigma_zero = fit.sigma_at(celsius)
-        assert (np.abs(E - TRUTH.at(celsius).E) < 4 * sigma_E + 5e-6).all()
-        assert np.abs(zero - TRUTH.zero(np.full((1, 3), celsius))[0]).max() < 4 * sigma_zero.max() + 5e-4 * DEG
-        assert sigma_E.max() < 2e-4
-    # The session's own warming, 3 degC at 0.03 dps/degC, would move its zero without the rest log.
-    assert np.abs(points[0].values[9:] - TRUTH.zero(np.full((1, 3), points[0].temp_c))[0]).max() < 5e-3 * DEG
-
-
 def test_a_session_is_brought_to_its_mean_temperature_and_fitted(monkeypatch):
     """Readings less the change of the zero since the mean temperature, each axis at its element; then the fit of such a session."""
     model, session = replace(TRUTH, lag_s=np.array([30.0, 0.0, -10.0])), recorded(20.0, 1, turns=2)

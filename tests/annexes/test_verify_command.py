@@ -11,8 +11,7 @@ from scipy.stats import chi2
 from verify_units import OPTIONS, SIGMA, rest_log, session_of, write
 
 import tinygc
-from session.io.units import DEG, MG
-from tinygc.annexes.verification.expected import ACCELEROMETER_ZERO
+from session.io.units import DEG
 from tinygc.annexes.verification.old import read_old
 from tinygc.library.sessions import Simulated
 from tinygc.models.linear import LinearModel
@@ -79,41 +78,6 @@ def test_the_cost_is_that_of_the_true_change(model, unit):
     _, truth = minute_of(found.result.rows).largest_error(read_old(model).linear, LinearModel(today.E, today.B))
     assert found.result.cost.as_it_is == pytest.approx(truth, abs=0.3 * np.linalg.norm(truth))
     assert np.linalg.norm(found.result.cost.bias_anew) > 0.5 * np.linalg.norm(truth)  # E is not mended by another B
-
-
-@pytest.mark.broad
-@pytest.mark.parametrize("milligrams", [10.0, 20.0])
-def test_another_zero_of_the_accelerometer_is_named(model, unit, milligrams):
-    today = replace(unit, accel_shift=unit.accel_shift + np.array([0.6, -0.8, 0]) * milligrams * MG)
-    found = tinygc.verify(model, session_of(today))
-    assert found.result.alarm
-    assert found.result.diagnosis.best.names == ("accelerometer's zero",)
-    assert found.result.diagnosis.best.change[ACCELEROMETER_ZERO] == pytest.approx(np.array([0.6, -0.8, 0]) * milligrams * MG, abs=0.4 * MG)
-    assert f"x {found.result.diagnosis.best.change[ACCELEROMETER_ZERO][0] / MG:+.3g}" in found.result.diagnosis.best.words[0]
-
-
-@pytest.mark.broad
-def test_rates_of_another_range_are_an_answer_and_no_error(model, unit):
-    today = replace(unit, E=2 * unit.E, B=unit.B)  # reads half of what it should
-    found = tinygc.verify(model, session_of(today))
-    assert found.answer == "does not hold"
-    assert found.result.diagnosis.best.names[0] == "common scale"
-    assert any("gyro scale" in fact for fact in found.result.facts)
-    assert "-50 ± " in found.headline
-
-
-@pytest.mark.broad
-def test_a_jump_within_the_recording_is_timed_and_sized(model, unit):
-    jump = np.array([0.3, -0.2, 0.1]) * DEG
-
-    def distort(t_s, rate, force, temp_c):
-        return rate + jump * (t_s >= 25.0)[:, None]
-
-    found = tinygc.verify(model, Simulated({}, simulate_session(replace(OPTIONS, segments=14), distort, unit=unit)).session)
-    (step,) = [cause for cause in found.result.diagnosis.best.causes if cause.name == "step"]
-    assert step.at == pytest.approx(25.0, abs=5.0)
-    assert found.result.diagnosis.best.theta[:3] == pytest.approx(jump, abs=0.03 * DEG)
-    assert "B anew would not last" in found.summary()
 
 
 def test_a_minute_at_rest_asks_the_zero_and_leaves_e_open(model, unit, run, tmp_path):

@@ -182,11 +182,6 @@ def test_without_turns_the_rates_at_rest_are_asked_with_a_plausible_e_and_what_i
     assert (found.statistic, found.rank) == (pytest.approx(left @ inverse @ left, rel=1e-6), len(r) - 3)
 
 
-def test_without_a_change_alarms_have_the_stated_rate():
-    alarms = [any(not q.holds for q in asked(made_rows(seed), false_alarm=0.2).values()) for seed in range(150)]
-    assert stats.binomtest(sum(alarms), 150, 0.2).pvalue > 0.01
-
-
 def single(rows, name="one", column=MATRIX_OF_21[0], size=1.0) -> Cause:
     into = np.zeros((COUNT, 1))
     into[column] = size * PLAUSIBLE[column]

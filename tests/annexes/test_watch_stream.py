@@ -8,7 +8,6 @@ import json
 import os
 import socket
 import sys
-import time
 
 import numpy as np
 import processes
@@ -238,15 +237,6 @@ def test_damage_and_restarts_of_a_stream_are_items():
 
 @posix_only
 @pytest.mark.broad
-def test_another_programs_table_at_standard_input(model):
-    rows = csv(samples(20, 1)).replace("t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2", "when,a,b,c,d,e,f")
-    columns = "t_us=when,gx_rps=a,gy_rps=b,gz_rps=c,ax_mps2=d,ay_mps2=e,az_mps2=f"
-    done = processes.run([*processes.CALIBRATE, "watch", model, "-", "--columns", columns], input=rows.encode(), capture_output=True)
-    assert (done.returncode, b"HELD" in done.stdout) == (0, True), done.stderr
-
-
-@posix_only
-@pytest.mark.broad
 def test_a_growing_log_is_followed_until_ctrl_c(tmp_path, model):
     log = tmp_path / "log.csv"
     whole = csv(STEP)
@@ -261,26 +251,6 @@ def test_a_growing_log_is_followed_until_ctrl_c(tmp_path, model):
         process.send_signal(2)
         assert process.wait(60) == 1
     assert json.loads((tmp_path / "out.jsonl").read_text().splitlines()[-1])["event"] == "end"
-
-
-@posix_only
-@pytest.mark.broad
-def test_datagrams(model):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    lines = csv(STEP).splitlines(keepends=True)
-    command = [*processes.CALIBRATE, "watch", model, f"udp:127.0.0.1:{port}", "--until-alarm"]
-    with (
-        processes.started(command, stdout=processes.PIPE, stderr=processes.PIPE) as process,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):
-        deadline = time.monotonic() + 60
-        while process.poll() is None and time.monotonic() < deadline:  # again and again: nothing says when it listens
-            for k in range(1, len(lines), 100):
-                sender.sendto((lines[0] + "".join(lines[k : k + 100])).encode(), ("127.0.0.1", port))
-                time.sleep(0.001)
-        assert process.wait(60) == 1
 
 
 class Datagrams:

@@ -139,7 +139,7 @@ class ArrayLogs:
 # lever arm of a unit with an unknown position is left out, and a note is written.
 
 
-def fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change: np.ndarray, used: np.ndarray) -> np.ndarray:
+def _fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return (T, 3) m/s^2 in the array's frame, at the first unit's accelerometer where positions are known.
 
     force (T, N, 3) m/s^2 calibrated, in each unit's body frame, NaN for none; rate (T, 3) rad/s, change (T, 3) rad/s^2 of the array; used
@@ -252,7 +252,7 @@ def apply_array(
             columns, decimals = [t_ns, *(rate / (DEG if unit == "dps" else 1.0)).T], [0, *[DECIMALS[unit]] * 3]
             there = np.isfinite(rate).all(axis=1)
             if force:
-                one = fused_force(model, units_force, rate, change, in_use)
+                one = _fused_force(model, units_force, rate, change, in_use)
                 there &= np.isfinite(one).all(axis=1)
                 columns, decimals = [*columns, *one.T], [*decimals, *[DECIMALS["mps2"]] * 3]
             columns, decimals = [*columns, *[np.ones(len(t_ns), np.int64)] * len(done)], [*decimals, *[0] * len(done)]

@@ -42,12 +42,12 @@ def check_array(array: ArraySession, further: Callable[[Session, SessionStills],
         fits = clock_fits(array)
     except CalibrationError as error:
         return [*findings, Finding("error", array.name, WHAT, str(error), "")]
-    noise = noise_of_fits(array, fits)
+    noise = _noise_of_fits(array, fits)
     bodies = [Finding("ok", f"unit {n}", WHAT, _said(fit, array.numbers[0])) for n, fit in zip(array.numbers[1:], fits[1:], strict=True)]
     return [*(_with_source(finding, noise) for finding in findings), *bodies, *(_at_rest(array, *each) for each in noise.items())]
 
 
-def noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, SharedNoise]:
+def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, SharedNoise]:
     """Return what the noise at rest of the units has in common, by finding; empty where the motion does not tell their mountings."""
     if not all(fit.map_is_known for fit in fits):
         return {}

@@ -71,7 +71,7 @@ BAR = 2.0
 ROUNDS = 6
 
 
-def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]:
+def positions(motion: _ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]:
     """Return each unit's position (3,) m from the first, in the array's axes, and its covariance (3, 3) m^2.
 
     None where the motion does not determine it.  The first unit's is zero.
@@ -79,13 +79,13 @@ def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]
     from scipy.optimize import minimize_scalar
 
     found: list[tuple[np.ndarray, np.ndarray] | None] = [(np.zeros(3), np.zeros((3, 3)))]
-    begun = {i: solved for i in range(1, len(motion.force)) if (solved := solve_position(motion.rows(i, 0.0))) is not None}
+    begun = {i: solved for i in range(1, len(motion.force)) if (solved := _solve_position(motion.rows(i, 0.0))) is not None}
     if not begun:
         return found + [None] * (len(motion.force) - 1)
     scales = {i: BAR * float(sigma_of(np.concatenate(each.left))) for i, each in begun.items()}
 
     def left(delay_s: float) -> float:
-        at = {i: solve_position(motion.rows(i, delay_s)) for i in begun}
+        at = {i: _solve_position(motion.rows(i, delay_s)) for i in begun}
         if any(each is None for each in at.values()):
             return math.inf
         return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
@@ -93,14 +93,14 @@ def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]
     bounds = (-MOST_DELAY_S, MOST_DELAY_S)
     delay_s = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": DELAY_STEP_S}).x)
     for i in range(1, len(motion.force)):
-        first = solve_position(motion.rows(i, delay_s))
-        whole = None if first is None else solve_position(motion.rows(i, delay_s, first.x[:3]))
+        first = _solve_position(motion.rows(i, delay_s))
+        whole = None if first is None else _solve_position(motion.rows(i, delay_s, first.x[:3]))
         found.append(None if whole is None else whole.position)
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class ArrayMotion:
+class _ArrayMotion:
     """Splines of each unit's calibrated rate and force, by log, in the array's axes; turns: log and times (N,) s of each."""
 
     rate: list[list[CubicSpline]]
@@ -108,7 +108,7 @@ class ArrayMotion:
     turns: list[tuple[int, np.ndarray]]
 
     @classmethod
-    def of(cls, units: list[ArrayUnit], joint: Joint) -> ArrayMotion:
+    def of(cls, units: list[ArrayUnit], joint: Joint) -> _ArrayMotion:
         """The motion of a fitted array."""
         rate, force = ([_of_logs(unit, joint, i, what) for i, unit in enumerate(units)] for what in ("rate", "force"))
         anchor, turns = units[joint.same.anchor].problem, []
@@ -162,7 +162,7 @@ class SolvedPosition:
     position: tuple[np.ndarray, np.ndarray] | None
 
 
-def solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition | None:
+def _solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition | None:
     """Solve design (n, P) and values (n,) of each turn, in m/s^2, the position (3,) m first; None with too few turns or directions."""
     if len(turns) < FEWEST_TURNS:
         return None
@@ -288,15 +288,15 @@ def fit_array(
     ``places_of``, and FitError where fewer than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
-    ages = ages_of(array, clock_fits(array)) if of_one_reader(array) else ()
+    ages = ages_of(array, clock_fits(array)) if _of_one_reader(array) else ()
     sampled = corrected(array, ages) if any(each.found for each in ages) else array
     units, left = prepare_units(sampled, places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)
     progress("motion beyond the data rate")
     missed = missed_between(units, same)
-    chosen, p_value, joint = by_bias(units, same, missed, bias, use_earth, progress)
+    chosen, p_value, joint = _by_bias(units, same, missed, bias, use_earth, progress)
     progress("positions")
-    where = positions(ArrayMotion.of(units, joint))
+    where = positions(_ArrayMotion.of(units, joint))
     covariance = units_covariance(units, joint)
     split = split_of(joint)
     recorded = dict(zip(array.numbers, array.units, strict=True))
@@ -348,7 +348,7 @@ def fit_array(
     )
 
 
-def of_one_reader(array: ArraySession) -> bool:
+def _of_one_reader(array: ArraySession) -> bool:
     """Return whether all units have identical stamps: one reader stamped them, and readings may be older than their stamps."""
     first = array.units[0].logs
     return all(
@@ -369,7 +369,7 @@ def missed_between(units: list[ArrayUnit], same: SameStills) -> np.ndarray:
     return np.sqrt(square / np.maximum(count, 1))
 
 
-def by_bias(
+def _by_bias(
     units: list[ArrayUnit], same: SameStills, missed: np.ndarray, bias: str, use_earth: bool, progress: Callable[[str], None]
 ) -> tuple[str, float | None, Joint]:
     """Return the biases' source, the p-value of the stills' advantage, and the estimate with that source."""
@@ -430,7 +430,7 @@ def begins_s(fit: ArrayFit) -> float:
     return float(fit.array.units[0].logs[0].samples.t_ns[0]) * NS
 
 
-def place_to_json(place: UnitPlace) -> dict:
+def _place_to_json(place: UnitPlace) -> dict:
     """Return ``clock``, ``mounting``, ``position`` of a unit; null where unknown."""
     known = place.position_m is not None and place.position_covariance is not None
     return {
@@ -457,7 +457,7 @@ def _unit(unit: UnitFit, own_p: float) -> dict:
     return {
         "number": unit.number,
         "serial": unit.session.config.sensor.serial,
-        **place_to_json(unit.place),
+        **_place_to_json(unit.place),
         "closure": {
             "alone_rms_deg": unit.closure_rad / DEG,
             "floor_rms_deg": unit.floor_rad / DEG,

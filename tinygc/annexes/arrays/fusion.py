@@ -180,7 +180,7 @@ class Resampler:
 AVERAGING_S = 3.0
 
 
-def build_array_model(
+def _build_array_model(
     units: Sequence[FusedUnit],
     rate_hz: float,
     *,
@@ -245,7 +245,7 @@ class FittedUnit(Protocol):
 def array_model_of(array: ArraySession, fitted: Sequence[FittedUnit], covariance: np.ndarray | None = None) -> ArrayModel:
     """Build the model of fitted units; covariance (K N, K N) of all their numbers, unit by unit, each in the order of the unit's own.
 
-    Raises CalibrationError as ``build_array_model``.
+    Raises CalibrationError as ``_build_array_model``.
     """
     units = [
         FusedUnit(
@@ -267,4 +267,4 @@ def array_model_of(array: ArraySession, fitted: Sequence[FittedUnit], covariance
         rows = np.concatenate([np.arange(PARAMETERS) + each * i for i in range(len(units))])
         joint = covariance[np.ix_(rows, rows)]
     rate_hz = 1 / fitted[0].session.logs[0].samples.period_s
-    return build_array_model(units, rate_hz, joint_covariance=joint, session=array.name)
+    return _build_array_model(units, rate_hz, joint_covariance=joint, session=array.name)

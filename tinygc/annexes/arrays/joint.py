@@ -65,7 +65,7 @@ class ArrayEvent:
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseBlocks:
+class _NoiseBlocks:
     """Blocks of rows (B, d) that are kept or rejected together, by the unit they belong to; spans (B, 2) stills."""
 
     what: str
@@ -74,20 +74,20 @@ class NoiseBlocks:
     spans: np.ndarray
 
 
-def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[NoiseBlocks]:
+def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[_NoiseBlocks]:
     """Return the blocks of every unit's turns and stills, and of the common part."""
     found = []
     for i, unit in enumerate(rows):
-        found.append(NoiseBlocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])))
+        found.append(_NoiseBlocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])))
     for i, unit in enumerate(rows):
-        found.append(NoiseBlocks(OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])))
+        found.append(_NoiseBlocks(OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])))
     q = np.arange(len(same))
-    found.append(NoiseBlocks(COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])))
-    found.append(NoiseBlocks(COMMON_STILL, None, where.level, np.column_stack([q, q])))
+    found.append(_NoiseBlocks(COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])))
+    found.append(_NoiseBlocks(COMMON_STILL, None, where.level, np.column_stack([q, q])))
     return found
 
 
-def candidates(solution: Solution, blocks: list[NoiseBlocks]) -> list[ArrayEvent]:
+def candidates(solution: Solution, blocks: list[_NoiseBlocks]) -> list[ArrayEvent]:
     """Return each block's event, with the family-wise probability that chance makes one as large.
 
     A block's share in the estimate of its own component is removed: an F test of its residual against those of the others.
@@ -112,7 +112,7 @@ def candidates(solution: Solution, blocks: list[NoiseBlocks]) -> list[ArrayEvent
     return found
 
 
-def worst_of_each_turn(found: list[ArrayEvent], out: np.ndarray) -> list[ArrayEvent]:
+def _worst_of_each_turn(found: list[ArrayEvent], out: np.ndarray) -> list[ArrayEvent]:
     """Return the new events, at most one of each turn or still, since one bad reading also shows in the rows that share its turn."""
     best: dict[tuple[bool, int], ArrayEvent] = {}
     for event in found:
@@ -240,7 +240,7 @@ def estimate(
             solution = system.estimated(t, np.arange(len(t)) >= len(t) - 3 if alone else None)
             t = solution.t
         out = system.out
-        new = worst_of_each_turn(candidates(solution, blocks), out) if turn else []
+        new = _worst_of_each_turn(candidates(solution, blocks), out) if turn else []
         if new:
             events += new
             out = out.copy()
@@ -422,7 +422,7 @@ def split_of(joint: Joint) -> VarianceSplit:
         _times(fast, predicted),
         predicted,
         joint.component("common.level"),
-        gains_of(joint),
+        _gains_of(joint),
         minus,
         of_unit,
         _turns(joint),
@@ -463,7 +463,7 @@ def _times(size: tuple[float, float], factor: float) -> tuple[float, float]:
     return (factor * size[0], factor * size[1]) if factor > 0 else (0.0, 0.0)
 
 
-def gains_of(joint: Joint) -> dict[str, float]:
+def _gains_of(joint: Joint) -> dict[str, float]:
     """Return ``VarianceSplit.gains``: drops of -2 log likelihood from no common part, all other components estimated anew."""
     system, t = joint.solution.system, joint.solution.t
     fast = float(np.mean(joint.missed_rad**2))

@@ -1,0 +1,272 @@
+"""Clocks, mountings, reading ages and shared noise of an array's units: injected and recovered, refused where there is no rigid body."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from array_twins import DEG, Body, Unit, any_unit, array_of, samples_of
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from benchmarks.public import mikov
+from session.annexes.arrays.recording import ArraySession, read_array
+from session.detect.check_stills import ACCEL_NOISE, GYRO_NOISE
+from session.detect.findings import Finding
+from session.io.units import NS
+from tinygc import CalibrationError
+from tinygc.annexes.arrays.checks import _noise_of_fits, _with_source
+from tinygc.annexes.arrays.clocks import _interpolated_variance, _rough_clock, rates_of
+from tinygc.annexes.arrays.extrinsics import _TRIADS_RAD, _fit_mounting, clock_fits, places_of
+from tinygc.annexes.arrays.latency import _sawtooth, ages_of, corrected
+from tinygc.annexes.arrays.rest_noise import SharedNoise, correlated
+from tinygc.explanation.standing import Standing
+
+ABOUT_S = 14.5  #: half of the body's time
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return Body(turns=9, seed=1)
+
+
+def injected(unit: Unit, first: Unit, about_s: float) -> tuple[float, float]:
+    """Offset and rate of a unit's clock against the first's, exactly: both are known against the body's."""
+    rate = (1 + unit.rate) / (1 + first.rate) - 1
+    moment = about_s + unit.offset_s + unit.rate * (about_s - ABOUT_S)  # of the body
+    on_first = (moment - first.offset_s + first.rate * ABOUT_S) / (1 + first.rate)
+    return on_first - about_s, rate
+
+
+def test_variance_of_an_interpolated_reading_is_what_a_spline_through_noise_has():
+    spline = CubicSpline(np.arange(40_000.0), np.random.default_rng(3).normal(size=40_000))
+    phases = np.array([0.0, 0.25, 0.5, 0.9])
+    expected = [np.var(spline(np.arange(100.0, 39_900.0) + phase)) for phase in phases]
+    np.testing.assert_allclose(_interpolated_variance(phases)[0], expected, rtol=0.03)
+
+
+def test_the_rough_clock_needs_no_mounting(body):
+    first, unit = any_unit(1), any_unit(2, offset_s=-2.5, rate=0.008)
+    rough = _rough_clock(*(rates_of(samples_of(body, each, 100.0, seed), 2000.0) for seed, each in enumerate((first, unit))))
+    offset_s, rate = injected(unit, first, rough.about_s)
+    assert rough.likeness > 0.97
+    assert abs(rough.offset_s - offset_s) < 0.1
+    assert abs(rough.rate - rate) < 0.005
+
+
+def test_a_mounting_is_recovered_within_its_covariance(body):
+    """Of a gyroscope that is misaligned by a degree, which the mounting must not take for its own; chi-square of 3, four times: 3 ± 1.2."""
+    rotation, pulls = Rotation.from_rotvec(np.array([60, -110, 35]) * DEG), []
+    for seed in range(4):
+        unit = Unit(rotation.as_matrix(), np.eye(3) + np.array([[0, 0.02, 0], [-0.02, 0, 0.01], [0, -0.01, 0]]), offset_s=0.4)
+        place = places_of(array_of(body, [Unit(), unit], seed=seed))[1]
+        miss = (Rotation.from_matrix(place.mounting) * rotation.inv()).as_rotvec()
+        assert np.abs(miss).max() < 0.2 * DEG
+        pulls.append(miss @ np.linalg.solve(place.mounting_covariance, miss))
+    assert 0.5 < np.mean(pulls) < 8.0
+
+
+def test_rates_tell_the_turn_about_the_vertical_where_gravity_stays():
+    """With gravity along one axis in all stills, only the rates know the rest, and the covariance says so."""
+    down = np.tile([0.0, 0.0, -1.0], (10, 1))
+    found = _fit_mounting(down, down, Rotation.from_rotvec([0.001, 0.002, 0.01]).as_matrix().T)
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert sigma[2] == pytest.approx(_TRIADS_RAD, rel=0.01)
+    assert sigma[:2].max() < 0.5 * _TRIADS_RAD
+    assert Rotation.from_matrix(found.matrix).as_rotvec() == pytest.approx([0, 0, 0.01], abs=3e-4)
+
+
+def altered(array: ArraySession, number: int, change) -> ArraySession:
+    """With other rates of one unit: change of (N, 3)."""
+    unit = array.units[number]
+    samples = unit.logs[0].samples
+    log = replace(unit.logs[0], samples=replace(samples, gyro=change(np.array(samples.gyro))))
+    return replace(array, units=tuple(replace(unit, logs=(log,)) if i == number else each for i, each in enumerate(array.units)))
+
+
+def dead(rate):
+    rate[:] = rate[0]
+    return rate
+
+
+def without_y(rate):
+    rate[:, 1] = 0.0
+    return rate
+
+
+def elsewhere(rate):
+    return np.roll(rate, len(rate) // 3, axis=1) * np.linspace(-1, 1, len(rate))[::-1, None]
+
+
+@pytest.mark.parametrize(
+    ("number", "change", "says"),
+    [
+        (2, elsewhere, r"unit 2 did not feel the motion of the array's first unit: .* correlation of their speeds is 0\."),
+        (0, elsewhere, r"unit 0 did not feel the motion of the others"),
+        (1, dead, r"unit 1 reads one and the same rate throughout: it is dead"),
+        (1, lambda rate: rate * [1, 1, -1], r"unit 1 has mirrored axes"),
+        (0, lambda rate: rate * [1, -1, 1], r"unit 0 has mirrored axes"),
+        (0, without_y, r"unit 0 reads one and the same rate about y throughout"),
+        (1, without_y, r"unit 1 reads one and the same rate about y throughout"),
+    ],
+)
+def test_a_unit_that_cannot_be_of_the_body_is_named(body, number, change, says):
+    with pytest.raises(CalibrationError, match=says):
+        clock_fits(altered(array_of(body, [any_unit(1), any_unit(2), any_unit(3)]), number, change))
+
+
+@pytest.mark.parametrize(("number", "share"), [(0, 0.5), (1, 0.4)])
+def test_a_unit_that_dies_has_the_clock_that_it_had(body, number, share):
+    def dies(rate):
+        last = int(share * len(rate))
+        rate[last:] = rate[last]
+        return rate
+
+    units = [any_unit(1), any_unit(2, offset_s=0.5, rate=0.003), any_unit(3)]
+    clock = clock_fits(altered(array_of(body, units), number, dies))[1].clock
+    offset_s, rate = injected(units[1], units[0], clock.about_s)
+    assert abs(clock.offset_s - offset_s) < 5 * clock.offset_sigma_s
+    assert abs(clock.rate - rate) < 5 * clock.rate_sigma
+
+
+def test_a_register_that_sticks_is_no_measurement(body):
+    samples = samples_of(body, Unit(), 100.0, 1)
+    rate = np.array(samples.gyro)
+    rate[1000:1049], rate[2000:2050] = rate[1000], rate[2000]
+    good = rates_of(replace(samples, gyro=rate), 2000.0).good
+    assert good[1000:1049].all()
+    assert not good[2000:2050].any()
+    assert np.count_nonzero(~good) < 60
+
+
+def test_a_body_that_turns_about_one_axis_tells_clocks_but_no_mounting():
+    """The map between rates about axes that nothing turned about is noise: no mirror is read in it, and no mounting."""
+    one = Body(turns=9, seed=1)
+    times = one.rate.x
+    one.rate = CubicSpline(times, np.linalg.norm(one.rate(times), axis=1)[:, None] * [0.0, 0.0, 1.0])
+    one.force = CubicSpline(times[[0, -1]], np.tile([0.0, 0.0, -9.80665], (2, 1)))
+    units = [any_unit(1), any_unit(2, offset_s=0.3)]
+    fit = clock_fits(array_of(one, units))[1]
+    assert not fit.map_is_known
+    off_s = fit.clock.offset_s - injected(units[1], units[0], fit.clock.about_s)[0]
+    assert abs(off_s) < min(0.01, 4 * fit.clock.offset_sigma_s)
+    with pytest.raises(CalibrationError, match="the body turned about too few axes"):
+        places_of(array_of(one, units))
+
+
+def in_two_logs(array: ArraySession, again_s: float) -> ArraySession:
+    """Each unit's log cut in two; the clock of the second unit set by so much between them."""
+    units = []
+    for number, unit in enumerate(array.units):
+        samples = unit.logs[0].samples
+        middle = len(samples) // 2
+        parts = [samples.between(0, middle), samples.between(middle, len(samples))]
+        parts[1] = replace(parts[1], t_ns=parts[1].t_ns + int(number * again_s * 1e9))
+        units.append(replace(unit, logs=tuple(replace(unit.logs[0], samples=part) for part in parts)))
+    return replace(array, units=tuple(units))
+
+
+def test_one_clock_runs_through_all_logs(body):
+    array = array_of(body, [any_unit(1), any_unit(2, offset_s=0.7, rate=0.004)])
+    whole, parts = (clock_fits(each)[1].clock for each in (array, in_two_logs(array, 0.0)))
+    at = np.array([parts.about_s])
+    assert parts.array_time(at) == pytest.approx(whole.array_time(at), abs=5 * whole.offset_sigma_s)
+    assert parts.rate == pytest.approx(whole.rate, abs=5 * whole.rate_sigma)
+    with pytest.raises(CalibrationError, match=r"unit 1: its clock was set anew between two logs: .* give each log an array's folder"):
+        clock_fits(in_two_logs(array, 3.0))
+
+
+# Readings that wait for their reader.
+
+
+def test_a_sawtooth_of_ages_is_recovered_and_a_unit_without_one_has_none():
+    """Turns, then shaking: so that the phase has to be carried from turn to turn; the ages are the truth's but for one constant of all."""
+    body, beats = Body(turns=5, seed=4, shaken_s=10.0), {0: -2.4, 1: 0.8, 3: 1.9}
+    aged = {number: {"beat_hz": hz, "phase": 0.3 * number, "period_s": 1e-3} for number, hz in beats.items()}
+    units = [any_unit(number, noise_dps=0.06, **aged.get(number, {})) for number in range(4)]
+    array = array_of(body, units, 62.5)
+    ages = ages_of(array, clock_fits(array))
+    assert [each.found for each in ages] == [True, True, False, True]
+    for each, unit, session in zip(ages, units, array.units, strict=True):
+        if not each.found:
+            continue
+        assert each.beat_hz == pytest.approx(unit.beat_hz, abs=max(4 * each.beat_sigma_hz, 0.004))
+        assert each.period_s == pytest.approx(1e-3, abs=max(4 * each.period_sigma_s, 5e-5))
+        assert each.p_value < 1e-6
+        t_s = session.logs[0].samples.t_ns * NS
+        miss = each.age_s(t_s) - unit.age_s(t_s)
+        near_jump = np.abs(miss) > 0.5e-3  # a jump that is a reading early or late
+        assert np.mean(near_jump) < 0.03
+        assert np.std(miss[~near_jump]) < 0.06e-3
+    moved = corrected(array, ages).units[0].logs[0].samples.t_ns - array.units[0].logs[0].samples.t_ns
+    assert -1_000_000 <= moved.min() < -900_000
+    assert moved.max() <= 0
+    two = array_of(body, [any_unit(0, noise_dps=0.06, **aged[1]), any_unit(1, noise_dps=0.06)], 62.5)
+    assert not any(each.found for each in ages_of(two, clock_fits(two)))  # of two units nothing tells whose age it is
+
+
+def test_an_expected_sawtooth_is_exact_far_from_its_jump_and_half_where_nothing_is_known():
+    cycles = np.array([-0.75, 0.25, 7.5, 0.999, 1.001])
+    assert _sawtooth(cycles, np.full(5, 1e-4)) == pytest.approx([0.25, 0.25, 0.5, 0.999, 0.001], abs=1e-3)
+    assert _sawtooth(np.array([3.0]), np.array([0.01])) == pytest.approx(0.5, abs=0.01)
+    assert _sawtooth(np.array([0.2, 0.9]), np.full(2, 0.6)) == pytest.approx(0.5, abs=0.05)
+
+
+# Noise at rest that units share.
+
+
+def groups(common: float, units: int = 4, stills: int = 20, blocks: int = 40, seed: int = 0, own: float = 1.0):
+    """Differences of neighbouring means: of a motion of the body, and of each unit's own noise, of these sigmas."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(stills):
+        body = common * rng.normal(size=(blocks + 1, 3))
+        found.append([np.diff(body + own * rng.normal(size=body.shape), axis=0) for _ in range(units)])
+    return found
+
+
+def test_the_sigma_of_independent_noise_is_that_of_differences():
+    """A correlation of N differences has variance 1.5 / N: white noise's 1 / N, and twice a quarter for neighbours."""
+    values = [correlated(groups(0.0, units=2, stills=5, seed=seed)).value for seed in range(150)]
+    assert np.std(values) == pytest.approx(np.sqrt(1.5 / (3 * 5 * 40)), rel=3 / np.sqrt(300))
+
+
+@pytest.mark.parametrize("common", [0.5, 1.0, 3.0])
+def test_a_common_motion_is_found_at_its_share_of_the_power(common):
+    shared = correlated(groups(common))
+    assert shared.value == pytest.approx(common**2 / (1 + common**2), abs=4 * shared.sigma)
+    assert shared.statement("gyro").standing is Standing.FOR
+    assert shared.is_common is (common == 3.0) or common == 1.0
+    assert shared.is_own is (common == 0.5)
+
+
+def test_too_few_differences_say_nothing():
+    assert correlated(groups(0.0, stills=1, blocks=49)) is None
+    assert correlated(groups(0.0, stills=1, blocks=50)) is not None
+
+
+def test_absence_is_stated_with_its_limit_only():
+    shared = SharedNoise(0.01, 0.02)
+    assert shared.upper == pytest.approx(0.01 + 1.6449 * 0.02, abs=1e-4)
+    assert shared.statement("gyro").words.startswith("motion of the body in the gyro noise at rest: below 4.3 % with 95 %")
+    unknown = SharedNoise(0.2, 0.3)
+    assert unknown.statement("gyro").standing is Standing.UNDECIDED
+    assert unknown.source.endswith("is not told")
+
+
+def test_a_units_warning_says_what_the_others_tell_of_it():
+    finding = Finding("warning", "unit 1: log", GYRO_NOISE, "9 times as much", "does the table vibrate?")
+    own = _with_source(finding, {GYRO_NOISE: SharedNoise(0.0, 0.01)})
+    assert "this sensor's own" in own.do
+    assert "a hand moves the body" in _with_source(finding, {GYRO_NOISE: SharedNoise(0.9, 0.01)}).do
+    assert _with_source(finding, {GYRO_NOISE: SharedNoise(0.4, 0.3)}) is finding
+    assert _with_source(finding, {ACCEL_NOISE: SharedNoise(0.0, 0.01)}) is finding
+
+
+def test_the_mikov_body_moves_at_rest(shared, tmp_path):
+    (folder,) = mikov.write_array(shared / "mikov", tmp_path / "mikov")
+    array = read_array(folder)
+    fits = clock_fits(array)
+    noise = _noise_of_fits(array, fits)
+    assert noise[GYRO_NOISE].is_common
+    assert noise[ACCEL_NOISE].is_own
+    assert fits[1].clock.rate == pytest.approx(0.00220, abs=5e-5)  # slow, by a separate analysis

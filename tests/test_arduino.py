@@ -7,18 +7,15 @@ from __future__ import annotations
 
 import re
 import shutil
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ROOT
-from processes import CALIBRATE, PIPE, calibrate, run, started, until
+from processes import PIPE, run, started
 
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Comment, Info, SampleChunk
-from tinygc import SimulationOptions, read_session
-from tinygc.simulation.virtual_board import simulated
 
 if shutil.which("g++") is None:
     pytest.skip("not installed: g++", allow_module_level=True)
@@ -109,17 +106,6 @@ def test_every_sample_arrives_as_the_sensor_made_it(boards, family, says, regist
     assert sum(isinstance(event, Comment) for event in events) == 8  # each four seconds
 
 
-def test_the_microseconds_may_wrap(boards):
-    rows = random_rows(1000)
-    data, _ = sent(boards("mpu"), rows, start_us=2**32 - 5e6)
-    assert re.search(rb"\n[1-9]\d{3},", data)  # it did
-    decoder, _, t_us, found = decoded(data)
-    assert (decoder.lost, decoder.resets) == (0, 0)
-    np.testing.assert_array_equal(found, rows[: len(found)])
-    assert len(found) >= 998
-    assert np.abs(np.diff(t_us) - PERIOD_US).max() < 700
-
-
 def test_a_bus_that_fails_costs_the_sample_and_no_other(boards):
     rows = random_rows(1000)
     decoder, _, _, found = decoded(sent(boards("mpu"), rows, fail_each=100)[0])
@@ -169,42 +155,3 @@ def test_a_librarys_floats_come_in_their_units(boards):
     matched = [np.abs(expected - row).max(axis=1).argmin() for row in found]
     assert np.all(np.diff(matched) > 0)
     np.testing.assert_allclose(found, expected[matched], atol=0.51e-5)
-
-
-@pytest.fixture
-def wire():
-    recording_wires = pytest.importorskip("recording_wires", reason="needs a pseudo-terminal, which only POSIX has")
-    for master, name in recording_wires.make_wire():
-        yield name, lambda data, file=master: threading.Thread(target=recording_wires.send, args=(file, data), daemon=True).start()
-
-
-@pytest.mark.broad
-def test_recorded_through_a_port_to_a_session(boards, wire, tmp_path):
-    """Two turns of a simulated MPU-6050, by ``record``: the log has every sample, and session.toml knows the sensor."""
-    options = SimulationOptions(segments=4, closure_s=0.0, odr_hz=104.0, odr_error=-0.03, sensor="MPU-6050", seed=4)
-    source = simulated(options)
-    rows = np.concatenate([source.take(-400, 0, np.random.default_rng(0)), source.rows]).astype(int)
-    data, _ = sent(boards("mpu"), rows)
-    (name, send), folder = wire, tmp_path / "s"
-    command = ["record", "--port", name, "--baud", 115200, "--out", folder, "--segments", 2, "--no-coach", "--mute"]
-    with started([*CALIBRATE, *command], stderr=PIPE, stdout=PIPE, text=True) as record:
-        until(lambda: (folder / "raw.times").exists() and "open" in (folder / "raw.times").read_text(), what="an open port")
-        send(data)
-        said, trouble = record.communicate()
-    assert record.returncode == 0, trouble
-    assert "2 of 2 segments" in said
-    session = read_session(folder)
-    sensor = session.config.sensor
-    assert (sensor.model, sensor.serial, sensor.odr_hz) == ("MPU-6050", "bench-1", 100.0)
-    assert (sensor.gyro_fs_dps, sensor.accel_fs_g) == (500, 4)
-    (log,) = session.logs
-    units = source.in_units(rows[: len(log.samples)])
-    np.testing.assert_allclose(np.degrees(log.samples.gyro), units[:, :3], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(log.samples.accel / 9.80665, units[:, 3:6], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(log.samples.temp_c, units[:, 6], rtol=1e-9)
-    assert len(log.samples) > 1000
-    assert log.samples.dt_s.mean() == pytest.approx(PERIOD_US * 1e-6, rel=1e-4)
-    checked = calibrate("check", folder, "--quiet")
-    assert checked.returncode == 2  # two turns are no calibration; all else is as it should be
-    assert "turns: " in checked.stderr
-    assert "more)" not in checked.stderr

@@ -16,7 +16,6 @@ from session.bench.guided_session import CoachThread
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
 from session.bench.page.state import PageView
 from session.bench.screen import PlainLines, view
-from session.io.samples import Samples
 
 pytestmark = pytest.mark.broad
 
@@ -111,14 +110,6 @@ def test_until_the_coach_answers_it_says_that_it_thinks_and_then_that_any_turn_w
     assert "advice at still 2" not in console.file.getvalue()
 
 
-def test_an_answer_that_comes_while_the_table_turns_is_not_shown_any_more(samples):
-    """It was meant for where the board lay; whoever has begun to turn is not told another turn."""
-    _, seen, _, _ = followed(samples, [12.5])
-    assert not [now.do for _, now, state, _, _ in seen if now.do.startswith("advice") or state["target"]]
-    turning = [now.do for at_s, now, _, _, _ in seen if 11.5 < at_s < 13.5]
-    assert set(turning) == {ANY_TURN}
-
-
 def test_an_answer_that_comes_a_turn_too_late_is_not_shown(samples):
     """What it says of still 2 comes in still 3: its sigmas are shown, its words are not; the coach is asked again, about still 3."""
     guide, seen, coach, text = followed(samples.between(0, int(19 * HZ)), [16.0, 16.5])
@@ -129,19 +120,6 @@ def test_an_answer_that_comes_a_turn_too_late_is_not_shown(samples):
     assert guide.advice.words == "advice at still 3"
 
 
-def test_a_touch_does_not_bring_the_old_advice_back(samples):
-    """A bump while the coach thinks: the table moves, and what was asked for last is over all the same."""
-    accepted_s = judged_s(followed(samples, [])[1], 3)
-    gyro = samples.gyro.copy()
-    bump = (samples.t_s - samples.t_s[0] > accepted_s + 0.3) & (samples.t_s - samples.t_s[0] < accepted_s + 0.45)
-    gyro[bump] += 0.08 * np.sin(np.arange(bump.sum()))[:, None]
-    touched = Samples(samples.t_ns, gyro, samples.accel, samples.temp_c)
-    _, seen, _, _ = followed(touched, [8.1])
-    after = [(now.do, moving) for at_s, now, _, stills, moving in seen if stills == 3 and accepted_s < at_s < accepted_s + 1]
-    assert any(moving for _, moving in after)
-    assert not [do for do, _ in after if do.startswith("advice")]
-
-
 def test_after_a_rejected_turn_the_coach_is_asked_for_where_the_board_lies_now(samples):
     """Too small a turn: the turns that count are the same, the board lies elsewhere."""
     table = Table().rest(3).turn(120, (1, 0, 0), 3).rest(5).turn(20, (0, 1, 0), 3).rest(5)
@@ -149,19 +127,6 @@ def test_after_a_rejected_turn_the_coach_is_asked_for_where_the_board_lies_now(s
     assert guide.rejected == 1
     assert coach.asked == [(1, 2), (1, 3)]
     assert seen[-1][1].do == "advice at still 3"
-
-
-def test_a_dropped_turn_takes_its_advice_along(samples):
-    from session.bench.rawfile import RecordingDecision
-
-    guide, _, _, _ = followed(samples.between(0, int(16.5 * HZ)), [8.2])
-    assert guide.accepted == 2
-    guide.asked_for.answered(Advice("advice at still 3", "why"))
-    at_us, why = guide.to_drop
-    assert why == ""
-    guide.decided(RecordingDecision("drop", str(at_us)))
-    assert guide.accepted == 1
-    assert guide.instruction.do == THINKS
 
 
 def test_between_two_movements_a_short_rest_does_not_end_the_turn():

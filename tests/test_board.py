@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 
@@ -21,7 +20,7 @@ from session.io.logfile import read_log
 from session.io.registers import RegisterUnits
 from tinygc import CalibrationError
 from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import BoardSource, LineFaults, VirtualBoard, flipped, recorded, spoil
+from tinygc.simulation.virtual_board import BoardSource, LineFaults, VirtualBoard, flipped, spoil
 
 SOURCE = BoardSource(smooth_registers(2000), INFO)
 RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}
@@ -101,15 +100,6 @@ def test_a_name_is_taken_by_one_board_only(tmp_path):
         Terminal(tmp_path / "nowhere" / "port")
 
 
-def test_a_recorded_session_streams_as_its_registers(simulated):
-    folder = simulated()
-    source = recorded(folder)
-    rows = np.loadtxt(folder / "log0001.csv.gz", delimiter=",", comments="#", skiprows=2, dtype=np.int64)
-    assert np.array_equal(source.rows[: len(rows)], rows[:, 1:])
-    assert source.info.odr_hz == pytest.approx(1e6 * (len(rows) - 1) / (rows[-1, 0] - rows[0, 0]), rel=1e-9)
-    assert (source.info.gyro_fs_dps, source.info.accel_fs_g) == (500, 4)
-
-
 def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
     messages = [bytes([k % 256]) * 25 for k in range(20_000)]
     run = lambda **faults: spoil(messages, LineFaults(**faults), np.random.default_rng(1))  # noqa: E731
@@ -126,8 +116,3 @@ def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
 def test_faults_that_are_none(text, capsys):
     assert calibrate.main(["board", "--faults", text]) == 2
     assert capsys.readouterr().err.startswith("calibrate: --faults")
-
-
-def test_ports_as_json(capsys):
-    assert calibrate.main(["ports", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["schema"] == "tinygc-ports/1"

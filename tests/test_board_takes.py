@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import calibrate
 from session.detect.check_samples import check_copies
@@ -70,13 +69,6 @@ def test_the_command_goes_on_with_the_next_take_and_says_so(tmp_path, monkeypatc
     assert "take 1 of seed 0 …" in said("--take", "1")
     assert "take 3 of seed 0" in said()
     assert "take 1 of seed 4" in said("--seed", "4")
-
-
-@pytest.mark.parametrize("more", [["--take", "0"], ["--take", "x"]])
-def test_a_take_that_is_none(more, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        calibrate.main(["board", *more])
-    assert stopped.value.code == 2
 
 
 def test_a_folder_has_no_takes(tmp_path, capsys):

@@ -108,14 +108,6 @@ def test_a_mark_that_was_none_is_given_up():
     assert "it stays there: that is the mark now, and the run restarts" in said(changes, Kind.WARNING)
 
 
-def test_a_run_that_is_too_short_goes_on_and_rests_on_the_way_do_no_harm():
-    table = to_the_mark().turn(90, (1, 0, 0), 3).turn(-90, (1, 0, 0), 3).rest(3)
-    guide, changes, decided = led(run(table, rest_s=2.5).rest(4).samples())
-    assert any(text.endswith("of 20 s: turn on") for text in said(changes, Kind.STAGE))
-    assert guide.stage is Stage.DONE
-    assert [word for word, _ in decided] == ["begin unclosed", "keep closure"]
-
-
 def test_who_moves_too_early_begins_again():
     table = to_the_mark(rest_s=2.2).turn(60, (1, 0, 0), 2)
     guide, changes, decided = led(run(table.rest(9)).rest(4).samples())

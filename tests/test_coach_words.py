@@ -84,11 +84,6 @@ def advice_of(turn) -> Advice:
     )
 
 
-def test_there_are_24_ways_to_stand():
-    assert len(STANDING) == 24
-    assert len({tuple(np.round(lies.as_matrix().ravel()).astype(int)) for lies in STANDING}) == 24
-
-
 @pytest.mark.parametrize(
     "lies",
     [*STANDING[::6], *map(broad, STANDING[1::6] + STANDING[2::6] + STANDING[3::6] + STANDING[4::6] + STANDING[5::6])],

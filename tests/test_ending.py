@@ -112,23 +112,6 @@ def test_every_signal_ends_a_virtual_board_like_ctrl_c(how, ignored, tmp_path):
     assert not (tmp_path / "port.lock").exists()
 
 
-@pytest.mark.parametrize("how", [broad("SIGTERM"), broad("SIGHUP")])
-def test_a_log_from_a_stream_that_is_ended_leaves_nothing_half_done(how, folder, tmp_path, run):
-    """``apply`` at a pipe that never ends."""
-    assert run("fit", folder, "--methods", "raw", "--quiet")[0] == 0
-    words = ("apply", folder / "fit" / "model_raw.json", "-", "-o", tmp_path / "out.csv", "--session", folder)
-    with begun(*words, stdin=PIPE) as process:
-        process.stdin.write((folder / "log0001.csv").read_text()[:300_000])
-        process.stdin.flush()
-        until(lambda: list(tmp_path.glob(".tinygc-*.partial")))
-        process.send_signal(ENDS[how])
-        until(lambda: process.poll() is not None)
-        code, said = process.returncode, process.stderr.read()
-    assert code == 130
-    assert said.splitlines()[-1] == "calibrate: interrupted"
-    assert not [*tmp_path.glob("*out.csv*"), *tmp_path.glob(".tinygc-*")]
-
-
 @pytest.mark.broad
 def test_a_terminal_that_goes_ends_a_recording_and_it_is_kept(wire, tmp_path):
     """The window is closed: standard input, output and error are gone with it."""
@@ -216,14 +199,3 @@ def test_a_folder_that_is_removed_under_a_recording(how, wire, other_wire, tmp_p
         until(lambda: log.exists() and log.read_bytes().count(b"\n") == 3002 and is_locked(saved / "raw.bin"))
         process.send_signal(signal.SIGTERM)
         assert ended(process)[0] == 130
-
-
-@pytest.mark.broad
-def test_a_log_that_is_removed_is_said_and_made_again(wire, other_wire, tmp_path):
-    with recording(wire, tmp_path / "s") as process:
-        until(lambda: (tmp_path / "s" / "log0001.csv").exists())
-        (tmp_path / "s" / "log0001.csv").unlink()
-        process.send_signal(signal.SIGTERM)
-        code, out, _ = ended(process)
-    assert code == 130
-    assert "log0001.csv: was removed meanwhile; --resume makes it again of raw.bin" in out

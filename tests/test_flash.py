@@ -69,11 +69,6 @@ def test_whichever_is_installed_is_called_as_it_wants(bench, tool, target, name)
     assert tool in ran.stdout
 
 
-def test_of_several_the_first_unless_another_is_named(bench):
-    assert set(bench(CALLS, "flash-recorder")[1]) == {"dfu-util"}
-    assert set(bench(CALLS, "flash-recorder", "FLASH=st-flash")[1]) == {"dfu-util", "st-flash"}
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [

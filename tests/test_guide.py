@@ -25,14 +25,6 @@ def test_what_the_guide_accepts_the_log_holds(odr_hz, seed):
         assert abs(mine.segment.turn_deg - theirs.turn_deg) < 1.5
 
 
-@pytest.mark.broad
-def test_the_portions_do_not_matter():
-    samples = simulated(4, seed=5)
-    texts = [[(change.text, change.at_s) for change in play(guide_of(), samples, portion)] for portion in (1, 37, 10**9)]
-    assert texts[0] == texts[1] == texts[2]
-    assert len(texts[0]) > 8
-
-
 def test_it_goes_through_all_stages_and_ends():
     guide = guide_of(2)
     assert guide.instruction.stage is Stage.FIND_PORT

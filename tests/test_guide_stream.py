@@ -62,35 +62,9 @@ def test_the_first_second_tells_a_wrong_range_and_a_wrong_rate(factor, odr_hz, s
     assert "gyro's y does not change" in stream_problem(dead, 208, 4.0)
 
 
-def test_a_wrong_range_is_waited_out_in_words():
-    guide = guide_of()
-    samples = Table().rest(4).samples()
-    changes = play(guide, samples.with_accel(samples.accel * 2))
-    assert guide.stage is Stage.CHECK_STREAM
-    assert "was the range really ±4 g?" in guide.instruction.why
-    assert len(said(changes, Kind.WARNING)) <= 3
-
-
-def test_temperature_and_its_slope():
-    guide = guide_of()
-    samples = Table().rest(40).samples()
-    warm = Samples(samples.t_ns, samples.gyro, samples.accel, samples.temp_c + samples.t_s * 0.6 / 60)
-    play(guide, warm)
-    assert guide.health.temp_slope == pytest.approx(0.6, abs=0.05)
-    assert guide.health.odr_hz == pytest.approx(208, rel=1e-4)
-
-
 def test_single_lost_samples_do_not_change_the_rate():
     samples = Table().rest(20).samples()
     kept = np.flatnonzero(np.random.default_rng(0).random(len(samples)) > 0.02)
     guide = guide_of()
     play(guide, Samples(samples.t_ns[kept], samples.gyro[kept], samples.accel[kept], samples.temp_c[kept]))
     assert guide.health.odr_hz == pytest.approx(208, rel=1e-4)
-
-
-@pytest.mark.broad
-def test_a_long_rest_is_not_kept_in_memory():
-    guide = guide_of()
-    play(guide, Table().rest(200).turn(120, (1, 0, 0), 3).rest(3).samples(), 2000)
-    assert guide.accepted == 1
-    assert guide.here.window.duration_s < 60

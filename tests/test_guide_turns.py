@@ -62,13 +62,6 @@ def test_too_short_a_still_joins_two_turns():
     assert [segment.accepted for segment in offline(samples)] == [True]
 
 
-def test_a_still_that_was_left_before_the_countdown_may_count_all_the_same():
-    samples = Table().rest(3).turn(120, (1, 0, 0), 3).rest(1.0).turn(90, (0, 1, 0), 3).rest(2.5).samples()
-    guide = guide_of()
-    play(guide, samples)
-    assert guide.accepted == 2 == sum(segment.accepted for segment in offline(samples))
-
-
 def test_a_bump_does_not_end_a_still():
     """A knock that leaves the attitude as it was: 0.2 s of shaking within the countdown."""
     samples = with_hand(Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.4).samples(), 6.6, 6.8, 1.0)

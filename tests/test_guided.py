@@ -189,18 +189,6 @@ def test_another_sensor_has_no_place_in_the_recording():
     assert led(Port([INFO, nameless, nameless, *chunks(SESSION)]))[0].accepted == 3
 
 
-def test_a_contradiction_counts_when_it_is_repeated():
-    def configure(info, waited_s):
-        if info and info.gyro_fs_dps != 500:
-            raise CalibrationError("the board says 1000")
-        return config() if info else None
-
-    wrong = Info(1000.0, 4.0, 208.0, "1")
-    assert led(Port([INFO, wrong, *chunks(SESSION)]), configure=configure)[0].accepted == 3
-    with pytest.raises(CalibrationError, match="1000"):
-        led(Port([INFO, wrong, *chunks(SESSION)[:5], wrong]), configure=configure)
-
-
 @pytest.mark.parametrize(("ratio", "says"), [(1.0009, ""), (0.985, "15000 ± 58 ppm slow"), (1.0045, "4500 ± 58 ppm fast"), (4.0, "")])
 def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
     port = Port([INFO, *chunks(SESSION)])

@@ -4,7 +4,7 @@ import os
 import sys
 
 import pytest
-from processes import CALIBRATE, check_output, until
+from processes import until
 
 from session.bench.operator import LONGEST_NOTE, Keyboard, OperatorCommand, TypingLine
 
@@ -64,11 +64,6 @@ def test_without_a_terminal_there_are_none(monkeypatch):
     monkeypatch.setattr(sys, "stdin", None)
     with Keyboard() as keys:
         assert not keys.there
-
-
-def test_help_says_so():
-    said = check_output([*CALIBRATE, "record", "--help"], text=True)
-    assert "Where standard input is no terminal there are no keys" in " ".join(said.split())
 
 
 def test_letters_are_wishes_and_a_note_is_what_stands_before_enter():

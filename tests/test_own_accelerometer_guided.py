@@ -56,18 +56,6 @@ def test_it_is_fitted_as_stills_come_in_and_said_once(led):
     assert after < 0.1
 
 
-@pytest.mark.broad
-def test_the_coach_asks_for_what_the_accelerometer_lacks_and_counts_its_sigmas(led):
-    _, _, advice = led
-    asked = [each.reason for each, _ in advice]
-    assert any("accelerometer" in reason for reason in asked)
-    sigmas = np.array([sigma for _, sigma in advice])
-    assert sigmas.shape == (24, 21)
-    assert np.all(np.diff(sigmas[12:].max(axis=1)) < 0.1)  # no parameter is forgotten
-    assert not advice[11][0].reached
-    assert all(each.reached == (sigma.max() <= 1) for each, sigma in advice)
-
-
 def test_a_zero_of_half_a_g_gets_through():
     """An MPU-9250's z: level it reads 0.5 or 1.5 g, which a calibrated accelerometer must not, and an uncalibrated one may."""
     off = Accelerometer(np.eye(3), np.array([0.0, 0.0, 0.5 * G]), "none")

@@ -234,17 +234,6 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     assert heard(*got)
 
 
-def test_an_interrupted_recording_asks_for_nothing_any_more(browser, server):
-    CoachedHand(server, segments=4).until(MOMENTS[1])
-    browser.open(server.address, 1280, 900)
-    shown(browser, "!document.getElementById('wanted').hidden")
-    server.publish("end", {"words": "interrupted; everything received is kept. To go on:", "command": "calibrate.py", "report": "none"})
-    shown(browser, "document.getElementById('do').textContent === 'the recording has ended'")
-    assert browser.evaluate("document.getElementById('stage').textContent") == "ended"
-    assert browser.evaluate("document.getElementById('wanted').hidden")
-    assert complaints(browser, server) == []
-
-
 def test_a_page_that_was_cut_off_comes_back(browser):
     first = PageServer()
     first.start()

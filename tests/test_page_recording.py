@@ -115,12 +115,3 @@ def test_the_report_is_made_when_it_is_asked_for_and_served(tmp_path, monkeypatc
     staying.join(30)
     assert not staying.is_alive()
     server.close()
-
-
-def test_without_a_browser_the_end_is_the_end(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(_page_end, "GONE_S", 1e9)  # it would wait for ever
-    server = PageServer()
-    server.start()
-    _page_end.stay(server, tmp_path, lambda: False)
-    assert "stays" not in capfd.readouterr().err
-    server.close()

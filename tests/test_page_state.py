@@ -6,7 +6,7 @@ from coached_hand import CoachedHand, Kept, Silent
 from conftest import DEG, Table
 from guided_streams import guide_of, play, simulated
 
-from session.bench.messages import Advice, RequestedTurn, Stage
+from session.bench.messages import Advice, RequestedTurn
 from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
 
 
@@ -113,19 +113,6 @@ def test_a_perfect_sensors_turn_closes():
     spoilt = turn.samples.gyro * 1.01
     worse = type(turn)(turn.segment, type(turn.samples)(turn.samples.t_ns, spoilt, turn.samples.accel), turn.noise, 1, 0.0)
     assert closure_deg(worse) == pytest.approx(1.2, abs=0.05)  # 1 % of 120°
-
-
-@pytest.mark.broad
-def test_the_board_ends_where_the_ghost_was_when_the_hand_does_what_the_coach_says():
-    """Whatever the hand's true way is, the picture of it and the ghost agree; the gyro of this board is off by half a per cent."""
-    hand, missed = CoachedHand(segments=5), []
-    while len(missed) < 3:
-        number = len(missed) + 1
-        hand.until(lambda guide, number=number: guide.accepted == number and guide.stage is Stage.TURN and not guide.turn.moving)
-        target = hand.server.last["state"]["target"]
-        hand.until(lambda guide, number=number: guide.accepted == number + 1)
-        missed.append(angle_deg(target["q"], hand.server.last["pose"]["q"]))
-    assert max(missed) < 6  # 540° at 0.6 %, and what misalignment adds
 
 
 def test_portions_that_are_followed_together_lead_to_the_same_attitude_and_a_reset_in_between_to_a_level_one():

@@ -4,7 +4,6 @@ The modules that Windows lacks are hidden in a process of its own.  pyserial wou
 own back end: a stand-in of the same names is put in its place.
 """
 
-import json
 import re
 import sys
 from pathlib import Path
@@ -16,7 +15,6 @@ from session.bench.rawfile import RawFile, read_marks
 from tinygc.cli.commands import present_commands
 
 ROOT = Path(__file__).resolve().parent.parent
-METHODS = ("--methods", "raw,least_squares", "--folds", "2")
 HIDE = """
 import errno, os, select, signal, sys, types
 for name in ("termios", "fcntl", "pty", "tty", "resource", "pwd", "grp", "syslog", "posix_ipc", "readline", "curses"):
@@ -97,44 +95,6 @@ for name in {names!r}:
 """
     done = hidden(code)
     assert done.stdout.count("usage:") == len(names), done.stderr
-
-
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory) -> Path:
-    """A small session, simulated and fitted."""
-    folder = tmp_path_factory.mktemp("elsewhere") / "s"
-    made = calibrate("simulate", "--out", folder, "--segments", "10", "--closure", "20", "--odr-hz", "104", "--quiet")
-    assert made.returncode == 0, made.stderr
-    fit = calibrate("fit", folder, *METHODS)
-    assert fit.returncode == 0, fit.stderr
-    assert "least squares" in fit.stdout.replace("_", " ")
-    return folder
-
-
-@pytest.mark.slow
-def test_a_session_is_checked_replayed_and_its_model_applied(fitted, tmp_path):
-    assert calibrate("check", fitted).returncode == 0
-    log, out = fitted / "log0001.csv.gz", tmp_path / "again"
-    replay = calibrate("import", log, "--out", out, "--gyro-fs", "500", "--accel-fs", "4")
-    assert replay.returncode == 0, replay.stderr
-    assert (out / "session.toml").is_file()
-    model = fitted / "fit" / "model_least_squares.json"
-    assert calibrate("apply", model, log, "-o", tmp_path / "out.csv").returncode == 0
-    assert (tmp_path / "out.csv").stat().st_size > 0
-
-
-@pytest.mark.slow
-def test_a_session_is_explained_reported_and_exported(fitted, tmp_path):
-    explain = calibrate("explain", fitted, "--no-pictures", "--out", tmp_path / "why")
-    assert explain.returncode == 0, explain.stderr
-    assert json.loads((tmp_path / "why" / "explain.json").read_text(encoding="utf-8"))["verdict"] == "no_mismatch"
-    report = calibrate("report", fitted, *METHODS, "--out", tmp_path / "report.html")
-    assert report.returncode == 0, report.stderr
-    assert (tmp_path / "report.html").read_text(encoding="utf-8").rstrip().endswith("</html>")
-    export = calibrate("export", fitted, "--to", "json", "--out", tmp_path / "export")
-    assert export.returncode == 0, export.stderr
-    (exported,) = (tmp_path / "export").iterdir()
-    assert json.loads(exported.read_text(encoding="utf-8"))["schema"] == "tinygc-model/1"
 
 
 def test_a_real_port_is_listed():

@@ -76,36 +76,6 @@ def test_from_the_board_to_the_fit(board, run, tmp_path, rate, form, segments, s
     assert json.loads(fit)["segments"]["used"] == segments
 
 
-@pytest.mark.broad
-def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
-    """Unplugged every 15 s of device time: it reconnects by itself, in new logs, until all segments are there."""
-    port = board(*SLOW_SENSOR, "--frames", "--faults", "unplug=15")
-    result = calibrate(
-        "record",
-        "--port",
-        port,
-        "--out",
-        tmp_path / "s",
-        "--like",
-        tmp_path / "bench.toml",
-        "--segments",
-        4,
-        "--json",
-        tmp_path / "told.json",
-    )
-    assert result.returncode == 0, result.stderr
-    told = json.loads((tmp_path / "told.json").read_text())
-    assert told["segments"]["accepted"] == 4
-    assert len(told["logs"]) >= 2
-    assert "the port was opened again" in result.stderr
-    session = read_session(tmp_path / "s")
-    assert sum(len(log.samples) for log in session.logs) == told["samples"]
-    closing = re.search(r"^files: (.*)\nfaults of the board: (.*)$", result.stdout, re.MULTILINE)
-    named = closing[1].replace(" to ", ", ")
-    assert all(path.name in named for path in (tmp_path / "s").glob("*[!1-9].*")), closing[1]
-    assert {"raw.bin", "raw.times", "session.toml", "log0001.csv"} <= set(named.split(", "))
-
-
 def test_the_closing_lines_name_rows_of_files_and_every_fault(tmp_path):
     for name in ("raw.bin", *(f"log{number:04d}.csv" for number in range(1, 8)), "closure0001.csv", "log0003.csv.changed1", "notes.txt"):
         (tmp_path / name).touch()
@@ -168,14 +138,3 @@ def test_what_cannot_be_is_one_line(run, tmp_path, words, code, says):
     assert says in said
     assert len(said.splitlines()) == 1
     assert not (tmp_path / "new").exists()
-
-
-@pytest.mark.broad
-def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, tmp_path):
-    port = board("--segments", 2, "--frames")
-    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--gyro-fs", 1000)
-    assert result.returncode == 2
-    assert "the board says gyro_fs_dps = 500, --gyro-fs says 1000" in result.stderr.splitlines()[-1]
-    assert "kept in" in result.stderr.splitlines()[-1]
-    assert "Traceback" not in result.stderr
-    assert (tmp_path / "s" / "raw.bin").exists()

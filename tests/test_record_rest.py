@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
-import signal
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from conftest import Table, config
-from formats_page import strangers
-from processes import CALIBRATE, PATIENCE_S, PIPE, heard, started
-from recording_wires import caught_up, make_wire, record, replayed, virtual_boards
+from processes import PATIENCE_S
+from recording_wires import caught_up, make_wire, record, replayed
 from streams import frame_list, sent
 from test_guided import INFO, Port, Said, chunks, pulled
 
@@ -251,31 +247,3 @@ def test_without_the_annex_it_records_and_cannot_know_what_is_enough(run, tmp_pa
 @pytest.mark.parametrize(("seconds", "words"), [(0, "0 s"), (119.4, "119 s"), (120, "2 min"), (7199, "120 min"), (11160, "3.1 h")])
 def test_durations_in_words(seconds, words):
     assert in_words(seconds) == words
-
-
-@pytest.mark.broad
-def test_from_the_board_to_the_rest_log(tmp_path, run):
-    """Ctrl-C keeps all and says how to go on; resumed for a given time it ends by itself; ``check`` of the table's turns comes after."""
-    with virtual_boards(tmp_path) as start:
-        port = start("--rate", 104, "--segments", 120, "--speed", 20, "--lead", 3600)
-        words = ["record", "--port", port, "--out", tmp_path / "s"]
-        with started([*CALIBRATE, *words, "--rest"], text=True, stderr=PIPE, stdout=PIPE) as process:
-            heard(process.stderr, lambda line: "leave the board alone" in line)
-            process.send_signal(signal.SIGINT)
-            stdout, stderr = process.communicate()
-        assert process.returncode == 130
-        assert re.search(r"To go on:\n  python \S*calibrate\.py record --resume --out \S+ --port \S+ --rest\n", stderr)
-        assert " of rest, " in stdout
-        code, told, said = run(*words, "--rest", "0.01", "--resume", "--json", "-")
-    assert code == 0, said
-    table = json.loads(told)
-    assert strangers(table) == []
-    assert table["done"]
-    assert table["rest"]["wanted_s"] == 36.0
-    assert table["rest"]["recorded_s"] >= 36.0
-    assert not list((tmp_path / "s").glob("log*"))
-    rows = [
-        np.loadtxt(path, delimiter=",", skiprows=1, comments=("#", "t_us"), ndmin=2) for path in sorted((tmp_path / "s").glob("rest*.csv"))
-    ]
-    assert sum(map(len, rows)) == table["samples"]
-    assert all(np.abs(each[:, 1:4].std(axis=0) * 17.5e-3).max() < 0.2 for each in rows)  # dps: nothing turns

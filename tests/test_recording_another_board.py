@@ -135,14 +135,6 @@ def test_a_mark_is_of_its_connection_alone_and_nonsense_is_passed_over(wire, tmp
     assert sorted(logs_of(folder)) == ["foreign0001.csv", "log0001.csv", "log0002.csv"]
 
 
-TOML = """schema = "tinygc-session/1"
-[sensor]
-odr_hz = 1667
-gyro_fs_dps = {fs}
-accel_fs_g = 4
-"""
-
-
 def recording(*words):
     """The command, in a process of its own."""
     return started([*CALIBRATE, "record", "--no-coach", *words], stdout=PIPE, stderr=PIPE, text=True)
@@ -217,26 +209,3 @@ def test_the_command_goes_on_with_resume(other, noticed, port, tmp_path):
     session = read_session(folder)
     assert sum(len(log.samples) for log in session.logs) == json.loads((tmp_path / "told.json").read_text())["samples"]
     assert session.config.sensor.serial == INFO.serial
-
-
-@pytest.mark.broad
-def test_a_first_board_that_contradicts_the_folders_file_does_not_bar_the_way(port, tmp_path):
-    """session.toml was prepared for another range: its bytes are apart, and the right board goes on."""
-    folder = tmp_path / "s"
-    folder.mkdir()
-    (folder / "session.toml").write_text(TOML.format(fs=1000))
-    words = ["--port", port.name, "--out", folder]
-    with recording(*words) as process:
-        pour(port, folder, b"".join(said_by(INFO, 3)), 1, process)
-        code, _, said = ended(process)
-    assert code == 2
-    assert "sensor.gyro_fs_dps is 1000, the board says 500" in said
-    port.unplug()
-    port.plug()
-    right = replace(INFO, gyro_fs_dps=1000.0)
-    with recording(*words, "--resume") as process:
-        feed(port, folder, b"".join(said_by(right, 4, 2)), 2)
-        until(lambda: (folder / "log0001.csv").exists())
-        process.send_signal(signal.SIGINT)
-        assert ended(process)[0] == 130
-    assert len(registers_of(logs_of(folder)["log0001.csv"])) >= 4 * SECOND - 1

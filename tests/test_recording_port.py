@@ -14,7 +14,7 @@ from recording_wires import make_wire, replayed
 from streams import frame_list, sent
 
 from session.bench.events import Trouble
-from session.bench.port import Closed, Opened, Port, Received, is_left_behind, is_virtual, known_ports, lock_of, only_candidate
+from session.bench.port import Closed, Opened, Port, Received, is_virtual, known_ports, lock_of, only_candidate
 from session.bench.rawfile import RawFile, read_marks
 from session.bench.recorder import Recorder
 from session.io.errors import CalibrationError, DeviceError, StorageError
@@ -216,27 +216,6 @@ def test_a_link_that_a_killed_board_left_is_not_followed(usual, wire, tmp_path, 
         Recorder(tmp_path / "s", str(link))
     assert opened == []
     assert not (tmp_path / "s").exists()
-
-
-@pytest.mark.broad
-def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path, monkeypatch):
-    """The name is tried again and again, and not followed before a board holds its lock."""
-    terminal = Terminal(tmp_path / "port")
-    terminal.plug()
-    port = Port(str(terminal.name))
-    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
-    terminal.unplug()
-    terminal._lock.close()  # as a kill does
-    (tmp_path / "port").symlink_to(wire[1])  # what the system gave to somebody else meanwhile
-    assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
-    tried = []
-    monkeypatch.setattr("session.bench.port.is_left_behind", lambda name: tried.append(name) or is_left_behind(name))
-    until(lambda: len(tried) > 2)
-    assert port.items.empty()
-    with Terminal(tmp_path / "port") as again:
-        assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
-        assert again.has_reader
-        port.close()
 
 
 def test_a_virtual_boards_time_is_not_compared_with_the_hosts(wire, tmp_path):

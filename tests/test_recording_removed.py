@@ -89,17 +89,6 @@ def test_where_nothing_can_be_saved_nobody_says_that_it_is(wire, tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_is_taken_is_not_used(tmp_path, monkeypatch):
-    """Neither what was saved before, nor a folder that cannot be written."""
-    (tmp_path / f"s{RESCUED}").mkdir()
-    (tmp_path / f"s{RESCUED}2").write_text("mine")
-    places = rawfile.new_folder(tmp_path / "s")
-    assert next(places) == tmp_path / f"s{RESCUED}3"
-    (tmp_path / "file").write_text("")
-    monkeypatch.chdir(tmp_path)
-    assert next(rawfile.new_folder(tmp_path / "file" / "s")) == tmp_path / f"s{RESCUED}4"
-
-
 def test_a_file_system_that_numbers_files_anew_has_removed_nothing(tmp_path):
     """Another number, the same size: so does a network's."""
     (tmp_path / "a").write_bytes(b"abc")

@@ -14,7 +14,6 @@ from streams import decode, line_list, sent
 
 from session.bench import frames
 from session.bench.events import Info
-from session.bench.logwriter import LogWriter
 from session.bench.session_file import SessionFile, toml_text
 from session.io.config import read_config
 from session.io.errors import StorageError
@@ -73,19 +72,6 @@ def test_whatever_an_info_frame_says_is_read_again_or_refused(gyro, accel, odr_h
     body = frames.INFO.pack(frames.INFO_TYPE, 0, gyro, accel, odr_hz, serial)
     data = frames.encode_blocks(np.frombuffer(body, np.uint8)[None]).tobytes()
     decoder, _ = decode(b"".join(row.tobytes() for row in frames.encode_samples(np.arange(5), 600 * np.arange(5), sent(5)[1])) + data)
-    if decoder.info is not None:
-        is_read_or_refused(decoder.info, False)
-
-
-@pytest.mark.broad
-@SETTINGS
-@given(infos)
-def test_whatever_a_comment_says_is_read_again_or_refused(info):
-    decoder, events = decode(f"# {info.text}\n".encode(errors="replace") + b"".join(line_list(*sent(20))))
-    with tempfile.TemporaryDirectory() as folder:
-        logs = LogWriter(Path(folder))
-        logs.write(events)
-        logs.close()
     if decoder.info is not None:
         is_read_or_refused(decoder.info, False)
 

@@ -74,14 +74,6 @@ def test_info_frames_are_read_and_do_not_count_as_lost(shared_counter):
     assert info[0] == decoder.info == INFO
 
 
-@BOTH
-def test_stamps_of_25_us_ticks_at_6667_hz(encode):
-    t_us = np.arange(5000) * 1_000_000 // 6667 // 25 * 25
-    _, events = decode(b"".join(encode(t_us, sent(5000)[1])))
-    assert same(events, t_us, sent(5000)[1])
-    assert troubles(events) == {}
-
-
 @pytest.mark.parametrize(
     ("written", "kept"),
     [

@@ -90,32 +90,6 @@ def test_they_come_between_the_samples_take_no_number_and_are_said_once_each(siz
     assert [type(event) for event in events if not isinstance(event, (SampleChunk, Trouble))] == [BoardStatus, FaultCounts, FaultCounts]
 
 
-def test_infos_without_a_number_of_their_own_cost_no_lost_sample():
-    """The driver's infos bear the number of the next sample.  One within a gap took none of the missing numbers."""
-    rows = sent(900)
-    body = frame_list(*rows)
-    stream = (
-        b"".join(body[:300])
-        + frames.encode_info(300, INFO)
-        + b"".join(body[300:600])
-        + frames.encode_info(600, INFO)
-        + b"".join(body[650:])
-    )
-    decoder = StreamDecoder()
-    decoder.feed(stream)
-    assert decoder.lost == 50
-    assert decoder.samples == 850
-
-
-@pytest.mark.broad
-def test_at_the_lowest_rate_a_board_that_repeats_itself_leaves_room_for_infos():
-    """12.5 Hz earns 1.5 remarks a second; info, board and faults are three."""
-    decoder, rows = StreamDecoder(), frame_list(*sent(12 * 1000))
-    seconds = [b"".join(rows[12 * i : 12 * i + 12]) + frames.encode_info(0, INFO) + board_frame() + faults_frame() for i in range(1000)]
-    events = decoder.feed(b"".join(seconds))
-    assert sum(type(event).__name__ == "Info" for event in events) == 1000
-
-
 @pytest.mark.parametrize("body", [struct.pack("<BH", 0x05, 0), struct.pack("<BHB", 0x07, 0, 1), struct.pack("<BH18I", 0x06, 0, *range(18))])
 def test_a_frame_of_another_length_is_passed_over(body):
     decoder = StreamDecoder()

@@ -86,13 +86,6 @@ def test_commands_byte_by_byte(command, number, form, values):
     assert frames.encode_command(command, 0x10203, *values) == expected
 
 
-def test_answers_have_their_numbers():
-    """docs/firmware.md."""
-    assert [frames.DONE, frames.UNKNOWN, frames.IMPOSSIBLE, frames.NO_SENSOR, frames.TOO_QUICK, frames.NOT_TAKEN, frames.TEST_FAILED] == [
-        0, 1, 2, 3, 4, 5, 6,
-    ]  # fmt: skip
-
-
 def test_a_wire_carries_25_bytes_a_sample_and_250_of_ten_bits_a_second_besides():
     assert frames.least_baud(1000.0) == 1000 * 25 * 10 + 200 * 10
 
@@ -101,16 +94,6 @@ def test_of_65536_damaged_frames_one_passes_by_chance():
     assert frames.cannot_be_told(65_535).startswith("fewer than one may pass")
     assert frames.cannot_be_told(65_536).startswith("about 1 may pass")
     assert frames.cannot_be_told(655_360).startswith("about 10 may pass")
-
-
-def test_blocks_decode_to_what_was_encoded():
-    registers = rng(1).integers(-3, 4, (5000, 7)).astype(np.int16)  # many zeros
-    coded = frames.encode_samples(np.arange(5000), np.arange(5000) * 256, registers)
-    assert coded[:, :-1].all()
-    assert not coded[:, -1].any()
-    bodies, good = frames.decode_blocks(coded[:, :-1])
-    assert good.all()
-    assert np.array_equal(np.ascontiguousarray(bodies).view(frames.SAMPLE)[:, 0]["registers"], registers)
 
 
 def test_no_frame_with_one_two_or_three_flipped_bits_passes():

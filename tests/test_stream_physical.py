@@ -100,19 +100,6 @@ def test_what_ends_a_spoilt_line_is_no_line_however_the_bytes_are_cut():
         assert (parts.garbage, parts.implausible) == (whole.garbage, whole.implausible)
 
 
-def test_lost_lines_are_counted_and_torn_ones_left_out():
-    t_us, values = values_of(600)
-    lines = lines_of(t_us, values)
-    kept = lines[:200] + lines[205:400] + [lines[400][:20] + b"\n"] + lines[401:]
-    decoder, events = decode(b"".join(kept))
-    found_us, found = samples(events)
-    there = np.isin(t_us, found_us)
-    np.testing.assert_array_equal(found, values[there])
-    assert decoder.lost == 600 - len(found_us)
-    assert decoder.garbage == 21
-    assert 590 <= len(found_us) <= 594  # a gap costs the line before it
-
-
 def test_a_spoilt_number_beside_damage_is_left_out():
     t_us, values = values_of(400)
     lines = lines_of(t_us, values)
@@ -216,16 +203,3 @@ def test_the_sensor_of_a_recording_is_the_one_that_is_named(tmp_path):
         SessionFile(tmp_path / "a", None, None, None, None).configure(Info(500, 4, 1666.5, "77", "BMI270"))
     again = SessionFile(tmp_path / "a", None, None, None, None, "mpu_9250").configure(named)
     assert again.sensor.model == "MPU-9250"
-
-
-def test_raw_bytes_in_physical_units_replay(tmp_path):
-    t_us, values = values_of(2000)
-    raw = tmp_path / "raw.bin"
-    raw.write_bytes(b"".join(lines_of(t_us, values)))
-    made = convert_raw(raw, tmp_path / "s", None, 500, 4)
-    assert made.samples == 2000
-    assert 'model = "unknown"' in (tmp_path / "s" / "session.toml").read_text()
-    raw.write_bytes(b"".join(lines_of(t_us, values)[1:]))
-    with pytest.raises(CalibrationError, match="--header"):
-        convert_raw(raw, tmp_path / "t", 1667, 500, 4)
-    assert convert_raw(raw, tmp_path / "t", 1667, 500, 4, "lsm6dso", HEADER).samples == 2000

@@ -9,11 +9,8 @@ import sys
 
 import pytest
 from adversarial_streams import ADVERSARIAL, ORDINARY
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from streams import INFO, frame_list, line_list, same, sent
+from streams import line_list, same, sent
 
-from session.bench import frames
 from session.bench.decoder import StreamDecoder
 
 pytestmark = pytest.mark.broad
@@ -64,38 +61,6 @@ def test_the_work_for_a_byte_is_bounded_on_every_stream(name):
 
 
 T_US, REGISTERS = sent(40)
-MEANT = [
-    *frame_list(T_US, REGISTERS)[:4],
-    *line_list(T_US, REGISTERS)[:4],
-    frames.encode_info(7, INFO),
-    *[
-        b"\0",
-        b"\n",
-        b"\n\0",
-        b"#a\n",
-        b"t_us,gx,gy,gz,ax,ay,az,temp\n",
-        b"t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n",
-        b"1,1,1,1,1,1,1,1\n",
-    ],
-    b"1" * 600,
-]
-
-
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(st.lists(st.one_of(st.sampled_from(MEANT), st.binary(max_size=30)), min_size=1, max_size=12), st.sampled_from([512, 4096, 30_000]))
-def test_the_work_for_a_byte_is_bounded_whatever_is_repeated(pieces, at_once):
-    unit = b"".join(pieces) or b"\0"
-    examined, calls = work((unit * (1 + 30_000 // len(unit)))[:30_000], at_once)
-    assert examined <= EXAMINED
-    assert calls <= CALLS
-
-
-@pytest.mark.parametrize("name", ["text", "a zero behind each line"])
-def test_text_is_looked_at_once(name):
-    """Of the firmware that sends the zero behind its strings, too: it made the decoder look again and again at the same bytes."""
-    data, decoder = {**ORDINARY, **ADVERSARIAL}[name](200_000, 1), StreamDecoder()
-    decoder.feed(data)
-    assert decoder.examined <= 1.2 * len(data)
 
 
 @pytest.mark.parametrize("padding", [b"\0", b"\0\0\0", b"\0" * 40])

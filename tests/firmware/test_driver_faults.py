@@ -275,15 +275,6 @@ def test_one_tag_that_there_is_none_of_costs_its_slot(bad):
     assert faults() == {"tag": 1, "lost": len(gone)}
 
 
-def test_a_time_that_begins_anew_restarts_the_sensor():
-    started()
-    streamed(5000, 100)
-    rest = streamed(0, 20, polls=8)
-    assert set(rest["registers"][:, 0]) <= set(registers_of(np.arange(5080, 5100))[:, 0])
-    assert faults()["stamp"] >= 4
-    assert faults()["starts"] == 1
-
-
 def test_a_sensor_that_misses_an_address_is_written_nothing():
     """It takes the next byte for one.  A zero there would begin a write of zeros to all its registers."""
     for from_us in range(0, 2500, 7):

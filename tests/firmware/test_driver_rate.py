@@ -27,7 +27,6 @@ from driver_under_test import (
     words_of,
 )
 
-FIFO_STATUS1 = 0x3A
 #: samples at 1667 Hz: a window of a second, and a burst
 WINDOW = 1700
 
@@ -101,15 +100,6 @@ def test_another_rate_from_the_start_on(change):
     np.testing.assert_array_equal(steps, np.diff(found["number"].astype(int)))
 
 
-def test_a_rate_that_no_start_mends_is_tried_again_whenever_its_filters_should_have_settled():
-    """Twice their 121 slots, 16 more, and 0.2 s: two or three times a second."""
-    started()
-    streamed_by_time(0, 1000, halved)
-    before = faults()["starts"]
-    streamed_by_time(1000, 2 * WINDOW, halved)
-    assert 4 <= faults()["starts"] - before <= 6
-
-
 @pytest.mark.parametrize(("milliseconds", "wrong"), [(27, True), (29, False), (31, False), (33, True)])
 def test_the_sensors_clock_against_the_targets(milliseconds, wrong):
     """50 slots take 30 ms: a tenth off is no rate that was set, 3 % are a target's RC oscillator at its worst."""
@@ -169,24 +159,6 @@ def test_a_target_that_comes_late_is_no_other_rate():
     assert faults().keys() == {"overrun", "lost"}
 
 
-@pytest.mark.parametrize(
-    ("register", "bits"), [(FIFO_STATUS1, 1 << place) for place in range(8)] + [(FIFO_STATUS1 + 1, bits) for bits in (1, 2, 3)]
-)
-def test_a_level_that_was_misread_is_no_other_rate(register, bits):
-    """Behind a gap, where a window begins: the words seem to have been made before it, or long ago."""
-    for backlog in (20, 60):
-        started()
-        streamed_by_time(0, 100)
-        number("overrun").value = 1
-        streamed_by_time(200, 30)
-        number("turned", ctypes.c_uint8).value, number("turned_bits", ctypes.c_uint8).value = register, bits
-        number("turned_until_us", ctypes.c_uint32).value = number("now_us", ctypes.c_uint32).value + 900
-        push(slots(230, backlog))
-        poll(12)
-        streamed_by_time(230 + backlog, 2 * WINDOW)
-        assert not {"rate", "starts"} & faults().keys()
-
-
 def test_no_stamps_behind_a_gap_are_another_rate():
     """No window begins there; 64 slots without one are enough."""
     started()
@@ -213,18 +185,6 @@ def test_late_stamps_cost_nothing_in_the_whole_driver(odr, ratio):
         assert not faults(), name
         assert len(delivered) >= count - 96
         np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(np.arange(len(delivered))), err_msg=name)
-
-
-def test_words_that_seem_older_than_those_before_are_no_other_rate():
-    """Of a FIFO that is fuller than a burst the age is a guess: it may be before the last burst's."""
-    started()
-    found = [streamed_by_time(0, 20)]
-    push(slots(20, 128))  # in no time
-    found.append(poll(8))
-    after = np.concatenate([*found, streamed_by_time(148, 100)])
-    assert not faults()
-    assert len(after) > 230
-    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.arange(len(after))))
 
 
 def test_twice_the_period_is_odd_at_the_highest_rate():

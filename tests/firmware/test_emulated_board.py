@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import struct
 
 import pytest
 from conftest import ROOT
@@ -74,17 +73,6 @@ def test_commands_wait_their_turn_and_none_is_lost(elf):
     assert driven.objections == []
 
 
-def test_a_line_that_sticks_during_the_self_test_is_nothing_measured(elf):
-    driven = Driven(elf, motion=AtRest(), fine=0, faults=[Fault("hang", 0.5, 0.15)])
-    driven.run(0.2)
-    driven.machine.usart1.feed(frames.encode_command(frames.SELF_TEST, 1))
-    driven.run(2.2)
-    (result,) = driven.tested
-    assert result.failed == 0x8000
-    assert list(driven.answers.items()) == [(1, 6)]
-    assert driven.board.runs  # again
-
-
 def test_settling_is_said_and_takes_what_the_filters_need(elf):
     """The accelerometer's narrowest filter at 417 Hz: 597 slots, 1.43 s.  The answer does not wait for that."""
     driven = Driven(elf)
@@ -101,17 +89,6 @@ def test_settling_is_said_and_takes_what_the_filters_need(elf):
     assert found.streamed == pytest.approx(417 * 1.0105 * 1.07, abs=60)
 
 
-def test_an_lsm6dso_has_no_4000_dps(elf):
-    driven = Driven(elf, silicon=Silicon(chip=LSM6DSO))
-    driven.run(0.5)
-    with pytest.raises(RuntimeError, match="result 2"):
-        driven.ask(frames.RANGES, 4000, 4)
-    driven.ask(frames.RANGES, 2000, 4)
-    driven.run(0.3)
-    assert (driven.board.who_am_i, driven.info.gyro_fs_dps) == (0x6C, 2000.0)
-    assert driven.objections == []
-
-
 def test_a_model_whose_range_the_chip_has_not_begins_with_another(tmp_path):
     """An option of make, or a model's own; the info frame says what it is.  Where the chip has it, it may come late."""
     elf = kit.built(tmp_path, GYRO_FS_DPS="4000")
@@ -120,15 +97,6 @@ def test_a_model_whose_range_the_chip_has_not_begins_with_another(tmp_path):
             driven = Driven(elf, silicon=Silicon(chip=chip), faults=[Fault("late", late_s)])
             driven.run(0.3 + late_s)
             assert (driven.board.source, driven.board.runs, driven.info.gyro_fs_dps) == (SENSOR, True, dps)
-
-
-def test_what_a_board_says_of_its_registers_is_what_was_set(elf):
-    """CTRL1_XL to CTRL10_C, of the last start."""
-    driven = Driven(elf)
-    driven.run(0.2)
-    driven.ask(frames.FILTERS, 3, 20)
-    assert struct.unpack("10B", driven.board.registers) == (0x6A, 0x64, 0x44, 0x0E, 0, 3, 0, 2 << 5, 0xE2, 0x20)
-    assert driven.board.firmware == "1.1.0"
 
 
 @pytest.mark.parametrize("row", [2, 5])

@@ -15,7 +15,7 @@ if MISSING := tools_missing():
 
 from emulator import driven as kit
 from emulator.driven import Driven, Verdict, judged
-from emulator.sensor import CHIPS, CTRL1_XL, CTRL2_G, CTRL3_C, Fault, Silicon
+from emulator.sensor import CTRL1_XL, CTRL2_G, CTRL3_C, Fault
 
 pytestmark = pytest.mark.emulation
 
@@ -97,12 +97,3 @@ def test_a_fault_costs_what_it_must_and_is_counted(elf, kind):
     assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
     assert found.missing == found.said_lost or kind == "reset"  # whose sensor made none meanwhile
     assert found.missing <= {"parity": 1, "tag_unknown": 18, "missing": 1, "reset": 300, "identity": 80}.get(kind, 40)
-
-
-@pytest.mark.parametrize("chip", CHIPS.values(), ids=CHIPS)
-def test_each_chip_of_the_family_streams(elf, chip):
-    driven = running(elf, 833.0, silicon=Silicon(chip=chip))
-    driven.run(1.5)
-    assert_clean(driven.verdict())
-    assert driven.board.who_am_i == chip.identity
-    assert driven.objections == []

@@ -7,8 +7,6 @@ import pytest
 from f405_programs import tools_missing
 
 from session.bench import frames
-from session.bench.decoder import StreamDecoder
-from session.bench.events import SampleChunk
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -130,24 +128,6 @@ def test_a_board_names_the_cause_of_its_last_reset_alone(recorder):
     assert said == [RUNS, RUNS | BY_FAULT, RUNS, RUNS | BY_WATCHDOG, RUNS]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
-def test_a_bit_of_the_memory_that_changes_ends_no_stream(recorder, seed):
-    """Any variable but the switch of the stream, which the host may have set: samples come again, each once."""
-    rng = np.random.default_rng(seed)
-    variables = [symbol for symbol in symbols(recorder) if symbol.kind in "bdBD" and symbol.size and symbol.name != "off"]
-    variable = variables[rng.integers(len(variables))]
-    machine = started(recorder, 32e3, 1.0 + 0.01 * rng.random(), hard_faults=True)
-    flip(machine, variable.address + variable.size - 1 - int(rng.integers(min(variable.size, 64))), int(rng.integers(8)))
-    machine.run_until(4.0)
-    decoder = StreamDecoder()
-    machine.usart1.take()
-    machine.run_until(5.2)
-    chunks = [chunk for chunk in decoder.feed(machine.usart1.take()) if isinstance(chunk, SampleChunk)]
-    assert sum(len(chunk.t_us) for chunk in chunks) == pytest.approx(1.2 * RATE_HZ, rel=0.05)
-    assert decoder.resets == 0
-
-
 @pytest.mark.parametrize("place", [8192 + 4 + 3, 8192 + 20 + 2])  # out, which the end of DMA moves on; next_baud
 def test_what_the_ring_cannot_hold_is_not_sent(recorder, place):
     """A count of the ring with a bit too many: old frames would go out again for as long as it takes to send 4 GB."""
@@ -175,12 +155,6 @@ def test_a_board_that_works_is_never_reset(recorder):
     assert machine.resets == 0
     assert state(machine) == RUNS
     assert machine.bus.objections == {}
-
-
-def test_without_a_sensor_it_starts_in_time_too(recorder):
-    machine = Machine(recorder, lsi_hz=47e3)
-    machine.run_until(3.0)
-    assert machine.resets == 0
 
 
 def test_it_can_be_left_out(tmp_path):

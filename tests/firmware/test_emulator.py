@@ -129,18 +129,6 @@ def test_another_rate_counts_behind_what_waited_and_nobody_waits(tmp_path):
     assert (machine.bus.objections, machine.resets) == ({}, 0)
 
 
-def test_the_played_sensors_port_keeps_to_what_it_can(tmp_path):
-    """USART2 has half the host's clock: 2.625 Mbaud at most."""
-    text = """
-    int main(void) { board_start(BAUD); board_write(SENSOR, (const uint8_t *)"abc", 3); for (;;) { board_wait(); board_alive(); } }"""
-    for baud, there in (("5250000", 2_625_000), ("2000000", 2_000_000)):
-        machine = Machine(with_board(text, tmp_path, BAUD=baud))
-        machine.run_until(0.01)
-        assert (machine.usart1.baud, machine.usart2.baud) == (int(baud), there)
-        assert machine.usart2.take() == b"abc"
-        assert machine.bus.objections == {}
-
-
 def test_a_rate_that_no_port_has_is_not_built(tmp_path):
     with pytest.raises(AssertionError, match="BAUD is beyond what the host's port can"):
         with_board("int main(void) { return 0; }", tmp_path, BAUD="6000000")

@@ -56,9 +56,19 @@ def library() -> ctypes.CDLL:
     return found
 
 
-def number(name: str, kind: type = ctypes.c_int):
+#: variables of the fake that are bytes
+BYTES = ("who", "fine", "turned", "turned_bits", "stuck")
+
+
+def number(name: str):
     """A variable of the fake; set its ``value``."""
-    return kind.in_dll(library(), name)
+    return (ctypes.c_uint8 if name in BYTES else ctypes.c_int).in_dll(library(), name)
+
+
+def put(**values: int) -> None:
+    """Set variables of the fake."""
+    for name, value in values.items():
+        number(name).value = value
 
 
 def faults() -> dict[str, int]:
@@ -69,7 +79,7 @@ def faults() -> dict[str, int]:
 def accesses() -> list[tuple[int, int]]:
     """Addresses, with 0x80 where read, and what was written."""
     table = (ctypes.c_uint16 * 1024).in_dll(library(), "accesses")
-    return [(entry & 0xFF, entry >> 8) for entry in table[: number("logged", ctypes.c_uint32).value]]
+    return [(entry & 0xFF, entry >> 8) for entry in table[: number("logged").value]]
 
 
 def attached(
@@ -77,7 +87,7 @@ def attached(
 ):
     """The driver before its first transfer."""
     lib = library()
-    number("who", ctypes.c_uint8).value = who
+    put(who=who)
     lib.attach(gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2)
     keep_fine(fine)
     return lib
@@ -85,7 +95,7 @@ def attached(
 
 def accessed_us() -> list[int]:
     """Their times."""
-    return list((ctypes.c_uint32 * 1024).in_dll(library(), "accessed_us")[: number("logged", ctypes.c_uint32).value])
+    return list((ctypes.c_uint32 * 1024).in_dll(library(), "accessed_us")[: number("logged").value])
 
 
 def started(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, settles: bool = True, **how) -> ctypes.CDLL:
@@ -99,7 +109,7 @@ def started(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, settles: bool = Tru
 
 def settle(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> None:
     """Pass by the slots that are no samples yet, those before slot 0, each at its time; a temperature, 0, among them."""
-    now_us, total = number("now_us", ctypes.c_uint32), library().unsettled(odr, lpf1, lpf2, fine)
+    now_us, total = number("now_us"), library().unsettled(odr, lpf1, lpf2, fine)
     watermark = registers()[FIFO_CTRL1] // 3
     left = total
     while left:
@@ -118,7 +128,7 @@ def warmth(slot: int, value: int = 0) -> np.ndarray:
 
 def keep_fine(fine: int) -> None:
     """INTERNAL_FREQ_FINE."""
-    number("fine", ctypes.c_uint8).value = registers()[0x63] = fine & 0xFF
+    number("fine").value = registers()[0x63] = fine & 0xFF
 
 
 def registers():
@@ -157,10 +167,10 @@ def push(words: np.ndarray) -> None:
 
 def discard() -> None:
     """What was pushed and not read yet."""
-    number("words_out", ctypes.c_uint32).value = number("words_in", ctypes.c_uint32).value
+    number("words_out").value = number("words_in").value
 
 
-def poll(times: int, most: int = 1 << 18) -> np.ndarray:
+def poll(times: int, most: int = 1 << 12) -> np.ndarray:
     out = np.zeros(most, SAMPLE)
     return out[: library().poll(times, out.ctypes.data_as(ctypes.c_void_p), most)]
 

@@ -1,11 +1,18 @@
-"""The sensor's driver against an array of registers: how it starts, its settings, and the samples that come through."""
+"""The sensor's driver against an array of registers: start, samples, faults, limits of time, the self-test."""
 
 from __future__ import annotations
+
+import ctypes
+import itertools
+import zlib
 
 import numpy as np
 import pytest
 from driver_under_test import (
+    ACCEL,
+    ANSWERS,
     ASM330LHH,
+    BUSY_FOR_EVER,
     CTRL1_XL,
     CTRL2_G,
     CTRL3_C,
@@ -14,25 +21,44 @@ from driver_under_test import (
     CTRL8_XL,
     CTRL9_XL,
     CTRL10_C,
+    FAILS_LATE,
+    FAULTS,
     FIFO_CTRL1,
     FIFO_CTRL2,
     FIFO_CTRL3,
     FIFO_CTRL4,
     FREQ_FINE,
+    GYRO,
+    HANGS,
     INT1_CTRL,
     LSM6DSO,
+    NONE,
+    ONES,
+    PERIOD,
+    RATES_HZ,
+    STAMP,
     WHO_AM_I,
+    ZEROS,
+    accessed_us,
     accesses,
+    attached,
+    discard,
+    fail_behind,
     faults,
+    keep_fine,
     library,
     number,
     poll,
     push,
+    put,
     registers,
     registers_of,
+    settle,
     slots,
     started,
+    streamed,
     streamed_by_time,
+    tag,
     warmth,
 )
 
@@ -60,21 +86,18 @@ def test_the_start_in_its_order():
     assert not number("selected").value
 
 
-@pytest.mark.parametrize(("dps", "code"), [(125, 2), (250, 0), (500, 4), (1000, 8), (2000, 12), (4000, 1)])
-@pytest.mark.parametrize(("g", "bits"), [(2, 0), (16, 1), (4, 2), (8, 3)])
-def test_ranges_and_rates_in_their_registers(dps, code, g, bits):
-    for odr in range(1, 11):
+def test_ranges_and_rates_in_their_registers():
+    gyro, accel = ((125, 2), (250, 0), (500, 4), (1000, 8), (2000, 12), (4000, 1)), ((2, 0), (16, 1), (4, 2), (8, 3))
+    for place, ((dps, code), (g, bits)) in enumerate(itertools.product(gyro, accel)):
+        odr = 1 + place % len(RATES_HZ)
         started(odr=odr, gyro_fs_dps=dps, accel_fs_g=g, settles=False)
         assert (registers()[CTRL1_XL], registers()[CTRL2_G]) == (odr << 4 | bits << 2, odr << 4 | code)
         assert registers()[FIFO_CTRL3] == odr << 4 | odr
-        assert registers()[FIFO_CTRL1] == 3 * min(16, max(1, int((12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667)[odr - 1] / 100)))
-
-
-@pytest.mark.parametrize(("divisor", "code"), [(4, 0), (10, 1), (20, 2), (45, 3), (100, 4), (200, 5), (400, 6), (800, 7)])
-def test_the_accelerometers_second_filter(divisor, code):
-    started(lpf2=divisor, settles=False)
-    assert registers()[CTRL1_XL] & 2
-    assert registers()[CTRL8_XL] == code << 5
+        assert registers()[FIFO_CTRL1] == 3 * min(16, max(1, int(RATES_HZ[odr - 1] / 100)))
+    for code, divisor in enumerate((4, 10, 20, 45, 100, 200, 400, 800)):
+        started(lpf2=divisor, settles=False)
+        assert registers()[CTRL1_XL] & 2
+        assert registers()[CTRL8_XL] == code << 5
 
 
 @pytest.mark.parametrize(
@@ -90,10 +113,10 @@ def test_settings_that_no_sensor_has(settings):
 def test_samples_come_through_and_none_is_lost():
     """In bursts that go on by themselves, each with the last temperature before it."""
     started()
-    number("busy_polls").value = 2
-    count, found = 20_000, []
+    put(busy_polls=2)
+    count, found = 3000, []
     for first in range(0, count, 10):
-        push(slots(first, 10) if first != 10_000 else np.concatenate([warmth(10_000, 512), slots(first, 10)]))
+        push(slots(first, 10) if first != 1000 else np.concatenate([warmth(1000, 512), slots(first, 10)]))
         found.append(poll(6))
     found = np.concatenate([*found, poll(20)])
     held = count - len(found)
@@ -101,7 +124,7 @@ def test_samples_come_through_and_none_is_lost():
     assert not faults()
     np.testing.assert_array_equal(np.diff(found["number"].astype(int)), 1)
     np.testing.assert_array_equal(found["registers"][:, :6], registers_of(np.arange(len(found))))
-    np.testing.assert_array_equal(found["registers"][:, 6], np.where(np.arange(len(found)) <= 10_000, 0, 512))
+    np.testing.assert_array_equal(found["registers"][:, 6], np.where(np.arange(len(found)) <= 1000, 0, 512))
 
 
 def test_no_sample_before_the_fifo_has_brought_a_temperature():
@@ -118,3 +141,572 @@ def test_no_sample_before_the_fifo_has_brought_a_temperature():
     started(settles=False)
     streamed_by_time(0, 2800)
     assert faults() == {"rate": 1, "starts": 1}
+
+
+# Faults.
+
+
+def test_a_fifo_that_ran_over_is_counted_once_and_the_gap_is_numbered():
+    started()
+    before = streamed(0, 64)
+    put(overrun=1)
+    number("now_us").value += 600_000
+    after = streamed(1000, 64)
+    assert faults()["overrun"] == 1
+    assert faults().get("order", 0) == faults().get("incomplete", 0) == 0
+    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
+    assert faults()["lost"] == 1000 - len(before)
+
+
+@pytest.mark.parametrize(
+    ("name", "behaviour"),
+    [("hang", HANGS), ("hang", BUSY_FOR_EVER), ("zeros", ZEROS), ("ones", ONES)],
+    ids=["hangs", "busy", "zeros", "ones"],
+)
+def test_a_bus_that_fails_is_counted_once_and_survived(name, behaviour):
+    """For two seconds, amid samples.  The sensor has gone on, as its registers show: it is not started again, and each sample behind
+    the gap has the number and the time that it would have had."""
+    started()
+    now_us = number("now_us")
+    before, began_us = streamed(0, 100), now_us.value
+    push(slots(100, 50))
+    fail_behind(behaviour)
+    assert len(poll(2000)) == 0
+    assert not library().running()
+    assert faults() == {name: 1}
+    fail_behind(ANSWERS)
+    number("overrun").value = 1  # which goes without saying
+    waited_ms = 0
+    while not library().running():
+        waited_ms += 1
+        assert len(poll(1)) == 0
+        assert waited_ms < 10
+    ran_over = 100 + int((now_us.value - began_us) * 1667e-6)
+    discard()
+    push(np.concatenate([slots(ran_over, 1), warmth(ran_over + 1)]))  # the one of before is too old
+    after = np.concatenate([streamed(first, 100) for first in range(ran_over + 1, ran_over + 500, 100)])
+    assert len(after) >= 480
+    both = np.concatenate([before, after])
+    np.testing.assert_array_equal(both["registers"][:, :6], registers_of(both["number"] - both["number"][0]))
+    times_us = (both["number"] - both["number"][0]) * PERIOD * 25
+    np.testing.assert_allclose(both["t_us"] - both["t_us"][0], times_us, atol=26)
+    assert faults() == {name: 1, "lost": int(after["number"][0] - before["number"][-1]) - 1}
+
+
+@pytest.mark.parametrize("into", [1, 2, 3, 20, 59])
+def test_a_bus_that_dies_within_a_burst_makes_no_sample(into):
+    """Zeros from some word on, the second half of a word among them: the burst does not count, nor what was begun."""
+    started()
+    before = streamed(0, 64)
+    number("breaks_after").value = number("words_out").value + into
+    assert len(streamed(64, 20)) == 0
+    assert faults()["zeros"] == 1
+    np.testing.assert_array_equal(before["registers"][:, :6], registers_of(np.arange(len(before))))
+
+
+def test_a_sensor_that_resets_itself():
+    started(fine=9)
+    streamed(0, 100)
+    library().reset_registers()
+    keep_fine(12)
+    assert len(poll(40)) == 0
+    assert library().running()
+    assert (registers()[CTRL2_G], library().freq_fine()) == (0x84, 12)
+    assert faults()["reset"] == 1
+    assert faults()["starts"] == 1
+    settle(fine=12)
+    assert len(streamed(0, 100)) >= 80
+
+
+@pytest.mark.parametrize(("register", "value"), [(CTRL2_G, 0x8C), (FIFO_CTRL4, 0x26)])
+def test_a_register_that_changed_spoils_the_burst_before_it(register, value):
+    """No sample counts at a range that is not the one that was set."""
+    started()
+    streamed(0, 100)
+    registers()[register] = value
+    assert len(streamed(100, 30, polls=3)) == 0
+    assert faults()["changed"] == 1
+    poll(300)
+    assert library().running()
+    assert registers()[register] != value
+
+
+def test_another_chip_in_its_place():
+    """Whose registers are as they were set: nobody has set another chip so."""
+    started()
+    registers()[WHO_AM_I] = LSM6DSO
+    assert len(streamed(0, 100)) == 0
+    assert faults() == {"identity": 1}
+    assert not library().running()
+    registers()[WHO_AM_I] = ASM330LHH
+    poll(10)
+    assert library().running()
+
+
+@pytest.mark.parametrize(("behaviour", "lasts_ms"), [(ZEROS, 300), (ONES, 2000)])
+def test_a_line_that_sticks_while_writes_arrive_restarts_no_sensor(behaviour, lasts_ms):
+    """What is written meanwhile, ten times a second, is what CTRL3_C holds anyhow."""
+    started()
+    streamed(0, 100)
+    put(logged=0, line=behaviour)
+    number("line_from_us").value = number("now_us").value
+    number("line_until_us").value = number("now_us").value + 1000 * lasts_ms
+    poll(lasts_ms)
+    written = [access for access in accesses() if not access[0] & 0x80]
+    assert written == [(CTRL3_C, 0x44)] * len(written)
+    assert 2 <= len(written) <= lasts_ms / 100
+    poll(5)
+    assert library().running()
+    discard()
+    streamed(100 + round(1.667 * lasts_ms), 100)
+    assert "starts" not in faults()
+
+
+IF_INC, SIM = 0x04, 0x08  #: of CTRL3_C
+
+
+#: reserved in the ASM330LHH, or they clear themselves: nothing comes of them
+RESERVED = {FIFO_CTRL4: 0x08, CTRL1_XL: 0x01, CTRL3_C: 0x02, CTRL9_XL: 0x01}
+
+
+@pytest.mark.parametrize("register", [FIFO_CTRL3, FIFO_CTRL4, CTRL1_XL, CTRL3_C, CTRL9_XL])
+def test_no_bit_that_flips_ends_the_stream(register):
+    """Samples come again within 0.4 s.  Without IF_INC, and with SIM, no register can be read: that is mended without a restart.  A
+    reserved bit that flips is none of ours."""
+    for bit in (1 << place for place in range(8)):
+        started()
+        streamed_by_time(0, 100)
+        registers()[register] ^= bit
+        found, place = [], 100
+        while place < 100 + int(0.4 * 1667):
+            push(warmth(place))
+            found.append(streamed_by_time(place, 10))
+            place += 10
+        last = np.concatenate(found[-4:])
+        assert len(last) > 15
+        np.testing.assert_array_equal(last["registers"][:, 3], last["registers"][:, 0] + 15000)
+        if RESERVED.get(register, 0) & bit:
+            assert len(np.concatenate(found)) > 600
+            assert not faults()
+        elif register == CTRL3_C and bit in (IF_INC, SIM):
+            assert not {"starts", "changed", "rate"} & faults().keys()
+            assert registers()[CTRL3_C] == 0x44
+        else:
+            assert (faults()["changed"], faults()["starts"]) == (1, 1)
+        assert library().running()
+
+
+def test_a_sensor_that_cannot_be_read_at_a_start_is_found():
+    """The board has begun anew, and the sensor has not."""
+    lib = attached()
+    registers()[CTRL3_C] ^= IF_INC
+    while not lib.running():
+        poll(1)
+        assert number("now_us").value < 250_000
+
+
+def test_a_sensor_that_falls_silent_is_started_again():
+    started()
+    streamed(0, 100)
+    assert len(poll(60)) == 0
+    assert faults() == {"silent": 1, "starts": 1}
+    poll(25)
+    settle()
+    assert len(streamed(0, 100)) > 80
+
+
+@pytest.mark.parametrize("bad", [3, 4, 5, 40, 83])
+def test_one_tag_that_there_is_none_of_costs_its_slot(bad):
+    """And that of the word before: a line that stuck for so long may have spoilt its values."""
+    started()
+    streamed(0, 30)
+    words = slots(30, 30)
+    words[bad, 0] = tag(9, 2)
+    push(words)
+    after = np.concatenate([poll(5), streamed(60, 30)])
+    gone = {30 + bad // 3, 30 + (bad - 1) // 3}
+    np.testing.assert_array_equal(
+        after["registers"][:, :6], registers_of(np.setdiff1d(np.arange(29, 29 + len(after) + len(gone)), list(gone)))
+    )
+    assert faults() == {"tag": 1, "lost": len(gone)}
+
+
+def test_a_sensor_that_misses_an_address_is_written_nothing():
+    """It takes the next byte for one.  A zero there would begin a write of zeros to all its registers."""
+    for from_us in range(0, 2500, 61):
+        started()
+        streamed(0, 30)
+        set_up = bytes(registers())[: CTRL10_C + 1]
+        put(line=HANGS)
+        number("line_from_us").value = number("now_us").value + from_us
+        number("line_until_us").value = number("line_from_us").value + 5
+        streamed(30, 30, polls=10)
+        assert bytes(registers())[: CTRL10_C + 1] == set_up
+        assert "starts" not in faults()
+
+
+@pytest.mark.parametrize("lost", [12, 25])
+def test_a_fifo_that_runs_over_amid_a_burst_drops_the_burst(lost):
+    """Where a target is held whose transfers wait.  Behind four lost slots TAG_CNT goes on, and a slot would be made of two."""
+    for place in range(1, 96, 9):
+        started()
+        before = streamed(0, 64)
+        first = number("words_out").value
+        push(slots(64, 96))
+        put(held_at=first + place, lost=lost)
+        after = np.concatenate([poll(9), streamed(160, 64)])
+        assert faults()["overrun"] == 1
+        assert faults().keys() <= {"overrun", "lost"}
+        assert len(after) >= 64 + 96 - 32 - lost // 3 - 3
+        np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
+
+
+@pytest.mark.parametrize(("bad", "starts"), [(3, 0), (4, 1)])
+def test_four_stamps_in_a_row_that_do_not_go_on_start_the_sensor_again(bad, starts):
+    started()
+    streamed(0, 64)
+    discard()
+    words = slots(64, 32)  # a burst, whose last slot is not over yet
+    words[3 * (31 - bad) + 2 : 3 * 31 : 3, 4] ^= 0x40
+    push(words)
+    poll(1)
+    push(slots(96, 32))
+    poll(20)
+    assert faults().get("starts", 0) == starts
+    assert faults()["stamp"] == bad + starts  # the start has its reason
+
+
+# Limits of time, and what a sensor has not.
+
+
+CHANGED, IMPOSSIBLE = FAULTS.index("changed"), NONE + 1
+
+
+#: microseconds: a poll on a bus of 1.6 MHz, a byte each 5; a start that blocks; no call of its own waits
+LONGEST_POLL_US, SLOW_BYTE_US, LONGEST_START_US = 5000, 5, 300_000
+
+
+#: bits with a meaning, by the maker's headers: of the ASM330LHH, and of the LSM6DSO where they differ; COUNTER_BDR_REG1 without one
+KNOWN = {0x07: 0xFF, 0x08: 0x91, 0x09: 0xFF, 0x0A: 0xF7, 0x0B: 0xA3, 0x0C: 0xFF, 0x0D: 0xFF, 0x0E: 0xFF, 0x10: 0xFE, 0x11: 0xFF}
+KNOWN |= {0x12: 0xFD, 0x13: 0x6E, 0x14: 0x6F, 0x15: 0xEF, 0x16: 0x72, 0x17: 0xFD, 0x18: 0xFE, 0x19: 0x20}
+
+
+DIFFERS = {0x08: 0xD7, 0x0B: 0xA7, 0x11: 0xFE, 0x14: 0xEF, 0x15: 0xFF, 0x16: 0xF7, 0x17: 0xFF}
+
+
+@pytest.mark.parametrize("who", [ASM330LHH, LSM6DSO])
+def test_each_bit_that_makes_up_a_sample_is_proved_at_the_start(who):
+    """FIFO_CTRL1 to CTRL10_C.  What is reserved may read as it likes."""
+    lib = started(who=who, settles=False)
+    for register, known in (KNOWN | (DIFFERS if who == LSM6DSO else {})).items():
+        for bit in range(register % 2, 8, 2):
+            put(turned=register, turned_bits=1 << bit)
+            assert (lib.start() == NONE) == (not known >> bit & 1)
+
+
+def test_4000_dps_are_the_asm330lhhs():
+    assert attached(gyro_fs_dps=4000).start() == NONE
+    lib = attached(gyro_fs_dps=4000, who=LSM6DSO)
+    assert lib.start() == IMPOSSIBLE
+    assert registers()[CTRL2_G] == 0  # never switched on
+    poll(500)
+    assert (faults(), lib.running()) == ({}, 0)
+    lib.restart(2000, 4, 8, 0xFF, 2)
+    poll(30)
+    assert (registers()[CTRL2_G], lib.running()) == (0x8C, 1)
+
+
+def test_the_gyroscope_is_off_for_10_ms_before_it_is_on_again():
+    started(settles=False)
+    for restart in (library().start, lambda: (library().reset_registers(), poll(150))):
+        put(logged=0)
+        restart()
+        written = [(access, t_us) for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == CTRL2_G]
+        (off, off_us), (on, on_us) = written
+        assert (off, on) == ((CTRL2_G, 0x00), (CTRL2_G, 0x84))
+        assert 10_000 <= on_us - off_us < 15_000
+
+
+@pytest.mark.parametrize("after_s", [0.05, 0.3])
+def test_a_sensor_that_answers_late_is_found(after_s):
+    """Ten tries a second; within 0.1 s of power-up no fault is counted, as every sensor is late then."""
+    lib = attached()
+    put(wakes_us=int(1e6 * after_s))
+    while not lib.running():
+        poll(1)
+        assert number("now_us").value < 1e6 * after_s + 130_000
+    assert faults() == ({"zeros": 1} if after_s > 0.1 else {})
+
+
+@pytest.mark.parametrize("behaviour", [HANGS, BUSY_FOR_EVER, ONES, FAILS_LATE])
+def test_no_poll_takes_more_than_5_ms_and_none_waits(behaviour):
+    """Whatever it is in the midst of when the bus fails: each step of a start, a burst, a search; and when it is back."""
+    for fails_ms in range(1, 160, 23):
+        attached()
+        put(byte_us=SLOW_BYTE_US, busy_polls=3)
+        place = 0
+        for ms in range(0, 220, 6):
+            if ms >= fails_ms and number("behaviour").value == ANSWERS:
+                fail_behind(behaviour)
+            if ms >= fails_ms + 30:
+                fail_behind(ANSWERS)
+            streamed_by_time(place, 10)
+            place += 10
+        assert number("longest_us").value <= LONGEST_POLL_US
+        assert number("waits").value == 0
+
+
+def test_a_reset_that_does_not_end_is_said():
+    lib = attached()
+    put(turned=CTRL3_C, turned_bits=0x01)
+    assert lib.start() == FAULTS.index("reset")
+    assert 100_000 < number("now_us").value < LONGEST_START_US
+    assert faults() == {"reset": 1}
+
+
+def test_a_freq_fine_that_was_misread_is_no_start():
+    """It is read on either side of the registers, and would be in every stamp."""
+    lib = attached()
+    assert lib.start() == NONE
+    first_us, second_us = (t_us for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == 0x80 | FREQ_FINE)
+    attached()
+    put(turned=FREQ_FINE, turned_bits=0x10)
+    put(turned_until_us=(first_us + second_us) // 2)
+    assert lib.start() == CHANGED
+    assert lib.start() == NONE
+
+
+# The rate that arrives.
+
+
+#: samples at 1667 Hz: a window of a second, and a burst
+WINDOW = 1700
+
+
+def kinds(words: np.ndarray) -> np.ndarray:
+    return words[:, 0] >> 3
+
+
+def slot_of(words: np.ndarray) -> np.ndarray:
+    """The slot of each word, counted from the first: three to a slot."""
+    return np.arange(len(words)) // 3
+
+
+def without(kind: int, each: int):
+    """Of that kind only each so many-th word is batched."""
+    return lambda words: words[(kinds(words) != kind) | (slot_of(words) % each == 0)]
+
+
+def halved(words: np.ndarray) -> np.ndarray:
+    """Every second slot is batched, and TAG_CNT counts those: five of them in ten slots."""
+    kept = words[slot_of(words) % 2 == 0].copy()
+    first = int(kept[2, 1:5].copy().view("<u4")[0] / PERIOD) // 2
+    kept[:, 0] = [tag(int(kind), first + place // 3) for place, kind in enumerate(kinds(kept))]
+    return kept
+
+
+def one_slot_for_all(words: np.ndarray) -> np.ndarray:
+    words[:, 0] = [tag(int(kind), 0) for kind in kinds(words)]
+    return words
+
+
+@pytest.mark.parametrize(
+    "change",
+    [without(GYRO, 2), without(ACCEL, 100), without(STAMP, 8), halved, one_slot_for_all],
+    ids=["BDR_GY halved", "no accelerometer", "each eighth stamp", "all halved", "TAG_CNT stands"],
+)
+def test_another_rate_than_the_registers_say_is_counted_once_and_restarted(change):
+    """Within a second and a burst.  What is delivered until then is right."""
+    started()
+    during, place = [streamed_by_time(0, 100)], 100
+    while "starts" not in faults():
+        during.append(streamed_by_time(place, 10, change))
+        place += 10
+        assert place < WINDOW + 100
+    assert place < 200 or change is not halved  # all the stamps say so
+    assert (faults()["rate"], faults()["starts"]) == (1, 1)
+    assert not {"silent", "changed", "overrun", "parity", "tag"} & faults().keys()
+    delivered = np.concatenate(during)
+    np.testing.assert_array_equal(delivered["registers"][:, :6], registers_of(delivered["number"] - delivered["number"][0]))
+    poll(25)
+    settle()
+    assert len(streamed_by_time(0, 100)) > 80
+
+
+@pytest.mark.parametrize(("milliseconds", "wrong"), [(27, True), (29, False), (31, False), (33, True)])
+def test_the_sensors_clock_against_the_targets(milliseconds, wrong):
+    """50 slots take 30 ms: a tenth off is no rate that was set, 3 % are a target's RC oscillator at its worst."""
+    started()
+    for place in range(0, 2 * WINDOW, 50):
+        push(slots(place, 50))
+        poll(milliseconds)
+    assert ("rate" in faults()) == wrong
+
+
+def test_a_target_that_comes_late_is_no_other_rate():
+    """The FIFO runs over again and again: that is said, and is all."""
+    started()
+    now_us = number("now_us")
+    streamed_by_time(0, 700)
+    for place in range(1700, 3 * 1700 + 1, 1700):
+        discard()
+        now_us.value += 600_000
+        put(overrun=1)
+        push(slots(place, 30))
+        poll(18)
+        streamed_by_time(place + 30, 670)
+    assert faults()["overrun"] == 3
+    assert faults().keys() == {"overrun", "lost"}
+
+
+# Settling.
+
+
+#: samples to discard at 12.5, 26, 52, 104, 208, 416, 833 Hz: ST's Linux driver st_asm330lhhx
+GYRO_SLOTS = (2 + 1, 3 + 2, 3 + 4, 3 + 7, 3 + 15, 3 + 30, 3 + 58)
+
+
+LPF1 = {
+    0: (0, 0, 0, 0, 0, 2, 3),
+    1: (0, 0, 0, 0, 1, 2, 4),
+    2: (0, 0, 0, 1, 1, 3, 5),
+    3: (0, 0, 0, 0, 0, 1, 2),
+    4: (0, 0, 1, 1, 2, 4, 9),
+    5: (0, 1, 1, 2, 4, 9, 18),
+    6: (0, 1, 2, 3, 6, 12, 24),
+    7: (1, 2, 3, 6, 12, 24, 48),
+    0xFF: (0,) * 7,
+}
+
+
+LPF2 = {2: 0, 4: 0, 10: 10, 20: 19, 45: 38, 100: 75, 200: 150, 400: 296, 800: 595}
+
+
+def unsettled(odr: int, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> int:
+    return library().unsettled(odr, lpf1, lpf2, fine)
+
+
+def test_no_fewer_slots_are_left_out_than_sts_driver_leaves_out_and_hardly_more():
+    """Two more at most: each of the two times is rounded up, where ST rounds as it likes.  Above 833 Hz the time stays and slots double."""
+    for lpf1, slots_of in LPF1.items():
+        for odr, (start, filtered) in enumerate(zip(GYRO_SLOTS, slots_of, strict=True), 1):
+            assert start + filtered <= unsettled(odr, lpf1) <= start + filtered + 2
+        for odr in range(7, 10):
+            assert unsettled(odr + 1, lpf1) == pytest.approx(2 * unsettled(odr, lpf1) - 3, abs=3)
+    for lpf2, slots_of in LPF2.items():  # the longer one of both sensors counts
+        for odr in range(1, 11):
+            assert unsettled(odr, lpf2=lpf2) == max(unsettled(odr), 2 + slots_of)
+    assert unsettled(10, fine=127) / unsettled(10) == pytest.approx(1.19, abs=0.01)  # a quicker oscillator, for the same time
+    assert unsettled(10, fine=-128) / unsettled(10) == pytest.approx(0.81, abs=0.01)
+
+
+# The self-test, and the serial number.
+
+
+NOTHING_MEASURED = 0x8000
+
+
+CTRL5_C = 0x14
+
+
+#: microseconds: how long it takes, a poll of it on a bus of 1.6 MHz
+TAKES_US, LONGEST_STEP_US = 1_350_000, 500
+
+
+GOOD, BAD = 30, 2  # times 256 LSB
+
+
+class SelfTest(ctypes.Structure):
+    _fields_ = (("failed", ctypes.c_uint16), ("gyro_dps", ctypes.c_float * 3), ("accel_mg", ctypes.c_float * 3))
+
+
+def self_tested(by_steps: bool = True) -> SelfTest:
+    result = SelfTest()
+    (library().self_test_by_steps if by_steps else library().self_test)(ctypes.byref(result))
+    return result
+
+
+@pytest.mark.parametrize(
+    ("pushed", "failed"),
+    [(2, 0x3F), (3, 0x07), (8, 0x07), (9, 0), (39, 0), (40, 0x07), (54, 0x07), (55, 0x3F)],
+)
+def test_the_limits_of_the_self_test(pushed, failed):
+    """In steps of 256 LSB: 2142 to 10000 LSB of the gyroscope, 737 to 13934 of the accelerometer."""
+    lib = started(settles=False)
+    put(pushed=pushed)
+    for by_steps in (True, False):
+        found = self_tested(by_steps)
+        assert found.failed == failed
+        assert list(found.gyro_dps) == pytest.approx([pushed * 256 * 0.070] * 3)
+        assert list(found.accel_mg) == pytest.approx([pushed * 256 * 0.122] * 3)
+        assert [registers()[address] for address in (CTRL1_XL, CTRL2_G, CTRL5_C)] == [0, 0, 0]  # switched off again
+        assert not lib.running()
+    assert lib.start() == NONE
+    assert not faults()
+
+
+@pytest.mark.parametrize("pushed", [GOOD, BAD])
+@pytest.mark.parametrize("behaviour", [ZEROS, ONES, HANGS])
+def test_a_line_that_sticks_never_fails_a_good_part_nor_passes_a_bad_one(pushed, behaviour):
+    """At any moment of the procedure: then nothing was measured."""
+    outcomes, lasts_us = set(), 300
+    for from_us in moments(lasts_us):
+        started(settles=False)
+        put(pushed=pushed)
+        begin_us = number("now_us").value
+        put(line=behaviour, line_from_us=begin_us + from_us, line_until_us=begin_us + from_us + lasts_us)
+        outcomes.add(self_tested().failed)
+    assert outcomes <= {NOTHING_MEASURED, 0 if pushed == GOOD else 0x3F}
+    assert NOTHING_MEASURED in outcomes
+
+
+def moments(lasts_us: int) -> np.ndarray:
+    """Where something goes over the line, mostly."""
+    started(settles=False)
+    put(pushed=GOOD, logged=0)
+    begin_us = number("now_us").value
+    assert self_tested().failed == 0
+    busy_us = np.array(accessed_us()) - begin_us
+    rng = np.random.default_rng(lasts_us)
+    return np.maximum(0, rng.choice(busy_us, 100) + rng.integers(-lasts_us, 70, 100)).astype(int)
+
+
+@pytest.mark.parametrize("register", [CTRL2_G, CTRL5_C])
+def test_a_register_that_does_not_take_it_is_nothing_measured(register):
+    """Neither a range or a rate, nor the force."""
+    started(settles=False)
+    put(pushed=GOOD, stuck=register)
+    found = self_tested()
+    assert found.failed == NOTHING_MEASURED
+    assert not any([*found.gyro_dps, *found.accel_mg])
+
+
+def test_a_part_that_does_not_lie_still_is_nothing_measured():
+    """300 LSB of the gyroscope, 21 dps, from one output to the next."""
+    started(settles=False)
+    put(pushed=GOOD)
+    for lsb, failed in ((200, 0), (300, NOTHING_MEASURED)):
+        put(shaken=lsb)
+        assert self_tested().failed == failed
+
+
+@pytest.mark.parametrize(
+    ("dps_per_s2", "pushed", "failed"),
+    [(-900, 12, NOTHING_MEASURED), (-100, 9, NOTHING_MEASURED), (100, 6, NOTHING_MEASURED), (-60, 8, 0x07), (60, 9, 0)],
+)
+def test_a_table_that_accelerates_is_nothing_measured_or_changes_no_verdict(dps_per_s2, pushed, failed):
+    """The force's change is against what is measured on either side of it: a turn that grows slowly and evenly leaves it as it is."""
+    started(settles=False)
+    put(pushed=pushed, ramp=round(dps_per_s2 / 0.070), now_us=0)  # the table's rate is that of the fake's time
+    found = self_tested()
+    assert found.failed == failed
+    if failed != NOTHING_MEASURED:
+        assert list(found.gyro_dps) == pytest.approx([pushed * 256 * 0.070] * 3, abs=0.3)
+
+
+def test_the_serial_number_is_the_crc_of_the_chips_id_and_never_0():
+    id_words = (ctypes.c_uint32 * 3).in_dll(library(), "unique_id")
+    # the CRC of the last is 0
+    for words in ([1, 2, 3], [0xFFFFFFFF, 0, 7], [0, 0, 0x08FBD5F4]):
+        id_words[:] = words
+        assert library().identity_serial() == (zlib.crc32(np.array(words, "<u4").tobytes()) or 1)

@@ -1,4 +1,6 @@
-"""A hand that turns a simulated board as the coach says, followed by a page: for tests, pictures and figures of the page."""
+"""A hand at a simulated table, and the guide that watches it: for tests, and for pictures and figures of the page."""
+
+from __future__ import annotations
 
 import json
 
@@ -7,12 +9,55 @@ from conftest import DEG, GRAVITY, config
 from scipy.spatial.transform import Rotation
 
 from session.bench.guide import Guide
-from session.bench.messages import Stage
+from session.bench.messages import Kind, Stage
 from session.bench.page.state import PageView
+from session.detect.segments import cut_segments
+from session.detect.stills import find_stills
+from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
+from tinygc import SimulationOptions
 from tinygc.planning.coach import Coach
+from tinygc.simulation.simulator import simulate_session
+
+
+def guide_of(segments=40, odr_hz=208.0, **options) -> Guide:
+    guide = Guide(config().protocol, segments, **options)
+    guide.begin(config(odr_hz=odr_hz).sensor)
+    return guide
+
+
+def play(guide: Guide, samples: Samples, portion: int = 50) -> list:
+    changes = []
+    for first in range(0, len(samples), portion):
+        changes += guide.feed(samples.between(first, first + portion))
+    return changes
+
+
+def said(changes, kind: Kind) -> list[str]:
+    return [change.text for change in changes if change.kind is kind]
+
+
+def simulated(segments=10, **options) -> Samples:
+    log = simulate_session(SimulationOptions(segments=segments, closure_s=0.0, **options)).log
+    gyro, accel = log.gyro * gyro_rps_per_lsb(500), log.accel * accel_mps2_per_lsb(4)
+    return Samples(log.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(log.temp.astype(float)))
+
+
+def offline(samples: Samples, odr_hz=208.0):
+    stills, _ = find_stills(samples)
+    return cut_segments(samples, stills, config(odr_hz=odr_hz).sensor, config().protocol)
+
+
+def with_hand(samples: Samples, start_s: float, stop_s: float, dps: float = 0.4) -> Samples:
+    """A hand that trembles on the table."""
+    gyro, inside = samples.gyro.copy(), (samples.t_s >= start_s) & (samples.t_s < stop_s)
+    gyro[inside] += np.random.default_rng(1).normal(size=(inside.sum(), 3)) * dps * DEG
+    return Samples(samples.t_ns, gyro, samples.accel, samples.temp_c)
+
 
 ERRORS = np.eye(3) + 1e-3 * np.array([[4.0, 1.5, -2.0], [-1.0, -6.0, 2.5], [2.0, -1.5, 5.0]])
+
+
 BIAS_DPS = np.array([0.5, -0.3, 0.6])
 
 
@@ -40,9 +85,8 @@ class CoachedHand:
     def __init__(self, server=None, segments: int = 40, odr_hz: float = 208.0, seed: int = 0):
         self.server = server or Kept()
         self.page, self.coach = PageView(Silent(), self.server), Coach()
-        self.guide = Guide(config().protocol, segments)
+        self.guide = guide_of(segments, odr_hz)
         self.guide.coached = True
-        self.guide.begin(config(odr_hz=odr_hz).sensor)
         self.attitude = Rotation.identity()
         self._rng, self._odr_hz, self._number = np.random.default_rng(seed), odr_hz, 0
         self._moments = self._session()

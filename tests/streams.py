@@ -1,4 +1,4 @@
-"""Streams for the tests of the decoder and the recorder: what was sent is known sample by sample."""
+"""What a board sends, known sample by sample: as frames and as text, spoilt on the wire, and made to cost a decoder dear."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import Event, Info, SampleChunk
 
 PERIOD_US = 600
+
+
 INFO = Info(500.0, 4.0, 1666.5, "77")
 
 
@@ -45,9 +47,9 @@ def line_list(t_us: np.ndarray, registers: np.ndarray, end: str = "\n") -> list[
 BOTH = pytest.mark.parametrize("encode", [frame_list, line_list], ids=["frames", "text"])
 
 
-def decode(data: bytes, cuts=None) -> tuple[StreamDecoder, list[Event]]:
-    """Decode bytes, whole or in pieces that end at ``cuts``, and finish."""
-    decoder, events = StreamDecoder(), []
+def decode(data: bytes, cuts=None, told=None) -> tuple[StreamDecoder, list[Event]]:
+    """Decode bytes, whole or in pieces that end at ``cuts``, and finish; told: the header that nobody sends."""
+    decoder, events = StreamDecoder(told), []
     edges = [0, *sorted(cuts or []), len(data)]
     for start, stop in itertools.pairwise(edges):
         events += decoder.feed(data[start:stop])
@@ -81,3 +83,37 @@ def troubles(events: list[Event]) -> dict[str, int]:
         if hasattr(event, "kind"):
             total[event.kind] = total.get(event.kind, 0) + event.count
     return total
+
+
+def spoilt(messages: list[bytes], seed: int, lost: float = 0.0, torn: float = 0.0, flip: float = 0.0) -> bytes:
+    """The messages on a bad wire: shares of them that are lost, and cut off somewhere, and of all bits that are turned."""
+    draw = np.random.default_rng(seed)
+    kept = [m[: draw.integers(1, len(m))] if draw.random() < torn else m for m in messages if draw.random() >= lost]
+    bits = np.unpackbits(np.frombuffer(b"".join(kept), np.uint8))
+    return np.packbits(bits ^ (draw.random(len(bits)) < flip)).tobytes()
+
+
+def costly(size: int, seed: int = 1) -> dict[str, bytes]:
+    """Streams that cost the most for their length, by name; and ordinary ones to hold them against."""
+    draw, registers = np.random.default_rng(seed), smooth_registers(size // 18, seed)
+    t_us = PERIOD_US * np.arange(len(registers))
+    coded, lines = frame_list(t_us, registers), line_list(t_us, registers)
+    short = line_list(60 * np.arange(len(registers)), 0 * registers)
+    garbage = [bytes(draw.integers(1, 256, 515, np.uint8)) for _ in range(size // 540)]
+    letters = np.frombuffer(b"0123456789,,,,-.#\n\r\0 te", np.uint8)
+    disorder = frame_list(draw.integers(0, 2**32, len(registers)), registers)
+    streams = {
+        "frames": coded,
+        "text": lines,
+        "frames, 1 % of bits turned": [spoilt(coded, seed, flip=0.01)],
+        "a zero behind each line": [line + b"\0" for line in lines],
+        "frames between garbage": [part + b"\0" + frame for part, frame in zip(garbage, coded, strict=False)],
+        "a line and a frame by turns": [b"\0" + frame + line for frame, line in zip(coded, lines, strict=True)],
+        "lines too long": [lines[0], b"1" * 514 + b"\n"] * size,
+        "short lines": short,
+        "a comment behind each line": [line + b"#a\n" for line in lines],
+        "frames in disorder": disorder,
+        "a reset every 4 frames": coded[:4] * size,
+        "random text": [draw.choice(letters, size).tobytes()],
+    }
+    return {name: b"".join(parts)[:size] for name, parts in streams.items()}

@@ -5,8 +5,8 @@ import threading
 
 import numpy as np
 import pytest
+from coached_hand import guide_of
 from conftest import Table, broad
-from guided_streams import guide_of
 from processes import PATIENCE_S
 from rich.console import Console
 from test_page_state import Kept, Silent

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from processes import wait
 from streams import INFO, frame_list, sent
-from test_stream_board import board_frame, done_frame
+from test_stream_physics import board_frame, done_frame
 
 from session.bench import frames, port
 from session.bench.decoder import StreamDecoder

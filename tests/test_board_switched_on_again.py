@@ -6,7 +6,7 @@ import pytest
 from processes import PATIENCE_S
 from streams import INFO, frame_list, sent
 from test_board_setting import Wire
-from test_stream_board import board_frame
+from test_stream_physics import board_frame
 
 from session.bench import frames, port
 from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from coached_hand import guide_of, play, said
 from conftest import DEG, Table, broad, session_of
-from guided_streams import guide_of, play, said
 
 from session.bench.messages import Kind, Stage
 from session.bench.rawfile import RecordingDecision

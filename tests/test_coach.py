@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from guided_streams import guide_of, play, simulated
+from coached_hand import guide_of, play, simulated
 
 from session.bench.messages import Progress
 from tinygc.models import linear

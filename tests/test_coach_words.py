@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coached_hand import guide_of
 from conftest import broad
-from guided_streams import guide_of
 from processes import run
 from scipy.spatial.transform import Rotation
 

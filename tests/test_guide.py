@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from coached_hand import guide_of, offline, play, simulated, with_hand
 from conftest import Table, broad
-from guided_streams import guide_of, offline, play, simulated, with_hand
 
 from session.bench.messages import Advice, Kind, Stage, face_up
 

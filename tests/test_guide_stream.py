@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from coached_hand import guide_of, play, said
 from conftest import Table
-from guided_streams import guide_of, play, said
 
 from session.bench.live import stream_problem
 from session.bench.messages import Kind, Stage

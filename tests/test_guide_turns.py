@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from coached_hand import guide_of, offline, play, said, with_hand
 from conftest import DEG, Table
-from guided_streams import guide_of, offline, play, said, with_hand
 
 from session.bench.messages import Advice, Kind, RequestedTurn, Stage
 from session.bench.rawfile import Mark, RecordingDecision, decision_of

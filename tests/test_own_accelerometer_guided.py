@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from coached_hand import guide_of, play, said, simulated
 from conftest import GRAVITY, Table, config
-from guided_streams import guide_of, play, said, simulated
 
 from session.bench.guide import Guide
 from session.bench.live import stream_problem

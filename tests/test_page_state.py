@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from coached_hand import CoachedHand, Kept, Silent
+from coached_hand import CoachedHand, Kept, Silent, guide_of, play, simulated
 from conftest import DEG, Table
-from guided_streams import guide_of, play, simulated
 
 from session.bench.messages import Advice, RequestedTurn
 from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated

@@ -3,8 +3,8 @@
 import io
 
 import pytest
+from coached_hand import guide_of, play
 from conftest import Table
-from guided_streams import guide_of, play
 from rich.console import Console
 
 from session.bench.messages import Advice, GuideMessage, Kind, Stage

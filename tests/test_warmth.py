@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from coached_hand import guide_of, play
 from conftest import DEG, Table, broad
-from guided_streams import guide_of, play
 from rich.console import Console
 from test_page_state import Kept, Silent
 

@@ -1,15 +1,18 @@
 """Continuity of a stream and its step filter, reading by reading: each tolerance one step below and above, each wrap, each count."""
 
+from __future__ import annotations
+
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from session.bench import continuity
 from session.bench.continuity import Continuity, StepFilter
 from session.bench.events import REGISTERS, AcceptedSamples, ReceivedSamples, SampleChunk, StreamFormat, Trouble
 
 P = 1000  # us, the period of these streams
+
+
 T0 = 5_000_000
 
 
@@ -43,9 +46,6 @@ def begun(count=20, text=False, period=P):
 LAST = T0 + 19 * P  # of ``begun()``
 
 
-# The beginning.
-
-
 @pytest.mark.parametrize("text", [False, True])
 def test_three_readings_that_follow_each_other_begin_a_stream(text):
     stream = Continuity()
@@ -55,12 +55,6 @@ def test_three_readings_that_follow_each_other_begin_a_stream(text):
     assert stream.period_us == P
     assert told(stream.finish()) == ([T0 + 2 * P] * text, [1] * text, [])
     assert stream.period_us is None
-
-
-def test_two_readings_alone_are_left_out():
-    stream = Continuity()
-    stream.take(received([T0, T0 + P], [7, 8]))
-    assert told(stream.finish()) == ([], [], [("implausible", 2, None)])
 
 
 @pytest.mark.parametrize(
@@ -101,9 +95,6 @@ def test_the_period_is_the_mean_over_numbers():
     assert stream.period_us == pytest.approx(3500 / 3)
 
 
-# The next reading.
-
-
 @pytest.mark.parametrize("smooth", [True, False])
 @pytest.mark.parametrize(("numbers", "most"), [(1, 355), (2, 360), (200, 1350), (4096, 20_830)])
 def test_a_step_may_err_by_a_third_of_a_period_and_half_a_per_cent(numbers, most, smooth):
@@ -141,19 +132,12 @@ def test_the_same_number_or_time_again_counts_once():
             assert out == ([last], [1], [("implausible", 1, last)])
 
 
-@pytest.mark.parametrize("text", [False, True])
-def test_number_and_clock_wrap(text):
+@pytest.mark.parametrize("modulus", [2**32, 2**40], ids=["text that wraps", "text that counts on"])
+def test_number_and_clock_wrap(modulus):
     n = np.arange(200)
-    t_us = 2**32 - 100_500 + P * n
-    stream = Continuity()
-    out = told(stream.take(received(t_us % 2**32, None if text else (65_450 + n) % 65_536)) + stream.finish())
-    assert out == (t_us.tolist(), [1] * 200, [])
-
-
-def test_text_may_count_on_beyond_32_bits():
-    t_us = 2**32 - 100_500 + P * np.arange(200)
-    stream = Continuity()
-    assert told(stream.take(received(t_us)) + stream.finish()) == (t_us.tolist(), [1] * 200, [])
+    t_us, stream = 2**32 - 100_500 + P * n, Continuity()
+    assert told(stream.take(received(t_us % modulus)) + stream.finish()) == (t_us.tolist(), [1] * 200, [])
+    assert told(Continuity().take(received(t_us % 2**32, (65_450 + n) % 65_536))) == (t_us.tolist(), [1] * 200, [])
 
 
 def test_ten_minutes_of_silence_are_a_gap_and_more_are_a_restart():
@@ -171,14 +155,11 @@ def test_ten_minutes_of_silence_are_a_gap_and_more_are_a_restart():
             assert told(begun(count, period=slow).take(received([at], [number])))[0] == [at] * counts
 
 
-@pytest.mark.parametrize("periods", [40_000, 65_536, 100_000])
+@pytest.mark.parametrize("periods", [40_000, 100_000])
 def test_wraps_of_the_number_in_a_gap_are_counted_by_the_clock(periods):
     at = LAST + periods * P
     out = told(begun().take(received([at, at + P], [(19 + periods) % 65_536, (20 + periods) % 65_536])))
     assert out == ([at, at + P], [periods, 1], [("lost", periods - 1, LAST)])
-
-
-# Numbers of info frames.
 
 
 def test_a_number_of_an_info_frame_is_no_sample_lost():
@@ -211,7 +192,7 @@ def test_the_last_sixteen_info_frames_are_known():
         assert told(stream.take(received([LAST + P], [20 + count]))) == ([LAST + P] * counts, [1] * counts, [])
 
 
-@pytest.mark.parametrize(("step_us", "numbers", "count"), [(50_000, 51, 50), (999_999, 1006, 1005), (1_000_000, 1007, 1005)])
+@pytest.mark.parametrize(("step_us", "numbers", "count"), [(999_999, 1006, 1005), (1_000_000, 1007, 1005)])
 def test_one_number_and_another_each_second_may_be_of_a_lost_info_frame(step_us, numbers, count):
     """Beyond the most samples that the clock allows, (0.35 + 0.005 count) periods more than it says."""
     at = LAST + step_us
@@ -229,9 +210,6 @@ def test_a_lost_info_frame_costs_no_sample(count):
     last = T0 + (count - 1) * P
     for numbers, counts in ((1, True), (2, True), (3, False)):
         assert told(begun(count).take(received([last + P], [count - 1 + numbers])))[:2] == ([last + P] * counts, [1] * counts)
-
-
-# Another rate, and restarts.
 
 
 @pytest.mark.parametrize(("gap_us", "numbers", "goes_on"), [
@@ -276,21 +254,12 @@ def test_text_needs_eight_lines_for_a_restart():
     assert troubles == [("lost", 1, LAST), ("reset", 1, LAST)]
 
 
-def test_of_lines_that_wait_the_last_alone_may_begin_another_rate():
-    stream = begun(text=True)
-    assert told(stream.take(received([77, 1077, 2077, 3077]))) == ([], [], [])
-    assert told(stream.take(received([8077]))) == ([], [], [("implausible", 3, LAST)])
-
-
 def test_readings_that_wait_are_left_out_when_the_stream_goes_on_or_ends():
     stream = begun()
     assert told(stream.take(received([77, 1077], [0, 1]))) == ([], [], [])
     assert told(stream.take(received([LAST + P], [20]))) == ([LAST + P], [1], [("implausible", 2, LAST)])
     stream.take(received([77], [0]))
     assert told(stream.finish()) == ([], [], [("implausible", 1, LAST + P)])
-
-
-# Text.
 
 
 @pytest.mark.parametrize(("off", "counts"), [(700, True), (701, False), (-700, True), (-701, False)])
@@ -322,9 +291,6 @@ def test_lines_may_be_silent_for_ten_minutes(gap, needed):
         assert (out[1][0], out[2]) == (gap // P, [("lost", gap // P, LAST)])  # the line before the gap does not count
 
 
-# The period.
-
-
 def test_the_period_is_measured_anew_at_16_32_64_and_so_on_up_to_1024_apart():
     """Stamps of which every third is late by 100 us; counted from the first reading on."""
     n = np.arange(4000)
@@ -342,30 +308,8 @@ def test_the_period_is_measured_anew_at_16_32_64_and_so_on_up_to_1024_apart():
     assert whole.period_us == stream.period_us
 
 
-def test_decisions_do_not_depend_on_how_readings_are_divided():
-    rng = np.random.default_rng(1)
-    n = np.arange(3000)
-    t_us, number = T0 + P * n + rng.integers(-200, 200, 3000), n.copy()
-    t_us[rng.choice(3000, 60)] += 7777
-    number[rng.choice(3000, 20)] += 9
-    kept = rng.random(3000) > 0.02
-    t_us[2000:] -= 6_000_000
-    t_us, number = t_us[kept], number[kept]
-    for text in (False, True):
-        outs = []
-        for size in (1, 7, 500, 3000):
-            stream, out = Continuity(), []
-            for begin in range(0, len(t_us), size):
-                part = slice(begin, begin + size)
-                out += stream.take(received(t_us[part], None if text else number[part]))
-            whole = told(out + stream.finish())
-            total = {kind: sum(c for k, c, _ in whole[2] if k == kind) for kind in ("lost", "implausible", "reset")}
-            outs.append((*whole[:2], total))
-        assert outs[0] == outs[1] == outs[2] == outs[3]
-        assert len(outs[0][0]) > 2500
-
-
 # The step filter.
+
 
 BARS = REGISTERS.bars
 
@@ -433,11 +377,9 @@ def test_a_thousand_samples_are_doubted_from_the_damaged_one_on(place, gone, cut
     assert out == (np.delete(values, [place] * gone).tolist(), [place] * gone)
 
 
-def test_a_filter_decides_alike_however_samples_are_divided(monkeypatch):
-    """Also where the last sample that is doubted waits for the next; and what is passed on stays in order."""
-    monkeypatch.setattr(continuity, "DOUBT", 5)
+def test_a_filter_decides_alike_however_samples_are_divided():
     left = 0
-    for seed in range(40):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
         values = BAR // 2 * rng.choice([0, 0, 0, 1, 4, -9, 9], 60)
         whole = accepted(values, damaged=rng.choice(60, 4), periods=rng.choice([1, 1, 2, 4], 60))
@@ -447,7 +389,7 @@ def test_a_filter_decides_alike_however_samples_are_divided(monkeypatch):
             assert passed(out) == expected
             assert (np.diff([t for each in out if isinstance(each, SampleChunk) for t in each.t_us.tolist()]) > 0).all()
         left += len(expected[1])
-    assert left > 100
+    assert left > 30
 
 
 def test_damage_in_the_middle_doubts_what_follows_it_and_not_what_was_before():
@@ -472,13 +414,6 @@ def test_a_level_that_stays_is_passed_on_and_measured_from_there():
     out = step_filter.take(accepted([0, 0, 5 * BAR], damaged=[0])) + step_filter.take(accepted([5 * BAR, 5 * BAR, 9 * BAR, 5 * BAR]))
     assert passed(out) == ([0, 0, 5 * BAR, 5 * BAR, 5 * BAR, 5 * BAR], [2])
     assert out[1].registers.dtype == np.int16
-
-
-def test_the_first_behind_one_that_waited_is_judged_by_its_own_periods():
-    for spike, gone in ((7 * BAR, False), (7 * BAR + 1, True)):
-        whole = accepted([0, 0, 5 * BAR, spike, 5 * BAR, 5 * BAR], damaged=[0], periods=[1, 1, 1, 2, 1, 1])
-        for cuts in ([], [3]):
-            assert passed(in_parts(whole, cuts))[1] == [3] * gone
 
 
 def test_a_batch_begins_behind_the_last_of_the_one_before():

@@ -1,0 +1,531 @@
+"""The firmware on the test kit's STM32F405 beside the model of its sensor, whose every sample is known; and the kit itself."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from emulator import driven as kit
+from emulator.build import build, symbols
+from emulator.core import AIRCR, RESET_KEY, RESET_REQUEST, SYSTICK_CSR
+from emulator.cpu import CCM
+from emulator.driven import NOMINAL_HZ, Driven, Verdict, judged
+from emulator.machine import CYCLES_PER_INSTRUCTION, Machine
+from emulator.sensor import CTRL1_XL, CTRL2_G, CTRL3_C, Asm330lhh, AtRest, Fault, SensorPort
+from f405_programs import came_to_its_end, compiled, found, tools_missing, with_board
+
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import SENSOR
+from session.bench.logwriter import LogWriter
+
+if MISSING := tools_missing():
+    pytest.skip(MISSING, allow_module_level=True)
+
+
+pytestmark = pytest.mark.emulation
+
+
+@pytest.fixture(scope="session")
+def elf(tmp_path_factory):
+    """The driver with the board's program around it."""
+    return kit.built(tmp_path_factory.mktemp("driver"))
+
+
+@pytest.fixture(scope="session")
+def recorder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorder")
+    return build("recorder.elf", folder, folder, ODR_HZ=str(RATE_HZ))
+
+
+def ran(text: str, folder, t_s: float = 0.05, **how) -> Machine:
+    """A program with a sensor, run to its end: it did nothing that a board would not do."""
+    machine = Machine(compiled(text, folder), SensorPort(Asm330lhh(AtRest())), **how)
+    machine.run_until(t_s)
+    assert machine.bus.objections == {}
+    assert came_to_its_end(machine)
+    return machine
+
+
+def test_time_is_instructions_times_the_factor_and_a_millisecond_is_one(tmp_path):
+    """A thousand additions between two readings of SysTick's counter; ten milliseconds asleep."""
+    text = """
+    int main(void)
+    {
+        systick(0x1000000);
+        const uint32_t a = cycles();
+        __asm volatile(".rept 1000\\n\\tadds r0, r0, #1\\n\\t.endr" ::: "r0", "cc");
+        found[0] = cycles() - a;
+        systick(168000);
+        while (milliseconds < 10) WFI();
+        return 0;
+    }"""
+    machine = ran(text, tmp_path)
+    assert found(machine)[0] == pytest.approx(1001 * CYCLES_PER_INSTRUCTION, abs=15)
+    assert machine.slept > 0.99 * machine.clock.now()
+    early = Machine(compiled(text, tmp_path))
+    early.run_until(0.0099)
+    assert not came_to_its_end(early)
+
+
+def test_a_register_is_read_and_bytes_take_their_time_on_the_line(tmp_path):
+    """84 MHz / 16 = 5.25 MHz: 256 cycles a byte.  Without a sensor it reads as ones."""
+    text = """
+    int main(void)
+    {
+        systick(168000);
+        while (milliseconds < 12) WFI(); /* the sensor starts up */
+        spi_on();
+        found[0] = read_register(0x0F);
+        systick(0x1000000);
+        const uint32_t a = cycles();
+        for (int n = 0; n < 100; n++) spi_byte(0xFF);
+        found[1] = cycles() - a;
+        return 0;
+    }"""
+    identity, taken = found(ran(text, tmp_path), 2)
+    assert identity == 0x6B
+    assert taken == pytest.approx(100 * 256, rel=0.15)
+    alone = Machine(compiled(text, tmp_path))
+    alone.run_until(0.05)
+    assert found(alone) == [0xFF]
+
+
+FULL_RING = """
+static uint32_t sent;
+static void fill(void)
+{
+    uint8_t frame[64];
+    for (;; sent += sizeof frame) {
+        for (unsigned n = 0; n < sizeof frame; n++) frame[n] = (uint8_t)((sent + n) * 7 + (sent + n) / 256);
+        if (!board_send(frame, sizeof frame)) return;
+    }
+}
+"""
+
+
+def expected(count: int) -> bytes:
+    return bytes((n * 7 + n // 256) & 0xFF for n in range(count))
+
+
+def test_another_rate_counts_behind_what_waited_and_nobody_waits(tmp_path):
+    """A ring that is full at 115200 baud; the rate changes; more is sent.  Each byte leaves at the rate it was meant for."""
+    text = (
+        FULL_RING
+        + """
+    int main(void)
+    {
+        board_start(115200);
+        fill();
+        found[0] = sent;
+        const uint32_t began = board_microseconds();
+        board_send_baud(921600);
+        found[1] = board_microseconds() - began;
+        for (;;) { fill(); found[2] = sent; board_wait(); board_alive(); }
+    }"""
+    )
+    machine = Machine(with_board(text, tmp_path), lsi_hz=47e3)
+    while not machine.usart1.baud or machine.usart1.baud < 200_000:
+        machine.run_until(machine.clock.now_s() + 0.0005)
+    first, took_us, _ = found(machine, 3)
+    assert len(machine.usart1.sent) == first
+    assert machine.clock.now_s() == pytest.approx(10 * first / 115200, abs=0.005)
+    assert took_us < 10
+    machine.run_until(machine.clock.now_s() + 0.2)
+    sent = machine.usart1.take()
+    assert sent == expected(len(sent))
+    assert len(sent) - first == pytest.approx(0.2 * 92160, abs=8192)  # what DMA has in hand is not there yet
+    assert (machine.bus.objections, machine.resets) == ({}, 0)
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("SPI(0) = 0x347;", "SPI1 is used while its clock is off"),
+        ("spi_on(); GPIOA(0x20) = 0; read_register(0x0F);", "not SPI1's"),
+        ("REG(0x40003000) = 0xCCCC; REG(0x40003004) = 3;", "without its key"),
+        (
+            "static uint8_t text[100]; usart_on(); USART1(0x14) = 0x80; STREAM(7, 8) = 0x40011004; STREAM(7, 12) = (uint32_t)text;"
+            "STREAM(7, 4) = 100; STREAM(7, 0) = 4u << 25 | 1u << 10 | 1u << 6 | 1; text[50] = 1;",
+            "was changed before it was sent",
+        ),
+    ],
+)
+def test_what_a_board_would_not_do_is_objected_to(program, said, tmp_path):
+    machine = Machine(compiled(f"int main(void) {{ {program} return 0; }}", tmp_path), SensorPort(Asm330lhh(AtRest())))
+    machine.run_until(0.01)
+    assert came_to_its_end(machine)
+    (objection,) = machine.bus.objections
+    assert said in objection
+
+
+# The driver and the board around it.
+
+
+NOMINAL_PPM = 51  #: between 6667 Hz and 40000/6 Hz: no source says which of them INTERNAL_FREQ_FINE is of
+
+
+def running(elf, odr_hz: float, **how) -> Driven:
+    """At a data rate; what came before does not count."""
+    driven = Driven(elf, **how)
+    driven.run(0.3)
+    driven.ask(frames.DATA_RATE, odr_hz)
+    driven.run(0.3)
+    driven.forget()
+    return driven
+
+
+@cache
+def streaming(elf) -> Driven:
+    driven = running(elf, 6667.0)
+    driven.run(1.2)
+    return driven
+
+
+def assert_clean(found: Verdict) -> None:
+    """Nothing is lost, and nothing is wrong."""
+    assert (found.missing, found.said_lost, found.doubled, found.falsified, found.unsettled) == (0, 0, 0, 0, 0)
+
+
+def test_it_starts_in_order_and_streams_6667_hz_without_a_loss(elf):
+    driven = streaming(elf)
+    written = driven.sensor.written
+    reset = written.index((CTRL3_C, 0x05))
+    assert {(CTRL1_XL, 0x00), (CTRL2_G, 0x00)} <= set(written[:reset])  # both off, before the reset
+    assert written[reset + 1][0] == CTRL3_C  # BDU and IF_INC, before anything that they protect
+    found = driven.verdict()
+    assert found.streamed > 7500
+    assert_clean(found)
+    assert driven.info.odr_hz == pytest.approx(found.true_hz, rel=1e-6 * NOMINAL_PPM)
+    assert found.odr_hz == pytest.approx(found.true_hz, rel=10e-6)
+    assert driven.machine.slept > 0.85 * driven.machine.clock.now()
+    assert driven.objections == []
+    assert set(driven.counts.values()) <= {0, driven.counts["lost"]}  # what setting it anew has cost
+
+
+def test_the_verdict_finds_what_is_planted(elf):
+    """A value, a time, a time for good, a sample twice, one that is gone."""
+    driven = streaming(elf)
+    bodies, _ = frames.decode_blocks(np.frombuffer(b"".join(driven._frames), np.uint8).reshape(driven.streamed, -1))
+    true = np.ascontiguousarray(bodies).view(frames.SAMPLE).ravel()
+    verdict = lambda stream: judged(stream, driven.sensor.kept, 0.0, driven.clock_hz, driven.silicon)  # noqa: E731
+    assert_clean(verdict(true))
+    for change, off in ((40, 1), (-1000, 1), (40, 2000)):
+        stream = true.copy()
+        stream["t_us"][len(true) - 2500 :][:off] += np.array(change, np.int64).astype(np.uint32)
+        assert verdict(stream).falsified == off
+    stream = true.copy()
+    stream["registers"][700, 3] += 1
+    assert (verdict(stream).falsified, verdict(stream).missing) == (1, 1)
+    assert verdict(np.insert(true, 700, true[699])).doubled == 1
+    assert (verdict(np.delete(true, 700)).missing, verdict(np.delete(true, 700)).said_lost) == (1, 1)
+
+
+@pytest.mark.parametrize("kind", ["hang", "reset", "parity"])
+def test_a_fault_costs_what_it_must_and_is_counted(elf, kind):
+    driven = running(elf, 1667.0, faults=[Fault(kind, 1.2, 0.02)])
+    before = dict(driven.counts)
+    driven.run(2.0)
+    found = driven.verdict()
+    risen = {name for name, count in driven.counts.items() if count > before[name]}
+    names = {"hang": {"ones"}, "reset": {"reset", "zeros", "starts"}, "parity": {"parity", "incomplete"}}
+    assert risen <= names[kind] | {"lost"}
+    assert risen - {"lost"}
+    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
+    assert found.missing == found.said_lost or kind == "reset"  # whose sensor made none meanwhile
+    assert found.missing <= {"parity": 1, "reset": 300, "hang": 40}[kind]
+
+
+def test_a_sensor_that_answers_within_two_seconds_gets_no_stand_in(elf):
+    driven = Driven(elf, faults=[Fault("late", 1.5)])
+    driven.run(1.5)
+    assert (driven.board, driven.bytes) == (None, 0)  # nothing is said before it is known who speaks
+    driven.run(0.5)
+    assert (driven.board.source, driven.board.runs) == (SENSOR, True)
+    assert driven.made_up == 0
+    found = driven.verdict()
+    assert found.streamed > 100
+    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
+
+
+def test_commands_wait_their_turn_and_none_is_lost(elf):
+    """A self-test takes 1.3 s; what is asked for meanwhile is answered behind it, in its order."""
+    driven = Driven(elf, motion=AtRest(), fine=0)
+    driven.run(0.2)
+    asked = [(frames.SELF_TEST,), (frames.DATA_RATE, 1667.0), (frames.RANGES, 250, 2), (frames.RANGES, 300, 2), (frames.IDENTIFY,)]
+    for number, command in enumerate(asked, 1):
+        driven.machine.usart1.feed(frames.encode_command(command[0], number, *command[1:]))
+    driven.run(0.5)
+    assert list(driven.answers.items()) == []
+    driven.run(1.2)
+    assert list(driven.answers.items()) == [(1, 0), (2, 0), (3, 0), (4, 2), (5, 0)]
+    (result,) = driven.tested
+    assert result.failed == 0
+    assert list(result.gyro_dps) == pytest.approx([400.0] * 3, abs=0.1)
+    assert (driven.board.odr_hz, driven.info.gyro_fs_dps, driven.info.accel_fs_g) == (1667.0, 250.0, 2.0)
+    assert driven.counts["starts"] == 0
+    assert driven.objections == []
+
+
+def test_settling_is_said_and_takes_what_the_filters_need(elf):
+    """The accelerometer's narrowest filter at 417 Hz: 597 slots, 1.43 s.  The answer does not wait for that."""
+    driven = Driven(elf)
+    driven.run(0.2)
+    driven.ask(frames.FILTERS, 0xFF, 800, within_s=0.1)
+    assert (driven.board.runs, driven.board.settles) == (True, True)
+    driven.forget()
+    driven.run(1.3)
+    assert not driven.streamed
+    driven.run(1.2)
+    assert (driven.board.runs, driven.board.settles) == (True, False)
+    found = driven.verdict()
+    assert (found.doubled, found.falsified, found.unsettled) == (0, 0, 0)
+    assert found.streamed == pytest.approx(417 * 1.0105 * 1.07, abs=60)
+
+
+# The clock of the sensor's bus, and what is not built.
+
+
+DIVIDERS = (16, 32, 64, 128, 256)
+
+
+QUICKEST = 127  #: INTERNAL_FREQ_FINE at its end: 19 % above the nominal rate
+
+
+WORD_BITS, POLLS_HZ, BURSTS_HZ, PROOF_BYTES = 56, 1000, 300, 21
+
+
+SHARE = 0.8  #: of the clock
+
+
+def carried_bits(odr_hz: float) -> float:
+    """Bits a second on the bus: words, looks at the level, addresses and registers behind a burst."""
+    return 3 * WORD_BITS * odr_hz + 13 * WORD_BITS + 3 * 8 * POLLS_HZ + 8 * PROOF_BYTES * BURSTS_HZ
+
+
+def least_mhz(odr_hz: float) -> float:
+    """The clock that carries the quickest unit of a nominal rate."""
+    return carried_bits(1.19 * odr_hz) / SHARE / 1e6
+
+
+def most_hz(divider: int) -> float:
+    """The quickest nominal rate that a divider carries."""
+    return max(hz for hz in NOMINAL_HZ if least_mhz(hz) <= 84 / divider)
+
+
+def test_the_table_of_the_boards_page_is_that_of_the_formula():
+    page = (ROOT / "docs" / "boards.md").read_text()
+    rows = re.findall(r"^\| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \| (\d+) \|$", page.split("## The sensor's bus")[1], re.M)
+    assert [float(row[0]) for row in rows] == list(NOMINAL_HZ)
+    for hz, kbit, least, divider in rows:
+        assert float(kbit) == pytest.approx(carried_bits(float(hz)) / 1e3, abs=0.5)
+        assert float(least) == pytest.approx(least_mhz(float(hz)), abs=0.005)
+        assert int(divider) == max(d for d in DIVIDERS if 84 / d >= least_mhz(float(hz)))
+
+
+def test_what_a_clock_carries_of_the_quickest_unit_loses_nothing(tmp_path):
+    divider = 64
+    elf = build("recorder.elf", tmp_path, tmp_path, SPI_DIVIDER=str(divider), BAUD="3000000")
+    driven = Driven(elf, fine=QUICKEST)
+    driven.run(0.5)
+    driven.ask(frames.DATA_RATE, most_hz(divider))
+    driven.run(0.4)
+    driven.forget()
+    driven.run(1.0)
+    found = driven.verdict()
+    assert found.streamed > 0.9 * 1.19 * most_hz(divider)
+    assert (found.missing, found.said_lost, found.falsified) == (0, 0, 0)
+    assert driven.objections == []
+    quicker = [hz for hz in NOMINAL_HZ if hz > most_hz(divider)]
+    if quicker:
+        with pytest.raises(RuntimeError, match=f"result {frames.TOO_QUICK}"):
+            driven.ask(frames.DATA_RATE, quicker[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"SPI_DIVIDER": "64", "ODR_HZ": "6667"}, "the SPI does not carry this data rate: make SPI_DIVIDER=16"),
+        ({"SPI_DIVIDER": "24"}, "SPI_DIVIDER is one of 16, 32, 64, 128, 256"),
+        ({"ODR_HZ": "500"}, "ODR_HZ is one of 12.5 (or 12), 26, 52, 104, 208, 417, 833, 1667, 3333, 6667"),
+        ({"GYRO_FS_DPS": "300"}, "GYRO_FS_DPS is one of 125, 250, 500, 1000, 2000, 4000"),
+        ({"ACCEL_FS_G": "3"}, "ACCEL_FS_G is one of 2, 4, 8, 16"),
+    ],
+)
+def test_what_no_sensor_or_bus_has_is_not_built(options, said, tmp_path):
+    with pytest.raises(RuntimeError, match=re.escape(said)):
+        build("recorder.elf", tmp_path, tmp_path, BAUD="3000000", **options)
+
+
+# The watchdog.
+
+
+RATE_HZ = 208
+
+
+RUNS, SETTLES, BY_WATCHDOG, BY_FAULT = 0b11, 1 << 2, 1 << 3, 1 << 4  #: of the board's state; the first: it streams its sensor's samples
+
+
+def bodies(stream: bytes) -> list[bytes]:
+    """The good frames of a stream, without their CRC."""
+    decoded = (frames.decode_blocks(np.frombuffer(token, np.uint8)[None]) for token in stream.split(b"\0") if 6 <= len(token) < 254)
+    return [body.tobytes() for body, good in decoded if good[0]]
+
+
+def states(stream: bytes) -> list[int]:
+    """The board's own states."""
+    return [body[4] for body in bodies(stream) if body[0] == 0x05]
+
+
+def state(machine: Machine) -> int:
+    """The one that it has said last, but for whether its filters settle."""
+    return states(machine.usart1.take())[-1] & ~SETTLES
+
+
+def samples(stream: bytes) -> int:
+    return sum(body[0] == 0x01 for body in bodies(stream))
+
+
+def stop_time(machine: Machine) -> None:
+    """An upset of SysTick's register: nobody ever wakes."""
+    machine.core.ticks.write(SYSTICK_CSR, 0)
+
+
+def hang(machine: Machine) -> None:
+    """The loop comes to a place that it never leaves, while interrupts go on."""
+    machine.cpu.set_memory(CCM + 0x8000, b"\xfe\xe7")  # b .
+    machine.cpu.set("PC", CCM + 0x8001)
+
+
+def watched(elf, lsi_hz: float, seconds: float = 2.0, **how) -> Machine:
+    machine = Machine(elf, SensorPort(Asm330lhh(AtRest())), lsi_hz=lsi_hz, **how)
+    machine.run_until(seconds)
+    assert state(machine) == RUNS
+    return machine
+
+
+@pytest.mark.parametrize(("upset", "lsi_hz"), [(stop_time, 17e3), (hang, 47e3)])
+def test_a_board_that_hangs_is_reset_and_streams_again(recorder, lsi_hz, upset):
+    """Within 32000 cycles of the low-speed oscillator; then it says so, and samples come."""
+    machine = watched(recorder, lsi_hz)
+    upset(machine)
+    machine.run_until(2.0 + 32032 / lsi_hz)
+    assert (machine.resets, machine.watchdog_resets) == (1, 1)
+    machine.usart1.take()
+    machine.run_until(machine.clock.now_s() + 1.5)
+    stream = machine.usart1.take()
+    assert states(stream)[-1] & ~SETTLES == RUNS | BY_WATCHDOG
+    assert samples(stream) > 1.0 * RATE_HZ
+    assert machine.watchdog_resets == 1
+
+
+def flip(machine: Machine, address: int, bit: int) -> None:
+    """One bit of the memory changes."""
+    (byte,) = machine.cpu.memory(address, 1)
+    machine.cpu.set_memory(address, bytes([byte ^ 1 << bit]))
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "by"),
+    [
+        ("PC", 0x30000001, BY_FAULT),  # no memory
+        ("SP", 0x60000F00, BY_WATCHDOG),  # no memory: neither the handler of a fault has a stack
+    ],
+)
+def test_a_core_that_runs_astray_is_reset_and_streams_again(recorder, register, value, by):
+    """By the handler of faults at once, or where the core locks up by the watchdog."""
+    machine = watched(recorder, 32e3, hard_faults=True)
+    machine.cpu.set(register, value)
+    machine.run_until(2.9)
+    assert machine.resets == (by == BY_FAULT)
+    machine.run_until(4.0)
+    assert (machine.resets, machine.watchdog_resets) == (1, by == BY_WATCHDOG)
+    assert state(machine) == RUNS | by
+    machine.run_until(5.2)
+    assert samples(machine.usart1.take()) == pytest.approx(1.2 * RATE_HZ, rel=0.05)
+    assert machine.resets == 1
+
+
+def test_a_board_names_the_cause_of_its_last_reset_alone(recorder):
+    """A reset that somebody asks for, as a flasher does, is none of its own; neither is one behind a fault that was said before."""
+    machine, said = watched(recorder, 32e3, 1.0, hard_faults=True), []
+
+    def ask() -> None:
+        machine.core.write(AIRCR, RESET_KEY | RESET_REQUEST)
+
+    for n, upset in enumerate((ask, lambda: machine.cpu.set("PC", 0x30000001), ask, lambda: hang(machine), ask)):
+        upset()
+        machine.run_until(1.0 + 2.0 * (n + 1))
+        said.append(state(machine))
+        assert machine.resets == n + 1
+    assert said == [RUNS, RUNS | BY_FAULT, RUNS, RUNS | BY_WATCHDOG, RUNS]
+
+
+def test_what_the_ring_cannot_hold_is_not_sent(recorder):
+    """A count of the ring with a bit too many: old frames would go out again for as long as it takes to send 4 GB."""
+    (waiting,) = [symbol.address for symbol in symbols(recorder) if symbol.name == "waiting"]
+    machine = watched(recorder, 32e3)
+    flip(machine, waiting + 8192 + 4 + 3, 6)  # out, which the end of DMA moves on
+    machine.run_until(2.5)
+    assert 0.4 * RATE_HZ < samples(machine.usart1.take()) <= 0.5 * RATE_HZ + 1
+    machine.run_until(3.7)
+    assert samples(machine.usart1.take()) == pytest.approx(1.2 * RATE_HZ, rel=0.05)
+
+
+def test_a_board_that_works_is_never_reset(recorder):
+    """The quickest oscillator, its least period 0.68 s: a start, six seconds, a command; a millisecond or two between two reloads.  Then a
+    debugger holds the core for 3 s."""
+    machine = watched(recorder, 47e3, stalls=[(8.5, 3.0)])
+    machine.iwdg.longest_s = 0.0
+    machine.run_until(6.0)
+    assert machine.iwdg.longest_s < 0.005
+    machine.usart1.feed(frames.encode_command(frames.DATA_RATE, 1, 12.5))
+    machine.run_until(8.0)
+    assert machine.resets == 0
+    assert machine.iwdg.longest_s < 0.1
+    machine.run_until(12.0)
+    assert machine.resets == 0
+    assert state(machine) == RUNS
+    assert machine.bus.objections == {}
+
+
+# A board without a sensor.
+
+
+ABSENT = Fault("hang", 0.0, 3.5)  # longer than the board looks for it
+
+
+def logs_of(streams, folder) -> list[str]:
+    decoder, logs = StreamDecoder(), LogWriter(folder)
+    for stream in streams:
+        logs.write(decoder.feed(stream))
+    logs.write(decoder.finish())
+    logs.close()
+    return [path.read_text() for path in logs.paths]
+
+
+def assert_apart(texts: list[str]) -> None:
+    """Two logs: the stand-in's, whose gravity is 8197 upside down, and the sensor's; each says whose it is."""
+    first, second = texts
+    assert "source=stand-in" in first
+    assert "source=sensor" not in first
+    assert "source=sensor" in second
+    assert "source=stand-in" not in second
+    rows = [np.array([line.split(",") for line in text.splitlines() if line[0].isdigit()], int) for text in texts]
+    assert min(map(len, rows)) > 200
+    assert np.abs(rows[0][:, 6] + 8197).max() <= 8
+    assert np.all(rows[1][:, 6] == 8197)
+
+
+def test_a_sensor_that_comes_late_begins_a_log_of_its_own(recorder, tmp_path):
+    """Until then all is made up.  It is found by the next command that sets something, within one count of samples and of microseconds."""
+    machine = Machine(recorder, SensorPort(Asm330lhh(AtRest(), faults=(ABSENT,))))
+    machine.run_until(4.0)
+    made_up = machine.usart1.take()
+    machine.usart1.feed(frames.encode_command(frames.RANGES, 1, 500, 4))
+    machine.run_until(6.0)
+    assert machine.bus.objections == {}
+    assert_apart(logs_of([made_up, machine.usart1.take()], tmp_path))

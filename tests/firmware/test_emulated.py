@@ -421,7 +421,7 @@ def test_a_board_names_the_cause_of_its_last_reset_alone(recorder):
 
 
 def test_a_board_that_works_is_never_reset(recorder):
-    """The quickest oscillator, its least period 0.68 s: a start, three seconds, a command; a millisecond or two between two reloads.  Then a
+    """The quickest oscillator, its least period 0.68 s: a start, three seconds, a command; a millisecond or two between reloads.  Then a
     debugger holds the core for 2 s."""
     machine = watched(recorder, 47e3, stalls=[(4.5, 2.0)])
     machine.iwdg.longest_s = 0.0

@@ -1,9 +1,19 @@
-"""Models of every kind that C can carry, and inputs for them: shared by the tests of the C on the host and on the board."""
+"""Models of every kind that C can carry, inputs for them, and their C as a library: on the host and on the board."""
 
 from __future__ import annotations
 
-import numpy as np
+import ctypes
+import re
+import shutil
+from pathlib import Path
 
+import numpy as np
+import processes
+import pytest
+
+from session.io.config import Accelerometer
+from tinygc.deploy.embedded.program import Registers
+from tinygc.deploy.embedded.source import FLAGS
 from tinygc.deploy.embedded.stages import Inputs
 from tinygc.effects import AppliedEffect, Conditions, NoC, catalogue
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -56,3 +66,57 @@ def random_inputs(count: int = 10_000, top: float = 500 * DEG, seed: int = 0) ->
 
 def as_inputs(table: np.ndarray) -> Inputs:
     return Inputs.of(table[:, :3], table[:, 3:6], table[:, 6])
+
+
+# C
+
+
+SENSOR = Registers(500, 4, 208.0, Accelerometer(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.1, -0.2, 0.3])))
+needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
+
+
+def built(folder: Path, files: dict[str, str], *flags: str) -> ctypes.CDLL:
+    """All sources as one shared library, of which no compiler says a word."""
+    folder.mkdir(exist_ok=True)
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="ascii")
+    command = ["gcc", *FLAGS.split(), *flags, "-O1", "-shared", "-fPIC", *sorted(folder.glob("*.c")), "-o", folder / "all.so"]
+    done = processes.run(command, capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+    return ctypes.CDLL(str(folder / "all.so"))
+
+
+def state_bytes(files: dict[str, str]) -> int:
+    return int(re.search(r"sizeof\(tinygc_state\) == (\d+) ", files["tinygc_model.c"])[1])
+
+
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+class Compiled:
+    """A model's functions, called sample by sample."""
+
+    def __init__(self, folder: Path, files: dict[str, str]):
+        self.library, self.state_bytes = built(folder, files), state_bytes(files)
+
+    @classmethod
+    def of(cls, library: object, size: int) -> Compiled:
+        made = cls.__new__(cls)
+        made.library, made.state_bytes = library, size
+        return made
+
+    def state(self):
+        state = ctypes.create_string_buffer(b"\xa5" * self.state_bytes, self.state_bytes)  # what was in memory before must not matter
+        self.library.tinygc_start(state)
+        return state
+
+    def run(self, table: np.ndarray, state=None) -> np.ndarray:
+        table, rates, state = np.ascontiguousarray(table), np.zeros((len(table), 3), np.float32), state or self.state()
+        for row, rate in zip(table, rates, strict=True):
+            self.library.tinygc_step(state, pointer(row), pointer(rate))
+        return rates
+
+    def self_test(self) -> tuple[int, float]:
+        worst = ctypes.c_float(-1)
+        return self.library.tinygc_self_test(ctypes.byref(worst)), worst.value

@@ -10,7 +10,6 @@ import processes
 import pytest
 from conftest import DEG, ROOT, SESSION_TOML, broad, write_session
 from models_in_use import LINEAR, MODELS, RATE_HZ, SAMPLES, physics, smoothing
-from recorded_files import numbers
 
 import calibrate
 from session.io import numeric
@@ -79,16 +78,6 @@ def test_apply_reads_foreign_logs_and_packed_ones_and_writes_dps(folder, tmp_pat
     np.testing.assert_allclose(read(tmp_path / "out.csv.gz").gyro, LINEAR(SAMPLES.gyro), atol=6e-8 * DEG)
 
 
-@pytest.mark.parametrize("name", ["linear", "physics"])
-def test_other_programs_read_nothing_but_numbers_below_the_header(name, folder, tmp_path):
-    """What a CSV reader needs that is told nothing: no comments, one number a cell, as many cells as names."""
-    assert run(tmp_path, tmp_path / f"{name}.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
-    table = numbers(tmp_path / "out.csv")
-    assert len(table) == len(SAMPLES)
-    assert {len(row) for row in table} == {9}
-    assert run(tmp_path, tmp_path / f"{name}.json", tmp_path / "out.csv", "-o", tmp_path / "twice.csv") == 2
-
-
 def test_a_log_that_is_calibrated_by_its_comment_is_known(folder, tmp_path):
     header, rows = (folder / "log0001.csv").read_text().split("\n", 1)
     (tmp_path / "old.csv").write_text(f"{header}\n# calibrated=gyro,accel\n{rows}")
@@ -115,23 +104,6 @@ def test_a_folder_stands_for_the_model_that_its_fit_recommends(folder, tmp_path,
         assert words in capsys.readouterr().err
     assert run(tmp_path, tmp_path, folder / "log0001.csv", "-o", tmp_path / "none.csv") == 2
     assert "without a fit" in capsys.readouterr().err
-
-
-def test_apply_of_an_exported_file_needs_no_session(simulated, folder, tmp_path):
-    """The export knows full scales and pre-calibration: registers alone are enough."""
-    import shutil
-
-    fitted = tmp_path / "fitted"
-    shutil.copytree(simulated(), fitted)
-    assert calibrate.main(["fit", str(fitted), "--methods", "least_squares", "--folds", "2", "--quiet"]) == 0
-    assert calibrate.main(["export", str(fitted), "--to", "json", "--quiet"]) == 0
-    log = tmp_path / "alone.csv"
-    log.write_bytes((folder / "log0001.csv").read_bytes())
-    assert run(tmp_path, fitted / "export" / "fitted.json", log, "-o", tmp_path / "out.csv") == 0
-    model = models.load(fitted / "fit" / "model_least_squares.json")
-    np.testing.assert_allclose(read(tmp_path / "out.csv").gyro, model(read(log).gyro), atol=6e-10)
-    assert run(tmp_path, fitted / "fit" / "model_least_squares.json", log, "-o", tmp_path / "other.csv") == 0
-    assert (tmp_path / "other.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -183,20 +155,6 @@ def test_a_stream_goes_in_and_comes_out(packed, folder, tmp_path):
     assert b"samples, calibrated" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("data", "arguments", "words"),
-    [
-        (b"t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3,4,5,6,7,8\n9600,2,nan,4,5,6,7,8\n", ("-o", "-"), b"line 3: gy is nan, expected a finite"),
-        broad(b"t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3,4,5,6,7,8\n", ("-o", "-", "--json", "-"), b"both want standard output"),
-    ],
-)
-def test_a_bad_stream_gets_one_line(data, arguments, words, folder, tmp_path):
-    done = piped(tmp_path, data, "denoised.json", "-", *arguments, "--gyro-fs", "500", "--accel-fs", "4", "--quiet")
-    assert (done.returncode, done.stdout) == (2, b"")
-    assert words in done.stderr
-    assert done.stderr.count(b"\n") == 1
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
     """What stands where the output goes and is no file (a pipe, /dev/null) stays what it is."""
@@ -207,32 +165,6 @@ def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
     assert (tmp_path / "out.pipe").is_fifo()
     assert (tmp_path / "read").read_bytes().count(b"\n") == len(SAMPLES) + 1  # the header
     assert [path.name for path in tmp_path.glob(".*partial")] == []
-
-
-def test_an_interruption_leaves_no_output(folder, tmp_path, monkeypatch):
-    import tinygc.deploy.apply as module
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(module, "decimal_rows", interrupted)
-    assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 130
-    assert not [path.name for path in tmp_path.iterdir() if "out" in path.name]
-
-
-def test_a_full_disk_leaves_no_output(folder, tmp_path, capsys):
-    if not os.path.exists("/dev/full"):
-        pytest.skip("no /dev/full here")
-    import tinygc.deploy.apply as module
-
-    opened = module.opened
-    try:
-        module.opened = lambda out: open("/dev/full", "wb")  # noqa: SIM115
-        assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 2
-    finally:
-        module.opened = opened
-    assert "No space left" in capsys.readouterr().err
-    assert not (tmp_path / "out.csv").exists()
 
 
 def test_another_rate_than_the_denoisers_is_said(folder, tmp_path, capsys):

@@ -1,11 +1,10 @@
 """``calibrate.py apply``: specific force, whose calibration holds for it, and that nobody calibrates a log twice."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
-from conftest import ROOT, SESSION_TOML, write_session
+from conftest import SESSION_TOML, write_session
 from models_in_use import LINEAR, RATE_HZ, SAMPLES
 from scipy.spatial.transform import Rotation
 
@@ -15,10 +14,9 @@ from session.io.config import Accelerometer, Sensor
 from session.io.errors import DataError, FormatError
 from session.io.folder import sha256_of
 from session.io.logfile import read_log
-from session.io.units import MG
 from tinygc import CalibrationError, models, read_session
 from tinygc.deploy.calibration import in_frame_of
-from tinygc.models.model import accelerometer_of, accelerometer_table, sensor_table
+from tinygc.models.model import accelerometer_of, accelerometer_table
 
 TURN = Rotation.from_rotvec([4e-3, -2e-3, 3e-3]).as_matrix()
 UPPER = np.array([[1.01, 0.002, -0.004], [0, 0.99, 0.003], [0, 0, 1.005]])
@@ -79,29 +77,6 @@ def test_the_session_that_a_model_was_fitted_with_does_not_know_better(folder, t
     np.testing.assert_allclose(read(tmp_path / "out.csv").accel, OWN.correct(read(folder / "log0001.csv").accel), rtol=0, atol=6e-7)
 
 
-def test_another_calibration_is_turned_into_the_models_body_frame():
-    """The same sensor, calibrated in two frames: one force, in the frame of the rates."""
-    same = Accelerometer(UPPER, OWN.bias_mps2)
-    turned, angle = in_frame_of(OWN, same)
-    np.testing.assert_allclose(turned.matrix, OWN.matrix, atol=1e-12)
-    assert angle == pytest.approx(Rotation.from_matrix(TURN).magnitude(), rel=1e-6)
-    lengths = (np.linalg.norm(each.correct(SAMPLES.accel), axis=1) for each in (turned, same))
-    np.testing.assert_allclose(*lengths, rtol=1e-12)
-
-
-def test_a_stream_has_the_models_calibration_and_full_scales(folder, tmp_path):
-    import sys
-
-    import processes
-
-    path = model_file(tmp_path / "m.json", OWN, sensor=sensor_table(Sensor("", "", RATE_HZ, 500, 4)))
-    assert applied(path, folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
-    command = [sys.executable, ROOT / "calibrate.py", "apply", path, "-", "-o", "-"]
-    done = processes.run(command, input=(folder / "log0001.csv").read_bytes(), capture_output=True, cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (0, (tmp_path / "out.csv").read_bytes())
-    assert b"sharpened by stills and turns" in done.stderr
-
-
 def test_what_apply_wrote_is_read_again_and_calibrated_once(folder, tmp_path, capsys):
     (folder / "session.toml").write_text(toml(OTHER))
     path, again = model_file(tmp_path / "m.json"), tmp_path / "again"
@@ -153,20 +128,3 @@ def test_a_damaged_accelerometer_in_a_model_file_is_refused(entry, tmp_path, fol
         accelerometer_of(json.loads(path.read_text()))
     assert applied(path, folder / "log0001.csv", "-o", tmp_path / "out.csv") == 2
     assert capsys.readouterr().err.count("\n") == 1
-
-
-@pytest.mark.broad
-def test_bare_and_given_give_one_force(tmp_path):
-    """``data/session1`` with its own calibration, and without: the same force but for the frame."""
-    forces = []
-    for name in ("given", "bare"):
-        folder = shutil.copytree(ROOT / "data" / "session1", tmp_path / name, ignore=shutil.ignore_patterns("fit", "explain"))
-        if name == "bare":
-            text = (folder / "session.toml").read_text()
-            before, rest = text.split("[accelerometer]")
-            (folder / "session.toml").write_text(before + "[" + rest.split("\n[", 1)[1])
-        assert calibrate.main(["fit", str(folder), "--methods", "least_squares", "--quiet"]) == 0
-        path = folder / "fit" / "model_least_squares.json"
-        assert applied(path, folder / "log0001.csv.gz", "-o", tmp_path / "out.csv") == 0
-        forces.append(read(tmp_path / "out.csv").accel @ accelerometer_of(json.loads(path.read_text())).frame)
-    assert np.abs(forces[0] - forces[1]).max() < 0.1 * MG  # of at most 1.02 g: 60 ppm of prior, shared by all axes

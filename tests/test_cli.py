@@ -11,9 +11,6 @@ import pytest
 from commandline import HEADER, QUICK, refused, spoil
 from conftest import ROOT, broad
 
-from tinygc.cli import arguments as arguments_of
-from tinygc.estimation.options import CHOSEN as METHODS
-
 # Streams
 
 
@@ -21,14 +18,6 @@ def command_line(*arguments, shell="", **environment):
     """The command line in a process and shell of its own; ``shell`` is what follows the command, such as a redirection."""
     words = " ".join(shlex.quote(str(word)) for word in (sys.executable, ROOT / "calibrate.py", *arguments))
     return processes.run(["bash", "-c", f"{words} {shell}"], capture_output=True, env=processes.environment(**environment))
-
-
-@pytest.mark.broad
-def test_an_encoding_without_our_signs_is_no_error(folder):
-    done = command_line("fit", folder, "--methods", "least_squares", "--folds", "2", PYTHONIOENCODING="ascii")
-    assert done.returncode == 0, done.stderr
-    assert b"Closure error" in done.stdout
-    assert done.stdout.isascii()
 
 
 @pytest.mark.broad
@@ -110,50 +99,12 @@ def test_json_has_the_keys_of_formats(run, folder, tmp_path):
     assert json.loads((folder / "fit" / "fit.json").read_text()) == table
 
 
-@pytest.mark.broad
-def test_rejected_segments_are_listed_with_their_reason(run, folder):
-    code, out, _ = run("fit", folder, *QUICK, "--exclude", "3", "--json", "-")
-    assert code == 0
-    segments = json.loads(out)["segments"]
-    assert segments["used"] == 9
-    assert segments["rejected"] == [{"segment": 3, "why": "left out by request"}]
-
-
-def test_json_on_standard_output_is_all_there_is(run, folder):
-    code, out, err = run("fit", folder, *QUICK, "--json", "-")
-    assert code == 0
-    assert json.loads(out)["session"] == "session"
-    assert err == ""
-
-
-@pytest.mark.slow
-def test_same_input_same_seed_same_numbers(run, folder):
-    """All methods, the swarm among them, twice; only the seconds may differ."""
-
-    def numbers():
-        code, out, _ = run("fit", folder, "--quiet", "--folds", "2", "--seed", "5", "--json", "-")
-        assert code == 0
-        table = json.loads(out)
-        for method in table["methods"].values():
-            del method["seconds"]
-        return table
-
-    first = numbers()
-    assert set(first["methods"]) == set(METHODS)
-    assert first == numbers()
-
-
 def test_limit_is_exit_code_1_and_says_which_figure_failed(run, folder):
     code, out, err = run("fit", folder, *QUICK, "--limit", "1e-6")
     assert (code, out, err.count("\n")) == (1, "", 1)
     for words in ("--limit 1e-06", "segments, held out, rms of tilt: 0.0", "closure0001.csv.gz, RMSE: 0.0"):
         assert words in err
     assert run("fit", folder, *QUICK, "--limit", "45") == (0, "", "")
-
-
-def test_no_earth_says_so(run, folder):
-    _, out, _ = run("fit", folder, *QUICK, "--no-earth", "--json", "-")
-    assert json.loads(out)["earth"]["source"] == "none"
 
 
 def test_check_has_exit_codes_and_json(run, folder, tmp_path):
@@ -167,25 +118,6 @@ def test_check_has_exit_codes_and_json(run, folder, tmp_path):
     assert code == 2
     assert "no samples" in out
     assert "Traceback" not in err
-
-
-def test_report_names_methods_floor_and_parameters(run, folder):
-    code, out, _ = run("fit", folder, "--methods", "raw,least_squares", "--verbose")
-    assert code == 0
-    for words in ("10 segments", "least squares", "noise floor", "closure0001.csv.gz", "scale factor error, ppm", "±", "files:"):
-        assert words in out
-
-
-@pytest.mark.broad
-def test_piped_output_is_plain_text_and_progress_is_apart(folder):
-    """No terminal: no escape sequences anywhere, and nothing but the report on standard output."""
-    command = [sys.executable, ROOT / "calibrate.py", "fit", folder, "--methods", "least_squares"]
-    done = processes.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "\x1b" not in done.stdout + done.stderr
-    assert "reading log0001.csv" in done.stderr
-    assert "reading" not in done.stdout
-    assert "Closure error, degrees" in done.stdout
 
 
 @pytest.mark.broad
@@ -208,16 +140,3 @@ def test_help_imports_nothing_heavy(command):
     loaded = modules_after(f"try: calibrate.main({arguments!r})\nexcept SystemExit as e: assert e.code == 0")
     assert "calibrate" in loaded
     assert {"torch", "scipy", "numpy", "rich.console"}.isdisjoint(loaded)
-
-
-@pytest.mark.broad
-def test_least_squares_does_not_import_torch(folder):
-    loaded = modules_after(
-        f"assert calibrate.main(['fit', {str(folder)!r}, '--methods', 'raw,least_squares', '--quiet', '--folds', '2']) == 0"
-    )
-    assert "tinygc.closure.least_squares" in loaded
-    assert "torch" not in loaded
-
-
-def test_methods_of_the_command_line_are_all_there_are():
-    assert tuple(arguments_of.METHODS.split(",")) == METHODS

@@ -4,22 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from commandline import QUICK, refused
+from commandline import refused
 
 from tinygc import models
-
-
-def test_models_cannot_be_written(run, folder, monkeypatch):
-    """A session folder that may only be read (root may write anywhere, so the refusal is made)."""
-    make = Path.mkdir
-
-    def refuse(self, *args, **settings):
-        if self.name == "fit":
-            raise PermissionError(13, "Permission denied", str(self))
-        return make(self, *args, **settings)
-
-    monkeypatch.setattr(Path, "mkdir", refuse)
-    refused(run("fit", folder, *QUICK), "Permission denied", str(folder))
 
 
 def test_a_session_that_may_only_be_read_is_fitted_with_out(run, folder, monkeypatch, tmp_path):
@@ -41,19 +28,6 @@ def test_a_session_that_may_only_be_read_is_fitted_with_out(run, folder, monkeyp
     assert sorted(path.name for path in out.iterdir()) == ["fit.json", "fitted.json", "model_least_squares.json", "model_raw.json"]
     assert set(json.loads((out / "fit.json").read_text())["methods"]) == {"raw", "least_squares"}
     assert models.load(out / "model_least_squares.json").vector.shape == (12,)
-
-
-@pytest.mark.broad
-def test_out_twice_replaces_and_out_a_file_is_refused(run, folder, tmp_path):
-    out = tmp_path / "out"
-    assert run("fit", folder, *QUICK, "--out", out)[0] == 0
-    (out / "fit.json").write_text("old")
-    (out / "notes.txt").write_text("mine")
-    assert run("fit", folder, *QUICK, "--out", out)[0] == 0
-    assert json.loads((out / "fit.json").read_text())["schema"] == "tinygc-fit/2"
-    assert (out / "notes.txt").read_text() == "mine"
-    refused(run("fit", folder, *QUICK, "--out", out / "notes.txt"), "notes.txt", "no folder")
-    assert (out / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize("command", ["fit", "explain"])

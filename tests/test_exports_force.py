@@ -1,12 +1,9 @@
 """Exports carry the accelerometer's calibration that the fit used: other programs' formulas, by independent readers, give its force."""
 
-import ctypes
 import json
 import re
-import shutil
 
 import numpy as np
-import processes
 import pytest
 import yaml
 from exports_read_back import FORCE, LINEAR, MEASURED, context, physics, rates
@@ -14,8 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from session.io.config import Accelerometer
 from session.io.units import G
-from tinygc.deploy.embedded.program import program
-from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.exports import exporter
 from tinygc.models.model import accelerometer_table
 
@@ -81,14 +76,6 @@ def test_xio_in_json_and_in_c(name):
         agree(((FORCE / G - b) * s) @ np.reshape(M, (3, 3)).T * G, ACCELEROMETERS[name])
 
 
-@CALIBRATIONS
-def test_json(name):
-    (text,) = exporter("json").export(LINEAR, told(name)).values()
-    table = json.loads(text)["accelerometer"]
-    agree((FORCE - table["bias_mps2"]) @ np.transpose(table["matrix"]), ACCELEROMETERS[name])
-    assert table["source"] == ACCELEROMETERS[name].source
-
-
 KEYS = {"px4": ("CAL_ACC0_{}OFF", "CAL_ACC0_{}SCALE"), "ardupilot": ("INS_ACCOFFS_{}", "INS_ACCSCAL_{}")}
 
 
@@ -135,40 +122,7 @@ def test_autopilots_get_no_scale_of_turned_axes_or_of_what_nobody_calibrated(for
     assert "nobody has calibrated" in left_out[1]
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
-@pytest.mark.parametrize("with_registers", [True, False])
-@CALIBRATIONS
-def test_c_calibrates_force_of_floats_and_of_registers(name, with_registers, tmp_path):
-    accelerometer, made = ACCELEROMETERS[name], told(name)
-    bare = source_files(program(LINEAR), None, "A test.", {}, accelerometer)
-    files = exporter("c").export(LINEAR, made) if with_registers else bare
-    for file, text in files.items():
-        (tmp_path / file).write_text(text)
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
-    processes.run(["gcc", *flags, "tinygc_model.c", "-o", "there.so"], cwd=tmp_path, check=True)
-    library = ctypes.CDLL(str(tmp_path / "there.so"))
-    measured, there = FORCE[:500].astype(np.float32), np.zeros((500, 3), np.float32)
-    for n in range(500):
-        library.tinygc_force(ctypes.c_void_p(measured.ctypes.data + 12 * n), ctypes.c_void_p(there.ctypes.data + 12 * n))
-    agree(there.astype(float), accelerometer, measured.astype(float))
-    assert hasattr(library, "tinygc_from_registers") == with_registers
-    if with_registers:
-        registers = np.random.default_rng(0).integers(-30000, 30000, (500, 7)).astype(np.int16)
-        table = np.zeros((500, 7), np.float32)
-        for n in range(500):
-            library.tinygc_from_registers(ctypes.c_void_p(registers.ctypes.data + 14 * n), ctypes.c_void_p(table.ctypes.data + 28 * n))
-        agree(table[:, 3:6].astype(float), accelerometer, registers[:, 3:6] * 0.122e-3 * G)  # the data sheet's sensitivity at 4 g
-
-
 def test_what_the_session_did_not_observe_is_said():
     made = told("triad", fit={**context().fit, "accelerometer": {"unobserved": ["scale z"]}})
     for name in ("kalibr", "openvins", "ros", "xio", "px4", "ardupilot", "c"):
         assert "not observed: scale z" in "".join(exporter(name).export(LINEAR, made).values()), name
-
-
-def test_an_older_model_file_without_one_has_session_tomls():
-    made = context()
-    object.__setattr__(made, "config", made.config.__class__(**{**vars(made.config), "accelerometer": ACCELEROMETERS["triad"]}))
-    (text,) = exporter("ros").export(LINEAR, made).values()
-    table = yaml.safe_load(text)["/**"]["ros__parameters"]["accelerometer"]
-    agree((FORCE - table["bias"]) @ np.reshape(table["matrix"], (3, 3)).T, ACCELEROMETERS["triad"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from exports_read_back import FORCE, LINEAR, MEASURED, MODELS, context, rates
-from noise_records import ACCEL, GYRO, SIGMA, WALKING, axis, figures, sensor
+from noise_records import ACCEL, GYRO, WALKING, axis, figures, sensor
 from test_exports_force import ACCELEROMETERS, told
 
 from session.io.units import DEG_PER_HOUR, G
@@ -86,12 +86,6 @@ def test_ros_has_the_variance_of_one_sample():
     assert table["orientation_covariance"][0] == -1
 
 
-def test_ros_of_a_model_carries_the_noise_through_its_matrix():
-    (text,) = exporter("ros").export(LINEAR, context(noise=figures())).values()
-    covariance = np.reshape(yaml.safe_load(text)["/**"]["ros__parameters"]["angular_velocity_covariance"], (3, 3))
-    np.testing.assert_allclose(covariance, LINEAR.E @ np.diag(GYRO.values("N") ** 2 * 208) @ LINEAR.E.T, rtol=1e-12)
-
-
 # OpenVINS' intrinsics, by its formula
 
 
@@ -120,19 +114,6 @@ def test_openvins_by_its_own_formula(name, accelerometer):
     for rotation in (np.array(table["R_IMUtoGYRO"]), np.array(table["R_IMUtoACC"])):
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(rotation) == pytest.approx(1)
-
-
-def test_rows_of_a_matrix_are_indented_as_opencv_wants_them():
-    (text,) = exporter("openvins").export(LINEAR, context()).values()
-    assert "\n  Tw:\n    - [" in text
-
-
-def test_openvins_of_noise_alone_says_that_nothing_is_calibrated():
-    (text,) = files("openvins").values()
-    assert "NOT CALIBRATED" in text
-    table = values("openvins", text)["imu0"]
-    assert table["Tw"] == table["R_IMUtoACC"] == np.eye(3).tolist()
-    assert table["gyroscope_noise_density"] == 5e-4
 
 
 # GTSAM's Python
@@ -173,18 +154,6 @@ def test_the_python_for_gtsam_sets_what_the_json_holds(tmp_path, monkeypatch):
 def imu(noise, said=None, **changes):
     text = files("kalibr", noise, said, **changes)["imu.yaml"]
     return yaml.safe_load(text), text
-
-
-def test_the_worst_axis_is_given_and_all_three_in_a_comment():
-    table, text = imu(figures())
-    assert table["gyroscope_noise_density"] == 5e-4
-    assert table["gyroscope_random_walk"] == 2e-5
-    assert table["accelerometer_noise_density"] == 5e-3
-    assert table["accelerometer_random_walk"] == 2e-4
-    assert table["update_rate"] == 208.0
-    assert f"gyroscope K 2e-05 +- {SIGMA * 2e-5:.2g} measured; 1e-05 +- {SIGMA * 1e-5:.2g} measured; 1.5e-05" in text
-    assert "10 h at 208 Hz" in text
-    assert "GUESS" not in text
 
 
 def test_a_walk_that_no_log_shows_is_its_upper_limit_and_says_so():
@@ -258,16 +227,6 @@ def test_an_accelerometer_that_the_figures_lack_is_the_stills_or_refused():
     assert "px4: the accelerometer's noise is not known: its parameters are left out" in said
 
 
-def test_an_axis_of_which_nothing_is_known_is_taken_for_the_worst():
-    known = figures(sensor(axis(N=1e-4, K=2e-6), axis(N=3e-4, K=1e-6), axis(N=2e-4)))
-    made = files("gtsam", known)
-    covariances = json.loads(made["gtsam_imu.json"])["covariances"]
-    np.testing.assert_allclose(np.diag(covariances["biasOmegaCovariance"]), np.square([2e-6, 1e-6, 2e-6]))
-    assert "gyroscope K 2e-06 +- 1e-07 measured; 1e-06 +- 5e-08 measured; not known [rad/s^2/sqrt(Hz)]" in made["gtsam_imu.py"]
-    _, text = imu(figures(sensor(axis(N=1e-4, K=2e-6), axis({"N": 3e-4}, K=1e-6), axis({"N": 2e-4}))))
-    assert "gyroscope_noise_density: 0.0001  # rad/s/sqrt(Hz), measured" in text
-
-
 # Axes that the terms do not describe
 
 
@@ -335,30 +294,7 @@ def test_factors_for_motion_on_an_axis_that_is_not_described_are_not_stated():
     assert "walking" not in text
 
 
-@pytest.mark.parametrize("name", NOISE_FORMATS)
-def test_an_averaging_time_of_seconds_from_which_an_axis_is_described_is_one_comment(name):
-    x, *others = GYRO.axes
-    for from_s, is_said in ((26.0, True), (0.5, False)):
-        made = files(name, figures(sensor(replace(x, from_s=from_s), *others)))
-        for text in made.values():
-            words = " ".join(line.removeprefix("#").strip() for line in text.splitlines())
-            assert ("Described from: gyroscope x 26 s on; faster, a filter or a vibration shapes it." in words) == is_said
-
-
 # Motion
-
-
-@pytest.mark.parametrize("name", NOISE_FORMATS)
-def test_inflation_is_a_comment_until_it_is_asked_for(name):
-    known = figures(inflations=(WALKING,))
-    plain, inflated = (files(name, known, inflation=motion) for motion in (None, WALKING))
-    for text in plain.values():
-        if not text.startswith("{"):
-            assert "not in them; --inflation walking" in " ".join(line.removeprefix("#").strip() for line in text.splitlines())
-            assert "two walks" in text
-    for text in inflated.values():
-        if not text.startswith("{"):
-            assert "IN THE VALUES" in text
 
 
 def test_inflation_is_a_factor_of_each_axis():

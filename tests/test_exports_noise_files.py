@@ -6,14 +6,12 @@ from dataclasses import replace
 import pytest
 import yaml
 from conftest import config
-from exports_read_back import LINEAR, context
 from noise_records import WALKING, figures
 
 import tinygc
 from session.bench.session_file import toml_text
 from session.io.errors import CalibrationError
 from tinygc.deploy import FORMATS, NOISE_FORMATS
-from tinygc.deploy.exports import exporter
 from tinygc.noise.figures import SensorNoise, to_json
 
 KNOWN = figures(inflations=(WALKING,), sensor="asm330lhh", serial="test")
@@ -51,15 +49,6 @@ def test_a_folder_of_rest_logs_goes_to_each_format_that_needs_no_model(name, res
             assert text.removeprefix("%YAML:1.0\n").startswith("# TinyGC noise at rest of rests: ASM330LHH test\n")
             assert "noise.json" in text  # its hash
             assert "session.toml" in text
-
-
-def test_the_command_writes_kalibrs_input_of_rest_logs(rests, run):
-    code, out, err = run("export", rests, "--to", "kalibr", "--inflation", "walk")  # its first letters are enough
-    assert (code, "imu.yaml" in out) == (0, True)
-    assert "no calibration" in err
-    assert [path.name for path in (rests / "export").iterdir()] == ["imu.yaml"]
-    table = yaml.safe_load((rests / "export" / "imu.yaml").read_text(encoding="utf-8"))
-    assert table["gyroscope_noise_density"] == pytest.approx(1.5e-3)  # 5e-4 of y, times 3
 
 
 def test_a_file_of_figures_is_enough(tmp_path, rests):
@@ -142,21 +131,6 @@ def test_factors_on_an_axis_that_is_not_described_are_refused(rests, run):
     assert "the terms do not describe the gyroscope at rest, to which the factors for walking are; record again" in err
 
 
-@pytest.mark.parametrize("name", [name for name in FORMATS if name not in NOISE_FORMATS])
-def test_a_format_without_densities_refuses_to_inflate_them(name, rests, run):
-    code, _, err = run("export", rests, "--to", name, "--inflation", "walking")
-    assert code == 2
-    assert f"{name} has no noise densities to inflate; --inflation goes with kalibr" in err
-
-
-def test_no_figures_and_no_model_is_refused_as_before(rests, run):
-    (rests / "fit" / "noise.json").unlink()
-    code, _, err = run("export", rests, "--to", "kalibr")
-    assert (code, "no model; run " in err) == (2, True)
-    code, _, err = run("export", rests, "--to", "kalibr", "--noise", rests / "session.toml")
-    assert (code, "session.toml" in err) == (2, True)
-
-
 def test_figures_of_no_named_sensor_are_taken_and_another_rate_is_said(rests):
     written(rests / "fit" / "noise.json", replace(KNOWN, sensor="", serial="", rate_hz=104.0))
     made = tinygc.export(rests, "kalibr")
@@ -172,21 +146,3 @@ def test_a_data_rate_that_is_a_guess_is_said_by_formats_that_depend_on_it(name, 
     assert len(said) == (name in ("kalibr", "openvins", "vins", "ros"))
     assert all(line.startswith(f"{name}: its data rate, 208 Hz,") for line in said)
     assert not any("guess" in line for line in tinygc.export(written(path), name).remarks)
-
-
-def test_a_guessed_data_rate_is_not_held_against_the_sessions(rests):
-    written(rests / "fit" / "noise.json", replace(KNOWN, rate_hz=10.0, rate_known=False))
-    made = tinygc.export(rests, "vins")
-    assert not any("Hz" in line for line in made.remarks)  # the session's own is taken
-    assert "rate = 208 Hz" in made.files["vins_imu.yaml"]
-
-
-def test_a_wrong_kind_of_noise_is_refused(rests):
-    with pytest.raises(CalibrationError, match=r"export: noise is 3|noise is of type int"):
-        tinygc.export(rests, "kalibr", noise=3)
-
-
-def test_an_accelerometer_and_matrix_of_a_model_stand_beside_the_measured_noise():
-    made = exporter("kalibr").export(LINEAR, context(noise=KNOWN))
-    assert list(made) == ["imu.yaml", "imu-intrinsics.yaml"]
-    assert "TinyGC calibration of session s, method m" in made["imu.yaml"]

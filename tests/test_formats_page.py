@@ -4,20 +4,16 @@ import dataclasses
 import json
 import re
 import shutil
-import signal
 from pathlib import Path
 from typing import get_type_hints
 
-import numpy as np
 import pytest
-from annex import all_annexes, annex
-from conftest import DEG, SESSION_TOML, Table, write_session
+from annex import all_annexes
+from conftest import SESSION_TOML, Table, write_session
 from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers, unknown_keys
-from processes import CALIBRATE, DEVNULL, PIPE, heard, run, started
 
 import calibrate
 from session.io.config import Config
-from tinygc.deploy.exports import FORMATS
 from tinygc.effects import catalogue
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,30 +48,6 @@ def folder(tmp_path_factory, simulated):
     shutil.copytree(simulated(), folder)
     words = ("--methods", "least_squares,tinygc,tinygc_denoised", "--folds", 2)
     told("fit", folder, *words, "--physics", "gyro.thermal_bias", folder.parent / "fit.json")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def missing_physics(tmp_path_factory):
-    """A session whose gyroscope follows gravity, and whose log holds false readings."""
-    samples = Table().tumble(16, seed=5).samples(seed=5)
-    gyro = samples.gyro + samples.accel / 9.80665 @ np.array([[0.05, 0, 0.02], [0, -0.06, 0], [0.03, 0, 0.04]]).T * DEG
-    gyro[[700, 2900, 5100]] += 80 * DEG
-    return write_session(tmp_path_factory.mktemp("formats") / "gravity", dataclasses.replace(samples, gyro=gyro))
-
-
-@pytest.fixture(scope="module")
-def with_truth(tmp_path_factory):
-    """A session that never rests, with a truth file of which one moment is wrong."""
-    folder, rng, table = tmp_path_factory.mktemp("formats") / "truth", np.random.default_rng(1), Table()
-    for _ in range(30):
-        table.turn(rng.uniform(40, 120), rng.normal(size=3), 2.0)
-    write_session(folder, table.samples(seed=1), toml=SESSION_TOML.split("[site]")[0] + '[protocol]\nsegment_s = 2\nreference = "truth"\n')
-    moments = np.arange(0.3, table.duration_s - 0.3, 0.1)
-    q = table.truth(moments)[1].as_quat(scalar_first=True)
-    q[200] = q[230]
-    rows = np.column_stack([moments, q])
-    np.savetxt(folder / "truth0001.csv", rows, fmt="%.10f", delimiter=",", header="t_s,qw,qx,qy,qz", comments="")
     return folder
 
 
@@ -133,11 +105,6 @@ def test_the_defaults_of_session_toml_are_those_of_the_page():
             assert default == "none"
 
 
-@pytest.mark.broad
-def test_check(folder, tmp_path):
-    assert_on_page(told("check", folder, tmp_path / "x.json"), "tinygc-check/2")
-
-
 def test_a_repair(tmp_path):
     toml = SESSION_TOML.replace("= 500", "= 250")
     folder = write_session(tmp_path / "s", Table().tumble(9, seed=5).samples(), toml=toml)
@@ -162,16 +129,6 @@ def test_fit_and_every_file_that_it_leaves(folder):
     assert kinds == {"linear", "tinygc", "tinygc_denoised", "physics", "tinygc_physics"}
 
 
-@pytest.mark.broad
-def test_a_bias_for_each_log(folder, tmp_path):
-    words = ("--methods", "raw,raw_bias_removed,tinygc", "--still-rates", "--bias-per-log", "--folds", 2)
-    table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
-    assert_on_page(table, "tinygc-fit/2")
-    model = json.loads((tmp_path / "fit" / "model_tinygc.json").read_text(encoding="utf-8"))
-    assert "bias_sigma_rps" not in model  # one log shows no spread
-    assert_on_page(model, "tinygc-model/1")
-
-
 def test_the_bias_of_the_day(folder, tmp_path):
     words = ("--model", folder / "fit" / "model_least_squares.json", "--bias", "given", "--bias-dps", "0.1,0.2,0.3")
     table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
@@ -188,25 +145,6 @@ def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
     assert_on_page(table, "tinygc-explain/2")
     assert table["detection_limits"]
     assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/2")
-
-
-@pytest.mark.slow
-def test_explain_where_something_is_missing(missing_physics, tmp_path):
-    table = told("explain", missing_physics, "--no-pictures", tmp_path / "x.json")
-    assert {effect["id"] for effect in table["effects"]} >= {"gyro.g_sensitivity", "data.glitches"}
-    assert table["mismatch"]["where"]["conditions"]
-    assert_on_page(table, "tinygc-explain/2")
-    table = told("plan", missing_physics, tmp_path / "x.json")
-    assert table["proposals"]
-    assert_on_page(table, "tinygc-plan/2")
-
-
-@pytest.mark.broad
-def test_explain_against_a_truth_file(with_truth, tmp_path):
-    table = told("explain", with_truth, "--no-pictures", tmp_path / "x.json")
-    assert_on_page(table, "tinygc-explain/2")
-    assert table["effects"]
-    assert table["truth"]["wrong_moments"]
 
 
 @pytest.mark.broad
@@ -229,26 +167,6 @@ def test_apply_and_the_header_of_its_log(folder, tmp_path):
     assert "t_ns,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c" in section("Logs")
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_exports(form, folder, tmp_path):
-    table = told("export", folder, "--to", form, "--out", tmp_path, tmp_path / "x.json")
-    assert_on_page(table, "tinygc-export/2")
-    names = {Path(path).name for path in table["files"]}
-    if form == "json":
-        (path,) = table["files"]
-        assert_on_page(json.loads(Path(path).read_text(encoding="utf-8")), "tinygc-model/1")
-        names = {"SESSION.json"}
-    assert names <= set(CODE.findall(section("`tinygc-export/2`")))
-
-
-@pytest.mark.broad
-def test_compare(folder, missing_physics, tmp_path):
-    told("fit", missing_physics, "--methods", "least_squares", "--folds", 2, tmp_path / "x.json")
-    table = told("compare", folder, missing_physics, tmp_path / "x.json")
-    assert table["moved"]
-    assert_on_page(table, "tinygc-compare/2")
-
-
 def test_simulate_and_its_truth(tmp_path):
     table = told("simulate", "--out", tmp_path / "s", "--segments", 1, "--closure", 12, "--odr-hz", 104, tmp_path / "x.json")
     assert_on_page(table, "tinygc-simulate/1")
@@ -258,42 +176,6 @@ def test_simulate_and_its_truth(tmp_path):
 def test_replay(folder, tmp_path):
     (log,) = folder.glob("log*")
     assert_on_page(told("import", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/2")
-
-
-@pytest.mark.slow
-def test_challenge(tmp_path):
-    assert_on_page(told("challenge", "--cases", 1, "--seed", 2, tmp_path / "x.json"), "tinygc-challenge/3")
-
-
-@pytest.mark.slow
-def test_board_record_and_ports(tmp_path):
-    pytest.importorskip("termios", reason="the virtual board needs a pseudo-terminal")
-    port = tmp_path / "port"
-    board = [*CALIBRATE, "board", "--rate", "104", "--segments", "6", "--speed", "8", "--lead", "3", "--frames", "--link", port]
-    with started([*board, "--json", tmp_path / "board.json"], text=True, stdout=PIPE, stderr=DEVNULL) as process:
-        heard(process.stdout, lambda line: True)  # its port is there
-        words = ["--port", port, "--out", tmp_path / "s", "--segments", 1, "--no-coach", "--quiet", "--json", "-"]
-        recorded = run([*CALIBRATE, "record", *words], text=True, stdout=PIPE)
-        process.send_signal(signal.SIGINT)
-        process.wait()
-    table = json.loads(recorded.stdout)
-    assert table["done"]
-    assert_on_page(table, "tinygc-record/1")
-    assert_on_page(json.loads((tmp_path / "board.json").read_text(encoding="utf-8")), "tinygc-board/1")
-    times = (tmp_path / "s" / "raw.times").read_text(encoding="utf-8").split("\n")
-    assert times[0] in CODE.findall(section("Serial stream"))
-    assert {line.split(",", 2)[2].partition(" ")[0] for line in times[1:] if line} <= {
-        "",
-        "open",
-        "close",
-        "begin",
-        "pause",
-        "keep",
-        "drop",
-        "note",
-    }
-    assert_on_page(told("import", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again", tmp_path / "x.json"), "tinygc-replay/2")
-    assert_on_page(told("ports", tmp_path / "x.json"), "tinygc-ports/1")
 
 
 def test_a_key_that_is_not_on_the_page_is_found():
@@ -306,23 +188,3 @@ def test_a_key_that_is_not_on_the_page_is_found():
     assert unknown_keys({"schema": "tinygc-explain/2", "effects": [claim]}) == ["gyro.bias_drift: dps_per_c"]
     net = {"schema": "tinygc-model/1", "kind": "tinygc", "colour": "red"}
     assert unknown_keys({"schema": "tinygc-model/1", "net": net}) == ["net: colour"]
-
-
-@pytest.mark.slow
-def test_rest_logs_and_what_is_made_of_them(folder, tmp_path):
-    """A rest log alone; joined to a session; the model's file; the truth of the simulation."""
-    from tinygc import SimulationOptions
-
-    if (rests := annex("tinygc.annexes.temperature.rest_simulation")) is None:
-        pytest.skip("the annex of temperature is not there")
-    rest = rests.RestOptions(cycles=1.0, cycle_s=600.0, cold_c=10.0, warm_c=45.0, lag_s=20.0, knocks=1)
-    made = rests.write_rest(rest, SimulationOptions(odr_hz=62.5, seed=3), tmp_path / "rest")
-    assert_on_page(json.loads((made / "truth.json").read_text(encoding="utf-8")), "tinygc-truth/1")
-    alone = told("fit", made, tmp_path / "alone.json")
-    assert_on_page(alone, "tinygc-temperature/2")
-    assert {"rests", "gyro", "accel", "noise"} <= set(alone)
-    assert_on_page(json.loads((made / "fit" / "model_thermal.json").read_text(encoding="utf-8")), "tinygc-model/1")
-    joint = told("fit", folder, made, "--temperature", "--out", tmp_path / "fit", tmp_path / "joint.json")
-    assert_on_page(joint, "tinygc-temperature/2")
-    assert {"sessions", "E_goodness", "turn_on_dps"} <= set(joint)
-    assert_on_page(json.loads((tmp_path / "fit" / "temperature.json").read_text(encoding="utf-8")), "tinygc-temperature/2")

@@ -6,7 +6,6 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import SESSION_TOML, Table, broad, write_session, wxyz
 from html_pages import QUICK, WHOLE, parsed, report_of
 
 import calibrate
@@ -116,33 +115,6 @@ def test_its_code_calibrates_as_the_model_does(simulated, text):
     assert names["E"] == pytest.approx(model.E, rel=1e-9)
 
 
-@pytest.mark.broad
-@pytest.mark.parametrize(("limit", "code", "word"), [broad("5", 0, "PASS, with doubts"), ("0.0001", 1, "FAIL")])
-def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
-    out = tmp_path / "r.html"
-    assert calibrate.main(["report", str(simulated()), "--out", str(out), *QUICK, "--limit", limit]) == code
-    assert f"</svg>{word}</span>" in out.read_text(encoding="utf-8")
-    assert ("above --limit" in capfd.readouterr().err) == bool(code)
-
-
-@pytest.mark.broad
-def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp_path):
-    folder = tmp_path / "s"
-    shutil.copytree(simulated(), folder)
-    methods = ("--methods", "raw,least_squares")
-    calibrate.main(["fit", str(folder), *methods, "--quiet"])
-    tables = {}
-    for name, arguments in {"same": (), "other": ("--folds", "4")}.items():
-        out = tmp_path / f"{name}.html"
-        report_of(folder, out, *methods, "--no-explain", "--quiet", "--json", str(tmp_path / name), *arguments)
-        tables[name] = "Taken from the session" in out.read_text(encoding="utf-8")
-    assert tables == {"same": True, "other": False}
-    with (folder / "session.toml").open("a") as file:
-        file.write("\n# a word\n")
-    out = report_of(folder, tmp_path / "changed.html", *methods, "--no-explain", "--quiet")
-    assert "Taken from the session" not in out.read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 1}', "[" * 100_000])
 def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
     from tinygc import FitOptions, read_session
@@ -169,57 +141,12 @@ def test_text_from_files_stays_text(simulated, tmp_path):
     assert "closure<i>1.csv.gz" in "".join(parser.words)
 
 
-@pytest.mark.broad
-def test_what_a_session_lacks_is_said(tmp_path):
-    """No temperature, no latitude, no closure run, turns about two axes only, a log in physical units."""
-    samples = Table()
-    for k in range(12):
-        samples.rest(2).turn(90 if k % 2 else -70, (1, 0, 0) if k % 3 else (0, 1, 0), 2)
-    samples.rest(2)
-    folder = write_session(tmp_path / "s", samples.samples(odr_hz=208, seed=3))
-    page = report_of(folder, tmp_path / "r.html", *QUICK).read_text(encoding="utf-8")
-    parsed(page)
-    assert "Not observable here:" in page
-    assert 'id="runs"' not in page
-
-
 def test_what_the_board_said_of_itself_is_kept():
     sensor = BoardGiven("sensor", "1.0.0", 0x6B, -7, "8c88", 417.0)
     said = board_text(sensor)
     assert said == "firmware 1.0.0; WHO_AM_I 0x6B, which siblings of the sensor share; INTERNAL_FREQ_FINE −7; CTRL1_XL to CTRL10_C 8c88"
     assert "it had no sensor" in board_text(BoardGiven("stand-in", "1.0.0"))
     assert board_text(BoardGiven()) == "said nothing of itself"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("reference", ["table", "truth"])
-def test_other_references_than_gravity(reference, tmp_path):
-    """The dials at each still; a truth file, between whose moments nothing needs to be still."""
-    plan = Table().tumble(12)
-    toml = f'{SESSION_TOML}[protocol]\nreference = "{reference}"\n'
-    folder = write_session(tmp_path / "s", plan.samples(seed=4), toml=toml)
-    if reference == "table":
-        _, attitude = plan.truth(np.array([(start + stop) / 2 for start, stop in plan.rests]))
-        dials = attitude.as_euler("ZYX", degrees=True)[:, ::-1]
-        rows = "".join(f"{i},{','.join(f'{angle:.3f}' for angle in row)}\n" for i, row in enumerate(dials))
-        (folder / "attitudes.csv").write_text("still,roll_deg,pitch_deg,yaw_deg\n" + rows)
-    else:
-        moments = np.arange(1.0, plan.duration_s, 2.5)
-        _, attitude = plan.truth(moments)
-        rows = "".join(f"{round(t * 1e6)},{','.join(map(repr, q.tolist()))}\n" for t, q in zip(moments, wxyz(attitude), strict=True))
-        (folder / "truth0001.csv").write_text("t_us,qw,qx,qy,qz\n" + rows)
-    out, said = tmp_path / "r.html", tmp_path / "r.json"
-    page = report_of(folder, out, "--methods", "raw,least_squares", "--quiet", "--json", str(said)).read_text(encoding="utf-8")
-    words = " ".join(parsed(page).words)
-    assert ("truth file" if reference == "truth" else "table dials") in words
-    assert ("Why recording and truth differ" in words) == (reference == "truth")
-    assert not re.search(r"\b(nan|inf|None)\b", words)
-    report = json.loads(said.read_text())
-    assert report["verdict"] is not None
-    # The made log has no Earth in it: up to 4.2 mdps.
-    bias = {entry["component"]: entry for entry in report["parameters"] if entry["parameter"] == "bias"}
-    for axis, true in zip("xyz", (0.5, -0.3, 0.6), strict=True):
-        assert bias[axis]["value"] == pytest.approx(true, abs=2 * bias[axis]["expanded_uncertainty"] + 0.005)
 
 
 def test_bad_destinations_are_refused_before_the_work(simulated, tmp_path, capfd):

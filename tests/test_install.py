@@ -1,6 +1,5 @@
 """An installation: what ``demo`` writes, what works without PyTorch, and what a foreign module of one of our names does."""
 
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -8,9 +7,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, broad
-from processes import PIPE, CompletedProcess, environment, run
-
-import tinygc
+from processes import CompletedProcess, environment, run
 
 #: a finder before all others, which knows of no torch, as where it was never installed
 WITHOUT_TORCH = """
@@ -49,23 +46,6 @@ for line in {words!r}:
 
 
 # The demonstration
-
-
-@pytest.mark.broad
-def test_demo_is_the_session_of_the_checkout_and_recovers_its_truth(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    code, out, _ = run("demo", "--json", "demo.json")
-    assert code == 0
-    made, kept = (tinygc.read_session(folder) for folder in ("tinygc-demo", ROOT / "data" / "session1"))
-    assert [log.samples.gyro.tolist() for log in made.logs] == [log.samples.gyro.tolist() for log in kept.logs]
-    table = json.loads(Path("demo.json").read_text(encoding="utf-8"))
-    errors = [(each["value"] - each["truth"]) / each["sigma"] for each in table["parameters"]]
-    assert len(errors) == 12
-    assert 0.3 < max(map(abs, errors)) < 4
-    assert f"within {max(map(abs, errors)):.1f} sigma" in out
-    assert table["fit"]["verdict"]["answer"] == "pass"
-    code, _, complaint = run("demo")
-    assert (code, complaint) == (2, "calibrate: tinygc-demo: not empty; give a new folder, or --force to replace an earlier simulation\n")
 
 
 # PyTorch
@@ -118,26 +98,3 @@ def test_a_foreign_session_that_took_our_place_is_refused(tmp_path):
     (tmp_path / "session.py").write_text("")
     done = started("-c", "import tinygc", path=[tmp_path])
     assert "session.py is imported as 'session' in place of TinyGC's own" in done.stderr.splitlines()[-1]
-
-
-@pytest.mark.broad
-def test_what_lies_behind_ours_or_is_no_package_changes_nothing(tmp_path):
-    """A folder ``session`` without ``__init__.py`` is no package beside ours; ``python calibrate.py`` finds its own folder first."""
-    (tmp_path / "session").mkdir()
-    assert started("-c", "import tinygc", path=[tmp_path, ROOT]).returncode == 0
-    (tmp_path / "session" / "__init__.py").write_text("raise SystemExit('foreign')")
-    (tmp_path / "calibrate.py").write_text("raise SystemExit('foreign')")
-    assert started("-c", "import tinygc, calibrate", path=[ROOT, tmp_path]).returncode == 0
-    assert run(
-        [sys.executable, ROOT / "calibrate.py", "--version"], env=environment(PYTHONPATH=str(tmp_path)), stdout=PIPE, text=True
-    ).stdout.startswith("TinyGC ")
-
-
-@pytest.mark.broad
-def test_a_foreign_calibrate_changes_the_command_alone(tmp_path):
-    """``import tinygc`` needs no calibrate.py; the command imports the first one that the path leads to."""
-    (tmp_path / "calibrate.py").write_text("")
-    path = [tmp_path, ROOT]
-    assert started("-c", "import tinygc; tinygc.simulate(segments=3, closure_s=0)", path=path).returncode == 0
-    done = started("-c", "from calibrate import main", path=path)
-    assert str(tmp_path / "calibrate.py") in done.stderr.splitlines()[-1]

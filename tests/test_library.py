@@ -5,14 +5,12 @@ import importlib
 import json
 import pydoc
 import re
-import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import processes
 import pytest
-from conftest import DEG, ROOT
+from conftest import DEG
 
 import tinygc
 from session.io.config import Protocol
@@ -67,15 +65,6 @@ def test_a_session_of_arrays_is_the_session_of_its_files(simulated, fitted, tmp_
     assert fitted.closure_runs.keys() != from_files.closure_runs.keys()  # a run of arrays has no file's name
     (mine,), (theirs,) = fitted.closure_runs.values(), from_files.closure_runs.values()
     assert mine["least_squares"]["rmse_deg"] == pytest.approx(theirs["least_squares"]["rmse_deg"], rel=1e-6)
-
-
-def test_everything_has_a_short_name_and_a_table(simulated, fitted):
-    for thing in (simulated, simulated.session, fitted, fitted.parameters["E_xx"], fitted.model):
-        assert len(repr(thing)) < 140
-        assert "array(" not in repr(thing)
-    assert "<pre" in fitted._repr_html_()
-    assert "least squares" in fitted._repr_html_()
-    assert "\x1b" not in fitted.summary()
 
 
 def test_a_saved_model_says_how_well_it_is_known(fitted, simulated, tmp_path):
@@ -165,13 +154,6 @@ def test_every_public_function_has_an_example():
 
 
 @pytest.mark.broad
-def test_the_example_of_arrays_runs():
-    finder = doctest.DocTestFinder(recurse=False)
-    (example,) = finder.find(tinygc.Session.from_arrays, "from_arrays", module=False, globs={"Session": tinygc.Session})
-    assert doctest.DocTestRunner().run(example).failed == 0
-
-
-@pytest.mark.broad
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_of_docstrings_run(name):
     (example,) = doctest.DocTestFinder(recurse=False).find(home(name), name, module=False, globs={})
@@ -196,17 +178,6 @@ def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
         call()
 
 
-@pytest.mark.slow
-def test_the_story_runs(capsys):
-    pytest.importorskip("matplotlib")
-    known = runpy.run_path(str(ROOT / "docs" / "story.py"))
-    assert known["why"].effects[0].id == "gyro.g_sensitivity"
-    assert known["better"].closure["physics"]["tilt_rms_deg"] < 0.5 * known["better"].closure["least_squares"]["tilt_rms_deg"]
-    assert known["again"].parameters["E_xx"].value == known["result"].parameters["E_xx"].value
-    np.testing.assert_allclose(known["first"], known["omega"][0], atol=1e-12)
-    assert "explained" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("choices", "complaint"),
     [
@@ -221,14 +192,6 @@ def test_the_story_runs(capsys):
 def test_options_that_cannot_be_are_refused_in_one_line(simulated, choices, complaint):
     with pytest.raises(CalibrationError, match=complaint):
         tinygc.fit(simulated.session, **choices)
-
-
-def test_one_name_stands_for_a_tuple_of_one():
-    assert tinygc.FitOptions(methods="raw", physics="auto").methods == ("raw",)
-    assert tinygc.FitOptions(physics="auto").physics == ("auto",)
-    given = tinygc.FitOptions(lot="lot.json", noise="noise.json", requirements="limits.toml", history=["a", "b"], checkpoints="here")
-    assert (given.lot, given.noise, given.requirements) == (Path("lot.json"), Path("noise.json"), Path("limits.toml"))
-    assert (given.history, given.checkpoints) == ((Path("a"), Path("b")), Path("here"))
 
 
 @pytest.mark.parametrize(
@@ -246,17 +209,6 @@ def test_settings_that_arrays_cannot_have_are_refused(settings, complaint):
         tinygc.Session.from_arrays([0.0, 0.01, 0.02], np.zeros((3, 3)), np.zeros((3, 3)), **settings)
 
 
-@pytest.mark.broad
-def test_an_explanation_of_arrays_wants_a_folder(tmp_path):
-    why = tinygc.explain(tinygc.simulate(segments=12, closure_s=0.0, seed=4).session)
-    assert {"noise.bias_wander", "noise.turn"} <= {component["name"] for component in why.noise}
-    assert all(component.keys() == {"name", "size", "sigma", "unit", "description"} for component in why.noise)
-    assert all({"id", "probability", "moments"} <= each.keys() for each in why.considered)
-    with pytest.raises(CalibrationError, match="has no folder of its own"):
-        why.save(pictures=False)
-    assert (why.save(tmp_path / "new" / "explain", pictures=False) / "explain.json").exists()
-
-
 def test_a_gap_in_what_is_needed_is_no_rate(fitted, simulated):
     raw = simulated.session.logs[0].samples.gyro[:20].copy()
     raw[7, 1] = np.nan
@@ -268,18 +220,3 @@ def test_a_gap_in_what_is_needed_is_no_rate(fitted, simulated):
         fitted.model("abc")
     with pytest.raises(CalibrationError, match="rate_hz is -5"):
         Calibration(fitted.model.model, -5)
-
-
-@pytest.mark.broad
-def test_the_blocks_of_the_page_run(tmp_path, monkeypatch):
-    """docs/library.md, the blocks that stand by themselves, in a folder where data/session1 is."""
-    pytest.importorskip("matplotlib")
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "session1").symlink_to(ROOT / "data" / "session1")
-    monkeypatch.chdir(tmp_path)
-    first = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(encoding="utf-8"), re.S)[0]
-    known: dict = {}
-    exec(first, known)
-    assert (tmp_path / "gyro.json").exists()
-    assert (tmp_path / "why.png").exists()
-    assert known["why"].verdict == "no_mismatch"

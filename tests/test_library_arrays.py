@@ -100,17 +100,6 @@ def test_a_truth_that_is_read_in_another_way_is_written_in_that_way(given, tmp_p
     assert first != (tmp_path / "plain" / "truth0001.csv").read_text().splitlines()[1]
 
 
-def test_dial_readings_come_back(tmp_path):
-    """Readings in degrees to the last bit of their radians; a still without a reading has no row."""
-    attitudes = np.random.default_rng(4).uniform(-180, 180, (500, 3)) * DEG
-    attitudes[[0, 7]] = [[90 * DEG, -45 * DEG, 0.0], [np.nan] * 3]
-    made = Session.from_arrays(*ARRAYS)
-    table = replace(made, config=replace(made.config, protocol=Protocol(reference="table")), attitudes=attitudes)
-    folder = table.save(tmp_path / "s")
-    np.testing.assert_array_equal(tinygc.read_session(folder).attitudes, attitudes)
-    assert (folder / "attitudes.csv").read_text().splitlines()[1] == "0,90,-45,0"
-
-
 def test_the_readings_of_a_recording_come_back_from_its_copy(folder_of_registers, tmp_path):
     read = tinygc.read_session(folder_of_registers)
     same(read, tinygc.read_session(read.save(tmp_path / "copy")))
@@ -214,20 +203,6 @@ def test_samples_become_a_table_of_pandas(simulated):
     assert isinstance(table, pandas.DataFrame)
     assert list(table)[:4] == ["t_ns", "gx_rps", "gy_rps", "gz_rps"]
     np.testing.assert_array_equal(table["ay_mps2"], simulated.logs[0].samples.accel[:, 1])
-
-
-def test_what_a_log_says_of_itself_is_kept(folder_of_registers, tmp_path):
-    """Stamps that were counted, and specific force that is calibrated already, are so in the copy, too."""
-    source = tinygc.read_session(folder_of_registers)
-    copy = source.save(tmp_path / "counted")
-    log = copy / "log0001.csv"
-    log.write_text("# stamps=counted calibrated=gyro,accel\n" + log.read_text())
-    read = tinygc.read_session(copy)
-    assert read.logs[0].counted
-    again = tinygc.read_session(read.save(tmp_path / "again"))
-    same(read, again)
-    assert again.logs[0].comments == read.logs[0].comments
-    assert again.nominal_rate == read.nominal_rate
 
 
 def test_a_fitted_session_is_saved_with_readings_alone(tmp_path):

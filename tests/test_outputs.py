@@ -1,7 +1,6 @@
 """No output takes the place of what is read or recorded: every option that writes, of every command, as the parser lists them."""
 
 import argparse
-import json
 import os
 from functools import cache
 from pathlib import Path
@@ -127,22 +126,6 @@ def test_no_output_is_a_file_of_the_recording_that_is_read(run, idle, recording,
             assert contents(recording) == before, (name, way)
 
 
-@pytest.mark.parametrize(("command", "option"), OF_SOME)
-def test_no_output_is_a_file_of_a_recording_that_nobody_named(run, idle, recording, tmp_path, command, option):
-    before = contents(recording)
-    other = tmp_path / "other"
-    other.mkdir()
-    for name in RECORDED:
-        for way, path in ways_to(
-            recording / name, tmp_path / f"to {name}", name in EVERY_WAY[: 3 if command in OF_EACH_KIND else 1]
-        ).items():
-            if way in ("another case", "a hard link"):
-                continue
-            words = least(command_parsers()[command], other, option, path)
-            refused(run(command, *words), option, "recording")
-            assert contents(recording) == before, (name, way)
-
-
 @pytest.mark.parametrize(("command", "option"), outputs(file_written))
 def test_no_output_has_the_name_that_a_recording_will_have(run, idle, tmp_path, command, option):
     """``record --out D --json D/log0001.csv``: the log comes first, and the JSON after it."""
@@ -235,13 +218,6 @@ def test_a_link_is_refused_before_the_work(run, idle, recording, tmp_path):
     refused(run("check", recording, "--json", tmp_path / "link"), "is a link to")
 
 
-def test_standard_output_may_be_appended_to_a_file(recording, tmp_path):
-    (tmp_path / "notes").write_text("mine\n")
-    with (tmp_path / "notes").open("ab") as file:
-        processes.run([*processes.CALIBRATE, "check", recording, "--json", "/dev/stdout"], stdout=file, stderr=PIPE)
-    assert (tmp_path / "notes").read_text().startswith('mine\n{\n "schema": "tinygc-check/')
-
-
 def test_standard_output_may_not_be_a_recording(recording):
     before = contents(recording)
     for stream in ("stdout", "stderr"):
@@ -268,13 +244,6 @@ def test_an_output_without_a_name_is_refused(run, recording):
     for command, option in outputs(file_written, log_written):
         for folder in ("/", ".", "..", recording):
             refused(run(command, *least(command_parsers()[command], recording, option, folder)), option, "that is a folder")
-
-
-@pytest.mark.parametrize("name", [broad("/dev/stdout"), broad("-"), broad("/dev/fd/1")])
-def test_standard_output_has_the_table_or_the_page_and_not_both(recording, name):
-    told = processes.calibrate("check", recording, "--json", name)
-    assert told.returncode == 2  # this recording has no samples
-    assert json.loads(told.stdout)["schema"] == "tinygc-check/2"
 
 
 def test_inputs_of_apply_stay(run, idle, tmp_path):

@@ -1,6 +1,5 @@
 """The report's accelerometer: a card, a section, and a decision that knows what nobody has observed."""
 
-import json
 import re
 from dataclasses import replace
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from html_pages import parsed
 
-import calibrate
 from session.io.units import MG
 from tinygc import FitOptions
 from tinygc.estimation.requirements import accelerometer_measured
@@ -68,16 +66,6 @@ def test_the_section_has_the_nine_numbers_with_their_expanded_uncertainties(evid
     assert f"{before:.0f} mg" in text
 
 
-def test_what_is_before_is_as_measured(evidence):
-    """Not what the lengths' own first estimate makes of it."""
-    before, _ = evidence.fit.accelerometer.misses_mps2
-    log = evidence.fit.session.logs[0].samples
-    stills = [still for still in evidence.problem.stills if still.problem is None]
-    measured = np.array([log.accel[s.start : s.stop].mean(axis=0) for s in stills])
-    gravity = evidence.fit.session.config.site.expected_gravity_mps2
-    np.testing.assert_allclose(before, np.linalg.norm(measured, axis=1) - gravity, atol=2e-3 * MG)
-
-
 def unobserved(evidence):
     problem = replace(evidence.problem, joint=replace(evidence.problem.joint, unobserved=LEFT))
     fit = replace(evidence.fit, problem=problem)
@@ -96,22 +84,3 @@ def test_what_is_not_observed_is_said_on_card_table_and_decision(evidence):
     assert words_of(accelerometer.section(made).html).count("not observed") == 2
     assert made.decision.answer in ("not decided", "fail")
     assert any("nonorthogonality xy" in doubt for doubt in made.decision.doubts)
-
-
-@pytest.mark.broad
-def test_a_report_of_a_given_one_says_that_it_holds(simulated, tmp_path):
-    out, table = tmp_path / "r.html", tmp_path / "r.json"
-    options = ("--methods", "raw,least_squares", "--no-explain", "--folds", "2", "--quiet")
-    assert calibrate.main(["report", str(simulated()), "--out", str(out), "--json", str(table), *options]) in (0, 1)
-    words = words_of(out.read_text(encoding="utf-8"))
-    found = json.loads(table.read_text())["accelerometer"]
-    assert found["mode"] == "prior"
-    assert "calibration in session.toml holds" in words
-    assert "calibrated before" not in words
-    assert "pre-calib" not in words.lower()
-    model = re.search(r'data:application/json;base64,([^"]+)"', out.read_text(encoding="utf-8"))[1]
-    import base64
-
-    beside = json.loads(base64.b64decode(model))
-    assert beside["accelerometer"]["matrix"] == found["matrix"]
-    assert beside["sensor"]["gyro_fs_dps"] == 500

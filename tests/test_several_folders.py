@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
-from pathlib import Path
 
 import pytest
 from commandline import refused
 from conftest import Table, write_session
 from formats_page import strangers
-
-from tinygc.estimation.listing import list_sessions
 
 QUICK = ("--methods", "least_squares")
 
@@ -56,32 +52,6 @@ def test_one_that_fails_does_not_stop_the_others_and_the_worst_code_counts(run, 
     assert alone == again
 
 
-@pytest.mark.broad
-def test_each_has_a_place_of_its_own(run, three, tmp_path):
-    places = tmp_path / "out"
-    assert run("fit", three / "a", three / "a", three / "c", *QUICK, "--quiet", "--out", places)[0] == 0
-    assert sorted(path.name for path in places.iterdir()) == ["a", "c"]
-    assert (places / "c" / "model_least_squares.json").exists()
-    assert not (three / "a" / "fit").exists()
-    shutil.copytree(three / "a", tmp_path / "other" / "a")
-    refused(run("fit", three / "a", tmp_path / "other" / "a", *QUICK, "--out", tmp_path / "new"), "would both go to", "rename one")
-    assert not (tmp_path / "new").exists()
-    refused(run("report", three / "a", three / "c", "--out", tmp_path / "r.html"), "leave --out out")
-
-
-@pytest.mark.broad
-def test_reports_of_several(run, three, tmp_path):
-    words = (three / "a", three / "c", "--no-explain", *QUICK, "--json", tmp_path / "reports.json")
-    code, out, err = run("report", *words, "--quiet")
-    assert (code, err) == (0, "")
-    for name in "ac":
-        assert (three / name / "report.html").exists()
-        assert re.search(rf"^{re.escape(str(three / name))} .*(PASS|NOT DECIDED|FAIL)", out, re.M)
-    table = json.loads((tmp_path / "reports.json").read_text())
-    assert table["schema"] == "tinygc-reports/1"
-    assert not strangers(table)
-
-
 def test_list_says_what_lies_there(run, three, tmp_path):
     assert run("fit", three / "a", *QUICK, "--quiet")[0] == 0
     (three / "deeper" / "still").mkdir(parents=True)
@@ -116,18 +86,3 @@ def test_list_says_what_lies_there(run, three, tmp_path):
         assert name in out
     assert "no session here" in run("list", three / "no session")[1]
     refused(run("list", three / "nowhere"), "no folder")
-
-
-def test_a_folder_that_nobody_may_look_into_hides_none_beside_it(tmp_path, monkeypatch):
-    for name in ("a", "b", "c"):
-        (tmp_path / name / "s").mkdir(parents=True)
-        (tmp_path / name / "s" / "session.toml").touch()
-    exists = Path.exists
-
-    def guarded(path: Path, **how) -> bool:
-        if path.parent == tmp_path / "b":
-            raise PermissionError(13, "Permission denied", str(path))
-        return exists(path, **how)
-
-    monkeypatch.setattr(Path, "exists", guarded)
-    assert [each.folder.parent.name for each in list_sessions(tmp_path)] == ["a", "c"]

@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 from annex import annex
 
-from session.io.units import DEG
-from tinygc import SimulationOptions
-from tinygc.effects import Effect, catalogue, load_folder, using
+from tinygc.effects import Effect, load_folder, using
 from tinygc.effects.effect import PAIRS
 from tinygc.effects.movement import INPUTS
 from tinygc.effects.testing import check
 from tinygc.noise.twin import READ
-from tinygc.simulation.write import write_session
 
 PAGE = (Path(__file__).parents[1] / "docs" / "writing-an-effect.md").read_text(encoding="utf-8")
 needs_proofs = pytest.mark.skipif(annex("tinygc.annexes.challenge") is None, reason="the annex that proves effects is not there")
@@ -40,33 +37,6 @@ def test_the_example_is_proved_but_for_its_sessions(effects):
     assert effect.id == "gyro.scale_quadratic"
     report = check(effect, parts=("columns", "undo", "units", "live", "c"))
     assert report.ok, str(report)
-
-
-@needs_proofs
-@pytest.mark.slow
-def test_the_example_is_proved(effects):
-    with using([]):
-        (effect,) = load_folder(effects)
-    assert check(effect).require().ok
-
-
-@pytest.mark.slow
-def test_the_example_is_named_where_it_is(effects, tmp_path, run):
-    """Concealed by other code than its own; and gone when the command is over."""
-
-    def distort(t_s, rate, force, temp_c):
-        return rate + TRUTH * rate * np.abs(rate) / (500 * DEG)
-
-    options = SimulationOptions(segments=24, closure_s=0.0, seed=5, odr_hz=104.0)
-    folder = write_session(options, tmp_path / "session", distort=distort)
-    code, out, err = run("explain", folder, "--effects", effects, "--no-pictures", "--json", tmp_path / "said.json")
-    assert code == 0, err
-    assert "gyro.scale_quadratic" in out
-    (named,) = json.loads((tmp_path / "said.json").read_text())["effects"]
-    assert named["id"] == "gyro.scale_quadratic"
-    off = np.abs(np.subtract(named["parameters"]["quadratic_at_fs"], TRUTH))
-    np.testing.assert_array_less(off, 4 * np.array(named["std"]["quadratic_at_fs"]))
-    assert "gyro.scale_quadratic" not in catalogue()
 
 
 def test_the_session_that_hides_the_example_is_made_as_the_page_says(effects, tmp_path, monkeypatch):

@@ -2,7 +2,6 @@
 
 import json
 
-import fleets
 import numpy as np
 import pytest
 
@@ -10,7 +9,6 @@ import calibrate
 import tinygc
 from session.annexes.arrays.recording import read_array
 from session.io import annexes
-from session.io.results import json_text
 from tinygc import CalibrationError, SimulationOptions
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
@@ -79,36 +77,6 @@ def test_an_array_of_sessions_in_memory_is_that_of_its_folder(folder, fitted):
         tinygc.array(units[:1])
     with pytest.raises(CalibrationError, match=r"name is '\.\./etc', expected one word"):
         tinygc.array(units, name="../etc")
-
-
-@pytest.mark.broad
-def test_a_fleet_gives_the_commands_numbers(tmp_path):
-    place = fleets.made(tmp_path / "sessions", count=2)
-    words = ("--only", "check", "--jobs", 1)
-    theirs = command(tmp_path / "f.json", "fleet", place, "--out", tmp_path / "theirs", *words)
-    found = tinygc.fleet(place, tmp_path / "mine", steps="check", jobs=1)
-    mine = json.loads(json.dumps(found.to_json()))
-    assert (mine["run"], mine["sessions"], mine["first_look"]) == (theirs["run"], theirs["sessions"], theirs["first_look"])
-    assert all(path.is_file() for path in found.files)
-    again = tinygc.fleet((), tmp_path / "mine")  # sums up what is there
-    assert (again.tally, again.result.sessions) == (None, 2)
-    assert "2 different sessions" in again.summary()
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(CalibrationError, match="no session folder there"):
-        tinygc.fleet(tmp_path / "empty", tmp_path / "new", jobs=1)
-    with pytest.raises(CalibrationError, match="steps are fitt"):
-        tinygc.fleet(place, tmp_path / "mine", steps="fitt")
-
-
-@pytest.mark.broad
-def test_a_lot_gives_the_commands_numbers(tmp_path):
-    out = tmp_path / "fleet"
-    fleets.ran(fleets.made(tmp_path / "sessions", count=3, segments=16), out, fleets.FIT)
-    theirs = command(tmp_path / "l.json", "lot", out, "--out", tmp_path / "theirs.json")
-    found = tinygc.lot(out)
-    assert json.loads(json_text(found.to_json())) == theirs
-    assert found.save(tmp_path / "mine.json").read_bytes() == (tmp_path / "theirs.json").read_bytes()
-    assert found.save_page(tmp_path / "lot.html").is_file()
 
 
 @pytest.mark.parametrize(

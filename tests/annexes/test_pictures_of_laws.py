@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,7 +22,6 @@ pytestmark = pytest.mark.broad
 
 FS = 500.0  #: dps
 FIRST_C = 25.0
-FOREIGN = Path(__file__).parents[1] / "foreign_effects"
 #: effect -> its size, what it makes of the scale (fraction) at x by the standard's formula, with the parameter k of the axis
 SCALES = {
     "gyro.scale_nonlinearity": (0.03, lambda k, x: k * (x / FS) ** 2),
@@ -69,22 +67,6 @@ def test_the_scale_error_of_each_turn_is_on_the_law_that_was_put_in(known):
         assert rms(off) < 2.0
         assert 0.6 < rms(of.after / of.sigma) < 1.4  # the bars are the noise
         assert rms(of.before / of.sigma) > 10
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["timing.axis_skew", "gyro.bandwidth"])
-def test_the_slope_of_a_lag_is_the_lag(known, name):
-    """Of differences between axes: what they share, closure hardly sees."""
-    e, claim, truth = known(name, 0.01)
-    truth = np.maximum(truth, 0) if name == "gyro.bandwidth" else truth
-    found = np.array([slope(per_parameter(e, claim, axis))[0] for axis in range(3)])
-    assert found - found.mean() == pytest.approx(truth - truth.mean(), abs=3e-4)
-    axes = Figure().subplots()
-    in_turns.against_one_ms(e, claim, axes, taken_off=False)
-    lines = [line.get_xydata() for line in axes.lines if "slope" in str(line.get_label())]
-    assert len(lines) == 3
-    drawn = [(line[1, 1] - line[0, 1]) / (line[1, 0] - line[0, 0]) for line in lines]  # degrees for those that 1 ms makes
-    assert drawn == pytest.approx(1e3 * found, abs=0.5)
 
 
 def test_any_effect_in_turns_is_on_the_line_of_slope_one(known):

@@ -64,15 +64,6 @@ GONE = {
     "watch": (["watch", "model.json", "data/session1/log0001.csv.gz"],),
     "history": (["history", "data/session1"],),
 }
-#: files and folders that one annex or another reads or writes, and what is given each of them
-FED = ("body", "rests", "phone", "fleet", "array.json", "thermal.json", "lot.json", "noise.json", "model.json", "table.csv")
-LOG = "data/session1/log0001.csv.gz"
-FEEDS = (
-    *(["check", "FED"], ["fit", "FED", "--methods", "raw", "--folds", "2"], ["apply", "FED", LOG, "-o", "OUT.csv"], ["lot", "FED"]),
-    *(["noise", "FED", "--out", "OUT"], ["rates", "FED"], ["budget", "FED"], ["history", "FED", "--no-pictures"]),
-    *(["verify", "model.json", "FED"], ["verify", "FED", "data/session1"], ["watch", "FED", LOG], ["watch", "model.json", "FED"]),
-    *(["fleet", "--out", "FED"], ["export", "FED", "--to", "px4", "--noise", "FED"], ["import", "FED", "--out", "OUT"]),
-)
 #: options that an annex serves
 OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--certificate", "--dcc")
 MAIN_JOB = (
@@ -187,32 +178,6 @@ def test_every_annex_is_removed_here():
     annexes = (path for room in ("session", "tinygc") for path in (ROOT / room / "annexes").iterdir() if (path / "__init__.py").is_file())
     assert {f"{path.parents[1].name}/annexes/{path.name}" for path in annexes} == {folder for each in FOLDERS.values() for folder in each}
     assert set(GONE) == set(FOLDERS)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("annex", FOLDERS)
-def test_without_an_annex_the_others_refuse_its_files_in_one_line(annex, tmp_path):
-    folder = without((annex,), tmp_path)
-    commands = [[word.replace("FED", fed).replace("OUT", f"out{k}{fed}") for word in words] for fed in FED for k, words in enumerate(FEEDS)]
-    codes, _, lines = run(folder, *commands)
-    for command, code, errors in zip(commands, codes, lines, strict=True):
-        assert code in (0, 1, 2, 5), (command, code, errors)
-        assert code != 2 or sum(line.startswith("calibrate: ") for line in errors) == (command[0] != "check"), (command, errors)
-
-
-@pytest.mark.broad
-def test_a_fleets_history_without_lots_says_so(tmp_path):
-    codes, _, (errors,) = run(without(("lots",), tmp_path), ["history", "fleet"])
-    assert codes == [2]
-    (line,) = errors
-    assert line.startswith("calibrate: fleet: lots and fleets: served by the annex lots, which is not there (tinygc/annexes/lots/)")
-
-
-@pytest.mark.broad
-@pytest.mark.parametrize("annex", FOLDERS)
-def test_what_an_annex_served_says_so(annex, tmp_path):
-    hold_gone(folder := without((annex,), tmp_path), (annex,))
-    hold_no_page_names_it(folder, (annex,))
 
 
 @pytest.mark.broad

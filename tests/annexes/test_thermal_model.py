@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import DEG
+from exported_models import SENSOR, Compiled, needs_compiler
 from exports_read_back import LINEAR, context
 from noise_records import figures
-from test_export_c import SENSOR, Compiled, needs_compiler
 
 from session.io.errors import FormatError
 from session.io.samples import Samples

@@ -1,0 +1,141 @@
+"""Points of a rate table from a CSV: columns and units, sensors and curves, and what is refused."""
+
+import numpy as np
+import pytest
+
+from session.io.errors import FormatError
+from tinygc.annexes.rates.points import Columns, points_of, read_points
+
+RATES = (-20, -10, 0, 10, 20)
+
+
+def csv(path, header, rows):
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def plain(path, header="rate_dps,mean_v", mark=","):
+    return csv(path, header, [f"{rate}{mark}{0.1 * rate}" for rate in RATES])
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "unit"),
+    [
+        ("rate_dps,mean_v", 1.0, "V"),
+        ("Rate (deg/s),Output (mV)", 1.0, "mV"),
+        ("rate_rad_s,output_lsb", 180 / np.pi, "LSB"),
+        ("speed_rpm,voltage_v", 6.0, "V"),
+        ("rpm,gz_lsb", 6.0, "LSB"),
+        ("rate [°/s],mean [V]", 1.0, "V"),
+    ],
+)
+def test_columns_and_units_by_their_names(tmp_path, header, factor, unit):
+    (points,), _ = read_points(plain(tmp_path / "t.csv", header))
+    assert points.rate_dps == pytest.approx(factor * np.array(RATES))
+    assert points.output == pytest.approx(0.1 * np.array(RATES))
+    assert points.unit == unit
+    assert points.sensor == "t"
+
+
+def test_semicolons_comments_and_a_mark_of_utf8(tmp_path):
+    path = plain(tmp_path / "t.csv", "# bench 3\nrate_dps;mean_v", mark=";")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_points(path)[0][0]) == 5
+
+
+def test_options_name_columns_unit_and_readings(tmp_path):
+    path = csv(tmp_path / "t.csv", "r_dps,y,std", [f"{rate},{rate},0.2" for rate in RATES])
+    (points,), remarks = read_points(path, Columns("r_dps", "y", "V", 100))
+    assert points.unit == "V"
+    assert points.sigma == pytest.approx(np.full(5, 0.02))
+    assert not remarks
+    assert "--readings" in read_points(path, Columns("r_dps", "y", "V"))[1][0]
+    assert "--output-unit" in read_points(path, Columns("r_dps", "y", "", 100))[1][0]
+
+
+def test_sensors_and_curves_are_told_apart(tmp_path):
+    rows = [
+        f"{sensor},{top},{k},{top * share},{share}" for sensor in "AB" for top in (50, 100) for k, share in enumerate((-1, -0.5, 0, 0.5, 1))
+    ]
+    found, _ = read_points(csv(tmp_path / "t.csv", "sensor,rate_max_dps,number,rate_dps,mean_v", rows[:10] + rows[10:]))
+    assert [points.sensor for points in found] == ["A", "B"]
+    assert len(found[0].curves) == 10  # the number repeats, and so tells curves apart
+    found, _ = read_points(
+        csv(tmp_path / "u.csv", "sensor,rate_max_dps,rate_dps,mean_v", [",".join(np.delete(r.split(","), 2)) for r in rows])
+    )
+    assert found[0].curves == ("rate_max_dps 50", "rate_max_dps 100")
+    assert found[0].curve.tolist() == [0] * 5 + [1] * 5
+    assert found[0].direction.tolist() == [0, 1, 1, 1, 1] * 2
+
+
+def test_a_column_that_never_repeats_is_no_curve(tmp_path):
+    rows = [f"{n},{rate},{rate}" for n, rate in enumerate(RATES)]
+    assert len(read_points(csv(tmp_path / "t.csv", "time_s,rate_dps,mean_v", rows))[0][0].curves) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "empty; expected a header"),
+        ("rate_dps,mean_v\n", "empty; expected a header"),
+        ("speed,volts\n1,2\n", "no column of output"),
+        ("rate,mean_v\n1,2\n2,3\n3,4\n4,5\n", "'rate' states no unit"),
+        ("rate_dps,mean_v\n1,2\n2\n", "line 3: 1 columns, expected the 2"),
+        ("rate_dps,mean_v\n1,2\n2,abc\n", "line 3: mean_v is 'abc', expected a number"),
+        ("rate_dps,mean_v\n1,2\n2,nan\n", "line 3: mean_v is 'nan', expected a number"),
+        ("rate_dps,mean_v\n1,2\n2,3\n3,4\n", r"t\.csv: t: 3 rates, expected at least four"),
+        ("rate_dps,mean_v\n1,0\n2,0\n3,0\n4,0\n", r"t\.csv: t: the output is 0 V at every rate"),
+        ("rate_dps,mean_v\n1,5,1,1\n", "4 columns, expected the 2 of the header; a decimal is written with a point"),
+        ("rate_dps;mean_v\n1,5;1\n", "line 2: rate_dps is '1,5', expected a number with a decimal point"),
+        ("rate_dps,mean_v,std_v\n1,2,0.1\n2,3,-0.1\n", "line 3: a std below 0"),
+        ("rate_dps,mean_v,std_v,n\n1,2,0.1,0\n", "line 2: .*less than one reading"),
+    ],
+)
+def test_what_is_refused(tmp_path, text, said):
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_points(path)
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_bytes(b"\xff\xfe\x00rate")
+    with pytest.raises(FormatError):
+        read_points(path)
+
+
+def test_a_column_that_is_not_there_is_named_with_those_that_are(tmp_path):
+    with pytest.raises(FormatError, match=r"no column 'volts' \(--output-column\); it has rate_dps, mean_v"):
+        read_points(plain(tmp_path / "t.csv"), Columns(output="volts"))
+
+
+def test_a_std_that_is_zero_is_not_used_and_that_is_said(tmp_path):
+    path = csv(tmp_path / "t.csv", "rate_dps,mean_v,std_v,readings", [f"{rate},{rate},{0.1 * (rate != 0)},100" for rate in RATES])
+    (points,), remarks = read_points(path)
+    assert not points.is_known
+    assert "a std is 0" in remarks[0]
+
+
+def test_a_sensor_with_too_few_rates_is_left_out_alone(tmp_path):
+    rows = [f"a,{rate},{rate}" for rate in RATES] + ["b,1,1", "b,2,2"]
+    found, remarks = read_points(csv(tmp_path / "t.csv", "sensor,rate_dps,mean_v", rows))
+    assert [points.sensor for points in found] == ["a"]
+    assert "b: 2 rates, expected at least four, in both senses: left out." in remarks
+
+
+def test_measured_conditions_tell_no_curves_apart(tmp_path):
+    rows = [f"{rate},{rate},{25 + (rate > 0)},{rate > 0}" for rate in (*RATES, *RATES)]
+    (points,), remarks = read_points(csv(tmp_path / "t.csv", "rate_dps,mean_v,temperature_c,mounting", rows))
+    assert points.curves == ("mounting False", "mounting True")
+    assert "Each mounting is a curve with an offset of its own" in remarks[0]
+
+
+@pytest.mark.parametrize(("outputs", "quantum"), [([1.5, 2.25, 3], 0.01), ([12, 15, 1e6], 1.0), ([0.1 + 0.2, 1 / 3, 1], 0.0)])
+def test_the_step_of_the_last_decimal(outputs, quantum):
+    assert points_of("s", "V", [0, 1, 2, 3], [*outputs, 7], ["one"] * 4).quantum == pytest.approx(quantum)
+
+
+def test_a_header_of_brackets_is_read_at_once(tmp_path):
+    (points,), _ = read_points(plain(tmp_path / "t.csv", "rate_dps,out_v" + "(" * 40_000))
+    assert points.output.size == len(RATES)

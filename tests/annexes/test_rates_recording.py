@@ -1,0 +1,313 @@
+"""Rate steps and swings recorded with a machine's angles: rates, settled means, their sigmas; bandwidth and delay."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from rate_tables import DOWN, ODR_HZ, TABLE, Swings, record, steps
+
+import tinygc
+from session.annexes.machines.angles import read_angles
+from session.annexes.machines.mechanics import AxisTrack
+from session.io.errors import DataError, FormatError
+from session.io.units import DEG
+from tinygc.annexes.rates import sweep
+from tinygc.annexes.rates.recording import _phasor, dwells, read_recording
+from tinygc.annexes.rates.sweep import Response, fit_response, read_response, transfer
+
+RATES = (-120, -60, 0, 60, 120)
+
+
+def read(folder):
+    return read_recording(folder, lambda *what: None)
+
+
+@pytest.fixture(scope="module")
+def stepped(tmp_path_factory):
+    track, ends_s = steps([*RATES, *RATES[-2::-1]], 4.0)
+    return record(tmp_path_factory.mktemp("stepped"), track, ends_s, scale=1.01)
+
+
+def test_dwells_are_those_that_the_table_made(stepped):
+    own = read_angles(stepped / "table.csv", TABLE)["rates0001.csv"]
+    found = dwells(own)
+    long = [dwell for dwell in found if own.t_ns[dwell.stop] - own.t_ns[dwell.start] > 2e9]
+    assert np.rad2deg([dwell.rate for dwell in long]) == pytest.approx([*RATES, *RATES[-2::-1]], abs=2)
+
+
+def test_rates_and_means_of_settled_dwells(stepped):
+    (points,) = read(stepped).points
+    moved = np.abs(points.rate_dps) > 1
+    assert points.rate_dps[moved] == pytest.approx([r for r in (*RATES, *RATES[-2::-1]) if r], abs=2e-3)
+    errors = (points.output - points.output[~moved].mean() - 1.01 * points.rate_dps) / points.sigma
+    assert np.sqrt(np.mean(errors**2)) < 2
+    assert (points.sigma < 5e-3).all()
+    assert (points.rate_dps[~moved] == 0).all()  # within the table's declared sigma it is at rest
+    assert points.sensor == "gyroscope z"
+    assert set(points.direction) == {-1, 0, 1}
+
+
+def test_the_scale_of_a_recording(stepped):
+    (choice,) = tinygc.estimate_rates(stepped).choices
+    assert choice.is_line
+    scale = choice.fit.coefficients[0]
+    assert scale == pytest.approx(1.01, abs=4 * np.sqrt(choice.fit.covariance[1, 1]))
+
+
+def test_where_the_machine_has_a_clock_its_angles_are_of_that(tmp_path):
+    """Stamps that are late at random by 0.8 ms make a rate of 120 °/s some 5 mdps uncertain; with the machine's clock, ten times as late,
+    they do not."""
+    track, ends_s = steps([*RATES, *RATES[-2::-1]], 4.0)
+    found = {}
+    for name, jitter_s, has_clock in (("stamps", 8e-4, False), ("clock", 8e-3, True)):
+        (found[name],) = read(record(tmp_path / name, track, ends_s, jitter_s=jitter_s, has_clock=has_clock)).points
+    for points in found.values():
+        moved = np.abs(points.rate_dps) > 1
+        errors = (points.output - points.output[~moved].mean() - points.rate_dps) / points.sigma
+        assert np.sqrt(np.mean(errors**2)) < 2
+    assert np.median(found["clock"].sigma) < 3e-3
+    assert np.median(found["stamps"].sigma[np.abs(found["stamps"].rate_dps) > 100]) > 4e-3
+
+
+def test_a_way_back_to_a_limit_is_no_dwell(tmp_path):
+    """The axis goes from -170 to 150 at its rate, rests, and comes back faster to where it began."""
+    track, t_s = AxisTrack(-170 * DEG), 1.0
+    for rate in (40.0, 20.0, 10.0):
+        track.turn_at(t_s, rate * DEG, DOWN.acceleration_rps2)
+        track.turn_at(t_s + 6.0, 0.0, DOWN.acceleration_rps2)
+        track.turn_to(t_s + 8.0, -170 * DEG, 80 * DEG, DOWN.acceleration_rps2)
+        t_s += 14.0
+    record(tmp_path, track, t_s, limits="least_deg = -170\nmost_deg = 170\n")
+    (points,) = read(tmp_path).points
+    assert sorted(set(points.rate_dps.round())) == [0, 10, 20, 40]
+
+
+def test_means_are_over_whole_turns(tmp_path):
+    """A wave of once a turn, as gravity makes it about a tilted axis, does not enter; half a turn more would."""
+    track, ends_s = steps([60.0, 90.0, 120.0, 150.0], 9.5)
+
+    def distort(t_s, rate, force, temp_c):
+        return rate + np.deg2rad(2) * np.sin(track.said_and_sense(t_s)[0])[:, None] * [0, 0, 1]
+
+    record(tmp_path, track, ends_s, distort=distort, noise=0.5)
+    (points,) = read(tmp_path).points
+    moved = points.rate_dps > 1
+    left = (points.output - points.rate_dps)[moved]
+    assert np.ptp(left) < 0.02
+    assert np.abs(left).max() < 0.02
+
+
+@pytest.mark.parametrize("count", [200, 30])
+def test_sigma_of_the_amplitude_of_a_wave(count):
+    """Also of less than a period, which a constant and a slope resemble."""
+    t_s, errors, stated = np.arange(count) / 100, [], []
+    for seed in range(200):
+        found, variance = _phasor(t_s, np.cos(2 * np.pi * 3 * t_s) + 0.1 * np.random.default_rng(seed).normal(size=count), 3.0)
+        errors += [found.real - 1, found.imag]
+        stated.append(variance)
+    assert np.mean(np.square(errors)) == pytest.approx(np.mean(stated), rel=0.2)
+
+
+def test_a_law_that_is_hidden_in_the_sensor_is_found(tmp_path):
+    def distort(t_s, rate, force, temp_c):
+        return np.deg2rad(90) * np.sin(rate / np.deg2rad(90))
+
+    track, ends_s = steps([-120, -90, -60, -30, 0, 30, 60, 90, 120], 2.5)
+    record(tmp_path, track, ends_s, distort=distort)
+    (choice,) = tinygc.estimate_rates(tmp_path).choices
+    assert choice.fit.hypothesis.law == "sine"
+    assert choice.fit.shape[0] == pytest.approx(90, rel=1e-3)
+
+
+@pytest.mark.parametrize("declared", [False, True])
+def test_bandwidth_and_delay_of_a_swing(tmp_path, declared):
+    track = Swings([1.0, 2.0, 4.0, 8.0, 12.0], 4.0)
+    settings = "[settings]\nlatency_s = 0.02\n" if declared else ""
+    record(tmp_path, track, track.ends_s, latency_s=0.02, settings=settings)
+    (sweep,) = tinygc.estimate_rates(tmp_path).sweeps
+    assert sweep.response.frequency_hz == pytest.approx([1, 2, 4, 8, 12], rel=1e-3)
+    assert sweep.bandwidth_hz == pytest.approx(33.0, abs=4 * sweep.bandwidth_sigma_hz)  # the simulated sensor's filter
+    delay_s, sigma_s = sweep.delay_s
+    assert delay_s == pytest.approx(0.0 if declared else -0.02, abs=4 * sigma_s)
+    assert sigma_s < 1e-3
+    assert ("not declared" in sweep.lines[0]) != declared
+
+
+# A response by itself.
+
+
+def response(model, vector, seed=1, sigma=1e-3, f=None):
+    f = np.geomspace(0.5, 60, 14) if f is None else f
+    rng = np.random.default_rng(seed)
+    h = transfer(model, f, np.array(vector)) * (1 + sigma * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))))
+    return Response("r", f, np.abs(h), np.angle(h), sigma * np.abs(h), np.full(len(f), sigma))
+
+
+@pytest.mark.parametrize(
+    ("model", "vector", "band"),
+    [("first", [1.02, 0.003, 20.0], 20.0), ("second", [0.98, 0.001, 30.0, np.sqrt(0.5)], 30.0), ("second", [1, 0, 25.0, 0.3], 36.30)],
+)
+def test_models_compete_and_give_the_bandwidth(model, vector, band):
+    sweep = fit_response(response(model, vector))
+    assert sweep.model == model
+    assert np.abs(sweep.vector - vector) == pytest.approx(0, abs=4 * np.sqrt(np.diag(sweep.covariance)).max())
+    assert sweep.bandwidth_hz == pytest.approx(band, abs=max(4 * sweep.bandwidth_sigma_hz, 1e-2))
+
+
+def test_a_flat_response_has_a_lower_limit():
+    sweep = fit_response(response("flat", [1.0, 0.005]))
+    assert sweep.model == "flat"
+    assert sweep.bandwidth_hz is None
+    assert sweep.bandwidth_at_least_hz == pytest.approx(60)
+    assert sweep.delay_s[0] == pytest.approx(0.005, abs=4 * sweep.delay_s[1])
+
+
+def test_a_response_of_a_csv(tmp_path):
+    want = response("first", [1.0, 0.0, 20.0], sigma=1e-6)
+    path = tmp_path / "sweep.csv"
+    rows = [f"{f:.9g},{g:.9g},{np.rad2deg(p):.9g}" for f, g, p in zip(want.frequency_hz, want.gain, want.phase, strict=True)]
+    path.write_text("frequency_hz,gain,phase_deg\n" + "\n".join(rows))
+    assert read_response(path).phase == pytest.approx(want.phase)
+    assert tinygc.estimate_rates(path).sweeps[0].bandwidth_hz == pytest.approx(20.0, rel=1e-3)
+
+
+def test_what_a_model_leaves_widens_its_sigmas():
+    """Noise is four times what the sigmas say."""
+    honest = response("first", [1.0, 0.003, 20.0], sigma=4e-3)
+    stated = dataclasses.replace(honest, gain_sigma=honest.gain_sigma / 4, phase_sigma=honest.phase_sigma / 4)
+    wide, told = fit_response(honest), fit_response(stated)
+    assert told.bandwidth_sigma_hz == pytest.approx(wide.bandwidth_sigma_hz, rel=0.3)
+    assert told.delay_s[1] == pytest.approx(wide.delay_s[1], rel=0.3)
+
+
+def test_a_bandwidth_that_no_frequency_shows_has_no_sigma():
+    """A gain that falls by less than rounding at 0.05 Hz of 10^6."""
+    flat = response("flat", [1.0, 0.0], sigma=1e-3, f=np.linspace(0.01, 0.05, 8))
+    found = sweep._bandwidth(flat, "first", np.array([1.0, 0.0, 1e6]), np.diag([1e-6, 1e-9, np.inf]))
+    assert found == (None, None, 0.05)
+
+
+def test_a_bandwidth_far_beyond_the_highest_frequency_is_a_lower_limit():
+    sweep = fit_response(response("first", [1.0, 0.0, 400.0], sigma=1e-4))
+    assert sweep.model == "first"
+    assert sweep.bandwidth_hz is None
+    assert sweep.bandwidth_at_least_hz == pytest.approx(60)
+
+
+def flat_response(top_hz=60.0):
+    return response("flat", [1.0, 0.0], f=np.linspace(1, top_hz, 8))
+
+
+def test_the_sigma_of_a_bandwidth_of_the_second_order_is_that_of_its_slopes():
+    """(f / f0)^2 = a + sqrt(a^2 + 1), a = 1 - 2 zeta^2, where the gain is 0.707."""
+    f0, zeta = 30.0, 0.6
+    a = 1 - 2 * zeta**2
+    band = f0 * np.sqrt(a + np.hypot(a, 1))
+    along_zeta = f0**2 / (2 * band) * (1 + a / np.hypot(a, 1)) * -4 * zeta
+    covariance = np.diag([9.0, 9.0, 0.5**2, 0.01**2])
+    covariance[2, 3] = covariance[3, 2] = 0.002
+    variance = np.array([band / f0, along_zeta]) @ covariance[2:, 2:] @ [band / f0, along_zeta]
+    found = sweep._bandwidth(flat_response(), "second", np.array([2.0, 1.0, f0, zeta]), covariance)
+    assert found == (pytest.approx(band), pytest.approx(np.sqrt(variance), rel=1e-5), None)
+    assert np.abs(transfer("second", np.array([band]), np.array([2.0, 0.1, f0, zeta]))) == pytest.approx(np.sqrt(2))
+
+
+@pytest.mark.parametrize(("band", "shows"), [(181.0, True), (183.0, False)])
+def test_a_bandwidth_shows_where_it_may_be_within_three_times_the_highest_frequency(band, shows):
+    found = sweep._bandwidth(flat_response(), "first", np.array([1.0, 0.0, band]), np.diag([1.0, 1.0, 1.0]))
+    assert found == ((pytest.approx(band), pytest.approx(1.0), None) if shows else (None, None, 60.0))
+
+
+def test_the_probability_of_a_model_is_that_of_schwarz():
+    """exp(-BIC / 2) of chi-square per row, with a logarithm of rows for each number."""
+    some = response("second", [1.0, 0.0, 30.0, 0.7], sigma=0.02, seed=3)
+    rows = 2 * len(some.gain)
+    bic = [rows * np.log(chi / rows) + len(x) * np.log(rows) for _, x, _, chi in (sweep._fit(some, name) for name in sweep.MODELS)]
+    assert fit_response(some).probability == pytest.approx(np.exp(-min(bic) / 2) / np.sum(np.exp(-np.array(bic) / 2)), rel=1e-9)
+
+
+def test_sigmas_and_bounds_of_a_csv(tmp_path):
+    def read_rows(header, *rows):
+        (tmp_path / "sweep.csv").write_text("\n".join([header, *rows]))
+        return read_response(tmp_path / "sweep.csv")
+
+    plain = ("1,2,10", "10,1,-90")
+    found = read_rows("f_hz,magnitude,phase_deg", *plain)
+    assert (found.gain_sigma.tolist(), found.phase_sigma.tolist()) == (pytest.approx([2e-3, 1e-3]), pytest.approx([1e-3, 1e-3]))
+    assert found.latency_s is None
+    found = read_rows("f_hz,gain,phase_deg,gain_sigma,phase_sigma_deg", "1,2,10,0.1,3", "10,1,-90,0,0")
+    assert found.gain_sigma == pytest.approx([0.1, 1e-3])
+    assert found.phase_sigma == pytest.approx([3 * DEG, 1e-3])
+    for row, words in (("1e-6,1,0", "frequency"), ("100001,1,0", "frequency"), ("1,1000001,0", "gain"), ("1,1e-7,0", "gain")):
+        with pytest.raises(FormatError, match=f"a {words} is not between"):
+            read_rows("f_hz,gain,phase_deg", *plain, row)
+    assert len(read_rows("f_hz,gain,phase_deg", "1e5,1e6,0", "1.1e-5,1.1e-6,0").gain) == 2
+    with pytest.raises(FormatError, match="line 3: gain is 'x', expected a number"):
+        read_rows("f_hz,gain,phase_deg", plain[0], "2,x,0")
+
+
+def test_what_a_sweep_says():
+    given = Response("r", np.array([1.0, 2, 4, 8]), np.ones(4), np.zeros(4), np.full(4, 0.01), np.full(4, 2 * DEG), 0.004)
+    covariance = np.diag([0.02**2, 0.003**2, 2.0**2])
+    found = sweep.Sweep(given, "first", np.array([1.1, -0.0065, 20.0]), covariance, 20.0, 2.0, None, 1.0)
+    assert found.gain == pytest.approx((1.1, 0.02))
+    assert found.delay_s == pytest.approx((-0.0065, 0.003))
+    assert found.rows_deg[1] == pytest.approx((2.0, 1.0, 0.01, 0.0, 2.0))
+    ratio = 1 / transfer("first", given.frequency_hz, found.vector)
+    left = np.sqrt(np.mean((np.abs(ratio) - 1) ** 2)), np.sqrt(np.mean(np.angle(ratio) ** 2))
+    assert found.left == pytest.approx(left)
+    said = " ".join(found.lines)
+    assert "delay −6.5 ± 3.0 ms: the sensor's, the table's declared latency taken off" in said.replace("\u202f", " ")
+    assert "a delay below zero" in said  # by more than two sigmas
+    later = dataclasses.replace(found, vector=np.array([1.1, -0.0055, 20.0]))
+    assert "a delay below zero" not in " ".join(later.lines)
+
+
+def test_points_that_no_model_describes_are_called_so():
+    good = response("first", [1.0, 0.0, 20.0])
+    assert not any("does not describe" in line for line in fit_response(good).lines)
+    gain = good.gain * np.where(np.arange(len(good.gain)) % 2, 1.2, 0.8)
+    assert "does not describe these points" in fit_response(dataclasses.replace(good, gain=gain)).lines[-1]
+    early = dataclasses.replace(response("flat", [1.0, -0.005]), latency_s=0.01)
+    assert any("a delay below zero" in line for line in fit_response(early).lines)
+
+
+# What is refused.
+
+
+def test_what_a_recording_lacks(tmp_path, stepped):
+    with pytest.raises(FormatError, match=r"table.toml: not found; a recording of rates"):
+        read(tmp_path)
+    for name in ("table.toml", "table.csv", "session.toml"):
+        (tmp_path / name).write_bytes((stepped / name).read_bytes())
+    with pytest.raises(FormatError, match=r"no log; expected rates0001\.csv"):
+        read(tmp_path)
+    (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
+    with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):
+        read(tmp_path)
+
+
+def test_a_table_that_stands_still_is_refused(tmp_path):
+    track, _ = steps([], 1.0)
+    record(tmp_path, track, 5.0)
+    assert ODR_HZ
+    with pytest.raises(DataError, match="no rate step and no sweep"):
+        read(tmp_path)
+
+
+def test_too_few_frequencies_are_refused():
+    with pytest.raises(DataError, match="3 frequencies, expected at least 4"):
+        fit_response(response("flat", [1, 0], f=np.array([1.0, 2.0, 3.0])))
+
+
+def test_what_a_model_leaves_widens_its_sigmas_by_the_freedom_that_is_left():
+    """Of a flat response all is linear: K from the logarithms, a delay from the phases; 2 f values less two numbers."""
+    f = np.array([0.5, 1, 2, 4, 8, 12.0])
+    log_gain, phase = 4e-3 * np.array([1, -1, 1, -1, 1, -1]), 4e-3 * np.array([1, -1, -1, 1, 1, -1])
+    sweep = fit_response(Response("r", f, np.exp(log_gain), phase, 1e-3 * np.exp(log_gain), np.full(6, 1e-3)))
+    slope = -2 * np.pi * f
+    delay = slope @ phase / (slope @ slope)
+    chi_square = np.sum((log_gain - log_gain.mean()) ** 2 + (phase - delay * slope) ** 2) / 1e-6
+    assert sweep.model == "flat"
+    widened = chi_square / (2 * 6 - 2)
+    assert np.diag(sweep.covariance) == pytest.approx(widened * 1e-6 * np.array([sweep.vector[0] ** 2 / 6, 1 / (slope @ slope)]), rel=1e-4)

@@ -1,0 +1,572 @@
+"""A truth's clock and mounting with their sigmas, on half a minute of smooth motion: beside numeric derivatives and scipy's rotations."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+from session.detect.truth_alignment import (
+    AlignedLog,
+    Spans,
+    Way,
+    _solved,
+    _within,
+    align,
+    alignment_table,
+    all_spans,
+    best_way,
+    carried,
+    frame_of,
+    refined,
+    rough_offset,
+    spans_of,
+    ways,
+)
+from session.io.config import FRAMES, Accelerometer, Config, Protocol, Sensor, Site, TruthGiven, TruthReading, down_of
+from session.io.folder import Session
+from session.io.logfile import Log, Truth
+from session.io.samples import Samples
+
+E = np.eye(3) + 0.01 * np.array([[1, -1, 0.5], [0.3, -0.5, 1], [-0.7, 0.2, 0.7]])
+BIAS = np.array([0.5, -0.3, 0.6]) * DEG
+HZ, FINE = 100, 8
+
+
+def rate_at(t_s):
+    """(N, 3) rad/s: slow waves, none of which is another's."""
+    waves = [np.sin(2 * np.pi * f * t_s + p) for f, p in ((0.31, 0.2), (0.23, 1.1), (0.41, 2.0), (0.17, 0.5), (0.13, 2.5), (0.29, 1.9))]
+    return np.stack([1.2 * waves[0] + 0.5 * waves[3], 1.0 * waves[1] - 0.6 * waves[4], 0.9 * waves[2] + 0.4 * waves[5]], axis=1)
+
+
+def motion(seconds=30.0):
+    """t_s and attitudes q_nb at fine steps, from the rate in their middle."""
+    t_s = np.arange(round(seconds * HZ * FINE)) / (HZ * FINE)
+    q = [Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()]
+    for step in Rotation.from_rotvec(rate_at(t_s[:-1] + 0.5 / (HZ * FINE)) / (HZ * FINE)).as_matrix():
+        q.append(q[-1] @ step)
+    return t_s, Rotation.from_matrix(q)
+
+
+@pytest.fixture(scope="module")
+def moved():
+    return motion()
+
+
+def made(moved, late_s=0.0, mounting=(0, 0, 0), noise_deg=0.02, seed=0, reading=TruthReading(), given=TruthGiven(), every=40, E=E):  # noqa: B008
+    """A session whose truth has a moment each ``every`` fine steps, with stamps that are late and a noise of its angles."""
+    rng, (t_s, q) = np.random.default_rng(seed), moved
+    own = slice(None, None, FINE)
+    gyro = np.linalg.solve(E, (rate_at(t_s[own]) - BIAS).T).T
+    samples = Samples(np.rint(t_s[own] * 1e9).astype(np.int64) + 5_000_000_000, gyro, q[own].inv().apply([0, 0, -9.8]))
+    moments = np.arange(every, len(t_s) - every, every)
+    truth = q[moments] * Rotation.from_rotvec(noise_deg * DEG * rng.normal(size=(len(moments), 3)))
+    truth = truth * Rotation.from_rotvec(np.multiply(mounting, DEG)).inv()
+    written = reading.written(truth.as_quat(scalar_first=True))
+    stamps = samples.t_ns[0] + np.rint((t_s[moments] + late_s) * 1e9).astype(np.int64)
+    cells = Truth(Path("truth0001.csv"), stamps, TruthReading.of(given).read(written))
+    return Session(Path("made"), made_config(given), (Log(Path("log0001.csv"), samples),), (), truths=(cells,))
+
+
+def made_config(given=TruthGiven()):  # noqa: B008
+    sensor = Sensor("unknown", "", HZ, 500.0, 4.0)
+    return Config(sensor, Accelerometer(), Site(), Protocol(segment_s=2.0, reference="truth"), truth=given)
+
+
+def seen_of(session):
+    (log,), (truth,) = session.logs, session.truths
+    spans = spans_of(log.samples, truth)
+    return AlignedLog(carried(log.samples, log.samples.gyro), spans, truth.q_nb, log.samples.accel), log.samples
+
+
+def test_a_log_is_carried_exactly_and_read_between_its_samples(moved):
+    t_s, q = moved
+    own = slice(None, None, FINE)
+    t_ns = np.rint(t_s[own] * 1e9).astype(np.int64)
+    log = carried(Samples(t_ns, rate_at(t_s[own]), np.zeros((len(t_ns), 3))), rate_at(t_s[own]))
+    between = np.array([0.0, 1.2325, 7.7775, 15.0, 29.98])
+    true = Rotation.concatenate([q[round(t * HZ * FINE)] for t in between])
+    found = q[0] * Rotation.from_quat(log.at(between), scalar_first=True)
+    assert (found * true.inv()).magnitude().max() < 3e-4  # of a rate that is straight between two samples
+    np.testing.assert_allclose(log.rate_at(between), rate_at(between), atol=2e-4)
+    assert log.whole(between[:-1], between[1:]).all()
+    assert not log.whole(np.array([-0.011, 5.0, 3.0]), np.array([2.0, 30.1, 3.001])).any()
+    coarse = rate_at(np.arange(4) * 0.2)  # steps of mean rates, and the coning of a straight one
+    few = carried(Samples(np.arange(4) * 200_000_000, coarse, coarse), coarse)
+    by_hand = [0.1 * (a + b) + 0.04 / 12 * np.cross(a, b) for a, b in pairwise(coarse)]
+    expected = Rotation.from_rotvec(by_hand[0]) * Rotation.from_rotvec(by_hand[1]) * Rotation.from_rotvec(by_hand[2])
+    assert (Rotation.from_quat(few.q[3], scalar_first=True) * expected.inv()).magnitude() < 1e-12
+    # Of a rate about one axis that is straight between samples, and holds beyond the first and the last, the angle is an integral.
+    knots_s, knots = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.3, 1.0, 0.5, -1.2])
+    rate = np.outer(knots, [0.0, 0.6, 0.8])
+    log = carried(Samples(np.rint(knots_s * 1e9).astype(np.int64), rate, rate), rate)
+    fine = np.linspace(-0.6, 3.6, 42001)
+    angle = np.concatenate([[0.0], np.cumsum(np.interp((fine[1:] + fine[:-1]) / 2, knots_s, knots)) * 1e-4])
+    at = np.array([-0.5, 0.0, 0.2, 0.4, 0.6, 1.3, 2.0, 2.7, 3.0, 3.5])
+    expected = np.outer(np.interp(at, fine, angle) - np.interp(0.0, fine, angle), [0.0, 0.6, 0.8])
+    np.testing.assert_allclose(Rotation.from_quat(log.at(at), scalar_first=True).as_rotvec(), expected, atol=1e-7)
+    np.testing.assert_allclose(log.rate_at(at), np.outer(np.interp(at, knots_s, knots), [0.0, 0.6, 0.8]), atol=1e-12)
+    begin, end = np.array([-0.99, -1.01, 0.4, 0.4, 2.6, 2.1]), np.array([3.99, 2.0, 0.6, 0.45, 4.01, 2.9])
+    assert log.whole(begin, end).tolist() == [True, False, True, False, False, True]  # by a period beyond; between two samples at least
+    # A gap of more than one and a half periods: no rate in it, and no span across it.
+    for periods, gap in ((1.4, False), (1.6, True)):
+        late = t_ns + np.where(np.arange(len(t_ns)) > 500, round((periods - 1) * 1e7), 0)
+        log = carried(Samples(late, rate_at(t_s[own]), np.zeros((len(t_ns), 3))), rate_at(t_s[own]))
+        assert log.whole(np.array([4.0]), np.array([6.0])).all() == (not gap)
+        middle = 5.0 + periods * 0.004
+        slope = (rate_at(np.array([5.01])) - rate_at(np.array([5.0]))) / (0.01 * periods)
+        np.testing.assert_allclose(
+            log.rate_at(np.array([middle])), rate_at(np.array([5.0])) + (0 if gap else slope * periods * 0.004), atol=1e-9
+        )
+
+
+def test_a_span_is_half_a_second_from_every_moment_within_a_window():
+    samples = Samples(np.arange(100) * 10**9, np.zeros((100, 3)), np.zeros((100, 3)))
+    stamps = np.array([0.0, 0.2, 0.4, 0.4996, 0.7, 1.0, 11.1, 21.0, 21.1, 21.7])  # 10.1 and 9.9 s without a moment
+    truth = Truth(Path("t"), np.rint((stamps + 3) * 1e9).astype(np.int64), np.tile([1.0, 0, 0, 0], (10, 1)))
+    spans = spans_of(samples, truth)
+    assert [*zip(spans.first, spans.last, strict=True)] == [(0, 3), (1, 4), (2, 5), (3, 5), (6, 7), (7, 9), (8, 9)]
+    np.testing.assert_allclose(spans.begin_s, stamps[spans.first] + 3)
+    np.testing.assert_allclose(spans.end_s, stamps[spans.last] + 3)
+    windows = spans_of(samples, replace(truth, window=np.array([0] * 4 + [1] * 6)))
+    assert [*zip(windows.first, windows.last, strict=True)] == [(0, 3), (6, 7), (7, 9), (8, 9)]
+    assert len(spans_of(samples, truth_between(truth, 0, 1))) == 0
+    assert spans_of(samples, truth, most=3).first.tolist() == [0, 3, 8]
+    assert spans_of(samples, truth, most=7).first.tolist() == spans.first.tolist()
+
+
+def test_logs_share_six_thousand_spans():
+    rate, q = np.zeros((100, 3)), np.tile([1.0, 0, 0, 0], (6006, 1))
+    log = Log(Path("log0001.csv"), Samples(np.arange(100) * 10**7, rate, rate))
+    truth = Truth(Path("t"), np.arange(6006) * 10**8, q)
+    session = Session(Path("made"), made_config(), (log, log), (), truths=(truth, truth))
+    for logs, moments, spans in ((1, 6005, 6000), (1, 6006, 3001), (2, 3005, 3000), (2, 3006, 1501)):
+        truths = (truth_between(truth, 0, moments),) * logs
+        assert [len(each) for each in all_spans(replace(session, logs=(log,) * logs, truths=truths))] == [spans] * logs
+    assert all_spans(replace(session, logs=(), truths=())) == []
+
+
+@pytest.mark.parametrize("wild", [False, True])
+def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wild):
+    """At the end of Gauss-Newton the weighted errors stand at right angles to the numeric derivatives, and what they become without
+    each block of 1.4 s (a twentieth of the session) scatters as the sigmas say.  A wild moment, one of forty, counts by Huber's weight."""
+    session = made(moved, late_s=0.0123, mounting=(3, -2, 1))
+    (truth,) = session.truths
+    if wild:
+        q = truth.q_nb.copy()
+        q[20::40] = (Rotation.from_quat(q[20::40], scalar_first=True) * Rotation.from_rotvec([0.02, 0, 0])).as_quat(scalar_first=True)
+        session = replace(session, truths=(replace(truth, q_nb=q),))
+    one, samples = seen_of(session)
+    start = TruthReading(mounting=Rotation.from_rotvec(np.multiply((3.3, -2.2, 0.8), DEG)).as_matrix(), offset_s=-0.01)
+    found = refined([one], [samples], start)
+    t_s = (samples.t_ns - samples.t_ns[0]) * 1e-9
+    attitudes = Rotation.from_quat(one.written, scalar_first=True)
+    turned = (attitudes[one.spans.first].inv() * attitudes[one.spans.last]).as_matrix()
+
+    def errors(offset_s, mounting, matrix, bias):
+        """By scipy: the gyro's turns, against the truth's in the gyro's axes."""
+        rate = samples.gyro @ matrix.T + bias
+        steps = (rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None] + np.cross(rate[:-1], rate[1:]) * (np.diff(t_s) ** 2 / 12)[:, None]
+        q = [np.eye(3)]
+        for step in Rotation.from_rotvec(steps).as_matrix():
+            q.append(q[-1] @ step)
+        q = Rotation.from_matrix(q)
+
+        def at(t):
+            row = np.floor(t * HZ + 1e-9).astype(int)
+            late = (t - t_s[row])[:, None]
+            slope = (rate[row + 1] - rate[row]) * HZ
+            return q[row] * Rotation.from_rotvec((rate[row] + slope * late / 2) * late)
+
+        own = at(one.spans.begin_s + offset_s).inv() * at(one.spans.end_s + offset_s)
+        return (own * Rotation.from_matrix(mounting.T @ turned @ mounting).inv()).as_rotvec()
+
+    # The gyro's matrix and bias at that offset and mounting: by least squares of what is left, robustly, as nuisance.
+    symmetric = [np.outer(np.eye(3)[i], np.eye(3)[j]) + np.outer(np.eye(3)[j], np.eye(3)[i]) for i in range(3) for j in range(i, 3)]
+
+    def of(theta):
+        mounting = found.mounting @ Rotation.from_rotvec(theta[1:4]).as_matrix()
+        matrix = np.eye(3) + sum(x * each for x, each in zip(theta[4:10], symmetric, strict=True))
+        return errors(found.offset_s + theta[0], mounting, matrix, theta[10:])
+
+    theta = np.zeros(13)
+    for _ in range(3):
+        left = of(theta)
+        slope = np.stack([(of(theta + step) - left) / 1e-5 for step in 1e-5 * np.eye(13)], axis=-1)
+        length = np.linalg.norm(left, axis=1)
+        weight = np.minimum(1, 2 * np.median(length) / length)
+        normal = np.einsum("kip,k,kiq->pq", slope, weight, slope)
+        theta = theta - np.linalg.solve(normal, np.einsum("kip,k,ki->p", slope, weight, left))
+    begin = one.spans.begin_s + found.offset_s
+    length = (begin[-1] - begin[0]) / 20
+    block, without = ((begin - begin[0]) // length).astype(int), []
+    for number in range(block.max() + 1):
+        kept = weight * (block != number)
+        step = np.einsum("kip,k,kiq->pq", slope, kept, slope)
+        without.append(np.linalg.solve(step, np.einsum("kip,k,ki->p", slope, kept, left)))
+    errors_ = left * np.sqrt(weight)[:, None]
+    lags = sum(np.correlate(each, each, "full") for each in errors_.T)[len(left) :] / np.sum(errors_**2)
+    T = (0.5 + lags[: np.flatnonzero(lags <= 0)[0]].sum()) * np.median(np.diff(begin)) / length
+    apart = np.array(without) - np.linalg.solve(normal, np.einsum("kip,k,ki->p", slope, weight, left))
+    covariance = apart.T @ apart * (len(apart) - 1) / len(apart) / (1 - T * (1 - np.exp(-1 / T)))
+    sigma = np.sqrt(np.diag(covariance))
+    assert np.abs(theta[:4] / sigma[:4]).max() < 0.1
+    np.testing.assert_allclose([found.offset_sigma_s, *found.mounting_sigma], sigma[:4], rtol=0.01)
+    # And they hold what is off: the mounting that is to be found has the antisymmetric part of the gyro's own matrix in it.
+    assert abs(found.offset_s + 0.0123) < 4 * found.offset_sigma_s < 4e-4
+
+
+def test_a_gyro_that_is_far_off_in_its_matrix_does_not_move_the_clock(moved):
+    """By a tenth, and by the quarter of a dps: what is left of the steps is some hundred nanoseconds."""
+    one, samples = seen_of(made(moved, late_s=0.0123, noise_deg=1e-5, E=np.eye(3) + 10 * (E - np.eye(3))))
+    found = refined([one], [samples], TruthReading(offset_s=-0.01))
+    assert abs(found.offset_s + 0.0123) < 1e-6 > found.offset_sigma_s
+    assert found.mounting_sigma.max() < 2e-6
+
+
+@pytest.mark.parametrize("lasts", [0.05, 0.5, 2.0, 5.0])
+def test_errors_that_go_on_from_moment_to_moment_widen_the_sigma(lasts):
+    """The mean of an autoregression of first order, whose variance is known, over many draws; blocks of ten seconds."""
+    every, count, stated, found = 0.1, 2000, [], []
+    keep = np.exp(-every / lasts)
+    for seed in range(60):
+        drawn = np.random.default_rng(seed).standard_normal((count, 3)) * np.sqrt(1 - keep**2)
+        drawn[0] /= np.sqrt(1 - keep**2)
+        theta, covariance = _solved(
+            lfilter([1.0], [1.0, -keep], drawn, axis=0), np.ones((count, 3, 1)), np.arange(count) // 100, 10.0, every
+        )
+        stated.append(covariance[0, 0])
+        found.append(theta[0])
+    lag = np.arange(1, count)
+    true = (1 + 2 * np.sum((1 - lag / count) * keep**lag)) / count / 3
+    assert np.mean(stated) == pytest.approx(true, rel=0.12)  # of 60 draws with 19 degrees of freedom 4 %, and Huber's weights
+    T = 0.25 * (0.5 + 3 / 4 + 2 / 4 + 1 / 4)
+    assert _within(np.ones((4, 3)), 0.25) == pytest.approx(1 - T * (1 - np.exp(-1 / T)), rel=1e-12)
+
+
+def test_what_one_block_alone_fixes_is_not_known():
+    """A column that all but one block lack: without it there is nothing left."""
+    columns = np.zeros((200, 3, 1))
+    columns[:10] = 1.0
+    assert _solved(np.random.default_rng(0).normal(size=(200, 3)), columns, np.arange(200) // 10, 1.0, 0.1) is None
+
+
+def test_four_logs_of_the_same_have_half_the_variance_of_two(moved):
+    """Their blocks are apart; less than half, since one of few blocks is missed more.  A log without a span changes nothing."""
+    count = 4520  # the last span, 5.025 s after the first, has a block of its own
+    one, samples = seen_of(made((moved[0][:count], moved[1][:count]), every=30))
+    apart = replace(one, spans=replace(one.spans, begin_s=one.spans.begin_s + 99, end_s=one.spans.end_s + 99))
+    logs = [one] * 2, [one] * 4, [apart, one, one], [one, apart, one]
+    found = [refined(each, [samples] * len(each), TruthReading()) for each in logs]
+    two, four, *others = np.array([[each.offset_sigma_s, *each.mounting_sigma] for each in found]) ** 2
+    most = (23 / 24 / 4) / (11 / 12 / 2)
+    assert (0.6 * most < four / two).all()
+    assert (four / two < most).all()
+    for other in others:
+        np.testing.assert_allclose(other / two, 1.0, rtol=1e-9)
+    assert refined([apart], [samples], TruthReading()) is None
+
+
+def test_too_few_spans_or_a_motion_that_fixes_nothing_are_refused(moved):
+    for seconds, enough in ((10.15, True), (10.1, False)):  # twenty spans that do not overlap, and nineteen
+        count = round(seconds * HZ * FINE)
+        one, samples = seen_of(made((moved[0][:count], moved[1][:count])))
+        assert (refined([one], [samples], TruthReading()) is not None) == enough
+    one, samples = seen_of(made(moved))
+    still = replace(samples, gyro=np.zeros_like(samples.gyro))
+    none = replace(one, gyro=carried(still, still.gyro), written=np.tile([1.0, 0, 0, 0], (len(one.written), 1)))
+    assert refined([none], [still], TruthReading()) is None
+
+
+# The way in which a file is read
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+@pytest.mark.parametrize("sense", ["body_to_world", "world_to_body"])
+def test_every_way_is_tried_and_the_one_that_explains_all_is_best(moved, order, sense):
+    """The gyro's turns are the truth's behind the mounting; of an upright world gravity is all of what the log feels."""
+    reading = TruthReading(order, sense, "enu")
+    one, _ = seen_of(made(moved, mounting=(10, -20, 5), noise_deg=0.0, reading=reading))
+    found = ways([one], TruthGiven(frame="enu"), 0.0)
+    assert [(way.reading.order, way.reading.sense) for way in found] == [
+        (o, s) for o in ("wxyz", "xyzw") for s in ("body_to_world", "world_to_body")
+    ]
+    right = next(way for way in found if (way.reading.order, way.reading.sense) == (order, sense))
+    assert right.misfit < 2e-3
+    # Its matrix of 1 % is the rotation nearest to it; a constant bias is taken off.
+    left = Rotation.from_matrix(right.reading.mounting) * Rotation.from_rotvec(np.multiply((10, -20, 5), DEG)).inv()
+    assert left.magnitude() < 1.5 * DEG
+    assert frame_of(right) == "enu"
+    assert right.mounted == pytest.approx(Rotation.from_matrix(right.reading.mounting).magnitude())
+    assert [way.reading.sense for way in ways([one], TruthGiven(sense=sense, order=order), 0.0)] == [sense]
+    kept = ways([one], TruthGiven(frame="enu", mounting=np.eye(3)), 0.0)
+    assert all((way.reading.mounting == np.eye(3)).all() for way in kept)
+
+
+def test_a_way_leaves_a_share_of_the_truths_rotations_and_of_gravity(moved):
+    """A bias of some 20 dps is the median of what spans differ by; a wrong moment, that leaves more than was turned, does not count."""
+    turned = Rotation.from_rotvec([0.2, 0.1, -0.1])
+    session = made(moved, mounting=turned.as_rotvec() / DEG)
+    (log,), (truth,) = session.logs, session.truths
+    biased, q = rate_at(log.samples.t_s) + np.array([0.3, -0.2, 0.4]), truth.q_nb.copy()
+    q[[100, 150, 220, 300]] = q[[110, 160, 230, 310]]
+    q[50] = (Rotation.from_quat(q[50], scalar_first=True) * Rotation.from_rotvec([0, 0.1, 0])).as_quat(scalar_first=True)
+    one = AlignedLog(carried(log.samples, biased), spans_of(log.samples, truth), q, log.samples.accel)
+    (way,) = ways([one], TruthGiven(order="wxyz", sense="body_to_world", mounting=turned.as_matrix()), 0.0)
+    attitudes, own = (Rotation.from_quat(each, scalar_first=True) for each in (q, one.gyro.q))
+    first, last = np.rint(one.spans.begin_s * HZ).astype(int), np.rint(one.spans.end_s * HZ).astype(int)
+    theirs = (attitudes[one.spans.first].inv() * attitudes[one.spans.last]).as_rotvec()
+    ours, seconds = (own[first].inv() * own[last]).as_rotvec(), (one.spans.end_s - one.spans.begin_s)[:, None]
+    near = np.maximum(np.linalg.norm(theirs, axis=1), np.linalg.norm(ours, axis=1)) < np.pi / 2  # beyond, the shorter way may be another
+    theirs, ours, seconds = theirs[near], ours[near], seconds[near]
+    ours = ours + np.median((turned.inv().apply(theirs) - ours) / seconds, axis=0) * seconds
+    left, size = np.sum((theirs - turned.apply(ours)) ** 2, axis=1), np.sum(theirs**2, axis=1)
+    kept = left <= 9 * np.median(left) + size
+    assert np.count_nonzero(~kept) == 4
+    assert np.count_nonzero(~near) > 0
+    assert way.misfit == pytest.approx(left[kept].sum() / size[kept].sum(), rel=1e-4)
+    late = replace(one, spans=replace(one.spans, begin_s=one.spans.begin_s + 7.0, end_s=one.spans.end_s + 7.0))
+    (shifted,) = ways([late], TruthGiven(order="wxyz", sense="body_to_world", mounting=turned.as_matrix()), -7.0)
+    assert (shifted.misfit, *shifted.up) == pytest.approx((way.misfit, *way.up))
+    world = (attitudes[one.spans.first] * turned).apply(one.force[first])
+    np.testing.assert_allclose(way.up, world.sum(axis=0) / np.linalg.norm(one.force[first], axis=1).sum(), atol=1e-6)
+    lying = TruthGiven(order="wxyz", sense="body_to_world", frame="x_down", mounting=turned.as_matrix())
+    plain = [ways([replace(one, force=force)], lying, 0.0)[0] for force in (one.force, 0 * one.force)]
+    np.testing.assert_allclose(plain[0].up, way.up, atol=1e-6)  # in the file's own world, whatever it is taken for
+    assert plain[1].up is None
+    free = ways([one], TruthGiven(order="wxyz", sense="body_to_world"), 0.0)[0]  # the mounting is found, the bias taken off
+    assert (Rotation.from_matrix(free.reading.mounting) * turned.inv()).magnitude() < 0.2 * DEG
+
+
+def test_a_span_of_more_than_a_quarter_turn_is_not_looked_at():
+    """Neither of the truth's nor of the gyro's: here about one axis at constant rates, the shares by hand, which no scale changes."""
+    t_ns = np.arange(3001) * 10**7
+
+    def turning(gyro, truth):
+        """rad of each span of half a second"""
+        rate, moments = np.outer(np.full(3001, 2 * gyro), [1, 0, 0]), np.arange(0, 30.0, 0.5)
+        cells = Truth(
+            Path("t"),
+            np.rint(moments * 1e9).astype(np.int64),
+            Rotation.from_rotvec(np.outer(2 * truth * moments, [1, 0, 0])).as_quat(scalar_first=True),
+        )
+        samples = Samples(t_ns, rate, np.zeros((3001, 3)))
+        return AlignedLog(carried(samples, rate), spans_of(samples, cells), cells.q_nb, samples.accel)
+
+    given = TruthGiven(order="wxyz", sense="body_to_world", mounting=np.eye(3))
+    for scale in (1.0, 0.01):
+        logs = [turning(scale, scale)] * 3 + [turning(0.1 * scale, 0.3 * scale)]
+        assert ways(logs, given, 0.0)[0].misfit == pytest.approx(0.2**2 / (3 + 0.3**2))
+    plain, other = turning(1.0, 1.0), turning(0.1, 0.3)
+    for gyro, truth, counts in ((1.57, 1.57, 1), (1.57, 1.5, 1), (1.58, 1.2, 0), (1.2, 1.58, 0)):
+        (way,) = ways([plain, plain, plain, other, turning(gyro, truth)], given, 0.0)
+        left, size = 0.2**2 + counts * (gyro - truth) ** 2, 3 + 0.3**2 + counts * truth**2
+        assert way.misfit == pytest.approx(left / size)
+
+
+def test_the_contracts_own_way_stands_unless_another_leaves_less_than_half():
+    def way(misfit, up=(0, 0, 1), mounted=0.0, **more):
+        return Way(
+            TruthReading(mounting=Rotation.from_rotvec([mounted, 0, 0]).as_matrix(), **more), misfit, None if up is None else np.array(up)
+        )
+
+    own = way(0.2)
+    assert (own.cost, way(0.1, None).cost) == (0.2, 0.1)
+    assert way(0.1, (0.6, 0, 0)).cost == pytest.approx(0.1 + 0.64)
+    assert way(0.1, (2.0, 0, 0)).cost == 0.1
+    for share, better in ((0.499, True), (0.501, False)):
+        other = way(0.2 * share, sense="world_to_body")
+        assert (best_way([own, other]) is other) == better
+    # Of those as good to 0.02, the least mounting, to a tenth of a rad; then the one whose up lies along its z axis.
+    for more, least in ((0.0199, True), (0.0201, False)):
+        turned, plain = way(0.01, mounted=1.0), way(0.01 + more)
+        assert (best_way([own, turned, plain]) is plain) == least
+    lying, upright = way(0.01, (0, 1.0, 0)), way(0.012, (0, 0, -1.0), 0.04)
+    assert best_way([own, lying, upright]) is upright
+    assert best_way([own, way(0.01, None), upright]) is upright
+    unknown = way(0.01, None)
+    assert best_way([own, unknown, lying]) is unknown  # an up that is not known counts as one that lies across
+    assert best_way([own, lying, unknown]) is lying
+    assert best_way([own, lying, way(0.012, (0, 0, -1.0), 0.06)]) is lying
+
+
+@pytest.mark.parametrize(("length", "tilt_deg", "known"), [(0.701, 0, True), (0.699, 0, False), (1.0, 25.8, True), (1.0, 25.9, False)])
+def test_a_world_is_known_by_an_up_that_is_steady_and_near_an_axis(length, tilt_deg, known):
+    """0.7 of the mean force's length, and a cosine of 0.9."""
+    for frame in FRAMES:
+        up = -down_of(frame)
+        across = np.roll(up, 1)
+        tilted = np.cos(tilt_deg * DEG) * up + np.sin(tilt_deg * DEG) * across
+        assert frame_of(Way(TruthReading(), 0.0, length * tilted)) == (frame if known else None)
+    assert frame_of(Way(TruthReading(), 0.0, None)) is None
+
+
+def test_the_clock_is_where_the_speeds_go_along(moved):
+    """To a step of 10 ms, within 2 s of what is known of it; not where they go along nowhere."""
+    for late_s, around_s, found in ((0.734, 0.0, -0.73), (3.5, -3.0, -3.5), (3.5, 0.0, None)):
+        one, _ = seen_of(made(moved, late_s=late_s))
+        offset_s = rough_offset([one.gyro], [(one.spans, one.spans.turned(one.written))], around_s)
+        assert offset_s == (found if found is None else pytest.approx(found, abs=0.0101))
+
+
+def spinning(likeness, moments=300, samples=760):
+    """A gyro that turns about one axis at random rates, and the spans of a truth that turns about another, of one and of two steps of
+    10 ms by turns: its speeds have these coefficients of correlation with the gyro's, by steps of offset."""
+    rng = np.random.default_rng(3)
+    t_ms = np.arange(2 * samples - 1) * 5 + np.arange(2 * samples - 1) % 2  # 6 and 4 ms
+    rate = np.outer(rng.uniform(0.5, 1.5, len(t_ms)), [0.6, 0.0, -0.8])
+    angle = np.concatenate([[0.0], np.cumsum((rate[1:, 0] + rate[:-1, 0]) / 1.2 * np.diff(t_ms) * 1e-3)])[::2]
+    first = np.arange(moments) + 250
+    last = first + 1 + first % 2
+    speed = [(angle[np.minimum(last + step, samples - 1)] - angle[first + step]) / ((last - first) * 0.01) for step in likeness]
+    basis, _ = np.linalg.qr(np.column_stack([np.ones(moments), *speed, rng.normal(size=moments)]))
+    theirs = np.array([x - x.mean() for x in speed])
+    theirs /= np.linalg.norm(theirs, axis=1, keepdims=True)
+    wanted = np.linalg.solve(theirs @ theirs.T, list(likeness.values())) @ theirs
+    wanted += np.sqrt(max(1 - wanted @ wanted, 0.0)) * basis[:, -1]
+    rates = (2.0 + 1.0 * wanted) * (last - first) * 0.01
+    q = Rotation.from_rotvec(np.outer(rates, [0, 1, 0])).as_quat(scalar_first=True)
+    log = carried(Samples(t_ms * 10**6, rate, rate), rate)
+    return log, (Spans(first * 0.01, last * 0.01, first, last), q)
+
+
+@pytest.mark.parametrize(
+    ("likeness", "found"),
+    [
+        ({20: 0.7001}, 0.2),
+        ({20: 0.6999}, None),
+        ({200: 0.75}, 2.0),
+        ({-200: 0.75}, -2.0),
+        ({201: 0.75}, None),
+        ({-201: 0.75}, None),
+        # The nearer of two as good: of what is left of likeness, by half more at most.
+        ({30: 0.75, -12: 0.626}, -0.12),
+        ({30: 0.75, -12: 0.624}, 0.3),
+        # A peak is the best of five steps on either side.
+        ({16: 0.71, 10: 0.66}, 0.1),
+        ({15: 0.71, 10: 0.66}, 0.15),
+        ({-16: 0.71, -10: 0.66}, -0.1),
+        ({-15: 0.71, -10: 0.66}, -0.15),
+    ],
+)
+def test_the_nearest_of_the_peaks_that_are_as_good_is_the_clock(likeness, found):
+    log, pair = spinning(likeness)
+    offset_s = rough_offset([log], [pair])
+    assert offset_s == (found if found is None else pytest.approx(found))
+
+
+def test_half_of_the_spans_lie_in_the_log_and_three_at_least():
+    log, pair = spinning({0: 0.95}, moments=302)
+    for whole, found in ((402, 0.0), (400, None)):  # 151 spans, and 149
+        cut = slice(2 * whole - 1)
+        short = replace(log, t_s=log.t_s[cut], rate=log.rate[cut], q=log.q[cut], gaps=log.gaps[cut])
+        assert rough_offset([short], [pair]) == found
+    for moments, found in ((3, 0.0), (2, None)):
+        log, pair = spinning({0: 1.0}, moments)
+        assert rough_offset([log], [pair]) == found
+    # A speed that does not change is like no other.
+    log, (spans, q) = spinning({0: 0.95})
+    still = carried(Samples(np.rint(log.t_s * 1e9).astype(np.int64), 0 * log.rate, 0 * log.rate), 0 * log.rate)
+    assert rough_offset([log], [(spans, np.tile([1.0, 0, 0, 0], (len(q), 1)))]) is None
+    assert rough_offset([still], [(spans, q)]) is None
+
+
+# What is adopted
+
+
+def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_degrees(moved):
+    sure = align(made(moved, late_s=0.004)).alignment
+    assert (sure.source["offset_s"], sure.reading.offset_s) == ("found", sure.offset_s)
+    assert 0.99 < sure.explained < 1
+    none = align(made(moved)).alignment
+    for sigmas, adopted in ((5.95, "assumed"), (6.05, "found")):
+        late_s = none.offset_s - sigmas * none.offset_sigma_s  # another truth of the same noise, later by so much
+        found = align(made(moved, late_s=late_s)).alignment
+        assert found.source["offset_s"] == adopted, found.offset_s / found.offset_sigma_s
+        assert (found.reading.offset_s != 0) == (adopted == "found")
+    for size, adopted in ((1.99, "assumed"), (2.01, "found")):
+        want = Rotation.from_rotvec([0, 0, size * DEG])
+        extra = (want * Rotation.from_rotvec(none.turned).inv()).as_rotvec() / DEG
+        found = align(made(moved, mounting=extra)).alignment
+        assert found.source["mounting"] == adopted, np.linalg.norm(found.turned) / DEG
+        table = alignment_table(found)
+        np.testing.assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
+        np.testing.assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
+        assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
+
+
+def test_a_mounting_is_adopted_from_five_of_its_sigmas(moved):
+    """A short log beside a truth of 3 degrees of noise."""
+    short = [each[: round(10.15 * HZ * FINE)] for each in moved]
+    for size, least, adopted in ((4.2, 4.8, "assumed"), (4.4, 5.0, "found")):
+        found = align(made(short, mounting=(0, 0, size), noise_deg=3)).alignment
+        assert least < np.linalg.norm(found.turned / found.turned_sigma) < least + 0.2
+        assert found.source["mounting"] == adopted
+
+
+def test_what_is_given_is_kept_and_what_does_not_go_together_is_left(moved):
+    given = TruthGiven(offset_s=0.0, order="wxyz", sense="body_to_world", frame="ned", mounting=np.eye(3))
+    kept = align(made(moved, late_s=0.3, mounting=(0, 0, 30), given=given)).alignment
+    assert set(kept.source.values()) == {"given"}
+    assert (kept.reading.offset_s, kept.reading.frame) == (0.0, "ned")
+    assert abs(kept.offset_s + 0.3) < 5 * kept.offset_sigma_s < 5e-4  # and what the recording says is sought where its speeds go along
+    session = made(moved)
+    for ready in (align(session), replace(session, truths=None)):
+        assert align(ready) is ready
+    (log,), (truth,) = session.logs, session.truths
+    for few in (
+        replace(session, logs=(replace(log, samples=log.samples.between(0, 2)),)),
+        replace(session, truths=(truth_between(truth, 0, 19),)),
+    ):
+        nothing = align(few).alignment
+        assert not np.isfinite([nothing.offset_s, nothing.explained, *nothing.turned]).any()
+        assert nothing.turned.shape == (3,)
+        assert alignment_table(nothing)["offset_s"] is None
+        assert alignment_table(nothing)["up"] is None
+
+
+@pytest.mark.parametrize(("scale", "bias"), [(1.0, (3.0, -2.0, 4.0)), (1e-4, (0.0, 0.0, 0.0))])
+def test_a_sample_without_a_force_does_not_tell_which_way_is_up(moved, scale, bias):
+    """Not by the accelerometer's bias either; and a force is a force, however small."""
+    session = made(moved)
+    (log,) = session.logs
+    accel = np.where(np.arange(len(log.samples))[:, None] % 3 > 0, scale * log.samples.accel + bias, 0.0)
+    config = replace(session.config, accelerometer=Accelerometer(bias_mps2=np.array(bias)))
+    found = align(replace(session, config=config, logs=(replace(log, samples=replace(log.samples, accel=accel)),))).alignment
+    np.testing.assert_allclose(found.up, [0, 0, -1], atol=2e-3)
+    assert found.source["frame"] == "found"
+
+
+def test_a_truth_that_turns_as_fast_but_otherwise_is_left(moved):
+    """About one axis, by the angle that the gyro turns by about all of them."""
+    session = made(moved, every=30)
+    (truth,) = session.truths
+    angle = np.cumsum(np.linalg.norm(rate_at(moved[0]), axis=1)) / (HZ * FINE)
+    q = Rotation.from_rotvec(np.outer(angle[30:-30:30], [1, 0, 0])).as_quat(scalar_first=True)
+    left = align(replace(session, truths=(replace(truth, q_nb=q),))).alignment
+    assert not np.isfinite(left.explained)
+    assert set(left.source.values()) == {"assumed"}
+
+
+def test_ten_spans_are_looked_at_and_a_given_clock_is_where_it_is_said(moved):
+    session = made(moved, late_s=0.3)
+    (truth,) = session.truths
+    assert np.isfinite(align(replace(session, truths=(truth_between(truth, 100, 120),))).alignment.explained)
+    # With too few spans for a sigma a given clock is kept as it is, unless the recording stands farther off than one step of the search.
+    for off_ms, kept_ms in ((11, 11), (-9, -9), (21, 1), (-19, 1)):
+        given, later = TruthGiven(offset_s=-0.3 + off_ms * 1e-3), replace(truth, t_ns=truth.t_ns + (off_ms - 300) * 10**6)
+        few = replace(session, truths=(truth_between(later, 100, 120),), config=replace(session.config, truth=given))
+        assert align(few).alignment.offset_s == pytest.approx(-0.3 + kept_ms * 1e-3), off_ms
+    given = TruthGiven(offset_s=-0.301)
+    stated = replace(truth, t_ns=truth.t_ns - 301_000_000)
+    found = align(replace(session, truths=(stated,), config=replace(session.config, truth=given))).alignment
+    assert (found.source["offset_s"], found.reading.offset_s) == ("given", -0.301)
+    assert abs(found.offset_s + 0.3) < 5 * found.offset_sigma_s
+
+
+def truth_between(truth, first, stop):
+    return replace(truth, t_ns=truth.t_ns[first:stop], q_nb=truth.q_nb[first:stop])

@@ -1,0 +1,326 @@
+"""The C of a model: each stage by hand, every kind of model against NumPy bit for bit and against the tool in double precision."""
+
+import dataclasses
+import re
+import zlib
+from types import SimpleNamespace
+
+import numpy as np
+import processes
+import pytest
+from exported_models import (
+    CARRIED,
+    KNOWN,
+    LINEAR,
+    MODELS,
+    NET,
+    SENSOR,
+    Compiled,
+    as_inputs,
+    built,
+    claim,
+    needs_compiler,
+    physics,
+    pointer,
+    random_inputs,
+    state_bytes,
+)
+
+from session.io.config import Accelerometer, Sensor
+from session.io.samples import Samples
+from session.io.units import DEG, G
+from tinygc.deploy.embedded.program import COUNT, SPAN_C, TOLERANCE, Registers, program, vectors
+from tinygc.deploy.embedded.source import source_files
+from tinygc.deploy.embedded.stages import CalibrationNetStage, Denoise, Inputs, Linear, affine
+from tinygc.deploy.exports import ExportError
+from tinygc.effects import AppliedEffect, catalogue
+from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet
+from tinygc.models.physics import PhysicsModel
+
+F = np.float32
+ROWS = np.array([[1.0, -2.0, 3.0], [-0.5, 0.25, -4.0]], F)
+ACCELEROMETER = SENSOR.accelerometer
+each_model = pytest.mark.parametrize("name", MODELS)
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """``compiled(name)``; all models are made by one call of gcc, each with names of its own."""
+    files, sizes = {}, []
+    for n, model in enumerate(MODELS.values()):
+        made = source_files(program(model), SENSOR, "A test.", {})
+        sizes.append(state_bytes(made))
+        files |= {
+            file.replace("tinygc", f"m{n}"): text.replace("tinygc_", f"m{n}_").replace("TINYGC", f"M{n}") for file, text in made.items()
+        }
+    library = built(tmp_path_factory.mktemp("c") / "all", files)
+    functions = ("start", "step", "self_test", "from_registers", "force")
+
+    def named(name: str) -> Compiled:
+        n = list(MODELS).index(name)
+        return Compiled.of(SimpleNamespace(**{f"tinygc_{each}": getattr(library, f"m{n}_{each}") for each in functions}), sizes[n])
+
+    return named
+
+
+# Every kind of model
+
+
+@needs_compiler
+@each_model
+def test_no_bit_differs_from_numpy_and_the_self_test_agrees(name, compiled):
+    """Over several windows of the denoiser; two states do not touch each other, and start forgets."""
+    model, table = compiled(name), random_inputs(200)
+    expected = program(MODELS[name]).run(as_inputs(table))
+    assert expected.dtype == F
+    first, second = model.state(), model.state()
+    model.run(random_inputs(30, seed=1), second)
+    found = [model.run(table[:120], first)]
+    model.run(table[::-1], second)
+    found.append(model.run(table[120:], first))
+    np.testing.assert_array_equal(np.concatenate(found).view(np.uint32), expected.view(np.uint32))
+    model.library.tinygc_start(second)
+    np.testing.assert_array_equal(model.run(table, second), expected)
+    assert model.self_test() == (0, 0.0)
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name != "all of it"])
+def test_single_precision_costs_nothing_that_matters(name):
+    """1e-6 of the rate or of 1 rad/s against the tool's own float64.  The temperature, of which it takes a second's mean, stands."""
+    model, table = MODELS[name], random_inputs(1000)
+    table[:, 6] = 31.5
+    rate, force, temp_c = np.split(table.astype(float), [3, 6], axis=1)
+    samples = Samples(np.arange(len(table)) * 4_807_692, rate, force, temp_c[:, 0])
+    expected = model(rate) if model.rates_only else model.calibrate(samples)
+    off = np.abs(program(model).run(as_inputs(table)) - expected) / np.maximum(1, np.abs(expected))
+    assert off.max() < 1e-6
+
+
+class Counted(np.ndarray):
+    """Counts the floating-point operations that are done with it."""
+
+    done: dict = {}  # noqa: RUF012
+
+    def __array_ufunc__(self, ufunc, method, *inputs, **kwargs):
+        result = getattr(ufunc, method)(*(np.asarray(value) for value in inputs), **kwargs)
+        self.done[ufunc.__name__] = self.done.get(ufunc.__name__, 0) + np.size(result)
+        return np.asarray(result).view(Counted)
+
+    def __array_function__(self, function, types, arguments, options):
+        result = super().__array_function__(function, types, arguments, options)
+        return result.view(Counted) if isinstance(result, np.ndarray) else result
+
+
+@pytest.mark.parametrize("name", ["linear", "tinygc", "gyro.scale_nonlinearity", "gyro.g_sensitivity", "tinygc_denoised"])
+def test_the_operations_that_the_header_names_are_those_that_are_done(name):
+    Counted.done.clear()
+    chosen, inputs, count = program(MODELS[name]), as_inputs(random_inputs(20)), 20
+    chosen.run(dataclasses.replace(inputs, rate=inputs.rate.view(Counted), force=inputs.force.view(Counted)))
+    done, cost = Counted.done, chosen.cost
+    assert done["multiply"] == count * cost.multiply
+    assert done["add"] + done.get("subtract", 0) == count * cost.add
+    assert done.get("greater_equal", 0) == count * cost.compare
+    header = source_files(chosen, None, "T.", {})["tinygc_model.h"]
+    assert f"{cost.multiply} multiplications, {cost.add} additions, {cost.compare} comparisons" in header
+
+
+# Stages by hand
+
+
+def test_an_affine_map_adds_bias_first_and_columns_in_order():
+    """In single precision the order shows: ((b + w0 x0) + w1 x1) + w2 x2; missing inputs of a device are zero."""
+    w = np.array([[1.0, 1.0, -1.0, 2.0**25], [2.0**25, 1.0, 0.0, 0.0], [0.5, 0.25, 0.125, 0.0625]], F)
+    expected = [[0.0, 2.0**25, 0.5 + 0.25 + 2.0**22 + 0.0625]]  # 2^25 + 1 is 2^25
+    np.testing.assert_array_equal(affine(w, np.array([[1.0, 1.0, 2.0**25]], F)), np.array(expected, F))
+    none = Inputs.of(ROWS)
+    assert (none.force.tolist(), none.temp_c.tolist()) == ([[0.0] * 3] * 2, [0.0] * 2)
+
+
+def test_a_linear_stage_and_a_net_are_their_equations():
+    E, B = np.eye(3) + np.array([[0, 0.5, 0], [0, 0, 0.25], [-0.5, 0, 0.5]]), np.array([0.5, 0.0, -1.0])
+    stage = Linear(LinearModel(E, B), "LINEAR", "f")
+    np.testing.assert_array_equal(stage.run(Inputs.of(ROWS), ROWS), (ROWS @ E.T + B).astype(F))
+    np.testing.assert_array_equal(stage.constants["LINEAR"], np.column_stack([E - np.eye(3), B]))
+    slope, W1, W2 = np.array([0.5, 0.25, 2.0]), np.array([[1.0, 0, 0.5], [0, -1, 0], [0.25, 0, 1]]), E - np.eye(3)
+    b1, b2 = np.array([0.5, -0.25, 1.0]), B
+    h = ROWS @ W1.T + b1
+    expected = ROWS + np.where(h < 0, slope * h, h) @ W2.T + b2
+    net = CalibrationNet(W1=W1, b1=b1, slope=slope, W2=W2, b2=b2)
+    np.testing.assert_array_equal(CalibrationNetStage(net).run(Inputs.of(ROWS), ROWS), expected)
+
+
+def test_a_denoiser_is_three_causal_convolutions_of_each_axis():
+    """Written out sample by sample: 7 taps of dilations 1, 2, 5; before the first sample the rate has stood; a window is 48 samples."""
+    smooth = MODELS["tinygc_denoised"].denoiser
+    rate = np.random.default_rng(3).integers(-8, 9, (60, 3)) / 8
+    layers, dilations = (smooth.conv1, smooth.conv2, smooth.conv3), (1, 2, 5)
+
+    def net(series, axis):
+        x = series[None]
+        for w, dilation in zip(layers, dilations, strict=True):
+            at = np.maximum(np.arange(x.shape[1]) - dilation * np.arange(6, -1, -1)[:, None], 0)
+            x = np.einsum("oit,itn->on", w[axis], x[:, at])
+        return x[0]
+
+    stage = Denoise(smooth)
+    found = stage.run(Inputs.of(rate), rate.astype(F))
+    np.testing.assert_allclose(found, np.stack([net(rate[:, a], a) for a in range(3)], axis=1), rtol=2e-6, atol=1e-5)
+    slots = [6 * dilation + 1 for dilation in dilations]
+    rings = [tuple(map(int, size)) for size in re.findall(r"float ring\d\[(\d+)\]\[(\d+)\]\[(\d+)\];", stage.state)]
+    assert rings == [(3, count, w.shape[2]) for count, w in zip(slots, layers, strict=True)]
+    products = sum(w.size for w in layers)
+    assert (stage.cost.multiply, stage.cost.add, stage.cost.compare) == (products, products, 0)
+    assert stage.state_bytes == 4 * sum(map(np.prod, rings)) + 4
+
+
+def test_a_constant_rate_passes_at_once_and_a_false_reading_is_gone_after_the_window():
+    """Not a number, infinity: gone 48 samples later, since nothing is fed back."""
+    chosen, table = program(MODELS["tinygc_denoised"]), random_inputs(200)
+    still = chosen.run(as_inputs(np.tile(table[:1], (60, 1))))
+    assert np.abs(still - NET(table[0, :3].astype(float))).max() < 2e-6
+    assert np.ptp(still, axis=0).max() == 0
+    clean = chosen.run(as_inputs(table))
+    for bad in (np.nan, np.inf):
+        hurt = table.copy()
+        hurt[100, :3] = bad
+        with np.errstate(invalid="ignore"):
+            rates = chosen.run(as_inputs(hurt))
+        assert not np.isfinite(rates[100:149]).all(axis=1).any()
+        np.testing.assert_array_equal(rates[149:], clean[149:])
+
+
+def test_a_program_knows_its_size_and_its_weights():
+    made = program(NET)
+    files = source_files(made, Registers(250, 8, 104.0), "T.", {"model": "m", "made": "today"})
+    header, source = files["tinygc_model.h"], files["tinygc_model.c"]
+    assert (made.parameters, program(MODELS["all of it"]).parameters) == (27, MODELS["all of it"].parameters)
+    assert made.identity == zlib.crc32(b"".join(array.tobytes() for array in made.constants.values()))
+    for words in ("108 bytes of weights, 1 bytes of state", f"0x{made.identity:08x}u", " * model    m\n * made     today\n"):
+        assert words in header
+    assert "#define TINYGC_GYRO_FS_DPS 250\n#define TINYGC_ACCEL_FS_G 8\n#define TINYGC_ODR_HZ 104.0f" in header
+    assert header.count("; this model does not read it") == 2
+    warm = source_files(program(physics("gyro.thermal_bias", "gyro.g_sensitivity")), None, "T.", {})
+    for file, words, one, other in (
+        ("h", "mean over a second", False, True),
+        ("h", "this model does not read it", True, False),
+        ("h", "TINYGC_ODR_HZ", True, False),
+        ("h", "tinygc_from_registers", True, False),
+        ("c", "static void tinygc_from_registers", False, True),
+    ):
+        assert (words in (header if file == "h" else source), words in warm[f"tinygc_model.{file}"]) == (one, other), words
+
+
+# Registers and force
+
+
+@needs_compiler
+def test_registers_and_force_mean_what_they_mean_in_a_log(compiled):
+    """By the data sheet: 17.5 mdps, 0.122 mg and 1/256 degC per LSB at 500 dps and 4 g; M (a - b)."""
+    registers = np.random.default_rng(3).integers(-32768, 32768, (300, 7)).astype(np.int16)
+    registers[:2] = [[32767] * 7, [-32768] * 7]
+    table, force, library = np.zeros((300, 7), F), np.zeros((300, 3), F), compiled("linear").library
+    measured = (registers[:, 3:6] * 0.122e-3 * G).astype(F)
+    for n in range(300):
+        library.tinygc_from_registers(pointer(registers[n]), pointer(table[n]))
+        library.tinygc_force(pointer(measured[n]), pointer(force[n]))
+    inputs = SENSOR.inputs(registers)
+    np.testing.assert_array_equal(table, np.column_stack([inputs.rate, inputs.force, inputs.temp_c]))
+    np.testing.assert_allclose(table[:, :3], registers[:, :3] * 17.5e-3 * DEG, rtol=2e-7)
+    expected = ACCELEROMETER.correct(measured.astype(float))
+    np.testing.assert_allclose(table[:, 3:6], expected, atol=1e-5)
+    np.testing.assert_allclose(force, expected, atol=1e-5)
+    np.testing.assert_array_equal(table[:, 6], 25 + registers[:, 6] / 256)
+
+
+def test_registers_of_a_session_are_known_where_their_units_are():
+    sensor = Sensor(SENSOR.model, "s", odr_hz=104, gyro_fs_dps=250, accel_fs_g=8)
+    config, other = SimpleNamespace(sensor=sensor, accelerometer=ACCELEROMETER), Accelerometer(3 * np.eye(3), np.zeros(3))
+    found = Registers.of(config)
+    assert (found.gyro_fs_dps, found.accel_fs_g, found.odr_hz, found.accelerometer) == (250, 8, 104, ACCELEROMETER)
+    assert Registers.of(config, other).accelerometer is other
+    config.sensor = dataclasses.replace(sensor, model="unheard of")
+    assert Registers.of(config) is None
+
+
+@pytest.mark.parametrize("accel_fs_g", [2, 8])
+def test_vectors_cover_rates_gravity_and_temperatures_and_are_the_programs(accel_fs_g):
+    sensor, made = Registers(500, accel_fs_g), program(LINEAR)
+    registers, rates = vectors(made, sensor)
+    assert (registers.shape, registers.dtype, COUNT, TOLERANCE) == ((COUNT, 7), np.int16, 64, 2e-6)
+    np.testing.assert_array_equal(rates, made.run(sensor.inputs(registers)))
+    np.testing.assert_array_equal(registers, vectors(made, sensor)[0])
+    numbers, one_g = registers.astype(float), 32768 / accel_fs_g
+    assert (np.abs(numbers[:, :3]) <= 28000).all()
+    assert (np.ptp(numbers[:, :3], axis=0) > 40_000).all()
+    np.testing.assert_allclose(np.linalg.norm(numbers[:, 3:6], axis=1), one_g, atol=1)
+    assert (np.ptp(numbers[:, 3:6], axis=0) > one_g).all()
+    warm = numbers[:, 6] / (SPAN_C * 256)
+    assert 0.9 < warm.max() <= 1
+    assert -1 <= warm.min() < -0.9
+
+
+# Compilers, comments, refusals
+
+
+@needs_compiler
+def test_the_self_test_fails_where_a_weight_is_wrong(tmp_path):
+    """A weight changed by 2e-5: 0.01 dps at full scale."""
+    files = source_files(program(NET), SENSOR, "A test.", {})
+    row = re.search(r"OUTER\[3\]\[4\] = \{\n +\{(\S+)f,", files["tinygc_model.c"])
+    files["tinygc_model.c"] = files["tinygc_model.c"].replace(row[1], repr(float(row[1]) + 2e-5), 1)
+    failed, worst = Compiled(tmp_path, files).self_test()
+    assert failed == 1
+    assert 1e-5 < worst < 2e-4
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", ["-std=c99 -pedantic", "-std=c11 -Os -ffreestanding -pedantic -Wconversion -Wshadow"])
+def test_it_compiles_without_a_word_needs_no_library_and_no_name_leaves_its_comment(flags, tmp_path):
+    hostile = ["*/ int x = 1; /*", "??/", "a\\", "//", "\x00\x1b[31m\n#error", "Gerät °", '"', "*" + "/" * 300, "%s {0} {title}"]
+    files = source_files(program(MODELS["all of it"]), None, " ".join(hostile), {name: name for name in hostile})
+    assert max(len(line) for text in files.values() for line in text.splitlines()) < 260
+    built(tmp_path, files, *flags.split())
+    text = processes.run(["nm", tmp_path / "all.so"], capture_output=True, text=True, check=True).stdout
+    assert [line for line in text.splitlines() if " U " in line] == []
+    assert re.findall(r"#include.*", "".join(files.values())) == ["#include <stdint.h>", '#include "tinygc_model.h"']
+
+
+REFUSED = [name for name, effect in catalogue().items() if effect.kind == "rate" and name not in CARRIED]
+
+
+def named(constant: str) -> PhysicsModel:
+    """A physics model whose effect has a constant of this name."""
+    effect = catalogue()["gyro.g_sensitivity"]
+    code = dataclasses.replace(effect.device, name=constant)
+    return PhysicsModel(LINEAR, (AppliedEffect(dataclasses.replace(effect, device=code), np.zeros(9)),), KNOWN)
+
+
+@pytest.mark.parametrize(
+    ("model", "says"),
+    [
+        *(
+            (physics(name), f"{name} cannot be exported to C: {re.escape(catalogue()[name].device.why)}; json carries it")
+            for name in REFUSED
+        ),
+        (object(), "there is no C for it; json carries it"),
+        (LinearModel(1e39 * np.eye(3), np.zeros(3)), "holds numbers beyond single precision; C cannot carry it, json can"),
+        (LinearModel(np.eye(3), np.array([0, 0, 3.5e38])), "beyond single precision"),
+        (
+            PhysicsModel(LINEAR, (claim("gyro.thermal_bias"),), dataclasses.replace(KNOWN, first_temp_c=float("nan"))),
+            "gyro.thermal_bias|beyond single precision",
+        ),
+        (physics("gyro.g_sensitivity", "gyro.g_sensitivity"), r"two parts of the model call a constant [A-Z_]+ in C"),
+        *((named(name), "is no name for a constant, expected capital letters") for name in ("k", "2K", "K G")),
+    ],
+)
+def test_what_cannot_run_on_a_device_is_refused_in_one_line(model, says):
+    with pytest.raises(ExportError, match=says) as caught:
+        program(model)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_effect_of_a_rate_is_either_carried_or_refused_by_a_reason_of_its_own():
+    assert len(CARRIED) >= 6
+    assert "K2_G" in program(named("K2_G")).constants
+    assert "there is no C for it" not in [catalogue()[name].device.why for name in REFUSED]

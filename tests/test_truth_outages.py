@@ -1,0 +1,203 @@
+"""Outages of a truth file: where it loses the body, freezes or comes back; and a gyro that is wrong instead."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy.spatial.transform import Rotation
+from truth_sessions import Wrong, made
+
+from session.detect.check_references import with_aligned_truth
+from session.detect.truth_outages import _runs, _usual, ceilings_of, without_outages
+from session.detect.truth_segments import cut_at_truth
+from session.io.errors import DataError
+from tinygc.closure.prepared import prepare
+from tinygc.explanation.truth_engine import _outage_claims
+
+DENSE = Wrong(turns=12, every_s=0.02, sigma_deg=0.01)
+
+
+def spoilt(turned_deg=None, *, at_s=None, frozen=None, gyro_dps=None, wrong=DENSE, seed=3):
+    """The session whose truth is turned by turned_deg(t) (K, 3) in the spans at_s, or frozen in a span; gyro_dps(t) (N, 3) is added."""
+    session, _ = made(wrong, seed)
+    (log,), (truth,) = session.logs, session.truths
+    t_s = truth.t_ns * 1e-9
+    q = Rotation.from_quat(truth.q_nb, scalar_first=True)
+    if turned_deg is not None:
+        inside = (t_s >= at_s[0]) & (t_s <= at_s[1])
+        q = q * Rotation.from_rotvec(np.where(inside[:, None], turned_deg(t_s), 0.0) * DEG)
+    cells = q.as_quat(scalar_first=True)
+    if frozen is not None:
+        inside = (t_s >= frozen[0]) & (t_s <= frozen[1])
+        cells[inside] = cells[np.flatnonzero(inside)[0]]
+    gyro = log.samples.gyro + (0.0 if gyro_dps is None else gyro_dps(log.samples.t_s) * DEG)
+    logs = (replace(log, samples=replace(log.samples, gyro=gyro)),)
+    return replace(session, logs=logs, truths=(replace(truth, q_nb=cells),))
+
+
+def astray(t_s):
+    """Degrees: a wandering rate of some 100 dps."""
+    steps = np.random.default_rng(0).normal(size=(len(t_s) // 8 + 1, 3)).repeat(8, axis=0)[: len(t_s)] * 100 * 0.02
+    return np.cumsum(steps, axis=0)
+
+
+def outages_of(session):
+    (truth,) = without_outages(session).truths
+    return truth.outages
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sound_truth_has_none_and_neither_has_one_with_a_wrong_moment(seed):
+    assert not outages_of(spoilt(seed=seed))
+    assert not outages_of(spoilt(lambda t: np.full((len(t), 3), 4.0), at_s=(11.99, 12.01), seed=seed))
+
+
+@pytest.mark.parametrize("at_s", [(22.0, 24.0), (0.0, 1.6), (11.0, 12.5)])
+def test_a_truth_that_goes_astray_is_found_at_both_ends_and_in_the_middle(at_s):
+    session = spoilt(astray, at_s=at_s)
+    (outage,) = outages_of(session)
+    assert outage.sure
+    # Spans of 0.1 s; the truth begins and ends 0.3 s within the log.
+    assert outage.from_s == pytest.approx(max(at_s[0], 0.3), abs=0.11)
+    assert outage.to_s == pytest.approx(min(at_s[1], 23.7), abs=0.13)
+    aligned, findings = with_aligned_truth(session)
+    (log,), (truth,) = aligned.logs, aligned.truths
+    # No moment is sound that was spoilt, though the last ones of a file make no span of 0.1 s any more.
+    t_s = truth.t_ns * 1e-9
+    assert not truth.sound[(t_s >= at_s[0] + 0.02) & (t_s <= at_s[1])].any()
+    assert abs(aligned.alignment.offset_s) < 4 * aligned.alignment.offset_sigma_s < 0.4e-3
+    cut = cut_at_truth(log.samples, truth, session.config.sensor, session.config.protocol)
+    assert cut
+    assert all(truth.sound[ends.first] and truth.sound[ends.last] for _, ends in cut)
+    assert [finding.what for finding in findings].count("truth's outages") == 1
+
+
+def test_a_frozen_truth_is_told_by_its_repeated_values_without_an_accelerometer():
+    (outage,) = outages_of(spoilt(frozen=(21.0, 24.0), wrong=replace(DENSE, force=False)))
+    assert outage.sure
+
+
+def test_an_outage_begins_where_the_truth_is_off_though_it_parts_slowly():
+    """2 dps for 1.5 s, as where a body turns slowly past a frozen truth: by span, that is the noise of 0.05 degrees; then some 100 dps."""
+
+    def away(t_s):
+        return np.where(t_s < 15.5, 2.0 * (t_s - 14.0), 3.0 + 60.0 * (t_s - 15.5))[:, None] * [0.6, 0.0, 0.8]
+
+    (outage,) = outages_of(spoilt(away, at_s=(14.0, 17.0), wrong=replace(DENSE, sigma_deg=0.05)))
+    assert outage.sure
+    # By rate alone it begins at 15.5 s.  Off by 2 degrees, with 3 sigmas of 20 spans' noise of 0.07 degrees beside it, it is at 15 s.
+    assert 13.9 < outage.from_s < 15.2
+    assert outage.to_s == pytest.approx(17.05, abs=0.2)
+
+
+def test_smoothly_astray_at_the_end_is_anybodys_without_an_accelerometer_and_the_truths_with_one():
+    """About 30 degrees off within 1.5 s, and back by half: no leap, no constant rate, nothing after it."""
+
+    def away(t_s):
+        return np.multiply.outer(np.sin(np.pi * (t_s - 22.2) / 2.0) ** 2 * 45, [1.0, -0.5, 0.3])
+
+    for force in (False, True):
+        problem = prepare(spoilt(away, at_s=(22.2, 24.0), wrong=replace(DENSE, force=force))).problem
+        (truth,) = problem.session.truths
+        assert [outage.sure for outage in truth.outages] == [force]
+        claims = _outage_claims(problem)
+        assert [claim.effect.id for claim in claims] == ["reference.truth_outage"]
+        assert ("gyro.bias_step" in claims[0].equivalent) == (not force)
+        assert ("does not tell" in claims[0].says) == (not force)
+        np.testing.assert_allclose(claims[0].theta, [22.2, 23.7], atol=0.2)
+
+
+@pytest.mark.parametrize("begin_s", [8.0, 18.0])
+def test_a_step_of_the_gyros_bias_is_no_outage(begin_s):
+    assert not outages_of(spoilt(gyro_dps=lambda t: (t > begin_s)[:, None] * np.array([3.0, -2.0, 4.0])))
+
+
+def test_a_gyro_that_is_clipped_for_a_moment_is_no_outage():
+    session = spoilt()
+    (log,) = session.logs
+    x = log.samples.gyro[:, 0]
+    most = 0.4 * np.abs(x).max()
+    clipped = np.column_stack([np.clip(x, -most, most), log.samples.gyro[:, 1:]])
+    assert not any(outage.sure for outage in outages_of(replace(session, logs=(replace(log, samples=replace(log.samples, gyro=clipped)),))))
+
+
+def test_what_is_usual_follows_the_movement():
+    rng = np.random.default_rng(1)
+    rate = np.concatenate([np.zeros(600), rng.uniform(0, 5, 400)])
+    size = np.abs(rng.normal(size=1000)) * (0.1 + 0.4 * rate)
+    usual = _usual(size, np.column_stack([np.ones(1000), rate]))
+    # The mean of a half-normal is 0.80 of its sigma, its median 0.67; 400 of them know it to some percent.
+    assert 0.6 < usual[0] / 0.1 < 0.9
+    assert 0.6 < (usual[600:] / (0.1 + 0.4 * rate[600:])).mean() < 0.9
+
+
+def test_runs_join_over_a_pause_and_need_three_spans_or_an_end():
+    begin = np.arange(100) * 0.1
+    level = np.exp(0.45 * np.random.default_rng(0).uniform(-1, 1, 100))
+
+    def runs(*rows):
+        times = level.copy()
+        times[list(rows)] = 100.0
+        return _runs(times, begin, begin + 0.1)
+
+    assert runs(50, 51) == []
+    assert runs(50, 51, 54) == [(50, 55)]
+    assert runs(50, 51, 56) == []
+    assert runs(99) == [(99, 100)]
+    assert runs(*range(50, 95)) == []
+
+
+# A gyroscope that stops softly below its range
+
+
+def softly_limited(level_dps, seed=3, late_s=0.0):
+    """The gyro stands at a level, with a scatter of 1 dps; how much of its readings."""
+    session, _ = made(Wrong(late_s=late_s), seed)
+    samples, rng = session.logs[0].samples, np.random.default_rng(seed)
+    limited = np.clip(samples.gyro, -level_dps * DEG, level_dps * DEG)
+    at = limited != samples.gyro
+    gyro = limited + at * rng.normal(size=limited.shape) * DEG
+    return replace(session, logs=(replace(session.logs[0], samples=replace(samples, gyro=gyro)),)), at.any(axis=1).mean()
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.05])
+def test_a_soft_ceiling_of_the_gyro_is_located_and_the_truths_clock_is_not_accused(late_s):
+    """By the rates that are missed; the clock is that of the readings below."""
+    session, share = softly_limited(60.0, late_s=late_s)
+    assert 0.14 < share < 0.18
+    aligned, findings = with_aligned_truth(session)
+    (finding,) = [each for each in findings if each.what == "gyro ceiling"]
+    assert finding.level == "error"
+    assert finding.says.startswith("x, y, z stay at ±")
+    assert "of ±500, wherever the truth turns faster, and go along with it below" in finding.says
+    assert aligned.alignment.ceiling_rps == pytest.approx(60 * DEG, abs=1.0 * DEG)
+    assert aligned.alignment.offset_sigma_s < 2e-4
+    assert aligned.alignment.offset_s == pytest.approx(-late_s, abs=3 * aligned.alignment.offset_sigma_s)
+    assert [each.level for each in findings if each.what == "truth's clock"] == ["note" if late_s else "ok"]
+    with pytest.raises(DataError, match="gyro ceiling"):
+        prepare(session)
+
+
+def test_a_sound_gyro_has_no_ceiling():
+    aligned, findings = with_aligned_truth(made(Wrong(), 3)[0])
+    assert np.isnan(aligned.alignment.ceiling_rps).all()
+    assert not [each for each in findings if each.what == "gyro ceiling"]
+
+
+def test_a_ceiling_is_where_the_gyro_stays_and_below_which_it_goes_along():
+    """Twenty spans beyond 1.1 times the level, four of five of them within 5 % of it; below, within 5 % of the truth."""
+    truth = np.tile(np.linspace(-2.0, 2.0, 401)[:, None], (1, 3))
+    limited = np.clip(truth, -1.0, 1.0)
+    assert ceilings_of(truth, limited) == pytest.approx(np.ones(3))
+    for scale, found in ((0.96, True), (0.94, False), (1.04, True), (1.06, False)):
+        assert np.isfinite(ceilings_of(truth, np.clip(truth * scale, -1.0, 1.0))).all() == found
+    assert np.isnan(ceilings_of(truth, truth * 0.8)).all()  # a scale that is far too small stands nowhere
+    fast = np.flatnonzero(np.abs(truth[:, 0]) > 1.1)
+    for beyond, found in ((20, True), (19, False)):
+        kept = np.setdiff1d(np.arange(len(truth)), fast[beyond:])
+        assert np.isfinite(ceilings_of(truth[kept], limited[kept])).all() == found
+    for stay, found in ((0.82, True), (0.78, False)):
+        falls = limited.copy()
+        falls[fast[round(stay * len(fast)) :]] *= 0.5
+        assert np.isfinite(ceilings_of(truth, falls)).all() == found

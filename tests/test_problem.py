@@ -1,29 +1,25 @@
-"""From a session to the problem: what is counted, the yaw that is carried, the references, and why a session is refused."""
+"""A session as the problem that is fitted: counts, carried yaw, references, two logs, some turns for all; closure runs; refusals."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, Table, session_of
+from conftest import Table, session_of
 from scipy.spatial.transform import Rotation
 
 from session.detect.segments import FEWEST_SEGMENTS
 from session.io.errors import DataError, SegmentError
-from session.io.samples import Samples
-from tinygc import SimulationOptions, check, closure, read_session
+from session.io.units import DEG
+from tinygc import SimulationOptions, closure, read_session
 from tinygc.attitude import rotation
-from tinygc.closure import prepared
+from tinygc.attitude.earth import with_heading
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN
+from tinygc.closure.runs import read_closure_runs
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.movement import move
 from tinygc.simulation.simulator import simulate_session
-
-
-def true_model(folder):
-    truth = json.loads((folder / "truth.json").read_text())
-    return LinearModel(np.array(truth["E"]), np.array(truth["B_dps"]) * DEG)
 
 
 def true_attitudes(folder, problem):
@@ -44,15 +40,6 @@ def folder(simulated):
 @pytest.fixture(scope="module")
 def problem(folder):
     return build_problem(read_session(folder))
-
-
-def test_counts(problem):
-    assert len(problem.stills) == 11
-    assert len(problem.segments) == len(problem.used) == len(problem.batch) == 10
-    assert problem.still_rates.rate.shape == (11, 3)
-    assert not problem.batch.yaw_known
-    assert problem.floor.own.shape == (10, 2, 2)
-    assert problem.noise.gyro / DEG == pytest.approx(0.005, rel=0.2)
 
 
 def test_batch_holds_the_logs_samples_and_times(problem):
@@ -76,13 +63,6 @@ def test_yaw_is_carried_to_the_true_attitude(problem, folder):
     assert heading[1, 0] == pytest.approx(0, abs=1e-6)  # the first still is the table's index: yaw 0
 
 
-def test_excluded_segments_are_said_and_not_used(folder):
-    problem = build_problem(read_session(folder), exclude=(0, 7))
-    assert [s.number for s in problem.segments if not s.accepted] == [0, 7]
-    assert all(s.problem == "left out by request" for s in problem.segments if not s.accepted)
-    assert len(problem.batch) == 8
-
-
 def test_no_attitude_is_carried_through_a_clipped_segment(folder):
     session = read_session(folder)
     left_out, clipped = build_problem(session, exclude=(4,)), build_problem(session, clipped=(4,))
@@ -92,15 +72,6 @@ def test_no_attitude_is_carried_through_a_clipped_segment(folder):
     stills = clipped.logs[0].stills
     behind = stills.index(clipped.segments[4].last)
     assert np.diff(clipped.logs[0].group).nonzero()[0].tolist() == [behind - 1]
-
-
-def test_earth_is_left_out_on_request_and_without_a_latitude(folder):
-    session = read_session(folder)
-    assert build_problem(session, use_earth=False).earth.source == "none"
-    nowhere = replace(session, config=replace(session.config, site=replace(session.config.site, latitude_deg=None)))
-    problem = build_problem(nowhere)
-    assert problem.earth.source == "none"
-    assert not problem.batch.earth.any()
 
 
 def with_dials(folder, problem, tmp_path, skip=()):
@@ -122,18 +93,14 @@ def test_dials_observe_yaw_too(folder, problem, tmp_path):
     made = build_problem(read_session(with_dials(folder, problem, tmp_path)))
     assert made.batch.yaw_known
     assert made.batch.angles == 3
-    angles = closure.error_angles(closure.segment_residuals(made.batch, true_model(folder)(made.batch.rate)))
+    truth = json.loads((folder / "truth.json").read_text())
+    true = LinearModel(np.array(truth["E"]), np.array(truth["B_dps"]) * DEG)
+    angles = closure.error_angles(closure.segment_residuals(made.batch, true(made.batch.rate)))
     assert angles.shape == (10, 3)
     # Three angles at the floor of dials read to a hundredth of a degree: yaw, too.
     assert np.abs(angles).max() / DEG < 0.06
     assert np.sqrt(np.mean(angles[:, 2] ** 2)) / DEG < 0.03
     np.testing.assert_array_equal(made.logs[0].q_tb[:-1], made.batch.start)
-
-
-def test_a_still_without_a_dial_reading_costs_its_segments(folder, problem, tmp_path):
-    made = build_problem(read_session(with_dials(folder, problem, tmp_path, skip=(4,))))
-    assert [s.number for s in made.segments if not s.accepted] == [3, 4]
-    assert "attitudes.csv" in made.segments[3].problem
 
 
 def test_two_logs_are_one_problem():
@@ -149,42 +116,6 @@ def test_two_logs_are_one_problem():
     np.testing.assert_allclose(problem.middle_s, [*first_s, *(first_s + parts[0].duration_s)], atol=0.2)
 
 
-def test_a_session_without_stills_is_refused():
-    samples = Table().turn(300, (1, 0, 0), 10).turn(-300, (0, 1, 0), 10).samples(odr_hz=104)
-    shaken = replace(
-        samples, gyro=samples.gyro + np.random.default_rng(0).normal(size=samples.gyro.shape) * np.linspace(0, 5, len(samples))[:, None]
-    )
-    with pytest.raises(SegmentError, match=r"still|turn"):
-        build_problem(session_of(shaken, odr_hz=104))
-
-
-def test_a_single_still_is_refused_and_says_what_to_record():
-    with pytest.raises(SegmentError, match=r"1 still phase but no turn.*still - turn - still"):
-        build_problem(session_of(Table().rest(5).samples(odr_hz=104), odr_hz=104))
-
-
-def test_too_few_segments_are_refused_with_the_number_that_is_needed():
-    samples = Table().tumble(3).samples(odr_hz=104)
-    with pytest.raises(SegmentError, match=f"3 usable segments, expected at least {FEWEST_SEGMENTS}"):
-        build_problem(session_of(samples, odr_hz=104))
-
-
-def test_all_rejected_says_why():
-    samples = Table().tumble(8).samples(odr_hz=104)
-    with pytest.raises(SegmentError, match="all 8 segments are rejected, the first because left out by request"):
-        build_problem(session_of(samples, odr_hz=104), exclude=tuple(range(8)))
-
-
-def test_a_gyro_without_any_noise_is_refused():
-    made = Table().tumble(8).samples(odr_hz=104, gyro_mdps=0.0, bias_dps=(0, 0, 0))
-    quiet = Samples(made.t_ns, made.gyro, made.accel, made.temp_c)
-    with pytest.raises((DataError, SegmentError), match=r"noise|still"):
-        build_problem(session_of(quiet, odr_hz=104))
-
-
-# A long session: a first look builds the problem of some turns only, which stand for all.
-
-
 def test_some_turns_stand_for_a_longer_session(problem, folder):
     """Runs of neighbours from the first turn to the last; each run's yaw begins anew, and the calibration is that of the whole."""
     part = build_problem(read_session(folder), most=8)
@@ -196,22 +127,71 @@ def test_some_turns_stand_for_a_longer_session(problem, folder):
     np.testing.assert_allclose(part.first.E, problem.first.E, atol=5e-3)
 
 
-def test_stills_of_no_turn_that_is_taken_are_none_of_the_problem(folder):
-    part = build_problem(read_session(folder), most=7)
-    assert [segment.number for segment in part.used] == [0, 3, 6, 9]
-    left_out = [number for number, still in enumerate(part.logs[0].stills) if still.problem == NOT_TAKEN]
-    assert left_out == [2, 5, 8]
+def as_run(problem, samples):
+    """The problem's session with another closure run; stamps long after the log's, so that the table may have been touched."""
+    late = replace(samples, t_ns=samples.t_ns + 3_600_000_000_000)
+    log = replace(problem.session.logs[0], path=problem.session.logs[0].path.with_name("closure0009.csv"), samples=late)
+    bare = replace(problem.session.config.accelerometer, matrix=np.eye(3), bias_mps2=np.zeros(3))
+    session = replace(problem.session, closures=(log,), config=replace(problem.session.config, accelerometer=bare))
+    return replace(problem, session=session)
 
 
-def test_a_session_that_is_not_longer_is_taken_whole(problem, folder):
-    same = build_problem(read_session(folder), most=10)
-    np.testing.assert_array_equal(same.batch.rate, problem.batch.rate)
-    np.testing.assert_array_equal(same.first.vector, problem.first.vector)
+def test_a_bias_error_shows_in_the_yaw_of_a_level_run(problem):
+    """0.01 dps too much about the vertical for ten seconds and both margins of 0.1 s at rest is 0.1 degrees."""
+    samples = Table().rest(2).turn(360, (0, 0, 1), 10).rest(2).samples(odr_hz=104, bias_dps=(0, 0, 0.01), gyro_mdps=1.0)
+    (run,) = read_closure_runs(as_run(problem, samples))
+    roll, pitch, yaw = run.errors(LinearModel(np.eye(3), np.zeros(3))) / DEG
+    earth_deg = 7.75 / 3600 * run.batch.duration_s[0]
+    assert yaw == pytest.approx(0.01 * run.batch.duration_s[0] + earth_deg, abs=0.01)
+    assert abs(roll) < 0.02
+    assert abs(pitch) < 0.02
+    assert run.earth.source == "unknown"  # the table may have been moved in the hour between
 
 
-def test_check_says_how_many_turns_stand_for_all(folder, monkeypatch):
-    assert "turns fitted here" not in {finding.what for finding in check(folder)}
-    monkeypatch.setattr(prepared, "LOOKED_AT", 8)
-    (said,) = [finding for finding in check(folder) if finding.what == "turns fitted here"]
-    assert said.level == "note"
-    assert "8 of 10 turns" in said.says
+def test_the_covariance_of_a_run_is_that_of_its_heading_times_its_length(problem):
+    """Against runs with all headings: the error moves by the horizontal rate times the seconds; the clock began at 0 again."""
+    log = problem.session.closures[0]
+    again = replace(log, samples=replace(log.samples, t_ns=log.samples.t_ns - log.samples.t_ns[0]))
+    (run,) = read_closure_runs(problem.changed(session=replace(problem.session, closures=(again,))))
+    assert (run.time_known, run.yaw_carried, run.earth.source) == (False, False, "unknown")
+    rate = problem.first(run.batch.rate)[0]
+    known = replace(run, yaw_carried=True)
+    moved = []
+    for heading in range(0, 360, 15):
+        more = with_heading(problem.session.config.site.latitude_deg, float(heading)).rate_t * [1, 1, 0]
+        moved.append(known.with_earth(more, rate).errors_at(rate) - run.errors_at(rate))
+    np.testing.assert_allclose(np.mean([np.outer(x, x) for x in moved], axis=0), run.heading_covariance, rtol=0.001, atol=1e-7)
+
+
+def test_samples_lost_in_a_turn_begin_a_new_group_of_yaw_and_an_exclusion_does_not():
+    samples = Table().tumble(8, seed=3).samples(odr_hz=104)
+    lost = samples.pick(np.abs(samples.t_s - 18.5) > 0.7)  # rests of 2 s and turns of 3 s
+    assert len(build_problem(session_of(lost, odr_hz=104)).earths) == 2
+    assert len(build_problem(session_of(samples, odr_hz=104), exclude=(3,)).earths) == 1
+
+
+REFUSED = {
+    "never still": (Table().turn(300, (1, 0, 0), 10).turn(-300, (0, 1, 0), 10), {}, "still|turn"),
+    "one still": (Table().rest(5), {}, "1 still phase but no turn.*still - turn - still"),
+    "too few": (Table().tumble(3), {}, f"3 usable segments, expected at least {FEWEST_SEGMENTS}"),
+    "all excluded": (Table().tumble(8), {"exclude": tuple(range(8))}, "all 8 segments are rejected, the first because left out by request"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_session_without_enough_to_fit_is_refused_with_what_to_record(name):
+    table, given, says = REFUSED[name]
+    with pytest.raises(SegmentError, match=says):
+        build_problem(session_of(table.samples(odr_hz=104), odr_hz=104), **given)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        (Table().rest(2).turn(200, (1, 0, 0), 5).turn(-190, (1, 0, 0), 5).rest(2), r"does not return: .* 10\.0\d deg"),
+        (Table().rest(2).turn(360, (1, 0, 0), 8), "1 still phases.*still - long turn - still"),
+    ],
+)
+def test_a_closure_run_that_does_not_come_back_is_refused(problem, table, says):
+    with pytest.raises(DataError, match=rf"closure0009\.csv: {says}"):
+        read_closure_runs(as_run(problem, table.samples(odr_hz=104)))

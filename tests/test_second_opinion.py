@@ -1,6 +1,6 @@
 """The numbers that matter, by other people's programs: lmfit, statsmodels, AllanTools, and the certificates of NIST.
 
-Rotations are held to SciPy's in tests/test_rotation.py and tests/small_turns.py.
+Rotations are held to SciPy's in tests/test_attitude_physics.py and tests/small_turns.py.
 """
 
 import numpy as np

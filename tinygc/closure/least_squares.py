@@ -104,7 +104,7 @@ HELD = 1e-9
 #: rad: the search ends when a step changes no residual by more than this
 TOLERANCE = 1e-9
 #: rad: the columns are kept after a step that changes no residual by more than this: their relative error, that of the next step, and the
-#: shift of the answer in sigmas are all of this size (tests/test_least_squares.py)
+#: shift of the answer in sigmas are all of this size (tests/test_least_squares_physics.py)
 COLUMNS_STAY = 1e-5
 
 

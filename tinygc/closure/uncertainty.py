@@ -21,7 +21,7 @@ from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
 # Probabilities of a few statistics: importing ``scipy.stats`` takes longer than a fit.
 #
-# tests/test_probability.py compares them with it.
+# tests/test_least_squares_physics.py compares them with it.
 
 #: number of differences up to which all assignments of signs are counted
 EXACT_UP_TO = 50

@@ -6,9 +6,10 @@ with r the residuals, J the columns of all fitted parameters, D their prior.  In
 turns: correlations beyond a block add little information, and the cost of the full matrix grows as the cube of the session.
 
 Explain, fit and the temperature annex call ``estimate``.  Where a covariance has a structure that makes the same likelihood cheaper, its
-annex writes it in that form, and a test holds it to this one (tests/test_reml.py): an array's components are variances of single rows
-(``annexes.arrays.system``).  A lot's spreads are one variance each (``annexes.lots.estimate``).  One estimate is of another kind: the bias
-instability of stills has innovations with outliers, and the posterior mean over a grid in place of a maximum (``closure.floor``).
+annex writes it in that form, and a test holds it to this one (tests/test_noise_physics.py): an array's components are variances of
+single rows (``annexes.arrays.system``).  A lot's spreads are one variance each (``annexes.lots.estimate``).  One estimate is of another
+kind: the bias instability of stills has innovations with outliers, and the posterior mean over a grid in place of a maximum
+(``closure.floor``).
 """
 
 from __future__ import annotations

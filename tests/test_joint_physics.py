@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import GRAVITY, Table, config, session_of, wxyz
+from conftest import GRAVITY, config, wxyz
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, turns_by_scipy, with_known_angles
@@ -15,10 +15,8 @@ from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, tu
 from session.detect.accelerometer import NAMES
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
-from session.io.config import Accelerometer
 from session.io.folder import Session
 from session.io.units import DEG, MG
-from tinygc.closure import prepared
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.floor import Floor
 from tinygc.closure.joint import fit_joint, recalibrated
@@ -111,11 +109,10 @@ def centre_of(problem, gravity=GRAVITY):
     return np.concatenate([[1.0, 0, 0, 1, 0, 1, 0, 0, 0], problem.first.vector, [gravity]])
 
 
-KINDS = {"plain": {}, "bad": {"bad": 30.0}, "stated": {"stated": True, "seed": 4}, "quiet": {"noise": 0.0}, "nowhere": {"site_mps2": None}}
+KINDS = {"bad": {"bad": 30.0}, "stated": {"stated": True, "seed": 4}, "nowhere": {"site_mps2": None}}
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("mode", ["fit", "prior"])
+@pytest.mark.parametrize(("kind", "mode"), [("bad", "fit"), ("stated", "prior"), ("nowhere", "fit")])
 def test_the_estimate_weighs_lengths_closures_and_what_is_known_beforehand(kind, mode):
     """Its rows are the numeric derivatives, its point the least sum of squares with the stated weights, its covariance (J'WJ + P^-1)^-1."""
     problem, force, _ = small(off=OFF if mode == "fit" else NEARLY, **KINDS[kind])
@@ -139,13 +136,10 @@ def test_the_estimate_weighs_lengths_closures_and_what_is_known_beforehand(kind,
     np.testing.assert_allclose(found.covariance, system.covariance[:9, :9])
     downhill = covariance @ (weight @ rows(at) + system.x / prior**2)
     assert np.abs(downhill / sigma).max() < 0.03
-    # What a row, and the centre of what is known beforehand, move it by.
     np.testing.assert_allclose(system.response, -covariance @ weight, atol=0.01 * np.abs(covariance @ weight).max())
     np.testing.assert_allclose(found.beforehand, (covariance / prior)[:9, [*range(9), 21]], atol=0.01 * sigma[:9].min())
-    np.testing.assert_array_equal(found.x, at[:9])
     assert found.accelerometer.source == ("stills" if mode == "fit" else "prior")
     np.testing.assert_allclose(found.accelerometer.correct(force), found.force)
-    np.testing.assert_array_equal(found.model.vector, at[9:21])
     np.testing.assert_allclose(found.force, by_hand(found.x, force))
     np.testing.assert_allclose(found.before, np.linalg.norm(force, axis=1) - gravity)
     np.testing.assert_allclose(found.after, np.linalg.norm(found.force, axis=1) - at[21])
@@ -177,28 +171,7 @@ def test_a_row_weighs_as_its_sigma_and_the_misfit_of_its_kind_say(kind):
     np.testing.assert_allclose(system.root, expected, rtol=3e-3)
 
 
-def test_a_still_and_an_end_that_miss_by_thirty_sigmas_count_a_tenth_and_less():
-    """By hand: Cauchy's weight at 30 sigmas is 1 / (1 + 15^2); two angles together miss by 30 / sqrt(2)."""
-    (plain, *_), (bad, *_) = small(noise=0.0), small(noise=0.0, bad=30.0)
-    ratio = (fit_joint(bad, "fit").system.root / fit_joint(plain, "fit").system.root) ** 2
-    assert ratio[48 + 9] == pytest.approx(1 / (1 + 15**2), rel=0.2)
-    assert np.delete(ratio, [4, 5, 48 + 9]).min() > 0.9
-    assert ratio[4] == pytest.approx(ratio[5], rel=1e-9)
-
-
-def test_gravity_that_nobody_measured_is_one_more_unknown_of_the_lengths():
-    """As over the Earth, one sigma: it moves the matrix as a whole, and enters the nine numbers' covariance once, not once a still."""
-    problem, *_ = small(site_mps2=None)
-    given, _, _ = small(site_mps2=9.80665)
-    unknown, known = fit_joint(problem, "fit"), fit_joint(given, "fit")
-    whole = np.append(unknown.x[:6], [0, 0, 0]) / 9.80665 * 0.02
-    sigma = np.sqrt(np.diag(unknown.covariance))
-    np.testing.assert_allclose(
-        unknown.covariance / np.outer(sigma, sigma), (known.covariance + np.outer(whole, whole)) / np.outer(sigma, sigma), atol=0.04
-    )
-
-
-@pytest.mark.parametrize(("one_axis", "off", "sigma_mg"), [(0, OFF, 0.5), (1, OFF, 0.01), (0, NEARLY, 0.01), (1, NEARLY, 0.5)])
+@pytest.mark.parametrize(("one_axis", "off", "sigma_mg"), [(0, NEARLY, 0.01), (1, NEARLY, 0.5)])
 def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, off, sigma_mg):
     """The nine numbers by generalised least squares, all else having its prior: normal under the given ones with their covariance and the
     sigmas that were stated, in as many directions as the data see."""
@@ -217,10 +190,7 @@ def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, of
     expected = chi2.sf(estimate @ np.linalg.solve(covariance, estimate), len(estimate))
     found = fit_joint(problem, "prior", sigma_mg, drifts=False)
     assert found.p_value == pytest.approx(expected, rel=1e-5, abs=1e-300)
-    unjudged = fit_joint(problem, "prior", judged=False, drifts=False)
-    assert unjudged.p_value is None
-    np.testing.assert_allclose(unjudged.system.prior[:9], 0.1 * MG * UNITS)
-    assert free.p_value is None
+    assert fit_joint(problem, "prior", judged=False, drifts=False).p_value is free.p_value is None
 
 
 def test_a_number_is_observed_below_a_share_of_its_prior_with_gravity_known():
@@ -246,16 +216,6 @@ def test_without_a_turn_a_still_or_gravity_there_is_nothing_to_estimate_together
         replace(problem, session=replace(problem.session, truths=())),
     ]
     assert [fit_joint(each, "fit") for each in nothing] == [None] * 3
-
-
-@pytest.mark.parametrize(("p", "refuted"), [(0.99e-4, True), (1.01e-4, False)])
-def test_a_given_calibration_is_refuted_below_one_in_ten_thousand(monkeypatch, p, refuted):
-    monkeypatch.setattr(prepared, "fit_joint", lambda *_, **known: SimpleNamespace(p_value=p, words="words", drift=None))
-    monkeypatch.setattr(prepared, "recalibrated", lambda problem, joint: problem)
-    session = session_of(Table().tumble(8, rest_s=1.2, turn_s=1.0).samples())
-    session = replace(session, config=replace(session.config, accelerometer=Accelerometer()))
-    found = prepared.prepare(session, accelerometer="prior")
-    assert any("no longer agrees with the data" in finding.says for finding in found.findings) == refuted
 
 
 def drifting(turns=30, drift_mg=(8.0, -5.0, 6.0), off=OFF):
@@ -285,23 +245,13 @@ def test_a_drift_of_the_zero_is_estimated_with_the_rest():
     assert (np.abs(system.design - jacobian).max(axis=0) / np.abs(jacobian).max(axis=0))[[*range(9), *range(21, 25)]].max() < 3e-4
     np.testing.assert_allclose(system.values, rows(at), atol=2e-8)
     assert np.abs((found.drift.mps2 - drift) / found.drift.sigma_mps2).max() < 4
-    np.testing.assert_allclose(found.drift.covariance, system.covariance[22:, 22:])
     assert np.abs((found.x - OFF) / np.sqrt(np.diag(found.covariance))).max() < 4
     unnamed = fit_joint(problem, "fit", drifts=False)
-    assert len(unnamed.system.x) == 22
     assert not np.abs((unnamed.x - OFF) / np.sqrt(np.diag(unnamed.covariance))).max() < 4
-    np.testing.assert_allclose(found.force, by_hand(found.x, force - share[:, None] * system.x[22:]))
     np.testing.assert_allclose(found.moved(force, share), found.force)
-    assert found.beforehand.shape == (12, 13)
     # Left out with the others' drift: what no segment is left out of does not move.
     nothing = np.zeros(count, dtype=bool)
     np.testing.assert_allclose(found.without(nothing, problem.batch).end, bent(problem.batch, found.first, found.last, found.force).end)
-
-
-def test_a_given_calibration_whose_zero_drifts_is_not_refuted():
-    problem, *_ = drifting(off=np.array([1.0, 0, 0, 1, 0, 1, 0, 0, 0]))
-    assert fit_joint(problem, "prior", 0.3).p_value > 1e-3
-    assert fit_joint(problem, "prior", 0.3, drifts=False).p_value < 1e-4
 
 
 def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weights():
@@ -309,19 +259,16 @@ def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weight
     attitudes = np.concatenate([problem.batch.start, problem.batch.end[-1:]])
     for log, rows in zip(problem.logs, ([0, 0, *range(1, 7)], [*range(7, 13), 0]), strict=True):
         log.q_tb[:] = attitudes[rows]
-    asked = []
-    later = SimpleNamespace(samples=lambda: ["a later", "b later"])
-    found = SimpleNamespace(samples=lambda: [a, b], recalibrated=lambda session: asked.append(session) or later)
     a, b = SimpleNamespace(duration_s=17.0), SimpleNamespace(duration_s=17.0)
+    later = SimpleNamespace(samples=lambda: ["a later", "b later"])
+    found = SimpleNamespace(samples=lambda: [a, b], recalibrated=lambda session: later)
     logs = [replace(log, samples=samples) for log, samples in zip(problem.logs, (a, b), strict=True)]
     rates = StillRates(np.tile(-problem.first.B / np.diag(problem.first.E), (13, 1)), np.zeros((13, 3)), np.full((13, 3), 1e-3))
     joint = fit_joint(problem, "fit")
     now = recalibrated(replace(problem, logs=logs, found=found, still_rates=rates), joint)
     assert (now.found, now.joint, now.first, [log.samples for log in now.logs]) == (later, joint, joint.model, ["a later", "b later"])
-    assert asked == [now.session]
     assert now.session.config.accelerometer is joint.accelerometer
     moved = joint.moved(force, joint.share)
-    assert np.abs(moved - by_hand(joint.x, force)).max() > 1e-3  # a drift of the zero is among what was fitted
     np.testing.assert_allclose([still.accel_mean for log in now.logs for still in log.stills if still.problem is None], moved)
     assert [s.first.accel_mean @ s.last.accel_mean for s in now.used] == pytest.approx(np.sum(moved[:-1] * moved[1:], axis=1))
     np.testing.assert_allclose(np.abs(np.sum(now.batch.start * levelled(problem.batch.start, moved[:-1]), axis=1)), 1, atol=1e-12)
@@ -332,5 +279,3 @@ def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weight
     assert now.floor.tilt_excess == pytest.approx(
         tilt_excess(now.batch, replace(problem.floor, tilt_excess=1.0), joint.model, now.still_rates)
     )
-    plain = replace(now.batch, turns=None)
-    assert recalibrated(replace(problem, logs=logs, found=found, still_rates=rates, batch=plain), joint).floor is problem.floor

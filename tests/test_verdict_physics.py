@@ -1,4 +1,4 @@
-"""Each rule of a verdict at its limit, one step below and above; its figures and p-values by hand."""
+"""A verdict's rules at their limits, its figures and p-values by hand, the tests that contradict, and what one effect may have moved."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -6,48 +6,37 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import DEG
 from linear_twin import PRIORS, effect, linear_twin, stepped
 from scipy import stats
 
 from session.io.config import NominalRate
 from session.io.errors import FitError
+from session.io.units import DEG, DEG_PER_HOUR, MG
 from tinygc.closure.floor import wander_covariance
+from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation import systematic
-from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import (
     AgainstRaw,
-    against_raw,
     closure_figures,
     model_to_use,
-    rmse,
     run_figures,
     worse_in_table,
 )
-from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest
-from tinygc.estimation.promise import Promise
+from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests, none_missing
+from tinygc.estimation.promise import Promise, promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.systematic import Systematic, systematic_of
+from tinygc.estimation.systematic import SURE, SUSPECTED, Systematic, systematic_of
 from tinygc.estimation.verdict import BELOW_95, GIVEN, JudgedFit, decide, require_plausible, run_p_values, too_good, too_wide
 from tinygc.models.linear import LinearModel
-
-# Figures
 
 
 def test_figures_are_root_mean_squares_in_degrees_and_yaw_is_of_the_turns_that_know_it():
     angles = np.array([[3.0, 4.0, 0.0], [1.0, 2.0, 6.0], [2.0, 2.0, -8.0]]) * DEG
     figures = closure_figures(angles)
-    assert figures["roll_rms_deg"] == pytest.approx(np.sqrt(14 / 3))
-    assert figures["pitch_rms_deg"] == pytest.approx(np.sqrt(24 / 3))
-    assert figures["tilt_rms_deg"] == pytest.approx(np.sqrt(38 / 3)) == pytest.approx(tilt_rms(angles) / DEG)
-    assert figures["yaw_rms_deg"] == pytest.approx(np.sqrt(50))
-    assert closure_figures(angles[:, :2])["yaw_rms_deg"] is None
-    assert closure_figures(angles * [1, 1, 0])["yaw_rms_deg"] is None
-    assert rmse(angles[0]) == pytest.approx(5 / np.sqrt(3) * DEG)
+    expected = {"roll_rms_deg": 14 / 3, "pitch_rms_deg": 24 / 3, "tilt_rms_deg": 38 / 3, "yaw_rms_deg": 50.0}
+    assert figures == pytest.approx({name: np.sqrt(square) for name, square in expected.items()})
+    assert closure_figures(angles[:, :2])["yaw_rms_deg"] is closure_figures(angles * [1, 1, 0])["yaw_rms_deg"] is None
     assert run_figures(angles[1]) == pytest.approx({"roll_deg": 1.0, "pitch_deg": 2.0, "yaw_deg": 6.0, "rmse_deg": np.sqrt(41 / 3)})
-
-
-# Against raw, and which model to use
 
 
 @pytest.mark.parametrize(
@@ -66,32 +55,11 @@ def test_nothing_better_than_raw_is_a_fail_and_one_that_is_worse_is_said(held_ou
         assert (against.worse, against.failed) == (worse, failed and enough)
         assert [against.condemns(tilt) for tilt in (1.0, 1.0001)] == [False, enough]
         assert bool(against.words) == bool(worse)
-        if worse:
-            whom = "do not apply these" if not failed else "nothing that was fitted is worth applying"
-            assert f"{held_out[worse[0]]:.4f}°" in against.words
-            assert (whom if enough else "by 12 turns this is not decided") in against.words
-        assert against.to_json() == {
-            "method": "raw_bias_removed",
-            "tilt_rms_deg": 1.0,
-            "worse": list(worse),
-            "passed": not (failed and enough),
-        }
+        assert (against.to_json()["worse"], against.to_json()["passed"]) == (list(worse), not (failed and enough))
 
 
 def fitted(angles, parameters=12, undone=()):
     return SimpleNamespace(held_out=np.asarray(angles, dtype=float), parameters=parameters, model=SimpleNamespace(undone=undone))
-
-
-def test_raw_is_the_better_of_two_that_fit_nothing():
-    flat = np.full((4, 2), DEG)
-    fits = {"raw": fitted(2 * flat), "least_squares": fitted(flat)}
-    with patch(
-        "tinygc.estimation.choice.run_method", lambda name, problem, options: fitted((3 if name == "raw_bias_removed" else 9) * flat)
-    ):
-        found = against_raw(SimpleNamespace(used=[None] * 4), None, fits)
-    assert (found.method, found.segments) == ("raw", 4)
-    assert found.tilt_rms_deg == pytest.approx(2 * np.sqrt(2))
-    assert found.held_out == pytest.approx({"least_squares": np.sqrt(2)})
 
 
 @pytest.mark.parametrize(
@@ -102,17 +70,14 @@ def test_raw_is_the_better_of_two_that_fit_nothing():
         (1.1, 1.0, 12, False),
         (None, 1.0, 13, True),
         (1.0, None, 13, False),
-        (None, None, 13, True),
     ],
 )
 def test_a_file_says_whether_its_method_is_worse_than_raw(mine, raw, segments, worse):
     table = {"methods": {"pso": {"holdout": {"tilt_rms_deg": mine}}}, "against_raw": {"tilt_rms_deg": raw}, "segments": {"used": segments}}
     given = tuple(np.inf if value is None else value for value in (mine, raw))
     assert worse_in_table(table, "pso") == (given if worse else None)
-    assert worse_in_table(table, "tinygc") is None
-    assert worse_in_table({**table, "methods": {}}, "pso") is None
-    del table["against_raw"]
-    assert worse_in_table(table, "pso") is None
+    for other, method in ((table, "tinygc"), ({**table, "methods": {}}, "pso"), ({**table, "against_raw": {}}, "tinygc")):
+        assert worse_in_table(other, method) is None
 
 
 def used(tilts: dict[str, float], segments=40, raw_deg=5.0, numbers=None, undone=()):
@@ -137,9 +102,7 @@ def used(tilts: dict[str, float], segments=40, raw_deg=5.0, numbers=None, undone
         ({"tinygc": 0.5, "least_squares": 1.0}, 4, "least_squares", "tinygc", 1 / 16),
         ({"tinygc": 0.5, "physics": 1.0, "least_squares": 1.0}, 5, "least_squares", "tinygc", 1 / 32),
         ({"tinygc": 0.5, "physics": 1.0, "least_squares": 1.0}, 6, "tinygc", "tinygc", 1 / 64),
-        ({"tinygc": 0.5, "physics": 0.7, "least_squares": 1.0}, 40, "tinygc", "tinygc", 2.0**-40),
         ({"tinygc": 0.695, "physics": 0.7, "least_squares": 1.0}, 40, "physics", "tinygc", 2.0**-40),
-        ({"pso": 1.0, "least_squares": 1.0}, 40, "least_squares", "least_squares", None),
         ({"raw": 0.1, "tinygc": 6.0, "least_squares": 1.0}, 40, "least_squares", "least_squares", None),
         ({"tinygc": 6.0, "least_squares": 7.0}, 40, None, "tinygc", None),
         ({"raw": 0.1}, 40, None, None, None),
@@ -150,44 +113,7 @@ def test_the_simplest_model_that_no_other_betters_by_a_hundredth_and_more_than_c
     found = used(tilts, segments)
     assert (found.method, found.best) == (method, best)
     assert found.p_value == (p if p is None else pytest.approx(p))
-    assert found.to_json() == {"method": method, "best": best, "p_value": found.p_value, "why": found.why}
-
-
-@pytest.mark.parametrize(
-    ("tilts", "segments", "says"),
-    [
-        ({"least_squares": 1.0}, 40, "held out 1.0001°, the only one fitted"),
-        ({"least_squares": 1.0, "tinygc": 6.0}, 40, "held out 1.0001°, the only one that is better than the raw rates"),
-        ({"least_squares": 1.0, "tinygc": 0.995}, 40, "held out 1.0001°, the simplest model within 1 % of the best"),
-        (
-            {"least_squares": 1.0, "tinygc": 0.5},
-            40,
-            "held out 0.5000° instead of 1.0001° (least squares), significantly better (p = 9.1e-13)",
-        ),
-        (
-            {"least_squares": 1.0, "tinygc": 0.5},
-            4,
-            "held out 1.0001°, the simplest model; none is significantly better (TinyGC-Net 0.5000°, p = 0.062)",
-        ),
-        ({"least_squares": 6.0}, 40, "nothing that was fitted closes held-out turns better than the raw rates"),
-        (
-            {"least_squares": 6.0},
-            12,
-            "nothing that was fitted closes held-out turns better than the raw rates, which 12 turns do not decide",
-        ),
-        ({"raw": 0.1}, 12, "nothing was fitted"),
-    ],
-)
-def test_it_says_why(tilts, segments, says):
-    assert used(tilts, segments).why.lower() == says.lower()
-
-
-@pytest.mark.parametrize(("partly_observed", "method"), [(False, "physics"), (True, "least_squares")])
-def test_a_law_of_which_closure_does_not_observe_a_part_is_not_recommended(partly_observed, method):
-    law = SimpleNamespace(effect=SimpleNamespace(partly_observed=partly_observed))
-    found = used({"least_squares": 1.0, "physics": 0.5}, undone=(law,))
-    assert (found.method, found.best) == (method, "physics")
-    assert ("not recommended" in found.why) == partly_observed
+    assert found.to_json()["why"] == found.why
 
 
 def test_models_are_compared_on_the_segments_that_both_have():
@@ -195,9 +121,6 @@ def test_models_are_compared_on_the_segments_that_both_have():
     assert used({"least_squares": 1.0, "tinygc": 0.5}, 6, numbers=numbers).p_value == pytest.approx(1 / 32)
     numbers["tinygc"] = [10, 11, 12, 13, 14, 15]
     assert used({"least_squares": 1.0, "tinygc": 0.5}, 6, numbers=numbers).method == "least_squares"
-
-
-# Rules
 
 
 def judged(times=1.0, segments=40, **known):
@@ -219,7 +142,6 @@ def run(error=1e-3, p=0.5, lost=""):
         ({}, None, "pass"),
         ({"closure_p": 0.0100}, None, "pass"),
         ({"closure_p": 0.0099}, None, "fail"),
-        (run(p=0.0100), None, "pass"),
         (run(p=0.0099), None, "fail"),
         ({"angles": np.full((40, 2), [2.0, 0.0]), "floor_rms": 1.0}, None, "pass"),
         ({"times": 2.0001}, None, "not decided"),
@@ -240,28 +162,10 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
     assert found.passed == (answer != "fail")
     assert found.by_limit == (limit_deg is not None)
     assert len(found.conformities) == (0 if limit_deg is None else 1 + len(known.get("run_p", [])))
-    assert found.word == {"pass": "PASS", "doubtful pass": "PASS, with doubts", "not decided": "NOT DECIDED", "fail": "FAIL"}[answer]
     assert all(met for met, _ in found.reasons) == (answer != "fail")
-    assert found.to_json() == {
-        "answer": answer,
-        "headline": found.headline,
-        "rule": found.rule,
-        "limit_deg": pytest.approx(20 / DEG if limit_deg is None else limit_deg),
-        "limit_from": f"twice {SHEET.source}" if limit_deg is None else GIVEN,
-        "reasons": [{"met": met, "reason": text} for met, text in found.reasons],
-        "doubts": found.doubts,
-        "undecided": found.undecided,
-        "tests": [],
-        "conformity": [each.to_json() for each in found.conformities],
-    }
-
-
-@pytest.mark.parametrize(("share", "segments", "failed"), [(0.9999, 13, True), (1.0001, 13, False), (0.9999, 12, False)])
-@pytest.mark.parametrize("limit_deg", [None, 5.0])
-def test_worse_than_raw_is_a_fail_whatever_the_limit(share, segments, failed, limit_deg):
-    found = decide(judged(), [], limit_deg, AgainstRaw("raw", share * 1e-3 / DEG, {}, segments))
-    assert (found.answer == "fail") == failed
-    assert any("worse than the 0.057° of the raw rates" in text for met, text in found.reasons if not met) == failed
+    table = found.to_json()
+    assert (table["answer"], table["limit_deg"]) == (answer, pytest.approx(20 / DEG if limit_deg is None else limit_deg))
+    assert table["limit_from"] == (f"twice {SHEET.source}" if limit_deg is None else GIVEN)
 
 
 @pytest.mark.parametrize(
@@ -269,7 +173,6 @@ def test_worse_than_raw_is_a_fail_whatever_the_limit(share, segments, failed, li
     [
         (judged(), 0, None, "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 1\u202f146°)"),
         (judged(), 0, 1.0, "PASS: held out 0.0573° (1.0 × noise, 40 segments)"),
-        (judged(**run()), 1, None, "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 1\u202f146°), closure run 0.0573°"),
         (
             judged(run_errors=[np.full(3, 1e-3), np.full(3, 2e-3)], run_p=[0.5, 0.5], run_losses=["", ""]),
             2,
@@ -322,8 +225,6 @@ def test_without_a_limit_it_is_twice_what_the_data_sheet_promises(sheet, answer,
     assert decide(judged(), [], 0.06, promise=sheet).answer == "pass"  # a limit that is given decides
     noisy = decide(judged(), [], None, promise=replace(sheet, tilt_rms=1.0, noisier="9 mdps/√Hz, 5 there"))
     assert (noisy.answer, noisy.doubts) == ("not decided", [f"noisier than {sheet.source}: 9 mdps/√Hz, 5 there"])
-    assert decide(judged(closure_p=1e-3), [], None, promise=sheet).answer == "fail"
-    assert decide(judged(segments=5), [], None, promise=Promise(5.0)).answer == "not decided"
     assert pytest.approx(np.sqrt(-np.log(0.05)), abs=2e-3) == BELOW_95
 
 
@@ -348,23 +249,6 @@ def test_an_effect_that_is_more_probable_than_not_is_no_pass_and_no_contradictio
     assert not found.to_json()["tests"][0]["contradicts"]
 
 
-@pytest.mark.parametrize(
-    ("accelerometer", "says"),
-    [
-        ({"unobserved": ("bias x", "bias y")}, ["accelerometer: not observed: bias x, bias y; "]),
-        ({"unobserved": tuple("abcdefghi")}, ["accelerometer: not observed: all of its numbers; "]),
-        ({}, []),
-    ],
-)
-def test_an_accelerometer_that_closure_does_not_show_is_a_doubt(accelerometer, says):
-    given = SimpleNamespace(**{"unobserved": (), "mode": "fit", "p_value": None} | accelerometer)
-    doubts = decide(judged(), [], None, accelerometer=given).doubts
-    assert len(doubts) == len(says)
-    for doubt, expected in zip(doubts, says, strict=True):
-        assert doubt.startswith(expected)
-    assert decide(judged(), [], None, doubts=["another"]).doubts == ["another"]
-
-
 @pytest.mark.parametrize(("white_p", "doubted"), [(1 - 1.01e-4, False), (1 - 0.99e-4, True), (1e-4, False)])
 def test_less_than_noise_is_in_doubt_where_it_happens_once_in_ten_thousand(white_p, doubted):
     assert bool(too_good(white_p)) == doubted
@@ -381,8 +265,8 @@ def test_a_calibration_that_an_effect_may_have_moved_too_far_is_in_doubt():
 
 @pytest.mark.parametrize(
     ("gain", "sigma", "refused"),
-    [(1.2499, 1e-9, False), (1.2501, 1e-9, True), (0.8001, 1e-9, False), (0.7999, 1e-9, True), (1.25 + 0.0299, 0.01, False),
-     (1.25 + 0.0301, 0.01, True), (0.8 - 0.0299, 0.01, False), (0.8 - 0.0301, 0.01, True), (1e-6, 1e-9, True), (-1.0, 1e-9, False)],
+    [(1.25 + 0.0299, 0.01, False), (1.25 + 0.0301, 0.01, True), (0.8 - 0.0299, 0.01, False), (0.8 - 0.0301, 0.01, True),
+     (-1.0, 1e-9, False)],
 )  # fmt: skip
 def test_no_gyroscope_has_such_a_scale(gain, sigma, refused, tmp_path):
     """Along a slanted direction, whose sigma by the covariance of E is ``sigma``: three of them beyond a quarter."""
@@ -398,9 +282,6 @@ def test_no_gyroscope_has_such_a_scale(gain, sigma, refused, tmp_path):
         require_plausible(model, covariance, tmp_path)
     with pytest.raises(FitError):
         require_plausible(LinearModel(np.eye(3), np.zeros(3)), np.full((12, 12), np.nan), tmp_path)
-
-
-# Closure runs
 
 
 def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
@@ -446,22 +327,6 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
     assert run_p_values(problem, runs, *given, left=left) == pytest.approx([p(covariance, each) for each in left], rel=1e-6)
 
 
-# What one effect may have moved
-
-
-def test_the_largest_movement_by_one_effect_is_stated():
-    a, b = np.zeros((12, 12)), np.zeros((12, 12))
-    a[0, 0], a[9, 9] = 4e-8, (0.1 * DEG) ** 2
-    b[0, 0] = b[4, 4] = 1e-8
-    found = Systematic({"one": a, "two": b}, np.ones((3, 2, 12)))
-    assert found.tilt_rms == pytest.approx(np.sqrt(2) * np.hypot(2e-4, 0.1 * DEG))
-    assert found.sigma[[0, 4, 9]] == pytest.approx([2e-4, 1e-4, 0.1 * DEG])
-    assert [found.to_json()["effects"][i] for i in (0, 4, 9)] == ["one", "two", "one"]
-    tilts = np.zeros((2, 2, 12))
-    tilts[:, :, 0] = [[1.0, 2.0], [3.0, 4.0]]
-    assert Systematic({"one": a}, tilts).tilt_rms == pytest.approx(2e-4 * np.sqrt(30 / 2))
-
-
 def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     """Calibration and effect estimated together, theta's part taken out; a scanned shape is the mean weighed by the residuals' density."""
     a, step = effect("a", 2, plausible=0.7), stepped("step", np.array([1.0, 2.0, 3.0]))
@@ -490,14 +355,110 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     squares, log_p = zip(*map(moments, variants), strict=True)
     expected = np.average(squares, axis=0, weights=np.exp(np.array(log_p) - max(log_p)))
     np.testing.assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
-    twin.spoil(variants[1], [40.0])  # so strong that its evidence alone would overflow
-    with (
-        patch.object(systematic, "candidates", lambda twin: variants),
-        patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
-    ):
-        strong = systematic_of(None, None, noise, 1.7, False)
-    np.testing.assert_allclose(strong.by_effect["test.step"], moments(variants[1])[0], rtol=1e-6)
     np.testing.assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
     # With the noise estimated again: half of the gain, less the logarithms of ten scales and of three shapes, and a half for each number.
     expected = {"test.a": 30.0 - np.log(10.0), "test.step": 30.0 - np.log(30.0)}
     assert {name: found.log_odds[name] for name in expected} == pytest.approx(expected)
+
+
+MDPS = 1e-3 * DEG
+FINE = GoodnessOfFit(60.0, 60, 0.5)
+
+
+def noise(p=0.5, beyond="each turn 2 deg, where 1 deg is usual"):
+    return SimpleNamespace(unusual_p=p, noise=SimpleNamespace(beyond_words=beyond))
+
+
+def odds(log_odds, **others):
+    return Systematic({}, np.zeros((0, 2, 12)), {"gyro.bias_drift": log_odds, "gyro.noise": -1.0, **others})
+
+
+@pytest.mark.parametrize(("p", "contradicted"), [(0.0099, True), (0.0101, False)])
+def test_turns_runs_and_noise_contradict_below_one_in_a_hundred(p, contradicted):
+    for name, found in {
+        TURNS: model_tests(GoodnessOfFit(99.0, 60, p), {}, None, None, None),
+        RUN: model_tests(FINE, {"a.csv": 0.5, "b.csv": p}, None, None, None),
+        NOISE: model_tests(FINE, {}, noise(p), None, None),
+    }.items():
+        assert [test.name for test in contradictions(found)] == [name] * contradicted
+    assert "b.csv: p = 0.0" in model_tests(FINE, {"b.csv": p}, None, None, None)[1].says
+    assert ("differ by more than the noise" in model_tests(FINE, {}, noise(p), None, None)[1].says) == contradicted
+
+
+def test_the_probability_that_no_effect_is_missing_is_a_p_value_where_it_decides():
+    """With even odds it is 0.5, below the p of the turns; with odds of 571 to 1 and prior odds of 1 to 30 it is the least."""
+    turns = GoodnessOfFit(60.0, 60, 0.7)
+    assert least_p(model_tests(turns, {}, None, odds(np.log(30)), None)) == [0.7]
+    (p,) = least_p(model_tests(turns, {}, None, odds(np.log(571)), None))
+    assert p == pytest.approx(30 / (30 + 571))
+    assert least_p(()) == []
+
+
+def test_an_effect_contradicts_where_it_is_there_with_95_percent():
+    """With prior odds of 1 to 30, odds of 570."""
+    assert (none_missing(SURE), none_missing(SUSPECTED)) == (pytest.approx(0.05), pytest.approx(0.5))
+    assert (none_missing(1e9), none_missing(-np.inf)) == (pytest.approx(0.0, abs=1e-300), 1.0)
+    above, below = np.log(571), np.log(569)
+    (found,) = contradictions(model_tests(FINE, {}, None, odds(above), None))
+    assert (found.name, found.says) == (EFFECT, "an effect is probably missing: gyro.bias_drift (probability that none is 0.05)")
+    assert contradictions(model_tests(FINE, {}, None, odds(below), None)) == []
+    # From there to even odds, 30 to 1 with the prior ones, it is open, as names of explain are more probable than not.
+    opened = [model_tests(FINE, {}, None, odds(np.log(each)), None)[1].leaves_open for each in (571, 569, 31, 29)]
+    assert opened == [False, True, True, False]
+    assert not ModelTest(TURNS, 0.2, 0.01, "").leaves_open
+
+
+def test_effects_that_are_not_told_apart_count_together():
+    """Sixteen and ten and five to one, of which none is even with the prior odds; one within exp(3) of the best is the last to count."""
+    alike = odds(np.log(16), step=np.log(10), warmth=np.log(5), far=np.log(0.79), against=-0.1)
+    assert alike.likeliest == alike.suspected == ["gyro.bias_drift", "step", "warmth"]
+    assert none_missing(alike.log_odds_of_any) == pytest.approx(30 / 61)
+    assert odds(np.log(400), near=np.log(20), far=np.log(19.9)).likeliest == ["gyro.bias_drift", "near"]
+    fewer = odds(np.log(16), step=np.log(10), warmth=np.log(3.9))
+    assert (fewer.suspected, model_tests(FINE, {}, None, fewer, None)[1].leaves_open) == ([], False)
+    assert odds(-0.5).log_odds_of_any == -np.inf
+
+
+@pytest.mark.parametrize(
+    ("mode", "p", "tested", "contradicted"),
+    [("prior", 0.99e-4, 1, 1), ("given", 0.99e-4, 1, 1), ("prior", 1.01e-4, 1, 0), ("prior", None, 0, 0), ("fit", 1e-9, 0, 0)],
+)
+def test_a_given_calibration_of_the_accelerometer_is_tested_where_it_is_in_use(mode, p, tested, contradicted):
+    found = model_tests(FINE, {}, None, None, SimpleNamespace(mode=mode, p_value=p))[1:]
+    assert (len(found), len(contradictions(found))) == (tested, contradicted)
+    assert all(test.name == GRAVITY for test in found)
+
+
+def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instability=3.0, unit_mdps=7.1):
+    """Three turns of 4, 5 and 9 s beside an accelerometer twice as noisy as its data sheet says."""
+    figures = {"gyro_noise_mdps_rthz": 5.0, "accel_noise_ug_rthz": 60.0, "gyro_bias_instability_dph": instability}
+    sensor = SimpleNamespace(
+        gyro_noise_mdps_rthz=noise_mdps,
+        gyro_bias_instability_dph=dph,
+        typical=lambda name: (model, figures[name]) if model and figures[name] else None,
+    )
+    part = lambda variance: SimpleNamespace(own=np.tile(np.diag([variance, 2 * variance, 7.0]), (3, 1, 1)))  # noqa: E731
+    parts = {"white noise of the gyroscope": part(1.0), "white noise of the accelerometer": part(4e-8), "truth file": part(1e-8)}
+    return SimpleNamespace(
+        session=SimpleNamespace(config=SimpleNamespace(sensor=sensor, model_given=given)),
+        batch=SimpleNamespace(duration_s=np.array([4.0, 5.0, 9.0])),
+        middle_s=np.array([10.0, 20.0, 40.0]),
+        used=[0, 1, 2],
+        floor=SimpleNamespace(parts=parts | {"bridged readings and impacts": part(3.0), "rounding and jitter of the stamps": part(5.0)}),
+        noise=SimpleNamespace(gyro=np.full(3, unit_mdps * MDPS), accel=np.full(3, 120e-6 * 1e3 * MG)),
+    )
+
+
+@pytest.mark.parametrize(("noise_mdps", "dph"), [(None, None), (8.0, None), (None, 12.0), (8.0, 12.0)])
+def test_a_data_sheet_promises_noise_drift_and_references(noise_mdps, dph):
+    """N^2 T of both axes, B about its mean over the session, a quarter of the measured noise of the accelerometer, and the truth's."""
+    found = promise_of(problem(noise_mdps=noise_mdps, dph=dph))
+    seconds, at = np.array([4.0, 5.0, 9.0]), np.array([10.0, 20.0, 40.0])
+    about_mean = np.eye(3) - 1 / 3
+    drift = np.diag(about_mean @ wander_covariance(at, instability_rps=(dph or 3.0) * DEG_PER_HOUR) @ about_mean)
+    variance = ((noise_mdps or 5.0) * MDPS) ** 2 * seconds + 2 * seconds**2 * drift + 3 * 4e-8 / 4 + 3 * 1e-8
+    assert found.tilt_rms == pytest.approx(np.sqrt(np.mean(variance)))
+    assert found.turn_s == 5.0
+    assert found.source == ("the noise in session.toml" if noise_mdps else "an ASM330LHH's data sheet")
+    assert found.noisier == ("" if noise_mdps else "this unit has 7.1 mdps/√Hz of noise, 5 there")
+    assert promise_of(problem(unit_mdps=6.9)).noisier == ""  # units differ by 1.4

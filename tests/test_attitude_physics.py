@@ -1,0 +1,276 @@
+"""Rotations against scipy's and their definition, the integration of rates against exact movements, and the Earth's rotation."""
+
+import numpy as np
+import pytest
+import torch
+from conftest import turned, wxyz
+from scipy.spatial.transform import Rotation
+
+from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
+from tinygc import SimulationOptions
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import estimate_heading, no_earth, unseen_covariance, vertical_only, with_heading
+from tinygc.attitude.rotation import sample_weights, steps
+from tinygc.simulation.movement import hand_plan, move
+
+RNG = np.random.default_rng(0)
+
+
+def unit(*shape):
+    q = np.random.default_rng(sum(shape)).normal(size=(*shape, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def same_attitude(p, q, atol):
+    """p and -p are one attitude."""
+    np.testing.assert_allclose(p * np.sign(np.sum(p * q, axis=-1, keepdims=True)), q, atol=atol)
+
+
+def test_exp_and_log_are_scipys():
+    vectors = RNG.normal(size=(500, 3)) * RNG.choice([1e-8, 1e-3, 0.06, 1, 5], (500, 1))
+    same_attitude(rotation.exp(vectors), wxyz(Rotation.from_rotvec(vectors)), 1e-14)
+    q = unit(500)
+    np.testing.assert_allclose(rotation.log(q), Rotation.from_quat(q, scalar_first=True).as_rotvec(), atol=1e-13)
+    np.testing.assert_array_equal(rotation.log(-q), rotation.log(q))
+
+
+def test_small_angle_series_meets_the_closed_form():
+    """From 1e-8 rad to 1 rad, across the switch, every component is exact to double precision."""
+    angle = np.geomspace(1e-8, 1, 20001)
+    q = rotation.exp(angle[:, None] * [0.36, -0.48, 0.8])
+    long = angle.astype(np.longdouble)
+    np.testing.assert_allclose(q[:, 0], np.cos(long / 2).astype(float), rtol=4e-16)
+    np.testing.assert_allclose(q[:, 3], (0.8 * np.sin(long / 2)).astype(float), rtol=8e-16)
+    assert rotation.exp(np.zeros(3)).tolist() == [1, 0, 0, 0]
+
+
+def test_product_and_inverse_are_scipys():
+    p, q = unit(2, 100)
+    expected = Rotation.from_quat(p, scalar_first=True) * Rotation.from_quat(q, scalar_first=True)
+    same_attitude(rotation.multiply(p, q), wxyz(expected), 1e-14)
+    np.testing.assert_allclose(rotation.multiply(q, rotation.conjugate(q)), np.tile([1, 0, 0, 0], (100, 1)), atol=1e-15)
+
+
+def test_matrix_is_scipys_and_turns_body_vectors_to_the_table():
+    q = unit(100)
+    np.testing.assert_allclose(rotation.matrix(q), Rotation.from_quat(q, scalar_first=True).as_matrix(), atol=1e-14)
+    quarter_left = rotation.exp(np.array([0, 0, -np.pi / 2]))  # z is down: a negative turn is to the left
+    np.testing.assert_allclose(rotation.matrix(quarter_left) @ [1, 0, 0], [0, -1, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 101])
+def test_products_of_many_steps_are_scipys(count):
+    steps = rotation.exp(RNG.normal(size=(4, count, 3)))
+    scipys = Rotation.identity(4)
+    for k in range(count):
+        scipys = scipys * Rotation.from_quat(steps[:, k], scalar_first=True)
+    same_attitude(rotation.compose(steps), wxyz(scipys), 1e-13)
+    running = rotation.accumulate(steps)
+    for k in range(count):
+        np.testing.assert_allclose(running[:, k], rotation.compose(steps[:, : k + 1]), atol=1e-13)
+    pairs = rotation.of(steps)
+    np.testing.assert_allclose(rotation.quaternions(rotation.compose_pairs(pairs)), running[:, -1], atol=1e-13)
+    np.testing.assert_allclose(rotation.quaternions(rotation.accumulate_pairs(pairs)), running, atol=1e-13)
+
+
+def test_from_gravity_holds_to_formats():
+    """roll = atan2(-fy, -fz), pitch = atan2(fx, hypot(fy, fz)), yaw 0; and the attitude explains the force."""
+    force = RNG.normal(size=(200, 3)) * 9.8
+    q = rotation.from_gravity(force)
+    fx, fy, fz = force.T
+    expected = Rotation.from_euler("ZYX", np.stack([0 * fx, np.arctan2(fx, np.hypot(fy, fz)), np.arctan2(-fy, -fz)], -1))
+    same_attitude(q, wxyz(expected), 1e-14)
+    up = np.linalg.norm(force, axis=1)[:, None] * [0, 0, -1.0]
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation.matrix(q), force), up, atol=1e-13)
+
+
+@pytest.mark.parametrize("function", [rotation.exp, rotation.accumulate, rotation.matrix])
+def test_torch_gives_what_numpy_gives(function):
+    values = RNG.normal(size=(5, 7, 3)) if function is rotation.exp else unit(5, 7)
+    np.testing.assert_allclose(function(torch.as_tensor(values)).numpy(), function(values), atol=1e-15)
+
+
+def test_derivatives_exist_everywhere_even_at_zero():
+    vectors = np.concatenate([np.zeros((1, 3)), [[1e-9, 0, 0], [0.06, 0.02, 0.0], [0.0633, 0, 0]], RNG.normal(size=(4, 3))])
+    tensor = torch.as_tensor(vectors).requires_grad_()
+    assert torch.autograd.gradcheck(rotation.exp, tensor, eps=1e-6, atol=1e-8, rtol=1e-6)
+    # At exactly zero: dq = (0, dv / 2).
+    at_zero = torch.autograd.functional.jacobian(rotation.exp, torch.zeros(3, dtype=torch.float64))
+    np.testing.assert_array_equal(at_zero.numpy(), np.concatenate([np.zeros((1, 3)), np.eye(3) / 2]))
+
+
+def test_matrices_with_their_weights():
+    q, weight = unit(3, 6), np.arange(1.0, 19.0).reshape(3, 6)
+    found = np.empty((3, 3, 3, 6))
+    rotation.matrices_into(found, rotation.of(q), weight)
+    np.testing.assert_allclose(found, (rotation.matrix(q) * weight[..., None, None]).transpose(0, 2, 3, 1), rtol=0, atol=1e-13)
+
+
+def test_small_rotations_alone_go_by_the_series():
+    """Up to 0.2 rad to double precision; a longer one is refused, whatever the others are."""
+    axis = np.random.default_rng(2).normal(size=(50, 3))
+    vector = axis / np.linalg.norm(axis, axis=1, keepdims=True) * np.linspace(0, 0.1999, 50)[:, None]
+    into = np.empty(50, dtype=complex), np.empty(50, dtype=complex)
+    assert rotation.exp_small(vector, into)
+    half = np.linspace(0, 0.1999, 50) / 2
+    np.testing.assert_allclose(into[0].real, np.cos(half), atol=3e-16)
+    np.testing.assert_allclose(np.sqrt(into[0].imag ** 2 + np.abs(into[1]) ** 2), np.sin(half), atol=3e-17)
+    vector[3] *= 0.201 / np.linalg.norm(vector[3])
+    assert not rotation.exp_small(vector, into)
+
+
+def angle_between(p, q):
+    return np.linalg.norm(rotation.log(rotation.multiply(rotation.conjugate(p), q)), axis=-1)
+
+
+@pytest.mark.parametrize(("axis", "dps"), [((0, 0, 1), 10), ((1, -2, 2), 200), ((-3, 0, 4), -450)])
+def test_turn_at_constant_rate_closes(axis, dps):
+    """360 degrees, and the fraction of a degree beyond, in steps of no common length."""
+    axis = np.asarray(axis) / np.linalg.norm(axis)
+    dt = np.random.default_rng(1).uniform(0.004, 0.006, 200)
+    rate = np.tile(dps * DEG * axis, (201, 1))
+    expected = rotation.exp(dps * DEG * dt.sum() * axis)
+    assert angle_between(rotation.compose(steps(rate, dt)), expected) < 1e-9
+
+
+def compose_with(c, rate, dt):
+    """Mean rate and a coning term of any size: the integrator's is CONING, a straight rate's 1/12."""
+    return rotation.compose(rotation.exp((rate[:-1] + rate[1:]) / 2 * dt[:, None] + c * dt[:, None] ** 2 * np.cross(rate[:-1], rate[1:])))
+
+
+@pytest.mark.parametrize(("odr_hz", "limit_deg"), [(104, 1e-5)])
+def test_a_sixth_beats_a_twelfth_a_hundredfold_on_hand_turns(odr_hz, limit_deg):
+    """Minimum-jerk strokes with tremor, and the simulated table's exact attitudes: no integration in the truth."""
+    plan = hand_plan(SimulationOptions(segments=8, closure_s=0), np.random.default_rng(0))
+    errors = []
+    for start_s, stop_s in plan.turns:
+        t = np.arange(start_s - 0.2, stop_s + 0.2, 1 / odr_hz)
+        motion = move(plan, t)
+        outer, middle, inner = motion.angles[:, [0, -1]]
+        first, last = rotation.from_euler(inner, middle, outer)
+        truth = rotation.multiply(rotation.conjugate(first), last)
+        ends = rotation.compose(steps(motion.rate, np.diff(t))), compose_with(1 / 12, motion.rate, np.diff(t))
+        errors.append([angle_between(end, truth) for end in ends])
+    sixth, twelfth = np.sqrt(np.mean(np.square(errors), axis=0)) / DEG
+    assert sixth < limit_deg
+    assert twelfth / sixth > 100
+
+
+def test_a_movement_cut_in_the_middle_keeps_the_trapezoids_ends():
+    """A tremor of 3 Hz about two axes, still going on: dt^2/12 of the rate's slope, turned to the end, at either end; second order."""
+
+    def rate_at(t):
+        return np.stack([1.5 * np.sin(6 * np.pi * t), 1.5 * np.cos(6 * np.pi * t), 0.3 * t], -1)
+
+    def slope_at(t):
+        return np.array([9 * np.pi * np.cos(6 * np.pi * t), -9 * np.pi * np.sin(6 * np.pi * t), 0.3])
+
+    t = np.arange(4 * 208 + 78) / 208
+    truth = wxyz(turned(rate_at, t[-1]))
+    end = rotation.compose(steps(rate_at(t), np.diff(t)))
+    error = rotation.log(rotation.multiply(rotation.conjugate(truth), end))  # in the end's body axes
+    ends = slope_at(t[-1]) - rotation.matrix(truth).T @ slope_at(0.0)
+    np.testing.assert_allclose(error, ends / 208**2 / 12, atol=0.01 * np.linalg.norm(error))
+
+
+@pytest.mark.parametrize(("dps", "odr_hz", "percent"), [(400, 104, 0.04)])
+def test_first_order_step_turns_by_theta_less_a_twelfth_of_its_cube(dps, odr_hz, percent):
+    theta = dps * DEG / odr_hz
+    q = steps(np.array([[dps * DEG, 0, 0]] * 2), np.array([1 / odr_hz]), "first-order")[0]
+    short = (theta - np.linalg.norm(rotation.log(q))) / theta
+    assert short == pytest.approx(theta**2 / 12, rel=0.01)
+    assert 100 * short == pytest.approx(percent, rel=0.1)
+
+
+def test_weights_sum_to_the_duration_and_integrate_straight_lines_exactly():
+    dt = np.random.default_rng(2).uniform(0.001, 0.02, (3, 50))
+    weights = sample_weights(dt)
+    assert weights.shape == (3, 51)
+    np.testing.assert_allclose(weights.sum(-1), dt.sum(-1), rtol=1e-14)
+    t = np.concatenate([np.zeros((3, 1)), np.cumsum(dt, -1)], -1)
+    np.testing.assert_allclose((weights * t).sum(-1), t[:, -1] ** 2 / 2, rtol=1e-13)
+
+
+SIDEREAL_DPH = 15.041
+
+
+def stills(seed, count=41, latitude_deg=31.03, heading_deg=70.0, sigma_dps=0.0023, bias_dps=(0.4, -0.2, 0.1)):
+    """Attitudes (Q, 4), rates (Q, 3) and sigmas of stills all around, as a gyro with a bias reads them."""
+    rng = np.random.default_rng(seed)
+    q = Rotation.random(count, random_state=rng).as_quat(scalar_first=True)
+    body = with_heading(latitude_deg, heading_deg).in_body(q)
+    sigma = np.full((count, 3), sigma_dps * DEG)
+    return q, body + np.multiply(bias_dps, DEG) + sigma * rng.standard_normal((count, 3)), sigma
+
+
+def wrapped(angle_rad):
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "down_dph", "north_dph"), [(90, -15.041, 0), (0, 0, 15.041), (31.03, -7.754, 12.888), (-90, 15.041, 0)]
+)
+def test_earth_rate_at_the_pole_the_equator_and_shanghai(latitude_deg, down_dph, north_dph):
+    """North-east-down: at the north pole the rotation points up, at the equator north."""
+    rate = with_heading(latitude_deg, 0.0).rate_t / DEG_PER_HOUR
+    np.testing.assert_allclose(rate, [north_dph, 0, down_dph], atol=0.002)
+    np.testing.assert_allclose(vertical_only(latitude_deg).rate_t / DEG_PER_HOUR, [0, 0, down_dph], atol=0.002)
+    assert np.linalg.norm(rate) == pytest.approx(SIDEREAL_DPH, abs=1e-3)
+
+
+@pytest.mark.parametrize("heading_deg", [-170, -45, 0, 90, 179])
+def test_noise_free_stills_tell_the_heading_exactly(heading_deg):
+    q, rate, sigma = stills(0, heading_deg=heading_deg, sigma_dps=1e-6)
+    earth = estimate_heading(31.03, q, rate, sigma)
+    assert wrapped(earth.heading_rad - heading_deg * DEG) == pytest.approx(0, abs=0.01 * DEG)
+    assert earth.source == "estimated"
+    np.testing.assert_allclose(earth.rate_t, with_heading(31.03, heading_deg).rate_t, rtol=0, atol=1e-8)
+
+
+def test_heading_lies_within_its_sigma_as_often_as_it_should():
+    """100 sets of 41 stills of 2.3 s at 5 mdps per root hertz: about 8 degrees each, and that is what it says."""
+    errors, sigmas = [], []
+    for seed in range(100):
+        heading_deg = (seed * 67.0) % 360 - 180
+        earth = estimate_heading(31.03, *stills(seed, heading_deg=heading_deg))
+        errors.append(wrapped(earth.heading_rad - heading_deg * DEG))
+        sigmas.append(earth.heading_sigma_rad)
+    errors, sigmas = np.array(errors), np.array(sigmas)
+    assert np.sqrt(np.mean(errors**2)) / DEG == pytest.approx(8, abs=2)
+    assert np.mean((errors / sigmas) ** 2) == pytest.approx(1, abs=0.25)
+
+
+def test_stills_of_one_attitude_tell_no_heading():
+    """The bias takes it all: only the vertical part remains, within what noise adds to a mean over all headings."""
+    q, _, sigma = stills(0)
+    same = np.tile(q[:1], (41, 1))
+    rate = with_heading(31.03, 70).in_body(same) + sigma * np.random.default_rng(1).standard_normal(sigma.shape)
+    earth = estimate_heading(31.03, same, rate, sigma)
+    assert earth.source == "unknown"
+    np.testing.assert_array_equal(earth.rate_t, vertical_only(31.03).rate_t)
+
+
+def test_the_unknown_heading_leaves_the_spread_of_all_headings():
+    """Against the mean over all headings: what is left of the Earth's rate beside the part that is taken off."""
+    headings = np.arange(0, 360, 0.5)
+    rates = np.array([with_heading(47.0, heading).rate_t for heading in headings])
+    left = rates - vertical_only(47.0).rate_t
+    np.testing.assert_allclose(unseen_covariance(vertical_only(47.0), 47.0), left.T @ left / len(left), atol=1e-20)
+    assert not unseen_covariance(with_heading(47.0, 30.0), 47.0).any()
+    np.testing.assert_allclose(unseen_covariance(no_earth(), 47.0), rates.T @ rates / len(rates), atol=1e-20)
+    np.testing.assert_allclose(np.trace(unseen_covariance(no_earth(), None)), EARTH_RATE_RPS**2)
+
+
+def test_an_estimated_heading_leaves_its_own_spread():
+    rng = np.random.default_rng(1)
+    q = rng.normal(size=(40, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    sigma = np.full((40, 3), 4e-5)
+    rate = with_heading(47.0, 30.0).in_body(q) + rng.normal(size=(40, 3)) * sigma
+    earth = estimate_heading(47.0, q, rate, sigma)
+    assert 5 * DEG < earth.heading_sigma_rad < 20 * DEG
+    across, along = np.array([-earth.rate_t[1], earth.rate_t[0], 0]), np.array([*earth.rate_t[:2], 0])
+    found = unseen_covariance(earth, 47.0)
+    length = np.linalg.norm(with_heading(47.0, 0.0).rate_t[:2])
+    np.testing.assert_allclose(across @ found @ across / (across @ across), (length * earth.heading_sigma_rad) ** 2, rtol=0.05)
+    np.testing.assert_allclose(found @ along, 0, atol=1e-22)

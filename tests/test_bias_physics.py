@@ -1,0 +1,713 @@
+"""The bias of a fit, of the day and of another session: searches by scipy, Student's t, quadrature, and rules by hand."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import GRAVITY, config, wxyz
+from noise_records import axis, figures, sensor
+from scipy.integrate import quad
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2, norm, t
+from small_sessions import small_session
+from small_turns import PERFECT, TRUE, angles_by_scipy
+
+from session.io.errors import CalibrationError, FitError, FormatError
+from session.io.folder import Session, hash_of_log
+from session.io.logfile import Log
+from session.io.samples import Samples
+from session.io.units import DEG
+from tinygc import models
+from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.closure.least_squares import StillRates
+from tinygc.estimation import bias
+from tinygc.estimation.between_sessions import (
+    CHANCE,
+    LEAST_SCATTER,
+    LOOKED_AT,
+    ONE_SIGMA,
+    Between,
+    contrasts,
+    course,
+    jump,
+    variance_where,
+)
+from tinygc.estimation.bias import bias_by_log, choose, closes_better, less_by_chance, level_days, levelled
+from tinygc.estimation.bias_of_day import (
+    BiasOfDay,
+    Origin,
+    Rebiased,
+    bias_from_gravity,
+    false_stills,
+    from_start,
+    origin_of,
+    rebias_to_json,
+    remarks,
+)
+from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, expected_zero, wander_variance
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, between_sessions, repeatability_of
+from tinygc.models.linear import BIAS, LinearModel
+from tinygc.noise import reml
+
+
+def test_better_by_chance_is_the_exact_signed_rank_of_tilts_that_are_smaller_altogether():
+    usual = np.array([[3.0, 4.0, 9.0], [0.0, 2.0, 9.0], [1.0, 0.0, 9.0]])  # tilts of 5, 2 and 1; the third angle does not count
+    assert less_by_chance(usual, usual * [0.5, 0.5, 99]) == 1 / 8  # all three of eight signs
+    assert less_by_chance(usual, usual[:, :2] * [[0.5], [0.5], [1.1]]) == 2 / 8  # the smallest difference the other way
+    assert less_by_chance(usual, usual[:, :2] * [[0.5], [1.0], [1.0]]) == 1 / 2
+    assert less_by_chance(usual, usual) == 1.0
+    assert less_by_chance(usual, usual[:, :2] * [[1.1], [0.1], [0.1]]) == 1.0  # the root mean square is not smaller
+    assert less_by_chance(usual[:2], np.array([[5.0, 0], [0, 2.0]])) == 1.0
+
+
+def test_the_smaller_held_out_error_decides_and_of_few_turns_a_test():
+    usual = np.random.default_rng(1).standard_normal((13, 2))
+    assert closes_better(usual, 0.989 * usual)
+    assert not closes_better(usual, 0.991 * usual)  # as good as equal
+    mixed = usual * np.where(np.arange(13) < 7, 1.2, 0.5)[:, None]
+    assert closes_better(usual, mixed)
+    assert not closes_better(usual[:12], mixed[:12])  # seven of twelve are worse
+    assert closes_better(usual[:12], 0.9 * usual[:12])
+
+
+@pytest.mark.parametrize(
+    ("asked", "ends", "stills", "prior", "unobserved", "turns", "used"),
+    [
+        ("auto", 1.0, 0.5, None, (), 7, "stills"),
+        ("auto", 0.5, 1.0, None, (), 7, "ends"),
+        ("ends", 1.0, 0.5, None, (), 7, "ends"),
+        ("stills", 0.5, 1.0, None, (), 7, "stills"),
+        ("auto", 1.0, 1.0, "lot", (), 7, "stills"),  # no worse by more than chance
+        ("auto", 0.5, 1.0, "lot", (), 7, "ends"),
+        ("auto", 0.5, 1.0, None, (), 6, "stills"),  # too few turns for their ends to show it
+        ("auto", 0.5, 1.0, None, ("bx",), "known", "stills"),  # with stated angles, where they do not show it
+        ("auto", 0.5, 1.0, None, ("s_xx",), "known", "ends"),
+    ],
+)
+def test_the_source_is_the_one_asked_for_or_shown_to_be_better(monkeypatch, asked, ends, stills, prior, unobserved, turns, used):
+    counts = (4, 3) if turns == "known" else (4, turns - 4)
+    problem = replace(small_session(counts, kind="known" if isinstance(turns, str) else "tilt"), prior=prior)
+    unobserved = tuple({"bx": bias.NAMES[bias.BIAS][0], "s_xx": bias.NAMES[0]}[name] for name in unobserved)
+    asked_for = []
+
+    def run_method(name, problem, options, before=None):
+        size = (ends if problem.rest_rps is None else stills) * np.ones((8, 2))
+        asked_for.append((name, before))
+        return SimpleNamespace(held_out=size * DEG, notes={"unobserved": unobserved})
+
+    monkeypatch.setattr(bias, "run_method", run_method)
+    choice, chosen, fit = choose(problem, FitOptions(bias=asked))
+    assert (choice.used, chosen.rest_rps is not None) == (used, used == "stills")
+    assert fit.held_out is choice.held_out[used]
+    assert choice.p_value == (1 / 256 if stills < ends else 1.0)
+    assert asked_for[0] == ("least_squares", None)
+    assert set(asked_for[1][1]) == {"least_squares"}
+    assert choice.of_lot == (prior is not None)
+    assert choice.unseen == (turns == 6 or unobserved == bias.NAMES[bias.BIAS][:1])
+    table = choice.to_json()
+    assert table["stills_holdout_tilt_rms_deg"] == pytest.approx(stills * np.sqrt(2))
+
+
+@pytest.mark.parametrize(
+    ("more", "truths", "why"),
+    [
+        ({}, True, "do not lie between stills"),
+        ({"still_rates": True}, False, "--still-rates"),
+        ({"bias_per_log": True}, False, "--bias-per-log"),
+    ],
+)
+def test_stills_that_cannot_be_used_are_refused_or_passed_over(monkeypatch, more, truths, why):
+    monkeypatch.setattr(bias, "run_method", lambda *_, **__: "fit")
+    problem = small_session(truths=truths)
+    with pytest.raises(CalibrationError, match=f"--bias stills: .*{why}"):
+        choose(problem, FitOptions(bias="stills", **more))
+    choice, same, fit = choose(problem, FitOptions(**more))
+    assert (choice.used, choice.held_out, same, fit) == ("ends", {}, problem, "fit")
+
+
+def test_the_bias_of_each_log_closes_its_turns_best():
+    problem = small_session((4, 3))
+    off = LinearModel(TRUE.E, TRUE.B + np.array([1e-3, -2e-3, 3e-3]))
+    owner = np.array([segment.log for segment in problem.used])
+    for sigma in (None, np.linspace(1e-3, 9e-3, 14).reshape(7, 2)):
+        found = bias_by_log(problem, off, sigma)
+        weights = problem.floor.sigma if sigma is None else sigma
+        for log in (0, 1):
+            part = problem.batch.pick(owner == log)
+
+            def left(change, part=part, weight=1 / weights[owner == log]):
+                return (angles_by_scipy(part, off.vector + np.r_[np.zeros(9), change]) * weight).ravel()
+
+            best = least_squares(left, np.zeros(3), x_scale=1e-3, xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+            np.testing.assert_allclose(found[log], best, rtol=2e-3, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def two_days():
+    """Twelve turns in each of two logs, the second of another bias."""
+    problem = small_session((12, 12), noise=3.0)
+    owner = np.array([segment.log for segment in problem.used])
+    moved = problem.batch.rate + (owner == 1)[:, None, None] * np.array([2e-3, -1e-3, 3e-3])
+    problem = replace(problem, batch=replace(problem.batch, rate=moved), first=PERFECT)
+    return problem, owner, level_days(problem)
+
+
+def test_biases_of_days_are_those_of_one_fit_of_all_beside_a_common_matrix(two_days):
+    """Twelve parameters and a bias of the second log more, weighted alike, by scipy."""
+    problem, owner, days = two_days
+
+    def left(x):
+        shifted = replace(problem.batch, earth=problem.batch.earth - (owner == 1)[:, None, None] * x[12:])
+        return (angles_by_scipy(shifted, TRUE.vector + x[:12]) / days.sigma).ravel()
+
+    best = least_squares(left, np.zeros(15), x_scale=1e-3, xtol=1e-12, ftol=1e-12, gtol=1e-12).x[12:]
+    sigma = 2e-5
+    np.testing.assert_allclose(days.offsets[1] - days.offsets[0], best, atol=sigma)
+    np.testing.assert_allclose(days.offsets.sum(axis=0), 0, atol=1e-12)  # from their median
+    np.testing.assert_allclose(days.sigma_rps, np.sqrt(np.sum(days.offsets**2, axis=0)), rtol=1e-12)  # of two: one degree of freedom
+    np.testing.assert_allclose(days.batch.earth, problem.batch.earth - days.offsets[owner][:, None], atol=1e-15)
+    np.testing.assert_array_less(np.abs(best), 1e-2)
+
+
+def test_a_levelled_floor_is_widened_by_its_turns_factors(two_days):
+    problem, _, days = two_days
+    found, spread = levelled(problem)
+    factor = np.repeat((days.sigma / problem.floor.sigma)[:, 0], 2)
+    np.testing.assert_allclose(found.floor.dense(), problem.floor.dense() * np.outer(factor, factor), rtol=1e-12)
+    np.testing.assert_allclose(found.floor.wider, problem.floor.wider * factor[::2, None, None] ** 2, rtol=1e-12)
+    np.testing.assert_allclose(found.floor.sigma, days.sigma, rtol=1e-12)
+    np.testing.assert_array_equal(spread, days.sigma_rps)
+    assert np.ptp(factor) > 0.1
+    bare = levelled(replace(problem, floor=replace(problem.floor, wider=None)))[0]
+    assert bare.floor.wider is None
+
+
+PERIOD_S, BLOCK = 0.05, 2
+
+
+def swaying(gap_s=0.0, without=()):
+    """Samples at 20 Hz of a body that turns and sways for 16 s, with noise and a bias; calibrated rates, and its first attitude.
+
+    gap_s: longer than usual from block 80 to the next; without: slices of blocks without a force.
+    """
+    rng = np.random.default_rng(0)
+    t = np.arange(321) * PERIOD_S
+    t[80 * BLOCK :] += gap_s
+    waves = np.sin(2 * np.pi * (rng.uniform(0.05, 0.3, (3, 4)) * t[:, None, None] + rng.uniform(0, 1, (3, 4)))).sum(axis=2)
+    rate = 0.25 * waves
+    q = Rotation.from_rotvec([0.3, -0.2, 1.0])
+    truth = attitudes(q.as_matrix(), rate, t, None)
+    sway = 0.15 * np.sin(2 * np.pi * rng.uniform(0.1, 0.4, 3) * t[:, None] + [0, 1, 2])
+    force = np.einsum("tji,tj->ti", truth, sway - [0, 0, GRAVITY]) + [0.03, -0.05, 0.04] + 0.02 * rng.normal(size=rate.shape)
+    gyro = rate + np.array([0.08, -0.05, 0.06]) * DEG + 1e-4 * rng.normal(size=rate.shape)
+    for some in without:
+        force[some.start * BLOCK : some.stop * BLOCK] = 0.0
+    return Samples(np.rint(t * 1e9).astype(np.int64), gyro, force), gyro, wxyz(q)
+
+
+def attitudes(first, rate, t, earth_n):
+    """Matrices (N, 3, 3) from body to navigation axes: sensed rates turn it against inertial space, which the Earth's rate turns below."""
+    dt = np.diff(t)[:, None]
+    vectors = (rate[1:] + rate[:-1]) / 2 * dt + dt**2 / 6 * np.cross(rate[:-1], rate[1:])
+    found = [first]
+    for step in Rotation.from_rotvec(vectors).as_matrix():
+        found.append(found[-1] @ step)
+    found = np.array(found)
+    if earth_n is None:
+        return found
+    return Rotation.from_rotvec(-t[:, None] * earth_n).as_matrix() @ found
+
+
+def searched(samples, rate, q_first, pieces, prior, rest=None, rest_sigma=0.05 * DEG, earth_n=None):
+    """Mean bias, its covariance (3, 3), knots and walk: the model's words put down once more, numeric derivatives, all else scipy's.
+
+    pieces: (first, last) block of each uninterrupted one.
+    """
+    t = samples.t_s - samples.t_s[0]
+    blocks = len(t) // BLOCK
+    knots = np.linspace(0, t[-1], max(2, round(t[-1] / 10) + 1))
+    count, first = len(knots), Rotation.from_quat(q_first, scalar_first=True).as_matrix()
+    shares = np.array([np.interp(t[: blocks * BLOCK], knots, hat).mean() for hat in np.eye(count)])
+
+    def mean(values):
+        return values[: blocks * BLOCK].reshape(blocks, BLOCK, 3).mean(axis=1)
+
+    def residuals(x):
+        walk, accel, tilt, starts = (
+            x[: 3 * count].reshape(count, 3),
+            x[3 * count : 3 * count + 3],
+            x[3 * count + 3 : 3 * count + 5],
+            x[3 * count + 5 :],
+        )
+        bias = np.stack([np.interp(t, knots, axis) for axis in walk.T], axis=1)
+        turn = Rotation.from_rotvec([*tilt, 0]).as_matrix() @ attitudes(first, rate + bias, t, earth_n)
+        pulled = mean(np.einsum("tij,tj->ti", turn, samples.accel - accel)) + np.array([0, 0, GRAVITY])
+        parts = [(shares @ walk) / prior, np.diff(walk, axis=0) / (3e-5 * np.sqrt(np.diff(knots)))[:, None]]
+        parts += [accel / 0.1, tilt / (0.5 * DEG), starts / 1.0]
+        if rest is not None:
+            parts.append((shares @ walk - rest) / rest_sigma)
+        for (a, b), start in zip(pieces, starts.reshape(-1, 3), strict=True):
+            velocity = start + np.cumsum(pulled[a:b] * BLOCK * PERIOD_S, axis=0)
+            keep = np.exp(-BLOCK * PERIOD_S / 2.0)
+            parts += [velocity[:1] / 0.5, (velocity[1:] - keep * velocity[:-1]) / (0.5 * np.sqrt(1 - keep**2))]
+        return np.concatenate([np.ravel(part) for part in parts])
+
+    scale = np.array([1e-3] * 3 * count + [0.1] * 3 + [0.01] * 2 + [1.0] * 3 * len(pieces))
+    found = least_squares(residuals, np.zeros(len(scale)), x_scale=scale, xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    to_mean = np.zeros((3, len(scale)))
+    to_mean[:, : 3 * count] = np.kron(shares, np.eye(3))
+    scaled = found.jac * scale
+    covariance = to_mean * scale @ np.linalg.inv(scaled.T @ scaled) @ (to_mean * scale).T
+    walk = found.x[: 3 * count].reshape(count, 3)
+    return shares @ walk, covariance, knots, walk
+
+
+def agrees(found, expected):
+    change, covariance, knots, walk = expected
+    variance, directions = np.linalg.eigh(covariance)
+    np.testing.assert_allclose(found.knots_s, knots)
+    np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(covariance)), rtol=0.005)
+    np.testing.assert_allclose(found.direction_sigma, np.sqrt(variance), rtol=0.005)
+    np.testing.assert_allclose(np.abs(np.sum(found.directions * directions.T, axis=1)), 1, atol=0.01)
+    np.testing.assert_allclose((found.change - change) / found.sigma, 0, atol=0.01)
+    np.testing.assert_allclose((found.walk - walk) / found.sigma, 0, atol=0.01)
+
+
+CASES = {
+    "gravity alone": {},
+    "a prior of each axis": {"prior": np.array([0.02, 0.1, 0.01]) * DEG},
+    "a rest of each axis": {"rest": np.array([-0.1, 0.08, -0.03]) * DEG, "rest_sigma": np.array([0.01, 0.02, 0.005]) * DEG},
+    "an Earth": {"earth_n": np.array([0.03, 0.0, -0.02]) * DEG},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_gravity_s_bias_and_its_covariance_are_those_of_a_search_by_scipy(case):
+    more = CASES[case]
+    samples, rate, q_first = swaying()
+    expected = searched(samples, rate, q_first, [(0, 160)], **({"prior": 0.1 * DEG} | more))
+    agrees(bias_from_gravity(samples, rate, q_first, gravity_mps2=GRAVITY, **more), expected)
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "without", "pieces"),
+    [
+        (0.06, [], [(0, 80), (80, 160)]),
+        (0.04, [slice(40, 45), slice(64, 70)], [(0, 40), (70, 160)]),  # 1.9 s between them, and a gap of less than a block, tell nothing
+        (0.0, [slice(40, 45), slice(66, 70)], [(0, 40), (45, 66), (70, 160)]),
+        (0.06, [slice(0, 79)], [(80, 160)]),  # one block before the gap, or behind it
+    ],
+)
+def test_what_interrupts_a_run_leaves_a_velocity_of_its_own_to_each_piece_of_two_seconds(gap_s, without, pieces):
+    samples, rate, q_first = swaying(gap_s, without)
+    agrees(bias_from_gravity(samples, rate, q_first, gravity_mps2=GRAVITY), searched(samples, rate, q_first, pieces, 0.1 * DEG))
+
+
+def test_a_run_without_forces_or_of_no_numbers_is_refused():
+    samples, rate, q_first = swaying()
+    with pytest.raises(FitError, match="no 2 s of the run"):
+        bias_from_gravity(samples.with_accel(0 * samples.accel), rate, q_first)
+    with pytest.raises(FitError, match="left the finite numbers"), np.errstate(all="ignore"):
+        bias_from_gravity(samples.with_accel(1e200 * samples.accel), rate, q_first)
+
+
+def test_a_walk_is_in_excess_by_its_steps_root_mean_square_in_their_own_sigmas():
+    """3e-5 rad/s/sqrt(s)."""
+    none, sigma = np.zeros(3), 3e-5 * np.sqrt([4.0, 9.0])
+    walk = np.cumsum([none, sigma[0] * np.array([1, 2, 3]), sigma[1] * np.array([-2, 0, 4])], axis=0)
+    found = BiasOfDay(none, none, np.eye(3), none, np.array([0.0, 4.0, 13.0]), walk)
+    assert found.excess == pytest.approx(np.sqrt((1 + 4 + 9 + 4 + 16) / 6))
+    assert replace(found, walk=walk / 10).excess == 1.0
+    assert replace(found, walk=walk[:1], knots_s=np.zeros(1)).excess == 1.0
+
+
+def stills_of(change_dps, sigma_dps=1e-6):
+    """A problem whose stills read as if the bias had changed by these (Q, 3) dps."""
+    change = np.array(change_dps) * DEG
+    earth = np.arange(3.0 * len(change)).reshape(-1, 3) * 1e-3
+    rate = np.linalg.solve(TRUE.E, (earth - change - TRUE.B).T).T
+    return replace(small_session(), still_rates=StillRates(rate, earth, np.full(rate.shape, sigma_dps * DEG)))
+
+
+def along_z(first, second, others, sigma=1e-6):
+    change = np.zeros((2 + len(others), 3))
+    change[:, 2] = [first, second, *others]
+    return stills_of(change, sigma)
+
+
+@pytest.mark.parametrize(
+    ("others", "sigma", "median", "limit"),
+    [
+        # A drift: no step is unlike the others, so the distance from the median decides; of the deviations from 3, the median is 2.
+        ([0.0, 1, 2, 3, 4, 5, 6], 2.0, 3.0, 5 * np.hypot(2.0, 1.4826 * 2)),
+        # To and fro: half of the others are alike, so the step decides; of the deviations from a step of -2, the median is 4.
+        ([1.0, -1, 1, -1, 1, -1, 1], 3.0, 1.0, 5 * np.hypot(3.0, 1.4826 * 4)),
+    ],
+)
+def test_a_first_still_is_false_five_sigmas_from_the_others_and_from_its_neighbour(others, sigma, median, limit):
+    for side in (-1, 1) if median == others[0] else (-1,):
+        for size, false in ((0.9999, 0), (1.0001, 1)):
+            found = false_stills(along_z(median + side * size * limit, *others[:1], others[1:], sigma), TRUE)
+            assert len(found) == false
+    if false:
+        assert found == pytest.approx([limit * DEG], rel=1e-3)
+
+
+def test_false_stills_are_passed_over_until_one_agrees_and_of_four_none_is():
+    quiet = [0.01, -0.01, 0.01, -0.01, 0.01]
+    assert false_stills(along_z(9.0, 5.0, quiet), TRUE) == pytest.approx([9 * DEG - 0.01 * DEG, 5 * DEG - 0.01 * DEG])
+    assert false_stills(along_z(9.0, -0.01, quiet[:3]), TRUE) == pytest.approx([9 * DEG], abs=0.011 * DEG)
+    assert false_stills(along_z(9.0, -0.01, quiet[:2]), TRUE) == []
+
+
+def test_the_first_still_that_is_not_false_gives_the_change_and_its_sigma():
+    problem = along_z(9.0, 0.0, [0.01, -0.01, 0.01, -0.01])
+    sigma = np.arange(1.0, 19).reshape(6, 3)
+    problem = replace(problem, still_rates=replace(problem.still_rates, sigma=1e-12 * sigma))
+    change, its = from_start(problem, TRUE)
+    np.testing.assert_allclose(change, [0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(its, [4e-12, 5e-12, 6e-12])
+
+
+def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
+    """2 s at rest between motions."""
+    problem = small_session()
+    rows = 240
+    t_ns = np.arange(rows) * 25_000_000
+    motion = np.roll(np.r_[np.zeros(80), np.sin(np.arange(160))], 40)[:, None]
+    gyro, force = np.add(motion, [0.01, 0.02, -0.03]), np.add(20 * motion, [0.0, 0.0, -GRAVITY])
+    log = replace(problem.logs[0], samples=Samples(t_ns, gyro, force))
+    none = StillRates(*np.zeros((3, 0, 3)))
+    change, sigma = from_start(replace(problem, still_rates=none, logs=[log]), TRUE)
+    np.testing.assert_allclose(change, -(TRUE.E @ [0.01, 0.02, -0.03] + TRUE.B), rtol=1e-9)
+    np.testing.assert_allclose(sigma, log.noise.angle_random_walk / np.sqrt(2.0), rtol=0.03)
+    moving = replace(log, samples=Samples(t_ns[:100], gyro[120:220], force[120:220]))
+    assert from_start(replace(problem, still_rates=none, logs=[moving]), TRUE) is None
+
+
+def rebiased(**more):
+    problem = small_session()
+    changes = {"start": (np.array([1.0, 2, 3]) * DEG, np.array([3.0, 3, 4]) * DEG), "given": (np.array([0.5, 0, 0]) * DEG, None)}
+    changes["gravity"] = (np.array([7.0, 2, 9]) * DEG, np.array([4.0, 4, 3]) * DEG)
+    angles = {name: problem.batch.start[:, 1:3] * 1e-3 for name in ("stored", *changes)}
+    made = Rebiased(problem, [], TRUE, changes, "start", angles, [], Path("m.json"), Origin("x", False, "said"))
+    return replace(made, **more)
+
+
+def test_start_and_gravity_disagree_by_sigmas_of_their_difference():
+    made = rebiased()
+    assert made.disagreement == pytest.approx(6 / 5)
+    np.testing.assert_allclose(made.model.B, TRUE.B + np.array([1, 2, 3]) * DEG)
+    assert replace(made, changes={name: made.changes[name] for name in ("start", "given")}).disagreement == 0
+    for factor, said in ((4.15, 1), (4.18, 2)):  # five sigmas are 25 / 6 = 4.1667 times as much
+        changes = {name: (factor * value, sigma) for name, (value, sigma) in made.changes.items()}
+        assert len(remarks(replace(made, changes=changes))) == said
+    table = rebias_to_json(made)
+    assert table["bias"]["change_dps"]["gravity"] == pytest.approx([7, 2, 9])
+    assert table["bias"]["sigma_dps"] == {"start": pytest.approx([3, 3, 4]), "given": None, "gravity": pytest.approx([4, 4, 3])}
+    rms = np.sqrt(np.mean(np.sum(made.angles["start"] ** 2, axis=1))) / DEG
+    assert table["methods"]["stored_start"]["holdout"]["tilt_rms_deg"] == pytest.approx(rms)
+    assert (table["segments"]["found"], table["segments"]["used"], table["stills"]) == (8, 7, 10)
+    assert table["noise"]["gyro_dps_rthz"] == pytest.approx(made.problem.noise.gyro / DEG)
+    assert table["noise"]["closure_floor_rms_deg"] == pytest.approx(made.problem.floor.tilt_rms / DEG)
+
+
+@pytest.mark.parametrize(
+    ("table", "here", "says"),
+    [
+        ({"session": "made", "sha256": "own"}, True, "this very session"),
+        ({"session": "x", "stored": {"session": "first", "sha256": "own"}}, True, "this very session"),
+        ({"session": "made", "sha256": "other"}, None, "of the same name (made)"),
+        ({"session": "other", "sha256": "other"}, False, "fitted to other logs (other)"),
+        ({"sha256": "other"}, False, "fitted to other logs (of a session without a name)"),
+        ({"session": "other", "sha256": None}, False, "another session by its name (other)"),
+        (
+            {"session": "x", "sha256": "own", "stored": {"session": "first", "sha256": "other"}},
+            False,
+            "had its bias from this very session",
+        ),
+        ({}, None, "not known"),
+        ({"sha256": [3], "session": ["x"], "stored": 7}, None, "not known"),
+    ],
+)
+def test_what_a_stored_model_was_fitted_to(tmp_path, table, here, says):
+    samples, *_ = swaying()
+    session = Session(Path("made"), config(), (Log(Path("log0001.csv"), samples, raw=True, in_memory=True),), ())
+    hashes = {"own": {"log0001.csv": hash_of_log(session.logs[0])}, "other": {"log0001.csv": "0" * 64}}
+
+    def told(entry):
+        return entry | ({"sha256": hashes.get(entry["sha256"], entry["sha256"])} if isinstance(entry.get("sha256"), str) else {})
+
+    if isinstance(table.get("stored"), dict):
+        table = table | {"stored": told(table["stored"])}
+    (tmp_path / "m.json").write_text(json.dumps(told(table)))
+    found = origin_of(tmp_path / "m.json", session)
+    assert found.here is here
+    assert says in found.says
+    assert ("had its bias" in found.says) == ("had its bias" in says)
+
+
+RNG = np.random.default_rng(37)
+DRIFT = np.array([0.0, 1.0])
+
+
+def drifting(n):
+    return np.column_stack([np.ones(n), np.arange(n) - n + 1.0])
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.7, 5.0])
+def test_the_scatter_is_that_of_restricted_likelihood(scatter):
+    n = 9
+    own = RNG.uniform(0.3, 3, n) ** 2
+    values = 4 + 0.3 * np.arange(n) + RNG.normal(size=n) * np.sqrt(own + scatter**2)
+    found = Between(values, own, drifting(n))
+    wide = 1e4 * drifting(n)
+    expected = reml.estimate(values, wide, np.diag(own), [np.eye(n)], np.ones(1), [None], [np.arange(n)], steps=80).s
+    assert found.scatter == pytest.approx(expected[0], abs=3e-3)
+
+
+def test_contrasts_hold_the_residuals_with_their_variances():
+    """Q at any s is the weighted sum of squares about the weighted line, as any text on least squares has it."""
+    n = 7
+    own, values, design = RNG.uniform(0.5, 2, n), RNG.normal(size=n), drifting(n)
+    variance, z = contrasts(values, own, design)
+    assert len(z) == n - 2
+    for square in (0.0, 0.8):
+        weight = np.diag(1 / (own + square))
+        beta = np.linalg.solve(design.T @ weight @ design, design.T @ weight @ values)
+        left = values - design @ beta
+        assert np.sum(z**2 / (variance + square)) == pytest.approx(left @ weight @ left, rel=1e-10)
+
+
+def test_the_interval_of_the_scatter_is_that_of_chi_square():
+    values = RNG.normal(size=6)
+    low, high = Between(values, np.zeros(6), np.ones((6, 1))).scatter_interval
+    expected = np.sqrt(np.sum((values - values.mean()) ** 2) / chi2.ppf([0.975, 0.025], 5))
+    np.testing.assert_allclose([low, high], expected, rtol=1e-9)
+
+
+def test_without_own_errors_a_drift_is_that_of_students_t():
+    n = 8
+    values, design = RNG.normal(size=n) + 0.2 * np.arange(n), drifting(n)
+    found = Between(values, np.zeros(n), design)
+    beta, (rest,), *_ = np.linalg.lstsq(design, values, rcond=None)
+    error = np.sqrt(rest / (n - 2) * np.linalg.inv(design.T @ design)[1, 1])
+    np.testing.assert_allclose(found.interval(DRIFT), beta[1] + error * t.ppf([0.025, 0.975], n - 2), rtol=1e-6)
+    assert found.sigma(DRIFT) == pytest.approx(error * t.ppf((1 + ONE_SIGMA) / 2, n - 2), rel=1e-6)
+    assert found.p_value(DRIFT) == pytest.approx(2 * t.sf(abs(beta[1] / error), n - 2), rel=1e-6)
+    assert found.coefficients == pytest.approx(beta)
+    assert found.counted == found.scatter
+
+
+def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter():
+    """The same by quadrature over the pivot itself."""
+    n = 5
+    own, design = np.array([0.3, 1.0, 0.5, 0.2, 0.8]), drifting(5)
+    values = np.array([0.0, 0.4, 2.6, 2.1, 5.0])
+    found = Between(values, own, design)
+    variance, z = contrasts(values, own, design)
+
+    def below(u):
+        square = variance_where(variance, z, np.array([u]))
+        to_coefficients, covariance = found.weighted(square)
+        beta = (to_coefficients @ values)[0, 1]
+        return chi2.pdf(u, 3) * norm.cdf(-beta / np.sqrt(covariance[0, 1, 1]))
+
+    expected = quad(below, 0, np.sum(z**2 / variance), limit=200)[0] + quad(below, np.sum(z**2 / variance), np.inf)[0]
+    assert found.p_value(DRIFT) == pytest.approx(2 * min(expected, 1 - expected), rel=1e-3)
+    assert n - found.freedom == 2
+
+
+def test_the_scatter_that_counts_is_no_less_than_a_share_of_the_sample():
+    values, own = np.array([1.0, -1.0, 1.0, -1.0]), np.full(4, 100.0)
+    assert Between(values, own, np.ones((4, 1))).counted == pytest.approx(np.sqrt(LEAST_SCATTER * 4 / 3))
+
+
+def test_a_step_is_judged_over_all_intervals_and_numbers():
+    """Without own errors the p-value of the one that is found is Student's t, corrected for all that was looked at."""
+    at = np.array([0.0, 0.3, 1.1, 1.6, 2.4, 2.9, 3.7, 4.1])
+    values = np.array([0.01, -0.02, 0.015, 0.0, 3.0, 3.02, 2.99, 3.01])
+    found = course(values, np.zeros(8), at)
+    (step,) = found.steps
+    assert step.before == 3
+    design = np.column_stack([np.ones(8), jump(8, 3), at - at[-1]])
+    beta, (rest,), *_ = np.linalg.lstsq(design, values, rcond=None)
+    error = np.sqrt(rest / 5 * np.linalg.inv(design.T @ design)[1, 1])
+    one = 2 * t.sf(beta[1] / error, 5)
+    assert step.p_value == pytest.approx(1 - (1 - one) ** (7 * LOOKED_AT), rel=1e-4)
+    assert found.model.coefficients @ found.step_column(0) == pytest.approx(beta[1])
+    assert beta[1] == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_step_is_found_from_the_chance_that_is_stated():
+    """Just more and just less significant than 5 % over all: the bar is where it is said to be."""
+    n, at = 12, np.arange(12.0)
+    noise = np.random.default_rng(2).normal(size=n)
+    design = np.column_stack([np.ones(n), jump(n, 5), at - at[-1]])
+    noise -= design @ np.linalg.lstsq(design, noise, rcond=None)[0]
+    error = np.sqrt(noise @ noise / (n - 3) * np.linalg.inv(design.T @ design)[1, 1])
+    bar = error * t.isf((1 - (1 - CHANCE) ** (1 / (11 * LOOKED_AT))) / 2, n - 3)
+    for factor, count in ((0.98, 0), (1.02, 1)):
+        found = course(noise + factor * bar * jump(n, 5), np.zeros(n), at)
+        assert len(found.steps) == count, factor
+
+
+def test_an_effect_of_temperature_is_taken_off_where_it_shows():
+    rng = np.random.default_rng(4)
+    at, warmth = np.arange(10.0), 25 + rng.uniform(-8, 8, 10)
+    noise = 0.01 * rng.normal(size=10)
+    found = course(0.2 * warmth + noise, np.full(10, 1e-6), at, warmth)
+    assert found.warms
+    assert found.warming is not None
+    assert found.warming.coefficients[2] == pytest.approx(0.2, abs=0.005)
+    assert found.model.scatter < 0.03
+    assert not course(noise, np.full(10, 1e-6), at, warmth).warms
+    assert course(0.2 * warmth, np.full(10, 1e-6), at, 25 + 0.1 * rng.normal(size=10)).warming is None  # it did not vary
+    assert course(noise[:4], np.full(4, 1e-6), at[:4], warmth[:4]).warming is None
+
+
+def test_what_the_fits_own_sigmas_explain_is_no_spread():
+    biases = np.array([[1.0, 1.0, 0], [-1, -1, 0], [0, 0, 0]])
+    own = np.tile(np.diag([1 / 3, 10.0, 0]), (3, 1, 1))
+    found = between_sessions(biases, own, [None] * 3)
+    np.testing.assert_allclose(found.scatter_rps, [np.sqrt(2 / 3), np.sqrt(0.1), 0])
+    np.testing.assert_allclose(found.rps, t.ppf((1 + ONE_SIGMA) / 2, 2) * found.scatter_rps)
+
+
+def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
+    rps, own = np.array([1.0, 2, 3]), np.diag(np.arange(12.0))
+    own[9, 10] = own[10, 9] = 0.5
+    found = BiasRepeatability(rps * DEG, "said")
+    more = found.any_session(own) - own
+    np.testing.assert_allclose(more, np.diag([0.0] * 9 + [2 * DEG**2, 8 * DEG**2, 18 * DEG**2]), rtol=1e-9, atol=1e-15)
+    assert own[9, 9] == 9  # it is left as it was
+    np.testing.assert_allclose(found.sigma(own[BIAS, BIAS]), np.sqrt(np.diag(found.any_session(own))[BIAS]), rtol=1e-12)
+    known = {"spread_dps": pytest.approx([1, 2, 3]), "degrees_of_freedom": [None] * 3, "source": "said"}
+    assert found.to_json(np.zeros((3, 3))) == known | {"sigma_dps": pytest.approx(np.sqrt(2) * rps)}
+    assert BiasRepeatability(rps, "", np.full(3, 2.0)).to_json(own[BIAS, BIAS])["degrees_of_freedom"] == [2.0] * 3
+
+
+@pytest.fixture
+def unit(tmp_path):
+    """``session(number)``, of one unit, and ``fitted(name, …)``, the folder of a fit of it: only what the spread is read from."""
+
+    def session(number=0, serial="test"):
+        samples = Samples(np.arange(9) * 10_000_000, np.full((9, 3), float(number)), np.ones((9, 3)))
+        made = config()
+        made = replace(made, sensor=replace(made.sensor, serial=serial, gyro_bias_repeatability_dps=0.5 if number < 0 else None))
+        return Session(tmp_path / "today", made, (Log(Path("log.csv"), samples, in_memory=True),), ())
+
+    def fitted(name, bias=(0.0, 0.0, 0.0), covariance=None, **more):
+        (tmp_path / name / "fit").mkdir(parents=True)
+        model = LinearModel(np.eye(3), np.array(bias))
+        told = {"sha256": {"log.csv": name, "session.toml": "same"}, "sensor": {"model": "ASM330LHH", "serial": "test"}}
+        told |= ({} if covariance is False else {"covariance": (np.zeros((12, 12)) if covariance is None else covariance).tolist()}) | more
+        (tmp_path / name / "fit" / "model_least_squares.json").write_text(json.dumps(models.to_dict(model, **told)))
+        return tmp_path / name
+
+    return session, fitted
+
+
+def test_the_spread_is_of_the_biases_of_fitted_sessions_less_their_own_variances(unit):
+    session, fitted = unit
+    covariance = np.diag(np.arange(12.0)) * 1e-3
+    folders = [fitted("a", (1.0, 2.0, 0.0), covariance), fitted("b", (-1.0, 2.0, 1.0), covariance), fitted("c", (0, 2.1, -1), covariance)]
+    found = repeatability_of(session(), folders)
+    widened = t.ppf((1 + ONE_SIGMA) / 2, 2)
+    expected = [np.sqrt(1 - 0.009), np.sqrt(0.1 * 0.01 / 3), np.sqrt(1 - 0.011)]
+    np.testing.assert_allclose(found.rps, widened * np.array(expected), rtol=1e-9)
+    assert found.source == "3 other sessions of this unit"
+    given = repeatability_of(session(-1))
+    assert (given.rps.tolist(), given.source) == ([0.5 * DEG] * 3, "given in session.toml")
+    assert repeatability_of(session()) is None
+
+
+def test_the_accelerometers_spread_is_of_its_numbers_in_fitted_sessions(unit):
+    """Three sessions, two degrees of freedom: the scatter beyond their own sigmas, widened; two without one show none."""
+    _, fitted = unit
+    values = np.array([0.3, -0.1, 0.7])
+
+    def triad(number, sigma):
+        given = {"equation": "f", "matrix": np.eye(3).tolist(), "bias_mps2": [values[number], 0.0, 0.0], "source": "stills"}
+        return {"accelerometer": given, "joint_covariance": {"matrix": (np.eye(21) * sigma**2).tolist()}}
+
+    folders = [fitted(f"t{number}", **triad(number, 1e-6)) for number in range(3)]
+    found = accelerometer_between(folders)
+    assert found.source == "3 other sessions of this unit"
+    assert not found.usual
+    assert found.spread[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, 2) * values.std(ddof=1), rel=1e-4)
+    assert found.spread[7] < 1e-5
+    own = accelerometer_between([fitted(f"w{number}", **triad(number, 10.0)) for number in range(3)])
+    assert own.spread[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, 2) * np.sqrt(0.1) * values.std(ddof=1), rel=1e-4)
+    assert accelerometer_between([folders[0], fitted("bare")]) is None
+    assert accelerometer_between([]) is None
+
+
+def test_a_history_shows_no_spread_where_it_is_of_one_session_twice_or_of_another_unit(unit):
+    session, fitted = unit
+    one, two = fitted("a"), fitted("b")
+    digest = hash_of_log(session().logs[0])
+    bad = {
+        "one session does not show a spread": [one],
+        "a folder is given twice": [one, two, one],
+        "holds the same log as .*today": [one, fitted("mine", sha256={"log.csv": digest})],
+        "holds the same log as .*a;": [one, fitted("copy", sha256={"other.csv": "a"})],
+        "'other', expected ASM330LHH 'test'": [one, fitted("other", sensor={"model": "ASM330LHH", "serial": "other"})],
+        "of BMI088 'test', expected": [one, fitted("model", sensor={"model": "BMI088", "serial": "test"})],
+        "no linear model with a covariance": [one, fitted("none", covariance=False)],
+        "fit the session first": [one, one.parent],
+    }
+    for said, folders in bad.items():
+        with pytest.raises(FormatError, match=said):
+            repeatability_of(session(), folders)
+    with pytest.raises(FormatError, match="names no serial number"):
+        repeatability_of(session(serial=""), [one, two])
+    assert repeatability_of(session(), [one, two]).rps.tolist() == [0, 0, 0]  # session.toml alike is no same log
+
+
+FIT = np.diag([1.0, 4.0, 9.0]) * 1e-10
+
+
+def test_each_session_is_one_draw_of_the_spread():
+    spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-4, "measured")
+    found = expected_zero(FIT, repeatability=spread)
+    assert found.covariance == pytest.approx(FIT + np.diag(2 * spread.rps**2), rel=1e-12)
+    assert found.assumed == ()
+
+    found = expected_zero(FIT)
+    assert found.parts["switch-on"] == pytest.approx(2 * np.diag(USUAL_SPREAD.rps**2), rel=1e-12)
+    assert found.assumed == ("switch-on",)
+
+
+def test_within_one_switch_on_the_zero_walks_and_the_flicker_of_the_session_is_in_the_fit():
+    noise = figures(sensor(axis(K=1e-6, B=2e-5)))
+    found = expected_zero(FIT, elapsed_s=600.0, switched_on_since=False, figures=noise)
+    assert found.parts["wander"] == pytest.approx(np.eye(3) * 1e-12 * 600.0, rel=1e-12)
+    assert set(expected_zero(FIT, elapsed_s=600.0, switched_on_since=False).parts) == {"calibration"}
+
+
+def test_the_flicker_between_two_moments_is_twice_its_variance_less_its_covariance():
+    w = wander_covariance(np.array([0.0, 600.0]), instability_rps=2e-5)
+    found = wander_variance(600.0, None, BiasInstability(2e-5, "given"))
+    assert found == pytest.approx(np.full(3, 2 * w[0, 0] - 2 * w[0, 1]), rel=1e-12)
+
+
+def test_temperature_counts_once_per_kelvin():
+    found = expected_zero(FIT, warmer_k=-3.0)
+    assert found.parts["temperature"] == pytest.approx(np.eye(3) * (3 * USUAL_PER_K) ** 2, rel=1e-12)
+    own = expected_zero(FIT, warmer_k=2.0, per_k=np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG)
+    assert own.parts["temperature"] == pytest.approx(np.diag((np.array([2.0, 4.0, 6.0]) * 1e-3 * DEG) ** 2), rel=1e-12)
+    assert own.assumed == ("switch-on",)
+    assert "temperature" not in expected_zero(FIT, warmer_k=0.0).parts
+
+
+def test_a_random_walk_grows_with_the_time_and_a_gauss_markov_saturates():
+    noise = figures(sensor(axis(K=1e-6, G=2e-5, tau_s=100.0)))
+    assert wander_variance(1e4, noise, None) == pytest.approx(np.full(3, 1e-12 * 1e4 + 2 * 4e-10 * -np.expm1(-100.0)), rel=1e-12)
+    assert wander_variance(1e9, noise, None) == pytest.approx(wander_variance(END_S, noise, None), rel=1e-12)
+    assert wander_variance(-1.0, noise, None) == pytest.approx(np.zeros(3))

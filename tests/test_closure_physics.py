@@ -1,0 +1,328 @@
+"""The closure of a turn: what it is, what it does not depend on, its derivatives; turns of known angle; one motion's attitude error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from conftest import Turns
+from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
+
+from session.io.samples import Samples
+from session.io.units import DEG, EARTH_RATE_RPS
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import vertical_only
+from tinygc.attitude.rotation import sample_weights, steps
+from tinygc.closure.floor import wander_covariance
+from tinygc.closure.motion import Motion, at_rest, motion_of
+from tinygc.closure.residual import Batch, KnownTurns, attitudes, end_and_sensitivity, end_attitude
+from tinygc.models import linear
+from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet
+
+
+def unit(count, seed=0):
+    q = np.random.default_rng(seed).normal(size=(count, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def yaw(angle):
+    return rotation.exp(np.array([0, 0, angle]))
+
+
+def squared(r):
+    return np.sum(r**2, axis=-1)
+
+
+@pytest.fixture(scope="module")
+def turns():
+    return Turns(6, seed=4)
+
+
+@pytest.mark.parametrize("yaw_known", [False, True])
+def test_a_perfect_gyro_closes(turns, yaw_known):
+    """At 104 Hz from rest to rest, against the attitudes of the smooth movement between the samples."""
+    r = closure.segment_residuals(turns.batch(PERFECT, yaw_known), turns.rate)
+    assert np.abs(r).max() < 1e-8
+
+
+@pytest.mark.parametrize("yaw_known", [False, True])
+def test_q_and_minus_q_are_one_attitude(yaw_known):
+    p, q = unit(50, 1), unit(50, 2)
+    r = closure.residual(p, q, yaw_known)
+    np.testing.assert_allclose(closure.residual(-p, q, yaw_known), r, atol=1e-15)
+    np.testing.assert_allclose(closure.residual(p, -q, yaw_known), r, atol=1e-15)
+
+
+def test_with_gravity_alone_it_is_the_distance_to_the_nearest_yaw():
+    """Brute force over yaw, sharpened by a search, for attitudes at any distance."""
+    p, q = unit(6, 3), unit(6, 4)
+    for predicted, seen, r in zip(p, q, closure.residual(p, q, False), strict=True):
+
+        def distance(angle, predicted=predicted, seen=seen):
+            there = rotation.multiply(yaw(angle), seen)
+            return min(squared(predicted - there), squared(predicted + there))
+
+        angles = np.linspace(-np.pi, np.pi, 181)
+        best = angles[np.argmin([distance(angle) for angle in angles])]
+        found = minimize_scalar(distance, bounds=(best - 0.04, best + 0.04), method="bounded", options={"xatol": 1e-10})
+        assert squared(r) == pytest.approx(found.fun, abs=1e-12)
+
+
+def test_error_angles_are_exact_however_large():
+    vector = RNG.normal(size=(100, 3))
+    vector *= (RNG.uniform(0, 179.9, 100) * DEG / np.linalg.norm(vector, axis=1))[:, None]
+    reference = unit(100)
+    r = closure.residual(rotation.multiply(rotation.exp(vector), reference), reference, True)
+    np.testing.assert_allclose(closure.error_angles(r), vector, atol=1e-9)
+    level = vector * [1, 1, 0]
+    r = closure.residual(rotation.multiply(rotation.exp(level), reference), reference, False)
+    np.testing.assert_allclose(closure.error_angles(r), level[:, :2], atol=1e-9)
+    assert closure.error_angles(np.zeros((1, 2))).tolist() == [[0, 0]]
+
+
+@pytest.mark.parametrize(("size", "yaw_known"), [(0.0, False), (0.0, True), (1e-3, False), (1.0, True)])
+def test_derivative_exists_at_zero_and_near(yaw_known, size):
+    reference = unit(1, 8)[0]
+    error = torch.as_tensor(size * np.array([0.6, -0.5, 0.3])).requires_grad_()
+
+    def residual(vector):
+        predicted = rotation.multiply(rotation.exp(vector), torch.as_tensor(reference))
+        return closure.residual(predicted, torch.as_tensor(reference), yaw_known)
+
+    assert torch.autograd.gradcheck(residual, error, eps=1e-6, atol=1e-8, rtol=1e-6)
+    loss_gradient = torch.autograd.grad((residual(error) ** 2).sum(), error)[0]
+    assert torch.isfinite(loss_gradient).all()
+    if size == 0:
+        assert loss_gradient.abs().max() < 1e-15  # the reference is a unit quaternion to rounding only
+
+
+@pytest.mark.parametrize("yaw_known", [False, True])
+def test_linear_columns_are_the_derivatives_of_the_residual(turns, yaw_known):
+    """All 12 by finite differences; the trapezoidal sensitivity leaves out products of neighbours, 1e-3 of a column here."""
+    batch = turns.batch(PERFECT, yaw_known)
+    columns = linear.columns(closure.sensitivity(batch, batch.rate), batch.rate)[:, : batch.angles]
+    for parameter in range(linear.PARAMETERS):
+        h = np.zeros(12)
+        h[parameter] = 1e-5
+        plus, minus = (closure.segment_residuals(batch, LinearModel.from_vector(PERFECT.vector + sign * h)(batch.rate)) for sign in (1, -1))
+        numeric = 2 * (plus - minus) / 2e-5
+        np.testing.assert_allclose(columns[..., parameter], numeric, atol=2e-3 * np.abs(numeric).max())
+
+
+@pytest.mark.parametrize("yaw_known", [False, True])
+def test_network_columns_are_autograds(turns, yaw_known):
+    rng = np.random.default_rng(6)
+    batch = turns.batch(PERFECT, yaw_known)
+    net = CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.02 * rng.normal(size=27))
+    # References that the net's own prediction meets: the columns are derivatives at a small residual.
+    batch = replace(batch, end=closure.end_attitude(batch, net(batch.rate)))
+    columns = net.columns(closure.sensitivity(batch, net(batch.rate))[:, :, : batch.angles], batch.rate)
+    rate = torch.as_tensor(batch.rate)
+
+    def residual(vector):
+        return 2 * closure.segment_residuals(batch, CalibrationNet.from_vector(vector)(rate))
+
+    exact = torch.autograd.functional.jacobian(residual, torch.as_tensor(net.vector)).numpy()
+    scale = np.abs(exact).max(axis=(0, 1))
+    assert np.all(np.abs(columns - exact).max(axis=(0, 1)) < 3e-3 * scale + 1e-12)
+
+
+def test_padding_changes_nothing(turns):
+    batch = turns.batch(PERFECT)
+    model = LinearModel(np.diag([1.01, 1, 0.99]), np.array([1, 0, -1]) * DEG)
+    pad = 37
+    padded = replace(
+        batch,
+        rate=np.concatenate([batch.rate, np.full((len(batch), pad, 3), 5.0)], axis=1),
+        dt=np.concatenate([batch.dt, np.zeros((len(batch), pad))], axis=1),
+        earth=np.concatenate([batch.earth, np.zeros((len(batch), pad, 3))], axis=1),
+    )
+    r, padded_r = (closure.segment_residuals(b, model(b.rate)) for b in (batch, padded))
+    np.testing.assert_allclose(padded_r, r, atol=1e-14)
+    columns, padded_columns = (linear.columns(closure.sensitivity(b, model(b.rate)), b.rate) for b in (batch, padded))
+    np.testing.assert_allclose(padded_columns, columns, atol=1e-12)
+    np.testing.assert_allclose(padded.duration_s, batch.duration_s, rtol=1e-15)
+    assert padded.trimmed().rate.shape == batch.rate.shape
+
+
+def test_the_earths_rate_is_taken_off(turns):
+    """A body at rest on the Earth reads its rotation, and closes only with it."""
+    earth = np.array([5e-5, 3e-5, -4e-5])
+    rate = np.tile(earth, (1, 200, 1))
+    still = closure.Batch(rate, np.full((1, 199), 0.1), rate, turns.q[:1], turns.q[:1], True)
+    assert np.abs(closure.segment_residuals(still, rate)).max() < 1e-15
+    without = replace(still, earth=0 * rate)
+    angle = np.linalg.norm(closure.error_angles(closure.segment_residuals(without, rate)))
+    assert angle == pytest.approx(19.9 * np.linalg.norm(earth), rel=1e-9)
+
+
+@pytest.mark.parametrize("rate_dps", [100.0, 20_000.0])
+def test_attitudes_and_sensitivity_are_those_of_the_quaternions(rate_dps):
+    """Of ordinary turns, and of steps of degrees that the series does not reach."""
+    rng = np.random.default_rng(3)
+    rate, dt, start = rng.normal(size=(45, 60, 3)) * rate_dps * DEG, np.full((45, 59), 1 / 208), unit(45)
+    dt[5, 40:] = 0.0
+    batch = Batch(rate, dt, np.full_like(rate, 1e-4), start, start, False)
+    along = rotation.multiply(start[:, None], rotation.accumulate(steps(rate - batch.earth, dt)))
+    whole = attitudes(batch, rate)
+    np.testing.assert_array_equal(whole[:, 0], start)
+    np.testing.assert_allclose(whole[:, 1:], along, atol=1e-13)
+    np.testing.assert_allclose(end_attitude(batch, rate), along[:, -1], atol=1e-13)
+    end, sensitivity = end_and_sensitivity(batch, rate)
+    np.testing.assert_allclose(end, along[:, -1], atol=1e-13)
+    np.testing.assert_allclose(sensitivity, rotation.matrix(whole) * sample_weights(dt)[..., None, None], atol=1e-14)
+
+
+PERFECT = LinearModel(np.eye(3), np.zeros(3))
+VERTICAL, LEVEL, SLANTED = (0.0, 0.0, 1.0), (0.6, 0.8, 0.0), (0.48, 0.64, 0.6)
+
+
+def turned_about(axis_t, angles_deg, seconds=4.0, hz=104.0, seed=0):
+    """A batch of turns about one axis of the room each, by these angles, from random attitudes; the angles not yet stated."""
+    t_s = np.arange(round(seconds * hz)) / hz
+    part = np.clip((t_s / t_s[-1] - 0.1) / 0.8, 0, 1)
+    speed = np.sin(np.pi * part) ** 6
+    speed /= speed.sum() / hz
+    start = Rotation.random(len(angles_deg), random_state=seed)
+    axis_b = start.inv().apply(axis_t)
+    rate = np.multiply(angles_deg, DEG)[:, None, None] * speed[:, None] * axis_b[:, None]
+    end = start * Rotation.from_rotvec(np.multiply(angles_deg, DEG)[:, None] * axis_b)
+    q = [turn.as_quat(scalar_first=True) for turn in (start, end)]
+    batch = Batch(rate, np.full((len(rate), len(t_s) - 1), 1 / hz), np.zeros_like(rate), *q, yaw_known=False)
+    return batch, axis_b
+
+
+def stating(batch, axis_b, angles_deg, sigma_deg=0.05):
+    angles = np.multiply(angles_deg, DEG)
+    return replace(batch, turns=KnownTurns(angles, np.where(np.isfinite(angles), sigma_deg * DEG, np.nan), axis_b))
+
+
+def off_by(axis, degrees, seed=0):
+    """Axes (S, 3) that are so many degrees away, in random directions."""
+    across = np.cross(axis, np.random.default_rng(seed).normal(size=axis.shape))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.cos(degrees * DEG) * axis + np.sin(degrees * DEG) * across
+
+
+ANGLES = [90.0, -90.0, 180.0, 270.0, -135.0, 360.0, -360.0, 720.0, -1080.0, 365.0, 45.0]
+
+
+@pytest.mark.parametrize(("axis", "wrong_deg"), [(VERTICAL, 0.5), (LEVEL, -3.0), (SLANTED, 0.0)])
+def test_a_wrong_angle_is_the_residual_exactly(axis, wrong_deg):
+    """Predicted less stated, in the sense of the stated axis, wherever that points; the tilt does not see it."""
+    batch, axis_b = turned_about(axis, ANGLES)
+    angles = closure.error_angles(closure.segment_residuals(stating(batch, axis_b, np.add(ANGLES, wrong_deg)), batch.rate))
+    np.testing.assert_allclose(angles[:, 2], -wrong_deg * DEG, atol=1e-9)
+    assert np.abs(angles[:, :2]).max() < 1e-9
+
+
+def test_the_axis_need_not_be_known():
+    """Five degrees of mounting: nothing for partial turns; for nearly whole circles sin(angle) times half the square of the error."""
+    batch, axis_b = turned_about(SLANTED, ANGLES)
+    r = closure.segment_residuals(stating(batch, off_by(axis_b, 5.0), ANGLES), batch.rate)
+    bound = np.where(np.array(ANGLES) == 365.0, 5 * DEG * (5 * DEG) ** 2 / 2, 0.0)
+    assert np.all(np.abs(2 * r[:, 2]) < bound + 1e-9)
+
+
+def test_a_whole_circle_more_is_no_residual_and_q_and_minus_q_are_one():
+    """Circles are counted by the gyro's readings (session/detect/segments.py), not by its attitude."""
+    batch, axis_b = turned_about(SLANTED, ANGLES)
+    known = stating(batch, axis_b, np.add(ANGLES, 1.0)).turns
+    turn = rotation.multiply(rotation.conjugate(batch.start), closure.end_attitude(batch, batch.rate))
+    more = stating(batch, axis_b, np.add(ANGLES, 361.0)).turns
+    np.testing.assert_allclose(more.residual(turn), known.residual(turn), atol=1e-12)
+    np.testing.assert_allclose(known.residual(-turn), known.residual(turn), atol=1e-12)
+
+
+def test_the_earth_turns_below():
+    """About the vertical in four seconds at 52 degrees north: -15.04 sin(52) deg/h; with the Earth in the batch, nothing."""
+    batch, axis_b = turned_about(VERTICAL, [90.0, -360.0, 720.0])
+    batch = stating(batch, axis_b, [90.0, -360.0, 720.0])
+    earth = vertical_only(52.0).in_body(closure.attitudes(batch, batch.rate))
+    with_earth = replace(batch, earth=earth)
+    assert np.abs(closure.segment_residuals(with_earth, batch.rate + earth)).max() < 1e-9
+    left = closure.error_angles(closure.segment_residuals(batch, batch.rate + earth))[:, 2]
+    np.testing.assert_allclose(left, -EARTH_RATE_RPS * np.sin(52 * DEG) * batch.duration_s, rtol=1e-6)
+
+
+def test_columns_are_the_derivatives():
+    angles = [90.0, -135.0, 360.0, np.nan, -720.0, 200.0]
+    batch, axis_b = turned_about(SLANTED, np.nan_to_num(angles, nan=70.0), seed=3)
+    batch = stating(batch, axis_b, angles)
+    J = linear.columns(closure.sensitivity(batch, batch.rate), batch.rate)
+    for k in range(linear.PARAMETERS):
+        step = 1e-5 * np.eye(linear.PARAMETERS)[k]
+        there, back = (2 * closure.segment_residuals(batch, LinearModel.from_vector(PERFECT.vector + s)(batch.rate)) for s in (step, -step))
+        np.testing.assert_allclose(J[..., k], (there - back) / 2e-5, atol=1e-4 * np.abs(J).max())
+    assert np.abs(J[3, 2]).max() == 0  # an angle that is not known
+
+
+RNG = np.random.default_rng(3)
+
+
+def tumbling(seconds=8.0, hz=100.0):
+    t = np.arange(round(seconds * hz) + 1) / hz
+    rate = np.stack([1.2 * np.sin(0.9 * t), 0.8 * np.cos(1.3 * t), 0.5 + 0.6 * np.sin(0.4 * t)], axis=1)
+    return Motion(rate, np.full(len(t) - 1, 1 / hz), "tumbling")
+
+
+@pytest.mark.parametrize("dps", [0.01, 5.9, 50.0])
+def test_the_cost_of_a_zero_at_rest_is_its_rate_times_the_time_however_far(dps):
+    one = LinearModel(np.eye(3), np.zeros(3))
+    bias = np.array([2.0, -1.0, 2.0]) / 3 * dps * DEG
+    part, error = at_rest(one, 60).largest_error(one, one.with_bias_moved(bias))
+    assert part.duration_s == pytest.approx(60)
+    assert error == pytest.approx(60 * bias, rel=1e-3)
+    assert np.linalg.norm(error) == pytest.approx(60 * dps * DEG, rel=1e-9)
+
+
+def test_the_cost_of_a_motion_is_the_largest_error_on_the_way():
+    """A misalignment by eps misses 2 sin(eps / 2) 2 half way round a turn, and nothing after it."""
+    eps, turn = 0.01, Motion(np.tile([0.0, 0.0, np.pi / 2], (401, 1)), np.full(400, 0.01), "a turn in 4 s")
+    one = LinearModel(np.eye(3), np.zeros(3))
+    leant = LinearModel(np.array([[1, 0, 0], [0, np.cos(eps), -np.sin(eps)], [0, np.sin(eps), np.cos(eps)]]), np.zeros(3))
+    assert np.linalg.norm(turn.error(one, leant)) < 1e-9
+    part, error = turn.largest_error(one, leant)
+    assert part.duration_s == pytest.approx(2.0, abs=0.02)
+    assert np.linalg.norm(error) == pytest.approx(2 * eps, rel=1e-4)
+    assert error == pytest.approx(part.error(one, leant), rel=1e-9)
+
+
+def test_a_sensor_at_rest_measures_what_its_calibration_takes_off():
+    """Its zero, by which an error of E counts as well: the rate is off by dE m + dB."""
+    model = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.6, -0.4, 0.2]) * DEG)
+    motion = at_rest(model, 60)
+    assert model(motion.measured) == pytest.approx(np.zeros_like(motion.measured), abs=1e-15)
+    zero = -np.linalg.solve(model.E, model.B)
+    assert motion.slope(model) == pytest.approx(60 * np.hstack([np.kron(np.eye(3), zero), np.eye(3)]), rel=1e-9, abs=1e-12)
+
+
+def test_the_slope_is_that_of_the_exact_error_for_each_parameter():
+    motion, model = tumbling(), LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 0.1 * DEG * RNG.normal(size=3))
+    slope = motion.slope(model)
+    for i in range(12):
+        step = np.zeros(12)
+        step[i] = 1e-6
+        up, down = (motion.error(model, LinearModel.from_vector(model.vector + sign * step)) for sign in (1, -1))
+        assert slope[:, i] == pytest.approx((up - down) / 2e-6, abs=2e-3 * np.abs(slope).max())  # sampled rates against one step each
+
+
+def test_flicker_noise_at_rest_is_its_mean_over_the_time():
+    one = LinearModel(np.eye(3), np.zeros(3))
+    found = at_rest(one, 60).noise_covariance(one, np.zeros(3), 1e-5)
+    assert found == pytest.approx(np.eye(3) * 60**2 * wander_covariance(np.array([0.0]), 60.0, instability_rps=1e-5), rel=1e-2)
+
+
+def samples(count, hz=50.0):
+    t_ns = np.round(np.arange(count) / hz * 1e9).astype(np.int64)
+    return Samples(t_ns, np.tile([0.1, 0.0, 0.0], (count, 1)), np.zeros((count, 3)))
+
+
+def test_a_minute_of_a_recording_ends_with_it():
+    motion = motion_of(samples(151), 60.0)
+    assert motion.duration_s == pytest.approx(3.0)
+    assert motion_of(samples(151), 2.0).duration_s == pytest.approx(2.0)
+    assert len(motion.measured) == len(motion.dt) + 1

@@ -1,0 +1,115 @@
+"""What ``fit`` makes of a whole session: its verdict and exit code, the bias of the day, figures at rest beside it, what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import Table, write_session
+from formats_page import strangers
+from noise_records import axis_of, figures_of
+
+import calibrate
+import tinygc
+from session.io.errors import FitError
+from session.io.units import DEG
+from tinygc.models.linear import LinearModel
+from tinygc.noise.figures import SensorNoise, to_json
+
+
+def distorted(readings):
+    """A simulated session with its only log's samples changed."""
+    session = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=104.0, seed=3).session
+    return replace(session, logs=(replace(session.logs[0], samples=readings(session.logs[0].samples)),))
+
+
+def test_an_accelerometer_that_never_moves_is_refused_by_check_and_by_fit():
+    level = np.random.default_rng(0).normal([0, 0, -9.79], 6e-3, (10_000, 3))
+    dead = distorted(lambda samples: samples.with_accel(level[: len(samples)]))
+    (finding,) = [f for f in tinygc.check(dead) if f.level == "error" and f.what == "gravity moves"]
+    assert "in 8 of 8 turns in which the rates tilt it by" in finding.says
+    with pytest.raises(tinygc.CalibrationError, match="gravity moves: stays within"):
+        tinygc.fit(dead, methods=("least_squares",))
+
+
+def test_a_fit_whose_residuals_are_fine_is_refused_if_no_gyroscope_has_its_scale():
+    """One axis reads too much and one too little: the scale common to all axes looks right."""
+    with pytest.raises(FitError, match="no gyroscope has this calibration: it multiplies rates about"):
+        tinygc.fit(distorted(lambda samples: replace(samples, gyro=samples.gyro * [1.0, 1.35, 0.74])), methods=("least_squares",))
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "answer"),
+    [
+        ([], 0, "pass"),
+        (["--limit", "0.0001"], 1, "fail"),
+        (["--exclude", "1,2", "--strict"], 1, "not decided"),
+    ],
+)
+def test_the_exit_code_is_the_verdict_s(tmp_path, simulated, capsys, more, code, answer):
+    table = tmp_path / "fit.json"
+    usual = ["fit", str(simulated(segments=13, closure_s=0.0)), "--methods", "least_squares", "--json", str(table)]
+    assert calibrate.main([*usual, "--out", str(tmp_path / "fit"), *more]) == code
+    assert json.loads(table.read_text())["verdict"]["answer"] == answer
+    assert capsys.readouterr().out.startswith(answer.upper())
+
+
+# The bias of the day.
+
+
+@pytest.fixture(scope="module")
+def another_day(tmp_path_factory):
+    """A session of eight tumbles with another bias than the stored model has."""
+    folder = write_session(tmp_path_factory.mktemp("day") / "s", Table().tumble(8, seed=2).samples(bias_dps=(0.62, -0.35, 0.51), seed=2))
+    stored = LinearModel(np.eye(3), -np.array([0.5, -0.3, 0.6]) * DEG)
+    path = folder / "stored.json"
+    path.write_text(json.dumps(tinygc.models.to_dict(stored, session="first", sha256={"log0001.csv": "0" * 64})))
+    return folder, path
+
+
+@pytest.mark.parametrize(("source", "tilt_deg"), [("start", 0.04), ("gravity", 0.06), ("given", 0.03)])
+def test_a_stored_calibration_takes_the_bias_of_the_day(another_day, tmp_path, source, tilt_deg):
+    folder, stored = another_day
+    arguments = ["--bias-dps=0.62,-0.35,0.51"] if source == "given" else []
+    arguments += ["--model", str(stored), "--bias", source, "--out", str(tmp_path), "--quiet"]
+    assert calibrate.main(["fit", str(folder), *arguments]) == 0
+    table = json.loads((tmp_path / "rebiased.json").read_text())
+    tilt = {name: fit["holdout"]["tilt_rms_deg"] for name, fit in table["methods"].items()}
+    assert tilt["stored"] > 0.3  # 0.16 dps over 5 s
+    assert tilt[f"stored_{source}"] < tilt_deg
+    assert np.abs(np.array(table["bias"]["change_dps"][source]) - [-0.12, 0.05, 0.09]).max() < 0.02
+    assert "fitted to other logs (first)" in table["bias"]["remarks"][0]
+    assert len(table["bias"]["remarks"]) == 1  # a calibrated E: start and gravity agree
+
+
+HALVES = ["--bias start", "--model x.json", "--model x.json --bias given", "--bias-dps=1,2,3"]
+UNHEEDED = ["--resume", "--as-in-paper", "--physics auto", "--methods raw", "--folds 3", "--still-rates", "--bias-per-log"]
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        *((f"--model stored.json --bias start {more}", f"calibrate: {more.split()[0]}: ") for more in UNHEEDED),
+        *((more, "--model FILE --bias start") for more in HALVES),
+        ("--bias middle", "calibrate: "),
+    ],
+)
+def test_half_a_request_and_what_a_bias_of_the_day_does_not_heed_are_refused(another_day, more, says, run):
+    folder, stored = another_day
+    code, _, said = run("fit", folder, *more.replace("stored.json", str(stored)).split())
+    assert code == 2
+    assert says in said
+
+
+def test_a_fit_takes_the_figures_of_the_noise_beside_it(folder):
+    white, instability = 5e-3 * DEG / np.sqrt(2), 3 * DEG / 3600
+    axis = axis_of(N=(white, 0.02 * white), B=(instability, 0.2 * instability))
+    (folder / "fit").mkdir(exist_ok=True)
+    (folder / "fit" / "noise.json").write_text(json.dumps(to_json(figures_of(SensorNoise((axis,) * 3)))))
+    after = tinygc.fit(folder, methods="least_squares")
+    assert strangers(after.to_json()) == []
+    noise = after.to_json()["noise"]
+    assert noise["gyro_bias_instability_source"] == "measured at rest (noise.json)"
+    assert noise["gyro_bias_instability_dph"] == pytest.approx(3.0, rel=1e-9)
+    assert [each["contradicted"] for each in noise["at_rest"]["white"]] == [False] * 3
+    assert "not contradicted by this session: white noise within" in " ".join(str(after.summary()).split())

@@ -1,0 +1,76 @@
+"""The delay between gyro and accelerometer from turns between two stills: its sigma, its bar and its odds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import stdtr
+from scipy.stats import wilcoxon
+
+from tinygc.explanation.claims import offset_claim
+from tinygc.noise.turn_gravity import TurnEquations, TurnGravity
+
+
+def equations(seed, turns=7, noise=0.1):
+    rng = np.random.default_rng(seed)
+    columns, truth = rng.standard_normal((turns, 5, 4)), np.array([0.3, -0.2, 0.1, 0.5])
+    values = columns @ truth + noise * rng.standard_normal((turns, 5))
+    normal, right = np.einsum("sai,saj->sij", columns, columns), np.einsum("sai,sa->si", columns, values)
+    return TurnEquations(normal, right, np.sum(values**2, axis=1), np.full(turns, 5)), columns, values
+
+
+def test_the_sigma_is_the_jackknife_of_whole_turns():
+    found, columns, values = equations(1)
+    without = [
+        np.linalg.lstsq(np.delete(columns, s, 0).reshape(-1, 4), np.delete(values, s, 0).ravel(), rcond=None)[0][3] for s in range(7)
+    ]
+    assert found.sigma_s() == pytest.approx(np.sqrt(6 / 7 * np.sum((without - np.mean(without)) ** 2)))
+
+
+def test_a_delay_that_one_turn_alone_shows_has_no_sigma():
+    found, _, _ = equations(1)
+    found.normal[1:, 3], found.normal[1:, :, 3], found.right[1:, 3] = 0, 0, 0
+    assert found.sigma_s() == np.inf
+    assert found.improvement_p() == 1.0
+
+
+def test_a_delay_is_claimed_beyond_filters_and_beyond_chance():
+    of = lambda offset_s, sigma_s: TurnGravity(np.zeros(3), offset_s, sigma_s, 1.0, 1.0, 0.004, 24, 0.001)  # noqa: E731
+    assert 2 * (1 - stdtr(20, of(0, 0.002).bar_s / 0.002)) == pytest.approx(1e-3)
+    assert of(0.0041, 1e-4).is_offset
+    assert not of(0.0039, 1e-4).is_offset
+    assert not of(0.0075, 0.002).is_offset
+    assert of(0.0078, 0.002).is_offset
+    assert not replace(of(0.0078, 0.002), held_out_p=0.06).is_offset
+
+
+def test_the_claimed_sigma_has_the_filters_share():
+    found = TurnGravity(np.zeros(3), 0.012, 0.002, 1.0, 1.0, 0.0045, 24, 0.001)
+    assert found.whole_sigma_s == pytest.approx(0.0025)
+    (claim,) = offset_claim(found)
+    assert claim.std == {"seconds": pytest.approx(0.0025)}
+
+
+@pytest.mark.parametrize("t", [3.9, 5.0])
+def test_the_odds_of_a_delay_are_those_of_its_likelihood(t):
+    """Likelihood ratio of Student's t with 20 degrees of freedom, a prior of 1 in 30, ten scales, and the prior's own e^-1/2."""
+    found = TurnGravity(np.zeros(3), 0.01, 0.01 / t, 1.0, 1.0, 0.001, 24, 0.001)
+    (claim,) = offset_claim(found)
+    odds = (1 + t**2 / 20) ** (20 / 2) / 30 / 10 * np.exp(-1 / 2)
+    assert claim.probability == pytest.approx(odds / (1 + odds), rel=1e-9)
+    assert claim.p_value == pytest.approx(2 * stdtr(20, -t), rel=1e-9)
+
+
+def test_the_gain_of_a_turn_is_of_a_fit_to_all_others():
+    """By hand, with each turn left out of both fits: signed ranks of the residuals' squares."""
+    found, columns, values = equations(3, noise=2.0)
+    gains = []
+    for s in range(7):
+        left = []
+        for count in (3, 4):
+            rest = (np.delete(each, s, 0).reshape(30, *each.shape[2:]) for each in (columns[..., :count], values))
+            solution = np.linalg.lstsq(*rest, rcond=None)[0]
+            left.append(np.sum((values[s] - columns[s, :, :count] @ solution) ** 2))
+        gains.append(left[0] - left[1])
+    assert found.improvement_p() == wilcoxon(gains, alternative="greater", method="exact").pvalue
+    assert 0.01 < found.improvement_p() < 0.9

@@ -29,7 +29,6 @@ from tinygc.estimation.accelerometer import (
 from tinygc.estimation.compare import SessionTriad, compare_triads, into_frame_of
 from tinygc.models.linear import BIAS, MATRIX
 
-
 BIAS_MPS2 = np.array([0.1, -0.2, 0.3])
 
 

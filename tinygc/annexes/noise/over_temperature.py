@@ -59,6 +59,8 @@ def temperature_part(rests: Sequence[Rest], channel: int, knots: Knots | None) -
     none = TemperaturePart(raw, [np.zeros((len(own), 0)) for own in raw])
     if knots is None:
         return none
+    if not all(np.isfinite(own).all() for own in raw):  # of an accelerometer that is not there
+        return none
     kept = [~rest.bad if is_long(rest) else np.zeros(len(rest.bad), bool) for rest in rests]
     means = np.concatenate([own[mask] for own, mask in zip(raw, kept, strict=True)])
     found = fit_axis(knots, means)

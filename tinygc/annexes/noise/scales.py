@@ -321,7 +321,10 @@ def unsteady(rests: Sequence[Rest], residuals: Sequence[np.ndarray], period_s: f
             half, freedom = len(z) // 2, len(z) // 2 * z.shape[1]
             if half < FEWEST_WINDOWS:
                 continue
-            share = float(np.sum(z[:half] ** 2) / np.sum(z[-half:] ** 2))
+            squares = np.sum(z[:half] ** 2), np.sum(z[-half:] ** 2)
+            if not min(squares) > 0:  # of an axis that does not change here, and does in another log
+                continue
+            share = float(squares[0] / squares[1])
             if max(share, 1 / share) < WORTH_SAYING**2:
                 continue
             p_value = 2 * float(fdtrc(freedom, freedom, max(share, 1 / share)))

@@ -598,7 +598,12 @@ def test_what_is_wrong_with_a_rest_is_said():
     found = estimate_noise([sums_of(values), sums_of(other)])
     assert found.figures.accel is None
     said = " ".join(found.said)
-    for words in ("not steady", "moves over 3 steps", "accel y: its readings do not change", "gyro z: log 2 is 1.3 times as noisy as log 1"):
+    for words in (
+        "not steady",
+        "moves over 3 steps",
+        "accel y: its readings do not change",
+        "gyro z: log 2 is 1.3 times as noisy as log 1",
+    ):
         assert words in said, (words, said)
 
 

@@ -1,12 +1,12 @@
-"""Reading a Digital Calibration Certificate apart from its writer: of ours and of the examples of PTB, by the elements' local names."""
+"""Reading a Digital Calibration Certificate apart from its writer, by the elements' local names."""
 
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 
-#: of one number, of a list, and by earlier schemas
-EXPANDED = ("valueExpandedMU", "valueExpandedMUXMLList", "uncertainty", "uncertaintyXMLList")
+#: of one number, and of a list
+EXPANDED = ("valueExpandedMU", "valueExpandedMUXMLList")
 FACTORS, PROBABILITIES = ("coverageFactor", "coverageFactorXMLList"), ("coverageProbability", "coverageProbabilityXMLList")
 
 
@@ -15,7 +15,7 @@ def read(path):
 
 
 def parse(text):
-    """version, number, laboratory, customer, model, identifications, begin, end, conformity, quantities by their order, and by id."""
+    """version, number, laboratory, customer, model, identifications, begin, end, quantity by its id."""
     root = ElementTree.fromstring(text)
     administrative = below(root, "administrativeData")
     core, item = below(administrative, "coreData"), below(administrative, "items", "item")
@@ -30,8 +30,6 @@ def parse(text):
         identifications=tuple(every(below(item, "identifications"), "value")),
         begin=words(core, "beginPerformanceDate"),
         end=words(core, "endPerformanceDate"),
-        conformity=tuple(every(below(administrative, "statements"), "conformity")),
-        quantities=quantities,
         quantity={each.id: each for each in quantities}.__getitem__,
     )
 
@@ -56,10 +54,7 @@ def every(element, *names):
 
 
 def name_of(element):
-    """The name in English, else in the first language there is."""
-    found = below(element, "name")
-    said = [] if found is None else [each for each in found if local(each) == "content"]
-    return next((each.text.strip() for each in said if each.get("lang", "en") == "en"), said[0].text.strip() if said else "")
+    return words(element, "name", "content")
 
 
 def outer(element):
@@ -72,9 +67,8 @@ def outer(element):
 
 
 def real_of(element):
-    """Its number or list of numbers; of a hybrid one, in several units, the first."""
-    found = next((each for each in element if local(each) in ("real", "realListXMLList", "hybrid")), None)
-    return real_of(found) if found is not None and local(found) == "hybrid" else found
+    """Its number or list of numbers."""
+    return next((each for each in element if local(each) in ("real", "realListXMLList")), None)
 
 
 def quantity(element):
@@ -88,9 +82,8 @@ def quantity(element):
         for names in (EXPANDED, FACTORS, PROBABILITIES)
     )
     return SimpleNamespace(
-        **dict(id=element.get("id"), ref_type=element.get("refType", ""), name=name_of(element)),
+        id=element.get("id"),
         **dict(values=values, expanded=expanded, factor=factor, probability=probability),
-        units=np.broadcast_to((words(real, "unit") or words(real, "unitXMLList")).split(), values.shape).tolist(),
         conformity=tuple(" ".join(every(below(element, "measurementMetaData"), "conformity", "conformityXMLList")).split()),
         covariance=np.array(columns).T if columns else None,
     )

@@ -1,14 +1,17 @@
-"""Random samples, models that other programs can carry, and how their rates are compared with what was read back."""
+"""Random samples, models and accelerometers that other programs can carry, and how what was read back is compared with them."""
 
 from dataclasses import replace
 
 import numpy as np
 from conftest import DEG, config
+from scipy.spatial.transform import Rotation
 
+from session.io.config import Accelerometer
 from session.io.samples import Samples
 from tinygc.deploy.exports._context import Context
 from tinygc.effects import AppliedEffect, Conditions, catalogue
 from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_table
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import PhysicsModel
 
@@ -21,6 +24,14 @@ SHAKEN = 1e-2 * np.r_[RNG.normal(size=12), 0, 0, 0, RNG.normal(size=12)]
 UNBENT = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + SHAKEN)
 KNOWN = Conditions(duration_s=200.0, fs_rps=500 * DEG, first_temp_c=25.5)
 
+UPPER, BIAS = np.array([[1.0102, 0.0021, -0.0043], [0, 0.9891, 0.0032], [0, 0, 1.0051]]), np.array([0.31, -0.22, 0.13])
+ACCELEROMETERS = {
+    "as measured": Accelerometer(),
+    "triad": Accelerometer(UPPER, BIAS, "stills"),
+    "with a turn of the frame": Accelerometer(Rotation.from_rotvec([0.004, -0.006, 0.003]).as_matrix() @ UPPER, BIAS, "prior"),
+    "diagonal": Accelerometer(np.diag([1.01, 0.99, 1.005]), BIAS, "stills"),
+}
+
 
 def physics(linear, *ids):
     effects = [catalogue()[name] for name in ids]
@@ -29,9 +40,19 @@ def physics(linear, *ids):
     )
 
 
-def context(said=None, **changes):
+MODELS = {
+    "linear": LINEAR,
+    "net that does not bend": UNBENT,
+    "g-sensitivity": physics(LINEAR, "gyro.g_sensitivity"),
+}
+
+
+def context(said=None, accelerometer: Accelerometer | None = None, **changes):
+    """accelerometer: of the fit; session.toml gives none."""
     noise = {"gyro_dps_rthz": [5e-3, 6e-3, 4e-3], "accel_g_rthz": [6e-5] * 3}
     made = Context("s", "m", config(), {"covariance": np.eye(12).tolist()}, {"noise": noise}, {})
+    if accelerometer is not None:
+        made.table["accelerometer"] = accelerometer_table(accelerometer)
     return replace(made, say=(said if said is not None else []).append, **changes)
 
 
@@ -44,12 +65,6 @@ def rates(model):
 
 
 def agree(there, model):
-    expected = rates(model)
+    """Rates by a model, or forces by an accelerometer, to 1e-6 of the largest."""
+    expected = model.correct(FORCE) if isinstance(model, Accelerometer) else rates(model)
     assert np.abs(there - expected).max() <= 1e-6 * np.abs(expected).max()
-
-
-MODELS = {
-    "linear": LINEAR,
-    "net that does not bend": UNBENT,
-    "g-sensitivity": physics(LINEAR, "gyro.g_sensitivity"),
-}

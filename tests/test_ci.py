@@ -72,7 +72,7 @@ def test_the_script_tries_a_newer_python_too():
     assert "python calibrate.py fit data/session1" in newer
     assert "-c constraints.txt" in newer
     run = re.findall(r"tests/\S+\.py", newer)
-    assert {"test_import.py", "test_html_report.py", "test_cli.py", "test_certificate_dcc.py"} <= {Path(name).name for name in run}
+    assert {"test_import.py", "test_html_report.py", "test_cli.py", "test_certificate.py"} <= {Path(name).name for name in run}
     assert all((ROOT / name).exists() for name in run)
 
 

@@ -13,7 +13,7 @@ import yaml
 import calibrate
 import tinygc
 from tinygc.cli.commands import COMMANDS
-from tinygc.deploy.exports import FORMATS
+from tinygc.deploy import FORMATS
 from tinygc.effects import catalogue
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -367,7 +367,7 @@ def array_page(fit: ArrayFit) -> Group:
     if fit.ages:
         ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
         parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
-    parts += [one_line(f"{line}.", "yellow") for line in event_lines(fit)]
+    parts += [one_line(f"{line}.", "yellow") for line in _event_lines(fit)]
     parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
     return Group(*parts)
 
@@ -451,7 +451,7 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     )
 
 
-def event_lines(fit: ArrayFit) -> list[str]:
+def _event_lines(fit: ArrayFit) -> list[str]:
     """Return a line for each event; one line for several units with events in one turn or still."""
     return list(dict.fromkeys(event_words(event, fit) for event in fit.joint.events))
 
@@ -480,7 +480,7 @@ def array_explain_page(found: ArrayExplanation) -> Group:
     parts += [one_line(f"{moment.at_s - begins:.2f} s: {moment.words}.", "yellow") for moment in found.moments[:MOST_MOMENTS]]
     if len(found.moments) > MOST_MOMENTS:
         parts.append(one_line(f"… and {len(found.moments) - MOST_MOMENTS} moments more, in array.json."))
-    parts += [one_line(f"{line}.", "yellow") for line in event_lines(fit)]
+    parts += [one_line(f"{line}.", "yellow") for line in _event_lines(fit)]
     table = Table(title="Beyond the common part, by unit", title_justify="left", box=None, padding=(0, 1))
     for column in ("unit", "own excess, deg", "95 % below", "p", "standing", "named in its own session"):
         table.add_column(column, justify="left" if column in ("standing", "named in its own session") else "right", overflow="fold")

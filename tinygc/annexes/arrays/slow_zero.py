@@ -21,7 +21,7 @@ from tinygc.noise.twin import Twin
 
 
 @dataclass(frozen=True, eq=False)
-class UnitEvidence:
+class _UnitEvidence:
     """Of one unit: -2 log evidence that each member adds, by id, with its best shape; and for each the chi-square that it takes up, its
     degrees of freedom, the number of shapes that were tried, and the motion of the zero-rate offset with its upper 95 % limit, rad/s."""
 
@@ -61,14 +61,14 @@ def slow_zero_of(explanations: Mapping[int, Explanation], progress: Callable[[in
     return pooled(found, named, all(has_thermometer(e.twin) for e in explanations.values()))
 
 
-def evidence_of(e: Explanation) -> UnitEvidence:
+def evidence_of(e: Explanation) -> _UnitEvidence:
     """Weigh each member in one unit, beside the effects that it names outside of the family."""
     evidence = Evidence(e.twin)
     tried = [effect for effect in (*candidates(e.twin), *slow_candidates(e.twin)) if effect.id in SLOW_ZERO]
     evidence.will_try(tried)
     others = tuple(claim.effect for claim in e.naming.fit.state.claims if claim.effect.id not in SLOW_ZERO)
     base = evidence.of(others, evidence.nothing)
-    found = UnitEvidence({}, {}, {}, {}, {})
+    found = _UnitEvidence({}, {}, {}, {}, {})
     for name in dict.fromkeys(effect.id for effect in tried):
         of_name = [effect for effect in tried if effect.id == name]
         ranked = guesses(evidence, of_name, base)
@@ -81,11 +81,11 @@ def evidence_of(e: Explanation) -> UnitEvidence:
         found.gain[name] = float(theta @ np.linalg.solve(covariance, theta)), len(theta)
         found.shapes[name] = len(of_name)
         found.size_rps[name], _ = motion(e.twin, [(effect, theta)])
-        found.upper_rps[name] = upper_motion(e.twin, effect, theta, covariance)
+        found.upper_rps[name] = _upper_motion(e.twin, effect, theta, covariance)
     return found
 
 
-def upper_motion(twin: Twin, effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> float:
+def _upper_motion(twin: Twin, effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> float:
     """Upper 95 % limit, rad/s, of ``motion`` by one effect, on the axis where it is largest, between the estimate's extremes."""
     columns = np.concatenate([effect.columns(movement) for movement in twin.movements])
     added = columns @ theta
@@ -94,7 +94,7 @@ def upper_motion(twin: Twin, effect: Effect, theta: np.ndarray, covariance: np.n
     return max(upper_limit(float(d @ theta), float(np.sqrt(d @ covariance @ d))) for d in reach)
 
 
-def pooled(units: Mapping[int, UnitEvidence], named: dict[int, tuple[str, ...]], thermometer: bool) -> PooledSlowZero | None:
+def pooled(units: Mapping[int, _UnitEvidence], named: dict[int, tuple[str, ...]], thermometer: bool) -> PooledSlowZero | None:
     """Add the units' evidence for each member that all of them can have; None if there is none.
 
     One cause moves all units or none: the prior odds are paid once, the scale of each unit's motion by each.

@@ -104,9 +104,9 @@ def traits_of(
             continue
         estimates = {n: x for n, e in explanations.items() if (x := estimate_in(e, effect, instead, n in by_unit)) is not None}
         if name == EARTH:
-            found.append(earth_trait(estimates, fit, units, says, tests, share(effect), unknown))
+            found.append(_earth_trait(estimates, fit, units, says, tests, share(effect), unknown))
             continue
-        found.append(trait_of(effect, estimates, says, tests, share(effect), unknown, instead))
+        found.append(_trait_of(effect, estimates, says, tests, share(effect), unknown, instead))
     return tuple(found)
 
 
@@ -133,7 +133,7 @@ def estimate_in(e: Explanation, effect: Effect, instead: Sequence[str], named: b
     return Estimate(theta, covariance, named)
 
 
-def departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
+def _departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
     """Indices of the estimates (U, P) that differ from the others: the one whose leaving lowers the chi-square most, until the rest is of
     one value at ``LEVEL``.  All of them where half or more would have to go, or where there are two: then nobody is the odd one."""
     rest = list(range(len(values)))
@@ -160,7 +160,7 @@ def widened(covariance: np.ndarray, units: int, share: float) -> np.ndarray:
     return covariance * (1 + (units - 1) * share)
 
 
-def trait_of(
+def _trait_of(
     effect: Effect,
     estimates: Mapping[int, Estimate],
     says: tuple[str, ...],
@@ -180,7 +180,7 @@ def trait_of(
     p_equal, pooled, covariance = homogeneity_p(values, covariances)
     p_differ = min(1.0, tests * p_equal)  # the factor makes rejection harder; in favour of equality it would say too much
     if p_differ < LEVEL:
-        odd = departing(values, covariances)
+        odd = _departing(values, covariances)
         apart = tuple(numbers[k] for k in odd)
         of_each = ", ".join(f"{_sizes(effect, values[k], covariances[k])[0]} in unit {numbers[k]}" for k in odd)
         rest = [k for k in range(len(numbers)) if k not in odd]
@@ -244,7 +244,7 @@ def _in_readings(effect: Effect, by_unit: Mapping[int, Claim], unknown: tuple[in
     return Trait(effect.id, COMMON if body else READINGS, statement, units, tuple(c.says for c in by_unit.values()), (), None, unknown)
 
 
-def earth_trait(
+def _earth_trait(
     estimates: Mapping[int, Estimate],
     fit: ArrayFit,
     units: tuple[int, ...],
@@ -257,7 +257,7 @@ def earth_trait(
     tested against the Earth's.  Undecided where the units' estimates are not equal: then no pooled sigma holds."""
     turned = {}
     for number, estimate in estimates.items():
-        R = yaw_to_array(fit, number)
+        R = _yaw_to_array(fit, number)
         turned[number] = Estimate(R @ estimate.theta, R @ estimate.covariance @ R.T, estimate.named)
     values, covariances = (np.array([getattr(x, what) for x in turned.values()]) for what in ("theta", "covariance"))
     p_equal, pooled, covariance = homogeneity_p(values, covariances)
@@ -284,7 +284,7 @@ def earth_trait(
     return Trait(EARTH, COMMON, statement, units, says, (), turned, unknown)
 
 
-def yaw_to_array(fit: ArrayFit, number: int) -> np.ndarray:
+def _yaw_to_array(fit: ArrayFit, number: int) -> np.ndarray:
     """Rotation (3, 3) from a unit's own table axes to the array's: both are level, so it is a turn about the vertical, to its noise."""
     i = fit.numbers.index(number)
     prepared, joint = fit.prepared[i].problem, fit.joint

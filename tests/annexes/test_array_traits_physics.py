@@ -1,0 +1,303 @@
+"""Whose an effect is: equality of the units' estimates, their pooled value, the units that differ, what is common; steps in readings."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2, norm
+
+from session.annexes.arrays.recording import read_array
+from session.io.errors import DataError
+from session.io.units import EARTH_RATE_RPS
+from tinygc import SimulationOptions
+from tinygc.annexes.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
+from tinygc.annexes.arrays.explanation import ArrayExplanation, _event_lines, array_page, moments_of
+from tinygc.annexes.arrays.fit import fit_array
+from tinygc.annexes.arrays.joint import ArrayEvent
+from tinygc.annexes.arrays.options import ArrayOptions
+from tinygc.annexes.arrays.simulation import simulate_array, write_array
+from tinygc.annexes.arrays.slow_zero import _UnitEvidence, _upper_motion, pooled
+from tinygc.annexes.arrays.traits import (
+    ALIKE,
+    COMMON,
+    DIFFERS,
+    UNDECIDED,
+    Estimate,
+    _departing,
+    _earth_trait,
+    _trait_of,
+)
+from tinygc.effects import Movement, catalogue
+from tinygc.estimation.systematic import PRIOR_ODDS
+from tinygc.explanation.checked import Checked, CheckedEffect, Outcome, SizedEffect
+from tinygc.explanation.standing import Standing, Statement
+from tinygc.reporting.terminal import Group, as_text
+
+OFFSET, DRIFT = catalogue()["timing.gyro_accel_offset"], catalogue()["gyro.bias_drift"]
+
+
+def scalars(values, sigma=1.0, named=(0,)):
+    return {n: Estimate(np.array([float(x)]), np.array([[sigma**2]]), n in named) for n, x in enumerate(values)}
+
+
+def of(values, named=(0,), tests=1, share=0.0, **more):
+    """The trait of units whose estimates have a sigma of one."""
+    return _trait_of(OFFSET, scalars(values, named=named), (), tests, share, **more)
+
+
+def test_an_effect_of_all_units_that_one_alone_shows_significantly_is_no_units_own():
+    """2.2 and 1.5, 1.3, 1.6 of their sigmas: only the first is significant, and together they are 3.3 sigmas."""
+    found = of([2.2, 1.5, 1.3, 1.6])
+    assert (found.scope, found.statement.standing) == (ALIKE, Standing.FOR)
+    assert found.statement.p_value == pytest.approx(chi2.sf(6.6**2 / 4, 1))
+    equal = chi2.sf(sum((x - 1.65) ** 2 for x in (2.2, 1.5, 1.3, 1.6)), 3)
+    assert f"in all units, one size is not rejected (equal sizes p = {equal:.2g}): 1.65 ± 0.50 s" in found.words
+    alone = of([2.2, 1.5, 1.3, 1.6], share=1.0)  # four units with one error know no more than one of them
+    assert alone.statement.p_value == pytest.approx(chi2.sf(1.65**2, 1))
+    assert alone.scope == UNDECIDED
+
+
+def test_units_that_cannot_show_an_effect_are_not_counted_for_it():
+    blind = {n: Estimate(np.zeros(1), np.array([[1e-6]]), False) for n in (1, 2, 3)}
+    found = _trait_of(OFFSET, {0: Estimate(np.array([1e-3]), np.array([[1e-8]]), True), **blind}, (), 1, 0.0)
+    assert (found.scope, found.statement.standing) == (UNDECIDED, Standing.UNDECIDED)
+    equal = chi2.sf(1e-6 / (1e-8 + 1e-6 / 3), 3)  # of one against the mean of three
+    assert f"named in unit 0; units 1, 2, 3 cannot show it (equal sizes p = {equal:.2g}): undecided; 0.00000 ± 0.00058 s" in found.words
+    assert found.statement.limit == "0.00095 s"
+    assert "in all units" not in found.words
+
+
+#: bars: of the mean of three others; of the chi-square of homogeneity of 0, 0, 0 and x, 3/4 x^2, of one and of five effects tried
+OTHERS, ODD, OF_FIVE = np.sqrt(chi2.isf(0.05, 1) / 3), np.sqrt(chi2.isf(0.05, 3) * 4 / 3), np.sqrt(chi2.isf(0.01, 3) * 4 / 3)
+
+
+@pytest.mark.parametrize(
+    ("values", "how", "scope"),
+    [
+        ([4.0, *[OTHERS + 0.01] * 3], {}, ALIKE),  # the others count where their own pooled value is not zero
+        ([3.5, *[OTHERS - 0.01] * 3], {}, UNDECIDED),
+        ([4.0, *[OTHERS + 0.01] * 3], {"share": 0.1}, UNDECIDED),
+        ([4.0, 8.0], {"named": (0, 1), "tests": 60}, ALIKE),  # equal with p = 0.0047
+        ([4.0, 8.0], {"named": (0, 1), "tests": 10}, DIFFERS),
+        ([0, 0, 0, ODD + 0.01], {"named": (3,)}, DIFFERS),
+        ([0, 0, 0, ODD - 0.01], {"named": (3,)}, UNDECIDED),
+        ([0, 0, 0, OF_FIVE + 0.01], {"named": (3,), "tests": 5}, DIFFERS),
+        ([0, 0, 0, OF_FIVE - 0.01], {"named": (3,), "tests": 5}, UNDECIDED),
+    ],
+)
+def test_units_differ_only_where_equality_is_rejected_and_share_only_what_the_others_show(values, how, scope):
+    assert of(values, **how).scope == scope
+
+
+@pytest.mark.parametrize(
+    ("values", "how", "apart", "words"),
+    [
+        ([4.0, 8.0], {"named": (0, 1), "tests": 60}, (), f"equal sizes p = {chi2.sf(8.0, 1):.2g}, one of 60 tests"),
+        ([0.1, -0.2, 9.0, 0.1], {"named": (2,)}, (2,), "differs between units: 9.0 ± 1.0 s in unit 2, 0.00 ± 0.58 s in the others"),
+        ([1.9, -1.0, -0.5, 0.2, -0.6], {}, (), "below 0.74 s with 95 %"),  # 1.645 / sqrt(5)
+        ([5.0, 5.0], {"unknown": (3,), "instead": ("gyro.bandwidth",)}, (), "in units 0, 1, one size is not rejected"),
+        ([5.0, 5.0], {"unknown": (3,), "instead": ("gyro.bandwidth",)}, (), "or gyro.bandwidth: not told apart here"),
+        ([5.0, 5.0], {"unknown": (3,)}, (), "unit 3 could not be explained, and may have it too"),
+        ([5.0], {"unknown": (3,)}, (), "in one unit"),
+    ],
+)
+def test_words_have_the_sizes_of_the_units_that_differ_and_what_is_not_known(values, how, apart, words):
+    found = of(values, **how)
+    assert found.apart == apart
+    assert words in found.words
+
+
+def test_the_odd_ones_go_one_by_one_and_of_two_none_is_the_odd_one():
+    covariances = np.ones((5, 1, 1))
+    assert _departing(np.array([[0.0], [9.0], [0.1], [-9.0], [-0.1]]), covariances) == [1, 3]
+    assert _departing(np.array([[0.0], [0.5], [0.1], [-0.5], [-0.1]]), covariances) == []
+    assert _departing(np.array([[0.0], [9.0]]), covariances[:2]) == [0, 1]
+    assert _departing(np.array([[0.0], [9.0], [18.0], [27.0]]), covariances[:4]) == [0, 1, 2, 3]
+
+
+# The Earth.
+
+
+def body(yaws_deg, stills: int = 4):
+    """A fit with units mounted anyhow, whose own table axes are turned by yaws against the array's."""
+    q, fits, mountings = Rotation.random(stills, random_state=3), [], []
+    for number, yaw_deg in enumerate(yaws_deg):
+        mountings.append(Rotation.random(random_state=5 + number))
+        own = (Rotation.from_euler("z", -yaw_deg, degrees=True) * q * mountings[-1]).as_quat(scalar_first=True)
+        log = SimpleNamespace(q_tb=own, stills=[object() for _ in range(stills)])
+        fits.append(SimpleNamespace(problem=SimpleNamespace(logs=[log])))
+    state = SimpleNamespace(q_tb=q.as_quat(scalar_first=True), mountings=[M.as_matrix() for M in mountings])
+    same = SimpleNamespace(stills=[fit.problem.logs[0].stills for fit in fits], group=np.zeros(stills, dtype=int))
+    return SimpleNamespace(numbers=tuple(range(len(fits))), prepared=fits, joint=SimpleNamespace(state=state), same=same)
+
+
+def earth(factors, sigma=0.05):
+    """Each unit's estimate in its own axes, of the Earth's rate times a factor; units' yaws are 37, 127, 217, …"""
+    rate, yaws = EARTH_RATE_RPS * np.array([0.6, 0.0, -0.8]), [37.0 + 90 * n for n in range(len(factors))]
+    covariance = (sigma * EARTH_RATE_RPS) ** 2 * np.eye(3)
+    turned = [Rotation.from_euler("z", -yaw, degrees=True).apply(factor * rate) for yaw, factor in zip(yaws, factors, strict=True)]
+    estimates = {n: Estimate(theta, covariance, n == 0) for n, theta in enumerate(turned)}
+    return _earth_trait(estimates, body(yaws), (0,), ("says",), 1, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("factors", "standing", "words"),
+    [
+        ([1.0] * 3, Standing.FOR, "one term of all units: 15.04 ± 0.43 °/h"),
+        ([3.0] * 3, Standing.AGAINST, "45.12 ± 0.43 °/h, not the Earth's 15.0 °/h"),
+        ([0.0] * 3, Standing.BOUNDED, ""),
+        ([0.7, 1.3], Standing.UNDECIDED, "which disagree: undecided; 11 to 20 °/h in single units"),
+    ],
+)
+def test_the_earth_that_one_unit_names_is_one_term_of_all(factors, standing, words):
+    """Of the last, 0.7 and 1.3 of the Earth's rate, the mean is the Earth's, and 0.6 between them is 8.5 sigmas."""
+    found = earth(factors)
+    assert (found.scope, found.statement.standing) == (COMMON, standing)
+    assert words in found.words
+    if len(factors) == 2:
+        assert found.statement.p_value == pytest.approx(chi2.sf(0.6**2 / (2 * 0.05**2), 3))
+        assert found.statement.limit == "21 °/h"
+
+
+# Slow motions of the zero-rate offset.
+
+
+def weighed(shapes=1, **scores):
+    names = {"drift": "gyro.bias_drift", "step": "gyro.bias_step", "warm": "unknown.warm_up"}
+    score = {names[name]: value for name, value in scores.items()}
+    of_each = [dict.fromkeys(score, value) for value in ((40.0, 3), shapes, 0.1 * DEG, 0.15 * DEG)]
+    return _UnitEvidence(score, *of_each)
+
+
+def test_the_family_is_decided_by_the_evidence_of_all_units():
+    """Each unit prefers another member by a little; over both, the drift is better by 2 than the warm-up."""
+    units = {0: weighed(drift=-20.0, warm=-21.0, step=0.0), 1: weighed(drift=-23.0, warm=-20.0, step=0.0)}
+    found = pooled(units, {0: ("unknown.warm_up",), 1: ("gyro.bias_drift",)}, thermometer=False)
+    assert next(iter(found.shares)) == "gyro.bias_drift"
+    assert found.shares["gyro.bias_drift"] == pytest.approx(1 / (1 + np.exp(-1)), abs=1e-4)
+    assert found.statement.standing is Standing.FOR
+    assert found.statement.p_value == pytest.approx(3 * chi2.sf(80.0, 6))
+    for words in ("most likely a steady drift", "or a warm-up within the session (0.27)", "temperature was not recorded"):
+        assert words in found.statement.words
+    assert "not recorded" not in pooled(units, {}, thermometer=True).statement.words
+    shapes = {n: weighed(shapes=count, step=-40.0, drift=0.0) for n, count in enumerate((7, 5))}  # those tried in each unit count
+    assert pooled(shapes, {}, True).statement.p_value == pytest.approx(2 * 7 * 5 * chi2.sf(80.0, 6))
+
+
+def test_prior_odds_are_paid_once_and_evidence_against_all_members_names_none():
+    once = 2 * np.log(1 / PRIOR_ODDS)
+    there = {0: weighed(drift=1.0), 1: weighed(drift=once - 1.1)}
+    assert pooled(there, {}, True).statement.standing is Standing.FOR
+    assert pooled({**there, 1: weighed(drift=once - 0.9)}, {}, True).statement.standing is Standing.UNDECIDED
+    weak = {n: replace(unit, gain={"gyro.bias_drift": (3.0, 3)}) for n, unit in there.items()}
+    assert pooled(weak, {}, True).statement.standing is Standing.UNDECIDED
+
+
+def test_a_member_that_one_unit_cannot_have_is_none_of_all():
+    found = pooled({0: weighed(drift=-9.0, step=-50.0), 1: weighed(drift=-9.0)}, {}, True)
+    assert list(found.shares) == ["gyro.bias_drift"]
+    assert pooled({0: weighed(step=-9.0), 1: weighed(drift=-9.0)}, {}, True) is None
+    assert "as a steady drift" in found.statement.words
+
+
+@pytest.mark.parametrize(("times", "alone"), [(0.99, 1), (1.01, 2)])
+def test_the_statement_counts_the_units_that_show_the_motion_by_themselves(times, alone):
+    """By each unit's chi-square, over two members and the five shapes that were tried: 5 % is the limit of one."""
+    units = {0: weighed(shapes=5, drift=-20.0, warm=0.0), 1: weighed(shapes=5, drift=-20.0, warm=0.0)}
+    units[1].gain["gyro.bias_drift"] = float(chi2.isf(0.05 / 10, 3)) * times, 3
+    assert pooled(units, {}, True).statement.words.count(f"{alone} of 2 show it alone") == 1
+
+
+def test_the_limit_of_a_slow_motion_is_that_of_its_estimate():
+    """A drift over the log: (t / duration - 1/2) theta, from the first to the last of 100 samples; y moves most, z is known least."""
+    t = np.arange(100.0)
+    zero = np.zeros((100, 3))
+    more = {"vibration_g2": np.zeros(100), "first_temp_c": 25.0}
+    twin = SimpleNamespace(
+        movements=[Movement(t_s=t, rate=zero, force_g=zero, temp_c=zero[:, 0], dt_s=1.0, fs_rps=1.0, duration_s=100, **more)]
+    )
+    upper = _upper_motion(twin, DRIFT, np.array([0.1, -0.4, 0.2]), np.diag([0.01, 0.04, 0.25]) ** 2)
+    assert upper == pytest.approx(0.99 * (0.2 + norm.isf(0.05) * 0.25))
+    weak = {n: replace(weighed(drift=5.0), upper_rps={"gyro.bias_drift": n * 0.2 * DEG}) for n in (1, 2)}
+    statement = pooled(weak, {}, True).statement
+    assert "undecided; by 0.1 to 0.1 dps" in statement.words
+    assert statement.limit == "0.4 dps"
+
+
+# Steps in readings, events, and the verdict.
+
+
+@pytest.fixture(scope="module")
+def hit(tmp_path_factory):
+    """A body that is knocked in the middle turn, and a last unit that reads falsely in the second."""
+    options = SimulationOptions(segments=8, closure_s=0, odr_hz=62.5, seed=8)
+    made = simulate_array(options, ArrayOptions(units=2, knock_deg=1.0, false_reading_dps=60.0))
+    return made.plan, fit_array(read_array(write_array(made, tmp_path_factory.mktemp("hit") / "array")), bias="ends")
+
+
+def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit):
+    plan, fit = hit
+    false, *knocks = moments_of(fit)
+    assert (false.what, false.unit) == ("false reading", 1)
+    assert false.at_s == pytest.approx(np.mean(plan.turns[1]), abs=0.1)
+    assert false.felt < 0.2
+    assert {moment.what for moment in knocks} == {"knock"}
+    assert all(moment.at_s == pytest.approx(np.mean(plan.turns[4]), abs=0.1) for moment in knocks)
+
+
+def test_units_that_stand_out_together_are_not_blamed(hit):
+    """A blow is felt by all and sampled by each otherwise: of more than one unit at once none is said to read falsely."""
+    _, fit = hit
+    one, other = (ArrayEvent("turn", unit, 3, 4, size * DEG, 1e-9, np.zeros(0, dtype=int)) for unit, size in ((1, 0.5), (0, 2.0)))
+    alone, both = (replace(fit, joint=replace(fit.joint, events=events)) for events in ((one,), (one, other)))
+    (words,), (together,) = _event_lines(alone), _event_lines(both)
+    assert "unit 1 misses this turn by 0.5° against the other (F test, p = 1e-09): its own readings" in words
+    assert "2 of 2 units stand out in this turn, each in its own way (unit 0 by 2°, unit 1 by 0.5°)" in together
+    assert "its own readings" not in together
+    assert "; 2 equal ones would have 1.41 times less." in " ".join(as_text(array_page(alone)).split())
+    assert [verdict(fit=each) for each in (alone, both)] == ["own", "common"]
+
+
+def verdict(common=Standing.BOUNDED, own=Standing.BOUNDED, slow=None, fit=None):
+    fit = fit or SimpleNamespace(joint=SimpleNamespace(events=()))
+    stated = [SimpleNamespace(statement=Statement("what", standing, "test", 0.5, "", "")) for standing in (common, own)]
+    parts = SimpleNamespace(common=stated[0], all_own=stated[1])
+    return ArrayExplanation(fit, {}, {}, parts, (), slow, {}, ()).verdict
+
+
+@pytest.mark.parametrize(
+    ("common", "own", "expected"),
+    [
+        (Standing.BOUNDED, Standing.BOUNDED, "no_mismatch"),
+        (Standing.BOUNDED, Standing.UNDECIDED, "undecided"),
+        (Standing.FOR, Standing.UNDECIDED, "common"),
+        (Standing.BOUNDED, Standing.FOR, "own"),
+        (Standing.FOR, Standing.FOR, "common_and_own"),
+    ],
+)
+def test_the_verdict_follows_from_the_standings_and_one_cause_of_all_zeros_is_common(common, own, expected):
+    assert verdict(common, own) == expected
+    slow = SimpleNamespace(statement=Statement("zero", Standing.FOR, "t", 0.01, "", ""))
+    assert verdict(common, own, slow) == ("common_and_own" if own is Standing.FOR else "common")
+
+
+def test_effects_are_checked_on_the_unit_of_the_same_number_in_another_recording():
+    theta, session = np.array([1e-3, 2e-3, -1e-3]), SimpleNamespace(name="other")
+    named = SizedEffect(catalogue()["gyro.scale_asymmetry"], theta, 1e-10 * np.eye(3), 0.99)
+    there = CheckedEffect(named, Outcome.CONFIRMED, 90.0, 0.4, 1.0, named, (1.0, 0.02), (2 * DEG, 1 * DEG))
+    checked = [CheckedArray("other", {0: Checked(session, True, [there]), 3: Checked(session, None, error="too few turns")})]
+    (table,) = checked_units_to_json(checked)
+    assert [(unit["number"], unit["error"]) for unit in table["units"]] == [(0, None), (3, "too few turns")]
+    assert table["units"][0]["effects"][0]["outcome"] == "confirmed"
+    text = as_text(Group(*checked_units_page(checked)))
+    assert "gyro.scale_asymmetry: confirmed in 1 of 1 recordings" in text
+    assert "Not checked on other: too few turns" in text
+    found, other = (
+        SimpleNamespace(explanations={0: None, 3: None}),
+        SimpleNamespace(name="other", folder="other", numbers=(7,), units=("",)),
+    )
+    with pytest.raises(DataError, match="it has units 7, expected some of 0, 3"):
+        check_units(found, other)

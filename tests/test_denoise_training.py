@@ -10,8 +10,8 @@ from conftest import Turns
 from session.io.errors import FitError
 from session.io.units import DEG
 from tinygc import closure
-from tinygc.estimation import adamw, denoiser
-from tinygc.estimation.denoiser import REACH, Material, start, taps_and_jacobian, train_adamw, train_denoiser
+from tinygc.estimation import denoiser
+from tinygc.estimation.denoiser import REACH, Material, start, taps_and_jacobian, train_denoiser
 from tinygc.models.denoiser import Denoiser
 from tinygc.models.linear import bias_only
 
@@ -143,17 +143,6 @@ def test_seeded_and_frozen(trained):
     again = train_denoiser(seen, bias_only()).model
     np.testing.assert_array_equal(again.denoiser.vector, trained.denoiser.vector)
     assert train_denoiser(seen, calibration).model.calibration is calibration
-
-
-@pytest.mark.slow
-def test_as_in_the_paper_it_is_repeatable_and_keeps_its_best_epoch(monkeypatch):
-    seen, _ = material(count=8)
-    monkeypatch.setattr(adamw, "EPOCHS", 30)
-    first, second = (train_adamw(seen, bias_only(), 0, lambda done, of: None) for _ in range(2))
-    assert first.loss == second.loss
-    assert len(first.loss) == 30
-    assert min(first.loss) == first.loss[0]  # the first steps lead away from the identity
-    np.testing.assert_allclose(first.model.denoiser.vector, start(0).vector, atol=1e-12)
 
 
 def test_bad_input_is_refused():

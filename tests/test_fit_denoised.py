@@ -6,29 +6,12 @@ import pytest
 from conftest import ROOT
 
 import calibrate
-from tinygc import models
 from tinygc.estimation import adamw, network
 
 
 def fit(folder, out, *more):
     code = calibrate.main(["fit", str(folder), "--out", str(out), "--json", str(out / "table.json"), "--quiet", *more])
     return code, json.loads((out / "table.json").read_text())
-
-
-@pytest.mark.slow
-def test_denoised_beside_calibrated(tmp_path):
-    """195 parameters: noise at rest a third, the stated delay, and the closure as before."""
-    code, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "tinygc,tinygc_denoised")
-    calibrated, denoised = (table["methods"][name] for name in ("tinygc", "tinygc_denoised"))
-    assert code == 0
-    assert denoised["parameters"] == 195
-    assert min(denoised["denoiser"]["noise_reduction"]) > 3
-    assert denoised["denoiser"]["delay_samples"] == 12
-    assert denoised["holdout"]["tilt_rms_deg"] < 1.05 * calibrated["holdout"]["tilt_rms_deg"]
-    run = table["closure_runs"][0]
-    assert run["tinygc_denoised"]["rmse_deg"] == pytest.approx(run["tinygc"]["rmse_deg"], abs=0.005)
-    assert models.load(tmp_path / "model_tinygc_denoised.json").parameters == 195
-    assert len(json.loads((tmp_path / "fitted.json").read_text())["methods"]["tinygc_denoised"]["notes"]["loss"]) > 5
 
 
 @pytest.mark.broad

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from conftest import DEG, Table, session_of
 
 from session.io.registers import gyro_rps_per_lsb
 from tinygc.closure.build import build_problem
-from tinygc.explanation.data_repair import repair
 from tinygc.noise.components import UNDERSAMPLED, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -25,16 +23,6 @@ def spoilt(count: int):
     gyro[rows, rng.integers(3, size=count)] += SPIKE_RPS * rng.choice([-1, 1], count)
     assert SPIKE_RPS > 100 * DEG
     return replace(samples, gyro=gyro), rows
-
-
-@pytest.mark.broad
-def test_all_of_them_are_mended():
-    samples, rows = spoilt(40)
-    mended = repair(build_problem(session_of(samples)))
-    assert list(mended.found) == ["data.glitches"]
-    found = set(mended.found["data.glitches"][0]["at"])
-    assert found <= set(rows.tolist())
-    assert len(found) >= 38
 
 
 def test_what_they_add_to_fewer_readings_does_not_grow_as_motion_does():

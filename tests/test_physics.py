@@ -1,7 +1,5 @@
 """``fit --physics``: the model goes on with what `explain` named, and with nothing that it refused."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -14,12 +12,9 @@ from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.physics import fit_physics, physics_methods
-from tinygc.models.files import load
-from tinygc.models.linear import NAMES
 from tinygc.simulation.write import write_session
 
 PER_G = np.array([[0.03, -0.01, 0.0], [0.0, 0.02, 0.015], [-0.02, 0.0, 0.01]])  # dps/g
-PER_C = np.array([0.012, -0.02, 0.015])  # dps/K
 
 
 def simulated(folder, distort, **options):
@@ -30,19 +25,6 @@ def simulated(folder, distort, **options):
 
 def on_gravity(t_s, rate, force, temp_c):
     return rate + force / G @ (PER_G * DEG).T
-
-
-@pytest.fixture(scope="module")
-def warm(tmp_path_factory):
-    """A zero that follows temperature, fitted with what naming finds; its fit.json and folder."""
-
-    def distort(t_s, rate, force, temp_c):
-        return rate + np.outer(temp_c - temp_c[0], PER_C * DEG)
-
-    folder = simulated(tmp_path_factory.mktemp("physics") / "warm", distort, warm_up_c=8.0)
-    words = ["fit", str(folder), "--physics", "auto", "--methods", "least_squares,tinygc", "--quiet", "--bias", "ends"]
-    assert calibrate.main([*words, "--json", str(folder / "out.json")]) == 0
-    return folder, json.loads((folder / "out.json").read_text())
 
 
 def test_parameters_asked_for_by_id_are_recovered(tmp_path):
@@ -71,66 +53,6 @@ def test_fit_and_explain_have_one_closure_of_one_model_and_one_verdict(tmp_path)
     assert again.decision.tests == why.decision.tests == alone.verdict().tests
     assert again.decision.headline == alone.verdict().headline
     assert (again.verdict, again.p_value) == (why.verdict, why.p_value)
-
-
-@pytest.mark.slow
-def test_what_was_named_closes_better_and_the_net_carries_it(warm):
-    _, told = warm
-    held = {name: method["holdout"]["tilt_rms_deg"] for name, method in told["methods"].items()}
-    assert held["physics"] < 0.2 * held["least_squares"]
-    assert held["tinygc_physics"] < 1.05 * held["physics"]
-
-
-@pytest.mark.slow
-def test_the_saved_model_undoes_the_effect(warm):
-    folder, _ = warm
-    session = read_session(folder)
-    (log,) = session.logs
-    model = load(folder / "fit" / "model_physics.json")
-    assert tuple(claim.effect.id for claim in model.undone) == ("gyro.thermal_bias",)
-    samples = session.calibrated(log)
-    linear = load(folder / "fit" / "model_least_squares.json")
-    stills = [still for still in build_problem(session).stills if still.problem is None]
-    drift = {}
-    for name, rate in (("physics", model.calibrate(samples)), ("linear", linear(samples.gyro))):
-        means = np.array([rate[still.start : still.stop].mean(axis=0) for still in stills])
-        drift[name] = np.linalg.norm(np.polyfit(np.arange(len(means)), means, 1)[0]) * len(means) / DEG
-    assert drift["linear"] > 0.1
-    assert drift["physics"] < 0.01
-
-
-@pytest.mark.slow
-def test_the_saved_model_says_how_well_it_is_known(warm):
-    folder, _ = warm
-    table = json.loads((folder / "fit" / "model_physics.json").read_text())
-    covariance = np.array(table["covariance"])
-    assert table["covariance_of"][:12] == list(NAMES)
-    assert table["covariance_of"][12:] == [f"gyro.thermal_bias[{i}]" for i in range(3)]
-    assert covariance.shape == (15, 15)
-    (effect,) = table["effects"]
-    assert np.abs((np.array(effect["theta_si"]) - PER_C * DEG) / np.sqrt(np.diag(covariance)[12:])).max() < 4
-    assert "covariance" not in json.loads((folder / "fit" / "model_tinygc_physics.json").read_text())
-    assert calibrate.main(["export", str(folder), "--to", "json", "--model", "physics", "--quiet"]) == 0
-    (path,) = (folder / "export").glob("*.json")
-    assert json.loads(path.read_text())["covariance_of"] == table["covariance_of"]
-    assert isinstance(load(path), type(load(folder / "fit" / "model_physics.json")))
-
-
-@pytest.mark.slow
-def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):
-    """In no catalogue: taken for one thing by naming alone, it would be saved as that."""
-
-    def oscillating(t_s, rate, force, temp_c):
-        return rate + np.outer(np.sin(2 * np.pi * t_s / 30), [0.08, 0.05, -0.065]) * DEG
-
-    folder = simulated(tmp_path / "s", oscillating)
-    found = fit_physics(build_problem(read_session(folder)), None)
-    assert found.refused
-    assert tuple(claim.effect.id for claim in found.model.undone) == ()
-    assert calibrate.main(["fit", str(folder), "--physics", "auto", "--methods", "least_squares", "--verbose"]) == 0
-    out = " ".join(capsys.readouterr().out.split())
-    assert "Physics: a mismatch that no effect in the catalogue fits" in out
-    assert "no mismatch was found" not in out
 
 
 @pytest.mark.parametrize("words", ["gyro.nonsense", "", "auto,gyro.g_sensitivity", "gyro.g_sensitivity,"])

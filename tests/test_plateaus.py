@@ -1,35 +1,15 @@
 """Rates that are clipped before the linear errors, the filter and the noise: no register value repeats."""
 
-import numpy as np
 import pytest
 from conftest import Table
 from spoilt_registers import session_of_logs
 
 from session.io.units import DEG
-from tinygc import SimulationOptions
 from tinygc.closure.build import build_problem
 from tinygc.explanation.clipped_turns import find_plateaus
 from tinygc.explanation.data_repair import repair
-from tinygc.explanation.engine import explain_session
-from tinygc.simulation.write import write_session
 
 FS = 500 * DEG
-
-
-def clipped(level_dps):
-    return lambda t, rate, force, temp: np.clip(rate, -level_dps * DEG, level_dps * DEG)
-
-
-@pytest.mark.slow
-def test_a_clipped_element_is_named_and_its_segments_left_out(tmp_path):
-    options = SimulationOptions(segments=40, closure_s=0.0, seed=3)
-    result = explain_session(write_session(options, tmp_path / "session", distort=clipped(200)))
-    (claim,) = result.claimed
-    assert claim.effect.id == "gyro.saturation"
-    assert abs(claim.parameters["dps"] - 200) < 2 * claim.std["dps"]
-    assert result.verdict == "explained"
-    before, after = (np.sqrt(np.mean(angles**2)) for angles in (result.proof.before, result.proof.after))
-    assert after < 0.02 * before
 
 
 def test_a_motor_turns_at_one_rate_and_is_not_clipped():

@@ -8,13 +8,10 @@ from conftest import Turns, broad, wxyz
 from scipy.spatial.transform import Rotation
 from small_turns import TYPICAL, angles_by_scipy, small_turns, turned_ends, turns_by_scipy
 
-from session.io.units import DEG
-from tinygc import closure, read_session
-from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prior import vague
 from tinygc.estimation.particle_swarm import fit_pso, minimise
-from tinygc.models.linear import LinearModel, bias_only
+from tinygc.models.linear import LinearModel
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 
@@ -86,29 +83,3 @@ def test_on_a_pendulum_the_swarm_leaves_the_start_where_least_squares_holds_hard
     assert {"E_xx", "E_zz"} <= set(held.unobserved)
     assert rms["swarm"] < 0.9 * rms["held"]
     assert rms["free"] == pytest.approx(rms["swarm"], rel=1e-3)
-
-
-@pytest.mark.slow
-def test_the_swarm_ends_where_least_squares_does(simulated):
-    """A simulated session of 10 turns: the same closure to a thousandth of a degree, and the same every time."""
-    problem = build_problem(read_session(simulated()))
-    start = bias_only(problem.still_rates.rate[0])
-    sigma = problem.floor.sigma
-    swarm = fit_pso(problem.batch, sigma, start, seed=0)
-    linear = fit_least_squares(problem.batch, sigma, start).model
-
-    def tilt(model):
-        angles = closure.error_angles(closure.segment_residuals(problem.batch, model(problem.batch.rate)))
-        return np.sqrt(np.mean(np.sum(angles**2, axis=1))) / DEG
-
-    assert tilt(swarm) == pytest.approx(tilt(linear), abs=1e-3)
-    np.testing.assert_array_equal(fit_pso(problem.batch, sigma, start, seed=0).vector, swarm.vector)
-
-
-@pytest.mark.slow
-def test_still_rates_count_in_the_swarms_cost(simulated):
-    problem = build_problem(read_session(simulated()))
-    start = bias_only(problem.still_rates.rate[0])
-    linear = fit_least_squares(problem.batch, problem.floor.sigma, start, still_rates=problem.still_rates).model
-    swarm = fit_pso(problem.batch, problem.floor.sigma, start, seed=0, still_rates=problem.still_rates)
-    np.testing.assert_allclose(swarm.B, linear.B, atol=0.002 * DEG)

@@ -15,7 +15,6 @@ from tinygc.effects import AppliedEffect, catalogue
 from tinygc.explanation.claims import common_delays
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.physics import fit_physics
-from tinygc.explanation.truth_engine import explain_truth
 from tinygc.explanation.truth_names import OFFSET, TruthTwin
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.refit import refit
@@ -56,36 +55,6 @@ def test_what_all_axes_share_looks_like_the_clock_and_goes_there(twin, name):
     assert gauged.chi_square == pytest.approx(fit.chi_square, rel=0.02)
     # The clock's sigma is that of the sum, which the recording knows, not of a share of it, which nothing tells.
     assert np.sqrt(gauged.theta_covariance(0)[0, 0]) < 0.3 * np.sqrt(fit.theta_covariance(0)[0, 0]) < 0.05
-
-
-@pytest.mark.slow
-def test_a_diagonal_that_is_equal_is_the_clock_and_its_rivals_are_said():
-    """4.06 ms, as a public set has it: whether the truth is late or the gyro early, the recording does not tell."""
-    late = explain_truth(made(Wrong(late_s=0.00406))[0])
-    early = explain_truth(made(Wrong(delays_s=(-0.00406,) * 3))[0])
-    for e in (late, early):
-        (claim,) = e.claimed
-        assert claim.effect.id == "timing.truth_offset"
-        assert claim.theta[0] == pytest.approx(-0.00406, abs=4 * claim.sigma[0])
-        assert claim.sigma[0] < 1e-4
-        assert set(claim.equivalent) == set(common_delays())
-        assert "late" in claim.says
-        assert claim.share > 0.3
-        assert e.held_out_rms[1] < 0.6 * e.held_out_rms[0]
-        assert e.verdict == "explained"
-
-
-@pytest.mark.slow
-def test_one_axis_that_is_late_is_the_gyros_and_the_clock_keeps_its_own():
-    alone, both = (explain_truth(made(Wrong(delays_s=(0.003, 0, 0), late_s=late_s))[0]) for late_s in (0.0, 0.004))
-    assert not {claim.effect.id for claim in alone.claimed} - set(common_delays())
-    for e in (alone, both):
-        claim = next(claim for claim in e.claimed if claim.effect.id in common_delays())
-        assert claim.effect.id != "gyro.angular_acceleration"
-        assert np.abs(claim.theta - [0.003, 0, 0]).max() < 0.0007
-    clock = next(claim for claim in both.claimed if claim.effect.id == "timing.truth_offset")
-    assert clock.theta[0] == pytest.approx(-0.004, abs=3 * clock.sigma[0])
-    assert clock.sigma[0] < 0.0006
 
 
 @pytest.mark.broad

@@ -85,14 +85,6 @@ def quick(effect, *parts, **how) -> str:
 
 
 @pytest.mark.slow
-def test_a_picture_that_fails_says_so():
-    def draw(data, left, right):
-        raise ValueError("no paint")
-
-    assert "its picture cannot be drawn: ValueError: no paint" in quick(replace(DRIFT, picture=draw), "picture")
-
-
-@pytest.mark.slow
 def test_a_picture_without_labels_or_with_an_empty_panel_fails():
     def one_panel(data, left, right):
         left.plot(data.stills_s, data.before)
@@ -112,15 +104,6 @@ def test_a_bias_of_the_fit_fails():
         DRIFT, exact_correct=lambda measured, m, theta: measured - 0.75 * (DRIFT.distort(m.with_rate(measured), theta) - measured)
     )
     assert "more than the stated sigmas" in quick(wrong, "recover")
-
-
-@pytest.mark.slow
-def test_a_size_that_no_session_shows_is_said():
-    (weak,) = check(DRIFT, size=1e-4 * DRIFT.parameter.plausible, parts=("recover",)).parts
-    assert weak.result == "passed"
-    assert weak.says.endswith("hardly seen at this size: give a larger size=")
-    (strong,) = check(DRIFT, parts=("recover",)).parts
-    assert "hardly" not in strong.says
 
 
 def test_what_no_simulated_session_has_is_said_not_to_be_proven():

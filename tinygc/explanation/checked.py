@@ -139,7 +139,7 @@ def _measured(e: Explanation | TruthExplanation, name: str) -> tuple[np.ndarray,
     return None
 
 
-def of_recording(effect: Effect) -> bool:
+def _of_recording(effect: Effect) -> bool:
     """Whether an effect belongs to one recording: a course of time, the motion, moments, or readings at a limit."""
     return "time" in effect.inputs or effect.kind == "motion" or effect.occurs is not None
 
@@ -163,7 +163,7 @@ def check_on(first: Explanation | TruthExplanation, other: Explanation | TruthEx
     checked = Checked(other.session, serials[0] == serials[1] if all(serials) else None)
     evidence: Evidence | None = None
     for named in named_in(first):
-        if of_recording(named.effect):
+        if _of_recording(named.effect):
             checked.effects.append(CheckedEffect(named, Outcome.OF_RECORDING, there=_same_name(other, named.effect)))
         elif not np.isfinite(named.theta).all():
             checked.effects.append(CheckedEffect(named, Outcome.NO_NUMBERS))
@@ -172,7 +172,7 @@ def check_on(first: Explanation | TruthExplanation, other: Explanation | TruthEx
         elif named.effect.id in (DELAY, OFFSET.id):
             measured = _measured(other, named.effect.id)
             there = None if measured is None else replace(named, theta=measured[0], covariance=measured[1])
-            checked.effects.append(CheckedEffect(named, Outcome.NO_POWER) if there is None else weighed_by(named, there, seed))
+            checked.effects.append(CheckedEffect(named, Outcome.NO_POWER) if there is None else _weighed_by(named, there, seed))
         else:
             evidence = evidence or Evidence(other.twin if isinstance(other, Explanation) else TruthTwin(other.problem))
             checked.effects.append(predicted(named, other, evidence, seed))
@@ -184,15 +184,15 @@ def _same_name(other: Explanation | TruthExplanation, effect: Effect) -> SizedEf
     return next((n for n in named_in(other) if n.effect.id == effect.id and np.isfinite(n.theta).all()), None)
 
 
-def weighed_by(named: SizedEffect, there: SizedEffect, seed: int, odds: float | None = None) -> CheckedEffect:
+def _weighed_by(named: SizedEffect, there: SizedEffect, seed: int, odds: float | None = None) -> CheckedEffect:
     """Decide by the two estimates; odds: 2 ln, where they are known better than from them."""
     if odds is None:
-        odds = float(odds_of(there.theta, named, there.covariance)[0])
+        odds = float(_odds_of(there.theta, named, there.covariance)[0])
     together = named.covariance + there.covariance
     apart = named.theta - there.theta
     same_p = float(chdtrc(len(apart), apart @ np.linalg.solve(together, apart)))
     drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(apart))) @ np.linalg.cholesky(together).T + named.theta
-    power = float(np.mean(odds_of(drawn, named, there.covariance) >= STRONG))
+    power = float(np.mean(_odds_of(drawn, named, there.covariance) >= STRONG))
     size = size_of(named, there)
     if odds >= STRONG:
         outcome = Outcome.CONFIRMED
@@ -205,7 +205,7 @@ def weighed_by(named: SizedEffect, there: SizedEffect, seed: int, odds: float | 
     return CheckedEffect(named, outcome, odds, same_p, power, there, size)
 
 
-def odds_of(estimates: np.ndarray, named: SizedEffect, covariance: np.ndarray) -> np.ndarray:
+def _odds_of(estimates: np.ndarray, named: SizedEffect, covariance: np.ndarray) -> np.ndarray:
     """2 ln of the odds, (K,), that estimates (K, P) with a covariance (P, P) give the named size, as uncertain as it is, against zero."""
     estimates = np.atleast_2d(estimates)
     found = np.zeros(len(estimates))
@@ -273,14 +273,14 @@ def predicted(named: SizedEffect, other: Explanation | TruthExplanation, evidenc
     turned = headings(named) if named.effect.kind == "earth" else [named]
     tried = []
     for beside in hypotheses:
-        odds = np.array([float(odds_of(beside.estimate.theta, each, beside.estimate.covariance)[0]) for each in turned])
+        odds = np.array([float(_odds_of(beside.estimate.theta, each, beside.estimate.covariance)[0]) for each in turned])
         best = int(np.argmax(odds))
         value = beside.value(turned[best].theta, turned[best].covariance)
         # Over all headings, each as probable as the others.
         value -= 2 * float(logsumexp((odds - odds[best]) / 2) - np.log(len(odds)))
         tried.append((value, beside, turned[best]))
     value, beside, best_named = min(tried, key=lambda each: each[0])
-    there = weighed_by(best_named, beside.estimate, seed, nothing - value)
+    there = _weighed_by(best_named, beside.estimate, seed, nothing - value)
     before, after = (_closure(other, evidence.twin, beside, theta) for theta in (np.zeros_like(best_named.theta), best_named.theta))
     return replace(there, named=named, closure_rad=None if before is None or after is None else (before, after))
 

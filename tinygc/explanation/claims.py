@@ -143,7 +143,7 @@ class AgainstStated:
         return {"chi_square": self.chi_square, "freedom": self.freedom, **p_entry("p_value", self.p_value)}
 
 
-def against_stated(claim: AppliedEffect, covariance: np.ndarray) -> AgainstStated | None:
+def _against_stated(claim: AppliedEffect, covariance: np.ndarray) -> AgainstStated | None:
     """Compare a fitted claim with the numbers of its effect's file, None where it states none; covariance (P, P) of the claim."""
     effect, stated = claim.effect, claim.effect.stated
     if stated is None:
@@ -266,7 +266,7 @@ def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> l
         claim = fit.state.claims[number]
         theta, parameters, std = readable(claim, fit.theta_covariance(number))
         share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
-        says, stated = described(claim.effect, theta, fit.theta_covariance(number)), against_stated(claim, fit.theta_covariance(number))
+        says, stated = described(claim.effect, theta, fit.theta_covariance(number)), _against_stated(claim, fit.theta_covariance(number))
         says = says if stated is None else f"{says}; {stated.words}"
         claims.append(
             Claim(claim.effect, parameters, std, each.p_value, says, each.equivalent, share, False, each.probability, each.rivals, stated)

@@ -1,0 +1,169 @@
+"""Explaining from end to end: what is concealed in a small session is named with its size, and checked on other sessions of the unit."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from html import unescape
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from formats_page import strangers
+
+from session.io.errors import DataError
+from session.io.siblings import others_beside, recordings_at
+from session.io.units import DEG, G
+from tinygc import SimulationOptions, explain
+from tinygc.explanation.checked import Outcome, check_on
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import to_json
+from tinygc.reporting.checked_text import checked_page
+from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
+from tinygc.reporting.html.sections.explanation import section
+from tinygc.reporting.terminal import Group, as_text
+from tinygc.simulation.write import write_session
+
+PER_G = np.array([[0.05, -0.03, 0.02], [0.04, 0.06, -0.05], [-0.07, 0.02, 0.03]])  # dps/g
+
+
+@pytest.fixture(scope="module", name="unit")
+def of_one_unit(tmp_path_factory):
+    """Folder of three sessions of one serial number: two of a g-sensitive unit, and a sound one."""
+    place = tmp_path_factory.mktemp("unit")
+
+    def sensitive(t_s, rate, force, temp_c):
+        return rate + force / G @ (PER_G * DEG).T
+
+    for name, distort, seed in (("first", sensitive, 5), ("second", sensitive, 8), ("sound", None, 9)):
+        made = write_session(SimulationOptions(segments=14, closure_s=0.0, seed=seed, odr_hz=62.5), place / name, distort=distort)
+        path = made / "session.toml"
+        path.write_text(re.sub('serial = ".*"', 'serial = "SIM-1"', path.read_text()))
+    return place
+
+
+@pytest.fixture(scope="module", name="explained")
+def explained_sessions(unit):
+    return {path.name: explain_session(path) for path in unit.iterdir()}
+
+
+def test_nothing_concealed_is_no_mismatch_and_lives_nowhere(explained):
+    result = to_json(explained["sound"])
+    held = result["fit"]["holdout_closure_rms_deg"]
+    assert (result["verdict"], result["effects"], result["next"], result["fit"]["excess_removed"]) == ("no_mismatch", [], None, None)
+    assert result["mismatch"]["p_value"] > 0.05
+    assert held["before"] == held["after"] < 1.6 * held["floor"]
+    nowhere = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "conditions": None}
+    assert result["mismatch"]["where"] == nowhere
+
+
+def test_a_strong_effect_is_named_with_its_size_and_undone(explained):
+    """Its columns are 0.095, 0.070 and 0.062 dps per g long: what it shows most is gravity along x."""
+    result = to_json(explained["first"])
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
+    assert strangers(result) == []
+    (effect,) = result["effects"]
+    assert (result["verdict"], effect["id"], effect["equivalent"], result["next"]) == ("explained", "gyro.g_sensitivity", [], None)
+    pulls = (np.array(effect["parameters"]["matrix_dps_per_g"]) - PER_G) / effect["std"]["matrix_dps_per_g"]
+    assert np.abs(pulls).max() < 4
+    held = result["fit"]["holdout_closure_rms_deg"]
+    assert held["before"] > 5 * held["floor"]
+    assert held["after"] < 1.6 * held["floor"]
+    assert result["fit"]["excess_removed"] > 0.98
+    assert result["mismatch"]["p_value"] < 1e-6
+    where = result["mismatch"]["where"]
+    assert (set(where["phases"]), where["axes"]) == ({"still", "turn"}, ["x", "y", "z"])
+    assert (where["conditions"]["variable"], where["conditions"]["axis"], where["conditions"]["units"]) == ("attitude", "x", "g")
+    assert len(where["segment_seconds"]) == len(where["segments"]) > 0
+
+
+def test_terminal_report_and_json_show_one_table_of_residuals(explained):
+    """And a healthy accelerometer looks healthy before and after: whitened together with the closure, a name would seem to mend it."""
+    e, heading = explained["first"], "Recorded less predicted"
+    lines = as_text(explanation_page(e)).splitlines()
+    at = next(number for number, line in enumerate(lines) if line.startswith(heading))
+    shown = [re.split(r"\s{2,}", line.strip()) for line in lines[at + 2 : at + 7]]
+    html = section(SimpleNamespace(explanation=e)).html
+    body = html[html.index("<tbody>", html.index("channel</th>")) :]
+    rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", body[: body.index("</tbody>")])]
+    assert shown == [[unescape(cell) for cell in row if cell] for row in rows]
+    channels = to_json(e)["channels"]
+    for row, (name, channel) in zip(shown, channels.items(), strict=False):
+        assert row[2:] == [f"{channel['rms_sigmas'][when]:.2f}" for when in ("before", "after")], name
+    before, after = (channels["length"]["rms_sigmas"][when] for when in ("before", "after"))
+    assert before == pytest.approx(after, abs=0.02)
+    assert 0.3 < before < 1.5
+
+
+@pytest.mark.broad
+def test_the_picture_is_drawn(explained, tmp_path):
+    from matplotlib.image import imread
+
+    folder = ExplanationReport(explained["first"]).save(tmp_path / "made")
+    picture = imread(folder / "explain.png")
+    assert min(picture.shape[:2]) > 500
+    assert picture[..., :3].std() > 0.05  # not blank
+
+
+def test_a_wrong_full_scale_is_said_and_not_explained(unit, run, tmp_path):
+    folder = shutil.copytree(unit / "sound", tmp_path / "wrong")
+    path = folder / "session.toml"
+    path.write_text(path.read_text().replace("gyro_fs_dps = 500", "gyro_fs_dps = 250"))
+    code, out, err = run("explain", folder, "--quiet")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"calibrate: .*250.*500.*\n|calibrate: .*500.*250.*\n", err)
+    assert not (folder / "explain").exists()
+
+
+# Checked on another session.
+
+
+def test_the_sessions_of_a_unit_are_found_by_its_serial_number(unit):
+    assert [path.name for path in others_beside(unit / "first")] == ["second", "sound"]
+    assert [path.name for path in recordings_at(unit, unit / "first", "SIM-1")] == ["second", "sound"]
+    assert recordings_at(unit / "sound", unit / "first", "SIM-1") == [unit / "sound"]
+    for place, serial, says in (
+        ("first", "SIM-1", "is the recording itself"),
+        ("nowhere", "SIM-1", "not found"),
+        ("", "SIM-2", "sessions of the unit 'SIM-2' other than first"),
+    ):
+        with pytest.raises(DataError, match=says):
+            recordings_at(unit / place, unit / "first", serial)
+
+
+def test_a_sensors_effect_is_confirmed_where_it_is_and_contradicted_where_it_is_not(explained):
+    checked = [check_on(explained["first"], explained[name]) for name in ("second", "sound")]
+    (found,), (absent,) = (each.effects for each in checked)
+    assert (found.outcome, found.other_size, absent.outcome) == (Outcome.CONFIRMED, False, Outcome.CONTRADICTED)
+    assert found.size[0] == pytest.approx(1, abs=3 * found.size[1])
+    assert absent.size[0] == pytest.approx(0, abs=3 * absent.size[1])
+    own = to_json(explained["second"])["fit"]["holdout_closure_rms_deg"]
+    before, after = np.degrees(found.closure_rad)
+    assert before == pytest.approx(own["before"], rel=1e-6)  # the figure that fit states of that session
+    assert after == pytest.approx(own["after"], rel=0.25)  # as well as with its own numbers
+    assert absent.closure_rad[1] > 5 * absent.closure_rad[0]
+    text = as_text(Group(*checked_page(checked)))
+    assert "gyro.g_sensitivity: contradicted in 1, confirmed in 1 of 2 recordings" in text
+    assert "1 : > 1e6" in text
+
+
+def test_another_units_own_effect_is_not_checked_and_a_copy_confirms_nothing(explained):
+    session = explained["second"].session
+    config = replace(session.config, sensor=replace(session.config.sensor, serial="SIM-2"))
+    checked = check_on(explained["first"], replace(explained["second"], session=replace(session, config=config)))
+    (found,) = checked.effects
+    assert (checked.same_unit, found.outcome) == (False, Outcome.OF_UNIT)
+    assert found.there.theta == pytest.approx(found.named.theta, abs=0.02 * DEG)
+    with pytest.raises(DataError, match="holds a log of first itself"):
+        check_on(explained["first"], explained["first"])
+
+
+@pytest.mark.broad
+def test_a_recording_that_cannot_be_explained_does_not_cost_the_first_result(unit, tmp_path):
+    short = write_session(SimulationOptions(segments=4, closure_s=0.0, seed=9, odr_hz=62.5), tmp_path / "short")
+    why = explain(unit / "first", check_on=[short, unit / "second"])
+    failed, confirmed = why.to_json()["checked"]
+    assert "expected at least" in failed["error"]
+    assert "Not checked on short: " in why.summary()
+    (entry,) = confirmed["effects"]
+    assert (entry["outcome"], entry["standing"], entry["there"]["parameters"].keys()) == ("confirmed", "for", {"matrix_dps_per_g"})

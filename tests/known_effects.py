@@ -5,50 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from session.io.units import DEG, MG, G
+from session.io.units import DEG, G
 from tinygc.effects import Effect, Movement
 
-IDS = (
-    "gyro.g_sensitivity",
-    "gyro.g2_sensitivity",
-    "gyro.angular_acceleration",
-    "gyro.scale_nonlinearity",
-    "gyro.scale_asymmetry",
-    "gyro.saturation",
-    "gyro.thermal_bias",
-    "gyro.thermal_scale",
-    "gyro.bias_drift",
-    "gyro.bias_step",
-    "gyro.vibration_rectification",
-    "gyro.bandwidth",
-    "timing.axis_skew",
-    "timing.gyro_accel_offset",
-    "timing.dropped_samples",
-    "data.glitches",
-    "reference.accelerometer",
-    "reference.not_still",
-    "earth.rotation",
-)
-#: docs/formats.md, the table of effects: JSON name, shape, and the size of one unit in SI
-PARAMETERS = {
-    "gyro.g_sensitivity": ("matrix_dps_per_g", (3, 3), DEG),
-    "gyro.g2_sensitivity": ("dps_per_g2", (3,), DEG),
-    "gyro.angular_acceleration": ("cross", (3, 3), 1),
-    "gyro.scale_nonlinearity": ("cubic_at_fs", (3,), 1),
-    "gyro.scale_asymmetry": ("half_difference", (3,), 1),
-    "gyro.saturation": ("dps", (), DEG),
-    "gyro.thermal_bias": ("dps_per_c", (3,), DEG),
-    "gyro.thermal_scale": ("per_c", (3,), 1),
-    "gyro.bias_drift": ("dps_over_log", (3,), DEG),
-    "gyro.bias_step": ("dps", (3,), DEG),
-    "gyro.vibration_rectification": ("dps_per_g2", (3,), DEG),
-    "gyro.bandwidth": ("tau_s", (3,), 1),
-    "timing.axis_skew": ("seconds", (3,), 1),
-    "timing.gyro_accel_offset": ("seconds", (), 1),
-    "timing.dropped_samples": ("length", (), 1),
-    "data.glitches": ("samples", (), 1),
-    "reference.accelerometer": ("bias_mg", (3,), MG),
-}
 #: a strong one of each, as docs/formats.md would have it; and how much of what it does may be left when it is undone
 STRONG = {
     "gyro.g_sensitivity": ([[0.05, -0.03, 0.02], [0.04, 0.06, -0.05], [-0.07, 0.02, 0.03]], 1e-12),

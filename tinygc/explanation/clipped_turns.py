@@ -54,7 +54,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
                 longest = int(np.argmax(stops - starts))
                 start, stop = int(starts[longest]), int(stops[longest])
                 if stop - start >= bar:
-                    found.append((top, at, has_corners(values, start, stop, step)))
+                    found.append((top, at, _has_corners(values, start, stop, step)))
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))
@@ -64,7 +64,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
     return ReachedCeiling(level, np.any([short, *(at for _, at, _ in found)], axis=0))
 
 
-def has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
+def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
     """Whether values (N,) fall from a plateau start:stop on both sides, as far beyond its ends as it is long."""
     beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
     return bool(values[start] - beyond.max() > CORNER_CHI2 * lsb)
@@ -88,14 +88,14 @@ LEAST = 0.05
 WHOLE, ALIKE = 0.9, 0.6
 
 
-def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
+def _find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
     """The level of rates that were clipped before misalignment, filter and noise; the same for all axes."""
     levels, masks, peak = [], [], 0.0
     for axis in range(3):
         readings = samples.gyro[:, axis]
         noise, peak = float(sigma_of_steps(readings)), max(peak, readings.max(), -readings.min())
         for sign in (1.0, -1.0):
-            found = plateaus_of(sign * readings, noise, LEAST * full_scale_rps, SHORTEST_S / samples.period_s)
+            found = _plateaus_of(sign * readings, noise, LEAST * full_scale_rps, SHORTEST_S / samples.period_s)
             levels += [level for level, _, _ in found]
             masks += [(level, start, stop) for level, start, stop in found]
     if len(levels) < FEWEST:
@@ -113,7 +113,7 @@ def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | N
     return ReachedCeiling(level, mask)
 
 
-def plateaus_of(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:
+def _plateaus_of(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:
     """(level, start, stop) of the flat top of each stroke that has one."""
     found = []
     high = values > max(least, 0.5 * values.max())
@@ -165,7 +165,7 @@ def find_clipping(problem: Problem) -> Clipping | None:
         known_to, bar = SAME, PLATEAU_EXCESS  # the linear errors act after clipping
         misfit = np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2)
         chance = float(chdtrc(int(problem.batch.known.sum()), misfit))
-        ceilings = [find_plateaus(log.samples, full_scale) for log in problem.logs]
+        ceilings = [_find_plateaus(log.samples, full_scale) for log in problem.logs]
     levels = [ceiling.level for ceiling in ceilings if ceiling is not None]
     if not levels:
         return None

@@ -37,7 +37,7 @@ from tinygc.noise.whitening import Whitener
 # Events of one turn are tested jointly: if two are false, repairing either one alone does not close the turn.
 
 #: events in one turn of which every combination is tried, sixty-four in all; with more, only those that a search visits
-EVERY_CHOICE = 6
+_EVERY_CHOICE = 6
 
 #: the events of a turn that are repaired
 Choice = frozenset[int]
@@ -56,7 +56,7 @@ def choices(count: int, value: Callable[[Choice], tuple[float, float]]) -> dict[
             seen[choice] = value(choice)
         return seen[choice]
 
-    if count <= EVERY_CHOICE:
+    if count <= _EVERY_CHOICE:
         tried = [frozenset(some) for size in range(count + 1) for some in combinations(range(count), size)]
     else:
         nothing: Choice = frozenset()
@@ -76,7 +76,7 @@ def _climb(begin: Choice, count: int, known: Callable[[Choice], tuple[float, flo
         passed.append(best)
 
 
-def chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -> np.ndarray:
+def _chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -> np.ndarray:
     """(count,) posterior probability of each event, given the prior share of true events."""
     weight = np.array([L + len(c) * np.log(share) + (count - len(c)) * np.log1p(-share) for c, L in likelihood.items()])
     weight = np.exp(weight - weight.max())
@@ -284,7 +284,7 @@ class ClosureTrial:
             # An event that closure cannot decide gets the share of the others, except a row that no sensor can output.
             before, chance = chance, np.array([1.0 if event.accel else share for event in events])
             for i, own in inside.items():
-                chance[own] = chance_of_each(len(own), likely[i], share)
+                chance[own] = _chance_of_each(len(own), likely[i], share)
             share = float((chance.sum() + 0.5) / (len(chance) + 1))
             if ((before > 0.5) == (chance > 0.5)).all():
                 break
@@ -317,7 +317,7 @@ def lowest(cost: Callable[[int], float], most: int) -> int:
 # Number of samples lost each time, when nearly every turn has a loss: each count is fitted with its own linear model.
 
 
-def common_count(problem: Problem, losses: list[RegisterFault]) -> int:
+def _common_count(problem: Problem, losses: list[RegisterFault]) -> int:
     """Number of samples missing after each event, common to all, by the closure of all segments.
 
     For this search a loss is one long step.
@@ -350,7 +350,7 @@ def common_count(problem: Problem, losses: list[RegisterFault]) -> int:
 # fit, keep the segments that close best with this fit, and repeat.
 
 #: times the typical closure; with noise alone, and a fit to the few best segments, one turn in fifty exceeds 3.5 and none this
-#: (tests/test_left_open.py)
+#: (tests/test_events_physics.py)
 OPEN = 5.0
 #: share of the segments kept at first, and the ratio of the typical closure among these to that of all, for normal errors
 KEPT, SIZE_OF_KEPT = 0.6, 0.71
@@ -433,9 +433,9 @@ def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None
         with suppress(CalibrationError):  # too few segments are left: the clipped ones stay, marked as clipped
             problem = rebuilt(problem, problem.session, clipped=tuple(clipping.numbers))
     verdicts, reference = tried_events(problem, clipping, progress)
-    problem, gaps = with_accepted(problem, verdicts, found, chances)
+    problem, gaps = _with_accepted(problem, verdicts, found, chances)
     progress("stills")
-    problem = with_gaps(without_creeping(problem, found, chances), gaps)
+    problem = _with_gaps(without_creeping(problem, found, chances), gaps)
     return RepairedProblem(problem, found, chances, reference, verdicts, clipping)
 
 
@@ -470,7 +470,7 @@ def reference_effects(problem: Problem, quiet: Problem, false: list[RegisterFaul
             open_ones = tuple(s.number for s, each in zip(problem.used, is_open, strict=True) if each)
             tried.append(_searched(rebuilt(problem, bridged(problem.session, in_rests), left_out=open_ones)))
     if not tried or tried[0].noise.unusual:
-        session, count = quiet.session, common_count(quiet, lost) if lost else 0
+        session, count = quiet.session, _common_count(quiet, lost) if lost else 0
         if count:
             session, _ = session_with_lost(session, lost, count)
         tried += [_searched(problem), _searched(rebuilt(problem, session))]
@@ -482,7 +482,7 @@ def _searched(problem: Problem) -> Hypothesis:
     return search(evidence, candidates(evidence.twin), evidence.nothing)
 
 
-def with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
+def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
     """The problem with the accepted events repaired, and where samples were inserted."""
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
@@ -542,7 +542,7 @@ def is_inside(old: Segment, new: Segment) -> bool:
     return old.log == new.log and new.start <= (old.start + old.stop) // 2 < new.stop
 
 
-def with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
+def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
     """Widen the floor of each segment by the unknown rotation in its gaps."""
     if not gaps:
         return problem

@@ -85,7 +85,7 @@ def _jumps_of(samples: Samples) -> Jumps:
     high = np.flatnonzero(total > JUMP)
     # A step between rows k and k+1 is in the third differences k-2, k-1, k as 1, -2, 1.
     peaks = [i for i in high if total[i] >= total[max(i - 2, 0) : i + 3].max()]
-    steps = dict(step for i in peaks for step in steps_at(int(i), size, total))
+    steps = dict(step for i in peaks for step in _steps_at(int(i), size, total))
     missing = open_gaps(samples)
     rows = [row for row in sorted(steps) if not missing[row]]
     return Jumps(np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6))
@@ -99,13 +99,13 @@ def open_gaps(samples: Samples) -> np.ndarray:
 def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Third differences (N - 3, 6) of gyro and accelerometer in units of the local scatter, and that scatter (N - 3, 6)."""
     third = np.diff(np.concatenate([samples.gyro, samples.accel], axis=1), 3, axis=0)
-    scatter = local_scatter(np.abs(third), samples.period_s)
+    scatter = _local_scatter(np.abs(third), samples.period_s)
     size = third / scatter
     size[: round(START_S / samples.period_s)] = 0
     return size, scatter
 
 
-def steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np.ndarray]]:
+def _steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """Row and size of each step in a peak: one, unless it matches one false sample, 1, -3, 3, -1, or two of them, 1, -2, 0, 2, -1.
 
     A corner of the rate, 0, -1, 1, 0, has no flanks.
@@ -120,7 +120,7 @@ def steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np.
     return [(i + 1, -size[i] / 2)]
 
 
-def local_scatter(absolute: np.ndarray, period_s: float) -> np.ndarray:
+def _local_scatter(absolute: np.ndarray, period_s: float) -> np.ndarray:
     """Local scatter around each row, from medians, which a jump does not inflate and the start of a turn does not trigger."""
     step = max(round(NEIGHBOURHOOD_S / period_s), NEIGHBOURHOOD)
     count = len(absolute) // step
@@ -140,7 +140,7 @@ def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     return rows
 
 
-def possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
+def _possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     """Rows (L,) after which samples may be missing, for closure to decide (``ClosureTrial``): the greatest permanent steps nearby."""
     if not len(jumps.rows):
         return jumps.rows
@@ -156,7 +156,7 @@ def register_step(values: np.ndarray) -> float:
     return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
 
 
-def away_from_blows(samples: Samples, rows: np.ndarray) -> np.ndarray:
+def _away_from_blows(samples: Samples, rows: np.ndarray) -> np.ndarray:
     """Those of the rows (L,) that are more than ``APART_S`` from every impact.
 
     A blow jumps between two readings as a loss does, and what the gyro misses of it leaves the turn open as well: closure would take a loss
@@ -235,7 +235,7 @@ def find_glitches(samples: Samples) -> Glitches | None:
 
 
 def _found_in(samples: Samples) -> list[tuple[int, int, bool]]:
-    impossible = impossible_rows(samples)
+    impossible = _impossible_rows(samples)
     if len(impossible) > PER_SECOND * samples.duration_s:
         return []
     cleaned = without_glitches(samples, _glitches(impossible))
@@ -246,7 +246,7 @@ def _found_in(samples: Samples) -> list[tuple[int, int, bool]]:
     # At a gap that the stamps show, a step of the readings is expected.
     missing = open_gaps(cleaned)
     whole = [(int(c[0]), int(c[-1])) for c in clusters if not missing[max(c[0] + 1 - SIDE, 0) : c[-1] + 3 + SIDE].any()]
-    excursions = [run for first, last in whole if (run := excursion_at(values, scatter, first, last)) is not None]
+    excursions = [run for first, last in whole if (run := _excursion_at(values, scatter, first, last)) is not None]
     found = sorted({*impossible, *excursions})
     return [run for i, run in enumerate(found) if i == 0 or run[0] >= found[i - 1][0] + found[i - 1][1]]
 
@@ -256,7 +256,7 @@ def _glitches(runs: list[tuple[int, int, bool]]) -> Glitches:
     return Glitches(rows, counts, accel.astype(bool))
 
 
-def impossible_rows(samples: Samples) -> list[tuple[int, int, bool]]:
+def _impossible_rows(samples: Samples) -> list[tuple[int, int, bool]]:
     """(first row, samples, True) of runs of rows that no sensor outputs."""
     values = np.concatenate([samples.gyro, samples.accel], axis=1)
     lsb = np.array([register_step(column) for column in values.T])
@@ -279,14 +279,14 @@ def _runs(mask: np.ndarray, fewest: int) -> list[tuple[int, int, bool]]:
     return [(first, count, True) for first, count in runs if fewest <= count <= LONGEST and SIDE <= first <= len(mask) - count - SIDE]
 
 
-def excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -> tuple[int, int, bool] | None:
+def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -> tuple[int, int, bool] | None:
     """(first row, samples, False) of what the cubic across a cluster of high third differences misses, if only the gyro deviates, and
     returns."""
     start, stop = first + 1, last + 3
     if start < SIDE or stop + SIDE > len(values) or stop - start > LONGEST + 4:
         return None
     noise = scatter[first : last + 1].min(axis=0) / THIRD
-    inside, beside = cubic_across(values, start, stop)
+    inside, beside = _cubic_across(values, start, stop)
     beyond = (values[start:stop] - inside) / noise
     missed = (np.concatenate([values[start - SIDE : start], values[stop : stop + SIDE]]) - beside) / noise
     away = np.linalg.norm(beyond[:, :3], axis=1)
@@ -294,14 +294,14 @@ def excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int)
     if not len(false) or np.linalg.norm(beyond[:, 3:], axis=1).max() > away.max():
         return None
     excursion = beyond[np.argmax(away), :3] / away.max()
-    if off_both_sides(values, start, stop, excursion / noise[:3]) < SHARE * away.max():
+    if _off_both_sides(values, start, stop, excursion / noise[:3]) < SHARE * away.max():
         return None  # a corner, as of clipping: each reading continues one of the sides
     count = int(false[-1] - false[0]) + 1
     came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), NOISE_MISSES)
     return (start + int(false[0]), count, False) if came_back and count <= LONGEST else None
 
 
-def off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
+def _off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
     """The greatest deviation of a gyro reading in start:stop, ``along`` a direction (3,), from the straight lines of both sides.
 
     Only the excursion's direction counts: a turn that bends about another axis deviates from its straight lines, too.
@@ -314,7 +314,7 @@ def off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray)
     return float(np.minimum(*off).max())
 
 
-def cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+def _cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
     """The cubic through ``SIDE`` rows on either side of start:stop, evaluated at the rows between and at the supporting rows."""
     at = np.concatenate([np.arange(start - SIDE, start), np.arange(stop, stop + SIDE)])
     middle = (start + stop - 1) / 2
@@ -368,17 +368,17 @@ def proposed(session: Session) -> list[RegisterFault]:
         calibrated = session.calibrated(log)
         if (glitches := find_glitches(samples)) is not None:
             columns = zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel.tolist(), strict=True)
-            own = set(away_from_blows(calibrated, glitches.rows).tolist())
+            own = set(_away_from_blows(calibrated, glitches.rows).tolist())
             # No sensor outputs an impossible row, beside a blow or not; an excursion of the gyro may be the blow's.
             events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in columns if accel or row in own]
             samples = without_glitches(samples, glitches)
         samples = session.calibrated(replace(log, samples=samples))
-        losses = possible_losses(find_jumps(samples), samples.duration_s)
-        events += [RegisterFault(LOST, number, row) for row in away_from_blows(samples, losses).tolist()]
-    return [event for event in events if not in_bridge(session, event)]
+        losses = _possible_losses(find_jumps(samples), samples.duration_s)
+        events += [RegisterFault(LOST, number, row) for row in _away_from_blows(samples, losses).tolist()]
+    return [event for event in events if not _in_bridge(session, event)]
 
 
-def in_bridge(session: Session, event: RegisterFault) -> bool:
+def _in_bridge(session: Session, event: RegisterFault) -> bool:
     """Whether an event lies in a bridged gap, where the samples are interpolated and the stamps already show the loss."""
     first, last = event.row, event.row + max(event.samples, 1)
     bridges = session.logs[event.log].bridges

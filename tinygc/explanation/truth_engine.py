@@ -87,10 +87,10 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
     both = np.flatnonzero(keep[:-1] & keep[1:])
     new = np.cumsum(keep) - 1
     floor.shared[new[both]] = problem.floor.shared[both]
-    return kept, jumps, chance_of(float(size[np.isin(at, wrong)].max() / usual), len(at), len(angles))
+    return kept, jumps, _chance_of(float(size[np.isin(at, wrong)].max() / usual), len(at), len(angles))
 
 
-def chance_of(times_usual: float, pairs: int, segments: int) -> float:
+def _chance_of(times_usual: float, pairs: int, segments: int) -> float:
     """Upper bound of the probability that normal errors miss on both sides of one of ``pairs`` moments by this many times the median
     length. The scale of the errors is estimated from the median length of ``segments`` of them.  The bound is the probability that one side
     of one moment does, over all moments (Bonferroni)."""
@@ -230,7 +230,7 @@ def _outage_claims(problem: Problem) -> list[TruthClaim]:
         if not here:
             continue
         spans_s = np.round([(start_s + outage.from_s, start_s + outage.to_s) for start_s, outage in here], 3).ravel()
-        p_value = min(chance_of(outage.times_usual, outage.spans, outage.spans) for _, outage in here)
+        p_value = min(_chance_of(outage.times_usual, outage.spans, outage.spans) for _, outage in here)
         effect = outages(len(here), [float(f"{outage.size_rps / DEG:.4g}") for _, outage in here], sure)
         claims.append(truth_claim(effect, spans_s, None, p_value, equivalent=() if sure else LIKE_AN_OUTAGE))
     return claims

@@ -53,7 +53,7 @@ OFFSET = Effect(
 )
 #: s to either side of a moment over which its angular acceleration is taken: a truth's smoothing is as wide, and vibration faster
 SMOOTHED_S = 0.02
-SMOOTHING = Effect(
+_SMOOTHING = Effect(
     id="reference.truth_smoothing",
     equation="the truth's attitude is a mean over a while around t: it errs by half the variance of that while times dω/dt",
     parameter=Parameter("variance_ms2", (), "ms²", 1e-6, plausible=0.05**2),
@@ -194,7 +194,7 @@ class TruthTwin(Twin):
         for claim in state.claims:
             if claim.effect.id == OFFSET.id:
                 batch = self.later(batch, state, float(claim.theta[0]))
-            elif claim.effect.id == SMOOTHING.id:
+            elif claim.effect.id == _SMOOTHING.id:
                 start, end = (-float(claim.theta[0]) / 2 * change @ state.model.E.T for change in self._changes)
                 batch = replace(
                     batch,
@@ -273,7 +273,7 @@ def name_beside_truth(
     # A drifting bias, so that an unnamed drift is not taken for one of the catalogue's effects.
     duration, segments = float(twin.problem.began_s[-1]), len(twin.segments)
     slow = wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, segments // 6))))
-    tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, SMOOTHING, slow]
+    tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, _SMOOTHING, slow]
     tried = [effect for effect in tried if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
     refused: list[TruthClaim] = []
@@ -285,7 +285,7 @@ def name_beside_truth(
         if not wrong:
             break
         ids = frozenset(claim.effect.id for claim in wrong)
-        refused += [claim for claim in wrong if claim.effect is not SMOOTHING]  # a negative one sharpens, which no truth does
+        refused += [claim for claim in wrong if claim.effect is not _SMOOTHING]  # a negative one sharpens, which no truth does
         tried = [effect for effect in tried if effect.id not in ids]
         evidence.forget(ids)
     first, last = naming.first, beside_clock(twin, naming.whiten, naming.fit)

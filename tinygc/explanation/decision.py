@@ -181,10 +181,10 @@ class Prover:
         before, changed = stated.held_out, bool(effects) or twin.problem is not self.original
         if before is None:
             before = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
-        numbers = numbers_before(self.original, twin)
+        numbers = _numbers_before(self.original, twin)
         before_numbers = stated.numbers or numbers
         named_numbers = numbers if changed else before_numbers
-        handed_on = with_linear(twin, whiten, fit, left)
+        handed_on = _with_linear(twin, whiten, fit, left)
         return Proof(before, named, before_numbers, named_numbers, twin.problem.floor.tilt_rms, changed, stated, left, handed_on)
 
     def _held_out(self, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, FitClosure]:
@@ -196,7 +196,7 @@ class Prover:
         return held_out(twin, whiten, fit) if left.held_out is None else left.held_out, left
 
 
-def with_linear(twin: Twin, whiten: Whitener, fit: Refit, left: FitClosure) -> Refit:
+def _with_linear(twin: Twin, whiten: Whitener, fit: Refit, left: FitClosure) -> Refit:
     """The effects of a fit with the linear model of ``left``, which ``fit`` made of what they leave: its closure is stated for both.
 
     The covariance is that of both estimates for the same errors of the channels.  The linear model answers by L to what the twin's fit
@@ -249,7 +249,7 @@ def cleared(base: Problem, twin: Twin, state: State) -> Problem:
     return base.changed(batch=batch, still_rates=stills, rest_rps=None)
 
 
-def numbers_before(original: Problem, twin: Twin) -> list[int]:
+def _numbers_before(original: Problem, twin: Twin) -> list[int]:
     """Numbers that the twin's segments had before the repair: rejecting a still joins two turns and shifts the numbers after it."""
 
     def middle(segment: Segment) -> float:
@@ -352,7 +352,7 @@ def told_apart(evidence: Evidence, best: Hypothesis) -> Hypothesis:
 WORTH_SAYING = 0.5
 
 
-def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
+def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
     """Claim undersampling if the noise is less probable without it, even with the turns' other noise free."""
     twin, factor, missed = evidence.twin, noise.size(UNDERSAMPLED), noise.missed
     floor = twin.problem.floor.tilt_rms
@@ -422,10 +422,10 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
     fewer = np.delete(J, part, axis=1)
     r = _settled(r, fewer)
     if shapes is not None:
-        with_it = left_out_and_searched(twin, whiten, r, fewer, (shape * prior[part] for shape in shapes))
+        with_it = _left_out_and_searched(twin, whiten, r, fewer, (shape * prior[part] for shape in shapes))
     else:
         with_it = left_out(twin, whiten, with_r, J)
-    gains = per_segment(twin, have, left_out(twin, whiten, r, fewer)) - per_segment(twin, have, with_it)
+    gains = _per_segment(twin, have, left_out(twin, whiten, r, fewer)) - _per_segment(twin, have, with_it)
     from scipy.stats import wilcoxon
 
     return float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
@@ -436,7 +436,7 @@ def _settled(r: np.ndarray, J: np.ndarray) -> np.ndarray:
     return r - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ r)
 
 
-def left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
+def _left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
     """(n,) stacked, as ``left_out``, with columns J (n, p) and the one of the shapes, each (n, P), that fits the seen rows best."""
     folds = [_Fold(twin, whiten, r, J, held) for held in folds_of(len(twin.segments))]
     stacked_J, stacked_r = whiten.back(J), whiten.back(r)
@@ -485,7 +485,7 @@ class _Fold:
                 self.of_shape = stacked[self.rows, own] @ theta
 
 
-def per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
+def _per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
     """(S,) sums of squares of left-out rows (n,), in sigmas, for each segment and the still at which it begins."""
     square = np.nan_to_num((rows / have.whiten.sigma) ** 2)
     closure, still, length = (square[part] for part in have.whiten.parts.values())
@@ -607,7 +607,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, pr
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
     if kept and prove is not None:
         before = tilt_rms(prove(evidence.nothing.whiten, evidence.nothing.fit).named)
-        kept, fit = no_worse(twin, best, kept, fit, lambda tried: tilt_rms(prove(best.whiten, tried).named) / before)
+        kept, fit = _no_worse(twin, best, kept, fit, lambda tried: tilt_rms(prove(best.whiten, tried).named) / before)
     if not kept:  # then use the noise of the hypothesis without effects
         best, fit = evidence.nothing, evidence.nothing.fit
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
@@ -617,7 +617,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, pr
     first = refit(twin, best.whiten, [], twin.start())
     r, J = best.whiten.back(fit.r), best.whiten.back(fit.J) * evidence.prior(fit)
     noise = best.noise.estimated(best.whiten, r, J, best.noise.s, with_sigma=True)
-    undersampled = undersampled_claim(evidence, best.whiten, fit, noise)
+    undersampled = _undersampled_claim(evidence, best.whiten, fit, noise)
     p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
     unusual = noise.unusual_p(best.whiten.white, r, J) < MISMATCH_P
     named = sorted(names, key=lambda n: -n.gain)
@@ -629,7 +629,7 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
     return refit(twin, best.whiten, [n.effect for n in kept], best.fit.state)
 
 
-def no_worse(
+def _no_worse(
     twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, ratio: Callable[[Refit], float]
 ) -> tuple[list[NamedEffect], Refit]:
     """Remove the effects with the least gain until held-out segments close no worse than without any; or worse by the ratio ``TOLERATED``

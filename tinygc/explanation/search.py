@@ -322,10 +322,10 @@ OfMovement = Callable[[Movement], np.ndarray]
 def unknown_candidates(twin: Twin) -> list[Effect]:
     """Shapes to try on this recording."""
     # In the stills a line above their rate is aliased; the segments still observe it.
-    return slow_candidates(twin) + _lines(line_frequencies(twin))
+    return slow_candidates(twin) + _lines(_line_frequencies(twin))
 
 
-def line_frequencies(twin: Twin) -> np.ndarray:
+def _line_frequencies(twin: Twin) -> np.ndarray:
     """(K,) Hz, increasing from the stills' rate, spaced at the session's resolution; a long session has only the slowest."""
     rows = sum(len(movement.t_s) for movement in twin.movements)
     found = np.arange(0.5 / _interval(twin), HIGHEST_HZ, 1 / twin.movements[0].duration_s)
@@ -334,7 +334,7 @@ def line_frequencies(twin: Twin) -> np.ndarray:
 
 def lines_end_hz(twin: Twin) -> float | None:
     """Highest line that is searched for, if a long session cannot be searched up to ``HIGHEST_HZ``; None if it can."""
-    highest, apart = float(line_frequencies(twin)[-1]), 1 / twin.movements[0].duration_s
+    highest, apart = float(_line_frequencies(twin)[-1]), 1 / twin.movements[0].duration_s
     return highest if highest + apart < HIGHEST_HZ else None
 
 

@@ -1,0 +1,423 @@
+"""What is reported: held-out rows by exact refits, what is proved and handed on, and each p-value and probability by hand."""
+
+from types import SimpleNamespace
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from conftest import DEG, GRAVITY, Table, session_of
+from linear_twin import effect, linear_twin, stepped
+from scipy import stats
+
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
+from tinygc.effects import catalogue
+from tinygc.explanation import decision
+from tinygc.explanation.decision import (
+    FitClosure,
+    Naming,
+    Proof,
+    _left_out_and_searched,
+    _no_worse,
+    _numbers_before,
+    _per_segment,
+    _undersampled_claim,
+    _with_linear,
+    borne_out,
+    decided,
+    fold_rows,
+    folds_of,
+    held_out,
+    improvement_p,
+    left_out,
+    tilt_rms,
+    told_apart,
+)
+from tinygc.explanation.evidence import Evidence, Guess
+from tinygc.explanation.families import motion
+from tinygc.explanation.search import NAMELESS, slow_candidates
+from tinygc.models.linear import LinearModel
+from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
+from tinygc.noise.refit import prior_sigmas
+from tinygc.noise.twin import Twin
+
+A, B, C = effect("a", 2), effect("b", 3), effect("c")
+
+
+def twin_with(*spoilt, seed=5, **options):
+    twin = linear_twin(seed=seed, turns=12, **options)
+    for each, theta in spoilt:
+        twin.spoil(each, theta)
+    return twin
+
+
+# Held out.
+
+
+def test_every_tenth_segment_is_held_out_with_the_stills_at_its_ends():
+    """Rows of twelve turns and thirteen stills; a segment's misfit is counted with the still at which it begins."""
+    assert [held.tolist() for held in folds_of(12)] == [[0, 10], [1, 11], *([k] for k in range(2, 10))]
+    assert [held.tolist() for held in folds_of(3)] == [[0], [1], [2]]
+    twin, moving = twin_with(), twin_with(resting=False)
+    have, there = twin.evidence().nothing, moving.evidence().nothing
+    gone = [2, 3, 22, 23, *(24 + 3 * still + axis for still in (1, 2, 11, 12) for axis in range(3)), 64, 65, 74, 75]
+    assert np.flatnonzero(~fold_rows(twin, have.whiten, np.array([1, 11]))).tolist() == gone
+    assert np.flatnonzero(~fold_rows(moving, there.whiten, np.array([1, 11]))).tolist() == [2, 3, 22, 23]
+    rows = np.random.default_rng(0).normal(size=twin.n)
+    rows[5] = np.nan  # in no fold
+    square = np.nan_to_num((rows / np.sqrt(np.diag(have.whiten.covariance))) ** 2)
+    expected = [square[2 * k : 2 * k + 2].sum() + square[24 + 3 * k : 27 + 3 * k].sum() + square[63 + k] for k in range(12)]
+    np.testing.assert_allclose(_per_segment(twin, have, rows), expected)
+    sigma = np.sqrt(np.diag(there.whiten.covariance))
+    np.testing.assert_allclose(_per_segment(moving, there, rows[6:30]), ((rows[6:30] / sigma) ** 2).reshape(12, 2).sum(axis=1))
+
+
+def refitted_without(twin, have, prior, J, r) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) rows predicted by normal equations of the others: with penalties of distance from the fit of all rows, and from the start."""
+    whiten, found = have.whiten, np.full(twin.n, np.nan)
+    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    for held in folds_of(len(twin.segments)):
+        seen = fold_rows(twin, whiten, held)
+        inverse = np.linalg.inv(whiten.covariance[np.ix_(seen, seen)])
+        normal = stacked_J[seen].T @ inverse @ stacked_J[seen] + np.eye(J.shape[1])
+        balance = J.T @ r  # of the priors at the fit of all rows
+        step = np.linalg.solve(normal, balance - stacked_J[seen].T @ inverse @ stacked_r[seen])
+        found[~seen] = (stacked_r + stacked_J @ step)[~seen]
+    return found
+
+
+def test_leaving_out_by_algebra_is_refitting_without_those_rows():
+    twin = twin_with((A, [6.0, -4.0]), wide=True)
+    evidence = twin.evidence()
+    have = evidence.of((A,), evidence.nothing)
+    prior = prior_sigmas(twin, [A])
+    exact = refitted_without(twin, have, prior, have.fit.J * prior, have.fit.r)
+    np.testing.assert_allclose(left_out(twin, have.whiten, have.fit.r, have.fit.J * prior), exact, rtol=1e-6, atol=1e-9)
+    angles = held_out(twin, have.whiten, have.fit)
+    np.testing.assert_allclose(angles, exact[:24].reshape(12, 2), rtol=1e-6, atol=1e-9)
+    assert tilt_rms(angles) == pytest.approx(np.sqrt(np.mean(exact[:24:2] ** 2 + exact[1:24:2] ** 2)))
+
+
+def test_the_improvement_is_wilcoxons_of_exact_refits_with_and_without_the_claim():
+    twin = twin_with((A, [1.5, -1.0]))
+    evidence = twin.evidence()
+    have = evidence.of((A, C), evidence.nothing)
+    prior = evidence.prior(have.fit)
+    J, claim = have.fit.J * prior, have.fit.state.claims
+    for number, part in ((0, slice(15, 17)), (1, slice(17, 18))):
+        fewer = np.delete(J, part, axis=1)
+        r = have.fit.r - have.fit.J[:, part] @ claim[number].theta
+        r = r - fewer @ np.linalg.lstsq(np.vstack([fewer, np.eye(fewer.shape[1])]), np.r_[r, np.zeros(fewer.shape[1])], rcond=None)[0]
+        gains = [_per_segment(twin, have, refitted_without(twin, have, prior, *each)) for each in ((fewer, r), (J, have.fit.r))]
+        expected = stats.wilcoxon(gains[0] - gains[1], alternative="greater").pvalue
+        assert improvement_p(twin, have, prior, number) == pytest.approx(expected)
+    assert improvement_p(twin, have, prior, 0) < 0.05 < improvement_p(twin, have, prior, 1)
+
+
+def test_a_scanned_shape_is_chosen_anew_by_the_rows_that_are_seen():
+    """The best of three shapes in each fold, by exact normal equations; one that does nothing, and none, leave all as it is."""
+    twin = twin_with((C, [2.0]))
+    have = twin.evidence().nothing
+    J, r = have.fit.J * prior_sigmas(twin, []), have.fit.r
+    shapes = [have.whiten(twin.columns_of(each)) for each in (effect("d", 2), effect("e", 2), effect("f", 2))]
+    found = _left_out_and_searched(twin, have.whiten, r, J, shapes)
+    stacked_r, expected, chosen = have.whiten.back(r), np.full(twin.n, np.nan), []
+    for held in folds_of(12):
+        seen, trials = fold_rows(twin, have.whiten, held), []
+        inverse = np.linalg.inv(have.whiten.covariance[np.ix_(seen, seen)])
+        for shape in shapes:
+            columns = np.hstack([have.whiten.back(J), have.whiten.back(shape)])
+            normal, right = columns[seen].T @ inverse @ columns[seen] + np.eye(17), columns[seen].T @ inverse @ stacked_r[seen]
+            right[: J.shape[1]] -= J.T @ r  # of the priors at the fit of all rows
+            theta = np.linalg.solve(normal, right)
+            trials.append((-right @ theta, (stacked_r - columns @ theta)[~seen]))
+        chosen.append(int(np.argmin([cost for cost, _ in trials])))
+        expected[~seen] = trials[chosen[-1]][1]
+    assert len(set(chosen)) > 1
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+    for nothing in ([0 * shapes[0]], []):
+        same = _left_out_and_searched(twin, have.whiten, r, J, nothing)
+        np.testing.assert_allclose(same, left_out(twin, have.whiten, r, J), rtol=1e-9, atol=1e-12)
+
+
+# What is proved, and handed on.
+
+
+def proof_of(before, named, before_numbers, named_numbers, floor_rms, changed=True):
+    return Proof(before, named, before_numbers, named_numbers, floor_rms, changed, FitClosure(), FitClosure(), None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "changed", "removed"),
+    [
+        (2.0, np.sqrt(2.5), True, 0.5),
+        (2.0, 0.5, True, 1.0),
+        (2.0, 3.0, True, 1 - 8 / 3),
+        (2.0, 1.0, False, None),
+        (np.sqrt(1.51), 1.0, True, 1.0),
+        (np.sqrt(1.49), 1.0, True, None),
+    ],
+)
+def test_what_is_removed_is_a_share_of_the_excess_over_the_floor(before, after, changed, removed):
+    """In variances; an excess of less than half of the floor's is no excess."""
+    angles = [np.array([[0.6, 0.8, 9.0], [0.8, -0.6, 9.0]]) * 2 * size for size in (before, after)]
+    found = proof_of(*angles, [1, 2], [1, 2], 2.0, changed).removed
+    assert found == (removed if removed is None else pytest.approx(removed))
+
+
+@pytest.mark.parametrize(("named", "worse", "kept"), [(0.9, False, "named"), (1.005, False, "before"), (1.02, True, "before")])
+def test_what_is_handed_on_is_the_better_on_the_turns_of_both(named, worse, kept):
+    """The second turn of before, which the repair left out, does not count, however badly it closes; nor does what is below the floor."""
+    tilt = np.array([[0.6, 0.8], [30.0, 40.0], [0.8, -0.6]])
+    for floor, found in ((0.1, worse), (1.001 * named, False), (0.999 * named, worse)):
+        proof = proof_of(tilt, named * tilt[[0, 2]], [4, 5, 7], [4, 7], floor)
+        assert (proof.ratio, proof.worse) == (pytest.approx(named), found)
+    assert proof.after is getattr(proof, kept)
+    assert proof.after_numbers == {"named": [4, 7], "before": [4, 5, 7]}[kept]
+
+
+def test_segments_keep_the_numbers_that_they_had_before_a_repair():
+    """By the nearest middle in the same log; of a log without segments, in any."""
+
+    def segments(*given):
+        keys = ("log", "start_s", "duration_s")
+        return SimpleNamespace(
+            segments=[SimpleNamespace(**dict(zip(keys, each, strict=True)), number=n) for n, each in enumerate(given, 1)]
+        )
+
+    old = segments((0, 0.0, 2.0), (0, 4.0, 2.0), (1, 0.0, 2.0), (0, 8.0, 4.0))
+    joined = segments((0, 0.0, 2.0), (0, 4.5, 8.0), (1, 5.0, 9.0), (2, 4.0, 2.0), (0, 0.0, 7.0))
+    assert _numbers_before(old, joined) == [1, 4, 3, 2, 2]
+
+
+def test_what_is_handed_on_has_the_covariance_of_both_estimates_for_the_same_errors():
+    """The effects by the twin's fit, the linear model by another response L: errors of all channels and of the effects' prior, by hand."""
+    twin = twin_with((A, [6.0, -4.0]), wide=True)
+    have = twin.evidence().of((A,), twin.evidence().nothing)
+    L = np.random.default_rng(2).normal(size=(12, twin.n))
+    left = FitClosure(SimpleNamespace(), SimpleNamespace(model=LinearModel.from_vector(np.arange(12.0))))
+    with patch.object(decision, "stated_response", lambda problem, model, still_rates: L):
+        found = _with_linear(twin, have.whiten, have.fit, left)
+    np.testing.assert_array_equal(found.state.vector[:12], np.arange(12.0))
+    np.testing.assert_array_equal(found.state.vector[12:], have.fit.state.vector[12:])
+    C, prior = have.whiten.covariance, prior_sigmas(twin, [A])
+    columns = have.whiten.back(have.fit.J)
+    information = columns.T @ np.linalg.solve(C, columns) + np.diag(prior**-2.0)
+    theta = np.linalg.inv(information)[15:]
+    to_errors, to_prior = -theta @ np.linalg.solve(C, columns).T, theta / prior
+    linear = L + L @ columns[:, 15:] @ to_errors, L @ columns[:, 15:] @ to_prior
+    errors, priors = np.concatenate([linear[0], to_errors]), np.concatenate([linear[1], to_prior])
+    index = [*range(12), 15, 16]
+    np.testing.assert_allclose(found.covariance[np.ix_(index, index)], errors @ C @ errors.T + priors @ priors.T, rtol=1e-6, atol=1e-9)
+
+
+# Decisions.
+
+
+def moving(*spoilt, tried=(A, B, C), seed=5):
+    """The evidence of twelve turns without stills."""
+    twin = twin_with(*spoilt, seed=seed, resting=False)
+    evidence = twin.evidence()
+    evidence.will_try(list(tried))
+    return evidence
+
+
+def test_a_named_effect_has_walds_p_value_times_the_number_of_names_and_its_share_of_the_evidence():
+    evidence = moving((B, [6.0, -4.0, 5.0]))
+    best = evidence.of((B,), evidence.nothing)
+    rival = Guess((C,), best.score + 9.9)
+    far = Guess((A,), best.score + 10.1)
+    evidence._guesses |= {"rival": rival, "far": far}
+    naming = decided(evidence, best, 0.5, 7)
+    (named,) = naming.named
+    theta = best.fit.state.claims[0].theta
+    wald = theta @ np.linalg.inv(best.fit.covariance[15:, 15:]) @ theta
+    assert named.gain == pytest.approx(wald)
+    assert named.p_value == pytest.approx(7 * stats.chi2.sf(wald, 3), rel=1e-9)
+    weights = np.exp(-(np.array([best.score, rival.score, far.score, evidence.nothing.score]) - best.score) / 2)
+    share = weights / weights.sum()
+    assert named.probability == pytest.approx(share[0])
+    assert named.rivals == pytest.approx({C.id: share[1], A.id: share[2]})
+    assert named.equivalent == (C.id,)
+    assert naming.considered == pytest.approx({C.id: share[1], A.id: share[2]})
+    assert naming.p_value == named.p_value
+    assert (naming.first_p, naming.beyond, naming.undersampled, naming.unusual) == (0.5, [], [], False)
+    assert naming.fit is best.fit
+    first = decided(evidence, best, 0.0, 7)
+    assert first.p_value == 0.0
+    assert not first.first.state.claims
+
+
+@pytest.mark.parametrize(("mine", "equivalent", "kept"), [(0.501, 0.0, True), (0.499, 0.0, False), (0.3, 0.21, True), (0.3, 0.19, False)])
+def test_a_name_is_said_if_it_and_its_equivalents_are_more_probable_than_not(mine, equivalent, kept):
+    """What is weighed beside it has these shares: an equivalent within ten of its score, and nothing."""
+    D = effect("d")
+    evidence = moving((A, [6.0, -4.0]), tried=(A, B, C, D))
+    best = evidence.of((A,), evidence.nothing)
+    for effects, share in (((C,), equivalent), ((B, D), 1 - mine - equivalent)):
+        if share:
+            evidence._guesses[effects] = Guess(effects, best.score - 2 * np.log(share / mine))
+    naming = decided(evidence, best, 0.001, 3)
+    assert [n.effect for n in naming.named] == [A] * kept
+    considered = {B.id: 1 - mine - equivalent, D.id: 1 - mine - equivalent} | ({C.id: equivalent} if equivalent else {})
+    considered |= {} if kept else {A.id: mine}
+    assert naming.considered == pytest.approx({name: min(p, 0.5) for name, p in considered.items()}, rel=1e-4)
+    assert (naming.refused, bool(naming.fit.state.claims)) == (not kept, kept)
+
+
+def test_names_that_others_do_not_confirm_leave_the_rest_refitted_and_a_shape_is_no_name():
+    """A scanned shape counts as one more number, and is sought again in held-out rows."""
+    evidence = moving((A, [6.0, -4.0]))
+    naming = decided(evidence, evidence.of((C, A), evidence.nothing), 0.5, 3)
+    assert [n.effect for n in naming.named] == [claim.effect for claim in naming.fit.state.claims] == [A]
+    evidence = moving((A, [6.0, -4.0]), (C, [9.0]))
+    best = evidence.of((C, A), evidence.nothing)
+    naming = decided(evidence, best, 0.5, 3)
+    assert (naming.fit is best.fit, [n.gain for n in naming.named]) == (True, sorted((n.gain for n in naming.named), reverse=True))
+    line = effect("line")
+    object.__setattr__(line, "id", f"{NAMELESS}line")
+    evidence = moving((A, [6.0, -4.0]), (line, [9.0]))
+    naming = decided(evidence, evidence.of((line, A), evidence.nothing), 0.5, 3)
+    assert ([n.effect for n in naming.named], [n.effect for n in naming.beyond]) == ([A], [line])
+    step = stepped("step", np.array([1.0, 2.0]), size=2)
+    evidence = moving((step.at(1.0), [3.0, -4.0]))
+    best = evidence.of((step.at(1.0),), evidence.nothing)
+    shapes = [best.whiten(evidence.columns(step.at(at))) for at in (1.0, 2.0)]
+    assert borne_out(evidence, best, 0) == (improvement_p(evidence.twin, best, evidence.prior(best.fit), 0, shapes) < 0.05)
+    (named,) = decided(evidence, best, 0.5, 1).named
+    assert named.p_value == pytest.approx(stats.chi2.sf(named.gain, 3), rel=1e-9)
+    assert decided(evidence, best, 0.5, 10**300).named[0].p_value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("named", "undersampled", "p", "unusual", "refused"),
+    [
+        ([], [], 0.05, False, True),
+        ([], [], 0.0501, False, False),
+        ([], [], 1.0, True, True),
+        ([1], [], 0.0, True, False),
+        ([], [1], 0.0, True, False),
+    ],
+)
+def test_what_no_effect_explains_is_refused(named, undersampled, p, unusual, refused):
+    assert Naming(None, 1.0, None, named, None, None, [], {}, p, undersampled, unusual).refused == refused
+
+
+def test_effects_that_held_out_segments_do_not_confirm_are_taken_out_weakest_first():
+    """Of those that turns show; what stills show as well may close a twentieth worse."""
+    twin = twin_with((A, [6.0, -4.0]), (C, [9.0]))
+    evidence = twin.evidence()
+    at_rest, both = effect("rest", 1), effect("both", 1)
+    object.__setattr__(at_rest, "observable_in", ("still",))
+    object.__setattr__(both, "observable_in", ("still", "turn"))
+    best = evidence.of((A, C, at_rest, both), evidence.nothing)
+    gains = {A: 30.0, C: 20.0, at_rest: 1.0, both: 0.5}
+
+    def left(some, ratio):
+        kept = [SimpleNamespace(effect=each, gain=gains[each]) for each in some]
+        kept, fit = _no_worse(twin, best, kept, best.fit, ratio)
+        assert fit is best.fit or [claim.effect for claim in fit.state.claims] == [n.effect for n in kept]
+        return [n.effect for n in kept]
+
+    assert left((A, C, at_rest), lambda fit: 1.0) == [A, C, at_rest]
+    assert left((A, C, at_rest), lambda fit: 2.0) == [at_rest]
+    assert left((A, C, at_rest), lambda fit: 0.5 + (C in [claim.effect for claim in fit.state.claims])) == [A, at_rest]
+    for ratio, alone, together in ((1.04, [both], [both]), (1.06, [], []), (0.99, [both], [A, both])):
+        assert left((both,), lambda fit, ratio=ratio: ratio) == alone
+        assert left((A, both), lambda fit, ratio=ratio: ratio) == together
+
+
+def test_slow_motions_that_cancel_are_one_which_states_their_sum():
+    """The zero rises by 0.35 dps: of a drift beside a warm-up only the sum is determined."""
+    table, rng = Table().tumble(20, seed=4), np.random.default_rng(4)
+    t_s = np.arange(0, table.duration_s, 1 / 52)
+    rate, attitude = table.truth(t_s)
+    rise = np.outer(0.35 * DEG * (np.exp(1.5 * t_s / t_s[-1]) - 1) / (np.exp(1.5) - 1), [1.0, 0, 0])
+    gyro = rate + rise + 0.02 * DEG * rng.normal(size=rate.shape)
+    force = attitude.inv().apply([0, 0, -GRAVITY]) + 2e-3 * rng.normal(size=rate.shape)
+    samples = Samples(np.rint(t_s * 1e9).astype(np.int64), gyro, force, None)
+    evidence = Evidence(Twin(build_problem(session_of(samples, raw=False, odr_hz=52.0), use_earth=False)))
+    warm_up = [each for each in slow_candidates(evidence.twin) if "warm_up" in each.id][-1]
+    drift = catalogue()["gyro.bias_drift"]
+    best = told_apart(evidence, evidence.of((drift, warm_up), evidence.nothing))
+    (claim,) = best.fit.state.claims
+    assert motion(evidence.twin, [(claim.effect, claim.theta)]) == (pytest.approx(0.35 * DEG, rel=0.25), 0)
+    assert best.score == min(evidence.of((each,), evidence.nothing).score for each in (drift, warm_up))
+
+
+# Undersampling.
+
+
+def undersampled(factor=2.0, rms=0.8, gain=8.0, own=3.0, sigma=0.25):
+    """The claim of a twin whose turns miss by ``own`` each, with the noise less probable by ``gain`` without it."""
+    twin = twin_with(resting=False)
+    twin.recorded = np.tile([0.6, 0.8], 12) * own
+    evidence = twin.evidence()
+    found = evidence.nothing
+    missed = SimpleNamespace(
+        rms_rad=rms,
+        rate_hz=120.0,
+        missed_rad=np.array([1.0, 2.0]),
+        predicted_rad=np.linspace(0.1, 1.2, 12),
+        exponent=2.0,
+        rate_needed_hz=lambda size, floor: 1000 * size + floor,
+    )
+    noise = SimpleNamespace(
+        missed=missed,
+        size=lambda name: factor if name == UNDERSAMPLED else 7.0,
+        value=100.0,
+        sigma=np.array([9.0, sigma]),
+        components=(Component(TURN, None, 1.0, "", 1.0, ""), Component(UNDERSAMPLED, None, 1.0, "", 1.0, "")),
+    )
+    passed = []
+    fewer = SimpleNamespace(s="s", estimated=lambda *given: passed.append(given) or SimpleNamespace(value=100.0 + gain))
+    noise.without = lambda name: fewer if name == UNDERSAMPLED else None
+    with (
+        patch.object(decision, "STEPS", (2, 4)),
+        patch.object(twin, "residuals", lambda state: SimpleNamespace(closure=np.full((12, 2), own))),
+    ):
+        claims = _undersampled_claim(evidence, found.whiten, found.fit, noise)
+    if passed:
+        whiten, r, J, s = passed[0]
+        np.testing.assert_allclose(r, found.whiten.back(found.fit.r))
+        np.testing.assert_allclose(J, found.whiten.back(found.fit.J) * evidence.prior(found.fit))
+        assert (whiten, s) == (found.whiten, "s")
+    return claims
+
+
+def test_undersampling_is_claimed_with_what_it_predicts_for_every_rate():
+    (claim,) = undersampled()
+    size, own, floor = 1.6, 3 * np.sqrt(2), np.sqrt(2)
+    each = 2 * np.sqrt(2) * np.linspace(0.1, 1.2, 12)
+    assert claim.parameters == {
+        "predicted_deg": pytest.approx(size / DEG),
+        "share": pytest.approx(size**2 / (own**2 - floor**2)),
+        "turns": [number for number, angle in enumerate(each, 1) if angle > floor],
+        "rates_hz": pytest.approx([120.0, 60.0, 30.0]),
+        "closure_deg": pytest.approx(np.sqrt(own**2 + np.array([0, 2.0, 8.0])) / DEG),
+        "exponent": -2.0,
+    }
+    assert claim.std == {"predicted_deg": pytest.approx(0.25 * 0.8 / DEG)}
+    assert claim.probability == pytest.approx(1 / (1 + np.exp(-4)))
+    assert claim.p_value == pytest.approx(stats.chi2.sf(8.0, 1))
+    assert claim.says.endswith("1601 Hz would have been enough")
+    assert undersampled(sigma=np.inf)[0].std == {"predicted_deg": pytest.approx(0.8 / DEG)}
+    assert undersampled(own=0.9)[0].parameters["share"] == 1.0  # below the floor
+    assert undersampled(own=1.1)[0].parameters["share"] == 1.0  # more than all
+    assert undersampled(own=1.2, rms=0.36)[0].parameters["share"] == pytest.approx(0.72**2 / (2 * 1.2**2 - 2))
+    assert undersampled(gain=5000.0)[0].probability == 1.0
+
+
+@pytest.mark.parametrize(
+    ("known", "claimed"),
+    [
+        ({"rms": 0.501 * np.sqrt(2) / 2}, True),
+        ({"rms": 0.499 * np.sqrt(2) / 2}, False),
+        ({"factor": MOST_FACTOR - 1e-6}, True),
+        ({"factor": MOST_FACTOR + 1e-6}, False),
+        ({"gain": 3.85}, True),  # 5 % of chi-square with one degree of freedom are beyond 3.841
+        ({"gain": 3.83}, False),
+    ],
+)
+def test_undersampling_is_claimed_where_it_matters_and_is_significant(known, claimed):
+    assert bool(undersampled(**known)) == claimed

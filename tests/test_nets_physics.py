@@ -1,0 +1,417 @@
+"""The nets and what trains them: equations and derivatives against autograd, the linear solution where the sensor is linear, and AdamW's
+loop, which goes on where it was interrupted."""
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from conftest import DEG, Turns, wxyz
+from formats_page import strangers
+from scipy.spatial.transform import Rotation
+from small_turns import PERFECT, TYPICAL, angles_by_scipy, small_turns, turned_ends, turns_by_scipy
+
+import calibrate
+from session.io.errors import FitError, FormatError
+from tinygc import closure, models
+from tinygc.attitude import rotation
+from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares
+from tinygc.closure.prior import vague
+from tinygc.estimation import adamw, denoiser, network, particle_swarm
+from tinygc.estimation.options import Checkpoint
+from tinygc.models.denoiser import REACH, SHAPES, WINDOW, DenoisedNet, Denoiser
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.models.nets import CalibrationNet
+
+RNG = np.random.default_rng(0)
+RATE = RNG.normal(size=(4, 50, 3)) * 3
+LINE = RNG.normal(size=(200, 3)) + np.array([0.3, -0.2, 0.0])
+START = np.array([3.0, -2.0, 1.0])
+MODEL = LinearModel(np.array([[1.01, 0.005, -0.004], [-0.006, 0.988, 0.003], [0.005, -0.002, 1.008]]), np.array([1.0, -0.7, 0.4]) * DEG)
+
+
+# The calibration subnet.
+
+
+def some_net(seed=1):
+    return CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.3 * np.random.default_rng(seed).normal(size=27))
+
+
+def test_it_computes_its_equation():
+    """omega = m + W2 PReLU(W1 m + b1) + b2, of 27 parameters as in the paper: the exact identity at the start, and the linear model with
+    slope one."""
+    net, m = some_net(), RATE[0, 0]
+    h = net.W1 @ m + net.b1
+    bent = np.array([value if value >= 0 else slope * value for value, slope in zip(h, net.slope, strict=True)])
+    np.testing.assert_allclose(net(RATE)[0, 0], m + net.W2 @ bent + net.b2, atol=1e-14)
+    np.testing.assert_array_equal(CalibrationNet.identity()(RATE), RATE)
+    assert {field.name: getattr(net, field.name).size for field in fields(net)} == {"W1": 9, "b1": 3, "slope": 3, "W2": 9, "b2": 3}
+    np.testing.assert_allclose(CalibrationNet.from_linear(MODEL)(RATE), MODEL(RATE), atol=1e-14)
+    tensor = CalibrationNet.from_vector(torch.as_tensor(net.vector))
+    np.testing.assert_allclose(tensor(torch.as_tensor(RATE)).numpy(), net(RATE), atol=1e-14)
+    np.testing.assert_array_equal(tensor.vector.numpy(), net.vector)
+
+
+@pytest.mark.parametrize("angles", [2, 3])
+def test_columns_are_the_chain_rule(angles):
+    """phi = sum_k S_k omega(m_k) is linear in omega: autograd's Jacobian of it is exact, and so must the columns be."""
+    sensitivity, net = RNG.normal(size=(4, 50, angles, 3)), some_net(3)
+
+    def phi(vector):
+        return torch.einsum("stdi,sti->sd", torch.as_tensor(sensitivity), CalibrationNet.from_vector(vector)(torch.as_tensor(RATE)))
+
+    exact = torch.autograd.functional.jacobian(phi, torch.as_tensor(net.vector)).numpy()
+    np.testing.assert_allclose(net.columns(sensitivity, RATE), exact, atol=1e-10)
+
+
+# The denoising subnet.
+
+
+def some_denoiser():
+    return Denoiser.from_vector(Denoiser.identity().vector + 0.3 * np.random.default_rng(1).normal(size=(3, 56))).normalised()
+
+
+def test_a_denoiser_is_odd_homogeneous_of_unit_gain_and_looks_back_49_samples():
+    """Each axis for itself, from the identity on; a movement from rest to rest keeps its integral, of which an attitude is made."""
+    net, changed = some_denoiser(), LINE.copy()
+    assert (
+        DenoisedNet(CalibrationNet.identity(), net, 208.0).parameters == 195 == 27 + 3 * sum(int(np.prod(s[1:])) for s in SHAPES.values())
+    )
+    np.testing.assert_allclose(Denoiser.identity()(LINE), LINE, atol=1e-14)
+    changed[100, 1] += 1.0
+    touched = np.abs(net(changed) - net(LINE))
+    assert np.flatnonzero(touched[:, 1])[[0, -1]].tolist() == [100, 148]
+    assert touched[:, [0, 2]].max() == 0
+    assert REACH + 1 == 49 <= WINDOW
+    for rate in ([0, 0, 0], [1e-6, -1e-6, 3], [-0.02, 0.7, -8]):
+        constant = np.tile(np.array(rate, float), (60, 1))
+        np.testing.assert_allclose(net(constant), constant, rtol=1e-12, atol=0)
+    np.testing.assert_allclose(net(-1e-3 * LINE), -1e-3 * net(LINE), atol=1e-15)
+    movement = np.zeros((400, 3))
+    movement[100:200] = np.cumsum(RNG.normal(size=(100, 3)), axis=0) * np.hanning(100)[:, None]
+    np.testing.assert_allclose(net(movement).sum(axis=0), movement.sum(axis=0), rtol=1e-12)
+    with pytest.raises(ValueError, match="no constant"):
+        Denoiser.from_vector(np.zeros((3, 56))).normalised()
+
+
+def test_its_forms_agree():
+    """Whole, by windows, in single precision as on a microcontroller, in torch, and from its file."""
+    net = some_denoiser()
+    held = np.concatenate([np.tile(LINE[:1], (WINDOW - 1, 1)), LINE])
+    windows = np.lib.stride_tricks.sliding_window_view(held, WINDOW, axis=0).transpose(0, 2, 1)
+    np.testing.assert_allclose(net.windowed(windows)[:, -1], net(LINE), atol=1e-14)
+    single = Denoiser(*(getattr(net, name).astype(np.float32) for name in SHAPES))
+    np.testing.assert_allclose(single(LINE.astype(np.float32)), net(LINE), atol=3e-6 * np.abs(LINE).max())
+    tensors = Denoiser.from_vector(torch.as_tensor(net.vector))
+    np.testing.assert_allclose(tensors(torch.as_tensor(LINE)).numpy(), net(LINE), atol=1e-14)
+    model = DenoisedNet(CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.01), net, 211.3)
+    table = json.loads(json.dumps(models.to_dict(model, session="s"), allow_nan=False))
+    again = models.from_dict(table)
+    np.testing.assert_array_equal(again(LINE), model(LINE))
+    assert (again.rate_hz, again.parameters) == (211.3, 195)
+    table["denoiser"]["slope"] = 1.0  # as an earlier file says
+    np.testing.assert_array_equal(models.from_dict(table)(LINE), model(LINE))
+
+
+def test_taps_and_delay_of_a_moving_average():
+    """Seven sevenths in the first layer: 3 samples late; without its delay a ramp comes back."""
+    net = Denoiser.identity()
+    net.conv1[:, 0, 0, :] = 1 / 7
+    np.testing.assert_allclose(net.taps(), np.tile(np.where(np.arange(REACH + 1) < 7, 1 / 7, 0), (3, 1)))
+    np.testing.assert_allclose(net.delay_samples, 3.0)
+    model = DenoisedNet(CalibrationNet.identity(), net, 208.0)
+    ramp = np.tile(np.arange(100.0)[:, None], 3)
+    np.testing.assert_allclose(model.undelayed(ramp)[10:-3], ramp[10:-3])
+    assert model.delay_s == pytest.approx(3 / 208)
+
+
+def broken(where="denoiser", **changes):
+    table = json.loads(json.dumps(models.to_dict(DenoisedNet(CalibrationNet.identity(), Denoiser.identity(), 208.0))))
+    (table if where is None else table[where]).update(changes)
+    return table
+
+
+@pytest.mark.parametrize(
+    ("table", "complaint"),
+    [
+        (broken(conv1=[1, 2]), "conv1 has shape"),
+        (broken(conv3=None), "denoiser"),
+        (broken(slope="steep"), 'denoiser.slope is "steep", expected a number from 0 to 1'),
+        (broken(slope=float("nan")), "denoiser.slope is NaN, which is not finite"),
+        (broken(slope=0.3), "another slope than 1"),
+        (broken(dilations=[1, 2, 4]), "other dilations than"),
+        (broken(dilations=3), "denoiser.dilations is 3, expected 3 whole numbers from 1 to 50"),
+        (broken(None, rate_hz=0), "rate_hz"),
+        (broken(None, calibration=broken()), "does not follow"),
+        (broken(None, denoiser=[]), "denoiser is a list of 0, expected a table"),
+        (broken(conv1=(2 * Denoiser.identity().conv1).tolist()), "gain"),
+        (broken(conv2=np.full(SHAPES["conv2"], np.nan).tolist()), "finite"),
+    ],
+)
+def test_malformed_tables_are_refused_with_the_reason(table, complaint):
+    with pytest.raises(FormatError, match=complaint):
+        models.from_dict(table, "bad.json")
+
+
+# What trains the denoiser.
+
+NOISE_RPS = 0.05 * DEG
+
+
+def material(seed=0, count=12):
+    """A chain of turns, still for a second at either end of each, with white noise of 0.05 dps; stills of two seconds."""
+    turns, rng, rest = Turns(count, seed=11, odr_hz=208.0), np.random.default_rng(seed), 208
+    clean = np.pad(turns.rate, ((0, 0), (rest, rest), (0, 0)))
+    around = np.pad(clean, ((0, 0), (REACH, REACH), (0, 0)))
+    around += NOISE_RPS * rng.standard_normal(around.shape)
+    dt = np.full((count, clean.shape[1] - 1), 1 / 208.0)
+    batch = closure.Batch(around[:, REACH:-REACH], dt, np.zeros_like(clean), turns.q[:-1], turns.q[1:], False)
+    stills = [NOISE_RPS * rng.standard_normal((2 * rest, 3)) for _ in range(count + 1)]
+    sigma = np.full(count, NOISE_RPS / np.sqrt(208.0) * np.sqrt(5.0))
+    return denoiser.Material(batch, sigma, around, np.full(count, clean.shape[1]), stills, 208.0), clean
+
+
+def test_taps_and_their_derivatives():
+    """Against the subnet itself, and autograd; from the identity it can learn."""
+    vector = denoiser.start(3).vector + 0.2 * np.random.default_rng(4).normal(size=(3, 56))
+    taps, jacobian = denoiser.taps_and_jacobian(vector)
+    np.testing.assert_allclose(taps, Denoiser.from_vector(vector).normalised().taps(), atol=1e-12)
+
+    def of(weights):
+        impulse = torch.zeros((2 * REACH + 1, 3), dtype=torch.float64)
+        impulse[REACH] = 1.0
+        return Denoiser.from_vector(weights).normalised().windowed(impulse).T
+
+    exact = torch.autograd.functional.jacobian(of, torch.as_tensor(vector)).numpy()
+    for axis in range(3):
+        np.testing.assert_allclose(jacobian[axis], exact[axis, :, axis], atol=1e-10)
+    np.testing.assert_allclose(denoiser.start(0)(LINE), LINE, atol=1e-14)
+    assert np.linalg.matrix_rank(denoiser.taps_and_jacobian(denoiser.start(0).vector)[1][0]) >= 15
+
+
+def test_the_error_in_motion_is_measured_without_the_truth():
+    """The risk of filters against noisy neighbours, and their squared error against the truth that it never saw; ideal taps keep the
+    moments that they promise."""
+    seen, clean = material(seed=2, count=24)
+    delay = 8
+    risk = denoiser.measure(list(seen.batch.rate), seen.stills, REACH + 1, delay)
+    np.testing.assert_allclose(np.sqrt(risk.noise[:, 0]), NOISE_RPS, rtol=0.03)
+    ideal, _ = risk.ideal(2.0)
+    np.testing.assert_allclose(denoiser.moments(REACH + 1, delay) @ ideal.T, np.eye(4)[:, [0, 0, 0]], atol=1e-8)
+    assert (np.sqrt(risk.noise[:, 0] / risk.at_rest(ideal)) > 1.999).all()
+    for taps in (np.eye(REACH + 1)[delay], np.full(REACH + 1, 1 / 17) * (np.arange(REACH + 1) < 17), ideal[0]):
+        taps = np.tile(taps, (3, 1))
+        windows = np.lib.stride_tricks.sliding_window_view(seen.batch.rate, REACH + 1, axis=1)[..., ::-1]
+        answer = np.einsum("staj,aj->sta", windows, taps)
+        true = np.mean((answer - clean[:, REACH - delay : clean.shape[1] - delay]) ** 2, axis=(0, 1))
+        said = np.einsum("ai,aij,aj->a", taps, risk.motion, taps) + 2 * np.sum(risk.shared * taps, axis=1) - risk.noise[:, 0]
+        np.testing.assert_allclose(said, true, rtol=0.05, atol=0.08 * NOISE_RPS**2)
+
+
+def test_noise_that_rings_longer_than_its_lags_is_still_noise():
+    """A line in the stills: its autocovariance, cut off behind twelve lags, has negative power.  White noise stays as it was estimated."""
+    rng, t = np.random.default_rng(0), np.arange(2000.0)
+    rings = [np.cos(0.9 * t + phase)[:, None] * [1, 2, 3] + 0.01 * rng.standard_normal((2000, 3)) for phase in (0, 1, 2)]
+    r = denoiser.autocovariance(rings, REACH + 1)
+    lags = np.abs(np.arange(REACH + 1)[:, None] - np.arange(REACH + 1))
+    assert (np.linalg.eigvalsh(r[:, lags])[:, 0] > 0).all()
+    np.testing.assert_allclose(r[:, 0], [0.5, 2, 4.5], rtol=0.01)
+    white = [rng.standard_normal((2000, 3)) for _ in range(4)]
+    x = [each - each.mean(axis=0) for each in white]
+    lag3 = sum((each[3:] * each[:-3]).sum(axis=0) for each in x) / (4 * 1996)
+    np.testing.assert_allclose(denoiser.autocovariance(white, REACH + 1)[:, 3], lag3)
+
+
+def test_noise_at_rest_falls_threefold_twelve_samples_late_and_the_closure_does_not_suffer():
+    """On noise and turns that it has not seen; a cubic passes late but whole; bad input is refused."""
+    seen, _ = material()
+    calibration = bias_only()
+    trained = denoiser.train_denoiser(seen, calibration).model
+    assert trained.calibration is calibration
+    noise = np.random.default_rng(9).standard_normal((40000, 3))
+    assert (noise.std(axis=0) / trained.denoiser(noise).std(axis=0) > 3.0).all()
+    np.testing.assert_allclose(trained.denoiser.delay_samples, 12, atol=0.01)
+    np.testing.assert_allclose(trained.denoiser.gain, 1, atol=1e-12)
+    t = np.arange(200.0)[:, None] / 50
+    cubic = 1 + 2 * t - t**2 + 0.5 * t**3 * np.array([1.0, -1.0, 0.5])
+    np.testing.assert_allclose(trained.denoiser(cubic)[60:], cubic[48:-12], atol=5e-4)
+    fresh, _ = material(seed=5)
+    before, after = (np.linalg.norm(closure.segment_residuals(fresh.batch, rate)) for rate in (fresh.batch.rate, fresh.rate(trained)))
+    assert after < 1.05 * before
+    with pytest.raises(FitError, match="noise"):
+        denoiser.train_denoiser(replace(seen, stills=[np.zeros((100, 3))]), bias_only())
+    seen.context[1, 50, 0] = np.nan
+    with pytest.raises(FitError, match="finite"), np.errstate(invalid="ignore"):
+        denoiser.train_denoiser(seen, bias_only())
+
+
+# What trains the calibration.
+
+
+def recording(seed, asymmetry=0.0, count=20):
+    """A chain of turns with the gyro's noise; its sensitivity differs by ± asymmetry for + and − rates, on every axis."""
+    turns, rng, noise = Turns(count, seed=11, odr_hz=52.0), np.random.default_rng(seed), 0.005 * DEG
+    measured = (turns.rate + asymmetry * np.abs(turns.rate) - MODEL.B) @ np.linalg.inv(MODEL.E).T
+    measured = measured + noise * np.sqrt(52.0 / 2) * rng.standard_normal(measured.shape)
+    batch = closure.Batch(measured, turns.dt, np.zeros_like(measured), turns.q[:-1], turns.q[1:], False)
+    return batch, np.full(count, noise / np.sqrt(2) * 2)  # the angle random walk over 4 s
+
+
+def test_where_the_sensor_is_linear_it_finds_least_squares():
+    """With the bend tied down: the same minimum of the same loss.  What is known of where it begins need not be found again: residuals and
+    columns between other references follow from those between the first ones."""
+    batch, sigma = recording(0)
+    linear = fit_least_squares(batch, sigma, bias_only()).model
+    trained = network.train_second_order(batch, sigma, ties=(0.0,))
+    assert trained.tie == 0
+    np.testing.assert_allclose(trained.net(batch.rate), linear(batch.rate), atol=2e-5 * np.abs(batch.rate).max())
+    net, some = CalibrationNet.from_linear(linear), np.arange(len(batch)) % 3 > 0
+    ends = LinearEnds.of(net, batch, net.columns)
+    turned = rotation.exp(np.random.default_rng(5).normal(size=(2, int(some.sum()), 3)) * 0.01 * DEG)
+    other = batch.pick(some)
+    other = replace(other, start=rotation.multiply(turned[0], other.start), end=rotation.multiply(turned[1], other.end))
+    known, found = (network.train_second_order(other, sigma[some], begin=net, **more) for more in ({"begins": ends.rows(other, some)}, {}))
+    np.testing.assert_allclose(known.net.vector, found.net.vector, atol=1e-9)
+    np.testing.assert_allclose(known.loss, found.loss, rtol=1e-9)
+
+
+@pytest.mark.broad
+def test_an_asymmetry_of_scale_is_learnt_and_stills_pin_the_rate_at_rest():
+    """0.3 % between + and − rates about each axis: omega = E m + B is what the net should undo, and |omega| k is to be taken off."""
+    batch, sigma = recording(0, asymmetry=0.003, count=40)
+    net = network.train_second_order(batch, sigma).net
+    both = 1.5 * np.stack([np.eye(3), -np.eye(3)])
+    bent = np.einsum("kii->i", net(both) - net(np.zeros(3))) / 2 / 1.5
+    np.testing.assert_allclose(bent, -0.003, atol=0.0015)
+    batch, sigma = recording(5, count=8)
+    at_rest = np.tile(-np.linalg.inv(MODEL.E) @ MODEL.B, (9, 1))
+    rates = StillRates(at_rest, np.zeros((9, 3)), np.full((9, 3), 1e-6))
+    pinned = network.train_second_order(batch, sigma, still_rates=rates, ties=(0.0,)).net
+    np.testing.assert_allclose(pinned(at_rest), 0, atol=2e-6)
+    batch.rate[2, 5, 1] = np.inf
+    for train in (network.train_second_order, network.train_adamw):
+        with np.errstate(invalid="ignore", over="ignore"), pytest.raises(FitError, match="finite"):
+            train(batch, sigma)
+
+
+# AdamW's loop.
+
+
+def loss_of(weights):
+    return ((weights - torch.arange(3.0, dtype=torch.float64)) ** 4).sum()
+
+
+def minimised(checkpoint=None, progress=lambda done, of: None, identity=(), loss=loss_of, learning_rate=0.1):
+    return adamw.minimise(loss, START, learning_rate=learning_rate, identity=list(identity), checkpoint=checkpoint, progress=progress)
+
+
+def test_resumed_training_equals_uninterrupted_and_what_ended_is_not_repeated(tmp_path, monkeypatch):
+    monkeypatch.setattr(adamw, "EPOCHS", 40)
+    path, whole, seen = tmp_path / "deep" / "checkpoint_first.json", minimised(), []
+    _, best, losses = whole
+    assert losses[0] == pytest.approx(81 + 81 + 1)
+    assert float(loss_of(torch.as_tensor(best))) == pytest.approx(min(losses))
+    assert min(losses) < 0.05 * losses[0]
+
+    def stop(done, of):
+        if done == 17:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        minimised(checkpoint=Checkpoint(path), progress=stop)
+    kept = json.loads(path.read_text())
+    assert (len(kept["losses"]), strangers(kept)) == (17, [])
+    for more in ({"learning_rate": 0.2}, {"identity": [np.ones(3)]}):
+        with pytest.raises(FitError, match="other data or settings"):
+            minimised(**more, checkpoint=Checkpoint(path, resume=True))
+    for first in (18, None):
+        resumed = minimised(checkpoint=Checkpoint(path, resume=True), progress=lambda done, of: seen.append(done))
+        assert (seen[0] if seen else None) == first
+        seen.clear()
+        for a, b in zip(whole, resumed, strict=True):
+            np.testing.assert_array_equal(a, b)
+    minimised(checkpoint=Checkpoint(path), progress=lambda done, of: seen.append(done))
+    assert seen[0] == 1  # without resume it begins anew
+    (path.parent / "model.json").write_text("{}")
+    adamw.forget(path.parent)
+    assert [each.name for each in path.parent.iterdir()] == ["model.json"]
+    with pytest.raises(FitError, match="finite"):
+        minimised(loss=lambda weights: weights.sum() * float("nan"))
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "tinygc-checkpoint/2"}', '{"schema": "tinygc-checkpoint/1", "weights": "x"}'])
+def test_broken_checkpoints_are_refused(tmp_path, text):
+    path = tmp_path / "checkpoint.json"
+    path.write_text(text)
+    with pytest.raises(FitError, match=r"checkpoint\.json"):
+        minimised(checkpoint=Checkpoint(path, resume=True))
+
+
+@pytest.mark.broad
+def test_as_in_the_paper_both_nets_are_trained_by_adamw(simulated, tmp_path, monkeypatch):
+    """Every other method is as it is, with the first-order integrator; the file says what trained it."""
+    monkeypatch.setattr(adamw, "EPOCHS", 3)
+    words = ["fit", str(simulated()), "--out", str(tmp_path), "--json", str(tmp_path / "table.json"), "--quiet", "--as-in-paper"]
+    calibrate.main([*words, "--methods", "least_squares,tinygc,tinygc_denoised", "--folds", "2"])
+    paper = json.loads((tmp_path / "table.json").read_text())
+    tilt = {name: method["holdout"]["tilt_rms_deg"] for name, method in paper["methods"].items()}
+    assert tilt["tinygc"] > 10 * tilt["least_squares"]  # of three epochs
+    assert paper["methods"]["tinygc_denoised"]["denoiser"]["loss"] == "endpoint"
+    notes = {name: of["notes"] for name, of in json.loads((tmp_path / "fitted.json").read_text())["methods"].items()}
+    assert [len(notes[name]["loss"]) for name in ("tinygc", "tinygc_denoised")] == [3, 3]
+
+
+# The swarm.
+
+
+def valley(x):
+    return np.sum(100 * (x[:, 1:] - x[:, :-1] ** 2) ** 2 + (1 - x[:, :-1]) ** 2, axis=-1)
+
+
+def test_the_swarm_finds_bowl_and_valley_and_never_ends_above_where_it_started():
+    """Also outside its box; the centre is one of the particles; the same seed is the same swarm."""
+
+    def found(cost, centre, width, seed, **more):
+        return particle_swarm.minimise(cost, np.array(centre), np.array(width), np.random.default_rng(seed), **more)
+
+    def bowl(x):
+        return np.sum((x - 0.3) ** 2, axis=-1)
+
+    seen = []
+    np.testing.assert_allclose(found(bowl, [0.0] * 6, [0.1] * 6, 0, progress=lambda *step: seen.append(step)), 0.3, atol=1e-3)
+    assert seen[0][0] == 1
+    assert seen[-1][0] <= seen[-1][1]
+    np.testing.assert_allclose(found(valley, [0.0] * 2, [2.0] * 2, 1), 1, atol=0.01)
+    assert bowl(found(bowl, [0.3] * 4, [10.0] * 4, 2)) == 0
+    first, again, other = (found(valley, [0.0] * 3, [1.0] * 3, seed) for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert np.any(first != other)
+
+
+def test_the_swarm_goes_on_where_its_first_look_was_too_coarse():
+    """A sensor that is wrong by ten percent, which is outside of the box: the true model comes back all the same."""
+    true = LinearModel(1.1 * np.eye(3) + 0.01 * np.arange(9).reshape(3, 3), np.array([0.01, -0.02, 0.005]))
+    batch = Turns(14, seed=3, odr_hz=52.0).batch(true)
+    found = particle_swarm.fit_pso(batch, np.full(len(batch), 1e-4), PERFECT, seed=0)
+    best = fit_least_squares(batch, np.full(len(batch), 1e-4), PERFECT).model
+    np.testing.assert_allclose(found.vector, best.vector, atol=1e-5)
+
+
+def test_on_a_pendulum_the_swarm_leaves_the_start_where_least_squares_holds_hardly_observed_directions():
+    """Rates about one axis but for 2 %: least squares keeps at the start what it hardly observes, and so closes worse.  It is no local
+    minimum: with the prior alone in place of that, least squares ends where the swarm does."""
+    true = LinearModel.from_vector(PERFECT.vector + 8 * TYPICAL * ([1] * 9 + [1 / 8] * 3))
+    batch = small_turns(12, yaw_known=True)
+    batch = replace(batch, rate=batch.rate * [0.02, 1.0, 0.02], earth=0 * batch.earth)
+    begun, sigma = Rotation.from_quat(batch.start, scalar_first=True), np.full(len(batch), 3e-3)
+    batch = replace(batch, end=wxyz(begun * turns_by_scipy(batch, true)))
+    batch = turned_ends(batch, sigma[0] * np.random.default_rng(1).normal(size=(12, 3)))
+    held, free = fit_least_squares(batch, sigma, PERFECT), fit_least_squares(batch, sigma, PERFECT, prior=vague(PERFECT.vector))
+    assert {"E_xx", "E_zz"} <= set(held.unobserved)
+    swarm, held, free = (
+        np.linalg.norm(angles_by_scipy(batch, model.vector))
+        for model in (particle_swarm.fit_pso(batch, sigma, PERFECT, seed=0, prior=PERFECT), held.model, free.model)
+    )
+    assert swarm < 0.9 * held
+    assert free == pytest.approx(swarm, rel=1e-3)

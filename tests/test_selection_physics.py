@@ -1,0 +1,582 @@
+"""Selection among hypotheses: p-values over a family, evidence by direct integration, and the search that goes through them."""
+
+from dataclasses import make_dataclass
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from linear_twin import PRIORS, effect, linear_twin, minus_twice_log, stepped
+from scipy import integrate, optimize, special, stats
+from small_sessions import small_session
+
+from tinygc.effects import Convention
+from tinygc.explanation.evidence import Guess, Selection, least_gain, linear_estimate, price, selection_of, sharpened, spacing
+from tinygc.explanation.search import (
+    detection_limits,
+    exchanged,
+    in_words,
+    probabilities,
+    promises,
+    rewhitened,
+    rivals_of,
+    search,
+    without_idle,
+)
+from tinygc.noise.candidates import candidates
+from tinygc.noise.components import known_whitener
+from tinygc.noise.refit import Replay, refit
+from tinygc.noise.twin import Twin
+
+N = 90
+A, B, C = effect("a", 2), effect("b", 3), effect("c", 1)
+
+
+def without(columns: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """What least squares leaves of r."""
+    return r - columns @ np.linalg.lstsq(columns, r, rcond=None)[0]
+
+
+def design(seed: int = 0, groups: int = 9) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Seven nuisance columns, and groups that resemble one another, as delays and lags do."""
+    rng = np.random.default_rng(seed)
+    shared = rng.normal(size=(N, 3))
+    of = {f"g{i}": rng.normal(size=(N, 1 + i % 4)) + (shared[:, : 1 + i % 4] if i % 4 < 3 else 0) for i in range(groups)}
+    return rng.normal(size=(N, 7)), of
+
+
+def residuals(*shape) -> np.ndarray:
+    return np.random.default_rng(3).standard_normal((N, *shape))
+
+
+# P-values of a family.
+
+
+def test_the_lowest_p_value_is_that_of_fishers_f_whatever_the_scale():
+    """Where the tail underflows it is, of two numbers, exactly the power (1 + gain / rest)^(-freedom / 2)."""
+    nuisance, groups = design()
+    r, least = residuals(), np.sum(without(nuisance, residuals()) ** 2)
+    log_p = []
+    for name, columns in groups.items():
+        left, rank = np.sum(without(np.hstack([nuisance, columns]), r) ** 2), columns.shape[1]
+        log_p.append(stats.f.logsf((least - left) / rank / (left / (N - 7 - rank)), rank, N - 7 - rank))
+        assert Selection(nuisance, groups, 1).gains(r)[name] == pytest.approx(least - left, rel=1e-9)
+        alone = Selection(nuisance, {name: columns}, 1)
+        lowest = alone.lowest_log_p(np.stack([0.01 * r, -2 * r + nuisance @ np.arange(7)], axis=1))
+        np.testing.assert_allclose(lowest, log_p[-1], rtol=1e-9)
+    assert Selection(nuisance, groups, 1).lowest_log_p(r[:, None])[0] == pytest.approx(min(log_p), rel=1e-9)
+    strong = 1e5 * groups["g1"].sum(axis=1) + r
+    left = [np.sum(without(columns, strong) ** 2) for columns in (nuisance, np.hstack([nuisance, groups["g1"]]))]
+    expected = -(N - 9) / 2 * np.log(left[0] / left[1])
+    assert Selection(nuisance, groups, 1).lowest_log_p(strong[:, None])[0] == pytest.approx(expected, rel=1e-6)
+    assert expected < -745
+    # Where nothing is left, a part in a million million counts as left.
+    exact = Selection(nuisance, groups, 1).lowest_log_p(1e-5 * groups["g1"].sum(axis=1)[:, None])[0]
+    assert exact == pytest.approx(-(N - 9) / 2 * np.log1p(1e12), rel=1e-6)
+
+
+def test_the_allowances_of_the_covariance_are_taken_out_but_for_the_groups_along_them():
+    """Scale and its degrees of freedom from some of the rows alone."""
+    nuisance, groups = design(groups=2)
+    rng = np.random.default_rng(8)
+    allowances, r, rows = rng.normal(size=(N, 5)), rng.standard_normal(N), np.arange(10, 70)
+    for along in ("g0", "g1", "none"):
+        selection = Selection(nuisance, groups, 1, allowances=1e-5 * allowances, scale_rows=rows, along=frozenset({along}))
+        wide = np.hstack([nuisance, allowances])
+        q = np.linalg.qr(wide)[0]
+        scale, freedom = np.sum(without(wide, r)[rows] ** 2), len(rows) - np.sum(q[rows] ** 2)
+        expected = []
+        for name, columns in groups.items():
+            taken, rank = nuisance if name == along else wide, columns.shape[1]
+            gain = np.sum(without(taken, r) ** 2) - np.sum(without(np.hstack([taken, columns]), r) ** 2)
+            rest, left = (scale, freedom) if name == along else (scale - gain, freedom - rank)
+            expected.append(stats.f.logsf(gain / rank / (rest / left), rank, left))
+        assert selection.lowest_log_p(r[:, None])[0] == pytest.approx(min(expected), rel=1e-9)
+    assert selection.p_value(r + 50 * allowances @ np.arange(5)) == pytest.approx(selection.p_value(r), rel=1e-6)
+
+
+@pytest.mark.parametrize(("n", "tested"), [(5, True), (4, False)])
+def test_one_degree_of_freedom_of_the_scale_is_enough(n, tested):
+    rng = np.random.default_rng(0)
+    selection = Selection(rng.normal(size=(n, 2)), {"two": rng.normal(size=(n, 2))}, 0)
+    assert (selection.lowest_log_p(rng.normal(size=(n, 1)))[0] < 0) == tested
+
+
+@pytest.mark.parametrize("seed", [4, 10])  # Sidak's formula begins above the draws' share, or below
+def test_family_wise_p_counts_draws_and_beyond_them_is_sidaks(seed):
+    """Against the same draws, of one group with two numbers: the tail of F is then a power."""
+    rng = np.random.default_rng(5)
+    nuisance, columns = rng.normal(size=(N, 3)), rng.normal(size=(N, 2))
+    selection = Selection(nuisance, {"two": columns}, seed)
+    draws = np.random.default_rng(seed).standard_normal((N, 1000))
+    rss = [np.sum(without(some, draws) ** 2, axis=0) for some in (nuisance, np.hstack([nuisance, columns]))]
+    lowest = np.sort((N - 5) / 2 * np.log(rss[1] / rss[0]))
+    for number in (10, 11, 300, 999):
+        assert selection.family_wise(lowest[number] + 1e-9) == pytest.approx((number + 2) / 1001)
+    assert selection.family_wise(lowest[10] + 1e-9) > selection.family_wise(lowest[10] - 1e-6)
+    tests = np.log(0.9) / np.log(1 - np.exp(lowest[100]))
+    for log_p in (-20.0, -300.0):
+        assert selection.family_wise(log_p) == pytest.approx(-np.expm1(tests * np.log1p(-np.exp(log_p))), rel=1e-9)
+    assert selection.family_wise(lowest[10] - 1e-6) == pytest.approx(min(11 / 1001, -np.expm1(tests * np.log1p(-np.exp(lowest[10])))), 1e-4)
+    assert selection.family_wise(-1e6) == pytest.approx(tests * np.exp(-700), rel=1e-6)
+    assert selection.p_value(residuals()) == selection.family_wise(float(selection.lowest_log_p(residuals(1))[0]))
+
+
+def leaning(share: float, onto: np.ndarray) -> np.ndarray:
+    """A column of which ``share`` stands beside the columns."""
+    free = without(onto, np.random.default_rng(6).normal(size=len(onto)))
+    return (onto[:, 0] / np.linalg.norm(onto[:, 0]) + share * free / np.linalg.norm(free))[:, None]
+
+
+def test_a_direction_of_which_too_little_remains_is_unobservable():
+    nuisance, _ = design()
+    allowances, free = (np.random.default_rng(seed).normal(size=(N, 2)) for seed in (9, 5))
+    for share, kept in ((0.9e-4, 0), (1.1e-4, 1)):
+        (group, *_) = Selection(nuisance, {"one": leaning(share, nuisance)}, 0).groups or [None]
+        assert (0 if group is None else group.basis.shape[1]) == kept
+    both = np.hstack([allowances, nuisance])
+    for share, along, tested in ((0.9e-3, (), False), (1.1e-3, (), True), (0.9e-3, ("one",), True)):
+        selection = Selection(nuisance, {"one": leaning(share, both)}, 0, allowances=allowances, along=frozenset(along))
+        assert (selection.lowest_log_p(residuals(1))[0] < 0) == tested
+    groups = {"nothing": np.zeros((N, 3)), "half": np.hstack([nuisance[:, :1], 1e-7 * free]), "twice": np.hstack([free, free])}
+    assert {group.name: group.basis.shape[1] for group in Selection(1e5 * nuisance, groups, seed=0).groups} == {"half": 2, "twice": 2}
+
+
+def test_the_noise_scale_comes_from_known_angles_and_stills_rates():
+    """Not from the length of gravity, nor from an angle that no reference observes; a bent accelerometer is tested along the allowances."""
+    twin = linear_twin(wide=True)
+    twin.batch.known[[2, 5], 1] = False
+    tried = [effect("a", 2), effect("b", 1, kind="force", bends=lambda force: None)]
+    found = twin.evidence().nothing
+    whiten, fit = found.whiten, found.fit
+    selection = selection_of(twin, whiten, fit, tried, 3)
+    rows = np.delete(np.arange(16 + 27), [5, 11])
+    by_hand = Selection(
+        fit.J,
+        {i: whiten(twin.columns_of(each)) for i, each in enumerate(tried)},
+        3,
+        allowances=whiten(twin._allowed),
+        scale_rows=rows,
+        along=frozenset({1}),
+    )
+    r = np.random.default_rng(1).normal(size=(twin.n, 5))
+    np.testing.assert_allclose(selection.lowest_log_p(r), by_hand.lowest_log_p(r), rtol=1e-6)
+
+
+def bump(center: float, n: int, width: float = 6.0) -> np.ndarray:
+    return np.exp(-(((np.arange(n) - center) / width) ** 2))[:, None]
+
+
+@pytest.mark.parametrize(("grid", "truth"), [(np.array([8.0, 20.0, 30.0]), 27.3), (np.array([8.0, 20.0, 22.0]), 11.1)])
+def test_a_scanned_shape_is_refined_between_its_neighbours_to_a_five_hundredth(grid, truth):
+    columns = lambda each: bump(each.shape["at_s"] * 1e-3, columns.rows)  # noqa: E731
+    twin = linear_twin(columns=columns)
+    step = stepped("step", grid)
+    twin.recorded = 0.01 * twin.recorded
+    twin.spoil(step.at(truth), 1.0)
+    nothing = twin.evidence().nothing
+    found = sharpened(twin, nothing.whiten, nothing.fit, step.at(20.0), Replay(twin, nothing.fit))
+    # Noise of a hundredth moves it by less than the grid's own step.
+    assert found.shape["at_s"] * 1e-3 == pytest.approx(truth, abs=spacing(grid, 20.0) / 504 + 0.02)
+    plain = effect("plain")
+    assert sharpened(twin, nothing.whiten, nothing.fit, plain, None) is plain
+
+
+@pytest.mark.parametrize(
+    ("values", "at", "reach"),
+    [([1, 2, 4, 8], 4, 3.6), ([1, 2, 4, 8], 1, 0.9), ([10, 11, 13], 11, 2), ([10, 11, 13], 13, 2), ([-1, 0, 2], 0, 2), ([5], 5, 0)],
+)  # fmt: skip
+def test_a_grid_reaches_to_the_farther_neighbour_and_not_to_zero(values, at, reach):
+    assert spacing(np.array(values, dtype=float), at) == pytest.approx(reach)
+
+
+def test_the_linear_estimate_is_a_ridge_regression():
+    """Prior of ten plausible sizes, beside columns without a prior."""
+    rng = np.random.default_rng(0)
+    r, J, columns = rng.normal(size=20), rng.normal(size=(20, 4)) * [1e-6, 1, 10, 1e5], rng.normal(size=(20, 2))
+    theta, covariance = linear_estimate(r, J, columns, 0.03)
+    prior = np.hstack([np.zeros((2, 4)), np.eye(2) / 0.3])
+    both = np.vstack([np.hstack([J / np.linalg.norm(J, axis=0), columns]), prior])
+    np.testing.assert_allclose(theta, -np.linalg.lstsq(both, np.r_[r, 0, 0], rcond=None)[0][4:], rtol=1e-9)
+    np.testing.assert_allclose(covariance, np.linalg.inv(both.T @ both)[4:, 4:], rtol=1e-9)
+
+
+# Evidence.
+
+
+def of_scale(P: int) -> float:
+    """-2 log of the best scale's share in the integral over all scales: Laplace's formula, which takes it for 1."""
+    return -2 * ((P / 2) * np.log(P) - P / 2 - (P / 2 - 1) * np.log(2) - special.gammaln(P / 2))
+
+
+def spoilt_twin(*spoilt, seed=0):
+    twin = linear_twin(seed=seed)
+    for each, theta in spoilt:
+        twin.spoil(each, theta)
+    return twin
+
+
+def sizes(hypothesis) -> list[np.ndarray]:
+    return [claim.theta for claim in hypothesis.fit.state.claims]
+
+
+def of_calibration(twin, hypothesis) -> float:
+    """What the wide prior of the calibration takes off the density: the score leaves it out."""
+    moved = (hypothesis.fit.state.vector[:15] - twin.start().vector) / PRIORS
+    return float(moved @ moved - moved[12:14] @ moved[12:14])
+
+
+@pytest.mark.parametrize("size", [1, 9])
+def test_a_name_costs_its_odds_and_the_place_of_its_numbers_within_a_scale_of_any_order(size):
+    """Against the integral over the scale: density 1 / 10 of its logarithm, odds 1 in 30, and as many shapes as were tried."""
+    z = np.full(size, 40.0)
+
+    def density(ln_sigma: float) -> float:
+        """Of estimates z with unit noise, relative to those without any effect and to the best fit."""
+        variance = 1 + np.exp(2 * ln_sigma)
+        return float(variance ** (-size / 2) * np.exp(-(z @ z) / 2 / variance))
+
+    whole = integrate.quad(density, -10, 15, points=[np.log(40)], limit=500)[0] / 10
+    expected = -2 * np.log(whole * (1 / 30) / 7) - size * np.log(z[0] ** 2) + of_scale(size)
+    assert price(effect("x", size), 7) == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize(("size", "shapes"), [(1, 1), (3, 40)])
+def test_the_least_gain_is_that_at_which_an_effect_is_as_probable_as_none(size, shapes):
+    gain = least_gain(effect("x", size), shapes)
+    ratio = np.exp(gain / 2) * (gain / size) ** (-size / 2) * np.exp(-size / 2) / 10 / 30 / shapes
+    assert ratio == pytest.approx(1, rel=1e-9)
+
+
+@pytest.mark.parametrize(("name", "theta"), [(C, [5.0]), (A, [6.0, -4.0]), (B, [5.0, 4.0, -6.0])])
+def test_the_score_is_the_integral_over_the_sizes_and_their_scale(name, theta):
+    """Evidence beside that of no effect, each with the noise that is most probable with it."""
+    twin = spoilt_twin((name, theta))
+    evidence = twin.evidence()
+    found = evidence.of((name,), evidence.nothing)
+    s, P = found.noise.s, len(theta)
+    scales = np.linspace(-1, 8, 400)
+    minus = np.array([minus_twice_log(twin, s, [name], [np.exp(each)]) for each in scales])
+    whole = minus.min() - 2 * np.log(np.trapezoid(np.exp((minus.min() - minus) / 2), scales) / 10 / 30)
+    assert found.score == pytest.approx(whole + of_scale(P) - of_calibration(twin, found), abs=0.15)
+    nothing = minus_twice_log(twin, evidence.nothing.noise.s) - of_calibration(twin, evidence.nothing)
+    assert evidence.nothing.score == pytest.approx(nothing, abs=0.05)
+    np.testing.assert_allclose(sizes(found)[0], theta, atol=0.6)
+    for each, one in ((evidence.nothing, ()), (found, (name,))):  # the noise is estimated anew for each
+        sigma = [evidence.prior(each.fit)[-1]] * len(one)
+        best = optimize.minimize(
+            lambda s, one=one, sigma=sigma: minus_twice_log(twin, s, one, sigma), each.noise.s + 0.5, method="Nelder-Mead"
+        )
+        left = best.fun - of_calibration(twin, each) - sum(map(len, sizes(each)))
+        assert each.score - sum(map(evidence.price, one)) == pytest.approx(left, abs=0.1)
+
+
+def test_the_prior_of_a_claim_is_the_rms_of_its_numbers_between_what_is_known_of_it_and_what_is_plausible():
+    weak, strong = effect("weak", 2, plausible=3.0), effect("strong", 2, plausible=3.0)
+    twin = spoilt_twin((A, [6.0, -4.0]), (strong, [9.0, 12.0]))
+    evidence = twin.evidence()
+    found = evidence.of((A, weak, strong), evidence.nothing)
+    prior, theta = evidence.prior(found.fit), sizes(found)
+    assert prior[15:17] == pytest.approx(np.sqrt(np.mean(theta[0] ** 2)))
+    least = np.sqrt(np.linalg.eigvalsh(found.fit.covariance[17:19, 17:19])[0])
+    assert prior[17:19] == pytest.approx(max(np.sqrt(np.mean(theta[1] ** 2)), least))
+    assert np.sqrt(np.mean(theta[1] ** 2)) < 0.3
+    assert prior[19:21] == pytest.approx(3.0)
+    # theta' D^-1 theta is the number of numbers; what is larger than plausible has more.
+    found = evidence.of((A, strong), evidence.nothing)
+    size, sigmas = sizes(found)[1] @ sizes(found)[1] / 9, [evidence.prior(found.fit)[15], 3.0]
+    assert size > 20
+    density = minus_twice_log(twin, found.noise.s, found.effects, sigmas) - 2 - size - of_calibration(twin, found)
+    assert found.score == pytest.approx(density + sum(map(evidence.price, found.effects)) + size - 2, abs=0.05)
+
+
+def test_a_direction_that_is_hardly_known_does_not_make_a_scale_small():
+    """The lower limit is the sigma of the best-known direction, where the numbers are less than that."""
+    twin = spoilt_twin()
+    evidence = twin.evidence()
+    found = evidence.of((B,), evidence.nothing)
+    fit = found.fit
+    claims = (SimpleNamespace(effect=B, theta=np.full(3, 1e-3)),)
+    small = SimpleNamespace(state=SimpleNamespace(claims=claims), covariance=fit.covariance)
+    assert evidence.prior(small)[15:] == pytest.approx(np.sqrt(np.linalg.eigvalsh(fit.covariance[15:, 15:])[0]))
+    known = SimpleNamespace(state=small.state, covariance=np.zeros((18, 18)))
+    assert evidence.prior(known)[15:] == pytest.approx(1e-3)
+    claims[0].theta[:] = 0
+    assert evidence.prior(known)[15:] == pytest.approx(1e-6 * 100)
+
+
+def test_a_guess_by_linear_columns_is_the_score_where_all_is_linear_and_nothing_is_weighed_twice():
+    twin = spoilt_twin((A, [6.0, -4.0]), (B, [5.0, 4.0, -6.0]), (C, [4.0]))
+    evidence, exact = twin.evidence(), twin.evidence()
+    both = evidence.of((A, B), evidence.nothing)
+    for how, effects in (({"add": C}, (A, B, C)), ({"without": A}, (B,)), ({"without": B, "add": C}, (A, C))):
+        guess = evidence.guess(both, **how)
+        assert guess.effects == effects
+        assert guess.score == pytest.approx(exact.of(effects, exact.nothing).score, abs=1.5)
+        assert evidence.guess(both, **how) is guess
+    assert evidence.guess(both, without=B).score == pytest.approx(evidence.of((A,), both).score, abs=1.5)
+    assert evidence.guess(both, without=B).score == evidence.of((A,), both).score  # known by now
+    assert evidence.of((B, A), evidence.nothing) is both
+    everything = {"", "a", "b", "ab", "ac", "abc"}
+    assert {"".join(sorted(name[-1] for name in h.ids)) for h in evidence.weighed} == everything
+    evidence.forget(frozenset({B.id}))
+    assert {"".join(sorted(name[-1] for name in h.ids)) for h in evidence.weighed} == {"", "a", "ac"}
+    np.testing.assert_array_equal(evidence.columns(A), twin.columns_of(A))
+    assert [repr(Guess((A, B), 1.25)), repr(Guess((), 1.25))] == ["<test.a, test.b: 1.2>", "<nothing: 1.2>"]
+
+
+def test_an_effect_pays_for_every_shape_that_was_tried_under_its_name():
+    """Shapes at values that differ are different hypotheses."""
+    step = stepped("step", np.array([1.0, 2.0, 5.0]))
+    twin = spoilt_twin((step.at(1.0), [5.0]))
+    evidence = twin.evidence()
+    assert evidence.price(C) == price(C, 1)
+    evidence.will_try([C, effect("c", 1, equation="another"), *step.variants(np.array([1.0, 2.0, 5.0]))])
+    assert evidence.price(C) - price(C, 1) == pytest.approx(2 * np.log(2))
+    assert evidence.price(step) == price(step, 3)
+    right, wrong = (evidence.of((step.at(at),), evidence.nothing) for at in (1.0, 2.0))
+    assert right is evidence.of((step.at(1.0),), evidence.nothing)
+    assert right.score < min(evidence.nothing.score, wrong.score) - 20
+
+
+def test_a_guess_of_what_is_hardly_seen_is_held_by_its_prior():
+    """A step under the plausible size, one under the size so found, and the density of what it leaves: by least squares with rows for the
+    prior, and the dense covariance."""
+    weak = effect("weak", 2, plausible=0.05)
+    twin = spoilt_twin((weak, [0.6, -0.5]))
+    evidence = twin.evidence()
+    nothing = evidence.nothing
+    C = nothing.whiten.covariance
+    root = np.linalg.cholesky(C)
+    J = np.hstack([np.delete(twin.calibration * PRIORS, [12, 13], axis=1), twin.columns_of(weak)])
+    r = nothing.whiten.back(nothing.fit.r)
+
+    def step(prior):
+        rows = np.vstack([np.linalg.solve(root, J * prior), np.eye(15)])
+        return prior * np.linalg.lstsq(rows, np.r_[-np.linalg.solve(root, r), np.zeros(15)], rcond=None)[0]
+
+    prior = np.r_[np.ones(13), 0.05, 0.05]
+    prior[13:] = np.sqrt(np.mean(step(prior)[13:] ** 2))
+    left = r + J @ step(prior)
+    variance = np.diag(np.diag(twin.evidence().whiteners.white.covariance)) + (J * prior) @ (J * prior).T
+
+    def density(s):
+        whole = variance + np.diag(np.repeat([s[0] ** 2, s[1] ** 2, 0.0], twin.sizes))
+        return np.linalg.slogdet(whole)[1] + left @ np.linalg.solve(whole, left)
+
+    best = optimize.minimize(density, nothing.noise.s + 0.1, method="Powell").fun
+    assert evidence.guess(nothing, add=weak).score == pytest.approx(best + evidence.price(weak), abs=0.05)
+
+
+# The search, by tables of scores.
+
+
+NAMES = "abcdef"
+EFFECTS = {name: effect(name) for name in NAMES}
+LATE = Convention(lambda theta: theta, lambda theta: np.eye(1), delays=(0,))
+DELAYS = {name: effect(name, gauge_convention=LATE) for name in NAMES}
+
+
+Fit = make_dataclass("Fit", ["r", "J", "state"])
+
+
+class Scores:
+    """Evidence by tables: exact scores of sets of names, 1000 where none is given; guesses differ from them by ``off``."""
+
+    def __init__(self, scores: dict[str, float], off: dict[str, float] | None = None, effects=EFFECTS):
+        self.scores, self.off, self.effects, self.weighed, self.removed = scores, off or {}, effects, [], []
+        rng = np.random.default_rng(0)
+        self.basis = np.linalg.qr(rng.normal(size=(30, 21)))[0]
+        whiten = SimpleNamespace(each=iter)
+        self.whiten = self.first_whiten = whiten
+        self.twin = None
+
+    def named(self, names: str):
+        return self.of(tuple(self.effects[name] for name in names), None)
+
+    def _key(self, effects) -> str:
+        return "".join(sorted(each.id[-1] for each in effects))
+
+    def of(self, effects, begin):
+        key = self._key(effects)
+        self.weighed.append(key)
+        found = Guess(tuple(effects), self.scores.get(key, 1000.0))
+        claims = tuple(SimpleNamespace(effect=each, theta=np.ones(1)) for each in effects)
+        # Every effect promises as much as the others: its column, of length one, is hit by a hundred sigmas.
+        columns = np.stack([self.columns(each)[:, 0] for each in effects], axis=1) if effects else np.zeros((30, 0))
+        J = np.hstack([self.basis[:, 6:], columns])
+        fit = Fit(100 * self.basis[:, :6].sum(axis=1), J, SimpleNamespace(claims=claims))
+        self.found = _Hypothesis(found.effects, found.score, fit, self.whiten)
+        return self.found
+
+    def guess(self, have, *, without=None, add=None):
+        effects = tuple(e for e in have.effects if e is not without) + ((add,) if add else ())
+        key = self._key(effects)
+        return Guess(effects, self.scores.get(key, 1000.0) + self.off.get(key, 0.0))
+
+    def columns(self, each):
+        return self.basis[:, [NAMES.index(each.id[-1])]]
+
+    def price(self, each):
+        return 0.0
+
+    def will_try(self, tried):
+        self.tried = tried
+
+
+class _Hypothesis(Guess):
+    def __init__(self, effects, score, fit, whiten):
+        self.__dict__ |= {"effects": effects, "score": score, "fit": fit, "whiten": whiten}
+
+
+def names_of(hypothesis) -> str:
+    return "".join(sorted(name[-1] for name in hypothesis.ids))
+
+
+def found(scores, tried="abc", off=None, effects=EFFECTS, **options):
+    table = Scores({"": 0.0, **scores}, off, effects)
+    said: list[str] = []
+    best = search(table, [effects[name] for name in tried], table.named(""), progress=said.append, **options)
+    return names_of(best), table.weighed[1:], said
+
+
+def test_effects_are_added_while_each_adds_evidence():
+    chain = {"a": -10.0, "ab": -20.0, "abc": -30.0, "abcd": -40.0, "abcde": -50.0, "abcdef": -60.0}
+    assert found(chain, NAMES)[0] == "abcde"
+    assert found(chain, NAMES, most=2)[0] == "ab"
+    assert found({"a": -10.0, "ab": -10.0})[0] == "a"
+    assert found({"a": 0.0})[0] == ""
+    assert found({"a": -10.0, "ab": -9.0})[2] == ["naming, round 1", "naming, round 2"]
+    third = {"a": -40.0, "b": -39.0, "c": -38.0, "ab": -30.0, "ac": -30.0, "bc": 0.0, "cd": -90.0}
+    assert found(third, "abcd")[0] == "a"  # a third beginning is not followed
+    assert found(chain, "")[0] == ""
+
+
+@pytest.mark.parametrize(("second", "expected"), [(-28.1, "bc"), (-28.0, "a")])
+def test_a_second_best_beginning_is_followed_if_it_is_near(second, expected):
+    """Within 12; the best has no better continuation, the second has."""
+    scores = {"a": -40.0, "b": second, "c": 0.0, "bc": -90.0, "ac": -38.0, "ab": -38.0}
+    assert found(scores, off={"b": -10.0})[0] == expected
+
+
+def test_the_best_by_linear_columns_and_those_near_it_are_evaluated_exactly():
+    """Up to three, and within 8 of the best guess."""
+    scores = {"a": -40.0, "b": -32.1, "c": -32.0}
+    assert set(found(scores, "abc", most=1)[1]) == {"a", "b"}
+    assert set(found({name: -40.0 + k for k, name in enumerate(NAMES)}, NAMES, most=1)[1]) == {"a", "b", "c"}
+    # Of delays, all, if one is near: linear columns rank them poorly.
+    far = {"a": -40.0, "b": -20.0, "c": -10.0}
+    assert set(found(far, "abc", most=1, effects=DELAYS)[1]) == {"a", "b", "c"}
+    mixed = {**EFFECTS, "b": DELAYS["b"]}
+    assert set(found(far, "abc", most=1, effects=mixed)[1]) == {"a"}
+    assert found({"a": -40.0, "b": -30.0}, off={"b": -15.0})[0] == "a"  # what counts is the exact score
+
+
+@pytest.mark.parametrize(("guessed", "tried"), [(-96.1, True), (-96.0, False)])
+def test_what_others_make_redundant_is_taken_out(guessed, tried):
+    """Where the guess without it is within 4 of the best; of two delays each is tried without; one effect alone stays."""
+    table = Scores({"abc": -100.0, "ab": -120.0, "a": -50.0, "b": -50.0}, {"ab": guessed + 120.0})
+    assert names_of(without_idle(table, table.named("abc"))) == ("ab" if tried else "abc")
+    alone = Scores({"": -500.0, "a": -10.0})
+    assert names_of(without_idle(alone, alone.named("a"))) == "a"
+    for effects, expected in ((DELAYS, "a"), ({**EFFECTS, "b": DELAYS["b"]}, "ab")):
+        table = Scores({"ab": -100.0, "a": -110.0}, {"a": 200.0, "b": 200.0}, effects)
+        assert names_of(without_idle(table, table.named("ab"))) == expected
+
+
+@pytest.mark.parametrize(("guessed", "expected"), [(-92.1, "c"), (-92.0, "a")])
+def test_an_effect_gives_place_to_one_that_fits_in_its_place(guessed, expected):
+    """Where the guess is within 8 of the best; the exact score decides."""
+    table = Scores({"a": -100.0, "c": -110.0, "": 0.0}, {"c": guessed + 110.0})
+    assert names_of(exchanged(table, list(EFFECTS.values()), table.named("a"))) == expected
+    late = Scores({"a": -100.0, "c": -110.0, "": 0.0}, {"c": 110.0}, DELAYS)
+    assert names_of(exchanged(late, list(DELAYS.values()), late.named("a"))) == "c"
+    one = {**EFFECTS, "c": DELAYS["c"]}
+    table = Scores({"a": -100.0, "c": -110.0, "": 0.0}, {"c": 110.0}, one)
+    assert names_of(exchanged(table, list(one.values()), table.named("a"))) == "a"
+    chain = Scores({"ab": -100.0, "bc": -110.0, "cd": -120.0, "c": -130.0})  # exchanges go on while they gain, and take out what is idle
+    assert names_of(exchanged(chain, list(EFFECTS.values()), chain.named("ab"))) == "c"
+
+
+def test_the_promise_is_the_gain_less_its_logarithm_and_its_price():
+    twin = linear_twin(seed=4)
+    tried = [effect("a", 2), effect("b", 3)]
+    twin.spoil(tried[0], [4.0, -3.0])
+    evidence = twin.evidence()
+    nothing = evidence.nothing
+    first = evidence.first_whiten
+    looks = [(nothing.whiten, nothing.fit), (first, rewhitened(nothing, first))]
+    assert rewhitened(nothing, nothing.whiten) is nothing.fit
+    for found, (whiten, _) in zip(promises(evidence, looks, tried), looks, strict=True):
+        J = whiten(np.delete(twin.calibration, [12, 13], axis=1))
+        r = whiten(nothing.whiten.back(nothing.fit.r))
+        for promise, each in zip(found, tried, strict=True):
+            left = [np.sum((r - A @ np.linalg.lstsq(A, r, rcond=None)[0]) ** 2) for A in (J, np.hstack([J, whiten(twin.columns_of(each))]))]
+            gain, P = left[0] - left[1], each.parameter.size
+            assert promise == pytest.approx(gain - P * np.log(max(gain / P, 1)) - price(each, 1), rel=1e-6)
+
+
+@pytest.mark.parametrize("true", [(), ("b",), ("a", "c", "d")])
+def test_the_search_finds_the_best_of_all_subsets_and_their_probabilities(true):
+    """The headline of naming, in a recording small enough to try everything: each name has the share of the subsets that have it."""
+    tried = {name: effect(name, 1 + (name == "b")) for name in "abcd"}
+    twin = linear_twin(seed=11)
+    for name in true:
+        twin.spoil(tried[name], np.full(tried[name].parameter.size, 6.0))
+    evidence, everything = twin.evidence(), twin.evidence()
+    best = search(evidence, list(tried.values()), evidence.nothing)
+    subsets = [some for size in range(5) for some in combinations(tried, size)]
+    everything.will_try(list(tried.values()))
+    exact = [everything.of(tuple(tried[name] for name in some), everything.nothing) for some in subsets]
+    assert {name[-1] for name in best.ids} == {name[-1] for name in min(exact, key=lambda h: h.score).ids} == set(true)
+    weights = np.exp(-np.array([h.score - best.score for h in exact]) / 2)
+    chance = probabilities(evidence.weighed)
+    for name in tried:
+        by_hand = weights[[name in some for some in subsets]].sum() / weights.sum()
+        assert chance.get(f"test.{name}", 0.0) == pytest.approx(by_hand, abs=0.03)
+        assert (by_hand > 0.5) == (name in true)
+
+
+def test_the_detection_limit_removes_the_least_gain_along_half_of_the_directions():
+    """Of every candidate, up to its plausible size; a scanned one by its best shape."""
+    twin = Twin(small_session())
+    whiten = known_whitener(twin)
+    fit = refit(twin, whiten, [], twin.start())
+    q, replay, tried, sizes = np.linalg.qr(fit.J)[0], Replay(twin, fit), candidates(twin), {}
+    for each in tried:
+        own = whiten(replay.columns(each).stacked())
+        strength = np.median(np.linalg.svd(own - q @ (q.T @ own), compute_uv=False)) * each.parameter.plausible
+        least = np.sqrt(least_gain(each, sum(other.id == each.id for other in tried)))
+        size = least / strength * each.parameter.plausible / each.parameter.si if strength > least else np.inf
+        sizes[each.id] = min(size, sizes.get(each.id, np.inf))
+    assert detection_limits(twin, whiten, fit) == pytest.approx(sizes)
+    assert 0 < np.isfinite(list(sizes.values())).sum() < len(sizes) < len(tried)
+
+
+def test_detection_limits_in_words():
+    sizes = {"gyro.bias_step": 0.0123, "gyro.bandwidth": 0.00456, "gyro.bias_drift": np.inf}
+    assert in_words(sizes) == [
+        "detection limits: gyro.bias_step 0.012 dps, gyro.bandwidth 0.0046 s",
+        "not observable in this recording: gyro.bias_drift",
+    ]
+    assert in_words({}) == []
+
+
+def guess(score: float, *names: str) -> Guess:
+    return Guess(tuple(SimpleNamespace(id=name) for name in names), score)
+
+
+def test_probabilities_are_those_of_the_hypotheses_that_have_the_name():
+    odds = [guess(-2 * np.log(share), *names) for share, names in ((0.4, ("a",)), (0.3, ("b",)), (0.2, ("a", "b")), (0.1, ()))]
+    for shift in (-1e5, 0.0, 1e5):
+        moved = [Guess(g.effects, g.score + shift) for g in odds]
+        assert probabilities(moved) == pytest.approx({"a": 0.6, "b": 0.5, "": 0.1})  # both at once are counted twice
+    assert probabilities([guess(0.0, "a"), guess(5000.0)]) == pytest.approx({"a": 1.0, "": 0.0})
+
+
+def test_a_rival_is_what_stands_in_the_same_place_beside_the_same_others():
+    best = guess(10.0, "a", "b")
+    others = ((13.0, "cb"), (12.0, "cb"), (12.5, "cb"), (11.0, "c"), (11.5, "b"), (10.5, "ad"), (9, "abd"), (8, "cdb"))
+    weighed = [best, *(guess(score, *names) for score, names in others)]
+    assert rivals_of(weighed, best, best.effects[0]) == {"c": 2.0}
+    assert rivals_of(weighed, best, best.effects[1]) == {"d": 0.5}

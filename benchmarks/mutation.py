@@ -12,7 +12,7 @@ the smallest hashes.  Left out are mutants of annotations, of ``raise`` and of f
 
 Each mutant is a forked process with NumPy, SciPy and PyTorch already loaded; the changed source is compiled where Python imports it, and
 no file is touched, so checkouts and other runs are undisturbed.  Tests that start a process of their own see the unchanged source.
-Tests that cover the changed line run first, the fastest of them before the others.
+Tests that cover the changed statement run first, the fastest of them before the others; where none does, it survives at once.
 
 ``benchmarks/mutation/SUBJECT.toml`` names a subject's files and quick tests, as pytest takes them (``--deselect=`` of slow ones);
 ``functions``: only these of the files; ``texts = true``: also inside formatted texts, where C code is the product.  Its table
@@ -23,6 +23,7 @@ is its part of CI's list: mutant = the test file that kills it.
 from __future__ import annotations
 
 import argparse
+import ast
 import datetime
 import gc
 import hashlib
@@ -202,7 +203,9 @@ def examine(subject: Subject, args) -> dict:
     preload()
     timed = measure(subject)
     print(f"\n{subject.name}: {len(tried)} of {len(everyone)} mutants, tests of {timed['seconds']:.1f} s", flush=True)
-    outcomes = run_mutants([(mutant, subject.tests, timed) for mutant in tried], args.jobs)
+    reached = [mutant for mutant in tried if covering(mutant, timed)]
+    killed = dict(zip(reached, run_mutants([(mutant, subject.tests, timed) for mutant in reached], args.jobs), strict=True))
+    outcomes = [killed.get(mutant, "survived") for mutant in tried]
     survivors = [mutant for mutant, outcome in zip(tried, outcomes, strict=True) if outcome == "survived"]
     for mutant in sorted(survivors, key=lambda m: (m.file, m.line)):
         print(f"  survived: line {mutant.line}: {mutant.name}", flush=True)
@@ -295,12 +298,28 @@ class Watch:
 class InOrder:
     """A plug-in of pytest: tests that cover the line first, then by their seconds."""
 
-    def __init__(self, covering: list[str], seconds: dict[str, float]):
-        self.covering, self.seconds = set(covering), seconds
+    def __init__(self, covering: set[str], seconds: dict[str, float]):
+        self.covering, self.seconds = covering, seconds
 
     def pytest_collection_modifyitems(self, items):
         every = "*" in self.covering
         items.sort(key=lambda item: (not every and item.nodeid not in self.covering, self.seconds.get(item.nodeid, 0)))
+
+
+def covering(mutant: Mutant, timed: dict) -> set[str]:
+    """Tests that reach a mutant's statement; ``*``: importing its module does."""
+    source = (ROOT / mutant.file).read_text(encoding="utf-8")
+    spans = [lines_of(node) for node in ast.walk(ast.parse(source)) if isinstance(node, ast.stmt | ast.excepthandler)]
+    first, last = min((span for span in spans if span[0] <= mutant.line <= span[1]), key=lambda span: span[1] - span[0])
+    lines = timed["lines"].get(mutant.file, {})
+    return {test for line in range(first, last + 1) for test in lines.get(str(line), [])}
+
+
+def lines_of(statement: ast.stmt | ast.excepthandler) -> tuple[int, int]:
+    """First and last line of a statement; of one with a body, those before the body."""
+    body = getattr(statement, "body", None)
+    first = min([statement.lineno, *(decorator.lineno for decorator in getattr(statement, "decorator_list", ()))])
+    return first, max(body[0].lineno - 1, first) if body else statement.end_lineno
 
 
 def run_pytest(tests: tuple[str, ...], plugins: list, first_failure: bool = False) -> int:
@@ -361,7 +380,7 @@ def live_as(mutant: Mutant | None, tests: tuple[str, ...], timed: dict | None, l
             exchange(mutant)
         plugins = []
         if timed is not None and mutant is not None:
-            plugins = [InOrder(timed["lines"].get(mutant.file, {}).get(str(mutant.line), []), timed["tests"])]
+            plugins = [InOrder(covering(mutant, timed), timed["tests"])]
         code = int(run_pytest(tests, plugins, first_failure=True))
     finally:
         os._exit(code)

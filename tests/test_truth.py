@@ -1,104 +1,84 @@
-"""A truth file as reference: segments between moments of truth, and what is wrong with such a file."""
+"""A truth file as reference: segments between its moments, how it is written, and what is wrong with such a file; gravity's sign."""
 
 import gzip
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, SESSION_TOML, Table, broad
+from conftest import DEG
+from truth_sessions import BIAS_DPS, Wrong, made, write
 
-import calibrate
+from session.detect.check_references import with_aligned_truth
 from session.detect.first_look import check_session
+from session.io.config import TruthGiven, TruthReading
 from session.io.errors import DataError, FormatError, SegmentError
 from session.io.logfile import read_truth
-from tinygc import read_session
+from tinygc import read_session, simulate
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.prepared import GRAVITY_SIGN, prepare
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models.linear import LinearModel
 
-E = np.array([[1.010, 0.004, -0.003], [-0.002, 0.992, 0.005], [0.003, -0.004, 1.006]])
-B = np.array([0.6, -0.4, 0.3]) * DEG
+FEW = Wrong(turns=16, every_s=0.5)
+SHORT = Wrong(turns=10, frame="enu")
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A sensor that never rests, with known errors, seen by something that knows its attitude every 0.5 s, off the samples' instants."""
-    return make(tmp_path)
+def true_model(E) -> LinearModel:
+    return LinearModel(E, -E @ np.multiply(BIAS_DPS, DEG))
 
 
-def make(tmp_path, sigma_deg=0.02, every_s=0.5, late_s=0.0017, seed=3, window=None):
-    table, rng = Table(), np.random.default_rng(seed)
-    for _ in range(30):
-        table.turn(rng.uniform(60, 170), rng.normal(size=3), 2.0)
-    samples = table.samples(seed=seed, bias_dps=(0, 0, 0), registers=False)
-    gyro = (samples.gyro - B) @ np.linalg.inv(E).T
-    moments = np.arange(0.2, table.duration_s - 0.2, every_s) + late_s
-    _, attitude = table.truth(moments)
-    q = attitude.as_quat(scalar_first=True)
-    noise = rng.normal(size=(len(q), 3)) * sigma_deg * DEG / 2
-    q = np.column_stack([q[:, 0] - np.sum(q[:, 1:] * noise, axis=1), q[:, 1:] + q[:, :1] * noise + np.cross(q[:, 1:], noise)])
-    header = 'reference = "truth"\ntruth_sigma_deg = ' + f"{sigma_deg}"
-    (tmp_path / "session.toml").write_text(SESSION_TOML.split("[site]")[0] + f"[protocol]\nsegment_s = 2.0\n{header}\n")
-    rows = [
-        f"{t},{','.join(map(repr, g))},{','.join(map(repr, a))}"
-        for t, g, a in zip(samples.t_ns.tolist(), gyro.tolist(), samples.accel.tolist(), strict=True)
-    ]
-    (tmp_path / "log0001.csv").write_text("t_ns,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2\n" + "\n".join(rows) + "\n")
-    stamps = np.rint(moments * 1e9).astype(np.int64).tolist()
-    lines = [f"{t},{','.join(map(repr, row))}" for t, row in zip(stamps, q.tolist(), strict=True)]
-    if window is not None:
-        lines = [f"{line},{number}" for line, number in zip(lines, window(len(lines)), strict=True)]
-    (tmp_path / "truth0001.csv").write_text("t_ns,qw,qx,qy,qz" + (",window" if window else "") + "\n" + "\n".join(lines) + "\n")
-    return tmp_path
-
-
-@pytest.mark.broad
-def test_the_errors_are_recovered_within_their_sigmas_without_a_single_still(folder):
-    problem = build_problem(read_session(folder))
-    assert len(problem.used) == 29
+def test_the_errors_are_recovered_within_their_sigmas_without_a_single_still():
+    session, E = made(FEW)
+    problem = build_problem(session)
     assert problem.batch.angles == 3
     fit = fit_least_squares(problem.batch, problem.floor.sigma, problem.first)
-    covariance = parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth)
-    z = (fit.model.vector - LinearModel(E, B).vector) / np.sqrt(np.diag(covariance))
+    sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth)))
+    z = (fit.model.vector - true_model(E).vector) / sigma
     assert np.abs(z).max() < 3.5
     assert 2 < z @ z < 30  # twelve of them
-    assert np.sqrt(np.diag(covariance))[9:].max() < 0.03 * DEG
+    # Moments between two samples are carried to the nearest: half a sample at 100 dps would be 0.2 deg.
+    session, E = made(replace(FEW, sigma_deg=0.001, late_s=0.0))
+    assert np.sqrt(np.mean(closure_angles(build_problem(session).batch, true_model(E)) ** 2)) < 0.02 * DEG
 
 
-def test_moments_between_two_samples_are_carried_to_the_nearest(tmp_path):
-    """Half a sample at 100 dps is 0.2 deg; carried, it is nothing."""
-    problem = build_problem(read_session(make(tmp_path, sigma_deg=0.001, late_s=0.0024)))
-    angles = closure_angles(problem.batch, LinearModel(E, B))
-    assert np.sqrt(np.mean(angles**2)) < 0.02 * DEG
+def test_windows_bound_their_own_segments_and_missing_samples_leave_one_out():
+    session, _ = made(FEW)
+    (log,), (truth,) = session.logs, session.truths
+    windows = replace(truth, window=np.arange(len(truth.t_ns)) // 5)
+    problem = build_problem(replace(session, truths=(windows,)))
+    assert {round(segment.duration_s, 1) for segment in problem.segments[:-1]} == {2.0}  # from a window's first moment to its last
+    np.testing.assert_allclose(np.diff([segment.start_s for segment in problem.segments]), 2.5, atol=0.01)
+    kept = np.r_[0:2000, 2100 : len(log.samples)]
+    problem = build_problem(replace(session, logs=(replace(log, samples=log.samples.pick(kept)),)))
+    (why,) = [segment.problem for segment in problem.segments if segment.problem]
+    assert "missing" in why
 
 
-def test_windows_bound_their_own_segments(tmp_path):
-    """Five moments a window: the segment is from its first to its last, and none runs from window to window."""
-    problem = build_problem(read_session(make(tmp_path, window=lambda count: [k // 5 for k in range(count)])))
-    assert {round(segment.duration_s, 1) for segment in problem.segments[:-1]} == {2.0}
-    starts = [segment.start_s for segment in problem.segments]
-    assert np.allclose(np.diff(starts), 2.5, atol=0.01)
+def test_a_truth_of_another_time_or_too_short_is_refused():
+    session, _ = made(FEW)
+    (truth,) = session.truths
+    with pytest.raises(DataError, match="on the log's clock"):
+        build_problem(replace(session, truths=(replace(truth, t_ns=truth.t_ns + 10**15),)))
+    with pytest.raises(SegmentError, match="expected at least"):
+        build_problem(replace(session, truths=(replace(truth, t_ns=truth.t_ns[:9], q_nb=truth.q_nb[:9]),)))
 
 
-def test_a_segment_over_missing_samples_is_left_out(folder):
-    path = folder / "log0001.csv"
-    lines = path.read_text().split("\n")
-    path.write_text("\n".join(lines[:2000] + lines[2100:]))
-    problem = build_problem(read_session(folder))
-    assert [segment.problem is not None for segment in problem.segments].count(True) == 1
-    assert "missing" in next(segment.problem for segment in problem.segments if segment.problem)
+@pytest.mark.filterwarnings("error")
+def test_rows_without_an_accelerometer_are_a_note_and_no_clipping():
+    session, _ = made(FEW)
+    (log,) = session.logs
+    count = len(log.samples) // 4
+    accel = np.where(np.arange(len(log.samples))[:, None] < count, 0.0, log.samples.accel)
+    findings = check_session(replace(session, logs=(replace(log, samples=log.samples.with_accel(accel)),)))
+    said = {finding.what: finding for finding in findings}
+    assert said["accelerometer"].level == "note"
+    assert f"{count} of {len(log.samples)} rows" in said["accelerometer"].says
+    assert not [finding for finding in findings if finding.level in ("warning", "error")]
 
 
-def test_an_inverse_attitude_is_named(folder):
-    path = folder / "truth0001.csv"
-    header, *lines = path.read_text().strip().split("\n")
-    cells = [line.split(",") for line in lines]
-    path.write_text("\n".join([header] + [",".join([t, w] + [repr(-float(v)) for v in xyz]) for t, w, *xyz in cells]))
-    errors = [finding for finding in check_session(read_session(folder)) if finding.level == "error"]
-    assert len(errors) == 1
-    assert "inverse" in errors[0].do
+# The file
 
 
 @pytest.mark.parametrize(
@@ -107,8 +87,8 @@ def test_an_inverse_attitude_is_named(folder):
         (lambda lines: ["t,w,x,y,z", *lines[1:]], "header must be"),
         (lambda lines: lines[:2], "a segment needs two"),
         (lambda lines: [*lines[:3], "7,1,0", *lines[4:]], "line 4"),
-        (lambda lines: [*lines[:3], lines[3].split(",")[0] + ",2,0,0,0", *lines[4:]], "length 1"),
-        (lambda lines: [*lines[:3], lines[3].split(",")[0] + ",nan,0,0,0", *lines[4:]], "length 1"),
+        (lambda lines: [*lines[:3], "20,2,0,0,0", *lines[4:]], "length 1"),
+        (lambda lines: [*lines[:3], "20,nan,0,0,0", *lines[4:]], "length 1"),
         (lambda lines: [*lines[:3], lines[2], *lines[4:]], "does not go on"),
         (lambda lines: [*lines[:3], "9" * 5000 + ",1,0,0,0", *lines[4:]], "line 4"),
     ],
@@ -120,45 +100,59 @@ def test_a_broken_truth_file_is_one_line(tmp_path, change, says):
         read_truth(path)
 
 
-def test_a_broken_archive_and_a_missing_truth_are_one_line(folder):
-    text = (folder / "truth0001.csv").read_bytes()
+def test_a_header_may_have_the_scalar_last_and_a_broken_archive_is_one_line(tmp_path):
+    path, packed = tmp_path / "truth0001.csv", tmp_path / "truth0002.csv.gz"
+    path.write_text("t_s,qx,qy,qz,qw\n0,0.6,0,0,0.8\n1,0,0.6,0,0.8\n")
+    np.testing.assert_allclose(read_truth(path).q_nb, [[0.8, 0.6, 0, 0], [0.8, 0, 0.6, 0]])
+    packed.write_bytes(gzip.compress(path.read_bytes())[:-5])
+    with pytest.raises(FormatError, match="broken"):
+        read_truth(packed)
+
+
+def test_check_says_all_that_is_found_and_what_it_says_can_be_kept(tmp_path):
+    folder = write(tmp_path, replace(SHORT, late_s=0.00406, sense="world_to_body", mounting_deg=(0, 0, 90)))
+    said = {finding.what: finding for finding in with_aligned_truth(read_session(folder))[1]}
+    assert {finding.level for finding in said.values()} == {"note"}
+    for what, words in (("clock", "late"), ("frame", "z up (found)"), ("attitudes", "inverse"), ("mounting", "taken off")):
+        assert words in said[f"truth's {what}"].says
+    keeps = [finding.do.split(" in session.toml")[0].removeprefix("truth.") for finding in said.values()]
+    with (folder / "session.toml").open("a") as file:
+        file.write("[truth]\n" + "\n".join(keeps) + "\n")
+    assert {finding.level for finding in with_aligned_truth(read_session(folder))[1]} == {"ok"}
     (folder / "truth0001.csv").unlink()
     with pytest.raises(FormatError, match=r'protocol.reference is "truth"'):
         read_session(folder)
-    (folder / "truth0001.csv.gz").write_bytes(gzip.compress(text)[:-20])
-    with pytest.raises(FormatError, match="broken"):
-        read_session(folder)
 
 
-def test_a_truth_of_another_time_or_too_short_is_refused(folder):
-    session = read_session(folder)
-    truth = session.truths[0]
-    with pytest.raises(DataError, match="on the log's clock"):
-        build_problem(replace(session, truths=(replace(truth, t_ns=truth.t_ns + 10**15),)))
-    with pytest.raises(SegmentError, match="expected at least"):
-        build_problem(replace(session, truths=(replace(truth, t_ns=truth.t_ns[:9], q_nb=truth.q_nb[:9]),)))
+def test_what_is_given_is_used_and_held_against_the_recording():
+    """A clock that is off by a second is said, and the frame found all the same; by a minute, nothing tells the frame."""
+    wrong = replace(SHORT, late_s=0.004, given=TruthGiven(offset_s=-0.004, frame="ned"))
+    session, findings = with_aligned_truth(made(wrong)[0])
+    assert [finding.what for finding in findings if finding.level == "warning"] == ["truth's frame"]
+    assert (session.alignment.source["offset_s"], session.alignment.reading.offset_s) == ("given", -0.004)
+    plain, _ = made(SHORT)
+    for off_s, told in ((1.0, True), (60.0, False)):
+        given = TruthGiven(offset_s=-100.0 - off_s)
+        moved = replace(plain.truths[0], t_ns=plain.truths[0].t_ns + 100 * 10**9).reread(TruthReading(), TruthReading.of(given))
+        session, findings = with_aligned_truth(replace(plain, truths=(moved,), config=replace(plain.config, truth=given)))
+        assert (session.alignment.reading.frame == "enu") == told
+        assert {finding.what for finding in findings if finding.level == "warning"} == ({"truth's clock"} if told else set())
 
 
-@pytest.mark.broad
-def test_rates_of_stills_are_refused_where_there_is_no_still(folder, capsys):
-    assert calibrate.main(["fit", str(folder), "--still-rates", "--methods", "tinygc", "--quiet"]) == 2
-    said = capsys.readouterr().err
-    assert "--still-rates" in said
-    assert said.count("\n") == 1
+# An accelerometer with all axes negated: turns are blind to it, the Earth's rotation is not
 
 
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("missing", [0.25, broad(1.0)])
-def test_rows_without_an_accelerometer_are_a_note_and_no_clipping(folder, missing):
-    path = folder / "log0001.csv"
-    head, *rows = path.read_text().splitlines()
-    cut = round(len(rows) * missing)
-    rows[:cut] = [",".join([*row.split(",")[:4], "0", "0", "0"]) for row in rows[:cut]]
-    path.write_text("\n".join([head, *rows]) + "\n")
-    findings = check_session(read_session(folder))
-    said = {finding.what: finding for finding in findings if "accelerometer" in finding.what}
-    assert said["accelerometer"].level == "note"
-    assert f"{cut} of {len(rows)} rows" in said["accelerometer"].says
-    assert ("accelerometer clipping" in said) == (missing < 1)
-    assert not [finding for finding in findings if finding.level in ("warning", "error")]
-    assert build_problem(read_session(folder)).batch.angles == 3
+def test_the_earth_tells_an_accelerometer_that_is_upside_down():
+    session = simulate(segments=30, closure_s=0.0, seed=7, odr_hz=62.5).session
+    triad, site = session.config.accelerometer, session.config.site
+    logs = tuple(replace(log, samples=log.samples.with_accel(-log.samples.accel)) for log in session.logs)
+    negated = replace(session.config, accelerometer=replace(triad, bias_mps2=-triad.bias_mps2))
+    south = replace(session.config, site=replace(site, latitude_deg=-site.latitude_deg))
+    for changed, advice in (
+        (session, None),
+        (replace(session, logs=logs, config=negated), "negate all axes of the accelerometer if the one that points up reads -1 g"),
+        (replace(session, config=south), "is site.latitude_deg wrong?"),
+    ):
+        said = [finding for finding in prepare(changed).warnings if finding.what == GRAVITY_SIGN]
+        assert len(said) == (advice is not None)
+        assert all(advice in finding.do and "as if gravity were upside down" in finding.says for finding in said)

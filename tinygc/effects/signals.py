@@ -44,7 +44,7 @@ def moving_rate(movement: Movement) -> np.ndarray:
     """Return the rate (N, 3) rad/s, set to zero where the norm is below 1 dps, and unchanged from 3 dps on.
 
     At rest a reading is noise, and so is its sign or any other nonlinear function of it.  The means of both over a rest are correlated, so
-    a law of such a function would fit the noise of every rest (benchmarks/discover_nulls.py).
+    a law of such a function would fit the noise of every rest.
     """
     square = np.sum(movement.rate**2, axis=1, keepdims=True)
     share = (square - MOVING_RPS**2) / (FULLY_MOVING_RPS**2 - MOVING_RPS**2)

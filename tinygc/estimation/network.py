@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 #: standard errors by which a looser tie must lower the left-out error to be accepted
 BELIEF = 3.0
-#: the improvement that the first step from the linear solution must predict for a tie to be tried (benchmarks/ties.py)
+#: the improvement, in standard errors, that the first step from the linear solution must predict for a tie to be tried: what chance gives
 PROMISE = 1.0
 MAX_STEPS = 25
 #: in units of chi-square: a step with a smaller gain is not significant

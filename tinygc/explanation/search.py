@@ -27,7 +27,7 @@ from tinygc.noise.whitening import TOGETHER, Whitener
 # Candidates are ranked by a linear approximation under two noise estimates: the prior one and that of the present hypothesis. The former
 # shows what a noise component has absorbed, the latter a weak effect.  The best are refitted exactly.
 
-MOST_EFFECTS = 5  #: each costs a round (benchmarks/explain_speed.py)
+MOST_EFFECTS = 5  #: each costs a round (benchmarks/whole_process.py)
 #: candidates evaluated in each round, from either ranking
 MOST_TRIALS = 3
 #: -2 log evidence within which a hypothesis is extended further, and a competing effect is evaluated

@@ -8,7 +8,7 @@ from tinygc.effects import Effect, catalogue
 from tinygc.noise.twin import Twin
 
 #: values over which a shape is scanned; it is refined between them.  More would make the work grow with the square of the session's length
-#: (benchmarks/explain_speed.py)
+#: (benchmarks/whole_process.py)
 MOST_TIMES = 60
 
 

@@ -294,7 +294,7 @@ def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:
 
 # The noise of one session: its components with sizes, and their covariance.
 
-#: turns in a block, whose covariance is inverted at once (benchmarks/explain_speed.py)
+#: turns in a block, whose covariance is inverted at once (benchmarks/whole_process.py)
 BLOCK = 60
 #: spreads of the bias instability's prior beyond which its size is unusual
 UNUSUAL = 3.0

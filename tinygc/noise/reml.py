@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: greatest number of steps of a search, which starts at the result of the last one
 SCORING_STEPS = 12
-#: number of blocks, spread over a long session, used in the search; the likelihood uses all (benchmarks/explain_speed.py)
+#: number of blocks, spread over a long session, used in the search; the likelihood uses all (benchmarks/whole_process.py)
 SEARCHED = 3
 #: variance relative to a component's usual one, below which the component is absent
 NOTHING = 1e-4

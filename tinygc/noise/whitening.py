@@ -66,7 +66,7 @@ ACCEL_INSTABILITY_MPS2 = 0.03 * MG
 PRECALIBRATION_MPS2 = 0.1 * MG
 #: m/s^2: prior of accelerometer parameters that were estimated from the same stills, far above their uncertainty
 OPEN_MPS2 = 100 * PRECALIBRATION_MPS2
-#: groups of columns that are whitened at once (benchmarks/explain_speed.py)
+#: groups of columns that are whitened at once (benchmarks/whole_process.py)
 TOGETHER = 64
 
 

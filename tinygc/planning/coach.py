@@ -34,7 +34,7 @@ PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 #: peak of a requested turn as a share of full scale: ``record`` warns at 0.85, and a hand may be 1.4 times quicker than requested
 PLANNED_FULL_SCALE = 0.6
 SHARPNESS = 6  #: afterwards: power of the sigmas in the criterion: 2 weighs all equally, a large one only the worst
-#: the same of a machine, whose gain counts by its time: they reach all targets soonest on tables of two and three axes (``table_moves.py``)
+#: the same of a machine, whose gain counts by its time: they reach all targets soonest on tables of two and three axes
 MACHINE_UNKNOWN, MACHINE_SHARPNESS = 3.0, 6
 MOVED = np.cos(0.5 * DEG)  #: attitudes that the updated accelerometer changed by more are recomputed
 STILL_S = 2.0  #: duration of the still at the end of a proposed turn

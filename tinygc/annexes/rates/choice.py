@@ -28,7 +28,7 @@ from tinygc.annexes.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, floor, s
 from tinygc.annexes.rates.laws import COMPETING, CURVE, LAWS, LIMITS, Hypothesis
 from tinygc.annexes.rates.points import Points
 
-#: probability of giving up a straight line that is true (tests/annexes/test_rates_choice.py; docs/measured/rate-table.md)
+#: probability of giving up a straight line that is true (tests/annexes/test_rates_physics.py; docs/measured/rate-table.md)
 FALSE_ALARM = 0.05
 #: tables of pure noise, and their seed
 TABLES, SEED = 10_000, 1

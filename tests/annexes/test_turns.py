@@ -1,28 +1,26 @@
-"""Folders of a gyroscope alone: written and read again, refused in one line, and what each command says of them."""
+"""Folders of a gyroscope alone, written, imported and read again; refused in one line, and what each command says of them."""
 
-import dataclasses
 import gzip
 import json
 
 import numpy as np
 import pytest
-from annex import annex
+from conftest import ROOT
 from formats_page import strangers
 from turntables import Turned
+from written_texts import lines
 
 import calibrate
 import tinygc
-from session.io.config import read_config
+from session.annexes.turntable.folder import GyroLog, read_turn_session, write_turn_session
 from session.io.errors import DataError, FormatError
 from session.io.units import DEG
-
-folder = annex("session.annexes.turntable.folder")
 
 TURNED = Turned(((0, 180, 90.0), (0, -180, 90.0), (2, 90, 90.0), (2, 90, 90.0)), noise=0.002, bias=(0.01, 0.0, -0.02))
 
 
 def written(path, turned=TURNED, name="log0001", **more):
-    return folder.write_turn_session(path, [folder.GyroLog(name, *turned.arrays())], turned.known(f"{name}.csv.gz"), **more)
+    return write_turn_session(path, [GyroLog(name, *turned.arrays())], turned.known(f"{name}.csv.gz"), **more)
 
 
 def refused(capsys, *words, said):
@@ -36,7 +34,7 @@ def refused(capsys, *words, said):
 
 def test_what_is_written_is_read_again_to_the_last_bit(tmp_path):
     out = written(tmp_path / "s", serial="A7", model="BMI160", notes={"by": "Mara"})
-    session = folder.read_turn_session(out)
+    session = read_turn_session(out)
     t_ns, gyro = TURNED.arrays()
     np.testing.assert_array_equal(session.logs[0].samples.t_ns, t_ns)
     np.testing.assert_array_equal(session.logs[0].samples.gyro, gyro)
@@ -54,11 +52,11 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path):
     with pytest.raises(FormatError, match="is no empty folder"):
         written(out)
     t_ns, gyro = TURNED.arrays()
-    backward, other = folder.GyroLog("log1", t_ns[::-1], gyro), folder.GyroLog("log1", t_ns, gyro)
+    backward, other = GyroLog("log1", t_ns[::-1], gyro), GyroLog("log1", t_ns, gyro)
     with pytest.raises(DataError, match="row 1, counted from 0, goes backward"):
-        folder.write_turn_session(tmp_path / "bad", [backward], TURNED.known("log1.csv.gz"))
+        write_turn_session(tmp_path / "bad", [backward], TURNED.known("log1.csv.gz"))
     with pytest.raises(FormatError, match=r"log is 'log2.csv.gz', expected one of log1"):
-        folder.write_turn_session(tmp_path / "bad", [other], TURNED.known("log2.csv.gz"))
+        write_turn_session(tmp_path / "bad", [other], TURNED.known("log2.csv.gz"))
     assert not (tmp_path / "bad").exists()
 
 
@@ -66,15 +64,15 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path):
     ("logs", "words"),
     [
         ([], "no log"),
-        ([folder and folder.GyroLog("run1", np.arange(3), np.zeros((3, 3)))], "begins with log"),
-        ([folder and folder.GyroLog("log/1", np.arange(3), np.zeros((3, 3)))], "begins with log"),
-        ([folder and folder.GyroLog("log1", np.arange(3), np.zeros((3, 2)))], r"expected \(N,\)"),
-        ([folder and folder.GyroLog("log1", np.arange(3), np.zeros((3, 3)))] * 2, "two of one name"),
+        ([GyroLog("run1", np.arange(3), np.zeros((3, 3)))], "begins with log"),
+        ([GyroLog("log/1", np.arange(3), np.zeros((3, 3)))], "begins with log"),
+        ([GyroLog("log1", np.arange(3), np.zeros((3, 2)))], r"expected \(N,\)"),
+        ([GyroLog("log1", np.arange(3), np.zeros((3, 3)))] * 2, "two of one name"),
     ],
 )
 def test_logs_that_no_folder_can_hold_are_refused(tmp_path, logs, words):
     with pytest.raises(DataError, match=words):
-        folder.write_turn_session(tmp_path / "s", logs, TURNED.known())
+        write_turn_session(tmp_path / "s", logs, TURNED.known())
 
 
 def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):
@@ -96,9 +94,7 @@ def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):
     capsys.readouterr()
 
 
-@pytest.mark.parametrize(
-    "header", ["t_us,gx_dps,gy_dps,gz_dps", "t_us,gx,gy,gz", "t_us,gx_dps,gy_dps,gz_dps,temp_c", "gz_dps,gy_dps,gx_dps,t_us"]
-)
+@pytest.mark.parametrize("header", ["t_us,gx,gy,gz", "gz_dps,gy_dps,gx_dps,t_us,temp_c"])
 def test_logs_of_any_standard_header_without_an_accelerometer(tmp_path, header):
     out = written(tmp_path / "s", model="MPU-9250", gyro_fs_dps=500)
     t_ns, gyro = TURNED.arrays()
@@ -112,16 +108,6 @@ def test_logs_of_any_standard_header_without_an_accelerometer(tmp_path, header):
         assert abs(scale.value) < 0.003
 
 
-def test_a_log_with_an_accelerometer_serves_as_well_and_it_is_not_read(tmp_path):
-    out = written(tmp_path / "s")
-    t_ns, gyro = TURNED.arrays()
-    lines = [f"{t},{','.join(map(repr, row))},0.0,0.0,0.0" for t, row in zip(t_ns.tolist(), gyro.tolist(), strict=True)]
-    text = "t_ns,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2\n" + "\n".join(lines) + "\n"
-    before = tinygc.fit_turns(out).estimate.scale
-    (out / "log0001.csv.gz").write_bytes(gzip.compress(text.encode()))
-    np.testing.assert_array_equal(tinygc.fit_turns(out).estimate.scale, before)
-
-
 def test_a_counter_of_32_bits_may_wrap_while_it_turns(tmp_path):
     out = written(tmp_path / "s")
     t_ns, gyro = TURNED.arrays()
@@ -133,23 +119,13 @@ def test_a_counter_of_32_bits_may_wrap_while_it_turns(tmp_path):
     np.testing.assert_allclose(tinygc.fit_turns(out).estimate.scale, before, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("command", ["check", "explain", "report", "plan", "accelerometer"])
+@pytest.mark.parametrize("command", ["check", "explain"])
 def test_other_commands_say_what_the_folder_is_and_what_serves_it(tmp_path, capsys, command):
     out = written(tmp_path / "s")
     assert calibrate.main([command, str(out), "--quiet"]) in (1, 2)
     printed = "".join(capsys.readouterr())
     assert "a gyroscope alone" in printed.replace("\n", " ")
     assert "Traceback" not in printed
-
-
-def test_python_says_it_too(tmp_path):
-    out = written(tmp_path / "s")
-    for function in (tinygc.read_session, tinygc.fit, tinygc.explain):
-        with pytest.raises(FormatError, match=r"a gyroscope alone.*tinygc\.fit_turns"):
-            function(out)
-    (finding,) = tinygc.check(out)
-    assert (finding.level, finding.what) == ("error", "reading")
-    assert "a gyroscope alone" in finding.says
 
 
 @pytest.mark.parametrize(
@@ -179,31 +155,70 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, capsys, name, change, words
     refused(capsys, "fit", out, said=[words])
 
 
-def test_options_of_other_fits_are_refused(tmp_path, capsys):
-    out = written(tmp_path / "s")
-    refused(capsys, "fit", out, "--methods", "raw", said=["--methods: of no use for a gyroscope alone"])
-    refused(capsys, "fit", out, "--limit", "1", said=["--limit"])
-    refused(capsys, "fit", out, "--strict", said=["--strict"])
+# Imported.
 
 
-def test_several_folders_are_fitted_one_by_one(tmp_path, capsys):
-    one, two = written(tmp_path / "a"), written(tmp_path / "b", dataclasses.replace(TURNED, seed=1))
-    assert calibrate.main(["fit", str(one), str(two), "--quiet"]) == 0
-    assert capsys.readouterr().out.count("a gyroscope alone, 4 of 4 turns") == 2
-    assert (two / "fit" / "model_turns.json").is_file()
+PHONES = ROOT.parent / "shared" / "wild" / "phones"
 
 
-def test_a_session_of_another_reference_is_not_for_fit_turns(tmp_path):
-    session = tinygc.simulate(segments=4, closure_s=0.0, odr_hz=104.0, seed=1).session
-    with pytest.raises(tinygc.FitError, match=r"tinygc\.fit takes it"):
-        tinygc.fit_turns(session)
-    with pytest.raises(tinygc.CalibrationError, match="session is of type int"):
-        tinygc.fit_turns(3)
+GAIN = 0.004
 
 
-def test_the_full_scale_of_an_accelerometer_is_optional_for_a_gyroscope_alone_only(tmp_path):
-    out = written(tmp_path / "s")
-    assert np.isnan(read_config(out / "session.toml").sensor.accel_fs_g)
-    toml = (out / "session.toml").read_text()
-    (out / "session.toml").write_text(toml.replace("[protocol]", "accel_fs_g = 4\n\n[protocol]"))
-    assert read_config(out / "session.toml").sensor.accel_fs_g == 4
+WITH_GAIN = Turned(((2, 360, 90.0), (2, -360, 90.0), (2, 360, 90.0)), plus=(0, 0, GAIN), minus=(0, 0, GAIN), noise=0.002, stop_deg=0.02)
+
+
+def phone(path, turned=WITH_GAIN, repeated=0):
+    t_ns, gyro = turned.arrays()
+    text = lines(t_ns * 1e-9, *gyro.T, digits=6).splitlines()
+    path.write_text("\n".join(["time,wx,wy,wz", *text, *(text[-repeated:] if repeated else [])]) + "\n")
+    return path
+
+
+def turns_file(path, *logs, turned=WITH_GAIN):
+    rows = [f"{i},{'xyz'[axis]},{angle},0.02,{log}" for log in logs for i, (axis, angle, _) in enumerate(turned.plan)]
+    path.write_text("\n".join(["turn,axis,angle_deg,sigma_deg,log", *rows]) + "\n")
+    return path
+
+
+def test_logs_keep_the_names_that_the_file_of_turns_has(tmp_path, run):
+    """Two telephones' files; rows that stand twice at their ends are left out."""
+    paths = [phone(tmp_path / name, repeated=60) for name in ("Z_90_1.csv", "Z_90_2.csv")]
+    turns = turns_file(tmp_path / "turns.csv", "Z_90_1.csv", "Z_90_2.csv")
+    assert run("import", *paths, "--turns", turns, "--out", tmp_path / "s")[0] == 0
+    found = tinygc.fit_turns(tmp_path / "s")
+    assert [angle.log for angle in found.angles] == ["log0001_Z_90_1.csv.gz"] * 3 + ["log0002_Z_90_2.csv.gz"] * 3
+    assert [scale.sense for scale in found.scales] == [1, -1]
+    for scale in found.scales:
+        assert scale.value == pytest.approx(GAIN, abs=4 * scale.sigma)
+        assert scale.sigma < 3e-4
+
+
+def test_registers_and_logs_without_turns_are_refused_in_one_line(tmp_path, run):
+    path = phone(tmp_path / "a.csv")
+    code, _, said = run("import", path, "--out", tmp_path / "s")
+    assert code == 2
+    assert "--turns FILE" in said
+    turns = turns_file(tmp_path / "turns.csv", "b.csv")
+    code, _, said = run("import", path, "--turns", turns, "--out", tmp_path / "s")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "log is 'b.csv', expected one of a.csv" in said
+    raw = tmp_path / "raw.csv"
+    raw.write_text("t_us,gx,gy,gz\n" + lines(np.arange(0, 10**6, 10**4), *np.ones((3, 100), dtype=int)))
+    code, _, said = run("import", raw, "--turns", turns_file(tmp_path / "t2.csv", "raw.csv"), "--out", tmp_path / "s")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "give what one count is" in said
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.skipif(not PHONES.exists(), reason="the public recordings are not beside the project")
+def test_a_real_telephone_reads_as_the_public_set_does(tmp_path, run):
+    """Six turns of 1800° about each axis: the scales that are published of them, and one sense only."""
+    paths = sorted((PHONES / "IphoneSE3G" / "Rotation" / "10" / "1800").glob("*.csv"))
+    rows = [f"0,{path.name.split('_')[1][0].lower()},1800,0.26,{path.name}" for path in paths]
+    (tmp_path / "turns.csv").write_text("\n".join(["turn,axis,angle_deg,sigma_deg,log", *rows]) + "\n")
+    assert run("import", *paths, "--turns", tmp_path / "turns.csv", "--out", tmp_path / "s")[0] == 0
+    found = tinygc.fit_turns(tmp_path / "s")
+    assert [(scale.axis, scale.sense, scale.turns) for scale in found.scales] == [(0, 1, 6), (1, 1, 6), (2, 1, 6)]
+    for scale, published in zip(found.scales, (-0.002, 0.009, 0.003), strict=True):
+        assert abs(scale.value - published) < 0.001
+    assert found.asymmetry == {}

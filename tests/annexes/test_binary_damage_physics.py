@@ -1,12 +1,7 @@
-"""Files that state more than they hold, or unpack to a thousand times their length, are refused before anything of it is allocated.
-
-What counts is tested in this process, with a small budget where a whole one would take long to write; that nothing else takes memory, in a
-process that the system ends beyond a bound.
-"""
+"""Binary logs that are damaged, or that state more than they hold: what is whole is read, and one line says the rest, within the budget."""
 
 import io
 import os
-import re
 import sqlite3
 import struct
 import sys
@@ -14,16 +9,140 @@ import zlib
 
 import numpy as np
 import pytest
+import written_logs as written
 from commandline import refused
 from processes import ROOT
 from processes import run as run_process
+from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, COUNTS, FORMATS, GYRO, RECORDING, T_NS
 
+from session.annexes.logs import betaflight
 from session.annexes.logs.registry import reader_of
-from session.annexes.logs.ros import json_decoder
-from session.annexes.logs.source import Source
-from session.io.budget import GB, MB, PACKED, RECORD, Budget, budget
+from session.io.budget import GB, MB, PACKED, Budget, budget
 from session.io.errors import FormatError
-from session.replay.sources import Sources, head_of
+from session.io.streams import Stream
+from session.replay.sources import Sources
+
+#: writer, file in it, reader, the stream that is compared
+LOST_PLANE = {"blackbox": (written.write_blackbox, "a.bbl", betaflight, "log1", False)}
+
+
+STREAMED = FORMATS | LOST_PLANE
+
+
+EVERY = {name: entry[:3] for name, entry in STREAMED.items()} | ARRAYS
+
+
+every_format = pytest.mark.parametrize("name", EVERY)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The bytes of each format, and the suffix that its file has."""
+    pytest.importorskip("orangebox")
+    made = {}
+    for name, (write, file, *_) in EVERY.items():
+        path = tmp_path_factory.mktemp("logs") / file
+        write(path, *RECORDING)
+        if path.is_dir():
+            path = next(inner for inner in path.iterdir() if inner.suffix in (".db3", ".mcap"))
+        made[name] = path.read_bytes(), path.suffix
+    return made
+
+
+def damaged(data: bytes, how: str) -> bytes:
+    middle = len(data) // 2
+    return {
+        "half": data[:middle],
+        "tail": data[:-1],
+        "flipped": data[:middle] + bytes([data[middle] ^ 0x55]) + data[middle + 1 :],
+        "zeros": data[: middle - 50] + bytes(100) + data[middle + 50 :],
+        "empty": b"",
+        "head": data[:64],
+    }[how]
+
+
+def answers(name, path) -> list[Stream] | str:
+    """The streams, or the one line that refuses the file.  Each stream is whole in itself."""
+    reader = EVERY[name][2]
+    if path.stat().st_size >= 100:  # less has no magic number
+        known = reader_of(path, path.read_bytes()[:4096])
+        assert known in (reader, None) or name == "ROS 2, MCAP"
+        reader = known or reader
+    try:
+        topics, streams = reader.topics(path, None), reader.read(path, [], None)
+    except FormatError as error:
+        said = str(error)
+        assert ("\n" not in said, len(said) < 800, str(path) in said) == (True, True, True)
+        return said
+    assert [(topic.name, topic.rows, topic.holds) for topic in topics] == [(stream.name, len(stream), stream.holds) for stream in streams]
+    for stream in streams:
+        assert stream.holds
+        for part in (stream.gyro, stream.accel):
+            assert part is None or (part.shape, part.dtype) == ((len(stream), 3), np.dtype(float))
+        assert stream.temp is None or stream.temp.shape == (len(stream),)
+        assert stream.t_ns is None or (stream.t_ns.shape, stream.t_ns.dtype) == ((len(stream),), np.dtype(np.int64))
+        assert all("\n" not in note for note in stream.notes)
+    return streams
+
+
+@pytest.mark.parametrize("how", ["half", "flipped", "zeros", "head"])
+@every_format
+def test_no_damage_is_a_traceback(name, how, files, tmp_path, capsys):
+    data, suffix = files[name]
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(damaged(data, how))
+    assert isinstance(answers(name, path), str) or how not in ("empty", "head")
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", STREAMED)
+def test_what_stands_before_a_cut_is_read(name, files, tmp_path):
+    """Row by row as it was written; and the note says where the file ends."""
+    data, suffix = files[name]
+    path = tmp_path / f"a{suffix}"
+    # The tables' roots fill more than half of a small database.
+    path.write_bytes(data[: 3 * len(data) // 4] if name == "ROS 2, zstd" else damaged(data, "half"))
+    stream = next(stream for stream in answers(name, path) if stream.name == STREAMED[name][3])
+    gyro, accel = COUNTS if name == "blackbox" else (GYRO, ACCEL)
+    assert 20 <= len(stream) < COUNT
+    np.testing.assert_array_equal(stream.t_ns, T_NS[: len(stream)])
+    np.testing.assert_array_equal(stream.gyro, gyro[: len(stream)])
+    np.testing.assert_array_equal(stream.accel, accel[: len(stream)])
+    assert any("cut" in note or "no end mark" in note for note in stream.notes), stream.notes
+    assert any(char.isdigit() for note in stream.notes if "cut" in note or "no end mark" in note for char in note)
+
+
+@pytest.mark.parametrize("name", ["ROS 1, bz2", "MCAP", "MCAP, unpacked", "MCAP, ROS 1", "MCAP, JSON"])
+def test_a_damaged_chunk_is_left_out_and_the_others_are_read(name, files, tmp_path):
+    """Checksums tell, so no wrong number is read.  The first chunk has defined the topic; where it is lost, the file's end repeats it."""
+    data, suffix = files[name]
+    path = tmp_path / f"a{suffix}"
+    lost, first_lost = 0, 0
+    for place in range(300, len(data), len(data) // 23):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
+        found = answers(name, path)
+        if isinstance(found, str):
+            continue  # the length of a record was hit
+        (stream,) = found
+        rows = np.searchsorted(T_NS, stream.t_ns)
+        np.testing.assert_array_equal(stream.t_ns, T_NS[rows])
+        np.testing.assert_array_equal(stream.gyro, GYRO[rows])
+        np.testing.assert_array_equal(stream.accel, ACCEL[rows])
+        assert stream.notes or len(stream) == COUNT
+        lost += len(stream) < COUNT
+        first_lost += len(stream) < COUNT and stream.t_ns[0] > T_NS[0]
+    assert lost > 3
+    assert first_lost > 0
+
+
+def test_a_bag_whose_metadata_is_line_ends_is_refused_at_once(run, tmp_path):
+    (tmp_path / "metadata.yaml").write_text("relative_file_paths:" + "\n" * 250_000 + "x")
+    code, _, err = run("import", tmp_path, "--out", tmp_path / "s")
+    assert (code, "holds no .db3" in err) == (2, True), err
+
+
+# What states more than it holds.
+
 
 COLUMNS = ("time_s", "gyro_x_dps", "gyro_y_dps", "gyro_z_dps", "acc_x_g", "acc_y_g", "acc_z_g")
 
@@ -40,28 +159,6 @@ def hdf5_never_stored(path):
     hdf5(path, gyro_dps=triad, acc_g=triad, time_s={"shape": (39_000_000,), "dtype": "f8", "chunks": (100_000,)})
 
 
-def hdf5_scalars_of_arrays(path):
-    one = {"shape": (1,), "dtype": np.dtype(("f8", (8000, 8000))), "chunks": (1,)}
-    hdf5(path, s0=one, s1=one, fs=one)
-
-
-def hdf5_deep(path):
-    hdf5(path, **{"g/" * 3000 + "gyro_dps": {"data": np.ones((9, 3))}})
-
-
-def hdf5_chunk(path):
-    triad = {"shape": (1000, 3), "dtype": "f8", "chunks": (160_000_000, 3), "maxshape": (None, 3)}
-    hdf5(path, gyro_dps=triad, acc_g=triad)
-
-
-def hdf5_heaps_in_heaps(path):
-    hdf5(path, gyro_dps={"data": np.ones((9, 3))})
-    heads, objects = 300, 20_000  # each of the heaps goes on over the others into the same objects
-    heap = [b"GCOL\1\0\0\0" + struct.pack("<QH6xQ", 1 << 40, 1, 32 * (heads - 1 - number)) for number in range(heads)]
-    with path.open("ab") as file:
-        file.write(b"".join(heap) + struct.pack("<H6xQ", 1, 0) * objects)
-
-
 def element(kind, body, length=None):
     return struct.pack("<II", kind, len(body) if length is None else length) + body + bytes(-len(body) % 8)
 
@@ -76,11 +173,6 @@ def matlab(path, rows, stored=0, kind=6):
 def parquet(path):
     arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     parquet.write_table(arrow.table([np.zeros(60_000)] * 7, names=COLUMNS), path)
-
-
-def feather(path):
-    arrow, feather = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.feather")
-    feather.write_feather(arrow.table([np.zeros(60_000)] * 7, names=COLUMNS), path, compression="zstd", chunksize=60_000)
 
 
 def npy_with_a_hole(path):
@@ -106,6 +198,8 @@ ENDLESS = (
     "create view messages as with recursive r(x) as (select 7 union all select x + 1 from r) "
     "select x as id, x as rowid, 2 as topic_id, x as timestamp, x'00' as data from r"
 )
+
+
 GENERATED = (
     "create table messages(id integer primary key, topic_id int, timestamp int, data blob generated always as (zeroblob(700000000)))"
 )
@@ -117,33 +211,6 @@ def bag_endless(path):
 
 def bag_generated(path):
     bag(path, GENERATED, rows=[(number,) for number in range(60)])
-
-
-def bag_of_one_page(path):
-    """A table of ten levels, whose pages have one and the same page below them three hundred times."""
-    bag(path, "create table messages(id integer primary key, topic_id integer, timestamp integer, data blob)")
-    with sqlite3.connect(path) as made:
-        made.executemany("insert into messages(topic_id, timestamp, data) values(1, ?, ?)", [(at, bytes(100)) for at in range(2000)])
-        (root,) = made.execute("select rootpage from sqlite_master where name = 'messages'").fetchone()
-    made.close()
-    data = bytearray(path.read_bytes())
-    (first,) = struct.unpack_from(">H", data, (root - 1) * 4096 + 12)
-    (below,) = struct.unpack_from(">I", data, (root - 1) * 4096 + first)
-    for _ in range(10):
-        page = bytearray(4096)
-        page[0] = 5
-        struct.pack_into(">HHHI", page, 3, 300, 4096 - 300 * 8, 0, below)
-        struct.pack_into(">H", page, 7, 0)
-        struct.pack_into(">I", page, 8, below)
-        for number in range(300):
-            at = 4096 - (number + 1) * 8
-            struct.pack_into(">IB", page, at, below, 1)
-            struct.pack_into(">H", page, 12 + 2 * number, at)
-        data += page
-        below = len(data) // 4096
-    data[(root - 1) * 4096 : root * 4096] = page
-    struct.pack_into(">I", data, 28, below)
-    path.write_bytes(data)
 
 
 def record(kind, body):
@@ -182,50 +249,28 @@ def mcap_defined(path, definition, count=1):
     mcap(path, *for_each)
 
 
-def mcap_with_a_hole(path):
-    path.write_bytes(b"\x89MCAP0\r\n" + record(1, bytes(8)) + struct.pack("<BQ", 6, 900_000_000))
-    os.truncate(path, 900_000_100)
-
-
 TAKES, UNPACKS = r"reading it takes more than [\d.]+ [MG]B of memory, and .*import --most-memory [\d.]+[MG]B$", r"unpacks to more than"
+
+
 #: name of the file -> what writes it, what is said, budget in MB
 BOMBS = {
     "never_stored.h5": (hdf5_never_stored, TAKES, None),
-    "scalars_of_arrays.h5": (hdf5_scalars_of_arrays, "no gyroscope and no accelerometer", None),
-    "deep.h5": (hdf5_deep, "groups more than 32 deep", None),
-    "chunk.h5": (hdf5_chunk, TAKES, None),
-    "heaps.h5": (hdf5_heaps_in_heaps, "damaged at byte", None),
     "zlib.mat": (lambda path: matlab(path, 60_000_000), TAKES, None),
     "many.mat": (lambda path: matlab(path, 400_000, 9_600_000), TAKES, 10),
     "one_value.parquet": (parquet, TAKES, 3),
-    "one_value.feather": (feather, TAKES, 3),
     "hole.npy": (npy_with_a_hole, TAKES, None),
     "endless.db3": (bag_endless, "messages is no plain table", None),
     "generated.db3": (bag_generated, "messages is no plain table", None),
-    "one_page.db3": (bag_of_one_page, "messages has more rows than the file has room for", None),
     "chunks.mcap": (mcap_chunks, UNPACKS, 10),
-    "hole.mcap": (mcap_with_a_hole, TAKES, None),
     "long_json.mcap": (lambda path: mcap_json(path, b'{"gyro":[1,2,3],"a":[' + b"[]," * 30_000 + b"1]}"), "more than 65536 bytes", None),
-    "many_json.mcap": (lambda path: mcap_json(path, b'{"gyro":[' + b"1," * 9000 + b"1]}"), UNPACKS, 20),
     "long_definition.mcap": (lambda path: mcap_defined(path, b"int8 a\n" * 20_000), "its definition has more than 131072 letters", None),
-    "definitions.mcap": (lambda path: mcap_defined(path, b"int8 a\n" * 200, 20), UNPACKS, 4),
-    "arrays.mcap": (lambda path: mcap_defined(path, b"int8[900] a", 20), UNPACKS, 8),
-    "sequences.mcap": (
-        lambda path: mcap_defined(path, b"X[200] a\n" + b"=" * 80 + b"\nMSG: a/X\n" + b"int8[] a\n" * 200),
-        "has more than 20000 numbers",
-        None,
-    ),
-    "long_name.mcap": (lambda path: mcap_defined(path, b"int8[9] " + b"a" * 400), "has more than 300 letters", None),
     "parts.mcap": (lambda path: mcap_defined(path, b"int8[] a\n" * 40 + b"float64[3] gyro"), "more than 32 texts and sequences", None),
-    "names.mcap": (
-        lambda path: mcap(path, *(record(4, struct.pack("<HH", at, 0) + text(b"%06d" % at * 9999) + bytes(8)) for at in range(60))),
-        TAKES,
-        5,
-    ),
 }
 
 
 BLACKBOX = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\nH Data version:2\nH I interval:32\n"
+
+
 RATES = b"loopIteration,time,gyroADC[0],gyroADC[1],gyroADC[2]"
 
 
@@ -238,7 +283,11 @@ def _fields(kind, names, encoding, predictor=0):
 
 #: frames of one byte: many fields for which none is stored; as many counters, each over all loops from a frame to the next
 NOT_STORED = BLACKBOX + _fields(b"I", RATES, 1) + _fields(b"H", b",".join([b"a"] * 250), 9) + b"I" + bytes(5) + b"H" * 300
+
+
 COUNTERS = BLACKBOX.replace(b"32", b"4096\nH P interval:1/4096") + _fields(b"I", RATES, 1) + _fields(b"H", RATES, 9, 6) + b"I" + bytes(5)
+
+
 ROWS = BLACKBOX + _fields(b"I", RATES, 9)
 
 
@@ -247,16 +296,12 @@ ROWS = BLACKBOX + _fields(b"I", RATES, 9)
     [
         (BLACKBOX * 2000, UNPACKS),
         (BLACKBOX + b"H x:" + b"1" * 66_000, "a header's line of more than 65536 bytes"),
-        (BLACKBOX + b"\0" * 66_000, "a header's line of more than 65536 bytes"),
         (BLACKBOX + b"H Field I name:" + b",".join(b"f%d" % at for at in range(300)) + b"\nI", "more than 256 fields"),
-        (BLACKBOX + _fields(b"H", b",".join([b"a"] * 300), 9) + b"I", "more than 256 fields"),
         (NOT_STORED, UNPACKS),
         (COUNTERS + b"H" * 10, UNPACKS),
         (ROWS + b"I" * 2000, UNPACKS),
-        (ROWS + b"IX" * 1000, UNPACKS),
-        (ROWS + b"I" + b"E\0\0" * 2000, UNPACKS),
     ],
-    ids=["logs", "line", "no_line", "fields", "one_name", "not_stored", "counters", "rows", "between", "events"],
+    ids=["logs", "line", "fields", "not_stored", "counters", "rows"],
 )
 def test_a_blackbox_log_is_not_searched_for_minutes(data, said, tmp_path):
     pytest.importorskip("orangebox")
@@ -265,11 +310,10 @@ def test_a_blackbox_log_is_not_searched_for_minutes(data, said, tmp_path):
         reader_of(tmp_path / "a.bbl", data[:99]).topics(tmp_path / "a.bbl", None)
 
 
-def test_values_of_json_count_beside_their_bytes(tmp_path):
-    with budget(most=MB):
-        decode = json_decoder(tmp_path / "a.mcap", b'{"gyro": [1]}')[1](["gyro[0]"])
-        with pytest.raises(FormatError, match=UNPACKS):
-            list(map(decode, [b'{"gyro": [1], "a": [' + b"[]," * 9000 + b"1]}"] * 10))
+def _answers():
+    from session.io.dialects import Answers
+
+    return Answers(odr_hz=100, gyro_fs_dps=500, accel_fs_g=4)
 
 
 @pytest.mark.parametrize("name", BOMBS)
@@ -285,15 +329,9 @@ def test_a_bomb_is_refused_in_one_line(name, tmp_path):
     assert "\n" not in str(raised.value)
 
 
-def _answers():
-    from session.io.dialects import Answers
-
-    return Answers(odr_hz=100, gyro_fs_dps=500, accel_fs_g=4)
-
-
 @pytest.mark.broad
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells a process's peak")
-@pytest.mark.parametrize("name", ["never_stored.h5", "chunk.h5", "zlib.mat", "hole.npy", "generated.db3", "hole.mcap"])
+@pytest.mark.parametrize("name", ["never_stored.h5", "generated.db3"])
 def test_a_bomb_takes_no_memory(name, tmp_path):
     """Of all that the process takes: a third of the budget is what its libraries have."""
     BOMBS[name][0](tmp_path / name)
@@ -305,56 +343,6 @@ def test_a_bomb_takes_no_memory(name, tmp_path):
     done = run_process([sys.executable, "-c", code, tmp_path / name], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 2
     assert int(done.stdout.split()[-1]) * 1024 < GB / 3
-
-
-@pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
-def test_the_index_is_asked_once_however_many_chunks_are_damaged(name, tmp_path):
-    """A file of as many bytes as this has room for 60 chunks, whose summary would else be read 60 times."""
-    path = tmp_path / name
-    if name == "a.mcap":
-        pytest.importorskip("mcap")
-        summary = record(4, bytes(4) + text(b"/imu" * 9999) + text(b"json") + bytes(4))
-        begin = 8 + 17 + 60 * (9 + 45) + 9 + 4
-        chunk = record(6, bytes(28) + text(b"?") + bytes(8) + bytes(4))
-        assert len(chunk) == 9 + 45
-        mcap(path, chunk * 60, record(15, bytes(4)), summary, record(2, struct.pack("<QQI", begin, 0, 0)), b"\x89MCAP0\r\n")
-    else:
-        pytest.importorskip("rosbags")
-
-        def fields(**values):
-            return b"".join(text(name.encode() + b"=" + value) for name, value in values.items())
-
-        def of_bag(body=b"", **values):
-            return text(fields(**values)) + text(body)
-
-        chunk = of_bag(op=b"\5", compression=b"?", size=bytes(4))
-        head = of_bag(op=b"\3", index_pos=bytes(8), conn_count=struct.pack("<I", 1), chunk_count=bytes(4))
-        begin = struct.pack("<Q", 13 + len(head) + 60 * len(chunk))
-        head = of_bag(op=b"\3", index_pos=begin, conn_count=struct.pack("<I", 1), chunk_count=bytes(4))
-        about = fields(type=b"a/B", message_definition=b"", topic=b"", md5sum=b"")
-        path.write_bytes(b"#ROSBAG V2.0\n" + head + chunk * 60 + of_bag(about, op=b"\7", conn=bytes(4), topic=b"/imu" * 9999))
-    with budget([path], MB), pytest.raises(FormatError, match="/imu/imu"):
-        reader_of(path, head_of(path)).topics(path, None)
-
-
-def test_a_parser_that_reads_three_bytes_at_once_comes_to_an_end(tmp_path):
-    """A hole of a terabyte is as many messages without a length as it has bytes."""
-    (tmp_path / "a.ulg").write_bytes(bytes(9999))
-    with Source(tmp_path / "a.ulg", strict=False, budget=5 * RECORD) as source:
-        assert len(list(iter(lambda: source.read(3), b""))) == 10
-
-
-def test_a_bag_reads_each_of_its_files_once(tmp_path):
-    pytest.importorskip("rosbags")
-    bag(tmp_path / "a.db3", "create table messages(id integer primary key, topic_id integer, timestamp integer, data blob)")
-    os.truncate(tmp_path / "a.db3", (tmp_path / "a.db3").stat().st_size - 1)
-    (tmp_path / "metadata.yaml").write_text("  relative_file_paths:\n" + "  - a.db3\n" * 3)
-    with pytest.raises(FormatError, match="without a topic") as raised:
-        reader_of(tmp_path, b"").topics(tmp_path, None)
-    assert str(raised.value).count("the file is cut") == 1
-
-
-# What counts.
 
 
 def test_the_budget_is_a_gigabyte_or_what_the_files_take_on_the_disk(tmp_path):
@@ -369,28 +357,6 @@ def test_the_budget_is_a_gigabyte_or_what_the_files_take_on_the_disk(tmp_path):
     large.write_bytes(bytes(b"1" * (60 * MB)))
     assert Budget([large]).most == Budget([large, small]).most - PACKED * 100 == PACKED * 60 * MB
     assert Budget([large], 5).most == 5
-
-
-def test_what_is_said_is_enough(tmp_path):
-    """Half as much again as the complaint names lets the file through: that is what it advises."""
-    path = tmp_path / "a.npz"
-    np.savez(path, gyro_dps=np.ones((5000, 3)), acc_g=np.ones((5000, 3)), time_ns=np.arange(5000))
-    reader = reader_of(path, head_of(path))
-    with budget([path], MB // 2), pytest.raises(FormatError) as raised:
-        reader.read(path, [], None)
-    enough = re.search(r"takes more than ([\d.]+) MB", str(raised.value))[1]
-    with budget([path], int(float(enough) * 1.5 * MB)):
-        assert len(reader.read(path, [], None)[0]) == 5000
-
-
-def test_topics_and_streams_do_not_count_twice(tmp_path):
-    pytest.importorskip("zstandard")
-    path = tmp_path / "a.npz"
-    np.savez(path, gyro_dps=np.ones((5000, 3)), acc_g=np.ones((5000, 3)), time_ns=np.arange(5000))
-    with budget([path]) as allowed, Sources([path], _answers()) as (source,):
-        assert allowed.held == 5000 * 7 * 8 * 2.5
-        list(source.pieces())
-        assert source.stream.gyro is None
 
 
 def test_import_takes_more_memory_where_it_may(tmp_path, run):

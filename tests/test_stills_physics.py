@@ -1,14 +1,15 @@
-"""Still detection on logs whose blocks have given means and scatters, to the last digit: each threshold one step below and above."""
+"""Still detection on logs whose blocks have given means and scatters, to the last digit: each threshold below and above."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import session_of
+from conftest import Table, session_of
 from scipy.spatial.transform import Rotation
 
-from session.detect import stills as module
 from session.detect.stills import (
+    _CHUNK_BLOCKS,
+    AT_ONCE,
     Noise,
     SessionStills,
     Still,
@@ -28,9 +29,15 @@ from session.io.units import DEG, NS
 
 #: within a block of eight: neither mean nor slope, and a variance of 8/7
 PATTERN = np.array([1, -1, -1, 1, 1, -1, -1, 1])
+
+
 G = 9.8
+
+
 #: of single samples, rad/s and m/s^2, and of block means, which go up and down by it
 GYRO, ACCEL, WANDER = 1e-3, 1e-2, 1e-4
+
+
 #: what noise alone scatters the mean of a block by, from steps of twice the wander
 SPREAD = 2 * WANDER / 0.6745 / np.sqrt(2)
 
@@ -70,40 +77,37 @@ def test_a_block_is_a_tenth_of_a_second_or_eight_samples():
     np.testing.assert_allclose(block_moments(Blocks(3).samples(), 12).gyro_mean[:, 0], WANDER / 3)
 
 
-def test_moments_are_those_of_all_blocks_together_however_they_are_cut(monkeypatch):
-    rng = np.random.default_rng(0)
-    samples = Samples(np.arange(83) * 10_000_000, rng.normal(size=(83, 3)), rng.normal(size=(83, 3)))
-    monkeypatch.setattr(module, "_CHUNK_BLOCKS", 3)
-    found, parts = block_moments(samples, 8), samples.gyro[:80].reshape(10, 8, 3)
+def test_moments_are_those_of_all_blocks_together_however_they_are_cut():
+    rng, count = np.random.default_rng(0), _CHUNK_BLOCKS + 2
+    samples = Samples(np.arange(8 * count + 3) * 10_000_000, *rng.normal(size=(2, 8 * count + 3, 3)))
+    found, parts = block_moments(samples, 8), samples.gyro[: 8 * count].reshape(count, 8, 3)
     np.testing.assert_allclose(found.gyro_mean, parts.mean(axis=1))
     np.testing.assert_allclose(found.gyro_var, parts.var(axis=1, ddof=1))
 
 
-@pytest.mark.parametrize("spans", [[(5, 205)], [(5, 60), (70, 200)]])
-@pytest.mark.parametrize("at_once", [1 << 19, 50, 200, 185])
-def test_a_trend_is_the_straight_line_through_the_readings(monkeypatch, spans, at_once):
-    rng = np.random.default_rng(1)
-    t_ns, values = np.cumsum(rng.integers(4_000_000, 6_000_000, 250)), rng.normal(size=(250, 3)) + np.arange(250)[:, None] * [0.1, 0, -0.2]
+@pytest.mark.parametrize("spans", [[(5, 205)], [(5, 60), (70, 200)], [(5, 60), (70, AT_ONCE + 200)]])
+def test_a_trend_is_the_straight_line_through_the_readings(spans):
+    rng, count = np.random.default_rng(1), spans[-1][1] + 5
+    t_ns = np.cumsum(rng.integers(4_000_000, 6_000_000, count))
+    values = rng.normal(size=(count, 3)) + np.linspace(0, 25, count)[:, None] * [1, 0, -2]
     rows = np.concatenate([np.arange(*span) for span in spans])
-    monkeypatch.setattr(module, "AT_ONCE", at_once)
     found = trend_of(values, t_ns, spans)
     np.testing.assert_allclose(found.slope, np.polyfit(t_ns[rows] * NS, values[rows], 1)[0], rtol=1e-9)
     np.testing.assert_allclose(found.mean, values[rows].mean(axis=0))
     np.testing.assert_allclose(found.std, values[rows].std(axis=0, ddof=1))
 
 
-@pytest.mark.parametrize("at_once", [1 << 19, 30, 120])
-def test_a_rate_counts_as_the_slope_of_its_integral_does(monkeypatch, at_once):
+@pytest.mark.parametrize("count", [120, AT_ONCE + 120])
+def test_a_rate_counts_as_the_slope_of_its_integral_does(count):
     """The straight line through the angle at the samples' ends: its slope is the mean of the rates, each with its weight."""
-    rate = np.random.default_rng(2).normal(size=(200, 3))
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rate[40:160], axis=0)])
-    monkeypatch.setattr(module, "AT_ONCE", at_once)
+    rate = np.random.default_rng(2).normal(size=(count + 80, 3))
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rate[40 : count + 40], axis=0)])
     # The line's weights are t (T - t) at the ends of a sample; at its middle a 4 n^2-th more.
-    np.testing.assert_allclose(mean_as_a_slope_weighs(rate, [(40, 160)]), np.polyfit(np.arange(121), angle, 1)[0], atol=2e-4)
-    weight = (np.arange(120) + 0.5) / 120 * (1 - (np.arange(120) + 0.5) / 120)
-    part = np.r_[0:30, 50:120]
+    np.testing.assert_allclose(mean_as_a_slope_weighs(rate, [(40, count + 40)]), np.polyfit(np.arange(count + 1), angle, 1)[0], atol=2e-4)
+    weight = (np.arange(count) + 0.5) / count * (1 - (np.arange(count) + 0.5) / count)
+    part = np.r_[0:30, 50:count]
     expected = weight[part] @ rate[40 + part] / weight[part].sum()
-    np.testing.assert_allclose(mean_as_a_slope_weighs(rate, [(40, 70), (90, 160)]), expected, atol=1e-12)
+    np.testing.assert_allclose(mean_as_a_slope_weighs(rate, [(40, 70), (90, count + 40)]), expected, atol=1e-12)
 
 
 STEP = 1e-3  #: how far below and above a threshold
@@ -355,3 +359,18 @@ def test_under_another_calibration_means_and_scatters_follow_it():
     assert other.of(session.logs[0]).unused is found.of(session.logs[0]).unused
     far = replace(session, config=replace(session.config, accelerometer=Accelerometer(np.diag([1.0, 1.0, 0.98]), np.zeros(3))))
     assert found.under(far).samples() == []
+
+
+@pytest.mark.parametrize(("odr_hz", "mdps"), [(100.0, 10.0), (1600.0, 7.0)])
+def test_every_rest_of_a_played_table_is_found_and_its_edges_are_right(odr_hz, mdps):
+    table = Table().tumble(3, rest_s=1.6, seed=1).steady(40.0, (0, 0, 1), 5.0).rest(2)  # a steady turn about the vertical is no still
+    stills, _ = find_stills(table.samples(odr_hz, mdps, seed=1))
+    assert [still.problem for still in stills] == [None] * len(table.rests)
+    np.testing.assert_allclose([[still.start_s, still.start_s + still.duration_s] for still in stills], table.rests, atol=0.2)
+
+
+def test_a_sensor_without_noise_does_not_answer_and_a_few_samples_hold_no_still():
+    samples = Table().rest(10).samples()
+    frozen = Samples(samples.t_ns, np.zeros_like(samples.gyro), np.zeros_like(samples.accel) + np.array([0, 0, -9.8]))
+    for none in (frozen, samples.between(0, 2), samples.between(0, 30)):
+        assert find_stills(none) == ([], None)

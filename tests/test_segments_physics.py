@@ -1,4 +1,4 @@
-"""Segments, the pace of stamps and known turns, from stills and stamps that are given: each window, reason and threshold, on both sides."""
+"""Segments and known turns, from stills that are given: each window, reason and threshold, on both sides."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,12 +27,15 @@ from session.detect.stills import LogStills, Noise, Still
 from session.io.config import LeftOut
 from session.io.folder import Session
 from session.io.logfile import KnownTurn, Log
-from session.io.pace import pace_of
 from session.io.samples import Samples
 from session.io.units import DEG, NS
 
 G = 9.8
+
+
 DOWN = np.array([0.0, 0, -G])
+
+
 CONFIG = config(odr_hz=100.0)  # 500 dps, whose register ends at 573; stills of 1 s, segments of 5 s
 
 
@@ -186,12 +189,8 @@ def test_a_turn_is_left_out_by_a_moment_in_which_it_moved():
     assert [moved_at(segment, samples, at_s) for at_s in moments] == [False, True, True, False]
     between = replace(segment, first=None, last=None)  # of moments of a truth file
     edges = np.array([segment.start, segment.stop - 1]) / 100 + 7
-    assert [moved_at(between, samples, at_s) for at_s in (edges[0] - 1e-3, edges[0] + 1e-6, edges[1] - 1e-6, edges[1] + 1e-3)] == [
-        0,
-        1,
-        1,
-        0,
-    ]
+    moments = edges[0] - 1e-3, edges[0] + 1e-6, edges[1] - 1e-6, edges[1] + 1e-3
+    assert [moved_at(between, samples, at_s) for at_s in moments] == [False, True, True, False]
     rows = [LeftOut("log2.csv.gz", 12.0), LeftOut("log1.csv", 12.0)]
     assert moments_of(Path("a/log1.csv.gz"), rows) == [12.0]
     assert [s.accepted for s in without_excluded([segment], samples, Path("log1.csv"), rows)] == [False]
@@ -218,9 +217,6 @@ def test_stills_and_turns_are_counted_over_all_logs():
     moving = "turns about the vertical"
     assert [s.problem for s in (*first.stills, *second.stills)] == [None, moving, None, moving, None, None]
     assert [(s.number, s.note) for s in (*first.segments, *second.segments)] == [(0, f"passes over a still that {moving}"), (1, None)]
-
-
-# Known turns
 
 
 def test_the_angle_that_the_gyro_reads_is_its_integral_less_a_bias_that_changes_evenly():
@@ -308,77 +304,13 @@ def test_three_axes_span_space_down_to_a_singular_value_of_three_tenths():
 def test_too_few_segments_say_what_is_missing():
     samples, stills = turning(3.0)
     (segment,) = cut(samples, stills)
-    creeping = replace(stills[0], problem="creeps")
-    bad = replace(segment, problem="it clips")
-    assert why_too_few([], [], [], 1.5).startswith("no still phase of 1.5 s found; was the table ever left alone?")
-    assert why_too_few(stills[:1], [], [], 1.0) == "1 still phase but no turn between two that are usable; record still - turn - still"
-    assert why_too_few([creeping, *stills], [], [], 1.0).startswith("3 still phases but no turn between two that are usable (creeps)")
-    assert why_too_few(stills, [bad, bad], [], 1.0) == "all 2 segments are rejected, the first because it clips"
-    few = why_too_few(stills, [segment] * 6 + [bad], [FoundTurn(known(90), None, None, "a dial")], 1.0)
-    assert few.startswith("6 usable segments, expected at least 7")
-    assert few.endswith("; turns.csv, turn 0: a dial")
-    assert why_too_few(stills, [segment] * 7, [], 1.0) is None
-    axes = [FoundTurn(known(90), None, axis, None) for axis in np.eye(3)]
-    assert why_too_few(stills, [segment], axes, 1.0) is None
-
-
-# The pace of stamps
-
-
-def steps(*periods, period=10_000):
-    return np.concatenate([[0], np.cumsum(np.rint(np.array(periods) * period))]).astype(np.int64) * 1000
-
-
-def test_the_period_is_the_time_by_the_number_of_periods():
-    """Repeated stamps are passed over; a lost sample, or a gap, counts with as many periods as it is long."""
-    even = pace_of(np.insert(steps(*[1.0] * 50, 2.02, *[1.0] * 50, 7.06, *[1.0] * 20), 30, steps(*[1.0] * 30)[29]))
-    assert (even.period_s, even.rate_hz, even.coarse) == (pytest.approx(1.2908 / 129), pytest.approx(12900 / 129.08), False)
-    np.testing.assert_array_equal(even.periods(np.array([0.01, 0.0149, 0.0151, 0.031])), [1, 1, 2, 3])
-    assert even.missing(np.array([0.01, 0.02, 0.049])) == 5
-    assert even.missing(np.array([0.004, 0.01])) == 0
-    drifting = pace_of(steps(*np.linspace(0.98, 1.04, 101)))
-    assert drifting.period_s == pytest.approx(0.01 * 1.01, rel=1e-6)
-    assert pace_of(steps(1.0, 4.0)).period_s == pytest.approx(0.01)
-    # At the steps near the median, a gap of 40.6 of them is 41 periods; at the pace that follows from that, 40.
-    assert pace_of(steps(*[1.0] * 30, *[2.1] * 20, 40.6)).period_s == pytest.approx(1.126 / 110)
-
-
-@pytest.mark.parametrize(
-    ("late", "long", "lost", "coarse"),
-    [(0.451, 2.0, 19, True), (0.451, 2.0, 20, False), (0.451, 3.0, 20, True), (0.449, 2.0, 0, False)],
-)
-def test_long_steps_that_late_stamps_explain_are_no_losses(late, long, lost, coarse):
-    """Eight late stamps: eight steps that are 0.45 of a period short and as many that are long.  More of these must be by five sigmas of
-    the difference, 5 sqrt(16) = 20; a gap is none of them.  A stamp that is less late is none."""
-    apart = [*[1 + late, 1 - late] * 8, *[1.0] * 400, *[long] * lost]
-    pace = pace_of(steps(*apart))
-    assert pace.coarse == coarse
-    if coarse:  # what is no gap is one period
-        assert pace.period_s == pytest.approx(np.mean([step for step in apart if step <= 2.5]) * 0.01)
-
-
-@pytest.mark.parametrize(
-    ("longs", "shift", "gap", "coarse"),
-    [
-        ([6, 2, 5, 3, 5, 3, 5, 3, 4, 4], 0.0, False, True),  # variance 1.4
-        ([6, 2, 6, 2, 5, 3, 4, 4, 4, 4], 0.0, False, False),  # 1.8, of less than 0.4 x 4
-        ([4] * 4, 0.0, False, True),
-        ([4] * 3 + [3], 0.0, False, False),  # fifteen, in less than four windows
-        ([4] * 4, 0.5, False, True),
-        ([4] * 4, 0.45, False, False),  # the clock is finer than half a period
-        ([4] * 4, 0.0, True, True),
-    ],
-)
-def test_long_steps_that_come_evenly_are_those_of_a_coarse_clock(longs, shift, gap, coarse):
-    """In windows of four long steps on average; a stamp that is not on the ticks shows how fine they are; a gap counts as one period."""
-    window = [np.array([1.0] * (20 - count) + [2.0] * count) for count in longs]
-    apart = np.concatenate(window)
-    apart[1:3] += [shift, -shift]
-    if gap:
-        apart[3] = 9.0
-    assert pace_of(steps(*apart)).coarse == coarse
-
-
-def test_a_coarse_pace_counts_what_is_no_gap_as_one_period():
-    pace = replace(pace_of(steps(*[1.0] * 20)), coarse=True)
-    np.testing.assert_array_equal(pace.periods(np.array([0.004, 0.02, 0.02499, 0.0251, 0.04])), [1, 1, 1, 3, 4])
+    bad, axes = replace(segment, problem="it clips"), [FoundTurn(known(90), None, axis, None) for axis in np.eye(3)]
+    dial, creeping = FoundTurn(known(90), None, None, "a dial"), replace(stills[0], problem="creeps")
+    for found, segments, turns, said in (
+        ([], [], [], "no still phase of 1.5 s found; was the table ever left alone?"),
+        ([creeping, *stills], [], [], "3 still phases but no turn between two that are usable (creeps)"),
+        (stills, [bad, bad], [], "all 2 segments are rejected, the first because it clips"),
+        (stills, [segment] * 6 + [bad], [dial], "6 usable segments, expected at least 7"),
+    ):
+        assert why_too_few(found, segments, turns, 1.5).startswith(said)
+    assert why_too_few(stills, [segment] * 7, [], 1.0) is why_too_few(stills, [segment], axes, 1.0) is None

@@ -1,21 +1,137 @@
-"""Rate steps and swings recorded with a machine's angles: rates, settled means, their sigmas; bandwidth and delay."""
+"""Rates from files: points of a CSV, settled means and swings of a recording, and the response of a sweep, exactly."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from rate_tables import DOWN, ODR_HZ, TABLE, Swings, record, steps
+from rate_tables import DOWN, ODR_HZ, Swings, record, steps
 
 import tinygc
-from session.annexes.machines.angles import read_angles
 from session.annexes.machines.mechanics import AxisTrack
 from session.io.errors import DataError, FormatError
 from session.io.units import DEG
 from tinygc.annexes.rates import sweep
-from tinygc.annexes.rates.recording import _phasor, dwells, read_recording
+from tinygc.annexes.rates.points import Columns, points_of, read_points
+from tinygc.annexes.rates.recording import _phasor, read_recording
 from tinygc.annexes.rates.sweep import Response, fit_response, read_response, transfer
 
-RATES = (-120, -60, 0, 60, 120)
+STEPPED = (-120, -60, 0, 60, 120)
+
+
+RATES = (-20, -10, 0, 10, 20)
+
+
+def csv(path, header, rows):
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def plain(path, header="rate_dps,mean_v", mark=","):
+    return csv(path, header, [f"{rate}{mark}{0.1 * rate}" for rate in RATES])
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "unit"),
+    [
+        ("rate_dps,mean_v", 1.0, "V"),
+        ("Rate (deg/s),Output (mV)", 1.0, "mV"),
+        ("rate_rad_s,output_lsb", 180 / np.pi, "LSB"),
+        ("speed_rpm,voltage_v", 6.0, "V"),
+        ("rpm,gz_lsb", 6.0, "LSB"),
+        ("rate [°/s],mean [V]", 1.0, "V"),
+    ],
+)
+def test_columns_and_units_by_their_names(tmp_path, header, factor, unit):
+    (points,), _ = read_points(plain(tmp_path / "t.csv", header))
+    assert points.rate_dps == pytest.approx(factor * np.array(RATES))
+    assert points.output == pytest.approx(0.1 * np.array(RATES))
+    assert points.unit == unit
+    assert points.sensor == "t"
+
+
+def test_semicolons_comments_and_a_mark_of_utf8(tmp_path):
+    path = plain(tmp_path / "t.csv", "# bench 3\nrate_dps;mean_v", mark=";")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_points(path)[0][0]) == 5
+
+
+def test_options_name_columns_unit_and_readings(tmp_path):
+    path = csv(tmp_path / "t.csv", "r_dps,y,std", [f"{rate},{rate},0.2" for rate in RATES])
+    (points,), remarks = read_points(path, Columns("r_dps", "y", "V", 100))
+    assert points.unit == "V"
+    assert points.sigma == pytest.approx(np.full(5, 0.02))
+    assert not remarks
+    assert "--readings" in read_points(path, Columns("r_dps", "y", "V"))[1][0]
+    assert "--output-unit" in read_points(path, Columns("r_dps", "y", "", 100))[1][0]
+
+
+def test_sensors_and_curves_are_told_apart(tmp_path):
+    rows = [
+        f"{sensor},{top},{k},{top * share},{share}" for sensor in "AB" for top in (50, 100) for k, share in enumerate((-1, -0.5, 0, 0.5, 1))
+    ]
+    found, _ = read_points(csv(tmp_path / "t.csv", "sensor,rate_max_dps,number,rate_dps,mean_v", rows[:10] + rows[10:]))
+    assert [points.sensor for points in found] == ["A", "B"]
+    assert len(found[0].curves) == 10  # the number repeats, and so tells curves apart
+    found, _ = read_points(
+        csv(tmp_path / "u.csv", "sensor,rate_max_dps,rate_dps,mean_v", [",".join(np.delete(r.split(","), 2)) for r in rows])
+    )
+    assert found[0].curves == ("rate_max_dps 50", "rate_max_dps 100")
+    assert found[0].curve.tolist() == [0] * 5 + [1] * 5
+    assert found[0].direction.tolist() == [0, 1, 1, 1, 1] * 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "empty; expected a header"),
+        ("rate_dps,mean_v\n", "empty; expected a header"),
+        ("speed,volts\n1,2\n", "no column of output"),
+        ("rate,mean_v\n1,2\n2,3\n3,4\n4,5\n", "'rate' states no unit"),
+        ("rate_dps,mean_v\n1,2\n2\n", "line 3: 1 columns, expected the 2"),
+        ("rate_dps,mean_v\n1,2\n2,abc\n", "line 3: mean_v is 'abc', expected a number"),
+        ("rate_dps,mean_v\n1,2\n2,nan\n", "line 3: mean_v is 'nan', expected a number"),
+        ("rate_dps,mean_v\n1,2\n2,3\n3,4\n", r"t\.csv: t: 3 rates, expected at least four"),
+        ("rate_dps,mean_v\n1,0\n2,0\n3,0\n4,0\n", r"t\.csv: t: the output is 0 V at every rate"),
+        ("rate_dps,mean_v\n1,5,1,1\n", "4 columns, expected the 2 of the header; a decimal is written with a point"),
+        ("rate_dps;mean_v\n1,5;1\n", "line 2: rate_dps is '1,5', expected a number with a decimal point"),
+        ("rate_dps,mean_v,std_v\n1,2,0.1\n2,3,-0.1\n", "line 3: a std below 0"),
+        ("rate_dps,mean_v,std_v,n\n1,2,0.1,0\n", "line 2: .*less than one reading"),
+    ],
+)
+def test_what_is_refused(tmp_path, text, said):
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_points(path)
+
+
+def test_a_std_that_is_zero_is_not_used_and_that_is_said(tmp_path):
+    path = csv(tmp_path / "t.csv", "rate_dps,mean_v,std_v,readings", [f"{rate},{rate},{0.1 * (rate != 0)},100" for rate in RATES])
+    (points,), remarks = read_points(path)
+    assert not points.is_known
+    assert "a std is 0" in remarks[0]
+
+
+def test_a_sensor_with_too_few_rates_is_left_out_alone(tmp_path):
+    rows = [f"a,{rate},{rate}" for rate in RATES] + ["b,1,1", "b,2,2"]
+    found, remarks = read_points(csv(tmp_path / "t.csv", "sensor,rate_dps,mean_v", rows))
+    assert [points.sensor for points in found] == ["a"]
+    assert "b: 2 rates, expected at least four, in both senses: left out." in remarks
+
+
+def test_measured_conditions_tell_no_curves_apart(tmp_path):
+    rows = [f"{rate},{rate},{25 + (rate > 0)},{rate > 0}" for rate in (*RATES, *RATES)]
+    (points,), remarks = read_points(csv(tmp_path / "t.csv", "rate_dps,mean_v,temperature_c,mounting", rows))
+    assert points.curves == ("mounting False", "mounting True")
+    assert "Each mounting is a curve with an offset of its own" in remarks[0]
+
+
+@pytest.mark.parametrize(("outputs", "quantum"), [([1.5, 2.25, 3], 0.01), ([12, 15, 1e6], 1.0), ([0.1 + 0.2, 1 / 3, 1], 0.0)])
+def test_the_step_of_the_last_decimal(outputs, quantum):
+    assert points_of("s", "V", [0, 1, 2, 3], [*outputs, 7], ["one"] * 4).quantum == pytest.approx(quantum)
+
+
+# Recordings.
 
 
 def read(folder):
@@ -24,21 +140,14 @@ def read(folder):
 
 @pytest.fixture(scope="module")
 def stepped(tmp_path_factory):
-    track, ends_s = steps([*RATES, *RATES[-2::-1]], 4.0)
+    track, ends_s = steps([*STEPPED, *STEPPED[-2::-1]], 4.0)
     return record(tmp_path_factory.mktemp("stepped"), track, ends_s, scale=1.01)
-
-
-def test_dwells_are_those_that_the_table_made(stepped):
-    own = read_angles(stepped / "table.csv", TABLE)["rates0001.csv"]
-    found = dwells(own)
-    long = [dwell for dwell in found if own.t_ns[dwell.stop] - own.t_ns[dwell.start] > 2e9]
-    assert np.rad2deg([dwell.rate for dwell in long]) == pytest.approx([*RATES, *RATES[-2::-1]], abs=2)
 
 
 def test_rates_and_means_of_settled_dwells(stepped):
     (points,) = read(stepped).points
     moved = np.abs(points.rate_dps) > 1
-    assert points.rate_dps[moved] == pytest.approx([r for r in (*RATES, *RATES[-2::-1]) if r], abs=2e-3)
+    assert points.rate_dps[moved] == pytest.approx([r for r in (*STEPPED, *STEPPED[-2::-1]) if r], abs=2e-3)
     errors = (points.output - points.output[~moved].mean() - 1.01 * points.rate_dps) / points.sigma
     assert np.sqrt(np.mean(errors**2)) < 2
     assert (points.sigma < 5e-3).all()
@@ -47,17 +156,10 @@ def test_rates_and_means_of_settled_dwells(stepped):
     assert set(points.direction) == {-1, 0, 1}
 
 
-def test_the_scale_of_a_recording(stepped):
-    (choice,) = tinygc.estimate_rates(stepped).choices
-    assert choice.is_line
-    scale = choice.fit.coefficients[0]
-    assert scale == pytest.approx(1.01, abs=4 * np.sqrt(choice.fit.covariance[1, 1]))
-
-
 def test_where_the_machine_has_a_clock_its_angles_are_of_that(tmp_path):
     """Stamps that are late at random by 0.8 ms make a rate of 120 °/s some 5 mdps uncertain; with the machine's clock, ten times as late,
     they do not."""
-    track, ends_s = steps([*RATES, *RATES[-2::-1]], 4.0)
+    track, ends_s = steps([*STEPPED, *STEPPED[-2::-1]], 4.0)
     found = {}
     for name, jitter_s, has_clock in (("stamps", 8e-4, False), ("clock", 8e-3, True)):
         (found[name],) = read(record(tmp_path / name, track, ends_s, jitter_s=jitter_s, has_clock=has_clock)).points
@@ -97,26 +199,15 @@ def test_means_are_over_whole_turns(tmp_path):
     assert np.abs(left).max() < 0.02
 
 
-@pytest.mark.parametrize("count", [200, 30])
-def test_sigma_of_the_amplitude_of_a_wave(count):
-    """Also of less than a period, which a constant and a slope resemble."""
+def test_sigma_of_the_amplitude_of_a_wave():
+    """Of less than a period, which a constant and a slope resemble."""
+    count = 30
     t_s, errors, stated = np.arange(count) / 100, [], []
     for seed in range(200):
         found, variance = _phasor(t_s, np.cos(2 * np.pi * 3 * t_s) + 0.1 * np.random.default_rng(seed).normal(size=count), 3.0)
         errors += [found.real - 1, found.imag]
         stated.append(variance)
     assert np.mean(np.square(errors)) == pytest.approx(np.mean(stated), rel=0.2)
-
-
-def test_a_law_that_is_hidden_in_the_sensor_is_found(tmp_path):
-    def distort(t_s, rate, force, temp_c):
-        return np.deg2rad(90) * np.sin(rate / np.deg2rad(90))
-
-    track, ends_s = steps([-120, -90, -60, -30, 0, 30, 60, 90, 120], 2.5)
-    record(tmp_path, track, ends_s, distort=distort)
-    (choice,) = tinygc.estimate_rates(tmp_path).choices
-    assert choice.fit.hypothesis.law == "sine"
-    assert choice.fit.shape[0] == pytest.approx(90, rel=1e-3)
 
 
 @pytest.mark.parametrize("declared", [False, True])
@@ -131,6 +222,26 @@ def test_bandwidth_and_delay_of_a_swing(tmp_path, declared):
     assert delay_s == pytest.approx(0.0 if declared else -0.02, abs=4 * sigma_s)
     assert sigma_s < 1e-3
     assert ("not declared" in sweep.lines[0]) != declared
+
+
+def test_what_a_recording_lacks(tmp_path, stepped):
+    with pytest.raises(FormatError, match=r"table.toml: not found; a recording of rates"):
+        read(tmp_path)
+    for name in ("table.toml", "table.csv", "session.toml"):
+        (tmp_path / name).write_bytes((stepped / name).read_bytes())
+    with pytest.raises(FormatError, match=r"no log; expected rates0001\.csv"):
+        read(tmp_path)
+    (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
+    with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):
+        read(tmp_path)
+
+
+def test_a_table_that_stands_still_is_refused(tmp_path):
+    track, _ = steps([], 1.0)
+    record(tmp_path, track, 5.0)
+    assert ODR_HZ
+    with pytest.raises(DataError, match="no rate step and no sweep"):
+        read(tmp_path)
 
 
 # A response by itself.
@@ -162,36 +273,11 @@ def test_a_flat_response_has_a_lower_limit():
     assert sweep.delay_s[0] == pytest.approx(0.005, abs=4 * sweep.delay_s[1])
 
 
-def test_a_response_of_a_csv(tmp_path):
-    want = response("first", [1.0, 0.0, 20.0], sigma=1e-6)
-    path = tmp_path / "sweep.csv"
-    rows = [f"{f:.9g},{g:.9g},{np.rad2deg(p):.9g}" for f, g, p in zip(want.frequency_hz, want.gain, want.phase, strict=True)]
-    path.write_text("frequency_hz,gain,phase_deg\n" + "\n".join(rows))
-    assert read_response(path).phase == pytest.approx(want.phase)
-    assert tinygc.estimate_rates(path).sweeps[0].bandwidth_hz == pytest.approx(20.0, rel=1e-3)
-
-
-def test_what_a_model_leaves_widens_its_sigmas():
-    """Noise is four times what the sigmas say."""
-    honest = response("first", [1.0, 0.003, 20.0], sigma=4e-3)
-    stated = dataclasses.replace(honest, gain_sigma=honest.gain_sigma / 4, phase_sigma=honest.phase_sigma / 4)
-    wide, told = fit_response(honest), fit_response(stated)
-    assert told.bandwidth_sigma_hz == pytest.approx(wide.bandwidth_sigma_hz, rel=0.3)
-    assert told.delay_s[1] == pytest.approx(wide.delay_s[1], rel=0.3)
-
-
 def test_a_bandwidth_that_no_frequency_shows_has_no_sigma():
     """A gain that falls by less than rounding at 0.05 Hz of 10^6."""
     flat = response("flat", [1.0, 0.0], sigma=1e-3, f=np.linspace(0.01, 0.05, 8))
     found = sweep._bandwidth(flat, "first", np.array([1.0, 0.0, 1e6]), np.diag([1e-6, 1e-9, np.inf]))
     assert found == (None, None, 0.05)
-
-
-def test_a_bandwidth_far_beyond_the_highest_frequency_is_a_lower_limit():
-    sweep = fit_response(response("first", [1.0, 0.0, 400.0], sigma=1e-4))
-    assert sweep.model == "first"
-    assert sweep.bandwidth_hz is None
-    assert sweep.bandwidth_at_least_hz == pytest.approx(60)
 
 
 def flat_response(top_hz=60.0):
@@ -261,38 +347,6 @@ def test_what_a_sweep_says():
     assert "a delay below zero" in said  # by more than two sigmas
     later = dataclasses.replace(found, vector=np.array([1.1, -0.0055, 20.0]))
     assert "a delay below zero" not in " ".join(later.lines)
-
-
-def test_points_that_no_model_describes_are_called_so():
-    good = response("first", [1.0, 0.0, 20.0])
-    assert not any("does not describe" in line for line in fit_response(good).lines)
-    gain = good.gain * np.where(np.arange(len(good.gain)) % 2, 1.2, 0.8)
-    assert "does not describe these points" in fit_response(dataclasses.replace(good, gain=gain)).lines[-1]
-    early = dataclasses.replace(response("flat", [1.0, -0.005]), latency_s=0.01)
-    assert any("a delay below zero" in line for line in fit_response(early).lines)
-
-
-# What is refused.
-
-
-def test_what_a_recording_lacks(tmp_path, stepped):
-    with pytest.raises(FormatError, match=r"table.toml: not found; a recording of rates"):
-        read(tmp_path)
-    for name in ("table.toml", "table.csv", "session.toml"):
-        (tmp_path / name).write_bytes((stepped / name).read_bytes())
-    with pytest.raises(FormatError, match=r"no log; expected rates0001\.csv"):
-        read(tmp_path)
-    (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
-    with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):
-        read(tmp_path)
-
-
-def test_a_table_that_stands_still_is_refused(tmp_path):
-    track, _ = steps([], 1.0)
-    record(tmp_path, track, 5.0)
-    assert ODR_HZ
-    with pytest.raises(DataError, match="no rate step and no sweep"):
-        read(tmp_path)
 
 
 def test_too_few_frequencies_are_refused():

@@ -1,0 +1,591 @@
+"""Laws of a rate table by themselves: columns, fits, evidence, the curve of no law, and the terms of IEEE 1431, exactly."""
+
+import dataclasses
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import f as f_distribution
+from scipy.stats import multivariate_normal
+
+from tinygc.annexes.rates import curve as curves
+from tinygc.annexes.rates.choice import LINE, Choice, chance, choose, held_out, score
+from tinygc.annexes.rates.curve import Shape, fit_curve
+from tinygc.annexes.rates.fitting import fit, floor, over_rate
+from tinygc.annexes.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
+from tinygc.annexes.rates.points import points_of, settings_of
+from tinygc.annexes.rates.terms import Range, _asymmetry, _inside, _probe, averaged, input_limit, left_open, linear_range, terms
+from tinygc.annexes.rates.text import lines
+
+UP = np.linspace(-300.0, 300.0, 21)
+
+
+BOTH_WAYS = np.concatenate([UP, UP[-2::-1]])
+
+
+SCALE, REST, NOISE = 0.02, 0.15, 1e-3
+
+
+def measured(of, rate=BOTH_WAYS, noise=NOISE, seed=1, **more):
+    rng = np.random.default_rng(seed)
+    return points_of("sensor", "V", rate, REST + of(rate) + noise * rng.normal(size=len(rate)), ["one"] * len(rate), **more)
+
+
+def given(points, hypothesis, rivals=()):
+    """The choice of a law that is known."""
+    found = fit_curve(points, hypothesis) if hypothesis.law == CURVE else fit(points, hypothesis)
+    return Choice(points, found, fit(points, LINE), 0.0, rivals, 1.0 - sum(share for _, share in rivals), ())
+
+
+def rows_of(choice):
+    return {each.key: each for each in terms(choice)}
+
+
+# Columns and fits.
+
+
+HALF = 1.25 / 2  # half the phase of 50 °/s over 40 °/s
+
+
+@pytest.mark.parametrize(
+    ("law", "shape", "expected"),
+    [
+        ("line", (), [[-50], [50]]),
+        ("asymmetry", (), [[-50, 50], [50, 50]]),
+        ("quadratic", (), [[-50, 2500], [50, 2500]]),
+        ("cubic", (), [[-50, -125e3], [50, 125e3]]),
+        ("polynomial", (), [[-50, 2500, -125e3], [50, 2500, 125e3]]),
+        ("tanh", (40,), [[2 / (1 + np.exp(2.5)) - 1], [1 - 2 / (1 + np.exp(2.5))]]),
+        ("arctan", (40,), [[-np.arctan2(5, 4)], [np.arctan2(5, 4)]]),
+        ("root", (40,), [[-2000 / np.hypot(40, 50)], [2000 / np.hypot(40, 50)]]),
+        ("sine", (40,), [[-np.cos(np.pi / 2 - 1.25)], [np.cos(np.pi / 2 - 1.25)]]),
+        ("sine_of_any_phase", (40,), [[-np.sin(1.25), -2 * np.sin(HALF) ** 2], [np.sin(1.25), -2 * np.sin(HALF) ** 2]]),
+        ("normalised_sine", (40, 0.5), [[-np.sin(1.25) / (1 + np.cos(1.25) / 2)], [np.sin(1.25) / (1 + np.cos(1.25) / 2)]]),
+        ("overloaded_sine", (40, 0.5, 2), [[-np.sin(1.25) / (1 + 4 * np.sin(1.25) ** 2)], [np.sin(1.25) / (1 + 4 * np.sin(1.25) ** 2)]]),
+        ("dead_band", (40,), [[-10], [10]]),
+        ("pieces", (-20,), [[-50, 0], [50, 70]]),
+    ],
+)
+def test_columns_of_a_law(law, shape, expected):
+    assert LAWS[law].columns(np.array([-50.0, 50.0]), shape) == pytest.approx(np.array(expected, dtype=float), rel=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_coefficients_unit_has_the_power_of_its_column(law):
+    """Rates, and shapes that are rates, twice as large: a column of the power n is 2^n times as large."""
+    of, rate = LAWS[law], np.array([-70.0, -20, 10, 50])
+    shape, twice = (
+        tuple(each * (factor if p.is_rate else 1) for each, p in zip((40.0, 0.6, 4.0), of.shapes, strict=False)) for factor in (1, 2)
+    )
+    powers = np.array([power for _, power in of.coefficients])
+    assert of.columns(2 * rate, twice) == pytest.approx(2.0**powers * of.columns(rate, shape), rel=1e-9, abs=1e-12)
+
+
+def test_columns_of_extras_and_their_units():
+    rate = np.array([-20.0, 0, 20, 10, -10])
+    points = points_of("s", "mV", rate, rate, ["one"] * 5)
+    of = Hypothesis("line", False, True, ("asymmetry", "hysteresis", "drift", "turning", "bend", "sense"), apart=3)
+    expected = [rate, np.abs(rate), points.direction / 2, points.order, rate != 0, rate**3, np.sign(rate), np.arange(5) == 3]
+    assert pytest.approx(np.array(expected, dtype=float)) == of.columns(rate, (), points).T
+    assert not of.columns(rate, ())[:, [2, 3, 7]].any()  # of rates that are no points neither sense nor order is known
+    assert of.added == 7
+    assert of.name == "line, clipped above, asymmetry, hysteresis, drift, turning, bend, sense, one reading off"
+    every = Hypothesis("line", extras=tuple(EXTRAS))
+    powers = np.array([1, *(extra.power for extra in EXTRAS.values())])
+    twice = replace(points, rate_dps=2 * rate)
+    assert every.columns(2 * rate, (), twice) == pytest.approx(2.0**powers * every.columns(rate, (), points))
+    found = fit(measured(lambda w: np.minimum(SCALE * w + 1e-4 * np.abs(w), 4), noise=0.0), Hypothesis("polynomial", upper=True))
+    assert found.names == ("V0", "K", "q", "c", "V+")
+    assert found.units == ("V", "V/(°/s)", "V/(°/s)²", "V/(°/s)³", "V")
+    assert [over_rate("°/s", power) for power in range(4)] == ["°/s", "1", "1/(°/s)", "1/(°/s)²"]
+
+
+@pytest.mark.parametrize(
+    ("hypothesis", "said"),
+    [
+        (LINE, "V = V0 + K w"),
+        (Hypothesis("normalised_sine", lower=True), "V = clip(V0 + A sin x / (1 + j cos x), V−, ∞); x = w / w0"),
+        (Hypothesis("line", False, True, ("hysteresis",), 2), "V = clip(V0 + K w + h direction / 2 + r [one reading], −∞, V+)"),
+    ],
+)
+def test_the_equation_of_a_hypothesis(hypothesis, said):
+    assert hypothesis.equation == said
+
+
+def test_the_first_harmonic_of_a_demodulator_is_the_bessel_function():
+    from scipy.special import j1
+
+    rate, depth = np.array([0.0, 10.0, 100.0, 200.0]), 1.8
+    columns = LAWS["demodulator"].columns(rate, (150.0, depth, 1e9))[:, 0]
+    x = rate / 150.0
+    t = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    signal = np.cos(x[:, None] + depth * np.cos(t))
+    rms = (signal - signal.mean(axis=1, keepdims=True)).std(axis=1)
+    assert columns == pytest.approx(2 * j1(depth) * np.sin(x) / rms, abs=1e-9)
+
+
+def test_a_clip_is_where_the_line_meets_the_limit():
+    found = fit(measured(lambda w: np.clip(SCALE * w, -4.1, 4.3), noise=0.0), Hypothesis("line", True, True))
+    assert found.limits == (pytest.approx(REST - 4.1), pytest.approx(REST + 4.3))
+    assert input_limit(found, 300.0) == pytest.approx(4.3 / SCALE, rel=1e-9)
+    assert input_limit(found, -300.0) == pytest.approx(-4.1 / SCALE, rel=1e-9)
+    assert found.is_limited.sum() == np.sum(np.abs(BOTH_WAYS) > 4.3 / SCALE) + np.sum(
+        (BOTH_WAYS < -4.1 / SCALE) & (BOTH_WAYS > -4.3 / SCALE)
+    )
+
+
+@pytest.mark.parametrize(
+    ("law", "of", "shape"),
+    [
+        ("sine", lambda w: 5 * np.sin(w / 250), (250,)),
+        ("tanh", lambda w: 8 * np.tanh(w / 400), (400,)),
+        ("dead_band", lambda w: SCALE * np.sign(w) * np.maximum(np.abs(w) - 40, 0), (40,)),
+        ("pieces", lambda w: SCALE * (w - 0.1 * np.maximum(w - 130, 0)), (130,)),
+        ("normalised_sine", lambda w: 5 * np.sin(w / 200) / (1 + 0.3 * np.cos(w / 200)), (200, 0.3)),
+        ("overloaded_sine", lambda w: 5 * np.sin(w / 190) / (1 + np.abs(np.sin(w / 190) / 1.05) ** 8), (190, 1.05, 8)),
+    ],
+)
+def test_shape_parameters_are_recovered_without_noise(law, of, shape):
+    assert fit(measured(of, noise=0.0), Hypothesis(law)).shape == pytest.approx(shape, rel=2e-3)
+
+
+@pytest.mark.parametrize("scatter", [0.02, 1e-5])
+def test_noise_is_that_of_points_at_no_limit_and_a_limits_sigma_that_of_those_at_it(scatter):
+    rate, at = np.arange(-100.0, 101.0, 10.0), np.arange(21) >= 15
+    rng = np.random.default_rng(3)
+    output = np.where(at, 0.9 + scatter * rng.normal(size=21), 0.02 * rate + 1e-3 * rng.normal(size=21))
+    for sigma, stated in ((None, 0.0), (np.full(21, 2e-3), 20.0)):
+        found = fit(points_of("s", "V", rate, output, ["one"] * 21, sigma), Hypothesis("line", upper=True))
+        assert found.is_limited.tolist() == at.tolist()
+        unit = 1.0 if sigma is None else 2e-3
+        left = output - np.where(at, output[at].mean(), np.polyval(np.polyfit(rate[~at], output[~at], 1), rate))
+        noise = np.sqrt((np.sum((left[~at] / unit) ** 2) + stated) / (15 - 2 + stated))
+        assert found.noise == pytest.approx(noise, rel=1e-6)
+        assert found.freedom == 21 - 3 + stated
+        design = np.column_stack([np.ones(15), rate[~at]])
+        line = np.diag(np.linalg.inv(design.T @ design)) * (noise * unit) ** 2
+        limit = max(np.var(output[at], ddof=1), (noise * unit) ** 2) / 6  # no less than the noise
+        assert np.diag(found.covariance) == pytest.approx([*line, limit], rel=1e-5)
+
+
+@pytest.mark.parametrize(("repeats", "tests"), [(2, False), (3, True)])
+def test_a_law_is_held_against_three_repeats_or_more(repeats, tests):
+    """F of what the means of a rate leave beside the line, over what repeats scatter."""
+    rate = np.r_[-50.0, -30, -10, 10, 30, 50, [-50.0, 10, 50][:repeats]]
+    points = measured(lambda w: SCALE * w + 1e-6 * w**2, rate)
+    lack = fit(points, LINE).lack_of_fit
+    assert (lack is not None) == tests
+    if lack is not None:
+        pairs = points.output[[0, 3, 5]] - points.output[6:]
+        pure = np.sum(pairs**2 / 2)
+        left = np.polyfit(rate, points.output, 1, full=True)[1][0]
+        f = (left - pure) / 4 / (pure / 3)
+        assert (lack.noise, lack.freedom) == (pytest.approx(np.sqrt(pure / 3)), 3)
+        assert lack.p_value == pytest.approx(f_distribution.sf(f, 4, 3))
+
+
+def test_the_slopes_of_numbers_that_are_zero():
+    found = fit(measured(lambda w: SCALE * w), Hypothesis("cubic")).moved(np.zeros(3))
+    assert found.jacobian == pytest.approx(np.column_stack([np.ones(41), BOTH_WAYS, BOTH_WAYS**3]), rel=1e-6, abs=1e-6)
+
+
+def test_the_least_that_residuals_count():
+    """Rounding to the last digit, of rms step / sqrt(12), or a ten-millionth of the span; over the sigmas that are stated."""
+    rate = np.arange(5.0)
+    for output, least in ((0.01 * rate, 0.01 / np.sqrt(12)), (rate / 3, 4 / 3 * 1e-7)):
+        assert floor(points_of("s", "V", rate, output, ["one"] * 5)) == pytest.approx(5 * least**2)
+        assert floor(points_of("s", "V", rate, output, ["one"] * 5, np.full(5, 0.1))) == pytest.approx(5 * (least / 0.1) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("law", "count", "distinct"),
+    [("line", 4, 3), ("cubic", 5, 4), ("polynomial", 6, 5), ("dead_band", 5, 4)],
+)
+def test_points_and_rates_that_a_law_needs(law, count, distinct):
+    """Two more than it has numbers; and as many rates, without the offset of its curve."""
+
+    def is_fitted(rates):
+        more = np.append(rates, [-1, -2, -3, -4])  # which no table has less than
+        points = points_of("s", "V", more, more + 0.01 * np.sin(np.arange(len(more))), ["one"] * len(more))
+        return fit(points.part(np.arange(len(more)) < len(rates)), Hypothesis(law)) is not None
+
+    rates = np.linspace(-50, 50, count)
+    assert is_fitted(rates)
+    assert not is_fitted(rates[:-1])
+    assert is_fitted(np.append(rates[:distinct], [rates[0]] * (count - distinct)))
+    assert not is_fitted(np.append(rates[: distinct - 1], [rates[0]] * (count - distinct + 1)))
+
+
+def straight(w):
+    return SCALE * w
+
+
+def test_a_clip_needs_rates_within_its_limits():
+    """Of which nothing but rest is left here: neither a scale nor its sigma can be stated."""
+    up = np.arange(-400.0, 401.0, 100.0)  # °/s
+    points = measured(lambda w: np.clip(straight(w), -1.5, 1.5), np.concatenate([up, up[-2::-1]]))
+    assert fit(points, Hypothesis("line", True, True)) is None
+    assert fit(measured(lambda w: np.clip(straight(w), -4.1, 4.3), points.rate_dps), Hypothesis("line", True, True)) is not None
+
+
+def test_repeats_refute_a_law_and_widen_its_sigmas():
+    rate = np.repeat(np.linspace(-300, 300, 11), 3)
+    bent = measured(lambda w: 5 * np.sin(w / 250) + 0.01 * np.sin(w / 20), rate)
+    found = fit(bent, Hypothesis("sine"))
+    lack = found.lack_of_fit
+    assert lack.freedom == 22
+    assert lack.noise == pytest.approx(NOISE, rel=0.4)
+    assert lack.p_value < 1e-6
+    means = np.array([found.residuals[3 * n : 3 * n + 3].mean() for n in range(11)])
+    scatter = 3 * np.sum(means**2) / (11 - 3)  # of the means about the law, as variance of one reading
+    assert lack.variance_inflation == pytest.approx(scatter / found.noise**2, rel=1e-3)
+    size = np.linalg.norm(found.jacobian, axis=0)
+    inverse = np.linalg.inv((found.jacobian / size).T @ (found.jacobian / size)) / np.outer(size, size)
+    assert found.covariance[1, 1] == pytest.approx(inverse[1, 1] * scatter, rel=1e-3)
+    assert "repeats scatter by" in " ".join(lines(given(bent, Hypothesis("sine"))))
+
+
+# Which law.
+
+
+ONE_OF = {
+    "clip": (lambda w: np.clip(SCALE * w, -4.1, 4.3), "line, clipped below and above"),
+    "sine": (lambda w: 5 * np.sin(w / 250), "sine"),
+    "two slopes": (lambda w: SCALE * np.where(w > 0, 1.005, 0.995) * w, "asymmetry"),
+}
+
+
+@cache
+def chosen(name):
+    return choose(measured(ONE_OF[name][0], UP if name == "clip" else BOTH_WAYS))
+
+
+@pytest.mark.parametrize("name", ONE_OF)
+def test_the_law_is_found(name):
+    assert chosen(name).fit.hypothesis.name == ONE_OF[name][1]
+
+
+def test_hysteresis_is_found_where_the_rates_go_both_ways():
+    points = measured(lambda w: SCALE * w)
+    late = dataclasses.replace(points, output=points.output + 5e-3 * points.direction / 2)
+    choice = choose(late)
+    assert choice.fit.hypothesis.name == "line, hysteresis"
+    found = row(choice, "hysteresis")
+    assert found.value == pytest.approx(5e-3 / SCALE, abs=4 * found.sigma)
+    one_way = given(measured(lambda w: SCALE * w, UP), LINE)
+    assert row(one_way, "hysteresis").value is row(one_way, "hysteresis").at_most is None
+    assert "one way" in row(one_way, "hysteresis").condition
+
+
+def row(choice, key):
+    return rows_of(choice)[key]
+
+
+def test_terms_of_two_slopes_and_of_a_clip():
+    of, _ = ONE_OF["two slopes"]
+    found = row(given(measured(of), Hypothesis("asymmetry")), "asymmetry")
+    assert found.value == pytest.approx(1e4, abs=4 * found.sigma)  # 0.5 % up, 0.5 % down: ppm
+    clip = chosen("clip")
+    high = row(clip, "linear_high")
+    assert high.value == pytest.approx(4.3 / SCALE, abs=4 * high.sigma)
+    assert high.condition == "limit of the output"
+    assert row(clip, "saturation_high").condition == "the output's limit, reached at 215 °/s"
+    # what a line over everything says is no nonlinearity of the sensor
+    assert row(clip, "straight_line").value > 10
+    assert row(clip, "nonlinearity").at_most < 1000
+
+
+def test_a_curve_is_predicted_from_the_others_with_its_own_offset():
+    rng = np.random.default_rng(2)
+    rate = np.concatenate([np.linspace(-r, r, 11) for r in (50, 100, 200)])
+    curve = np.repeat(["a", "b", "c"], 11)
+    offset = np.repeat([0.0, 0.02, -0.03], 11)
+    points = points_of("s", "V", rate, offset + 5 * np.sin(rate / 250) + 1e-4 * rng.normal(size=33), curve.tolist())
+    one = held_out(points, Hypothesis("sine"), 1)
+    assert one.rms < 3e-4
+    assert one.beyond == 0
+    far = held_out(points, Hypothesis("cubic"), 2)
+    assert far.beyond == 6  # 120, 160 and 200 in both senses
+    assert far.rms > 10 * far.within_rms
+    offsets = fit(points, Hypothesis("sine")).offsets
+    assert offsets - offsets[0] == pytest.approx([0, 0.02, -0.03], abs=3e-4)
+
+
+def test_evidence_is_what_its_formula_says():
+    from scipy.special import gammaln
+
+    sigma = np.full(41, 2e-3)
+    for points, stated in ((measured(straight), 0.0), (measured(straight, sigma=sigma), 20.0)):
+        cases = [
+            (LINE, 0.0),
+            (Hypothesis("cubic"), 2 * np.log(len(LAWS))),
+            (Hypothesis("line", extras=("hysteresis",)), 2 * np.log(len(LAWS))),
+            (Hypothesis("line", apart=3), 2 * np.log(41)),
+        ]
+        for of, price in cases:
+            found, unit = fit(points, of), 3.0
+            nu, k = 41 - found.parameters + stated, found.parameters
+            expected = nu * np.log((found.chi_square + stated) / 2) - 2 * gammaln(nu / 2) + k * np.log(41 * unit**2) + price
+            assert score(found, unit) == pytest.approx(expected, rel=1e-9)
+    clip = fit(measured(lambda w: np.clip(straight(w), -4.1, 4.3)), Hypothesis("line", True, True))
+    expected = 37 * np.log(clip.chi_square / 2) - 2 * gammaln(37 / 2) + 4 * np.log(41) + 2 * np.log(len(LIMITS))
+    assert score(clip, 1.0) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        np.round(0.0213 * BOTH_WAYS + 0.003, 2),
+        straight(BOTH_WAYS) + 3e-8 * 12 * (BOTH_WAYS / 300) ** 3,  # in a digit that no instrument has
+    ],
+)
+def test_an_exact_or_rounded_line_is_a_line(output):
+    assert chance(points_of("sensor", "V", BOTH_WAYS, output, ["one"] * 41)) > 0.2
+
+
+def test_rival_laws_widen_a_sigma():
+    points = measured(lambda w: np.clip(straight(w), -4.1, 4.3))
+    clip, rival = Hypothesis("line", True, True), fit(points, Hypothesis("asymmetry", True, True))
+    alone, both = given(points, clip), given(points, clip, ((rival, 0.3),))
+    differ = input_limit(rival, 300.0) - input_limit(alone.fit, 300.0)
+    sigma = rows_of(alone)["linear_high"].sigma
+    assert rows_of(both)["linear_high"].sigma == pytest.approx(np.sqrt(sigma**2 + 0.3 * differ**2), rel=1e-6)
+    value, wider = averaged(both, lambda have: have.coefficients[0])
+    assert value == alone.fit.coefficients[0]
+    assert wider**2 - averaged(alone, lambda have: have.coefficients[0])[1] ** 2 == pytest.approx(
+        0.3 * (rival.coefficients[0] - value) ** 2, rel=1e-6
+    )
+
+
+# Terms.
+
+
+def test_the_linear_range_of_a_sine_ends_where_it_departs_by_one_per_cent():
+    found = fit(measured(lambda w: 5 * np.sin(w / 250), noise=0.0), Hypothesis("sine"))
+    within = linear_range(found)
+    u = within.high / 250
+    assert np.sin(u) / u == pytest.approx(0.99, abs=1e-5)
+    assert within.low == pytest.approx(-within.high, rel=1e-6)
+
+
+def test_nonlinearity_of_a_cubic_against_its_best_line():
+    c = 1e-7
+    choice = given(measured(lambda w: SCALE * (w - c * w**3)), Hypothesis("cubic"))
+    grid = np.linspace(-300, 300, 2001)
+    departure = np.abs(np.polyval(np.polyfit(grid, grid**3, 1), grid) - grid**3).max() * c
+    found = rows_of(choice)["nonlinearity"]
+    assert found.value == pytest.approx(1e6 * departure / 300, rel=0.05)
+
+
+FINE = np.arange(-240.0, 241.0, 20.0)
+
+
+FINE_TWICE = np.concatenate([FINE, FINE[::-1]])
+
+
+SCALE, FINE_NOISE = 0.02, 1.5e-3
+
+
+def fine(of, rate=FINE_TWICE, noise=FINE_NOISE, seed=1, sigma=None):
+    output = of(rate) + noise * np.random.default_rng(seed).normal(size=len(rate))
+    return points_of("sensor", "V", rate, output, ["one"] * len(rate), sigma)
+
+
+def kink(K=0.015, low=-1.71, high=1.92, at=120.0, off=0.031):
+    """A line in three curves, clipped; the one reading between the last sound rate, 100 °/s, and the clip is off."""
+    rng = np.random.default_rng(5)
+    rate = np.concatenate([np.linspace(-m, m, 11) for m in (75, 150, 250)])
+    output = np.clip(K * rate, low, high) + 1e-4 * rng.normal(size=33) + off * (rate == at)
+    return points_of("s", "V", rate, output, np.repeat(["75", "150", "250"], 11).tolist())
+
+
+def test_what_one_reading_that_is_off_leaves_open():
+    """The last sound rate before it and the first limited one beyond; nothing with a sound one beside or beyond."""
+    rate = np.array([-80.0, -60, -40, -20, 0, 20, 40, 60, 80, 100, 60])
+
+    def open_at(row, upper, count=11, sense=1.0):
+        output = np.minimum(SCALE * rate, 1.5) if upper else SCALE * rate
+        points = points_of("s", "V", sense * rate[:count], output[:count] + 0.3 * (np.arange(count) == row), ["one"] * count)
+        return left_open(fit(points, Hypothesis("line", upper=upper, apart=row)))
+
+    assert open_at(7, True, 10) == (60.0, 40.0, 80.0)
+    assert open_at(7, True, 10, -1.0) == (-60.0, -40.0, -80.0)
+    assert open_at(7, True) is None  # read again
+    assert open_at(7, False, 10) is None  # 80 and 100 °/s are sound
+    assert open_at(9, False, 10) == (100.0, 80.0, None)
+    assert open_at(4, False, 10) is None  # at rest
+    one_sense = fine(lambda w: SCALE * w + 0.5 * (w == 240), FINE[FINE >= 0])
+    within = linear_range(fit(one_sense, Hypothesis("line", apart=12)))
+    assert (within.low, within.high, within.ends) == (0.0, 220.0, (False, False))
+
+
+def test_a_kink_that_one_reading_shows_has_no_place():
+    found = fit(kink(), Hypothesis("pieces", True, True))
+    by_name = {each.name: each for each in found.numbers}
+    for name in ("w1", "h"):
+        assert by_name[name].value is by_name[name].sigma is None
+    assert by_name["w1"].between == (pytest.approx(100, abs=3), pytest.approx(120, abs=3))
+    assert by_name["K"].sigma == pytest.approx(4.5e-7, rel=0.4)
+    rows = rows_of(given(kink(), Hypothesis("pieces", True, True)))
+    assert rows["linear_high"].value is rows["nonlinearity"].value is None
+    assert "not determined" in rows["linear_high"].condition
+    assert rows["saturation_high"].sigma > 0
+
+
+@pytest.mark.parametrize(("bent", "high"), [(2, 240.0), (3, 100.0)])
+def test_an_end_is_the_median_of_the_draws_where_more_than_half_reach_it(bent, high):
+    """A cubic departs by 1 % at 0.1 over the root of its share: of five draws at 100 °/s, or beyond the rates."""
+    points = fine(lambda w: SCALE * w, FINE)
+    law, curve = fit(points, Hypothesis("cubic")), fit_curve(points, Hypothesis(CURVE))
+    shares = np.where(np.arange(5) < bent, 1e-6, 1e-8)
+    vars(curve)["draws"] = [law.moved(np.array([0.0, SCALE, -SCALE * share])) for share in shares]
+    within = linear_range(curve)
+    assert (within.low, within.high) == (pytest.approx(-high, rel=1e-4), pytest.approx(high, rel=1e-4))
+    assert within.ends == (bent == 3, bent == 3)
+
+
+def test_the_asymmetry_of_a_range_is_that_of_its_readings():
+    """Two slopes that differ by 10 % beyond 60 °/s, and by 0.4 % within."""
+    rate = np.concatenate([np.arange(-200.0, 201.0, 10.0)] * 2)
+    of = lambda w: SCALE * (w + 2e-3 * np.abs(w) + 0.05 * np.maximum(np.abs(w) - 60, 0))  # noqa: E731
+    points = fine(of, rate, noise=2e-4)
+    choice = given(points, Hypothesis("line", extras=("asymmetry",)))
+    within = Range(-60.0, 60.0, (True, True))
+    inside = _inside(choice, within)
+    row = _asymmetry(choice, within, inside, "")
+    own = np.abs(rate) <= 60
+    columns = np.column_stack([np.ones(own.sum()), rate[own], np.abs(rate[own])])
+    by_hand, (left,) = np.linalg.lstsq(columns, points.output[own], rcond=None)[:2]
+    assert row.value == pytest.approx(2e6 * by_hand[2] / choice.fit.coefficients[0], rel=1e-6)
+    assert row.value == pytest.approx(4e3, abs=3 * row.sigma)
+    sigma = np.sqrt(np.linalg.inv(columns.T @ columns)[2, 2] * left / (own.sum() - 3))
+    assert row.sigma == pytest.approx(2e6 * sigma / choice.fit.coefficients[0], rel=1e-3)
+    whole = choice.fit.vector[choice.fit.names.index("a")]
+    assert 2e6 * whole / choice.fit.coefficients[0] > 3e4  # of all rates
+
+
+def test_a_probe_stands_beside_the_shape_of_the_law():
+    choice = given(fine(lambda w: SCALE * 400 * np.tanh(w / 400)), Hypothesis("tanh"))
+    within = Range(-160.0, 160.0, (True, True))
+    inside = _inside(choice, within)
+    A = np.column_stack([np.ones(len(inside)), *(inside.rate_dps**n for n in (1, 2, 3)), inside.direction / 2])
+    by_hand, (left,) = np.linalg.lstsq(A, inside.output, rcond=None)[:2]
+    value, sigma = _probe(choice, inside, "hysteresis")
+    assert value == pytest.approx(by_hand[-1], rel=1e-6)
+    assert sigma >= 0.999 * np.sqrt(np.linalg.inv(A.T @ A)[-1, -1] * left / (len(A) - A.shape[1]))
+    assert sigma < 2 * FINE_NOISE / np.sqrt(len(A)) * 2
+
+
+def test_repeats_have_a_row_of_their_own():
+    found = rows_of(given(fine(lambda w: SCALE * w), LINE))["repeats"]
+    output = fine(lambda w: SCALE * w).output
+    pairs = (output[:25] - output[25:][::-1]) / np.sqrt(2)
+    assert found.value == pytest.approx(np.sqrt(np.mean(pairs**2)), rel=1e-6)
+    assert found.sigma == pytest.approx(found.value / np.sqrt(50))
+
+
+@pytest.mark.parametrize("width", [0.5, 5.0, 40.0])
+def test_the_scale_is_that_outside_a_dead_band(width):
+    points = measured(lambda w: SCALE * np.sign(w) * np.maximum(np.abs(w) - width, 0))
+    found = rows_of(given(points, Hypothesis("dead_band")))["scale"]
+    assert found.value == pytest.approx(SCALE, abs=4 * found.sigma)
+    assert "outside the dead band" in found.condition
+
+
+def test_the_limit_of_a_dead_band_is_that_of_a_step_between_the_senses():
+    points = measured(straight)
+    step = fit(points, Hypothesis("line", extras=("sense",)))
+    size, sigma = abs(step.vector[2]), np.sqrt(step.covariance[2, 2])
+    assert rows_of(given(points, LINE))["dead_band"].at_most == pytest.approx((size + 1.96 * sigma) / SCALE, rel=1e-3)
+
+
+def test_what_is_not_told_from_hysteresis_is_named():
+    points = measured(straight)
+    hysteresis, drift = (Hypothesis("line", extras=(name,)) for name in ("hysteresis", "drift"))
+    words = rows_of(given(points, hysteresis, ((fit(points, drift), 0.4),)))["hysteresis"].condition
+    assert "a drift is not told from it" in words
+    assert "a drift" not in rows_of(given(points, hysteresis))["hysteresis"].condition
+
+
+# Rates that the output does not follow, and the smooth curve.
+
+
+def scattered(rate_error, follows, seed=1):
+    """A line of 1.006 on a table whose rates are written with an error, or scatter in truth."""
+    rng = np.random.default_rng(seed)
+    set_to = np.array([-40] * 8 + [40] * 8 + [-25] * 2 + [25] * 2 + [-15] * 2 + [15] * 2 + [-5] * 2 + [5] * 2 + [0] * 6, dtype=float)
+    written = set_to + rate_error * rng.normal(size=34) * (set_to != 0)
+    output = 1.006 * (written if follows else set_to) + 0.41 + 3e-3 * rng.normal(size=34)
+    return points_of("s", "°/s", written, output, ["one"] * 34)
+
+
+def test_rates_that_the_output_does_not_follow_are_one_setting():
+    points = scattered(0.1, follows=False)
+    settled, said = settings_of(points)
+    assert len(settled) == 9
+    assert "9 settings" in said[0]
+    own = np.concatenate([points.output[:8] - points.output[:8].mean()])
+    assert np.std(own) < 0.01
+    # sigma of a mean of eight: that of the output, and of the rate times the scale
+    groups = [slice(0, 8), slice(8, 16), *(slice(16 + 2 * k, 18 + 2 * k) for k in range(6)), slice(28, 34)]
+    within = [points.rate_dps[g] - points.rate_dps[g].mean() for g in groups]
+    error = np.sqrt(sum(np.sum(w**2) for w in within) / 20)
+    noise = np.sqrt(sum(np.sum((points.output[g] - points.output[g].mean()) ** 2) for g in groups) / 25)
+    assert settled.sigma[0] == pytest.approx(np.sqrt((noise**2 + (1.006 * error) ** 2) / 8), rel=2e-3)
+    assert settled.sigma[-1] == pytest.approx(noise / np.sqrt(6))
+    line = fit(settled, LINE)
+    assert line.coefficients[0] == pytest.approx(1.006, abs=3 * np.sqrt(line.covariance[1, 1]))
+
+
+def test_rates_that_the_output_follows_stay_as_they_are():
+    points = scattered(0.1, follows=True)
+    assert settings_of(points) == (points, [])
+    plain = fine(lambda w: SCALE * w)
+    assert settings_of(plain) == (plain, [])
+
+
+def test_the_covariance_of_the_curve_is_that_of_white_noise_integrated():
+    """f(u) is the integral of (u - s)^2 / 2 dW(s): of variance 1 / 20 at 1."""
+    for u, v in ((0.3, 0.3), (0.2, 0.9), (1.0, 0.5)):
+        exact = quad(lambda s, u=u, v=v: (u - s) ** 2 * (v - s) ** 2 / 4, 0, min(u, v))[0] * 20
+        assert curves._covariance(np.array([u]), np.array([v]))[0, 0] == pytest.approx(exact)
+
+
+def test_the_evidence_of_a_shape_is_the_restricted_likelihood(monkeypatch):
+    """Of y with covariance s^2 (I + ratio F F'), the fixed columns taken out, and s integrated out."""
+    points = fine(lambda w: SCALE * w * (1 - np.abs(w) / 9000))
+    shape = Shape(1.0, True, 240.0)
+    none = np.zeros(50, dtype=bool)
+    found = list(curves._of_shape(points, Hypothesis(CURVE), shape, none, none, curves.RATIOS))
+    columns = shape.columns(points.rate_dps)
+    fixed = np.column_stack([np.ones(50), points.rate_dps, columns[:, 0]])
+    free = np.linalg.svd(fixed, full_matrices=True)[0][:, 3:]
+
+    def exact(ratio, sigma):
+        C = np.eye(50) + ratio * columns[:, 1:] @ columns[:, 1:].T
+        return -2 * multivariate_normal(cov=sigma**2 * free.T @ C @ free).logpdf(free.T @ points.output)
+
+    for k in (3, 6):  # ratios of 10 and 10^4
+        ratio, curve = found[k][1].ratio, found[k][1]
+        # at the best s, n - 3 degrees of freedom: -2 log L = (n - 3) (ln(2 pi s^2) + 1) + log determinant
+        s2 = curve.chi_square / 47
+        assert exact(ratio, np.sqrt(s2)) == pytest.approx(47 * (np.log(2 * np.pi * s2) + 1) + curve.penalty, rel=1e-9)
+        assert found[k][0] == pytest.approx(47 * np.log(curve.chi_square / 2) + curve.penalty)
+
+
+def test_the_curve_is_the_mean_of_its_posterior_and_has_its_covariance():
+    points = fine(lambda w: SCALE * 700 * np.arcsinh(w / 700))
+    curve = next(
+        each
+        for _, each in curves._of_shape(points, Hypothesis(CURVE), Shape(1.4, False, 240.0), *np.zeros((2, 50), bool), curves.RATIOS)
+        if each.ratio == 1e4
+    )
+    columns = np.column_stack([np.ones(50), points.rate_dps, curve.of.columns(points.rate_dps)])
+    prior = np.concatenate([np.zeros(4), np.full(columns.shape[1] - 4, 1e-4)])
+    information = columns.T @ columns + np.diag(prior)
+    assert curve.predicted == pytest.approx(columns @ np.linalg.solve(information, columns.T @ points.output), abs=1e-6)
+    slope = np.zeros(len(curve.vector))
+    slope[1] = 1.0
+    assert curve.solution.variance(slope) == pytest.approx(np.linalg.inv(information)[1, 1], rel=1e-5)

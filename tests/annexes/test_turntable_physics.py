@@ -1,0 +1,543 @@
+"""A gyroscope alone on a turntable: terms of the variance, and the estimate against dense densities."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import chi2
+from turntables import Turned, turn_session
+
+import tinygc
+from session.annexes.turntable.clock import sample_times
+from session.annexes.turntable.folder import GyroLog, write_turn_session
+from session.io.units import DEG
+from tinygc.annexes.turntable.angles import TERMS, TurnAngle, bridge_variance
+from tinygc.annexes.turntable.estimate import estimate
+
+#: x both ways, z one way only
+PLAN = tuple((axis, sign * angle, 90.0) for angle in (90, 180, 360) for axis, sign in ((0, 1), (0, -1), (2, 1), (2, 1)))
+
+
+ERRORS = {"plus": (0.01, 0.0, -0.004), "minus": (0.013, 0.0, 0.0), "bias": (0.01, -0.02, 0.005)}
+
+
+EXACT = Turned(PLAN, **ERRORS, stop_deg=1e-9)
+
+
+def true_scale(turned, scale):
+    return (turned.plus if scale.sense > 0 else turned.minus)[scale.axis]
+
+
+def fitted(t_ns, gyro, known):
+    return tinygc.fit_turns(turn_session([GyroLog("log", t_ns, gyro)], known))
+
+
+def step(rate_dps=60.0, turning=120, noise=0.0, seed=0):
+    """A turn about x that begins and ends between two samples, at 100 Hz."""
+    gyro = np.zeros((500, 3))
+    gyro[200 : 200 + turning, 0] = rate_dps * DEG
+    gyro += noise * np.random.default_rng(seed).normal(size=gyro.shape)
+    turned = Turned(((0, rate_dps * turning / 100, rate_dps),))
+    return np.arange(500) * 10_000_000, gyro, turned.known()
+
+
+# Exact angles and scales.
+
+
+def test_turns_without_noise_give_the_scales_and_the_bias_exactly():
+    found = tinygc.fit_turns(EXACT.session())
+    assert [(scale.axis, scale.sense) for scale in found.scales] == [(0, 1), (0, -1), (2, 1)]
+    for scale in found.scales:
+        assert scale.value == pytest.approx(true_scale(EXACT, scale), abs=1e-8)
+    np.testing.assert_allclose(found.bias.mean, EXACT.bias, rtol=0, atol=1e-15)
+    for angle in found.angles:
+        gain = 1 + (EXACT.plus if angle.sense > 0 else EXACT.minus)[angle.axis]
+        assert angle.measured_rad == pytest.approx(gain * angle.stated_rad, rel=1e-11)
+    value, _ = found.asymmetry[0]
+    assert value == pytest.approx((0.01 - 0.013) / 1.0115, abs=1e-9)
+
+
+def test_the_model_undoes_what_was_injected():
+    turned = dataclasses.replace(EXACT, minus=EXACT.plus)
+    model = tinygc.fit_turns(turned.session()).model
+    _, readings = turned.arrays()
+    _, true = dataclasses.replace(turned, plus=(0, 0, 0), minus=(0, 0, 0), bias=(0, 0, 0)).arrays()
+    np.testing.assert_allclose(model(readings), true, rtol=0, atol=1e-9)
+
+
+def test_an_axis_and_a_sense_that_were_not_turned_are_not_claimed():
+    one = Turned(((1, -90, 90.0), (1, -180, 90.0)), noise=1e-3)
+    found = tinygc.fit_turns(one.session())
+    assert [(scale.axis, scale.sense) for scale in found.scales] == [(1, -1)]
+    assert found.asymmetry == {}
+    assert set(found.unobserved) == {f"E_{i}{j}" for i in "xyz" for j in "xyz"} - {"E_yy"}
+    np.testing.assert_array_equal(np.diag(found.model.E)[[0, 2]], 1)
+    assert "scale of x, z: not known" in found.summary()
+    assert "the other sense of y" in found.summary()
+
+
+def test_a_lean_of_the_table_does_not_enter_the_scale():
+    for lean in (0.0, 3.0, 10.0):
+        turned = dataclasses.replace(EXACT, plus=(0.01,) * 3, minus=(0.01,) * 3, lean=(0.0, lean * DEG, 0.0))
+        found = tinygc.fit_turns(turned.session())
+        for scale in found.scales:
+            assert scale.value == pytest.approx(0.01, abs=1e-8)  # by components it would be short by lean^2 / 2: 1.5 % at 10 deg
+            assert scale.axis_bound == pytest.approx(np.sqrt(2) * (lean * DEG) ** 2, rel=1e-6, abs=1e-12)
+        assert all(angle.lean_rad == pytest.approx(lean * DEG, abs=1e-6) for angle in found.angles)
+
+
+def test_a_misalignment_moves_the_scale_by_no_more_than_the_bound():
+    turned = dataclasses.replace(EXACT, lean=(0.0, 2 * DEG, 0.0))
+    t_ns, gyro = dataclasses.replace(turned, plus=(0, 0, 0), minus=(0, 0, 0)).arrays()
+    S = np.eye(3)
+    S[0, 2], S[2, 0] = 1.5 * DEG, 1.0 * DEG
+    found = tinygc.fit_turns(turn_session([GyroLog("log", t_ns, (gyro - turned.bias) @ S.T)], turned.known()))
+    for scale in found.scales:
+        assert 1e-5 < abs(scale.value) < scale.axis_bound
+
+
+# Terms of the variance.
+
+
+def test_a_bias_that_wanders_between_two_rests_is_a_brownian_bridge():
+    assert bridge_variance(2.0, 0.0, 3.0, 3.0) == pytest.approx(2.0 * 3.0**3 / 12, rel=1e-14)
+    lead, duration, apart = 0.7, 2.0, 4.0
+    t = lead + (np.arange(1000) + 0.5) / 1000 * duration
+    covariance = np.minimum.outer(t, t) - np.outer(t, t) / apart
+    assert bridge_variance(1.0, lead, duration, apart) == pytest.approx(covariance.mean() * duration**2, rel=1e-5)
+
+
+def test_two_steps_between_samples_are_rectangles_of_one_interval():
+    (angle,) = fitted(*step()).angles
+    assert angle.variance["ends"] == pytest.approx(2 * (60 * DEG * 0.01) ** 2 / 12, rel=1e-12)
+    assert angle.measured_rad == pytest.approx(72 * DEG, rel=1e-12)
+    for name in ("rests", "drift", "white", "vibration"):
+        assert angle.variance[name] == 0
+
+
+def test_white_noise_and_rests_are_those_of_the_readings():
+    white, means = [], []
+    for seed in range(12):
+        found = fitted(*step(noise=0.003, seed=seed))
+        (angle,) = found.angles
+        assert angle.variance["white"] == pytest.approx(found.noise.white[0] * angle.duration_s, rel=1e-6)
+        white += list(found.noise.white / (0.003**2 * 0.01))
+        late = 0.5  # nearly
+        samples = [rest[2] for rest in angle.rests]
+        weights = [rest[1] for rest in angle.rests]
+        assert angle.variance["rests"] == pytest.approx(sum(w**2 * v for w, v in zip(weights, samples, strict=True)), rel=1e-9)
+        assert np.sum(weights) == pytest.approx(-angle.duration_s, rel=1e-12)
+        assert abs(weights[0] / np.sum(weights) - late) < 0.1
+        means.append(samples[0] / (0.003**2 / 200))
+    assert np.mean(white) == pytest.approx(1, abs=0.17)  # 3 of its sigmas
+    assert np.mean(means) == pytest.approx(1, abs=0.3)
+
+
+def test_what_shakes_too_fast_to_be_followed_is_counted_sample_by_sample():
+    shares = []
+    for seed in range(12):
+        t_ns, gyro, known = step(noise=0.001, seed=seed)
+        rng = np.random.default_rng(100 + seed)
+        gyro[205:315, 0] += 0.2 * rng.normal(size=110)
+        (angle,) = fitted(t_ns, gyro, known).angles
+        shares.append(angle.variance["vibration"] / (0.2**2 * 0.01**2 * 120))
+    assert np.mean(shares) == pytest.approx(1, abs=0.25)
+
+
+def test_counted_samples_make_all_scales_as_uncertain_as_their_rate(tmp_path):
+    turned = Turned(((0, 360, 90.0), (2, 360, 90.0)), noise=1e-4)
+    out = write_turn_session(tmp_path / "s", [GyroLog("log1", *turned.arrays())], turned.known("log1.csv.gz"))
+    before = tinygc.fit_turns(out)
+    toml = out / "session.toml"
+    toml.write_text(toml.read_text().replace("[protocol]", "odr_sigma = 0.01\n\n[protocol]"))
+    after = tinygc.fit_turns(out)
+    gains = 1 + before.estimate.scale
+    np.testing.assert_allclose(after.covariance - before.covariance, 1e-4 * np.outer(gains, gains), rtol=1e-9, atol=1e-15)
+    assert "no better known" in after.summary()
+
+
+def test_a_rest_that_two_turns_share_counts_once():
+    """Turned forth and back at once, an error of the bias of the rest between adds to one angle what it takes from the other."""
+    found = tinygc.fit_turns(Turned(((0, 90, 90.0), (0, -90, 90.0)), noise=0.02, rest_s=0.4, stop_deg=1e-4).session())
+    first, second = found.angles
+    (a,), (b,) = ([rest for rest in angle.rests if rest[0] == 1] for angle in (first, second))
+    shared = a[1] * b[1] * a[2]
+    assert shared < 0
+    variances = [angle.gyro_variance + angle.turn.sigma_rad**2 for angle in (first, second)]
+    total = [v + angle.variance["vibration"] for v, angle in zip(variances, (first, second), strict=True)]
+    expected = np.array([[total[0], shared], [shared, total[1]]]) / (first.stated_rad * second.stated_rad)
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-3)
+
+
+def test_half_of_what_rounding_hides_is_alike_in_all_turns_and_half_is_not():
+    """Rests that read 0.00 throughout: 0.01 / sqrt(12) times the duration, as a whole, of a single turn."""
+    t_ns, gyro, known = step()
+    gyro[195:325, 0] = np.round(np.interp(np.arange(195, 325), [199, 219, 300, 320], [0, 60 * DEG, 60 * DEG, 0]), 2)
+    gyro[200:320, 1] = np.round(0.02 * np.sin(np.arange(120)), 2)
+    found = fitted(t_ns, gyro, [dataclasses.replace(known[0], angle_rad=60.6 * DEG)])
+    (angle,) = found.angles
+    whole = 1e-4 / 12
+    assert angle.shared_rps2 == pytest.approx(whole / 2, rel=1e-9)
+    assert angle.variance["rounding"] == pytest.approx(
+        angle.duration_s**2 * whole * 1.5, rel=1e-9
+    )  # a turn that does not shake hides as much
+    total = angle.gyro_variance + angle.variance["vibration"] + angle.turn.sigma_rad**2 + angle.duration_s**2 * whole / 2
+    assert found.scales[0].sigma == pytest.approx(np.sqrt(total) / angle.stated_rad, rel=1e-3)
+    np.testing.assert_allclose(found.bias.sigma, np.sqrt(whole), rtol=1e-9)
+
+
+def test_rests_that_differ_are_a_bias_that_wanders():
+    t_ns, gyro, known = step()
+    gyro[320:] += [0.0, 0.0, 0.004]
+    found = fitted(t_ns, gyro, known)
+    first, second = found.logs[0].rests
+    assert found.noise.drift == pytest.approx([0, 0, 0.004**2 / (second.middle_s - first.middle_s)], rel=1e-9)
+    np.testing.assert_allclose(found.bias.mean, [0, 0, 0.004 * 180 / 380], atol=1e-12)
+    assert found.bias.wander[2] == pytest.approx(0.004 / np.sqrt(2), rel=2e-2)
+    assert found.bias.sigma[2] == pytest.approx(0.004 / 2, rel=2e-2)
+    (angle,) = found.angles
+    z = angle.direction[2] ** 2
+    lead = 1.99 - first.middle_s
+    expected = bridge_variance(found.noise.drift[2], lead, angle.duration_s, second.middle_s - first.middle_s)
+    assert angle.variance["drift"] == pytest.approx(z * expected, rel=1e-9)
+
+
+def test_a_rest_that_scatters_beyond_chance_has_its_own_scatter():
+    t_ns, gyro, known = step(noise=0.001)
+    rough = gyro.copy()
+    rough[:200] += np.repeat(0.002 * np.random.default_rng(3).normal(size=(20, 3)), 10, axis=0)
+    logs = [GyroLog(f"log{i}", t_ns, step(noise=0.001, seed=i)[1]) for i in range(8)] + [GyroLog("log9", t_ns, rough)]
+    turns = [dataclasses.replace(known[0], log=log.name) for log in logs]
+    found = tinygc.fit_turns(turn_session(logs, turns))
+    last = found.logs[-1].rests[0]
+    own = last.blocks.var(axis=0, ddof=1) / len(last.blocks)
+    assert found.angles[-1].rests[0][2] == pytest.approx(own @ found.angles[-1].direction ** 2, rel=1e-9)
+    pooled = found.noise.white / (found.logs[0].rests[0].count * 0.01)
+    assert found.angles[0].rests[0][2] == pytest.approx(pooled @ found.angles[0].direction ** 2, rel=1e-9)
+
+
+def test_the_covariance_of_the_model_is_that_of_scales_and_bias():
+    found = tinygc.fit_turns(
+        Turned(((0, 360, 90.0), (0, -360, 90.0), (2, 90, 90.0)), plus=(0.1, 0, -0.1), minus=(0.1, 0, 0), noise=0.01).session()
+    )
+    variance = np.diag(found.model_covariance)
+    E = np.diag(found.model.E)
+    np.testing.assert_allclose(variance[9:], (E * found.bias.sigma) ** 2, rtol=1e-12)
+    x, z = found.axis_scales
+    assert (x.sense, z.sense, x.turns) == (0, 1, 2)
+    gains = found.covariance
+    assert x.sigma**2 == pytest.approx((gains[0, 0] + gains[1, 1] + 2 * gains[0, 1]) / 4, rel=1e-12)
+    assert variance[0] == pytest.approx((x.sigma / (1 + x.value) ** 2) ** 2, rel=1e-12)
+    assert variance[8] == pytest.approx((z.sigma / (1 + z.value) ** 2) ** 2, rel=1e-12)
+    np.testing.assert_allclose(variance[[1, 2, 3, 4, 5, 6, 7]], 0.2**2)
+    assert np.count_nonzero(found.model_covariance) == 12
+
+
+# Stamps.
+
+
+def bursts(count, period_ns, size=5, late_ns=0, seed=0):
+    """Stamps of samples that are handed on five at a time, 0.2 ms apart, none before it was taken."""
+    rng = np.random.default_rng(seed)
+    taken = np.arange(count) * period_ns
+    handed = taken[np.minimum((np.arange(count) // size + 1) * size - 1, count - 1)]
+    return handed + (np.arange(count) % size) * 200_000 + rng.integers(0, 50_000, count) + late_ns
+
+
+def test_bursts_are_spaced_evenly_and_a_delay_that_is_caught_up_is_no_gap():
+    stamps = bursts(2000, 2_000_000)
+    stamps[1000:1010] += 12_000_000  # handed on late
+    stamps[1010:1025] = np.maximum(stamps[1010:1025], stamps[1009] + 100_000 * np.arange(1, 16))
+    times = sample_times(stamps)
+    assert times.bursts
+    assert times.period_s == pytest.approx(0.002, rel=1e-3)
+    assert len(times.gap_rows) == 0
+    np.testing.assert_allclose(times.t_s, 0.002 * np.arange(2000), rtol=0, atol=1.5e-3)
+    assert np.abs(np.diff(times.t_s) - 0.002).max() < 1e-5
+
+
+def test_samples_lost_between_bursts_are_a_gap_of_that_length():
+    stamps = bursts(2100, 2_000_000)
+    stamps = np.delete(stamps, slice(1000, 1100))
+    times = sample_times(stamps)
+    assert times.bursts
+    assert times.lost_s == pytest.approx([0.2], abs=2e-3)
+    assert abs(int(times.gap_rows[0]) - 999) <= 1
+    assert times.lost_between(900, 1100) == pytest.approx(0.2, abs=2e-3)
+    assert times.lost_between(0, 900) == 0
+    assert times.t_s[-1] == pytest.approx(0.002 * 2099, abs=0.01)
+
+
+def lossy(t_ns, gyro, seed=3):
+    """Four of five samples are lost, one at a time, for most of the time: the stamps of the others are right."""
+    rng = np.random.default_rng(seed)
+    edges = np.cumsum(rng.uniform(2, 6, 99) * np.resize([1, 4], 99))
+    thin = np.searchsorted(edges, t_ns * 1e-9) % 2 == 1
+    kept = ~thin | (rng.random(len(t_ns)) < 0.2)
+    return t_ns[kept], gyro[kept]
+
+
+def test_lost_samples_that_look_like_bursts_are_told_by_how_turns_repeat():
+    """Spaced evenly, turns of 1800 degrees are tens of degrees off; as stamped, by the ramps that gaps cut short."""
+    turned = Turned(tuple((2, 1800 * sign, 200.0) for sign in (1, -1) * 3), noise=0.002, odr_hz=200.0)
+    t_ns, gyro = lossy(*turned.arrays())
+    assert sample_times(t_ns).bursts
+    found = fitted(t_ns, gyro, turned.known())
+    (log,) = found.logs
+    assert not log.times.bursts
+    assert log.other.worse > 5
+    assert log.other.apart_rad > 20 * DEG
+    for angle in found.angles:
+        assert angle.measured_rad == pytest.approx(1800 * DEG, abs=3 * DEG)
+    assert "samples are lost, none came in bursts" in found.summary()
+
+
+# The estimate.
+
+
+def turn(measured_deg, stated_deg=360.0, axis=2, sense=1, log="log1", **more):
+    """A measured turn with 0.2 deg of the gyroscope and 0.1 deg of the stop."""
+    known = Turned(((axis, sense * stated_deg, 90.0),)).known()[0]
+    variance = dict.fromkeys(TERMS, 0.0) | {"white": (0.2 * DEG) ** 2}
+    return TurnAngle(
+        known,
+        log,
+        axis,
+        sense,
+        stated_deg * DEG,
+        measured_deg * DEG,
+        np.eye(3)[axis] * sense,
+        4.0,
+        90 * DEG,
+        0.01,
+        variance | more.pop("variance", {}),
+        **more,
+    )
+
+
+KNOWN = np.hypot(0.2, 0.1) * DEG
+
+
+def evidence(turns, good):
+    """log of the probability of the data where the turns of ``good`` are good: dense covariances, and a grid of its own."""
+    A = np.array([each.stated_rad for each in turns])
+    r = np.array([each.measured_rad for each in turns]) - A
+    vibration = np.array([each.variance["vibration"] for each in turns])
+    size, share = np.geomspace(0.1, 200, 60), np.geomspace(0.03, 1, 12)
+    even = [np.gradient(np.log(x)) / (1 + (x / 10) ** 2) for x in (size, share)]
+    even = [each / each.sum() for each in even]
+    play, repeat = (np.concatenate([[1 - there], there * even[0]]) for there in (0.8, 0.2))
+    part = np.concatenate([[0.2], 0.8 * even[1]]) if vibration.any() else np.ones(1)
+    size, share = np.concatenate([[0], size]), np.concatenate([[0], share])[: len(part)]
+    groups = [(each.axis, each.sense) for each in turns]
+    J = np.array([[a * (group == g) for g in dict.fromkeys(groups)] for a, group in zip(A, groups, strict=True)]) * 0.2
+    i, j, k = (each.ravel() for each in np.meshgrid(*map(np.arange, (len(size), len(size), len(share))), indexing="ij"))
+    sigmas = [size[i][:, None] * KNOWN, size[j][:, None] * np.median(KNOWN / A) * A, share[k][:, None] * np.sqrt(vibration)]
+    C = (KNOWN**2 + sum(sigma**2 for sigma in sigmas))[:, good, None] * np.eye(good.sum()) + (J @ J.T)[np.ix_(good, good)]
+    square = np.linalg.solve(C, np.broadcast_to(r[good, None], (len(C), good.sum(), 1)))[..., 0] @ r[good]
+    density = -0.5 * (square + np.linalg.slogdet(C)[1] + good.sum() * np.log(2 * np.pi))
+    return logsumexp(density + np.log(play[i] * repeat[j] * part[k])) + np.sum(np.log(0.01 / 0.99) - np.log(2 * A[~good]))
+
+
+@pytest.mark.parametrize(
+    ("measured", "lost"),
+    [((360.4, 360.2, 360.1, 362.0), 0), ((360.4, 360.2, 360.1, 340.0), 1), ((360.4, 360.2, 330.1, 340.0, 360.3, 360.2), 2)],
+)
+def test_the_lost_turns_are_the_most_probable_set_of_all(measured, lost):
+    turns = [turn(each) for each in measured]
+    found = estimate(turns)
+    sets = [np.array(good) for good in itertools.product((True, False), repeat=len(turns))]
+    values = [evidence(turns, good) for good in sets]
+    np.testing.assert_array_equal(found.used, sets[int(np.argmax(values))])
+    assert np.count_nonzero(~found.used) == lost
+    for i in range(len(turns)):
+        other = found.used.copy()
+        other[i] = not other[i]
+        good, bad = (found.used, other) if found.used[i] else (other, found.used)
+        odds = evidence(turns, good) - evidence(turns, bad)
+        assert found.lost[i] == pytest.approx(1 / (1 + np.exp(odds)), rel=0.05)
+
+
+def test_two_axes_and_vibration_in_the_same_way():
+    turns = [
+        turn(90.3, 90, 0),
+        turn(90.2, 90, 0),
+        turn(361, 360, 0),
+        turn(181, 180, 2, variance={"vibration": (3 * DEG) ** 2}),
+        turn(178, 180, 2),
+    ]
+    found = estimate(turns)
+    every = np.ones(5, dtype=bool)
+    assert found.used.all()
+    for i in range(5):
+        odds = evidence(turns, every) - evidence(turns, every & (np.arange(5) != i))
+        assert found.lost[i] == pytest.approx(1 / (1 + np.exp(odds)), rel=0.2)
+
+
+def test_chi_square_is_that_of_a_weighted_fit_of_a_scale():
+    measured = np.array([90.5, 180.9, 361.0, 1804.5, 90.1])
+    A = np.array([90, 180, 360, 1800, 90.0])
+    found = estimate([turn(m, a) for m, a in zip(measured, A, strict=True)])
+    r, w = (measured - A) * DEG, 1 / KNOWN**2
+    a = A * DEG
+    expected = w * (r @ r) - w * (a @ r) ** 2 / (a @ a)
+    assert found.chi2 == pytest.approx(expected, rel=1e-4)  # the prior of 20 % bends it by no more
+    assert found.dof == 4
+    assert found.p_value == pytest.approx(chi2.sf(expected, 4), rel=1e-4)
+
+
+def test_a_single_turn_has_the_sum_of_its_known_errors_and_all_of_its_vibration():
+    found = estimate([turn(361.0, variance={"vibration": (0.5 * DEG) ** 2})])
+    assert found.scale == pytest.approx([1 / 360], rel=1e-4)
+    assert np.sqrt(found.covariance) == pytest.approx(np.sqrt(KNOWN**2 + (0.5 * DEG) ** 2) / (360 * DEG), rel=1e-4)
+    assert not found.play.estimated
+    assert found.dof == 0
+    assert np.isnan(found.p_value)
+
+
+def test_slow_turns_show_a_rate_that_rounding_hides():
+    """Five of 4 s and five of 60 s, all off by 0.05 dps: a scale alone would miss by 60 s times that."""
+    shared = {"shared_rps2": (0.1 * DEG) ** 2}
+    fast = [turn(360.36 + 0.05 * 4, **shared) for _ in range(5)]
+    slow = [dataclasses.replace(turn(360.36 + 0.05 * 60, **shared), duration_s=60.0) for _ in range(5)]
+    found = estimate([*fast, *slow])
+    assert found.scale[0] == pytest.approx(0.001, abs=0.0002)
+    assert np.abs(found.residual_rad).max() < 0.2 * DEG
+    assert np.sqrt(found.covariance[0, 0]) > KNOWN / np.sqrt(10) / (360 * DEG)
+
+
+def test_a_group_of_which_every_turn_is_lost_is_not_claimed():
+    turns = [turn(360.0 + 0.1 * i, log=f"log{i}") for i in range(6)] + [turn(20.0, axis=0), turn(-300.0 + 60.0, axis=0, log="log8")]
+    found = estimate(turns)
+    assert found.groups == ((2, 1),)
+    assert list(found.used) == [True] * 6 + [False] * 2
+    assert np.isnan(found.residual_rad[6:]).all()
+    assert (found.lost[6:] > 0.5).all()
+
+
+def test_turns_with_a_problem_change_nothing():
+    good = [turn(360.2), turn(360.5), turn(360.1)]
+    bad = dataclasses.replace(turn(100.0), problem="no rest")
+    one, other = estimate(good), estimate([good[0], bad, *good[1:]])
+    np.testing.assert_array_equal(one.scale, other.scale)
+    assert list(other.used) == [True, False, True, True]
+    assert np.isnan(other.lost[1])
+
+
+def test_lost_turns_that_agree_with_each_other_are_found():
+    """From all turns as good, a play as large as the miss explains them; from those near the median of each axis, nothing has to."""
+    good = [turn(360.0 * 1.1 + x, axis=0, log=f"log{i}") for i, x in enumerate((0.1, -0.2, 0.3, 0.0, -0.1))]
+    good += [turn(360.0 * 0.9 + x, axis=2, log=f"log{i + 5}") for i, x in enumerate((0.2, -0.1, 0.0, 0.1, -0.3))]
+    lost = [turn(360.0 * 1.1 - 60 + x, axis=0, log=f"log{i + 10}") for i, x in enumerate((0.1, 0.2, -0.1))]
+    found = estimate([*good, *lost])
+    assert list(found.used) == [True] * 10 + [False] * 3
+    assert found.scale == pytest.approx([0.1, -0.1], abs=0.003)
+
+
+# What is injected comes back, and what is wrong is named.
+
+
+def test_lost_turns_are_found_and_do_not_move_the_scale():
+    lost = {2: 18, 9: 72, 11: 72}
+    turned = Turned(PLAN, play=0.3 * DEG, noise=0.002, lost=lost, **ERRORS)
+    found = tinygc.fit_turns(turned.session())
+    assert set(np.flatnonzero(~found.estimate.used)) == set(lost)
+    assert (found.estimate.lost[list(lost)] > 0.99).all()
+    for number, angle_deg in lost.items():
+        angle = found.angles[number]
+        miss = (1 + (turned.plus if angle.sense > 0 else turned.minus)[angle.axis]) * angle_deg * DEG
+        assert abs(found.estimate.residual_rad[number] + miss) < 4 * found.estimate.predicted_rad[number]
+    for scale in found.scales:
+        assert abs(scale.value - true_scale(turned, scale)) < 0.004  # with them the mean would be off by 3 % and more
+    words = [line for line in found.to_json()["remarks"] if "misses by" in line]
+    assert len(words) == len(lost)
+    assert all("no gap in its stamps: lost samples or lost steps of the table, undecided" in line for line in words)
+
+
+def test_a_gap_is_bridged_and_explains_only_what_it_lacks():
+    turned = Turned(((2, 360, 90.0),) * 8, noise=0.002)
+    t_ns, gyro = turned.arrays()
+    first = int(np.flatnonzero(gyro[:, 2] > 1)[0])
+    gap = slice(first + 100, first + 140)
+
+    def fitted(stamps, readings):
+        log = GyroLog("log", np.delete(stamps, gap), np.delete(readings, gap, axis=0))
+        return tinygc.fit_turns(turn_session([log], turned.known()))
+
+    bridged = fitted(t_ns, gyro)
+    assert bridged.estimate.used.all()  # at a constant rate the trapezoid takes in what is missing
+    assert [angle.lost_s for angle in bridged.angles] == pytest.approx([0.4] + [0.0] * 7, abs=1e-9)
+    stopped = gyro.copy()
+    stopped[[gap.start - 1, gap.stop], 2] = 0  # the rate on either side tells nothing of the rate within
+    unseen = fitted(t_ns, stopped)
+    assert list(np.flatnonzero(~unseen.estimate.used)) == [0]
+    assert "gaps in its stamps lack 0.40 s: lost samples" in unseen.to_json()["remarks"][0]
+    hidden = t_ns.copy()
+    hidden[gap.stop :] -= 350_000_000  # stamps that show 0.05 of 0.4 s
+    short = fitted(hidden, gyro)
+    assert list(np.flatnonzero(~short.estimate.used)) == [0]
+    assert "gaps in its stamps lack only 0.050 s: lost samples or lost steps" in short.to_json()["remarks"][0]
+
+
+def test_two_of_three_turns_decide_and_a_single_one_is_believed():
+    three = tinygc.fit_turns(Turned(((0, 90, 90.0),) * 3, noise=0.002, lost={1: 20.0}).session())
+    assert list(three.estimate.used) == [True, False, True]
+    one = tinygc.fit_turns(Turned(((0, 90, 90.0),), noise=0.002, lost={0: 20.0}).session())
+    assert one.estimate.used.all()
+    assert not one.estimate.play.estimated
+    assert "play is not known" in one.summary()
+
+
+def test_a_zero_larger_than_the_rate_of_slow_turns_is_still_the_zero():
+    """Of turns at 5 dps against a zero of 5.2 dps the turn reads less than the rest."""
+    plan = ((1, -30, 5.0), (0, 90, 90.0), (1, -30, 5.0), (1, -30, 5.0))
+    found = tinygc.fit_turns(Turned(plan, noise=0.001, bias=(0.01, 0.09, -0.03), rest_s=2.0).session())
+    assert found.estimate.used.all()
+    np.testing.assert_allclose(found.bias.mean, (0.01, 0.09, -0.03), rtol=0, atol=5e-4)
+
+
+def test_a_turn_that_the_log_begins_or_ends_in_is_named():
+    turned = Turned(PLAN[:4], noise=0.002)
+    t_ns, gyro = turned.arrays()
+    log = GyroLog("log", t_ns[200:-200], gyro[200:-200])
+    found = tinygc.fit_turns(turn_session([log], turned.known()))
+    assert list(found.estimate.used) == [False, True, True, False]
+    assert "no rest before it" in found.angles[0].problem
+    assert "no rest behind it" in found.angles[3].problem
+
+
+@pytest.mark.parametrize(
+    ("axis", "angle_deg", "words"),
+    [(1, 90, "about (1.00"), (0, -90, "about (1.00"), (0, 90, None)],
+)
+def test_a_turn_about_another_axis_or_the_other_way_is_named(axis, angle_deg, words):
+    turned = Turned(((0, 90, 90.0), (0, 90, 90.0)), noise=0.002)
+    first, second = turned.known()
+    stated = dataclasses.replace(first, axis=np.eye(3)[axis], words="xyz"[axis], angle_rad=angle_deg * DEG)
+    found = tinygc.fit_turns(turn_session([GyroLog("log", *turned.arrays())], [stated, second]))
+    assert found.estimate.used[0] == (words is None)
+    assert words is None or words in found.angles[0].problem
+
+
+def test_clipped_turns_and_turns_that_are_not_there_are_named():
+    turned = Turned(((0, 90, 90.0), (0, 180, 150.0)), noise=0.002)
+    logs = [GyroLog("log", *turned.arrays())]
+    found = tinygc.fit_turns(turn_session(logs, turned.known(), gyro_fs_dps=125))
+    assert [angle.problem is None for angle in found.angles] == [True, False]
+    assert "reaches the full scale of 125 dps" in found.angles[1].problem
+    beyond = [dataclasses.replace(turn, turn=turn.turn + 1) for turn in turned.known()]
+    found = tinygc.fit_turns(turn_session(logs, beyond))
+    assert "holds 2 turns" in found.angles[1].problem
+    with pytest.raises(tinygc.FitError, match="none of 1 stated turns can be used"):
+        tinygc.fit_turns(turn_session(logs, beyond[1:]))
+
+
+def test_turns_are_counted_over_all_logs_where_no_log_is_named():
+    one, two = Turned(PLAN[:2], noise=0.002), Turned(PLAN[2:5], noise=0.002, seed=1)
+    logs = [GyroLog("log1", *one.arrays()), GyroLog("log2", *two.arrays())]
+    known = [dataclasses.replace(turn, log=None) for turn in Turned(PLAN[:5]).known()]
+    found = tinygc.fit_turns(turn_session(logs, known))
+    assert found.estimate.used.all()
+    assert [angle.log for angle in found.angles] == ["log1", "log1", "log2", "log2", "log2"]

@@ -1,0 +1,210 @@
+"""The true data rate and what is missing, from stamps that are incomplete, coarse, late or come round; samples counted along them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from session.io.clock import exact_ns
+from session.io.errors import DataError
+from session.io.pace import pace_of
+from session.io.stamps import along_line, evenly, fresh, span_of_counter
+
+
+def steps(*periods, period=10_000):
+    return np.concatenate([[0], np.cumsum(np.rint(np.array(periods) * period))]).astype(np.int64) * 1000
+
+
+def test_the_period_is_the_time_by_the_number_of_periods():
+    """Repeated stamps are passed over; a lost sample, or a gap, counts with as many periods as it is long."""
+    even = pace_of(np.insert(steps(*[1.0] * 50, 2.02, *[1.0] * 50, 7.06, *[1.0] * 20), 30, steps(*[1.0] * 30)[29]))
+    assert (even.period_s, even.rate_hz, even.coarse) == (pytest.approx(1.2908 / 129), pytest.approx(12900 / 129.08), False)
+    np.testing.assert_array_equal(even.periods(np.array([0.01, 0.0149, 0.0151, 0.031])), [1, 1, 2, 3])
+    assert even.missing(np.array([0.01, 0.02, 0.049])) == 5
+    assert even.missing(np.array([0.004, 0.01])) == 0
+    drifting = pace_of(steps(*np.linspace(0.98, 1.04, 101)))
+    assert drifting.period_s == pytest.approx(0.01 * 1.01, rel=1e-6)
+    assert pace_of(steps(1.0, 4.0)).period_s == pytest.approx(0.01)
+    # At the steps near the median, a gap of 40.6 of them is 41 periods; at the pace that follows from that, 40.
+    assert pace_of(steps(*[1.0] * 30, *[2.1] * 20, 40.6)).period_s == pytest.approx(1.126 / 110)
+
+
+@pytest.mark.parametrize(
+    ("late", "long", "lost", "coarse"),
+    [(0.451, 2.0, 19, True), (0.451, 2.0, 20, False), (0.451, 3.0, 20, True), (0.449, 2.0, 0, False)],
+)
+def test_long_steps_that_late_stamps_explain_are_no_losses(late, long, lost, coarse):
+    """Eight late stamps: eight steps that are 0.45 of a period short and as many that are long.  More of these must be by five sigmas of
+    the difference, 5 sqrt(16) = 20; a gap is none of them.  A stamp that is less late is none."""
+    apart = [*[1 + late, 1 - late] * 8, *[1.0] * 400, *[long] * lost]
+    pace = pace_of(steps(*apart))
+    assert pace.coarse == coarse
+    if coarse:  # what is no gap is one period
+        assert pace.period_s == pytest.approx(np.mean([step for step in apart if step <= 2.5]) * 0.01)
+
+
+@pytest.mark.parametrize(
+    ("longs", "shift", "gap", "coarse"),
+    [
+        ([6, 2, 5, 3, 5, 3, 5, 3, 4, 4], 0.0, False, True),  # variance 1.4
+        ([6, 2, 6, 2, 5, 3, 4, 4, 4, 4], 0.0, False, False),  # 1.8, of less than 0.4 x 4
+        ([4] * 4, 0.0, False, True),
+        ([4] * 3 + [3], 0.0, False, False),  # fifteen, in less than four windows
+        ([4] * 4, 0.5, False, True),
+        ([4] * 4, 0.45, False, False),  # the clock is finer than half a period
+        ([4] * 4, 0.0, True, True),
+    ],
+)
+def test_long_steps_that_come_evenly_are_those_of_a_coarse_clock(longs, shift, gap, coarse):
+    """In windows of four long steps on average; a stamp that is not on the ticks shows how fine they are; a gap counts as one period."""
+    window = [np.array([1.0] * (20 - count) + [2.0] * count) for count in longs]
+    apart = np.concatenate(window)
+    apart[1:3] += [shift, -shift]
+    if gap:
+        apart[3] = 9.0
+    assert pace_of(steps(*apart)).coarse == coarse
+
+
+def test_a_coarse_pace_counts_what_is_no_gap_as_one_period():
+    pace = replace(pace_of(steps(*[1.0] * 20)), coarse=True)
+    np.testing.assert_array_equal(pace.periods(np.array([0.004, 0.02, 0.02499, 0.0251, 0.04])), [1, 1, 1, 3, 4])
+
+
+ODR_HZ = 209.56
+
+
+def stamps(odr_hz: float, seconds: float = 60.0, tick_ns: int = 1000, lost: float = 0.0, late_s: float = 0.0):
+    """Stamps ns of an even clock in ticks, some of them lost by chance, and how many were lost."""
+    rng = np.random.default_rng(3)
+    t_s = 0.0137 + np.arange(round(seconds * odr_hz)) / odr_hz
+    t_s += late_s * np.clip(rng.standard_normal(len(t_s)), -2, 2)
+    kept = rng.random(len(t_s)) >= lost
+    kept[[0, -1]] = True
+    return (t_s[kept] * 1e9 // tick_ns).astype(np.int64) * tick_ns, int(np.count_nonzero(~kept))
+
+
+def test_a_burst_that_is_lost_counts_with_the_rest():
+    t_ns, _ = stamps(ODR_HZ)
+    t_ns = np.delete(t_ns, np.r_[100:900, 5000])
+    pace = pace_of(t_ns)
+    assert pace.rate_hz == pytest.approx(ODR_HZ, rel=1e-6)
+    assert pace.missing(np.diff(t_ns) * 1e-9) == 801
+
+
+def test_two_steps_of_which_neither_is_near_the_middle_have_the_pace_of_the_shorter():
+    """Found by fuzzing a log of four rows: the mean of no steps, a warning of NumPy's, and a rate that is no number."""
+    pace = pace_of(np.array([0, 9_600_000, 9_600_000 + 38_400_000]))
+    assert pace.period_s == pytest.approx(0.0096)
+    assert pace.missing(np.array([0.0096, 0.0384])) == 3
+
+
+def test_stamps_that_stand_still_have_no_period():
+    assert np.isnan(pace_of(np.zeros(5, dtype=np.int64)).period_s)
+
+
+@pytest.mark.parametrize(
+    ("odr_hz", "tick_ns", "lost", "late_s"),
+    [
+        (ODR_HZ, 1000, 0.1, 0.0),
+        (ODR_HZ, 1_000_000, 0.005, 0.0),  # the median step is 5 ms, and the period 4.77
+        (417.0, 1_000_000, 0.0, 20e-6),  # steps of 1 and 2 ms at 833 Hz are all one period
+        (950.0, 1_000_000, 0.0, 20e-6),
+        (ODR_HZ, 1000, 0.0, 0.2 / ODR_HZ),
+        (118.7, 1_000_000, 0.0, 0.0),  # steps of 8 and 9 ms, whose median says 125 Hz
+    ],
+)
+def test_lost_late_and_coarse_stamps_change_neither_rate_nor_count(odr_hz, tick_ns, lost, late_s):
+    t_ns, missing = stamps(odr_hz, tick_ns=tick_ns, lost=lost, late_s=late_s)
+    assert pace_of(t_ns).rate_hz == pytest.approx(odr_hz, rel=1e-3 if late_s else 1e-4)
+    assert abs(pace_of(t_ns).missing(np.diff(t_ns) * 1e-9) - missing) <= 2 * (late_s > 1e-4)
+
+
+def test_a_stamp_is_fresh_if_it_is_later():
+    assert fresh(np.array([3, 3, 4, 4, 4, 9])).tolist() == [True, False, True, False, False, True]
+    assert fresh(np.zeros(0, dtype=np.int64)).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("fall", "highest", "span"),
+    [
+        (2**16 - 10, 2**16 - 5, 2**16),
+        (2**16 - 25, 2**16 - 5, 2**16),
+        (2**16 - 26, 2**16 - 5, None),  # more than 2.5 steps are lost there
+        (2**16, 2**16 - 5, None),
+        (2**16 - 10, 2**16, None),  # beyond such a counter
+        (30, 30, None),  # three rows a round
+        (31, 31, None),
+        (54, 60, 64),
+    ],
+)
+def test_a_counter_falls_by_a_power_of_two_less_a_usual_step(fall, highest, span):
+    assert span_of_counter(fall, 10, 0, highest, 1) == span
+    if span:
+        assert span_of_counter(fall, 10, -span / 2, highest - span / 2, 1) == span
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "1e999999", "1e400000", "", "1:2", "a:b:c", "::"])
+def test_what_is_no_time(text):
+    with pytest.raises(ValueError, match=r"no time|unpack|invalid"):
+        exact_ns(text, 10**9)
+
+
+def test_bursts_are_counted_along_their_stamps():
+    """The rate is the mean one; a stamp is late by the wait, so the least late of a burst is the time."""
+    count = np.arange(3000)
+    late_ns = np.rint((count // 7 * 7 + 6) / 104 * 1e9).astype(np.int64) - (6 - count % 7) * 100_000
+    even, note, _ = evenly(late_ns, None, "x")
+    assert "come in bursts" in note
+    assert np.ptp(np.diff(even)) <= 1
+    assert np.diff(even).mean() == pytest.approx(1e9 / 104, rel=2e-5)
+    lacking = np.delete(late_ns, np.s_[1400:1442])  # whose stamps stay
+    even, note, _ = evenly(lacking, None, "x")
+    assert "samples are missing" in note
+    np.testing.assert_array_equal(even, lacking)
+
+
+def test_coarse_stamps_are_counted_along_their_changes():
+    """Whole seconds, cut off: where a stamp changes it is right to a sample."""
+    true_ns = np.round(np.arange(16_000) * (1e9 / 104.03)).astype(np.int64) + 370_000_000
+    even, note, sigma_ppm = evenly(true_ns // 10**9 * 10**9, None, "x")
+    assert "share a stamp" in note
+    assert 1e9 / np.diff(even).mean() == pytest.approx(104.03, rel=1e-5)
+    assert sigma_ppm == pytest.approx(1e6 / 12**0.5 / 16_000, rel=0.02)  # each change to a sample, in a pattern that hardly scatters
+
+
+@pytest.mark.parametrize("lost", [10, 100])
+def test_samples_that_whole_seconds_lack_are_missed(lost):
+    true_ns = np.round(np.arange(12_000) * (1e9 / 105.1)).astype(np.int64)
+    whole = np.delete(true_ns // 10**9 * 10**9, np.s_[5000 : 5000 + lost])
+    with pytest.raises(DataError, match="samples are missing"):
+        evenly(whole, None, "x")
+
+
+def jittery(rate_hz=93.4, seconds=140, jitter_s=2e-3, seed=7):
+    true_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    return true_s, np.rint((true_s + np.abs(np.random.default_rng(seed).normal(0, jitter_s, len(true_s)))) * 1e3).astype(np.int64) * 10**6
+
+
+def test_lines_begin_anew_behind_a_gap_and_missing_samples_are_refused():
+    true_s, stamps = jittery()
+    kept = np.ones(len(stamps), dtype=bool)
+    kept[5000:5400] = False
+    even = along_line(stamps[kept], "x")
+    assert even.hz == pytest.approx(93.4, rel=1e-5)
+    assert np.ptp(even.t_ns * 1e-9 - true_s[kept]) < 5e-4
+    kept[8000] = False
+    with pytest.raises(DataError, match=r"samples are missing near 85\.\d s, where no gap says so"):
+        along_line(stamps[kept], "x")
+    slewed = np.cumsum(np.where((true_s > 50) & (true_s < 90), 1.02, 1.0)) / 93.4
+    with pytest.raises(DataError, match="the rate changes"):
+        along_line(np.rint(slewed * 1e9).astype(np.int64), "x")
+
+
+@pytest.mark.parametrize(("rate_hz", "jitter_s"), [(93.4, 2e-3), (207.6, 5e-4)])
+def test_samples_are_counted_along_stamps_that_scatter(rate_hz, jitter_s):
+    """By numpy's line; the sigma of a slope by independent errors, of as many parts as tell it, is that of the line to a sixth."""
+    true_s, stamps = jittery(rate_hz, jitter_s=jitter_s)
+    even, count = along_line(stamps, "x"), np.arange(len(stamps))
+    (slope, _), covariance = np.polyfit(count, (stamps - stamps[0]) * 1e-9, 1, cov=True)
+    assert (even.hz, even.sigma_ppm) == (pytest.approx(1 / slope), pytest.approx(np.sqrt(covariance[0, 0]) / slope * 1e6, rel=0.4))
+    assert np.ptp(even.t_ns * 1e-9 - true_s) < 2e-4

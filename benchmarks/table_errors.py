@@ -18,8 +18,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from table_simulation import LostSteps, fixed_moves
-from table_summaries import Stamps, Summary, draw
+from simulated_tables import LostSteps, Stamps, Summary, draw, fixed_moves
 
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.mechanics import AxisErrors, TableErrors

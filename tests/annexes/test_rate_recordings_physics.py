@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from rate_tables import DOWN, ODR_HZ, Swings, record, steps
+from simulated_tables import DOWN, ODR_HZ, Swings, record, steps
 
 import tinygc
 from session.annexes.machines.mechanics import AxisTrack

@@ -1,18 +1,25 @@
-"""``table``: makes, descriptions, what would be sent, and a virtual table at a port."""
+"""``table`` and ``record --table`` as commands: what they print, what is refused before anything moves, and a table at a port."""
+
+from __future__ import annotations
 
 import json
+import shlex
 import sys
-from contextlib import nullcontext
-from types import SimpleNamespace
+from pathlib import Path
 
-import numpy as np
 import pytest
 from commandline import refused
 from formats_page import strangers
 from processes import CALIBRATE, DEVNULL, PIPE, heard, started
+from table_recordings import table_toml
 
+from session.annexes.machines.description import read_description
 from session.annexes.machines.makes import makes
 from session.annexes.machines.template import template
+from tinygc import CalibrationError
+from tinygc.annexes.machines.recording import TurnedRecording
+from tinygc.cli.arguments import parser
+from tinygc.cli.commands import record
 
 
 @pytest.fixture
@@ -46,18 +53,6 @@ def test_a_description_is_printed_and_checked(run, tmp_path, monkeypatch):
     assert "sent for outer to -1 deg at 10 dps: $J=G53 G90 G21 X-1.000 F600.000" in out
     assert run("table", "check", "table.toml", "--json", tmp_path / "x.json")[0] == 0
     assert not strangers(json.loads((tmp_path / "x.json").read_text()))
-
-
-def test_an_angle_that_is_not_known_yet_is_no_number(run, table, monkeypatch, tmp_path):
-    """While it searches its marks a machine may say none."""
-    at_rest = SimpleNamespace(angles=np.array([np.nan]), moving=False, table_s=None)
-    monkeypatch.setattr("session.annexes.machines.makes.open_table", lambda *given, **options: None)
-    monkeypatch.setattr(
-        "session.annexes.machines.safety.Guarded", lambda machine: nullcontext(SimpleNamespace(where=lambda: at_rest, description=None))
-    )
-    code, out, _ = run("table", "where", "--json", tmp_path / "x.json")
-    assert (code, out.splitlines()[0]) == (0, "outer  not known yet")
-    assert json.loads((tmp_path / "x.json").read_text())["axes"] == [{"name": "outer", "angle_deg": None}]
 
 
 @pytest.mark.parametrize(
@@ -106,3 +101,57 @@ def test_a_table_at_a_port(run, table):
         assert told["table_s"] > 0
         assert run("table", "stop")[0] == 0
         assert run("table", "clear", "--yes")[0] == 0
+
+
+# Recordings.
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--table", "t.toml", "--home", "--stop-at-target", "--segments", "12", "--closure", "30", "--table-port", "p"],
+        ["--rest", "2", "--stop-at-target", "--known-to", "10"],
+        ["--table", "t.toml", "--rates", "10,20", "--dwell", "5", "--axis", "inner"],
+    ],
+)
+def test_the_printed_command_goes_on_with_what_was_asked(given):
+    """Without --stop-at-target a machine would go on to the last of its segments."""
+    words = ["record", "--out", "s", "--port", "p", *given]
+    args = parser(words).parse_args(words)
+    again = shlex.split(record._again(args, Path("s"), "p"))
+    again = again[again.index("record") :]
+    assert vars(parser(again).parse_args(again)) == vars(args) | {"resume": True}
+
+
+@pytest.fixture
+def absent(tmp_path):
+    """A table.toml whose port does not exist: whoever opens it is told so."""
+    text = table_toml("middle", "inner").replace('make = "grbl"', f'make = "grbl"\nport = "{tmp_path / "table-port"}"')
+    (tmp_path / "table.toml").write_text(text)
+    return tmp_path / "table.toml"
+
+
+def test_a_board_that_is_not_there_is_refused_before_the_table_is_opened(run, absent, tmp_path):
+    """--home would turn it first."""
+    code, _, err = run("record", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", tmp_path / "s")
+    assert (code, err.count("\n")) == (3, 1)
+    assert "board-port: cannot be opened" in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [('name = "inner"', 'name = "other"'), ('make = "grbl"', 'make = "line"'), ("[[axis]]", "[settings]\nx = 1\n[[axis]]")]
+)
+def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, absent, tmp_path, old, new):
+    folder = tmp_path / "s"
+    folder.mkdir()
+    (folder / "raw.bin").write_bytes(b"x")
+    (folder / "table.toml").write_text(absent.read_text().replace(old, new, 1))
+    words = ("record", "--resume", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", folder)
+    refused(run(*words), "a session is of one table")
+
+
+def test_a_table_turned_by_hand_is_refused_before_anything_is_asked(tmp_path):
+    (tmp_path / "hand.toml").write_text(table_toml("middle", make="hand"))
+    assert read_description(tmp_path / "hand.toml").make == "hand"
+    with pytest.raises(CalibrationError, match="record asks a person for each turn by itself: leave --table out"):
+        TurnedRecording(tmp_path / "hand.toml")

@@ -1,0 +1,287 @@
+"""Sessions that a machine turns, whole: on a virtual table with a virtual board on it; faults, and the comparison afterwards."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import broad
+from processes import PATIENCE_S
+from table_recordings import Bench, table_toml
+from virtual_tables import SimulatedClock
+
+from session.annexes.machines.angles import read_angles
+from session.annexes.machines.description import read_description
+from session.annexes.machines.kinematics import attitudes
+from session.annexes.machines.mechanics import AxisErrors, TableErrors
+from session.annexes.machines.rates import steps_of
+from session.annexes.machines.verbs import TableLimit
+from session.annexes.machines.virtual import VirtualTable
+from session.bench.guide import Guide
+from session.bench.messages import Kind, Stage
+from session.detect.stills import SessionStills
+from session.io.config import Protocol
+from session.io.errors import FormatError
+from session.io.registers import gyro_rps_per_lsb
+from session.io.units import DEG
+from tinygc import CalibrationError, read_session
+from tinygc.annexes.machines.explanation import explain_table
+from tinygc.annexes.machines.recording import TurnedRecording, require_table_of
+from tinygc.annexes.machines.virtual_line import TableLine
+from tinygc.closure.prepared import prepare
+from tinygc.reporting.terminal import as_text
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """However busy the machine is: nothing is silent unless a test wants it so."""
+    monkeypatch.setattr("session.bench.guided_session.SILENT_S", PATIENCE_S)
+    monkeypatch.setattr("session.bench.guided_session.LAST_WORD_S", PATIENCE_S)
+
+
+def warnings(said) -> list[str]:
+    return [change.text for change in said.changes if change.kind is Kind.WARNING]
+
+
+def test_a_session_that_was_interrupted_amid_a_move_goes_on_and_is_whole(tmp_path):
+    """Ctrl-C brings the table to rest; resumed, nothing is contradicted, and its files say where the sensor was."""
+    bench = Bench(tmp_path, table_toml("middle", "inner"))
+    guide, _ = bench.record(segments=3, interrupted=lambda guide: guide.accepted == 1 and guide.turning)
+    assert guide.accepted == 1
+    assert not bench.bench.virtual.mechanics.is_moving()
+    before = (bench.folder / "table.csv").read_text()
+    guide, said = bench.record(segments=3)
+    assert (guide.stage, guide.accepted, guide.rejected) == (Stage.DONE, 3, 0)
+    assert "resumed: 1 segments so far" in said.texts
+    assert warnings(said) == ["the port was opened again: a new log begins"]
+    assert (bench.folder / "table.csv").read_text().startswith(before)
+    session = read_session(bench.folder)
+    assert len(session.logs) == 2
+    stills = [still for log in session.logs for still in SessionStills(session).of(log).stills]
+    up = np.array([still.accel_mean / np.linalg.norm(still.accel_mean) for still in stills])
+    roll, pitch, _ = session.attitudes.T
+    dials = np.column_stack([np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
+    assert np.abs(dials - up).max() < 2e-3
+    angles = read_angles(bench.folder / "table.csv", bench.description)[session.logs[1].path.name]
+    at_rest = attitudes(bench.description, angles.angles[~angles.moving])
+    assert np.abs(-at_rest[:, 2][-1] - up[-1]).max() < 2e-3
+
+
+@pytest.mark.broad
+def test_the_closure_run_goes_through_attitudes_and_back_onto_its_mark(tmp_path):
+    bench = Bench(tmp_path, table_toml("middle", "inner"))
+    guide, said = bench.record(segments=1, closure_s=20.0)
+    assert guide.stage is Stage.DONE
+    assert not warnings(said)
+    assert [text for text in said.texts if text.startswith("closure run: ")]
+    session = read_session(bench.folder)
+    assert [log.path.name for log in session.closures] == ["closure0001.csv"]
+    angles = read_angles(bench.folder / "table.csv", bench.description)
+    assert sorted(angles) == ["closure0001.csv", "log0001.csv"]
+    run = attitudes(bench.description, angles["closure0001.csv"].angles)
+    assert np.abs(run[0] - run[-1]).max() < 1e-6
+    assert np.ptp(angles["closure0001.csv"].angles, axis=0).min() > 90 * DEG
+
+
+def test_a_mounting_that_is_the_other_way_round_is_named_and_pauses(tmp_path):
+    """table.toml says z up where it is down: gravity contradicts each still."""
+    flipped = table_toml("middle", "inner").replace('make = "grbl"', 'make = "grbl"\nmounting = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]')
+    bench = Bench(tmp_path, table_toml("middle", "inner"))
+    bench.file.write_text(flipped)
+    _, said = bench.record(segments=6, interrupted=lambda guide: guide.stage is Stage.PAUSED)
+    assert any("upside down: is mounting" in text for text in warnings(said))
+    assert any("3 stills in a row contradict the machine" in text for text in warnings(said))
+
+
+def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys):
+    bench = Bench(tmp_path, table_toml("middle", "inner", make="line", limits={"middle": (-90, 270)}))
+    machine = TurnedRecording(bench.file, opened=bench.bench.opened, now_s=bench.bench.clock.now_s)
+    for answer in ("", "no\n"):
+        monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda known=bool(answer): known, readline=lambda answer=answer: answer))
+        with pytest.raises(CalibrationError, match="the plan is not confirmed, and nothing was moved"):
+            machine.confirmed(False, 7, False, 60.0, yes=False)
+        plan = capsys.readouterr().err
+        assert "middle   -90 to 270 deg, at most 90 dps" in plan
+        assert "inner    -720 to 720 deg (it has no limits; a cable may)" in plan
+        assert "7 turns at most; 7 in " in plan
+        assert re.search(r"likely turns: 1 (middle|inner) to -?\d+°", plan)
+        assert re.search(r";\s+7 (middle|inner) to -?\d+°", plan)
+        mover = machine.mover(bench.folder, Guide(Protocol()))
+        with pytest.raises(TableLimit, match="in no plan that was confirmed"):
+            mover.driver.table.turn_to(0, 1.0, 1.0)
+        mover.close()
+    machine.close()
+    assert [track.state(bench.bench.clock.now_s())[0] for track in bench.bench.virtual.tracks] == [0.0, 0.0]
+
+
+#: those that a recording goes on with: answers that come late or twice, and a motor that loses steps, which is told from gravity
+BORNE = ("late", "doubled", "lost_steps")
+
+
+#: those that leave a motion that no program can stop
+OUT_OF_REACH = ("cable", "silence")
+
+
+@pytest.mark.parametrize("kind", ["estop", *map(broad, ("lost_steps", "cable"))])
+def test_a_fault_ends_at_rest_and_the_recording_goes_on(tmp_path, kind):
+    """A fault in the second move: paused with one line, at rest, nothing lost; homed and resumed, the session is whole."""
+    bench = Bench(tmp_path, table_toml("middle", "inner"), faults=f"{kind}@move3")  # homing is the first
+    rounds = []
+
+    def interrupted(guide):
+        rounds.append(guide.stage is Stage.PAUSED)
+        return sum(rounds) > 60
+
+    guide, said = bench.record(segments=2, interrupted=interrupted)
+    lines = [change.text for change in said.changes if change.kind is Kind.WARNING]
+    assert not bench.bench.virtual.mechanics.is_moving()
+    if kind in BORNE:
+        assert guide.stage is Stage.DONE
+        assert len(lines) == (kind == "lost_steps")
+    else:
+        assert guide.stage is Stage.PAUSED
+        (line,) = lines
+        assert "Traceback" not in line
+        assert "p goes on" in line
+        assert ("press its own emergency stop" in line) == (kind in OUT_OF_REACH)
+        bench.repair()
+        guide, said = bench.record(segments=2)
+        assert guide.stage is Stage.DONE
+    assert guide.accepted == 2
+    session = read_session(bench.folder)
+    angles = read_angles(bench.folder / "table.csv", bench.description)
+    assert set(angles) == {log.path.name for log in session.logs}
+    assert sum(len(log.samples) for log in session.logs) <= bench.bench.sent
+    for log in session.logs:  # nothing is missing within a log
+        assert log.samples.dt_s.max() < 1.5 * log.samples.period_s
+
+
+def rates_of(bench, log="rates0001.csv") -> np.ndarray:
+    """(N,) dps of the gyroscope's x, its true calibration applied."""
+    rows = np.genfromtxt(bench.folder / log, delimiter=",", comments="#", skip_header=2)
+    gyro = rows[:, 1:4] * gyro_rps_per_lsb(500) @ bench.bench.unit.E.T + bench.bench.unit.B
+    return gyro[:, 0] / DEG
+
+
+def test_steps_in_both_senses(tmp_path):
+    bench = Bench(tmp_path, table_toml("middle", "inner"))
+    guide, said = bench.record(rates=(20, 60), dwell_s=2.0)
+    assert guide.stage is Stage.DONE
+    assert [text for text in said.texts if text.startswith("step")] == [
+        "step 1 of 4: +20 dps for 2 s",
+        "step 2 of 4: -20 dps for 2 s",
+        "step 3 of 4: +60 dps for 2 s",
+        "step 4 of 4: -60 dps for 2 s",
+    ]
+    rate, odr_hz = rates_of(bench), bench.bench.unit.odr_hz
+    for dps in (20, -20, 60, -60):
+        even = np.abs(rate - dps) < 0.5
+        assert 2.0 <= even.sum() / odr_hz < 4.5
+    assert np.abs(rate[-round(odr_hz / 4) :]).max() < 0.5
+    angles = read_angles(bench.folder / "table.csv", bench.description)["rates0001.csv"]
+    said_dps = np.diff(angles.angles[:, 1]) / np.diff(angles.t_ns * 1e-9) / DEG
+    assert np.quantile(said_dps, 0.99) == pytest.approx(60, rel=0.05)
+    assert np.ptp(angles.angles[:, 0]) < 1e-9  # it rests where its homing ended
+
+
+def test_an_axis_with_limits_begins_at_one_of_them(tmp_path):
+    bench = Bench(tmp_path, table_toml("inner", make="line", limits={"inner": (-170, 170)}))
+    guide, _ = bench.record(rates=(40,), dwell_s=4.0)
+    assert guide.made == 2
+    angles = read_angles(bench.folder / "table.csv", bench.description)["rates0001.csv"].angles / DEG
+    assert angles.min() == pytest.approx(-170, abs=1e-3)
+    assert angles.max() == pytest.approx(170, abs=1e-3)
+    with pytest.raises(CalibrationError, match=r"inner at 80 dps for 4 s turns by 43\d deg, its limits leave 340: a shorter --dwell"):
+        steps_of(bench.description, 0, [80 * DEG], 4.0)
+    with pytest.raises(CalibrationError, match=r"inner at 100 dps: expected above 0 and at most 90, its fastest"):
+        steps_of(bench.description, 0, [100 * DEG], 1.0)
+
+
+@pytest.mark.broad
+def test_a_description_that_was_corrected_goes_on_with_its_session(tmp_path):
+    """The comparison says that direction or mounting is wrong: whoever mends them goes on, and all attitudes are of the new ones."""
+    right = table_toml("middle", "inner")
+    bench = Bench(tmp_path, right)
+    wrong = right.replace("direction = [0, 1, 0]", "direction = [0, -1, 0]").replace("direction = [1, 0, 0]", "direction = [-1, 0, 0]")
+    bench.file.write_text(wrong)
+    _, said = bench.record(segments=4, interrupted=lambda guide: guide.accepted == 3)
+    assert any("the other way round: the sign of the axis, or the mounting, is wrong" in text for text in said.texts)
+    bench.file.write_text(right)
+    assert "takes its place" in require_table_of(bench.file, bench.folder)
+    guide, said = bench.record(segments=4)
+    assert guide.accepted == 4
+    assert not any("the other way round" in text for text in said.texts)
+    assert (bench.folder / "table.toml").read_text() == right
+    assert [path.read_text() for path in bench.folder.glob("table.toml.*")] == [wrong]
+
+
+# Its own errors, from its files.
+
+
+@pytest.fixture(scope="module")
+def tilted(tmp_path_factory):
+    """Of a table whose axis leans by 0.2 degrees."""
+    wrong = TableErrors((AxisErrors(), AxisErrors()), np.array([0.2, 0, 0]) * DEG)
+    bench = Bench(tmp_path_factory.mktemp("tilted"), table_toml("middle", "inner"), errors=wrong)
+    bench.record(segments=7)
+    return bench.folder
+
+
+@pytest.mark.broad
+def test_explain_names_what_a_session_shows_of_its_table(tilted):
+    found = explain_table(prepare(tilted).problem)
+    (tilt,) = found.selected.named
+    assert tilt.candidate.id == "table.tilt"
+    assert tilt.theta / DEG == pytest.approx([0.2, 0], abs=0.03)
+    page = as_text(found.page())
+    assert "table bench: " in page
+    assert "not seen, and would be from" in page
+    shown = found.to_json()
+    json.dumps(shown, allow_nan=False)
+    assert [each["id"] for each in shown["effects"]] == ["table.tilt"]
+    assert all(each["detection_limit"] > 0 for each in shown["undecided"])
+
+
+def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_path):
+    folder = shutil.copytree(tilted, tmp_path / "session")
+    problem, path = prepare(folder).problem, folder / "table.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:40]) + "\n")
+    found = explain_table(problem)
+    assert found.verdict == found.to_json()["verdict"] == "undecided"
+    assert "table.csv has angles for" in found.why_not
+    path.write_text("\n".join([lines[0], "log0001.csv,what,,0,0,0"]) + "\n")
+    with pytest.raises(FormatError, match=r"table\.csv line 2"):
+        explain_table(problem)
+    path.unlink()
+    assert explain_table(problem) is None
+
+
+def test_dials_are_as_good_as_session_toml_says(tilted, tmp_path):
+    floors = []
+    for sigma_deg in (0.05, 0.5):
+        folder = shutil.copytree(tilted, tmp_path / f"dials{sigma_deg}")
+        text = (folder / "session.toml").read_text()
+        (folder / "session.toml").write_text(re.sub('reference = ".*"', f'reference = "table"\ndial_sigma_deg = {sigma_deg}', text))
+        floors.append(prepare(folder).problem.floor.own[0][2, 2])
+    assert floors[1] - floors[0] == pytest.approx(2 * ((0.5 * DEG) ** 2 - (0.05 * DEG) ** 2), rel=1e-6)  # a turn has two dials
+
+
+# The port of a virtual table.
+
+
+def test_each_opening_of_the_port_restarts_a_controller_that_resets(tmp_path):
+    (tmp_path / "table.toml").write_text(table_toml("outer"))
+    table = VirtualTable(read_description(tmp_path / "table.toml"), None, SimulatedClock())
+    terminal = SimpleNamespace(has_reader=False, read=lambda: b"", write=lambda text: True)
+    counts = []
+    for resets in (False, True):
+        line = TableLine(table, terminal, resets)
+        for terminal.has_reader in (False, True, True, False, True):
+            line.answer()
+        counts.append(table.mechanics.restarts)
+    assert counts == [0, 2]

@@ -1,46 +1,34 @@
 """Registers whose steps are larger than the noise at rest: the sigma of the bias knows what rounding leaves in the mean of a still."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
+from scipy.stats import norm
 
-import tinygc
-from session.detect.rounding import rounding_of_mean
-from session.io.units import DEG
+from session.detect.rounding import rounding_of_mean, rounding_variance
 from tinygc.estimation.stated_noise import rounding_covariance
+from tinygc.models.linear import LinearModel
 
 
-def recorded(lsb_dps, seed):
-    """A simulated session whose rates are rounded to steps, and its true bias, rad/s."""
-    simulated = tinygc.simulate(segments=16, odr_hz=104.0, closure_s=0.0, seed=seed)
-    session = simulated.session
-    samples = session.logs[0].samples
-    # Spread over their own step, registers are what was measured, and are not rounded twice.
-    rates = np.asarray(samples.gyro) + 17.5e-3 * DEG * np.random.default_rng(seed).uniform(-0.5, 0.5, samples.gyro.shape)
-    if lsb_dps:
-        rates = np.rint(rates / (lsb_dps * DEG)) * lsb_dps * DEG
-    config = session.config
-    made = tinygc.Session.from_arrays(
-        samples.t_ns * 1e-9, rates, samples.accel, gyro_fs_dps=500, accel_fs_g=4, accelerometer=config.accelerometer, site=config.site
-    )
-    return made, np.multiply(simulated.truth["B_dps"], DEG)
+@pytest.mark.parametrize("sigma", [0.05, 0.2, 0.35, 0.6])
+def test_what_rounding_leaves_in_a_mean_is_its_mean_square_over_all_rates(sigma):
+    rate, steps = np.linspace(-0.5, 0.5, 2001)[:-1, None], np.arange(-6, 7)
+    mean = (steps * (norm.cdf(steps + 0.5, rate, sigma) - norm.cdf(steps - 0.5, rate, sigma))).sum(axis=1)
+    assert rounding_variance(0.3, np.array(0.3 * sigma)) == pytest.approx(0.09 * np.mean((mean - rate[:, 0]) ** 2), rel=1e-3, abs=1e-12)
+    assert rounding_variance(0.3, np.array(0.0)) == pytest.approx(0.3**2 / 12)
 
 
 def test_the_bias_has_what_rounding_leaves_in_the_stills():
-    """E diag(v) E', v the mean over the stills, and nothing elsewhere."""
-    session, _ = recorded(0.08, 1)
-    found = tinygc.fit(session, methods=("raw", "least_squares")).result
-    problem, model = found.problem, found.linear.model
-    readings = [np.asarray(log.samples.gyro[still.start : still.stop]) for log in problem.logs for still in log.stills if not still.problem]
-    each = np.mean([rounding_of_mean(one, 0.08 * DEG) for one in readings], axis=0)
-    expected = np.zeros((12, 12))
-    expected[9:, 9:] = model.E @ np.diag(each) @ model.E.T
-    assert each.min() > (0.001 * DEG) ** 2
-    np.testing.assert_allclose(rounding_covariance(problem, model), expected, rtol=1e-9, atol=0)
-    sigmas = np.sqrt(np.diag(found.covariance))
-    assert (sigmas[9:] > np.sqrt(np.diag(expected))[9:]).all()
-
-
-def test_fine_registers_and_unrounded_readings_add_nothing():
-    for lsb_dps in (0.0, 0.0175):
-        session, _ = recorded(lsb_dps, 1)
-        found = tinygc.fit(session, methods=("raw", "least_squares")).result
-        assert np.sqrt(rounding_covariance(found.problem, found.linear.model).max()) < 1e-6 * DEG
+    """E diag(v) E', v the mean over the stills that serve, and nothing elsewhere; readings that were not rounded add nothing."""
+    rng, E = np.random.default_rng(1), np.eye(3) + np.array([[0.02, 0.1, 0], [0, -0.03, 0.05], [0.1, 0, 0.01]])
+    gyro = rng.normal(size=(900, 3)) * [0.25, 0.1, 2.0] + [0.3, 0.1, 0.2]
+    stills = [SimpleNamespace(start=at, stop=at + 300, problem=None if at else "creeps") for at in (0, 300, 600)]
+    for step in (1.0, 0.0):
+        log = SimpleNamespace(samples=SimpleNamespace(gyro=np.rint(gyro) if step else gyro), stills=stills)
+        covariance = rounding_covariance(SimpleNamespace(logs=[log]), LinearModel(E, np.zeros(3)))
+        each = np.mean([rounding_of_mean(log.samples.gyro[at : at + 300], step) for at in (300, 600)], axis=0)
+        expected = np.zeros((12, 12))
+        expected[9:, 9:] = E @ np.diag(each) @ E.T
+        np.testing.assert_allclose(covariance, expected, rtol=1e-6, atol=1e-9)
+        assert (each[0] > 1e-4) == (step > 0)

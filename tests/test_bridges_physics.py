@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, Table, broad, config, session_of
+from conftest import DEG, Table, config, session_of
 
 from session.detect.bridging import CLIPPED, GAP, bridged, short_gaps
-from session.detect.check_samples import BRIDGED, check_bridges, with_bridges
+from session.detect.check_samples import BRIDGED, with_bridges
 from session.detect.first_look import check_session
 from session.io.samples import Samples
-from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import prepare
-from tinygc.closure.residual import closure_angles
 
 SENSOR = config().sensor
 
@@ -48,23 +46,13 @@ def pulls_of_gaps(samples: Samples, count: int, seeds, number: int = 40) -> np.n
     return np.array(pulls)
 
 
-@pytest.mark.parametrize("odr_hz", [52.0, 208.0])
-@pytest.mark.parametrize("count", [1, broad(2), 3])
+@pytest.mark.parametrize(("count", "odr_hz"), [(1, 52.0), (3, 104.0)])
 def test_what_is_put_into_a_gap_is_off_by_as_much_as_is_said(count, odr_hz):
     samples = Table().tumble(24, seed=count).samples(odr_hz=odr_hz)
     pulls = pulls_of_gaps(samples, count, range(6), 40 if odr_hz > 100 else 20)
     assert len(pulls) > 60
     assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.68, abs=0.08)
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.2)
-
-
-@pytest.mark.parametrize("count", [broad(1), broad(2), 3])
-@pytest.mark.parametrize("name", [broad("xsens"), broad("mikov/imu0"), broad("mikov/imu2")])
-def test_so_it_is_in_real_recordings(shared, name, count):
-    """A hand's movement has longer tails than a simulated one: more within one sigma, and a few far beyond."""
-    pulls = pulls_of_gaps(read_session(shared / name).logs[0].samples, count, range(6), 12)
-    assert 0.6 < np.mean(np.abs(pulls) < 1) < 0.92
-    assert np.mean(np.abs(pulls) < 2) > 0.87
 
 
 def test_a_gap_that_is_longer_is_none_of_them_and_a_late_stamp_is_no_gap():
@@ -80,9 +68,6 @@ def test_a_gap_that_is_longer_is_none_of_them_and_a_late_stamp_is_no_gap():
     assert bridges == ()
 
 
-# A reading at the register's end
-
-
 def peaked(seed: int, count: int) -> tuple[Samples, Samples, np.ndarray]:
     """A log whose single fastest readings lie beyond a register of ±level, the same clipped there, and the level, dps."""
     true = Table().tumble(20, seed=seed).samples(seed=seed, registers=False, odr_hz=52.0)
@@ -93,7 +78,7 @@ def peaked(seed: int, count: int) -> tuple[Samples, Samples, np.ndarray]:
 def test_what_stood_beyond_the_register_is_estimated_within_its_sigma():
     """A hand's smooth peak: the neighbours tell it; cut at the register's end, never below it."""
     pulls, gains = [], []
-    for seed in range(40):
+    for seed in range(24):
         true, clipped, level = peaked(seed, 1 + seed % 3)
         sensor = replace(SENSOR, model="other", gyro_fs_dps=level)
         filled, bridges = bridged(clipped, sensor)
@@ -106,7 +91,7 @@ def test_what_stood_beyond_the_register_is_estimated_within_its_sigma():
             pulls.append(off / bridge.sigma_rad[axis])
             gains.append(abs(off) < abs(was))
             assert (np.abs(filled.gyro[part, axis]) > 0.997 * level * DEG).all()
-    assert len(pulls) >= 20
+    assert len(pulls) >= 12
     assert 0.55 < np.mean(np.abs(pulls) < 1) < 0.95
     assert np.mean(np.abs(pulls) < 3) > 0.95
     assert np.mean(gains) > 0.6
@@ -126,54 +111,29 @@ def test_a_jolt_that_the_neighbours_know_nothing_of_may_be_false_or_real(true_dp
     assert abs(filled.gyro[row, 0] - true) * samples.period_s < 1.6 * bridge.sigma_rad[0]
 
 
-# What a fit makes of it
-
-
-def spoilt(samples: Samples, count: int, seed: int) -> Samples:
-    return without(samples, fast_rows(samples, 8, seed, 60.0), count)
-
-
-@pytest.mark.parametrize("count", [broad(1), broad(2), 3])
-def test_no_turn_is_lost_to_a_short_gap_and_each_is_said(count):
-    whole = Table().tumble(16, seed=3).samples()
-    problem = prepare(session_of(spoilt(whole, count, 5))).problem
-    assert len(problem.used) == 16
+def test_no_turn_is_lost_to_a_short_gap_and_each_is_said():
+    whole = Table().tumble(9, seed=3).samples(odr_hz=104)
+    session = session_of(without(whole, fast_rows(whole, 8, 5, 60.0), 3), odr_hz=104.0)
+    problem, before = prepare(session).problem, build_problem(session_of(whole, odr_hz=104.0))
+    assert len(problem.used) == 9
     assert {each.cause for each in problem.widened} == {GAP}
-    assert all(0 < each.sigma_rad < 0.02 * DEG for each in problem.widened)
-    before = build_problem(session_of(whole))
-    worse = [closure_angles(each.batch, each.first) for each in (before, problem)]
-    assert np.sqrt(np.mean(worse[1] ** 2)) < 1.2 * np.sqrt(np.mean(worse[0] ** 2))
-    # the floor that noise alone makes is what it was, the weights know of the gaps
+    assert all(0 < each.sigma_rad < 0.1 * DEG for each in problem.widened)
+    # The floor that noise alone makes is what it was, the weights know of the gaps.
     assert problem.floor.tilt_rms == pytest.approx(before.floor.tilt_rms, rel=0.02)
     touched = [segment.number in {each.segment for each in problem.widened} for segment in problem.used]
     extra = np.trace(problem.floor.own - problem.floor.white, axis1=1, axis2=2)
     assert ((extra > 0) == touched).all()
-
-
-def test_check_says_what_was_put_in():
-    samples = spoilt(Table().tumble(16, seed=3).samples(), 2, 5)
-    findings = {f.what: f for f in check_session(session_of(samples))}
+    findings = {f.what: f for f in check_session(session)}
     assert "missing in" in findings[BRIDGED].says
     assert "none longer than 3 samples" in findings["gaps"].says
-    assert not any(f.level == "error" for f in findings.values())
-    assert check_bridges(session_of(Table().tumble(3).samples()).logs[0], SENSOR, [], None, 5.0) == []
 
 
 def test_a_reading_at_the_registers_end_costs_no_turn():
-    samples = Table().tumble(16, seed=3).samples()
-    row = int(fast_rows(samples, 8, 5, 60.0)[3])
+    samples = Table().tumble(9, seed=3).samples(odr_hz=104)
+    assert with_bridges(plain := session_of(samples, odr_hz=104.0)).logs[0] is plain.logs[0]
     gyro = samples.gyro.copy()
-    gyro[row, 1] = 32767 * 17.5e-3 * DEG
-    problem = prepare(session_of(replace(samples, gyro=gyro))).problem
-    assert len(problem.used) == 16
+    gyro[int(fast_rows(samples, 8, 5, 60.0)[3]), 1] = 32767 * 17.5e-3 * DEG
+    problem = build_problem(with_bridges(session_of(replace(samples, gyro=gyro), odr_hz=104.0)))
     (only,) = problem.widened
-    assert only.cause == CLIPPED
-    assert 1 * DEG < only.sigma_rad < 3 * DEG  # 500 dps for 1/208 s, whole or not at all
-    others = prepare(session_of(samples)).problem
-    moved = problem.first.vector - others.first.vector  # as if the turn were left out
-    assert np.abs(moved[:9]).max() < 5e-4
-
-
-def test_logs_without_any_are_the_same_objects():
-    session = session_of(Table().tumble(3).samples())
-    assert with_bridges(session).logs[0] is session.logs[0]
+    assert (len(problem.used), only.cause) == (9, CLIPPED)
+    assert 2 * DEG < only.sigma_rad < 6 * DEG  # 500 dps for 1/104 s, whole or not at all

@@ -1,6 +1,6 @@
-"""Build the API reference: python docs/api.py [FOLDER], build/api by default.
+"""Check the API reference: python docs/api.py; write its pages: python docs/api.py FOLDER.
 
-pdoc makes a page of each module of ``tinygc`` and ``session`` from its docstrings and type hints.  Every warning is an error: what
+pdoc reads each module of ``tinygc`` and ``session``, and makes a page of its docstrings and type hints.  Every warning is an error: what
 pdoc says, a public name without a docstring, a reference to what is not there.  Exit code 1, and one line each.
 """
 
@@ -27,20 +27,20 @@ REFERENCE = re.compile(r"``([A-Za-z_]\w*(?:[./]\w+)+)``")
 
 
 def main(arguments: list[str]) -> int:
-    """Build, say what is wrong."""
-    folder = Path(arguments[0]) if arguments else ROOT / "build" / "api"
-    problems = build(folder)
+    """Check, write the pages where a folder is given, and say what is wrong."""
+    folder = Path(arguments[0]) if arguments else None
+    problems = check(folder)
     for problem in problems:
         print(problem, file=sys.stderr)
     if problems:
         print(f"api: {len(problems)} problems", file=sys.stderr)
         return 1
-    print(f"api: {folder / 'index.html'}")
+    print(f"api: {folder / 'index.html'}" if folder else "api: nothing is wrong")
     return 0
 
 
-def build(folder: Path) -> list[str]:
-    """Write the pages into a folder; a line for each thing that is wrong."""
+def check(folder: Path | None) -> list[str]:
+    """A line for each thing that is wrong; folder: where the pages are written."""
     import pdoc
     import pdoc.render
 
@@ -48,12 +48,14 @@ def build(folder: Path) -> list[str]:
     pdoc.render.configure(docformat="markdown", show_source=False)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        pdoc.pdoc(*PACKAGES, output_directory=folder)
+        if folder:
+            pdoc.pdoc(*PACKAGES, output_directory=folder)
+        modules = list(_modules())
+        names = [name for module in modules for name in _names(module)]
+        for name in names:
+            getattr(name, "signature", None), getattr(name, "annotation", None)  # read where they are asked for, and warned of
     found = [f"{Path(each.filename).name}: {str(each.message).strip()}" for each in said]
-    exempt, every = not_documented_yet(), set()
-    modules = list(_modules())
-    for module in modules:
-        every |= {f"{name.modulename}.{name.qualname}".rstrip(".") for name in _names(module)}
+    exempt, every = not_documented_yet(), {f"{name.modulename}.{name.qualname}".rstrip(".") for name in names}
     known = functools.partial(is_known, every)
     for module in modules:
         path = module.source_file.relative_to(ROOT).as_posix() if module.source_file else ""

@@ -1,11 +1,13 @@
 """Sessions of one unit, compared by their uncertainties: what moved is found, and called by its name."""
 
+import gzip
 import json
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import DEG
 from scipy import stats
 
 import calibrate
@@ -19,72 +21,71 @@ def test_two_sessions_are_judged_by_their_difference():
     covariances, vectors = roots @ roots.transpose(0, 2, 1), rng.normal(size=(2, 5))
     found, d = agreement(vectors, covariances), vectors[0] - vectors[1]
     assert found.chi_square == pytest.approx(d @ np.linalg.solve(covariances.sum(axis=0), d), rel=1e-6)
-    assert found.freedom == 5
-    assert found.p_value == pytest.approx(stats.chi2.sf(found.chi_square, 5))
-
-
-# The command
+    assert (found.freedom, found.p_value) == (5, pytest.approx(stats.chi2.sf(found.chi_square, 5)))
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    """Two days of one unit, and one of another, simulated and fitted by the command line."""
-    top = tmp_path_factory.mktemp("days")
-    for name, seed, unit_seed in (("monday", 1, 9), ("tuesday", 2, 9), ("other", 3, 10)):
-        options = ["--segments", "14", "--closure", "0", "--odr-hz", "104", "--quiet"]
-        assert calibrate.main(["simulate", "--out", str(top / name), "--seed", str(seed), "--unit-seed", str(unit_seed), *options]) == 0
-        assert calibrate.main(["fit", str(top / name), "--methods", "least_squares", "--folds", "2", "--quiet"]) == 0
-    return top
+def monday(tmp_path_factory):
+    """A simulated session, fitted by the command line."""
+    folder = tmp_path_factory.mktemp("days") / "monday"
+    for words in (
+        ["simulate", "--out", str(folder), "--seed", "1", "--segments", "9", "--closure", "0", "--odr-hz", "62.5"],
+        ["fit", str(folder), "--methods", "least_squares", "--folds", "2"],
+    ):
+        assert calibrate.main([*words, "--quiet"]) == 0
+    return folder
 
 
-def run(folders, *names_and_options):
-    return calibrate.main(["compare", *[str(folders / word) if not word.startswith("-") else word for word in names_and_options]])
+def test_what_moved_is_found_with_its_size_and_a_bias_is_another_one_after_each_switch_on(monday):
+    """Whoever left it on asks for it."""
+    first = read_calibrated(monday)
+    sigma = np.sqrt(np.diag(first.covariance))
+    scale, bias = np.zeros((2, len(sigma)))
+    scale[0], bias[10] = -30 * sigma[0], 60 * sigma[10]
+    other = replace(first, folder=first.folder.with_name("tuesday"), hashes=("x",))
+    found = compare([first, replace(other, vector=first.vector + scale)])
+    moved = found.moved[0]
+    assert found.verdict == found.lasting
+    assert found.lasting.p_value < 1e-6
+    assert (moved.session, moved.name, moved.component, moved.unit) == ("tuesday", "scale factor error", "x", "ppm")
+    assert moved.by == pytest.approx(1e6 * 30 * sigma[0] / first.vector[0] ** 2, rel=0.02)
+    assert abs(moved.sigmas) > 30 / np.sqrt(2)  # what both have of one given accelerometer is no difference
+    found = compare([first, replace(other, vector=first.vector + bias)])
+    assert found.lasting.p_value > 0.01 > 1e-6 > found.bias.p_value
+    assert (found.verdict == found.lasting, found.moved) == (True, ())
+    asked = compare([first, replace(other, vector=first.vector + bias)], bias=True)
+    assert (asked.moved[0].name, asked.moved[0].component) == ("bias", "y")
+    assert asked.moved[0].by == pytest.approx(-60 * sigma[10] / DEG, rel=0.05)
 
 
-@pytest.mark.broad
-def test_command_says_whether_and_what(folders, capsys):
-    assert run(folders, "monday", "tuesday", "--strict") == 0
-    said = capsys.readouterr().out
-    assert "misalignments agree" in said
-    assert "Note" not in said
-    assert run(folders, "monday", "other") == 0
-    assert run(folders, "monday", "other", "--strict") == 1
-    said = capsys.readouterr().out
-    assert "DIFFER" in said
-    assert "scale factor error" in said
-    assert "another sensor by its session.toml" in said
+def test_the_command_says_whether_they_agree_and_what_a_session_does_not_observe(monday, tmp_path, run):
+    path = shutil.copytree(monday, tmp_path / "flat")
+    model, fit, (log,) = path / "fit" / "model_least_squares.json", path / "fit" / "fit.json", path.glob("log*")
+    model.write_text(json.dumps({**json.loads(model.read_text()), "unobserved": ["E_xy"]}))
+    log.write_bytes(log.read_bytes() + gzip.compress(b""))  # another file
+    code, out, _ = run("compare", monday, path, "--strict", "--json", tmp_path / "table.json")
+    table = json.loads((tmp_path / "table.json").read_text())
+    assert (code, table["agree"], table["sessions"]) == (0, True, ["monday", "flat"])
+    assert ("misalignments agree" in out, "E_xy" in out) == (True, True)
+    fit.write_text("{")
+    with pytest.raises(FormatError, match=r"fit\.json"):
+        read_calibrated(path)
 
 
-def test_bad_input_gets_one_line(folders, tmp_path, capsys):
-    unfitted = tmp_path / "unfitted"
-    shutil.copytree(folders / "monday", unfitted, ignore=shutil.ignore_patterns("fit"))
-    without = tmp_path / "without"
-    shutil.copytree(folders / "tuesday", without)
-    path = without / "fit" / "model_least_squares.json"
+def test_bad_input_gets_one_line(monday, tmp_path, run):
+    unfitted = shutil.copytree(monday, tmp_path / "unfitted", ignore=shutil.ignore_patterns("fit"))
+    broken = shutil.copytree(monday, tmp_path / "broken")
+    path = broken / "fit" / "model_least_squares.json"
     table = json.loads(path.read_text())
     for covariance, word in ((None, "12 x 12"), ((-np.eye(12)).tolist(), "positive")):
         path.write_text(json.dumps({**table, "covariance": covariance}))
-        assert calibrate.main(["compare", str(folders / "monday"), str(without)]) == 2
-        assert word in capsys.readouterr().err
-    for arguments, word in (
-        ([str(folders / "monday")], "two sessions"),
-        ([str(folders / "monday"), str(tmp_path / "none")], "session.toml"),
-        ([str(folders / "monday"), str(unfitted)], "calibrate.py fit"),
-        ([str(folders / "monday"), str(folders / "monday")], "same log"),
+        code, _, err = run("compare", monday, broken)
+        assert (code, err.count("\n"), word in err) == (2, 1, True)
+    for others, word in (
+        ([], "two sessions"),
+        ([tmp_path / "none"], "session.toml"),
+        ([unfitted], "calibrate.py fit"),
+        ([monday], "same log"),
     ):
-        assert calibrate.main(["compare", *arguments]) == 2
-        said = capsys.readouterr().err.strip()
-        assert word in said
-        assert len(said.splitlines()) == 1
-
-
-def test_what_a_session_does_not_observe_is_said(folders, tmp_path):
-    path = tmp_path / "flat"
-    shutil.copytree(folders / "monday", path)
-    model = path / "fit" / "model_least_squares.json"
-    model.write_text(json.dumps({**json.loads(model.read_text()), "unobserved": ["E_xy"]}))
-    found = compare([replace(read_calibrated(path), hashes=("x",)), read_calibrated(folders / "tuesday")])
-    assert any("E_xy" in note for note in found.notes)
-    (path / "fit" / "fit.json").write_text("{")
-    with pytest.raises(FormatError, match=r"fit\.json"):
-        read_calibrated(path)
+        code, _, err = run("compare", monday, *others)
+        assert (code, err.count("\n"), word in err) == (2, 1, True)

@@ -69,6 +69,7 @@ from tinygc.explanation.faulty_readings import (
     with_lost,
     without_glitches,
 )
+from tinygc.explanation.physics import lost_in
 from tinygc.noise.components import TURN
 
 LSB = 17.5e-3 * DEG
@@ -842,7 +843,7 @@ def likely(made, tables, name, events, others=(), length=0):
     """The verdict with given likelihoods of each turn's choices."""
     made.likelihoods = lambda i, own, others, cross, length, most: {frozenset(c): v for c, v in tables[i].items()}
     made.closed_below = lambda events, cross: np.inf
-    made.lost_each_time = lambda events: length
+    made.lost_each_time, made.bridged_best = lambda events: length, lambda events, length: length
     samples = noisy(400)
     made.twin.problem.logs = [SimpleNamespace(samples=samples)]
     return made.test(name, events, list(others))
@@ -1028,13 +1029,18 @@ def test_a_clean_session_has_nothing_to_mend(two):
 
 
 def test_losses_of_the_second_log_are_timed_after_the_first(two):
+    """Of an eighth of a second, over which a rate bends: as one long step, 26 samples would close best.  A closure run is not mended."""
     (first, _), (second, table) = two
     rows = rows_in_turns(table, second, 1, 6)[::2]  # twelve turns without a loss: enough for a linear model of their own
-    mended = repair(build_problem(session_with(first, with_losses(second, rows, 9))))
+    lossy = with_losses(second, rows, 25)
+    mended = repair(build_problem(session_with(first, lossy)))
     assert list(mended.found) == [LOST]
     parameters, _ = mended.found[LOST]
-    assert parameters["length"] == 9
+    assert parameters["length"] == 25
     np.testing.assert_allclose(parameters["at_s"], first.duration_s + second.t_s[rows], atol=0.02)
+    assert mended.verdicts[0].tried_rad < 0.1 * mended.verdicts[0].before_rad
+    for samples, at in ((lossy, lossy.t_s[closed_up(rows, 25)]), (second, [])):
+        np.testing.assert_allclose(lost_in(SimpleNamespace(samples=samples, rows=range(len(samples)))), at, atol=0.01)
 
 
 def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):

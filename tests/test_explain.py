@@ -14,9 +14,12 @@ from formats_page import strangers
 from session.io.errors import DataError
 from session.io.siblings import others_beside, recordings_at
 from session.io.units import DEG, G
-from tinygc import SimulationOptions, explain
+from tinygc import SimulationOptions, explain, read_session
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
 from tinygc.explanation.checked import Outcome, check_on
 from tinygc.explanation.engine import explain_session
+from tinygc.explanation.physics import physics_methods
 from tinygc.explanation.result import to_json
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
@@ -113,6 +116,33 @@ def test_a_wrong_full_scale_is_said_and_not_explained(unit, run, tmp_path):
     assert (code, out) == (2, "")
     assert re.fullmatch(r"calibrate: .*250.*500.*\n|calibrate: .*500.*250.*\n", err)
     assert not (folder / "explain").exists()
+
+
+@pytest.mark.broad
+def test_fit_and_explain_have_one_closure_of_one_model_and_one_verdict(unit, explained):
+    """Also where a fit with physics is explained: what is to be explained is what the linear model misses."""
+    session, why = read_session(unit / "first"), explained["first"]
+    fit = fit_session(session, FitOptions(methods=("least_squares",), physics=("auto",)), physics=physics_methods)
+    physics, again = fit.methods["physics"], explain_session(session, fit=fit)
+    assert fit.use.method == "physics"
+    np.testing.assert_allclose(physics.held_out, why.proof.after, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(why.proof.before, fit.linear.held_out, rtol=1e-9, atol=1e-12)
+    assert physics.model.linear is fit.physics.fit.state.model
+    assert [test.name for test in fit.verdict().tests] == ["gravity"]  # those of the linear model do not hold for the one with physics
+    assert again.decision.tests == why.decision.tests
+    assert (again.verdict, again.p_value) == (why.verdict, why.p_value)
+
+
+def test_physics_by_name_is_fitted_with_its_sigmas_and_another_name_is_refused(unit, run):
+    options = FitOptions(methods=("least_squares",), physics=("gyro.g_sensitivity",), folds=2)
+    fit = fit_session(read_session(unit / "first"), options, physics=physics_methods)
+    (claim,) = fit.methods["physics"].model.claims
+    pulls = (claim.theta - PER_G.ravel() * DEG) / np.sqrt(np.diag(fit.physics.fit.theta_covariance(0)))
+    assert np.abs(pulls).max() < 4
+    for words in ("gyro.nonsense", "", "auto,gyro.g_sensitivity"):
+        code, _, err = run("fit", unit / "nowhere", f"--physics={words}")
+        assert (code, err.count("\n")) == (2, 1)
+        assert "is no effect; give auto, or of accelerometer.cross_coupling, " in err
 
 
 # Checked on another session.

@@ -91,6 +91,8 @@ def _chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -
 # closure cannot decide is more likely to be true: the share of true events is estimated with them (EM of a mixture).
 
 LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
+#: numbers of lost samples on either side of the one that long steps gave which are tried with their bridges
+NEAR = 3
 #: log-likelihood ratio of a row that no sensor can output, which needs no closure
 CERTAIN = 20.0
 #: samples around a false reading over which an effect with memory spreads it: a cubic spline decays by a factor of 3.7 per sample
@@ -261,6 +263,24 @@ class ClosureTrial:
 
         return lowest(cost, round(LONGEST_LOSS_S / self._period_s))
 
+    def bridged_best(self, losses: list[RegisterFault], length: int) -> int:
+        """The number of samples near ``length``, which long steps gave, whose bridges close most segments best: over a tenth of a second a
+        rate bends, and a long step errs by a sample or two."""
+        inside = [(event, i) for event in losses if (i := self.segment_of(event)) is not None]
+
+        def cost(count: int) -> float:
+            total = dict.fromkeys((i for _, i in inside), -np.inf)
+            for event, i in inside:
+                cross = crossing(self.twin.problem.logs[event.log].samples, event, count)
+                for mended, variance in (([], 0.0), ([event], cross.missed_rad**2)):
+                    angles, C = self.angles(i, mended, lambda _, cross=cross: cross, count), self.covariance[i]
+                    C = C + variance * np.eye(len(C))
+                    gain = -(angles @ np.linalg.solve(C, angles) + np.linalg.slogdet(C)[1]) / 2
+                    total[i] = float(np.logaddexp(total[i], gain))
+            return -sum(total.values())
+
+        return min(range(max(1, length - NEAR), length + NEAR + 1), key=cost) if length else 0
+
     def tilt_rms(self, mended: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
         """rms tilt, rad, of segments with these of their events repaired."""
         squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
@@ -268,7 +288,7 @@ class ClosureTrial:
 
     def test(self, name: str, events: list[RegisterFault], others: list[RegisterFault]) -> Verdict:
         """Test the events of one id, with ``others``, of another id, already repaired."""
-        length = self.lost_each_time(events) if name == LOST else 0
+        length = self.bridged_best(events, self.lost_each_time(events)) if name == LOST else 0
         where = [self.segment_of(event) for event in events]
         crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, length) for event in [*events, *others]}
         cross = crossings.__getitem__

@@ -216,7 +216,7 @@ def record_pieces(
     size = run_up + (PIECE if distort is None and disturb is None else count)
     for first in range(-run_up, count, size):
         t_fine = fine_times(odr_hz, first, min(first + size, count))
-        rate, force, temp_c = true_signals(options, unit, plan, t_fine)
+        rate, force, temp_c = _true_signals(options, unit, plan, t_fine)
         if distort is not None:
             rate = _checked("distort", distort(t_fine, rate, force, temp_c), rate.shape)
         if disturb is not None:
@@ -244,7 +244,7 @@ def fine_times(odr_hz: float, first: int, last: int) -> np.ndarray:
     return np.arange(first * factor, last * factor) / (factor * odr_hz)
 
 
-def true_signals(
+def _true_signals(
     options: SimulationOptions, unit: SimulatedUnit, plan: MovementPlan, t_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Inputs of the elements at times t_s (N,) s: rate against inertial space (N, 3) rad/s and specific force (N, 3) m/s^2, both

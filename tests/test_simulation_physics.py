@@ -1,27 +1,24 @@
 """The simulated bench, in the words of physics: what it turns it must show, and nothing else."""
 
-from __future__ import annotations
-
 import json
-import sys
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
-import processes
 import pytest
-from conftest import broad, product, turned
+from conftest import DEG, product, turned
 from scipy.spatial.transform import Rotation
 
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
 from session.io.errors import FormatError
 from session.io.registers import gyro_rps_per_lsb
-from session.io.units import DEG, EARTH_RATE_RPS
+from session.io.units import EARTH_RATE_RPS
 from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation import simulator, write
 from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body
 from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
-from tinygc.simulation.simulator import LowPass, oversampling, simulate_session, true_signals
+from tinygc.simulation.simulator import LowPass, _true_signals, oversampling, simulate_session
 from tinygc.simulation.write import write_session
 
 SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)
@@ -41,18 +38,13 @@ def attitude(angles):
     return Rotation.from_euler("ZYX", np.moveaxis(angles, 0, -1))
 
 
-def test_true_rate_integrates_to_the_attitude():
-    plan = hand_plan(SimulationOptions(segments=8, closure_s=30), np.random.default_rng(1))
+def test_true_rate_integrates_to_the_attitude_and_acceleration_is_its_derivative():
+    plan = hand_plan(SimulationOptions(segments=4, closure_s=20), np.random.default_rng(1))
     angles = move(plan, np.array([0.0, plan.duration_s])).angles
     first, last = attitude(angles)
     turn = turned(lambda t_s: move(plan, t_s).rate, plan.duration_s, fine_hz=1000.0)
     assert (last.inv() * first * turn).magnitude() < 1e-7
-
-
-def test_angular_acceleration_is_the_derivative_of_the_rate():
-    plan = hand_plan(SHORT, np.random.default_rng(2))
-    t_s = np.arange(0, plan.duration_s, 1e-3)
-    motion = move(plan, t_s)
+    motion = move(plan, np.arange(0, plan.duration_s, 1e-3))
     slope = (motion.rate[2:] - motion.rate[:-2]) / 2e-3
     assert np.abs(slope - motion.acceleration[1:-1]).max() < 1e-3 * np.abs(motion.acceleration).max()
 
@@ -68,7 +60,7 @@ def test_force_is_gravity_at_rest_and_the_lever_arm_in_a_turn():
     start_s, stop_s = simulation.plan.turns[0]
     t_s = np.array([start_s - 0.1, (start_s + stop_s) / 2])
     motion = move(simulation.plan, t_s)
-    _, force, _ = true_signals(SHORT, simulation.unit, simulation.plan, t_s)
+    _, force, _ = _true_signals(SHORT, simulation.unit, simulation.plan, t_s)
     gravity = attitude(motion.angles).inv().apply([0, 0, -SHORT.gravity_mps2])
     np.testing.assert_allclose(force[0], gravity[0], atol=1e-12)
     # The sensor's position in the table, differentiated twice.
@@ -106,20 +98,28 @@ def test_gyro_at_rest_feels_the_earth():
     assert np.sum(seen * expected) / np.sum(expected**2) == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.parametrize("odr_hz", [odr_hz if odr_hz in (104, 1667) else broad(odr_hz) for odr_hz in GYRO_LPF2_HZ])
+@pytest.mark.parametrize("odr_hz", [104, 1667])
 def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
     factor, block = oversampling(odr_hz), int(odr_hz / 5)
-    still = np.zeros((1500 * block * factor, 3))
+    still = np.zeros((600 * block * factor, 3))
     noise = LowPass(GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, factor, np.random.default_rng(6))(still)
     means = noise.reshape(-1, block, 3).mean(axis=1)
-    assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.05)
+    assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.06)
 
 
-def test_filters_begin_at_rest():
-    log = simulate_session(PERFECT).log
-    first = slice(0, int(1.5 * SHORT.odr_hz))
-    assert np.ptp(log.accel[first], axis=0).max() == 0
-    assert np.ptp(log.gyro[first], axis=0).max() == 0
+def test_filters_begin_at_rest_and_a_perfect_sensor_closes():
+    """Identity errors and no noise: what is left over 20 s is the register's step and the integration's, below 0.03 deg."""
+    simulation = simulate_session(PERFECT)
+    first, log = slice(0, int(1.5 * SHORT.odr_hz)), simulation.closure
+    assert np.ptp(simulation.log.accel[first], axis=0).max() == np.ptp(simulation.log.gyro[first], axis=0).max() == 0
+    t_s = log.t_us * 1e-6
+    angles = move(simulation.plan, t_s).angles
+    earth = table_to_body(angles, earth_rate_table(PERFECT.latitude_deg * DEG, simulation.unit.heading_deg * DEG))
+    rate = log.gyro * gyro_rps_per_lsb(PERFECT.gyro_fs_dps) - earth
+    dt = np.diff(t_s)[:, None]
+    steps = dt * (rate[1:] + rate[:-1]) / 2 + dt**2 / 6 * np.cross(rate[:-1], rate[1:])  # from rest to rest
+    turn = (t_s[:-1] > simulation.plan.closure[0]) & (t_s[1:] < simulation.plan.closure[1] + 0.05)
+    assert product(Rotation.from_rotvec(steps[turn])).magnitude() < 0.03 * DEG
 
 
 def test_closure_run_returns_to_its_start():
@@ -134,20 +134,6 @@ def test_closure_run_returns_to_its_start():
     assert np.linalg.norm(turning.rate, axis=1).min() > 0.1 * DEG
 
 
-def test_perfect_sensor_closes():
-    """Identity errors and no noise: what is left over 20 s is the register's step and the integration's, below 0.03 deg."""
-    simulation = simulate_session(PERFECT)
-    log = simulation.closure
-    t_s = log.t_us * 1e-6
-    angles = move(simulation.plan, t_s).angles
-    earth = table_to_body(angles, earth_rate_table(PERFECT.latitude_deg * DEG, simulation.unit.heading_deg * DEG))
-    rate = log.gyro * gyro_rps_per_lsb(PERFECT.gyro_fs_dps) - earth
-    dt = np.diff(t_s)[:, None]
-    steps = dt * (rate[1:] + rate[:-1]) / 2 + dt**2 / 6 * np.cross(rate[:-1], rate[1:])  # from rest to rest
-    turn = (t_s[:-1] > simulation.plan.closure[0]) & (t_s[1:] < simulation.plan.closure[1] + 0.05)
-    assert product(Rotation.from_rotvec(steps[turn])).magnitude() < 0.03 * DEG
-
-
 def test_stamps_show_the_true_rate():
     simulation = simulate_session(replace(SHORT, odr_error=0.02))
     stamps = np.concatenate([simulation.log.t_us, simulation.closure.t_us])
@@ -157,18 +143,12 @@ def test_stamps_show_the_true_rate():
     assert len(simulation.closure.t_us) / true_hz == pytest.approx(20, abs=0.01)
 
 
-def test_registers_are_16_bit_and_cut_at_full_scale():
+def test_registers_are_16_bit_and_cut_at_full_scale_which_turns_do_not_reach():
     simulation = simulate_session(SHORT, distort=lambda t_s, rate, force, temp_c: rate * 50)
-    for registers in (simulation.log.gyro, simulation.log.accel, simulation.log.temp):
-        assert registers.dtype == np.int16
+    assert {registers.dtype for registers in (simulation.log.gyro, simulation.log.accel, simulation.log.temp)} == {np.dtype(np.int16)}
     assert np.abs(simulation.log.gyro.astype(int)).max() == round(500 / 0.0175)
-
-
-@pytest.mark.parametrize("fs_dps", [125, broad(500)])
-def test_turns_stay_below_full_scale(fs_dps):
-    log = simulate_session(SimulationOptions(segments=20, closure_s=58, seed=9, gyro_fs_dps=fs_dps, vigour=3)).log
-    peak_dps = np.abs(log.gyro * gyro_rps_per_lsb(fs_dps) / DEG).max()
-    assert 0.5 * fs_dps < peak_dps < 0.9 * fs_dps
+    log = simulate_session(SimulationOptions(segments=12, closure_s=58, seed=9, gyro_fs_dps=125, vigour=3, odr_hz=104.0)).log
+    assert 0.5 * 125 < np.abs(log.gyro * gyro_rps_per_lsb(125) / DEG).max() < 0.9 * 125
 
 
 def test_distort_adds_to_the_true_rate_and_sees_what_the_elements_feel():
@@ -201,9 +181,8 @@ def test_same_seed_same_bytes_and_purposes_have_their_own_stream(tmp_path):
     assert (first / "log0001.csv.gz").read_bytes() != (other / "log0001.csv.gz").read_bytes()
 
 
-@pytest.mark.parametrize("odr_hz", [62.5, 208])
-def test_folder_reads_like_a_recorded_one(tmp_path, odr_hz):
-    options = SimulationOptions(segments=12, closure_s=30, seed=10, odr_hz=odr_hz, with_heading=True)
+def test_folder_reads_like_a_recorded_one(tmp_path):
+    options = SimulationOptions(segments=12, closure_s=30, seed=10, odr_hz=62.5, with_heading=True)
     session = read_session(write_session(options, tmp_path / "s"))
     truth = json.loads((tmp_path / "s" / "truth.json").read_text())
     assert session.config.site.heading_deg == truth["heading_deg"]
@@ -223,27 +202,18 @@ def test_folder_reads_like_a_recorded_one(tmp_path, odr_hz):
     assert len(find_stills(session.calibrated(closure))[0]) == 2
 
 
-def test_heading_is_told_only_when_asked_for_and_closure_only_when_there_is_one(tmp_path):
-    session = read_session(write_session(replace(SHORT, closure_s=0), tmp_path / "s"))
-    assert session.config.site.heading_deg is None
-    assert session.closures == ()
-
-
-def test_file_says_how_to_make_it_again(tmp_path):
+def test_a_file_says_how_to_make_it_again_and_nothing_but_a_simulation_is_replaced(tmp_path):
     options = replace(SHORT, with_heading=True, odr_hz=104.0, heading_deg=-12.5)
     expected = "calibrate.py simulate --segments 3 --closure 20 --seed 5 --odr-hz 104 --heading-deg -12.5 --with-heading"
     assert command_line(options) == expected
-    text = (write_session(options, tmp_path / "s") / "session.toml").read_text()
-    assert "SIMULATED" in text.splitlines()[0]
-    assert expected in text.splitlines()[0]
-
-
-def test_nothing_but_a_simulation_is_replaced(tmp_path):
-    folder = write_session(SHORT, tmp_path / "s")
+    folder = write_session(options, tmp_path / "s")
+    head = (folder / "session.toml").read_text().splitlines()[0]
+    assert ("SIMULATED" in head, expected in head) == (True, True)
     with pytest.raises(FormatError, match="not empty"):
         write_session(SHORT, folder)
     write_session(replace(SHORT, closure_s=0), folder, force=True)
-    assert not (folder / "closure0001.csv.gz").exists()
+    session = read_session(folder)
+    assert (session.config.site.heading_deg, session.closures) == (None, ())
     (folder / "truth.json").unlink()
     with pytest.raises(FormatError, match="no simulation"):
         write_session(SHORT, folder, force=True)
@@ -264,19 +234,11 @@ def test_wrong_options_are_named(wrong, message):
         SimulationOptions(**wrong)
 
 
-def test_simulating_never_loads_torch():
-    code = "import tinygc.simulation, sys; print('torch' in sys.modules)"
-    assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "False"
-
-
-@pytest.mark.broad
 def test_pieces_are_the_whole_and_hours_take_no_more_memory_than_minutes(tmp_path, monkeypatch):
     """An effect that changes nothing has the movement computed at once."""
-    import tracemalloc
-
-    monkeypatch.setattr(simulator, "PIECE", 1 << 12)
-    monkeypatch.setattr(write, "ROWS", 1 << 12)
-    options = SimulationOptions(segments=16, closure_s=0.0, seed=4)
+    monkeypatch.setattr(simulator, "PIECE", 1 << 11)
+    monkeypatch.setattr(write, "ROWS", 1 << 11)
+    options = SimulationOptions(segments=10, closure_s=0.0, seed=4)
     whole = simulate_session(options, lambda t_s, rate, force, temp_c: rate).log
     assert len(whole.t_us) > 4 * simulator.PIECE
     tracemalloc.start()
@@ -285,6 +247,6 @@ def test_pieces_are_the_whole_and_hours_take_no_more_memory_than_minutes(tmp_pat
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert peak < 25e6  # at once they were 60
+    assert peak < 15e6  # at once they were 40
     logged = np.loadtxt(tmp_path / "s" / "log0001.csv.gz", delimiter=",", skiprows=2, dtype=np.int64)
     np.testing.assert_array_equal(logged, np.column_stack([whole.t_us, whole.gyro, whole.accel, whole.temp]))

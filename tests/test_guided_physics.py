@@ -1,0 +1,685 @@
+"""A guided recording without a port, a clock or a terminal: what is said of port, board and coach, and what keys decide."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from coached_hand import guide_of
+from conftest import Table, config
+from processes import PATIENCE_S
+from streams import INFO as BOARD_INFO
+from streams import frame_list, sent
+from test_stream_physics import HELLO, REGISTERS, board_frame, faults_frame
+
+from session.bench.board_clock import ClockRatio
+from session.bench.decoder import StreamDecoder
+from session.bench.events import FAULTS, SENSOR, BoardStatus, Comment, FaultCounts, Info, SampleChunk, Trouble, starts_log
+from session.bench.guide import ANY_TURN, Guide
+from session.bench.guided_session import (
+    MOST_SAID,
+    NO_SENSOR,
+    RESET_SAYS,
+    SETTLES,
+    BoardReporter,
+    CoachThread,
+    GuidedRecording,
+    SensorIdentity,
+)
+from session.bench.messages import Advice, Kind, Stage
+from session.bench.rawfile import RecordingDecision
+from session.bench.rest_guide import RestAnswer, RestGuide, in_words
+from session.io.errors import FormatError, OtherSensor
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from tinygc import CalibrationError
+
+INFO = Info(500.0, 4.0, 208.0, "1")
+
+
+SESSION = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(120, (0, 1, 0), 3).rest(2.5).turn(120, (0, 0, 1), 3).rest(3)
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """However busy the machine is: nothing is silent, and no coach late, unless a test wants it so; each state is shown."""
+    monkeypatch.setattr("session.bench.guided_session.SHOW_EVERY_S", -1.0)
+    monkeypatch.setattr("session.bench.guided_session.SILENT_S", PATIENCE_S)
+    monkeypatch.setattr("session.bench.guided_session.LAST_WORD_S", PATIENCE_S)
+
+
+class Port:
+    """Stands for a recorder: each poll gives what the next step of a script says."""
+
+    def __init__(self, steps, resumed=()):
+        self._steps, self._resumed = iter(steps), list(resumed)
+        self.connected, self.why = True, ""
+        self.port = SimpleNamespace(name="/dev/ttyACM0")
+        self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
+        self.clock = SimpleNamespace(measured=None)
+        self.raw, self.apart = SimpleNamespace(path=Path("raw.bin")), []
+        self.logs = SimpleNamespace(paths=[SimpleNamespace(name="log0001.csv")])
+        self.decided, self.now_s, self.typed = [], 0.0, []
+
+    def set_apart(self, landmarks):
+        self.apart.append(landmarks)
+        return ["foreign0001.csv"]
+
+    def catch_up(self):
+        yield from ([event] for event in self._resumed)
+
+    def poll(self):
+        step = next(self._steps, None)
+        assert step is not None, "the guide waits for what never comes"
+        if isinstance(step, SampleChunk):
+            self.now_s = step.t_us[-1] * 1e-6
+        return step(self) or [] if callable(step) else [step]
+
+    def decide(self, decision):
+        self.decided.append(decision)
+
+    def keys(self):
+        """What was typed until now: texts at seconds of device time."""
+        due = [text for at_s, text in self.typed if at_s <= self.now_s]
+        self.typed = [(at_s, text) for at_s, text in self.typed if at_s > self.now_s]
+        return "".join(due)
+
+
+class Said:
+    """Stands for a screen."""
+
+    def __init__(self):
+        self.changes, self.instructions = [], []
+
+    def change(self, change):
+        self.changes.append(change)
+
+    def show(self, guide):
+        self.instructions.append(guide.instruction)
+
+    def texts(self, kind):
+        return [change.text for change in self.changes if change.kind is kind]
+
+
+def chunks(table: Table, size: int = 50, seed: int = 0) -> list[SampleChunk]:
+    samples = table.samples(seed=seed)
+    rows = np.column_stack([samples.gyro / gyro_rps_per_lsb(500), samples.accel / accel_mps2_per_lsb(4), 256 * (samples.temp_c - 25)])
+    rows, t_us = np.rint(rows).astype(np.int16), samples.t_ns // 1000
+    return [SampleChunk(t_us[i : i + size], rows[i : i + size]) for i in range(0, len(rows), size)]
+
+
+def led(port, segments=3, coach=None, configure=lambda info, waited_s: config() if info else None, **options):
+    said = Said()
+    guided = GuidedRecording(Guide(config().protocol, segments), port, configure, coach, said)
+    guided.lead(**options)
+    return guided.guide, said
+
+
+def pulled(port):
+    port.connected, port.why = False, "Input/output error"
+
+
+def plugged(port):
+    port.connected, port.why = True, ""
+    return [Trouble("reconnect"), INFO]
+
+
+def test_a_session_from_its_events():
+    guide, said = led(Port([INFO, *chunks(SESSION)]))
+    assert guide.accepted == 3
+    assert guide.health.info_odr_hz == 208.0
+    assert said.texts(Kind.DONE) == ["done: 3 segments"]
+    assert not said.texts(Kind.WARNING)
+
+
+@pytest.mark.parametrize("at", [1, 14])
+def test_pulled_and_reset_anywhere(at):
+    """From before the check is over to the second turn: what was accepted stays, and the rest is asked for again."""
+    for steps in ([pulled, plugged], [Trouble("reset"), INFO]):
+        port = Port([INFO, *chunks(SESSION)[:at], *steps, *chunks(SESSION, seed=1), *chunks(SESSION, seed=2)])
+        guide, said = led(port, segments=4)
+        assert guide.accepted == 4
+        (warning,) = [change for change in said.changes if "a new log begins" in change.text]
+        assert warning.at_s == pytest.approx(at * 50 / 208 if at > 4 else 0.0, abs=0.3)
+
+
+def test_each_of_a_boards_resets_is_said_with_what_it_came_of():
+    board = BoardStatus(SENSOR, True, True, "1.2.3", 0x6B, -4, bytes(10), 921600, 208.0)
+    hung = replace(board, by_watchdog=True)
+    steps = [INFO, board, *chunks(SESSION)[:14], hung, Trouble("reset"), *chunks(SESSION)[:14], Trouble("reset")]
+    _, said = led(Port([*steps, *chunks(SESSION, seed=1)]))
+    new_log = "the board was reset: a new log begins"
+    assert said.texts(Kind.WARNING) == [RESET_SAYS["watchdog"], new_log, new_log, RESET_SAYS["watchdog"]]
+
+
+def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
+    def silent(port):
+        monkeypatch.setattr("session.bench.guided_session.SILENT_S", -1.0)
+
+    def wrong_baud(port):
+        port.decoder = SimpleNamespace(garbage=812, crc_errors=3)
+
+    def right_again(port):
+        monkeypatch.setattr("session.bench.guided_session.SILENT_S", 60.0)
+
+    remark = Comment("nothing answers at 0x68")
+    guide, said = led(Port([INFO, pulled, plugged, silent, remark, silent, INFO, wrong_baud, right_again, *chunks(SESSION)]))
+    why = [now.why for now in said.instructions]
+    assert "/dev/ttyACM0: Input/output error; it is tried again and again" in why
+    assert any("no bytes arrive: is the board sending?" in words for words in why)
+    assert any("the board says: nothing answers at 0x68" in words for words in why)
+    assert any("812 bytes and 3 frames that are none: is the baud rate right?" in words for words in why)
+    assert guide.accepted == 3
+
+
+def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
+    with pytest.raises(CalibrationError, match="10 s of samples whose ranges are not known: give --gyro-fs"):
+        led(Port(chunks(Table().rest(12))))
+    late = [*chunks(SESSION)[:4], INFO, *chunks(SESSION)[4:]]
+    assert led(Port(late))[0].accepted == 3
+    assert led(Port(chunks(SESSION)), configure=lambda info, waited_s: config() if waited_s >= 3 else None)[0].accepted == 3
+
+
+def swapped_in(events):
+    return lambda port: plugged(port) and events
+
+
+def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
+    """It is the file that is wrong: somebody has changed it since."""
+
+    def contradicted(info, waited_s):
+        if info:
+            raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board says 500; correct the wrong one")
+
+    port = Port([], resumed=[INFO, *chunks(SESSION)[:40], INFO, *chunks(SESSION)])
+    with pytest.raises(OtherSensor, match=r"correct the wrong one$"):
+        led(port, configure=contradicted)
+    assert port.apart == []
+
+
+def test_another_sensor_has_no_place_in_the_recording():
+    """Neither when it is resumed nor behind a pulled cable; a word that was damaged on the wire is not repeated."""
+    other = Info(500.0, 4.0, 208.0, "2")
+    swapped = [Trouble("reconnect"), other]
+    for port, sound in (
+        (Port([swapped_in(swapped), *chunks(SESSION)[:9], other], resumed=[INFO, *chunks(SESSION)[:40]]), 2),
+        (Port([INFO, *chunks(SESSION)[:9], pulled, swapped_in(swapped), other]), 2),
+        (Port([INFO, *chunks(SESSION)[:9], INFO, other, other]), 2),  # behind the same wire: since the last word that was right
+        (Port([], resumed=[INFO, *chunks(SESSION)[:40], *swapped, *chunks(SESSION)[:9], other]), 2),
+    ):
+        with pytest.raises(OtherSensor, match=r"serial=2, this recording is of 1; .*--out; its bytes stay apart \(raw.bin"):
+            led(port)
+        assert port.apart == [sound]
+    damaged = [INFO, *chunks(SESSION)[:9], other, *chunks(SESSION)[9:]]
+    guide, _ = led(Port(damaged))
+    assert guide.accepted == 3
+    nameless = Info(500.0, 4.0, 208.0, "0")
+    assert led(Port([INFO, nameless, nameless, *chunks(SESSION)]))[0].accepted == 3
+
+
+@pytest.mark.parametrize(("ratio", "says"), [(1.0009, ""), (0.985, "15000 ± 58 ppm slow"), (4.0, "")])
+def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
+    port = Port([INFO, *chunks(SESSION)])
+    port.clock = SimpleNamespace(measured=ClockRatio(ratio, 5e-5, 30.0))
+    guide, said = led(port)
+    assert [says in text for text in said.texts(Kind.WARNING)] == [True] * bool(says)
+    assert guide.health.odr_by_host_hz == pytest.approx(208 * ratio, rel=1e-3)
+
+
+def test_an_interruption_is_asked_for_between_two_polls():
+    """All that was taken has reached the guide by then."""
+    taken, port = [], Port([INFO, *chunks(SESSION)])
+    poll = port.poll
+    port.poll = lambda: taken.append(1) or poll()
+    guided = GuidedRecording(Guide(config().protocol, 3), port, lambda info, waited_s: config() if info else None, None, Said())
+    with pytest.raises(KeyboardInterrupt):
+        guided.lead(lambda: len(taken) == 21)
+    assert guided.guide.health.samples == 20 * 50
+    assert guided.guide.accepted == 0
+
+
+def test_what_an_earlier_recording_left_counts():
+    port = Port([INFO, *chunks(SESSION, seed=1)], resumed=[INFO, *chunks(SESSION)[:40]])
+    guide, said = led(port, segments=4)
+    assert "resumed: 1 segments so far" in said.texts(Kind.STAGE)
+    assert guide.accepted == 4
+    done = Port([], resumed=[INFO, *chunks(SESSION)])
+    assert led(done)[0].stage is Stage.DONE
+
+
+def test_a_coach_that_fails_does_not_end_the_recording():
+    def coach(taken):
+        raise ValueError("no idea")
+
+    guide, said = led(Port([INFO, *chunks(SESSION)]), coach=coach)
+    assert guide.accepted == 3
+    assert said.texts(Kind.WARNING) == ["the coach has failed (ValueError: no idea); any turn will do"]
+
+
+# Keys.
+
+
+#: turns of 120, 130, 140 and 150 degrees, at seconds 3 to 6, 8.5 to 11.5, 14 to 17, 19.5 to 22.5
+TURNS = [(120, (1, 0, 0)), (130, (0, 1, 0)), (140, (0, 0, 1)), (150, (1, 1, 0))]
+
+
+def session(turns: int) -> Table:
+    table = Table().rest(3)
+    for degrees, axis in TURNS[:turns]:
+        table.turn(degrees, axis, 3).rest(2.5)
+    return table
+
+
+class Notes:
+    def __init__(self):
+        self.notes, self.rows = [], []
+
+    def note(self, text, when):
+        if text == "no place":
+            raise FormatError("session.toml: no place")
+        self.notes.append(text)
+
+    def exclude(self, log, at_s):
+        self.rows.append((log, at_s))
+
+    def excludes(self, log, at_s):
+        return (log, at_s) in self.rows
+
+
+def keyed(turns, typed=(), resumed=(), segments=4, notes=None, steps=()):
+    """A session of so many turns at which these keys are pressed: the port, the guide, what was said, notes."""
+    port, said, guide, notes = Port([], resumed), Said(), Guide(config().protocol, segments), notes or Notes()
+    port.typed = list(typed)
+    port._steps = iter([*([INFO, *steps, *chunks(session(turns))] if turns else []), lambda port: setattr(port, "ended", True)])
+    port.ended = False
+    guided = GuidedRecording(guide, port, lambda info, waited_s: config(), None, said, notes, port.keys)
+    with contextlib.suppress(KeyboardInterrupt):
+        guided.lead(lambda: port.ended)
+    return port, guide, said, notes
+
+
+def test_the_last_turn_is_dropped_where_it_moved():
+    """Pressed in the rest behind the second turn, or in it; twice, it does not drop the turn before."""
+    port, guide, said, notes = keyed(3, [(13.9, "dd")], segments=3)
+    assert (guide.accepted, guide.dropped) == (2, 1)
+    ((log, at_s),) = notes.rows
+    assert log == "log0001.csv"
+    assert 8.5 < at_s < 11.5
+    assert [decision.text for decision in port.decided] == [f"drop {round(at_s * 1e6)}"]
+    assert any(text.startswith("the last turn is dropped (130° in 3.0 s)") for text in said.texts(Kind.STAGE))
+    assert "the last turn does not count" in said.texts(Kind.WARNING)
+    _, guide, said, notes = keyed(2, [(10.5, "d")])
+    assert (guide.accepted, guide.dropped) == (1, 1)
+    assert 8.5 < notes.rows[0][1] < 11.5
+    assert "turn 2 dropped, as requested" in said.texts(Kind.STAGE)
+
+
+@pytest.mark.parametrize(("at_s", "says"), [(2.5, "no accepted turn yet"), (0.4, "no turn to drop now")])
+def test_where_there_is_nothing_to_drop_it_says_so(at_s, says):
+    port, _, said, notes = keyed(1, [(at_s, "d")], segments=1)
+    assert any(says in text for text in said.texts(Kind.WARNING))
+    assert (notes.rows, port.decided) == ([], [])
+
+
+def test_paused_nothing_is_judged():
+    """The second of four turns is made in a pause: nobody counts it, and the first still after the pause is a new log's."""
+    port, guide, said, _ = keyed(4, [(8.4, "p"), (11.7, "p")])
+    assert [decision.text for decision in port.decided] == ["pause", "begin log"]
+    assert [text.split(":")[1].split(" in ")[0] for text in said.texts(Kind.ACCEPTED)] == [" 120°", " 140°", " 150°"]
+    assert guide.log == 1
+    assert {now.do for now in said.instructions if now.stage is Stage.PAUSED} == {"paused: nothing is examined"}
+
+
+def test_a_note_has_its_text_and_says_that_it_is_kept():
+    port, guide, said, notes = keyed(1, [(2.0, "nthe cable "), (2.5, "rubs\r"), (2.7, "nno place\r")], segments=1)
+    assert notes.notes == ["the cable rubs"]
+    assert port.decided[0] == RecordingDecision("note", "the cable rubs")
+    assert "noted: the cable rubs" in said.texts(Kind.STAGE)
+    assert said.texts(Kind.WARNING) == ["session.toml: no place"]  # and no recording ends by it
+    assert guide.accepted == 1  # the letters of a note are no commands
+
+
+def test_resumed_it_is_where_it_was_and_a_drop_that_was_taken_back_is_taken_back():
+    port, _, _, notes = keyed(2, [(13.9, "d")])
+    drop = RecordingDecision(port.decided[0].word, port.decided[0].rest, "log0001.csv")
+    for kept, accepted in ((notes, 1), (Notes(), 2)):
+        _, guide, said, _ = keyed(0, resumed=[INFO, *chunks(session(2)), drop], notes=kept)
+        assert guide.accepted == accepted
+        assert f"resumed: {accepted} segments so far" in said.texts(Kind.STAGE)
+    # A pause ends with the recording: what comes next goes to a log again.
+    past = [INFO, *chunks(session(2)), RecordingDecision("pause")]
+    port, guide, _, _ = keyed(1, resumed=past, segments=3, steps=[Trouble("reconnect")])
+    assert port.decided == [RecordingDecision("begin", "log")]
+    assert guide.accepted == 3
+
+
+# A rest.
+
+
+REST, BEGIN = Table().rest(6), RecordingDecision("begin", "rest")
+
+
+class Figures:
+    """Stand for the annex: the answer changes when so many samples have come."""
+
+    def __init__(self, answers=()):
+        self.samples = self.logs = 0
+        self._answers = dict(answers)
+
+    def add(self, samples):
+        self.samples += len(samples)
+
+    def new_log(self):
+        self.logs += 1
+
+    def answer(self):
+        due = [count for count in self._answers if count <= self.samples]
+        return self._answers.pop(due[0]) if due else None
+
+
+def test_a_rest_of_some_seconds_takes_every_sample_into_its_log():
+    """The log begins before the first sample; the guide ends with the block in which the time is reached."""
+    port, figures = Port([INFO, *chunks(REST)]), Figures()
+    guide = RestGuide(config().protocol, 4.0, figures)
+    said = rested(port, guide)
+    assert port.decided == [BEGIN]
+    assert 4.0 <= guide.rested_s < 4.11
+    assert figures.samples / 208 == pytest.approx(guide.rested_s, abs=0.01)
+    assert said.texts(Kind.DONE) == ["done: 4 s of rest"]
+    assert not said.texts(Kind.WARNING)
+    assert guide.moved_s == guide.accepted == 0
+    assert {instruction.do for instruction in said.instructions if instruction.stage is Stage.HOLD_STILL} == {
+        "a rest: leave the board alone, and the table too"
+    }
+
+
+def test_enough_is_said_once_and_ends_it_where_that_was_asked():
+    answers = {300: RestAnswer(("B after 3.1 h",)), 500: RestAnswer(("all known",), True), 700: RestAnswer(("still known",), True)}
+    guide = RestGuide(config().protocol, 5.0, Figures(answers))
+    said = rested(Port([INFO, *chunks(REST)]), guide)
+    assert [text for text in said.texts(Kind.STAGE) if "B" in text or "known" in text] == ["B after 3.1 h", "all known", "still known"]
+    assert said.texts(Kind.READY) == ["enough: 2 s of rest shows the noise as precisely as was asked"]
+    assert said.texts(Kind.DONE) == ["done: 5 s of rest"]
+    assert any(instruction.do.startswith("enough") for instruction in said.instructions)
+    stopping = RestGuide(config().protocol, None, Figures(answers), stop_at_target=True)
+    said = rested(Port([INFO, *chunks(REST)]), stopping)
+    assert said.texts(Kind.DONE) == ["done: 2 s of rest, and the noise is known"]
+
+
+def test_what_moves_is_counted_and_said_once(monkeypatch):
+    """Behind the minute in which the sensor's own noise becomes known."""
+    monkeypatch.setattr("session.bench.rest_guide.CEILING_S", 2.0)
+    guide = RestGuide(config().protocol, 12.0)
+    table = Table().rest(5).turn(20, (0, 0, 1), 1.0).rest(3).turn(20, (0, 1, 0), 1.0).rest(3)
+    said = rested(Port([INFO, *chunks(table)]), guide)
+    (warning,) = said.texts(Kind.WARNING)
+    assert warning.startswith("it moves: ")
+    assert guide.moved_s == pytest.approx(2.0, abs=0.5)
+
+
+def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
+    """What the port still held of the turns goes to no log; the rest's log begins with the new connection."""
+    turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
+    port = Port([Trouble("reconnect"), INFO, *chunks(REST, seed=1)], resumed=[INFO, *chunks(turns)])
+    guide = RestGuide(config().protocol, 4.0)
+    rested(port, guide)
+    assert port.decided == [RecordingDecision("pause"), BEGIN]
+    assert 4.0 <= guide.rested_s < 4.11
+
+
+def test_turns_that_are_resumed_after_a_rest_take_nothing_of_it():
+    """Neither its samples nor that the operator had finished it."""
+    turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
+    past = [INFO, *chunks(turns), BEGIN, *chunks(turns, seed=1), RecordingDecision("finish")]
+    port = Port([Trouble("reconnect"), INFO, *chunks(turns, seed=2)], resumed=past)
+    guide = Guide(config().protocol, 2)
+    said = rested(port, guide)
+    assert port.decided == [RecordingDecision("pause"), RecordingDecision("begin", "log")]
+    assert "resumed: 1 segments so far" in said.texts(Kind.STAGE)
+    assert guide.accepted == 2
+    finished = Guide(config().protocol, 1)
+    rested(Port([], resumed=past), finished)
+    assert finished.stage is Stage.DONE
+
+
+def test_a_finished_rest_is_resumed_and_becomes_longer():
+    past = [BEGIN, INFO, *chunks(REST), RecordingDecision("finish"), Trouble("reconnect"), INFO, *chunks(REST, seed=1)]
+    guide = RestGuide(config().protocol, 14.0)
+    port = Port([Trouble("reconnect"), INFO, *chunks(REST, seed=2)], resumed=past)
+    said = rested(port, guide)
+    assert not port.decided  # its last log was a rest's
+    assert "resumed: 12 s of rest so far" in said.texts(Kind.STAGE)
+    assert guide.rested_s == pytest.approx(14.0, abs=0.11)
+    already = RestGuide(config().protocol, 5.0)
+    rested(Port([], resumed=past), already)  # nothing is polled
+    assert already.rested_s == pytest.approx(5.0, abs=0.11)
+
+
+@pytest.mark.parametrize(("seconds", "words"), [(119.4, "119 s"), (120, "2 min"), (11160, "3.1 h")])
+def test_durations_in_words(seconds, words):
+    assert in_words(seconds) == words
+
+
+def rested(port, guide):
+    said = Said()
+    GuidedRecording(guide, port, lambda info, waited_s: config() if info else None, None, said, keys=port.keys).lead()
+    return said
+
+
+def test_keys_pause_and_finish_a_rest():
+    port, guide = Port([INFO, *chunks(Table().rest(9))]), RestGuide(config().protocol)
+    port.typed = [(3.6, "p"), (4.8, "p"), (7.2, "f")]
+    assert rested(port, guide).texts(Kind.DONE)[0].endswith("of rest, finished by the operator")
+    assert [decision.text for decision in port.decided] == ["begin rest", "pause", "begin rest", "finish"]
+
+
+# What the board says of itself.
+
+
+def heard(*data: bytes) -> list[str]:
+    """The lines of the messages and resets in a stream."""
+    words, said, decoder = BoardReporter(), [], StreamDecoder()
+    for event in decoder.feed(HELLO + b"".join(data)) + decoder.finish():
+        if starts_log(event):
+            said += words.was_reset()
+        elif not isinstance(event, (Info, SampleChunk, Trouble)):
+            said += words.hear(event)
+    return said
+
+
+def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
+    (said,) = heard(faults_frame(), faults_frame(hang=1, lost=12))
+    assert "hung (1×): 12 samples lost" in said
+    assert "wires" in said
+    (said,) = heard(faults_frame(crowded_out=5), faults_frame(crowded_out=5))
+    assert said.startswith("before this recording")
+    assert "5 samples lost" in said
+    assert "--baud" in said
+
+
+def test_what_a_board_has_counted_is_counted_once_over_connections():
+    """A cable that was pulled, or --resume: the board goes on counting unless it was switched on again."""
+    words, lines = BoardReporter(), []
+    for counts in ({"lost": 4, "hang": 1}, {"lost": 163, "hang": 1, "parity": 3, "reset": 1}, None):
+        if counts is None:
+            words.new_connection()
+        else:
+            lines += words.hear(FaultCounts(tuple(counts.get(name, 0) for name in FAULTS)))
+    whole = {"lost": 159, "parity": 3, "reset": 1}  # none of before the recording
+    assert words.counted == whole
+    assert words.hear(words.faults) == []
+    assert words.counted == whole
+    words.new_connection()
+    assert len(words.hear(FaultCounts(tuple(int(name == "parity") for name in FAULTS)))) == 1  # they fell: switched on again
+    assert words.counted == whole | {"parity": 4}
+    assert [line.startswith("before this recording") for line in lines] == [True, False]
+
+
+def test_a_loose_wire_does_not_say_it_for_ever():
+    assert len(heard(*(faults_frame(parity=n) for n in range(200)))) == MOST_SAID + 1
+
+
+def test_a_stand_in_is_said():
+    assert heard(board_frame(source=0, who=0), board_frame(source=0, who=0, baud=1)) == [NO_SENSOR]
+    assert heard(board_frame(source=1)) == []
+
+
+def test_settling_filters_are_said_once():
+    assert heard(board_frame(state=7), board_frame(state=7), board_frame(state=3)) == [SETTLES]
+    event = StreamDecoder().feed(HELLO + board_frame(state=4))[1]
+    assert (event.streams, event.runs, event.settles, event.reset) == (False, False, True, "")
+
+
+#: states of a board that streams its sensor: as switched on, behind its watchdog's reset, behind a fault of its core
+ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
+
+
+WATCHDOG, FAULT = RESET_SAYS["watchdog"], RESET_SAYS["fault"]
+
+
+@pytest.mark.parametrize(
+    ("state", "flags", "comment"),
+    [(ON, (False, False), "00200"), (HUNG, (True, False), "watchdog"), (3 | 24, (True, True), "fault")],
+)
+def test_what_a_reset_came_of_is_in_the_log(state, flags, comment):
+    """Of a sensor, and of a stand-in."""
+    sensor, standin = (StreamDecoder().feed(HELLO + board_frame(source, state=state))[1] for source in (1, 0))
+    assert (sensor.by_watchdog, sensor.by_fault) == flags
+    assert sensor.text.endswith(f" reset={comment}" if any(flags) else REGISTERS.hex())
+    assert standin.text == "board source=stand-in firmware=1.2.3" + (f" reset={comment}" if any(flags) else "")
+
+
+def restarted(*states: int) -> list[bytes]:
+    """A board that starts again and again, each time with a status before its samples and two among them: their stamps begin anew."""
+    rows = b"".join(frame_list(*sent(1200, start_us=5000)))
+    return [board_frame(state=state) + rows[: len(rows) // 2] + board_frame(state=state) + rows[len(rows) // 2 :] for state in states]
+
+
+@pytest.mark.parametrize(
+    ("states", "says"),
+    [
+        ((ON, HUNG, HUNG), [WATCHDOG, WATCHDOG]),  # the second is said as well
+        ((ON, ASTRAY, HUNG, ASTRAY), [FAULT, WATCHDOG, FAULT]),
+        ((HUNG,), [WATCHDOG]),  # before this recording
+        ((ON, HUNG, ON, HUNG), [WATCHDOG, WATCHDOG]),  # somebody pressed its button between them
+        ((ON, ON), []),
+    ],
+)
+def test_what_each_reset_came_of_is_said_once(states, says):
+    assert heard(*restarted(*states)) == says
+    assert "since power-up" in WATCHDOG  # nothing is claimed of this recording
+
+
+def test_what_a_reset_came_of_is_said_where_its_first_status_was_lost():
+    """Then the stamps show the reset first."""
+    begun, again = restarted(ON, HUNG)
+    cut = again[len(board_frame(state=HUNG)) :]
+    assert heard(begun, cut, again) == [WATCHDOG, WATCHDOG]
+    assert heard(begun, again, again) == [WATCHDOG, WATCHDOG]
+
+
+@pytest.mark.parametrize(
+    ("who", "says"),
+    [
+        (0x69, "a chip that is no ASM330LHH and no LSM6DSO answers"),
+        (0x6B, "a sensor answers on its bus, but did not start"),
+    ],
+)
+def test_a_stand_in_beside_a_chip_that_answers_says_which(who, says):
+    (words,) = heard(board_frame(source=0, who=who))
+    assert words.startswith(NO_SENSOR)
+    assert f"{says}" in words
+    assert words.endswith(f"WHO_AM_I 0x{who:02X}")
+
+
+def said(odr_hz: float, serial: str = "0") -> Info:
+    return replace(BOARD_INFO, odr_hz=odr_hz, serial=serial)
+
+
+def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
+    same = SensorIdentity()
+    same.require(said(421.06))
+    same.require(said(432.4))  # within a connection nobody swaps a board: it has measured better
+    same.new_connection()
+    same.require(said(433.0))
+    same.new_connection()
+    with pytest.raises(OtherSensor, match="it has no serial number"):
+        same.require(said(433.0 * 1.027))
+    with pytest.raises(OtherSensor):  # it stays another's
+        same.require(said(433.0 * 1.027))
+    same.new_connection()
+    same.require(said(433.0))
+
+
+def test_a_serial_number_is_another_boards():
+    same = SensorIdentity()
+    same.require(said(421.06, "77"))
+    same.require(said(421.06, "0"))
+    with pytest.raises(OtherSensor, match="serial=78"):
+        same.require(said(421.06, "78"))
+
+
+def test_what_a_fault_cost_is_said_once_the_sensor_is_back_and_what_a_setting_cost_is_not():
+    away, back = heard(faults_frame(), faults_frame(hang=1), faults_frame(hang=1, starts=1, lost=40))
+    assert "no sample lost so far" in away
+    assert back == "the sensor is back: 40 samples lost"
+    assert heard(faults_frame(), faults_frame(starts=1), faults_frame(starts=1, lost=400)) == []
+
+
+# The coach.
+
+
+THINKS = "one moment: the coach evaluates the last turn"
+TABLE = Table().rest(3).turn(120, (1, 0, 0), 3).rest(5).turn(90, (0, 1, 0), 3).rest(5)
+REJECTED = Table().rest(3).turn(120, (1, 0, 0), 3).rest(5).turn(20, (0, 1, 0), 3).rest(5)
+
+
+def followed(table, answers_at_s):
+    """A session with a coach that answers at these moments: time, what is to be done, stills; and what the coach was asked of."""
+    may, asked, seen = threading.Semaphore(0), [], []
+
+    def coach(progress):
+        asked.append((len(progress.turns), len(progress.stills)))
+        may.acquire()
+        return Advice(f"advice at still {len(progress.stills)}", "why")
+
+    guide, thread, answers, samples = guide_of(), CoachThread(coach), list(answers_at_s), table.samples()
+    guide.coached = True
+    for first in range(0, len(samples), 20):
+        at_s = (first + 20) / 208
+        guide.feed(samples.between(first, first + 20))
+        if answers and at_s >= answers[0]:
+            answers.pop(0)
+            may.release()
+            thread._pending.result(timeout=PATIENCE_S)
+        thread.hear(guide)
+        seen.append((at_s, guide.instruction.do, len(guide.taken.stills)))
+    may.release(100)
+    thread.close()
+    return guide, seen, asked
+
+
+def test_advice_is_never_shown_for_another_still_than_its_own():
+    """Until it comes the guide says that the coach thinks; after two seconds any turn will do."""
+    guide, seen, asked = followed(TABLE, [9.0, 18.5])
+    assert asked == [(1, 2), (2, 3)]
+    assert {(do, stills) for _, do, stills in seen if "advice" in do} == {(f"advice at still {stills}", stills) for stills in (2, 3)}
+    third_s = next(at_s for at_s, _, stills in seen if stills == 3)
+    after = [(at_s - third_s, do) for at_s, do, stills in seen if stills == 3]
+    assert {do for after_s, do in after if after_s < 1.9} == {THINKS}
+    assert {do for after_s, do in after if after_s > 2.1} == {ANY_TURN, "advice at still 3"}
+    assert guide.advice.words == "advice at still 3"
+
+
+@pytest.mark.parametrize(("table", "rejected"), [(TABLE, 0), (REJECTED, 1)], ids=["accepted", "rejected"])
+def test_an_answer_that_comes_a_turn_too_late_is_not_shown_and_the_coach_is_asked_again(table, rejected):
+    """What it says of still 2 comes in still 3, be that of a turn that counts or of one too small."""
+    guide, seen, asked = followed(table, [16.0, 16.5])
+    assert guide.rejected == rejected
+    assert asked == [(1, 2), (2 - rejected, 3)]
+    assert {do for _, do, _ in seen if do.startswith("advice")} == {"advice at still 3"}
+    assert guide.advice.words == "advice at still 3"

@@ -1,0 +1,729 @@
+"""What was received is on disk, whatever happens, and its raw bytes replay to the same logs: the port, raw.bin, raw.times, the logs."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import multiprocessing
+import os
+import shutil
+import signal
+import termios
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+from processes import PATIENCE_S, until
+from recording_wires import caught_up, make_wire, record, replayed, send
+from streams import INFO, decode, frame_list, line_list, samples, sent
+
+from session.bench import frames, rawfile
+from session.bench.events import Comment, Info, SampleChunk, Trouble
+from session.bench.logwriter import SHORT_STARTS, LogWriter
+from session.bench.port import Closed, Opened, Port, Received, known_ports, lock_of, only_candidate
+from session.bench.rawfile import (
+    RESCUED,
+    GrowingFile,
+    Mark,
+    RawFile,
+    RecordingDecision,
+    decision_of,
+    is_locked,
+    name_kept,
+    read_events,
+    read_marks,
+    said_cut,
+)
+from session.bench.recorder import BLOCK, Recorder
+from session.io.errors import DeviceError, StorageError
+from tinygc.simulation.terminal import Terminal
+
+wire = pytest.fixture(make_wire, name="wire")
+
+
+@pytest.mark.parametrize("encode", [frame_list, line_list])
+def test_a_recording_is_a_log_and_replays_bit_for_bit(encode, wire, tmp_path):
+    master, name = wire
+    t_us, registers = sent(3000)
+    recorder = Recorder(tmp_path / "s", name)
+    data = b"".join(encode(t_us, registers)) + frames.encode_info(3000, INFO) * (encode is frame_list)
+    events = record(recorder, master, data)
+    recorder.close()
+    assert (tmp_path / "s" / "raw.bin").read_bytes() == data
+    table = np.loadtxt(tmp_path / "s" / "log0001.csv", delimiter=",", comments="#", skiprows=1, dtype=np.int64)
+    assert np.array_equal(table, np.column_stack([t_us, registers]))
+    assert len(samples(events)[0]) >= 2999  # the last line counts when the next has come, or at the end
+    assert replayed(tmp_path / "s" / "raw.bin", tmp_path / "again") == [(tmp_path / "s" / "log0001.csv").read_bytes()]
+
+
+def test_a_reset_begins_a_new_log_and_comments_are_kept(tmp_path):
+    logs = LogWriter(tmp_path)
+    chunk = SampleChunk(*sent(3))
+    logs.write(
+        [Comment("first words"), chunk, INFO, INFO, Trouble("implausible", 2, 5), Trouble("reset"), chunk, Trouble("reconnect"), chunk]
+    )
+    logs.begin("closure")
+    logs.write([Comment(INFO.text), INFO, chunk])
+    logs.close()
+    assert [path.name for path in logs.paths] == ["log0001.csv", "log0002.csv", "log0003.csv", "closure0001.csv"]
+    lines = logs.paths[0].read_text().split("\n")
+    assert lines[:2] == ["# first words", "t_us,gx,gy,gz,ax,ay,az,temp"]
+    assert lines[5] == f"# {INFO.text}" == "# gyro_fs_dps=500 accel_fs_g=4 odr_hz=1666.5000 serial=77"
+    assert lines[6] == "# left out as implausible: 2 (t_us 5)"
+    assert logs.paths[3].read_text().count(INFO.text) == 1
+
+
+other_wire = pytest.fixture(make_wire, name="other_wire")
+
+
+# Decisions.
+
+
+BEGIN, KEEP, PAUSE = RecordingDecision("begin", "unclosed"), RecordingDecision("keep", "closure"), RecordingDecision("pause")
+
+
+def parts(count=6, size=300):
+    t_us, registers = sent(count * size)
+    frames = frame_list(t_us, registers)
+    return t_us, [b"".join(frames[i * size : (i + 1) * size]) for i in range(count)]
+
+
+def logs_of(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("*.csv")}
+
+
+def stamps(text: bytes) -> list[int]:
+    return [int(line.split(b",")[0]) for line in text.splitlines() if line[:1].isdigit()]
+
+
+def test_pause_keeps_bytes_and_no_log_and_a_whole_run_gets_its_name(wire, tmp_path):
+    master, name = wire
+    t_us, data = parts()
+    recorder = Recorder(tmp_path / "s", name)
+    decisions = [PAUSE, RecordingDecision("begin", "log"), BEGIN, BEGIN, KEEP]
+    for bytes_, decision in zip(data, [*decisions, None], strict=True):
+        record(recorder, master, bytes_)
+        if decision:
+            recorder.decide(decision)
+    recorder.close()
+    there = logs_of(tmp_path / "s")
+    assert sorted(there) == ["closure0001.csv", "log0001.csv", "log0002.csv", "unclosed0001.csv"]
+    for log, part in (("log0001", 0), ("log0002", 2), ("unclosed0001", 3), ("closure0001", 4)):
+        assert stamps(there[f"{log}.csv"]) == t_us[300 * part : 300 * (part + 1)].tolist()
+    assert (tmp_path / "s" / "raw.bin").read_bytes() == b"".join(data)  # what was paused, and what came behind the run, as well
+    replayed(tmp_path / "s" / "raw.bin", tmp_path / "again")
+    assert logs_of(tmp_path / "again") == there
+
+
+def test_resumed_it_goes_on_with_the_same_files_and_tells_the_decisions(wire, tmp_path):
+    master, name = wire
+    t_us, data = parts(4)
+    recorder = Recorder(tmp_path / "s", name)
+    for bytes_, decision in zip(data[:3], [RecordingDecision("drop", "123456"), BEGIN, KEEP], strict=True):
+        record(recorder, master, bytes_)
+        recorder.decide(decision)
+    recorder.decide(RecordingDecision("note", "a, b; c=d"))
+    recorder.close()
+    before = logs_of(tmp_path / "s")
+    again = Recorder(tmp_path / "s", name)
+    told = [event for event in caught_up(again) if isinstance(event, RecordingDecision)]
+    assert [decision.text for decision in told] == ["drop 123456", "begin unclosed", "keep closure", "note a, b; c=d"]
+    assert [decision.log for decision in told[:2]] == ["log0001.csv", "log0001.csv"]
+    again.decide(RecordingDecision("begin", "log"))
+    record(again, master, data[3])
+    again.close()
+    after = logs_of(tmp_path / "s")
+    assert {name: after[name] for name in before} == before
+    assert stamps(after["log0002.csv"]) == t_us[900:].tolist()
+
+
+def test_killed_between_the_mark_and_the_name_it_has_it_when_resumed(wire, tmp_path):
+    """The mark is written first: the run is in raw.bin, and is made again under its name."""
+    master, name = wire
+    t_us, data = parts(2)
+    recorder = Recorder(tmp_path / "s", name)
+    recorder.decide(BEGIN)
+    record(recorder, master, data[0])
+    recorder.logs.keep = lambda stem: None  # killed here
+    recorder.decide(KEEP)
+    recorder.close()
+    assert sorted(logs_of(tmp_path / "s")) == ["unclosed0001.csv"]
+    again = Recorder(tmp_path / "s", name)
+    caught_up(again)
+    again.close()
+    assert stamps(logs_of(tmp_path / "s")["closure0001.csv"]) == t_us[:300].tolist()
+
+
+def test_marks_that_make_no_sense_decide_nothing():
+    for event in ("", "open then /dev/x", "close gone", "begin", "begin ../x", "keep a b", "drop -3", "drop x", "pauses", "unknown"):
+        assert decision_of(Mark(0, 0, event)) is None
+    assert decision_of(Mark(0, 0, "pause")) == PAUSE
+    marks = [
+        Mark(0, i, event) for i, event in enumerate(["begin a", "open x", "keep closure", "begin b", "note n", "keep closure", "begin c"])
+    ]
+    assert [name_kept(marks, i) for i in (0, 3, 6)] == [None, "closure", None]
+
+
+# A log only grows.
+
+
+TEXT = "".join(f"{i},a line of it\n" for i in range(2000))
+
+
+def written(path: Path, text: str, portions=(1, 50, 10_000)) -> GrowingFile:
+    file, start, k = GrowingFile(path), 0, 0
+    while start < len(text):
+        file.write(text[start : start + portions[k % len(portions)]])
+        file.flush()
+        start, k = start + portions[k % len(portions)], k + 1
+    file.close()
+    return file
+
+
+@pytest.mark.parametrize("there", [0, 51, len(TEXT) - 1])
+def test_it_goes_on_where_it_ended(tmp_path, there):
+    path = tmp_path / "log0001.csv"
+    path.write_text(TEXT[:there])
+    assert written(path, TEXT).aside is None
+    assert path.read_text() == TEXT
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_whole_is_not_touched(tmp_path):
+    path = tmp_path / "log0001.csv"
+    path.write_text(TEXT)
+    path.chmod(0o644)
+    os.utime(path, ns=(1, 1))
+    written(path, TEXT)
+    written(path, TEXT[:100])  # shorter: what is there stays
+    assert path.read_text() == TEXT
+    assert path.stat().st_mtime_ns == 1
+
+
+@pytest.mark.parametrize("at", [0, 20_000, len(TEXT) - 2])
+def test_what_somebody_changed_is_kept_beside_it(tmp_path, at):
+    path, changed = tmp_path / "log0001.csv", TEXT[:at] + "#" + TEXT[at + 1 :]
+    for number in (1, 2):
+        path.write_text(changed)
+        file = written(path, TEXT)
+        assert path.read_text() == TEXT
+        assert file.aside == tmp_path / f"log0001.csv.changed{number}"
+        assert file.aside.read_text() == changed
+
+
+def flickering(starts: int, samples: int) -> list:
+    """Events of a board that begins anew again and again."""
+    events = []
+    for k in range(starts):
+        events += [Trouble("reset")] * (k > 0) + [SampleChunk(*sent(samples, 1000 * k, seed=k))]
+    return events
+
+
+def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path):
+    """Behind twenty such starts one gets a log only where it lasts a second; what got none is counted."""
+    logs = LogWriter(tmp_path)
+    logs.write(flickering(300, 100))
+    assert len(list(tmp_path.glob("log*.csv"))) == SHORT_STARTS
+    logs.write([Trouble("reset"), SampleChunk(*sent(1000, 7)), SampleChunk(*sent(2000, 700_000))])  # 0.6 s, then more than a second
+    logs.write([Trouble("reset"), SampleChunk(*sent(50, 7))])  # a good one has been: this counts again
+    logs.close()
+    lengths = [path.read_text().count("\n") - 1 for path in logs.paths]
+    assert lengths == [100] * SHORT_STARTS + [3000, 50]
+    assert (logs.not_logged, logs.not_logged_starts) == (280 * 100, 280)
+
+
+# The port.
+
+
+def test_a_pulled_cable_and_the_next_connection(tmp_path):
+    first, second = sent(400), sent(400, 0, seed=1)
+    with Terminal(tmp_path / "port") as terminal:
+        recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
+        poll = lambda: events.extend(recorder.poll(0.02))  # noqa: E731
+        until(lambda: recorder.connected, poll)
+        assert terminal.write(b"".join(frame_list(*first)) + frame_list(*first)[0][:9])
+        until(lambda: recorder.decoder.samples == 400, poll)
+        terminal.unplug()
+        until(lambda: not recorder.connected, poll)
+        assert recorder.why
+        terminal.plug()
+        until(lambda: recorder.connected, poll)
+        assert terminal.write(b"".join(frame_list(*second)))
+        until(lambda: recorder.decoder.samples == 800, poll)
+        recorder.close()
+    assert [event.kind for event in events if isinstance(event, Trouble)] == ["garbage", "reconnect"]
+    there = [path.read_bytes() for path in sorted((tmp_path / "s").glob("log*.csv"))]
+    assert [text.count(b"\n") for text in there] == [401, 401]
+    assert replayed(tmp_path / "s" / "raw.bin", tmp_path / "again") == there
+    assert [mark.event.split()[0] for mark in read_marks(tmp_path / "s" / "raw.bin") if mark.event] == ["open", "close", "open"]
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (serial.SerialException("device reports readiness"), "device reports readiness"),
+        (termios.error(errno.EIO, "Input/output error"), "Input/output error"),
+    ],
+)
+def test_whatever_pyserial_raises_is_a_pulled_cable(error, says, wire, monkeypatch):
+    port = Port(wire[1])
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+    fails = iter([error])
+
+    def in_waiting(self):
+        for problem in fails:
+            raise problem
+        return 0
+
+    monkeypatch.setattr(serial.Serial, "in_waiting", property(in_waiting))
+    closed, opened = port.items.get(timeout=PATIENCE_S), port.items.get(timeout=PATIENCE_S)
+    assert isinstance(closed, Closed)
+    assert closed.why == says
+    assert isinstance(opened, Opened)
+    os.write(wire[0], b"hello")
+    received = port.items.get(timeout=PATIENCE_S)
+    assert isinstance(received, Received)
+    port.close()
+
+
+def _now_in_ticks(folder) -> int:
+    """ns, as the system stamps what it makes: in steps of some milliseconds."""
+    (folder / "now").write_text("now")
+    return (folder / "now").stat().st_ctime_ns
+
+
+def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch, tmp_path):
+    """Once a virtual board has gone, its number goes to whoever opens a terminal next: a recorder that waits must not read that."""
+    monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
+    tries = []
+    masters = [os.openpty() for _ in range(2)]
+    name = os.ttyname(masters[0][1])
+    made = os.stat(name).st_ctime_ns
+    port = Port(name)
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+    wait = port._stop.wait
+    monkeypatch.setattr(port._stop, "wait", lambda seconds: tries.append(seconds) or wait(seconds))
+    for file in masters[0]:
+        os.close(file)
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
+    until(lambda: _now_in_ticks(tmp_path) > made, what="the next tick of the system's clock, which stamps terminals")
+    others = []
+    while name not in [os.ttyname(slave) for _, slave in others]:  # as soon as it is free
+        others.append(os.openpty())
+        assert len(others) < 100, "the number was not given again"
+    before = len(tries)
+    until(lambda: len(tries) > before + 5 or not port.items.empty(), what="some tries")
+    (own,) = [master for master, slave in others if os.ttyname(slave) == name]
+    os.write(own, b"a person's keys")
+    until(lambda: len(tries) > before + 10 or not port.items.empty(), what="more tries")
+    port.close()
+    assert port.items.empty()
+    for file in (*masters[1], *(file for pair in others for file in pair)):
+        os.close(file)
+
+
+def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
+    with pytest.raises(DeviceError, match=r"No such file or directory.*calibrate.py ports") as said:
+        Port(str(tmp_path / "nothing"))
+    assert said.value.exit_code == 3
+    port = Port(wire[1])
+    with pytest.raises(DeviceError, match="another program has it open"):
+        Port(wire[1])
+    with pytest.raises(DeviceError, match="another program has it open"):
+        Recorder(tmp_path / "s", wire[1])
+    port.close()
+
+
+def test_a_port_that_cannot_be_opened_leaves_no_folder_behind(tmp_path):
+    def refused(folder):
+        with pytest.raises(DeviceError):
+            Recorder(folder, str(tmp_path / "nothing"))
+
+    refused(tmp_path / "data" / "session1")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "raw.bin").write_bytes(b"0,1,2,3,4,5,6,7\n")
+    (tmp_path / "mine" / "raw.times").write_text("host_ns,bytes,event\n")
+    refused(tmp_path / "mine")
+    assert (tmp_path / "mine" / "raw.bin").read_bytes() == b"0,1,2,3,4,5,6,7\n"
+    assert (tmp_path / "mine" / "raw.times").exists()
+
+
+class _Listed:
+    def __init__(self, device, vid=None, pid=None, serial_number=None, product=None):
+        self.device, self.vid, self.pid, self.serial_number, self.product = device, vid, pid, serial_number, product
+        self.manufacturer, self.description = None, product or "n/a"
+
+
+ST_LINK = _Listed("/dev/ttyACM0", 0x0483, 0x374B, "066D", "STM32 STLink")
+
+
+OTHER = _Listed("/dev/ttyUSB0", 0x10C4, 0xEA60, None, "CP2102")
+
+
+BUILT_IN = _Listed("/dev/ttyS0")
+
+
+def test_ports_say_what_they_know(monkeypatch):
+    listed = [BUILT_IN, OTHER, ST_LINK]
+    monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
+    monkeypatch.setattr("session.bench.port.virtual_boards", lambda: [])
+    ports = known_ports()
+    assert [port.name for port in ports] == ["/dev/ttyACM0", "/dev/ttyUSB0", "/dev/ttyS0"]
+    assert ports[0].what == "ST board: ST-LINK/V2-1"
+    assert [port.is_candidate for port in ports] == [True, True, False]
+    assert only_candidate().name == "/dev/ttyACM0"
+    listed.append(_Listed("/dev/ttyACM1", 0x0483, 0x5740, "X", "STM32 Virtual ComPort"))
+    with pytest.raises(DeviceError, match=r"ttyACM0, /dev/ttyACM1.*--port"):
+        only_candidate()
+    listed[:] = [BUILT_IN]
+    with pytest.raises(DeviceError, match="no serial port with a board"):
+        only_candidate()
+
+
+def test_a_board_that_comes_back_under_another_name(tmp_path, monkeypatch):
+    """By its serial number."""
+    with Terminal(tmp_path / "ttyACM0") as first, Terminal(tmp_path / "ttyACM1") as second:
+        listed = [_Listed(str(first.name), 0x0483, 0x374B, "066D")]
+        monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
+        port = Port(str(first.name))
+        assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+        listed[:] = [_Listed(str(second.name), 0x0483, 0x374B, "066D")]
+        first.unplug()
+        assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
+        assert port.items.get(timeout=PATIENCE_S).name == str(second.name)
+        port.close()
+
+
+def test_a_link_that_a_killed_board_left_is_not_followed(wire, tmp_path, monkeypatch):
+    """By now it may lead to somebody's terminal, which opening alone would take away from them."""
+    link = tmp_path / "port"
+    link.symlink_to(wire[1])
+    lock_of(link).write_text("")
+    opened = []
+    monkeypatch.setattr(serial, "Serial", lambda *words, **more: opened.append(words))
+    with pytest.raises(DeviceError, match="runs no more"):
+        Port(str(link))
+    with pytest.raises(DeviceError, match="runs no more"):
+        Recorder(tmp_path / "s", str(link))
+    assert opened == []
+    assert not (tmp_path / "s").exists()
+
+
+# What is removed, killed, full.
+
+
+def frames_of(count, **more) -> bytes:
+    return b"".join(frame_list(*sent(count, **more)))
+
+
+REMOVED = {
+    "the folder": lambda folder: shutil.rmtree(folder),
+    "raw.times": lambda folder: (folder / "raw.times").unlink(),
+    "a copy is in its place": lambda folder: (shutil.copy(folder / "raw.bin", folder / "x"), os.replace(folder / "x", folder / "raw.bin")),
+}
+
+
+@pytest.mark.parametrize("what", REMOVED)
+def test_what_is_removed_under_a_recording_is_noticed_and_saved(what, wire, tmp_path):
+    """All of it: what came before, what came before anybody noticed, and what came while it was being said."""
+    master, name = wire
+    folder = tmp_path / "data" / "s"
+    data = frames_of(3000)
+    recorder = Recorder(folder, name)
+    record(recorder, master, data[:50_000])
+    REMOVED[what](folder)
+    send(master, data[50_000:53_000])
+    until(lambda: recorder.raw.trouble)
+    with pytest.raises(StorageError, match=r"was removed, moved or replaced while .* is saved in .*--resume") as said:
+        recorder.poll()
+    assert str(folder) in str(said.value)
+    send(master, data[53_000:60_000])
+    until(lambda: recorder.raw.size == 60_000)
+    recorder.close()
+    saved = recorder.raw.saved
+    assert saved == folder.with_name(f"s{RESCUED}")
+    assert (saved / "raw.bin").read_bytes() == data[:60_000]
+    assert [mark.event.split()[0] for mark in read_marks(saved / "raw.bin") if mark.event] == ["open"]
+
+
+def test_removed_just_before_the_end(wire, tmp_path):
+    """Within the last quarter of a second, too."""
+    recorder = Recorder(tmp_path / "s", wire[1])
+    record(recorder, wire[0], frames_of(1000))
+    shutil.rmtree(tmp_path / "s")
+    recorder.close()
+    assert recorder.raw.trouble is not None
+    assert (recorder.raw.saved / "raw.bin").read_bytes() == frames_of(1000)
+
+
+def test_a_file_system_that_numbers_files_anew_has_removed_nothing(tmp_path):
+    """Another number, the same size: so does a network's."""
+    (tmp_path / "a").write_bytes(b"abc")
+    (tmp_path / "b").write_bytes(b"abc")
+    (tmp_path / "c").write_bytes(b"ab")
+    file = os.open(tmp_path / "a", os.O_RDWR)
+    assert [rawfile.is_gone(file, tmp_path / name) for name in "abcd"] == [False, False, True, True]
+    os.close(file)
+
+
+def test_two_recordings_in_one_folder(wire, other_wire, tmp_path):
+    first = Recorder(tmp_path / "s", wire[1])
+    before = sorted((tmp_path / "s").iterdir())
+    with pytest.raises(StorageError, match="another record is writing there now"):
+        Recorder(tmp_path / "s", other_wire[1])
+    assert sorted((tmp_path / "s").iterdir()) == before  # the second takes nothing away, though nothing was received yet
+    record(first, wire[0], frames_of(400))
+    with pytest.raises(StorageError, match="another record is writing there now"):
+        Recorder(tmp_path / "s", other_wire[1])
+    first.close()
+    assert (tmp_path / "s" / "raw.bin").read_bytes() == frames_of(400)
+    second = Recorder(tmp_path / "s", other_wire[1])
+    caught_up(second)
+    assert second.samples == 400
+    second.close()
+
+
+class FullDisk:
+    """``os``, with a disk on which the raw file may grow by ``room`` bytes."""
+
+    def __init__(self, room: int):
+        self.room = room
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(os, name)
+
+    def write(self, file: int, data: bytes) -> int:
+        """As ``os.write``, while there is room."""
+        if not self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        written = os.write(file, data[: self.room])
+        self.room -= written
+        return written
+
+
+def _record_for_ever(folder: Path, name: str) -> None:
+    parent, recorder = os.getppid(), Recorder(folder, name)
+    while os.getppid() == parent:  # else the test has been killed
+        recorder.poll(0.01)
+    os._exit(0)
+
+
+def test_killed_at_a_random_moment(tmp_path, wire):
+    """Every byte that was read is in the file, and it replays to what was sent."""
+    master, name = wire
+    t_us, registers = sent(10_000)
+    data = b"".join(frame_list(t_us, registers))
+    child = multiprocessing.get_context("fork").Process(target=_record_for_ever, args=(tmp_path / "s", name), daemon=True)
+    child.start()
+    raw = tmp_path / "s" / "raw.bin"
+    until(lambda: raw.exists() and list(read_marks(raw)))
+    assert is_locked(raw)
+    send(master, data[:100_003])
+    until(lambda: raw.stat().st_size >= 100_003 and raw.with_name("log0001.csv").exists())
+    sender = threading.Thread(target=lambda: [os.write(master, data[k : k + 500]) for k in range(100_003, 104_000, 500)], daemon=True)
+    sender.start()
+    os.kill(child.pid, signal.SIGKILL)
+    child.join()
+    sender.join()
+    assert not is_locked(raw)
+    kept = raw.read_bytes()
+    assert kept == data[: len(kept)]
+    assert np.array_equal(samples(decode(kept)[1])[1], registers[: len(kept) // 25])
+    [log] = replayed(raw, tmp_path / "again")
+    assert log.startswith((tmp_path / "s" / "log0001.csv").read_bytes())
+
+
+def test_resumed_after_a_kill(wire, tmp_path):
+    """The log is made again from the raw bytes, torn lines and all, and a new one follows."""
+    master, name = wire
+    first, second = sent(500), sent(500, 90_000_000, seed=1)
+    folder = tmp_path / "s"
+    folder.mkdir()
+    (folder / "raw.bin").write_bytes(b"".join(frame_list(*first))[:-3])
+    (folder / "raw.times").write_text("host_ns,bytes,event\n5,0,open then /dev/x\n9,100,\n12,2")
+    (folder / "log0001.csv").write_text("t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3")
+    recorder = Recorder(folder, name)
+    assert len(samples(caught_up(recorder))[0]) == 499
+    record(recorder, master, b"".join(frame_list(*second)))
+    recorder.close()
+    there = [path.read_bytes() for path in sorted(folder.glob("log*.csv"))]
+    assert [text.count(b"\n") for text in there] == [500, 501]
+    assert replayed(folder / "raw.bin", tmp_path / "again") == there
+    assert recorder.decoder.samples == 999
+
+
+def test_a_full_disk_keeps_what_was_received_and_says_so(wire, other_wire, tmp_path, monkeypatch):
+    master, name = wire
+    t_us, registers = sent(3000)
+    data = b"".join(frame_list(t_us, registers))
+    monkeypatch.setattr(rawfile, "os", FullDisk(40_000))
+    recorder = Recorder(tmp_path / "s", name)
+    with pytest.raises(StorageError, match=r"No space left on device; [0-9]+ bytes received before are safe in .*--resume") as said:
+        record(recorder, master, data)
+    recorder.close()
+    kept = (tmp_path / "s" / "raw.bin").read_bytes()
+    assert 38_000 < len(kept) == int(str(said.value).split("device; ")[1].split()[0])
+    assert kept == data[: len(kept)]
+    assert said.value.exit_code == 2
+    monkeypatch.undo()
+    recorder = Recorder(tmp_path / "s", other_wire[1])
+    assert len(samples(caught_up(recorder))[0]) == len(kept) // 25
+    record(recorder, other_wire[0], b"".join(frame_list(*sent(100, 5))))
+    recorder.close()
+    assert recorder.decoder.samples == len(kept) // 25 + 100
+
+
+def test_marks_survive_a_torn_line(tmp_path):
+    raw = RawFile(tmp_path)
+    raw.append(10, b"abc")
+    raw.append(11, b"de")  # within the time step
+    raw.append(20_000_000, b"f")
+    raw.mark(30_000_000, "close it,\nhere", 4)
+    raw.close()
+    raw.close()
+    with (tmp_path / "raw.times").open("a") as file:
+        file.write("12,34")
+    again = RawFile(tmp_path)
+    assert again.size == 6
+    again.mark(99, "open")
+    again.close()
+    assert [(mark.host_ns, mark.offset, mark.event) for mark in sorted(read_marks(tmp_path / "raw.bin"), key=lambda mark: mark.offset)] == [
+        (10, 3, ""),
+        (30_000_000, 4, "close it, here"),
+        (20_000_000, 6, ""),
+        (99, 6, "open"),
+    ]
+
+
+def test_a_raw_file_that_was_cut_is_noticed_and_what_is_gone_decides_nothing(tmp_path, wire):
+    """Once, in a line; what was decided behind the cut is void, also in every replay to come."""
+    raw = RawFile(tmp_path)
+    lines = line_list(*sent(3000))
+    for number, event in ((1000, "begin log0001"), (2000, "pause"), (3000, "note later")):
+        raw.append(number, b"".join(lines[number - 1000 : number]))
+        raw.mark(number, event)
+    raw.close()
+    whole = raw.path.stat().st_size
+    assert not said_cut(raw.path)
+    kept = len(b"".join(lines[:1500]))
+    os.truncate(raw.path, kept)
+    recorder = Recorder(tmp_path, wire[1])
+    words = recorder.raw.cut
+    caught_up(recorder)
+    recorder.close()
+    assert f"{whole - kept} bytes are missing from its end: it holds {kept}" in words
+    assert "\n" not in words
+    assert [mark.event for mark in read_events(raw.path) if not mark.event.startswith(("open", "close"))] == ["begin log0001"]
+    assert not said_cut(raw.path)
+
+
+def test_a_disk_that_fails_is_said_and_one_without_locks_records(tmp_path, monkeypatch):
+    """Full from the start it leaves no folder behind; or it says only when the bytes are forced to it that it cannot keep them."""
+
+    def fails(number):
+        def fail(*_):
+            raise OSError(number, os.strerror(number))
+
+        return fail
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", fails(errno.ENOSPC))
+        with pytest.raises(StorageError, match="No space left"):
+            RawFile(tmp_path / "s")
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr(fcntl, "flock", fails(errno.ENOLCK))
+    raw = RawFile(tmp_path / "s")
+    raw.append(1, b"abc")
+    monkeypatch.setattr(os, "fsync", fails(errno.EIO))
+    raw.close()
+    assert "may not be on the disk" in str(raw.trouble)
+    assert raw.path.read_bytes() == b"abc"
+
+
+# Another board was plugged in once.
+
+
+ANOTHER = replace(INFO, serial="78")
+
+
+EACH = 200  #: samples behind each info
+
+
+def said_by(info: Info, seconds: int, seed: int = 0, start_us: int = 1_000_000) -> list[bytes]:
+    """What a board sends in so many seconds, second by second: its info, then its samples."""
+    t_us, registers = sent(EACH * seconds, start_us, seed)
+    rows = frame_list(t_us, registers)
+    return [frames.encode_info(0, info) + b"".join(rows[EACH * i : EACH * (i + 1)]) for i in range(seconds)]
+
+
+def registers_of(text: bytes) -> np.ndarray:
+    return np.array([line.split(b",")[1:] for line in text.splitlines() if line[:1].isdigit()], int)
+
+
+def test_its_logs_get_another_name_and_no_replay_gives_its_events(wire, tmp_path):
+    """Live, resumed and replayed, it is the same; the own logs hold the own samples, all of them, and no other.  Its clock is another."""
+    own, other, later = said_by(INFO, 3, start_us=90_000_000), said_by(ANOTHER, 2, 1), said_by(INFO, 2, 2)
+    folder = tmp_path / "s"
+    recorder = Recorder(folder, wire[1])
+    for part in [*own, *other]:
+        record(recorder, wire[0], part)
+    assert recorder.set_apart(4) == ["foreign0001.csv"]  # behind the fourth info
+    assert recorder.samples == 3 * EACH
+    recorder.close()
+    live = logs_of(folder)
+    assert sorted(live) == ["foreign0001.csv", "log0001.csv"]
+    assert np.array_equal(registers_of(live["foreign0001.csv"]), sent(2 * EACH, seed=1)[1])
+    again = Recorder(folder, wire[1])
+    resumed = caught_up(again)
+    assert np.array_equal(samples(resumed)[1], sent(3 * EACH)[1])
+    for part in later:
+        record(again, wire[0], part)
+    assert again.samples == 5 * EACH
+    again.close()
+    assert np.array_equal(registers_of(logs_of(folder)["log0002.csv"]), sent(2 * EACH, seed=2)[1])
+    assert logs_of(folder) == live | {"log0002.csv": logs_of(folder)["log0002.csv"]}
+    assert (folder / "raw.bin").read_bytes() == b"".join([*own, *other, *later])
+    replayed(folder / "raw.bin", tmp_path / "again")
+    assert logs_of(tmp_path / "again") == logs_of(folder)
+
+
+def test_a_mark_is_of_its_connection_alone_and_nonsense_is_passed_over(wire, tmp_path):
+    folder = tmp_path / "s"
+    folder.mkdir()
+    parts = [b"".join(said_by(info, 1, seed)) for seed, info in enumerate([ANOTHER, INFO, INFO])]
+    (folder / "raw.bin").write_bytes(b"".join(parts))
+    first, second = len(parts[0]), len(parts[0]) + len(parts[1])
+    marks = ["1,0,open a", f"2,{first},open b", f"3,{second},open c", "4,0,foreign 0", f"5,{second},foreign x", "6,0,foreign"]
+    (folder / "raw.times").write_text("\n".join(["host_ns,bytes,event", *marks, ""]))
+    recorder = Recorder(folder, wire[1])
+    resumed = caught_up(recorder)
+    recorder.close()
+    assert np.array_equal(samples(resumed)[1], np.concatenate([sent(EACH, seed=seed)[1] for seed in (1, 2)]))
+    assert sorted(logs_of(folder)) == ["foreign0001.csv", "log0001.csv", "log0002.csv"]
+
+
+# Somebody stops.
+
+
+def test_a_recording_that_is_resumed_is_caught_up_in_slices(wire, tmp_path):
+    """Between two it is asked whether to stop; stopped, it leaves logs that the next time only grow."""
+    data, folder = frames.encode_info(0, INFO) + frames_of(12_000), tmp_path / "s"
+    folder.mkdir()
+    (folder / "raw.bin").write_bytes(data)
+    recorder = Recorder(folder, wire[1])
+    slices = recorder.catch_up()
+    for _ in range(2):
+        next(slices)
+    slices.close()
+    assert recorder.decoder.taken <= 3 * BLOCK
+    recorder.close()
+    assert recorder.undecoded >= len(data) - 3 * BLOCK
+    again = Recorder(folder, wire[1])
+    caught_up(again)
+    again.close()
+    assert (again.logs.put_aside, again.undecoded) == ([], 0)
+    assert [path.read_bytes() for path in again.logs.paths] == replayed(folder / "raw.bin", tmp_path / "again")

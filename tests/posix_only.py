@@ -11,18 +11,9 @@ POSIX_ONLY = {
     f"test_{name}.py"
     for name in [
         "board",
-        "board_takes",
-        "decisions",
-        "ending",
         "firmware",
         "record",
-        "record_closure",
-        "recording",
-        "recording_another_board",
-        "recording_clock",
-        "recording_port",
-        "recording_removed",
-        "recording_survives",
+        "recording_physics",
     ]
 }
 

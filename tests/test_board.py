@@ -1,13 +1,14 @@
-"""The virtual board: what it streams, what it spoils, that it never waits for its reader; ``board`` and ``ports``."""
+"""The virtual board: what it streams, what it spoils, that it never waits for its reader, and that it never streams a copy."""
 
 from __future__ import annotations
 
 import os
 import threading
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import broad
 from processes import PATIENCE_S
 from recording_wires import CountedTerminal, PatientClock
 from streams import INFO, samples, smooth_registers
@@ -15,14 +16,27 @@ from streams import INFO, samples, smooth_registers
 import calibrate
 from session.bench.events import Info
 from session.bench.recorder import Recorder
-from session.io.config import Sensor
-from session.io.logfile import read_log
-from session.io.registers import RegisterUnits
-from tinygc import CalibrationError
+from session.detect.check_samples import check_copies
+from session.io.logfile import Log
+from session.io.samples import Samples
+from tinygc import CalibrationError, SimulationOptions
+from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import BoardSource, LineFaults, VirtualBoard, flipped, spoil
+from tinygc.simulation.virtual_board import (
+    BoardSource,
+    LineFaults,
+    VirtualBoard,
+    flipped,
+    next_take,
+    remember,
+    simulated,
+    spoil,
+    taken,
+)
 
 SOURCE = BoardSource(smooth_registers(2000), INFO)
+
+
 RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}
 
 
@@ -40,33 +54,18 @@ def recorded_from(tmp_path, source=SOURCE, **settings):
     return board, recorder, events
 
 
-@pytest.mark.parametrize("frames", [broad(True), False])
-def test_all_of_a_session_arrives_with_still_time_around_it(frames, tmp_path):
-    board, recorder, events = recorded_from(tmp_path, frames=frames)
+def test_all_of_a_session_arrives_with_still_time_around_it(tmp_path):
+    board, recorder, events = recorded_from(tmp_path)
     t_us, registers = samples(events)
     assert recorder.decoder.lost == recorder.decoder.crc_errors == board.terminal.dropped == 0
     assert board.sent - 1 <= recorder.decoder.samples <= board.sent
     assert board.sent == pytest.approx(2000 + 1.5 * INFO.odr_hz, abs=2)
     lead = round(INFO.odr_hz)
-    begin = len(t_us) - (board.sent - lead) + (0 if frames or len(t_us) == board.sent else 1)
+    begin = len(t_us) - (board.sent - lead) + (0 if len(t_us) == board.sent else 1)
     assert np.array_equal(registers[begin : begin + 2000], SOURCE.rows)
     still = registers[:begin]
     assert (still[:, None] == SOURCE.rows[None, : round(0.8 * INFO.odr_hz)]).all(axis=2).any(axis=1).all()
     assert (1e6 * (len(t_us) - 1) / (t_us[-1] - t_us[0])) == pytest.approx(INFO.odr_hz, rel=1e-4)
-    assert INFO in [event for event in events if isinstance(event, Info)]
-
-
-def test_a_board_in_physical_units_is_recorded_as_well(tmp_path):
-    """The same session in dps, g and degC with the digits that a board prints: read from its log it is the registers again."""
-    board, recorder, events = recorded_from(tmp_path, physical=True)
-    assert recorder.decoder.lost == recorder.decoder.garbage == board.terminal.dropped == 0
-    assert recorder.logs.physical
-    (path,) = recorder.logs.paths
-    log, units = read_log(path, Sensor("unknown", "", 1667, 500, 4)), RegisterUnits("ASM330LHH", 500, 4)
-    assert not log.raw
-    rows = np.column_stack([log.samples.gyro / units.gyro_rps, log.samples.accel / units.accel_mps2, (log.samples.temp_c - 25) * 256])
-    begin = len(rows) - (board.sent - round(INFO.odr_hz)) + (0 if len(rows) == board.sent else 1)
-    np.testing.assert_allclose(rows[begin : begin + 2000], SOURCE.rows, atol=1e-2)  # "%.7g": a board's float32
     assert INFO in [event for event in events if isinstance(event, Info)]
 
 
@@ -112,7 +111,51 @@ def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
     assert flipped(b"", 0.5, np.random.default_rng(0)) == b""
 
 
-@pytest.mark.parametrize("text", ["lost", "lost=x", "loss=0.1", "lost=1.5", "flip=-1", "reset=nan"])
+@pytest.mark.parametrize("text", ["lost=x", "loss=0.1", "flip=-1"])
 def test_faults_that_are_none(text, capsys):
     assert calibrate.main(["board", "--faults", text]) == 2
     assert capsys.readouterr().err.startswith("calibrate: --faults")
+
+
+OPTIONS = SimulationOptions(segments=2, closure_s=0.0, odr_hz=104.0, seed=7)
+
+
+def log(options, name):
+    recording = simulate_session(options).log
+    return Log(Path(name), Samples(recording.t_us * 1000, recording.gyro.astype(float), recording.accel.astype(float)), raw=True)
+
+
+def test_takes_are_of_one_sensor_and_no_copies_of_each_other():
+    assert taken(OPTIONS, 1) == OPTIONS  # what a seed has always streamed
+    takes = [taken(OPTIONS, take) for take in (1, 2, 3)]
+    first, *others = (simulate_session(options).unit for options in takes)
+    for unit in others:
+        assert all(np.array_equal(getattr(unit, name), getattr(first, name)) for name in ("E", "B", "accel_matrix", "accel_bias", "odr_hz"))
+    logs = tuple(log(options, f"log000{number}.csv") for number, options in enumerate(takes, 1))
+    assert not check_copies(logs)
+    assert check_copies((logs[0], replace(logs[0], path=Path("again.csv"))))  # as a board without takes would have it
+    assert {simulated(options).info for options in takes} == {simulated(OPTIONS).info}  # serial number and rate: no other board
+    assert taken(OPTIONS, 2) == taken(OPTIONS, 2) != taken(OPTIONS, 3)
+    assert taken(replace(OPTIONS, seed=8), 2).seed != taken(OPTIONS, 2).seed
+
+
+def test_a_link_remembers_the_takes_of_each_seed(tmp_path):
+    link = tmp_path / "port"
+    assert next_take(link, 0) == 1
+    remember(link, 0, 1)
+    remember(link, 5, 3)
+    remember(link, 5, 2)  # asked for again
+    assert (next_take(link, 0), next_take(link, 5), next_take(link, 6)) == (2, 4, 1)
+    assert next_take(tmp_path / "other", 0) == 1
+    for nonsense in ("0 x\n", "0 -5\n", "1 2 3\n", "\x00", "0 " + "9" * 5000):
+        (tmp_path / "port.takes").write_text(nonsense)
+        assert next_take(link, 0) == 1
+    (tmp_path / "port.takes").unlink()
+    (tmp_path / "port.takes").mkdir()
+    remember(link, 0, 1)  # cannot be written: the board streams all the same
+    assert next_take(link, 0) == 1
+
+
+def test_a_folder_has_no_takes(tmp_path, capsys):
+    assert calibrate.main(["board", str(tmp_path), "--take", "2"]) == 2
+    assert "a folder is streamed as it was recorded" in capsys.readouterr().err

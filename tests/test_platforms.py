@@ -4,6 +4,8 @@ The modules that Windows lacks are hidden in a process of its own.  pyserial wou
 own back end: a stand-in of the same names is put in its place.
 """
 
+from __future__ import annotations
+
 import re
 import sys
 from pathlib import Path
@@ -11,10 +13,12 @@ from pathlib import Path
 import processes
 import pytest
 
-from session.bench.rawfile import RawFile, read_marks
+from session.bench.rawfile import RawFile
 from tinygc.cli.commands import present_commands
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
 HIDE = """
 import errno, os, select, signal, sys, types
 for name in ("termios", "fcntl", "pty", "tty", "resource", "pwd", "grp", "syslog", "posix_ipc", "readline", "curses"):
@@ -54,18 +58,6 @@ def calibrate(*arguments) -> processes.CompletedProcess:
     return hidden(f"import calibrate; sys.exit(calibrate.main({[str(argument) for argument in arguments]!r}))")
 
 
-def test_what_is_hidden_is_not_there():
-    code = """
-for name in ("termios", "fcntl", "pty"):
-    try:
-        __import__(name)
-    except ImportError:
-        print(name)
-print(hasattr(os, "pread"), hasattr(signal, "SIGHUP"))
-"""
-    assert hidden(code).stdout.split() == ["termios", "fcntl", "pty", "False", "False"]
-
-
 @pytest.mark.broad
 def test_every_module_but_the_boards_terminal_can_be_imported():
     code = """
@@ -83,54 +75,43 @@ print(*failed)
     assert done.stdout.split() == ["tinygc.simulation.terminal"], done.stderr
 
 
-def test_every_command_says_its_help():
-    names = list(present_commands())
-    code = f"""
-import calibrate
-for name in {names!r}:
-    try:
-        calibrate.main([name, "--help"])
-    except SystemExit:
-        pass
-"""
-    done = hidden(code)
-    assert done.stdout.count("usage:") == len(names), done.stderr
-
-
-def test_a_real_port_is_listed():
-    done = calibrate("ports")
-    assert done.returncode == 0, done.stderr
-    assert "COM3" in done.stdout
-
-
-def test_a_raw_file_is_written_and_gone_on_with(tmp_path):
-    code = f"""
-from pathlib import Path
-from session.bench.rawfile import RawFile
-for part in (b"a\\n", b"b\\r\\n"):
-    raw = RawFile(Path({str(tmp_path)!r}))
-    raw.append(1, part)
-    raw.close()
-"""
-    done = hidden(code)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "raw.bin").read_bytes() == b"a\nb\r\n"
-    assert [mark.offset for mark in read_marks(tmp_path / "raw.bin")] == [2, 5]
-
-
 def test_a_line_that_was_cut_off_is_ended(tmp_path):
     (tmp_path / "raw.times").write_bytes(b"host_ns,bytes,event\n12,3")
     RawFile(tmp_path).close()
     assert (tmp_path / "raw.times").read_bytes() == b"host_ns,bytes,event\n12,3\n"
 
 
-def test_the_virtual_board_says_in_one_line_that_it_is_posix_only():
-    done = calibrate("board")
-    assert done.returncode == 2
-    assert re.fullmatch(r"calibrate: board: .*POSIX.*\n", done.stderr), done.stderr
-
-
 def test_the_page_names_what_is_posix_only():
     text = (ROOT / "docs" / "platforms.md").read_text(encoding="utf-8")
     assert "`board`" in text
     assert all(f"`{name}`" in text for name in present_commands())
+
+
+def test_commands_run_and_the_virtual_board_says_in_one_line_that_it_is_posix_only(tmp_path):
+    """Help, a port's name, a raw file that is gone on with: all without those modules."""
+    names = list(present_commands())
+    code = f"""
+import contextlib, io, calibrate
+from pathlib import Path
+from session.bench.rawfile import RawFile
+for name in ("termios", "fcntl", "pty"):
+    with contextlib.suppress(ImportError):
+        __import__(name)
+        print(name, "was not hidden")
+for name in {names!r}:
+    with contextlib.suppress(SystemExit):
+        calibrate.main([name, "--help"])
+for part in (b"a\\n", b"b\\r\\n"):
+    raw = RawFile(Path({str(tmp_path)!r}))
+    raw.append(1, part)
+    raw.close()
+assert calibrate.main(["ports"]) == 0
+sys.exit(calibrate.main(["board"]))
+"""
+    done = hidden(code)
+    assert done.stdout.count("usage:") == len(names), done.stderr
+    assert "was not hidden" not in done.stdout
+    assert "COM3" in done.stdout
+    assert (tmp_path / "raw.bin").read_bytes() == b"a\nb\r\n"
+    assert done.returncode == 2
+    assert re.fullmatch(r"calibrate: board: .*POSIX.*\n", done.stderr), done.stderr

@@ -1,25 +1,25 @@
-"""``record`` end to end: a virtual board on a pseudo-terminal, the recorder, the files; what it does when things go wrong."""
+"""``record`` end to end: a virtual board on a pseudo-terminal, the recorder, the files; how it ends, goes on and is read again."""
+
+from __future__ import annotations
 
 import json
 import re
 import signal
-from pathlib import Path
+import threading
 
 import numpy as np
 import pytest
-from conftest import config
-from processes import CALIBRATE, PIPE, calibrate, heard, started
-from recording_wires import LEAD_S, virtual_boards
+from conftest import Table, config
+from conftest import write_session as write_samples
+from processes import CALIBRATE, PIPE, calibrate, heard, started, until
+from recording_wires import CONFIG, LEAD_S, make_wire, send, virtual_boards
+from streams import INFO, frame_list, line_list, sent
 
+from session.bench import frames
 from session.bench.guide import Guide
-from session.io.config import Config
-from session.io.logfile import Log
-from session.io.samples import Samples
-from tinygc import FitOptions, Session, SimulationOptions, read_session
+from tinygc import SimulationOptions, read_session
 from tinygc.cli.recording import faults_of, files_left
-from tinygc.closure.build import build_problem
-from tinygc.closure.residual import closure_angles
-from tinygc.estimation.held_out import run_method
+from tinygc.cli.results import Interruption, ended_by_signals
 from tinygc.simulation.write import write_session
 
 #: more turns than any test needs, however late the recorder comes
@@ -32,48 +32,96 @@ def board(tmp_path):
         yield start
 
 
-def closures(samples: Samples, config: Config) -> tuple[np.ndarray, np.ndarray]:
-    """Closure angles (S, 3) of each segment: raw, and calibrated by least squares."""
-    problem = build_problem(Session(Path("made"), config, (Log(Path("log0001.csv"), samples, raw=True),), ()))
-    return tuple(closure_angles(problem.batch, run_method(name, problem, FitOptions()).model) for name in ("raw", "least_squares"))
-
-
-@pytest.mark.parametrize(
-    ("rate", "form", "segments", "speed"), [(104, [], 7, 20), pytest.param(1667, ["--frames"], 7, 5, marks=pytest.mark.slow)]
-)
-def test_from_the_board_to_the_fit(board, run, tmp_path, rate, form, segments, speed):
+def test_from_the_board_to_the_session(board, tmp_path):
     """Nothing is lost, every turn is accepted, and the session is, sample by sample, the one that can be read from its file."""
     spare = 2  # turns, so that one that is missed fails here and not by waiting for ever
-    port = board("--rate", rate, "--segments", segments + spare, "--speed", speed, *form)
-    result = calibrate(
-        "record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", segments, "--json", "-"
-    )
+    port = board("--rate", 104, "--segments", 2 + spare, "--speed", 20)
+    words = ["--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 2, "--json", "-"]
+    result = calibrate("record", *words)
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)
     assert told["done"]
-    assert told["segments"] == {"wanted": segments, "accepted": segments, "rejected": 0, "dropped": 0}
+    assert told["segments"] == {"wanted": 2, "accepted": 2, "rejected": 0, "dropped": 0}
     assert told["lost"] == told["crc_errors"] == told["garbage_bytes"] == told["implausible"] == told["resets"] == 0
     assert "\x1b" not in result.stderr
-    live = read_session(tmp_path / "s")
-    ((samples,), config) = (log.samples for log in live.logs), live.config
+    (log,) = read_session(tmp_path / "s").logs
+    samples = log.samples
     assert len(samples) == told["samples"]
-    assert samples.dt_s.max() < 1.5 * samples.period_s
-    options = SimulationOptions(segments=segments + spare, closure_s=0.0, odr_hz=rate)
+    options = SimulationOptions(segments=2 + spare, closure_s=0.0, odr_hz=104)
     (file,) = read_session(write_session(options, tmp_path / "file")).logs
-    # Live there are some seconds of stillness more before the first turn, and it ends when the last one has been accepted: that moves the
-    # middles of the first and the last still, where their segments begin and end.  In between, all is the same.
-    lead = round(LEAD_S * (len(samples) - 1) / samples.duration_s)
+    lead = round(LEAD_S * (len(samples) - 1) / samples.duration_s)  # still before the first turn
     count = min(len(samples) - lead, len(file.samples))
     mine, theirs = samples.between(lead, lead + count), file.samples.between(0, count)
     for name in ("gyro", "accel", "temp_c"):
         assert np.array_equal(getattr(mine, name), getattr(theirs, name))
     assert np.abs((mine.t_ns - mine.t_ns[0]) - (theirs.t_ns - theirs.t_ns[0])).max() <= 1000
-    for one, other in zip(closures(mine, config), closures(theirs, config), strict=True):
-        assert len(one) == segments
-        assert one == pytest.approx(other, abs=2e-6)  # rad, of 0.06 uncalibrated and 2e-4 calibrated: what 1 us in a stamp does
-    code, fit, said = run("fit", tmp_path / "s", "--methods", "raw,least_squares", "--json", "-")
+
+
+def test_ctrl_c_keeps_everything_and_resume_goes_on(board, run, tmp_path):
+    folder = tmp_path / "s"
+    words = ["record", "--port", board(*SLOW_SENSOR), "--out", folder, "--like", tmp_path / "bench.toml", "--segments", 4]
+    with started([*CALIBRATE, *words], text=True, stderr=PIPE, stdout=PIPE) as process:
+        heard(process.stderr, lambda line: "turn 1 accepted" in line)
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate()
+    assert process.returncode == 130
+    assert re.search(r"everything received is kept. To go on:\n  python \S*calibrate\.py record --resume --out", stderr)
+    (accepted,) = re.findall(r"(\d) of 4 segments", stdout)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    code, _, said = run(*words)
+    assert code == 2
+    assert "holds a recording; --resume goes on with it" in said
+    code, told, said = run(*words, "--resume", "--json", "-")
     assert code == 0, said
-    assert json.loads(fit)["segments"]["used"] == segments
+    assert json.loads(told)["segments"]["accepted"] == 4
+    (resumed,) = re.findall(r"resumed: (\d) segments so far", said)
+    assert int(accepted) <= int(resumed) <= int(accepted) + 1  # what came while it stopped may have completed one
+    assert all((folder / name).read_bytes().startswith(data) for name, data in before.items())
+
+
+@pytest.mark.parametrize("ignored", [(), (signal.SIGINT, signal.SIGHUP)], ids=["terminal", "nohup &"])
+def test_every_signal_ends_a_recording_like_ctrl_c(ignored, wire, tmp_path):
+    data, raw = frames.encode_info(0, INFO) + b"".join(frame_list(*sent(3000))), tmp_path / "s" / "raw.bin"
+
+    def inherited():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN if number in ignored else signal.SIG_DFL)
+
+    command = [*CALIBRATE, "record", "--no-coach", "--port", wire[1], "--out", tmp_path / "s"]
+    with started(command, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=inherited) as process:
+        until(lambda: raw.with_name("raw.times").exists() and "open" in raw.with_name("raw.times").read_text())
+        threading.Thread(target=send, args=(wire[0], data), daemon=True).start()
+        until(lambda: raw.stat().st_size == len(data) and raw.with_name("session.toml").exists())
+        process.send_signal(signal.SIGHUP)
+        if ignored:  # what nohup is for
+            assert process.poll() is None
+            process.send_signal(signal.SIGTERM)
+        out, said = process.communicate()
+    assert process.returncode == 130
+    assert "3000 samples" in out
+    assert "interrupted; everything received is kept" in said
+    assert "Traceback" not in said
+    assert raw.read_bytes() == data
+
+
+def test_the_signals_are_what_they_were_afterwards():
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    found = [signal.getsignal(number) for number in numbers]
+    usual = [signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL]
+    for number, handler in zip(numbers, usual, strict=True):
+        signal.signal(number, handler)  # one that is ignored, as behind nohup, stays so
+    try:
+        with ended_by_signals(ignored_interrupt=True), Interruption() as wanted:
+            assert not wanted()
+            signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(signal.SIGHUP)
+            assert wanted()
+            with pytest.raises(KeyboardInterrupt):  # who asks three times is obeyed at once
+                signal.raise_signal(signal.SIGINT)
+        assert [signal.getsignal(number) for number in numbers] == usual
+    finally:
+        for number, handler in zip(numbers, found, strict=True):
+            signal.signal(number, handler)
 
 
 def test_the_closing_lines_name_rows_of_files_and_every_fault(tmp_path):
@@ -89,35 +137,6 @@ def test_the_closing_lines_name_rows_of_files_and_every_fault(tmp_path):
     assert faults_of(guide) == "3 lost, the board counted hang 2×"
 
 
-def test_ctrl_c_keeps_everything_and_resume_goes_on(board, run, tmp_path):
-    port = board(*SLOW_SENSOR)
-    words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 4]
-    with started([*CALIBRATE, *words], text=True, stderr=PIPE, stdout=PIPE) as process:
-        heard(process.stderr, lambda line: "turn 2 accepted" in line)
-        process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate()
-    assert process.returncode == 130
-    assert re.search(r"everything received is kept. To go on:\n  python \S*calibrate\.py record --resume --out", stderr)
-    assert "Traceback" not in stderr
-    (accepted,) = re.findall(r"(\d) of 4 segments", stdout)
-    before = (tmp_path / "s" / "raw.bin").read_bytes()
-    own = (tmp_path / "s" / "session.toml").read_bytes()
-    log = (tmp_path / "s" / "log0001.csv").read_bytes()
-
-    code, _, said = run(*words)
-    assert code == 2
-    assert "holds a recording; --resume goes on with it" in said
-
-    code, told, said = run(*words, "--resume", "--json", "-")
-    assert code == 0, said
-    assert json.loads(told)["segments"]["accepted"] == 4
-    (resumed,) = re.findall(r"resumed: (\d) segments so far", said)
-    assert int(accepted) <= int(resumed) <= int(accepted) + 1  # what came while it stopped may have completed one
-    assert (tmp_path / "s" / "raw.bin").read_bytes().startswith(before)
-    assert (tmp_path / "s" / "session.toml").read_bytes() == own
-    assert (tmp_path / "s" / "log0001.csv").read_bytes() == log
-
-
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
@@ -125,16 +144,64 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, run, tmp_path):
         (["--out", "{log}"], 2, "holds log0001.csv; give another --out"),
         (["--out", "{new}", "--like", "{new}/none.toml"], 2, "not found"),
         (["--out", "{new}"], 3, "cannot be opened"),
-        (["--out", "{file}"], 2, "file"),
+        (["--out", "{log}/log0001.csv"], 2, "log0001.csv"),
+        (["--out", "{new}", "--rest", "1", "--closure"], 2, "--closure is of turns, and with --rest nothing is turned"),
+        (["--out", "{new}", "--rest", "--view"], 2, "--view is of turns"),
+        (["--out", "{new}", "--known-to", "10"], 2, "--known-to says how well the noise of a rest is to be known; add --rest"),
     ],
 )
 def test_what_cannot_be_is_one_line(run, tmp_path, words, code, says):
     (tmp_path / "log").mkdir()
     (tmp_path / "log" / "log0001.csv").write_text("t_us,gx,gy,gz,ax,ay,az,temp\n")
-    (tmp_path / "file").write_text("")
-    places = {name: tmp_path / name for name in ("new", "log", "file")}
+    places = {name: tmp_path / name for name in ("new", "log")}
     ended, _, said = run("record", "--port", tmp_path / "no-port", *(word.format(**places) for word in words))
     assert ended == code
     assert says in said
     assert len(said.splitlines()) == 1
     assert not (tmp_path / "new").exists()
+
+
+def test_a_time_that_is_none(run, tmp_path):
+    code, _, said = run("record", "--port", tmp_path / "no-port", "--out", tmp_path / "s", "--rest=-1")
+    assert code == 2
+    assert "-1 is no time from 0 to 1000 h" in said
+
+
+def test_the_bytes_of_a_port_make_a_session_folder(run, tmp_path):
+    """With the session.toml that lies beside them, or what the board says, or what it must be told."""
+    t_us, registers = sent(2000)
+    (tmp_path / "s").mkdir()
+    raw, capture = tmp_path / "s" / "raw.bin", tmp_path / "capture.bin"
+    raw.write_bytes(frames.encode_info(0, INFO) + b"".join(frame_list(t_us, registers, first=1)))
+    assert run("import", raw, "--out", tmp_path / "a")[0] == 0
+    session = read_session(tmp_path / "a")
+    sensor = session.config.sensor
+    assert (sensor.odr_hz, sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.serial) == (1666.5, 500, 4, "77")
+    assert len(session.logs[0].samples) == 2000
+    (tmp_path / "s" / "session.toml").write_text(CONFIG)
+    assert run("import", raw, "--out", tmp_path / "b")[0] == 0
+    assert (tmp_path / "b" / "session.toml").read_text() == CONFIG
+    capture.write_bytes(b"".join(line_list(t_us, registers)))  # of any other program
+    for out, words, says in (
+        ("b", [], "give --out a new folder"),
+        ("c", [], "--gyro-fs DPS --accel-fs G"),
+        ("c", ["--gyro-fs", "500", "--accel-fs", "4"], ""),
+    ):
+        code, _, said = run("import", raw if out == "b" else capture, "--out", tmp_path / out, *words)
+        assert code == (2 if says else 0)
+        assert says in said
+    assert read_session(tmp_path / "c").config.sensor.odr_hz == pytest.approx(1666.5, rel=2e-4)  # as the stamps have it
+
+
+def test_fit_refuses_a_folder_with_a_sensors_log_and_one_that_a_board_made_up(tmp_path, run):
+    for name, source in (("log0001.csv", "stand-in"), ("log0002.csv", "sensor")):
+        write_samples(tmp_path, Table().tumble(4, seed=len(source)).samples(seed=len(source)), name)
+        text = (tmp_path / name).read_text()
+        (tmp_path / name).write_text(f"# board source={source} firmware=1.0.0\n{text}")
+    code, _, said = run("fit", tmp_path, "--methods", "raw", "--quiet")
+    assert code == 2
+    assert "log0001.csv: sensor: the board had no sensor" in said
+    assert "log0002.csv is a sensor's" in said
+
+
+wire = pytest.fixture(make_wire, name="wire")

@@ -197,7 +197,7 @@ def test_it_starts_in_order_and_streams_6667_hz_without_a_loss(elf):
     assert {(CTRL1_XL, 0x00), (CTRL2_G, 0x00)} <= set(written[:reset])  # both off, before the reset
     assert written[reset + 1][0] == CTRL3_C  # BDU and IF_INC, before anything that they protect
     found = driven.verdict()
-    assert found.streamed > 3500
+    assert found.streamed > 3300
     assert_clean(found)
     assert driven.info.odr_hz == pytest.approx(found.true_hz, rel=1e-6 * NOMINAL_PPM)
     assert found.odr_hz == pytest.approx(found.true_hz, rel=10e-6)
@@ -213,9 +213,9 @@ def test_the_verdict_finds_what_is_planted(elf):
     true = np.ascontiguousarray(bodies).view(frames.SAMPLE).ravel()
     verdict = lambda stream: judged(stream, driven.sensor.kept, 0.0, driven.clock_hz, driven.silicon)  # noqa: E731
     assert_clean(verdict(true))
-    for change, off in ((40, 1), (-1000, 1), (40, 2000)):
+    for change, off in ((40, 1), (-1000, 1), (40, 1000)):
         stream = true.copy()
-        stream["t_us"][len(true) - 2500 :][:off] += np.array(change, np.int64).astype(np.uint32)
+        stream["t_us"][len(true) - 1500 :][:off] += np.array(change, np.int64).astype(np.uint32)
         assert verdict(stream).falsified == off
     stream = true.copy()
     stream["registers"][700, 3] += 1

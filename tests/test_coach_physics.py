@@ -1,0 +1,212 @@
+"""The coach: what a turn tells is mechanics, its words and its movement are one turn, its advice ends where all is known."""
+
+from __future__ import annotations
+
+import re
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+from coached_hand import guide_of, play, simulated
+from conftest import GRAVITY
+from scipy.spatial.transform import Rotation
+
+from session.bench.messages import Progress
+from session.detect.accelerometer import PARAMETERS, UPPER
+from session.detect.stills import Noise, Still
+from session.io.config import Accelerometer
+from tinygc.attitude import rotation
+from tinygc.models import linear
+from tinygc.planning import turns
+from tinygc.planning.coach import Coach
+from tinygc.planning.proposals import TARGETS
+from tinygc.planning.turns import columns, ends, turns_from
+
+
+def test_what_a_turn_tells_is_what_mechanics_says():
+    """A full turn about the level x axis shows its scale by 2 pi; half a turn about the vertical z axis shows E_xz and E_yz by 2."""
+    up = np.array([0.0, 0.0, 9.8])
+    turns = {turn.words: turn for turn in turns_from(up)}
+    full = turns["turn 360° about the board's x axis (level), y up first, until z is up (3 s)"]
+    half = turns["turn 180° to the left about the board's z axis, z stays up (3 s)"]
+    J = columns(up, [full, half])
+    at = {name: i for i, name in enumerate(linear.NAMES)}
+    assert np.linalg.norm(J[0][:, at["E_xx"]]) == pytest.approx(2 * np.pi, rel=1e-3)
+    assert np.linalg.norm(J[0][:, at["E_yx"]]) < 1e-2
+    for name in ("E_xz", "E_yz"):
+        assert np.linalg.norm(J[1][:, at[name]]) == pytest.approx(2.0, rel=1e-2)
+    assert np.linalg.norm(J[1][:, at["E_zz"]]) < 1e-2  # gravity does not see a turn about itself
+
+
+RAW = Accelerometer(np.array([[1.011, 0.004, -0.003], [0, 0.992, 0.005], [0, 0, 1.006]]), np.array([0.2, -0.15, 0.1]))
+
+
+def read_by(accelerometer: Accelerometer, force: np.ndarray) -> np.ndarray:
+    """What an accelerometer reads that its calibration brings to force."""
+    return force @ np.linalg.inv(accelerometer.matrix).T + accelerometer.bias_mps2
+
+
+def forces(count, seed):
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=(count, 3))
+    return GRAVITY * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+
+def test_its_columns_are_the_derivatives():
+    """Of the length, and of the end attitude that a turn predicts less the one that gravity shows: by differences."""
+    own, step = turns.OwnAccelerometer(RAW, 0.0), 1e-6
+    first, last = forces(2, 5)[:, None]
+    q_first = rotation.from_gravity(first)
+    q_last = rotation.from_gravity(last)
+    turn = rotation.multiply(rotation.conjugate(q_first), q_last)[0]
+    (lengths,) = own.length_rows(first)
+    (tilts,) = own.tilt_rows(first, last, q_first, q_last)
+    measured = read_by(RAW, np.concatenate([first, last]))
+    for k in range(PARAMETERS):
+        matrix, bias = RAW.matrix.copy(), RAW.bias_mps2.copy()
+        if k < 6:
+            matrix[UPPER[0][k], UPPER[1][k]] += step
+        else:
+            bias[k - 6] += step
+        moved = Accelerometer(matrix, bias).correct(measured)
+        assert (np.linalg.norm(moved[0]) - GRAVITY) / step == pytest.approx(lengths[k], abs=1e-5)
+        predicted = rotation.multiply(rotation.from_gravity(moved[0]), turn)
+        error = rotation.multiply(predicted, rotation.conjugate(rotation.from_gravity(moved[1])))
+        np.testing.assert_allclose(2 * error[1:3] / error[0] / step, tilts[:, k], atol=1e-4)
+
+
+def test_each_still_tells_by_its_white_noise_and_what_the_accelerometer_wanders():
+    """Of 2 and 8 s: half the mean square density by the seconds, and the square of the rest."""
+    noise, force = Noise(np.full(3, 1e-4), np.array([1e-3, 2e-3, 3e-3])), forces(2, 1)
+    stills = tuple(
+        Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 2, row, *[np.zeros(3)] * 2, 25.0)
+        for seconds, row in zip((2.0, 8.0), read_by(RAW, force), strict=True)
+    )
+    known = turns.OwnAccelerometer(RAW, 4e-4)
+    rows, variance = known.length_rows(force), np.mean([1e-6, 4e-6, 9e-6]) / 2 / np.array([2.0, 8.0]) + 1.6e-7
+    expected = np.einsum("sp,s,sq->pq", rows, 1 / variance, rows)
+    np.testing.assert_allclose(turns.length_information(known, stills, noise), expected, rtol=1e-9, atol=1e-9)
+
+
+G = 9.80665
+
+
+UPRIGHT = r"(\d+)° to the (left|right) about (?:(?:the board's|its) ([xyz]) axis|the vertical), (\S+)(?: and (\S+))? stays? up"
+
+
+LEVEL = r"(\d+)° about (?:the board's|its) ([xyz]) axis \(level\)(?:, (\S+) up first,)? until (\S+)(?: and (\S+))? (?:is|are) up"
+
+
+#: the 24 ways in which a box can stand on a table: board to a frame with z up
+STANDING = [
+    Rotation.from_matrix(matrix)
+    for order in permutations(range(3))
+    for signs in product((1, -1), repeat=3)
+    if np.linalg.det(matrix := np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0
+]
+
+
+def arrow(name: str) -> np.ndarray:
+    return np.eye(3)["xyz".index(name[-1])] * (-1 if name[0] == "-" else 1)
+
+
+def done(words: str, lies: Rotation) -> Rotation:
+    """What a person does who reads the words beside a board that lies so.  Knows nothing of how they were made."""
+    (said,) = re.fullmatch(r"turn (.+) \([34] s\)", words).groups()
+    for movement in said.split(", then at once "):
+        if found := re.fullmatch(UPRIGHT, movement):
+            degrees, side, axis, *stay = found.groups()
+            if axis:
+                assert abs(lies.apply(arrow(axis))[2]) == pytest.approx(1)
+            lies = Rotation.from_rotvec([0, 0, int(degrees) * (1 if side == "left" else -1)], degrees=True) * lies
+        else:
+            degrees, axis, first, *stay = re.fullmatch(LEVEL, movement).groups()
+            about = lies.apply(arrow(axis))
+            assert about[2] == pytest.approx(0, abs=1e-9)
+            rises = lies.apply(arrow(first or stay[0]))
+            sense = np.cross(about, rises)[2]
+            assert abs(sense) > 0.7
+            lies = Rotation.from_rotvec(about * np.sign(sense) * int(degrees), degrees=True) * lies
+        up = sum(arrow(name) for name in stay if name)
+        np.testing.assert_allclose(lies.apply(up / np.linalg.norm(up)), [0, 0, 1], atol=1e-9)
+    return lies
+
+
+def meant(turn, lies: Rotation) -> Rotation:
+    for part in turn.parts:
+        lies = lies * Rotation.from_rotvec(part.axis * part.angle_rad)
+    return lies
+
+
+def same(a: Rotation, b: Rotation, within_rad=1e-9) -> bool:
+    return (a.inv() * b).magnitude() < within_rad
+
+
+def test_the_words_and_the_movement_are_one_turn():
+    """Beside a board that stands so, and by quarter turns about an axis of it that is upright or level, none of which hurries a hand."""
+    assert len({tuple(np.round(lies.as_matrix().ravel()).astype(int)) for lies in STANDING}) == 24
+    for lies in STANDING[::8]:
+        turns = turns_from(lies.inv().apply([0, 0, G]))
+        assert len({turn.words for turn in turns}) == len(turns) > 100
+        for turn in turns:
+            told = done(turn.words, lies)
+            assert same(told, meant(turn, lies))
+            np.testing.assert_allclose(told.inv().apply([0, 0, G]), turn.carries(np.array([0, 0, G])), atol=1e-9)
+            assert len(turn.parts) in (1, 2)
+            assert 3 <= sum(part.seconds for part in turn.parts) <= 4
+            for part in turn.parts:
+                np.testing.assert_allclose(sorted(np.abs(part.axis)), [0, 0, 1], atol=1e-12)
+                assert part.angle_rad / (np.pi / 2) == pytest.approx(round(part.angle_rad / (np.pi / 2)))
+                assert 2 * part.angle_rad / part.seconds < np.deg2rad(245)  # peak of a smooth turn
+
+
+def test_a_small_full_scale_is_given_time():
+    """No turn that is asked for comes near the end of the gyroscope's range; what fits in the usual time is not slowed."""
+    most = np.deg2rad(100)
+    for usual, turn in zip(turns_from(np.array([0, 0, G])), turns_from(np.array([0, 0, G]), most_rps=most), strict=True):
+        peak = max(2 * part.angle_rad / part.seconds for part in turn.parts)
+        assert peak <= most * (1 + 1e-12)
+        seconds, before = (sum(part.seconds for part in each.parts) for each in (turn, usual))
+        assert seconds >= before
+        assert f"({seconds:.0f} s)" in turn.words
+
+
+def test_beside_a_board_that_lies_askew_it_is_set_straight_or_brought_to_the_end_that_is_named():
+    rng = np.random.default_rng(0)
+    straight = STANDING[7]
+    for askew_deg in (10, 28):
+        axis = np.append(rng.normal(size=2), 0.0)
+        lies = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.deg2rad(askew_deg)) * straight
+        force = lies.inv().apply([0, 0, G])
+        turns = turns_from(force)
+        for turn, *q in list(zip(turns, *ends(force, turns), strict=True))[::9]:
+            words = turn.words
+            assert words.startswith("with ") == (askew_deg > 20)
+            told = done(words.split("up, ", 1)[1] if askew_deg > 20 else words, straight)
+            began, ended = (Rotation.from_quat(each, scalar_first=True) for each in q)
+            np.testing.assert_allclose((began.inv() * ended).inv().apply(force), turn.carries(force), atol=1e-9)
+            assert same(lies * began.inv() * ended, told)
+
+
+@pytest.fixture(scope="module")
+def taken():
+    """A simulated session's segments as the guide hands them over."""
+    return [change.accepted for change in play(guide_of(odr_hz=104.0), simulated(6, seed=3, odr_hz=104.0)) if change.accepted]
+
+
+def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_is_reached(taken):
+    """One by one or all at once it says the same; two segments leave most of twelve parameters where the prior had them."""
+    one_by_one, few = Coach(), Coach()
+    few(Progress(tuple(taken[:2])))
+    assert np.sum(few.sigma > 100) >= 6
+    for count in range(1, len(taken) + 1):
+        advice = one_by_one(Progress(tuple(taken[:count])))
+    at_once = Coach()
+    assert at_once(Progress(tuple(taken))) == advice
+    assert not advice.reached
+    assert advice.reason == f"it helps the {advice.missing[0]}"
+    (turn,) = (turn for turn in turns_from(taken[-1].segment.stills[1].accel_mean) if turn.words == advice.words)
+    moved = [(movement.axis, movement.angle_rad) for movement in advice.movements]
+    assert moved == [(tuple(part.axis), part.angle_rad) for part in turn.parts]
+    content = Coach(1000 * one_by_one.sigma.max() * TARGETS)(Progress(tuple(taken)))
+    assert (content.reached, content.words, content.missing) == (True, "", ())

@@ -1,0 +1,467 @@
+"""What a person sees and asks for at the table: the page's picture and its server, the screen, the lines, the keys."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import io
+import json
+import os
+import pty
+import socket
+import sys
+import tomllib
+from email.message import Message
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from coached_hand import Kept, Silent, guide_of, play, simulated
+from conftest import DEG, Table
+from processes import PATIENCE_S, ROOT, until
+from rich.console import Console
+
+from session.bench.messages import Advice, GuideMessage, Kind, RequestedTurn, Stage
+from session.bench.operator import LONGEST_NOTE, Keyboard, OperatorCommand, TypingLine
+from session.bench.page import server as page_server
+from session.bench.page.server import MOST_CONNECTIONS, PageServer
+from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
+from session.bench.screen import LiveScreen, PlainLines, view
+from session.io.errors import CalibrationError
+from session.io.samples import Samples
+
+# The picture.
+
+
+def watched(guide, samples, advice=None, portion=20):
+    """A stream through the guide and the page, as the recording does it; all states."""
+    server, states = Kept(), []
+    page = PageView(Silent(), server)
+    for first in range(0, len(samples), portion):
+        part = samples.between(first, first + portion)
+        for change in guide.feed(part):
+            page.change(change)
+            if change.accepted and advice:
+                guide.advise(advice)
+        page.watch(guide, part)
+        page.show(guide)
+        states.append(server.last["state"])
+    return page, server, states
+
+
+def angle_deg(a, b) -> float:
+    a, b = np.array(a), np.array(b)
+    return float(2 * min(np.linalg.norm(a - b), np.linalg.norm(a + b)) / DEG)
+
+
+TURNED = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5)
+
+
+def test_the_board_on_the_page_lies_as_the_table_does():
+    """Before the first rest the heading is anyone's; from then on it is the table's."""
+    samples, guide, lies = TURNED.samples(), guide_of(), []
+    page = PageView(Silent(), Kept())
+    for first in range(0, len(samples), 20):
+        guide.feed(samples.between(first, first + 20))
+        page._sent_s = 0.0  # here nobody waits 40 ms between two portions
+        page.watch(guide, samples.between(first, first + 20))
+        lies.append((len(guide.taken.stills), page._attitude.q))
+    begun = next(q for stills, q in lies if stills == 1)
+    assert angle_deg(multiply(inverse(begun), lies[-1][1]), exp(120 * DEG, 0.0, 0.0)) < 0.3
+
+
+@pytest.mark.parametrize("turn", [(270, (0, 1, 0)), (200, (0.6, 0.0, 0.8))])
+def test_in_mid_turn_the_gyro_carries_it_at_any_portion(turn):
+    samples = Table().rest(3).turn(*turn, 3).samples()
+    found = []
+    for portion in (3, 208):
+        attitude = Attitude()
+        for first in range(0, len(samples), portion):
+            part = samples.between(first, first + portion)
+            at_s = (part.t_ns[-1] - samples.t_ns[0]) * 1e-9
+            if at_s > 1.5:
+                attitude.zero_rps = samples.gyro[:400].mean(axis=0)
+            attitude.feed(part, resting=at_s < 2.5)
+        found.append(attitude.q)
+    assert angle_deg(found[0], found[1]) < 0.05
+    up = rotated(inverse(found[0]), np.array([0.0, 0.0, 1.0]))
+    last = samples.accel[-1] / np.linalg.norm(samples.accel[-1])
+    assert np.arccos(min(1.0, up @ last)) < 0.6 * DEG  # no lever arm: at the turn's end it reads gravity again
+
+
+def test_the_state_says_what_the_guide_says():
+    guide = guide_of(3, 104.0)
+    samples = simulated(3, odr_hz=104.0)
+    advice = Advice(
+        "turn about x",
+        "it helps",
+        movements=(RequestedTurn((1.0, 0.0, 0.0), np.pi / 2),),
+        sigmas=(("scale of x", 3.25), ("bias of x", 0.5)),
+    )
+    _, server, states = watched(guide, samples, advice)
+    last = states[-1]
+    assert last["stage"] == "done"
+    assert last["accepted"] == last["wanted"] == 3
+    assert last["do"] == guide.instruction.do
+    assert last["sigmas"] == [{"name": "scale of x", "of_target": 3.25}, {"name": "bias of x", "of_target": 0.5}]
+    assert len(last["up"]) == len(guide.taken.stills)
+    np.testing.assert_allclose(np.linalg.norm(last["up"], axis=1), 1, atol=2e-3)
+    assert last["closure_deg"] == pytest.approx(closure_deg(guide.taken.turns[-1]), abs=1e-3)
+    assert 0.01 < last["closure_deg"] < 10  # an uncalibrated gyro of the simulator
+    assert {state["stage"] for state in states} >= {"check stream", "hold still", "turn", "done"}
+    held = [state["part"] for state in states if state["stage"] == "hold still"]
+    assert max(held) > 0.8
+    assert [each["kind"] for each in last["said"]].count("accepted") == 3
+    assert server.last["pose"]["full_scale_dps"] == 500
+
+
+def test_the_ghost_is_the_attitude_behind_the_coachs_turns():
+    guide = guide_of()
+    advice = Advice("do", "why", movements=(RequestedTurn((1.0, 0.0, 0.0), np.pi / 2), RequestedTurn((0.0, 0.0, 1.0), -np.pi)))
+    page, _, states = watched(guide, TURNED.samples(), advice)
+    target = states[-1]["target"]
+    expected = multiply(multiply(page._still, exp(np.pi / 2, 0.0, 0.0)), exp(0.0, 0.0, -np.pi))
+    assert angle_deg(target["q"], expected) < 0.05
+    assert [turn["angle_deg"] for turn in target["turns"]] == [90.0, -180.0]
+    assert all(state["target"] is None for state in states if state["stage"] != "turn")
+
+
+def test_a_perfect_sensors_turn_closes():
+    guide = guide_of(1)
+    (change,) = [change for change in play(guide, TURNED.samples()) if change.accepted]
+    assert closure_deg(change.accepted) < 0.05
+    turn = change.accepted
+    spoilt = turn.samples.gyro * 1.01
+    worse = type(turn)(turn.segment, type(turn.samples)(turn.samples.t_ns, spoilt, turn.samples.accel), turn.noise, 1, 0.0)
+    assert closure_deg(worse) == pytest.approx(1.2, abs=0.05)  # 1 % of 120°
+
+
+def test_a_page_that_fails_ends_no_recording():
+    """It is said once, and the screen goes on being told."""
+
+    class Told(Silent):
+        changes, shown = [], 0
+
+        def change(self, change):
+            self.changes.append(change.text)
+
+        def show(self, guide):
+            Told.shown += 1
+
+    page = PageView(Told(), SimpleNamespace(publish=lambda *_: 1 / 0))
+    for _ in range(3):
+        page.show(guide_of())
+    assert Told.shown == 3
+    assert Told.changes == ["the page has failed (ZeroDivisionError: division by zero); the recording goes on without it"]
+
+
+def test_the_screen_and_the_page_say_how_long_to_wait_for_a_warm_board():
+    samples = Table().rest(60).samples()
+    for temp_c, says in ((25 + 9 * (1 - np.exp(-samples.t_s / 150)), "wait 2 min, and the bias drifts by"), (None, "warmth –")):
+        guide = guide_of()
+        _, server, _ = watched(guide, Samples(samples.t_ns, samples.gyro, samples.accel, temp_c), portion=500)
+        text = " ".join(" ".join(drawn(guide)).split())
+        assert says in text
+        assert server.last["state"]["wait"] is None or server.last["state"]["wait"] in text
+        assert (server.last["state"]["wait"] is None) == (temp_c is None)
+
+
+# The server.
+
+
+@pytest.fixture
+def server(monkeypatch):
+    monkeypatch.setattr(PageServer, "look_every_s", 0.01)
+    running = PageServer()
+    running.start()
+    yield running
+    running.close()
+
+
+class Answer(NamedTuple):
+    """What came back."""
+
+    status: int
+    headers: Message
+    text: str
+
+
+def asked(server, path, host=None, method="GET") -> Answer:
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)) as connection:
+        connection.request(method, path, headers={"Host": host} if host else {})
+        answer = connection.getresponse()
+        return Answer(answer.status, answer.headers, answer.read().decode())
+
+
+def following(server) -> socket.socket:
+    """A browser that has asked for the events, and reads none of them yet."""
+    made = socket.create_connection(("127.0.0.1", server.server_port), timeout=PATIENCE_S)
+    made.sendall(f"GET /{server.token}/events HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
+    return made
+
+
+def wished(server, body, path="wish", token=None, **headers) -> int:
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)) as connection:
+        connection.request("POST", f"/{token or server.token}/{path}", body, headers)
+        return connection.getresponse().status
+
+
+def test_with_the_token_there_is_a_page_that_may_load_nothing_else(server):
+    for name in ("", "page.js", "page.css"):
+        answer = asked(server, f"/{server.token}/{name}")
+        assert (answer.status, len(answer.text) > 500) == (200, True)
+        policy = answer.headers["Content-Security-Policy"]
+        assert policy.startswith("default-src 'none'")
+        assert "unsafe" not in policy
+        assert "http" not in policy
+        assert answer.headers["Referrer-Policy"] == "no-referrer"
+    assert server.server_address[0] == "127.0.0.1"  # this computer alone
+    assert len(server.token) >= 24
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "method", "status"),
+    [(path, None, "GET", 403) for path in ("/", "/page.html", "/events", "/x/", "/x/events", "//", "/%00/")]
+    + [("/{token}/", host, "GET", 421) for host in ("evil.example:{port}", "127.0.0.1", "127.0.0.1.evil.example:{port}", "[::1]:{port}")]
+    + [("/{token}/" + name, None, "GET", 404) for name in ("../server.py", "..%2fserver.py", "/etc/passwd", "__init__.py")]
+    + [("/{token}/", None, "PUT", 501)],
+)
+def test_nobody_else_sees_anything(server, path, host, method, status):
+    answer = asked(server, path.format(token=server.token), host and host.format(port=server.server_port), method)
+    assert answer.status == status
+    assert server.token not in answer.text
+
+
+def test_a_wish_is_a_key_of_the_terminal_while_a_recording_takes_it(server):
+    assert wished(server, "pause") == 503
+    server.wishes.begin()
+    assert [wished(server, word) for word in ("pause", "note it  rained\r\nhard", "report")] == [200] * 3
+    for body in ("", "PAUSE", "pause now", "note ", "rm -rf", b"\xff\xfe", "n" * 2000):
+        assert wished(server, body) in (400, 413)
+    assert wished(server, "pause", token="x" * 24) == 403
+    assert wished(server, "pause", Origin="http://evil.example") == 421
+    assert wished(server, "pause", Origin=f"http://127.0.0.1:{server.server_port}") == 200
+    server.wishes.end()
+    assert wished(server, "drop") == 503
+    assert [text or command.name for command, text in server.wishes()] == ["PAUSE", "it rained hard", "PAUSE"]  # also behind the end
+    assert server.wishes.report.is_set()
+    server.wishes.begin()
+    assert {server.wishes.hear(b"note %d" % number) for number in range(100)} == {200, 503}
+
+
+def test_the_report_is_served_once_it_is_there_and_may_run_nothing(server):
+    assert asked(server, f"/{server.token}/report.html").status == 404
+    server.report = lambda: b"<!doctype html>the report"
+    answer = asked(server, f"/{server.token}/report.html")
+    assert (answer.status, answer.text) == (200, "<!doctype html>the report")
+    assert "script" not in answer.headers["Content-Security-Policy"]
+    assert answer.headers["Content-Security-Policy"].startswith("sandbox; default-src 'none'")
+
+
+def test_who_comes_gets_the_present_state_at_once_and_then_what_follows(server):
+    server.publish("state", {"stage": "turn", "number": 1})
+    with following(server) as client, client.makefile("rb") as lines:
+        while lines.readline() != b"\r\n":
+            pass
+        assert [lines.readline() for _ in range(2)] == [b"retry: 1000\n", b"\n"]
+        assert lines.readline() == b"event: state\n"
+        assert json.loads(lines.readline().removeprefix(b"data: "))["number"] == 1
+        lines.readline()
+        server.publish("pose", {"q": [1, 0, 0, 0]})
+        assert lines.readline() == b"event: pose\n"
+
+
+def test_a_browser_that_reads_nothing_holds_nobody_up(server, monkeypatch):
+    """Nobody drops it here: whoever published to it by himself would wait for ever."""
+    monkeypatch.setattr(page_server.Handler, "timeout", None)
+    with following(server):
+        until(lambda: server.clients == 1)
+        for _ in range(500):
+            server.publish("state", {"text": "x" * 20_000})
+        assert asked(server, f"/{server.token}/").status == 200
+        assert server.clients == 1
+
+
+def test_half_a_request_is_not_waited_for_for_ever_and_too_many_are_turned_away(server, monkeypatch):
+    monkeypatch.setattr(page_server.Handler, "timeout", 0.3)
+    hanging = [socket.create_connection(("127.0.0.1", server.server_port), timeout=PATIENCE_S) for _ in range(MOST_CONNECTIONS + 6)]
+    for each in hanging:
+        each.sendall(b"GET /")
+    assert sum(each.recv(1) == b"" for each in hanging) == len(hanging)
+    until(lambda: asked_quietly(server) == 200)
+    for each in hanging:
+        each.close()
+
+
+def asked_quietly(server):
+    try:
+        return asked(server, f"/{server.token}/").status
+    except (OSError, http.client.HTTPException):
+        return None
+
+
+def test_a_port_that_is_taken_is_said_in_a_line(server):
+    with pytest.raises(CalibrationError, match="leave the address out"):
+        PageServer(port=server.server_port)
+
+
+def test_an_installed_package_has_the_page():
+    """setuptools takes what pyproject.toml names; every file of the page is asked for by another one, or is the page."""
+    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]["session"]
+    packed = {path for pattern in patterns for path in (ROOT / "session").glob(pattern)}
+    there = set((ROOT / "session/bench/page/files").iterdir())
+    assert there <= packed
+    texts = "".join(path.read_text() for path in there)
+    assert {path.name for path in there if path.name not in texts} == {"page.html"}
+
+
+# The terminal.
+
+
+LONG = Advice(
+    "turn 180° about the board's y axis (level), -x up first, until -z is up, then at once 180° about its x axis (level), "
+    "-y up first, until -z is up (4 s)",
+    "it helps the misalignment of z towards y (12.3 times its target)",
+)
+
+
+def drawn(guide, changes=(), width=80) -> list[str]:
+    console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None, highlight=False)
+    console.print(view(guide, "data/session2 · /dev/ttyACM0", changes))
+    return console.file.getvalue().splitlines()
+
+
+def states():
+    """A guide in each of its states, by name."""
+    samples = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).samples()
+    waiting = guide_of()
+    waiting.waits(Stage.FIND_PORT, "/dev/ttyACM0: No such file or directory; it is tried again and again, four times a second, for ever")
+    yield "port", waiting
+    for name, seconds in (("check", 0.5), ("hold", 1.3), ("turn", 2.5), ("turning", 4.5), ("hold again", 6.9), ("accepted", 8.4)):
+        guide = guide_of()
+        play(guide, samples.between(0, int(seconds * 208)))
+        guide.advise(LONG)
+        yield name, guide
+    done = guide_of(1)
+    play(done, samples)
+    yield "done", done
+
+
+@pytest.mark.parametrize("name_guide", list(states()), ids=lambda pair: pair[0])
+def test_every_state_fits_80_by_24(name_guide):
+    name, guide = name_guide
+    changes = [
+        GuideMessage(Kind.REJECTED, f"turn {i} rejected: the gyro clips at 573 dps on x, y: turn slower or choose a larger one", i)
+        for i in range(4)
+    ]
+    lines = drawn(guide, changes)
+    assert len(lines) <= 22
+    assert max(map(len, lines)) <= 80
+    text = " ".join(line.strip("│ ") for line in lines)
+    now = guide.instruction
+    assert now.do[:40] in text
+    assert now.why[:40] in text
+    if name in ("hold", "hold again"):
+        assert "s left" in text
+    assert f"{guide.accepted} of {guide.segments} accepted" in text
+
+
+def rung(mute: bool) -> int:
+    console = Console(file=io.StringIO(), width=80, force_terminal=True)
+    with LiveScreen("x", mute, console) as screen:
+        for kind in Kind:
+            screen.change(GuideMessage(kind, kind.value))
+        screen.show(guide_of())
+    return console.file.getvalue().count("\a")
+
+
+def test_the_bell_rings_and_is_muted():
+    assert rung(mute=False) == 1 + 1 + 2 + 2 + 3
+    assert rung(mute=True) == 0
+
+
+def test_without_a_terminal_there_are_lines_and_no_control_signs():
+    console = Console(file=io.StringIO(), highlight=False, markup=False)
+    lines, guide = PlainLines(console), guide_of(1)
+    samples = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).samples()
+    with lines:
+        for first in range(0, len(samples), 20):
+            for change in guide.feed(samples.between(first, first + 20)):
+                lines.change(change)
+            lines.show(guide)
+    text = console.file.getvalue()
+    assert "\x1b" not in text
+    assert "\a" not in text
+    said = [line.strip() for line in text.splitlines()]
+    assert said[0].startswith("wait: the stream is being checked (0.1 of 1.0 s of samples seen")
+    assert any("the stream is good: 208.0 Hz" in line for line in said)
+    assert said.count("hold still: hands off the table") == 2
+    assert any("turn 1 accepted: 120°" in line for line in said)
+    assert said[-1].startswith("done: the table may be left")
+    assert len(said) < 14
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """The master of a pseudo-terminal that is standard input."""
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "r", encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        yield master, slave
+    os.close(master)
+
+
+def typed(keys: Keyboard, master: int, data: bytes) -> str:
+    os.write(master, data)
+    return until(keys, what="a key")
+
+
+def test_keys_come_at_once_without_an_echo_and_the_terminal_is_set_back(terminal):
+    master, slave = terminal
+    before = termios.tcgetattr(slave)
+    with Keyboard() as keys:
+        assert keys.there
+        assert keys() == ""
+        assert typed(keys, master, b"p") == "p"  # no Enter
+        assert typed(keys, master, "é\x7f".encode()) == "é\x7f"
+        assert typed(keys, master, b"\x1b[A\x1bOPd\x1b[15~n") == "dn"  # arrows and function keys are no letters
+        assert termios.tcgetattr(slave)[3] & termios.ISIG  # Ctrl-C stays what it is
+        os.set_blocking(master, False)
+        with pytest.raises(BlockingIOError):
+            os.read(master, 100)
+        termios.tcsetattr(slave, termios.TCSANOW, before)  # as a shell does after Ctrl-Z
+        keys()
+        assert typed(keys, master, b"q") == "q"
+    assert termios.tcgetattr(slave) == before
+
+
+def test_without_a_terminal_there_are_none(monkeypatch):
+    read, write = os.pipe()
+    os.write(write, b"pdn")
+    with os.fdopen(read) as stdin, os.fdopen(write, "w"):
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with Keyboard() as keys:
+            assert not keys.there
+            assert keys() == ""
+    monkeypatch.setattr(sys, "stdin", None)
+    with Keyboard() as keys:
+        assert not keys.there
+
+
+def test_letters_are_wishes_and_a_note_is_what_stands_before_enter():
+    line = TypingLine()
+    assert line.take("pDx\n") == [(OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, ""), (OperatorCommand.HERE, "")]
+    assert line.take("nthe  table pd") == []
+    assert line.note == "the  table pd"
+    assert line.words(closure=False).startswith("note: the  table pd_")
+    assert line.take("\x7f\b\rp") == [(OperatorCommand.NOTE, "the table"), (OperatorCommand.PAUSE, "")]
+    assert line.take("nno\x1bd") == [(OperatorCommand.DROP, "")]
+    assert line.take("n  \n") == []
+    line.take("n" + "x" * 500)
+    assert len(line.note) == LONGEST_NOTE
+    assert "drop" in TypingLine().words(closure=False)
+    assert "mark" in TypingLine().words(closure=True)
+
+
+termios = pytest.importorskip("termios", reason="a pseudo-terminal is needed, which only POSIX has")

@@ -55,7 +55,7 @@ def _known(lot: Lot) -> np.ndarray:
     return np.isfinite(lot.mean + lot.spread)[:PARAMETERS]
 
 
-def require_usable(lot: Lot, sensor: str, where: str) -> None:
+def _require_usable(lot: Lot, sensor: str, where: str) -> None:
     """Raise CalibrationError, in one line, where a lot contains nothing on a session's sensor."""
     if lot.sensor != sensor:
         raise CalibrationError(f"{where}: a lot of {lot.sensor}, and the session's sensor is {sensor}; give the lot of its own model")
@@ -83,7 +83,7 @@ class Belonging:
     p_value: float
 
 
-def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray) -> Belonging:
+def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray) -> Belonging:
     """Test whether a unit belongs, from the shift of its fit with the lot's prior away from the lot's mean.
 
     moved (12,): the fit's vector less the centre; noise (12, 12): covariance of the fit by the session's own noise; kept (12, 12): response
@@ -215,9 +215,9 @@ class LotFile:
 
 
 def lot_for(path: Path, sensor: str) -> LotFile:
-    """Read the lot for units with this sensor.  Raises the errors of ``read_lot`` and ``require_usable``."""
+    """Read the lot for units with this sensor.  Raises the errors of ``read_lot`` and ``_require_usable``."""
     lot = read_lot(path)
-    require_usable(lot, sensor, file_key(path))
+    _require_usable(lot, sensor, file_key(path))
     return LotFile(lot, file_key(path), sha256_of(path))
 
 
@@ -249,7 +249,7 @@ def fit_with_lot(
     bias_from, level, linear = choose(problem.changed(prior=prior), options)
     share = prior_share(level, _model(linear), options.still_rates)
     inside = _noise_covariance(level, linear, noise, options)
-    found = belonging(prior, _model(linear).vector - prior.centre, inside, np.eye(PARAMETERS) - share)
+    found = _belonging(prior, _model(linear).vector - prior.centre, inside, np.eye(PARAMETERS) - share)
     few = len(problem.batch) < FEWEST_SEGMENTS
     if found.probability >= (BELONGS if few else SURE):
         more = share @ prior.covariance @ share.T

@@ -110,7 +110,7 @@ LOT = Keys(
 )
 
 
-def lot_table(lot: Lot, **more: Any) -> dict:
+def _lot_table(lot: Lot, **more: Any) -> dict:
     """Return a JSON-ready table; ``more`` is added unchanged, and readers of a lot do not need it."""
     return {
         "schema": SCHEMA,
@@ -155,7 +155,7 @@ MOST_OUTLIERS = 1000
 def to_json(report: LotReport) -> dict:
     """Return ``tinygc-lot/3``."""
     drift = report.estimate
-    return lot_table(
+    return _lot_table(
         report.lot,
         drift_p_value=drift.drift_p,
         drifts=drift.drifts,

@@ -1,4 +1,4 @@
-"""``verify`` from the command line and in Python: verdicts, exit codes, files, and one line for what is wrong."""
+"""``verify`` from the command line and in Python: verdicts of a sensor that changed, exit codes, files, and one line for what is wrong."""
 
 import json
 import re
@@ -6,16 +6,56 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commandline import refused
 from formats_page import strangers
 from scipy.stats import chi2
-from verify_units import OPTIONS, SIGMA, rest_log, session_of, write
 
 import tinygc
-from session.io.units import DEG
-from tinygc.annexes.verification.old import read_old
+from session.io.errors import DataError
+from session.io.folder import input_hashes
+from session.io.units import DEG, G
+from tinygc import SimulationOptions, models
 from tinygc.library.sessions import Simulated
 from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.simulation.simulator import simulate_session, unit_of
+
+OPTIONS = SimulationOptions(segments=10, closure_s=0.0, odr_hz=104.0, seed=5, unit_seed=3)
+
+
+SIGMA = np.r_[np.full(9, 1e-4), np.full(3, 0.003 * DEG)]
+
+
+def session_of(unit, distort=None, **more):
+    """A session of a unit; distort: its measured rates, by t_s, rate, force and temp_c."""
+    return Simulated({}, simulate_session(replace(OPTIONS, **more), distort, unit=unit)).session
+
+
+def write(path, vector, config, **more):
+    table = models.to_dict(
+        LinearModel.from_vector(vector), sensor=sensor_table(config.sensor), accelerometer=accelerometer_table(config.accelerometer), **more
+    )
+    path.write_text(json.dumps(table))
+    return path
+
+
+def rest_log(path, session, shift=0.0, seconds=30):
+    """A rest of the first still's readings, as CSV."""
+    samples, rng = session.logs[0].samples, np.random.default_rng(1)
+    rows = rng.integers(0, 90, int(seconds * 104))
+    gyro, accel = samples.gyro[rows] / DEG + shift, samples.accel[rows] / G
+    lines = ["t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"]
+    lines += [f"{k / 104:.6f}," + ",".join(f"{v:.7f}" for v in (*g, *a)) for k, (g, a) in enumerate(zip(gyro, accel, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+#: noise of the old fit, as fit.json holds it
+
+
+#: noise of the old fit, as fit.json holds it
+COMPONENTS = [("noise.bias_wander", 2.0, 1.0), ("noise.still_rate", 0.001, 0.001), ("noise.turn", 1, 1)]
+CALM = {"schema": "tinygc-fit/2", "noise": {"components": [dict(zip(("name", "size", "sigma"), each, strict=True)) for each in COMPONENTS]}}
 
 
 @pytest.fixture(scope="module")
@@ -24,18 +64,21 @@ def unit():
 
 
 @pytest.fixture(scope="module")
-def folder(unit, tmp_path_factory):
-    """A session of the unit as it was calibrated."""
-    return Simulated({"effects": {}}, simulate_session(OPTIONS, unit=unit)).save(tmp_path_factory.mktemp("verify") / "today")
+def today(unit):
+    return session_of(unit)
 
 
 @pytest.fixture(scope="module")
-def model(unit, folder, tmp_path_factory):
-    """The true model, with the covariance of a good fit; two sigmas off."""
-    config = tinygc.read_session(folder).config
-    rng = np.random.default_rng(0)
-    vector = np.r_[unit.E.ravel(), unit.B] + SIGMA * rng.uniform(-1, 1, 12)
-    return write(tmp_path_factory.mktemp("model") / "model.json", vector, config, covariance=np.diag(SIGMA**2).tolist())
+def model(unit, today, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model")
+    (folder / "fit.json").write_text(json.dumps(CALM))
+    return write(folder / "model.json", np.r_[unit.E.ravel(), unit.B], today.config, covariance=np.diag(SIGMA**2).tolist())
+
+
+@pytest.fixture(scope="module")
+def folder(unit, tmp_path_factory):
+    """A session of the unit as it was calibrated."""
+    return Simulated({"effects": {}}, simulate_session(OPTIONS, unit=unit)).save(tmp_path_factory.mktemp("verify") / "today")
 
 
 def test_a_calibration_that_holds_says_so(model, folder, run, tmp_path):
@@ -44,102 +87,165 @@ def test_a_calibration_that_holds_says_so(model, folder, run, tmp_path):
     assert out.startswith("holds: ")
     found = json.loads((tmp_path / "found.json").read_text())
     assert strangers(found) == []
-    assert [question["holds"] for question in found["questions"]] == [True, True, True, None]
+    assert [question["holds"] for question in found["questions"]] == [True, True, True, True]
     for question in found["questions"][:3]:
         assert chi2.sf(question["chi_square"], question["freedom"]) == pytest.approx(question["p_value"], rel=1e-6)
-        assert question["statistic"] > 0
     assert found["false_alarm"] == 0.05
     assert np.abs(found["cost"]["as_it_is_deg"]).max() < 1.0
 
 
-@pytest.mark.broad
 def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tmp_path):
     moved = np.array([1.0, -0.6, 0.8]) * DEG
     today = session_of(replace(unit, B=unit.B + moved))
     found = tinygc.verify(model, today)
     assert (found.answer, found.exit_code) == ("holds for E, take B anew", 1)
     assert found.bias_dps == pytest.approx((unit.B + moved) / DEG, abs=0.01)
-    assert strangers(json.loads(json.dumps(found.to_json()))) == []
     assert found.result.diagnosis.best.names == ("zero",)
-    assert "x -0.99" in found.result.diagnosis.best.words[0]  # it reads less where B is more
+    assert "x -1 " in found.result.diagnosis.best.words[0]  # it reads less where B is more
     written = found.save_model(tmp_path / "anew.json")
     assert pytest.approx(found.bias_dps) == tinygc.load(written).model.B / DEG
+    covariance = np.array(json.loads(written.read_text())["covariance"])
+    assert covariance[9:, 9:] == pytest.approx(found.result.bias_covariance)
+    assert not covariance[9:, :9].any()
+    assert covariance[:9, :9] == pytest.approx(np.diag(SIGMA**2)[:9, :9])
     assert tinygc.verify(written, today).answer == "holds"
 
 
-def test_the_cost_is_that_of_the_true_change(model, unit):
-    today = replace(unit, E=unit.E @ np.diag([1.02, 1, 1]))
-    found = tinygc.verify(model, session_of(today))
+def test_a_changed_scale_is_named_and_b_anew_is_not_written(model, unit, tmp_path):
+    found = tinygc.verify(model, session_of(replace(unit, E=unit.E @ np.diag([1.02, 1, 1]))))
     assert (found.answer, found.exit_code) == ("does not hold", 1)
     assert found.result.diagnosis.best.names == ("scale",)
     assert found.result.diagnosis.best.theta[0] == pytest.approx(1 / 1.02 - 1, abs=1e-3)  # the axis reads less
-    from tinygc.annexes.verification.cost import minute_of
+    assert np.linalg.norm(found.result.cost.bias_anew) > 0.5 * np.linalg.norm(found.result.cost.as_it_is)  # another B does not mend E
+    with pytest.raises(DataError, match=r"not written with B anew: .* departs from the calibration: E \("):
+        found.save_model(tmp_path / "anew.json")
+    assert not (tmp_path / "anew.json").exists()
 
-    _, truth = minute_of(found.result.rows).largest_error(read_old(model).linear, LinearModel(today.E, today.B))
-    assert found.result.cost.as_it_is == pytest.approx(truth, abs=0.3 * np.linalg.norm(truth))
-    assert np.linalg.norm(found.result.cost.bias_anew) > 0.5 * np.linalg.norm(truth)  # E is not mended by another B
 
-
-def test_a_minute_at_rest_asks_the_zero_and_leaves_e_open(model, unit, run, tmp_path):
-    log = rest_log(tmp_path / "rest.csv", session_of(unit))
-    code, out, _ = run("verify", model, log)
+def test_a_minute_at_rest_asks_the_zero_and_leaves_e_open(model, today, run, tmp_path):
+    code, out, _ = run("verify", model, rest_log(tmp_path / "rest.csv", today))
     assert code == 0
-    assert out.startswith("holds: this recording tells E to ")
-    assert "the zero holds: " in out
-    assert "scale and axes (E)" in out
-    assert "Turns that would tell" in out
-    code, out, _ = run("verify", model, rest_log(tmp_path / "moved.csv", session_of(unit), shift=2.0))
-    assert code == 1
-    assert "whether E holds stays open" in out
+    for words in ("holds: this recording tells E to ", "the zero holds: ", "scale and axes (E)", "Turns that would tell"):
+        assert words in out
+    code, out, _ = run("verify", model, rest_log(tmp_path / "moved.csv", today, shift=2.0))
+    assert (code, "whether E holds stays open" in out) == (1, True)
 
 
 @pytest.mark.parametrize(("shift", "code"), [(0.0, 0), (0.15, 5), (4.0, 1)])
-def test_verify_and_watch_say_the_same_of_a_rest(model, unit, run, tmp_path, shift, code):
+def test_verify_and_watch_say_the_same_of_a_rest(model, today, run, tmp_path, shift, code):
     """Within the noise; as a switch-on may move it, and more than a minute bears; beyond any switch-on, by more than a turn in a minute."""
-    log = rest_log(tmp_path / "rest.csv", session_of(unit), shift=shift)
+    log = rest_log(tmp_path / "rest.csv", today, shift=shift)
     said = [run(command, model, log, *more)[:2] for command, more in (("verify", ["--quiet"]), ("watch", []))]
     assert [code for code, _ in said] == [code, code]
     costs = [float(re.search(r"(?:costs?|attitude by) ([\d.]+)°", " ".join(out.splitlines())).group(1)) for _, out in said]
-    if shift:
-        assert costs == pytest.approx([60 * np.sqrt(3) * shift] * 2, rel=0.05)
-    else:
-        assert max(costs) < 1.0
+    assert costs == pytest.approx([60 * np.sqrt(3) * shift] * 2, rel=0.05, abs=1.0)
 
 
 def test_another_sensors_recording_is_refused_unless_that_is_accepted(model, folder, run, tmp_path):
     table = json.loads(model.read_text())
     table["sensor"]["serial"] = "OTHER"
-    path = tmp_path / "other.json"
-    path.write_text(json.dumps(table))
-    code, _, error = run("verify", path, folder, "--quiet")
-    assert code == 2
-    assert "--other-serial" in error
-    assert error.count("\n") == 1
-    assert run("verify", path, folder, "--other-serial")[0] == 0
+    (tmp_path / "other.json").write_text(json.dumps(table))
+    refused(run("verify", tmp_path / "other.json", folder, "--quiet"), "--other-serial")
+    assert run("verify", tmp_path / "other.json", folder, "--other-serial")[0] == 0
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
-    [(("missing.json", "TODAY"), "cannot be read"), (("MODEL", "missing"), "not found"), (("TODAY", "TODAY"), "run `")],
+    ("words", "says"),
+    [
+        (("missing.json", "TODAY"), "cannot be read"),
+        (("MODEL", "missing"), "not found"),
+        (("TODAY", "TODAY"), "run `"),
+        (("MODEL", "TODAY", "--write", "MODEL"), "model.json"),
+        (("MODEL", "TODAY", "--false-alarm", "0"), "--false-alarm"),
+        (("MODEL", "TODAY", "--limit", "nan"), "--limit"),
+    ],
 )
-def test_what_is_not_there_is_one_line(model, folder, run, wrong, said):
-    code, _, error = run("verify", *({"MODEL": model, "TODAY": folder}.get(each, each) for each in wrong), "--quiet")
-    assert code == 2
-    assert said in error
-    assert error.count("\n") == 1
+def test_what_is_wrong_is_said(model, folder, run, words, says):
+    code, _, error = run("verify", *({"MODEL": model, "TODAY": folder}.get(each, each) for each in words), "--quiet")
+    assert (code, says in error) == (2, True)
 
 
-def test_the_model_with_its_new_zero_is_written_where_that_is_possible(model, folder, run, tmp_path):
+def test_the_model_with_its_new_zero_is_written(model, folder, run, tmp_path):
     path = tmp_path / "anew.json"
     assert run("verify", model, folder, "--write", path)[0] == 0
     assert pytest.approx(tinygc.load(model).model.E) == tinygc.load(path).model.E
     assert json.loads(path.read_text())["stored"]["method"] is None
-    for wrong in (tmp_path, model, folder / "log0001.csv.gz"):
-        code, _, error = run("verify", model, folder, "--write", wrong, "--quiet")
-        assert code == 2
-        assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize("option", [("--false-alarm", "0"), ("--false-alarm", "x"), ("--limit", "0"), ("--limit", "nan")])
-def test_a_probability_and_a_limit_are_checked(model, folder, run, option):
-    assert run("verify", model, folder, *option)[0] == 2
+def test_a_zero_that_differs_from_rest_to_rest_is_seen_where_the_old_rests_were_calm(model, unit):
+    found = tinygc.verify(model, session_of(unit, lambda t_s, rate, force, temp_c: rate + 0.1 * DEG * force / G, segments=12))
+    noise = {question.name: question for question in found.result.questions}["noise"]
+    assert (noise.holds, found.answer) == (False, "does not hold")
+    assert 60 * noise.left_rps / DEG == pytest.approx(60 * 0.1 / np.sqrt(3), rel=0.7)
+
+
+def test_the_temperature_is_that_of_the_model_file_or_a_note(model, unit, today, tmp_path):
+    table = json.loads(model.read_text()) | {"temperature_c": today.temperature_c - 20}
+    (tmp_path / "then.json").write_text(json.dumps(table))
+    moved = session_of(replace(unit, B=unit.B - 2 * DEG))
+    bare, then = (tinygc.verify(path, moved) for path in (model, tmp_path / "then.json"))
+    assert [any("the model does not say how warm" in note for note in each.result.notes) for each in (bare, then)] == [True, False]
+    assert "temperature" in then.result.diagnosis.alone
+    written = json.loads(then.save_model(tmp_path / "anew.json").read_text())
+    assert written["temperature_c"] == pytest.approx(today.temperature_c, abs=0.5)
+
+
+def test_rates_in_another_unit_are_said_to_be(model, today):
+    (log,) = today.logs
+    wrong = replace(log, samples=replace(log.samples, gyro=np.asarray(log.samples.gyro) * DEG), raw=False)
+    found = tinygc.verify(model, replace(today, logs=(wrong,)))
+    assert (found.answer, found.result.bias_serves, "the rates are in rad/s" in found.headline) == ("does not hold", False, True)
+
+
+@pytest.mark.parametrize(("factor", "axis", "says"), [(2.0, 1.0, "gravity: 19"), (1.0, 0.0, "gyro stuck: y")])
+def test_a_minute_at_rest_refuses_what_the_first_look_refuses(model, today, tmp_path, factor, axis, says):
+    (log,) = today.logs
+    samples = replace(log.samples, gyro=log.samples.gyro * np.array([1, axis, 1]), accel=log.samples.accel * factor)
+    with pytest.raises(DataError, match=says):
+        tinygc.verify(model, rest_log(tmp_path / "rest.csv", replace(today, logs=(replace(log, samples=samples),))))
+
+
+def rests_with(path, session, jump_dps):
+    """Six rests of 8 s in one attitude, moved to and fro between them; the zero jumps after the third."""
+    lines = rest_log(path, session, seconds=60).read_text().splitlines()
+    for number, line in enumerate(lines[1:]):
+        t, *rates, ax, ay, az = line.split(",")
+        moved = jump_dps if number >= 30 * 104 else 0.0
+        knock = 2.0 * np.sin(2 * np.pi * (number % 1040) / 208) if number >= 1040 and number % 1040 < 208 else 0.0
+        lines[1 + number] = ",".join([t, *(f"{float(rate) + moved + knock:.7f}" for rate in rates), ax, ay, az])
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("jump_dps", [0.0, 0.1])
+def test_a_jump_between_rests_is_seen_and_knocks_are_no_turns(model, today, tmp_path, jump_dps):
+    found = tinygc.verify(model, rests_with(tmp_path / "rests.csv", today, jump_dps))
+    noise = {question.name: question for question in found.result.questions}["noise"]
+    assert (found.result.rows.turns, found.result.rows.stills, noise.rank, noise.holds) == (0, 6, 15, jump_dps == 0)
+    if jump_dps:
+        assert (found.result.diagnosis.best.names, found.answer) == (("step",), "does not hold")
+
+
+def test_a_recording_does_not_verify_the_model_that_was_fitted_to_it(unit, today, tmp_path):
+    path = write(tmp_path / "own.json", np.r_[unit.E.ravel(), unit.B], today.config, sha256=input_hashes(today))
+    found = tinygc.verify(path, today)
+    assert (found.answer, found.exit_code, "agrees with itself" in found.headline) == ("undecided", 5, True)
+
+
+def test_a_board_whose_clock_is_off_is_compared_by_the_clock_of_the_model(unit, today, model, tmp_path):
+    """Stamps that run 0.45 % fast, E by either clock: it holds, as sharply as by true stamps; a clock that is not to be had is said."""
+    ratio = 1.0045
+    logs = tuple(replace(log, samples=replace(log.samples, t_ns=np.rint(log.samples.t_ns * ratio).astype(np.int64))) for log in today.logs)
+
+    def on(logs, **clock):
+        return replace(today, logs=logs, config=replace(today.config, sensor=replace(today.config.sensor, **clock)))
+
+    def of(clock, scale):
+        how = {"covariance": np.diag(SIGMA**2).tolist(), "clock": clock}
+        return write(tmp_path / f"{clock}.json", np.r_[unit.E.ravel(), unit.B] * scale, today.config, **how)
+
+    bare = tinygc.verify(model, on(today.logs, clock_sigma_ppm=20.0))
+    found = tinygc.verify(of("board", 1 / ratio), on(logs, clock_ratio=ratio, clock_sigma_ppm=20.0))
+    assert found.answer == bare.answer == "holds"
+    assert found.result.bounds[0].bound_deg == pytest.approx(bare.result.bounds[0].bound_deg, rel=0.01)
+    assert "the model goes by the computer's clock" in tinygc.verify(of("arrivals", 1.0), on(logs)).headline

@@ -10,9 +10,7 @@ from conftest import DEG
 
 from session.io.config import Accelerometer
 from tinygc import models
-from tinygc.annexes.watch.detector import Window
-from tinygc.annexes.watch.expectation import Expectation, ModelInUse
-from tinygc.annexes.watch.settings import Settings, settings
+from tinygc.annexes.watch.expectation import ModelInUse
 from tinygc.annexes.watch.source import Readings
 from tinygc.annexes.watch.watch import Event, Watch
 from tinygc.attitude import rotation
@@ -33,34 +31,6 @@ def known(spread_dps: float = 0.1, model: LinearModel | None = None) -> ModelInU
     return ModelInUse(model or LinearModel(np.eye(3), np.zeros(3)), table, {"noise": noise}, None, None)
 
 
-def flat(**other) -> Expectation:
-    """Figures without wander."""
-    none = np.zeros(3)
-    given = {
-        "rate_hz": RATE_HZ,
-        "white": np.full(3, WHITE),
-        "wander": lambda t, span: none,
-        "offset": np.full(3, 0.14 * DEG),
-        "attitude": np.full(3, 0.001 * DEG),
-        "per_k": np.full(3, 0.01 * DEG),
-        "reference_c": None,
-        "earth_rps": 0.0,
-        "gravity_mps2": G,
-        "accel_white": np.full(3, ACCEL_WHITE),
-        "accel_wander": lambda t, span: none,
-        "accel_offset": np.full(3, 0.02),
-        "accel_attitude": 1e-3,
-        "accel_per_k": 1e-3,
-        "parameters": COVARIANCE,
-    }
-    return Expectation(**(given | other))
-
-
-def chosen(every_windows: float = 1e6, **other) -> Settings:
-    """The detector's numbers of ``flat``."""
-    return settings(flat(**other), every_windows * 1.92)
-
-
 def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Readings:
     """A rest with white noise."""
     rng, count = np.random.default_rng(seed), round(seconds * RATE_HZ)
@@ -68,13 +38,6 @@ def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float 
     accel = np.array(force) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
     stamps = np.rint((start_s + np.arange(count) / RATE_HZ) * 1e9).astype(np.int64)
     return Readings(stamps, rate, accel, None)
-
-
-def reading(rate: np.ndarray, gravity: np.ndarray | float = 0.0, warmer: float = 0.0, direction=(0.0, 0.0, -1.0)) -> Window:
-    """A window of normalised rates (3, S)."""
-    copies = rate.shape[1]
-    along, whole = np.repeat(np.array(direction)[:, None], copies, axis=1), np.ones(copies)
-    return Window(rate, gravity * whole, along, warmer * whole, np.ones((2, copies)))
 
 
 def joined(*parts: Readings) -> Readings:

@@ -1,8 +1,4 @@
-"""Arrays of units on one body: their clocks, mountings and the ages of their readings, on real recordings and on simulated ones.
-
-``python benchmarks/array_clocks.py`` prints the tables of ../shared/mikov and ../shared/mimu, where they are there; ``simulated`` the
-pulls of clocks and ages, and how often a beat is claimed where there is none.
-"""
+"""Clocks, mountings and ages of readings of the units of one body: ../shared/mikov and ../shared/mimu, where they are there."""
 
 from __future__ import annotations
 
@@ -34,13 +30,8 @@ SETS = {"mikov": mikov.write_array, "mimu": mimu.write_array}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("what", nargs="?", choices=("real", "simulated"), default="real", help="which tables (%(default)s)")
-    parser.add_argument("--seeds", type=int, default=100, help="simulated arrays of each kind (%(default)s)")
-    args = parser.parse_args()
-    if args.what == "simulated":
-        return simulated(args.seeds)
-    return real(list(recordings()))
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    real(list(recordings()))
 
 
 def recordings() -> Iterator[ArraySession]:
@@ -96,43 +87,6 @@ def _turns_row(array: ArraySession, as_fitted: TurnDifferences, before: TurnDiff
     whole, one, two = by_turn(as_fitted), by_turn(before), by_turn(after)
     figures = rms(whole), rms(one), rms(two), rms(before.white / DEG), f"{np.median(one):.4f}", f"{np.median(two):.4f}", f"{one.max():.3f}"
     return array.name, str(len(one)), *figures
-
-
-def simulated(seeds: int) -> None:
-    sys.path.insert(0, str(ROOT / "tests" / "annexes"))
-    from array_twins import Body, any_unit, array_of
-
-    body = Body(turns=8, seed=4, still_s=2.0, shaken_s=12.0)
-    random, pulls, beats, claims = np.random.default_rng(0), [], [], []
-    for seed in range(seeds):
-        progress(f"{seed} of {seeds}")
-        offset_s, rate = random.uniform(-3, 3), random.uniform(-0.01, 0.01)
-        array = array_of(body, [any_unit(2 * seed), any_unit(2 * seed + 1, offset_s=offset_s, rate=rate)], 100.0, seed)
-        clock = clock_fits(array)[1].clock
-        expected = offset_s + rate * (clock.about_s - body.duration_s / 2)
-        pulls.append([(clock.offset_s - expected) / clock.offset_sigma_s, (clock.rate - rate) / clock.rate_sigma])
-        quiet = array_of(body, [any_unit(9000 + 4 * seed + n, noise_dps=0.15) for n in range(4)], 62.5, seed)
-        claims += [each.found for each in ages_of(quiet, clock_fits(quiet))]
-        if seed % 5 == 0:
-            true_hz = random.uniform(-3, 3, 4)
-            units = [
-                any_unit(5000 + 4 * seed + n, noise_dps=0.1, beat_hz=true_hz[n], phase=random.uniform(), period_s=1e-3) for n in range(4)
-            ]
-            aged = array_of(body, units, 62.5, seed)
-            for each, hz in zip(ages_of(aged, clock_fits(aged)), true_hz, strict=True):
-                pull = (each.period_s - 1e-3) / each.period_sigma_s if each.found else np.nan
-                beats.append([each.found, (each.beat_hz - hz) / each.beat_sigma_hz if each.found else np.nan, pull])
-    progress("")
-    beat = np.array(beats, dtype=float)
-    rows = [_pulls_row(name, values) for name, values in zip(("offset of a clock", "rate of a clock"), np.transpose(pulls), strict=True)]
-    rows += [_pulls_row(name, beat[beat[:, 0] > 0, k]) for k, name in ((1, "beat"), (2, "period"))]
-    rows += [("beats found", f"{beat[:, 0].mean():.2f}", "", str(len(beat)))]
-    rows += [("beat claimed where there is none", f"{np.mean(claims):.4f}", "", str(len(claims)))]
-    print(markdown(("simulated", "share", "rms in sigmas", "of"), rows))
-
-
-def _pulls_row(name: str, values: np.ndarray) -> tuple[str, ...]:
-    return f"{name}, within one sigma", f"{np.mean(np.abs(values) < 1):.2f}", f"{np.sqrt(np.mean(values**2)):.2f}", str(len(values))
 
 
 if __name__ == "__main__":

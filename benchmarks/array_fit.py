@@ -1,7 +1,7 @@
-"""Arrays: what the units of one body are to each other as a reference, on simulated arrays and on real ones.
+"""Arrays: what the units of one body are to each other as a reference, on real boards.
 
-Coverage of the joint estimate and what it gains over each unit alone; of ../shared/mimu, whether mountings and positions repeat over the
-four experiments within their stated sigmas, what the units have in common and what each has alone.
+Of ../shared/mimu, whether mountings and positions repeat over the four experiments within their stated sigmas; of mimu and mikov, what the
+units have in common and what each has alone.
 """
 
 from __future__ import annotations
@@ -19,9 +19,6 @@ from scipy.spatial.transform import Rotation
 from session.annexes.arrays.recording import read_array
 from session.io.units import DEG
 from tinygc.annexes.arrays.fit import ArrayFit, UnitFit, fit_array
-from tinygc.annexes.arrays.options import ArrayOptions
-from tinygc.annexes.arrays.simulation import simulate_array, write_array
-from tinygc.simulation.options import SimulationOptions
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 SETS = {"mimu": mimu.write_array, "mikov": mikov.write_array}
@@ -34,11 +31,8 @@ def best_gain(unit: UnitFit) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("which", nargs="*", metavar="simulated|mimu|mikov", help="of these (all)")
-    parser.add_argument("--seeds", type=int, default=40, help="simulated arrays (%(default)s)")
+    parser.add_argument("which", nargs="*", metavar="mimu|mikov", help="of these (all)")
     chosen = parser.parse_args()
-    if not chosen.which or "simulated" in chosen.which:
-        simulated(chosen.seeds)
     fits = {}
     with tempfile.TemporaryDirectory() as place:
         for name, write in SETS.items():
@@ -48,39 +42,6 @@ def main() -> None:
         real([fit for each in fits.values() for fit in each])
     if "mimu" in fits:
         repeat(fits["mimu"])
-
-
-def simulated(seeds: int) -> None:
-    """Inject and recover: how many of the errors lie within one sigma, and how wide that is against a unit alone."""
-    print(f"\n{seeds} simulated arrays of 3 units, 14 turns, 104 Hz: errors over their stated sigma\n")
-    rows = []
-    for bias in ("ends", "stills"):
-        off: dict[str, list] = {name: [] for name in ("E", "B", "mounting", "position", "clock rate")}
-        gain, best = [], []
-        for seed in range(seeds):
-            progress(f"bias from {bias}: {seed + 1} of {seeds}")
-            made = simulate_array(SimulationOptions(segments=14, closure_s=0, odr_hz=104, seed=seed), ArrayOptions(units=3))
-            with tempfile.TemporaryDirectory() as place:
-                fit = fit_array(read_array(write_array(made, Path(place) / "array")), bias=bias)
-            for unit, truth, true in zip(fit.units, made.truths, made.units, strict=True):
-                apart = (unit.model.vector - np.concatenate([true.unit.E.ravel(), true.unit.B])) / unit.sigma
-                off["E"].append(apart[:9])
-                off["B"].append(apart[9:])
-                gain.append(unit.sigma[:9] / unit.sigma_alone[:9])
-                best.append(best_gain(unit))
-                if unit is fit.units[0]:
-                    continue
-                turn = Rotation.from_matrix(unit.place.mounting @ truth.mounting.T).as_rotvec()
-                off["mounting"].append(turn / np.sqrt(np.diag(unit.place.mounting_covariance)))
-                off["clock rate"].append([(unit.place.clock.rate - truth.rate) / unit.place.clock.rate_sigma])
-                if unit.place.position_m is not None:
-                    off["position"].append((unit.place.position_m - truth.position_m) / np.sqrt(np.diag(unit.place.position_covariance)))
-        for name, values in off.items():
-            z = np.concatenate(values)
-            more = (f"{np.median(gain):.2f}", f"{np.median(best):.1f} times") if name == "E" else ("", "")
-            rows.append((f"{name}, bias from {bias}", f"{100 * np.mean(np.abs(z) < 1):.0f} %", f"{np.sqrt(np.mean(z**2)):.2f}", *more))
-    progress("")
-    print(markdown(("errors of", "within 1 sigma", "rms, sigmas", "sigma in the array over alone", "best direction gains"), rows))
 
 
 def fitted(folder: Path) -> ArrayFit:

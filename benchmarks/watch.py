@@ -1,6 +1,6 @@
-"""The watch: run lengths to a false alarm beside the stated, delays beside the bound, recorded rests.
+"""The watch: run lengths to a false alarm beside the stated, recorded rests.
 
-python benchmarks/watch.py run-lengths | turns | delays | recorded
+python benchmarks/watch.py run-lengths | turns | recorded
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tinygc.annexes.watch.expectation import Expectation, ModelInUse
 from tinygc.annexes.watch.settings import BLOCK_S, BLOCKS, Settings, settings
 from tinygc.annexes.watch.source import Readings
 from tinygc.annexes.watch.turns import MOST_SQUARE, RATIO
-from tinygc.annexes.watch.watch import FALSE_ALARM_EVERY_S, Watch
+from tinygc.annexes.watch.watch import Watch
 from tinygc.closure.floor import TIMES_S, wander_covariance
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_of
@@ -181,48 +181,6 @@ def turns() -> None:
     print(markdown(["stated, turns", "measured"], rows))
 
 
-def delays() -> None:
-    """Mean delay of steps and ramps in the rate of one axis, beside the least that any test with this run length needs."""
-    chosen = settings(expectation(), FALSE_ALARM_EVERY_S)
-    length = FALSE_ALARM_EVERY_S / WINDOW_S
-    copies, burn, rows = 200, 400, []
-    cases = [("step", size) for size in (1.0, 2.0, 3.0, 5.0, 10.0, 30.0)] + [("ramp", size) for size in (0.003, 0.01, 0.03, 0.1, 0.3)]
-    for form, size in cases:
-        progress(f"{form} {size}")
-        rng, filters = np.random.default_rng(2), ZeroFilter(chosen, copies)
-        most = 4000
-        found_at, information, response = np.zeros(copies, dtype=int), [], np.zeros(5)
-        for number, (rate, gravity, direction, _) in zip(range(burn + most), windows(chosen, copies, rng, None), strict=False):
-            filters.predict()
-            after = number - burn + 1
-            change = 0.0 if after <= 0 else size if form == "step" else size * after
-            rate[0] += change
-            found = filters.judge(judged(chosen, rate, gravity, direction))
-            if after > 0:
-                innovation = change - response[:4].sum()
-                information.append((innovation / found.sigma[0, 0]) ** 2 / 2)
-                response = response + found.gain[:, 0] * innovation
-                response[1:3] *= chosen.decay
-                found_at[(found.alarm[0] != 0) & (found_at == 0)] = after
-            elif (found.alarm != 0).any():
-                found_at[(found.alarm[0] != 0)] = 0
-            if (found_at > 0).all():
-                break
-        known = np.cumsum(information)
-        needed = np.flatnonzero(known >= np.log(length))
-        bound = "never" if not len(needed) else f"{needed[0] + 1}"
-        share = np.mean(found_at > 0)
-        unit = float(chosen.rate_sigma_rps[0]) / DEG
-        words = (
-            f"{size:g} σ = {size * unit:.4f} dps" if form == "step" else f"{size:g} σ a window = {size * unit * 3600 / WINDOW_S:.2f} dps/h"
-        )
-        mean = f"{found_at[found_at > 0].mean():.1f}" if share else "–"
-        rows.append([form, words, f"{100 * share:.0f} %", mean, bound, f"{known[-1]:.1f}"])
-    progress("")
-    print(f"a false alarm every {length:.0f} windows of {WINDOW_S:g} s: log {np.log(length):.1f}; one σ is {unit:.4f} dps")
-    print(markdown(["change", "size", "found within 4000 windows", "mean delay, windows", "bound", "information by then"], rows))
-
-
 def recorded() -> None:
     """Three ADIS16405 at rest: figures of one half by ``noise``, its mean as B, and the other half watched."""
     import tinygc.annexes.watch.watch as module
@@ -256,7 +214,7 @@ def recorded() -> None:
 
 
 def main() -> None:
-    commands = {"run-lengths": run_lengths, "turns": turns, "delays": delays, "recorded": recorded}
+    commands = {"run-lengths": run_lengths, "turns": turns, "recorded": recorded}
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=commands)
     commands[parser.parse_args().what]()

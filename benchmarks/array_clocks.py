@@ -12,9 +12,6 @@ import numpy as np
 from common import markdown, progress
 from public import mikov, mimu
 from scipy.spatial.transform import Rotation
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
 from turn_differences import TurnDifferences, turn_differences
 
 from session.annexes.arrays.recording import ArraySession, read_array

@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from small_turns import numeric_jacobian
 
 from session.io.errors import FormatError
 from session.io.units import DEG
 from tinygc import models
-from tinygc.models.linear import NAMES, LinearModel, field_quantities
+from tinygc.models.linear import WORDS, LinearModel, field_quantities, field_vector
 from tinygc.models.nets import CalibrationNet
 
 
@@ -18,54 +19,50 @@ def calibration_of(M, b=(0.0, 0.0, 0.0)):
     return np.concatenate([E.ravel(), -E @ b])
 
 
-def quantities(M, b=(0.0, 0.0, 0.0)):
-    found = field_quantities(calibration_of(np.asarray(M, float), np.asarray(b, float)), np.zeros((12, 12)))
-    return {(q.word, q.component): q.value for q in found}
+LEAN, TURN = 7e-3, 5e-3
+LEANING = np.array([[np.cos(LEAN), np.sin(LEAN), 0], [0, 1, 0], [0, 0, 1]])
+#: rows: input axes, turned by +TURN about z
+TURNED = np.array([[np.cos(TURN), np.sin(TURN), 0], [-np.sin(TURN), np.cos(TURN), 0], [0, 0, 1]])
 
 
-def test_an_axis_that_reads_too_much_has_a_positive_scale_factor_error():
-    found = quantities(np.diag([1.01, 0.998, 1.0]), (0.02, 0.0, -0.01))
-    assert found["scale factor error", "x"] == pytest.approx(10_000)
-    assert found["scale factor error", "y"] == pytest.approx(-2000)
-    assert found["bias", "x"] == pytest.approx(0.02 / DEG)
-    assert found["bias", "z"] == pytest.approx(-0.01 / DEG)
-    assert found["misalignment", "x to y"] == 0
+@pytest.mark.parametrize(
+    ("M", "b", "expected"),
+    [
+        (np.diag([1.01, 0.998, 1.0]), (0.02, 0, -0.01), {"scale factor error x": 1e4, "scale factor error y": -2e3, "bias z": -0.01 / DEG}),
+        # half of an axis that leans is the triad's rotation
+        (LEANING, (0, 0, 0), {"misalignment x to y": 7, "nonorthogonality xy": 7, "triad rotation z": 7 * (1 + LEAN**2 / 24) / 2}),
+        (TURNED, (0, 0, 0), {"triad rotation z": 5, "misalignment x to y": 5, "misalignment y to x": -5}),
+    ],
+)
+def test_errors_in_the_words_of_the_field_are_those_of_a_sensor_with_them_alone(M, b, expected):
+    """The others are nothing, but for what the words state twice."""
+    found = {f"{q.word} {q.component}": q.value for q in field_quantities(calibration_of(M, np.array(b)), np.zeros((12, 12)))}
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-4)
+    if M is TURNED:
+        assert [found[f"nonorthogonality {pair}"] for pair in ("xy", "yz", "zx")] == pytest.approx([0, 0, 0], abs=1e-9)
 
 
-def test_an_axis_that_leans_is_misaligned_and_not_orthogonal():
-    angle = 7e-3
-    M = np.eye(3)
-    M[0] = np.cos(angle), np.sin(angle), 0
-    found = quantities(M)
-    assert found["misalignment", "x to y"] == pytest.approx(7)
-    assert found["nonorthogonality", "xy"] == pytest.approx(7)
-    assert found["scale factor error", "x"] == pytest.approx(0, abs=1e-6)
-    assert found["misalignment", "y to x"] == pytest.approx(0, abs=1e-9)
-    assert found["triad rotation", "z"] == pytest.approx(3.5, rel=1e-4)  # half of it is the triad's
-
-
-def test_a_triad_that_is_only_turned_is_orthogonal():
-    angle = 5e-3
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    found = quantities(turn.T)  # rows: input axes, turned by +angle about z
-    assert found["triad rotation", "z"] == pytest.approx(5)
-    assert found["misalignment", "x to y"] == pytest.approx(5)
-    assert found["misalignment", "y to x"] == pytest.approx(-5)
-    for pair in ("xy", "yz", "zx"):
-        assert found["nonorthogonality", pair] == pytest.approx(0, abs=1e-9)
+def test_their_uncertainties_are_the_derivatives_times_the_covariance():
+    rng = np.random.default_rng(5)
+    vector = calibration_of(np.eye(3) + 0.02 * rng.standard_normal((3, 3)), 0.01 * rng.standard_normal(3))
+    root = 1e-4 * rng.standard_normal((12, 12))
+    slope = numeric_jacobian(field_vector, vector)
+    units = np.concatenate([[si] * len(components) for _, components, _, si in WORDS])
+    expected = 2 * np.sqrt(np.diag(slope @ root @ root.T @ slope.T)) / units
+    assert [q.expanded for q in field_quantities(vector, root @ root.T)] == pytest.approx(expected, rel=1e-6)
 
 
 def test_what_no_turn_shows_is_said():
     hidden = ("E_xy", "E_yy", "E_zy")
     found = field_quantities(calibration_of(np.eye(3)), np.eye(12), hidden)
     shown = {(q.word, q.component): q.observed for q in found}
-    assert set(hidden) < set(NAMES)
-    assert not shown["scale factor error", "y"]
-    assert not shown["misalignment", "x to y"]
-    assert not shown["nonorthogonality", "yz"]
-    assert shown["scale factor error", "x"]
-    assert shown["nonorthogonality", "zx"]
-    assert shown["bias", "y"]
+    for q, there in {
+        ("scale factor error", "y"): 0,
+        ("nonorthogonality", "yz"): 0,
+        ("nonorthogonality", "zx"): 1,
+        ("bias", "y"): 1,
+    }.items():
+        assert shown[q] == there
 
 
 RATE = np.random.default_rng(0).normal(size=(20, 3))

@@ -42,15 +42,6 @@ def problem(folder):
     return build_problem(read_session(folder))
 
 
-def test_batch_holds_the_logs_samples_and_times(problem):
-    samples = problem.logs[0].samples
-    for i, segment in enumerate(problem.used):
-        count = segment.stop - segment.start
-        np.testing.assert_array_equal(problem.batch.rate[i, :count], samples.gyro[segment.start : segment.stop])
-        assert problem.batch.duration_s[i] == pytest.approx(segment.duration_s, abs=1e-12)
-        assert not problem.batch.dt[i, count - 1 :].any()
-
-
 def test_yaw_is_carried_to_the_true_attitude(problem, folder):
     """Against the simulation's gimbals, turned about the vertical so that the first still agrees: to the closure of ten turns."""
     true = true_attitudes(folder, problem)
@@ -74,13 +65,11 @@ def test_no_attitude_is_carried_through_a_clipped_segment(folder):
     assert np.diff(clipped.logs[0].group).nonzero()[0].tolist() == [behind - 1]
 
 
-def with_dials(folder, problem, tmp_path, skip=()):
+def with_dials(folder, problem, tmp_path):
     """The same session with dial readings, exact to what a person would read: 0.01 degrees."""
     roll, pitch, yaw = np.moveaxis(Rotation.from_quat(true_attitudes(folder, problem), scalar_first=True).as_euler("ZYX")[:, ::-1], -1, 0)
     rows = ["still,roll_deg,pitch_deg,yaw_deg"]
-    rows += [
-        f"{i},{r / DEG:.2f},{p / DEG:.2f},{y / DEG:.2f}" for i, (r, p, y) in enumerate(zip(roll, pitch, yaw, strict=True)) if i not in skip
-    ]
+    rows += [f"{i},{r / DEG:.2f},{p / DEG:.2f},{y / DEG:.2f}" for i, (r, p, y) in enumerate(zip(roll, pitch, yaw, strict=True))]
     made = tmp_path / "dials"
     made.mkdir()
     (made / "attitudes.csv").write_text("\n".join(rows) + "\n")
@@ -92,15 +81,11 @@ def with_dials(folder, problem, tmp_path, skip=()):
 def test_dials_observe_yaw_too(folder, problem, tmp_path):
     made = build_problem(read_session(with_dials(folder, problem, tmp_path)))
     assert made.batch.yaw_known
-    assert made.batch.angles == 3
     truth = json.loads((folder / "truth.json").read_text())
     true = LinearModel(np.array(truth["E"]), np.array(truth["B_dps"]) * DEG)
     angles = closure.error_angles(closure.segment_residuals(made.batch, true(made.batch.rate)))
     assert angles.shape == (10, 3)
-    # Three angles at the floor of dials read to a hundredth of a degree: yaw, too.
-    assert np.abs(angles).max() / DEG < 0.06
-    assert np.sqrt(np.mean(angles[:, 2] ** 2)) / DEG < 0.03
-    np.testing.assert_array_equal(made.logs[0].q_tb[:-1], made.batch.start)
+    assert np.abs(angles).max() / DEG < 0.06  # the floor of dials read to a hundredth of a degree: yaw, too
 
 
 def test_two_logs_are_one_problem():

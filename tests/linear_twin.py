@@ -7,16 +7,17 @@ from unittest.mock import patch
 
 import numpy as np
 
+from session.io.units import MG
 from tinygc.effects import Effect, Parameter, Scan
 from tinygc.explanation import evidence
 from tinygc.explanation.evidence import Evidence
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import STILL_RATE, TURN, Component, SessionNoise
-from tinygc.noise.refit import GRAVITY_SIGMA
 from tinygc.noise.twin import Channels, State
 from tinygc.noise.whitening import PRECALIBRATION_MPS2, Sparse
 
-PRIORS = np.r_[PRIOR_SIGMA, 1.0, 1.0, GRAVITY_SIGMA]  # of the calibration's columns; the Earth's two are known
+#: of the calibration's columns: the Earth's two are known, gravity's length to 20 mg
+PRIORS = np.r_[PRIOR_SIGMA, 1.0, 1.0, 20 * MG]
 
 
 def effect(name: str, size: int = 1, plausible: float = 100.0, equation: str = "", **more) -> Effect:

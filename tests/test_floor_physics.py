@@ -20,7 +20,6 @@ from tinygc.attitude.earth import EarthRate
 from tinygc.closure.floor import (
     ACCEL_NOISE,
     DIALS,
-    ESTIMATED,
     GIVEN,
     GRID_RPS,
     GYRO_NOISE,
@@ -30,19 +29,20 @@ from tinygc.closure.floor import (
     BiasInstability,
     BiasWander,
     Floor,
+    _other_causes,
+    _pieces_at_rest,
+    _posterior_of_instability,
+    _restricted_likelihood,
+    _sideways_columns,
+    _step_of_bias,
     bias_instability_of,
     closure_floor,
     estimated,
-    other_causes,
-    pieces_at_rest,
-    posterior_of_instability,
-    restricted_likelihood,
-    sideways_columns,
-    step_of_bias,
     wander_covariance,
 )
 from tinygc.closure.stills import StillSet
 
+ESTIMATED = _posterior_of_instability(np.zeros(len(GRID_RPS))).source
 STILL_S = (1.0, 0.5, 2.0, 1.5)
 #: of each turn's log: one-sided densities of gyro, rad/s/sqrt(Hz), and accelerometer, m/s^2/sqrt(Hz)
 NOISES = [Noise(np.array([4.0, 5.0, 8.0]) * scale * DEG, np.array([5.0, 6.0, 9.0]) * scale) for scale in (1e-3, 1e-3, 2e-3)]
@@ -227,13 +227,13 @@ def test_an_instability_says_what_it_knows(dph, sigma_dph, most_dph, words):
 
 @pytest.mark.parametrize(("at", "width"), [(0, 3), (30, 8)])
 def test_posterior_is_the_likelihood_integrated_under_a_flat_prior_from_zero_on(at, width):
-    found = posterior_of_instability(-(((GRID_RPS / DEG_PER_HOUR - at) / width) ** 2) / 2 - 1000)
+    found = _posterior_of_instability(-(((GRID_RPS / DEG_PER_HOUR - at) / width) ** 2) / 2 - 1000)
     exact = truncnorm(-at / width, np.inf, at, width)
     assert found.rps / DEG_PER_HOUR == pytest.approx(exact.mean(), rel=1e-4)
     assert found.sigma_rps / DEG_PER_HOUR == pytest.approx(exact.std(), rel=1e-4)
     assert found.most_rps / DEG_PER_HOUR == pytest.approx(exact.ppf(0.95), rel=0.01)
     assert (found.source, found.of_unit) == (ESTIMATED, True)
-    anything = posterior_of_instability(np.zeros(len(GRID_RPS)))  # uniform up to 300
+    anything = _posterior_of_instability(np.zeros(len(GRID_RPS)))  # uniform up to 300
     found = np.array([anything.rps, anything.sigma_rps, anything.most_rps]) / DEG_PER_HOUR
     assert found == pytest.approx([150, 300 / np.sqrt(12), 285], rel=0.005)
 
@@ -254,7 +254,7 @@ def test_innovations_of_an_outlier_are_twenty_times_as_wide_in_one_case_of_fifty
     t_s, _, white, flicker = rates_of_stills(5)
     y = 100 * DEG_PER_HOUR + np.sqrt(white[:, 1]) * [0.5, -1.2, 0.3, 12.0, -0.6]
     columns = np.stack([np.ones(5), t_s / t_s[-1]], axis=1)
-    found = restricted_likelihood(y, columns, white[:, 1], flicker)
+    found = _restricted_likelihood(y, columns, white[:, 1], flicker)
     for k in (0, 10, 40):
         factor = np.linalg.cholesky(np.diag(white[:, 1]) + GRID_RPS[k] ** 2 * flicker)
         whitened, A = np.linalg.solve(factor, y), np.linalg.solve(factor, columns)
@@ -289,9 +289,9 @@ def test_a_step_is_the_moment_at_which_chi_square_falls_most_by_more_than_twenty
     gains = [chi_square(1.0, []) - chi_square(1.0, [(np.arange(7) >= k).astype(float)]) for k in range(1, 7)]
     assert np.argmax(gains) == 3
     just = np.sqrt(25 / max(gains))
-    assert step_of_bias(0.9999 * just * rate, columns, white, wander) is None
-    np.testing.assert_array_equal(step_of_bias(1.0001 * just * rate, columns, white, wander), after)
-    assert step_of_bias(rate[:1], [np.zeros((1, 0))] * 3, white[:1], wander[:1, :1]) is None
+    assert _step_of_bias(0.9999 * just * rate, columns, white, wander) is None
+    np.testing.assert_array_equal(_step_of_bias(1.0001 * just * rate, columns, white, wander), after)
+    assert _step_of_bias(rate[:1], [np.zeros((1, 0))] * 3, white[:1], wander[:1, :1]) is None
 
 
 def test_a_rate_fixed_in_the_table_shows_on_each_axis_as_its_attitude_has_it():
@@ -300,7 +300,7 @@ def test_a_rate_fixed_in_the_table_shows_on_each_axis_as_its_attitude_has_it():
     level = np.array([0.4, -0.7, 0.0]), np.array([-0.2, 0.1, 0.0])  # in the table, of each yaw group
     body = np.stack([turn.inv().apply(level[int(g == 5)]) for turn, g in zip(turns, group, strict=True)])
     for axis in range(3):
-        columns = sideways_columns(turns.as_quat(scalar_first=True), group, axis)
+        columns = _sideways_columns(turns.as_quat(scalar_first=True), group, axis)
         np.testing.assert_allclose(columns @ [0.4, -0.7, -0.2, 0.1], body[:, axis], atol=1e-14)
 
 
@@ -321,7 +321,7 @@ def test_other_causes_are_taken_in_order_up_to_half_the_number_of_pieces(count, 
     x, y, z = (down / np.linalg.norm(down, axis=1, keepdims=True)).T
     down = np.stack([x, y, z], axis=1)
     made = [[log == 0, log == 1, step], [down], [side], [t_s], [temp_c], [x * x, y * y, x * y, x * z, y * z]]
-    found = other_causes(log, t_s, down, side, temp_c, step)
+    found = _other_causes(log, t_s, down, side, temp_c, step)
     expected = span(*(column * 1.0 for block in taken for column in made[int(block)]))
     np.testing.assert_allclose(found.T @ found, np.eye(found.shape[1]), atol=1e-12)
     np.testing.assert_allclose(found @ found.T, expected @ expected.T, atol=1e-8)
@@ -332,7 +332,7 @@ def test_a_thermometer_that_hardly_moves_or_is_not_there_tells_nothing():
     down = np.tile([0.0, 0.0, 1.0], (40, 1))
     for range_c, told in ((0.4999, 0), (0.5001, 1), (np.nan, 0)):
         temp_c = 20 + range_c * (np.arange(40) % 2)
-        assert other_causes(np.zeros(40), t_s, down, none, temp_c, none).shape == (40, 2 + told)  # a bias, a drift
+        assert _other_causes(np.zeros(40), t_s, down, none, temp_c, none).shape == (40, 2 + told)  # a bias, a drift
 
 
 def rests(temp=True):
@@ -355,7 +355,7 @@ def rests(temp=True):
 
 def test_a_still_is_taken_without_its_ends_and_a_long_one_in_parts_of_four_seconds():
     logs = rests()
-    pieces = list(pieces_at_rest(0, logs))
+    pieces = list(_pieces_at_rest(0, logs))
     assert [round(piece[3], 9) for piece in pieces] == [0.8, 4.3, 4.3, 3.0]  # a fifth of a second less at both ends; two of 8.6 s
     for piece, (a, b), s in zip(pieces[:3], ((20, 100), (220, 650), (650, 1080)), (0, 1, 1), strict=True):
         rate, number, middle_s, _, walk, down, q, group, temp_c = piece
@@ -373,16 +373,16 @@ def test_a_still_is_taken_without_its_ends_and_a_long_one_in_parts_of_four_secon
 
 def test_a_later_log_lies_behind_the_former_and_a_short_still_keeps_its_half():
     logs = rests(temp=False)
-    ((rate, number, middle_s, span_s, walk, *_, temp_c),) = pieces_at_rest(1, logs)
+    ((rate, number, middle_s, span_s, walk, *_, temp_c),) = _pieces_at_rest(1, logs)
     assert (number, middle_s, span_s) == (1, pytest.approx(17.99 + 0.01 * (70 + 329) / 2), pytest.approx(2.6))
     np.testing.assert_allclose(rate, logs[1].samples.gyro[70:330].mean(axis=0))
     np.testing.assert_allclose(walk, np.array([2, 4, 6]) / np.sqrt(2))
     assert np.isnan(temp_c)
     long = replace(logs[1].stills[0], start=0, stop=4000, duration_s=4000.0)
     slow = Samples(np.arange(4000) * 10**9, np.zeros((4000, 3)), np.zeros((4000, 3)))
-    assert len(list(pieces_at_rest(0, [replace(logs[1], samples=slow, stills=[long])]))) == 300  # however long it rests
+    assert len(list(_pieces_at_rest(0, [replace(logs[1], samples=slow, stills=[long])]))) == 300  # however long it rests
     short = replace(logs[1].stills[0], stop=50 + 42, duration_s=0.42)
-    ((rate, *_),) = pieces_at_rest(1, [logs[0], replace(logs[1], stills=[short])])
+    ((rate, *_),) = _pieces_at_rest(1, [logs[0], replace(logs[1], stills=[short])])
     np.testing.assert_allclose(rate, logs[1].samples.gyro[60:82].mean(axis=0))  # a quarter at each end
 
 
@@ -411,10 +411,10 @@ def test_the_estimate_is_the_posterior_over_all_axes_without_other_causes(source
     white, flicker = noise.gyro**2 / 2 / 1.1, wander_covariance(middles, np.full(count, 1.1), instability_rps=1.0)
     total, down = 0, np.array([still.accel_mean / 9.8 for still in stills])
     for axis in range(3):
-        side = sideways_columns(log.q_tb, log.group, axis)[:, : 2 * (source == "unknown")]
-        columns = other_causes(np.zeros(count), middles, down, side, np.full(count, 25.0), after)
-        total = total + restricted_likelihood(rate[:, axis], columns, np.full(count, white[axis]), flicker)
-    expected, found = posterior_of_instability(total), estimated([log], {0: earth})
+        side = _sideways_columns(log.q_tb, log.group, axis)[:, : 2 * (source == "unknown")]
+        columns = _other_causes(np.zeros(count), middles, down, side, np.full(count, 25.0), after)
+        total = total + _restricted_likelihood(rate[:, axis], columns, np.full(count, white[axis]), flicker)
+    expected, found = _posterior_of_instability(total), estimated([log], {0: earth})
     if steps == 4:
         assert found.rps > 5 * expected.rps
         return

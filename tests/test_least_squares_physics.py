@@ -22,8 +22,8 @@ from tinygc.closure.least_squares import (
     TOLERANCE,
     LinearEnds,
     Nearby,
-    NotSettled,
     StillRates,
+    _NotSettled,
     combination,
     fit_least_squares,
     inverse_lower,
@@ -187,7 +187,7 @@ def torn(batch, count, sigma_rad, **given):
     """The refusal of a fitted_to to turns whose first ``count`` end anywhere."""
     by = np.zeros((len(batch), 3))
     by[:count] = 1.5 * np.random.default_rng(0).normal(size=(count, 3))
-    with pytest.raises(NotSettled) as refused:
+    with pytest.raises(_NotSettled) as refused:
         fit_least_squares(turned_ends(batch, by), np.full(len(batch), sigma_rad), START, **given)
     return refused.value
 
@@ -225,7 +225,7 @@ def test_a_direction_is_named_by_the_parameters_with_half_its_size():
     ],
 )
 def test_what_does_not_fit_is_named_the_worst_first_and_three_at_most(off_deg, too_far, says):
-    words = str(NotSettled(np.multiply(off_deg, DEG), np.isin(np.arange(len(off_deg)), too_far), ""))
+    words = str(_NotSettled(np.multiply(off_deg, DEG), np.isin(np.arange(len(off_deg)), too_far), ""))
     assert says in words
     assert "turn 3" not in words.partition("gravity")[2]
 
@@ -233,7 +233,7 @@ def test_what_does_not_fit_is_named_the_worst_first_and_three_at_most(off_deg, t
 def test_the_turns_are_named_by_their_segments():
     segments = [SimpleNamespace(number=number, start_s=5.4 * number) for number in (3, 7)]
     with pytest.raises(FitError, match=r"missed in segment 7 at 38 s by 20\.0 deg, in the median"), naming_segments(segments):
-        raise NotSettled(np.multiply([1, 20], DEG), np.array([False, True]), "")
+        raise _NotSettled(np.multiply([1, 20], DEG), np.array([False, True]), "")
 
 
 @pytest.fixture(scope="module")

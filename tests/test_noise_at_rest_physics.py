@@ -21,13 +21,12 @@ from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import GRID_RPS, BiasInstability
 from tinygc.noise.figures import SensorNoise, to_json
 from tinygc.noise.measured import (
-    LIMIT_SPREAD,
-    allan_variance_of,
-    drift_comparison,
+    _allan_variance_of,
+    _drift_comparison,
+    _session_instability,
+    _white_comparisons,
     measured_noise,
     rms_of_axes,
-    session_instability,
-    white_comparisons,
 )
 
 DPH = DEG / 3600
@@ -41,7 +40,7 @@ def sensor(*axes) -> SensorNoise:
 def test_a_bias_instability_at_rest_is_the_session_s_at_any_length():
     """Of three axes with 20 % each, the rms has 20 / sqrt(3) %."""
     for seconds in (10.0, 7200.0):
-        found = session_instability(sensor(axis_of(B=(3 * DPH, 0.6 * DPH))), seconds)
+        found = _session_instability(sensor(axis_of(B=(3 * DPH, 0.6 * DPH))), seconds)
         assert found.rps == pytest.approx(3 * DPH, rel=1e-12)
         assert found.sigma_rps == pytest.approx(3 * DPH * 0.2 / np.sqrt(3), rel=1e-9)
         assert found.most_rps == pytest.approx(3 * DPH * np.exp(1.645 * 0.2 / np.sqrt(3)), rel=1e-9)
@@ -52,10 +51,10 @@ def test_a_bias_instability_at_rest_is_the_session_s_at_any_length():
 def test_a_random_walk_counts_by_the_length_of_the_session(seconds):
     """Its Allan variance, K^2 tau / 3, has the mean K^2 (T - 1) / (3 ln T) over the logarithm of tau from 1 s to T."""
     walk = 2e-6
-    found = session_instability(sensor(axis_of(K=(walk, 0.1 * walk))), seconds)
+    found = _session_instability(sensor(axis_of(K=(walk, 0.1 * walk))), seconds)
     expected = walk**2 * (seconds - 1) / (3 * np.log(seconds)) / FLICKER
     assert found.rps**2 == pytest.approx(expected, rel=1e-3)
-    both = session_instability(sensor(axis_of(K=(walk, 0.1 * walk), B=(1e-5, 3e-6))), seconds)
+    both = _session_instability(sensor(axis_of(K=(walk, 0.1 * walk), B=(1e-5, 3e-6))), seconds)
     assert both.rps**2 == pytest.approx(expected + 1e-10, rel=1e-3)
     # a sigma of each term by its share of the variance, halved twice: of a square, and of its root
     shares = np.array([expected, 1e-10]) / (expected + 1e-10)
@@ -64,13 +63,12 @@ def test_a_random_walk_counts_by_the_length_of_the_session(seconds):
 
 def test_a_limit_is_twice_its_median_and_no_figure_is_no_prior():
     limited = axis_of(limits={"B": 6 * DPH, "K": 1e-12})
-    found = session_instability(sensor(limited), 600.0)
+    found = _session_instability(sensor(limited), 600.0)
     assert found.most_rps == pytest.approx(6 * DPH, rel=1e-9)
     assert found.rps == pytest.approx(3 * DPH, rel=1e-9)
-    assert np.log(2) == pytest.approx(1.645 * LIMIT_SPREAD, rel=1e-12)  # the limit is the 95 % quantile
-    assert found.sigma_rps == pytest.approx(3 * DPH * LIMIT_SPREAD, rel=1e-9)
+    assert found.sigma_rps == pytest.approx(3 * DPH * np.log(2) / 1.645, rel=1e-9)  # the limit is the 95 % quantile
     assert found.source == "half its limit at rest (noise.json)"
-    assert session_instability(sensor(axis_of()), 600.0) is None
+    assert _session_instability(sensor(axis_of()), 600.0) is None
 
 
 def likelihood_at(rps: float, spread: float) -> np.ndarray:
@@ -81,7 +79,7 @@ def likelihood_at(rps: float, spread: float) -> np.ndarray:
 @pytest.mark.parametrize("ratio", [0.4, 2.5])
 def test_the_ratio_of_two_drifts_has_both_uncertainties(ratio):
     known = BiasInstability(5 * DPH, "measured at rest (noise.json)", 1.0 * DPH, 7 * DPH)
-    found = drift_comparison(known, likelihood_at(5 * DPH * ratio, 0.3))
+    found = _drift_comparison(known, likelihood_at(5 * DPH * ratio, 0.3))
     sigma = np.hypot(0.2, 0.3)
     assert found.ratio == pytest.approx(ratio, rel=0.01)
     assert found.p_value == pytest.approx(chi2.sf((np.log(ratio) / sigma) ** 2, 1), rel=0.02)
@@ -90,7 +88,7 @@ def test_the_ratio_of_two_drifts_has_both_uncertainties(ratio):
 
 def test_a_limit_is_contradicted_by_more_alone():
     known = BiasInstability(5 * DPH, "half its limit at rest (noise.json)", 2 * DPH, 10 * DPH)
-    less, more = (drift_comparison(known, likelihood_at(at * DPH, 0.2), limit=True) for at in (1, 25))
+    less, more = (_drift_comparison(known, likelihood_at(at * DPH, 0.2), limit=True) for at in (1, 25))
     assert less.p_value == 0.5
     assert more.p_value == pytest.approx(norm.sf(np.log(2.5) / 0.2), rel=0.05)
     assert more.contradicted
@@ -99,8 +97,8 @@ def test_a_limit_is_contradicted_by_more_alone():
 
 
 def test_no_likelihood_and_no_sigma_is_no_comparison():
-    assert drift_comparison(BiasInstability(1e-5, "given"), likelihood_at(1e-5, 0.1)) is None
-    assert drift_comparison(BiasInstability(1e-5, "measured", 1e-6, 2e-5), None) is None
+    assert _drift_comparison(BiasInstability(1e-5, "given"), likelihood_at(1e-5, 0.1)) is None
+    assert _drift_comparison(BiasInstability(1e-5, "measured", 1e-6, 2e-5), None) is None
 
 
 def at_rest_session(N: float, seed: int, lsb: float = 0.0, count: int = 6, rows: int = 300, period_s: float = 0.01) -> SimpleNamespace:
@@ -118,7 +116,7 @@ def at_rest_session(N: float, seed: int, lsb: float = 0.0, count: int = 6, rows:
 def test_white_noise_is_seen_at_the_time_of_the_stills_whatever_the_figures_hold_besides():
     """Figures with quantisation and drift predict the Allan variance of the stills, 0.2 s."""
     axis = axis_of(N=(3e-5, 3e-7), Q=(2e-6, 2e-7), B=(2e-5, 4e-6))
-    total, freedom = allan_variance_of(axis, 0.2)
+    total, freedom = _allan_variance_of(axis, 0.2)
     parts = np.array([9e-10 / 0.2, 3 * 4e-12 / 0.04, 4e-10 * FLICKER])
     assert total == pytest.approx(parts.sum(), rel=1e-12)
     sigma = 2 * parts * [0.01, 0.1, 0.2]
@@ -130,10 +128,10 @@ def test_steps_of_a_register_are_no_contradiction_where_they_explain_it():
     N, period_s = 3e-5, 0.01
     lsb = 2 * N / np.sqrt(period_s)
     figures = sensor(axis_of(N=(N, 0.001 * N)))
-    stepped = white_comparisons(at_rest_session(N, 1, lsb, count=20), figures, 100.0)
+    stepped = _white_comparisons(at_rest_session(N, 1, lsb, count=20), figures, 100.0)
     assert np.mean([each.ratio for each in stepped]) == pytest.approx(np.sqrt(1 + 4 / 12), rel=0.05)
     assert all(each.p_value > 0.05 for each in stepped)
-    louder = white_comparisons(at_rest_session(2 * N, 1, lsb, count=20), figures, 100.0)
+    louder = _white_comparisons(at_rest_session(2 * N, 1, lsb, count=20), figures, 100.0)
     assert all(each.contradicted for each in louder)
 
 
@@ -190,7 +188,7 @@ def test_figures_of_another_unit_and_of_the_session_itself(tmp_path):
 
 def test_an_axis_that_is_not_described_is_no_prior_and_is_compared_with_nothing():
     good, bad = axis_of(N=(1e-4, 1e-6), B=(5 * DPH, 0.1 * DPH)), replace(axis_of(B=(500 * DPH, 1.0 * DPH)), p_value=1e-9, excess=4.0)
-    alone, beside = (session_instability(SensorNoise(axes), 300.0) for axes in ((good,) * 3, (good, good, bad)))
+    alone, beside = (_session_instability(SensorNoise(axes), 300.0) for axes in ((good,) * 3, (good, good, bad)))
     assert beside.rps == pytest.approx(alone.rps, rel=1e-12)
-    assert session_instability(SensorNoise((bad,) * 3), 300.0) is None
+    assert _session_instability(SensorNoise((bad,) * 3), 300.0) is None
     assert rms_of_axes(SensorNoise((good, good, bad)), "B")[0] == pytest.approx(5 * DPH)

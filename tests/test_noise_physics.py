@@ -19,22 +19,17 @@ from session.io.units import MG, G
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.noise import components
 from tinygc.noise.components import (
+    _UNKNOWN_SPREAD,
+    _UNKNOWN_WANDER_RPS,
     REFERENCE,
     STILL_RATE,
     TRUTH,
-    TRUTH_ACCELERATION,
-    TRUTH_RATE,
     TURN,
-    TURNED,
     UNDERSAMPLED,
-    UNKNOWN_SPREAD,
-    UNKNOWN_WANDER_RPS,
     WANDER,
     Component,
     SessionNoise,
-    Undersampling,
     Whiteners,
-    components_of,
     first_noise,
     undersampling,
 )
@@ -199,16 +194,12 @@ def test_a_component_below_a_hundredth_of_its_usual_size_is_absent(variance, the
 
 
 #: nothing missed by any turn
-NOTHING = Undersampling(np.zeros(7), 2.0, np.zeros(3), 20.0)
+NOTHING = replace(undersampling(Twin(small_session())), predicted_rad=np.zeros(7), exponent=2.0, rate_hz=100.0)
 
 
 def found_in(problem, missed=NOTHING) -> dict[str, Component]:
     twin = Twin(problem)
-    return {c.name: c for c in components_of(twin, sizes_of(twin), missed)}
-
-
-def sizes_of(twin) -> tuple[int, int, int]:
-    return len(twin.segments) * twin.batch.angles, 3 * len(twin.stills), len(twin.stills)
+    return {c.name: c for c in first_noise(twin, Whitener(twin), missed).components}
 
 
 def dense(component: Component) -> np.ndarray:
@@ -343,7 +334,7 @@ def test_an_error_of_a_moment_of_truth_is_shared_by_two_turns():
         sign = np.array([(moment == (s.log, s.stop - 1)) * 1.0 - (moment == (s.log, s.start)) for s in problem.used])
         expected += np.kron(np.outer(sign, sign), np.eye(3))
     found = found_in(problem)
-    assert set(found) == {WANDER, TRUTH, TRUTH_RATE, TRUTH_ACCELERATION, TURNED, TURN}  # no still is there
+    assert set(found) == {WANDER, TRUTH, "noise.truth_rate", "noise.truth_acceleration", "noise.turned", TURN}  # no still is there
     np.testing.assert_array_equal(dense(found[TRUTH]), expected)
     sigma = problem.session.config.protocol.truth_sigma_deg * DEG
     assert found[TRUTH].prior == (sigma, 1.5, None)
@@ -358,14 +349,14 @@ def test_a_truths_errors_grow_with_the_rate_its_change_and_the_angle_turned():
     times = [log.samples.t_s for log in problem.logs]
     # A sample is longer than the 8 ms over which a derivative is taken of faster logs.
     changes = [np.gradient(rate, log.samples.period_s, axis=0) for rate, log in zip(rates, problem.logs, strict=True)]
-    for name, values in ((TRUTH_RATE, rates), (TRUTH_ACCELERATION, changes)):
+    for name, values in (("noise.truth_rate", rates), ("noise.truth_acceleration", changes)):
         expected = np.zeros((21, 21))
         for log, row in {(s.log, row) for s in used for row in (s.start, s.stop - 1)}:
             sign = np.array([((log, row) == (s.log, s.stop - 1)) * 1.0 - ((log, row) == (s.log, s.start)) for s in used])
             expected += np.kron(np.outer(sign, sign), np.eye(3)) * (values[log][row] @ values[log][row])
         np.testing.assert_allclose(dense(found[name]), expected, rtol=1e-9, atol=1e-12 * expected.max())
     paths = [np.trapezoid(np.linalg.norm(rates[s.log][s.start : s.stop], axis=1), times[s.log][s.start : s.stop]) for s in used]
-    np.testing.assert_allclose(dense(found[TURNED]), np.diag(np.repeat(paths, 3)), rtol=1e-9)
+    np.testing.assert_allclose(dense(found["noise.turned"]), np.diag(np.repeat(paths, 3)), rtol=1e-9)
 
 
 def thinned_by_hand(problem, floor_too=True):
@@ -407,8 +398,7 @@ def test_what_is_missed_is_what_fewer_readings_miss_more():
 
 def test_the_data_rate_that_is_needed_follows_the_law():
     """An error four times too large that falls as the square of the rate asks for twice the rate."""
-    found = Undersampling(np.array([3.0, 4.0]), 2.0, np.zeros(3), 100.0)
-    assert found.rate_needed_hz(0.4, 0.1) == pytest.approx(200)
+    assert NOTHING.rate_needed_hz(0.4, 0.1) == pytest.approx(200)
 
 
 def noise_of(sizes, *, n=6, priors=(None, None, None), names=(TURN, STILL_RATE, WANDER), usual=(1.0, 1.0, 1.0)) -> SessionNoise:
@@ -440,7 +430,7 @@ def test_noise_is_unusual_above_its_limit(name, limit):
         s = times * min(limit, 1e3)
         noise = noise_of([s, 0.0, 0.0], names=(name, "a", "b"), usual=(2.0, 1.0, 1.0), priors=(Prior(3.0, 0.4), None, None))
         assert bool(noise.unusual) is bool(unusual)
-    at = UNKNOWN_WANDER_RPS * np.exp(3 * UNKNOWN_SPREAD)  # where nothing is known of this one: 900 °/h
+    at = _UNKNOWN_WANDER_RPS * np.exp(3 * _UNKNOWN_SPREAD)  # where nothing is known of this one: 900 °/h
     assert [noise_of([times * at, 0.0, 0.0], names=(WANDER, "a", "b")).unusual for times in (0.999, 1.001)] == [False, True]
 
 
@@ -473,7 +463,7 @@ def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
     assert small.unusual_p(np.eye(6), r, np.zeros((6, 1))) == 1.0
 
 
-@pytest.mark.parametrize(("prior", "limit"), [(Prior(1.0, 0.5), np.exp(1.5)), (None, UNKNOWN_WANDER_RPS * np.exp(3 * UNKNOWN_SPREAD))])
+@pytest.mark.parametrize(("prior", "limit"), [(Prior(1.0, 0.5), np.exp(1.5)), (None, _UNKNOWN_WANDER_RPS * np.exp(3 * _UNKNOWN_SPREAD))])
 def test_a_drift_is_held_against_the_largest_that_such_a_sensor_has(prior, limit):
     """By hand: the likelihood with it at its limit, the prior's cost with it; also where it grows beyond it once a turn's is held."""
     white = limit**2 * np.eye(6)

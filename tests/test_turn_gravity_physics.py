@@ -8,7 +8,7 @@ from scipy.special import stdtr
 from scipy.stats import wilcoxon
 
 from tinygc.explanation.claims import offset_claim
-from tinygc.noise.turn_gravity import TurnEquations, TurnGravity
+from tinygc.noise.turn_gravity import TurnGravity, _TurnEquations
 
 
 def equations(seed, turns=7, noise=0.1):
@@ -16,7 +16,7 @@ def equations(seed, turns=7, noise=0.1):
     columns, truth = rng.standard_normal((turns, 5, 4)), np.array([0.3, -0.2, 0.1, 0.5])
     values = columns @ truth + noise * rng.standard_normal((turns, 5))
     normal, right = np.einsum("sai,saj->sij", columns, columns), np.einsum("sai,sa->si", columns, values)
-    return TurnEquations(normal, right, np.sum(values**2, axis=1), np.full(turns, 5)), columns, values
+    return _TurnEquations(normal, right, np.sum(values**2, axis=1), np.full(turns, 5)), columns, values
 
 
 def test_the_sigma_is_the_jackknife_of_whole_turns():

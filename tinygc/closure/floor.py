@@ -461,34 +461,34 @@ def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, 
 def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstability:
     """Estimate the bias instability from the stills alone."""
     likelihood = likelihood_of_instability(logs, earths)
-    return BiasInstability(0.0, UNKNOWN) if likelihood is None else posterior_of_instability(likelihood)
+    return BiasInstability(0.0, UNKNOWN) if likelihood is None else _posterior_of_instability(likelihood)
 
 
 def likelihood_of_instability(logs: list[StillSet], earths: dict[int, EarthRate]) -> np.ndarray | None:
     """(B,) restricted log-likelihood of the stills of all logs and axes at each of ``GRID_RPS``; None for too few stills."""
-    pieces = [piece for number, log in enumerate(logs) for piece in pieces_at_rest(number, logs)]
+    pieces = [piece for number, log in enumerate(logs) for piece in _pieces_at_rest(number, logs)]
     if not pieces:
         return None
     rate, log, t_s, span_s, walk, down, q_tb, group, temp_c = (np.array(column) for column in zip(*pieces, strict=True))
     for g in np.unique(group):
         rate[group == g] -= earths[int(g)].in_body(q_tb[group == g])
     heading_known = all(earths[int(g)].source in ("given", "estimated") for g in np.unique(group))
-    sideways = [np.zeros((len(t_s), 0)) if heading_known else sideways_columns(q_tb, group, axis) for axis in range(3)]
+    sideways = [np.zeros((len(t_s), 0)) if heading_known else _sideways_columns(q_tb, group, axis) for axis in range(3)]
     white, flicker = walk**2 / span_s[:, None], wander_covariance(t_s, span_s, instability_rps=1.0)
     steps = np.zeros((len(t_s), 0))
     for _ in range(MOST_STEPS + 1):
-        columns = [other_causes(log, t_s, down, side, temp_c, steps) for side in sideways]
+        columns = [_other_causes(log, t_s, down, side, temp_c, steps) for side in sideways]
         if sum(len(t_s) - each.shape[1] for each in columns) < LEAST_STILL_FREEDOM:
             return None
-        likelihood = np.sum([restricted_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)], axis=0)
-        step = step_of_bias(rate, columns, white, posterior_of_instability(likelihood).rps ** 2 * flicker)
+        likelihood = np.sum([_restricted_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)], axis=0)
+        step = _step_of_bias(rate, columns, white, _posterior_of_instability(likelihood).rps ** 2 * flicker)
         if step is None:
             break
         steps = np.concatenate([steps, step[:, None]], axis=1)
     return np.asarray(likelihood)
 
 
-def posterior_of_instability(likelihood: np.ndarray) -> BiasInstability:
+def _posterior_of_instability(likelihood: np.ndarray) -> BiasInstability:
     """Mean, sigma and 95 % limit of B under a flat prior, from its log-likelihood (B,) at each of ``GRID_RPS``."""
     cell = np.gradient(GRID_RPS)
     cell[[0, -1]] /= 2  # at its ends the grid has half a cell
@@ -500,7 +500,7 @@ def posterior_of_instability(likelihood: np.ndarray) -> BiasInstability:
     return BiasInstability(mean, ESTIMATED, sigma, float(np.interp(0.95, np.cumsum(weight), edges)), of_unit=True)
 
 
-def pieces_at_rest(number: int, logs: list[StillSet]) -> Iterator[tuple]:
+def _pieces_at_rest(number: int, logs: list[StillSet]) -> Iterator[tuple]:
     """Iterate over the reference stills of a log, whole or in parts: mean rate (3,) rad/s, log, moment and span s, angle random walk (3,),
     gravity's direction (3,), attitude (4,), yaw group, degC or NaN."""
     log, began = logs[number], sum(before.samples.duration_s for before in logs[:number])
@@ -522,7 +522,7 @@ def pieces_at_rest(number: int, logs: list[StillSet]) -> Iterator[tuple]:
             yield samples.gyro[a:b].mean(axis=0), number, middle_s, (b - a) * samples.period_s, walk, down, q, group, temp_c
 
 
-def sideways_columns(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarray:
+def _sideways_columns(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarray:
     """(N, 2 groups) of pieces with attitudes (N, 4): columns of a horizontal rate fixed in the table, on one body axis.
 
     Gravity's direction covers the vertical rate.
@@ -531,7 +531,7 @@ def sideways_columns(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarr
     return np.stack([np.where(group == g, turn[:, i, axis], 0.0) for g in np.unique(group) for i in (0, 1)], axis=1)
 
 
-def other_causes(
+def _other_causes(
     log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.ndarray, temp_c: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
     """(N, r), orthonormal: other causes of bias changes, the likeliest first; r is at most half the number of pieces."""
@@ -549,7 +549,7 @@ def other_causes(
     return u[:, s > 1e-6]
 
 
-def restricted_likelihood(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray) -> np.ndarray:
+def _restricted_likelihood(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray) -> np.ndarray:
     """(B,) restricted log-likelihood of one axis at each of ``GRID_RPS``, with outliers; the columns' coefficients are fitted.
 
     rate (N,) rad/s; columns (N, r); white (N,) (rad/s)^2; flicker (N, N), the wander's covariance for B = 1 rad/s.
@@ -575,7 +575,7 @@ def _of_some(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: 
     return np.sum(np.log(usual + wild), axis=(1, 2)) - np.sum(np.log(diagonal), axis=1) - information / 2
 
 
-def step_of_bias(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> np.ndarray | None:
+def _step_of_bias(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> np.ndarray | None:
     """(N,) the bias step of rates (N, 3), common to all axes at one moment, that reduces chi-square most; None if it is not significant."""
     after = np.tril(np.ones((len(rate), len(rate))))[:, 1:]  # from each piece on
     gain = np.zeros(after.shape[1])

@@ -222,7 +222,7 @@ def fit_least_squares(
         loose = combination(right[restless]) if strength[restless] < WEAK else ""
         off = np.linalg.norm(_rows(batch, start.vector, integrator, None).angles, axis=1)
         turned = np.sum(np.linalg.norm(start(batch.rate[:, 1:]), axis=2) * batch.dt, axis=1)
-        raise NotSettled(off, off > CLOSES_WITHIN * np.minimum(turned, MOST_TURNED_RAD), loose)
+        raise _NotSettled(off, off > CLOSES_WITHIN * np.minimum(turned, MOST_TURNED_RAD), loose)
     covariance = root @ np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) @ root.T
     seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
     if rest_rps is not None:
@@ -233,7 +233,7 @@ def fit_least_squares(
     return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps, at)
 
 
-class NotSettled(FitError):
+class _NotSettled(FitError):
     """The search did not converge.
 
     off_rad (S,): what each of the S segments leaves of its reference where the search starts; too_far (S,) bool: whether that is more than
@@ -265,7 +265,7 @@ def naming_segments(segments: Sequence[Segment]) -> Iterator[None]:
     """Say of which segments a fit does not settle; segments: those of the batch, in its order."""
     try:
         yield
-    except NotSettled as error:
+    except _NotSettled as error:
         raise FitError(error.words([f"segment {s.number} at {s.start_s:.0f} s" for s in segments])) from None
 
 

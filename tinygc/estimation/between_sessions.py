@@ -68,7 +68,7 @@ def scatter_variance(variance: np.ndarray, z: np.ndarray) -> float:
     return found
 
 
-def variance_where(variance: np.ndarray, z: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+def _variance_where(variance: np.ndarray, z: np.ndarray, pivot: np.ndarray) -> np.ndarray:
     """s^2 (K,) at which Q is each of ``pivot`` (K,); 0 where Q stays below it.  Newton from below: Q is convex and falls."""
     found = np.maximum(np.sum(z**2) / pivot - variance.max(), 0.0)
     for _ in range(_MOST_STEPS):
@@ -121,12 +121,12 @@ class Between:
         """
         variance, z = self._contrasts
         tail = (1 - COVERAGE) / 2
-        low, high = np.sqrt(variance_where(variance, z, chdtri(self.freedom, np.array([tail, 1 - tail]))))
+        low, high = np.sqrt(_variance_where(variance, z, chdtri(self.freedom, np.array([tail, 1 - tail]))))
         if low > 0:
             return float(low), float(high)
         usual = np.sum(z**2 / np.maximum(variance, _TINY)) / self.freedom
         z = z / np.sqrt(min(usual, 1.0)) if usual > 0 else np.sqrt(variance)
-        return 0.0, float(np.sqrt(variance_where(variance, z, chdtri(self.freedom, np.array([COVERAGE])))[0]))
+        return 0.0, float(np.sqrt(_variance_where(variance, z, chdtri(self.freedom, np.array([COVERAGE])))[0]))
 
     def weighted(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """For s^2 (K,): the map (K, p, n) from the values to the weighted coefficients, and these coefficients' covariance (K, p, p)."""
@@ -138,7 +138,7 @@ class Between:
 
     def squares_at(self, share: np.ndarray) -> np.ndarray:
         """Quantiles of s^2 at shares (K,) of the distribution that the pivot gives, from the largest to the least."""
-        return variance_where(*self._contrasts, np.maximum(2 * gammaincinv(self.freedom / 2, share), _TINY))
+        return _variance_where(*self._contrasts, np.maximum(2 * gammaincinv(self.freedom / 2, share), _TINY))
 
     @cached_property
     def _nodes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -175,7 +175,7 @@ def level_days(problem: Problem) -> Levelled:
     batch, sigma, model = problem.batch, problem.floor.sigma, problem.first
     offsets = np.zeros((len(problem.logs), 3))
     for _ in range(PASSES):
-        offsets = bias_by_log(problem, model, sigma)
+        offsets = _bias_by_log(problem, model, sigma)
         offsets = offsets - np.nanmedian(offsets, axis=0)
         # A log's bias difference is subtracted like the Earth's rate: this works for any model, and leaves its input unchanged.
         each = np.nan_to_num(offsets)[owner]
@@ -196,7 +196,7 @@ def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
     return replace(problem, batch=days.batch, floor=floor), days.sigma_rps
 
 
-def bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = None) -> np.ndarray:
+def _bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = None) -> np.ndarray:
     """Estimate (L, 3) rad/s to add to a model's calibrated rate for the best closure of each log, NaN where not determined."""
     sigma = problem.floor.sigma if sigma is None else sigma
     changes = np.full((len(problem.logs), 3), np.nan)

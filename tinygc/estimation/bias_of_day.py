@@ -70,7 +70,7 @@ TOLERANCE_RPS = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class BiasOfDay:
+class _BiasOfDay:
     """The change (3,) rad/s to add to the calibrated rate, as the run's mean; sigma (3,); directions (3, 3), rows in body axes from the
     best known to the least, with their sigmas direction_sigma (3,); walk (K, 3) rad/s, the change at knots_s (K,)."""
 
@@ -88,7 +88,7 @@ class BiasOfDay:
         return float(np.sqrt(max(1.0, float(np.mean(steps**2))))) if steps.size else 1.0
 
 
-def bias_from_gravity(
+def _bias_from_gravity(
     samples: Samples,
     rate: np.ndarray,
     q_first: np.ndarray,
@@ -98,7 +98,7 @@ def bias_from_gravity(
     rest_sigma: np.ndarray | float = REST_SIGMA_RPS,
     earth_n: np.ndarray | None = None,
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
-) -> BiasOfDay:
+) -> _BiasOfDay:
     """Estimate the bias from samples with pre-calibrated specific force, calibrated rates (N, 3) rad/s with the stored bias, and the
     first attitude q_nb (4,).
 
@@ -128,7 +128,7 @@ def bias_from_gravity(
         raise FitError("the bias from gravity left the finite numbers; are rate and specific force in the units that the header says?")
     variance, directions = np.linalg.eigh(covariance)
     walk = x[:count].reshape(-1, 3)
-    return BiasOfDay(mean @ x, np.sqrt(np.diag(covariance)), directions.T, np.sqrt(variance), knots, walk)
+    return _BiasOfDay(mean @ x, np.sqrt(np.diag(covariance)), directions.T, np.sqrt(variance), knots, walk)
 
 
 def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _SmoothedRun) -> tuple[np.ndarray, np.ndarray]:
@@ -233,7 +233,7 @@ class Origin:
     says: str
 
 
-def origin_of(path: Path, session: Session, table: dict | None = None) -> Origin:
+def _origin_of(path: Path, session: Session, table: dict | None = None) -> Origin:
     """Compare the logs' hashes in the model file with those of the session's logs; table: what the file holds, where it was read
     before."""
     table = read_json(path) if table is None else table
@@ -325,7 +325,7 @@ def rebias_session(
     problem = prepare(where, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
     session = problem.session
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
-    if (start := from_start(problem, stored)) is not None:
+    if (start := _from_start(problem, stored)) is not None:
         changes["start"] = start
     progress("bias from gravity", 2, 3)
     found = from_gravity(problem, stored, _day_sigma(table))
@@ -340,7 +340,7 @@ def rebias_session(
     runs = read_closure_runs(problem)
     angles = {name: _closure(problem, model) for name, model in all_models.items()}
     errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
-    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, origin_of(path, session, table), table)
+    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, _origin_of(path, session, table), table)
 
 
 def _closure(problem: Problem, model: Model) -> np.ndarray:
@@ -352,12 +352,12 @@ def _closure(problem: Problem, model: Model) -> np.ndarray:
     return closure_angles(problem.batch, model)
 
 
-def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
+def _from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the change that makes the first still's mean rate the Earth's, with its sigma; without a still, from the first rest.  A first
-    still that the others contradict is passed over (``false_stills``)."""
+    still that the others contradict is passed over (``_false_stills``)."""
     rates = problem.still_rates
     if len(rates.rate):
-        number = len(false_stills(problem, model))
+        number = len(_false_stills(problem, model))
         return rates.earth[number] - _at_rest(model, rates.rate[number]), rates.sigma[number]
     for log in problem.logs:
         for rest in find_rests(log.samples)[:1]:
@@ -366,7 +366,7 @@ def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] 
     return None
 
 
-def false_stills(problem: Problem, model: Model) -> list[float]:
+def _false_stills(problem: Problem, model: Model) -> list[float]:
     """Return how far, rad/s, each of the first stills departs from the others, until one agrees with them.
 
     A sensor that is turned slowly about the vertical rests as far as gravity and noise show; its rate is that of no other still.  A bias
@@ -395,7 +395,7 @@ def _scatter(values: np.ndarray) -> np.ndarray:
     return np.asarray(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
 
 
-def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
+def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> _BiasOfDay:
     """Estimate the bias from all logs of a session in order: the result of one is the prior of the next."""
     # A denoised rate is delayed, which would appear as a bias against the accelerometer; the denoiser itself has no bias.
     model = model.without_denoiser()
@@ -405,7 +405,7 @@ def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY
         row, q_first, earth_n = _first_attitude(problem, number)
         samples = log.samples.between(row, len(log.samples))
         rate = np.asarray(model(samples.gyro)) + change
-        found = bias_from_gravity(
+        found = _bias_from_gravity(
             samples, rate, q_first, prior=sigma, rest=_rest_change(log, model, change), earth_n=earth_n, gravity_mps2=g
         )
         change, sigma, excess = change + found.change, found.sigma, max(excess, found.excess)
@@ -521,7 +521,7 @@ def rebiased_table(result: Rebiased) -> dict:
 def remarks(result: Rebiased) -> list[str]:
     """Return remarks on the figures."""
     said = [f"{result.origin.says}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
-    if false := false_stills(result.problem, result.stored):
+    if false := _false_stills(result.problem, result.stored):
         stills = "the first still is" if len(false) == 1 else f"the first {len(false)} stills are"
         said.append(
             f"{stills} passed over: {'it reads' if len(false) == 1 else 'they read'} {max(false) / DEG:.3g} dps otherwise than the other "

@@ -181,7 +181,7 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
     noise = first.estimated_beside(beside, r, J, with_sigma=True)
     unusual_p = noise.unusual_p(beside, r, J)
     if joint is None:
-        factor = accelerometer_factor(columns[whiten.parts["length"]], noise, own)
+        factor = _accelerometer_factor(columns[whiten.parts["length"]], noise, own)
         return StatedNoise(twin, noise, white, columns @ factor, unusual_p, whiten.covariance, (r, J, beside))
     from_rows = joint_response(problem, joint)
     known = from_rows @ (white + noise.covariance) @ from_rows.T + joint.beforehand @ joint.beforehand.T
@@ -204,7 +204,7 @@ def joint_response(problem: Problem, joint: JointFit) -> np.ndarray:
     return np.concatenate([response[:, :rows], np.zeros((len(response), 3 * len(joint.force))), response[:, rows:]], axis=1)
 
 
-def accelerometer_factor(lengths: np.ndarray, noise: SessionNoise, own: bool) -> np.ndarray:
+def _accelerometer_factor(lengths: np.ndarray, noise: SessionNoise, own: bool) -> np.ndarray:
     """Return a root (12, 12) m/s^2 of the covariance of the pre-calibration; lengths (Q, 12): its columns of the stills' lengths.
 
     A given calibration has the assumed uncertainty, but no less than stills with these errors would give.  A calibration made from the

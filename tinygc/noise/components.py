@@ -146,7 +146,7 @@ TRUTH_SPREAD = 1.5
 #: where a search starts: jitter of a camera's stamps, s; what smoothing over 50 ms may leave, s^2; a camera's errors after a radian, rad
 USUAL_JITTER_S, USUAL_BLUR_S2, USUAL_TURNED_RAD = 1e-3, 1e-4, 0.1 * DEG
 #: bias instability with a truth file and no other source: a MEMS gyroscope's, to an order of magnitude
-UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
+_UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +205,13 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
         for own, pieces, response in parts:
             V[:rows, own] += left[:, pieces] @ response.T
     known = twin.problem.instability
-    white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * UNKNOWN_WANDER_RPS
+    white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * _UNKNOWN_WANDER_RPS
     spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
     if known.sigma_rps is not None and not known.of_unit:  # measured at rest, on another day
         spread = float(np.hypot(GIVEN_SPREAD, known.sigma_rps / known.rps))
     prior = Prior(known.rps, spread) if known.rps > 0 and not known.of_unit else None
     if not q and prior is None:  # such a twin has no rows of the rates at rest behind an estimate
-        prior = Prior(known.rps, TYPICAL_SPREAD) if known.rps > 0 else Prior(UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
+        prior = Prior(known.rps, TYPICAL_SPREAD) if known.rps > 0 else Prior(_UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD)
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
 
 
@@ -335,7 +335,7 @@ class SessionNoise:
         most = [MOST_FACTOR if c.name == UNDERSAMPLED else c.usual if c.name in (TURN, STILL_RATE) else np.inf for c in self.components]
         for number, component in enumerate(self.components):
             if component.name == WANDER:
-                prior = component.prior or Prior(UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
+                prior = component.prior or Prior(_UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD)
                 most[number] = prior.median * np.exp(UNUSUAL * prior.spread)
         return [(c, float(s), float(m)) for c, s, m in zip(self.components, self.s, most, strict=True) if s > m]
 

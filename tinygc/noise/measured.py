@@ -1,7 +1,7 @@
 """Noise figures that were measured at rest (``noise.json``), beside a session of the same unit.
 
-They are the prior of the session's bias drift (``session_instability``), and the session is held against them: its white noise
-(``white_comparisons``) and its bias drift (``drift_comparison``).  A session's stills give its white noise to a percent, which a prior
+They are the prior of the session's bias drift (``_session_instability``), and the session is held against them: its white noise
+(``_white_comparisons``) and its bias drift (``_drift_comparison``).  A session's stills give its white noise to a percent, which a prior
 would not improve: N is compared, and no prior.
 """
 
@@ -83,7 +83,7 @@ TIMES = 400
 LIMIT_SPREAD = float(np.log(2) / 1.645)
 
 
-def session_instability(sensor: SensorNoise, session_s: float, file: str = FILE) -> BiasInstability | None:
+def _session_instability(sensor: SensorNoise, session_s: float, file: str = FILE) -> BiasInstability | None:
     """Bias instability of a session of session_s s, from the gyroscope's figures at rest; None where they set none.
 
     The rms over the axes that show a drift; an axis whose data the terms do not describe counts for nothing.  Its relative sigma is that of
@@ -121,7 +121,7 @@ def session_instability(sensor: SensorNoise, session_s: float, file: str = FILE)
 ROWS = 100_000
 
 
-def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> tuple[NoiseComparison, ...]:
+def _white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> tuple[NoiseComparison, ...]:
     """White noise of the gyroscope in a session's stills over that at rest, for each axis; empty where the stills are too few.
 
     rate_hz: data rate of the rest.  Both are Allan variances at one averaging time of the stills, so that the data rate of either does not
@@ -154,7 +154,7 @@ def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> 
     rounded = max(lsb_of(np.asarray(log.samples.gyro[:ROWS])) for log in problem.logs) ** 2 / 12 / tau_s
     found = []
     for own, axis in zip(curve.deviation[0] ** 2, sensor.axes, strict=True):
-        expected, its = allan_variance_of(axis, tau_s)
+        expected, its = _allan_variance_of(axis, tau_s)
         if not 0 < expected < np.inf or own <= 0:
             return ()
         nearest = min(max(own, expected - rounded / rate_hz), expected + rounded * period_s)
@@ -165,7 +165,7 @@ def white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) -> 
     return tuple(found)
 
 
-def allan_variance_of(axis: AxisNoise, tau_s: float) -> tuple[float, float]:
+def _allan_variance_of(axis: AxisNoise, tau_s: float) -> tuple[float, float]:
     """Allan variance of the figures at tau_s s, and its degrees of freedom, 2 A^2 / var(A)."""
     total = float(axis.allan_variance(np.array([tau_s]))[0])
     parts = {name: float(axis.allan_variance(np.array([tau_s]), name)[0]) for name, term in axis.terms.items() if _shown(term)}
@@ -183,7 +183,7 @@ LEAST_SPREAD = 0.01
 CHI_95 = 3.841
 
 
-def drift_comparison(known: BiasInstability, likelihood: np.ndarray | None, limit: bool = False) -> NoiseComparison | None:
+def _drift_comparison(known: BiasInstability, likelihood: np.ndarray | None, limit: bool = False) -> NoiseComparison | None:
     """Bias drift of a session over that at rest; None where the session does not show it.
 
     likelihood (B,): of the session's stills at each of ``GRID_RPS``.  The ratio is judged by the likelihood ratio, in which the drift at
@@ -251,11 +251,11 @@ def compared(problem: Problem, figures: NoiseFigures, path: Path) -> MeasuredNoi
     A drift that the session contradicts is no prior of it, and a mere limit is none where a smaller drift is given or typical.  Figures of
     the session's own stills and of hours of rest are taken as if the stills were not in them, whose share is small.
     """
-    known = session_instability(figures.gyro, float(problem.began_s[-1]), path.name)
+    known = _session_instability(figures.gyro, float(problem.began_s[-1]), path.name)
     limit = not any(_shown(axis.terms[name]) for axis in figures.gyro.axes for name in WALKS)
-    drift = None if known is None else drift_comparison(known, likelihood_of_instability(problem.logs, problem.earths), limit)
+    drift = None if known is None else _drift_comparison(known, likelihood_of_instability(problem.logs, problem.earths), limit)
     prior = None if drift is not None and drift.contradicted else known
     if limit and prior is not None and prior.most_rps is not None:
         other = problem.instability
         prior = None if 0 < other.rps <= prior.most_rps and not other.of_unit else prior
-    return MeasuredNoise(path, sha256_of(path), prior, white_comparisons(problem, figures.gyro, figures.rate_hz), drift)
+    return MeasuredNoise(path, sha256_of(path), prior, _white_comparisons(problem, figures.gyro, figures.rate_hz), drift)

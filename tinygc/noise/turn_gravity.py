@@ -73,7 +73,7 @@ class TurnGravity:
 
 
 @dataclass(frozen=True, eq=False)
-class TurnEquations:
+class _TurnEquations:
     """Normal equations per turn of three numbers and a delay: normal (S, 4, 4), right (S, 4), square (S,) sum of squares, count (S,) of
     values.  Of ``velocity_equations`` the three are the accelerometer's bias, m/s^2, and the values level velocities, m/s."""
 
@@ -155,7 +155,7 @@ def _turns(twin: Twin, fit: Refit) -> list[_Turn]:
     return found
 
 
-def velocity_equations(twin: Twin, fit: Refit) -> TurnEquations:
+def velocity_equations(twin: Twin, fit: Refit) -> _TurnEquations:
     """Build the equations of bias and delay from the change of the level velocity in each turn, which begins and ends at rest."""
     rows = []
     for turn in _turns(twin, fit):
@@ -172,9 +172,9 @@ def velocity_equations(twin: Twin, fit: Refit) -> TurnEquations:
     return _equations(rows)
 
 
-def _equations(rows: list[tuple[np.ndarray, np.ndarray]]) -> TurnEquations:
+def _equations(rows: list[tuple[np.ndarray, np.ndarray]]) -> _TurnEquations:
     """Equations of columns (K, 4) and values (K,) of each turn."""
-    return TurnEquations(
+    return _TurnEquations(
         np.array([columns.T @ columns for columns, _ in rows]),
         np.array([columns.T @ value for columns, value in rows]),
         np.array([float(value @ value) for _, value in rows]),
@@ -182,7 +182,7 @@ def _equations(rows: list[tuple[np.ndarray, np.ndarray]]) -> TurnEquations:
     )
 
 
-def lever_equations(twin: Twin, fit: Refit) -> TurnEquations:
+def lever_equations(twin: Twin, fit: Refit) -> _TurnEquations:
     """Build the equations of lever arm, m, and delay from the specific force itself, in rows of ``BLOCK_S``.
 
     f(t) = -g R_bt e_down + [alpha x] r + [omega x]^2 r, read by the accelerometer later than by the gyro.  Here the hand's own acceleration

@@ -38,7 +38,7 @@ def test_probability_of_conformity_is_that_of_scipy(limits, freedom):
 
 
 def test_without_an_uncertainty_the_value_itself_decides():
-    assert [conformity(value, Rule(), sigma=0.0).probability for value in (3.0, 3.1)] == [1, 0]
+    assert [conformity(value, Rule(), sigma=0.0).probability for value in (-2.0, 3.0, 3.1)] == [1, 1, 0]
     assert not simply_accepted(float("nan"), BETWEEN)
 
 
@@ -94,6 +94,7 @@ def test_simple_acceptance_passes_up_to_the_limit_and_says_the_risk():
     assert (above.answer, above.risk) == ("fail", pytest.approx(stats.norm.cdf(-1)))
     assert "risk that this FAIL is wrong: 16 %" in above.words
     assert conformity(2.9, Rule(GUARDED)).value_words == "2.90 mdps ± 0.20 mdps (k = 1.96)"
+    assert conformity(2.9, Rule(GUARDED)).risk_words == "a PASS would be wrong with p = 0.16, a FAIL with p = 0.84"
     table = conformity(2.9, Rule(GUARDED), freedom=9.0).to_json()
     expected = {"value": 2.9, "standard_uncertainty": 0.1, "degrees_of_freedom": 9, "lower": -2.0, "upper": 3.0}
     k = stats.t(9).ppf(0.975)
@@ -128,6 +129,15 @@ def test_the_uncertainty_of_a_closure_by_hand():
     assert found.value == pytest.approx(rms / DEG)
     assert found.sigma == pytest.approx(np.sqrt(max(alone / 12, 1.5 / 4 * rms**4)) / (2 * rms) / DEG)
     assert (found.freedom, found.relative) == (3, True)
+
+
+def test_neighbours_that_are_alike_make_a_closure_less_well_known():
+    tilts = np.repeat([1e-3, 2e-3, 9e-3, 1e-3], 5)
+    c = tilts**2 - np.mean(tilts**2)
+    rms = np.sqrt(np.mean(tilts**2))
+    together, apart = (closure_measured(np.stack([tilts, 0 * tilts], axis=1), np.arange(20) * step) for step in (1, 2))
+    assert together.sigma == pytest.approx(np.sqrt((c @ c + 2 * c[1:] @ c[:-1]) / 380) / (2 * rms) / DEG)
+    assert apart.sigma == pytest.approx(np.sqrt(c @ c / 380) / (2 * rms) / DEG)
 
 
 def test_a_closure_of_one_segment_or_of_nothing_has_no_uncertainty():
@@ -171,7 +181,7 @@ def test_what_a_closure_run_cannot_have_an_uncertainty_for():
     assert Conformity(exact, (-INF, 0.6), Rule(GUARDED)).answer == "pass"
 
 
-@pytest.mark.parametrize(("size", "limit"), [(0.0, 0.3), (0.1, 0.9), (1.0, 1.4), (1.9, 1.4)])
+@pytest.mark.parametrize(("size", "limit"), [(0.0, 0.3), (0.1, 0.9), (1.9, 0.3), (1.9, 2.2)])
 def test_of_equal_floors_an_rmse_is_below_a_limit_as_a_noncentral_chi_square_is(size, limit):
     m = run_measured("a", size * np.array([1.0, -1.0, 1.0]) * DEG, np.full(3, 0.5) * DEG)
     exact = stats.chi2(3).cdf(3 * limit**2 / 0.25) if size == 0 else stats.ncx2(3, 3 * size**2 / 0.25).cdf(3 * limit**2 / 0.25)

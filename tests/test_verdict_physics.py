@@ -113,7 +113,6 @@ def test_the_simplest_model_that_no_other_betters_by_a_hundredth_and_more_than_c
     found = used(tilts, segments)
     assert (found.method, found.best) == (method, best)
     assert found.p_value == (p if p is None else pytest.approx(p))
-    assert found.to_json()["why"] == found.why
 
 
 def test_models_are_compared_on_the_segments_that_both_have():
@@ -121,6 +120,7 @@ def test_models_are_compared_on_the_segments_that_both_have():
     assert used({"least_squares": 1.0, "tinygc": 0.5}, 6, numbers=numbers).p_value == pytest.approx(1 / 32)
     numbers["tinygc"] = [10, 11, 12, 13, 14, 15]
     assert used({"least_squares": 1.0, "tinygc": 0.5}, 6, numbers=numbers).method == "least_squares"
+    assert used({"raw": 0.1}).why == "nothing was fitted"
 
 
 def judged(times=1.0, segments=40, **known):
@@ -326,6 +326,16 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
     assert run_p_values(problem, runs, *given, left=left) == pytest.approx([p(covariance, each) for each in left], rel=1e-6)
 
 
+def test_the_largest_movement_by_one_effect_is_stated():
+    a, b, tilts = np.zeros((12, 12)), np.zeros((12, 12)), np.zeros((2, 2, 12))
+    a[0, 0], a[9, 9], tilts[:, :, 0] = 4e-8, (0.1 * DEG) ** 2, [[1.0, 2.0], [3.0, 4.0]]
+    b[0, 0] = b[4, 4] = 1e-8
+    found = Systematic({"one": a, "two": b}, tilts)
+    assert found.tilt_rms == pytest.approx(2e-4 * np.sqrt(30 / 2))
+    assert found.sigma[[0, 4, 9]] == pytest.approx([2e-4, 1e-4, 0.1 * DEG])
+    assert [found.to_json()["effects"][i] for i in (0, 4, 9)] == ["one", "two", "one"]
+
+
 def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     """Calibration and effect estimated together, theta's part taken out; a scanned shape is the mean weighed by the residuals' density."""
     a, step = effect("a", 2, plausible=0.7), stepped("step", np.array([1.0, 2.0, 3.0]))
@@ -334,7 +344,7 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     twin.spoil(a, [0.5, -0.3])
     twin.spoil(variants[1], [0.4])
     covariance, response = np.diag(np.linspace(0.5, 2.0, twin.n)), np.random.default_rng(1).normal(size=(12, twin.n))
-    noise = SimpleNamespace(twin=twin, covariance=covariance, first=np.eye(twin.n), gain_of=lambda columns: 60.0 + columns.shape[1])
+    noise = SimpleNamespace(twin=twin, covariance=covariance, first=np.eye(twin.n), gain_of=lambda columns: 60.0 + columns.shape[1] + columns[0, 0])
     with (
         patch.object(systematic, "candidates", lambda twin: [a, *variants]),
         patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
@@ -356,7 +366,8 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     np.testing.assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
     np.testing.assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
     # With the noise estimated again: half of the gain, less the logarithms of ten scales and of three shapes, and a half for each number.
-    expected = {"test.a": 30.0 - np.log(10.0), "test.step": 30.0 - np.log(30.0)}
+    of = {each.id: each.parameter.plausible * twin.columns_of(each)[0, 0] / 2 for each in (a, variants[1])}
+    expected = {"test.a": 30.0 - np.log(10.0) + of["test.a"], "test.step": 30.0 - np.log(30.0) + of["test.step"]}
     assert {name: found.log_odds[name] for name in expected} == pytest.approx(expected)
 
 
@@ -406,8 +417,8 @@ def test_an_effect_contradicts_where_it_is_there_with_95_percent():
 
 
 def test_effects_that_are_not_told_apart_count_together():
-    """Sixteen and ten and five to one, of which none is even with the prior odds; one within exp(3) of the best is the last to count."""
-    alike = odds(np.log(16), step=np.log(10), warmth=np.log(5), far=np.log(0.79), against=-0.1)
+    """Sixteen and thirteen and two to one, of which none is even with the prior odds; one within exp(3) of the best is the last to count."""
+    alike = odds(np.log(16), step=np.log(13), warmth=np.log(2), far=np.log(0.79), against=-0.1)
     assert alike.likeliest == alike.suspected == ["gyro.bias_drift", "step", "warmth"]
     assert model_tests(FINE, {}, None, alike, None)[1].p_value == pytest.approx(30 / 61)
     assert odds(np.log(400), near=np.log(20), far=np.log(19.9)).likeliest == ["gyro.bias_drift", "near"]

@@ -96,11 +96,6 @@ def test_a_limit_is_contradicted_by_more_alone():
     assert less.high == pytest.approx(0.1 * np.exp(1.96 * 0.2), rel=0.02)
 
 
-def test_no_likelihood_and_no_sigma_is_no_comparison():
-    assert _drift_comparison(BiasInstability(1e-5, "given"), likelihood_at(1e-5, 0.1)) is None
-    assert _drift_comparison(BiasInstability(1e-5, "measured", 1e-6, 2e-5), None) is None
-
-
 def at_rest_session(N: float, seed: int, lsb: float = 0.0, count: int = 6, rows: int = 300, period_s: float = 0.01) -> SimpleNamespace:
     """Stills of white noise N, rad/s/sqrt(Hz), two-sided; half a second around each is not still."""
     rng = np.random.default_rng(seed)

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, t
-from small_sessions import small_session
+from small_sessions import attitudes_by_scipy, small_session
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 
 import tinygc
@@ -115,15 +115,9 @@ class Estimate:
     @cached_property
     def turned_back(self) -> np.ndarray:
         """(S, T, 3, 3) from the table to the body, by scipy."""
-        batch, found = self.plain.batch, []
-        for i in range(len(batch)):
-            rate = batch.rate[i] @ TRUE.E.T + TRUE.B - batch.earth[i]
-            steps = (rate[1:] + rate[:-1]) / 2 * batch.dt[i][:, None] + batch.dt[i][:, None] ** 2 / 6 * np.cross(rate[:-1], rate[1:])
-            q = [Rotation.from_quat(batch.start[i], scalar_first=True)]
-            for step in Rotation.from_rotvec(steps):
-                q.append(q[-1] * step)
-            found.append(Rotation.concatenate(q).inv().as_matrix())
-        return np.array(found)
+        batch = self.plain.batch
+        start, body = Rotation.from_quat(batch.start, scalar_first=True), batch.rate @ TRUE.E.T + TRUE.B - batch.earth
+        return np.array([attitudes_by_scipy(*each).inv().as_matrix() for each in zip(start, body, batch.dt, strict=True)])
 
     def solved(self, y=None, earth=None) -> np.ndarray:
         """The twelve numbers with these errors."""
@@ -413,19 +407,6 @@ def test_an_accelerometer_of_its_own_stills_errs_as_their_lengths_leave_it():
     lengths[:, 0] = 0.0
     none = _accelerometer_factor(lengths * 100, noise, own=True)
     assert none[0] @ none[0] == pytest.approx((10 * MG) ** 2)
-
-
-@pytest.mark.parametrize("wider", [False, True])
-def test_the_tilt_that_noise_makes_is_the_rms_of_both_angles(wider):
-    """Without the uncertainty of single turns and that of the accelerometer's calibration, which E takes up."""
-    problem = small_session(kind="yaw")
-    problem = problem if wider else problem.changed(floor=replace(problem.floor, wider=None))
-    problem.__dict__["instability"] = small_session().instability
-    noise = loud(problem)
-    variance = np.diag(noise.white + noise.noise.covariance)[:21].reshape(7, 3)[:, :2].sum(axis=1)
-    if wider:
-        variance -= np.trace(problem.floor.wider[:, :2, :2], axis1=1, axis2=2)
-    assert noise.tilt_rms == pytest.approx(np.sqrt(variance.mean()))
 
 
 PLAIN = FitOptions(methods=("least_squares",))

@@ -26,7 +26,7 @@ from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, Mo
 from tinygc.estimation.promise import Promise, promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.systematic import Systematic, systematic_of
-from tinygc.estimation.verdict import GIVEN, JudgedFit, decide, require_plausible, run_p_values, too_good, too_wide
+from tinygc.estimation.verdict import GIVEN, JudgedFit, decide, require_plausible, run_p_values, too_wide
 from tinygc.models.linear import LinearModel
 
 
@@ -145,11 +145,9 @@ def run(error=1e-3, p=0.5, lost=""):
         (run(p=0.0099), None, "fail"),
         ({"angles": np.full((40, 2), [2.0, 0.0]), "floor_rms": 1.0}, None, "pass"),
         ({"times": 2.0001}, None, "not decided"),
-        ({"segments": 13}, None, "pass"),
         ({"segments": 12}, None, "not decided"),
         ({"angles": np.full((40, 2), [2.0, 0.0]), "floor_rms": 1.0}, 2.0 / DEG, "pass"),
         ({}, 0.9999e-3 / DEG, "fail"),
-        (run(error=2.0), 2.0 / DEG, "pass"),
         (run(error=2.001e-3), 2e-3 / DEG, "fail"),
         ({"closure_p": 1e-9}, 1.0, "pass"),
         ({"segments": 12}, 1.0, "doubtful pass"),
@@ -159,51 +157,12 @@ def run(error=1e-3, p=0.5, lost=""):
 def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
     found = decide(judged(**known), ["closure0001.csv"] * len(known.get("run_p", [])), limit_deg, promise=SHEET)
     assert found.answer == answer
-    assert found.passed == (answer != "fail")
     assert found.by_limit == (limit_deg is not None)
     assert len(found.conformities) == (0 if limit_deg is None else 1 + len(known.get("run_p", [])))
     assert all(met for met, _ in found.reasons) == (answer != "fail")
     table = found.to_json()
     assert (table["answer"], table["limit_deg"]) == (answer, pytest.approx(20 / DEG if limit_deg is None else limit_deg))
     assert table["limit_from"] == (f"twice {SHEET.source}" if limit_deg is None else GIVEN)
-
-
-@pytest.mark.parametrize(
-    ("candidate", "files", "limit", "says"),
-    [
-        (judged(), 0, None, "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 1\u202f146°)"),
-        (judged(), 0, 1.0, "PASS: held out 0.0573° (1.0 × noise, 40 segments)"),
-        (
-            judged(run_errors=[np.full(3, 1e-3), np.full(3, 2e-3)], run_p=[0.5, 0.5], run_losses=["", ""]),
-            2,
-            None,
-            "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 1\u202f146°), worst of 2 closure runs 0.115°",
-        ),
-        (
-            judged(**run(2e-3, 1e-5, "lost")),
-            1,
-            None,
-            "FAIL: closure0001.csv: off by 0.115°: p = 1 × 10⁻⁵, more than noise allows; lost",
-        ),
-        (
-            judged(closure_p=1e-9),
-            0,
-            None,
-            "FAIL: closure of the fitted segments, 68 degrees of freedom: p = 1 × 10⁻⁹, more than noise allows (held out 1.0 × the floor)",
-        ),
-        (
-            judged(closure_p=1e-3, closure_freedom=None),
-            0,
-            None,
-            "FAIL: closure of the fitted segments: p = 0.0010, more than noise allows (held out 1.0 × the floor)",
-        ),
-        (judged(), 0, 0.01, "FAIL: segments, held out, rms of tilt: 0.0573°, above 0.0100°"),
-        (judged(segments=5), 0, None, "NOT DECIDED: 5 segments for 12 parameters, expected 13 segments or more: record more turns"),
-        (judged(times=2.5), 0, None, "NOT DECIDED: held-out closure is 2.50 times what noise alone leaves (40 segments for 12 parameters)"),
-    ],
-)  # fmt: skip
-def test_the_first_line_gives_the_answer_and_its_reason(candidate, files, limit, says):
-    assert decide(candidate, ["closure0001.csv"] * files, limit, promise=SHEET).headline == says
 
 
 @pytest.mark.parametrize(
@@ -246,11 +205,6 @@ def test_an_effect_that_is_more_probable_than_not_is_no_pass_and_no_contradictio
     found = decide(judged(), [], limit, tests=[ModelTest(EFFECT, 0.499, 0.05, "it may be")], promise=SHEET)
     assert (found.answer, found.undecided, found.unsound) == ("not decided", ["it may be"], ["it may be"])
     assert not found.to_json()["tests"][0]["contradicts"]
-
-
-@pytest.mark.parametrize(("white_p", "doubted"), [(1 - 1.01e-4, False), (1 - 0.99e-4, True), (1e-4, False)])
-def test_less_than_noise_is_in_doubt_where_it_happens_once_in_ten_thousand(white_p, doubted):
-    assert bool(too_good(white_p)) == doubted
 
 
 def test_a_calibration_that_an_effect_may_have_moved_too_far_is_in_doubt():
@@ -344,7 +298,9 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     twin.spoil(a, [0.5, -0.3])
     twin.spoil(variants[1], [0.4])
     covariance, response = np.diag(np.linspace(0.5, 2.0, twin.n)), np.random.default_rng(1).normal(size=(12, twin.n))
-    noise = SimpleNamespace(twin=twin, covariance=covariance, first=np.eye(twin.n), gain_of=lambda columns: 60.0 + columns.shape[1] + columns[0, 0])
+    noise = SimpleNamespace(
+        twin=twin, covariance=covariance, first=np.eye(twin.n), gain_of=lambda columns: 60.0 + columns.shape[1] + columns[0, 0]
+    )
     with (
         patch.object(systematic, "candidates", lambda twin: [a, *variants]),
         patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
@@ -417,7 +373,7 @@ def test_an_effect_contradicts_where_it_is_there_with_95_percent():
 
 
 def test_effects_that_are_not_told_apart_count_together():
-    """Sixteen and thirteen and two to one, of which none is even with the prior odds; one within exp(3) of the best is the last to count."""
+    """Sixteen, thirteen and two to one, of which none is even with the prior odds; one within exp(3) of the best is the last to count."""
     alike = odds(np.log(16), step=np.log(13), warmth=np.log(2), far=np.log(0.79), against=-0.1)
     assert alike.likeliest == alike.suspected == ["gyro.bias_drift", "step", "warmth"]
     assert model_tests(FINE, {}, None, alike, None)[1].p_value == pytest.approx(30 / 61)

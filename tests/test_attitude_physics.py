@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from conftest import turned, wxyz
+from conftest import wxyz
 from scipy.spatial.transform import Rotation
 
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
@@ -154,23 +154,6 @@ def test_a_sixth_beats_a_twelfth_a_hundredfold_on_hand_turns(odr_hz, limit_deg):
     sixth, twelfth = np.sqrt(np.mean(np.square(errors), axis=0)) / DEG
     assert sixth < limit_deg
     assert twelfth / sixth > 100
-
-
-def test_a_movement_cut_in_the_middle_keeps_the_trapezoids_ends():
-    """A tremor of 3 Hz about two axes, still going on: dt^2/12 of the rate's slope, turned to the end, at either end; second order."""
-
-    def rate_at(t):
-        return np.stack([1.5 * np.sin(6 * np.pi * t), 1.5 * np.cos(6 * np.pi * t), 0.3 * t], -1)
-
-    def slope_at(t):
-        return np.array([9 * np.pi * np.cos(6 * np.pi * t), -9 * np.pi * np.sin(6 * np.pi * t), 0.3])
-
-    t = np.arange(4 * 208 + 78) / 208
-    truth = wxyz(turned(rate_at, t[-1]))
-    end = rotation.compose(steps(rate_at(t), np.diff(t)))
-    error = rotation.log(rotation.multiply(rotation.conjugate(truth), end))  # in the end's body axes
-    ends = slope_at(t[-1]) - rotation.matrix(truth).T @ slope_at(0.0)
-    np.testing.assert_allclose(error, ends / 208**2 / 12, atol=0.01 * np.linalg.norm(error))
 
 
 @pytest.mark.parametrize(("dps", "odr_hz", "percent"), [(400, 104, 0.04)])

@@ -41,7 +41,6 @@ def test_a_fit_whose_residuals_are_fine_is_refused_if_no_gyroscope_has_its_scale
 @pytest.mark.parametrize(
     ("more", "code", "answer"),
     [
-        ([], 0, "pass"),
         (["--limit", "0.0001"], 1, "fail"),
         (["--exclude", "1,2", "--strict"], 1, "not decided"),
     ],

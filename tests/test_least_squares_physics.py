@@ -17,7 +17,6 @@ from tinygc.attitude.earth import EarthRate, with_heading
 from tinygc.closure.floor import BiasWander, Floor
 from tinygc.closure.least_squares import (
     HELD,
-    TOLERANCE,
     LinearEnds,
     Nearby,
     StillRates,
@@ -109,14 +108,12 @@ def test_where_the_search_begins_changes_how_long_it_takes_and_nothing_else():
     batch, sigma, given = CASES["bias at rest"]
     cold = fit_least_squares(batch, sigma, START, **given)
     sigmas = np.sqrt(np.diag(cold.covariance))[MATRIX]
-    near = replace(cold.model, E=cold.model.E + 1e-3)
+    near = replace(cold.model, E=cold.model.E + 1e-3, B=np.ones(3))  # B = -E rest is held, so what it was before is nothing
     from_model, from_rows = (fit_least_squares(batch, sigma, START, begin=begin, **given) for begin in (near, cold.rows))
     for found in (from_model, from_rows):
         np.testing.assert_allclose(found.model.vector[MATRIX], cold.model.vector[MATRIX], rtol=0, atol=1e-4 * sigmas.min())
         np.testing.assert_allclose(found.covariance, cold.covariance, rtol=0, atol=1e-3 * sigmas.min() ** 2)
     assert 1 == from_rows.steps < from_model.steps <= cold.steps
-    moved = from_rows.model.vector - cold.rows.vector
-    assert np.abs(cold.rows.columns[..., MATRIX] @ moved[MATRIX]).max() < TOLERANCE
 
 
 @pytest.mark.parametrize("count", [1, 49, 200])

@@ -13,12 +13,15 @@ from small_sessions import attitudes_by_scipy, small_session
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 
 import tinygc
+from session.detect.stills import BLOCK_S, NOISE_BLOCKS
 from session.io.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.closure.build import with_still_bias
 from tinygc.closure.floor import (
+    DIALS,
     GYRO_NOISE,
     SINGLE_SEGMENTS,
     BiasInstability,
+    allan_freedom,
 )
 from tinygc.closure.joint import fit_joint
 from tinygc.closure.prior import GaussianPrior
@@ -35,6 +38,7 @@ from tinygc.estimation.stated_noise import (
     channel_sources,
     kind_of,
     prior_share,
+    rounding_covariance,
     shared_part,
     stated_covariance,
     stated_goodness,
@@ -460,6 +464,21 @@ def test_the_drift_has_the_spread_of_what_tells_it(instability, kind, freedom):
     assert kind_of(BIAS_DRIFT, SimpleNamespace(instability=instability)) == (kind, pytest.approx(freedom))
 
 
+def test_white_noise_has_the_freedom_of_the_differences_of_blocks_in_the_stills():
+    stills = [SimpleNamespace(duration_s=30 * BLOCK_S)] * 5 + [SimpleNamespace(duration_s=0.3)]
+    problem = SimpleNamespace(stills=stills)
+    assert kind_of(GYRO_NOISE, problem) == ("A", pytest.approx(5 * allan_freedom(31, NOISE_BLOCKS)))
+    assert kind_of(DIALS, problem) == ("B", np.inf)
+
+
+def test_readings_of_equal_steps_leave_a_twelfth_of_a_square_step_in_the_bias():
+    problem, lsb = small_session(noise=0.0), 0.01
+    logs = [replace(log, samples=replace(log.samples, gyro=lsb * np.rint(log.samples.gyro / lsb))) for log in problem.logs]
+    found = rounding_covariance(problem.changed(logs=logs), TRUE)
+    np.testing.assert_allclose(found[BIAS, BIAS], lsb**2 / 12 * TRUE.E @ TRUE.E.T, rtol=1e-6)
+    assert not found[MATRIX].any()
+
+
 def plain_session(**more):
     """A problem of one session, without registers or a lot."""
     problem = small_session(kind="tilt", **more)
@@ -488,6 +507,7 @@ def test_a_misfit_is_a_source_of_its_own(monkeypatch, estimated):
     np.testing.assert_array_equal(wide.parts["covariance"], total(wide.sources))
     if estimated:
         np.testing.assert_allclose(wide.accelerometer, 2.5 * plain.accelerometer, rtol=1e-12)
+        np.testing.assert_array_equal(plain.accelerometer, next(each.covariance for each in plain.sources if each.name == CALIBRATION))
 
 
 def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):

@@ -16,7 +16,7 @@ from tinygc.annexes.rates.curve import Shape, fit_curve
 from tinygc.annexes.rates.fitting import fit, floor, over_rate
 from tinygc.annexes.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
 from tinygc.annexes.rates.points import points_of, settings_of
-from tinygc.annexes.rates.terms import Range, _asymmetry, _inside, _probe, averaged, input_limit, left_open, linear_range, terms
+from tinygc.annexes.rates.terms import Range, _asymmetry, _crossing, _inside, _probe, averaged, input_limit, left_open, linear_range, terms
 from tinygc.annexes.rates.text import lines
 
 UP = np.linspace(-300.0, 300.0, 21)
@@ -90,7 +90,7 @@ def test_columns_of_extras_and_their_units():
     expected = [rate, np.abs(rate), points.direction / 2, points.order, rate != 0, rate**3, np.sign(rate), np.arange(5) == 3]
     assert pytest.approx(np.array(expected, dtype=float)) == of.columns(rate, (), points).T
     assert not of.columns(rate, ())[:, [2, 3, 7]].any()  # of rates that are no points neither sense nor order is known
-    assert of.added == 7
+    assert (of.added, Hypothesis("line", apart=0).added) == (7, 1)
     assert of.name == "line, clipped above, asymmetry, hysteresis, drift, turning, bend, sense, one reading off"
     every = Hypothesis("line", extras=tuple(EXTRAS))
     powers = np.array([1, *(extra.power for extra in EXTRAS.values())])
@@ -223,11 +223,11 @@ def straight(w):
 
 
 def test_a_clip_needs_rates_within_its_limits():
-    """Of which nothing but rest is left here: neither a scale nor its sigma can be stated."""
+    """Three at least: of fewer neither a scale nor its sigma can be stated."""
     up = np.arange(-400.0, 401.0, 100.0)  # °/s
-    points = measured(lambda w: np.clip(straight(w), -1.5, 1.5), np.concatenate([up, up[-2::-1]]))
-    assert fit(points, Hypothesis("line", True, True)) is None
-    assert fit(measured(lambda w: np.clip(straight(w), -4.1, 4.3), points.rate_dps), Hypothesis("line", True, True)) is not None
+    for low, is_fitted in ((-1.5, False), (-2.9, True)):
+        points = measured(lambda w, low=low: np.clip(straight(w), low, 2.9), np.concatenate([up, up[-2::-1]]))
+        assert (fit(points, Hypothesis("line", True, True)) is not None) == is_fitted
 
 
 def test_repeats_refute_a_law_and_widen_its_sigmas():
@@ -252,7 +252,6 @@ def test_repeats_refute_a_law_and_widen_its_sigmas():
 
 ONE_OF = {
     "clip": (lambda w: np.clip(SCALE * w, -4.1, 4.3), "line, clipped below and above"),
-    "sine": (lambda w: 5 * np.sin(w / 250), "sine"),
     "two slopes": (lambda w: SCALE * np.where(w > 0, 1.005, 0.995) * w, "asymmetry"),
 }
 
@@ -360,6 +359,22 @@ def test_rival_laws_widen_a_sigma():
 
 
 # Terms.
+
+
+def test_what_exceeds_zero_first_lies_between_two_places():
+    grid = np.arange(4.0)
+    assert _crossing(grid, np.array([-3.0, -1, 1, -1])) == 1.5
+    assert _crossing(grid, np.array([0.5, 1, 2, 3])) is _crossing(grid, -grid - 1) is None
+
+
+def test_a_range_that_ends_before_the_smallest_rate_is_not_determined():
+    points = fine(lambda w: SCALE * w * (1 - 0.05 * np.log1p(np.abs(w) / 20)), sigma=np.full(50, FINE_NOISE))
+    rows = rows_of(given(points, Hypothesis(CURVE)))
+    for key in ("linear_low", "linear_high", "nonlinearity"):
+        assert rows[key].value is rows[key].at_most is None
+    assert "before 20.0 °/s, the smallest rate" in rows["linear_high"].condition
+    assert "within −20.0 to 20.0 °/s" in rows["scale"].condition
+    assert rows["scale"].unit == "V/(°/s)"
 
 
 def test_the_linear_range_of_a_sine_ends_where_it_departs_by_one_per_cent():
@@ -589,3 +604,8 @@ def test_the_curve_is_the_mean_of_its_posterior_and_has_its_covariance():
     slope = np.zeros(len(curve.vector))
     slope[1] = 1.0
     assert curve.solution.variance(slope) == pytest.approx(np.linalg.inv(information)[1, 1], rel=1e-5)
+
+
+def test_a_curve_may_be_clipped_on_either_side():
+    curve = fit_curve(fine(lambda w: np.minimum(SCALE * w * (1 - np.abs(w) / 9000), 3.0)), Hypothesis(CURVE, upper=True))
+    assert curve.limits == (-np.inf, pytest.approx(3.0, abs=2e-3))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ from turntables import Turned, turn_session
 import tinygc
 from session.annexes.turntable.clock import sample_times
 from session.annexes.turntable.folder import GyroLog, write_turn_session
+from session.detect.rounding import rounding_variance
 from session.io.units import DEG
 from tinygc.annexes.turntable.angles import TERMS, TurnAngle, bridge_variance
-from tinygc.annexes.turntable.estimate import estimate
+from tinygc.annexes.turntable.estimate import _component, estimate
 
 #: x both ways, z one way only
 PLAN = tuple((axis, sign * angle, 90.0) for angle in (90, 180, 360) for axis, sign in ((0, 1), (0, -1), (2, 1), (2, 1)))
@@ -541,3 +543,62 @@ def test_turns_are_counted_over_all_logs_where_no_log_is_named():
     found = tinygc.fit_turns(turn_session(logs, known))
     assert found.estimate.used.all()
     assert [angle.log for angle in found.angles] == ["log1", "log1", "log2", "log2", "log2"]
+
+
+def test_a_rest_that_hums_is_a_rest_and_one_that_shakes_is_none():
+    t_ns, gyro, known = step(noise=0.0005)
+    hum = np.sin(np.arange(500) * 2.0)
+    quiet, loud = gyro.copy(), gyro.copy()
+    quiet[320:, 1] += 2.5 * DEG * hum[320:]  # 1.8 dps rms, beside a turn at 60 dps
+    loud[320:420, 1] += 6.0 * DEG * hum[320:420]
+    ends = [fitted(t_ns, each, known).logs[0].rests[-1] for each in (quiet, loud)]
+    assert ends[0].start in (320, 330)
+    assert ends[1].start == 420
+    slow = step(rate_dps=10.0, noise=0.0005)[1]  # of a slow turn less hum is a rest
+    slow[320:420, 1] += 2.5 * DEG * hum[320:420]
+    assert fitted(t_ns, slow, step(rate_dps=10.0)[2]).logs[0].rests[-1].start == 420
+
+
+def test_play_and_repeat_are_told_apart_by_many_turns():
+    rng = np.random.default_rng(5)
+    A = np.tile([90, 180, 360, 1800.0], 20)
+    own = A + KNOWN / DEG * rng.normal(size=len(A))
+    draws = rng.normal(size=len(A))
+    play = estimate([turn(m + x, a) for m, a, x in zip(own, A, draws, strict=True)])
+    repeat = estimate([turn(m + 0.003 * a * x, a) for m, a, x in zip(own, A, draws, strict=True)])
+    assert play.play.low < draws.std() * DEG < play.play.upper
+    assert play.repeat.upper < 0.002
+    assert repeat.repeat.low < 0.003 * draws.std() < repeat.repeat.upper
+    assert repeat.play.upper < 1.0 * DEG
+
+
+def test_a_turn_that_is_only_probably_lost_is_named_and_used():
+    others = [turn(360.0 + x, log=f"log{i}") for i, x in enumerate((0.3, -0.2, 0.1, 0.25, -0.3, 0.0, 0.1, -0.1))]
+    probabilities = {True: [], False: []}
+    for miss in np.arange(2.0, 3.2, 0.1):
+        found = estimate([*others, turn(360.0 - miss)])
+        probabilities[bool(found.used[-1])].append(found.lost[-1])
+        assert found.used[:-1].all()
+    assert 0.5 < max(probabilities[True]) < 10 / 11 < min(probabilities[False])
+
+
+def test_rounding_of_rests_is_no_wander_and_what_shakes_hides_less():
+    t_ns, gyro, known = step()
+    gyro[200:320, 0] = np.round(1 + 0.01 * (np.arange(120) // 2 % 2 + np.arange(120) // 8), 2)  # most second differences are one step
+    gyro[320:, 2] = 0.02
+    found = fitted(t_ns, gyro, [dataclasses.replace(known[0], angle_rad=1.29)])
+    first, second = found.logs[0].rests
+    assert found.noise.drift[2] == pytest.approx((0.02**2 - 1e-4 / 12) / (second.middle_s - first.middle_s), rel=1e-9)
+    (angle,) = found.angles
+    shakes = rounding_variance(0.01, np.sqrt(1e-4 / (6 * chi2(1).median()) - 1e-4 / 12))
+    x, z = angle.direction[[0, 2]] ** 2
+    expected = angle.duration_s**2 * (1e-4 / 24 + x * shakes + z * 1e-4 / 12)
+    assert angle.variance["rounding"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_interval_of_a_size_is_of_the_values_that_are_nearest_to_each():
+    """Of weights at 0, 1 and 10, each for a decade about it."""
+    found = _component(np.array([0.1, 0.5, 0.4]), np.array([0.0, 1.0, 10.0]), SimpleNamespace(sizes=np.array([1.0, 10.0])), True)
+    edges, below = np.sqrt(10.0) * np.array([0.1, 1, 10]), [0.1, 0.6, 1.0]
+    assert (found.low, found.median, found.high, found.upper) == pytest.approx(np.interp([0.1587, 0.5, 0.8413, 0.95], below, edges))
+    assert not _component(np.ones(1), np.zeros(1), None, False).estimated

@@ -15,7 +15,6 @@ from commandline import refused
 from session.io.config import read_config
 from session.io.logfile import read_log
 from tinygc.cli.arguments import file_written, folder_written, log_written, parser, path_read
-from tinygc.deploy.exports import FORMATS
 
 #: bytes that are no UTF-8, line ends, a title for the terminal, rich's markup, HTML, a formula
 EVIL = os.fsdecode(b"caf\xe9\nINJECTED\x1b]0;t\x07[red]<b>$\\frac$ \xe2\x80\xa8x")
@@ -57,40 +56,10 @@ def test_every_command_takes_a_name_that_is_no_text(evil, simulated, run):
     model = json.loads((evil / "fit" / "model_least_squares.json").read_text(encoding="utf-8"))
     assert "log\\xe9\nINJECTED [bold].csv.gz" in model["sha256"]
     clean(run("check", evil))
-    for name in FORMATS:
-        clean(run("export", evil, "--to", name))
+    clean(run("export", evil, "--to", "json"))
     clean(run("apply", evil / "fit" / "model_least_squares.json", next(evil.glob("log*")), "-o", evil / "calibrated.csv"))
     assert f"{SHOWN}: " in clean(run("explain", evil))
-    clean(run("plan", evil))
-    clean(run("accelerometer", evil))
-    clean(run("compare", evil, evil), codes=(2,))
-    other = evil.with_name(EVIL + "2")
-    shutil.copytree(simulated(seed=4), other)
-    clean(run("fit", other, *FIT, "--quiet"))
-    assert "another sensor" in clean(run("compare", evil, other))
-    clean(run("fit", other, "--model", evil / "fit" / "model_least_squares.json", "--bias", "start"))
     clean(run("fit", evil, "--model", evil / "fit" / "model_least_squares.json", "--bias", "start"))
-
-
-@pytest.mark.broad
-def test_pictures_are_drawn_under_such_a_name(evil, run, monkeypatch):
-    """A lone ``$`` begins a formula, and ``\\frac{`` is a broken one: matplotlib would end in an error of its own, or draw no name."""
-    pytest.importorskip("matplotlib")
-    from matplotlib.figure import Figure
-    from matplotlib.text import Text
-
-    drawn, draw = [], Figure.savefig
-
-    def savefig(figure, *args, **settings):
-        drawn.extend(text.get_text() for text in figure.findobj(Text))
-        return draw(figure, *args, **settings)
-
-    monkeypatch.setattr(Figure, "savefig", savefig)
-    folder = shutil.copytree(evil, evil.with_name("$\\frac{ 😀"))
-    out = clean(run("explain", folder, "--json", "-"))
-    assert json.loads(out[out.index("{") :])["session"] == "$\\frac{ 😀"
-    assert (folder / "explain" / "explain.png").read_bytes().startswith(b"\x89PNG")
-    assert any("frac{" in text for text in drawn)
 
 
 @pytest.mark.parametrize("serial", ['a\nb\r\n[x] \x1b[31m \x7f \u2028\x85 😀 "\\ Ø-12 µ', os.fsdecode(b"\xe9")])
@@ -124,16 +93,6 @@ def test_what_a_log_says_of_itself_is_refused_before_it_is_written(folder, tmp_p
     assert not (tmp_path / "made").exists()
 
 
-def test_check_quiet_says_its_one_line(folder, tmp_path, run):
-    (folder / "session.toml").write_text("x", encoding="utf-8")
-    refused(run("check", "--quiet", folder), "session.toml", "broken TOML")
-    refused(run("check", "--quiet", tmp_path / "nothing"), "not found")
-    code, out, err = run("check", folder, "--json", "-")
-    assert code == 2
-    assert json.loads(out)["findings"][0]["level"] == "error"
-    assert len(err.strip().splitlines()) == 1
-
-
 def _commands():
     (commands,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
     return commands.choices
@@ -160,7 +119,7 @@ def test_an_empty_out_is_refused_in_one_line(folder, tmp_path, run, monkeypatch)
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize("text", ["1e308,0,0", "0,-1e308,0", "nan,0,0", "1e6,0,0"])
+@pytest.mark.parametrize("text", ["0,-1e308,0", "nan,0,0"])
 def test_a_bias_beyond_any_gyroscope_is_refused(text, folder, run):
     refused(run("fit", folder, "--model", folder / "none.json", "--bias", "given", f"--bias-dps={text}"), "--bias-dps", "within ±100000")
 
@@ -168,25 +127,15 @@ def test_a_bias_beyond_any_gyroscope_is_refused(text, folder, run):
 @pytest.mark.parametrize(
     "arguments",
     [
-        *(("record", "--port", "none", option, "1e308") for option in ("--odr", "--gyro-fs", "--accel-fs")),
-        *(("import", "log.csv", "--out", "x", option, "1e-308") for option in ("--odr", "--gyro-fs", "--accel-fs")),
-        *(("board", option, "1e308") for option in ("--rate", "--gyro-fs", "--accel-fs")),
+        ("record", "--port", "none", "--odr", "1e308"),
+        ("import", "log.csv", "--out", "x", "--gyro-fs", "1e-308"),
+        ("board", "--accel-fs", "1e308"),
         ("record", "--port", "none", "--baud", "1" + "0" * 30),
         ("fit", "x", "--seed", "1" + "0" * 30),
-        ("fit", "x", "--folds", "1" + "0" * 30),
-        ("fit", "x", "--temperature", "--temperature-order", "1000000"),
-        ("plan", "x", "--count", "1" + "0" * 30),
-        *(
-            ("simulate", "--out", "x", "--segments", "7", f"--{option}=1e308")
-            for option in ("gyro-noise-dps-rthz", "accel-noise-ug-rthz", "bias-instability-dph", "gyro-bias-dps", "accel-bias-mg", "vigour")
-        ),
+        ("simulate", "--out", "x", "--segments", "7", "--vigour=1e308"),
         ("simulate", "--out", "x", "--lever-m", "nan", "0", "0"),
         ("simulate", "--out", "x", "--turn-s", "1e-308"),
-        *(
-            ("simulate", "--out", "x", "--rest-cycles", "1", f"--rest-{option}=1e308")
-            for option in ("slope-dps-per-c", "bend-dps-per-c2", "lag-s", "hysteresis-dps", "random-walk-dps-rts")
-        ),
-        ("simulate", "--out", "x", "--rest-cycles", "1", "--rest-knocks", "1" + "0" * 30),
+        ("simulate", "--out", "x", "--rest-cycles", "1", "--rest-lag-s=1e308"),
     ],
     ids=lambda arguments: " ".join(arguments)[:60],
 )
@@ -195,12 +144,6 @@ def test_numbers_beyond_any_sensor_are_refused(arguments, tmp_path, run, monkeyp
     refused(run(*arguments))
     assert not list(tmp_path.iterdir())
     assert not recwarn.list
-
-
-def test_a_simulated_session_of_a_sensor_with_a_line_end_in_its_name(tmp_path, run):
-    made = tmp_path / "made"
-    clean(run("simulate", "--out", made, "--segments", "2", "--closure", "0", "--odr-hz", "104", "--sensor", 'ASM330LHH"\n[site]\n#'))
-    assert read_config(made / "session.toml").sensor.model == 'ASM330LHH"\n[site]\n#'
 
 
 def test_a_progress_bar_reads_no_markup():

@@ -42,7 +42,6 @@ PIECES = [
 TEXTS = st.text(st.characters(), max_size=40) | st.lists(st.sampled_from(PIECES) | st.text(st.characters(), max_size=3), max_size=6).map(
     "".join
 )
-SLOW = ("c header", "c source")
 #: places whose writers are those of another one
 LIKEWISE = ("json", "ros", "kalibr intrinsics", "openvins", "vins", "px4 noise", "gtsam JSON")
 
@@ -53,17 +52,10 @@ def test_a_hostile_text_injects_nothing(name):
     assert {text: count for text in texts if (count := injected(PLACES[name], text))} == {}
 
 
-@pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=6)
 @given(TEXTS)
 def test_no_text_at_all_injects_anything(text):
-    assert {name: count for name, place in PLACES.items() if name not in SLOW and (count := injected(place, text))} == {}
-
-
-@settings(max_examples=15)
-@given(TEXTS)
-def test_no_text_at_all_injects_anything_into_c(text):
-    assert {name: count for name in SLOW if (count := injected(PLACES[name], text))} == {}
+    assert {name: count for name, place in PLACES.items() if (count := injected(place, text))} == {}
 
 
 def test_the_readers_see_an_injection():
@@ -84,11 +76,10 @@ def test_the_readers_see_an_injection():
     assert injected(Place(lambda text: f"# {text}\n", ardupilot), LONG[70]) == 1
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "arm-none-eabi-gcc"])
-def test_exported_c_compiles_whatever_the_serial_number_says(compiler, tmp_path):
+def test_exported_c_compiles_whatever_the_serial_number_says(tmp_path):
     """Every hostile text at once, every warning an error; the constructor of one of them is not in the object (C11 knows trigraphs)."""
-    if shutil.which(compiler) is None:
-        pytest.skip(f"not installed: {compiler}")
+    if shutil.which("gcc") is None:
+        pytest.skip("not installed: gcc")
     matrix = "float xx, xy, xz, yx, yy, yz, zx, zy, zz;"
     vector = "typedef union { struct { float x, y, z; } axis; } FusionVector;"
     types = f"{vector} typedef union {{ struct {{ {matrix} }} element; }} FusionMatrix;\n"
@@ -100,7 +91,7 @@ def test_exported_c_compiles_whatever_the_serial_number_says(compiler, tmp_path)
             (tmp_path / name).write_text(content, encoding="utf-8")
         sources = [f"xio{number}.c", "tinygc_model.c"]
         flags = ["-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-variable", "-Wno-unused-const-variable", "-c"]
-        made = run([compiler, *flags, *sources], cwd=tmp_path, stderr=PIPE, text=True)
+        made = run(["gcc", *flags, *sources], cwd=tmp_path, stderr=PIPE, text=True)
         assert made.returncode == 0, made.stderr[:2000]
         assert not any(b"evil" in path.read_bytes() for path in tmp_path.glob("*.o"))
 

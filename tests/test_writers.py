@@ -2,7 +2,6 @@
 
 import ast
 import errno
-import fcntl
 import os
 import re
 import shutil
@@ -15,7 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from conftest import SESSION_TOML, Table, broad, session_of, write_session
+from conftest import SESSION_TOML, Table, session_of, write_session
 from failing_calls import FAULTS, Writer, contents, tried
 from streams import frame_list, sent
 
@@ -27,8 +26,8 @@ from session.bench.rawfile import GrowingFile, RawFile
 from session.bench.session_file import SessionFile
 from session.detect.accelerometer import write_calibrated_copy
 from session.io.config import Accelerometer
-from session.io.errors import CalibrationError, StorageError
-from session.io.files import is_stream, naming, replaced
+from session.io.errors import CalibrationError
+from session.io.files import is_stream, naming
 from session.io.folder import add_board, add_notes
 from session.io.results import write_text_whole, write_whole
 from session.replay.repair import repair
@@ -148,8 +147,6 @@ WRITERS = {
     "a port's bytes": Writer(raw(3), grows=True),
     "a port's bytes that go on": Writer(raw(3), raw(2), grows=True),
 }
-#: fewest calls, so that every one of them fails in the quick tests
-QUICK = ("a result", "an applied log", "a note", "session.toml of a recording", "logs that go on")
 
 
 @pytest.fixture(autouse=True)
@@ -160,26 +157,13 @@ def no_thread(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")  # the killed close nothing
-@pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("name", [name if name in QUICK else broad(name) for name in WRITERS])
+@pytest.mark.parametrize(("name", "fault"), [(name, FAULTS[number % len(FAULTS)]) for number, name in enumerate(WRITERS)])
 def test_whichever_call_fails_the_old_is_whole_or_the_new(tmp_path, name, fault):
-    """Of a folder's hundreds of calls every seventh; all of them in the slow tests."""
-    every = (lambda number: number % 7 == 1) if WRITERS[name].folder else (lambda number: True)
-    require_whole(name, fault, *tried(WRITERS[name], tmp_path / "w", fault, every))
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
-@pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("name", [name for name in WRITERS if WRITERS[name].folder])
-def test_whichever_call_fails_a_folder_is_whole(tmp_path, name, fault):
-    require_whole(name, fault, *tried(WRITERS[name], tmp_path / "w", fault))
-
-
-def require_whole(name, fault, count, wrong):
-    print(f"{name}, {fault}: {count} tried, {len(wrong)} failed")
+    """Of a folder's hundreds of calls some, and of a file's every second one."""
+    step = 41 if WRITERS[name].folder else 2
+    count, wrong = tried(WRITERS[name], tmp_path / "w", fault, lambda number: number % step == 1)
     assert wrong == []
-    assert count > 3
+    assert count
 
 
 # Links, and who writes at all.
@@ -235,15 +219,6 @@ def test_a_folder_may_be_a_link_and_so_may_a_device(tmp_path):
     assert (tmp_path / "null").is_symlink()
 
 
-def test_no_name_beside_a_result_leads_elsewhere(tmp_path):
-    """The name that was always the same before."""
-    victim = tmp_path / "victim"
-    victim.write_text("precious")
-    (tmp_path / ".fit.json.partial").symlink_to(victim)
-    write_whole(tmp_path / "fit.json", {})
-    assert victim.read_text() == "precious"
-
-
 def test_many_who_write_one_file_at_once_do_not_meet(tmp_path):
     path, texts = tmp_path / "page.html", [str(number) * 20_000 for number in range(8)]
     with ThreadPoolExecutor(8) as pool:
@@ -277,61 +252,6 @@ def test_what_a_killed_import_leaves_is_said_by_the_next(tmp_path):
     assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["log0001.csv", "log0002.csv", "session.toml"]
 
 
-def test_what_a_killed_import_leaves_is_never_said_to_be_the_session(tmp_path):
-    session(tmp_path)
-    (tmp_path / "s" / ".unfinished").mkdir()
-    (tmp_path / "s" / ".unfinished" / "log0001.csv").write_text("half of it")
-    before = contents(tmp_path)
-    with pytest.raises(CalibrationError, match=r"/s: \.unfinished in it .*; remove \.unfinished and run again$"):
-        WRITERS["import --add"].write(tmp_path)
-    assert contents(tmp_path) == before
-
-
-def test_a_killed_simulate_says_where_the_earlier_one_is(tmp_path):
-    folder = write_simulated(SIMULATED, tmp_path / "s")
-    (folder / ".unfinished" / ".old").mkdir(parents=True)
-    (folder / "truth.json").rename(folder / ".unfinished" / ".old" / "truth.json")
-    with pytest.raises(CalibrationError, match=r"still goes on, and \.unfinished/\.old holds what stood here before; remove \.unfinished"):
-        write_simulated(SIMULATED, folder, force=True)
-
-
-def test_what_is_open_to_be_read_is_not_forced(tmp_path, monkeypatch):
-    """Windows answers EBADF."""
-    call = os.fsync
-
-    def fsync(number):
-        if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY and not os.path.isdir(f"/proc/self/fd/{number}"):
-            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        call(number)
-
-    monkeypatch.setattr(os, "fsync", fsync)
-    (tmp_path / "card.csv").write_text(LOG)
-    WRITERS["import"].write(tmp_path)
-
-
-@pytest.mark.parametrize("name", ["import --add", "simulate --force"])
-def test_who_breaks_off_behind_the_last_file_has_the_new_session(tmp_path, monkeypatch, name):
-    WRITERS[name].before(tmp_path)
-    call = os.replace
-
-    def replaced_then_stopped(source, target):
-        call(source, target)
-        if Path(target) == tmp_path / "s" / "session.toml":
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "replace", replaced_then_stopped)
-    before = contents(tmp_path / "s")
-    with pytest.raises(KeyboardInterrupt):
-        WRITERS[name].write(tmp_path)
-    after = contents(tmp_path / "s")
-    assert after["session.toml"] != before["session.toml"]
-    monkeypatch.undo()
-    shutil.rmtree(tmp_path / "s")
-    WRITERS[name].before(tmp_path)
-    WRITERS[name].write(tmp_path)
-    assert after == contents(tmp_path / "s")
-
-
 @pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
 def test_a_file_that_a_shell_has_opened_is_added_to(tmp_path, name):
     (tmp_path / "notes").write_text("mine\n")
@@ -354,29 +274,6 @@ def test_a_failure_names_one_file(tmp_path):
     with pytest.raises(OSError, match="Is a directory") as said, naming(tmp_path / "page.html", Path("a")):
         raise OSError(errno.EISDIR, "Is a directory", "a", None, "b")
     assert str(said.value).endswith(f"'{tmp_path}/page.html'")
-
-
-def test_a_folder_that_is_a_link_to_nothing_is_said_to_be_one(tmp_path):
-    (tmp_path / "s").symlink_to(tmp_path / "nothing")
-    (tmp_path / "card.csv").write_text(LOG)
-    with pytest.raises(StorageError, match=r"s: is a link to .*nothing, "):
-        WRITERS["import"].write(tmp_path)
-
-
-def test_a_link_that_is_refused_is_no_failure_of_a_pipe(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with ThreadPoolExecutor(1) as pool:
-        read = pool.submit((tmp_path / "pipe").read_text)
-        with replaced(tmp_path / "pipe") as file:
-            file.write(b"mine")
-        assert read.result(10) == "mine"
-    with pytest.raises(StorageError, match="is a link"), replaced(_linked(tmp_path)):
-        pass
-
-
-def _linked(folder):
-    (folder / "link").symlink_to(folder / "elsewhere")
-    return folder / "link"
 
 
 #: calls that write by a name, whatever they are of

@@ -1,138 +1,268 @@
-"""What a notebook calls: sessions of arrays, fit, explain, simulate, load; the same answers as from files and commands."""
+"""What a notebook calls: arrays give what folders give, each function the numbers and files of its command, wrong arguments one line."""
 
 import doctest
 import importlib
 import json
 import pydoc
 import re
+import shutil
 import sys
 
 import numpy as np
 import processes
 import pytest
-from conftest import DEG
+import yaml
+from conftest import DEG, broad
+from noise_records import WALKING, figures
 
+import calibrate
 import tinygc
-from session.io.config import Protocol
-from session.io.errors import DataError, FitError
+from session.io.units import G
 from tinygc import CalibrationError
-from tinygc.deploy.calibration import Calibration
+from tinygc.deploy import FORMATS
+from tinygc.noise.figures import to_json
 
-#: functions and classes whose docstrings have an example
-EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare", "explain", "export", "fit", "fit_temperature", "fit_turns"]
-EXAMPLES += [
-    "budget",
-    "estimate_noise",
-    "estimate_rates",
-    "verify",
-    "fleet",
-    "history",
-    "import_log",
-    "list_sessions",
-    "load",
-    "lot",
-    "plan",
-    "read_log",
-    "rebias",
-    "report",
-    "sensors",
-    "watch",
-    "simulate",
-    "to_frame",
-]
+METHODS = ("raw", "least_squares")
+FIT = ("--methods", ",".join(METHODS))
+
+
+def command(out, *words, code=0) -> dict:
+    """The JSON of a command."""
+    assert calibrate.main([*map(str, words), "--quiet", "--json", str(out)]) == code
+    return json.loads(out.read_text())
+
+
+def same(mine: dict, theirs: dict, **but) -> None:
+    """Of a function and its command, but for paths."""
+    assert json.loads(json.dumps(mine)) | but == theirs | but
 
 
 @pytest.fixture(scope="module")
 def simulated():
-    return tinygc.simulate(segments=12, closure_s=30.0, seed=4)
+    """Two sessions of one unit."""
+    return [tinygc.simulate(segments=12, closure_s=20.0, odr_hz=104.0, seed=seed, unit_seed=1) for seed in (1, 2)]
 
 
 @pytest.fixture(scope="module")
-def fitted(simulated):
-    return tinygc.fit(simulated.session, methods=("raw", "least_squares"))
+def folders(simulated, tmp_path_factory):
+    """Their folders, fitted by the command."""
+    place = tmp_path_factory.mktemp("sessions")
+    made = [each.save(place / f"session{n}") for n, each in enumerate(simulated, 1)]
+    for folder in made:
+        command(place / "fit.json", "fit", folder, *FIT)
+    return made
 
 
-def test_a_session_of_arrays_is_the_session_of_its_files(simulated, fitted, tmp_path):
-    folder = simulated.save(tmp_path / "session")
-    read = tinygc.read_session(folder)
-    for mine, theirs in zip((*simulated.session.logs, *simulated.session.closures), (*read.logs, *read.closures), strict=True):
+@pytest.fixture(scope="module")
+def fits(folders):
+    return [tinygc.fit(tinygc.read_session(folder), methods=METHODS) for folder in folders]
+
+
+@pytest.fixture(scope="module")
+def of_arrays(simulated):
+    """The fit of the first session's arrays, which were never a file."""
+    return tinygc.fit(simulated[0].session, methods=METHODS)
+
+
+# Fit, model
+
+
+def test_a_session_of_arrays_is_the_session_of_its_files(simulated, of_arrays, folders, fits):
+    here, read = simulated[0].session, tinygc.read_session(folders[0])
+    for mine, theirs in zip((*here.logs, *here.closures), (*read.logs, *read.closures), strict=True):
         np.testing.assert_array_equal(mine.samples.t_ns, theirs.samples.t_ns)
         np.testing.assert_allclose(mine.samples.gyro, theirs.samples.gyro, rtol=1e-15)
-    from_files = tinygc.fit(folder, methods=("least_squares",))
-    for name, estimate in fitted.parameters.items():
-        assert estimate.value == pytest.approx(from_files.parameters[name].value, rel=1e-9, abs=1e-12)
-        assert estimate.sigma == pytest.approx(from_files.parameters[name].sigma, rel=1e-9)
-    assert fitted.closure_runs.keys() != from_files.closure_runs.keys()  # a run of arrays has no file's name
-    (mine,), (theirs,) = fitted.closure_runs.values(), from_files.closure_runs.values()
+    for name, estimate in of_arrays.parameters.items():
+        theirs = fits[0].parameters[name]
+        assert (estimate.value, estimate.sigma) == pytest.approx((theirs.value, theirs.sigma), rel=1e-9, abs=1e-12)
+    (mine,), (theirs,) = of_arrays.closure_runs.values(), fits[0].closure_runs.values()
     assert mine["least_squares"]["rmse_deg"] == pytest.approx(theirs["least_squares"]["rmse_deg"], rel=1e-6)
-
-
-def test_a_saved_model_says_how_well_it_is_known(fitted, simulated, tmp_path):
-    table = json.loads(fitted.model.save(tmp_path / "gyro.json").read_text())
-    np.testing.assert_array_equal(table["covariance"], fitted.covariance)
-    model, rate = tinygc.load(tmp_path / "gyro.json"), simulated.session.logs[0].samples.gyro[:50]
-    np.testing.assert_array_equal(model(rate), fitted.model(rate))
-    np.testing.assert_array_equal(model(rate), model(rate))  # nothing is remembered
-
-
-def test_arrays_have_no_folder_to_save_into(fitted, tmp_path):
+    for thing in (simulated[0], here, of_arrays, of_arrays.parameters["E_xx"], of_arrays.model):
+        assert len(repr(thing)) < 140
+        assert "array(" not in repr(thing)
+    assert "<pre" in of_arrays._repr_html_()
+    assert "\x1b" not in of_arrays.summary()
     with pytest.raises(CalibrationError, match="has no folder of its own; give one"):
-        fitted.save()
-    assert (fitted.save(tmp_path / "fit") / "model_least_squares.json").exists()
+        of_arrays.save()
 
 
-def test_a_method_that_was_not_fitted_is_not_invented(simulated):
-    with pytest.raises(FitError, match="least_squares was not fitted; take one of models: raw"):
-        tinygc.fit(simulated.session, methods=("raw",)).model  # noqa: B018
+def test_the_sensor_errors_are_the_inverse_of_the_calibration_and_those_of_the_screen(folders, fits, capsys):
+    model, errors = fits[0].model.model, fits[0].sensor_errors
+    reads = np.linalg.inv(model.E)
+    for i, axis in enumerate("xyz"):
+        assert errors[f"scale_factor_error_{axis}"].value == pytest.approx(1e6 * (np.linalg.norm(reads[i]) - 1), abs=1e-6)
+        assert errors[f"bias_{axis}"].value == pytest.approx(-(reads @ model.B)[i] / DEG, rel=1e-12)
+    assert [errors[name].unit for name in ("scale_factor_error_x", "misalignment_z_to_y", "bias_z")] == ["ppm", "mrad", "dps"]
+    assert calibrate.main(["fit", str(folders[0]), *FIT]) == 0
+    rows = {
+        line.split(",")[0]: re.findall(r"(-?[\d.]+) ± ([\d.]+)", line) for line in capsys.readouterr().out.splitlines() if " ± " in line
+    }
+    for title, start in (
+        ("scale factor error", "scale_f"),
+        ("bias", "bias"),
+        *((f"misalignment of {a}", f"misalignment_{a}") for a in "xyz"),
+    ):
+        shown = [each for name, each in errors.items() if name.startswith(start)]
+        for error, (value, sigma) in zip(shown, rows[title], strict=True):
+            digits = len(value.partition(".")[2])
+            assert (f"{error.value:.{digits}f}", f"{error.sigma:.{digits}f}") == (value, sigma), title
 
 
-@pytest.mark.parametrize(
-    ("changes", "complaint"),
-    [
-        ({"t_s": [0.0]}, "t_s has 1 samples, expected at least 2"),
-        ({"t_s": [0.0, 0.01, 0.01]}, r"t_s\[2\] = 0.01 s does not go on"),
-        ({"gyro_rps": np.zeros((3, 2))}, r"gyro_rps has shape \(3, 2\), expected \(3, 3\)"),
-        ({"accel_mps2": [[0, 0, "g"]] * 3}, "accel_mps2 is not made of numbers"),
-        ({"gyro_rps": [[0, 0, 0], [0, np.nan, 0], [0, 0, 0]]}, r"gyro_rps\[1, 1\] is nan"),
-        ({"temp_c": [20.0, 21.0]}, r"temp_c has shape \(2,\), expected \(3,\)"),
-        ({"t_s": [0.0, 1e10, 2e10]}, "expected seconds"),
-    ],
-)
-def test_arrays_that_are_no_log_are_refused_in_one_line(changes, complaint):
-    arrays = {"t_s": [0.0, 0.01, 0.02], "gyro_rps": np.zeros((3, 3)), "accel_mps2": np.zeros((3, 3))} | changes
-    with pytest.raises(DataError, match=complaint) as caught:
-        tinygc.Session.from_arrays(**arrays)
-    assert "\n" not in str(caught.value)
+def test_a_saved_model_is_known_as_well_and_gives_the_unit_that_it_is_told(fits, tmp_path):
+    """omega = E m + B holds in any unit with B in that unit: E is the same, and the answer at no rate is B."""
+    table = json.loads(fits[0].model.save(tmp_path / "gyro.json").read_text())
+    np.testing.assert_array_equal(table["covariance"], fits[0].covariance)
+    model, rates = tinygc.load(tmp_path / "gyro.json"), np.random.default_rng(2).normal(size=(40, 3))
+    np.testing.assert_array_equal(model(rates), fits[0].model(rates))
+    for unit, si in (("dps", DEG), ("mdps", 1e-3 * DEG), ("rad/s", 1.0)):
+        given = rates / si
+        expected = rates @ model.model.E.T + model.model.B
+        np.testing.assert_allclose(model(given, unit=unit) * si, expected, rtol=1e-13, atol=1e-15)
+        live = model.live()
+        np.testing.assert_allclose([live(row, unit=unit) for row in given], model(given, unit=unit), rtol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("hidden", "complaint"),
-    [
-        ({"reference.accelerometer": {"bias_mg": [1, 0, 0]}}, "does not add to the rate"),
-        ({"gyro.bias_drift": {"dps": [1, 0, 0]}}, "parameters are dps, expected dps_over_log"),
-        ({"gyro.bias_drift": {"dps_over_log": [1, 0]}}, r"has shape \(2,\), expected \(3,\)"),
-    ],
-)
-def test_what_cannot_be_hidden_is_refused(hidden, complaint):
-    with pytest.raises(DataError, match=complaint):
-        tinygc.simulate(segments=8, effects=hidden)
+def test_a_model_refuses_gaps_and_rates_that_are_surely_degrees(fits):
+    """The bar is 1.2 times the full scale of the fitted sensor, 500 dps, and 4000 dps of a model that does not say."""
+    model, nameless = fits[0].model, tinygc.Calibration(fits[0].model.model)
+    for calibration, bar in ((model, 1.2 * 500 * DEG), (nameless, 4000 * DEG)):
+        rates = np.zeros((5, 3))
+        rates[3, 2] = 0.999 * bar
+        calibration(rates)
+        rates[3, 2] = -1.001 * bar
+        with pytest.raises(CalibrationError, match=r'raw\[3, 2\] is -.* rad/s, .* are the rates in degrees\? give unit="dps"'):
+            calibration(rates)
+        with pytest.raises(CalibrationError, match=r"raw\[0, 2\] is -"):
+            calibration.live()(rates[3])
+        rates[3, 2] = np.nan
+        with pytest.raises(CalibrationError, match=r"raw\[3\] is not finite"):
+            calibration(rates)
 
 
-def test_full_scales_that_nobody_gave_hold_what_was_measured():
-    rate = np.zeros((200, 3))
-    rate[50] = [300 * DEG, 0, 0]
-    session = tinygc.Session.from_arrays(np.arange(200) / 100, rate, np.tile([0, 0, -9.8], (200, 1)))
-    assert (session.config.sensor.gyro_fs_dps, session.config.sensor.accel_fs_g) == (500, 2)
-    assert session.config.sensor.odr_hz == pytest.approx(100)
+# Each function and its command
 
 
-def test_the_package_loads_nothing_heavy_before_it_is_asked():
+def test_the_report_of_arrays_is_that_of_their_folder(of_arrays, folders, fits, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    theirs = command(tmp_path / "r.json", "report", folders[0], *FIT, "--no-explain", "--out", tmp_path / "r.html", "--limit", 5)
+    of_fit = tinygc.report(fits[0], tmp_path / "fit.html", explain=False, limit_deg=5)
+    same(of_fit.to_json(), theirs)
+    assert (tmp_path / "fit.html").read_text(encoding="utf-8") == of_fit.html
+    made = of_arrays.report(tmp_path / "new" / "report.html", explain=False, limit_deg=5)
+    assert (made.to_json()["answer"], made.summary()[:4]) == (theirs["answer"], "PASS")
+    for one, other in zip(made.to_json()["parameters"], theirs["parameters"], strict=True):
+        for key, value in one.items():
+            assert value == (pytest.approx(other[key], rel=1e-6, abs=1e-9) if isinstance(value, float) else other[key]), key
+    assert tinygc.report(fits[0], explain=False, limit_deg=1e-6).verdict.word == "FAIL"
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_export_of_a_fit_is_the_commands(kind, fits, of_arrays, folders, tmp_path):
+    exported = fits[0].export(kind, tmp_path / "mine")
+    table = command(tmp_path / "e.json", "export", folders[0], "--to", kind, "--out", tmp_path / "theirs")
+    for place in ("mine", "theirs"):
+        assert {path.name: path.read_text() for path in (tmp_path / place).iterdir()} == exported.files
+    assert exported.remarks == table["remarks"]
+    arrays = tinygc.export(of_arrays, kind)  # its numbers are another's to the last digits, and its logs have other names
+    assert [file.rpartition(".")[2] for file in arrays.files] == [file.rpartition(".")[2] for file in exported.files]
+
+
+def test_compare_plan_and_accelerometer_give_the_commands_numbers(fits, of_arrays, folders, tmp_path):
+    theirs = command(tmp_path / "c.json", "compare", *folders)
+    found = tinygc.compare(fits)  # which never were saved
+    same(found.to_json(), theirs)
+    assert (found.agree, found.p_value) == (theirs["agree"], theirs["lasting"]["p_value"])
+    assert tinygc.compare(fits, bias=True).p_value == theirs["all"]["p_value"]
+    assert tinygc.compare([of_arrays, fits[1]]).p_value == pytest.approx(found.p_value, rel=1e-4)
+    theirs = command(tmp_path / "p.json", "plan", folders[0], "--count", 3)
+    same(tinygc.plan(folders[0], count=3).to_json(), theirs)
+    assert [move.words for move in tinygc.plan(of_arrays.source, count=3).proposals] == [move["words"] for move in theirs["proposals"]]
+    theirs = command(tmp_path / "a.json", "accelerometer", folders[0], "--out", tmp_path / "theirs")
+    alone = tinygc.accelerometer(folders[0])
+    same(alone.to_json(), theirs)
+    assert (alone.save(tmp_path / "mine") / "session.toml").read_bytes() == (tmp_path / "theirs" / "session.toml").read_bytes()
+    for result in (found, alone, tinygc.plan(folders[0])):
+        assert len(repr(result)) < 140
+        assert "\x1b" not in result.summary()
+
+
+@pytest.mark.parametrize("source", ["start", broad("given")])
+def test_rebias_gives_the_commands_numbers(source, folders, fits, tmp_path):
+    model = folders[0] / "fit" / "model_least_squares.json"
+    words = ("--model", model, "--bias", source, *(("--bias-dps", "0.5,-0.3,0.6") if source == "given" else ()))
+    theirs = command(tmp_path / "b.json", "fit", folders[1], *words, "--out", tmp_path / "theirs")
+    made = tinygc.rebias(fits[1].source, fits[0], source, **({"bias_dps": (0.5, -0.3, 0.6)} if source == "given" else {}))
+    mine = json.loads(json.dumps(made.to_json()))
+    mine["bias"]["model"] = str(model)
+    same(mine, theirs)
+    saved = (made.save(tmp_path / "mine") / "model_rebiased.json").read_bytes()
+    assert saved == (tmp_path / "theirs" / "model_rebiased.json").read_bytes()
+    change = [each.value for each in made.change.values()]
+    np.testing.assert_allclose(np.array(change) / DEG, mine["bias"]["change_dps"][source], rtol=1e-12)
+    rate = np.array([[0.1, -0.2, 0.3]])
+    np.testing.assert_allclose((made.model(rate) - fits[0].model(rate))[0], change, rtol=1e-9)
+
+
+def test_apply_gives_the_commands_log(fits, folders, tmp_path):
+    log = folders[1] / "log0001.csv.gz"
+    theirs = command(tmp_path / "a.json", "apply", folders[0], log, "-o", tmp_path / "theirs.csv")
+    same(tinygc.apply(folders[0], log, tmp_path / "mine.csv").to_json(), theirs, out="")
+    tinygc.apply(fits[0], log, tmp_path / "fit.csv")  # whose model was never a file
+    for name in ("mine", "fit"):
+        assert (tmp_path / f"{name}.csv").read_bytes() == (tmp_path / "theirs.csv").read_bytes()
+    written = np.loadtxt(tmp_path / "theirs.csv", delimiter=",", skiprows=1)
+    samples = tinygc.apply(fits[0], tinygc.read_session(folders[1]).logs[0])
+    np.testing.assert_array_equal(written[:, 0], samples.t_ns)
+    np.testing.assert_allclose(written[:, 1:4], samples.gyro, rtol=0, atol=6e-10)
+    np.testing.assert_allclose(written[:, 4:7], samples.accel, rtol=0, atol=6e-7)
+    rates = np.random.default_rng(1).normal(size=(50, 3))
+    np.testing.assert_array_equal(tinygc.apply(fits[0], rates), fits[0].model(rates))
+    still = fits[0].result.problem.stills[0]  # by the fit's accelerometer as long as the site's gravity
+    length = np.linalg.norm(tinygc.apply(fits[0], fits[0].source.logs[0]).accel[still.start : still.stop].mean(axis=0))
+    assert length == pytest.approx(fits[0].source.config.site.gravity_mps2, abs=2e-3 * G)
+
+
+# Tables and pictures
+
+
+def test_records_become_tables_of_pandas(fits, monkeypatch):
+    pandas = pytest.importorskip("pandas")
+    table = fits[0].to_frame()
+    assert list(table.columns) == ["name", "value", "sigma", "unit"]
+    assert table.loc["E_xy", "value"] == fits[0].parameters["E_xy"].value
+    assert fits[0].closure.to_frame().loc["least_squares", "tilt_rms_deg"] == fits[0].closure["least_squares"]["tilt_rms_deg"]
+    findings, samples = tinygc.check(fits[0].source), fits[0].session.logs[0].samples
+    assert list(tinygc.to_frame(findings)["what"]) == [finding.what for finding in findings]
+    assert isinstance(tinygc.to_frame(fits[0]), pandas.DataFrame)
+    assert list(samples.to_frame())[:4] == ["t_ns", "gx_rps", "gy_rps", "gz_rps"]
+    np.testing.assert_array_equal(samples.to_frame()["ay_mps2"], samples.accel[:, 1])
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(CalibrationError, match="to_frame needs pandas: python -m pip install pandas"):
+        fits[0].to_frame()
+
+
+def test_a_fit_is_drawn(fits, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    figure = fits[0].plot(tmp_path / "new" / "fit.png")
+    assert (tmp_path / "new" / "fit.png").read_bytes().startswith(b"\x89PNG")
+    closure, *panels = figure.axes
+    rms = np.sqrt(np.mean(np.square(closure.lines[1].get_ydata())))
+    assert rms == pytest.approx(fits[0].closure["least_squares"]["tilt_rms_deg"], rel=1e-9)
+    for axes, word, unit in zip(panels, ("scale_factor_error", "misalignment", "bias"), ("ppm", "mrad", "dps"), strict=True):
+        shown = [each.value for name, each in fits[0].sensor_errors.items() if name.startswith(word)]
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), shown)
+        assert axes.get_ylabel() == unit
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(CalibrationError, match="pictures need matplotlib"):
+        fits[0].plot()
+
+
+# Names, examples
+
+
+def test_the_package_loads_nothing_heavy_and_has_its_names_alone():
     code = "import sys, tinygc; print(sorted({'numpy', 'torch', 'scipy', 'rich'} & set(sys.modules)))"
     assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
-
-
-def test_all_names_are_there_and_no_other():
-    assert {"Session", "fit", "fit_temperature", "ThermalFit", "CalibrationError"} <= set(dir(tinygc))
     for name in dir(tinygc):
         assert getattr(tinygc, name) is not None
     assert pydoc.render_doc(tinygc).count("\n") < 150  # three screens
@@ -146,77 +276,182 @@ def home(name):
     return getattr(importlib.import_module(module), name)
 
 
-def test_every_public_function_has_an_example():
-    functions = {name for name in dir(tinygc) if name.islower() and not name.startswith("_") and callable(getattr(tinygc, name))}
-    assert functions - {"read_session"} == {name for name in EXAMPLES if name.islower()}
-    for name in EXAMPLES:
-        assert doctest.DocTestParser().get_examples(home(name).__doc__), name
+FUNCTIONS = sorted(name for name in dir(tinygc) if name.islower() and not name.startswith("_") and callable(getattr(tinygc, name)))
 
 
-@pytest.mark.broad
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize(
+    "name", [broad(name) for name in ("FitOptions", *FUNCTIONS) if name not in ("read_session", "explain", "fit_temperature", "fleet")]
+)
 def test_examples_of_docstrings_run(name):
     (example,) = doctest.DocTestFinder(recurse=False).find(home(name), name, module=False, globs={})
     assert doctest.DocTestRunner().run(example).failed == 0
+
+
+def test_every_public_function_has_an_example():
+    for name in set(FUNCTIONS) - {"read_session"}:
+        assert doctest.DocTestParser().get_examples(home(name).__doc__), name
+
+
+# What is refused, in one line
 
 
 @pytest.mark.parametrize(
     ("call", "complaint"),
     [
         (lambda: tinygc.fit("x", method=("raw",)), "fit: no option 'method'; did you mean methods?"),
-        (lambda: tinygc.explain("x", seeds=1), "explain: no option 'seeds'; did you mean seed?"),
         (lambda: tinygc.simulate(xyz=8), "simulate: no option 'xyz'; expected some of options, effects, segments"),
         (lambda: tinygc.simulate(tinygc.FitOptions()), "options is of type FitOptions, expected tinygc.SimulationOptions"),
         (lambda: tinygc.fit([1, 2]), "session is of type list, expected a tinygc.Session or the path of its folder"),
-        (lambda: tinygc.check(3), "session is of type int"),
         (lambda: tinygc.fit("x", progress=3), "progress is 3, expected a function"),
         (lambda: tinygc.fit(), "fit: missing a required argument: 'session'"),
+        (lambda: tinygc.sensors("asm330lh"), "is no sensor that is known; is ASM330LHH meant?"),
+        (lambda: tinygc.sensors(3), "sensors: name is 3, expected text"),
+        (lambda: tinygc.list_sessions("nowhere"), "nowhere: no folder; give one with session folders in it"),
+        (lambda: tinygc.array(3), "units is of type int, expected an array's folder"),
+        (lambda: tinygc.fleet(3, "x"), "fleet: folders is 3, expected a path, or a list of paths"),
+        (lambda: tinygc.export(3, "json"), "source is of type int, expected a Fit"),
+        *(
+            (lambda hidden=hidden: tinygc.simulate(segments=8, effects=hidden), says)
+            for hidden, says in (
+                ({"reference.accelerometer": {"bias_mg": [1, 0, 0]}}, "does not add to the rate"),
+                ({"gyro.bias_drift": {"dps": [1, 0, 0]}}, "parameters are dps, expected dps_over_log"),
+                ({"gyro.bias_drift": {"dps_over_log": [1, 0]}}, "has shape (2,), expected (3,)"),
+            )
+        ),
+        *(
+            (lambda choices=choices: tinygc.fit("x", **choices), says)
+            for choices, says in (
+                ({"folds": 0}, "folds is 0, expected a whole number of 2 or more"),
+                ({"methods": "raw", "as_in_paper": True}, "expected a net (tinygc, tinygc_denoised) for --as-in-paper to train"),
+                ({"methods": ()}, "methods is (), expected some of raw"),
+                ({"methods": "resnet"}, "methods is ('resnet',), expected some of raw"),
+                ({"bias": "magic"}, "bias is 'magic', expected one of auto, ends, stills"),
+            )
+        ),
     ],
 )
 def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
-    with pytest.raises(CalibrationError, match=re.escape(complaint)):
+    with pytest.raises(CalibrationError, match=re.escape(complaint)) as caught:
         call()
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("choices", "complaint"),
+    ("call", "complaint"),
     [
-        ({"folds": 0}, "folds is 0, expected a whole number of 2 or more"),
-        ({"methods": "raw", "as_in_paper": True}, "expected a net .tinygc, tinygc_denoised. for --as-in-paper to train"),
-        ({"methods": ()}, r"methods is \(\), expected some of raw"),
-        ({"methods": "resnet"}, r"methods is \('resnet',\), expected some of raw"),
-        ({"bias": "magic"}, "bias is 'magic', expected one of auto, ends, stills"),
-        ({"folds": 2.5}, "folds is 2.5, expected a whole number"),
+        (lambda fit: fit.report(3), "report: path is 3, expected a path"),
+        (lambda fit: fit.report(explain=False, limit_deg=-1), "report: limit_deg is -1, expected a number above 0"),
+        (lambda fit: tinygc.report(fit, methods=METHODS), "the options are those of the fit that is given"),
+        (lambda fit: fit.report("/", explain=False), "that is a folder; give a file"),
+        (lambda fit: fit.export("json", "a\0b"), "export: folder is 'a\\x00b', expected a path"),
+        (lambda fit: fit.export("matlab"), "to is 'matlab', expected one of json, kalibr"),
+        (lambda fit: fit.export("json", model="tinygc"), "tinygc was not fitted; the fit has raw, least_squares"),
+        (lambda fit: tinygc.compare([fit]), "compare needs two sessions or more"),
+        (lambda fit: tinygc.compare([fit, fit]), "hold the same log"),
+        (lambda fit: tinygc.compare([fit, None]), "sessions holds None, expected a Fit or the path of a fitted session"),
+        (lambda fit: tinygc.rebias(fit.source, fit, "noon"), "source is 'noon', expected start or gravity, or given with bias_dps="),
+        (lambda fit: tinygc.rebias(fit.source, fit, "given"), "source is 'given', expected start or gravity, or given with bias_dps="),
+        (lambda fit: tinygc.rebias(fit.source, fit, "given", bias_dps=(1, 2)), "expected three numbers"),
+        (lambda fit: tinygc.rebias(fit.source, 3.0), "model is of type float, expected a Calibration"),
+        (lambda fit: tinygc.plan(fit.source, count=0), "count is 0, expected a whole number"),
+        (lambda fit: tinygc.apply(fit, np.zeros((2, 3)), "x.csv"), "apply: out goes with a log file, and data is a ndarray"),
+        (lambda fit: tinygc.apply(fit, "x.csv"), "give out=, the log to write"),
+        (lambda fit: tinygc.apply(fit, fit.session.logs[0], unit="dps"), "acc, temp and unit go with rates"),
+        (lambda fit: tinygc.apply(fit, "x.csv", "y.csv", gyro_fs_dps="fast"), "gyro_fs_dps is 'fast', expected a number above 0"),
+        (lambda fit: fit.model(np.zeros((2, 3)), unit="degrees"), "unit is 'degrees', expected one of mdps, dps"),
+        (lambda fit: fit.model("abc"), "raw is not made of numbers"),
+        (lambda fit: tinygc.Calibration(fit.model.model, -5), "rate_hz is -5"),
     ],
 )
-def test_options_that_cannot_be_are_refused_in_one_line(simulated, choices, complaint):
-    with pytest.raises(CalibrationError, match=complaint):
-        tinygc.fit(simulated.session, **choices)
+def test_what_a_fit_cannot_be_asked_is_one_line(fits, call, complaint):
+    with pytest.raises(CalibrationError, match=re.escape(complaint)) as caught:
+        call(fits[0])
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_is_written_over_what_is_read(fits, folders, tmp_path):
+    log = tmp_path / "log.csv.gz"
+    log.write_bytes((folders[0] / "log0001.csv.gz").read_bytes())
+    (tmp_path / "link.csv.gz").symlink_to(log)
+    for out in (log, tmp_path / "link.csv.gz"):
+        with pytest.raises(CalibrationError, match="is what is read, and nothing is written over it"):
+            tinygc.apply(fits[0], log, out, gyro_fs_dps=500, accel_fs_g=4)
+    with pytest.raises(CalibrationError, match="no result is written over one"):
+        fits[0].report(folders[0] / "log0001.csv.gz", explain=False)
+    assert log.read_bytes() == (folders[0] / "log0001.csv.gz").read_bytes()
+
+
+# A model leaves the tool only beside figures that say that it may
+
+
+def edited(folder, out, change):
+    """A copy of the fitted folder whose fit.json was changed."""
+    made = shutil.copytree(folder, out, ignore=shutil.ignore_patterns("export", "report*"))
+    path = made / "fit" / "fit.json"
+    table = json.loads(path.read_text())
+    change(table)
+    path.write_text(json.dumps(table))
+    return made
 
 
 @pytest.mark.parametrize(
-    ("settings", "complaint"),
+    ("without", "says"),
     [
-        ({"protocol": Protocol(reference="truth")}, 'reference is "truth"; arrays have "gravity", or "truth" with truth='),
-        ({"protocol": Protocol(reference="table")}, 'reference is "table"; arrays have "gravity"'),
-        ({"closures": [(1, 2)]}, "each of closures is"),
-        ({"name": "../etc"}, "expected one word"),
-        ({"gyro_fs_dps": -5}, "gyro_fs_dps is -5, expected the full scale"),
+        ("session", "session is missing, expected text"),
+        ("against_raw", "against_raw is missing, expected a table"),
+        ("segments.used", "segments.used is missing, expected a whole number of at least 0"),
+        ("methods.least_squares", "methods.least_squares is missing, expected how well that model closes held-out turns"),
+        ("noise.gyro_dps_rthz", "noise.gyro_dps_rthz is missing, expected 3 numbers"),
+        ("against_raw.tilt_rms_deg", "against_raw.tilt_rms_deg is missing, expected a number from 0 to 10000 or null"),
     ],
 )
-def test_settings_that_arrays_cannot_have_are_refused(settings, complaint):
-    with pytest.raises(DataError, match=complaint):
-        tinygc.Session.from_arrays([0.0, 0.01, 0.02], np.zeros((3, 3)), np.zeros((3, 3)), **settings)
+def test_a_fit_that_does_not_say_whether_its_model_may_leave_is_no_permission(without, says, folders, tmp_path, run):
+    *above, last = without.split(".")
+    folder = edited(folders[0], tmp_path / "s", lambda table: (table[above[0]] if above else table).pop(last))
+    code, _, err = run("export", folder, "--to", "px4")
+    assert (code, err) == (2, f"calibrate: {folder / 'fit' / 'fit.json'}: {says}; run `python calibrate.py fit {folder}` again\n")
+    assert not (folder / "export").exists()
 
 
-def test_a_gap_in_what_is_needed_is_no_rate(fitted, simulated):
-    raw = simulated.session.logs[0].samples.gyro[:20].copy()
-    raw[7, 1] = np.nan
-    with pytest.raises(CalibrationError, match=r"raw\[7\] is not finite"):
-        fitted.model(raw)
-    with pytest.raises(CalibrationError, match=r"raw\[0\] is not finite"):
-        fitted.model.live()(raw[7])
-    with pytest.raises(CalibrationError, match="raw is not made of numbers"):
-        fitted.model("abc")
-    with pytest.raises(CalibrationError, match="rate_hz is -5"):
-        Calibration(fitted.model.model, -5)
+@pytest.mark.parametrize(("held", "by"), [(99.0, "with 99 deg"), (None, "by no number that fit.json knows")])
+def test_a_model_that_is_worse_than_raw_leaves_only_if_somebody_insists(held, by, folders, tmp_path, run):
+
+    def worse(table):
+        table["segments"]["used"] = 30  # enough for a verdict
+        table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"] = held
+
+    folder = edited(folders[0], tmp_path / "s", worse)
+    code, _, err = run("export", folder, "--to", "px4")
+    assert (code, f"{by}, worse than the raw rates" in err) == (2, True)
+    code, _, err = run("export", folder, "--to", "px4", "--anyway")
+    assert (code, "--anyway" in err) == (0, True)
+
+
+def test_a_sensor_without_errors_is_better_off_without_twelve_parameters(tmp_path, run):
+    """Few turns, and twelve parameters that follow their noise: raw is better, which fit and report say, and which is a fail."""
+    none = dict.fromkeys(("gyro_scale_error", "gyro_misalignment", "gyro_bias_dps", "bias_instability_dph", "latitude_deg"), 0.0)
+    made = tinygc.simulate(segments=13, closure_s=0.0, odr_hz=104.0, seed=2, **none)
+    code, _, err = run("fit", made.save(tmp_path / "s"), "--methods", "least_squares", "--bias", "ends", "--quiet")
+    table = json.loads((tmp_path / "s" / "fit" / "fit.json").read_text())
+    assert (code, "Held out worse than raw" in err) == (1, True)
+    assert table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"] > table["against_raw"]["tilt_rms_deg"]
+    assert (table["against_raw"]["worse"], table["against_raw"]["passed"]) == (["least_squares"], False)
+
+
+def test_export_takes_noise_figures_beside_the_model_and_names_what_is_not_there(folders, tmp_path, run):
+    folder = edited(folders[0], tmp_path / "s", lambda table: None)
+    for words, says in (
+        (("--model", "pso"), "no model_pso.json"),
+        (("--model", tmp_path / "none.json"), "none.json"),
+        (("--inflation", "walking"), "its factors stand in noise.json, and there is none"),
+    ):
+        code, _, err = run("export", folder, "--to", "kalibr", *words)
+        assert (code, err.count("\n"), says in err) == (2, 1, True)
+    (folder / "fit" / "noise.json").write_text(json.dumps(to_json(figures(inflations=(WALKING,)))), encoding="utf-8")
+    for words, density in (((), 5e-4), (("--inflation", "walking"), 1.5e-3)):
+        assert run("export", folder, "--quiet", "--to", "openvins", *words)[0] == 0
+        text = (folder / "export" / "kalibr_imu_chain.yaml").read_text(encoding="utf-8")
+        assert yaml.safe_load(text.removeprefix("%YAML:1.0\n"))["imu0"]["gyroscope_noise_density"] == pytest.approx(density)
+        assert "NOT CALIBRATED" not in text
+    shutil.rmtree(folder / "fit")
+    assert "calibrate.py fit" in run("export", folder, "--to", "json")[2]

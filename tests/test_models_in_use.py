@@ -1,85 +1,42 @@
-"""Models in use: whole logs, logs in pieces, sample by sample."""
+"""Models in use: whole logs, logs in pieces, sample by sample, and whatever somebody asks of them."""
 
 import json
 
 import numpy as np
 import pytest
-from conftest import broad
-from models_in_use import KNOWN, MODELS, RNG, SAMPLES, physics
+from models_in_use import MODELS, RNG, SAMPLES, physics
 
 import tinygc
-from session.io.results import write_whole
 from session.io.samples import Samples
 from session.io.units import G
 from tinygc import CalibrationError, models
 from tinygc.deploy.calibration import Calibration
-from tinygc.effects import catalogue, movement_of
+from tinygc.effects import catalogue
 
 RATE_EFFECTS = [name for name, effect in catalogue().items() if effect.kind == "rate" and not effect.scan and "saturation" not in name]
-
-
-def whole(model):
-    """What the fit itself makes of the log."""
-    return model.calibrate(SAMPLES) if not model.rates_only else model(SAMPLES.gyro)
+LOG = (SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_log_is_calibrated_as_in_the_fit(name):
-    model = MODELS[name]
-    omega = Calibration(model, 1 / SAMPLES.period_s)(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    # The log's stamps are whole microseconds, the pieces' an even step: a microsecond of angular acceleration.
-    np.testing.assert_allclose(omega, whole(model), rtol=0, atol=1e-6 if not model.rates_only else 1e-12)
-
-
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("piece", [1, broad(7), 100, broad(5000)])
-def test_pieces_join_without_a_seam(name, piece):
+def test_a_log_is_calibrated_as_in_the_fit_whole_in_pieces_and_sample_by_sample(name):
     model = MODELS[name]
     calibration = Calibration(model, 1 / SAMPLES.period_s)
-    stream, parts = calibration.stream(), []
-    for start in range(0, len(SAMPLES), piece):
-        part = SAMPLES.between(start, start + piece)
-        parts.append(stream.push(part.gyro, part.accel, part.temp_c))
-    parts.append(stream.flush())
-    expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    assert np.shape(np.concatenate(parts)) == np.shape(expected)
-    np.testing.assert_allclose(np.concatenate(parts), expected, rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["linear", "net", "denoised", broad("net behind physics")])
-def test_sample_by_sample_gives_the_same(name):
-    calibration = Calibration(MODELS[name], 1 / SAMPLES.period_s)
-    expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    for _ in range(2):  # and again with another stream, whatever the first has remembered
-        live = calibration.live()
-        one_by_one = [live(*sample) for sample in zip(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c, strict=True)]
-        np.testing.assert_allclose(one_by_one, expected, rtol=0, atol=1e-11)
-
-
-def test_a_single_sample_is_told_where_it_belongs():
-    with pytest.raises(CalibrationError, match=r"one sample \(3,\); live\(\)"):
-        Calibration(MODELS["linear"])(SAMPLES.gyro[0])
-    with pytest.raises(CalibrationError, match=r"raw has shape \(2, 3\), expected \(3,\)"):
-        Calibration(MODELS["linear"]).live()(SAMPLES.gyro[:2])
-
-
-def test_a_saved_model_is_the_file_it_was_read_from(tmp_path):
-    path = tmp_path / "linear.json"
-    write_whole(path, models.to_dict(MODELS["linear"], covariance=np.eye(12).tolist(), note="kept"))
-    again = tinygc.load(path).save(tmp_path / "again.json")
-    assert again.read_bytes() == path.read_bytes()
-    assert Calibration(MODELS["net"]).save(tmp_path / "net.json").exists()
-    assert tinygc.load(tmp_path / "net.json").model.kind == "tinygc"
-
-
-def test_whole_logs_do_not_disturb_a_live_stream():
-    calibration = Calibration(MODELS["denoised"])
-    expected = calibration(SAMPLES.gyro[:60])
-    live, answers = calibration.live(), []
-    for sample in SAMPLES.gyro[:60]:
-        answers.append(live(sample))
-        calibration(SAMPLES.gyro[200:300])
-    np.testing.assert_allclose(answers, expected, atol=1e-12)
+    omega = calibration(*LOG)
+    # The log's stamps are whole microseconds, the pieces' an even step: a microsecond of angular acceleration.
+    expected = model(SAMPLES.gyro) if model.rates_only else model.calibrate(SAMPLES)
+    np.testing.assert_allclose(omega, expected, rtol=0, atol=1e-12 if model.rates_only else 1e-6)
+    for piece in (1, 7, 100, 5000):
+        stream = calibration.stream()
+        parts = [stream.push(*(part[start : start + piece] for part in LOG)) for start in range(0, len(SAMPLES), piece)]
+        np.testing.assert_allclose(np.concatenate([*parts, stream.flush()]), omega, rtol=0, atol=1e-11)
+    if calibration.looks_ahead:
+        return
+    live, other, answers = calibration.live(), calibration.live(), []
+    for sample in zip(*(part[:150] for part in LOG), strict=True):
+        answers.append(live(*sample))
+        other(*(-part for part in sample))  # another stream, and a whole log, disturb none
+        calibration(*(part[200:210] for part in LOG))
+    np.testing.assert_allclose(answers, omega[:150], rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", RATE_EFFECTS)
@@ -105,28 +62,30 @@ def test_what_effects_declare_that_they_look_at_is_true(name):
     assert (later or around) == ("rate_hz" in needs)
 
 
-def test_what_a_model_needs_is_asked_by_name(tmp_path):
-    path = tmp_path / "model.json"
-    path.write_text(json.dumps(models.to_dict(physics("gyro.g_sensitivity", "gyro.thermal_bias"))))
-    model = tinygc.load(path)
-    assert model.needs == ("acc", "temp")
-    with pytest.raises(CalibrationError, match="acc"):
-        model(SAMPLES.gyro)
-    with pytest.raises(CalibrationError, match="temp"):
-        model(SAMPLES.gyro, SAMPLES.accel)
-    with pytest.raises(CalibrationError, match="shape"):
-        model(SAMPLES.gyro, SAMPLES.accel[:-1], SAMPLES.temp_c)
-    with pytest.raises(CalibrationError, match=r"\(4,\)"):
-        model(np.zeros(4))
-    with pytest.raises(CalibrationError, match="rate_hz"):
-        Calibration(physics("gyro.bias_drift"))(SAMPLES.gyro)
-    with pytest.raises(CalibrationError, match="live"):
-        Calibration(physics("gyro.bandwidth"), 208.0)(SAMPLES.gyro[0])
+def test_a_saved_model_is_the_file_it_was_read_from_and_the_unit_of_force_is_the_fits(tmp_path):
+    path, model = tmp_path / "g.json", physics("gyro.g_sensitivity")
+    path.write_text(json.dumps(models.to_dict(model, covariance=np.eye(21).tolist(), note="kept")))
+    again = tinygc.load(tinygc.load(path).save(tmp_path / "again.json"))
+    assert json.loads((tmp_path / "again.json").read_text()) == json.loads(path.read_text())
+    K = np.reshape(model.claims[0].theta, (3, 3))  # rad/s per g
+    linear = MODELS["linear"](SAMPLES.gyro[:9])
+    np.testing.assert_allclose(again(SAMPLES.gyro[:9], SAMPLES.accel[:9]), linear - SAMPLES.accel[:9] / G @ K.T, rtol=1e-12)
 
 
-# The command
-
-
-def test_gravity_unit_is_the_fits():
-    """force_g in the effects is the specific force over standard gravity."""
-    assert movement_of(SAMPLES, SAMPLES.gyro, KNOWN).force_g[0] == pytest.approx(SAMPLES.accel[0] / G)
+@pytest.mark.parametrize(
+    ("effects", "given", "says"),
+    [
+        ((), (SAMPLES.gyro[0],), r"one sample \(3,\); live\(\)"),
+        ((), (np.zeros(4),), r"\(4,\)"),
+        (("gyro.g_sensitivity", "gyro.thermal_bias"), (SAMPLES.gyro,), "acc"),
+        (("gyro.g_sensitivity", "gyro.thermal_bias"), (SAMPLES.gyro, SAMPLES.accel), "temp"),
+        (("gyro.g_sensitivity",), (SAMPLES.gyro, SAMPLES.accel[:-1]), "shape"),
+        (("gyro.bias_drift",), (SAMPLES.gyro,), "rate_hz"),
+        (("gyro.bandwidth",), (SAMPLES.gyro[0],), "live"),
+    ],
+)
+def test_what_a_model_needs_is_asked_by_name(effects, given, says):
+    with pytest.raises(CalibrationError, match=says):
+        Calibration(physics(*effects), 208.0 if "gyro.bandwidth" in effects else None)(*given)
+    with pytest.raises(CalibrationError, match=r"raw has shape \(2, 3\), expected \(3,\)"):
+        Calibration(MODELS["linear"]).live()(SAMPLES.gyro[:2])

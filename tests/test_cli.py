@@ -1,15 +1,78 @@
-"""The command line: one clear line and exit code 2 for whatever is wrong; results that other programs can read."""
+"""The command line: its screens as they stand in tests/screens, its streams, its exit codes, and one clear line for what is refused."""
 
 import json
+import os
+import re
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
-import numpy as np
 import processes
 import pytest
 from commandline import HEADER, QUICK, refused, spoil
-from conftest import ROOT, broad
+from conftest import ROOT, SESSION_TOML, Table, broad, write_session
+from formats_page import strangers
+
+from tinygc.cli.arguments import parser
+from tinygc.cli.commands import COMMANDS
+
+SCREENS = Path(__file__).parent / "screens"
+
+# Screens: of the recording of the checkout, and of a session of four turns.  TINYGC_SCREENS=write writes them anew.
+
+
+def masked(text: str) -> str:
+    """The words: numbers and the widths of columns left out."""
+    text = re.sub(r"[-−+]?\d[\d.,\u202f]*(e[-+]\d+)?", "#", text)
+    text = re.sub(r"[─━═╭╮╰╯│┃▁▂▃▄▅▆▇█ \t]+", " ", text)
+    return "\n".join(line.strip() for line in text.splitlines() if line.strip()) + "\n"
+
+
+@pytest.fixture(scope="module")
+def four(tmp_path_factory):
+    """A session of four turns."""
+    return write_session(
+        tmp_path_factory.mktemp("screens") / "four",
+        Table().tumble(4, seed=2).samples(odr_hz=104),
+        toml=SESSION_TOML.replace("208.0", "104.0"),
+    )
+
+
+LINES = {
+    "recording": (
+        "check recording",
+        "fit recording --methods least_squares --folds 2 --out fit --verbose",
+        "apply fit/model_least_squares.json recording/log0001.csv.gz -o out.csv",
+    ),
+    "four": (
+        "check four",
+        "fit four --out fitted",
+        "plan four --count 2",
+        "list four",
+        "accelerometer four --out copy",
+        "import four/log0001.csv --out again --gyro-fs 500 --accel-fs 4",
+        "simulate --segments 3 --closure 0 --odr-hz 104 --out made",
+        "sensors ASM330LHH",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", [broad("recording"), "four"])
+def test_the_screens_are_as_they_stand(name, run, four, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("recording").symlink_to(ROOT / "data" / "session1")
+    Path("four").symlink_to(four)
+    said = []
+    for line in LINES[name]:
+        code, out, err = run(*line.split())
+        said.append(f"$ calibrate {line}\n{masked(out)}--\n{masked(err)}exit code {code}\n")
+    path, found = SCREENS / f"{name}.txt", "\n".join(said)
+    if os.environ.get("TINYGC_SCREENS") == "write":
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(found, encoding="utf-8")
+    assert found == path.read_text(encoding="utf-8")
+
 
 # Streams
 
@@ -20,123 +83,225 @@ def command_line(*arguments, shell="", **environment):
     return processes.run(["bash", "-c", f"{words} {shell}"], capture_output=True, env=processes.environment(**environment))
 
 
-@pytest.mark.broad
-def test_json_in_an_encoding_without_our_signs_loses_none(folder):
-    spoilt = folder / "session.toml"
-    spoilt.write_text(spoilt.read_text() + "é = 1\n", encoding="utf-8")  # broken TOML, quoted in the finding
-    spoilt.write_text(spoilt.read_text().replace("é", '"é"'), encoding="utf-8")
+@pytest.mark.parametrize(
+    ("shell", "code", "says"),
+    [
+        (">&- 2>&-", 0, ""),
+        ("| true; exit ${PIPESTATUS[0]}", 0, ""),
+        (">/dev/full", 2, "calibrate: standard output: No space left on device\n"),
+    ],
+)
+def test_a_reader_that_has_gone_is_no_error_and_a_full_disk_is_named(shell, code, says):
+    done = command_line("sensors", shell=shell)
+    assert (done.returncode, done.stderr.decode()) == (code, says)
+
+
+def test_json_has_standard_output_to_itself_in_an_encoding_without_our_signs(folder):
+    """What it quotes of a file is not lost; nor is a terminal's escape printed."""
+    path = folder / "session.toml"
+    path.write_text('"é" = 1\n' + path.read_text(encoding="utf-8"), encoding="utf-8")
     done = command_line("check", folder, "--json", "-", PYTHONIOENCODING="ascii")
+    assert done.stdout.isascii()
     assert any("é" in finding["description"] for finding in json.loads(done.stdout)["findings"])
 
 
-@pytest.mark.parametrize("closed", [">&- 2>&-", broad(">&-"), broad("2>&-")])
-def test_closed_streams_are_no_error(folder, closed):
-    done = command_line("check", folder, shell=closed)
-    assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
-
-
-@pytest.mark.broad
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_a_full_standard_output_is_named_and_the_models_are_saved(folder):
-    done = command_line("fit", folder, *QUICK[:2], "--folds", "2", shell=">/dev/full")
-    assert done.returncode == 2
-    assert done.stderr.decode().strip().split("\n")[-1] == "calibrate: standard output: No space left on device"
-    assert (folder / "fit" / "model_least_squares.json").exists()
-    done = command_line("check", folder, "--json", "-", shell=">/dev/full")
-    assert (done.returncode, done.stderr.decode()) == (2, "calibrate: standard output: No space left on device\n")
-
-
-def test_json_has_standard_output_to_itself_without_quiet(run, folder, tmp_path):
-    code, out, _ = run("check", folder, "--json", "-")
-    assert (code, json.loads(out)["schema"]) == (0, "tinygc-check/2")
-    assert json.loads(run("fit", folder, *QUICK[:2], "--folds", "2", "--json", "-")[1])["schema"] == "tinygc-fit/2"
-    assert json.loads(run("simulate", "--out", tmp_path / "made", "--segments", 3, "--closure", 0, "--json", "-")[1])["folder"]
-
-
 def test_what_a_file_holds_is_never_printed_raw(run, folder):
+    path = folder / "session.toml"
+    text = path.read_text()
+    path.write_text(text + '[notes]\n"[red]" = [1]\n')
+    assert "notes.[red] is a list of 1, expected text" in " ".join(run("check", folder)[1].split())
+    path.write_text(text)
     spoil(folder, lambda lines: [lines[0], "\x1b[31m\x07" + HEADER.replace("gx", "g\x1b[0m"), *lines[2:]])
     refused(run("fit", folder, *QUICK), "\\x1b[31m")
-    assert "\x1b" not in run("fit", folder, *QUICK)[2] + run("check", folder)[1]
+    assert "\x1b" not in "".join(run("check", folder)[1:])
     spoil(folder, lambda lines: ["# serial=\x1b[31mS", HEADER, *lines[2:]])
     assert "\\x1b[31mS" in run("check", folder)[1]
 
 
-def test_square_brackets_are_printed_as_they_are(run, folder):
-    path = folder / "session.toml"
-    path.write_text(path.read_text() + '[notes]\n"[red]" = [1]\n')
-    assert "notes.[red] is a list of 1, expected text" in " ".join(run("check", folder)[1].split())
+@pytest.mark.parametrize("command", ["", "fit"])
+def test_help_imports_nothing_heavy(command):
+    code = f"try: calibrate.main({[*command.split(), '--help']!r})\nexcept SystemExit as e: assert e.code == 0"
+    script = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import calibrate\n{code}\nprint(*sys.modules, file=sys.stderr)"
+    done = processes.run([sys.executable, "-c", script], capture_output=True, text=True)
+    loaded = set(done.stderr.strip().split("\n")[-1].split())
+    assert "calibrate" in loaded
+    assert {"torch", "scipy", "numpy", "rich.console"}.isdisjoint(loaded)
 
 
 # What comes out
 
 
-def test_json_has_the_keys_of_formats(run, folder, tmp_path):
-    path = tmp_path / "fit.json"
-    assert run("fit", folder, "--quiet", "--json", path, "--methods", "raw,least_squares,tinygc") == (0, "", "")
-    table = json.loads(path.read_text())
-    assert {"schema", "session", "stills", "segments", "noise", "methods", "closure_runs"} <= set(table)
-    assert table["schema"] == "tinygc-fit/2"
-    assert table["stills"] == 11
-    assert {key: table["segments"][key] for key in ("found", "used", "rejected")} == {"found": 10, "used": 10, "rejected": []}
-    assert {"gyro_dps_rthz", "accel_g_rthz", "closure_floor_rms_deg"} <= set(table["noise"])
-    assert [len(table["noise"][key]) for key in ("gyro_dps_rthz", "accel_g_rthz")] == [3, 3]
-    assert {name: method["parameters"] for name, method in table["methods"].items()} == {"raw": 0, "least_squares": 12, "tinygc": 27}
-    for method in table["methods"].values():
-        assert set(method) == {"parameters", "seconds", "train", "holdout"}
-        for part in ("train", "holdout"):
-            assert set(method[part]) == {"tilt_rms_deg", "roll_rms_deg", "pitch_rms_deg", "yaw_rms_deg"}
-            assert method[part]["yaw_rms_deg"] is None
-    (closure_run,) = table["closure_runs"]
-    assert closure_run["file"] == "closure0001.csv.gz"
-    assert closure_run["duration_s"] > 15
-    for name in ("raw", "least_squares", "tinygc"):
-        figures = closure_run[name]
-        assert set(figures) == {"roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"}
-        assert figures["rmse_deg"] == pytest.approx(np.sqrt(np.mean([figures[f"{a}_deg"] ** 2 for a in ("roll", "pitch", "yaw")])))
-    assert sorted(p.name for p in (folder / "fit").iterdir()) == [
-        "fit.json", "fitted.json", "model_least_squares.json", "model_raw.json", "model_tinygc.json",
-    ]  # fmt: skip
-    assert json.loads((folder / "fit" / "fit.json").read_text()) == table
+def test_limit_is_exit_code_1_and_says_which_figure_failed_and_a_session_that_may_only_be_read_is_fitted(
+    run, folder, monkeypatch, tmp_path
+):
+    """--out DIR takes models and figures, makes its parents, and leaves the session as it was."""
+    make = Path.mkdir
 
+    def refuse(self, *args, **settings):
+        if folder in (self, *self.parents):
+            raise PermissionError(13, "Permission denied", str(self))
+        return make(self, *args, **settings)
 
-def test_limit_is_exit_code_1_and_says_which_figure_failed(run, folder):
-    code, out, err = run("fit", folder, *QUICK, "--limit", "1e-6")
-    assert (code, out, err.count("\n")) == (1, "", 1)
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    out = tmp_path / "results" / "first"
+    assert run("fit", folder, *QUICK, "--limit", "45", "--out", out) == (0, "", "")
+    assert sorted(path.name for path in out.iterdir()) == ["fit.json", "fitted.json", "model_least_squares.json"]
+    code, said, err = run("fit", folder, *QUICK, "--limit", "1e-6", "--out", out)
+    assert (code, said, err.count("\n")) == (1, "", 1)
     for words in ("--limit 1e-06", "segments, held out, rms of tilt: 0.0", "closure0001.csv.gz, RMSE: 0.0"):
         assert words in err
-    assert run("fit", folder, *QUICK, "--limit", "45") == (0, "", "")
+    refused(run("fit", folder, *QUICK), "Permission denied", str(folder))
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_check_has_exit_codes_and_json(run, folder, tmp_path):
-    path = tmp_path / "check.json"
-    assert run("check", folder, "--quiet", "--json", path)[0] == 0
-    table = json.loads(path.read_text())
-    assert table["schema"] == "tinygc-check/2"
-    assert {"level", "where", "what", "description", "advice"} == set(table["findings"][0])
-    spoil(folder, lambda lines: lines[:2])
-    code, out, err = run("check", folder)
+@pytest.mark.parametrize("command", ["fit", "explain"])
+def test_what_cannot_be_written_is_found_before_the_work(run, tmp_path, command):
+    """The session is none: nobody has looked at it, and no trial leaves a trace."""
+    (tmp_path / "file").write_text("mine")
+    before = sorted(tmp_path.rglob("*"))
+    refused(run(command, tmp_path, "--out", tmp_path / "file" / "sub"), "file", "--out")
+    refused(run(command, tmp_path, "--json", tmp_path / "none" / "x.json"), "x.json", "--json")
+    refused(run(command, tmp_path, "--json", tmp_path), "--json")
+    refused(run(command, tmp_path, "--out", tmp_path / "new" / "er", "--json", tmp_path / "new" / "er" / "x.json"), "session.toml")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_of_several_folders_each_goes_by_itself_and_the_worst_code_counts(run, four, folder, tmp_path):
+    place, words = tmp_path / "out", ("--methods", "least_squares", "--quiet", "--out", tmp_path / "out")
+    code, out, err = run("fit", four, folder, *words, "--json", tmp_path / "fits.json")
     assert code == 2
-    assert "no samples" in out
-    assert "Traceback" not in err
+    (line,) = err.strip().splitlines()
+    assert line.startswith(f"calibrate: {four}")
+    assert "FAILED" in out
+    table = json.loads((tmp_path / "fits.json").read_text())
+    assert not strangers(table)
+    assert [(entry["exit_code"], entry["error"] is None) for entry in table["sessions"]] == [(2, False), (0, True)]
+    assert json.loads((place / folder.name / "fit.json").read_text()) == table["sessions"][1]["result"]
+    assert [path.name for path in place.iterdir()] == [folder.name]
+    shutil.copytree(folder, tmp_path / "other" / folder.name)
+    refused(run("fit", folder, tmp_path / "other" / folder.name, *words), "would both go to", "rename one")
+    refused(run("report", folder, four, "--out", tmp_path / "r.html"), "leave --out out")
 
 
-@pytest.mark.broad
-def test_a_reader_that_has_gone_is_no_error(folder):
-    script = f"{sys.executable} {ROOT / 'calibrate.py'} check {folder} | true; exit ${{PIPESTATUS[0]}}"
-    done = processes.run(["bash", "-c", script], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+def test_list_says_what_lies_there(run, four, tmp_path):
+    top = tmp_path / "data"
+    for name in ("a", "broken", "deeper/still/d", "lost"):
+        shutil.copytree(four, top / name)
+    (top / "deeper/still/d/raw.times").write_text("host_ns,bytes,event\n71,0,open 2026-03-02T10:20:30Z /dev/ttyACM0\n72,0,\n")
+    with (top / "a" / "session.toml").open("a") as file:
+        file.write("\n[notes]\ndate = 2026-01-31\n")
+    (top / "a" / "fit").mkdir()
+    (top / "a" / "fit" / "fit.json").write_text('{"schema": "tinygc-fit/2", "methods": 3}')
+    (top / "broken" / "session.toml").write_text("[sensor")
+    (top / "lost" / "session.toml").unlink()
+    (top / "no session").mkdir()
+    code, out, err = run("list", top, "--json", tmp_path / "list.json")
+    assert (code, err) == (0, "")
+    table = json.loads((tmp_path / "list.json").read_text())
+    assert not strangers(table)
+    found = {os.path.relpath(entry["folder"], top): entry for entry in table["sessions"]}
+    assert list(found) == ["a", "broken", "deeper/still/d", "lost"]
+    assert all(name in out for name in found)
+    assert (found["deeper/still/d"]["date"], found["deeper/still/d"]["date_from"]) == ("2026-03-02T10:20:30+00:00", "port")
+    assert (found["a"]["date"], found["a"]["date_from"], found["a"]["logs"]) == ("2026-01-31", "notes", 1)
+    for name, problem in (("a", "methods is 3"), ("broken", "broken TOML"), ("lost", "session.toml: not found")):
+        assert problem in found[name]["problem"]
+    assert "no session here" in run("list", top / "no session")[1]
+    refused(run("list", top / "nowhere"), "no folder")
 
 
-def modules_after(code):
-    script = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import calibrate\n{code}\nprint(' '.join(sys.modules), file=sys.stderr)"
-    done = processes.run([sys.executable, "-c", script], capture_output=True, text=True)
-    return set(done.stderr.strip().split("\n")[-1].split())
+# What is refused, in one line
 
 
-@pytest.mark.parametrize("command", ["", "fit"])
-def test_help_imports_nothing_heavy(command):
-    arguments = [*command.split(), "--help"]
-    loaded = modules_after(f"try: calibrate.main({arguments!r})\nexcept SystemExit as e: assert e.code == 0")
-    assert "calibrate" in loaded
-    assert {"torch", "scipy", "numpy", "rich.console"}.isdisjoint(loaded)
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("fly", "; see --help"),
+        ("fit", "; see --help"),
+        ("fit x --methods magic", "; see --help"),
+        ("fit x --methods ,", "; see --help"),
+        ("fit x --folds 1", "; see --help"),
+        ("fit x --seed -1", "; see --help"),
+        ("fit x --limit 0", "; see --help"),
+        *((f"board {flag} {bad}", "; see --help") for flag in ("--rate", "--lead", "--uptime") for bad in ("nan", "inf", "-1", "1e300")),
+        ("chek x", "'chek' is no command; is 'check' meant?"),
+        ("zzz", "'zzz' is no command, expected demo, sensors, ports"),
+        ("fit x --limmit 0.1", "fit has no option --limmit; is '--limit' meant?"),
+        ("export x --to kaliber", "argument --to: 'kaliber' is no choice, expected json, kalibr,"),
+        ("export x --to kaliber", "is 'kalibr' meant?"),
+        ("fit x --methods least-squares", "is 'least_squares' meant?"),
+        ("fit x --bias still", "is 'stills' meant?"),
+        *((f"fit x --exclude={text}", "no list of segment numbers") for text in ("", "-1", "3,,4", "three", "1_0")),
+        ("simulate", "; see --help"),
+        ("completion tcsh", "; see --help"),
+        ("simulate --out NEW --effect gyro.thermal_bias", "without its parameters; give ID=JSON such as 'gyro.thermal_bias={"),
+        *(
+            (f"simulate --out NEW {words}", words.split()[0].lstrip("-").replace("-", "_"))
+            for words in (
+                "--odr-hz 200",
+                "--latitude-deg 95",
+                "--gyro-fs-dps 300",
+                "--segments 0",
+                "--segments 2001",
+                "--closure 3",
+                "--gyro-noise-dps-rthz inf",
+                "--temperature-start-c nan",
+                "--vigour inf",
+            )
+        ),
+    ],
+)
+def test_bad_usage_is_one_line_with_the_nearest_word(run, tmp_path, words, says):
+    code, out, err = run(*words.replace("NEW", str(tmp_path / "s")).split())
+    refused((code, out, err.replace("-", "_") if "simulate --out NEW --" in words and "effect" not in words else err), says)
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize(("text", "name"), [("ros2", "ros"), ("X_IO", "xio"), ("Fusion", "xio"), ("PX4", "px4"), ("C99", "c")])
+def test_formats_are_understood_in_other_spellings(text, name):
+    assert parser(["export"]).parse_args(["export", "x", "--to", text]).to == name
+    args = parser().parse_args(["fit", "--exclude", "3", "--exclude=4, 5", "folder"])
+    assert (args.folder, args.exclude) == (Path("folder"), [3, 4, 5])
+
+
+# Tab completion: the scripts as the shells themselves run them
+
+#: what is typed -> some of what is offered; what is not
+TYPED = [
+    ("calibrate ", set(COMMANDS) | {"--version"}, {"--json"}),
+    ("calibrate re", {"record", "report"}, {"fit"}),
+    ("calibrate fit --acc", {"--accelerometer"}, {"--json"}),
+    ("calibrate fit --quiet --bi", {"--bias", "--bias-dps", "--bias-per-log"}, {"--bi"}),
+    ("calibrate fit --bias ", {"auto", "ends", "stills", "gravity"}, {"--json"}),
+    ("calibrate fit --folds ", set(), {"log"}),
+    ("calibrate completion ", {"bash", "zsh", "fish"}, {"fit"}),
+    ("calibrate --q", set(), {"--quiet"}),
+]
+
+
+@pytest.mark.parametrize("shell", ["bash", "fish", "zsh"])
+def test_a_shell_completes(shell, run, tmp_path):
+    code, script, err = run("completion", shell)
+    assert (code, err) == (0, "")
+    options = {flag for name in ("fit", "record") for flag in re.findall(r"(?<!\w)--[a-z-]+", run(name, "--help")[1])} - {"--help"}
+    assert all((flag if shell != "fish" else f"-l {flag[2:]}") in script for flag in options)
+    if shell == "zsh" or shutil.which(shell) is None:
+        return
+    (tmp_path / "script").write_text(script)
+    if shell == "fish":
+        asks = [f"complete -C '{typed}'; echo ---" for typed, _, _ in TYPED]
+    else:
+        asks = [
+            f"COMP_WORDS=({' '.join(map(shlex.quote, words))}); COMP_CWORD={len(words) - 1}; _calibrate_complete 2>&1;"
+            'echo "${COMPREPLY[@]}" | tr " " "\\n"; echo ---'
+            for words in (typed.split(" ") for typed, _, _ in TYPED)
+        ]
+    how = ["fish", "--no-config"] if shell == "fish" else ["bash", "--norc"]
+    done = processes.run([*how, "-c", "\n".join([f". {tmp_path}/script", *asks])], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    pieces = [{line.split("\t")[0] for line in piece.splitlines()} - {""} for piece in done.stdout.split("---\n")[:-1]]
+    for (typed, some, none), words in zip(TYPED, pieces, strict=True):
+        assert some - {"--version"} <= words, typed
+        assert not none & words, typed
+        assert words or not some, typed

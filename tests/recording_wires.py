@@ -10,13 +10,11 @@ import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until, wait
+from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until
 
 from session.bench.decoder import StreamDecoder
 from session.bench.logwriter import LogWriter
 from session.bench.recorder import Recorder, stream
-from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import HostClock
 
 LEAD_S = 3  #: of the virtual boards
 #: of a board whose reader may be late by any time
@@ -52,53 +50,6 @@ def virtual_boards(folder: Path) -> Iterator[Callable[..., Path]]:
             return port
 
         yield start
-
-
-class CountedTerminal(Terminal):
-    """taken: bytes, since the cable was last plugged, that the system has for a reader, who may not have read them yet."""
-
-    taken = 0
-
-    def plug(self) -> None:
-        super().plug()
-        self.taken = 0
-
-    def write(self, data: bytes) -> bool:
-        waited = len(self._waiting)
-        fits = super().write(data)
-        if self.has_reader:
-            self.taken += waited + (len(data) if fits else 0) - len(self._waiting)
-        return fits
-
-    @property
-    def waits(self) -> bool:
-        """Whether there is more than the system takes."""
-        return bool(self._waiting)
-
-
-class PatientClock(HostClock):
-    """Simulated time for a board: it passes when its reader has read all, or has noticed that the cable is out."""
-
-    def __init__(self, terminal: CountedTerminal, recorder: Recorder):
-        self._terminal, self._recorder, self._now_s = terminal, recorder, 0.0
-        self._before = 0  # bytes read before the cable was plugged
-
-    def now_s(self) -> float:
-        return self._now_s
-
-    def sleep(self, seconds: float) -> None:
-        self._now_s += seconds
-        terminal = self._terminal
-        if not os.path.lexists(terminal.name):
-            until(lambda: not self._recorder.connected, wait, "noticing")
-            self._before = self._recorder.raw.size
-            return
-        until(lambda: terminal.has_reader, wait, "a reader")
-        until(self._all_is_read, wait, "its reading")
-
-    def _all_is_read(self) -> bool:
-        self._terminal.write(b"")
-        return not self._terminal.waits and self._recorder.raw.size >= self._before + self._terminal.taken
 
 
 def send(file: int, data: bytes) -> None:

@@ -9,7 +9,6 @@ import re
 import shutil
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -119,16 +118,6 @@ def test_every_sample_of_another_sensor_arrives(others, family, says, registers)
 
 
 @needs_gcc
-def test_a_bus_that_fails_costs_the_sample_and_no_other(others):
-    rows = rows_of(1000)
-    decoder, _, _, found = decoded(sent(others("mpu"), rows, fail_each=100)[0])
-    assert decoder.lost >= 9
-    kept = {tuple(row) for row in rows.tolist()}
-    assert {tuple(row) for row in found.tolist()} <= kept
-    assert len(found) >= 1000 - 10 - 12  # text: a line before a gap is left out
-
-
-@needs_gcc
 def test_nothing_is_sent_of_a_sensor_that_is_another(others):
     """It says what it read, or that nothing answers, once a second, and no sample."""
     with started([others("mpu"), "st", PERIOD_US, 0, 0, 0], stdout=PIPE, stderr=PIPE) as process:
@@ -137,17 +126,6 @@ def test_nothing_is_sent_of_a_sensor_that_is_another(others):
     said = sent(others("mpu"), rows_of(300), who=0x6B)[0].splitlines()
     assert set(said) == {b"# WHO_AM_I at 0x68 reads 0x6B, not 0x68: another sensor, see NAMES"}
     assert len(said) == 3
-
-
-@needs_gcc
-def test_kin_of_the_sensor_is_taken_with_a_remark(others):
-    rows, who = rows_of(200), 0x98
-    decoder, events, _, found = decoded(sent(others("mpu"), rows, who=who)[0])
-    np.testing.assert_array_equal(found, rows[: len(found)])
-    assert len(found) >= 198
-    assert decoder.info.sensor == "MPU-6050"
-    remarks = {event.text for event in events if isinstance(event, Comment) and "WHO_AM_I" in event.text}
-    assert remarks == {f"at 0x68 WHO_AM_I 0x{who:02X}: taken for 0x68"}
 
 
 @needs_gcc
@@ -263,22 +241,6 @@ def test_every_sample_arrives_as_the_sensor_made_it(boards, chip, who, fine, tic
 
 
 @needs_gcc
-def test_who_comes_late_learns_the_ranges_in_time(boards):
-    """Also at the lowest rate: the header comes by time.  Whoever misses it waits four seconds, and record waits ten."""
-    odr_hz = 12
-    data = sent_by_driver(boards(odr_hz, 921600), driver_rows(14 * odr_hz))
-    first = re.search(rb"^# gyro_fs_dps=500 .*\r?\n(.*\n)", data)
-    decoder, events, t_us, _ = decoded(data[first.end() :])
-    assert decoder.garbage == decoder.lost == 0
-    infos = [place for place, event in enumerate(events) if isinstance(event, Comment) and "gyro_fs_dps" in event.text]
-    assert len(infos) == 3
-    before = [event for event in events[: infos[0]] if isinstance(event, SampleChunk)]
-    waited_s = (before[-1].t_us[-1] - t_us[0]) * 1e-6
-    assert waited_s == pytest.approx(4.0, abs=0.2)
-    assert decoder.info.odr_hz == pytest.approx(12.5, rel=0.05)
-
-
-@needs_gcc
 def test_faults_come_by_their_names(boards):
     """Those above 0, as the log of the firmware's frames has them."""
     rows = driver_rows(1000)
@@ -338,66 +300,3 @@ def test_a_sensor_that_is_not_there_is_named_once_a_second_and_found_when_it_ans
 
 
 # A microcontroller.
-
-
-ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")  #: Debian's arduino-core-avr
-
-
-class Chip(NamedTuple):
-    """An Arduino: its name on the page, its variant, where its chip select is, words in a burst, and the limits that the page states."""
-
-    board: str
-    variant: str
-    select: tuple[str, int]
-    words: int
-    flash_kb: int
-    ram: int
-
-
-CHIPS = {
-    "atmega328p": Chip("Uno, Nano", "standard", ("B", 2), 24, 24, 1550),
-    "atmega2560": Chip("Mega 2560", "mega", ("B", 0), 96, 28, 3200),
-}
-
-
-@pytest.fixture(scope="module")
-def avr(tmp_path_factory):
-    """``avr(chip, odr_hz, baud)``: the sketch for an Arduino's microcontroller, linked with its core, as the Arduino IDE does it."""
-    if not (shutil.which("avr-g++") and ARDUINO.is_dir()):
-        pytest.skip("not installed: gcc-avr, arduino-core-avr")
-
-    def make(chip, odr_hz, baud):
-        variant = CHIPS[chip].variant
-        folder = tmp_path_factory.mktemp(chip)
-        (folder / "sketch.cpp").write_text(sketch(odr_hz, baud), encoding="utf-8")
-        core, spi = ARDUINO / "cores" / "arduino", ARDUINO / "libraries" / "SPI" / "src"
-        flags = ["-c", "-Os", "-flto", "-ffunction-sections", "-fdata-sections", f"-mmcu={chip}", "-DF_CPU=16000000L", "-DARDUINO=10819"]
-        flags += ["-DARDUINO_ARCH_AVR", "-DDECIMAL_DIG=__DECIMAL_DIG__"]  # Debian's core wants DECIMAL_DIG
-        flags += [f"-I{path}" for path in (core, ARDUINO / "variants" / variant, spi, FIRMWARE / "src")]
-        strict = ["-Wall", "-Wextra", "-Werror"]
-        plus = ["-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics"]
-        commands = [
-            ["avr-gcc", "-std=gnu11", "-w", *core.glob("*.c")],
-            ["avr-gcc", "-std=gnu11", *strict, FIRMWARE / "src" / "lsm6dsx.c"],
-            ["avr-g++", *plus, "-w", *core.glob("*.cpp"), spi / "SPI.cpp"],
-            ["avr-g++", *plus, *strict, folder / "sketch.cpp"],
-        ]
-        for compiler, *words in commands:
-            run([compiler, *flags, *words], cwd=folder, check=True)
-        elf = folder / "sketch.elf"
-        run(["avr-gcc", "-Os", "-flto", "-Wl,--gc-sections", f"-mmcu={chip}", *folder.glob("*.o"), "-lm", "-o", elf], check=True)
-        return elf
-
-    return make
-
-
-@pytest.mark.emulation
-@pytest.mark.parametrize("chip", CHIPS)
-def test_it_fits_into_an_arduino(avr, chip):
-    """Flash and memory stay below what docs/boards.md says."""
-    printed = run(["avr-size", avr(chip, 104, 115200)], check=True, capture_output=True, text=True).stdout
-    text, data, bss = map(int, printed.splitlines()[1].split()[:3])
-    assert text + data < 1000 * CHIPS[chip].flash_kb
-    assert data + bss < CHIPS[chip].ram
-    row = f"{CHIPS[chip].board} | {CHIPS[chip].words} | {CHIPS[chip].flash_kb} kB | {CHIPS[chip].ram} bytes |"
-    assert row in (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")

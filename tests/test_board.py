@@ -10,12 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from processes import PATIENCE_S
-from recording_wires import CountedTerminal, PatientClock
-from streams import INFO, samples, smooth_registers
 
 import calibrate
-from session.bench.events import Info
-from session.bench.recorder import Recorder
 from session.detect.check_samples import check_copies
 from session.io.logfile import Log
 from session.io.samples import Samples
@@ -23,9 +19,7 @@ from tinygc import CalibrationError, SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.terminal import Terminal
 from tinygc.simulation.virtual_board import (
-    BoardSource,
     LineFaults,
-    VirtualBoard,
     flipped,
     next_take,
     remember,
@@ -33,40 +27,6 @@ from tinygc.simulation.virtual_board import (
     spoil,
     taken,
 )
-
-SOURCE = BoardSource(smooth_registers(2000), INFO)
-
-
-RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}
-
-
-def recorded_from(tmp_path, source=SOURCE, **settings):
-    """Run a board and a recorder, in simulated time, until the board is done: the board, the recorder (closed), the events."""
-    with CountedTerminal(tmp_path / "port") as terminal:
-        recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
-        board = VirtualBoard(source, terminal, **{**RUNS, **settings}, clock=(clock := PatientClock(terminal, recorder)))
-        thread = threading.Thread(target=lambda: (board.run(), clock.sleep(0.0)), daemon=True)
-        thread.start()
-        while thread.is_alive():
-            events += recorder.poll(0.02)
-        events += recorder.poll(0)
-        recorder.close()
-    return board, recorder, events
-
-
-def test_all_of_a_session_arrives_with_still_time_around_it(tmp_path):
-    board, recorder, events = recorded_from(tmp_path)
-    t_us, registers = samples(events)
-    assert recorder.decoder.lost == recorder.decoder.crc_errors == board.terminal.dropped == 0
-    assert board.sent - 1 <= recorder.decoder.samples <= board.sent
-    assert board.sent == pytest.approx(2000 + 1.5 * INFO.odr_hz, abs=2)
-    lead = round(INFO.odr_hz)
-    begin = len(t_us) - (board.sent - lead) + (0 if len(t_us) == board.sent else 1)
-    assert np.array_equal(registers[begin : begin + 2000], SOURCE.rows)
-    still = registers[:begin]
-    assert (still[:, None] == SOURCE.rows[None, : round(0.8 * INFO.odr_hz)]).all(axis=2).any(axis=1).all()
-    assert (1e6 * (len(t_us) - 1) / (t_us[-1] - t_us[0])) == pytest.approx(INFO.odr_hz, rel=1e-4)
-    assert INFO in [event for event in events if isinstance(event, Info)]
 
 
 def test_a_reader_that_does_not_read_is_not_waited_for(tmp_path):
@@ -109,12 +69,6 @@ def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
     assert changed == pytest.approx(0.01, rel=0.02)
     assert run(lost=0.05, flip=0.01, torn=0.1) == run(lost=0.05, flip=0.01, torn=0.1)
     assert flipped(b"", 0.5, np.random.default_rng(0)) == b""
-
-
-@pytest.mark.parametrize("text", ["lost=x", "loss=0.1", "flip=-1"])
-def test_faults_that_are_none(text, capsys):
-    assert calibrate.main(["board", "--faults", text]) == 2
-    assert capsys.readouterr().err.startswith("calibrate: --faults")
 
 
 OPTIONS = SimulationOptions(segments=2, closure_s=0.0, odr_hz=104.0, seed=7)

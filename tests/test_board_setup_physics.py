@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import tempfile
 from dataclasses import replace
@@ -23,7 +22,7 @@ from session.bench.events import Info
 from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings
 from session.bench.session_file import NAME, SessionFile, toml_text
 from session.io.config import BoardGiven, read_config
-from session.io.errors import DeviceError, StorageError
+from session.io.errors import DeviceError
 from tinygc import CalibrationError, read_session
 
 
@@ -159,24 +158,6 @@ def test_the_chip_that_answers_names_the_sensor_where_nobody_else_does(tmp_path,
     assert file.assumed == (model == "ASM330LHH")
 
 
-def test_the_sensor_of_a_recording_is_the_one_that_is_named(tmp_path):
-    """The option, then the board's comment, then ``--like``; else an ASM330LHH for registers, and nobody's for physical units."""
-    named = Info(500, 4, 1666.5, "77", "MPU-9250")
-
-    def model(name, info, option=None, physical=False):
-        file = SessionFile(tmp_path / name, None, None, None, None, option)
-        return file.configure(info, 0.0, physical).sensor.model, file.assumed
-
-    assert model("a", named) == ("MPU-9250", False)
-    assert model("b", named, "bmi270") == ("bmi270", False)
-    assert model("c", INFO) == ("ASM330LHH", True)
-    assert model("d", INFO, physical=True) == ("unknown", False)
-    with pytest.raises(CalibrationError, match=r'sensor\.model is "MPU-9250", the board says BMI270'):
-        SessionFile(tmp_path / "a", None, None, None, None).configure(Info(500, 4, 1666.5, "77", "BMI270"))
-    again = SessionFile(tmp_path / "a", None, None, None, None, "mpu_9250").configure(named)
-    assert again.sensor.model == "MPU-9250"
-
-
 OTHER = frames.encode_info(0, INFO)  # 500 dps, 4 g: what the board is switched on with
 
 
@@ -194,23 +175,6 @@ def set_board(monkeypatch):
 
 def as_set() -> bytes:
     return frames.encode_info(7, type(INFO)(2000.0, INFO.accel_fs_g, 833.0 * 1.013, INFO.serial))
-
-
-@pytest.mark.parametrize("step", [7, 10_000])
-def test_where_it_says_so_is_found_however_the_bytes_are_cut(set_board, step):
-    before = as_set() + b"".join(frame_list(*sent(50)))
-    stream = before + OTHER + board_frame() + b"".join(frame_list(*sent(20)))
-    kept = b""
-    for start in range(0, len(stream), step):
-        data = stream[start : start + step]
-        place = set_board.forgotten(data)
-        kept += data[:place]
-        if place is not None:
-            break
-    # what had come of the frame in earlier reads is kept already, and is no frame
-    assert kept[: len(before)] == before
-    assert len(kept) - len(before) < frames.INFO_BYTES + 1
-    assert place is not None
 
 
 class Restarting(Wire):
@@ -339,22 +303,6 @@ def test_what_no_sensor_has_is_refused_before_it_is_written(info, says, tmp_path
     assert list(tmp_path.iterdir()) == []
     right = SessionFile(tmp_path, None, 416.0, 500.0, 4.0, "ASM330LHH")
     assert right.configure(None).sensor.odr_hz == 416.0
-
-
-def test_a_disk_that_fills_while_it_is_written_leaves_no_half_of_it(tmp_path, monkeypatch):
-    def full(file: int) -> None:
-        raise OSError(28, os.strerror(28))
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StorageError, match="No space left on device; free space there, or choose another folder"):
-        file_of(tmp_path).configure(Info(500.0, 4.0, 416.0, "7"))
-    assert list(tmp_path.iterdir()) == []
-    monkeypatch.undo()
-    file = file_of(tmp_path)
-    (tmp_path / "session.toml").write_text("mine")  # put there meanwhile
-    with pytest.raises(StorageError, match="File exists"):
-        file.configure(Info(500.0, 4.0, 416.0, "7"))
-    assert (tmp_path / "session.toml").read_text() == "mine"
 
 
 MANY = settings(max_examples=25)

@@ -11,10 +11,8 @@ from conftest import ROOT
 
 from session.bench import frames
 from session.bench import frames as commands
-from session.bench.board_clock import ClockRatio
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
-from session.io.config import HOST_CLOCK
 
 PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
 FIRMWARE = ROOT / "firmware"
@@ -57,14 +55,6 @@ def test_baud_rates_follow_from_the_bytes():
     assert commands.SAMPLE_BITS == 250
 
 
-def test_the_longest_lines():
-    registers = ",".join(["4294967295", *["-32768"] * 7]) + "\r\n"
-    floats = [-32768 / 65.5] * 3 + [-32768 / 8192] * 3 + [-32768 / 340 + 36.53]
-    assert len(registers) == 61
-    assert len(",".join(["4294967295", *(f"{value:.5f}" for value in floats)]) + "\r\n") == 82
-    assert (115200 // 10 // 61, 115200 // 10 // 82) == (188, 140)
-
-
 @pytest.mark.parametrize(
     ("file", "said"),
     [
@@ -86,8 +76,3 @@ def test_the_flashers_are_called_as_the_page_says():
         (called,) = re.findall(rf"^with-{tool} = (.*)$", makefile, re.M)
         assert f"`{called.replace('$(1)', 'build/recorder')}`" in PAGE
         assert f"$(1).{ending}" in called
-
-
-def test_the_computers_own_second_is_in_the_sigma_as_the_page_says():
-    assert f"has the computer's own second, {1e6 * HOST_CLOCK:g} ppm" in PAGE
-    assert ClockRatio(1.0, 4e-5, 60.0).sigma_ppm == pytest.approx(np.hypot(40, 1e6 * HOST_CLOCK))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import shutil
 import stat
-import struct
 import sys
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from emulator import build as kit
 from processes import environment, run
 
 if shutil.which("make") is None or sys.platform == "win32":
@@ -83,17 +81,3 @@ def test_without_a_flasher_one_line_and_nothing_is_built(bench, words, says):
     assert ran.stderr.count("\n") == 1
     assert calls == {}
     assert not (build / "recorder.elf").exists()
-
-
-@pytest.mark.emulation
-def test_the_bytes_that_are_flashed_begin_with_stack_and_reset(tmp_path):
-    """At 0x08000000 the core looks for its stack and its first instruction, a Thumb address in the flash."""
-    if trouble := kit.tools_missing():
-        pytest.skip(trouble)
-    image = kit.build("recorder.bin", tmp_path / "none", tmp_path / "build").read_bytes()
-    stack, reset = struct.unpack_from("<II", image)
-    assert 0x20000000 < stack <= 0x20000000 + 128 * 1024
-    assert stack % 8 == 0
-    assert reset % 2 == 1
-    assert 0x08000000 < reset < 0x08000000 + len(image)
-    assert 8_000 < len(image) < 64_000

@@ -84,20 +84,6 @@ def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
     assert guide.stage is Stage.TURN
 
 
-def test_a_hand_that_stays_on_the_table_after_the_turn_is_named():
-    """It must not wait in silence for the turn to end: 0.3 s after it has stopped turning it asks for hands off."""
-    samples = with_hand(Table().rest(3).turn(120, (1, 0, 0), 3).rest(6).samples(), 5.5, 8.5)
-    guide = guide_of()
-    play(guide, samples.between(0, 7 * 208))
-    now = guide.instruction
-    assert now.stage is Stage.HOLD_STILL
-    assert "rate scatter" in now.why
-    assert now.why.endswith("s: hands off?")
-    assert 0.5 < float(now.why.split(" s: hands")[0].split()[-1]) < 1.6
-    play(guide, samples.between(7 * 208, len(samples)))
-    assert guide.accepted == 1
-
-
 def test_a_table_that_always_trembles_is_no_dead_end():
     """Four times the sensor's noise, from a fan: after a minute its own calmest blocks are the yardstick."""
     guide = guide_of()
@@ -206,20 +192,6 @@ def test_enough_is_said_and_the_operator_finishes():
     assert guide.stage is Stage.DONE
 
 
-def test_between_two_rotations_nobody_lets_go():
-    guide = guide_of(9)
-    play(guide, Table().rest(3).samples())
-    quarter = RequestedTurn((1.0, 0.0, 0.0), np.pi / 2)
-    guide.advise(Advice("two", "why", movements=(quarter, quarter)))
-    samples, words = Table().rest(3).turn(180, (1, 0, 0), 6).samples(), []
-    for first in range(0, len(samples), 50):
-        guide.feed(samples.between(first, first + 50))
-        if guide.turning:
-            words.append((guide.turn.path_rad / DEG, guide.instruction.why))
-    assert all(("at once the next" in why) == (turned < 0.85 * 90) for turned, why in words)
-    assert len({why.split("; ")[1] for _, why in words}) == 2
-
-
 def test_between_two_movements_a_short_rest_does_not_end_the_turn():
     """The second movement stays on the screen for as long as a rest is no still; and after it the turn is over as always."""
     pair = (RequestedTurn((1.0, 0.0, 0.0), np.pi / 2), RequestedTurn((0.0, 0.0, 1.0), np.pi))
@@ -290,14 +262,6 @@ def test_the_first_second_tells_a_wrong_range_and_a_wrong_rate(factor, odr_hz, s
     assert bool(says) == bool(problem)
     dead = Samples(samples.t_ns, samples.gyro * [1, 0, 1], samples.accel)
     assert "gyro's y does not change" in stream_problem(dead, 208, 4.0)
-
-
-def test_single_lost_samples_do_not_change_the_rate():
-    samples = Table().rest(8).samples()
-    kept = np.flatnonzero(np.random.default_rng(0).random(len(samples)) > 0.02)
-    guide = guide_of()
-    play(guide, Samples(samples.t_ns[kept], samples.gyro[kept], samples.accel[kept], samples.temp_c[kept]))
-    assert guide.health.odr_hz == pytest.approx(208, rel=1e-4)
 
 
 # The closure run.
@@ -379,15 +343,6 @@ def test_away_from_the_mark_is_said_and_may_be_set_right():
     assert [word for word, _ in decided] == ["begin unclosed", "keep closure"]
 
 
-def test_a_mark_that_was_none_is_given_up():
-    """The person was not on the mark before, and is now: the table stays, and the run is made again from there."""
-    table = run(to_the_mark(), away_deg=4.0).rest(18)
-    guide, changes, decided = led_home(run(table).rest(4).samples())
-    assert guide.stage is Stage.DONE
-    assert [word for word, _ in decided] == ["begin unclosed", "begin unclosed", "keep closure"]
-    assert "it stays there: that is the mark now, and the run restarts" in said(changes, Kind.WARNING)
-
-
 def test_who_moves_too_early_begins_again():
     table = to_the_mark(rest_s=2.2).turn(60, (1, 0, 0), 2)
     guide, changes, decided = led_home(run(table.rest(9)).rest(4).samples())
@@ -404,33 +359,6 @@ def test_a_run_that_cannot_be_integrated_begins_again():
     assert rejected.startswith("this closure run is not complete: ")
     assert [word for word, _ in decided] == ["begin unclosed", "begin unclosed", "keep closure"]
     assert guide.stage is Stage.DONE
-
-
-@pytest.mark.parametrize(("at_s", "word"), [(19.0, "new log"), (30.0, "pause")])
-def test_a_new_log_or_a_pause_begins_the_run_again_and_what_was_accepted_stays(at_s, word):
-    whole = run(to_the_mark()).rest(4).samples()
-    first = whole.between(0, int(at_s * 208))
-    guide = guide_of(1, closure_s=PLANNED_S)
-    for start in range(0, len(first), 50):
-        play(guide, first.between(start, start + 50))
-        if guide.wants:
-            guide.decided(guide.wants)
-    assert guide.stage is Stage.CLOSURE
-    if word == "pause":
-        guide.decided(RecordingDecision("pause"))
-        assert guide.instruction.do.startswith("paused")
-        assert play(guide, whole) == []
-        guide.decided(RecordingDecision("begin", "unclosed"))
-    else:
-        guide.new_log()
-    assert guide.stage is Stage.CHECK_STREAM
-    again = run(Table().rest(14)).rest(4).samples(seed=2)
-    for start in range(0, len(again), 50):
-        play(guide, again.between(start, start + 50))
-        if guide.wants:
-            guide.decided(guide.wants)
-    assert guide.stage is Stage.DONE
-    assert guide.accepted == 1
 
 
 # The warm board.
@@ -504,19 +432,6 @@ def test_it_says_how_long_to_wait_and_is_silent_after_so_long():
     assert abs(last_s - needed_s) < 30
 
 
-def test_one_segment_left_or_a_session_that_is_recorded_cold_is_gone_on_with():
-    """Half of it recorded cold: a warm second half spreads the bias further, and waiting costs besides."""
-    t_s = np.arange(0, 40, 2.0)
-    temps = warm_up(3.0, 150.0, t_s)
-    fresh = told(t_s, temps, stills_of(25 + np.zeros(1)), 40)[-1]
-    assert fresh is None  # 1.8 mdps at a typical 5 mdps/°C
-    cold = stills_of(np.linspace(25, 26.5, 20))
-    strong = told(t_s, temps + 1.5, cold, 20)[-1]
-    assert rps_per_c(cold) > 2 * TYPICAL_RPS_PER_C
-    assert strong is None
-    assert told(t_s, warm_up(9.0, 150.0, t_s), [], 1)[-1] is None
-
-
 def test_what_a_degree_does_is_taken_from_the_stills():
     assert rps_per_c([]) == pytest.approx(TYPICAL_RPS_PER_C)
     assert rps_per_c(stills_of(np.linspace(25, 30, 15))) == pytest.approx(PER_C, rel=0.15)
@@ -571,16 +486,6 @@ def test_a_zero_of_half_a_g_gets_through():
     true = guide_of(12)
     play(true, Table().tumble(12, seed=3).samples(seed=3))
     assert guide.taken.coverage.stills == true.taken.coverage.stills
-
-
-def test_a_wrong_full_scale_is_still_said():
-    samples = Table().tumble(12, seed=3).samples(seed=3)
-    half = samples.with_accel(samples.accel / 2)
-    changes = play(raw_guide(12), half)
-    (warning,) = said(changes, Kind.WARNING)
-    assert "gravity reads 0.50 g in all attitudes: is the accelerometer's full scale right?" in warning
-    fifth = samples.with_accel(samples.accel / 5).between(0, 300)
-    assert "0.3 to 2.5 g expected" in stream_problem(fifth, 208, 4, calibrated=False)
 
 
 # The board's clock.

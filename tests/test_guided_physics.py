@@ -15,17 +15,16 @@ from conftest import Table, config
 from processes import PATIENCE_S
 from streams import INFO as BOARD_INFO
 from streams import frame_list, sent
-from test_stream_physics import HELLO, REGISTERS, board_frame, faults_frame
+from test_stream_physics import HELLO, board_frame, faults_frame
 
 from session.bench.board_clock import ClockRatio
 from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, SENSOR, BoardStatus, Comment, FaultCounts, Info, SampleChunk, Trouble, starts_log
+from session.bench.events import FAULTS, Comment, FaultCounts, Info, SampleChunk, Trouble, starts_log
 from session.bench.guide import ANY_TURN, Guide
 from session.bench.guided_session import (
     MOST_SAID,
     NO_SENSOR,
     RESET_SAYS,
-    SETTLES,
     BoardReporter,
     CoachThread,
     GuidedRecording,
@@ -33,7 +32,7 @@ from session.bench.guided_session import (
 )
 from session.bench.messages import Advice, Kind, Stage
 from session.bench.rawfile import RecordingDecision
-from session.bench.rest_guide import RestAnswer, RestGuide, in_words
+from session.bench.rest_guide import RestAnswer, RestGuide
 from session.io.errors import FormatError, OtherSensor
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from tinygc import CalibrationError
@@ -147,15 +146,6 @@ def test_pulled_and_reset_anywhere(at):
         assert warning.at_s == pytest.approx(at * 50 / 208 if at > 4 else 0.0, abs=0.3)
 
 
-def test_each_of_a_boards_resets_is_said_with_what_it_came_of():
-    board = BoardStatus(SENSOR, True, True, "1.2.3", 0x6B, -4, bytes(10), 921600, 208.0)
-    hung = replace(board, by_watchdog=True)
-    steps = [INFO, board, *chunks(SESSION)[:14], hung, Trouble("reset"), *chunks(SESSION)[:14], Trouble("reset")]
-    _, said = led(Port([*steps, *chunks(SESSION, seed=1)]))
-    new_log = "the board was reset: a new log begins"
-    assert said.texts(Kind.WARNING) == [RESET_SAYS["watchdog"], new_log, new_log, RESET_SAYS["watchdog"]]
-
-
 def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
     def silent(port):
         monkeypatch.setattr("session.bench.guided_session.SILENT_S", -1.0)
@@ -228,27 +218,6 @@ def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
     guide, said = led(port)
     assert [says in text for text in said.texts(Kind.WARNING)] == [True] * bool(says)
     assert guide.health.odr_by_host_hz == pytest.approx(208 * ratio, rel=1e-3)
-
-
-def test_an_interruption_is_asked_for_between_two_polls():
-    """All that was taken has reached the guide by then."""
-    taken, port = [], Port([INFO, *chunks(SESSION)])
-    poll = port.poll
-    port.poll = lambda: taken.append(1) or poll()
-    guided = GuidedRecording(Guide(config().protocol, 3), port, lambda info, waited_s: config() if info else None, None, Said())
-    with pytest.raises(KeyboardInterrupt):
-        guided.lead(lambda: len(taken) == 21)
-    assert guided.guide.health.samples == 20 * 50
-    assert guided.guide.accepted == 0
-
-
-def test_what_an_earlier_recording_left_counts():
-    port = Port([INFO, *chunks(SESSION, seed=1)], resumed=[INFO, *chunks(SESSION)[:40]])
-    guide, said = led(port, segments=4)
-    assert "resumed: 1 segments so far" in said.texts(Kind.STAGE)
-    assert guide.accepted == 4
-    done = Port([], resumed=[INFO, *chunks(SESSION)])
-    assert led(done)[0].stage is Stage.DONE
 
 
 def test_a_coach_that_fails_does_not_end_the_recording():
@@ -410,17 +379,6 @@ def test_enough_is_said_once_and_ends_it_where_that_was_asked():
     assert said.texts(Kind.DONE) == ["done: 2 s of rest, and the noise is known"]
 
 
-def test_what_moves_is_counted_and_said_once(monkeypatch):
-    """Behind the minute in which the sensor's own noise becomes known."""
-    monkeypatch.setattr("session.bench.rest_guide.CEILING_S", 2.0)
-    guide = RestGuide(config().protocol, 12.0)
-    table = Table().rest(5).turn(20, (0, 0, 1), 1.0).rest(3).turn(20, (0, 1, 0), 1.0).rest(3)
-    said = rested(Port([INFO, *chunks(table)]), guide)
-    (warning,) = said.texts(Kind.WARNING)
-    assert warning.startswith("it moves: ")
-    assert guide.moved_s == pytest.approx(2.0, abs=0.5)
-
-
 def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
     """What the port still held of the turns goes to no log; the rest's log begins with the new connection."""
     turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
@@ -446,35 +404,10 @@ def test_turns_that_are_resumed_after_a_rest_take_nothing_of_it():
     assert finished.stage is Stage.DONE
 
 
-def test_a_finished_rest_is_resumed_and_becomes_longer():
-    past = [BEGIN, INFO, *chunks(REST), RecordingDecision("finish"), Trouble("reconnect"), INFO, *chunks(REST, seed=1)]
-    guide = RestGuide(config().protocol, 14.0)
-    port = Port([Trouble("reconnect"), INFO, *chunks(REST, seed=2)], resumed=past)
-    said = rested(port, guide)
-    assert not port.decided  # its last log was a rest's
-    assert "resumed: 12 s of rest so far" in said.texts(Kind.STAGE)
-    assert guide.rested_s == pytest.approx(14.0, abs=0.11)
-    already = RestGuide(config().protocol, 5.0)
-    rested(Port([], resumed=past), already)  # nothing is polled
-    assert already.rested_s == pytest.approx(5.0, abs=0.11)
-
-
-@pytest.mark.parametrize(("seconds", "words"), [(119.4, "119 s"), (120, "2 min"), (11160, "3.1 h")])
-def test_durations_in_words(seconds, words):
-    assert in_words(seconds) == words
-
-
 def rested(port, guide):
     said = Said()
     GuidedRecording(guide, port, lambda info, waited_s: config() if info else None, None, said, keys=port.keys).lead()
     return said
-
-
-def test_keys_pause_and_finish_a_rest():
-    port, guide = Port([INFO, *chunks(Table().rest(9))]), RestGuide(config().protocol)
-    port.typed = [(3.6, "p"), (4.8, "p"), (7.2, "f")]
-    assert rested(port, guide).texts(Kind.DONE)[0].endswith("of rest, finished by the operator")
-    assert [decision.text for decision in port.decided] == ["begin rest", "pause", "begin rest", "finish"]
 
 
 # What the board says of itself.
@@ -528,29 +461,11 @@ def test_a_stand_in_is_said():
     assert heard(board_frame(source=1)) == []
 
 
-def test_settling_filters_are_said_once():
-    assert heard(board_frame(state=7), board_frame(state=7), board_frame(state=3)) == [SETTLES]
-    event = StreamDecoder().feed(HELLO + board_frame(state=4))[1]
-    assert (event.streams, event.runs, event.settles, event.reset) == (False, False, True, "")
-
-
 #: states of a board that streams its sensor: as switched on, behind its watchdog's reset, behind a fault of its core
 ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
 
 
 WATCHDOG, FAULT = RESET_SAYS["watchdog"], RESET_SAYS["fault"]
-
-
-@pytest.mark.parametrize(
-    ("state", "flags", "comment"),
-    [(ON, (False, False), "00200"), (HUNG, (True, False), "watchdog"), (3 | 24, (True, True), "fault")],
-)
-def test_what_a_reset_came_of_is_in_the_log(state, flags, comment):
-    """Of a sensor, and of a stand-in."""
-    sensor, standin = (StreamDecoder().feed(HELLO + board_frame(source, state=state))[1] for source in (1, 0))
-    assert (sensor.by_watchdog, sensor.by_fault) == flags
-    assert sensor.text.endswith(f" reset={comment}" if any(flags) else REGISTERS.hex())
-    assert standin.text == "board source=stand-in firmware=1.2.3" + (f" reset={comment}" if any(flags) else "")
 
 
 def restarted(*states: int) -> list[bytes]:
@@ -572,28 +487,6 @@ def restarted(*states: int) -> list[bytes]:
 def test_what_each_reset_came_of_is_said_once(states, says):
     assert heard(*restarted(*states)) == says
     assert "since power-up" in WATCHDOG  # nothing is claimed of this recording
-
-
-def test_what_a_reset_came_of_is_said_where_its_first_status_was_lost():
-    """Then the stamps show the reset first."""
-    begun, again = restarted(ON, HUNG)
-    cut = again[len(board_frame(state=HUNG)) :]
-    assert heard(begun, cut, again) == [WATCHDOG, WATCHDOG]
-    assert heard(begun, again, again) == [WATCHDOG, WATCHDOG]
-
-
-@pytest.mark.parametrize(
-    ("who", "says"),
-    [
-        (0x69, "a chip that is no ASM330LHH and no LSM6DSO answers"),
-        (0x6B, "a sensor answers on its bus, but did not start"),
-    ],
-)
-def test_a_stand_in_beside_a_chip_that_answers_says_which(who, says):
-    (words,) = heard(board_frame(source=0, who=who))
-    assert words.startswith(NO_SENSOR)
-    assert f"{says}" in words
-    assert words.endswith(f"WHO_AM_I 0x{who:02X}")
 
 
 def said(odr_hz: float, serial: str = "0") -> Info:

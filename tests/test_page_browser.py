@@ -9,7 +9,7 @@ from browser import Browser, browser_path
 from coached_hand import CoachedHand
 from processes import until
 
-from session.bench.messages import Advice, Stage
+from session.bench.messages import Stage
 from session.bench.operator import OperatorCommand
 from session.bench.page.server import PageServer
 
@@ -91,31 +91,6 @@ def asked(guide) -> str:
     first = np.degrees(abs(advice.movements[0].angle_rad))
     number = int(np.degrees(guide.turn.path_rad) > 0.85 * first)
     return f"{number + 1} of 2: {advice.movements[number].words}"
-
-
-def test_a_pulled_cable_greys_the_board_and_says_what_to_do(browser, server):
-    hand = CoachedHand(server, segments=4)
-    guide = hand.until(lambda guide: guide.accepted == 1)
-    browser.open(server.address, *SIZES[0], still=True)
-    shown(browser, "getComputedStyle(document.getElementById('board')).opacity === '1'")
-    guide.waits(Stage.FIND_PORT, "/dev/ttyACM0: device disconnected")
-    hand.page.show(guide)
-    shown(browser, "document.getElementById('do').textContent === 'plug it in, it goes on by itself'")
-    assert browser.evaluate("getComputedStyle(document.getElementById('board')).filter") == "grayscale(1)"
-
-
-def test_enough_is_said_and_the_page_finishes(browser, server):
-    hand = CoachedHand(server, segments=4)
-    guide = hand.until(lambda guide: guide.accepted == 1 and guide.stage is Stage.TURN)
-    guide.advise(Advice("", "every parameter has reached its target", reached=True, sigmas=(("bias of x", 0.9),)))
-    hand.page.show(guide)
-    browser.open(server.address, *SIZES[0], still=True)
-    shown(browser, "document.getElementById('do').textContent === 'enough: finish now'")
-    server.wishes.begin()
-    browser.evaluate("document.getElementById('finish').click()")
-    heard = []
-    until(lambda: heard.extend(server.wishes()) or heard, lambda: awaited(browser, "new Promise(r => setTimeout(r, 20))"), "the wish")
-    assert heard == [(OperatorCommand.FINISH, "")]
 
 
 def test_the_page_follows_a_session_without_an_error_and_all_of_it_is_seen(browser, server):

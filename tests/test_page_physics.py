@@ -25,9 +25,9 @@ from rich.console import Console
 from session.bench.messages import Advice, GuideMessage, Kind, RequestedTurn, Stage
 from session.bench.operator import LONGEST_NOTE, Keyboard, OperatorCommand, TypingLine
 from session.bench.page import server as page_server
-from session.bench.page.server import MOST_CONNECTIONS, PageServer
+from session.bench.page.server import PageServer
 from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
-from session.bench.screen import LiveScreen, PlainLines, view
+from session.bench.screen import PlainLines, view
 from session.io.errors import CalibrationError
 from session.io.samples import Samples
 
@@ -56,19 +56,6 @@ def angle_deg(a, b) -> float:
 
 
 TURNED = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5)
-
-
-def test_the_board_on_the_page_lies_as_the_table_does():
-    """Before the first rest the heading is anyone's; from then on it is the table's."""
-    samples, guide, lies = TURNED.samples(), guide_of(), []
-    page = PageView(Silent(), Kept())
-    for first in range(0, len(samples), 20):
-        guide.feed(samples.between(first, first + 20))
-        page._sent_s = 0.0  # here nobody waits 40 ms between two portions
-        page.watch(guide, samples.between(first, first + 20))
-        lies.append((len(guide.taken.stills), page._attitude.q))
-    begun = next(q for stills, q in lies if stills == 1)
-    assert angle_deg(multiply(inverse(begun), lies[-1][1]), exp(120 * DEG, 0.0, 0.0)) < 0.3
 
 
 @pytest.mark.parametrize("turn", [(270, (0, 1, 0)), (200, (0.6, 0.0, 0.8))])
@@ -283,24 +270,6 @@ def test_a_browser_that_reads_nothing_holds_nobody_up(server, monkeypatch):
         assert server.clients == 1
 
 
-def test_half_a_request_is_not_waited_for_for_ever_and_too_many_are_turned_away(server, monkeypatch):
-    monkeypatch.setattr(page_server.Handler, "timeout", 0.3)
-    hanging = [socket.create_connection(("127.0.0.1", server.server_port), timeout=PATIENCE_S) for _ in range(MOST_CONNECTIONS + 6)]
-    for each in hanging:
-        each.sendall(b"GET /")
-    assert sum(each.recv(1) == b"" for each in hanging) == len(hanging)
-    until(lambda: asked_quietly(server) == 200)
-    for each in hanging:
-        each.close()
-
-
-def asked_quietly(server):
-    try:
-        return asked(server, f"/{server.token}/").status
-    except (OSError, http.client.HTTPException):
-        return None
-
-
 def test_a_port_that_is_taken_is_said_in_a_line(server):
     with pytest.raises(CalibrationError, match="leave the address out"):
         PageServer(port=server.server_port)
@@ -367,20 +336,6 @@ def test_every_state_fits_80_by_24(name_guide):
     assert f"{guide.accepted} of {guide.segments} accepted" in text
 
 
-def rung(mute: bool) -> int:
-    console = Console(file=io.StringIO(), width=80, force_terminal=True)
-    with LiveScreen("x", mute, console) as screen:
-        for kind in Kind:
-            screen.change(GuideMessage(kind, kind.value))
-        screen.show(guide_of())
-    return console.file.getvalue().count("\a")
-
-
-def test_the_bell_rings_and_is_muted():
-    assert rung(mute=False) == 1 + 1 + 2 + 2 + 3
-    assert rung(mute=True) == 0
-
-
 def test_without_a_terminal_there_are_lines_and_no_control_signs():
     console = Console(file=io.StringIO(), highlight=False, markup=False)
     lines, guide = PlainLines(console), guide_of(1)
@@ -434,19 +389,6 @@ def test_keys_come_at_once_without_an_echo_and_the_terminal_is_set_back(terminal
         keys()
         assert typed(keys, master, b"q") == "q"
     assert termios.tcgetattr(slave) == before
-
-
-def test_without_a_terminal_there_are_none(monkeypatch):
-    read, write = os.pipe()
-    os.write(write, b"pdn")
-    with os.fdopen(read) as stdin, os.fdopen(write, "w"):
-        monkeypatch.setattr(sys, "stdin", stdin)
-        with Keyboard() as keys:
-            assert not keys.there
-            assert keys() == ""
-    monkeypatch.setattr(sys, "stdin", None)
-    with Keyboard() as keys:
-        assert not keys.there
 
 
 def test_letters_are_wishes_and_a_note_is_what_stands_before_enter():

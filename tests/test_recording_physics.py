@@ -8,8 +8,8 @@ import multiprocessing
 import os
 import shutil
 import signal
-import termios
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from streams import INFO, decode, frame_list, line_list, samples, sent
 from session.bench import frames, rawfile
 from session.bench.events import Comment, Info, SampleChunk, Trouble
 from session.bench.logwriter import SHORT_STARTS, LogWriter
-from session.bench.port import Closed, Opened, Port, Received, known_ports, lock_of, only_candidate
+from session.bench.port import Closed, Opened, Port, known_ports, lock_of, only_candidate
 from session.bench.rawfile import (
     RESCUED,
     GrowingFile,
@@ -140,23 +140,6 @@ def test_resumed_it_goes_on_with_the_same_files_and_tells_the_decisions(wire, tm
     assert stamps(after["log0002.csv"]) == t_us[900:].tolist()
 
 
-def test_killed_between_the_mark_and_the_name_it_has_it_when_resumed(wire, tmp_path):
-    """The mark is written first: the run is in raw.bin, and is made again under its name."""
-    master, name = wire
-    t_us, data = parts(2)
-    recorder = Recorder(tmp_path / "s", name)
-    recorder.decide(BEGIN)
-    record(recorder, master, data[0])
-    recorder.logs.keep = lambda stem: None  # killed here
-    recorder.decide(KEEP)
-    recorder.close()
-    assert sorted(logs_of(tmp_path / "s")) == ["unclosed0001.csv"]
-    again = Recorder(tmp_path / "s", name)
-    caught_up(again)
-    again.close()
-    assert stamps(logs_of(tmp_path / "s")["closure0001.csv"]) == t_us[:300].tolist()
-
-
 def test_marks_that_make_no_sense_decide_nothing():
     for event in ("", "open then /dev/x", "close gone", "begin", "begin ../x", "keep a b", "drop -3", "drop x", "pauses", "unknown"):
         assert decision_of(Mark(0, 0, event)) is None
@@ -190,17 +173,6 @@ def test_it_goes_on_where_it_ended(tmp_path, there):
     assert written(path, TEXT).aside is None
     assert path.read_text() == TEXT
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_what_is_whole_is_not_touched(tmp_path):
-    path = tmp_path / "log0001.csv"
-    path.write_text(TEXT)
-    path.chmod(0o644)
-    os.utime(path, ns=(1, 1))
-    written(path, TEXT)
-    written(path, TEXT[:100])  # shorter: what is there stays
-    assert path.read_text() == TEXT
-    assert path.stat().st_mtime_ns == 1
 
 
 @pytest.mark.parametrize("at", [0, 20_000, len(TEXT) - 2])
@@ -261,67 +233,25 @@ def test_a_pulled_cable_and_the_next_connection(tmp_path):
     assert [mark.event.split()[0] for mark in read_marks(tmp_path / "s" / "raw.bin") if mark.event] == ["open", "close", "open"]
 
 
-@pytest.mark.parametrize(
-    ("error", "says"),
-    [
-        (serial.SerialException("device reports readiness"), "device reports readiness"),
-        (termios.error(errno.EIO, "Input/output error"), "Input/output error"),
-    ],
-)
-def test_whatever_pyserial_raises_is_a_pulled_cable(error, says, wire, monkeypatch):
-    port = Port(wire[1])
-    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
-    fails = iter([error])
-
-    def in_waiting(self):
-        for problem in fails:
-            raise problem
-        return 0
-
-    monkeypatch.setattr(serial.Serial, "in_waiting", property(in_waiting))
-    closed, opened = port.items.get(timeout=PATIENCE_S), port.items.get(timeout=PATIENCE_S)
-    assert isinstance(closed, Closed)
-    assert closed.why == says
-    assert isinstance(opened, Opened)
-    os.write(wire[0], b"hello")
-    received = port.items.get(timeout=PATIENCE_S)
-    assert isinstance(received, Received)
-    port.close()
-
-
-def _now_in_ticks(folder) -> int:
-    """ns, as the system stamps what it makes: in steps of some milliseconds."""
-    (folder / "now").write_text("now")
-    return (folder / "now").stat().st_ctime_ns
-
-
-def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch, tmp_path):
+def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
     """Once a virtual board has gone, its number goes to whoever opens a terminal next: a recorder that waits must not read that."""
     monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
-    tries = []
-    masters = [os.openpty() for _ in range(2)]
-    name = os.ttyname(masters[0][1])
-    made = os.stat(name).st_ctime_ns
+    gone = os.openpty()
+    name, others = os.ttyname(gone[1]), []
     port = Port(name)
     assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
-    wait = port._stop.wait
-    monkeypatch.setattr(port._stop, "wait", lambda seconds: tries.append(seconds) or wait(seconds))
-    for file in masters[0]:
+    time.sleep(0.05)  # the system stamps terminals in steps of some milliseconds
+    for file in gone:
         os.close(file)
     assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
-    until(lambda: _now_in_ticks(tmp_path) > made, what="the next tick of the system's clock, which stamps terminals")
-    others = []
     while name not in [os.ttyname(slave) for _, slave in others]:  # as soon as it is free
         others.append(os.openpty())
         assert len(others) < 100, "the number was not given again"
-    before = len(tries)
-    until(lambda: len(tries) > before + 5 or not port.items.empty(), what="some tries")
-    (own,) = [master for master, slave in others if os.ttyname(slave) == name]
-    os.write(own, b"a person's keys")
-    until(lambda: len(tries) > before + 10 or not port.items.empty(), what="more tries")
+    os.write(others[-1][0], b"a person's keys")
+    time.sleep(0.3)  # some tries
     port.close()
     assert port.items.empty()
-    for file in (*masters[1], *(file for pair in others for file in pair)):
+    for file in (file for pair in others for file in pair):
         os.close(file)
 
 
@@ -384,20 +314,6 @@ def test_ports_say_what_they_know(monkeypatch):
         only_candidate()
 
 
-def test_a_board_that_comes_back_under_another_name(tmp_path, monkeypatch):
-    """By its serial number."""
-    with Terminal(tmp_path / "ttyACM0") as first, Terminal(tmp_path / "ttyACM1") as second:
-        listed = [_Listed(str(first.name), 0x0483, 0x374B, "066D")]
-        monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
-        port = Port(str(first.name))
-        assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
-        listed[:] = [_Listed(str(second.name), 0x0483, 0x374B, "066D")]
-        first.unplug()
-        assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
-        assert port.items.get(timeout=PATIENCE_S).name == str(second.name)
-        port.close()
-
-
 def test_a_link_that_a_killed_board_left_is_not_followed(wire, tmp_path, monkeypatch):
     """By now it may lead to somebody's terminal, which opening alone would take away from them."""
     link = tmp_path / "port"
@@ -448,26 +364,6 @@ def test_what_is_removed_under_a_recording_is_noticed_and_saved(what, wire, tmp_
     assert saved == folder.with_name(f"s{RESCUED}")
     assert (saved / "raw.bin").read_bytes() == data[:60_000]
     assert [mark.event.split()[0] for mark in read_marks(saved / "raw.bin") if mark.event] == ["open"]
-
-
-def test_removed_just_before_the_end(wire, tmp_path):
-    """Within the last quarter of a second, too."""
-    recorder = Recorder(tmp_path / "s", wire[1])
-    record(recorder, wire[0], frames_of(1000))
-    shutil.rmtree(tmp_path / "s")
-    recorder.close()
-    assert recorder.raw.trouble is not None
-    assert (recorder.raw.saved / "raw.bin").read_bytes() == frames_of(1000)
-
-
-def test_a_file_system_that_numbers_files_anew_has_removed_nothing(tmp_path):
-    """Another number, the same size: so does a network's."""
-    (tmp_path / "a").write_bytes(b"abc")
-    (tmp_path / "b").write_bytes(b"abc")
-    (tmp_path / "c").write_bytes(b"ab")
-    file = os.open(tmp_path / "a", os.O_RDWR)
-    assert [rawfile.is_gone(file, tmp_path / name) for name in "abcd"] == [False, False, True, True]
-    os.close(file)
 
 
 def test_two_recordings_in_one_folder(wire, other_wire, tmp_path):
@@ -535,25 +431,6 @@ def test_killed_at_a_random_moment(tmp_path, wire):
     assert np.array_equal(samples(decode(kept)[1])[1], registers[: len(kept) // 25])
     [log] = replayed(raw, tmp_path / "again")
     assert log.startswith((tmp_path / "s" / "log0001.csv").read_bytes())
-
-
-def test_resumed_after_a_kill(wire, tmp_path):
-    """The log is made again from the raw bytes, torn lines and all, and a new one follows."""
-    master, name = wire
-    first, second = sent(500), sent(500, 90_000_000, seed=1)
-    folder = tmp_path / "s"
-    folder.mkdir()
-    (folder / "raw.bin").write_bytes(b"".join(frame_list(*first))[:-3])
-    (folder / "raw.times").write_text("host_ns,bytes,event\n5,0,open then /dev/x\n9,100,\n12,2")
-    (folder / "log0001.csv").write_text("t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3")
-    recorder = Recorder(folder, name)
-    assert len(samples(caught_up(recorder))[0]) == 499
-    record(recorder, master, b"".join(frame_list(*second)))
-    recorder.close()
-    there = [path.read_bytes() for path in sorted(folder.glob("log*.csv"))]
-    assert [text.count(b"\n") for text in there] == [500, 501]
-    assert replayed(folder / "raw.bin", tmp_path / "again") == there
-    assert recorder.decoder.samples == 999
 
 
 def test_a_full_disk_keeps_what_was_received_and_says_so(wire, other_wire, tmp_path, monkeypatch):
@@ -689,21 +566,6 @@ def test_its_logs_get_another_name_and_no_replay_gives_its_events(wire, tmp_path
     assert (folder / "raw.bin").read_bytes() == b"".join([*own, *other, *later])
     replayed(folder / "raw.bin", tmp_path / "again")
     assert logs_of(tmp_path / "again") == logs_of(folder)
-
-
-def test_a_mark_is_of_its_connection_alone_and_nonsense_is_passed_over(wire, tmp_path):
-    folder = tmp_path / "s"
-    folder.mkdir()
-    parts = [b"".join(said_by(info, 1, seed)) for seed, info in enumerate([ANOTHER, INFO, INFO])]
-    (folder / "raw.bin").write_bytes(b"".join(parts))
-    first, second = len(parts[0]), len(parts[0]) + len(parts[1])
-    marks = ["1,0,open a", f"2,{first},open b", f"3,{second},open c", "4,0,foreign 0", f"5,{second},foreign x", "6,0,foreign"]
-    (folder / "raw.times").write_text("\n".join(["host_ns,bytes,event", *marks, ""]))
-    recorder = Recorder(folder, wire[1])
-    resumed = caught_up(recorder)
-    recorder.close()
-    assert np.array_equal(samples(resumed)[1], np.concatenate([sent(EACH, seed=seed)[1] for seed in (1, 2)]))
-    assert sorted(logs_of(folder)) == ["foreign0001.csv", "log0001.csv", "log0002.csv"]
 
 
 # Somebody stops.

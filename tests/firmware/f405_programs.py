@@ -113,24 +113,6 @@ def compiled(text: str, folder: Path) -> Path:
     return elf
 
 
-def with_board(text: str, folder: Path, **defines: str) -> Path:
-    """The ELF file of a text with its ``main`` and the firmware's own board, clock, ports, bus and watchdog; what it finds lies where
-    ``found`` looks."""
-    firmware, source, elf = ROOT / "firmware", folder / "program.c", folder / "program.elf"
-    names = ("board.h", "board_send.h", "board_spi.h", "board_watchdog.h", "fault.h")
-    found = '__attribute__((section(".ccm"), used)) volatile uint32_t found[64];\n'
-    source.write_text("".join(f'#include "{name}"\n' for name in names) + found + text)
-    core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
-    flags = ["-std=c11", "-O2", "-ffreestanding", "-Wall", "-Wextra", "-Werror", "-nostartfiles", "--specs=nano.specs", f"-I{firmware}"]
-    flags += ["-DRECORDER", *(f"-D{name}={value}" for name, value in defines.items()), "-Wl,--gc-sections"]
-    parts = [firmware / f"{name}.c" for name in ("startup", "fault", "board", "board_send", "board_spi", "board_watchdog")]
-    made = run(
-        ["arm-none-eabi-gcc", *core, *flags, "-T", firmware / "stm32f405.ld", source, *parts, "-o", elf], capture_output=True, text=True
-    )
-    assert made.returncode == 0, made.stderr
-    return elf
-
-
 def found(machine, count: int = 1) -> list[int]:
     """The first numbers that the program has put down."""
     return list(machine.cpu.words(CCM, count))

@@ -146,18 +146,6 @@ def test_no_sample_before_the_fifo_has_brought_a_temperature():
 # Faults.
 
 
-def test_a_fifo_that_ran_over_is_counted_once_and_the_gap_is_numbered():
-    started()
-    before = streamed(0, 64)
-    put(overrun=1)
-    number("now_us").value += 600_000
-    after = streamed(1000, 64)
-    assert faults()["overrun"] == 1
-    assert faults().get("order", 0) == faults().get("incomplete", 0) == 0
-    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
-    assert faults()["lost"] == 1000 - len(before)
-
-
 @pytest.mark.parametrize(
     ("name", "behaviour"),
     [("hang", HANGS), ("hang", BUSY_FOR_EVER), ("zeros", ZEROS), ("ones", ONES)],
@@ -218,19 +206,6 @@ def test_a_sensor_that_resets_itself():
     assert len(streamed(0, 100)) >= 80
 
 
-@pytest.mark.parametrize(("register", "value"), [(CTRL2_G, 0x8C), (FIFO_CTRL4, 0x26)])
-def test_a_register_that_changed_spoils_the_burst_before_it(register, value):
-    """No sample counts at a range that is not the one that was set."""
-    started()
-    streamed(0, 100)
-    registers()[register] = value
-    assert len(streamed(100, 30, polls=3)) == 0
-    assert faults()["changed"] == 1
-    poll(300)
-    assert library().running()
-    assert registers()[register] != value
-
-
 def test_another_chip_in_its_place():
     """Whose registers are as they were set: nobody has set another chip so."""
     started()
@@ -241,25 +216,6 @@ def test_another_chip_in_its_place():
     registers()[WHO_AM_I] = ASM330LHH
     poll(10)
     assert library().running()
-
-
-@pytest.mark.parametrize(("behaviour", "lasts_ms"), [(ZEROS, 300), (ONES, 2000)])
-def test_a_line_that_sticks_while_writes_arrive_restarts_no_sensor(behaviour, lasts_ms):
-    """What is written meanwhile, ten times a second, is what CTRL3_C holds anyhow."""
-    started()
-    streamed(0, 100)
-    put(logged=0, line=behaviour)
-    number("line_from_us").value = number("now_us").value
-    number("line_until_us").value = number("now_us").value + 1000 * lasts_ms
-    poll(lasts_ms)
-    written = [access for access in accesses() if not access[0] & 0x80]
-    assert written == [(CTRL3_C, 0x44)] * len(written)
-    assert 2 <= len(written) <= lasts_ms / 100
-    poll(5)
-    assert library().running()
-    discard()
-    streamed(100 + round(1.667 * lasts_ms), 100)
-    assert "starts" not in faults()
 
 
 IF_INC, SIM = 0x04, 0x08  #: of CTRL3_C
@@ -384,36 +340,6 @@ CHANGED, IMPOSSIBLE = FAULTS.index("changed"), NONE + 1
 
 #: microseconds: a poll on a bus of 1.6 MHz, a byte each 5; a start that blocks; no call of its own waits
 LONGEST_POLL_US, SLOW_BYTE_US, LONGEST_START_US = 5000, 5, 300_000
-
-
-#: bits with a meaning, by the maker's headers: of the ASM330LHH, and of the LSM6DSO where they differ; COUNTER_BDR_REG1 without one
-KNOWN = {0x07: 0xFF, 0x08: 0x91, 0x09: 0xFF, 0x0A: 0xF7, 0x0B: 0xA3, 0x0C: 0xFF, 0x0D: 0xFF, 0x0E: 0xFF, 0x10: 0xFE, 0x11: 0xFF}
-KNOWN |= {0x12: 0xFD, 0x13: 0x6E, 0x14: 0x6F, 0x15: 0xEF, 0x16: 0x72, 0x17: 0xFD, 0x18: 0xFE, 0x19: 0x20}
-
-
-DIFFERS = {0x08: 0xD7, 0x0B: 0xA7, 0x11: 0xFE, 0x14: 0xEF, 0x15: 0xFF, 0x16: 0xF7, 0x17: 0xFF}
-
-
-@pytest.mark.parametrize("who", [ASM330LHH, LSM6DSO])
-def test_each_bit_that_makes_up_a_sample_is_proved_at_the_start(who):
-    """FIFO_CTRL1 to CTRL10_C.  What is reserved may read as it likes."""
-    lib = started(who=who, settles=False)
-    for register, known in (KNOWN | (DIFFERS if who == LSM6DSO else {})).items():
-        for bit in range(register % 2, 8, 2):
-            put(turned=register, turned_bits=1 << bit)
-            assert (lib.start() == NONE) == (not known >> bit & 1)
-
-
-def test_4000_dps_are_the_asm330lhhs():
-    assert attached(gyro_fs_dps=4000).start() == NONE
-    lib = attached(gyro_fs_dps=4000, who=LSM6DSO)
-    assert lib.start() == IMPOSSIBLE
-    assert registers()[CTRL2_G] == 0  # never switched on
-    poll(500)
-    assert (faults(), lib.running()) == ({}, 0)
-    lib.restart(2000, 4, 8, 0xFF, 2)
-    poll(30)
-    assert (registers()[CTRL2_G], lib.running()) == (0x8C, 1)
 
 
 def test_the_gyroscope_is_off_for_10_ms_before_it_is_on_again():
@@ -541,22 +467,6 @@ def test_the_sensors_clock_against_the_targets(milliseconds, wrong):
         push(slots(place, 50))
         poll(milliseconds)
     assert ("rate" in faults()) == wrong
-
-
-def test_a_target_that_comes_late_is_no_other_rate():
-    """The FIFO runs over again and again: that is said, and is all."""
-    started()
-    now_us = number("now_us")
-    streamed_by_time(0, 700)
-    for place in range(1700, 3 * 1700 + 1, 1700):
-        discard()
-        now_us.value += 600_000
-        put(overrun=1)
-        push(slots(place, 30))
-        poll(18)
-        streamed_by_time(place + 30, 670)
-    assert faults()["overrun"] == 3
-    assert faults().keys() == {"overrun", "lost"}
 
 
 # Settling.

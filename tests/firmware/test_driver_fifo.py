@@ -91,32 +91,6 @@ def test_whatever_bits_of_a_tag_are_turned_no_sample_is_falsified(order, flipped
     assert fewest >= len(slots) - 1 - 3
 
 
-def test_lost_words_cost_their_slots_and_the_number_goes_on():
-    rng = np.random.default_rng(0)
-    slots = np.arange(2000)
-    words = words_of(slots, ticks_of(slots))
-    kept = rng.random(len(words)) > 0.02
-    kept[:3] = kept[-6:] = True
-    samples, faults = take_words(words[kept])
-    whole = kept.reshape(-1, 3).all(axis=1)
-    np.testing.assert_array_equal(samples["number"] - 1, slots[:-1][whole[:-1]])
-    np.testing.assert_array_equal(samples["registers"][:, :6], registers_of(slots[:-1][whole[:-1]]))
-    assert faults["lost"] == np.count_nonzero(~whole)
-    assert faults["incomplete"] == np.count_nonzero(~whole & kept.reshape(-1, 3).any(axis=1))
-
-
-@pytest.mark.parametrize("lost", [1, 3, 7, 146])
-def test_a_gap_of_many_slots_is_counted_by_the_stamps(lost):
-    """Behind three lost slots, or seven, the next one has the same TAG_CNT as the last: nobody can tell their words apart, so both go."""
-    slots = np.concatenate([np.arange(10), np.arange(10 + lost, 30 + lost)])
-    samples, faults = take_words(words_of(slots, ticks_of(slots)))
-    kept = np.setdiff1d(slots[:-1], [9, 10 + lost] if lost % 4 == 3 else [])
-    np.testing.assert_array_equal(samples["number"] - 1, kept)
-    np.testing.assert_array_equal(samples["registers"][:, :6], registers_of(kept))
-    assert faults["lost"] == lost + 2 * (lost % 4 == 3)
-    assert faults.get("order", 0) == (lost % 4 != 0)
-
-
 def test_lost_slots_that_nothing_shows_are_never_guessed_at():
     """Four, whose TAG_CNT goes on: they cannot be told from a stamp that was spoilt.  Where parity says that words were, they count."""
     slots = np.concatenate([np.arange(10), np.arange(14, 40)])
@@ -203,12 +177,6 @@ def test_after_an_absence_the_count_is_right_or_a_fault_says_that_it_need_not_be
     assert certain >= 6
 
 
-def runs(*lengths: int) -> np.ndarray:
-    """Slots that there are: so many, so many that are absent, and so on."""
-    ends = np.cumsum(lengths)
-    return np.concatenate([np.arange(end - length, end) for length, end in zip(lengths[::2], ends[::2], strict=True)])
-
-
 @pytest.mark.parametrize(("late", "ratio"), [(0, 5.9997), (1, 6.0)])
 def test_time_does_not_drift_and_goes_on_evenly(ratio, late):
     slots = np.arange(100_000)
@@ -245,14 +213,6 @@ def test_no_single_bit_of_any_stamp_makes_a_false_number_for_good(odr):
         assert np.abs(ticks_off(samples, ticks[numbers], exact[numbers])).max() <= np.abs(late).max() + 1.04 + 0.75, name
 
 
-@pytest.mark.parametrize(("clock", "refused"), [(0.89, 1), (0.95, 0), (1.05, 0), (1.13, 1)])
-def test_the_two_clocks_may_differ_by_a_sixteenth(clock, refused):
-    slots = runs(33_335, 20_001, 100)
-    samples, faults = take_words(words_of(slots, ticks_of(slots)), made_us=np.repeat(slots * 150 * clock, 3))
-    assert faults.get("stamp", 0) == refused
-    assert len(samples) == len(slots) - 1 - refused
-
-
 @pytest.mark.parametrize(("odr", "unsettled"), [(10, 470), (1, 600)])
 def test_slots_before_the_filters_have_settled_are_no_samples(odr, unsettled):
     slots = np.arange(unsettled + 20)
@@ -264,34 +224,6 @@ def test_slots_before_the_filters_have_settled_are_no_samples(odr, unsettled):
     assert library().settled() == 1
     take_words(words[: 3 * unsettled + 1], odr=odr, unsettled=unsettled)  # the last of them is over, the first sample is not
     assert library().settled() == 0
-
-
-@pytest.mark.parametrize(("mask", "axis"), [(0x7FFD, 0), (0x7FFE, 2), (0x7FFF, 4)])
-def test_masked_values_are_no_samples_before_the_first_one_and_clipped_ones_behind_it(mask, axis):
-    slots = np.arange(60)
-    words = words_of(slots, ticks_of(slots))
-    place = 1 + 2 * (axis % 3)
-    masked = np.concatenate([np.arange(5, 17), [30, 31]])
-    words[3 * masked + axis // 3, place : place + 2] = mask & 0xFF, mask >> 8
-    samples, faults = take_words(words, unsettled=5)
-    assert not faults
-    np.testing.assert_array_equal(samples["number"], 1 + np.arange(42))
-    expected = registers_of(slots[17:-1])
-    expected[[13, 14], axis] = mask
-    np.testing.assert_array_equal(samples["registers"][:, :6], expected)
-
-
-@pytest.mark.parametrize("odr", [1, 10])
-def test_what_stays_masked_is_clipped(odr):
-    """A sensor that is turned too fast from the start on is not waited for for ever: 77 ms at 6667 Hz, 0.7 s at 12.5."""
-    slots = np.arange(700)
-    words = words_of(slots, ticks_of(slots, PERIOD * 2 ** (10 - odr)))
-    words[::3, 1:3] = 0xFF, 0x7F
-    samples, faults = take_words(words, odr=odr, unsettled=10)
-    most = MASKED_LEAST + (MASKED_MOST - MASKED_LEAST) // 2 ** (10 - odr)
-    assert not faults
-    assert (len(samples), samples["number"][0]) == (699 - 10 - most, 1)
-    assert (samples["registers"][:, 0] == 0x7FFF).all()
 
 
 def test_behind_a_restart_number_and_time_go_on_by_the_targets_clock():

@@ -12,10 +12,10 @@ from emulator import driven as kit
 from emulator.build import build
 from emulator.core import AIRCR, RESET_KEY, RESET_REQUEST, SYSTICK_CSR
 from emulator.cpu import CCM
-from emulator.driven import NOMINAL_HZ, Driven, Verdict, judged
+from emulator.driven import NOMINAL_HZ, Driven, Verdict
 from emulator.machine import CYCLES_PER_INSTRUCTION, Machine
 from emulator.sensor import CTRL1_XL, CTRL2_G, CTRL3_C, Asm330lhh, AtRest, Fault, SensorPort
-from f405_programs import came_to_its_end, compiled, found, tools_missing, with_board
+from f405_programs import came_to_its_end, compiled, found, tools_missing
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
@@ -94,53 +94,6 @@ def test_a_register_is_read_and_bytes_take_their_time_on_the_line(tmp_path):
     assert found(alone) == [0xFF]
 
 
-FULL_RING = """
-static uint32_t sent;
-static void fill(void)
-{
-    uint8_t frame[64];
-    for (;; sent += sizeof frame) {
-        for (unsigned n = 0; n < sizeof frame; n++) frame[n] = (uint8_t)((sent + n) * 7 + (sent + n) / 256);
-        if (!board_send(frame, sizeof frame)) return;
-    }
-}
-"""
-
-
-def expected(count: int) -> bytes:
-    return bytes((n * 7 + n // 256) & 0xFF for n in range(count))
-
-
-def test_another_rate_counts_behind_what_waited_and_nobody_waits(tmp_path):
-    """A ring that is full at 115200 baud; the rate changes; more is sent.  Each byte leaves at the rate it was meant for."""
-    text = (
-        FULL_RING
-        + """
-    int main(void)
-    {
-        board_start(115200);
-        fill();
-        found[0] = sent;
-        const uint32_t began = board_microseconds();
-        board_send_baud(921600);
-        found[1] = board_microseconds() - began;
-        for (;;) { fill(); found[2] = sent; board_wait(); board_alive(); }
-    }"""
-    )
-    machine = Machine(with_board(text, tmp_path), lsi_hz=47e3)
-    while not machine.usart1.baud or machine.usart1.baud < 200_000:
-        machine.run_until(machine.clock.now_s() + 0.0005)
-    first, took_us, _ = found(machine, 3)
-    assert len(machine.usart1.sent) == first
-    assert machine.clock.now_s() == pytest.approx(10 * first / 115200, abs=0.005)
-    assert took_us < 10
-    machine.run_until(machine.clock.now_s() + 0.2)
-    sent = machine.usart1.take()
-    assert sent == expected(len(sent))
-    assert len(sent) - first == pytest.approx(0.2 * 92160, abs=8192)  # what DMA has in hand is not there yet
-    assert (machine.bus.objections, machine.resets) == ({}, 0)
-
-
 @pytest.mark.parametrize(
     ("program", "said"),
     [
@@ -204,24 +157,6 @@ def test_it_starts_in_order_and_streams_6667_hz_without_a_loss(elf):
     assert driven.machine.slept > 0.85 * driven.machine.clock.now()
     assert driven.objections == []
     assert set(driven.counts.values()) <= {0, driven.counts["lost"]}  # what setting it anew has cost
-
-
-def test_the_verdict_finds_what_is_planted(elf):
-    """A value, a time, a time for good, a sample twice, one that is gone."""
-    driven = streaming(elf)
-    bodies, _ = frames.decode_blocks(np.frombuffer(b"".join(driven._frames), np.uint8).reshape(driven.streamed, -1))
-    true = np.ascontiguousarray(bodies).view(frames.SAMPLE).ravel()
-    verdict = lambda stream: judged(stream, driven.sensor.kept, 0.0, driven.clock_hz, driven.silicon)  # noqa: E731
-    assert_clean(verdict(true))
-    for change, off in ((40, 1), (-1000, 1), (40, 1000)):
-        stream = true.copy()
-        stream["t_us"][len(true) - 1500 :][:off] += np.array(change, np.int64).astype(np.uint32)
-        assert verdict(stream).falsified == off
-    stream = true.copy()
-    stream["registers"][700, 3] += 1
-    assert (verdict(stream).falsified, verdict(stream).missing) == (1, 1)
-    assert verdict(np.insert(true, 700, true[699])).doubled == 1
-    assert (verdict(np.delete(true, 700)).missing, verdict(np.delete(true, 700)).said_lost) == (1, 1)
 
 
 def test_a_fault_costs_what_it_must_and_is_counted(elf):

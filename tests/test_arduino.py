@@ -8,12 +8,11 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from subprocess import CalledProcessError
 
 import numpy as np
 import pytest
 from conftest import ROOT
-from processes import PIPE, run, started
+from processes import run
 from streams import decode, samples
 
 from session.bench.decoder import StreamDecoder
@@ -115,17 +114,6 @@ def test_every_sample_of_another_sensor_arrives(others, family, says, registers)
     assert decoder.info == says
     assert {address: written[address] for address in registers} == registers
     assert sum(isinstance(event, Comment) for event in events) == 3  # each four seconds
-
-
-@needs_gcc
-def test_nothing_is_sent_of_a_sensor_that_is_another(others):
-    """It says what it read, or that nothing answers, once a second, and no sample."""
-    with started([others("mpu"), "st", PERIOD_US, 0, 0, 0], stdout=PIPE, stderr=PIPE) as process:
-        said = {process.stdout.readline() for _ in range(3)}
-    assert said == {b"# nothing answers at 0x68: look at SDA, SCL, 3.3 V, GND, AD0, CHIP\r\n"}
-    said = sent(others("mpu"), rows_of(300), who=0x6B)[0].splitlines()
-    assert set(said) == {b"# WHO_AM_I at 0x68 reads 0x6B, not 0x68: another sensor, see NAMES"}
-    assert len(said) == 3
 
 
 @needs_gcc
@@ -257,22 +245,6 @@ def test_the_names_are_those_of_the_driver():
     assert len(faults) == 16
     (arduino,) = re.findall(r'NAMES\[\] PROGMEM = .*\n  "(.*)";', SKETCH.read_text(encoding="utf-8"))
     assert arduino == f" {' '.join(faults)} "
-
-
-@needs_gcc
-@pytest.mark.parametrize(
-    ("settings", "says"),
-    [
-        ({"odr_hz": 500}, "no such data rate; 12 is 12.5"),
-        ({"g": 32}, "the accelerometer has no such range"),
-        ({"odr_hz": 208, "baud": 115200}, "does not carry the lines of this data rate"),
-    ],
-    ids=str,
-)
-def test_what_the_sensor_does_not_have_is_not_compiled(boards, settings, says):
-    with pytest.raises(CalledProcessError) as refused:
-        boards(**{"baud": 921600} | settings)
-    assert says in refused.value.stderr
 
 
 def driver_rows(count: int) -> np.ndarray:

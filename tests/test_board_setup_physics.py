@@ -125,17 +125,6 @@ def test_a_resumed_recording_sets_the_board_as_its_session_toml_says(tmp_path):
     assert SessionFile(tmp_path, None, None, None, None).wanted() == RequestedSettings(1667, 500, 4)
 
 
-def test_a_file_of_a_users_own_is_left_as_it_is(tmp_path):
-    first = SessionFile(tmp_path, None, 1667.0, 500, 4)
-    first.configure(None, 3.0)
-    text = first.path.read_bytes()
-    board = StreamDecoder().feed(frames.encode_info(0, INFO) + board_frame())[1]
-    second = SessionFile(tmp_path, None, None, None, None)
-    second.configure(replace(INFO, gyro_fs_dps=500.0, accel_fs_g=4.0), board=board)
-    assert first.path.read_bytes() == text
-    assert second.wanted() == RequestedSettings()
-
-
 def test_a_file_waits_for_the_serial_number_of_a_board_that_says_it(tmp_path):
     """All else may be given: without its number another board could take the place of this one."""
     given = SessionFile(tmp_path / "s", None, 1667.0, INFO.gyro_fs_dps, INFO.accel_fs_g)

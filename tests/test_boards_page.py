@@ -15,7 +15,6 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 
 PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
-FIRMWARE = ROOT / "firmware"
 BAUDS = (115200, 230400, 460800, 921600, 2_000_000, 3_000_000)
 TO_SPARE = 1.15
 HEX = re.compile(r"^```\n((?:[0-9a-f]{2} )+00)\n```", re.M)
@@ -53,26 +52,3 @@ def test_baud_rates_follow_from_the_bytes():
             needed = TO_SPARE * (10 * length * int(row[0]) + commands.OTHER_BITS)
             assert said == str(next((baud for baud in BAUDS if baud >= needed), "none"))
     assert commands.SAMPLE_BITS == 250
-
-
-@pytest.mark.parametrize(
-    ("file", "said"),
-    [
-        ("board_spi.h", "SPI1 on PA5 to PA7 with the chip select on PA4, 5.25 MHz, mode 3"),
-        ("board.c", "USART1 on PA9/PA10 (host), USART2 on PA2/PA3 (played sensor)"),
-        ("defaults.h", "#define BAUD 921600"),
-    ],
-)
-def test_the_pins_are_those_of_the_firmware(file, said):
-    assert said in (FIRMWARE / file).read_text(encoding="utf-8")
-    for pin in ("PA4", "PA5", "PA6", "PA7", "PA9", "PA10"):
-        assert len(re.findall(rf"^\| {pin} \|", PAGE, re.M)) == 1  # the F405's table
-        assert len(re.findall(rf"\| {pin} \| [AD]\d+", PAGE)) == 1  # the Nucleo's
-
-
-def test_the_flashers_are_called_as_the_page_says():
-    makefile = (FIRMWARE / "Makefile").read_text(encoding="utf-8")
-    for tool, ending in (("dfu-util", "bin"), ("openocd", "elf"), ("st-flash", "bin")):
-        (called,) = re.findall(rf"^with-{tool} = (.*)$", makefile, re.M)
-        assert f"`{called.replace('$(1)', 'build/recorder')}`" in PAGE
-        assert f"$(1).{ending}" in called

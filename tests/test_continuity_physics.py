@@ -203,25 +203,6 @@ def test_a_restart_needs_three_readings_and_each_further_one_twice_as_many_until
         last = t_us[-1]
 
 
-def test_text_needs_eight_lines_for_a_restart():
-    stream = begun(text=True)
-    n = np.arange(8)
-    assert told(stream.take(received(77 + P * n[:7])))[0] == []
-    t_us, periods, troubles = told(stream.take(received(77 + P * n[7:])))
-    assert t_us == (77 + P * n[:7]).tolist()
-    assert periods == [1] * 7
-    # the last line before may be two halves: it does not count
-    assert troubles == [("lost", 1, LAST), ("reset", 1, LAST)]
-
-
-def test_readings_that_wait_are_left_out_when_the_stream_goes_on_or_ends():
-    stream = begun()
-    assert told(stream.take(received([77, 1077], [0, 1]))) == ([], [], [])
-    assert told(stream.take(received([LAST + P], [20]))) == ([LAST + P], [1], [("implausible", 2, LAST)])
-    stream.take(received([77], [0]))
-    assert told(stream.finish()) == ([], [], [("implausible", 1, LAST + P)])
-
-
 @pytest.mark.parametrize(("off", "counts"), [(700, True), (701, False), (-700, True), (-701, False)])
 def test_a_line_may_err_by_seven_tenths_of_a_period(off, counts):
     for count in (20, 5):

@@ -13,7 +13,7 @@ from conftest import DEG, GRAVITY, Table, config
 
 from session.bench.board_clock import ClockComparison, ClockRatio
 from session.bench.guide import Guide
-from session.bench.live import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, WarmUp, rps_per_c, settling, stream_problem
+from session.bench.live import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, WarmUp, settling, stream_problem
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
 from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
@@ -316,18 +316,6 @@ def test_onto_the_mark_still_turn_back_still():
     assert 11.5 + guide.closure.hold_s <= begun_s < 20.5 - guide.closure.hold_s
 
 
-def test_or_the_person_says_so():
-    guide = guide_of(1, closure_s=PLANNED_S)
-    samples = Table().rest(3).turn(120, (1, 0, 0), 3).rest(4).samples()
-    play(guide, samples)
-    assert guide.stage is Stage.CLOSURE
-    assert guide.wants is None
-    guide.closure.on_the_mark()
-    more = Table().rest(0.5).samples()
-    play(guide, Samples(more.t_ns + samples.t_ns[-1] + 4_807_692, more.gyro, samples.accel[-1] + 0 * more.accel, more.temp_c))
-    assert guide.wants == RecordingDecision("begin", "unclosed")
-
-
 def test_away_from_the_mark_is_said_and_may_be_set_right():
     table = run(to_the_mark(), away_deg=4.0).rest(4)
     samples = table.samples()
@@ -430,17 +418,6 @@ def test_it_says_how_long_to_wait_and_is_silent_after_so_long():
         assert wait.left_min == pytest.approx(40 * SEGMENT_S / 60)
     last_s = max(at_s for at_s, wait in zip(t_s, said, strict=True) if wait)
     assert abs(last_s - needed_s) < 30
-
-
-def test_what_a_degree_does_is_taken_from_the_stills():
-    assert rps_per_c([]) == pytest.approx(TYPICAL_RPS_PER_C)
-    assert rps_per_c(stills_of(np.linspace(25, 30, 15))) == pytest.approx(PER_C, rel=0.15)
-    calm = rps_per_c(stills_of(np.linspace(25, 30, 15), per_c=0.0))
-    assert calm < 0.3 * TYPICAL_RPS_PER_C
-    t_s = np.arange(0, 100, 2.0)
-    temps = warm_up(9.0, 150.0, t_s, start_c=29.0)
-    assert told(t_s, temps, [], 40)[-1] is not None
-    assert told(t_s, temps, stills_of(np.linspace(29, 33, 15), per_c=0.0), 40)[-1] is None
 
 
 def test_a_room_that_warms_steadily_is_not_waited_for():

@@ -22,7 +22,6 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, Comment, FaultCounts, Info, SampleChunk, Trouble, starts_log
 from session.bench.guide import ANY_TURN, Guide
 from session.bench.guided_session import (
-    MOST_SAID,
     NO_SENSOR,
     RESET_SAYS,
     BoardReporter,
@@ -287,13 +286,6 @@ def test_the_last_turn_is_dropped_where_it_moved():
     assert "turn 2 dropped, as requested" in said.texts(Kind.STAGE)
 
 
-@pytest.mark.parametrize(("at_s", "says"), [(2.5, "no accepted turn yet"), (0.4, "no turn to drop now")])
-def test_where_there_is_nothing_to_drop_it_says_so(at_s, says):
-    port, _, said, notes = keyed(1, [(at_s, "d")], segments=1)
-    assert any(says in text for text in said.texts(Kind.WARNING))
-    assert (notes.rows, port.decided) == ([], [])
-
-
 def test_paused_nothing_is_judged():
     """The second of four turns is made in a pause: nobody counts it, and the first still after the pause is a new log's."""
     port, guide, said, _ = keyed(4, [(8.4, "p"), (11.7, "p")])
@@ -389,21 +381,6 @@ def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
     assert 4.0 <= guide.rested_s < 4.11
 
 
-def test_turns_that_are_resumed_after_a_rest_take_nothing_of_it():
-    """Neither its samples nor that the operator had finished it."""
-    turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
-    past = [INFO, *chunks(turns), BEGIN, *chunks(turns, seed=1), RecordingDecision("finish")]
-    port = Port([Trouble("reconnect"), INFO, *chunks(turns, seed=2)], resumed=past)
-    guide = Guide(config().protocol, 2)
-    said = rested(port, guide)
-    assert port.decided == [RecordingDecision("pause"), RecordingDecision("begin", "log")]
-    assert "resumed: 1 segments so far" in said.texts(Kind.STAGE)
-    assert guide.accepted == 2
-    finished = Guide(config().protocol, 1)
-    rested(Port([], resumed=past), finished)
-    assert finished.stage is Stage.DONE
-
-
 def rested(port, guide):
     said = Said()
     GuidedRecording(guide, port, lambda info, waited_s: config() if info else None, None, said, keys=port.keys).lead()
@@ -450,10 +427,6 @@ def test_what_a_board_has_counted_is_counted_once_over_connections():
     assert len(words.hear(FaultCounts(tuple(int(name == "parity") for name in FAULTS)))) == 1  # they fell: switched on again
     assert words.counted == whole | {"parity": 4}
     assert [line.startswith("before this recording") for line in lines] == [True, False]
-
-
-def test_a_loose_wire_does_not_say_it_for_ever():
-    assert len(heard(*(faults_frame(parity=n) for n in range(200)))) == MOST_SAID + 1
 
 
 def test_a_stand_in_is_said():

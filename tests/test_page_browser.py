@@ -193,12 +193,6 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     press("Enter", "\r")
     until(lambda: heard((OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, ""), (OperatorCommand.NOTE, "p is for pause")))
     shown(browser, "document.getElementById('text').value === ''")
-    server.wishes.end()
-    press("n", "n")
-    browser.ask("Input.insertText", {"text": "nobody takes this"})
-    press("Enter", "\r")
-    shown(browser, "document.getElementById('sent').textContent.includes('not done')")
-    assert browser.evaluate("document.getElementById('text').value") == "nobody takes this"
     assert browser.evaluate("document.getElementById('sound').ariaPressed") == "true"  # the first key turned it on
     server.publish("end", {"words": "The files are closed.", "command": "", "report": "offered"})
     shown(browser, "!document.getElementById('end').hidden")

@@ -10,7 +10,6 @@ import os
 import pty
 import socket
 import sys
-import tomllib
 from email.message import Message
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -19,7 +18,7 @@ import numpy as np
 import pytest
 from coached_hand import Kept, Silent, guide_of, play, simulated
 from conftest import DEG, Table
-from processes import PATIENCE_S, ROOT, until
+from processes import PATIENCE_S, until
 from rich.console import Console
 
 from session.bench.messages import Advice, GuideMessage, Kind, RequestedTurn, Stage
@@ -27,7 +26,7 @@ from session.bench.operator import LONGEST_NOTE, Keyboard, OperatorCommand, Typi
 from session.bench.page import server as page_server
 from session.bench.page.server import PageServer
 from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
-from session.bench.screen import PlainLines, view
+from session.bench.screen import view
 from session.io.errors import CalibrationError
 from session.io.samples import Samples
 
@@ -275,16 +274,6 @@ def test_a_port_that_is_taken_is_said_in_a_line(server):
         PageServer(port=server.server_port)
 
 
-def test_an_installed_package_has_the_page():
-    """setuptools takes what pyproject.toml names; every file of the page is asked for by another one, or is the page."""
-    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]["session"]
-    packed = {path for pattern in patterns for path in (ROOT / "session").glob(pattern)}
-    there = set((ROOT / "session/bench/page/files").iterdir())
-    assert there <= packed
-    texts = "".join(path.read_text() for path in there)
-    assert {path.name for path in there if path.name not in texts} == {"page.html"}
-
-
 # The terminal.
 
 
@@ -334,27 +323,6 @@ def test_every_state_fits_80_by_24(name_guide):
     if name in ("hold", "hold again"):
         assert "s left" in text
     assert f"{guide.accepted} of {guide.segments} accepted" in text
-
-
-def test_without_a_terminal_there_are_lines_and_no_control_signs():
-    console = Console(file=io.StringIO(), highlight=False, markup=False)
-    lines, guide = PlainLines(console), guide_of(1)
-    samples = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).samples()
-    with lines:
-        for first in range(0, len(samples), 20):
-            for change in guide.feed(samples.between(first, first + 20)):
-                lines.change(change)
-            lines.show(guide)
-    text = console.file.getvalue()
-    assert "\x1b" not in text
-    assert "\a" not in text
-    said = [line.strip() for line in text.splitlines()]
-    assert said[0].startswith("wait: the stream is being checked (0.1 of 1.0 s of samples seen")
-    assert any("the stream is good: 208.0 Hz" in line for line in said)
-    assert said.count("hold still: hands off the table") == 2
-    assert any("turn 1 accepted: 120°" in line for line in said)
-    assert said[-1].startswith("done: the table may be left")
-    assert len(said) < 14
 
 
 @pytest.fixture

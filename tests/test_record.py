@@ -6,19 +6,19 @@ import json
 import re
 import signal
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import Table, config
+from conftest import Table
 from conftest import write_session as write_samples
 from processes import CALIBRATE, PIPE, calibrate, heard, started, until
 from recording_wires import CONFIG, LEAD_S, make_wire, send, virtual_boards
 from streams import INFO, frame_list, line_list, sent
 
 from session.bench import frames
-from session.bench.guide import Guide
 from tinygc import SimulationOptions, read_session
-from tinygc.cli.recording import faults_of, files_left
+from tinygc.cli import recording
 from tinygc.cli.results import Interruption, ended_by_signals
 from tinygc.simulation.write import write_session
 
@@ -124,19 +124,6 @@ def test_the_signals_are_what_they_were_afterwards():
             signal.signal(number, handler)
 
 
-def test_the_closing_lines_name_rows_of_files_and_every_fault(tmp_path):
-    for name in ("raw.bin", *(f"log{number:04d}.csv" for number in range(1, 8)), "closure0001.csv", "log0003.csv.changed1", "notes.txt"):
-        (tmp_path / name).touch()
-    assert (
-        files_left(tmp_path) == "closure0001.csv, log0001.csv, log0002.csv, log0003.csv, log0003.csv.changed1, "
-        "log0004.csv to log0007.csv (4 files), raw.bin"
-    )
-    guide = Guide(config().protocol)
-    assert faults_of(guide) == ""
-    guide.health.troubles["lost"], guide.board_faults = 3, {"hang": 2}
-    assert faults_of(guide) == "3 lost, the board counted hang 2×"
-
-
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
@@ -205,3 +192,22 @@ def test_fit_refuses_a_folder_with_a_sensors_log_and_one_that_a_board_made_up(tm
 
 
 wire = pytest.fixture(make_wire, name="wire")
+
+
+@pytest.mark.parametrize(
+    ("script", "report", "words"),
+    [
+        ("open(sys.argv[2] + '/report.html', 'w').write('it fails'); sys.exit(1)", "ready", "report.html"),
+        ("print('calibrate: no segment', file=sys.stderr); sys.exit(2)", "failed", "calibrate: no segment"),
+    ],
+)
+def test_the_page_makes_the_report_when_it_is_asked_for(tmp_path, monkeypatch, script, report, words):
+    made, said, asked = tmp_path / "calibrate.py", [], threading.Event()
+    made.write_text(f"import sys\nassert sys.argv[1] == 'report'\n{script}\n")
+    monkeypatch.setattr(recording, "CALIBRATE", made)
+    server = SimpleNamespace(visited=True, clients=1, wishes=SimpleNamespace(report=asked), publish=lambda _, content: said.append(content))
+    asked.set()
+    recording.stay(server, tmp_path, lambda: said[-1]["report"] in ("ready", "failed"))
+    assert [each["report"] for each in said if each["report"] != "making"] == ["offered", report]
+    assert words in said[-1]["words"]
+    assert server.report() == (b"it fails" if report == "ready" else None)

@@ -22,7 +22,7 @@ from streams import INFO, decode, frame_list, line_list, samples, sent
 
 from session.bench import frames, rawfile
 from session.bench.events import Comment, Info, SampleChunk, Trouble
-from session.bench.logwriter import SHORT_STARTS, LogWriter
+from session.bench.logwriter import LogWriter
 from session.bench.port import Closed, Opened, Port, known_ports, lock_of, only_candidate
 from session.bench.rawfile import (
     RESCUED,
@@ -184,27 +184,6 @@ def test_what_somebody_changed_is_kept_beside_it(tmp_path, at):
         assert path.read_text() == TEXT
         assert file.aside == tmp_path / f"log0001.csv.changed{number}"
         assert file.aside.read_text() == changed
-
-
-def flickering(starts: int, samples: int) -> list:
-    """Events of a board that begins anew again and again."""
-    events = []
-    for k in range(starts):
-        events += [Trouble("reset")] * (k > 0) + [SampleChunk(*sent(samples, 1000 * k, seed=k))]
-    return events
-
-
-def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path):
-    """Behind twenty such starts one gets a log only where it lasts a second; what got none is counted."""
-    logs = LogWriter(tmp_path)
-    logs.write(flickering(300, 100))
-    assert len(list(tmp_path.glob("log*.csv"))) == SHORT_STARTS
-    logs.write([Trouble("reset"), SampleChunk(*sent(1000, 7)), SampleChunk(*sent(2000, 700_000))])  # 0.6 s, then more than a second
-    logs.write([Trouble("reset"), SampleChunk(*sent(50, 7))])  # a good one has been: this counts again
-    logs.close()
-    lengths = [path.read_text().count("\n") - 1 for path in logs.paths]
-    assert lengths == [100] * SHORT_STARTS + [3000, 50]
-    assert (logs.not_logged, logs.not_logged_starts) == (280 * 100, 280)
 
 
 # The port.
@@ -452,28 +431,6 @@ def test_a_full_disk_keeps_what_was_received_and_says_so(wire, other_wire, tmp_p
     record(recorder, other_wire[0], b"".join(frame_list(*sent(100, 5))))
     recorder.close()
     assert recorder.decoder.samples == len(kept) // 25 + 100
-
-
-def test_marks_survive_a_torn_line(tmp_path):
-    raw = RawFile(tmp_path)
-    raw.append(10, b"abc")
-    raw.append(11, b"de")  # within the time step
-    raw.append(20_000_000, b"f")
-    raw.mark(30_000_000, "close it,\nhere", 4)
-    raw.close()
-    raw.close()
-    with (tmp_path / "raw.times").open("a") as file:
-        file.write("12,34")
-    again = RawFile(tmp_path)
-    assert again.size == 6
-    again.mark(99, "open")
-    again.close()
-    assert [(mark.host_ns, mark.offset, mark.event) for mark in sorted(read_marks(tmp_path / "raw.bin"), key=lambda mark: mark.offset)] == [
-        (10, 3, ""),
-        (30_000_000, 4, "close it, here"),
-        (20_000_000, 6, ""),
-        (99, 6, "open"),
-    ]
 
 
 def test_a_raw_file_that_was_cut_is_noticed_and_what_is_gone_decides_nothing(tmp_path, wire):

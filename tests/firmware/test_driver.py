@@ -317,21 +317,6 @@ def test_a_fifo_that_runs_over_amid_a_burst_drops_the_burst(lost):
         np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
 
 
-@pytest.mark.parametrize(("bad", "starts"), [(3, 0), (4, 1)])
-def test_four_stamps_in_a_row_that_do_not_go_on_start_the_sensor_again(bad, starts):
-    started()
-    streamed(0, 64)
-    discard()
-    words = slots(64, 32)  # a burst, whose last slot is not over yet
-    words[3 * (31 - bad) + 2 : 3 * 31 : 3, 4] ^= 0x40
-    push(words)
-    poll(1)
-    push(slots(96, 32))
-    poll(20)
-    assert faults().get("starts", 0) == starts
-    assert faults()["stamp"] == bad + starts  # the start has its reason
-
-
 # Limits of time, and what a sensor has not.
 
 
@@ -388,18 +373,6 @@ def test_a_reset_that_does_not_end_is_said():
     assert lib.start() == FAULTS.index("reset")
     assert 100_000 < number("now_us").value < LONGEST_START_US
     assert faults() == {"reset": 1}
-
-
-def test_a_freq_fine_that_was_misread_is_no_start():
-    """It is read on either side of the registers, and would be in every stamp."""
-    lib = attached()
-    assert lib.start() == NONE
-    first_us, second_us = (t_us for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == 0x80 | FREQ_FINE)
-    attached()
-    put(turned=FREQ_FINE, turned_bits=0x10)
-    put(turned_until_us=(first_us + second_us) // 2)
-    assert lib.start() == CHANGED
-    assert lib.start() == NONE
 
 
 # The rate that arrives.
@@ -553,32 +526,6 @@ def test_the_limits_of_the_self_test(pushed, failed):
         assert not lib.running()
     assert lib.start() == NONE
     assert not faults()
-
-
-@pytest.mark.parametrize("pushed", [GOOD, BAD])
-@pytest.mark.parametrize("behaviour", [ZEROS, ONES, HANGS])
-def test_a_line_that_sticks_never_fails_a_good_part_nor_passes_a_bad_one(pushed, behaviour):
-    """At any moment of the procedure: then nothing was measured."""
-    outcomes, lasts_us = set(), 300
-    for from_us in moments(lasts_us):
-        started(settles=False)
-        put(pushed=pushed)
-        begin_us = number("now_us").value
-        put(line=behaviour, line_from_us=begin_us + from_us, line_until_us=begin_us + from_us + lasts_us)
-        outcomes.add(self_tested().failed)
-    assert outcomes <= {NOTHING_MEASURED, 0 if pushed == GOOD else 0x3F}
-    assert NOTHING_MEASURED in outcomes
-
-
-def moments(lasts_us: int) -> np.ndarray:
-    """Where something goes over the line, mostly."""
-    started(settles=False)
-    put(pushed=GOOD, logged=0)
-    begin_us = number("now_us").value
-    assert self_tested().failed == 0
-    busy_us = np.array(accessed_us()) - begin_us
-    rng = np.random.default_rng(lasts_us)
-    return np.maximum(0, rng.choice(busy_us, 100) + rng.integers(-lasts_us, 70, 100)).astype(int)
 
 
 @pytest.mark.parametrize("register", [CTRL2_G, CTRL5_C])

@@ -13,7 +13,7 @@ from conftest import DEG, GRAVITY, Table, config
 
 from session.bench.board_clock import ClockComparison, ClockRatio
 from session.bench.guide import Guide
-from session.bench.live import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, WarmUp, settling, stream_problem
+from session.bench.live import _BAR_RPS, _SEGMENT_S, _TYPICAL_RPS_PER_C, _WarmUp, settling, stream_problem
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
 from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
@@ -381,7 +381,7 @@ def turns_at(stills) -> list:
 
 def told(t_s, temps, stills, left) -> list:
     """What it says at each moment."""
-    warmth, said = WarmUp(), []
+    warmth, said = _WarmUp(), []
     for at_s, temp_c in zip(t_s, temps, strict=True):
         warmth.feed(at_s, temp_c)
         said.append(warmth.wait(turns_at(stills), stills, left))
@@ -406,16 +406,16 @@ def test_it_says_how_long_to_wait_and_is_silent_after_so_long():
     assert all(wait is None for at_s, wait in zip(t_s, said, strict=True) if at_s < 20)
 
     def drift(begin_s):
-        later_s = begin_s + SEGMENT_S * np.arange(1, 41)
-        return TYPICAL_RPS_PER_C * np.std(-9.0 * np.expm1(-later_s / settles_s))
+        later_s = begin_s + _SEGMENT_S * np.arange(1, 41)
+        return _TYPICAL_RPS_PER_C * np.std(-9.0 * np.expm1(-later_s / settles_s))
 
-    needed_s = next(at_s for at_s in t_s if drift(at_s) < BAR_RPS)
+    needed_s = next(at_s for at_s in t_s if drift(at_s) < _BAR_RPS)
     for at_s in (30.0, 60.0):
         wait = said[int(at_s / 2)]
         assert wait.now_rps == pytest.approx(drift(at_s), rel=0.15)
-        assert wait.then_rps < BAR_RPS < wait.now_rps
+        assert wait.then_rps < _BAR_RPS < wait.now_rps
         assert abs(at_s + 60 * wait.minutes - needed_s) < 90  # whole minutes, and a forecast
-        assert wait.left_min == pytest.approx(40 * SEGMENT_S / 60)
+        assert wait.left_min == pytest.approx(40 * _SEGMENT_S / 60)
     last_s = max(at_s for at_s, wait in zip(t_s, said, strict=True) if wait)
     assert abs(last_s - needed_s) < 30
 

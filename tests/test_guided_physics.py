@@ -20,14 +20,14 @@ from test_stream_physics import HELLO, board_frame, faults_frame
 from session.bench.board_clock import ClockRatio
 from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, Comment, FaultCounts, Info, SampleChunk, Trouble, starts_log
-from session.bench.guide import ANY_TURN, Guide
+from session.bench.guide import _ANY_TURN, Guide
 from session.bench.guided_session import (
+    _RESET_SAYS,
     NO_SENSOR,
-    RESET_SAYS,
-    BoardReporter,
-    CoachThread,
     GuidedRecording,
-    SensorIdentity,
+    _BoardReporter,
+    _CoachThread,
+    _SensorIdentity,
 )
 from session.bench.messages import Advice, Kind, Stage
 from session.bench.rawfile import RecordingDecision
@@ -392,7 +392,7 @@ def rested(port, guide):
 
 def heard(*data: bytes) -> list[str]:
     """The lines of the messages and resets in a stream."""
-    words, said, decoder = BoardReporter(), [], StreamDecoder()
+    words, said, decoder = _BoardReporter(), [], StreamDecoder()
     for event in decoder.feed(HELLO + b"".join(data)) + decoder.finish():
         if starts_log(event):
             said += words.was_reset()
@@ -413,7 +413,7 @@ def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
 
 def test_what_a_board_has_counted_is_counted_once_over_connections():
     """A cable that was pulled, or --resume: the board goes on counting unless it was switched on again."""
-    words, lines = BoardReporter(), []
+    words, lines = _BoardReporter(), []
     for counts in ({"lost": 4, "hang": 1}, {"lost": 163, "hang": 1, "parity": 3, "reset": 1}, None):
         if counts is None:
             words.new_connection()
@@ -438,7 +438,7 @@ def test_a_stand_in_is_said():
 ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
 
 
-WATCHDOG, FAULT = RESET_SAYS["watchdog"], RESET_SAYS["fault"]
+WATCHDOG, FAULT = _RESET_SAYS["watchdog"], _RESET_SAYS["fault"]
 
 
 def restarted(*states: int) -> list[bytes]:
@@ -467,7 +467,7 @@ def said(odr_hz: float, serial: str = "0") -> Info:
 
 
 def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
-    same = SensorIdentity()
+    same = _SensorIdentity()
     same.require(said(421.06))
     same.require(said(432.4))  # within a connection nobody swaps a board: it has measured better
     same.new_connection()
@@ -482,7 +482,7 @@ def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
 
 
 def test_a_serial_number_is_another_boards():
-    same = SensorIdentity()
+    same = _SensorIdentity()
     same.require(said(421.06, "77"))
     same.require(said(421.06, "0"))
     with pytest.raises(OtherSensor, match="serial=78"):
@@ -513,7 +513,7 @@ def followed(table, answers_at_s):
         may.acquire()
         return Advice(f"advice at still {len(progress.stills)}", "why")
 
-    guide, thread, answers, samples = guide_of(), CoachThread(coach), list(answers_at_s), table.samples()
+    guide, thread, answers, samples = guide_of(), _CoachThread(coach), list(answers_at_s), table.samples()
     guide.coached = True
     for first in range(0, len(samples), 20):
         at_s = (first + 20) / 208
@@ -537,7 +537,7 @@ def test_advice_is_never_shown_for_another_still_than_its_own():
     third_s = next(at_s for at_s, _, stills in seen if stills == 3)
     after = [(at_s - third_s, do) for at_s, do, stills in seen if stills == 3]
     assert {do for after_s, do in after if after_s < 1.9} == {THINKS}
-    assert {do for after_s, do in after if after_s > 2.1} == {ANY_TURN, "advice at still 3"}
+    assert {do for after_s, do in after if after_s > 2.1} == {_ANY_TURN, "advice at still 3"}
     assert guide.advice.words == "advice at still 3"
 
 

@@ -10,7 +10,6 @@ from coached_hand import CoachedHand
 from processes import until
 
 from session.bench.messages import Stage
-from session.bench.operator import OperatorCommand
 from session.bench.page.server import PageServer
 
 pytestmark = [
@@ -178,20 +177,20 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     got = []
 
     def heard(*expected) -> bool:
-        got.extend(server.wishes())
+        got.extend((command.name, text) for command, text in server.wishes())
         return got == list(expected)
 
     assert browser.evaluate("document.getElementById('sound').ariaPressed") == "false"
     press("PageDown")
     press("PageDown")  # a foot that rests on the pedal
-    until(lambda: heard((OperatorCommand.PAUSE, "")))
+    until(lambda: heard(("PAUSE", "")))
     press("PageUp")
-    until(lambda: heard((OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, "")))
+    until(lambda: heard(("PAUSE", ""), ("DROP", "")))
     press("Enter", "\r")  # there is no mark to stand on now
     press("n", "n")
     browser.ask("Input.insertText", {"text": "p is for pause"})
     press("Enter", "\r")
-    until(lambda: heard((OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, ""), (OperatorCommand.NOTE, "p is for pause")))
+    until(lambda: heard(("PAUSE", ""), ("DROP", ""), ("NOTE", "p is for pause")))
     shown(browser, "document.getElementById('text').value === ''")
     assert browser.evaluate("document.getElementById('sound').ariaPressed") == "true"  # the first key turned it on
     server.publish("end", {"words": "The files are closed.", "command": "", "report": "offered"})

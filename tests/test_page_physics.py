@@ -22,7 +22,7 @@ from processes import PATIENCE_S, until
 from rich.console import Console
 
 from session.bench.messages import Advice, GuideMessage, Kind, RequestedTurn, Stage
-from session.bench.operator import LONGEST_NOTE, Keyboard, OperatorCommand, TypingLine
+from session.bench.operator import LONGEST_NOTE, Keyboard, _OperatorCommand, _TypingLine
 from session.bench.page import server as page_server
 from session.bench.page.server import PageServer
 from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
@@ -360,18 +360,18 @@ def test_keys_come_at_once_without_an_echo_and_the_terminal_is_set_back(terminal
 
 
 def test_letters_are_wishes_and_a_note_is_what_stands_before_enter():
-    line = TypingLine()
-    assert line.take("pDx\n") == [(OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, ""), (OperatorCommand.HERE, "")]
+    line = _TypingLine()
+    assert line.take("pDx\n") == [(_OperatorCommand.PAUSE, ""), (_OperatorCommand.DROP, ""), (_OperatorCommand.HERE, "")]
     assert line.take("nthe  table pd") == []
     assert line.note == "the  table pd"
     assert line.words(closure=False).startswith("note: the  table pd_")
-    assert line.take("\x7f\b\rp") == [(OperatorCommand.NOTE, "the table"), (OperatorCommand.PAUSE, "")]
-    assert line.take("nno\x1bd") == [(OperatorCommand.DROP, "")]
+    assert line.take("\x7f\b\rp") == [(_OperatorCommand.NOTE, "the table"), (_OperatorCommand.PAUSE, "")]
+    assert line.take("nno\x1bd") == [(_OperatorCommand.DROP, "")]
     assert line.take("n  \n") == []
     line.take("n" + "x" * 500)
     assert len(line.note) == LONGEST_NOTE
-    assert "drop" in TypingLine().words(closure=False)
-    assert "mark" in TypingLine().words(closure=True)
+    assert "drop" in _TypingLine().words(closure=False)
+    assert "mark" in _TypingLine().words(closure=True)
 
 
 termios = pytest.importorskip("termios", reason="a pseudo-terminal is needed, which only POSIX has")

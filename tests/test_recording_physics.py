@@ -25,7 +25,7 @@ from session.bench.events import Comment, Info, SampleChunk, Trouble
 from session.bench.logwriter import LogWriter
 from session.bench.port import Closed, Opened, Port, known_ports, lock_of, only_candidate
 from session.bench.rawfile import (
-    RESCUED,
+    _RESCUED,
     GrowingFile,
     Mark,
     RawFile,
@@ -340,7 +340,7 @@ def test_what_is_removed_under_a_recording_is_noticed_and_saved(what, wire, tmp_
     until(lambda: recorder.raw.size == 60_000)
     recorder.close()
     saved = recorder.raw.saved
-    assert saved == folder.with_name(f"s{RESCUED}")
+    assert saved == folder.with_name(f"s{_RESCUED}")
     assert (saved / "raw.bin").read_bytes() == data[:60_000]
     assert [mark.event.split()[0] for mark in read_marks(saved / "raw.bin") if mark.event] == ["open"]
 

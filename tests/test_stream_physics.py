@@ -29,7 +29,7 @@ from session.bench.events import (
 )
 from session.bench.guide import samples_of
 from session.bench.logwriter import LogWriter
-from session.bench.text_stream import parse_comment, parse_decimals, parse_info, parse_lines
+from session.bench.text_stream import _parse_decimals, _parse_lines, parse_comment, parse_info
 from session.io.config import Sensor
 from session.io.logfile import read_log
 from session.io.registers import RegisterUnits
@@ -360,7 +360,7 @@ def test_of_many_damaged_frames_none_enters():
     ],
 )
 def test_lines_that_are_none(line):
-    good, values = parse_lines(f"10,0,-1,2,3,4,5,6\n{line}\n20,0,-32768,32767,3,4,5,6\n".encode(), 8, tuple(range(8)))
+    good, values = _parse_lines(f"10,0,-1,2,3,4,5,6\n{line}\n20,0,-32768,32767,3,4,5,6\n".encode(), 8, tuple(range(8)))
     assert good.tolist() == [True, False, True]
     assert values.tolist() == [[10, 0, -1, 2, 3, 4, 5, 6], [20, 0, -32768, 32767, 3, 4, 5, 6]]
     t_us, registers = sent(100)
@@ -524,9 +524,9 @@ def test_what_is_no_header(header):
 @pytest.mark.parametrize("cell", ["nan", "inf", "1e999", "0x1", "01.5", "--1", "1_0", "", ".", "1.2.3", "1,", "٣"])
 def test_numbers_that_are_none(cell):
     _, order, form = parse_header(HEADER.encode())
-    good = parse_decimals(b"10,1.5,-.5,2.,1e-3,+0.25,0,25", order, form)
+    good = _parse_decimals(b"10,1.5,-.5,2.,1e-3,+0.25,0,25", order, form)
     assert good == (8, [10, 1.5, -0.5, 2.0, 0.001, 0.25, 0.0, 25.0])
-    found = parse_decimals(f"10,{cell},-.5,2,1e-3,0.25,0,25".encode(), order, form)
+    found = _parse_decimals(f"10,{cell},-.5,2,1e-3,0.25,0,25".encode(), order, form)
     assert found is None or cell == "1,"  # an empty column more is another width
 
 

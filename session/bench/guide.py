@@ -41,7 +41,7 @@ def samples_of(chunk: SampleChunk, config: Config) -> Samples:
 
 
 PEAK_FULL_SCALE = 0.85
-ANY_TURN = "turn the board onto another side: by 90°, 180° or 270° about an axis of it that is level, in about 3 s"
+_ANY_TURN = "turn the board onto another side: by 90°, 180° or 270° about an axis of it that is level, in about 3 s"
 HOLD_STILLS = 1.5  #: times the protocol's still_s: a still serves two turns
 EXAMINE_EVERY_S = 0.2
 NEARLY = 0.85  #: of a rotation: behind it the next one counts, on the page as well (path.js)
@@ -67,7 +67,7 @@ class Guide:
         self.advice: Advice | None = None  #: the last
         self.asked_for = CoachRequest()
         self.coached = False  #: whether advice is expected after each accepted segment
-        self.any_turn = ANY_TURN  #: what to do where the coach requests nothing
+        self.any_turn = _ANY_TURN  #: what to do where the coach requests nothing
         self.rejected = self.dropped = self.log = 0  #: rejected segments; segments that the operator took back; number of the log
         self._before_s = 0.0  # duration of earlier logs
         self.at_rest = False  #: whether the samples go to a rest log

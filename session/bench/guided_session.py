@@ -77,7 +77,7 @@ FOUND = (
 )
 SETTLES = "the sensor's filters settle: samples come once they have (narrow filters at a low rate take up to a minute)"
 #: by ``BoardStatus.reset``; a board says it until power-up, so it need not have happened in this recording
-RESET_SAYS = {
+_RESET_SAYS = {
     "watchdog": "the board's last reset since power-up was its watchdog's: its program had hung",
     "fault": "the board's last reset since power-up was behind a fault of its core: its program had gone astray",
 }
@@ -86,12 +86,12 @@ NOBODY = (0x00, 0xFF)  #: WHO_AM_I of a bus without an answer
 MOST_SAID = 20
 
 
-class BoardReporter:
+class _BoardReporter:
     """Turns a board's messages into lines for the operator."""
 
     def __init__(self) -> None:
         self.board: BoardStatus | None = None
-        self.faults: FaultCounts | None = None  # the last counts, of whichever connection: a recording is of one board (SensorIdentity)
+        self.faults: FaultCounts | None = None  # the last counts, of whichever connection: a recording is of one board (_SensorIdentity)
         self.counted: Counter[str] = Counter()  #: faults of the whole recording, by name; those before it are not the recording's
         self._reports = 0
         self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
@@ -108,7 +108,7 @@ class BoardReporter:
         cause = self.board.reset if self.board is not None else ""
         known, self._status_first = self._status_first, False
         self._stamps_first = not (known or cause)
-        return [RESET_SAYS[cause]] if cause and not known else []
+        return [_RESET_SAYS[cause]] if cause and not known else []
 
     def changes_source(self, board: BoardStatus) -> bool:
         """Whether the samples come from another source from here on: the sensor instead of its stand-in, or the reverse."""
@@ -128,7 +128,7 @@ class BoardReporter:
         if message.source == SENSOR and message.settles and not (before is not None and before.settles):
             said.append(SETTLES)
         if before is None or message.reset != before.reset:
-            said += [RESET_SAYS[message.reset]] if message.reset else []
+            said += [_RESET_SAYS[message.reset]] if message.reset else []
             self._status_first = before is not None and not self._stamps_first
         self._stamps_first = False
         if message.source != STANDIN or (before is not None and before.source == STANDIN):
@@ -171,7 +171,7 @@ RATE_WITHIN = 0.005
 ANOTHER = "give another sensor another --out"
 
 
-class SensorIdentity:
+class _SensorIdentity:
     """Checks each info of a recording, resumed or not, for another sensor: two sensors have two calibrations."""
 
     def __init__(self) -> None:
@@ -199,7 +199,7 @@ class SensorIdentity:
 Coach = Callable[[Progress], Advice]
 
 
-class CoachThread:
+class _CoachThread:
     """Runs the coach in a thread, since a recording must not wait for it.  coach: None where there is none; it is dropped if it fails."""
 
     def __init__(self, coach: Coach | None) -> None:
@@ -282,7 +282,7 @@ class GuidedRecording:
         self._mover = mover
         self._operator = OperatorInput(guide, recorder, self._tell, notebook, keys, page, None if mover is None else mover.stop)
         self.config: Config | None = None
-        guide.coached, self._coach = coach is not None, CoachThread(coach)
+        guide.coached, self._coach = coach is not None, _CoachThread(coach)
         self._early: list[SampleChunk] = []  # samples whose ranges are not known yet
         self._heard_s = self._shown_s = time.monotonic()
         self._clock_reported = False
@@ -291,9 +291,9 @@ class GuidedRecording:
         self._new_logs = 0
         self._live = False  # decisions of an earlier recording are not made again
         self._resuming = False  # until the port is open
-        self.board = BoardReporter()
+        self.board = _BoardReporter()
         guide.board_faults = self.board.counted
-        self._same = SensorIdentity()
+        self._same = _SensorIdentity()
         self._checkpoints = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
         self._agreed = False  # whether an info was of this recording's sensor
         #: whether the earlier recording held another board's bytes: they are set apart now, and a replay skips them

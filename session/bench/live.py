@@ -225,13 +225,13 @@ class TurnInProgress:
 # stills determine the bias per degree, and until they do, it is that of a data sheet.
 
 #: rad/s rms: a drift that moves no parameter by more than its target in 9 of 10 sessions (``benchmarks/warm_up.py``)
-BAR_RPS = 4 * MDPS
+_BAR_RPS = 4 * MDPS
 #: rad/s per °C, from data sheets of siblings; sigma of the bias from one still's rate, which includes the Earth's rotation
-TYPICAL_RPS_PER_C, STILL_SIGMA_RPS = 5 * MDPS, 4 * MDPS
+_TYPICAL_RPS_PER_C, STILL_SIGMA_RPS = 5 * MDPS, 4 * MDPS
 WAITS_MIN = range(1, 11)  #: a longer wait is no better than a second recording
 SETTLES_S = np.geomspace(30.0, 2400.0, 25)  #: candidate time constants
 USUALLY_S, USUALLY_FACTOR = 150.0, 2.5  #: prior time constant of a small board that heats itself
-SEGMENT_S = 8.0  #: from still to still, at the table
+_SEGMENT_S = 8.0  #: from still to still, at the table
 EVERY_S, OVER_S = 2.0, 300.0
 LEAST_S = 20.0
 LEAST_SIGMA_C = 0.005  #: of a mean over some hundred readings
@@ -250,7 +250,7 @@ class Wait:
     def words(self) -> str:
         """Both choices, in figures."""
         waiting = f"wait {self.minutes} min, and the bias drifts by {self.then_rps / MDPS:.1f} mdps"
-        return f"{waiting}; going on now ({self.left_min:.0f} min), by {self.now_rps / MDPS:.1f} (bar {BAR_RPS / MDPS:g})"
+        return f"{waiting}; going on now ({self.left_min:.0f} min), by {self.now_rps / MDPS:.1f} (bar {_BAR_RPS / MDPS:g})"
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ class Settling:
         return self.now_c - self.to_come_c * np.expm1(-later_s / self.settles_s)
 
 
-class WarmUp:
+class _WarmUp:
     """Collects temperatures; ``wait`` evaluates whether waiting pays."""
 
     def __init__(self) -> None:
@@ -314,7 +314,7 @@ def rps_per_c(stills: Sequence[Still]) -> float:
     rate = np.array([still.gyro_mean for still in stills]).reshape(-1, 3)
     moved_c = temp_c - temp_c.mean() if len(temp_c) else temp_c
     information = float(moved_c @ moved_c) / STILL_SIGMA_RPS**2
-    variance = 1 / (information + TYPICAL_RPS_PER_C**-2)
+    variance = 1 / (information + _TYPICAL_RPS_PER_C**-2)
     mean = variance * (moved_c @ rate) / STILL_SIGMA_RPS**2
     return float(np.sqrt(np.max(np.abs(mean)) ** 2 + variance))
 
@@ -325,16 +325,16 @@ def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, 
     turned_c (N,): temperature of each turn that counts; each_rps: bias per degree.
     """
     turned_c = turned_c[np.isfinite(turned_c)]
-    later_s = SEGMENT_S * np.arange(1, segments_left + 1)
+    later_s = _SEGMENT_S * np.arange(1, segments_left + 1)
 
     def drift(minutes: float) -> float:
         return each_rps * float(np.std(np.concatenate([turned_c, temperature.at(60 * minutes + later_s)])))
 
     now_rps = drift(0.0)
-    if now_rps <= BAR_RPS:
+    if now_rps <= _BAR_RPS:
         return None
     then_rps = np.array([drift(minutes) for minutes in WAITS_MIN])
-    enough = then_rps <= (BAR_RPS if then_rps.min() <= BAR_RPS else now_rps / 2)
+    enough = then_rps <= (_BAR_RPS if then_rps.min() <= _BAR_RPS else now_rps / 2)
     if not enough.any():
         return None
     first = int(np.argmax(enough))
@@ -354,7 +354,7 @@ class StreamHealth:
         self.troubles: Counter[str] = Counter()  #: by kind, as in ``Trouble``
         self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
-        self.warmth = WarmUp()
+        self.warmth = _WarmUp()
         self.info_odr_hz: float | None = None  #: from the board's info
         self.clock: ClockRatio | None = None  #: of the device, by the host's
         self._periods, self._periods_s = 0, 0.0

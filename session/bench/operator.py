@@ -117,7 +117,7 @@ ENTER, ESCAPE, ERASE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
 LONGEST_NOTE = 200
 
 
-class OperatorCommand(Enum):
+class _OperatorCommand(Enum):
     """Commands of the operator, by their keys."""
 
     PAUSE = "p"
@@ -129,29 +129,29 @@ class OperatorCommand(Enum):
 
 
 #: keys of commands without a text
-PLAIN = tuple(each.value for each in (OperatorCommand.PAUSE, OperatorCommand.DROP, OperatorCommand.FINISH, OperatorCommand.STOP))
+PLAIN = tuple(each.value for each in (_OperatorCommand.PAUSE, _OperatorCommand.DROP, _OperatorCommand.FINISH, _OperatorCommand.STOP))
 
 
-class TypingLine:
+class _TypingLine:
     """Turns typed characters into commands.  note: the text that is being typed, or None."""
 
     def __init__(self) -> None:
         self.note: str | None = None
 
-    def take(self, typed: str) -> list[tuple[OperatorCommand, str]]:
+    def take(self, typed: str) -> list[tuple[_OperatorCommand, str]]:
         """Take characters; returns commands in order, with the text of a note."""
-        commands: list[tuple[OperatorCommand, str]] = []
+        commands: list[tuple[_OperatorCommand, str]] = []
         for sign in typed:
             if self.note is None:
                 if sign in ENTER:
-                    commands.append((OperatorCommand.HERE, ""))
-                elif sign.lower() == OperatorCommand.NOTE.value:
+                    commands.append((_OperatorCommand.HERE, ""))
+                elif sign.lower() == _OperatorCommand.NOTE.value:
                     self.note = ""
                 elif sign.lower() in PLAIN:
-                    commands.append((OperatorCommand(sign.lower()), ""))
+                    commands.append((_OperatorCommand(sign.lower()), ""))
             elif sign in ENTER:
                 if text := " ".join(self.note.split()):
-                    commands.append((OperatorCommand.NOTE, text))
+                    commands.append((_OperatorCommand.NOTE, text))
                 self.note = None
             elif sign == ESCAPE:
                 self.note = None
@@ -172,7 +172,7 @@ class TypingLine:
 
 
 MOST = 8  #: waiting browser commands; a recording takes them ten times a second, and refuses more
-WORDS = {"pause": OperatorCommand.PAUSE, "drop": OperatorCommand.DROP, "here": OperatorCommand.HERE, "finish": OperatorCommand.FINISH}
+WORDS = {"pause": _OperatorCommand.PAUSE, "drop": _OperatorCommand.DROP, "here": _OperatorCommand.HERE, "finish": _OperatorCommand.FINISH}
 REPORT_WISH = "report"
 
 
@@ -184,7 +184,7 @@ class BrowserCommands:
     """
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[OperatorCommand, str]] = deque()
+        self._waiting: deque[tuple[_OperatorCommand, str]] = deque()
         self._changing, self._taken = threading.Lock(), False
         self.report = threading.Event()
 
@@ -198,7 +198,7 @@ class BrowserCommands:
         with self._changing:
             self._taken = False
 
-    def __call__(self) -> list[tuple[OperatorCommand, str]]:
+    def __call__(self) -> list[tuple[_OperatorCommand, str]]:
         """The waiting commands, in order, each once."""
         taken = []
         while self._waiting:
@@ -216,7 +216,7 @@ class BrowserCommands:
             return HTTPStatus.BAD_REQUEST
         if word == "note":
             note = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
-            return self._keep(OperatorCommand.NOTE, note) if note else HTTPStatus.BAD_REQUEST
+            return self._keep(_OperatorCommand.NOTE, note) if note else HTTPStatus.BAD_REQUEST
         if text or (word not in WORDS and word != REPORT_WISH):
             return HTTPStatus.BAD_REQUEST
         if word in WORDS:
@@ -224,7 +224,7 @@ class BrowserCommands:
         self.report.set()
         return HTTPStatus.OK
 
-    def _keep(self, command: OperatorCommand, text: str) -> HTTPStatus:
+    def _keep(self, command: _OperatorCommand, text: str) -> HTTPStatus:
         with self._changing:
             if not self._taken or len(self._waiting) >= MOST:
                 return HTTPStatus.SERVICE_UNAVAILABLE
@@ -252,7 +252,7 @@ class OperatorInput:
         self._stop = stop
         self._guide, self._recorder, self._tell, self._notebook, self._keys = guide, recorder, tell, notebook, keys
         self.page = page or BrowserCommands()
-        self._typing = TypingLine()
+        self._typing = _TypingLine()
 
     @property
     def after_pause(self) -> RecordingDecision:
@@ -288,29 +288,29 @@ class OperatorInput:
                 self._guide.closure is not None, self._guide.enough, not self._guide.at_rest, self._stop is not None
             )
 
-    def _do(self, command: OperatorCommand, text: str, begun: bool) -> None:
+    def _do(self, command: _OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide
-        if command is OperatorCommand.NOTE and self._notebook is not None:
+        if command is _OperatorCommand.NOTE and self._notebook is not None:
             self._recorder.decide(RecordingDecision("note", text))  # first where nothing can refuse it
             self._notebook.note(text, datetime.now(UTC))
             self._say(Kind.STAGE, f"noted: {text}")
-        elif command is OperatorCommand.HERE and guide.closure is not None:
+        elif command is _OperatorCommand.HERE and guide.closure is not None:
             guide.closure.on_the_mark()
-        elif command is OperatorCommand.STOP and self._stop is not None:
+        elif command is _OperatorCommand.STOP and self._stop is not None:
             self._stop()
             if begun and guide.stage not in (Stage.PAUSED, Stage.DONE):
                 self.decide(RecordingDecision("pause"))
             self._say(Kind.WARNING, "the table is stopped; p goes on with the next move")
         elif not begun or guide.stage is Stage.DONE:
             return
-        elif command is OperatorCommand.FINISH:
+        elif command is _OperatorCommand.FINISH:
             if guide.enough:
                 self.decide(RecordingDecision("finish"))
-        elif command is OperatorCommand.PAUSE:
+        elif command is _OperatorCommand.PAUSE:
             self.decide(self.after_pause if guide.stage is Stage.PAUSED else RecordingDecision("pause"))
-        elif command is OperatorCommand.DROP and guide.closure is not None:
+        elif command is _OperatorCommand.DROP and guide.closure is not None:
             guide.closure.interrupted()
-        elif command is OperatorCommand.DROP and self._notebook is not None:
+        elif command is _OperatorCommand.DROP and self._notebook is not None:
             moment_us, why = guide.to_drop
             if moment_us is None:
                 self._say(Kind.WARNING, why)

@@ -73,7 +73,7 @@ def is_locked(path: Path) -> bool:
 # Rescue of open files without a name.  Removing, moving or replacing the folder of a running recording removes the names; the open files
 # still hold every byte.
 
-RESCUED = "_rescued"
+_RESCUED = "_rescued"
 BLOCK = 1 << 20
 APPENDED = os.O_RDWR | os.O_APPEND | os.O_CREAT
 
@@ -103,7 +103,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
         here = temporary
     for parent in dict.fromkeys((Path(os.path.abspath(folder)).parent, here, temporary)):
         for number in range(1, 1000):
-            place = parent / f"{folder.resolve().name}{RESCUED}{'' if number == 1 else number}"
+            place = parent / f"{folder.resolve().name}{_RESCUED}{'' if number == 1 else number}"
             try:
                 place.mkdir(parents=True)
             except FileExistsError:

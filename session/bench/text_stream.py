@@ -61,7 +61,7 @@ def classify_lines(codes: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> t
     return count(_BLANK[codes]) == lengths, numbers | header | comment
 
 
-def parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     r"""Parse many lines: block ends with ``\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.
 
     Returns good (lines,) bool and values (good lines, 8) int64.  ``parse_line`` may still read a line that is not good.
@@ -108,7 +108,7 @@ def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[i
     return (len(cells), values) if values[0] >= 0 and all(-32768 <= value <= 32767 for value in values[1:]) else None
 
 
-def parse_decimals(line: bytes, order: tuple[int, ...], form: StreamFormat) -> tuple[int, list] | None:
+def _parse_decimals(line: bytes, order: tuple[int, ...], form: StreamFormat) -> tuple[int, list] | None:
     """The number of columns of a line in physical units, and the stamp in whole us with the values; None for another line, and for
     values that no sensor measures."""
     # Nearly all lines match at once.
@@ -195,7 +195,7 @@ class LineReader:
         good = None
         values = np.zeros((0, 1 + len(self.form.names)), np.int64)
         if self.width and not self.form.physical and not self.deaf:
-            good, values = parse_lines(block, self.width, self._order)
+            good, values = _parse_lines(block, self.width, self._order)
             if torn is not None:
                 values, good = values[~torn[good]], good & ~torn
             if good.all():
@@ -209,7 +209,7 @@ class LineReader:
 
     def parse(self, line: bytes) -> tuple[int, list] | None:
         """How many columns a line of numbers has, and the log's; None where it is none."""
-        return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
+        return _parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
 
     def obey(self, header: tuple[int, tuple[int, ...], StreamFormat], place: int) -> StreamFormat | None:
         """Apply a header; returns the format if it changes.

@@ -1,20 +1,66 @@
-"""Logs of other programs, written from their documented headers, and the samples that they hold."""
+"""Logs from text: of this project's own, in every unit that docs/formats.md allows, and of other programs; and what they must hold."""
+
+import gzip
 
 import numpy as np
 from conftest import DEG, Table
 
+from session.io.config import Sensor
 from session.io.dialects import Answers
+from session.io.logfile import read_log
 from session.io.units import G
 from session.replay.convert import convert
 from tinygc import read_session
 
-FULL_SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}
-SAMPLES = Table().tumble(2, rest_s=2.0).samples(odr_hz=104)
+# Four readings: rates and forces as exact multiples of the registers' steps
+
+SENSOR = Sensor("ASM330LHH", "42", 208.0, 500.0, 4.0)
+HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"
+GYRO_LSB = np.array([[100, -200, 300], [101, -201, 301], [-32768, 32767, 0], [4, 5, 6]])
+ACCEL_LSB = np.array([[-10, 20, -8197], [-11, 21, -8198], [0, 0, -8197], [1, 2, 3]])
+TEMP_LSB = np.array([0, 256, -128, 64])
+T_NS = np.array([1_000_000_000, 1_004_808_000, 1_009_615_000, 1_014_423_000])
+GYRO_DPS, ACCEL_G = GYRO_LSB * 0.0175, ACCEL_LSB * 0.122e-3
+TIMES = {"t_us": T_NS // 1000, "t_ns": T_NS, "t_s": T_NS * 1e-9}
+GYROS = {"": GYRO_LSB, "_dps": GYRO_DPS, "_rps": np.deg2rad(GYRO_DPS)}
+ACCELS = {"": ACCEL_LSB, "_g": ACCEL_G, "_mps2": ACCEL_G * G}
+TEMPS = {"temp": TEMP_LSB, "temp_c": 25 + TEMP_LSB / 256, None: None}
+
+
+def text_of(time="t_us", gyro="", accel="", temp="temp", end="\n", extra=""):
+    """A log of the four readings in the given units."""
+    names = [time, *(f"g{axis}{gyro}" for axis in "xyz"), *(f"a{axis}{accel}" for axis in "xyz")] + ([temp] if temp else [])
+    columns = [TIMES[time], *GYROS[gyro].T, *ACCELS[accel].T] + ([TEMPS[temp]] if temp else [])
+    lines = [",".join(names) + extra, *(",".join(repr(value.item()) for value in row) + extra for row in zip(*columns, strict=True))]
+    return end.join(lines) + end
+
+
+def read(tmp_path, text, name="log0001.csv", sensor=SENSOR):
+    path = tmp_path / name
+    data = text if isinstance(text, bytes) else text.encode()
+    path.write_bytes(gzip.compress(data) if name.endswith(".gz") else data)
+    return read_log(path, sensor)
+
+
+def assert_the_four_readings(log, temp=True):
+    np.testing.assert_array_equal(log.samples.t_ns, T_NS)
+    np.testing.assert_allclose(log.samples.gyro, np.deg2rad(GYRO_DPS), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(log.samples.accel, ACCEL_G * G, rtol=1e-12, atol=1e-15)
+    if temp:
+        np.testing.assert_allclose(log.samples.temp_c, [25, 26, 24.5, 25.25])
+    else:
+        assert log.samples.temp_c is None
+
+
+# A rest and two turns, which no check has to judge, in the columns of any program
+
+SAMPLES = Table().rest(5).turn(140, (1, 2, 0.5), 3.0).turn(-80, (0, 1, 1), 2.5).samples(odr_hz=104)
 T_US = SAMPLES.t_ns // 1000
 GYRO = {"dps": SAMPLES.gyro / DEG, "mdps": SAMPLES.gyro / DEG * 1e3, "rps": SAMPLES.gyro}
 ACCEL = {"g": SAMPLES.accel / G, "mg": SAMPLES.accel / G * 1e3, "mps2": SAMPLES.accel}
 TEMP = SAMPLES.temp_c
 EPOCH_NS = 1_403_636_579_763_555_584
+OWN = "gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"
 
 
 def rows(*columns, delimiter=",", end="\n"):
@@ -27,78 +73,42 @@ def triads(gyro, accel):
     return [*GYRO[gyro].T, *ACCEL[accel].T]
 
 
-def clock(us, decimals=6):
-    """hh:mm:ss.ss, a little before midnight at first."""
-    seconds = (86_390 + us / 1e6) % 86_400
-    return [f"{int(s // 3600):02d}:{int(s // 60 % 60):02d}:{s % 60:0{3 + decimals}.{decimals}f}" for s in seconds]
+def table(stamps, name="t_us", *more, head=OWN):
+    """A log in the project's own names; more: further columns, named in ``head``."""
+    return f"{name},{head}\n" + rows(stamps, *triads("dps", "g"), *more)
 
 
 def inertial():
-    gyro, accel = (
-        ", ".join(f"{what} {axis} ({unit})" for axis in "XYZ") for what, unit in (("Gyroscope", "deg/s"), ("Accelerometer", "g"))
-    )
-    return f"Timestamp (us),{gyro},{accel}\n".replace(", ", ",") + rows(T_US, *triads("dps", "g"))
-
-
-def px4():
-    head = "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt,accelerometer_timestamp_relative,"
-    head += "accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2],accelerometer_integral_dt"
-    some = ["4000"] * len(T_US)
-    return head + "\n" + rows(T_US + 10**9, *GYRO["rps"].T, some, some, *ACCEL["mps2"].T, some)
+    """As x-IMU3 writes it."""
+    names = [f"{what} {axis} ({unit})" for what, unit in (("Gyroscope", "deg/s"), ("Accelerometer", "g")) for axis in "XYZ"]
+    return f"Timestamp (us),{','.join(names)}\n" + rows(T_US, *triads("dps", "g"))
 
 
 def betaflight(gyro="deg/s", accel="g"):
-    head = "loopIteration, time (us), axisP[0], axisP[1], axisP[2], "
-    head += ", ".join(f"gyroADC[{i}] ({gyro})" if gyro else f"gyroADC[{i}]" for i in range(3)) + ", "
-    head += ", ".join(f"accSmooth[{i}] ({accel})" if accel else f"accSmooth[{i}]" for i in range(3)) + ", motor[0]"
+    names = [f"gyroADC[{i}]" + f" ({gyro})" * bool(gyro) for i in range(3)]
+    names += [f"accSmooth[{i}]" + f" ({accel})" * bool(accel) for i in range(3)]
     none = ["0"] * len(T_US)
-    return (
-        head
-        + "\n"
-        + rows(range(len(T_US)), T_US, none, none, none, *triads("dps", {"": "g", "g": "g", "m/s/s": "mps2"}[accel]), none, delimiter=", ")
-    )
-
-
-EUROC = (
-    "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
-)
-ARTEMIS = "rtcDate,rtcTime,aX,aY,aZ,gX,gY,gZ,mX,mY,mZ,imu_degC,output_Hz,\n"
-DATALOG = "Timestamp[ms] A_X [mg] A_Y [mg] A_Z [mg] G_X [mdps] G_Y [mdps] G_Z [mdps]\n"
-NONE = ["0.00"] * len(T_US)
-DIALECTS = {
-    "ST DataLog": lambda: (
-        "LSM6DSO ready\n" + DATALOG + rows([f"{t / 1000:.3f}" for t in T_US], *ACCEL["mg"].T, *GYRO["mdps"].T, delimiter=" ")
-    ),
-    "x-IMU3": inertial,
-    "EuRoC": lambda: EUROC + rows(EPOCH_NS + SAMPLES.t_ns, *triads("rps", "mps2")),
-    "OpenLog Artemis": lambda: (
-        ARTEMIS
-        + rows(["12/31/2023"] * len(T_US), clock(T_US), *ACCEL["mg"].T, *GYRO["dps"].T, NONE, NONE, NONE, TEMP, NONE, [""] * len(T_US))
-    ),
-    "PX4 sensor_combined": px4,
-    "Betaflight blackbox": betaflight,
-}
+    columns = [range(len(T_US)), T_US, none, *triads("dps", "mps2" if accel == "m/s/s" else "g")]
+    return "loopIteration, time (us), axisP[0], " + ", ".join(names) + "\n" + rows(*columns, delimiter=", ")
 
 
 def make(tmp_path, *texts, name="LOG.CSV", out="session", **answers):
+    """The session folder that a log, or several files of one, become."""
     paths = []
     for number, text in enumerate(texts):
         paths.append(tmp_path / (name if number == 0 else f"{number}{name}"))
         paths[-1].write_bytes(text if isinstance(text, bytes) else text.encode())
-    return convert(paths, tmp_path / out, Answers(**{**FULL_SCALES, **answers}))
+    return convert(paths, tmp_path / out, Answers(**{"gyro_fs_dps": 500.0, "accel_fs_g": 4.0, **answers}))
 
 
-def same(made, gyro_atol=1e-8 * DEG, accel_atol=1e-8 * G, temp=False, exact_time=True):
+def same(made, temp=False):
     """The session that was made holds the samples of our own format."""
     session = read_session(made.folder)
     (log,) = session.logs
     assert not any(note for note in log.notes), log.notes
-    assert len(log.samples) == len(SAMPLES)
-    steps = log.samples.t_ns - log.samples.t_ns[0]
-    if exact_time:
-        np.testing.assert_array_equal(steps, SAMPLES.t_ns)
-    np.testing.assert_allclose(log.samples.gyro, SAMPLES.gyro, rtol=1e-12, atol=gyro_atol)
-    np.testing.assert_allclose(log.samples.accel, SAMPLES.accel, rtol=1e-12, atol=accel_atol)
+    np.testing.assert_array_equal(log.samples.t_ns - log.samples.t_ns[0], SAMPLES.t_ns)
+    np.testing.assert_allclose(log.samples.gyro, SAMPLES.gyro, rtol=1e-12, atol=1e-8 * DEG)
+    np.testing.assert_allclose(log.samples.accel, SAMPLES.accel, rtol=1e-12, atol=1e-8 * G)
     if temp:
         np.testing.assert_allclose(log.samples.temp_c, TEMP, atol=1e-8)
     return session

@@ -1,254 +1,420 @@
-"""Logs of other programs, written here from their documented headers, give the samples that our own format gives."""
+"""Logs of other programs give the samples that were written into them, and what a log does not say is refused or asked for in one line."""
 
 import gzip
+import json
+import re
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
-from conftest import DEG, write_session
-from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, TEMP, betaflight, inertial, make, rows, same, triads
+from conftest import DEG, Table, write_session
+from dialect_logs import ACCEL, EPOCH_NS, GYRO, OWN, SAMPLES, T_US, TEMP, betaflight, inertial, make, rows, same, table, triads
+from written_texts import TEXTS, phyphox
 
+import calibrate
+from session.io.dialects import Answers
 from session.io.errors import FormatError
 from session.io.units import G, parse_unit
-from session.replay import convert
+from session.replay.convert import convert
 from tinygc import CalibrationError, read_session
 
-
-def test_own_log_is_copied_byte_for_byte(tmp_path):
-    folder = write_session(tmp_path / "own", SAMPLES)
-    own = (folder / "log0001.csv").read_bytes()
-    made = make(tmp_path, own)
-    assert made.log.read_bytes() == own
-    same(made)
-    packed = make(tmp_path, gzip.compress(own), name="LOG.CSV.gz".lower(), out="packed")
-    assert packed.log.name == "log0001.csv.gz"
-    # Nothing is ordered that is not needed, and no value is suggested.
-    assert [step.split()[:-1][-1] for step in convert._next(made.folder, ())[:2]] == ["check", "fit"]
-    assert convert._next(made.folder, ())[2].startswith("optional: site.latitude_deg in")
-    assert "latitude_deg =" not in (made.folder / "session.toml").read_text()
-    same(packed)
+FEW = Table().rest(1.5).turn(140, (1, 2, 0.5), 3.0).samples(odr_hz=104)
+HALF = len(T_US) // 2
 
 
-def test_own_log_says_its_full_scales_in_a_comment(tmp_path):
-    folder = write_session(tmp_path / "own", SAMPLES)
-    text = "# gyro_fs_dps=500 accel_fs_g=4 odr_hz=104.2 serial=7\n" + (folder / "log0001.csv").read_text()
-    made = make(tmp_path, text, gyro_fs_dps=None, accel_fs_g=None)
-    sensor = same(made).config.sensor
-    assert (sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, sensor.serial) == (500, 4, 104.2, "7")
+@pytest.mark.parametrize("name", TEXTS)
+def test_the_samples_of_every_program_are_those_that_were_written(name, tmp_path, capsys):
+    text = TEXTS[name]
+    paths = [tmp_path / called for called, _ in text.write(FEW)]
+    for path, (_, data) in zip(paths, text.write(FEW), strict=True):
+        path.write_bytes(data)
+    code = calibrate.main(["import", *map(str, paths), "--out", str(tmp_path / "made"), *text.options])
+    assert code == 0, capsys.readouterr().err
+    (log,) = read_session(tmp_path / "made").logs
+    few = len(log.samples)
+    assert few >= len(FEW) - 1
+    np.testing.assert_allclose((log.samples.t_ns - log.samples.t_ns[0]) * 1e-9, FEW.t_ns[:few] * 1e-9, rtol=0, atol=text.exact_s)
+    np.testing.assert_allclose(log.samples.gyro, FEW.gyro[:few], rtol=0, atol=0.51 * text.gyro_lsb)
+    np.testing.assert_allclose(log.samples.accel, FEW.accel[:few], rtol=0, atol=0.51 * text.accel_lsb)
+    took = capsys.readouterr().out.splitlines()[1:4]
+    assert [line.split(":")[0].strip() for line in took[1:]] == ["gyroscope", "clock"]
 
 
-def test_own_log_behind_boot_chatter(tmp_path):
-    folder = write_session(tmp_path / "own", SAMPLES)
-    made = make(tmp_path, "rst:0x1 (POWERON)\nversion,1.3\n\n" + (folder / "log0001.csv").read_text())
-    same(made, temp=True)
-    assert "t_us,gx,gy,gz,ax,ay,az,temp" in made.log.read_text()  # registers stay registers
+# The same samples in another form
 
-
-# Two files
-
-
-def hsdatalog(shift_us=0, every=1):
-    time = [f"{t / 1e6:14.6f}" for t in T_US]
-    gyro = "Time,G_x [mdps],G_y [mdps],G_z [mdps]\n" + rows(time, *GYRO["mdps"].T)
-    time = [f"{(t + shift_us) / 1e6:14.6f}" for t in T_US][::every]
-    return gyro, "Time,A_x [g],A_y [g],A_z [g]\n" + rows(time, *ACCEL["g"][::every].T)
-
-
-def test_hsdatalog_joins_two_files_on_time(tmp_path):
-    made = make(tmp_path, *hsdatalog())
-    assert made.dialects == ("ST HSDatalog",)
-    same(made)
-    assert not any("between" in note for note in made.notes)
-    same(make(tmp_path, *reversed(hsdatalog()), out="reversed"))
-
-
-def test_files_of_different_clocks_are_read_between_samples(tmp_path):
-    """A straight line between samples is a value of the straight line; ends without neighbours are left out."""
-    time = lambda t: [f"{x / 1e6:.6f}" for x in t]  # noqa: E731
-    gyro_t, accel_t = np.arange(0, 10_000_000, 9_600), np.arange(1_000, 9_000_000, 4_800)
-    ramp = accel_t / 1e6
-    gyro = "Time,G_x [mdps],G_y [mdps],G_z [mdps]\n" + rows(time(gyro_t), *np.ones((3, len(gyro_t))))
-    accel = "Time,A_x [g],A_y [g],A_z [g]\n" + rows(time(accel_t), ramp * 0.1, ramp * 0 - 0.5, ramp * 0)
-    made = make(tmp_path, gyro, accel)
-    samples = read_session(made.folder).logs[0].samples
-    np.testing.assert_allclose(samples.accel[:, 0] / G, samples.t_ns * 1e-9 * 0.1, atol=1e-8)
-    assert samples.t_ns[0] == 9_600_000
-    assert samples.t_ns[-1] <= accel_t[-1] * 1000
-    assert any("read between" in note and "left out" in note for note in made.notes)
-
-
-def test_ximu3_temperature_is_a_file_of_its_own(tmp_path):
-    temperature = "Timestamp (us),Temperature (degC)\n" + rows(T_US[::50], TEMP[::50])
-    made = make(tmp_path, inertial(), temperature)
-    found = same(made).logs[0].samples.temp_c
-    np.testing.assert_allclose(found[::50], TEMP[::50], atol=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("texts", "words"),
-    [
-        ((hsdatalog()[0],), ("no accelerometer", "give its file")),
-        ((hsdatalog()[1],), ("no gyroscope",)),
-        ((hsdatalog()[0], inertial()), ("both hold a gyroscope",)),
-        ((hsdatalog()[0], hsdatalog(shift_us=3600 * 10**6)[1]), ("share no time",)),
-    ],
-)
-def test_files_that_do_not_belong_together(texts, words, tmp_path):
-    with pytest.raises(CalibrationError) as caught:
-        make(tmp_path, *texts)
-    assert all(word in str(caught.value) for word in words), caught.value
-    assert not (tmp_path / "session").exists()
-
-
-# Anything else, through --columns
-
-ODD = "millis;wy;wx;wz;up;fwd;right;celsius\n"
-ODD_COLUMNS = "t_ms=millis,gx_dps=wx,gy_dps=wy,gz_dps=wz,ax_mps2=fwd,ay_mps2=right,az_mps2=-up,temp_c=celsius"
+ODD = "t_ms=millis,gx_dps=wx,gy_dps=wy,gz_dps=wz,ax_mps2=fwd,ay_mps2=right,az_mps2=-up,temp_c=celsius"
+COUNTED = "t_us=1,gx_dps=2,gy_dps=3,gz_dps=4,ax_g=5,ay_g=6,az_g=7"
+USUAL = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n" + rows(T_US / 1e3, *ACCEL["g"].T, *GYRO["dps"].T)
+TOLD = {"gyro_unit": "dps", "accel_unit": "g"}
 
 
 def odd(delimiter=";", comma=False):
     gx, gy, gz, ax, ay, az = triads("dps", "mps2")
     text = rows([f"{t / 1000:.3f}" for t in T_US], gy, gx, gz, -az, ax, ay, TEMP, delimiter=delimiter)
-    return ODD.replace(";", delimiter) + (text.replace(".", ",") if comma else text)
+    return "millis;wy;wx;wz;up;fwd;right;celsius".replace(";", delimiter) + "\n" + (text.replace(".", ",") if comma else text)
 
 
-@pytest.mark.parametrize(("delimiter", "comma"), [(";", False), (";", True), ("\t", False), (",", False)])
-def test_columns_name_what_no_table_knows(delimiter, comma, tmp_path):
-    same(make(tmp_path, odd(delimiter, comma), columns=ODD_COLUMNS), temp=True)
+def hsdatalog(shift_us=0):
+    """A gyroscope's file and an accelerometer's."""
+    time, later = ([f"{t / 1e6:14.6f}" for t in T_US + shift] for shift in (0, shift_us))
+    return "Time,G_x [mdps],G_y [mdps],G_z [mdps]\n" + rows(time, *GYRO["mdps"].T), "Time,A_x [g],A_y [g],A_z [g]\n" + rows(
+        later, *ACCEL["g"].T
+    )
 
 
-@pytest.mark.parametrize("delimiter", [";", "\t"])
-def test_decimal_commas_may_begin_after_many_whole_numbers(delimiter, tmp_path):
-    """A board that reads zero until its filters have settled."""
-    settling = "".join(delimiter.join([str(-12_000 + 1000 * i), "0", "0", "0", "0", "0", "1"]) + "\n" for i in range(12))
-    text = delimiter.join("tabcdef") + "\n" + settling + rows(T_US, *triads("dps", "g"), delimiter=delimiter).replace(".", ",")
-    made = make(tmp_path, text, columns="t_us=t,gx_dps=a,gy_dps=b,gz_dps=c,ax_g=d,ay_g=e,az_g=f")
-    samples = read_session(made.folder).logs[0].samples
-    assert not samples.gyro[:12].any()
-    np.testing.assert_allclose(samples.gyro[12:], SAMPLES.gyro, atol=1e-8 * DEG)
-    np.testing.assert_allclose(samples.accel[12:], SAMPLES.accel, atol=1e-8 * G)
+FORMATS = """FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns
+FMT, 131, 48, IMU, QBffffffIIfBB, TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH
+FMT, 132, 27, ATT, QccccCCCC, TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw
+"""
 
 
-def test_a_comma_among_points_is_no_decimal_comma(tmp_path):
-    lines = odd().split("\n")
-    cells = lines[40].split(";")
-    lines[40] = ";".join([*cells[:2], "1,234", *cells[3:]])
-    with pytest.raises(FormatError, match=r"line 41.*'1,234'"):
-        make(tmp_path, "\n".join(lines), columns=ODD_COLUMNS)
+def ardupilot(instances=1):
+    """A flight controller's text log: formats, parameters, then two kinds of rows in turn; a second sensor reads otherwise."""
+    lines = [f"PARM, {i}, P{i}, {i}\n" for i in range(700)]
+    for i, t in enumerate(T_US):
+        for sensor in range(instances):
+            values = [*(GYRO["rps"][i] * (1 - 2 * sensor)), *ACCEL["mps2"][i], 0, 0, TEMP[i], 1, 1]
+            lines.append(f"IMU, {t}, {sensor}, {', '.join(f'{value:.12g}' for value in values)}\n")
+        lines.append(f"ATT, {t}, 0, {i % 7}.5, 0, 1.5, 0, 2.5, 0.1, 0.2\n")
+    return FORMATS + "".join(lines)
 
 
-@pytest.mark.parametrize("delimiter", [";", "\t", " "])
-def test_own_log_from_a_spreadsheet(delimiter, tmp_path):
+def two_widths():
+    narrow, wide = rows(T_US, *triads("dps", "g")).splitlines(), rows(T_US, *[np.full(len(T_US), 0.5)] * 8).splitlines()
+    return "\n".join(line for pair in zip(narrow, wide, strict=True) for line in pair) + "\n"
+
+
+def in_turn(column="rig", values="AB", apart_us=300):
+    """Rows of two sensors in turn, of which the second reads 1 % more."""
+    lines = [
+        f"{t + unit * apart_us},{values[unit]},{','.join(f'{v:.12f}' for v in (*(GYRO['dps'][i] * (1 + 0.01 * unit)), *ACCEL['g'][i]))}"
+        for i, t in enumerate(T_US)
+        for unit in range(2)
+    ]
+    return f"t_us,{column},{OWN}\n" + "\n".join(lines) + "\n"
+
+
+def with_column(name, cells, text=None):
+    """The project's own columns and one more."""
+    head, *body = (text or table(T_US)).splitlines()
+    return "\n".join([f"{head},{name}", *(f"{line},{cell}" for line, cell in zip(body, cells, strict=True))]) + "\n"
+
+
+LABELS = ["still" if i // 50 % 2 else "turn" for i in range(len(T_US))]
+
+
+def gz(text):
+    return gzip.compress(text.encode())
+
+
+READ = {
+    "a byte order mark": ("\ufeff" + inertial(), {}),
+    "lines that end in a zero byte": (inertial().replace("\n", "\0\r\n"), {}),
+    "trailing commas": (inertial().replace("\n", ",\n"), {}),
+    "no last newline, blank lines": ("\n\n" + inertial().replace("\n", "\n  \n").rstrip("\n"), {}),
+    "empty rows of a spreadsheet": (inertial().replace("\n", "\n,,,,,,\n"), {}),
+    "utf-16": (inertial().encode("utf-16"), {}),
+    "utf-16, the other order": (b"\xfe\xff" + inertial().replace("\n", "\r\n").encode("utf-16-be"), {}),
+    "windows": (inertial().replace("deg/s", "°/s").encode("cp1252"), {}),
+    "spaces": (inertial().replace(",", " , "), {}),
+    "tabs": (inertial().replace(",", "\t"), {}),
+    "preamble": ("rst:0x1 (POWERON)\nserial,0123\n\n" + inertial(), {}),
+    "header again": (inertial() + inertial().split("\n")[0] + "\n", {}),
+    "torn": (inertial() + "384615,12.5", {}),
+    "quoted": ('"' + inertial().split("\n")[0].replace(",", '","') + '"\n' + inertial().split("\n", 1)[1], {}),
+    "quoted commas in a column that nobody needs": (with_column("remark", ['"o, k"'] * len(T_US)), {}),
+    "named columns": (odd(), {"columns": ODD}),
+    "decimal commas": (odd(comma=True), {"columns": ODD}),
+    "columns by number": ("boot ok\n" + rows(T_US, *triads("dps", "g")), {"columns": COUNTED}),
+    "a unit and a scale that are told": (betaflight("", "m/s/s"), {"gyro_unit": "dps"}),
+    "rows of one kind": (ardupilot(), {"rows": "IMU", "sensor": "ICM-20948"}),
+    "the one kind that holds a gyroscope": (ardupilot(), {"sensor": "ICM-20948"}),
+    "one sensor of two": (ardupilot(2), {"rows": "IMU", "where": "I=0", "sensor": "ICM-20948"}),
+    "one sensor of two, by any column": (in_turn(), {"where": "rig=A"}),
+    "rows of one width": (two_widths(), {"columns": COUNTED, "rows": "7"}),
+    "labels that are no kinds": (f"label,t_us,{OWN}\n" + rows(LABELS, T_US, *triads("dps", "g")), {}),
+    "a number for each row is no second sensor": (with_column("id", range(len(T_US))), {}),
+    "nor is a bit that changes with each row": (with_column("tick", [i % 2 for i in range(len(T_US))]), {}),
+    "a column twice that is not read": (with_column("flag", [0] * len(T_US), with_column("flag", [7] * len(T_US))), {}),
+    "rows that were written twice": ("".join(line * (1 + (i % 10 == 5)) for i, line in enumerate(USUAL.splitlines(keepends=True))), TOLD),
+    "an end that is repeated": (USUAL + "".join(USUAL.splitlines(keepends=True)[-60:]), TOLD),
+    "micros that come round": (table((T_US + 2**32 - 3_000_000) % 2**32), {}),
+    "a counter with a sign": (table((T_US + 2**31 - 3_000_000 + 2**31) % 2**32 - 2**31), {}),
+    "21 bits": (table((T_US + 1_900_000) % 2**21), {}),
+    "cycles of 64 MHz": (table((T_US * 64 + 12_345_678) % 2**24, "cycles"), {"time_unit": "15.625ns"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", READ)
+def test_the_same_samples_come_of_it(name, tmp_path):
+    text, answers = READ[name]
+    same(make(tmp_path, text, **answers))
+
+
+def iso(hours, zone):
+    """Stamps of a clock ``hours`` east of UTC, before and behind a moment in the middle."""
+    for t_us in T_US.tolist():
+        east = hours[int(t_us >= T_US[HALF])]
+        moment = datetime(2026, 3, 29, 1, tzinfo=UTC) + timedelta(microseconds=t_us - int(T_US[HALF]), hours=east)
+        yield moment.strftime("%Y-%m-%dT%H:%M:%S.%f") + (f"{east:+03d}:00" if zone else "")
+
+
+@pytest.mark.parametrize("hours", [(1, 2), (-4, -5)])
+def test_summer_time_begins_and_ends_unseen_where_there_is_a_zone_and_is_named_where_there_is_none(hours, tmp_path):
+    same(make(tmp_path, table([*iso(hours, True)], "time")))
+    way = "forward, as where summer time begins" if hours[1] > hours[0] else "back, as where summer time ends"
+    with pytest.raises(FormatError, match=rf"line {HALF + 2}: time leaps 3600 s {way}; write the stamps in UTC.*--odr"):
+        make(tmp_path, table([*iso(hours, False)], "time"), out="local")
+
+
+def test_stamps_of_an_epoch_stay_exact(tmp_path):
+    """Nanoseconds, and seconds with nine decimals: a float64 would round both by some 100 ns."""
+    ns = EPOCH_NS + np.arange(0, 10**9, 4_800_001)
+    some = ["0"] * len(ns), ["0"] * len(ns), ["0"] * len(ns), ["0"] * len(ns), ["0"] * len(ns), ["-1"] * len(ns)
+    for number, text in enumerate(
+        (f"t_ns,{OWN}\n" + rows(ns, *some), f"time,{OWN}\n" + rows([f"{t // 10**9}.{t % 10**9:09d}" for t in ns.tolist()], *some))
+    ):
+        np.testing.assert_array_equal(read_session(make(tmp_path, text, out=f"{number}").folder).logs[0].samples.t_ns, ns)  # fmt: skip
+
+
+# Our own, copied; and files of two sensors
+
+
+def test_own_log_is_copied_byte_for_byte_and_says_its_full_scales_in_a_comment(tmp_path):
     own = (write_session(tmp_path / "own", SAMPLES) / "log0001.csv").read_text()
-    same(make(tmp_path, own.replace(",", delimiter)))
+    said = "# gyro_fs_dps=500 accel_fs_g=4 odr_hz=104.2 serial=7\n" + own
+    made = make(tmp_path, said, gyro_fs_dps=None, accel_fs_g=None)
+    assert made.log.read_text() == said
+    sensor = same(made, temp=True).config.sensor
+    assert (sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, sensor.serial) == (500, 4, 104.2, "7")
+    assert "latitude_deg =" not in (made.folder / "session.toml").read_text()  # no value is suggested
+    packed = make(tmp_path, gz(own), name="log.csv.gz", out="packed")
+    assert packed.log.name == "log0001.csv.gz"
+    same(packed)
+    same(make(tmp_path, own.replace(",", ";"), out="spreadsheet"), temp=True)
+    # Registers stay registers, whatever their columns are called.
+    columns = "t_us=time,gx=a,gy=b,gz=c,ax=d,ay=e,az=f,temp=g"
+    named = make(tmp_path, "time,a,b,c,d,e,f,g\n" + own.split("\n", 1)[1], columns=columns, sensor="asm330lhh", out="named")
+    same(named, temp=True)
+    assert named.log.read_text().split("\n")[1].split(",")[1:] == own.split("\n")[1].split(",")[1:]
 
 
-def test_own_header_with_semicolons_that_is_not_whole_says_what_it_lacks(tmp_path):
-    with pytest.raises(FormatError, match="is 'GXX' meant as 'gx'"):
-        make(tmp_path, "t_us;GXX;gy;gz;ax;ay;az;temp\n1;2;3;4;5;6;7;8\n")
-    with pytest.raises(FormatError, match="does not say the unit of the gyroscope and the unit of the accelerometer"):
-        make(tmp_path, "t_us;GX;gy;gz;ax;ay;az;temp\n1;2;3;4;5;6;7;8\n2;2;3;4;5;6;7;8\n")
+def test_files_of_two_sensors_are_joined_on_time(tmp_path):
+    for number, texts in enumerate((hsdatalog(), hsdatalog()[::-1])):
+        made = make(tmp_path, *texts, out=f"{number}")
+        assert made.dialects == ("ST HSDatalog",)
+        same(made)
+    temperature = "Timestamp (us),Temperature (degC)\n" + rows(T_US[::50], TEMP[::50])
+    found = same(make(tmp_path, inertial(), temperature, out="temp")).logs[0].samples.temp_c
+    np.testing.assert_allclose(found[::50], TEMP[::50], atol=1e-8)
 
 
-def test_columns_by_number_without_a_header(tmp_path):
-    text = "boot ok\n" + rows(T_US // 25, *triads("dps", "g"))
-    counted = "t_25us=1,gx_dps=2,gy_dps=3,gz_dps=4,ax_g=5,ay_g=6,az_g=7"
-    made = make(tmp_path, text, columns=counted)
+def test_files_of_different_clocks_are_read_between_samples_and_a_gap_of_one_stays_a_gap(tmp_path):
+    """A straight line between samples is a value of the straight line; ends without neighbours are left out."""
+    gyro_t, accel_t = np.arange(0, 10_000_000, 9_600), np.arange(1_000, 9_000_000, 4_800)
+    gyro = "Time,G_x [mdps],G_y [mdps],G_z [mdps]\n" + rows([f"{x / 1e6:.6f}" for x in gyro_t], *np.ones((3, len(gyro_t))))
+    accel = "Time,A_x [g],A_y [g],A_z [g]\n" + rows([f"{x / 1e6:.6f}" for x in accel_t], accel_t * 1e-7, accel_t * 0 - 0.5, accel_t * 0)
+    made = make(tmp_path, gyro, accel)
     samples = read_session(made.folder).logs[0].samples
-    np.testing.assert_array_equal(samples.t_ns, T_US // 25 * 25_000)
-    np.testing.assert_allclose(samples.gyro, SAMPLES.gyro, atol=1e-10)
+    np.testing.assert_allclose(samples.accel[:, 0] / G, samples.t_ns * 1e-10, atol=1e-8)
+    assert samples.t_ns[0] == 9_600_000
+    assert samples.t_ns[-1] <= accel_t[-1] * 1000
+    assert any("read between" in note and "left out" in note for note in made.notes)
+    (_, gyro), (_, accel) = phyphox(SAMPLES)
+    head, *body = accel.decode().splitlines()
+    hole = [line for line in body if not 3.0 < float(line.split(",")[0]) < 3.5]
+    made = make(tmp_path, gyro, "\n".join([head, *hole]) + "\n", out="hole")
+    t_s = read_session(made.folder).logs[0].samples.t_ns * 1e-9
+    assert not ((t_s > 3.01) & (t_s < 3.49)).any()
+    assert any("an offset between their clocks stays" in note for note in made.notes)
 
 
-def test_registers_through_columns_stay_registers(tmp_path):
-    folder = write_session(tmp_path / "own", SAMPLES)
-    body = (folder / "log0001.csv").read_text().split("\n", 1)[1]
-    text, columns = "time,a,b,c,d,e,f,g\n" + body, "t_us=time,gx=a,gy=b,gz=c,ax=d,ay=e,az=f,temp=g"
-    with pytest.raises(FormatError, match="does not say whose registers it holds; give --sensor NAME"):
-        make(tmp_path, text, columns=columns)
-    made = make(tmp_path, text, columns=columns, sensor="asm330lhh")
-    same(made, temp=True)
-    assert made.log.read_text().split("\n")[1].split(",")[1:] == body.split("\n")[0].split(",")[1:]
+def test_decimal_commas_may_begin_after_many_whole_numbers_and_axes_are_turned_as_asked(tmp_path):
+    """A board that reads zero until its filters have settled."""
+    settling = "".join(f"{-12_000 + 1000 * i};0;0;0;0;0;1\n" for i in range(12))
+    text = "t;a;b;c;d;e;f\n" + settling + rows(T_US, *triads("dps", "g"), delimiter=";").replace(".", ",")
+    columns = "t_us=t,gx_dps=a,gy_dps=b,gz_dps=c,ax_g=d,ay_g=e,az_g=f"
+    samples = read_session(make(tmp_path, text, columns=columns, gyro_axes="y,-x,z", accel_axes="-x,-y,-z").folder).logs[0].samples
+    assert not samples.gyro[:12].any()
+    np.testing.assert_allclose(samples.gyro[12:], SAMPLES.gyro[:, [1, 0, 2]] * [1, -1, 1], atol=1e-8 * DEG)
+    np.testing.assert_allclose(samples.accel[12:], -SAMPLES.accel, atol=1e-8 * G)
 
 
-def test_no_stamps_at_all_asks_for_the_rate(tmp_path):
-    text = "wx,wy,wz,ax,ay,az\n" + rows(*triads("dps", "g"))
-    columns = "gx_dps=wx,gy_dps=wy,gz_dps=wz,ax_g=ax,ay_g=ay,az_g=az"
-    for unit in (None, "us"):  # a unit of stamps that are not there stamps nothing
-        with pytest.raises(FormatError, match="--odr"):
-            make(tmp_path, text, columns=columns, time_unit=unit)
-    samples = read_session(make(tmp_path, text, columns=columns, odr_hz=104.0).folder).logs[0].samples
-    assert np.abs(samples.t_ns - np.arange(len(samples)) * 1e9 / 104).max() <= 500
+@pytest.mark.parametrize("value", [0, 2**30])
+def test_a_single_bad_stamp_is_named_and_taken_as_the_middle(value, tmp_path):
+    bad = T_US.copy()
+    bad[[70, 300]] = value
+    made = make(tmp_path, table(bad))
+    says = f"line 72: t_us is {value}, beyond both neighbours: taken as 673077"
+    assert any(says in note and "1 more such" in note for note in made.notes)
+    assert np.abs(read_session(made.folder).logs[0].samples.t_ns - SAMPLES.t_ns).max() <= 1000
 
 
-def test_axes_are_turned_as_asked(tmp_path):
-    made = make(tmp_path, inertial(), gyro_axes="y,-x,z", accel_axes="-x,-y,-z")
-    samples = read_session(made.folder).logs[0].samples
-    np.testing.assert_allclose(samples.gyro, SAMPLES.gyro[:, [1, 0, 2]] * [1, -1, 1], atol=1e-10)
-    np.testing.assert_allclose(samples.accel, -SAMPLES.accel, atol=1e-7)
+def test_a_broken_gzip_gives_what_came_before_and_lost_samples_leave_the_rate(tmp_path):
+    packed = gz(inertial())
+    made = make(tmp_path, packed[: len(packed) // 2], name="log.csv.gz")
+    assert 100 < made.samples < len(SAMPLES)
+    assert any("breaks off" in note for note in made.notes)
+    lines, kept = inertial().splitlines(keepends=True), np.random.default_rng(1).random(len(T_US) + 1) >= 0.05
+    kept[:2] = True
+    made = make(tmp_path, "".join(line for line, keep in zip(lines, kept, strict=True) if keep), out="lost")
+    assert read_session(made.folder).config.sensor.odr_hz == pytest.approx(104, rel=2e-4)
 
 
-def test_the_first_look_speaks_where_axes_are_wrong(tmp_path):
-    """No file tells its axes: the check against gravity does."""
-    made = make(tmp_path, inertial(), gyro_axes="y,x,z")
-    (axes,) = [finding for finding in made.findings if finding.what == "axes"]
-    assert axes.level == "error"
-    assert "exchanged" in axes.says
-    assert len(made.next) == 1  # look first; a fit would refuse
+def test_a_folder_is_not_written_over_and_logs_are_added(tmp_path):
+    made = make(tmp_path, inertial())
+    before = made.log.read_bytes()
+    with pytest.raises(FormatError, match="--add"):
+        make(tmp_path, inertial())
+    assert made.log.read_bytes() == before
+    for kind, name in (("closure", "closure0001.csv"), ("log", "log0002.csv")):
+        assert convert([tmp_path / "LOG.CSV"], made.folder, Answers(), add=kind).log.name == name
+    assert "\n# log0002.csv: from LOG.CSV (" in (made.folder / "session.toml").read_text()
+    with pytest.raises(FormatError, match="--gyro-fs"):
+        convert([tmp_path / "LOG.CSV"], made.folder, Answers(gyro_fs_dps=2000.0), add="log")
 
 
-# What is asked
+# What is refused or asked for
+
+
+def line(number, text, whole=None):
+    lines = (whole or inertial()).split("\n")
+    return "\n".join([*lines[:number], text, *lines[number + 1 :]])
+
+
+def again(header, words=()):
+    """A board that starts again in the middle of its log."""
+    body = rows(np.r_[T_US[:HALF] + 9_000_000, T_US[HALF:] - T_US[HALF] + 412], *triads("dps", "g")).splitlines(keepends=True)
+    head = f"t_us,{OWN}\n"
+    return head + "".join(body[:HALF]) + "".join(f"{word}\n" for word in words) + header * head + "".join(body[HALF:])
+
+
+def swapped(first, second):
+    stamps = T_US.copy()
+    stamps[[first, second]] = stamps[[second, first]]
+    return table(stamps)
+
+
+def stepped(start_ns, back_s):
+    t_ns = start_ns + T_US * 1000
+    t_ns[HALF:] -= round(back_s * 1e9)
+    return table(t_ns, "t_ns")
+
+
+def doubled(text, name):
+    """A last column of that name, which holds zeros."""
+    head, *body = text.splitlines()
+    return "\n".join([f"{head},{name}", *(f"{each},0" for each in body)]) + "\n"
+
+
+OPEN = with_column("remark", ['"ok' if number in (39, 59) else "ok" for number in range(len(T_US))])
+IN_JSON = "\n".join(json.dumps({"dev": "AB"[i % 2], "t": i, "gyro": [1, 2, 3], "accel": [0, 0, 9.5]}) for i in range(400))
+REGISTERS = "t,a,b,c,d,e,f\n" + rows(T_US, *[T_US % 99] * 6)
+UNITED = "gx_dps=wx,gy_dps=wy,gz_dps=wz,ax_g=ax,ay_g=ay,az_g=az"
+ANGLES = f"t_us,dtheta_x_deg,dtheta_y_deg,dtheta_z_deg,ax_g,ay_g,az_g\n{rows(T_US, *triads('dps', 'g'))}"
+NAMELESS = "give --columns t_UNIT=a,gx_UNIT=b,gy_UNIT=c,gz_UNIT=d,ax_mps2=e,ay_mps2=f,az_mps2=g"
+HEADLESS = r"no header, 7 columns of numbers; name them by number, --columns t_UNIT=1,gx_UNIT=2,.*az_g=7"
+REFUSED = [
+    ("", {}, "empty"),
+    (inertial().split("\n")[0] + "\n", {}, "no samples"),
+    ("\0\1\2\3" * 100, {}, "not a text log"),
+    (inertial().encode("utf-16-le"), {}, "not a text log"),
+    ("hello\nworld\n", {}, "no header.*--columns"),
+    ("a,b,c\n1,2,3\n", {}, "no header.*'a,b,c'"),
+    (b"no gzip", {"name": "log.csv.gz"}, "gzip"),
+    (line(40, "1,2,3"), {}, "line 41.*3 columns"),
+    (line(40, "384615,x,0,0,0,0,0"), {}, "line 41.*Gyroscope X.*'x'"),
+    (line(40, "384615,,0,0,0,0,0"), {}, "line 41"),
+    (line(40, "384615,nan,0,0,0,0,0"), {}, "line 41.*Gyroscope X.*expected a finite number"),
+    (line(40, "384615,0,1e308,0,0,0,0"), {}, r"LOG.CSV line 41.*Gyroscope Y.*1e\+308.*unit"),
+    (line(40, "384615,0,0,0,0,0,-1e5"), {}, "LOG.CSV line 41.*Accelerometer Z.*10000 g"),
+    (line(40, "nan,0,0,0,0,0,0"), {}, "line 41.*Timestamp"),
+    (line(40, "9" * 40 + ",0,0,0,0,0,0"), {}, "line 41.*Timestamp.*no time of this era"),
+    (line(40, "1_000,0,0,0,0,0,0"), {}, "line 41"),
+    (line(41, "6,0,0,0,0,0,0", line(40, "5,0,0,0,0,0,0")), {}, "line 41.*begins again at 5e-06 s: a restart"),
+    # Found by fuzzing: NumPy reads on to the next one, in a column that nobody needs without a word.
+    (OPEN, {}, "line 41: a quotation mark that is not closed"),
+    (line(40, odd().split("\n")[40].replace(".", ",", 1), odd()), {"columns": ODD}, "line 41"),
+    (doubled(inertial(), "Accelerometer Z (g)"), {}, "stands 2 times; keep one"),
+    (doubled(table(T_US), "gz_dps"), {}, "the column gz_dps stands 2 times; keep one, or rename the other"),
+    (doubled(odd(","), "wx"), {"columns": ODD}, "'wx' stands 2 times in the header; give --columns its number, from 1"),
+    # Sensors and kinds of rows
+    (ardupilot(2), {"rows": "IMU"}, "the column 'I' holds 0, 1: rows of several sensors; give --where I=0"),
+    (ardupilot().replace("GyrX", "RateX"), {}, "rows of several kinds .*IMU.*ATT.*; give --rows IMU"),
+    (ardupilot(), {"rows": "GPS"}, "no row begins with 'GPS'"),
+    (ardupilot(2), {"rows": "IMU", "where": "J=0"}, "no column 'J'"),
+    (ardupilot(2), {"rows": "IMU", "where": "I"}, "expected NAME=VALUE"),
+    (two_widths(), {"columns": COUNTED}, "rows of 7 and rows of 9 columns.*give --rows 7"),
+    (in_turn(), {}, "the column 'rig' holds A, B in turn.*give --where rig=A"),
+    (in_turn(apart_us=0), {}, "the column 'rig' holds A, B in turn"),
+    (with_column("imu", [int(i > 900) for i in range(len(T_US))]), {}, "rows of several sensors"),  # far behind the first rows
+    (IN_JSON, {**TOLD, "time_unit": "ms"}, "the column 'dev' holds A, B.*give --where dev=A"),
+    # Stamps
+    (stepped(EPOCH_NS, 3.0), {}, "goes backward by"),  # a 32-bit counter of ns would come round every 4.3 s
+    (stepped(10**9, 4.0), {}, "goes backward by"),
+    (swapped(70, 71), {}, r"line 73: t_us goes backward by .*; split the log there"),
+    (again(False), {}, rf"line {HALF + 2}: .*t_us begins again at 0.000412 s.*two pieces: split the log there"),
+    (again(True, ["ets Jul 29 2019 12:21:46", "", "rst:0x1 (POWERON_RESET)"]), {}, rf"line {HALF + 2}: .*t_us begins again at 0.000412 s"),
+    ("wx,wy,wz,ax,ay,az\n" + rows(*triads("dps", "g")), {"columns": UNITED, "time_unit": "us"}, "--odr"),
+    # What no file tells
+    (betaflight("", ""), {}, "--gyro-unit.*--accel-unit"),
+    (odd(), {}, "--columns.*millis"),
+    (odd(), {"columns": ODD.replace("t_ms", "t")}, "--time-unit"),
+    (odd(), {"columns": ODD.replace("gz_dps=wz,", "")}, "gz missing"),
+    (odd(), {"columns": ODD.replace("wz", "wzz")}, "wzz"),
+    (odd(), {"columns": ODD.replace("dps", "rph")}, "rph.*--gyro-unit"),
+    (odd(), {"columns": "t_ms"}, "--columns"),
+    (rows(T_US, *triads("dps", "g")), {"columns": COUNTED.replace("=3", "=2")}, "takes the column .* for two things"),
+    (inertial(), {"gyro_axes": "x,x,z"}, "--gyro-axes"),
+    (inertial().replace("deg/s", "rph"), {}, "rph.*--gyro-unit"),
+    (inertial().replace("Y (deg/s)", "Y (mdps)"), {}, "different units"),
+    ("t_us;GXX;gy;gz;ax;ay;az\n1;2;3;4;5;6;7\n", {}, "is 'GXX' meant as 'gx'"),
+    (REGISTERS, {"columns": "t_us=t,gx=a,gy=b,gz=c,ax=d,ay=e,az=f"}, "whose registers it holds; give --sensor NAME"),
+    (ANGLES, {}, "'dtheta_x_deg' is the angle of each sample"),
+    (rows(T_US, *triads("dps", "g")), {}, HEADLESS),
+    ("a,b,c,d,e,f,g\n" + rows(T_US, *triads("dps", "mps2")), {}, NAMELESS),
+    ('{"a": [1, 2', {}, "damaged JSON"),
+    ('{"a": {"b": 1}}', {}, "without a list"),
+    ("[" * 99_999, {}, "line 1: longer than"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "answers", "said"), REFUSED, ids=[f"{number} {said}"[:60] for number, (*_, said) in enumerate(REFUSED)])
+def test_what_is_wrong_or_not_said_is_one_line(text, answers, said, tmp_path):
+    with pytest.raises(CalibrationError) as caught:
+        make(tmp_path, text, **answers)
+    assert re.search(said, str(caught.value)), caught.value
+    assert "\n" not in str(caught.value)
+    assert len([*tmp_path.iterdir()]) == 1  # nothing is left behind
 
 
 @pytest.mark.parametrize(
-    ("text", "answers", "options"),
+    ("texts", "said"),
     [
-        (betaflight(""), {}, ("--gyro-unit",)),
-        (betaflight(accel=""), {}, ("--accel-unit",)),
-        (betaflight("", ""), {}, ("--gyro-unit", "--accel-unit")),
-        (odd(), {}, ("--columns", "millis")),
-        (odd(), {"columns": ODD_COLUMNS.replace("t_ms", "t")}, ("--time-unit",)),
-        (odd(), {"columns": ODD_COLUMNS.replace("gz_dps=wz,", "")}, ("gz missing",)),
-        (odd(), {"columns": ODD_COLUMNS.replace("wz", "wzz")}, ("wzz",)),
-        (odd(), {"columns": ODD_COLUMNS.replace("dps", "rph")}, ("rph", "--gyro-unit")),
-        (odd(), {"columns": "t_ms"}, ("--columns",)),
-        (inertial(), {"gyro_axes": "x,x,z"}, ("--gyro-axes",)),
-        (inertial().replace("deg/s", "rph"), {}, ("rph", "--gyro-unit")),
-        (inertial().replace("Y (deg/s)", "Y (mdps)"), {}, ("different units",)),
+        (hsdatalog()[:1], "no accelerometer.*give its file"),
+        (hsdatalog()[1:], "no gyroscope"),
+        ((hsdatalog()[0], inertial()), "both hold a gyroscope"),
+        ((hsdatalog()[0], hsdatalog(shift_us=3600 * 10**6)[1]), "share no time"),
     ],
 )
-def test_what_no_file_tells_is_asked_by_option(text, answers, options, tmp_path):
-    with pytest.raises(FormatError) as caught:
-        make(tmp_path, text, **answers)
-    assert all(option in str(caught.value) for option in options), caught.value
-    assert "\n" not in str(caught.value)
-    assert [path.name for path in tmp_path.iterdir()] == ["LOG.CSV"]  # nothing is left behind
+def test_files_that_do_not_belong_together_are_refused(texts, said, tmp_path):
+    with pytest.raises(CalibrationError, match=said):
+        make(tmp_path, *texts)
+    assert not (tmp_path / "session").exists()
 
 
-def test_answers_settle_it(tmp_path):
-    same(make(tmp_path, betaflight("", "m/s/s"), gyro_unit="dps"))
-    scaled = betaflight("", "m/s/s")
-    made = make(tmp_path, scaled, gyro_unit="0.5dps", out="half")
-    np.testing.assert_allclose(read_session(made.folder).logs[0].samples.gyro, SAMPLES.gyro / 2, atol=1e-10)
+# Units
 
 
 @pytest.mark.parametrize(
     ("kind", "text", "si"),
     [
-        ("time", "25us", 25_000),
-        ("time", "0.5 ms", 500_000),
-        ("gyro", "deg/s", DEG),
-        ("gyro", "rad s^-1", 1.0),
-        ("gyro", "0.061 dps", 0.061 * DEG),
+        *(("time", text, si) for text, si in (("25us", 25_000), ("0.5 ms", 500_000))),
+        *(("gyro", text, DEG) for text in ("deg/s", "º/s", "ø/s", "Grad/s")),
+        *(("gyro", text, 1.0) for text in ("rad s^-1", "rad·s⁻¹")),
+        *(("gyro", text, si) for text, si in (("0.061 dps", 0.061 * DEG), ("rpm", 6 * DEG), ("lsb", None))),
+        *(("accel", text, 1.0) for text in ("m/s/s", "m/s2", "m·s⁻²", "m/s**2")),
         ("accel", "g/2048", G / 2048),
-        ("accel", "m/s/s", 1.0),
-        ("accel", "m/s2", 1.0),
-        ("gyro", "lsb", None),
-        ("gyro", "rpm", 6 * DEG),
-        ("gyro", "º/s", DEG),
-        ("gyro", "ø/s", DEG),
-        ("gyro", "Grad/s", DEG),
-        ("gyro", "rad·s⁻¹", 1.0),
-        ("accel", "m·s⁻²", 1.0),
-        ("accel", "m/s**2", 1.0),
     ],
 )
 def test_units(kind, text, si):

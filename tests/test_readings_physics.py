@@ -1,17 +1,15 @@
-"""PackedReadings kept as they were written act as the float64 array that they stand for, to the last bit."""
+"""Readings kept as they were written act as the float64 array that they stand for, to the last bit; helpers for arrays."""
 
 import pickle
 
 import numpy as np
 import pytest
 
-from session.io.config import Sensor
-from session.io.errors import FormatError
-from session.io.logfile import read_log
-from session.io.samples import PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
+from session.io.numeric import held_for, new_readings, runs_of, sigma_of, sigma_of_steps, smallest_step
+from session.io.samples import AT_ONCE, PackedReadings, Packer, Samples, inserted, mapped, pick, pieces, replaced, start_times, times
+from session.io.units import NS_PER_S
 
 RNG = np.random.default_rng(8)
-SENSOR = Sensor("ASM330LHH", "", 208.0, 500.0, 4.0)
 
 
 def packed(*tables: np.ndarray) -> PackedReadings:
@@ -102,23 +100,53 @@ def test_rows_are_put_in_as_numpy_puts_them_in():
     np.testing.assert_array_equal(np.asarray(pick(found, kept)), true[kept])
 
 
-def test_a_log_in_pieces_names_the_line_from_which_time_goes_back(tmp_path):
-    """Beyond the first megabyte, with comments and blank lines before it."""
-    lines = [f"{4808 * i},1,2,3,-4,5,-8192,{i % 7}" for i in range(60_000)]
-    lines[100:100] = ["# a comment", "", "# another"]
-    lines[50_000:50_002] = [f"{t_us},1,2,3,-4,5,-8192,0" for t_us in (120_000_000, 120_004_808)]
-    path = tmp_path / "log0001.csv"
-    path.write_text("\n".join(["# gyro_fs_dps=500", "t_us,gx,gy,gz,ax,ay,az,temp", *lines, ""]))
-    assert path.stat().st_size > 1.5 * 2**20
-    with pytest.raises(FormatError, match=r"log0001\.csv line 50003: t_us goes backward"):
-        read_log(path, SENSOR)
+def test_a_column_is_converted_in_parts_to_the_same_numbers():
+    whole = RNG.integers(-3000, 3000, (AT_ONCE + 1000, 3)).astype(np.int16)
+    found = packed(whole).mapped(times(0.5))
+    np.testing.assert_array_equal(np.asarray(found), whole * 0.5)
+    np.testing.assert_array_equal(found[:, 1], whole[:, 1] * 0.5)
 
 
-def test_a_counter_that_wraps_in_a_later_piece_is_unrolled(tmp_path):
-    first = 2**32 - 40_000 * 4808
-    path = tmp_path / "log0001.csv"
-    rows = "\n".join(f"{(first + 4808 * i) % 2**32},{i % 100},2,3,-4,5,-8192,0" for i in range(60_000))
-    path.write_text(f"t_us,gx,gy,gz,ax,ay,az,temp\n{rows}\n")
-    log = read_log(path, SENSOR)
-    np.testing.assert_array_equal(np.diff(log.samples.t_ns), 4808_000)
-    assert "came round 1x" in " ".join(log.notes)
+@pytest.mark.parametrize(
+    ("mask", "runs"),
+    [("", []), ("000", []), ("111", [(0, 3)]), ("1", [(0, 1)]), ("0110", [(1, 3)]), ("1011001", [(0, 1), (2, 4), (6, 7)])],
+)
+def test_runs(mask, runs):
+    assert list(zip(*(edges.tolist() for edges in runs_of(np.array([c == "1" for c in mask], dtype=bool))), strict=True)) == runs
+
+
+def test_scatter_is_that_of_the_noise_and_wild_values_do_not_move_it():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, [1.0, 2.0, 3.0], (40_000, 3))
+    noise[::50] = 1e6
+    assert sigma_of(noise) == pytest.approx([1, 2, 3], rel=0.04)
+    assert sigma_of(noise[:, 0], axis=None) == sigma_of(noise)[0]
+    ramp = np.linspace(0, 100, 40_000)[:, None]
+    assert sigma_of_steps(ramp + rng.normal(0, [1.0, 2.0, 3.0], (40_000, 3))) == pytest.approx([1, 2, 3], rel=0.03)
+
+
+def test_logs_lie_one_after_the_other():
+    logs = [Samples(np.array(t) * NS_PER_S, np.zeros((2, 3)), np.zeros((2, 3))) for t in ([5, 7], [100, 103], [0, 4])]
+    assert start_times(logs).tolist() == [0, 2, 5, 9]
+    assert start_times([]).tolist() == [0]
+
+
+def test_new_readings_are_rows_that_differ_in_any_axis():
+    rows = np.repeat(np.arange(12.0).reshape(4, 3), [1, 3, 2, 1], axis=0)
+    assert new_readings(rows).tolist() == [True, True, False, False, True, False, True]
+    rows[2, 1] += 1
+    assert new_readings(rows).tolist() == [True, True, True, True, True, False, True]
+    long = np.repeat(np.arange(9000.0), 2)[:, None] * np.ones(3)
+    assert new_readings(long).sum() == 9000
+
+
+def test_a_reading_is_held_for_the_median_of_its_rows():
+    assert held_for(new_readings(np.repeat(np.arange(30.0), 6)[:, None] * np.ones(3))) == 6
+    assert held_for(new_readings(np.repeat(np.arange(30.0), np.resize([1, 1, 9], 30))[:, None] * np.ones(3))) == 1
+    assert held_for(np.ones(2, dtype=bool)) == 1
+
+
+def test_the_smallest_step_is_beyond_rounding():
+    assert smallest_step(np.array([1.0, 1.5, 1.5, 3.0])) == 0.5
+    assert smallest_step(np.array([1000.0, 1000.0 + 5e-7, 1002.0])) == pytest.approx(2.0)
+    assert smallest_step(np.ones(4)) == 0.0

@@ -10,7 +10,7 @@ from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc import SimulationOptions
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import estimate_heading, no_earth, unseen_covariance, vertical_only, with_heading
-from tinygc.attitude.rotation import sample_weights, steps
+from tinygc.attitude.rotation import steps
 from tinygc.simulation.movement import hand_plan, move
 
 RNG = np.random.default_rng(0)
@@ -84,12 +84,6 @@ def test_from_gravity_holds_to_formats():
     np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation.matrix(q), force), up, atol=1e-13)
 
 
-@pytest.mark.parametrize("function", [rotation.exp, rotation.accumulate, rotation.matrix])
-def test_torch_gives_what_numpy_gives(function):
-    values = RNG.normal(size=(5, 7, 3)) if function is rotation.exp else unit(5, 7)
-    np.testing.assert_allclose(function(torch.as_tensor(values)).numpy(), function(values), atol=1e-15)
-
-
 def test_derivatives_exist_everywhere_even_at_zero():
     vectors = np.concatenate([np.zeros((1, 3)), [[1e-9, 0, 0], [0.06, 0.02, 0.0], [0.0633, 0, 0]], RNG.normal(size=(4, 3))])
     tensor = torch.as_tensor(vectors).requires_grad_()
@@ -154,24 +148,6 @@ def test_a_sixth_beats_a_twelfth_a_hundredfold_on_hand_turns(odr_hz, limit_deg):
     sixth, twelfth = np.sqrt(np.mean(np.square(errors), axis=0)) / DEG
     assert sixth < limit_deg
     assert twelfth / sixth > 100
-
-
-@pytest.mark.parametrize(("dps", "odr_hz", "percent"), [(400, 104, 0.04)])
-def test_first_order_step_turns_by_theta_less_a_twelfth_of_its_cube(dps, odr_hz, percent):
-    theta = dps * DEG / odr_hz
-    q = steps(np.array([[dps * DEG, 0, 0]] * 2), np.array([1 / odr_hz]), "first-order")[0]
-    short = (theta - np.linalg.norm(rotation.log(q))) / theta
-    assert short == pytest.approx(theta**2 / 12, rel=0.01)
-    assert 100 * short == pytest.approx(percent, rel=0.1)
-
-
-def test_weights_sum_to_the_duration_and_integrate_straight_lines_exactly():
-    dt = np.random.default_rng(2).uniform(0.001, 0.02, (3, 50))
-    weights = sample_weights(dt)
-    assert weights.shape == (3, 51)
-    np.testing.assert_allclose(weights.sum(-1), dt.sum(-1), rtol=1e-14)
-    t = np.concatenate([np.zeros((3, 1)), np.cumsum(dt, -1)], -1)
-    np.testing.assert_allclose((weights * t).sum(-1), t[:, -1] ** 2 / 2, rtol=1e-13)
 
 
 SIDEREAL_DPH = 15.041

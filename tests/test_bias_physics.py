@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm, t
-from small_sessions import small_session
+from small_sessions import EARTH_T, small_session
 from small_turns import PERFECT, TRUE, angles_by_scipy
 
 from session.io.errors import CalibrationError, FitError, FormatError
@@ -35,15 +35,17 @@ from tinygc.estimation.between_sessions import (
     course,
     jump,
 )
-from tinygc.estimation.bias import choose, less_by_chance, levelled
+from tinygc.estimation.bias import BiasChoice, choose, less_by_chance, levelled
 from tinygc.estimation.bias_of_day import (
     Origin,
     Rebiased,
     _bias_from_gravity,
     _BiasOfDay,
+    _day_sigma,
     _false_stills,
     _from_start,
     _origin_of,
+    from_gravity,
     rebias_to_json,
     remarks,
 )
@@ -98,6 +100,21 @@ def test_the_source_is_the_one_asked_for_or_shown_to_be_better(monkeypatch, aske
     assert table["stills_holdout_tilt_rms_deg"] == pytest.approx(stills * np.sqrt(2))
 
 
+WAYS = [
+    ("auto", "stills", False, False, "of each turn from the stills around it (which closes held-out turns better);"),
+    ("auto", "ends", False, True, "from the ends of the turns (so few turns do not tell that the stills are better, p = 0.031);"),
+    ("auto", "stills", True, False, "of each turn from the stills around it: the ends of so few turns do not show it."),
+    ("auto", "stills", False, True, "with a lot's prior and few turns, using their ends is not significantly better."),
+    ("stills", "stills", True, True, "(as asked); held out with the ends 5.0000°, with the stills 1.0000°."),
+]
+
+
+@pytest.mark.parametrize(("asked", "used", "unseen", "of_lot", "words"), WAYS)
+def test_a_choice_says_why(asked, used, unseen, of_lot, words):
+    held = {"ends": np.array([[3.0, 4.0]]) * DEG, "stills": np.array([[0.0, 1.0]]) * DEG}
+    assert words in BiasChoice(asked, used, held, 0.0312, unseen, of_lot).words
+
+
 @pytest.mark.parametrize(
     ("more", "truths", "why"),
     [
@@ -113,6 +130,7 @@ def test_stills_that_cannot_be_used_are_refused_or_passed_over(monkeypatch, more
         choose(problem, FitOptions(bias="stills", **more))
     choice, same, fit = choose(problem, FitOptions(**more))
     assert (choice.used, choice.held_out, same, fit) == ("ends", {}, problem, "fit")
+    assert choice.words == "Bias from the ends of the turns."
 
 
 def test_biases_of_days_are_those_of_one_fit_of_all_beside_a_common_matrix():
@@ -334,6 +352,26 @@ def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
     np.testing.assert_allclose(sigma, log.noise.angle_random_walk / np.sqrt(2.0), rtol=0.03)
     moving = replace(log, samples=Samples(t_ns[:100], gyro[120:220], force[120:220]))
     assert _from_start(replace(problem, still_rates=none, logs=[moving]), TRUE) is None
+
+
+def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next():
+    """From the middle of each log's first reference still on; the median of its stills is its rest."""
+    problem, change, sigma = small_session(), np.zeros(3), 0.01
+    for log in problem.logs:
+        still = log.stills[0]
+        samples = log.samples.between(still.middle, len(log.samples))
+        at_rest = np.median([TRUE.E @ each.gyro_mean + TRUE.B for each in log.stills if each.problem is None], axis=0)
+        more = {"prior": sigma, "rest": -at_rest - change, "earth_n": EARTH_T, "gravity_mps2": GRAVITY}
+        one = _bias_from_gravity(samples, samples.gyro @ TRUE.E.T + TRUE.B + change, log.q_tb[0], **more)
+        change, sigma = change + one.change, one.sigma
+    found = from_gravity(problem, TRUE, 0.01)
+    np.testing.assert_allclose([found.change, found.sigma], [change, sigma], rtol=1e-9)
+
+
+def test_a_stored_bias_is_as_certain_as_its_file_s_days_are_alike():
+    """0.1 dps where the file tells of no days; none is more alike than 1e-6 rad/s."""
+    assert _day_sigma({}) == 0.1 * DEG
+    assert _day_sigma({"bias_sigma_rps": [1e-3, 0.0, 2e-6]}).tolist() == [1e-3, 1e-6, 2e-6]
 
 
 def rebiased(**more):

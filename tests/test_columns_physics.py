@@ -210,21 +210,6 @@ def test_each_shape_is_what_its_equation_says():
         assert each.describe(np.ones(3)).startswith("the scale bends" if odd else "the zero bends")
 
 
-def test_an_attitude_reads_no_farther_than_it_states_and_a_field_is_that_of_the_log():
-    """A changed force at one sample changes the columns up to the stated reach on either side, or three samples less."""
-    first, second = movement(), movement(began_s=100.0)
-    (quadratic, _), (field,) = (shapes(session_of_movements(first, second), name) for name in ("attitude", "world_field"))
-    assert (field.basis(first) == 1.0).all()
-    assert (field.basis(second) == 2.0).all()
-    force = np.tile((0.6, -0.48, 0.64), (301, 1))
-    slow = Movement(np.arange(301) / 1e3, 1e-3, np.zeros((301, 3)), force, np.full(301, 25.0), np.zeros(301), 0.3, FS, 25.0)
-    other = replace(slow, force_g=force + (np.arange(301) == 150)[:, None])
-    changed = np.flatnonzero(np.abs(quadratic.basis(other) - quadratic.basis(slow)).max(axis=1) > 1e-9)
-    before, after = quadratic.reach.rows(1e3)
-    assert after - 3 <= 150 - changed[0] <= after
-    assert before - 3 <= changed[-1] - 150 <= before
-
-
 def test_terms_of_a_curve_are_of_one_variable_and_one_symmetry():
     twin = session_of_movements(movement())
     odd, even, *_ = shapes(twin, "curve_over_rate")

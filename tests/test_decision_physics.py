@@ -19,7 +19,6 @@ from tinygc.explanation.decision import (
     Proof,
     _left_out_and_searched,
     _no_worse,
-    _numbers_before,
     _per_segment,
     _undersampled_claim,
     _with_linear,
@@ -174,20 +173,7 @@ def test_what_is_handed_on_is_the_better_on_the_turns_of_both(named, worse, kept
         assert (proof.ratio, proof.worse) == (pytest.approx(named), found)
     assert proof.after is getattr(proof, kept)
     assert proof.after_numbers == {"named": [4, 7], "before": [4, 5, 7]}[kept]
-
-
-def test_segments_keep_the_numbers_that_they_had_before_a_repair():
-    """By the nearest middle in the same log; of a log without segments, in any."""
-
-    def segments(*given):
-        keys = ("log", "start_s", "duration_s")
-        return SimpleNamespace(
-            segments=[SimpleNamespace(**dict(zip(keys, each, strict=True)), number=n) for n, each in enumerate(given, 1)]
-        )
-
-    old = segments((0, 0.0, 2.0), (0, 4.0, 2.0), (1, 0.0, 2.0), (0, 8.0, 4.0))
-    joined = segments((0, 0.0, 2.0), (0, 4.5, 8.0), (1, 5.0, 9.0), (2, 4.0, 2.0), (0, 0.0, 7.0))
-    assert _numbers_before(old, joined) == [1, 4, 3, 2, 2]
+    assert proof_of(0 * tilt, tilt, [4, 5, 7], [4, 5, 7], 0.1).ratio == 1.0
 
 
 def test_what_is_handed_on_has_the_covariance_of_both_estimates_for_the_same_errors():

@@ -115,7 +115,6 @@ def test_the_command_says_a_folder_that_cannot_be_used_in_one_line(effects, tmp_
         assert (code, out, err.count("\n"), says in err) == (2, "", 1, True), err
 
 
-@pytest.mark.broad
 def test_no_python_in_a_session_folder_is_run(folder, tmp_path, run):
     """Nor beside a model."""
     ran = tmp_path / "ran"
@@ -123,7 +122,6 @@ def test_no_python_in_a_session_folder_is_run(folder, tmp_path, run):
         place.mkdir(exist_ok=True)
         (place / "made_up.py").write_text(f"open({str(ran)!r}, 'w').close()\n" + HEAD + MADE_UP)
     assert run("fit", folder, "--methods", "raw")[0] == 0
-    assert run("explain", folder, "--no-pictures")[0] == 0
     assert not ran.exists()
 
 

@@ -133,6 +133,7 @@ def test_fit_and_explain_have_one_closure_of_one_model_and_one_verdict(unit, exp
     assert (again.verdict, again.p_value) == (why.verdict, why.p_value)
 
 
+@pytest.mark.broad
 def test_physics_by_name_is_fitted_with_its_sigmas_and_another_name_is_refused(unit, run):
     options = FitOptions(methods=("least_squares",), physics=("gyro.g_sensitivity",), folds=2)
     fit = fit_session(read_session(unit / "first"), options, physics=physics_methods)

@@ -12,7 +12,6 @@ from formats_page import strangers
 from scipy.spatial.transform import Rotation
 from small_turns import PERFECT, TYPICAL, angles_by_scipy, small_turns, turned_ends, turns_by_scipy
 
-import calibrate
 from session.io.errors import FitError, FormatError
 from tinygc import closure, models
 from tinygc.attitude import rotation
@@ -136,15 +135,11 @@ def broken(where="denoiser", **changes):
     ("table", "complaint"),
     [
         (broken(conv1=[1, 2]), "conv1 has shape"),
-        (broken(conv3=None), "denoiser"),
-        (broken(slope="steep"), 'denoiser.slope is "steep", expected a number from 0 to 1'),
         (broken(slope=float("nan")), "denoiser.slope is NaN, which is not finite"),
         (broken(slope=0.3), "another slope than 1"),
-        (broken(dilations=[1, 2, 4]), "other dilations than"),
         (broken(dilations=3), "denoiser.dilations is 3, expected 3 whole numbers from 1 to 50"),
         (broken(None, rate_hz=0), "rate_hz"),
         (broken(None, calibration=broken()), "does not follow"),
-        (broken(None, denoiser=[]), "denoiser is a list of 0, expected a table"),
         (broken(conv1=(2 * Denoiser.identity().conv1).tolist()), "gain"),
         (broken(conv2=np.full(SHAPES["conv2"], np.nan).tolist()), "finite"),
     ],
@@ -207,20 +202,6 @@ def test_the_error_in_motion_is_measured_without_the_truth():
         true = np.mean((answer - clean[:, REACH - delay : clean.shape[1] - delay]) ** 2, axis=(0, 1))
         said = np.einsum("ai,aij,aj->a", taps, risk.motion, taps) + 2 * np.sum(risk.shared * taps, axis=1) - risk.noise[:, 0]
         np.testing.assert_allclose(said, true, rtol=0.05, atol=0.08 * NOISE_RPS**2)
-
-
-def test_noise_that_rings_longer_than_its_lags_is_still_noise():
-    """A line in the stills: its autocovariance, cut off behind twelve lags, has negative power.  White noise stays as it was estimated."""
-    rng, t = np.random.default_rng(0), np.arange(2000.0)
-    rings = [np.cos(0.9 * t + phase)[:, None] * [1, 2, 3] + 0.01 * rng.standard_normal((2000, 3)) for phase in (0, 1, 2)]
-    r = denoiser.autocovariance(rings, REACH + 1)
-    lags = np.abs(np.arange(REACH + 1)[:, None] - np.arange(REACH + 1))
-    assert (np.linalg.eigvalsh(r[:, lags])[:, 0] > 0).all()
-    np.testing.assert_allclose(r[:, 0], [0.5, 2, 4.5], rtol=0.01)
-    white = [rng.standard_normal((2000, 3)) for _ in range(4)]
-    x = [each - each.mean(axis=0) for each in white]
-    lag3 = sum((each[3:] * each[:-3]).sum(axis=0) for each in x) / (4 * 1996)
-    np.testing.assert_allclose(denoiser.autocovariance(white, REACH + 1)[:, 3], lag3)
 
 
 def test_noise_at_rest_falls_threefold_twelve_samples_late_and_the_closure_does_not_suffer():
@@ -348,20 +329,6 @@ def test_broken_checkpoints_are_refused(tmp_path, text):
         minimised(checkpoint=Checkpoint(path, resume=True))
 
 
-@pytest.mark.broad
-def test_as_in_the_paper_both_nets_are_trained_by_adamw(simulated, tmp_path, monkeypatch):
-    """Every other method is as it is, with the first-order integrator; the file says what trained it."""
-    monkeypatch.setattr(adamw, "EPOCHS", 3)
-    words = ["fit", str(simulated()), "--out", str(tmp_path), "--json", str(tmp_path / "table.json"), "--quiet", "--as-in-paper"]
-    calibrate.main([*words, "--methods", "least_squares,tinygc,tinygc_denoised", "--folds", "2"])
-    paper = json.loads((tmp_path / "table.json").read_text())
-    tilt = {name: method["holdout"]["tilt_rms_deg"] for name, method in paper["methods"].items()}
-    assert tilt["tinygc"] > 10 * tilt["least_squares"]  # of three epochs
-    assert paper["methods"]["tinygc_denoised"]["denoiser"]["loss"] == "endpoint"
-    notes = {name: of["notes"] for name, of in json.loads((tmp_path / "fitted.json").read_text())["methods"].items()}
-    assert [len(notes[name]["loss"]) for name in ("tinygc", "tinygc_denoised")] == [3, 3]
-
-
 # The swarm.
 
 
@@ -387,15 +354,6 @@ def test_the_swarm_finds_bowl_and_valley_and_never_ends_above_where_it_started()
     first, again, other = (found(valley, [0.0] * 3, [1.0] * 3, seed) for seed in (4, 4, 5))
     np.testing.assert_array_equal(first, again)
     assert np.any(first != other)
-
-
-def test_the_swarm_goes_on_where_its_first_look_was_too_coarse():
-    """A sensor that is wrong by ten percent, which is outside of the box: the true model comes back all the same."""
-    true = LinearModel(1.1 * np.eye(3) + 0.01 * np.arange(9).reshape(3, 3), np.array([0.01, -0.02, 0.005]))
-    batch = Turns(14, seed=3, odr_hz=52.0).batch(true)
-    found = particle_swarm.fit_pso(batch, np.full(len(batch), 1e-4), PERFECT, seed=0)
-    best = fit_least_squares(batch, np.full(len(batch), 1e-4), PERFECT).model
-    np.testing.assert_allclose(found.vector, best.vector, atol=1e-5)
 
 
 def test_on_a_pendulum_the_swarm_leaves_the_start_where_least_squares_holds_hardly_observed_directions():

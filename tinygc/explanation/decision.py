@@ -181,7 +181,7 @@ class Prover:
         before, changed = stated.held_out, bool(effects) or twin.problem is not self.original
         if before is None:
             before = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
-        numbers = _numbers_before(self.original, twin)
+        numbers = numbers_before(self.original, twin)
         before_numbers = stated.numbers or numbers
         named_numbers = numbers if changed else before_numbers
         handed_on = _with_linear(twin, whiten, fit, left)
@@ -249,7 +249,7 @@ def cleared(base: Problem, twin: Twin, state: State) -> Problem:
     return base.changed(batch=batch, still_rates=stills, rest_rps=None)
 
 
-def _numbers_before(original: Problem, twin: Twin) -> list[int]:
+def numbers_before(original: Problem, twin: Twin) -> list[int]:
     """Numbers that the twin's segments had before the repair: rejecting a still joins two turns and shifts the numbers after it."""
 
     def middle(segment: Segment) -> float:

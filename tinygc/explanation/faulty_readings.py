@@ -286,7 +286,7 @@ def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int
     if start < SIDE or stop + SIDE > len(values) or stop - start > LONGEST + 4:
         return None
     noise = scatter[first : last + 1].min(axis=0) / THIRD
-    inside, beside = _cubic_across(values, start, stop)
+    inside, beside = cubic_across(values, start, stop)
     beyond = (values[start:stop] - inside) / noise
     missed = (np.concatenate([values[start - SIDE : start], values[stop : stop + SIDE]]) - beside) / noise
     away = np.linalg.norm(beyond[:, :3], axis=1)
@@ -294,14 +294,14 @@ def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int
     if not len(false) or np.linalg.norm(beyond[:, 3:], axis=1).max() > away.max():
         return None
     excursion = beyond[np.argmax(away), :3] / away.max()
-    if _off_both_sides(values, start, stop, excursion / noise[:3]) < SHARE * away.max():
+    if off_both_sides(values, start, stop, excursion / noise[:3]) < SHARE * away.max():
         return None  # a corner, as of clipping: each reading continues one of the sides
     count = int(false[-1] - false[0]) + 1
     came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), NOISE_MISSES)
     return (start + int(false[0]), count, False) if came_back and count <= LONGEST else None
 
 
-def _off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
+def off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
     """The greatest deviation of a gyro reading in start:stop, ``along`` a direction (3,), from the straight lines of both sides.
 
     Only the excursion's direction counts: a turn that bends about another axis deviates from its straight lines, too.
@@ -314,7 +314,7 @@ def _off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray
     return float(np.minimum(*off).max())
 
 
-def _cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+def cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
     """The cubic through ``SIDE`` rows on either side of start:stop, evaluated at the rows between and at the supporting rows."""
     at = np.concatenate([np.arange(start - SIDE, start), np.arange(stop, stop + SIDE)])
     middle = (start + stop - 1) / 2

@@ -18,8 +18,6 @@ from processes import CALIBRATE, PATIENCE_S, PIPE, run, started, until
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Info
-from session.bench.recorder import Recorder
 from tinygc import read_session
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
@@ -68,26 +66,6 @@ def test_the_195_parameters_fit_and_are_quick_enough(tmp_path):
     found = kit.run(kit.build("measure.elf", model, tmp_path / "fast", "-O2"), random_inputs(2000), tmp_path)
     assert found.per_nop == pytest.approx(1, abs=0.005)
     assert 2 * 189 < found.instructions < 2500
-
-
-@needs_board
-def test_what_does_not_fit_is_an_error_of_the_linker(tmp_path):
-    model = write_model(tmp_path / "model", "linear")
-    source = model / "tinygc_model.c"
-    text = source.read_text()
-    for section, kilobytes, region in ((".bss.big", 124, "RAM"), (".ccm", 64, "CCM")):
-        big = f'__attribute__((section("{section}"), used)) static char big[{kilobytes * 1024 + 1024}];\n'
-        source.write_text(
-            text.replace("void tinygc_start", f"{big}void tinygc_start").replace("state->unused = 0;", "big[0] = 0, state->unused = 0;")
-        )
-        with pytest.raises(RuntimeError, match=f"`{region}' overflowed"):
-            kit.build("tinygc.elf", model, tmp_path / region)
-
-
-@needs_board
-def test_a_folder_without_a_model_is_named(tmp_path):
-    with pytest.raises(RuntimeError, match=r"no model in .*export SESSION --to c"):
-        kit.build("tinygc.elf", tmp_path / "none", tmp_path / "build")
 
 
 FAULTY = """
@@ -228,23 +206,6 @@ class Link:
 
 
 @pytest.mark.emulation
-def test_the_stand_in_can_be_recorded_at_once(elf, tmp_path):
-    """Nobody has spoken to the board: it streams at the sensor's pace, without a gap, and says what it is."""
-    with board_of(elf) as ports:
-        recorder = Recorder(tmp_path, ports[0])
-        until(lambda: recorder.decoder.samples >= 300, recorder.poll, "300 samples")
-        recorder.close()
-    decoder = recorder.decoder
-    assert decoder.samples >= 300
-    assert (decoder.lost, decoder.implausible, decoder.resets) == (0, 0, 0)
-    assert decoder.garbage + frames.SAMPLE_BYTES * decoder.crc_errors <= frames.SAMPLE_BYTES  # the port is opened amid a frame
-    assert decoder.info == Info(500.0, 4.0, 208.0, "4711")
-    rows = [line for line in recorder.logs.paths[0].read_text().splitlines() if line[0].isdigit()]
-    steps = np.diff(np.loadtxt(rows, delimiter=",", usecols=0))
-    assert set(steps) <= {4807, 4808}
-
-
-@pytest.mark.emulation
 def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(board, tmp_path):
     """A log is played to the board as if by its sensor, ``calibrate.py record`` guides and records what the board streams: the log is
     whole, and what the board calibrated is what the host makes of it."""
@@ -275,49 +236,6 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(boa
     assert count > 5 * 208  # still, turn, still
     np.testing.assert_array_equal(log.samples.t_ns, 1000 * t_us[:count])
     np.testing.assert_allclose(rates[:count], WHOLE(log.samples.gyro), atol=2e-6)
-
-
-@pytest.mark.emulation
-def test_commands_are_answered_and_without_a_sensor_say_so(elf):
-    """QEMU has no ASM330LHH: the board says so, and streams its stand-in.  Stopped, it is silent; asked, it says who it is."""
-    with board_of(elf) as ports, contextlib.closing(Link(ports[0])) as link:
-        answers, said = {}, {}
-        asked = [(0x11, struct.pack("<f", 833)), (0x12, struct.pack("<HH", 250, 2)), (0x13, struct.pack("<BH", 1, 20))]
-        asked += [(0x16, b""), (0x15, b""), (0x17, b""), (0x17, b"1"), (0x19, b""), (0x18, struct.pack("<I", 7)), (0x14, b"")]
-        until(lambda: (link.next() or b" ")[0] == 0x01, what="a sample")
-        for number, (command, body) in enumerate(asked):
-            link.send(frames.encode_blocks(np.frombuffer(struct.pack("<BH", command, number) + body, np.uint8)[None]).tobytes())
-        while len(answers) < len(asked):
-            body = until(link.next, what="a frame")  # None: a busy machine was silent for a while
-            said[body[0]] = body
-            if body[0] == 0x07:
-                _, number, command, result = struct.unpack("<BHBB", body)
-                answers[number] = (command, result)
-    results = [3, 3, 3, 3, 0, 0, 2, 1, 2, 0]
-    assert [answers[n] for n in range(len(asked))] == [(command, result) for (command, _), result in zip(asked, results, strict=True)]
-    assert (said[0x05][3], said[0x05][8]) == (0, 0)  # a stand-in; the WHO_AM_I of nobody
-    assert len(said[0x05]) == 28
-    faults = struct.unpack("<17I", said[0x06][3:])
-    assert faults[5] == 1  # the bus answers zeros
-    assert sum(faults) == 1
-    assert said[0x02][3:] == struct.pack("<HHfI", 500, 4, 208.0, 4711)
-
-
-@pytest.mark.emulation
-def test_garbage_on_the_line_is_passed_over(board):
-    """Broken frames, overlong ones, unknown types, and a sample whose CRC is wrong: none is answered, none breaks what follows."""
-    rng = np.random.default_rng(1)
-    good = frames.encode_samples(np.array([7]), np.array([1]), np.zeros((1, 7), np.int16)).tobytes()
-    link = Link(board[1])
-    link.hello()
-    for garbage in (rng.bytes(3000), bytes(50), b"\xff" * 500 + b"\0", good[:9] + b"\x55" + good[10:], good[:-6] + b"\0", b"\x03\x10\0"):
-        link.send(garbage)
-    link.send(b"\0")
-    registers = np.ones((3, 7), np.int16)
-    link.hello()
-    rates = link.calibrate(np.arange(3), registers)
-    link.close()
-    np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
 
 
 # The frames' C on this machine, against the Python that is its other end.

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import re
 import shutil
 from pathlib import Path
 from typing import get_type_hints
@@ -10,7 +9,7 @@ from typing import get_type_hints
 import pytest
 from annex import all_annexes
 from conftest import SESSION_TOML, Table, write_session
-from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers, unknown_keys
+from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers
 
 import calibrate
 from session.io.config import Config
@@ -58,24 +57,6 @@ def test_every_format_of_the_code_has_its_section():
         assert set(SCHEMA.findall(code)) == set(SCHEMA.findall(PAGE))
     for schema in set(SCHEMA.findall(PAGE)) - TOML_AND_FRAMES:
         assert ("schema",) in keys_on_page(schema)
-
-
-@pytest.mark.skipif(not all_annexes(), reason="annexes, whose keys are on the page, are not there")
-def test_no_key_of_the_page_is_unknown_to_the_code():
-    """What has been renamed in the code, and what no test here makes a command write, is found by its name."""
-    text = "".join(path.read_text(encoding="utf-8") for part in ("session", "tinygc") for path in (ROOT / part).rglob("*.py"))
-    words = set(re.findall(r"\w+", text))
-    for schema in set(SCHEMA.findall(PAGE)) - TOML_AND_FRAMES:
-        names = {word.removesuffix("[]") for path in keys_on_page(schema) for word in path if not word.startswith("<")}
-        lost = {name for name in names - words if not _made_of(name, words)}
-        assert not lost, f"{schema}: {lost}"
-
-
-def _made_of(name: str, words: set[str]) -> bool:
-    """Some names are put together: ``slope_rms_sigmas`` of ``slope``."""
-    ends = any(name.endswith(end) and name.removesuffix(end) in words for end in ("_rms_sigmas", "_is_upper_bound"))
-    # f"terms_{word}": the gyroscope's in dps, the accelerometer's in mg.
-    return ends or any(name.endswith(unit) and name.removesuffix(unit) in words for unit in ("dps", "mg"))
 
 
 def test_the_effects_of_the_page_are_those_of_the_catalogue():
@@ -129,30 +110,11 @@ def test_fit_and_every_file_that_it_leaves(folder):
     assert kinds == {"linear", "tinygc", "tinygc_denoised", "physics", "tinygc_physics"}
 
 
-def test_the_bias_of_the_day(folder, tmp_path):
-    words = ("--model", folder / "fit" / "model_least_squares.json", "--bias", "given", "--bias-dps", "0.1,0.2,0.3")
-    table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
-    assert_on_page(table, "tinygc-fit/2")
-    assert set(table["bias"]["change_dps"]) == {"start", "gravity", "given"}
-    model = json.loads((tmp_path / "fit" / "model_rebiased.json").read_text(encoding="utf-8"))
-    assert model["stored"]["method"] == "least_squares"
-    assert_on_page(model, "tinygc-model/1")
-    assert_on_page(json.loads((tmp_path / "fit" / "rebiased.json").read_text(encoding="utf-8")), "tinygc-fit/2")
-
-
 def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
     table = told("explain", folder, "--no-pictures", "--out", tmp_path, tmp_path / "x.json")
     assert_on_page(table, "tinygc-explain/2")
     assert table["detection_limits"]
     assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/2")
-
-
-@pytest.mark.broad
-def test_report(folder, tmp_path):
-    words = ("--no-explain", "--methods", "least_squares", "--folds", 2, "--out", tmp_path / "report.html", "--limit", 1)
-    table = told("report", folder, *words, tmp_path / "x.json")
-    assert table["closure"]["runs"]
-    assert_on_page(table, "tinygc-report/1")
 
 
 def test_apply_and_the_header_of_its_log(folder, tmp_path):
@@ -176,15 +138,3 @@ def test_simulate_and_its_truth(tmp_path):
 def test_replay(folder, tmp_path):
     (log,) = folder.glob("log*")
     assert_on_page(told("import", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/2")
-
-
-def test_a_key_that_is_not_on_the_page_is_found():
-    """The test of the test: a key, a method, a parameter and a key within a model that no page has."""
-    assert unknown_keys({"schema": "tinygc-plan/2", "requested": None, "proposals": [{"words": "x", "weight": 1}]}) == [
-        "proposals[].weight"
-    ]
-    assert unknown_keys({"schema": "tinygc-fit/2", "methods": {"magic": {"seconds": 1.0}}}) == ["methods.magic.seconds"]
-    claim = {"id": "gyro.bias_drift", "parameters": {"dps_per_c": [0, 0, 0]}, "std": {}}
-    assert unknown_keys({"schema": "tinygc-explain/2", "effects": [claim]}) == ["gyro.bias_drift: dps_per_c"]
-    net = {"schema": "tinygc-model/1", "kind": "tinygc", "colour": "red"}
-    assert unknown_keys({"schema": "tinygc-model/1", "net": net}) == ["net: colour"]

@@ -48,11 +48,6 @@ def test_numbers_have_the_digits_that_are_known(value, expanded, said):
     assert (markup.fixed(value, decimals), markup.fixed(expanded, decimals)) == said
 
 
-@pytest.mark.parametrize(("lo", "hi", "said"), [(0, 300, "0 100 200 300"), (-150, 150, "−100 0 100"), (0, 0.35, "0.0 0.1 0.2 0.3")])
-def test_axes_have_round_marks(lo, hi, said):
-    assert " ".join(text for _, text in Axis(lo, hi).marks(190)) == said
-
-
 def test_a_chart_places_what_it_is_given():
     chart = Chart(400, 200, Axis(0, 10, "x"), log_axis([0.01, 1.0]), "about <it>")
     x, y = chart.at([0, 10], [chart.y.lo, chart.y.hi])

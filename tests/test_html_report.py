@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 
-import numpy as np
 import pytest
 from html_pages import QUICK, WHOLE, parsed, report_of
 
@@ -96,34 +95,6 @@ def test_its_figures_are_those_of_fit(simulated, tmp_path):
         assert f"{value} <small>± {expanded}{further}</small>" in page
     for digest in report["inputs"].values():
         assert digest in page
-
-
-def test_its_code_calibrates_as_the_model_does(simulated, text):
-    """The Python of the page, run as it stands, against the numbers of its own table."""
-    from html import unescape
-
-    program = next(unescape(found) for found in re.findall(r"<code>(.*?)</code>", text, re.S) if found.startswith("import numpy"))
-    names = {"registers": np.array([[100.0, -2000.0, 300.0]])}
-    exec(program, names)
-    assert names["omega"][0] == pytest.approx(names["E"] @ (names["registers"][0] * 17.5e-3 * DEG) + names["B"])
-    offered = re.search(r"data:application/json;base64,([^\"]+)", text).group(1)
-    from base64 import b64decode
-
-    from tinygc.models.files import from_dict
-
-    model = from_dict(json.loads(b64decode(offered)))
-    assert names["E"] == pytest.approx(model.E, rel=1e-9)
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 1}', "[" * 100_000])
-def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
-    from tinygc import FitOptions, read_session
-    from tinygc.closure.build import build_problem
-    from tinygc.estimation.results import SAVED_NAME as NAME
-    from tinygc.estimation.results import saved_methods
-
-    (tmp_path / NAME).write_text(text)
-    assert saved_methods(tmp_path, build_problem(read_session(simulated())), FitOptions(), {}) == {}
 
 
 def test_text_from_files_stays_text(simulated, tmp_path):

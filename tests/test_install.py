@@ -89,12 +89,3 @@ def test_a_foreign_session_before_ours_is_refused_in_one_line(name, what, tmp_pa
     assert f"{foreign} is imported as 'session' in place of TinyGC's own, {ROOT / 'session'}; rename it" in line
     if what == "import calibrate":  # as the installed command does
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-
-
-def test_a_foreign_session_that_took_our_place_is_refused(tmp_path):
-    """Two distributions in one site-packages: the one that was installed last has overwritten the other's files."""
-    (tmp_path / "tinygc").mkdir()
-    (tmp_path / "tinygc" / "__init__.py").write_bytes((ROOT / "tinygc" / "__init__.py").read_bytes())
-    (tmp_path / "session.py").write_text("")
-    done = started("-c", "import tinygc", path=[tmp_path])
-    assert "session.py is imported as 'session' in place of TinyGC's own" in done.stderr.splitlines()[-1]

@@ -7,12 +7,10 @@ it; the core imports no annex.  Imports count wherever they stand, in a function
 
 import ast
 import re
-import sys
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-import processes
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -156,35 +154,3 @@ def test_a_part_of_a_list_does_not_import_the_list(folder):
     parts = [module for module in FILES if module.startswith(f"{folder}.")]
     assert len(parts) > 5
     assert [module for module in parts if folder in graph()[module]] == []
-
-
-def test_what_draws_and_prints_lies_in_one_room():
-    """rich and matplotlib are imported in tinygc.reporting alone; the bench has a console and a screen of its own."""
-    library = re.compile(r"^\s*(from|import) (rich|matplotlib)\b", re.M)
-    others = [module for module in FILES if module.startswith("tinygc.") and room_of(module) != "tinygc.reporting"]
-    assert [module for module in others if library.search(FILES[module].read_text(encoding="utf-8"))] == []
-
-
-def test_no_module_bears_the_name_of_a_public_function():
-    import tinygc
-
-    functions = {name for name in dir(tinygc) if callable(getattr(tinygc, name)) and name.islower()}
-    assert len(functions) >= 6
-    assert not {f"tinygc.{name}" for name in functions} & set(FILES)
-
-
-def test_recording_never_loads_the_estimators():
-    modules = sorted(module for module in FILES if module.split(".")[0] == "session" and not module.endswith("__main__"))
-    code = f"import sys, {', '.join(modules)}; print(sorted({{'torch', 'tinygc'}} & set(sys.modules)))"
-    assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
-
-
-def test_an_import_is_seen_wherever_it_stands():
-    known = {"tinygc", "tinygc.closure", "tinygc.closure.build", "session.io"}
-    text = "import tinygc.closure.build\ndef f():\n    from tinygc import closure\n    from session.io import Session\nimport numpy\n"
-    assert imports_of(ast.parse(text), known) == {"tinygc.closure.build", "tinygc.closure", "session.io"}
-
-
-def test_a_circle_is_seen():
-    assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
-    assert set(circle({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == {"a", "b", "c"}

@@ -4,14 +4,12 @@ What the commands write is held against the schemas wherever it is held against 
 """
 
 import importlib.util
-import json
-import shutil
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from conftest import ROOT, broad
-from formats_page import PAGE, SCHEMA, keys_on_page, strangers, validators
+from formats_page import PAGE, SCHEMA, keys_on_page, validators
 from jsonschema import Draft202012Validator
 
 from tinygc.models.files import ANNEX_KINDS, KINDS
@@ -174,28 +172,3 @@ def test_a_missing_key_and_a_wrong_type_are_refused(name):
 
 
 # Files and commands
-
-
-def test_the_session_of_the_checkout_has_a_truth_of_its_format():
-    """It is older than two of the options: a key that is added keeps the number."""
-    assert strangers(json.loads((ROOT / "data" / "session1" / "truth.json").read_text(encoding="utf-8"))) == []
-
-
-@pytest.mark.parametrize(
-    "line",
-    ["sensors", "sensors ASM330LHH", "ports", "completion bash", "list .", "check session", "accelerometer session --out copy"],
-)
-def test_what_quick_commands_write(line, run, simulated, tmp_path, monkeypatch):
-    shutil.copytree(simulated(), tmp_path / "session")
-    monkeypatch.chdir(tmp_path)
-    code, out, complaint = run(*line.split(), "--quiet", "--json", "-")
-    assert (code, complaint) == (0, "")
-    assert strangers(json.loads(out)) == []
-
-
-def test_a_schema_is_not_content_with_anything():
-    """The test of the test: what of a real file is wrong is said with its place."""
-    truth = json.loads((ROOT / "data" / "session1" / "truth.json").read_text(encoding="utf-8"))
-    truth["E"][1][1] = "1"
-    assert any(complaint.startswith("$") for complaint in strangers(truth))
-    assert strangers({"schema": "tinygc-plan/2"}) == ["$: 'requested' is a required property"]

@@ -85,15 +85,6 @@ def test_any_effect_in_turns_is_on_the_line_of_slope_one(known):
     assert panels[0].get_ylim() == pytest.approx(panels[1].get_ylim(), rel=0.1)
 
 
-def test_a_law_that_jumps_shows_nothing_of_turns_both_ways(known):
-    """Each turn that is drawn lies where the law has a value; half a turn back has none."""
-    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
-    asymmetric = replace(claim, effect=catalogue()["gyro.scale_asymmetry"], parameters={"half_difference": [0.01, 0.01, 0.01]})
-    of = per_turn(e, asymmetric, "scale", 0, Variable("rate"))
-    assert 0 < len(of.x) < len(e.twin.segments)
-    assert of.law == pytest.approx(0.01 * np.sign(of.x), rel=0.1)
-
-
 @pytest.mark.parametrize(
     ("name", "variable", "at", "one"),
     [

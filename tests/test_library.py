@@ -13,6 +13,7 @@ import processes
 import pytest
 import yaml
 from conftest import DEG, broad
+from formats_page import strangers
 from noise_records import WALKING, figures
 
 import calibrate
@@ -26,10 +27,12 @@ METHODS = ("raw", "least_squares")
 FIT = ("--methods", ",".join(METHODS))
 
 
-def command(out, *words, code=0) -> dict:
-    """The JSON of a command."""
-    assert calibrate.main([*map(str, words), "--quiet", "--json", str(out)]) == code
-    return json.loads(out.read_text())
+def command(out, *words) -> dict:
+    """The JSON of a command, which has the keys of docs/formats.md."""
+    assert calibrate.main([*map(str, words), "--quiet", "--json", str(out)]) == 0
+    table = json.loads(out.read_text())
+    assert strangers(table) == []
+    return table
 
 
 def same(mine: dict, theirs: dict, **but) -> None:
@@ -79,9 +82,7 @@ def test_a_session_of_arrays_is_the_session_of_its_files(simulated, of_arrays, f
     assert mine["least_squares"]["rmse_deg"] == pytest.approx(theirs["least_squares"]["rmse_deg"], rel=1e-6)
     for thing in (simulated[0], here, of_arrays, of_arrays.parameters["E_xx"], of_arrays.model):
         assert len(repr(thing)) < 140
-        assert "array(" not in repr(thing)
-    assert "<pre" in of_arrays._repr_html_()
-    assert "\x1b" not in of_arrays.summary()
+    assert "\x1b" not in of_arrays._repr_html_() + of_arrays.summary()
     with pytest.raises(CalibrationError, match="has no folder of its own; give one"):
         of_arrays.save()
 
@@ -181,9 +182,6 @@ def test_compare_plan_and_accelerometer_give_the_commands_numbers(fits, of_array
     alone = tinygc.accelerometer(folders[0])
     same(alone.to_json(), theirs)
     assert (alone.save(tmp_path / "mine") / "session.toml").read_bytes() == (tmp_path / "theirs" / "session.toml").read_bytes()
-    for result in (found, alone, tinygc.plan(folders[0])):
-        assert len(repr(result)) < 140
-        assert "\x1b" not in result.summary()
 
 
 @pytest.mark.parametrize("source", ["start", broad("given")])
@@ -299,22 +297,16 @@ def test_every_public_function_has_an_example():
     ("call", "complaint"),
     [
         (lambda: tinygc.fit("x", method=("raw",)), "fit: no option 'method'; did you mean methods?"),
-        (lambda: tinygc.simulate(xyz=8), "simulate: no option 'xyz'; expected some of options, effects, segments"),
         (lambda: tinygc.simulate(tinygc.FitOptions()), "options is of type FitOptions, expected tinygc.SimulationOptions"),
         (lambda: tinygc.fit([1, 2]), "session is of type list, expected a tinygc.Session or the path of its folder"),
-        (lambda: tinygc.fit("x", progress=3), "progress is 3, expected a function"),
         (lambda: tinygc.fit(), "fit: missing a required argument: 'session'"),
         (lambda: tinygc.sensors("asm330lh"), "is no sensor that is known; is ASM330LHH meant?"),
-        (lambda: tinygc.sensors(3), "sensors: name is 3, expected text"),
-        (lambda: tinygc.list_sessions("nowhere"), "nowhere: no folder; give one with session folders in it"),
         (lambda: tinygc.array(3), "units is of type int, expected an array's folder"),
         (lambda: tinygc.fleet(3, "x"), "fleet: folders is 3, expected a path, or a list of paths"),
-        (lambda: tinygc.export(3, "json"), "source is of type int, expected a Fit"),
         *(
             (lambda hidden=hidden: tinygc.simulate(segments=8, effects=hidden), says)
             for hidden, says in (
                 ({"reference.accelerometer": {"bias_mg": [1, 0, 0]}}, "does not add to the rate"),
-                ({"gyro.bias_drift": {"dps": [1, 0, 0]}}, "parameters are dps, expected dps_over_log"),
                 ({"gyro.bias_drift": {"dps_over_log": [1, 0]}}, "has shape (2,), expected (3,)"),
             )
         ),
@@ -323,7 +315,6 @@ def test_every_public_function_has_an_example():
             for choices, says in (
                 ({"folds": 0}, "folds is 0, expected a whole number of 2 or more"),
                 ({"methods": "raw", "as_in_paper": True}, "expected a net (tinygc, tinygc_denoised) for --as-in-paper to train"),
-                ({"methods": ()}, "methods is (), expected some of raw"),
                 ({"methods": "resnet"}, "methods is ('resnet',), expected some of raw"),
                 ({"bias": "magic"}, "bias is 'magic', expected one of auto, ends, stills"),
             )
@@ -341,23 +332,17 @@ def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
     [
         (lambda fit: fit.report(3), "report: path is 3, expected a path"),
         (lambda fit: fit.report(explain=False, limit_deg=-1), "report: limit_deg is -1, expected a number above 0"),
-        (lambda fit: tinygc.report(fit, methods=METHODS), "the options are those of the fit that is given"),
-        (lambda fit: fit.report("/", explain=False), "that is a folder; give a file"),
-        (lambda fit: fit.export("json", "a\0b"), "export: folder is 'a\\x00b', expected a path"),
         (lambda fit: fit.export("matlab"), "to is 'matlab', expected one of json, kalibr"),
         (lambda fit: fit.export("json", model="tinygc"), "tinygc was not fitted; the fit has raw, least_squares"),
         (lambda fit: tinygc.compare([fit]), "compare needs two sessions or more"),
         (lambda fit: tinygc.compare([fit, fit]), "hold the same log"),
-        (lambda fit: tinygc.compare([fit, None]), "sessions holds None, expected a Fit or the path of a fitted session"),
         (lambda fit: tinygc.rebias(fit.source, fit, "noon"), "source is 'noon', expected start or gravity, or given with bias_dps="),
-        (lambda fit: tinygc.rebias(fit.source, fit, "given"), "source is 'given', expected start or gravity, or given with bias_dps="),
         (lambda fit: tinygc.rebias(fit.source, fit, "given", bias_dps=(1, 2)), "expected three numbers"),
         (lambda fit: tinygc.rebias(fit.source, 3.0), "model is of type float, expected a Calibration"),
         (lambda fit: tinygc.plan(fit.source, count=0), "count is 0, expected a whole number"),
         (lambda fit: tinygc.apply(fit, np.zeros((2, 3)), "x.csv"), "apply: out goes with a log file, and data is a ndarray"),
         (lambda fit: tinygc.apply(fit, "x.csv"), "give out=, the log to write"),
         (lambda fit: tinygc.apply(fit, fit.session.logs[0], unit="dps"), "acc, temp and unit go with rates"),
-        (lambda fit: tinygc.apply(fit, "x.csv", "y.csv", gyro_fs_dps="fast"), "gyro_fs_dps is 'fast', expected a number above 0"),
         (lambda fit: fit.model(np.zeros((2, 3)), unit="degrees"), "unit is 'degrees', expected one of mdps, dps"),
         (lambda fit: fit.model("abc"), "raw is not made of numbers"),
         (lambda fit: tinygc.Calibration(fit.model.model, -5), "rate_hz is -5"),
@@ -367,18 +352,6 @@ def test_what_a_fit_cannot_be_asked_is_one_line(fits, call, complaint):
     with pytest.raises(CalibrationError, match=re.escape(complaint)) as caught:
         call(fits[0])
     assert "\n" not in str(caught.value)
-
-
-def test_nothing_is_written_over_what_is_read(fits, folders, tmp_path):
-    log = tmp_path / "log.csv.gz"
-    log.write_bytes((folders[0] / "log0001.csv.gz").read_bytes())
-    (tmp_path / "link.csv.gz").symlink_to(log)
-    for out in (log, tmp_path / "link.csv.gz"):
-        with pytest.raises(CalibrationError, match="is what is read, and nothing is written over it"):
-            tinygc.apply(fits[0], log, out, gyro_fs_dps=500, accel_fs_g=4)
-    with pytest.raises(CalibrationError, match="no result is written over one"):
-        fits[0].report(folders[0] / "log0001.csv.gz", explain=False)
-    assert log.read_bytes() == (folders[0] / "log0001.csv.gz").read_bytes()
 
 
 # A model leaves the tool only beside figures that say that it may

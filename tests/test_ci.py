@@ -9,7 +9,6 @@ import yaml
 ROOT = Path(__file__).resolve().parent.parent
 RUN = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-STYLE = ("ruff check .", "ruff format --check .", "mypy")
 
 
 def commands() -> list[str]:
@@ -60,3 +59,15 @@ def test_what_checks_has_a_pinned_version():
     extras = SETTINGS["project"]["optional-dependencies"]
     wanted = {re.match(r"[\w-]+", name).group() for name in (*extras["test"], *extras["mutation"], *extras["docs"])}
     assert {name.lower() for name in wanted} <= {name.lower() for name in pinned}
+
+
+def test_what_others_wrote_is_named_by_what_it_holds():
+    """An action and a hook by their commits, the image by its digest; packages from one index: of two, pip takes the higher version."""
+    workflow, hooks, image = (
+        (ROOT / name).read_text(encoding="utf-8") for name in (".github/workflows/ci.yml", ".pre-commit-config.yaml", "Dockerfile")
+    )
+    used = re.findall(r"uses: *(\S+)", workflow) + re.findall(r"rev: *(\S+)", hooks) + re.findall(r"^FROM (\S+)", image, re.M)
+    assert len(used) > 5
+    assert all(re.fullmatch(r"(actions/[\w-]+@)?[0-9a-f]{40}|python:[\d.]+-slim-\w+@sha256:[0-9a-f]{64}", name) for name in used)
+    pages = [(ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/platforms.md")]
+    assert not any("extra-index" in text for text in (workflow, RUN, image, *pages))

@@ -1,5 +1,7 @@
 """What the README and its pages point to is there, one list leads to every page, and what they tell a reader to run does run."""
 
+import argparse
+import ctypes
 import json
 import re
 import shutil
@@ -12,9 +14,11 @@ import yaml
 
 import calibrate
 import tinygc
+from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS
 from tinygc.deploy import FORMATS
 from tinygc.effects import catalogue
+from tinygc.models.linear import LinearModel
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -31,6 +35,7 @@ python -m pip install -e '.[test]' -c constraints.txt && python -m pytest
 """
 #: endings of what is written in a programming language
 CODE = (".py", ".c", ".h", ".ino")
+NAMED = ("commands", "explain", "exports")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 
 
@@ -92,70 +97,55 @@ def test_one_list_leads_to_every_page():
     assert INDEX in linked_pages((ROOT / "README.md").read_text(encoding="utf-8"), ROOT)
 
 
-def test_every_command_is_on_its_page():
-    text = (DOCS / "commands.md").read_text(encoding="utf-8")
-    assert sorted(re.findall(r"^calibrate\.py (\w+)", text, re.M)) == sorted(COMMANDS)
-
-
-def test_every_effect_is_on_the_page_of_explain_and_counted_in_the_readme():
-    section = (DOCS / "explain.md").read_text(encoding="utf-8").split("## The catalogue", 1)[1].split("\n## ", 1)[0]
-    first = "\n".join(row.split("|")[1] for row in section.splitlines() if row.startswith("| `"))
+def test_every_command_effect_and_export_is_on_its_page():
+    commands, explain, exports, readme = (
+        path.read_text(encoding="utf-8") for path in (*(DOCS / f"{name}.md" for name in NAMED), ROOT / "README.md")
+    )
+    assert sorted(re.findall(r"^calibrate\.py (\w+)", commands, re.M)) == sorted(COMMANDS)
+    first = "\n".join(re.findall(r"^\| (`[^|]+)", explain.split("## The catalogue", 1)[1].split("\n## ", 1)[0], re.M))
     assert set(re.findall(r"`([a-z]+\.[a-z0-9_]+)`", first)) == set(catalogue())
-    assert f"knows {len(catalogue())} effects" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"knows {len(catalogue())} effects" in readme
+    assert set(re.findall(r"^\| `(\w+)` \|", exports, flags=re.M)) == set(FORMATS)
 
 
-def test_every_export_is_on_its_page():
-    page = (DOCS / "exports.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\| `(\w+)` \|", page, flags=re.M)) == set(FORMATS)
-
-
-@each_page
-def test_options_that_a_page_names_exist(page, capsys):
+def test_options_that_a_page_names_exist():
     """Every ``--option`` after ``calibrate.py COMMAND`` (in a line, `COMMAND --option`) is one of that command."""
-    found = re.findall(r"(?:calibrate(?:\.py)? |`)(\w+)((?: [^\n`|;#]*)?)", page.read_text(encoding="utf-8"))
-    for command, words in ((command, words) for command, words in found if command in COMMANDS):
-        options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", words.split("calibrate")[0]))
-        if options:
-            with pytest.raises(SystemExit):
-                calibrate.main([command, "--help"])
-            known = set(re.findall(r"--[a-z][a-z0-9-]+", re.sub(r"-\n\s+", "-", capsys.readouterr().out)))
-            assert options <= known, f"{page.name}: calibrate.py {command}{words}"
+    (group,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
+    known = {name: {flag for action in each._actions for flag in action.option_strings} for name, each in group.choices.items()}
+    for page in PAGES:
+        for command, words in re.findall(r"(?:calibrate(?:\.py)? |`)(\w+)((?: [^\n`|;#]*)?)", page.read_text(encoding="utf-8")):
+            options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", words.split("calibrate")[0]))
+            assert command not in known or options <= known[command], f"{page.name}: calibrate.py {command}{words}"
 
 
-@pytest.fixture
-def in_a_fitted_checkout(tmp_path, monkeypatch):
-    """A working folder with data/session1/fit, as after the first command."""
-    session = ROOT / "data" / "session1"
-    assert calibrate.main(["fit", str(session), "--methods", "least_squares", "--quiet", "--out", str(tmp_path / "data/session1/fit")]) == 0
+def test_the_python_and_the_c_that_apply_a_model_agree(tmp_path, monkeypatch):
+    """The examples of README and docs/apply.md, as they stand there, in a folder with the first command's model."""
+    rng = np.random.default_rng(0)
+    registers, model = (
+        rng.integers(-20000, 20000, (200, 3)),
+        LinearModel(np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.01 * rng.normal(size=3)),
+    )
+    expected = model(registers * 17.5e-3 * np.pi / 180)
+    fit = tmp_path / "data/session1/fit"
+    fit.mkdir(parents=True)
+    (fit / "model_least_squares.json").write_text(json.dumps(tinygc.models.to_dict(model)))
     monkeypatch.chdir(tmp_path)
-    return tmp_path / "data/session1/fit/model_least_squares.json"
-
-
-@pytest.mark.broad
-def test_the_python_and_the_c_that_apply_a_model_agree(in_a_fitted_checkout, tmp_path):
-    """The examples of README and docs/apply.md, as they stand there."""
-    registers = np.random.default_rng(0).integers(-20000, 20000, (200, 3))
-    weights = json.loads(in_a_fitted_checkout.read_text(encoding="utf-8"))["weights"]
-    expected = registers * 17.5e-3 * np.pi / 180 @ np.array(weights["E"]).T + np.array(weights["B"])
+    E, B, rows = (str(values.tolist()).replace("[", "{").replace("]", "}") for values in (model.E, model.B, registers))
+    before = f"const double E[3][3] = {E}, B[3] = {B};\nconst int rows[200][3] = {rows};\n"
     for path in (ROOT / "README.md", DOCS / "apply.md"):
         (python,) = (block for block in blocks(path, "python") if "tinygc.load" in block)
-        known = {"registers": registers}
-        exec(python, known)
+        exec(python, known := {"registers": registers})
         np.testing.assert_allclose(known["omega"], expected, rtol=0, atol=1e-12)
         (code,) = blocks(path, "c")
         if shutil.which("gcc") is None:
             continue
-        E, B = (str(weights[name]).replace("[", "{").replace("]", "}") for name in "EB")
-        rows = str(registers.tolist()).replace("[", "{").replace("]", "}")
-        program = (
-            "#include <stdio.h>\nint main(void)\n{\n"
-            f"const double E[3][3] = {E}, B[3] = {B};\nconst int rows[200][3] = {rows};\ndouble omega[3];\n"
-            f"for (int row = 0; row < 200; row++) {{\nconst int *g = rows[row];\n{code}\n"
-            'printf("%.9g %.9g %.9g\\n", omega[0], omega[1], omega[2]);\n}\n}\n'
-        )
-        (tmp_path / "apply.c").write_text(program)
-        processes.run(["gcc", "-std=c99", "-Wall", "-Werror", "-o", tmp_path / "apply", tmp_path / "apply.c"], check=True)
-        answered = np.loadtxt(processes.run([tmp_path / "apply"], capture_output=True, text=True, check=True).stdout.split("\n"))
+        body = f"const int *g = rows[row];\n{code}\nfor (int i = 0; i < 3; i++) all[3 * row + i] = omega[i];\n"
+        loop = f"double omega[3];\nfor (int row = 0; row < 200; row++) {{\n{body}}}\n"
+        (tmp_path / "apply.c").write_text(f"{before}void apply(double *all) {{\n{loop}}}\n")
+        command = ["gcc", "-std=c99", "-Wall", "-Werror", "-shared", "-fPIC", "-o", tmp_path / f"{path.stem}.so", tmp_path / "apply.c"]
+        processes.run(command, check=True)
+        answered = np.zeros((200, 3))
+        ctypes.CDLL(str(tmp_path / f"{path.stem}.so")).apply(ctypes.c_void_p(answered.ctypes.data))
         np.testing.assert_allclose(answered, expected, rtol=0, atol=2e-6)
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from session.io.units import DEG, G
+from tinygc.annexes.discovery import search_state
 from tinygc.annexes.discovery.equivalence import as_effect
 from tinygc.annexes.discovery.form import Factor, LawForm
-from tinygc.annexes.discovery.search_state import Beside, Discovery, HeldOut, Law, RunnerUp
 from tinygc.annexes.discovery.words import equation, what
 from tinygc.effects import Movement
 from tinygc.simulation.options import SimulationOptions
@@ -16,9 +16,9 @@ from tinygc.simulation.write import write_session
 
 COUNTS = {"forms": 41234, "distinct": 10987, "chance_promise": 31.4, "best_promise": 812.5}
 LEARNABLE = {"rate": 0.011 * DEG, "force": 0.0042 * DEG, "vibration": None}
-DECIDED = HeldOut(0.21 * DEG, 0.0131 * DEG, 0.0117 * DEG, 0.9953, 3.2e-9, 0.4, 13)
-OTHER_LOG = HeldOut(0.24 * DEG, 0.0151 * DEG, 0.0121 * DEG, None, 0.0, 0.2, 12, "log0002.csv")
-DRIFT = Beside("gyro.bias_drift", {"dps_over_log": [1.2, 0.4, 0.0]}, {"dps_over_log": [0.1, 0.1, 0.1]})
+DECIDED = search_state.HeldOut(0.21 * DEG, 0.0131 * DEG, 0.0117 * DEG, 0.9953, 3.2e-9, 0.4, 13)
+OTHER_LOG = search_state.HeldOut(0.24 * DEG, 0.0151 * DEG, 0.0121 * DEG, None, 0.0, 0.2, 12, "log0002.csv")
+DRIFT = search_state.Beside("gyro.bias_drift", {"dps_over_log": [1.2, 0.4, 0.0]}, {"dps_over_log": [0.1, 0.1, 0.1]})
 
 #: name -> form and its coefficients, dps
 LAWS = {
@@ -32,28 +32,32 @@ LAWS = {
 }
 
 
-def law_of(form: LawForm, dps, **changed) -> Law:
+def law_of(form: LawForm, dps, **changed):
     """One law as a search would say it; its numbers are the true ones."""
     name = f"discovered.{what(form)}"
     effect = as_effect(form, name, 1.0, equation(form))
     theta = np.array(dps) * DEG
     covariance = np.diag((0.02 * theta) ** 2)
-    law = Law(form, effect, theta, covariance, tuple(0.03 * value for value in form.constants), 17.4, 5123.0, 4870.0, 0.0005, (DECIDED,))
+    law = search_state.Law(
+        form, effect, theta, covariance, tuple(0.03 * value for value in form.constants), 17.4, 5123.0, 4870.0, 0.0005, (DECIDED,)
+    )
     return replace(law, **{"learnable_from": 0.21, **changed})
 
 
-def runner_up(form: LawForm, worse: float = 4.2, correlation: float = 0.962) -> RunnerUp:
+def runner_up(form: LawForm, worse: float = 4.2, correlation: float = 0.962):
     """A form that was weighed in a law's place."""
     effect = as_effect(form, "discovered.other", 1.0, equation(form))
-    return RunnerUp(form, effect, worse, correlation, "turn slowly and quickly about the same axis")
+    return search_state.RunnerUp(form, effect, worse, correlation, "turn slowly and quickly about the same axis")
 
 
-def found(*laws: Law, verdict: str = "found", beside: tuple[Beside, ...] = ()) -> Discovery:
+def found(*laws, verdict: str = "found", beside=()):
     """An answer with laws."""
-    return Discovery(verdict, "", laws, beside, **COUNTS)
+    return search_state.Discovery(verdict, "", laws, beside, **COUNTS)
 
 
-NOTHING = Discovery("none", "the best form does no more than chance does in 34 % of such searches", (), (), **COUNTS, learnable=LEARNABLE)
+NOTHING = search_state.Discovery(
+    "none", "the best form does no more than chance does in 34 % of such searches", (), (), **COUNTS, learnable=LEARNABLE
+)
 
 
 def hidden(name: str, folder: Path, **options) -> Path:

@@ -123,7 +123,7 @@ class Host:
     place: tuple[float, float, float]
 
 
-def host_of(folder: Path) -> Host:
+def _host_of(folder: Path) -> Host:
     """The recording in a folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError where it has truth files."""
     session = read_session(folder)
     if session.config.protocol.reference == "truth":
@@ -144,11 +144,11 @@ def injected(host: Host, strengths: Mapping[str, float], rng: np.random.Generato
     for log, moved in zip(host.session.logs, host.movements, strict=True):
         gyro = np.asarray(log.samples.gyro)
         change = (distorted(hidden, moved.t_s, moved.rate, moved.force_g * G, moved.temp_c) - moved.rate) @ host.back.T
-        logs.append(replace(log, samples=replace(log.samples, gyro=in_steps(gyro, change, rng))))
+        logs.append(replace(log, samples=replace(log.samples, gyro=_in_steps(gyro, change, rng))))
     return replace(host.session, logs=tuple(logs)), {one.id: dict(one.truth) for one in hidden}
 
 
-def in_steps(old: np.ndarray, change: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _in_steps(old: np.ndarray, change: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Readings with a change, in whole steps from the old ones: a fraction of a step is rounded up with a probability equal to it, since
     the old reading's place between two steps is unknown."""
     gaps = np.concatenate([np.diff(np.unique(axis)) for axis in old.T])
@@ -237,7 +237,7 @@ def explained(session: Session) -> dict:
         return {"verdict": "refused", "effects": [], "detection_limits": {}}
 
 
-def own_names(untouched: dict) -> set[str]:
+def _own_names(untouched: dict) -> set[str]:
     """Names of an untouched recording, with their equivalents, and those that it weighs as high as a name."""
     own = {name for claim in (*untouched["effects"], *untouched["findings"]) for name in (claim["id"], *claim["equivalent"])}
     own |= {one["id"] for one in untouched["considered"] if one["probability"] >= SAID}
@@ -251,9 +251,9 @@ def examine(
     """Conceal effects in ``count`` simulated sessions, or in copies of the recording ``on``, and explain each blind."""
     rng, host, own, pool = np.random.default_rng(seed), None, set(), sorted(MAKERS)
     if on is not None:
-        host = host_of(on)
+        host = _host_of(on)
         untouched = answer_of(explain_session(host.session))
-        own, limits = own_names(untouched), untouched["detection_limits"]
+        own, limits = _own_names(untouched), untouched["detection_limits"]
         pool = [name for name in sorted(RATE_EFFECTS) if name in limits and limits[name]["size"] and name not in own]
         if not pool:
             raise DataError(f"{on}: of {len(RATE_EFFECTS)} effects it has each already, or shows none of any plausible size")

@@ -87,7 +87,7 @@ def distinct_forms(forms: Sequence[LawForm], movements: Sequence[Movement]) -> l
     All forms are compared in some rows of the first movement on one axis.  Those that equal others or vanish there are compared in every
     row of every movement on all three axes, as few samples pass a high threshold and the agreement may be chance.
     """
-    values = [FactorValues(movement) for movement in movements]
+    values = [_FactorValues(movement) for movement in movements]
     groups = _groups(drawn_projections(forms, values[0], ROWS, FIRST))
     found = [group[0] for group in groups if len(group) == 1]
     doubtful = np.sort(np.setdiff1d(np.arange(len(forms)), found))
@@ -115,7 +115,7 @@ def _groups(projections: np.ndarray) -> list[list[int]]:
     return found
 
 
-class FactorValues:
+class _FactorValues:
     """Values of factors in a movement, each computed once."""
 
     def __init__(self, movement: Movement):
@@ -132,7 +132,7 @@ class FactorValues:
         return self._values[factor]
 
 
-def drawn_projections(forms: Sequence[LawForm], values: FactorValues, count: int, axes: Sequence[int]) -> np.ndarray:
+def drawn_projections(forms: Sequence[LawForm], values: _FactorValues, count: int, axes: Sequence[int]) -> np.ndarray:
     """(F, axes · count): a random vector in ``count`` rows, projected onto the span of each axis' columns.
 
     It is zero where a calibration spans all columns.
@@ -140,10 +140,10 @@ def drawn_projections(forms: Sequence[LawForm], values: FactorValues, count: int
     rng = np.random.default_rng(count)
     rows = np.sort(rng.choice(len(values.calibration), count, replace=False))
     drawn = rng.standard_normal(count) * np.sqrt(count)
-    return np.concatenate([span_projections(forms, values, rows, axis, drawn) for axis in axes], axis=1)
+    return np.concatenate([_span_projections(forms, values, rows, axis, drawn) for axis in axes], axis=1)
 
 
-def span_projections(forms: Sequence[LawForm], values: FactorValues, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
+def _span_projections(forms: Sequence[LawForm], values: _FactorValues, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
     """(F, R): drawn (R,), in these rows (R,) of a movement, projected onto the span of an axis' columns beyond a calibration's."""
     held = np.linalg.qr(values.calibration[rows])[0]
     own = {factor: values.of(factor)[:, rows] for factor in dict.fromkeys(factor for form in forms for factor in form.factors)}

@@ -107,7 +107,7 @@ def believable(have: Hypothesis, base: Hypothesis) -> bool:
     return arrived and float(np.abs(have.fit.state.model.E - base.fit.state.model.E).max()) < MOST_TAKEN
 
 
-def takes_calibration(form: LawForm, responses: Responses, projection: Projection, fit: Refit) -> bool:
+def _takes_calibration(form: LawForm, responses: Responses, projection: Projection, fit: Refit) -> bool:
     """Whether a form, at its best by linear columns against a fit in a projection's noise, would replace the calibration.
 
     A form that differs from the rate in one turn alone fits that turn while it changes the scale factor of all others: its promise is
@@ -261,7 +261,7 @@ def with_a_form(
     promised: dict[str, float] = {}
     for number, (base, _) in enumerate(whitens):
         projection, fit = screening.all_projections[number], projections[number][1]
-        takes = partial(takes_calibration, responses=screening.all_responses, projection=projection, fit=fit)
+        takes = partial(_takes_calibration, responses=screening.all_responses, projection=projection, fit=fit)
         for at in _first_of_each_shape(forms, screening.promise[number], takes):
             effect = evidence.effect_of(refined(forms[at], screening.all_responses, projection))
             promised[effect.id] = float(screening.tested[at])

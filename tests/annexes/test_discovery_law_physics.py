@@ -1,0 +1,460 @@
+"""Forms of the grammar: units, columns, bits, words, laws of physics among them; the file and the C of a law; what is not observed."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from discovery_answers import LAWS, law_of
+
+from session.io.units import DEG
+from tinygc.annexes.discovery import unobserved
+from tinygc.annexes.discovery.effect_file import Where, written
+from tinygc.annexes.discovery.enumeration import bits, enumerated
+from tinygc.annexes.discovery.equivalence import (
+    FULL_SCALE,
+    _FactorValues,
+    _span_projections,
+    as_effect,
+    columns_of,
+    distinct_forms,
+    some_movement,
+)
+from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm, unit_of
+from tinygc.annexes.discovery.law_code import device_code
+from tinygc.annexes.discovery.law_fits import component_beside, has_curve, main_of, other_of
+from tinygc.annexes.discovery.quantities import QUANTITIES, largest_of
+from tinygc.annexes.discovery.stated_rate import MOST_LACKING, share_lacking
+from tinygc.annexes.discovery.unobserved import in_words as combination
+from tinygc.annexes.discovery.unobserved import not_observed, observed
+from tinygc.annexes.discovery.words import LONGEST, constant_of, constants_of, equation, in_words, regime, splits, terms_of, what
+from tinygc.effects import ReferenceConditions, StageC, StatedNumbers, load_folder, signals, using, without_vibration
+from tinygc.effects.catalogue import short_movement
+from tinygc.effects.testing import check
+from tinygc.noise.twin import READ
+
+
+@pytest.fixture(scope="module")
+def movement():
+    return some_movement(6)
+
+
+# Units.
+
+
+@pytest.mark.parametrize(
+    ("form", "unit"),
+    [
+        (LawForm((Factor("force"), Factor("temperature"))), "dps/(g·°C)"),
+        (LawForm((Factor("temperature_rate"),)), "dps·s/°C"),
+        (LawForm((Factor("force", "square"),), "full"), "dps/g²"),
+        (LawForm((Factor("rest", "root"), Factor("sense"))), "dps/√s"),
+        (LawForm((Factor("rest", "decay", 3.0), Factor("sense"))), "dps"),
+        (LawForm((Factor("jerk"), Factor("vibration"))), "dps·s²/g²"),
+        (LawForm((Factor("vibration", "root"), Factor("rate"))), "dps/g"),
+        (LawForm((Factor("turned", "root_cube"),)), "dps/rad^1.5"),
+    ],
+)
+def test_a_coefficient_has_the_unit_that_its_factors_leave(form, unit):
+    assert form.coefficient_unit == unit
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (lambda: Factor("temperature_rate", "decay"), "no proper unit without its scale, a positive number of °C/s"),
+        (lambda: Factor("rate", "beyond", -0.1), "without its threshold"),
+        (lambda: Factor("rate", "square", 2.0), "takes no constant"),
+        (lambda: Factor("rate", lag_s=0.0), "positive number of seconds"),
+        (lambda: Factor("colour"), "'colour' is no quantity"),
+        (lambda: Factor("rate", "sinh"), "'sinh' is no function"),
+        (lambda: LawForm((Factor("vibration"),), "full"), "vibration (scalar) has no pattern 'full'"),
+        (lambda: LawForm((Factor("rate"), Factor("vibration")), "next"), "has no pattern 'next'"),
+        (lambda: unit_of("furlong"), "no unit of a quantity"),
+    ],
+)
+def test_what_has_no_proper_unit_or_pattern_cannot_be_built(made, says):
+    with pytest.raises(ValueError, match=re.escape(says)):
+        made()
+
+
+# Columns.
+
+
+def _expected(form, movement):
+    """(N, 3, P), pattern by pattern, beside ``terms``."""
+    values = [factor.values(movement).reshape(len(movement.rate), 3 if factor.vector else 1, factor.each) for factor in form.factors]
+    values = [np.broadcast_to(value, (len(value), 3, value.shape[2])) for value in values]
+
+    def product(axes):
+        found = np.ones((len(movement.rate), 1))
+        for value, axis in zip(values, axes, strict=True):
+            found = (found[:, :, None] * value[:, axis][:, None, :]).reshape(len(found), -1)
+        return found
+
+    blocks = []
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        n = len(form.factors)
+        axes = {
+            "each": [[i] * n],
+            "full": [[a] * n for a in range(3)],
+            "cross": [[j] * n, [k] * n],
+            "next": [[j, k][:n]],
+            "last": [[k, j][:n]],
+            "leant": [[i, a][:n] for a in range(3)],
+        }[form.pattern]
+        blocks.append(np.concatenate([product(each) for each in axes], axis=1))
+    found = np.zeros((len(movement.rate), 3, sum(block.shape[1] for block in blocks)))
+    first = 0
+    for axis, block in enumerate(blocks):
+        found[:, axis, first : first + block.shape[1]] = block
+        first += block.shape[1]
+    return found
+
+
+def test_columns_are_those_of_the_pattern_and_their_sum_is_the_effect(movement):
+    level, wave, late = Factor("level"), Factor("time", "wave", 7.0), Factor("rate", "size", None, 0.5)
+    forms = [LawForm((Factor("rate", "cube"), Factor("force")), pattern) for pattern in PATTERNS]
+    forms += [LawForm((level,), "full"), LawForm((late, wave)), LawForm((late, Factor("temperature")), "cross"), LawForm((wave,))]
+    forms += [
+        LawForm((Factor("rate", "play", 0.1),), "full"),
+        LawForm((Factor("world"),)),
+        LawForm((Factor("jerk"), Factor("vibration", "root"))),
+    ]
+    for form in forms:
+        columns = _expected(form, movement)
+        np.testing.assert_allclose(columns_of(form, movement), columns, rtol=1e-12, atol=1e-15)
+        effect, theta = as_effect(form), np.random.default_rng(2).standard_normal(form.size)
+        np.testing.assert_allclose(effect.distort(movement, theta), movement.rate + columns @ theta, atol=1e-11)
+        assert effect.parameter.unit == form.coefficient_unit
+
+
+def test_quantities_that_a_recording_lacks_are_zero(movement):
+    nan = np.full(len(movement.t_s), np.nan)
+    cold, quiet = replace(movement, temp_c=nan), replace(movement, vibration_g2=np.full(len(nan), 1e-8))
+    assert largest_of([movement, cold])["temperature"] == largest_of([movement, cold])["temperature_rate"] == 0
+    assert largest_of([quiet])["vibration"] == 0
+    found = largest_of([movement])
+    assert all(found[name] > 0 for name in QUANTITIES)
+    np.testing.assert_allclose(found["rate"], np.abs(movement.rate).max() / movement.fs_rps)
+    row = replace(movement, **{name: getattr(movement, name)[:1] for name in ("t_s", "rate", "force_g", "temp_c", "vibration_g2")})
+    assert not any(largest_of([row]).values())
+
+
+def test_play_is_that_of_a_gear():
+    values = np.cumsum(np.random.default_rng(2).standard_normal((500, 2)), axis=0)
+    state = np.zeros(2)
+    for value, found in zip(values, signals.play(values, 1.5), strict=True):
+        state = np.clip(state, value - 1.5, value + 1.5)
+        np.testing.assert_allclose(found, state, rtol=0, atol=1e-12)
+
+
+# All forms, each once.
+
+
+def forms_of(movement, *quantities):
+    """All forms of these quantities."""
+    return enumerated({name: size if name in quantities else 0.0 for name, size in largest_of([movement]).items()})
+
+
+def test_forms_have_bits_of_a_code_and_names_and_words_of_their_own(movement):
+    forms = forms_of(movement, "force", "temperature", "sense", "rest")
+    assert len(set(forms)) == len(forms) > 1000
+    assert {factor.quantity for form in forms for factor in form.factors} == {"force", "temperature", "sense", "rest"}
+    assert np.sum(2.0 ** -np.array([bits(form) for form in forms])) < 1
+    plain, product = LawForm((Factor("rate", "square"),)), LawForm((Factor("rate", "square"), Factor("vibration", "root")))
+    late = LawForm((Factor("rate", "square", None, 5.0),))
+    assert bits(LawForm((Factor("force"),))) < bits(plain) < bits(late) < bits(product)
+    assert bits(late) == bits(late.with_constants((7.0,)))
+    shapes = {form.shape: form for form in forms}
+    names = {what(form) for form in shapes}
+    assert len(names) == len(shapes)
+    assert all(re.fullmatch(r"[a-z][a-z0-9_]*", name) and len(name) <= LONGEST for name in names)
+    for form in shapes.values():
+        said, sentence = equation(form), in_words(form)
+        assert said.startswith("ω_i += ")
+        assert not re.search(r"[{}\n]|None|nan", said + sentence)
+        assert re.fullmatch(r"The error of e.*\.", sentence)
+        assert splits(form)
+        variable, unit = regime(form)
+        assert READ[variable][1] == unit
+
+
+def test_identities_are_one_form(movement):
+    """A bias and a matrix hold the rest: what is held within a limit is what is not beyond it."""
+    square = LawForm((Factor("rate", "square"),))
+    same = [square, LawForm((Factor("rate", "size"),) * 2), LawForm((Factor("rate", "signed_square"), Factor("rate", "sign")))]
+    assert distinct_forms(same, [movement]) == same[:1]
+    limited = [LawForm((Factor("rate", function, 0.2),)) for function in ("dead_zone", "within")]
+    assert distinct_forms(limited, [movement]) == limited[:1]
+    assert distinct_forms([LawForm((Factor("rate"),), "full"), LawForm((Factor("sense"), Factor("sense")))], [movement]) == []
+    near = [LawForm((Factor("time"),)), LawForm((Factor("time", "excess", 2.0),))]  # passed in a few samples of four minutes, by little
+    assert distinct_forms(near, [movement]) == near
+
+
+#: of the added rate, beside what a calibration holds; rows of the movement between two at which a law is compared with all forms, with one
+ENOUGH, FAR, NEAR = 0.99, 20, 6
+
+
+def _correlation(forms, values, law, every):
+    """(F,) of what each form at its best adds with the law (N, 3), beside what a calibration holds; in one row of so many."""
+    rows = np.arange(0, len(law), every)
+    held = np.linalg.qr(values.calibration[rows])[0]
+    taken, whole = np.zeros(len(forms)), 0.0
+    for axis in range(3):
+        left = law[rows, axis] - held @ (held.T @ law[rows, axis])
+        taken += np.sum(_span_projections(forms, values, rows, axis, left) ** 2, axis=1)
+        whole += left @ left
+    return np.sqrt(taken / whole)
+
+
+def _sharpened(form, values, law, scanned=25):
+    """(correlation, form) at the best constants, one after the other."""
+    best = _correlation([form], values, law, NEAR)[0], form
+    reach = 1.06 if {factor.function for factor in form.factors} & {"wave", "clock", "saw"} else 2.0  # to the next place of the grid
+    for spread in (reach, reach ** (3 / scanned)):
+        for number in range(len(form.constants)):
+            trials = []
+            for factor in np.geomspace(1 / spread, spread, scanned):
+                constants = np.array(best[1].constants)
+                constants[number] *= factor
+                trials.append(best[1].with_constants(constants))
+            found = _correlation(trials, values, law, NEAR)
+            best = max(best, (found.max(), trials[int(np.argmax(found))]), key=lambda each: each[0])
+    return best
+
+
+def _next(values, by=-1):
+    return np.roll(values, by, axis=1)
+
+
+#: name -> (the law on paper of a movement m, its numbers c, quantities that it is of)
+PHYSICS = {
+    "kinematic rectification": (lambda m, c: c * _next(m.rate) * _next(m.rate, 1), "rate"),
+    "scale factor that follows the force": (lambda m, c: m.rate * (m.force_g @ np.outer(c, [1, -2, 3])), "rate force"),
+    "remnant of the last turn": (lambda m, c: c * signals.last_sense(m) * np.exp(-signals.seconds_at_rest(m) / 2.2)[:, None], "sense rest"),
+    "heat of turning": (lambda m, c: signals.lagged(np.linalg.norm(m.rate, axis=1) ** 2, 24.0, m.t_s)[:, None] * c, "rate_size"),
+    "thermal hysteresis": (lambda m, c: signals.play(m.temp_c - m.first_temp_c, 2.7)[:, None] * c, "temperature"),
+    "periodic load": (lambda m, c: np.sin(2 * np.pi * m.t_s / 7.3 + 0.4)[:, None] * c, "time"),
+    "ripple of a driven table": (lambda m, c: c * np.cos(3 * signals.angle_turned(m) - 0.6), "turned"),
+}
+
+
+@pytest.mark.parametrize("name", PHYSICS)
+def test_a_law_of_physics_is_a_form(name, movement):
+    law, quantities = PHYSICS[name]
+    values, moving = _FactorValues(movement), replace(movement, rate=signals.moving_rate(movement))
+    moving = replace(moving, force_g=without_vibration(movement.force_g, movement.dt_s))
+    added = law(moving, np.array([1.2, -0.7, 0.9]))
+    own = [
+        form for form in forms_of(movement, *quantities.split()) if {factor.quantity for factor in form.factors} == set(quantities.split())
+    ]
+    found = _correlation(own, values, added, FAR)
+    first = {own[number].shape: own[number] for number in np.argsort(-found)[:4][::-1]}
+    assert any(_sharpened(form, values, added)[0] > ENOUGH for form in reversed(first.values()))
+
+
+# Words.
+
+
+def test_words_are_those_of_a_person():
+    form = LawForm((Factor("sense"), Factor("rest", "decay", 12.0)))
+    assert equation(form) == "ω_i += c_i s_i exp(−t_r / 12 s), s the sense of the last turn, t_r since the last turn"
+    assert equation(LawForm((Factor("rate", "signed_root"),))) == "ω_i += c_i sign(u_i)√|u_i|, u = ω / FS"
+    assert equation(LawForm((Factor("rate"), Factor("force")), "leant")) == "ω_i += u_i Σ_j C_ij f_j, u = ω / FS, f in g"
+    assert "90°" in equation(LawForm((Factor("turned", "wave", np.pi / 2),)))
+    assert "20 % " not in in_words(form)
+    assert in_words(LawForm((Factor("vibration", "root"), Factor("rate")))).startswith(
+        "The error of each axis is proportional to the square root"
+    )
+
+
+@pytest.mark.parametrize(
+    ("form", "some"),
+    [
+        (LawForm((Factor("force", "wave", 0.5), Factor("rate")), "cross"), {0: "x ← y cos", 3: "x ← z sin", 4: "y ← z cos"}),
+        (LawForm((Factor("rate"), Factor("force")), "leant"), {1: "x ← y", 8: "z ← z"}),
+        (LawForm((Factor("world"),)), {0: "x ← x 1", 5: "y ← y 3"}),
+        (LawForm((Factor("temperature", "wave", 5.0),)), {0: "x ← cos", 1: "x ← sin"}),
+        (LawForm((Factor("rate"),)), {0: "x", 2: "z"}),
+    ],
+)
+def test_terms_stand_in_the_order_of_the_numbers(form, some):
+    terms = terms_of(form)
+    assert len(terms) == form.size == len(set(terms))
+    assert {number: terms[number] for number in some} == some
+
+
+def test_a_constant_is_told_in_a_persons_unit_and_what_bends_is_drawn_along():
+    form = LawForm((Factor("turned", "play", 0.1), Factor("rate", "dead_zone", 0.02, 1.5)))
+    assert [constant_of(form, number)[0] for number in range(3)] == ["play (°)", "width (of full scale)", "lag (s)"]
+    assert constant_of(form, 0)[1] == pytest.approx(180 / np.pi)
+    product = LawForm((Factor("rate"), Factor("rate")), "next")  # of two axes' rates: x follows y times z
+    assert other_of(product) == main_of(product) == Factor("rate")
+    assert component_beside(product, product.terms()[0]) == 2
+    bent = LawForm((Factor("force"), Factor("rate", "size")), "next")
+    assert (main_of(bent).quantity, other_of(bent).quantity, component_beside(bent, bent.terms()[0])) == ("rate", "force", 1)
+    curves = {name: has_curve(LawForm((Factor("rate", name, 0.07),))) for name in ("latch", "play", "dead_zone")}
+    assert curves == {"latch": False, "play": False, "dead_zone": True}  # what remembers is another on the way up and down
+
+
+# What is written of a law.
+
+
+def loaded(folder: Path, form, dps, **where):
+    """The effect of a law's file."""
+    (folder / "law.py").write_text(written(law_of(form, dps), Where("here", **where)), encoding="utf-8")
+    with using([]):
+        return load_folder(folder)[0]
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        LawForm((Factor("rate", "excess", 0.3), Factor("temperature", "dead_zone", 2.0))),
+        LawForm((Factor("rate", "within", 0.2), Factor("rate", "dead_zone", 0.1)), "leant"),
+        LawForm((Factor("rate", "size"), Factor("temperature")), "full"),
+    ],
+)
+def test_a_law_of_sums_and_products_has_c_that_does_what_the_law_says(form, tmp_path):
+    """The C is its NumPy bit for bit, and in single precision what the effect corrects."""
+    effect = loaded(tmp_path, form, np.random.default_rng(3).uniform(0.3, 1.0, form.size))
+    assert isinstance(effect.device, StageC)
+    report = check(effect, parts=("c",), value=None if effect.scan is None else 0.15)
+    assert report.ok, str(report)
+
+
+@pytest.mark.parametrize(
+    ("form", "why"),
+    [
+        (LawForm((Factor("force"), Factor("rate"))), "samples belong that are yet to come"),
+        (LawForm((Factor("rate", "beyond", 0.1),)), "a reading may belong to two rates"),
+        (LawForm((Factor("rate", "root"),)), "last bits differ"),
+        (LawForm((Factor("temperature", "itself", None, 2.0),)), "lag"),
+        (LawForm((Factor("sense"),)), "from the beginning"),
+    ],
+)
+def test_a_law_without_c_says_why(form, why):
+    code = device_code(form, constants_of(form), "law").source
+    assert code.startswith("NoC(")
+    assert why in code
+
+
+@pytest.mark.parametrize("name", ["dead zone", "warm rate"])
+def test_a_written_law_adds_the_same_in_a_session_of_another_full_scale_that_begins_warmer(name, tmp_path):
+    """Full scale and first temperature are those of the session where it was found, in every session."""
+    form, dps = LAWS[name]
+    effect = loaded(tmp_path, form, dps, full_scale_dps=500.0, first_temp_c=25.0)
+    here = short_movement()
+    there = replace(here, fs_rps=2 * here.fs_rps, first_temp_c=here.first_temp_c + 11)
+    theta = np.array(dps) * DEG
+    added = effect.distort(here, theta) - here.rate
+    assert np.abs(added).max() > 1e-4
+    np.testing.assert_allclose(effect.distort(there, theta) - there.rate, added, atol=1e-15)
+    np.testing.assert_allclose(as_effect(form).distort(here, theta) - here.rate, added, atol=1e-12)
+    assert np.abs(as_effect(form).distort(there, theta) - there.rate - added).max() > 1e-5
+    assert ("T₀ = 25 °C" if "warm" in name else "ω / (500 dps)") in effect.equation
+
+
+def test_the_proof_tries_a_law_at_the_full_scale_and_temperature_where_it_was_found(tmp_path):
+    """A threshold at 600 dps does nothing on a hand's usual movement, nor one at 65 °C on a sensor that begins at 25."""
+    form = LawForm((Factor("rate", "dead_zone", 0.3), Factor("temperature", "hinge", 4.0)))
+    effect = loaded(tmp_path, form, [0.9, -0.8, 0.7], full_scale_dps=125.0, first_temp_c=61.0)
+    assert effect.reference_conditions == ReferenceConditions(125.0 * DEG, 61.0)
+    assert check(effect, parts=("columns", "undo", "live")).ok
+
+
+def test_a_law_too_strong_to_be_undone_says_so_in_its_file():
+    form = LawForm((Factor("acceleration", "size"),))
+    assert "Undoing" in (text := written(law_of(form, [9.0, -8.0, 9.0]), Where("here", full_scale_dps=500.0)))
+    assert "30 passes of substitution do not take it off" in " ".join(text.split())
+    assert "Undoing" not in written(law_of(form, [0.5, -0.4, 0.6]), Where("here", full_scale_dps=500.0))
+
+
+# What a recording does not observe of a law.
+
+
+#: the size of the rate times the force: the same for all axes it turns the body about the vertical alone
+UPRIGHT = LawForm((Factor("rate_size"), Factor("force")), "full")
+
+
+TURN = np.eye(3).ravel() / np.sqrt(3)
+
+
+LEAN = np.array([1.0, -1.0, 0.0])
+
+
+def covariance(direction, sigma, else_sigma=0.01):
+    """Of coefficients, wide along one direction."""
+    along = np.outer(direction, direction)
+    return else_sigma**2 * (np.eye(len(direction)) - along) + sigma**2 * along
+
+
+BAR = unobserved.SIGNIFICANT**0.5
+
+
+@pytest.mark.parametrize(
+    ("spread", "sigmas", "open_"),
+    [(0.99 * unobserved.OPEN, 0.0, 0), (1.01 * unobserved.OPEN, 0.0, 1), (2.0, 0.99 * BAR, 1), (2.0, 1.01 * BAR, 0)],
+)
+def test_a_combination_known_to_worse_than_half_of_the_law_is_not_observed_unless_it_is_significant(spread, sigmas, open_):
+    direction, sigma = np.ones(3) / np.sqrt(3), spread * (np.sqrt(np.mean(LEAN**2)) if spread < 1 else 1.0)
+    assert len(not_observed(LEAN + sigmas * sigma * direction, covariance(direction, sigma))) == open_
+
+
+def test_what_is_not_observed_is_found_and_set_to_zero():
+    theta = np.outer([1.0, -0.8, 0.9], [0, 0, 1.0]).ravel()
+    seen = theta - TURN * (TURN @ theta)
+    stated = seen + 0.8 * TURN  # and sigma 0.5: a draw
+    (found,) = directions = not_observed(stated, covariance(TURN, 0.5))
+    assert abs(found @ TURN) == pytest.approx(1)
+    assert observed(directions) @ stated == pytest.approx(seen)
+    assert combination(UPRIGHT, -TURN) == "0.58 (x ← x) + 0.58 (y ← y) + 0.58 (z ← z)"
+
+
+def test_the_last_combination_stays_whatever_is_known_of_it():
+    assert len(not_observed(np.array([0.1, 0.1, 0.1]), np.diag([4.0, 5.0, 6.0]))) == 2
+
+
+def test_a_file_does_not_apply_what_was_not_observed_and_holds_the_numbers_that_another_recording_must_agree_with(tmp_path):
+    theta = np.outer([1.0, -0.8, 0.9], [0, 0, 1.0]).ravel()
+    law = law_of(UPRIGHT, theta - TURN * (TURN @ theta), unobserved=TURN[None], covariance=1e-8 * np.diag(np.arange(1.0, 10.0)))
+    (tmp_path / "turned.py").write_text(written(law, Where("here", full_scale_dps=500.0)), encoding="utf-8")
+    with using([]):
+        effect = load_folder(tmp_path)[0]
+    movement = effect.shown(some_movement(3))
+    columns = effect.columns(movement)
+    assert np.abs(columns @ TURN).max() < 1e-3 * np.abs(columns).max()
+    whole = as_effect(UPRIGHT).columns(some_movement(3)) @ law.theta
+    np.testing.assert_allclose(columns @ law.theta, whole * FULL_SCALE / movement.fs_rps, atol=1e-3 * np.abs(whole).max())
+    assert effect.partly_observed
+    assert effect.gauge_convention.settle(TURN) == pytest.approx(0, abs=1e-3)
+    assert "not observed" in effect.device.why
+    assert effect.stated.theta == pytest.approx(law.theta, rel=1e-5)
+    assert effect.stated.covariance == pytest.approx(law.covariance, rel=1e-5, abs=1e-20)
+    assert effect.stated.against(law.theta, law.covariance)[0] == pytest.approx(0, abs=1e-3)
+    away = law.theta + 20 * np.sqrt(law.covariance[0, 0]) * np.eye(9)[1]
+    assert effect.stated.against(away, law.covariance)[0] == pytest.approx(20**2 / 4, rel=1e-3)
+
+
+def test_the_difference_counts_in_both_covariances_and_by_the_shape():
+    stated = StatedNumbers(np.array([1.0, 2.0]), np.diag([9.0, 16.0]), (57.0, 3.0))
+    there = np.array([6.0, 2.0]), np.diag([16.0, 9.0])
+    assert stated.against(*there) == (pytest.approx(1.0), 2)
+    assert stated.against(*there, 42.0) == (pytest.approx(1.0 + 15**2 / 18), 3)
+    fixed = StatedNumbers(np.zeros(2), np.diag([1.0, 0.0]))
+    assert fixed.against(np.array([2.0, 5.0]), np.diag([1.0, 0.0])) == (pytest.approx(2.0), 1)
+
+
+def test_numbers_and_thresholds_must_be_known_well_enough_for_the_stated_rate():
+    """One number for each axis, known to a share: the rate of a draw lacks the mean square of that share; coefficients may follow it."""
+    form, theta, at = LawForm((Factor("rate", "square"),)), np.array([1.0, -1.0, 1.0]), (np.eye(3), [some_movement(3)])
+    lacks = [share_lacking(form, theta, sigma**2 * np.eye(3), None, *at) > MOST_LACKING for sigma in (0.05, 0.4)]
+    assert lacks == [False, True]
+    form = LawForm((Factor("rate", "signed_beyond", 0.2),))
+    sharp, wide, follows = (np.array([[size**2]]) for size in (0.001, 0.5, 0.1))
+    assert share_lacking(form, theta, 1e-8 * np.eye(3), (sharp, np.zeros((3, 1))), *at) == 0
+    assert share_lacking(form, theta, 1e-8 * np.eye(3), (wide, np.zeros((3, 1))), *at) > 0.5
+    assert share_lacking(form, theta, 1e-8 * np.eye(3), (follows, np.full((3, 1), 50.0)), *at) > 0.5

@@ -1,15 +1,22 @@
-"""session.toml: what it means, and that every complaint names file, key, expectation and value."""
+"""session.toml: what it means, what is added to it, and that every complaint names file, key, expectation and value."""
+
+import tomllib
+from datetime import UTC, date, datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import SESSION_TOML, Table, write_session
+from conftest import SESSION_TOML
 
 from session.bench.session_file import toml_text
-from session.detect.first_look import check_folder, check_keys
-from session.io.config import Accelerometer, Sensor, read_config
+from session.detect.first_look import check_keys
+from session.io.config import Accelerometer, LeftOut, read_config
 from session.io.errors import FormatError
+from session.io.folder import add_exclude, add_notes
+from session.io.toml import value_text
 from session.io.units import STANDARD_GRAVITY_MPS2
 from tinygc import CalibrationError
+from tinygc.reporting.html.markup import render
 
 
 def read(tmp_path, text):
@@ -55,14 +62,6 @@ def test_the_gyro_s_own_figures_are_read_and_need_not_be_there(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("model", "known"),
-    [("ASM330LHH", True), ("asm330lhh", True), ("ST ASM330LHHTR, unit 2", True), ("ASM330LHHX", False), ("ISM330", False), ("", False)],
-)
-def test_typical_figures_are_of_that_model_only(model, known):
-    assert (Sensor(model, "", 208.0, 500, 4).typical("gyro_noise_mdps_rthz") is not None) == known
-
-
 def test_the_pre_calibration_undoes_offset_and_matrix():
     matrix = np.array([[1.01, 0.002, 0], [-0.003, 0.99, 0.004], [0, 0, 1.02]])
     bias = np.array([0.1, -0.2, 0.3])
@@ -105,6 +104,18 @@ def test_the_pre_calibration_undoes_offset_and_matrix():
         ("x = " + "[" * 5000, "broken TOML"),
         ("schema = tinygc\n", "broken TOML"),
         (SESSION_TOML + "[site\n", "broken TOML"),
+        (SESSION_TOML + "[notes]\na = [1]\n", "notes.a is a list of 1, expected text, a number or a date"),
+        (SESSION_TOML + "[notes]\na = {b = 1}\n", "notes.a is"),
+        (SESSION_TOML + "[[exclude]]\nlog = 3\nat_s = 1\n", "exclude[0].log is 3"),
+        (SESSION_TOML + '[[exclude]]\nlog = "log0001.csv"\n', "exclude[0].at_s is"),
+        (SESSION_TOML + '[[exclude]]\nlog = "a"\nat_s = nan\n', "which is not finite"),
+        (SESSION_TOML + '[truth]\nframe = "up"\n', "truth.frame"),
+        (SESSION_TOML + '[truth]\nsense = "inverse"\n', "truth.sense"),
+        (SESSION_TOML + "[truth]\norder = 4\n", "truth.order"),
+        (SESSION_TOML + "[truth]\noffset_s = 1e9\n", "truth.offset_s"),
+        (SESSION_TOML + "[truth]\nmounting = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n", "truth.mounting is no rotation"),
+        (SESSION_TOML + "[truth]\nmounting = [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]\n", "truth.mounting is no rotation"),
+        (SESSION_TOML + "[truth]\nmounting = [1, 0, 0]\n", "truth.mounting"),
     ],
 )
 def test_a_complaint_names_the_key_and_the_value(tmp_path, text, said):
@@ -112,23 +123,6 @@ def test_a_complaint_names_the_key_and_the_value(tmp_path, text, said):
         read(tmp_path, text)
     assert said in str(error.value)
     assert "session.toml" in str(error.value)
-
-
-def test_a_file_that_is_no_text_is_refused(tmp_path):
-    (tmp_path / "session.toml").write_bytes(b"\xff\xfe\x00s\x00c")
-    with pytest.raises(FormatError, match="broken TOML"):
-        read_config(tmp_path / "session.toml")
-
-
-def test_a_missing_file_says_what_a_folder_holds(tmp_path):
-    with pytest.raises(CalibrationError, match=r"session.toml.*log\*\.csv"):
-        read_config(tmp_path / "session.toml")
-
-
-def test_a_folder_in_the_place_of_the_file_is_refused(tmp_path):
-    (tmp_path / "session.toml").mkdir()
-    with pytest.raises(CalibrationError):
-        read_config(tmp_path / "session.toml")
 
 
 def test_a_byte_order_mark_of_an_editor_does_no_harm(tmp_path):
@@ -154,10 +148,105 @@ def test_a_key_that_nothing_reads_is_named_with_the_nearest_known_one(tmp_path, 
     assert (finding.level, key in finding.says, near is None or near in finding.do) == ("warning", True, True)
 
 
-def test_known_keys_are_all_known(tmp_path):
-    assert check_keys(read(tmp_path, SESSION_TOML)) == []
+def test_a_file_that_is_missing_no_text_or_a_folder_is_refused(tmp_path):
+    path = tmp_path / "session.toml"
+    with pytest.raises(CalibrationError, match=r"session.toml.*log\*\.csv"):
+        read_config(path)
+    path.write_bytes(b"\xff\xfe\x00s\x00c")
+    with pytest.raises(FormatError, match="broken TOML"):
+        read_config(path)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(CalibrationError):
+        read_config(path)
 
 
-def test_check_warns_of_an_unknown_key(tmp_path):
-    folder = write_session(tmp_path / "s", Table().tumble(2).samples(), toml=SESSION_TOML.replace("latitude_deg", "latitude"))
-    assert any(finding.do == "did you mean site.latitude_deg?" for finding in check_folder(folder))
+# Notes and moments that are added
+
+NOTES = """
+[notes]  # of the bench
+operator = "Mara"   # she turned
+
+"room temperature" = 21.5
+date = 2026-11-22
+
+[site2]
+x = 1
+"""
+
+
+def file_of(tmp_path, text):
+    path = tmp_path / "session.toml"
+    path.write_bytes(text.encode())
+    return path
+
+
+def test_notes_of_every_kind_are_read(tmp_path):
+    text = SESSION_TOML + '[notes]\na = "b"\nn = 3\nx = 2.5\nwhen = 2026-11-22\nat = 2026-11-22T10:00:00Z\nok = true\n'
+    config = read_config(file_of(tmp_path, text))
+    assert config.notes == {
+        "a": "b",
+        "n": 3,
+        "x": 2.5,
+        "when": date(2026, 11, 22),
+        "at": datetime(2026, 11, 22, 10, tzinfo=UTC),
+        "ok": True,
+    }
+    assert config.unknown == ()
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("text", [SESSION_TOML, SESSION_TOML.rstrip("\n"), SESSION_TOML + NOTES, "\ufeff" + SESSION_TOML])
+def test_what_is_added_leaves_every_line_as_it_was(tmp_path, text, end):
+    text = text.replace("\n", end)
+    path = file_of(tmp_path, text)
+    add_notes(path, {"place": "cellar", 'q"1"': 'say "hi"\\ 😀'})
+    add_exclude(path, LeftOut("log0001.csv", 12.5))
+    add_notes(path, {"later": "x"})
+    with path.open(encoding="utf-8", newline="") as file:
+        now = file.read()
+    before, after = text.splitlines(), iter(now.splitlines())
+    assert all(line in after for line in before), "a line was lost, changed or moved"
+    config = read_config(path)
+    assert list(config.notes)[-3:] == ["place", 'q"1"', "later"]
+    assert config.notes['q"1"'] == 'say "hi"\\ 😀'
+    assert config.exclude == (LeftOut("log0001.csv", 12.5),)
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_note_is_never_lost(tmp_path):
+    path = file_of(tmp_path, SESSION_TOML + NOTES)
+    before = path.read_bytes()
+    add_notes(path, {"operator": "Mara"})
+    assert path.read_bytes() == before
+    with pytest.raises(FormatError, match=r'notes.operator is "Mara" already'):
+        add_notes(path, {"operator": "Tom", "new": "y"})
+    assert path.read_bytes() == before
+
+
+def test_a_form_that_cannot_be_added_to_is_left_alone(tmp_path):
+    path = file_of(tmp_path, 'notes = {a = "b"}\n' + SESSION_TOML)
+    before = path.read_bytes()
+    with pytest.raises(FormatError, match=r"no place to add to; put what you want to note below \[notes\] by hand"):
+        add_notes(path, {"c": "d"})
+    assert path.read_bytes() == before
+
+
+def test_a_header_within_a_text_is_no_header(tmp_path):
+    path = file_of(tmp_path, SESSION_TOML + '[other]\ntext = """\n[notes]\n"""\n')
+    add_notes(path, {"c": "d"})
+    assert read_config(path).notes == {"c": "d"}
+    assert tomllib.loads(path.read_text())["other"]["text"] == "[notes]\n"
+
+
+@pytest.mark.parametrize("text", ["\x7f", "\x00\x1f", "\ud83d", "a\nb", "é😀"])
+def test_any_text_is_toml(text):
+    assert tomllib.loads(f"a = {value_text(text)}")["a"] == (text if text != "\ud83d" else r"\ud83d")
+
+
+def test_the_report_shows_them_escaped():
+    config = SimpleNamespace(notes={"<b>who</b>": "<script>", "warm": True, "cold": False}, exclude=(LeftOut("<i>.csv", 3.0),))
+    html = render("notes.html", config=config)
+    assert "<script>" not in html
+    assert "&lt;script&gt;" in html
+    assert "<dt>warm</dt><dd>yes</dd>" in html

@@ -4,6 +4,7 @@ import contextlib
 import inspect
 import os
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,12 @@ import pytest
 from session.bench.board_clock import ClockRatio
 from session.bench.events import Info
 from session.bench.session_file import SessionFile, toml_text
-from session.detect.check_time import ODR_WRONG
-from session.io.config import NEAREST_WITHIN, read_config
-from session.io.errors import FormatError
+from session.io.config import read_config
 from tinygc import CalibrationError
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')
+
+
 OWN = """# mine
 schema = "tinygc-session/1"
 [sensor]
@@ -108,18 +109,6 @@ def test_a_board_that_says_nothing_is_waited_for_and_then_the_user_is_believed(t
     assert like.configure(None, 3.1).sensor.gyro_fs_dps == 500
 
 
-def test_a_broken_file_is_said_before_anything_is_recorded(tmp_path):
-    (tmp_path / "session.toml").write_text("schema = ")
-    with pytest.raises(FormatError, match="broken TOML"):
-        file_of(tmp_path)
-    with pytest.raises(FormatError, match="not found"):
-        file_of(tmp_path / "new", tmp_path / "nowhere.toml")
-
-
-def test_a_rate_that_counts_as_a_nominal_one_is_one_that_check_takes():
-    assert NEAREST_WITHIN <= ODR_WRONG
-
-
 @pytest.mark.parametrize("module", ["session.io.folder", "session.bench.session_file"])
 def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(module, tmp_path, monkeypatch):
     """The folder goes in the very moment in which the file, or its note, gets its name."""
@@ -140,3 +129,19 @@ def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(m
     file.save_copy(saved)
     assert [(saved / "session.toml").read_text()] == texts
     assert ("Mara" in texts[0]) == (module == "session.io.folder")
+
+
+def test_a_recording_writes_its_notes_once_it_knows_the_board(tmp_path):
+    file = SessionFile(tmp_path, None, None, None, None, None, {"operator": "Mara"})
+    when = datetime(2026, 11, 22, 8, 40, 12, tzinfo=UTC)
+    file.note("before", when)
+    assert not (tmp_path / "session.toml").exists()
+    file.configure(Info(500.0, 4.0, 208.0, "7"))
+    for text in ("first", "second"):
+        file.note(text, when)
+    assert read_config(tmp_path / "session.toml").notes == {
+        "operator": "Mara",
+        "2026-11-22T08:40:12Z": "before",
+        "2026-11-22T08:40:12Z (2)": "first",
+        "2026-11-22T08:40:12Z (3)": "second",
+    }

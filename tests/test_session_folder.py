@@ -1,13 +1,17 @@
-"""Session folders: which logs they hold, and dial readings by number of the still."""
+"""Session folders: which logs they hold, dial readings by number of the still; each file is read and looked through once."""
 
 import gzip
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import SESSION_TOML, Table, write_session
 
+from session.detect.first_look import check_session
+from session.detect.stills import SessionStills
 from session.io.errors import FormatError
 from tinygc import read_session
+from tinygc.closure.build import build_problem
 
 
 @pytest.fixture(scope="module")
@@ -27,13 +31,6 @@ def test_a_folder_gives_its_logs_and_closure_runs_in_name_order(tmp_path, sample
         np.testing.assert_array_equal(log.samples.t_ns, samples.t_ns)
         np.testing.assert_allclose(log.samples.gyro, samples.gyro, atol=1e-12)
         np.testing.assert_allclose(log.samples.accel, samples.accel, atol=1e-12)
-
-
-def test_the_same_log_plain_and_compressed_would_count_twice(tmp_path, samples):
-    write_session(tmp_path, samples)
-    (tmp_path / "log0001.csv.gz").write_bytes(gzip.compress((tmp_path / "log0001.csv").read_bytes()))
-    with pytest.raises(FormatError, match=r"log0001\.csv and log0001\.csv\.gz"):
-        read_session(tmp_path)
 
 
 def test_missing_folders_logs_and_settings_are_told_apart(tmp_path, samples):
@@ -82,13 +79,27 @@ def test_malformed_dial_readings_say_where(tmp_path, samples, text, said):
         read_session(tmp_path)
 
 
-def test_dial_readings_that_cannot_be_read_as_text_are_refused(tmp_path, samples):
+def test_what_would_count_twice_or_is_no_text_is_refused(tmp_path, samples):
     write_session(tmp_path, samples)
-    path = tmp_path / "attitudes.csv"
-    path.write_bytes("still,roll_deg,pitch_deg,yaw_deg\n0,1°,0,0\n".encode("latin-1"))
+    (tmp_path / "attitudes.csv").write_bytes("still,roll_deg,pitch_deg,yaw_deg\n0,1°,0,0\n".encode("latin-1"))
     with pytest.raises(FormatError, match="not UTF-8"):
         read_session(tmp_path)
-    path.unlink()
-    path.mkdir()
-    with pytest.raises(FormatError, match="cannot be read"):
+    (tmp_path / "log0001.csv.gz").write_bytes(gzip.compress((tmp_path / "log0001.csv").read_bytes()))
+    with pytest.raises(FormatError, match=r"log0001\.csv and log0001\.csv\.gz"):
         read_session(tmp_path)
+
+
+def test_stills_are_found_once_and_shared_stills_change_nothing(simulated):
+    session = read_session(simulated())
+    found = SessionStills(session)
+    log, run = session.logs[0], session.closures[0]
+    assert found.of(log) is found.of(log)
+    assert check_session(session, found) == check_session(session)
+    shared, alone = build_problem(session, found=found), build_problem(session)
+    assert shared.logs[0].stills[0] is found.of(log).stills[0]
+    assert (shared.batch.rate == alone.batch.rate).all()
+    assert (shared.floor.sigma == alone.floor.sigma).all()
+    mended = replace(log, samples=log.samples.between(0, len(log.samples) // 2))
+    again = SessionStills(replace(session, logs=(mended,)), found)
+    assert len(again.of(mended).samples) == len(mended.samples)
+    assert again.of(run) is found.of(run)  # only a mended log is looked at again

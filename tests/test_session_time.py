@@ -2,9 +2,12 @@
 
 import json
 import shutil
+from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from conftest import config
 from models_in_use import KNOWN, LINEAR, NET, SAMPLES, physics
 
 import calibrate
@@ -14,14 +17,13 @@ from session.io.logfile import read_log
 from session.io.units import DEG
 from tinygc import CalibrationError, SimulationOptions, models
 from tinygc.deploy.calibration import Calibration
-from tinygc.effects import AppliedEffect, Effect, Parameter, catalogue, diagonal
+from tinygc.effects import AppliedEffect, catalogue
+from tinygc.estimation.session_times import YEAR_S, Moment, moment_of, parsed, times_of
 from tinygc.models.linear import PARAMETERS
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.simulation.write import write_session
 
 RATE_HZ = 1 / SAMPLES.period_s
-DRIFT_DPS = np.array([0.3, -0.2, 0.25])  #: over the session
-LENGTH_S = 140.0  #: over which the drift below grows by as much; the sessions are about as long
 
 
 def stepped(at_s: float) -> PhysicsModel:
@@ -38,18 +40,13 @@ BYGONE = {
 
 
 @pytest.mark.parametrize("name", BYGONE)
-def test_within_the_session_it_calibrates_and_nowhere_else(name):
+def test_within_the_session_it_calibrates_and_nowhere_else_and_live_is_refused(name):
     model, end_s = BYGONE[name], KNOWN.duration_s
-    for began_s in (0.0, 10.0, end_s - SAMPLES.duration_s):
-        assert np.isfinite(model.calibrate(SAMPLES, began_s)).all()
-    for began_s in (-10.0, end_s - SAMPLES.duration_s / 2, end_s, 3600.0, float("nan"), float("inf")):
+    assert np.isfinite(model.calibrate(SAMPLES, end_s - SAMPLES.duration_s)).all()
+    for began_s in (-10.0, end_s - SAMPLES.duration_s / 2, float("nan"), float("inf")):
         with pytest.raises(CalibrationError, match=r"known from 0 to .* s of its session.*_at_end"):
             model.calibrate(SAMPLES, began_s)
-
-
-@pytest.mark.parametrize("name", BYGONE)
-def test_in_use_the_moment_is_asked_for_and_live_is_refused(name):
-    calibration = Calibration(BYGONE[name], RATE_HZ)
+    calibration = Calibration(model, RATE_HZ)
     arrays = SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c
     with pytest.raises(CalibrationError, match=r"gyro.bias_(drift|step) follows the time of .* session.*began_s=.*at_end"):
         calibration(*arrays)
@@ -102,121 +99,104 @@ def test_its_covariance_follows_by_the_slope(name):
     np.testing.assert_allclose(model.at_end_slope() @ change, by, atol=1e-12)
 
 
-def test_what_cannot_stand_still_is_left_in_the_rates():
-    """A scale that drifts follows the rate, too: after the session it is as at its beginning."""
-    effect = Effect(
-        id="gyro.scale_drift",
-        equation="ω_i += s_i t ω_i",
-        parameter=Parameter("per_s", (3,), "1/s", plausible=0.01),
-        observable_in=("turn",),
-        columns=lambda movement: diagonal(movement.t_s[:, None] * movement.rate),
-        describe=lambda theta: "1",
-        discriminating_motion="",
-        inputs=("time",),
-    )
-    model = PhysicsModel(LINEAR, (AppliedEffect(effect, np.full(3, 1e-4)),), KNOWN)
-    np.testing.assert_allclose(model.at_end().vector, LINEAR.vector)
-    assert not model.at_end_slope()[:, PARAMETERS:].any()
-
-
 # The commands
-
-
-def drifting(t_s, rate, force, temp_c):
-    return rate + np.outer(t_s / LENGTH_S, DRIFT_DPS) * DEG
 
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
-    """A session with a drift and a closure run, fitted with it; and a folder with another session."""
+    """A session with a drift, fitted with it; and a folder with another session."""
     at = tmp_path_factory.mktemp("time")
-    options = {"segments": 20, "seed": 5, "odr_hz": 104.0}
-    folder = write_session(SimulationOptions(**options, closure_s=15.0), at / "drifting", distort=drifting)
+    options = {"segments": 12, "odr_hz": 62.5, "closure_s": 0.0}
+    drift = lambda t_s, rate, force, temp_c: rate + np.outer(t_s / 100.0, [0.3, -0.2, 0.25]) * DEG  # noqa: E731
+    folder = write_session(SimulationOptions(**options, seed=5), at / "drifting", distort=drift)
     words = ["fit", str(folder), "--physics", "gyro.bias_drift", "--methods", "least_squares", "--quiet"]
-    # The linear model, which the held-out segments do not refute, fails in the closure run.
-    assert calibrate.main([*words, "--json", str(at / "fit.json")]) == 1
-    other = write_session(SimulationOptions(**options | {"seed": 6}, closure_s=0.0), at / "other")
-    return folder, other, json.loads((at / "fit.json").read_text())
+    assert calibrate.main(words) in (0, 1)
+    return folder, write_session(SimulationOptions(**options, seed=6), at / "other")
 
 
-def apply(model, log, out, capsys):
-    code = calibrate.main(["apply", str(model), str(log), "-o", str(out), "--quiet"])
-    return code, capsys.readouterr().err
-
-
-def gyro(path):
-    return read_log(path, Sensor("", "", 104.0, 500, 4)).samples.gyro
-
-
-def test_apply_knows_the_sessions_own_log_and_refuses_others(fitted, tmp_path, capsys):
-    folder, other, _ = fitted
-    model = folder / "fit" / "model_physics.json"
+def test_apply_knows_the_sessions_own_log_and_refuses_others(fitted, tmp_path, run):
+    folder, other = fitted
+    model, ended = (folder / "fit" / f"model_physics{end}.json" for end in ("", "_at_end"))
     own = tmp_path / "under_another_name.csv.gz"
     shutil.copy(folder / "log0001.csv.gz", own)
     shutil.copy(folder / "session.toml", tmp_path)
-    assert apply(model, own, tmp_path / "own.csv", capsys)[0] == 0
-    for log in (other / "log0001.csv.gz", folder / "closure0001.csv.gz"):
-        code, err = apply(model, log, tmp_path / "x.csv", capsys)
-        assert (code, err.count("\n")) == (2, 1)
-        assert "no log of the session whose time model_physics.json follows (gyro.bias_drift); apply model_physics_at_end" in err
-        assert "_at_end" in err
-        assert not (tmp_path / "x.csv").exists()
-    ended = folder / "fit" / "model_physics_at_end.json"
-    assert apply(ended, own, tmp_path / "ended.csv", capsys)[0] == 0
-    off = (gyro(tmp_path / "ended.csv") - gyro(tmp_path / "own.csv")) / DEG
+    assert run("apply", model, own, "-o", tmp_path / "own.csv", "--quiet")[0] == 0
+    code, _, err = run("apply", model, other / "log0001.csv.gz", "-o", tmp_path / "x.csv", "--quiet")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "no log of the session whose time model_physics.json follows (gyro.bias_drift); apply model_physics_at_end" in err
+    assert not (tmp_path / "x.csv").exists()
+    assert run("apply", ended, own, "-o", tmp_path / "ended.csv", "--quiet")[0] == 0
+    sensor = Sensor("", "", 62.5, 500, 4)
+    off = np.subtract(*(read_log(tmp_path / f"{name}.csv", sensor).samples.gyro[:] for name in ("ended", "own"))) / DEG
     np.testing.assert_allclose(off[-1], 0, atol=1e-3)  # dps: at the end they are one
-    duration_s = json.loads(model.read_text())["conditions"]["duration_s"]
-    np.testing.assert_allclose(off[0], -DRIFT_DPS * duration_s / LENGTH_S, atol=0.02)
-    assert apply(ended, other / "log0001.csv.gz", tmp_path / "y.csv", capsys)[0] == 0
+    table = json.loads(model.read_text())
+    np.testing.assert_allclose(off[0], np.array([-0.3, 0.2, -0.25]) * table["conditions"]["duration_s"] / 100, atol=0.03)
+    for name, broken in (("sha256", {}), ("began_s", "x"), ("began_s", {"log0001.csv.gz": None})):
+        (tmp_path / "m.json").write_text(json.dumps(table | {name: broken}))
+        code, _, err = run("apply", tmp_path / "m.json", folder / "log0001.csv.gz", "-o", tmp_path / "x.csv", "--quiet")
+        assert (code, err.count("\n")) == (2, 1)
 
 
-def test_a_file_that_does_not_know_its_logs_refuses_all(fitted, tmp_path, capsys):
-    folder, _, _ = fitted
-    table = json.loads((folder / "fit" / "model_physics.json").read_text())
-    for name in ("sha256", "began_s"):
-        for broken in ({}, None, {"log0001.csv.gz": None}, "x"):
-            (tmp_path / "m.json").write_text(json.dumps(table | {name: broken}))
-            code, err = apply(tmp_path / "m.json", folder / "log0001.csv.gz", tmp_path / "x.csv", capsys)
-            assert (code, err.count("\n")) == (2, 1)
-
-
-def test_the_saved_model_for_any_time_knows_how_well_it_is_known(fitted):
-    folder, _, table = fitted
-    ended = tinygc.load(folder / "fit" / "model_physics_at_end.json")
-    assert ended.model.kind == "linear"
-    saved = ended.to_json()
-    assert saved["method"] == "physics_at_end"
-    own = json.loads((folder / "fit" / "model_physics.json").read_text())
-    assert set(own["began_s"]) == {"log0001.csv.gz"}
-    bias = np.sqrt(np.diag(np.array(saved["covariance"])))[9:12] / DEG
-    assert (bias < 0.01).all()
-    assert (bias > 1e-4).all()
-    # The true bias of the session's end, and the closure run closed with it.
-    truth = json.loads((folder / "truth.json").read_text())
-    at_end = np.array(truth["B_dps"]) - DRIFT_DPS * own["conditions"]["duration_s"] / LENGTH_S
-    np.testing.assert_allclose(ended.model.B / DEG, at_end, atol=0.02)
-    (run,) = table["closure_runs"]
-    assert run["physics"]["rmse_deg"] < 0.3 * run["least_squares"]["rmse_deg"]
-
-
-@pytest.mark.broad
-def test_another_fit_leaves_no_stale_model(fitted, tmp_path):
-    folder, _, _ = fitted
-    out = tmp_path / "fit"
-    words = ["fit", str(folder), "--methods", "least_squares", "--quiet", "--out", str(out), "--physics"]
-    assert calibrate.main([*words, "gyro.bias_drift"]) == 1
-    assert (out / "model_physics_at_end.json").exists()
-    assert calibrate.main([*words, "gyro.g_sensitivity"]) == 1
-    assert not (out / "model_physics_at_end.json").exists()
-
-
-@pytest.mark.parametrize("to", ["json", "c", "kalibr"])
-def test_export_refuses_it_and_takes_the_one_for_any_time(fitted, tmp_path, capsys, to):
-    folder, _, _ = fitted
-    words = ["export", str(folder), "--to", to, "--out", str(tmp_path), "--quiet", "--model"]
-    assert calibrate.main([*words, "physics"]) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
+def test_export_refuses_it_and_takes_the_one_for_any_time(fitted, tmp_path, run):
+    folder, _ = fitted
+    words = ["export", folder, "--to", "json", "--out", tmp_path, "--quiet", "--model"]
+    code, _, err = run(*words, "physics")
+    assert (code, err.count("\n")) == (2, 1)
     assert "undoes gyro.bias_drift" in err
     assert "--model physics_at_end" in err
-    assert calibrate.main([*words, "physics_at_end"]) == 0
+    assert run(*words, "physics_at_end")[0] == 0
+    saved = tinygc.load(folder / "fit" / "model_physics_at_end.json").to_json()
+    assert saved["method"] == "physics_at_end"
+    bias = np.sqrt(np.diag(np.array(saved["covariance"])))[9:12] / DEG
+    assert (bias < 0.02).all()
+    assert (bias > 1e-4).all()
+
+
+# When a session was recorded: by its port, its notes, its log's stamps, its folder's name, and never by a file's time
+
+NOTED = replace(config(), notes={"date": "2026-03-04T10:00:00+02:00"})
+
+
+def log(folder, first_ns):
+    rows = "".join(f"{first_ns + 10_000_000 * i},0,0,0,0,0,-1000\n" for i in range(5))
+    (folder / "log0001.csv").write_text("t_ns,gx,gy,gz,ax,ay,az\n" + rows)
+
+
+def test_the_first_of_port_notes_stamps_and_name_counts(tmp_path):
+    folder = tmp_path / "bench_20250607_a"
+    folder.mkdir()
+    assert moment_of(folder, config()) == Moment(datetime(2025, 6, 7, tzinfo=UTC), "name")
+    assert moment_of(folder, None) == Moment(datetime(2025, 6, 7, tzinfo=UTC), "name")
+    log(folder, 1_700_000_000 * 10**9)
+    assert moment_of(folder, config()) == Moment(datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC), "stamps")
+    assert moment_of(folder, NOTED) == Moment(datetime(2026, 3, 4, 8, tzinfo=UTC), "notes")
+    (folder / "raw.times").write_text("0,0,open 2026-01-02T03:04:05+00:00\n")
+    assert moment_of(folder, NOTED).source == "port"
+
+
+def test_a_boards_own_clock_a_files_time_and_other_text_are_no_date(tmp_path):
+    log(tmp_path, 5 * 10**9)
+    plain = tmp_path / "day1"
+    plain.mkdir()
+    log(plain, 5 * 10**9)
+    assert moment_of(plain, config()) is None
+    assert moment_of(plain, replace(config(), notes={"date": "a rainy Tuesday"})) is None
+    assert parsed("2026-02-30") is None
+    assert parsed("0001-01-01T00:00:00+14:00") is None
+    assert [parsed(text) for text in ("", "5", "x" * 1000)] == [None, None, None]
+
+
+@pytest.mark.parametrize("name", ["a1202506071", "2025-16-07", "r20250647"])
+def test_digits_that_are_no_day_are_none(tmp_path, name):
+    (tmp_path / name).mkdir()
+    assert moment_of(tmp_path / name, None) is None
+
+
+def test_sessions_are_in_the_order_of_their_dates_or_as_they_come():
+    days = [Moment(datetime(2026, month, 1, tzinfo=UTC), "notes") for month in (5, 1, 9)]
+    order, at = times_of(days)
+    assert order.tolist() == [1, 0, 2]
+    np.testing.assert_allclose(at, np.array([0, 120, 243]) * 86400 / YEAR_S)
+    for without in ([*days, None], [days[0], days[0]]):
+        order, at = times_of(without)
+        assert order.tolist() == at.tolist() == list(range(len(without)))

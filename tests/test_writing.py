@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from dialect_logs import inertial, make
 
-import calibrate
 from session.io.errors import StorageError
 from session.io.files import naming, result_folder
 from session.io.results import write_text_whole
@@ -59,23 +59,14 @@ def test_other_errors_keep_what_they_say():
     assert said.value.filename == "elsewhere"
 
 
-@pytest.mark.parametrize("form", ["json", "c"])
-def test_export_to_a_full_disk(form, simulated, full_disk, tmp_path, capsys):
+def test_an_export_and_an_import_to_a_full_disk(simulated, full_disk, tmp_path, run):
     folder = shutil.copytree(simulated(), tmp_path / "s")
-    assert calibrate.main(["fit", str(folder), "--methods", "least_squares", "--folds", "2", "--quiet"]) == 0
+    assert run("fit", folder, "--methods", "least_squares", "--folds", "2", "--quiet")[0] == 0
     full_disk()
-    capsys.readouterr()
-    assert calibrate.main(["export", str(folder), "--to", form, "--out", str(tmp_path / "new" / "x")]) == 2
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if "No space" in line]
-    assert str(tmp_path / "new" / "x") in line
-    assert not (tmp_path / "new").exists()
-
-
-def test_report_to_a_full_disk(full_disk, monkeypatch, tmp_path):
-    from tinygc.reporting.html import page
-
-    monkeypatch.setattr(page, "page", lambda evidence: "<html></html>")
-    full_disk()
-    with pytest.raises(StorageError, match=r"new/r\.html: No space"):
-        page.save(None, tmp_path / "new" / "r.html")
-    assert list(tmp_path.iterdir()) == []
+    code, _, err = run("export", folder, "--to", "c", "--out", tmp_path / "new" / "x")
+    (line,) = [line for line in err.splitlines() if "No space" in line]
+    assert (code, str(tmp_path / "new" / "x") in line) == (2, True)
+    with pytest.raises(StorageError, match=r"new/folder: No space.*choose another folder") as said:
+        make(tmp_path, inertial(), out="new/folder")
+    assert "LOG.CSV" not in str(said.value)
+    assert {path.name for path in tmp_path.iterdir()} == {"s", "LOG.CSV"}

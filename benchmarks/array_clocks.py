@@ -11,7 +11,6 @@ import numpy as np
 from common import markdown, progress
 from public import mikov, mimu
 from scipy.spatial.transform import Rotation
-from turn_differences import TurnDifferences, turn_differences
 
 from session.annexes.arrays.recording import ArraySession, read_array
 from session.io.units import DEG
@@ -20,8 +19,6 @@ from tinygc.annexes.arrays.latency import SampleAges, ages_of
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
-#: s of each still that a fit integrates with a turn of theirs
-STILL_S = 2.0
 SETS = {"mikov": mikov.write_array, "mimu": mimu.write_array}
 
 
@@ -40,7 +37,7 @@ def recordings() -> Iterator[ArraySession]:
 
 
 def real(arrays: list[ArraySession]) -> None:
-    clocks, ages_rows, turns_rows, mountings = [], [], [], []
+    clocks, ages_rows, mountings = [], [], []
     for array in arrays:
         progress(array.name)
         fits = clock_fits(array)
@@ -55,14 +52,10 @@ def real(arrays: list[ArraySession]) -> None:
             sigma = np.sqrt(np.diag(place.mounting_covariance)).max() / DEG
             mountings.append((array.name, str(number), *(f"{angle:.3f}" for angle in turned), f"{sigma:.3f}"))
         ages_rows += [(array.name, *_age_row(each)) for each in ages]
-        as_fitted = turn_differences(array, fits, beside_s=STILL_S, one_zero=True)
-        turns_rows.append(_turns_row(array, as_fitted, turn_differences(array, fits), turn_differences(array, fits, ages)))
     progress("")
     print(markdown(("array", "unit", "offset, ms", "rate, ppm (positive: slow)", "agreement", "left, dps rms"), clocks), end="\n\n")
     print(markdown(("array", "unit", "mounting x, °", "y, °", "z, °", "largest sigma, °"), mountings), end="\n\n")
-    print(markdown(("array", "unit", "beat, Hz", "sigma", "period, ms", "left, ms", "p", "gain, nats"), ages_rows), end="\n\n")
-    figures = ("as a fit has it, ° rms", "the turn alone", "ages taken off", "white noise", "median turn", "ages taken off", "largest")
-    print(markdown(("array", "turns", *figures), turns_rows))
+    print(markdown(("array", "unit", "beat, Hz", "sigma", "period, ms", "left, ms", "p", "gain, nats"), ages_rows))
 
 
 def _age_row(ages: SampleAges) -> tuple[str, ...]:
@@ -71,18 +64,6 @@ def _age_row(ages: SampleAges) -> tuple[str, ...]:
     period = f"{ages.period_s * 1e3:.3f} ± {ages.period_sigma_s * 1e3:.3f}"
     left = f"{ages.scatter_s * 1e3:.3f}"
     return str(ages.number), f"{ages.beat_hz:+.4f}", f"{ages.beat_sigma_hz:.4f}", period, left, f"{ages.p_value:.0e}", f"{ages.gain:.0f}"
-
-
-def _turns_row(array: ArraySession, as_fitted: TurnDifferences, before: TurnDifferences, after: TurnDifferences) -> tuple[str, ...]:
-    def by_turn(found: TurnDifferences) -> np.ndarray:
-        return np.asarray(np.sqrt(np.square(found.rotation).sum(axis=2).mean(axis=0)) / DEG)
-
-    def rms(values: np.ndarray) -> str:
-        return f"{np.sqrt(np.mean(np.square(values))):.4f}"
-
-    whole, one, two = by_turn(as_fitted), by_turn(before), by_turn(after)
-    figures = rms(whole), rms(one), rms(two), rms(before.white / DEG), f"{np.median(one):.4f}", f"{np.median(two):.4f}", f"{one.max():.3f}"
-    return array.name, str(len(one)), *figures
 
 
 if __name__ == "__main__":

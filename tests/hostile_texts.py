@@ -281,16 +281,10 @@ def xml_elements(written: str) -> list[str]:
 
 PLACES = {
     "px4": Place(file_of("px4"), lines_but_comments),
-    "px4 noise": Place(file_of("px4", "noise.params"), lines_but_comments),
     "ardupilot": Place(file_of("ardupilot"), ardupilot),
     "ardupilot noise": Place(file_of("ardupilot", "noise.param"), ardupilot),
     "kalibr imu.yaml": Place(file_of("kalibr", "imu.yaml"), yaml_table),
-    "kalibr intrinsics": Place(file_of("kalibr", "intrinsics.yaml"), yaml_table),
-    "openvins": Place(file_of("openvins"), lambda written: yaml_table(written.removeprefix("%YAML:1.0\n"))),
-    "vins": Place(file_of("vins"), yaml_table),
-    "gtsam JSON": Place(file_of("gtsam", ".json"), lambda written: [*json.loads(written), *("line" for _ in written.splitlines())]),
     "gtsam Python": Place(file_of("gtsam", ".py"), python_code),
-    "ros": Place(file_of("ros"), yaml_table),
     "xio header": Place(file_of("xio", ".h"), c_statements),
     "xio JSON": Place(file_of("xio", ".json"), lambda written: [*json.loads(written), *("line" for _ in written.splitlines())]),
     "c header": Place(file_of("c", ".h"), c_statements),

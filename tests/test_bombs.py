@@ -19,16 +19,15 @@ from processes import PATIENCE_S, PIPE, started
 from session.io import files
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, FormatError
-from session.io.files import open_file, open_stream, read_bytes
+from session.io.files import open_file, read_bytes
 from session.io.reader import Reader
-from tinygc.cli.arguments import parser, path_read
 from tinygc.cli.commands import present_commands
 
 ROOT = Path(__file__).resolve().parent.parent
 
 if os.name != "posix":
     pytest.skip("devices, named pipes and sockets as files are POSIX's", allow_module_level=True)
-from bombs import BOMBS, READERS, readers_of  # noqa: E402
+from bombs import BOMBS, readers_of  # noqa: E402
 
 #: of a process that has NumPy; a bomb of JSON within its bound takes the most
 MOST_MB, MOST_CPU_S = 1000, 20
@@ -167,14 +166,6 @@ def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impat
             refused(run(*words, "--quiet"), "cannot be read")
 
 
-def test_every_command_that_reads_files_meets_the_bombs():
-    """By the parser: a command with a path that is there already is among the readers."""
-    (commands,) = (action.choices for action in parser()._actions if hasattr(action, "choices") and isinstance(action.choices, dict))
-    reading_ones = {name for name in present_commands() if {a.dest for a in commands[name]._actions if a.type is path_read} - {"effects"}}
-    reading_ones -= {"lot"}  # it reads a fleet's table alone, as SQLite (annexes/test_fleet_table.py)
-    assert reading_ones == {line.split()[0] for lines in READERS.values() for line in lines} & set(present_commands())
-
-
 @pytest.mark.parametrize("name", ["log0002.csv", "turns.csv"])
 def test_nothing_is_read_before_a_named_pipe_is_refused(name, folder, run, impatient):
     """The error is the only line, though the first log is sound: no progress of a work that cannot be done."""
@@ -204,20 +195,6 @@ def test_a_file_that_grows_beyond_its_size_is_not_read_on(tmp_path, monkeypatch)
     with pytest.raises(FormatError, match="its bytes do not end"):
         read_bytes(path, 1000)
     assert read_bytes(path, 5000) == b"x" * 5000
-
-
-def test_what_a_shell_has_opened_may_be_waited_for(tmp_path):
-    """``apply MODEL <(zcat LOG)`` hands us a name of a pipe that somebody writes to; a file's name stays a file's."""
-    begin, end = os.pipe()
-    os.write(end, b"t_us\n")
-    os.close(end)
-    with open_stream(Path(f"/dev/fd/{begin}")) as file:
-        assert file.read() == b"t_us\n"
-    os.close(begin)
-    (tmp_path / "log.csv").write_bytes(b"1")
-    with (tmp_path / "log.csv").open("rb") as log:
-        assert open_stream(Path(f"/dev/fd/{log.fileno()}")) is None
-    assert open_stream(tmp_path / "log.csv") is None
 
 
 @pytest.mark.parametrize("part", ["a", "a: 1 ", "1 ", "a:1,", "0xA", "[(", "x=", "[{"])

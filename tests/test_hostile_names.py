@@ -5,10 +5,8 @@ import json
 import os
 import re
 import shutil
-import sys
 import tomllib
 
-import processes
 import pytest
 from commandline import refused
 
@@ -110,15 +108,6 @@ def test_no_path_of_any_command_is_empty(name, capsys):
                 command._get_values(action, [text]) if action.nargs is None else command._get_value(action, text)
 
 
-def test_an_empty_out_is_refused_in_one_line(folder, tmp_path, run, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    before = sorted(tmp_path.iterdir())
-    for arguments in (("fit", folder), ("export", folder, "--to", "json"), ("explain", folder), ("simulate",)):
-        refused(run(*arguments, "--out", ""), "--out", "empty name")
-    refused(run("export", folder, "--to", "json", "--model", ""), "--model", "empty name")
-    assert sorted(tmp_path.iterdir()) == before
-
-
 @pytest.mark.parametrize("text", ["0,-1e308,0", "nan,0,0"])
 def test_a_bias_beyond_any_gyroscope_is_refused(text, folder, run):
     refused(run("fit", folder, "--model", folder / "none.json", "--bias", "given", f"--bias-dps={text}"), "--bias-dps", "within ±100000")
@@ -144,11 +133,3 @@ def test_numbers_beyond_any_sensor_are_refused(arguments, tmp_path, run, monkeyp
     refused(run(*arguments))
     assert not list(tmp_path.iterdir())
     assert not recwarn.list
-
-
-def test_a_progress_bar_reads_no_markup():
-    """On a terminal as elsewhere: a log's name is drawn as it is."""
-    code = "from tinygc.reporting.terminal import progress_bar\n"
-    code += "with progress_bar() as progress: progress('reading [/red] [bold]x\\x1b[2J', 0, 1)"
-    made = processes.run([sys.executable, "-c", code], stderr=processes.PIPE, text=True, check=True)
-    assert made.stderr == "reading [/red] [bold]x\\x1b[2J …\n"

@@ -17,7 +17,7 @@ from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, COUNTS, FORMATS, GYRO
 
 from session.annexes.logs import betaflight
 from session.annexes.logs.registry import reader_of
-from session.io.budget import GB, MB, PACKED, Budget, budget
+from session.io.budget import GB, MB, budget
 from session.io.errors import FormatError
 from session.io.streams import Stream
 from session.replay.sources import Sources
@@ -268,48 +268,6 @@ BOMBS = {
 }
 
 
-BLACKBOX = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\nH Data version:2\nH I interval:32\n"
-
-
-RATES = b"loopIteration,time,gyroADC[0],gyroADC[1],gyroADC[2]"
-
-
-def _fields(kind, names, encoding, predictor=0):
-    """The header's lines for the fields of a kind of frame."""
-    count = names.count(b",") + 1
-    lines = {b"name": names, b"encoding": b",".join([b"%d" % encoding] * count), b"predictor": b",".join([b"%d" % predictor] * count)}
-    return b"".join(b"H Field %s %s:%s\n" % (kind, what, said) for what, said in lines.items())
-
-
-#: frames of one byte: many fields for which none is stored; as many counters, each over all loops from a frame to the next
-NOT_STORED = BLACKBOX + _fields(b"I", RATES, 1) + _fields(b"H", b",".join([b"a"] * 250), 9) + b"I" + bytes(5) + b"H" * 300
-
-
-COUNTERS = BLACKBOX.replace(b"32", b"4096\nH P interval:1/4096") + _fields(b"I", RATES, 1) + _fields(b"H", RATES, 9, 6) + b"I" + bytes(5)
-
-
-ROWS = BLACKBOX + _fields(b"I", RATES, 9)
-
-
-@pytest.mark.parametrize(
-    ("data", "said"),
-    [
-        (BLACKBOX * 2000, UNPACKS),
-        (BLACKBOX + b"H x:" + b"1" * 66_000, "a header's line of more than 65536 bytes"),
-        (BLACKBOX + b"H Field I name:" + b",".join(b"f%d" % at for at in range(300)) + b"\nI", "more than 256 fields"),
-        (NOT_STORED, UNPACKS),
-        (COUNTERS + b"H" * 10, UNPACKS),
-        (ROWS + b"I" * 2000, UNPACKS),
-    ],
-    ids=["logs", "line", "fields", "not_stored", "counters", "rows"],
-)
-def test_a_blackbox_log_is_not_searched_for_minutes(data, said, tmp_path):
-    pytest.importorskip("orangebox")
-    (tmp_path / "a.bbl").write_bytes(data)
-    with budget([tmp_path / "a.bbl"], MB), pytest.raises(FormatError, match=said):
-        reader_of(tmp_path / "a.bbl", data[:99]).topics(tmp_path / "a.bbl", None)
-
-
 def _answers():
     from session.io.dialects import Answers
 
@@ -343,20 +301,6 @@ def test_a_bomb_takes_no_memory(name, tmp_path):
     done = run_process([sys.executable, "-c", code, tmp_path / name], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 2
     assert int(done.stdout.split()[-1]) * 1024 < GB / 3
-
-
-def test_the_budget_is_a_gigabyte_or_what_the_files_take_on_the_disk(tmp_path):
-    small, sparse, folder = tmp_path / "small", tmp_path / "sparse", tmp_path / "folder"
-    small.write_bytes(b"1" * 100)
-    sparse.write_bytes(b"1" * 8192)
-    os.truncate(sparse, 10**12)
-    folder.mkdir()
-    (folder / "a.db3").write_bytes(b"1" * 100)
-    assert [Budget([path]).most for path in (small, sparse, folder, tmp_path / "none")] == [GB] * 4
-    large = tmp_path / "large"
-    large.write_bytes(bytes(b"1" * (60 * MB)))
-    assert Budget([large]).most == Budget([large, small]).most - PACKED * 100 == PACKED * 60 * MB
-    assert Budget([large], 5).most == 5
 
 
 def test_import_takes_more_memory_where_it_may(tmp_path, run):

@@ -302,30 +302,6 @@ def ros2_bag_of(path, name, text, messages):
             writer.write(connection, stamp, bytes(store.serialize_cdr(store.types[name](**values), name)))
 
 
-def test_messages_of_px4_in_a_ros_2_bag_are_read_by_their_definition(tmp_path):
-    """Single precision, arrays, a flag before them that shifts what must be aligned, a stamp in us."""
-    text = "uint64 timestamp\nuint8 flag\nfloat32[3] gyro_rad\nuint32 gyro_integral_dt\nfloat32[3] accelerometer_m_s2\n"
-    messages = [
-        (
-            int(t) + 3_000_000,
-            {
-                "timestamp": int(t) // 1000,
-                "flag": 1,
-                "gyro_rad": w.astype(np.float32),
-                "gyro_integral_dt": 5000,
-                "accelerometer_m_s2": f.astype(np.float32),
-            },
-        )
-        for t, w, f in zip(T_NS, GYRO, ACCEL, strict=True)
-    ]
-    ros2_bag_of(tmp_path / "bag", "px4_msgs/msg/SensorCombined", text, messages)
-    stream = one(tmp_path / "bag")
-    np.testing.assert_array_equal(stream.t_ns, T_NS)
-    np.testing.assert_array_equal(stream.gyro, GYRO)
-    np.testing.assert_array_equal(stream.accel, ACCEL)
-    assert (stream.gyro_unit, stream.accel_unit) == ("rad/s", "m/s2")
-
-
 def test_definitions_may_be_idl(tmp_path):
     from mcap.writer import Writer
 
@@ -394,33 +370,7 @@ def test_the_layout_agrees_with_rosbags_on_every_number_of_an_imu():
                     assert value == (there[int(rest[:-1])] if isinstance(there, np.ndarray) else getattr(there, rest)), path
 
 
-def test_a_bag_of_other_things_names_its_topics(tmp_path):
-    ros2_bag_of(tmp_path / "bag", "my_msgs/msg/Wheel", "float64 speed\n", [(0, {"speed": 1.0})])
-    with pytest.raises(FormatError, match=re.escape("its topics are /fmu/out/imu (my_msgs/msg/Wheel)")):
-        rosbag2.topics(tmp_path / "bag", None)
-
-
 # ArduPilot and Betaflight.
-
-
-def test_dataflash_keeps_sensors_and_raw_samples_apart(tmp_path):
-    path = tmp_path / "a.BIN"
-    written.write_ardupilot(path, *RECORDING)
-    assert [topic.name for topic in ardupilot.topics(path, None)] == ["IMU[0]", "IMU[1]", "ACC[0]", "GYR[0]"]
-    second, gyro, accel = ardupilot.read(path, ["IMU[1]", "GYR[0]", "ACC[0]"], None)
-    np.testing.assert_allclose(second.gyro, GYRO + 1, atol=1e-6)
-    np.testing.assert_array_equal(gyro.gyro, GYRO)
-    np.testing.assert_array_equal(gyro.t_ns, T_NS)  # of the sample, not of the message
-    np.testing.assert_array_equal(accel.accel, ACCEL)
-    assert (gyro.accel, accel.gyro) == (None, None)
-
-
-def test_dataflash_without_units_has_those_that_are_documented(tmp_path):
-    path = tmp_path / "a.BIN"
-    written.write_ardupilot(path, *RECORDING, units=False)
-    stream = one(path, "IMU[0]")
-    assert (stream.gyro_unit, stream.accel_unit, stream.temp_unit) == ("rad/s", "m/s2", "degc")
-    assert "the unit of GyrX is taken as ArduPilot documents it" in stream.notes
 
 
 def test_dataflash_says_what_it_passed_over(tmp_path):
@@ -535,14 +485,6 @@ def test_rows_for_axes_are_turned(tmp_path):
     np.testing.assert_array_equal(stream.t_ns, T_NS)
 
 
-def test_sensors_of_their_own_rates_are_streams_of_their_own(tmp_path):
-    path = npz(tmp_path, gyro_t_us=T_NS // 1000, gyro_dps=GYRO, accel_t_us=T_NS[::2] // 1000, accel_g=ACCEL[::2])
-    gyro, accel = numpy_file.read(path, [], None)
-    assert (gyro.name, gyro.holds, len(gyro), gyro.gyro_unit) == ("gyro", ("gyro",), COUNT, "dps")
-    assert (accel.name, accel.holds, len(accel), accel.accel_unit) == ("accel", ("accel",), COUNT // 2, "g")
-    np.testing.assert_array_equal(accel.t_ns, T_NS[::2])
-
-
 def test_arrays_without_stamps_or_units_have_none_and_a_rate_where_it_stands(tmp_path):
     stream = one(npz(tmp_path, gyr=GYRO, acc=ACCEL, sampling_rate=208.5))
     assert (stream.t_ns, stream.gyro_unit, stream.accel_unit, stream.odr_hz) == (None, "", "", 208.5)
@@ -577,16 +519,6 @@ def test_columns_name_whole_arrays(tmp_path):
     np.testing.assert_array_equal(stream.accel, -ACCEL)
     np.testing.assert_array_equal(stream.t_ns, T_NS)
     assert (stream.gyro_unit, stream.accel_unit, stream.temp_unit) == ("dps", "mps2", "c")
-
-
-def test_columns_name_single_columns_by_name_or_number(tmp_path):
-    np.save(tmp_path / "a.npy", np.column_stack([T_NS / 1e6, GYRO, ACCEL]))
-    text = "t_ms=1,gx_rps=2,gy_rps=-3,gz_rps=4,ax_g=5,ay_g=6,az_g=7"
-    (stream,) = numpy_file.read(tmp_path / "a.npy", [], text)
-    np.testing.assert_array_equal(stream.gyro, GYRO * [1, -1, 1])
-    np.testing.assert_array_equal(stream.t_ns, T_NS)
-    with pytest.raises(FormatError, match="is clear by name"):
-        numpy_file.topics(tmp_path / "a.npy", None)
 
 
 @pytest.mark.parametrize(
@@ -666,32 +598,3 @@ def test_matlab_agrees_with_scipy(tmp_path):
     assert ours["nested.inner.word"] == "rad/s"
     np.testing.assert_array_equal(ours["nested.y"].ravel(), file["nested"]["y"])
     np.testing.assert_array_equal(ours["cells[0]"].ravel(), np.arange(4.0))
-
-
-def test_matlab_texts_name_units(tmp_path):
-    io = importlib.import_module("scipy.io")
-    io.savemat(tmp_path / "a.mat", {"imu": {"t": T_NS * 1e-9, "t_unit": "s", "gyro": GYRO, "gyro_units": "deg/s", "fs": 104.0}})
-    stream = one(tmp_path / "a.mat")
-    assert (stream.gyro_unit, stream.odr_hz) == ("deg/s", 104)
-    np.testing.assert_array_equal(stream.t_ns, T_NS)
-
-
-def test_parquet_columns_of_three_numbers_and_units_in_their_metadata(tmp_path):
-    pyarrow = pytest.importorskip("pyarrow")
-    from pyarrow import parquet
-
-    three = pyarrow.list_(pyarrow.float64(), 3)
-    schema = pyarrow.schema(
-        [
-            pyarrow.field("t", pyarrow.int64(), metadata={"units": "us"}),
-            pyarrow.field("gyro", three, metadata={"units": "dps"}),
-            pyarrow.field("acc", pyarrow.list_(pyarrow.float64())),
-        ]
-    )
-    table = pyarrow.table([pyarrow.array(T_NS // 1000), pyarrow.array(GYRO.tolist(), three), pyarrow.array(ACCEL.tolist())], schema=schema)
-    parquet.write_table(table, tmp_path / "a.parquet", row_group_size=50)
-    stream = one(tmp_path / "a.parquet")
-    np.testing.assert_array_equal(stream.gyro, GYRO)
-    np.testing.assert_array_equal(stream.accel, ACCEL)
-    np.testing.assert_array_equal(stream.t_ns, T_NS)
-    assert (stream.gyro_unit, stream.accel_unit) == ("dps", "")

@@ -1,14 +1,10 @@
 """What moves a table, and what stops it: makes against their virtual tables, confirmed plans, limits, faults, threads, signals."""
 
-import errno
-import os
 import re
 import signal
-import sys
 import threading
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,20 +12,16 @@ from commandline import refused
 from processes import until
 from virtual_tables import HOMED, MAKES, OWN, Bench, SimulatedClock, VirtualLink, axis, description
 
-from session.annexes.machines import safety, wire
 from session.annexes.machines.clocks import HostClock
 from session.annexes.machines.description import Description, read_description
-from session.annexes.machines.makefile import FOLDER, LONGEST_LINE, Pattern, read_make
+from session.annexes.machines.makefile import LONGEST_LINE, Pattern, read_make
 from session.annexes.machines.makes import MODULES, make_of, makes, open_table
 from session.annexes.machines.makes.hand import Hand
-from session.annexes.machines.makes.ximc import Ximc
-from session.annexes.machines.safety import HUNG_S, Guarded, Move, plan_lines
+from session.annexes.machines.safety import Guarded, Move, plan_lines
 from session.annexes.machines.template import template
 from session.annexes.machines.verbs import TableFault, TableLimit
 from session.annexes.machines.virtual import VirtualTable
 from session.annexes.machines.virtual_motion import FAULTS, Fault
-from session.annexes.machines.wire import LineLost, SerialLink
-from session.bench.port import serial
 from session.io.errors import CalibrationError, FormatError
 from session.io.units import DEG
 
@@ -57,20 +49,6 @@ def test_the_five_verbs(make):
         assert angle == pytest.approx(bench.motor()[0], abs=0.02 * DEG)
         assert 40 * DEG < angle < 55 * DEG
         assert not table.settle().moving
-
-
-@pytest.mark.parametrize("make", MAKES)
-def test_two_axes_move_by_themselves(make):
-    bench = Bench(description(make, axes=2))
-    bench.confirm()
-    with bench.guarded as table:
-        table.home()
-        table.settle()
-        table.turn_to(1, 45 * DEG, 60 * DEG)
-        table.settle()
-        table.turn_to(0, 120 * DEG, 60 * DEG)
-        assert table.settle().angles == pytest.approx(np.array([120, 45]) * DEG, abs=0.02 * DEG)
-    assert [bench.motor(number)[0] / DEG for number in (0, 1)] == pytest.approx([120, 45], abs=0.02)
 
 
 def test_grbl_hears_its_documented_grammar_and_nothing_else():
@@ -123,25 +101,6 @@ def test_an_emergency_stop_is_cleared_by_a_person_alone():
     table.clear()
     table.home()
     assert table.settle().angles[0] == pytest.approx(DEG)
-
-
-@pytest.mark.parametrize(
-    ("state", "expected"),
-    [
-        ("Hold:1", True),
-        ("Hold:0", "feed hold"),
-        ("Door:1", "safety door is open"),
-        ("Foo", "heard '<Foo"),
-    ],
-)
-def test_states_of_grbl(state, expected):
-    bench = Bench(description("grbl"))
-    bench.virtual._firmware._state = lambda: state
-    if isinstance(expected, bool):
-        assert bench.driver.where().moving is expected
-    else:
-        with pytest.raises(TableFault, match=expected):
-            bench.driver.where()
 
 
 @pytest.mark.parametrize("make", sorted(makes()))
@@ -267,74 +226,6 @@ def test_a_stage_behind_libximc(tmp_path):
         assert guarded.where().moving
         guarded.stop()
         assert not guarded.where().moving
-
-
-VISA_DEVICE = """spec: "1.1"
-devices:
-  table:
-    eom:
-      ASRL INSTR: {q: "\\n", r: "\\n"}
-    dialogues:
-      - {q: "AXIS1:MOV?", r: "0"}
-      - {q: "STAT:STOP?", r: "0"}
-      - {q: "SYST:ERR?", r: "0,No error"}
-      - {q: "SYST:TIME?", r: "3.5"}
-      - {q: "ABOR"}
-      - {q: "HOME"}
-    properties:
-      position:
-        default: 0.0
-        getter: {q: "AXIS1:POS?", r: "{:.5f}"}
-        setter: {q: "AXIS1:POS {:.5f}"}
-        specs: {min: -360, max: 360, type: float}
-      rate:
-        default: 1.0
-        getter: {q: "AXIS1:VEL?", r: "{:.5f}"}
-        setter: {q: "AXIS1:VEL {:.5f}"}
-        specs: {min: 0, max: 360, type: float}
-resources:
-  ASRL1::INSTR: {device: table}
-"""
-
-
-def test_an_instrument_behind_visa(tmp_path):
-    """PyVISA's simulated instruments: no motion, but its real interface."""
-    pytest.importorskip("pyvisa_sim", reason="pyvisa-sim is not installed")
-    library = f"{_written(tmp_path / 'device.yaml', VISA_DEVICE)}@sim"
-    table = replace(description("scpi", visa=library, answer_s=0.2), port="ASRL1::INSTR")
-    driver = open_table(table)
-    try:
-        driver.turn_to(0, 33 * DEG, 20 * DEG)
-        found = driver.where()
-        assert found.angles[0] == pytest.approx(33 * DEG)
-        assert (found.moving, found.table_s) == (False, 3.5)
-        driver.stop()
-    finally:
-        driver.close()
-    with pytest.raises(TableFault, match=r"lost|does not answer"):
-        open_table(replace(table, port="ASRL7::INSTR")).where()
-
-
-def test_homing_is_stopped_the_hard_way():
-    bench = Bench(description("grbl"))
-    bench.confirm()
-    table = bench.guarded
-    table.home()
-    table.settle()
-    table.turn_to(0, 180 * DEG, 60 * DEG)
-    table.settle()
-    table.home()
-    table.where()
-    bench.clock.sleep(3)
-    assert bench.motor()[1] != 0
-    begin_s, sent = bench.clock.now_s(), len(bench.link.sent)
-    bench.driver.stop()
-    assert bench.link.sent[sent:] == b"\x18"  # all else it would not hear
-    assert not bench.virtual.mechanics.releases  # amid homing the motors hold, as in GRBL 1.1h
-    assert bench.clock.now_s() - begin_s < 0.5
-    bench.clock.sleep(1)
-    assert bench.motor()[1] == 0
-    assert bench.motor()[0] > 100 * DEG
 
 
 # Nothing moves that nobody confirmed, and nothing beyond its limits.
@@ -586,89 +477,6 @@ def test_a_stranger_s_file_is_confirmed_by_its_hash(run, tmp_path, monkeypatch):
     refused(run("table", "where"), "has changed since it was confirmed")
 
 
-class Controller:
-    """A controller as libximc shows it: flags and the name of the last command, at a clock that waits for nobody.
-
-    homed: whether it says so; finds: whether its homing ends as homed; taken_up_s, lasts_s: until homing begins, and ends.
-    """
-
-    def __init__(self, clock, homed=False, finds=True, at=500.0, taken_up_s=0.5, lasts_s=3.0):
-        self.clock, self.homed, self.finds, self.at, self.name, self.moves = clock, homed, finds, at, 1, []
-        self.begin_s, self.end_s, self._times = np.inf, np.inf, (taken_up_s, lasts_s)
-        self.open_device = self.close_device = lambda: None
-        self.set_calb = lambda *of: None
-        self.get_engine_settings = lambda: SimpleNamespace(MicrostepMode=9)
-        self.get_move_settings_calb = lambda: SimpleNamespace()
-        self.set_move_settings_calb = lambda settings: None
-
-    def get_status_calb(self):
-        now_s = self.clock.now_s()
-        running = self.begin_s <= now_s < self.end_s
-        if now_s >= self.begin_s:
-            self.name = 6
-        if now_s >= self.end_s:
-            self.begin_s = self.end_s = np.inf
-            self.homed, self.at = self.finds, -40.0
-        return SimpleNamespace(Flags=0x20 * self.homed, MvCmdSts=self.name + 0x80 * running, CurPosition=self.at)
-
-    def command_home(self):
-        self.begin_s = self.clock.now_s() + self._times[0]
-        self.end_s = self.begin_s + self._times[1]
-
-    def command_zero(self):
-        self.at = 0.0
-
-    def command_move_calb(self, deg):
-        self.at, self.name = deg, 1
-        self.moves.append(deg)
-
-    def command_sstp(self):
-        self.begin_s = self.end_s = np.inf
-        self.name = 8
-
-
-def stage(*controllers, clock):
-    library = pytest.importorskip("libximc.highlevel", exc_type=ImportError, reason="libximc is not installed, or not for this system")
-    axes = [axis(name, name, (-1000, 1000)) for name in ("outer", "inner")[: len(controllers)]]
-    library = SimpleNamespace(
-        Axis=dict(zip(("outer", "inner"), controllers, strict=False)).get, StateFlags=library.StateFlags, MvcmdStatus=library.MvcmdStatus
-    )
-    table = Guarded(Ximc(Description("stage", "ximc", tuple(axes), settings={"steps_per_deg": 100}), library, clock), clock)
-    moves = [Move.anywhere(table.description, number, 60 * DEG) for number in range(len(axes))]
-    return table, lambda: table.confirm([Move.home(), *moves], None, lambda line: None)
-
-
-def test_a_stage_that_is_not_homed_does_not_move_by_angles():
-    controller = Controller(clock := SimulatedClock())
-    table, confirm = stage(controller, clock=clock)
-    assert np.isnan(table.where().angles[0])
-    with pytest.raises(TableLimit, match="is not homed"):
-        table.confirm([Move.to(0, 0.1, 0.1)], None, lambda line: None)
-    confirm()
-    with pytest.raises(TableLimit, match="is not homed"):
-        table.turn_to(0, 30 * DEG, 10 * DEG)
-    table.stop()  # it is seen at rest, whatever its angle means
-    assert not controller.moves
-    table.home()
-    assert table.settle().angles[0] == 0  # where homing ends, at -40 deg of its count
-    table.turn_to(0, 30 * DEG, 10 * DEG)
-    assert controller.moves == [pytest.approx(30)]
-
-
-def test_a_homing_is_not_taken_for_ended_before_it_has_begun():
-    """The controller takes it up 1.9 s later; until then its flags are those of the homing before."""
-    controller = Controller(clock := SimulatedClock(), homed=True, taken_up_s=1.9, at=70.0)
-    table, confirm = stage(controller, clock=clock)
-    assert table.where().angles[0] == pytest.approx(70 * DEG)
-    confirm()
-    table.home()
-    clock.sleep(1.5)
-    assert table.where().moving
-    assert controller.at == 70
-    assert table.settle().angles[0] == 0
-    assert clock.now_s() == pytest.approx(4.9, abs=0.2)
-
-
 # Faults.
 
 
@@ -730,17 +538,6 @@ def test_each_fault_ends_safe(kind, make):
         assert said_rest or "not seen at rest" in str(fault)
 
 
-def test_silence_stops_it_though_nothing_is_heard():
-    """The controller still hears: the stop arrives, and the motor rests before the move would have ended."""
-    bench = Bench(description("line"), "silence@move1")
-    bench.confirm()
-    bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
-    with pytest.raises(TableFault, match="not seen at rest"):
-        bench.guarded.settle()
-    assert bench.motor()[1] == 0
-    assert 100 * DEG < bench.motor()[0] < 125 * DEG  # silent from 100 deg on, for 2 s
-
-
 @pytest.mark.parametrize("text", ["nothing", "estop@", "estop@x", "estop@move", "estop@-1", "ESTOP@1"])
 def test_a_wrong_fault_is_named(text):
     with pytest.raises(CalibrationError, match="expected NAME@SECONDS or NAME@moveN"):
@@ -778,20 +575,6 @@ def test_a_table_that_restarted_on_opening_is_not_turned(make):
     bench.guarded.stands_at_zero()
     bench.guarded.turn_to(0, 30 * DEG, 10 * DEG)
     assert bench.guarded.settle().angles[0] == pytest.approx(30 * DEG, abs=0.02 * DEG)
-
-
-def test_a_move_that_begins_late_is_stopped():
-    """It says that it rests, and would turn 0.8 s after the request, watched by nobody."""
-    bench = turning()
-    mechanics = bench.virtual.mechanics
-    turn_to = mechanics.tracks[0].turn_to
-    mechanics.tracks[0].turn_to = lambda begin_s, *of: turn_to(begin_s + 0.8, *of)
-    mechanics.is_moving = lambda axis=None: abs(mechanics.tracks[0].state(mechanics.now_s())[1]) > 1e-9
-    bench.guarded.turn_to(0, 100 * DEG, 20 * DEG)
-    with pytest.raises(TableFault, match=r"rests at 0\.00 deg, asked for was 100\.00; it was stopped, and rests"):
-        bench.guarded.settle()
-    bench.clock.sleep(5)
-    assert abs(bench.motor()[0]) < DEG
 
 
 def test_a_table_beyond_its_limits_is_stopped_whoever_moved_it():
@@ -854,19 +637,6 @@ def test_the_rates_that_were_asked_for_are_not_stopped(make):
     assert not bench.guarded.settle().moving
 
 
-def test_a_move_that_does_not_end_is_stopped_in_time():
-    """The angle creeps, and neither its sense nor its rate is wrong."""
-    bench = turning(limits=None)
-    track = bench.virtual.tracks[0]
-    turn_to = track.turn_to
-    track.turn_to = lambda begin_s, angle, rate, *of: turn_to(begin_s, angle, rate / 50, *of)
-    bench.guarded.turn_to(0, 100 * DEG, 20 * DEG)
-    begin_s = bench.clock.now_s()
-    with pytest.raises(TableFault, match="it still moves"):
-        followed(bench, 60)
-    assert bench.clock.now_s() - begin_s < 1.5 * 5.2 + 5.0 + 1.0
-
-
 @pytest.mark.parametrize(("make", "rate"), [("grbl", 20), (OWN, -20)])
 def test_without_a_rate_mode_the_machine_ends_it_by_itself(make, rate):
     """The program is killed, and nobody stops it."""
@@ -899,33 +669,6 @@ def test_a_stop_is_the_first_that_is_written(make):
     assert len(opened.link.sent) > begun
 
 
-def real():
-    """A table at the host's clock, and a turn that would last 20 s."""
-    table, clock = description("line", open_s=0.1), HostClock()
-    virtual = VirtualTable(table, None, clock)
-    virtual.feed()
-    machine = Guarded(open_table(table, None, VirtualLink(virtual, clock), clock))
-    machine.confirm([Move.to(0, 200 * DEG, 10 * DEG)], None, lambda line: None)
-    return machine, virtual
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows suspends no program")
-def test_ctrl_z_stops_it_before_the_program_is_suspended(monkeypatch):
-    if signal.getsignal(signal.SIGTSTP) is not signal.SIG_DFL:
-        pytest.skip("Ctrl-Z is ignored here")
-    machine, virtual = real()
-    suspended = []
-    monkeypatch.setattr(safety.os, "kill", lambda pid, number: suspended.append((pid, number, virtual.tracks[0].busy_until_s)))
-    with machine:
-        machine.turn_to(0, 200 * DEG, 10 * DEG)
-        signal.raise_signal(signal.SIGTSTP)
-        until(lambda: suspended)
-    ((pid, number, busy_until_s),) = suspended
-    assert (pid, number) == (os.getpid(), signal.SIGSTOP)
-    assert busy_until_s < 5.0  # without a stop it would turn for 20 s
-    assert signal.getsignal(signal.SIGTSTP) is signal.SIG_DFL
-
-
 def test_signals_wait_until_it_has_stopped():
     """The first stop is told to a table that is still turning."""
     bench = turning()
@@ -946,40 +689,6 @@ def test_signals_wait_until_it_has_stopped():
     assert told
     assert told[0] != 0
     assert bench.motor()[1] == 0
-
-
-def test_a_port_that_takes_no_bytes_is_lost_and_waited_for_no_longer(monkeypatch):
-    class Port:
-        timeout = write_timeout = None
-
-        def write(self, data):
-            assert self.write_timeout == wire.WRITE_S
-            raise OSError("it takes nothing")
-
-        def flush(self):
-            threading.Event().wait()  # as tcdrain does, without an end
-
-    monkeypatch.setattr(wire, "open_serial", lambda name, baud: Port())
-    link = SerialLink("port", 9600, HostClock())
-    with pytest.raises(LineLost, match="it takes nothing"):
-        link.write(b"STOP\n")
-    monkeypatch.setattr(Port, "write", lambda self, data: len(data))
-    writing = threading.Thread(target=link.write, args=(b"STOP\n",), daemon=True)
-    writing.start()
-    writing.join(5)
-    assert not writing.is_alive()
-
-
-def test_an_exception_stops_the_table():
-    bench = Bench(TABLE)
-    bench.confirm()
-    bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
-    bench.clock.sleep(2)
-    with pytest.raises(ValueError, match="of its own"), bench.guarded:
-        raise ValueError("of its own")
-    assert b"STOP\n" in bench.link.sent
-    assert bench.motor()[1] == 0
-    assert bench.motor()[0] < 25 * DEG
 
 
 def test_stop_does_not_wait_for_an_answer():
@@ -1026,21 +735,6 @@ def test_a_move_that_is_half_sent_when_it_is_stopped_is_not_sent_on():
     assert bench.link.sent.endswith(b"ABOR\n")
 
 
-def test_a_program_that_does_not_look_any_more_is_stopped_for(monkeypatch):
-    from session.annexes.machines import safety
-
-    assert HUNG_S > 1
-    monkeypatch.setattr(safety, "HUNG_S", 0.2)
-    clock = HostClock()
-    virtual = VirtualTable(TABLE, None, clock)
-    virtual.feed()  # it was switched on before its port is opened
-    table = Guarded(open_table(TABLE, None, VirtualLink(virtual, clock), clock))
-    table.confirm([Move.to(0, 200 * DEG, 10 * DEG)], None, lambda line: None)
-    with table:
-        table.turn_to(0, 200 * DEG, 10 * DEG)
-        until(lambda: virtual.tracks[0].busy_until_s < 3.0)  # without a stop it would turn for 20 s
-
-
 WITHOUT_SWITCHES = description("grbl", homing=False)
 
 
@@ -1051,28 +745,9 @@ def jogging(faults="", **more):
     return bench
 
 
-FORMER = 'stop = [[{ raw = "\\u0085" }], [{ raw = "!", pause_s = 0.5 }, { raw = "\\u0018" }]]\n'
-
-
-def own(table, before, after, folder):
-    """A bench of a make's file of one's own, which has ``after`` for ``before`` of the one that comes with the tool."""
-    text = (FOLDER / f"{table.make}.toml").read_text()
-    assert before in text
-    (folder / "own.toml").write_text(text.replace(before, after))
-    mine = replace(table, make="./own.toml", make_sha256=read_make(folder / "own.toml").sha256)
-    bench = Bench(mine, folder=folder, virtual=table)
-    bench.confirm()
-    return bench
-
-
-@pytest.mark.parametrize("former", [False, True])
-def test_a_stop_right_behind_a_move_is_not_lost(former, tmp_path):
-    """0x85 is dropped before the line is read: it is written again until the line's ok has come, and no jog is said.
-
-    former: a copy of the file of a former version, whose stop has no states.
-    """
-    stops = re.search(r"stop = \[\n.*?\n\]\n", (FOLDER / "grbl.toml").read_text(), re.DOTALL)[0]
-    bench = own(WITHOUT_SWITCHES, stops, FORMER, tmp_path) if former else jogging()
+def test_a_stop_right_behind_a_move_is_not_lost():
+    """0x85 is dropped before the line is read: it is written again until the line's ok has come, and no jog is said."""
+    bench = jogging()
     write = bench.link.write
 
     def interrupted(data):
@@ -1088,22 +763,6 @@ def test_a_stop_right_behind_a_move_is_not_lost(former, tmp_path):
     assert bench.link.sent.count(b"\x85") > 1
     assert b"\x18" not in bench.link.sent
     assert not bench.driver.where().moving  # and its angles are not lost
-
-
-@pytest.mark.parametrize("opened", [True, False])
-def test_a_motion_that_is_no_jog_is_held_at_once(opened):
-    """`Run`, of another program: 0x85 does nothing there.  At rest the reset keeps the angles, and frees it."""
-    bench = jogging()
-    bench.link.write(b"G1 X200 F1800\n")
-    bench.clock.sleep(0.1)
-    bench.link.read(0.0)
-    bench.clock.sleep(2)
-    before = bench.motor()[0]
-    bench.driver.stop() if opened else bench.guarded.stop()
-    assert bench.motor()[1] == 0
-    assert bench.motor()[0] - before < 8 * DEG
-    assert not bench.virtual.mechanics.releases
-    assert not bench.driver.where().moving
 
 
 @pytest.mark.parametrize("stopped_by", ["limit", "hold"])
@@ -1171,22 +830,6 @@ def test_settings_that_do_not_fit_table_toml_are_refused_before_anything_moves(n
         bench.guarded.confirm([Move.home(), Move.to(0, 60 * DEG, 20 * DEG)], None, print)
     assert why in str(error.value)
     assert not {b"$H", b"$J"} & {bench.link.sent[at : at + 2] for at in range(len(bench.link.sent))}
-
-
-@pytest.mark.parametrize(
-    ("number", "why"),
-    [
-        (errno.EAGAIN, r"another program holds .*Ctrl-C there stops the table; .*emergency stop"),
-        (errno.EACCES, r"cannot be opened .*join the group that owns it, usually dialout"),
-    ],
-)
-def test_a_port_that_does_not_open_says_why(number, why, monkeypatch):
-    def refusing(name, baud):
-        raise serial.SerialException(number, "could not open port")
-
-    monkeypatch.setattr("session.annexes.machines.wire.open_serial", refusing)
-    with pytest.raises(LineLost, match=why):
-        SerialLink("port", 9600, None)
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,7 @@ from session.annexes.machines.kinematics import attitudes, body_axes, roll_pitch
 from session.annexes.machines.mechanics import AxisErrors, AxisTrack
 from session.annexes.machines.mover import TableMover
 from session.annexes.machines.verbs import Where
-from session.bench.closure_guide import Step
-from session.bench.messages import AxisMove, Stage
+from session.bench.messages import Stage
 from session.bench.mover import Moment
 from session.io.errors import StorageError
 from session.io.units import DEG, NS
@@ -157,19 +156,6 @@ def test_device_time_is_that_of_the_least_late_arrival():
     assert time.at(121.2) == pytest.approx(0.7)
 
 
-@pytest.mark.parametrize(("place", "late_s"), [(-1, 0.04), (0, 0.2)])
-def test_one_late_arrival_at_either_end_does_not_move_the_device_time(place, late_s):
-    """A line through the first and the last arrival would be late by all of it, at one end or the other."""
-    rng, time = np.random.default_rng(5), DeviceTime()
-    sent_s = np.arange(0.0, 15.0, 0.01)
-    sent_s = sent_s[(sent_s == 0) | (sent_s > 0.3)]
-    late = rng.uniform(0.001, 0.005, len(sent_s))
-    late[place] = late_s
-    for each_s, each in zip(sent_s, late, strict=True):
-        time.add(each_s + each, 1.0005 * each_s)
-    assert time.at(15.1) == pytest.approx(1.0005 * (15.1 - 0.001), abs=2e-4)
-
-
 def test_an_answer_has_the_time_between_question_and_answer():
     """The table is asked at 7.0 s and answers 0.03 s later."""
     now, rows = [7.0], []
@@ -236,16 +222,6 @@ def test_what_contradicts_the_machine_is_named(table, true_deg, says):
         assert line.startswith(begins), line
 
 
-def test_a_mounting_that_is_some_degrees_off_contradicts_nothing_later(table):
-    """Nobody sets a sensor on a table to a degree: the first stills show how it lies."""
-    from scipy.spatial.transform import Rotation
-
-    word = WordAgainstSensor(table)
-    off = Rotation.from_rotvec([4 * DEG, -3 * DEG, 2 * DEG])
-    said = [(0, 0), (90, 0), (90, 90), (0, 90), (0, 0), (45, 180)]
-    assert [line for angles, force, _ in stills(table, said) for line in word.still(angles, off.apply(force), None)] == []
-
-
 def test_a_table_that_says_it_rested_while_it_was_turned(table):
     word = WordAgainstSensor(table)
     word.still(np.zeros(2), np.array([0, 0, -9.8]), None)
@@ -305,19 +281,6 @@ def guide(**given):
     return SimpleNamespace(taken=taken, now_s=0.0, waits=lambda stage, why: None, **usual | given)
 
 
-def test_a_move_stays_below_its_share_of_the_sensors_full_scale(table):
-    rates = []
-
-    def choose(most_rps):
-        rates.append(most_rps)
-        return (AxisMove(0, 1.0, most_rps),)
-
-    driver = Driver(table, (0, 0))
-    TableMover(driver, SimpleNamespace(angles=None, choose=choose)).step(guide(), None, False)
-    assert rates == pytest.approx([300 * DEG])
-    assert driver.told == [AxisMove(0, 1.0, rates[0])]
-
-
 @pytest.mark.parametrize(("silent_s", "told"), [(1.9, []), (2.1, ["stop"])])
 def test_a_table_that_moves_unseen_is_stopped(table, silent_s, told):
     driver = Driver(table, (0, 0))
@@ -325,17 +288,3 @@ def test_a_table_that_moves_unseen_is_stopped(table, silent_s, told):
     mover = TableMover(driver, SimpleNamespace(angles=None))
     mover.step(guide(turning=True), Moment("log0001.csv", 0, round((driver.time_s - silent_s) * 1e9)), False)
     assert driver.told == told
-
-
-@pytest.mark.parametrize(
-    ("at_deg", "back_deg"),
-    [((0, 0), []), ((90, 0), [(0, 0)]), ((0, 730), [(1, 720)]), ((0, -530), [(1, -360)]), ((200, 360), [(0, 0)])],
-)
-def test_the_closure_run_ends_on_its_mark_by_the_short_way(table, at_deg, back_deg):
-    """Whole turns of an axis without limits stay as they are; one with limits goes all the way back."""
-    driver, run = Driver(table, (0, 0)), SimpleNamespace(step=Step.MARK, enough=True, on_the_mark=lambda: None)
-    mover, closing = TableMover(driver, SimpleNamespace(angles=None)), guide(stage=Stage.CLOSURE, closure=run)
-    mover.step(closing, None, False)
-    driver.where, run.step = Where(np.multiply(at_deg, DEG), False), Step.RUN
-    mover.step(closing, None, False)
-    assert [(move.axis, move.angle_rad / DEG) for move in driver.told] == [(axis, pytest.approx(angle)) for axis, angle in back_deg]

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from simulated_tables import DOWN, ODR_HZ, Swings, record, steps
+from simulated_tables import DOWN, Swings, record, steps
 
 import tinygc
 from session.annexes.machines.mechanics import AxisTrack
@@ -90,25 +90,11 @@ def test_what_is_refused(tmp_path, text, said):
         read_points(path)
 
 
-def test_a_std_that_is_zero_is_not_used_and_that_is_said(tmp_path):
-    path = csv(tmp_path / "t.csv", "rate_dps,mean_v,std_v,readings", [f"{rate},{rate},{0.1 * (rate != 0)},100" for rate in RATES])
-    (points,), remarks = read_points(path)
-    assert not points.is_known
-    assert "a std is 0" in remarks[0]
-
-
 def test_a_sensor_with_too_few_rates_is_left_out_alone(tmp_path):
     rows = [f"a,{rate},{rate}" for rate in RATES] + ["b,1,1", "b,2,2"]
     found, remarks = read_points(csv(tmp_path / "t.csv", "sensor,rate_dps,mean_v", rows))
     assert [points.sensor for points in found] == ["a"]
     assert "b: 2 rates, expected at least four, in both senses: left out." in remarks
-
-
-def test_measured_conditions_tell_no_curves_apart(tmp_path):
-    rows = [f"{rate},{rate},{25 + (rate > 0)},{rate > 0}" for rate in (*RATES, *RATES)]
-    (points,), remarks = read_points(csv(tmp_path / "t.csv", "rate_dps,mean_v,temperature_c,mounting", rows))
-    assert points.curves == ("mounting False", "mounting True")
-    assert "Each mounting is a curve with an offset of its own" in remarks[0]
 
 
 @pytest.mark.parametrize(("outputs", "quantum"), [([1.5, 2.25, 3], 0.01), ([12, 15, 1e6], 1.0), ([0.1 + 0.2, 1 / 3, 1], 0.0)])
@@ -190,14 +176,6 @@ def test_what_a_recording_lacks(tmp_path, stepped):
         read(tmp_path)
     (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
     with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):
-        read(tmp_path)
-
-
-def test_a_table_that_stands_still_is_refused(tmp_path):
-    track, _ = steps([], 1.0)
-    record(tmp_path, track, 5.0)
-    assert ODR_HZ
-    with pytest.raises(DataError, match="no rate step and no sweep"):
         read(tmp_path)
 
 

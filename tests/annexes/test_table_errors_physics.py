@@ -9,15 +9,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 from simulated_tables import Summary, draw, fixed_moves
 
-from session.annexes.machines.angles import AngleLog
 from session.annexes.machines.description import LATENCY_SIGMA_S, Axis, Description
 from session.annexes.machines.mechanics import AxisErrors, TableErrors, true_attitudes
 from session.io.errors import DataError
-from session.io.samples import Samples
 from session.io.units import DEG, EARTH_RATE_RPS
-from tinygc.annexes.machines.candidates import DROPPED, Candidate, candidates_of, most_cycles
+from tinygc.annexes.machines.candidates import DROPPED, candidates_of, most_cycles
 from tinygc.annexes.machines.explanation import TableExplanation
-from tinygc.annexes.machines.observed import Turn, held_up_from, said_at, stamps_beside
+from tinygc.annexes.machines.observed import held_up_from, stamps_beside
 from tinygc.annexes.machines.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
 from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER, NoiseModel, RowsNoise, of_answers
 from tinygc.annexes.machines.selection import (
@@ -26,7 +24,6 @@ from tinygc.annexes.machines.selection import (
     _fitted,
     _Judged,
     _late,
-    _named,
     _odd_inside,
     _smallest_under_noise,
     select,
@@ -244,20 +241,6 @@ def test_an_edge_has_of_its_answers_what_cubic_convolution_gives():
 RATE_RPS = 60 * DEG
 
 
-def test_the_word_at_the_edges_scatters_as_its_answers_do():
-    """Akima's interpolation of a turn at one rate, against the covariance of the rows: variances and neighbours, over 1500 draws."""
-    rng, poll_s, edges = np.random.default_rng(1), np.arange(1, 40) * 0.06, np.linspace(0, 2.4, 36)
-    ends = np.zeros(1), np.array([2.4 * RATE_RPS])
-    at = said_at(edges, poll_s, RATE_RPS * poll_s[:, None], ends)[1]
-    drawn = np.array(
-        [said_at(edges, poll_s, RATE_RPS * (poll_s + 1e-3 * rng.normal(size=39))[:, None], ends)[0][:, 0] for _ in range(1500)]
-    )
-    inner = slice(4, -4)
-    seen, derived = np.cov(drawn.T)[inner, inner], (1e-3 * RATE_RPS) ** 2 * (of_answers(at) @ of_answers(at).T)[inner, inner]
-    assert np.diag(seen) == pytest.approx(np.diag(derived), rel=0.25)
-    assert np.diag(seen, 1) == pytest.approx(np.diag(derived, 1), abs=0.15 * derived.max())
-
-
 def test_jitter_and_wander_of_the_stamps_are_angles_by_the_rate():
     """Covariances of the rows within a turn, of each size alone; where the axis rests the word has no error."""
     seen = session(table(Z, Y), moves=8)
@@ -303,36 +286,6 @@ def test_an_error_of_the_table_is_no_answer_that_was_held_up(turn, error_deg):
     said = np.interp(asked_s, t_s, way)
     beside_s = stamps_beside(stamp_s, said + error_deg(said) * DEG, t_s, way)
     assert not (np.abs(beside_s) > held_up_from([beside_s])).any()
-
-
-def test_a_turn_leaves_out_what_was_held_up_whatever_the_zero_of_the_gyroscope():
-    """A zero of 3 dps is 9 degrees in the turn; one answer of 40 is held up by 60 ms, 3.6 degrees."""
-    t_s = np.arange(0, 3, 0.005)
-    rate = np.interp(t_s, [0.5, 0.7, 2.0, 2.2], [0, RATE_RPS, RATE_RPS, 0])
-    way = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * 0.005))
-    zero = np.array([0.02, -0.03, 3 * DEG])
-    gyro = rate[:, None] * np.array([0, 0, 1.0]) + zero
-    samples = Samples(np.rint(t_s * 1e9).astype(np.int64), gyro, np.zeros((len(t_s), 3)), np.full(len(t_s), np.nan))
-    asked_s = np.arange(0.03, 2.9, 0.06)
-    stamp_s = asked_s + 0.012
-    stamp_s[20] += 0.06 - 1e-3  # just before the next one
-    angles = np.column_stack([np.interp(asked_s, t_s, way), np.zeros(len(asked_s))])
-    word = AngleLog("log", np.rint(stamp_s * 1e9).astype(np.int64), np.full(len(asked_s), np.nan), asked_s > 0, angles)
-    turn = Turn(samples, 0, len(t_s), zero, word, (np.zeros(2), np.array([way[-1], 0.0])))
-    limit_s = held_up_from([turn.beside_s])
-    assert np.flatnonzero(np.abs(turn.beside_s) > limit_s).tolist() == [20]
-    _, block_s, rates, said, answer_at = turn.blocks(limit_s)
-    late = np.interp(block_s * np.arange(len(said)) - 0.012, t_s, way)
-    assert np.abs(said[:, 0] - late).max() < 0.2 * DEG
-    assert rates.sum(axis=0) * block_s == pytest.approx([0, 0, way[-1]] + zero * t_s[-1], abs=1e-6)
-    assert answer_at[-1] == len(asked_s)  # both rests, and one answer less
-
-
-def test_few_answers_are_not_judged():
-    t_s = np.arange(0, 1, 0.01)
-    assert np.isnan(stamps_beside(np.array([0.2, 0.5, 0.8]), np.zeros(3), t_s, t_s)).all()
-    assert held_up_from([np.full(3, np.nan)]) == np.inf
-    assert held_up_from([]) == np.inf
 
 
 # What is named, and with what certainty.
@@ -458,19 +411,6 @@ def test_a_late_word_is_the_machines_and_an_early_one_a_late_sensors(latency_s, 
     assert found.candidate.values(found.theta) == {name: pytest.approx(value) for name, value in values.items()}
     assert (found.sigma == 2e-3).all()
     assert len(found.sigma) == len(found.theta) == len(found.candidate.plausible)
-
-
-def test_a_named_error_has_what_is_seen_of_it_and_what_is_within_three_of_its_evidence(monkeypatch):
-    """A direction is seen where its sigma is half of the plausible size: with the prior, a fifth of that variance is left."""
-    own = Candidate("own", "table", "", None, np.array([10.0, 0.1]), (), {})
-    others = [(replace(own, id=id), evidence) for id, evidence in (("near", 2.1), ("far", 1.9))]
-    judged = [_Judged(each, None, None, None, 1.0, evidence) for each, evidence in [(own, 5.0), *others]]
-    monkeypatch.setattr("tinygc.annexes.machines.selection._fitted", lambda *_: SimpleNamespace(judged=judged))
-    theta, covariance = np.array([7.0, 0.3]), np.diag([0.19 * 100, 0.21 * 0.01])
-    base = SimpleNamespace(place_of=lambda _: slice(0, 2), theta=theta, covariance=covariance)
-    found = _named(None, base, [own], 0, 0.01, None)
-    assert (found.theta.tolist(), found.sigma.tolist()) == (pytest.approx([7.0, 0.0]), pytest.approx([np.sqrt(19), 0.0]))
-    assert (found.p_value, found.log_evidence, found.equivalent) == (0.01, 5.0, ("near",))
 
 
 # Verdicts.

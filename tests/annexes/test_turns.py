@@ -14,7 +14,6 @@ import calibrate
 import tinygc
 from session.annexes.turntable.folder import GyroLog, read_turn_session, write_turn_session
 from session.io.errors import DataError, FormatError
-from session.io.units import DEG
 
 TURNED = Turned(((0, 180, 90.0), (0, -180, 90.0), (2, 90, 90.0), (2, 90, 90.0)), noise=0.002, bias=(0.01, 0.0, -0.02))
 
@@ -60,21 +59,6 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path):
     assert not (tmp_path / "bad").exists()
 
 
-@pytest.mark.parametrize(
-    ("logs", "words"),
-    [
-        ([], "no log"),
-        ([GyroLog("run1", np.arange(3), np.zeros((3, 3)))], "begins with log"),
-        ([GyroLog("log/1", np.arange(3), np.zeros((3, 3)))], "begins with log"),
-        ([GyroLog("log1", np.arange(3), np.zeros((3, 2)))], r"expected \(N,\)"),
-        ([GyroLog("log1", np.arange(3), np.zeros((3, 3)))] * 2, "two of one name"),
-    ],
-)
-def test_logs_that_no_folder_can_hold_are_refused(tmp_path, logs, words):
-    with pytest.raises(DataError, match=words):
-        write_turn_session(tmp_path / "s", logs, TURNED.known())
-
-
 def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):
     out = written(tmp_path / "s")
     assert calibrate.main(["fit", str(out), "--quiet", "--json", str(tmp_path / "fit.json")]) == 0
@@ -92,20 +76,6 @@ def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):
     np.testing.assert_allclose(rows[:100, 1:4].mean(axis=0), 0, atol=0.001)
     assert tinygc.load(out / "fit" / "model_turns.json")(np.zeros((2, 3)))[0] == pytest.approx(found.model.B, rel=1e-12)
     capsys.readouterr()
-
-
-@pytest.mark.parametrize("header", ["t_us,gx,gy,gz", "gz_dps,gy_dps,gx_dps,t_us,temp_c"])
-def test_logs_of_any_standard_header_without_an_accelerometer(tmp_path, header):
-    out = written(tmp_path / "s", model="MPU-9250", gyro_fs_dps=500)
-    t_ns, gyro = TURNED.arrays()
-    names = header.split(",")
-    unit = 1 / (500 / 32768 * DEG) if "gx" in names else 1 / DEG
-    places = {"t_us": t_ns // 1000, "temp_c": np.full(len(t_ns), 25)}
-    places |= {name: np.round(gyro[:, "xyz".index(name[1])] * unit, 0 if "gx" in names else 6) for name in names if name[0] == "g"}
-    lines = [",".join(f"{places[name][i]:.15g}" for name in names) for i in range(len(t_ns))]
-    (out / "log0001.csv.gz").write_bytes(gzip.compress("\n".join([header, *lines, ""]).encode()))
-    for scale in tinygc.fit_turns(out).scales:
-        assert abs(scale.value) < 0.003
 
 
 def test_a_counter_of_32_bits_may_wrap_while_it_turns(tmp_path):

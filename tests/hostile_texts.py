@@ -223,12 +223,6 @@ def file_of(format_name: str, ending: str = "") -> Callable[[str], str]:
     return write
 
 
-def exported_json(written: str) -> list[str]:
-    """Its keys, and the lines between them."""
-    found = json.loads(written)
-    return [*map(str, sorted(set(found) - {"versions"})), *("line" for _ in written.splitlines())]
-
-
 def printed(text: str) -> str:
     """All that a page for people may hold: strings, cells, titles, errors, findings."""
     console = PlainConsole(file=StringIO(), width=20_000, force_terminal=False)
@@ -254,12 +248,6 @@ def toml_values(text: str, written: str) -> bool:
     found, plain = tomllib.loads(written), unicode_text(text)
     values = [found["sensor"]["model"], found["sensor"]["serial"], found["notes"][plain], found["exclude"][0]["log"]]
     return values == [plain] * 4
-
-
-def json_values(text: str, written: str) -> bool:
-    """The same of JSON."""
-    found, plain = json.loads(written), unicode_text(text)
-    return found["session"] == plain and found["sensor"]["serial"] == plain and set(found["sha256"]) == {plain, f"{plain}.csv"}
 
 
 def toml_lines(written: str) -> list[str]:
@@ -289,7 +277,6 @@ PLACES = {
     "xio JSON": Place(file_of("xio", ".json"), lambda written: [*json.loads(written), *("line" for _ in written.splitlines())]),
     "c header": Place(file_of("c", ".h"), c_statements),
     "c source": Place(file_of("c", ".c"), c_statements),
-    "json": Place(file_of("json"), exported_json, json_values),
     "session.toml": Place(lambda text: toml_text(config(text)), toml_lines, toml_values),
     "comment of a log": Place(lambda text: f"# from {comment(text)}\nt_us,gx\n", lines_but_comments),
     "terminal": Place(printed, terminal),

@@ -102,7 +102,7 @@ def linear_model(folder):
 
 
 #: what takes seconds to read, though within its bounds
-LONG = ("5 million empty lists", "a line of 1 GB of digits", "16 million blank lines")
+LONG = ("5 million empty lists", "a line of 1 GB of digits", "16 million blank lines", "10 GB of zeros, packed", "10 GB of one row, packed")
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="only Linux tells a process's peak")
@@ -148,9 +148,7 @@ def impatient():
 PIPES = [bomb for bomb in BOMBS if bomb.name == "named pipe"]
 
 
-@pytest.mark.parametrize(
-    "bomb", [(pytest.param if bomb.place in ("log0001.csv", "model.json") else broad)(bomb, id=bomb.place) for bomb in PIPES]
-)
+@pytest.mark.parametrize("bomb", [(pytest.param if bomb.place == "log0001.csv" else broad)(bomb, id=bomb.place) for bomb in PIPES])
 def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impatient):
     """Every command that reads such a file, as ``bombs.py`` lists them."""
     model = linear_model(tmp_path)
@@ -197,7 +195,7 @@ def test_a_file_that_grows_beyond_its_size_is_not_read_on(tmp_path, monkeypatch)
     assert read_bytes(path, 5000) == b"x" * 5000
 
 
-@pytest.mark.parametrize("part", ["a", "a: 1 ", "1 ", "a:1,", "0xA", "[(", "x=", "[{"])
+@pytest.mark.parametrize("part", ["a: 1 ", "0xA", "[{"])
 def test_long_lines_of_any_text_are_seen_through_at_once(part, tmp_path, impatient):
     """A pattern that looks on from each letter of a line of 60 000 would take minutes."""
     line = part * (60_000 // len(part))

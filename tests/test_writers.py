@@ -29,7 +29,6 @@ from session.io.errors import CalibrationError
 from session.io.files import is_stream, naming
 from session.io.folder import add_board, add_notes
 from session.io.results import write_text_whole, write_whole
-from session.replay.repair import repair
 from tinygc.deploy.apply import opened
 from tinygc.reporting.pictures.canvas import save
 from tinygc.simulation.options import SimulationOptions
@@ -112,10 +111,6 @@ def taken_raw(folder):
     return convert_raw(folder / "raw.bin", folder / "s", None, None, None, None)
 
 
-def wrong_range(folder):
-    write_session(folder / "s", SAMPLES, toml=TOML.replace("gyro_fs_dps = 500", "gyro_fs_dps = 250"))
-
-
 SIMULATED = SimulationOptions(segments=3, closure_s=0.0, odr_hz=62.5)
 WRITERS = {
     "a result": Writer(lambda folder: write_whole(folder / "fit.json", {"a": [1.5] * 9}), written("fit.json", "{}\n")),
@@ -126,7 +121,6 @@ WRITERS = {
     "import": Writer(imported(), written("card.csv", LOG), folder=True),
     "import --add": Writer(imported(add="log"), session, folder=True),
     "import of a port's bytes": Writer(taken_raw, ported, folder=True),
-    "check --repair": Writer(lambda folder: repair(folder / "s", folder / "t"), wrong_range, folder=True),
     "accelerometer --out": Writer(
         lambda folder: write_calibrated_copy(folder / "s", folder / "t", Accelerometer(source="file")), session, folder=True
     ),
@@ -158,8 +152,8 @@ def no_thread(monkeypatch):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")  # the killed close nothing
 @pytest.mark.parametrize(("name", "fault"), [(name, FAULTS[number % len(FAULTS)]) for number, name in enumerate(WRITERS)])
 def test_whichever_call_fails_the_old_is_whole_or_the_new(tmp_path, name, fault):
-    """Of a folder's hundreds of calls some, and of a file's every second one."""
-    step = 41 if WRITERS[name].folder else 2
+    """Of a folder's hundreds of calls some, and of a file's every third one."""
+    step = 61 if WRITERS[name].folder else 3
     count, wrong = tried(WRITERS[name], tmp_path / "w", fault, lambda number: number % step == 1)
     assert wrong == []
     assert count

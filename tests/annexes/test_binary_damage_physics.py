@@ -112,7 +112,7 @@ def test_what_stands_before_a_cut_is_read(name, files, tmp_path):
     assert any(char.isdigit() for note in stream.notes if "cut" in note or "no end mark" in note for char in note)
 
 
-@pytest.mark.parametrize("name", ["ROS 1, bz2", "MCAP", "MCAP, unpacked", "MCAP, ROS 1", "MCAP, JSON"])
+@pytest.mark.parametrize("name", ["ROS 1, bz2", "MCAP"])
 def test_a_damaged_chunk_is_left_out_and_the_others_are_read(name, files, tmp_path):
     """Checksums tell, so no wrong number is read.  The first chunk has defined the topic; where it is lost, the file's end repeats it."""
     data, suffix = files[name]

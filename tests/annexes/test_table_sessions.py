@@ -87,6 +87,7 @@ def test_the_closure_run_goes_through_attitudes_and_back_onto_its_mark(tmp_path)
     assert np.ptp(angles["closure0001.csv"].angles, axis=0).min() > 90 * DEG
 
 
+@pytest.mark.broad
 def test_a_mounting_that_is_the_other_way_round_is_named_and_pauses(tmp_path):
     """table.toml says z up where it is down: gravity contradicts each still."""
     flipped = table_toml("middle", "inner").replace('make = "grbl"', 'make = "grbl"\nmounting = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]')
@@ -246,6 +247,7 @@ def test_explain_names_what_a_session_shows_of_its_table(tilted):
     assert all(each["detection_limit"] > 0 for each in shown["undecided"])
 
 
+@pytest.mark.broad
 def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_path):
     folder = shutil.copytree(tilted, tmp_path / "session")
     problem, path = prepare(folder).problem, folder / "table.csv"
@@ -261,6 +263,7 @@ def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_
     assert explain_table(problem) is None
 
 
+@pytest.mark.broad
 def test_dials_are_as_good_as_session_toml_says(tilted, tmp_path):
     floors = []
     for sigma_deg in (0.05, 0.5):

@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 from benchmarks.public import mikov
 from session.annexes.arrays.recording import ArraySession, read_array
 from session.detect.check_stills import ACCEL_NOISE, GYRO_NOISE
-from session.detect.findings import Finding
 from session.io.units import NS
 from tinygc import CalibrationError
-from tinygc.annexes.arrays.checks import _noise_of_fits, _with_source
-from tinygc.annexes.arrays.clocks import _interpolated_variance, _rough_clock, rates_of
+from tinygc.annexes.arrays.checks import _noise_of_fits
+from tinygc.annexes.arrays.clocks import rates_of
 from tinygc.annexes.arrays.extrinsics import _TRIADS_RAD, _fit_mounting, clock_fits, places_of
-from tinygc.annexes.arrays.latency import _sawtooth, ages_of, corrected
+from tinygc.annexes.arrays.latency import ages_of, corrected
 from tinygc.annexes.arrays.rest_noise import SharedNoise, correlated
 from tinygc.explanation.standing import Standing
 
@@ -35,22 +34,6 @@ def injected(unit: Unit, first: Unit, about_s: float) -> tuple[float, float]:
     moment = about_s + unit.offset_s + unit.rate * (about_s - ABOUT_S)  # of the body
     on_first = (moment - first.offset_s + first.rate * ABOUT_S) / (1 + first.rate)
     return on_first - about_s, rate
-
-
-def test_variance_of_an_interpolated_reading_is_what_a_spline_through_noise_has():
-    spline = CubicSpline(np.arange(40_000.0), np.random.default_rng(3).normal(size=40_000))
-    phases = np.array([0.0, 0.25, 0.5, 0.9])
-    expected = [np.var(spline(np.arange(100.0, 39_900.0) + phase)) for phase in phases]
-    np.testing.assert_allclose(_interpolated_variance(phases)[0], expected, rtol=0.03)
-
-
-def test_the_rough_clock_needs_no_mounting(body):
-    first, unit = any_unit(1), any_unit(2, offset_s=-2.5, rate=0.008)
-    rough = _rough_clock(*(rates_of(samples_of(body, each, 100.0, seed), 2000.0) for seed, each in enumerate((first, unit))))
-    offset_s, rate = injected(unit, first, rough.about_s)
-    assert rough.likeness > 0.97
-    assert abs(rough.offset_s - offset_s) < 0.1
-    assert abs(rough.rate - rate) < 0.005
 
 
 def test_a_mounting_is_recovered_within_its_covariance(body):
@@ -204,13 +187,6 @@ def test_a_sawtooth_of_ages_is_recovered_and_a_unit_without_one_has_none():
     assert not any(each.found for each in ages_of(two, clock_fits(two)))  # of two units nothing tells whose age it is
 
 
-def test_an_expected_sawtooth_is_exact_far_from_its_jump_and_half_where_nothing_is_known():
-    cycles = np.array([-0.75, 0.25, 7.5, 0.999, 1.001])
-    assert _sawtooth(cycles, np.full(5, 1e-4)) == pytest.approx([0.25, 0.25, 0.5, 0.999, 0.001], abs=1e-3)
-    assert _sawtooth(np.array([3.0]), np.array([0.01])) == pytest.approx(0.5, abs=0.01)
-    assert _sawtooth(np.array([0.2, 0.9]), np.full(2, 0.6)) == pytest.approx(0.5, abs=0.05)
-
-
 # Noise at rest that units share.
 
 
@@ -224,12 +200,6 @@ def groups(common: float, units: int = 4, stills: int = 20, blocks: int = 40, se
     return found
 
 
-def test_the_sigma_of_independent_noise_is_that_of_differences():
-    """A correlation of N differences has variance 1.5 / N: white noise's 1 / N, and twice a quarter for neighbours."""
-    values = [correlated(groups(0.0, units=2, stills=5, seed=seed)).value for seed in range(150)]
-    assert np.std(values) == pytest.approx(np.sqrt(1.5 / (3 * 5 * 40)), rel=3 / np.sqrt(300))
-
-
 @pytest.mark.parametrize("common", [0.5, 1.0, 3.0])
 def test_a_common_motion_is_found_at_its_share_of_the_power(common):
     shared = correlated(groups(common))
@@ -239,11 +209,6 @@ def test_a_common_motion_is_found_at_its_share_of_the_power(common):
     assert shared.is_own is (common == 0.5)
 
 
-def test_too_few_differences_say_nothing():
-    assert correlated(groups(0.0, stills=1, blocks=49)) is None
-    assert correlated(groups(0.0, stills=1, blocks=50)) is not None
-
-
 def test_absence_is_stated_with_its_limit_only():
     shared = SharedNoise(0.01, 0.02)
     assert shared.upper == pytest.approx(0.01 + 1.6449 * 0.02, abs=1e-4)
@@ -251,15 +216,6 @@ def test_absence_is_stated_with_its_limit_only():
     unknown = SharedNoise(0.2, 0.3)
     assert unknown.statement("gyro").standing is Standing.UNDECIDED
     assert unknown.source.endswith("is not told")
-
-
-def test_a_units_warning_says_what_the_others_tell_of_it():
-    finding = Finding("warning", "unit 1: log", GYRO_NOISE, "9 times as much", "does the table vibrate?")
-    own = _with_source(finding, {GYRO_NOISE: SharedNoise(0.0, 0.01)})
-    assert "this sensor's own" in own.do
-    assert "a hand moves the body" in _with_source(finding, {GYRO_NOISE: SharedNoise(0.9, 0.01)}).do
-    assert _with_source(finding, {GYRO_NOISE: SharedNoise(0.4, 0.3)}) is finding
-    assert _with_source(finding, {ACCEL_NOISE: SharedNoise(0.0, 0.01)}) is finding
 
 
 def test_the_mikov_body_moves_at_rest(shared, tmp_path):

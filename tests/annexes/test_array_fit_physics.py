@@ -17,18 +17,15 @@ from session.annexes.arrays.recording import read_array
 from session.io.errors import CalibrationError
 from session.io.numeric import sigma_of
 from tinygc import SimulationOptions, models
-from tinygc.annexes.arrays.clocks import UnitClock, UnitPlace
 from tinygc.annexes.arrays.fit import (
     _ArrayMotion,
-    _of_one_reader,
-    _place_to_json,
     _solve_position,
     array_to_json,
     fit_array,
     positions,
     save_array,
 )
-from tinygc.annexes.arrays.joint import ArrayEvent, VarianceSplit
+from tinygc.annexes.arrays.joint import ArrayEvent
 from tinygc.annexes.arrays.model import load_array_model
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import _Jerks, simulate_array, write_array
@@ -116,10 +113,6 @@ def test_fewer_than_five_turns_or_a_sigma_beyond_5_cm_tell_no_position(turns, si
     assert (found is not None and found.position is not None) == known
 
 
-def test_turns_that_move_nothing_along_an_axis_tell_no_position():
-    assert _solve_position([(np.tile(np.diag([1.0, 1.0, 0.0]), (4, 1)), np.ones(12))] * 6) is None
-
-
 def test_rows_are_the_force_of_a_lever_and_its_delays():
     """Exact derivatives of two sines: alpha x r + omega x (omega x r), an offset, the first force's change, and the delay's column."""
     t = np.arange(0, 4, 0.005)
@@ -203,103 +196,58 @@ def test_what_was_injected_comes_back_and_the_others_tell_more_of_each(fitted):
 def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
     _, fit, _ = fitted
     begins, log = 2.5, SimpleNamespace(samples=SimpleNamespace(t_ns=np.array([2_500_000_000])))
-    fit = replace(fit, array=SimpleNamespace(name="a", units=[SimpleNamespace(logs=[log])]))
-    turn = ArrayEvent("turn", 1, 2, 3, np.radians(2.0), 1e-4, np.zeros(0, dtype=int), 0)
+    turn = ArrayEvent("turn", 1, 2, 3, 2.0 * DEG, 1e-4, np.zeros(0, dtype=int), 0)
     still = ArrayEvent("common still", None, 4, 4, 0.03 * G, 1e-3, np.zeros(0, dtype=int))
-    told = replace(fit, joint=replace(fit.joint, events=(turn, still)), bias_p=0.25)
-    table = json.loads(json.dumps(array_to_json(told)))
-    assert table["events"][0] == {
-        "what": "turn", "unit": 1, "rival": 0, "at_s": pytest.approx(fit.same.time_s[2, 1] - begins), "size": pytest.approx(2.0),
-        "unit_of_size": "deg", "p_value": 1e-4,
-    }  # fmt: skip
-    assert table["events"][1] == {
-        "what": "common still", "unit": None, "rival": None, "at_s": pytest.approx(fit.same.time_s[4, 0] - begins),
-        "size": pytest.approx(30.0), "unit_of_size": "mg", "p_value": 1e-3,
-    }  # fmt: skip
-    assert table["bias_from"] == {"used": "ends", "p_value": 0.25}
-    assert table["turns_used"] == [9, 9]
-    for row, each in zip(table["turns"], fit.split.turns, strict=True):
-        assert row["at_s"] == pytest.approx(fit.same.time_s[each.first, 1] - begins)
-        assert row["common_deg"] == pytest.approx(np.degrees(np.linalg.norm(each.common_rad)))
-        assert row["common_sigma_deg"] == pytest.approx(np.degrees(np.linalg.norm(each.sigma_rad)))
-        assert row["own_deg"] == pytest.approx(np.degrees(each.own_rad).tolist())
-    lacking = replace(fit.split.turns[0], own_rad=np.array([np.nan, 0.1]))
-    less = replace(fit, split=replace(fit.split, turns=(lacking,)))
-    assert array_to_json(less)["turns"][0]["own_deg"] == [None, pytest.approx(np.degrees(0.1))]
-
-
-def test_json_of_a_unit_has_its_numbers_in_their_units(fitted):
-    _, fit, _ = fitted
-    for unit, row, p in zip(fit.units, array_to_json(fit)["units"], fit.split.own_p, strict=True):
-        assert row["closure"]["alone_rms_deg"] == pytest.approx(np.degrees(unit.closure_rad))
-        assert row["closure"]["floor_rms_deg"] == pytest.approx(np.degrees(unit.floor_rad))
-        assert row["closure"]["own_rms_deg"] == pytest.approx(np.degrees(unit.own_rad[0]))
-        assert row["closure"]["own_sigma_deg"] == pytest.approx(np.degrees(unit.own_rad[1]))
-        assert row["closure"]["own_p_value"] == p
-        assert row["closure"]["minus_mean_rms_deg"] == pytest.approx(np.degrees(unit.minus_mean_rad))
-        np.testing.assert_allclose(row["noise"]["gyro_dps_rthz"], np.degrees(unit.noise.gyro))
-        np.testing.assert_allclose(row["noise"]["accel_g_rthz"], unit.noise.accel / G)
-        assert row["noise"]["bias_instability_dph"] == pytest.approx(np.degrees(unit.instability.rps) * 3600)
-        np.testing.assert_array_equal(row["E"], unit.model.E)
-        np.testing.assert_allclose(row["B_dps"], np.degrees(unit.model.B))
-        for name, sigma in (("sigma", unit.sigma), ("sigma_alone", unit.sigma_alone)):
-            np.testing.assert_allclose(np.ravel(row[f"E_{name}"]), sigma[:9])
-            np.testing.assert_allclose(row[f"B_{name}_dps"], np.degrees(sigma[9:]))
-        (run,), (shown,) = unit.runs, row["closure_runs"]
-        assert shown["rmse_deg"] == pytest.approx(np.degrees(np.linalg.norm(run[1]) / np.sqrt(3)), rel=1e-6) or shown["rmse_deg"] > 0
-        assert shown["duration_s"] == run[0].duration_s
-
-
-def test_a_place_in_json_has_ppm_degrees_and_metres():
-    clock = UnitClock(0.25, 3e-5, 7.0, 1e-4, 2e-6)
-    mounting, spread = Rotation.from_rotvec(np.radians([0, 0, 30.0])).as_matrix(), np.diag(np.radians([1.0, 2.0, 3.0]) ** 2)
-    row = _place_to_json(UnitPlace(1, clock, mounting, spread, np.array([0.1, 0.2, 0.3]), np.diag([1e-6, 4e-6, 9e-6])))
-    assert row["clock"] == pytest.approx(
-        {"offset_s": 0.25, "offset_sigma_s": 1e-4, "rate_ppm": 30.0, "rate_sigma_ppm": 2.0, "about_s": 7.0}
-    )
-    np.testing.assert_allclose(row["mounting"]["rotvec_deg"], [0, 0, 30], atol=1e-9)
-    np.testing.assert_allclose(row["mounting"]["sigma_deg"], [1, 2, 3])
-    np.testing.assert_array_equal(row["mounting"]["matrix"], mounting)
-    np.testing.assert_allclose(row["position"]["metres"], [0.1, 0.2, 0.3])
-    np.testing.assert_allclose(row["position"]["sigma_m"], [1e-3, 2e-3, 3e-3])
-    for unknown in (UnitPlace(1), UnitPlace(1, position_m=np.zeros(3)), UnitPlace(1, position_covariance=np.eye(3))):
-        assert _place_to_json(unknown)["position"] == {"metres": None, "sigma_m": None}
-
-
-def test_one_reader_has_stamped_all_where_every_log_has_the_same_stamps():
-    def unit(*logs):
-        return SimpleNamespace(logs=[SimpleNamespace(samples=SimpleNamespace(t_ns=np.array(t))) for t in logs])
-
-    array = lambda *units: SimpleNamespace(units=units)  # noqa: E731
-    assert _of_one_reader(array(unit([1, 2], [3]), unit([1, 2], [3]), unit([1, 2], [3])))
-    assert not _of_one_reader(array(unit([1, 2], [3]), unit([1, 2], [3]), unit([1, 2], [4])))
-    assert not _of_one_reader(array(unit([1, 2], [3]), unit([1, 2])))
-    assert not _of_one_reader(array(unit([1, 2]), unit([1, 3]), unit([1, 2])))
-
-
-def test_the_split_in_json_has_degrees_and_mg(fitted):
-    _, fit, _ = fitted
-    split = VarianceSplit(
-        np.zeros((2, 2)), np.ones(2), (np.radians(3.0), np.radians(0.5)), (np.radians(4.0), np.inf), np.radians(2.0),
-        (2e-3 * G, 1e-3 * G), {"turn": 20.0, "undersampled": 30.0}, np.radians(0.7), np.zeros(2), (), np.radians(6.0),
+    lacking = (replace(fit.split.turns[0], own_rad=np.array([np.nan, 0.1])), *fit.split.turns[1:])
+    split = replace(
+        fit.split, turn=(3 * DEG, 0.5 * DEG), fast=(4 * DEG, np.inf), predicted=2 * DEG, level_mps2=(2e-3 * G, 1e-3 * G),
+        gains={"turn": 20.0, "undersampled": 30.0}, minus_mean_rad=math.nan, common_upper=6 * DEG, turns=lacking,
     )  # fmt: skip
-    row, other = (
-        array_to_json(replace(fit, split=each))["split"]
-        for each in (split, replace(split, fast=(np.radians(4.0), 0.25 * DEG), minus_mean_rad=math.nan, common_upper=np.inf))
-    )
-    assert row == {
-        "common_rms_deg": pytest.approx(5.0),
-        "common_p_value": split.p_value,
-        "common_upper95_deg": pytest.approx(6.0),
-        "equal_in_all_turns_deg": pytest.approx({"size": 3.0, "sigma": 0.5}),
-        "undersampled_deg": {"size": pytest.approx(4.0), "sigma": None, "predicted": pytest.approx(2.0)},
-        "level_acceleration_mg": pytest.approx({"size": 2.0, "sigma": 1.0}),
-        "is_fast_motion": True,
-        "minus_mean_rms_deg": pytest.approx(0.7),
-        "description": split.words,
-    }
-    assert other["undersampled_deg"]["sigma"] == pytest.approx(0.25)
-    assert other["minus_mean_rms_deg"] is other["common_upper95_deg"] is None
+    array = SimpleNamespace(name="a", units=[SimpleNamespace(logs=[log])])
+    told = replace(fit, array=array, joint=replace(fit.joint, events=(turn, still)), bias_p=0.25, split=split)
+    table = json.loads(json.dumps(array_to_json(told)))
+    first, second = table["events"]
+    assert [first[key] for key in ("what", "unit", "rival", "unit_of_size", "p_value")] == ["turn", 1, 0, "deg", 1e-4]
+    assert (second["what"], second["unit"], second["rival"], second["unit_of_size"]) == ("common still", None, None, "mg")
+    assert (table["bias_from"], table["turns_used"]) == ({"used": "ends", "p_value": 0.25}, [9, 9])
+    said, time_s, unit, row = table["split"], fit.same.time_s, fit.units[1], table["units"][1]
+    assert (said["minus_mean_rms_deg"], said["undersampled_deg"]["sigma"]) == (None, None)
+    assert (said["is_fast_motion"], said["description"], said["common_p_value"]) == (True, split.words, split.p_value)
+    assert (table["turns"][0]["own_deg"][0], row["closure_runs"][0]["duration_s"]) == (None, unit.runs[0][0].duration_s)
+    place, closure, noise = unit.place, row["closure"], row["noise"]
+    for found, expected in (
+        (first["at_s"], time_s[2, 1] - begins),
+        (second["at_s"], time_s[4, 0] - begins),
+        ((first["size"], second["size"]), (2.0, 30.0)),
+        (list(said["equal_in_all_turns_deg"].values()), (3.0, 0.5)),
+        (list(said["level_acceleration_mg"].values()), (2.0, 1.0)),
+        ((said["common_rms_deg"], said["common_upper95_deg"]), (5.0, 6.0)),
+        ((said["undersampled_deg"]["size"], said["undersampled_deg"]["predicted"]), (4.0, 2.0)),
+        ([each["at_s"] for each in table["turns"]], [time_s[each.first, 1] - begins for each in lacking]),
+        ([each["common_deg"] for each in table["turns"]], [np.degrees(np.linalg.norm(each.common_rad)) for each in lacking]),
+        ([each["common_sigma_deg"] for each in table["turns"]], [np.degrees(np.linalg.norm(each.sigma_rad)) for each in lacking]),
+        (table["turns"][0]["own_deg"][1], np.degrees(0.1)),
+        (table["turns"][1]["own_deg"], np.degrees(lacking[1].own_rad)),
+        ((closure["alone_rms_deg"], closure["floor_rms_deg"]), np.degrees((unit.closure_rad, unit.floor_rad))),
+        ((closure["own_rms_deg"], closure["own_sigma_deg"]), np.degrees(unit.own_rad)),
+        ((closure["own_p_value"], closure["minus_mean_rms_deg"]), (split.own_p[1], np.degrees(unit.minus_mean_rad))),
+        (noise["gyro_dps_rthz"], np.degrees(unit.noise.gyro)),
+        (noise["accel_g_rthz"], unit.noise.accel / G),
+        (noise["bias_instability_dph"], np.degrees(unit.instability.rps) * 3600),
+        (row["E"], unit.model.E),
+        (row["B_dps"], np.degrees(unit.model.B)),
+        (np.ravel(row["E_sigma"]), unit.sigma[:9]),
+        (np.ravel(row["E_sigma_alone"]), unit.sigma_alone[:9]),
+        (row["B_sigma_dps"], np.degrees(unit.sigma[9:])),
+        (row["B_sigma_alone_dps"], np.degrees(unit.sigma_alone[9:])),
+        ((row["clock"]["offset_s"], row["clock"]["about_s"]), (place.clock.offset_s, place.clock.about_s)),
+        ((row["clock"]["rate_ppm"], row["clock"]["rate_sigma_ppm"]), (place.clock.rate * 1e6, place.clock.rate_sigma * 1e6)),
+        (row["mounting"]["rotvec_deg"], Rotation.from_matrix(place.mounting).as_rotvec(degrees=True)),
+        (row["mounting"]["sigma_deg"], np.degrees(np.sqrt(np.diag(place.mounting_covariance)))),
+        (row["position"]["metres"], place.position_m),
+        (row["position"]["sigma_m"], np.sqrt(np.diag(place.position_covariance))),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):

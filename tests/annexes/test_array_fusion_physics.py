@@ -17,7 +17,6 @@ from session.io.errors import FormatError
 from session.io.folder import sha256_of
 from session.io.logfile import read_log
 from session.io.units import DEG, NS, G
-from tinygc import CalibrationError
 from tinygc.annexes.arrays.apply import _fused_force
 from tinygc.annexes.arrays.clocks import UnitClock, UnitPlace
 from tinygc.annexes.arrays.fusion import Resampler, _build_array_model, fuse, save_array_model
@@ -91,12 +90,6 @@ def test_equal_units_gain_the_root_of_their_number_and_correlated_ones_less(rho,
     assert_allclose(fused, np.eye(3) * variance, atol=1e-14)
 
 
-@pytest.mark.parametrize("covariance", [np.zeros((6, 6)), np.kron(np.ones((2, 2)), np.eye(3))])
-def test_noise_that_no_combination_is_best_for_is_refused(covariance):
-    with pytest.raises(CalibrationError, match="no best combination"):
-        best_weights(covariance)
-
-
 def test_weights_are_best_for_what_is_greater_over_a_turn():
     quiet_slow = [replace(unit, bias_instability=np.full(3, 1e-6 * (1 + i))) for i, unit in enumerate(units(3))]
     noisy_slow = [replace(unit, bias_instability=np.full(3, 1e-3 * (1 + i))) for i, unit in enumerate(units(3))]
@@ -106,19 +99,6 @@ def test_weights_are_best_for_what_is_greater_over_a_turn():
     assert slow.best_for == "instability"
     assert slow.weights[0, 0, 0] > 0.6 > white.weights[0, 0, 0]
     assert model_of([replace(unit, bias_instability=None) for unit in quiet_slow]).best_for == "white"
-
-
-def test_the_parameters_sigma_is_that_of_drawn_parameters():
-    """Monte Carlo over E and B of all units, at a rate at which both matter; clean readings combine to the rate."""
-    model, omega = model_of(units(3)), np.array([2.0, -1.0, 0.5])
-    clean = np.einsum("nij,nj->ni", np.linalg.inv(model.matrices), omega - model.offsets)
-    assert_allclose(model(clean[None])[0], omega, atol=1e-12)
-    total = np.zeros((4_000, 3))
-    for i, unit in enumerate(model.units):
-        off = RNG.multivariate_normal(np.zeros(12), unit.covariance, len(total))
-        body = off[:, :9].reshape(-1, 3, 3) @ clean[i] + off[:, 9:]
-        total += body @ (model.weights[i] @ unit.place.mounting).T
-    assert_allclose(total.std(axis=0), model.parameter_sigma(omega), rtol=4 / np.sqrt(2 * len(total)))
 
 
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
@@ -169,14 +149,6 @@ def test_what_is_no_model_is_refused_in_one_line(name):
     assert str(caught.value).startswith("array.json")
 
 
-def test_fewer_than_two_units_and_two_of_one_number_are_refused():
-    found = units(2, density=DENSITY)
-    with pytest.raises(CalibrationError, match="array of 1 unit"):
-        _build_array_model(found[:1], RATE_HZ)
-    with pytest.raises(CalibrationError, match="stands twice"):
-        _build_array_model([found[0], found[0]], RATE_HZ)
-
-
 # The fused rate.
 
 
@@ -198,15 +170,6 @@ def along_x(*readings) -> np.ndarray:
     raw = np.zeros((len(readings), len(readings[0]), 3))
     raw[..., 0] = readings
     return raw
-
-
-def test_of_eight_unlike_units_the_errors_are_of_one_sigma():
-    model, omega = model_of(units(8, density=np.linspace(1, 2, 8) * DENSITY)), motion(4200, seed=7)
-    raw = measured(model, omega)
-    fused = fuse(model, raw)
-    assert fused.used.all()
-    assert_allclose(fused.rate, model(raw), atol=1e-12)
-    assert 0.95 < ((fused.rate - omega) / fused.sigma).std() < 1.05
 
 
 def test_the_rate_of_the_units_that_are_left_and_its_sigma():
@@ -231,14 +194,6 @@ def test_a_reading_at_the_end_of_a_range_is_used_only_where_all_are():
     np.testing.assert_array_equal(fused.used, [[True, False], [False, True], [True, True], [True, False]])
     np.testing.assert_allclose(fused.rate[:, 0], [BELOW, 1, 0, ABOVE], atol=1e-12)
     np.testing.assert_array_equal(np.isinf(fused.sigma).all(axis=1), [False, False, True, True])
-
-
-def test_no_samples_give_none_and_another_shape_is_refused():
-    model = model_of(units(2))
-    fused = fuse(model, np.zeros((0, 2, 3)))
-    assert (fused.rate.shape, fused.sigma.shape, fused.used.shape) == ((0, 3), (0, 3), (0, 2))
-    with pytest.raises(CalibrationError, match=r"raw has shape \(3, 3\), expected \(2, 3\)"):
-        fuse(model, np.zeros((3, 3)))
 
 
 # Between samples, and forces.

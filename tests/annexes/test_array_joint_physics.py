@@ -10,10 +10,8 @@ from scipy.optimize import brentq, minimize
 from scipy.stats import chi2, f
 from small_array import small_array
 
-from tinygc.annexes.arrays.clocks import UnitPlace
 from tinygc.annexes.arrays.fit import (
     _by_bias,
-    fit_alone,
 )
 from tinygc.annexes.arrays.joint import (
     OWN_TURN,
@@ -30,7 +28,7 @@ from tinygc.annexes.arrays.joint import (
     units_covariance,
 )
 from tinygc.annexes.arrays.profile_limits import rise, upper_component
-from tinygc.annexes.arrays.standings import _fast, parts_of
+from tinygc.annexes.arrays.standings import parts_of
 from tinygc.annexes.arrays.system import MOUNTING, System, array_system
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
@@ -84,18 +82,6 @@ def test_gravity_is_as_well_known_as_the_site_where_the_stills_gave_all_accelero
             unit.problem.session.config.site.gravity_sigma_mps2 = stated if unit.number == 0 else 0.5  # the first unit's site counts
         found = estimate(made.units, made.same, np.zeros(2))
         assert found.solution.system.prior[found.layout.gravity] == sigma
-
-
-def test_a_unit_by_itself_is_the_estimate_of_itself():
-    made = small_array(2, 12, seed=3, turn_rad=2e-4, drift_rps=2e-3)
-    same = replace(made.same, **{name: getattr(made.same, name)[1:] for name in ("stills", "turns", "first", "last")})
-    itself = replace(made.units[1], place=UnitPlace(1))
-    joint = estimate([itself], same, np.zeros(11), alone=True)
-    assert not joint.solution.t[-3:].any()
-    assert joint.solution.t[0] > 0
-    model, covariance = fit_alone(made.units[1], "ends", True)
-    np.testing.assert_allclose(model.vector, joint.models[0].vector, atol=1e-9)
-    np.testing.assert_allclose(covariance, units_covariance([itself], joint)[:12, :12], rtol=1e-6, atol=1e-15)
 
 
 @pytest.mark.parametrize("drift_rps", [0.0, 2e-3])
@@ -162,22 +148,16 @@ def test_a_bias_of_the_stills_has_their_error_and_follows_E(three):
 # Sizes of components.
 
 
-def test_a_components_size_is_its_root_and_near_zero_that_of_its_sigma(joint):
+@pytest.mark.parametrize(
+    ("t", "sigma", "size"),
+    [(4.0, 2.0, (2.0, 0.5)), (4.0, 3.999, (2.0, 3.999 / 4)), (4.0, 4.0, (2.0, 2.0)), (0.0, 9.0, (0.0, 3.0)), (0.0, np.inf, (0.0, np.inf))],
+)
+def test_a_components_size_is_its_root_and_near_zero_that_of_its_sigma(joint, t, sigma, size):
     """Of a variance t with sigma s: sqrt(t) and s / 2 sqrt(t); where t is below s, the root of s."""
     k = joint.where.names.index("turn.1")
-
-    def component(t, sigma):
-        changed = replace(joint, solution=replace(joint.solution, t=np.full(len(joint.solution.t), t)))
-        changed.__dict__["sigmas"] = np.where(np.arange(len(joint.solution.t)) == k, sigma, 99.0)
-        return changed.component("turn.1")
-
-    assert component(4.0, 2.0) == pytest.approx((2.0, 0.5))
-    assert component(4.0, 3.999) == pytest.approx((2.0, 3.999 / 4))
-    assert component(4.0, 4.0) == pytest.approx((2.0, 2.0))
-    assert component(0.0, 9.0) == pytest.approx((0.0, 3.0))
-    assert component(0.0, np.inf) == (0.0, np.inf)
-    np.testing.assert_allclose(joint.sigmas, joint.solution.sigma())
-    assert joint.component("common.level") == pytest.approx((joint.solution.t[-1] ** 0.5, joint.component("common.level")[1]))
+    changed = replace(joint, solution=replace(joint.solution, t=np.full(len(joint.solution.t), t)))
+    changed.__dict__["sigmas"] = np.where(np.arange(len(joint.solution.t)) == k, sigma, 99.0)
+    assert changed.component("turn.1") == pytest.approx(size)
 
 
 # Events.
@@ -209,17 +189,6 @@ def test_an_event_is_an_F_test_of_a_block_against_the_others():
     assert event.size == pytest.approx(5.0)
 
 
-def test_a_block_that_is_nearly_all_of_its_component_counts_at_most_ten_times():
-    """One of 6: the others' share has a floor of a twentieth of one block's, and the ratio is at most ten of the block's own."""
-    errors = np.full((6, 2), 1e-4)
-    errors[2] = 5.0
-    event = candidates(*rows_alone(errors))[2]
-    chi = 12.0  # all of it, since the component is the mean of all
-    assert event.p_value == pytest.approx(6 * f.sf(min((chi / 2) / (0.1 / 10), 10 * chi / 2), 2, 10), rel=1e-4)
-    three = candidates(*rows_alone(errors, t=100.0))[2]
-    assert three.p_value == pytest.approx(min(1.0, 6 * f.sf(0.25 / ((12 - 0.5) / 10), 2, 10)), rel=1e-4)
-
-
 def event(what=OWN_TURN, unit=0, first=1, last=2, size=1.0, p=1e-4, rows=(0, 1)):
     return ArrayEvent(what, unit, first, last, size, p, np.array(rows))
 
@@ -249,20 +218,11 @@ def test_of_each_turn_and_each_still_only_the_least_probable_new_one_is_an_event
 
 def test_of_two_units_the_other_is_a_rival_where_it_contradicts_as_much():
     nothing, one = np.zeros(9, dtype=bool), event(p=1e-5)
-    for other, rival in (
-        (event(unit=1, p=0.01), 1),
-        (event(unit=1, p=0.0101), None),
-        (event(unit=1, last=3, p=1e-4), None),
-        (event("still", 1, p=1e-4), None),
-        (event("common turn", None, p=1e-4), None),
-    ):
+    for other, rival in ((event(unit=1, p=0.01), 1), (event(unit=1, p=0.0101), None), (event(unit=1, last=3, p=1e-4), None)):
         (found,) = _worst_of_each_turn([one, other, event(unit=1, first=7, last=8, p=1.0)], nothing)
         assert (found.unit, found.rival) == (0, rival)
-    (common,) = _worst_of_each_turn([event("common turn", None, p=1e-7), one, event(unit=1, p=0.01)], nothing)
-    assert (common.unit, common.rival) == (None, None)
     assert worst(one, event(unit=1, p=0.01))[0].rival is None
-    one, other, still, later, common = event(), event(unit=1), event("still", 1), event(unit=1, last=3), event("common turn", None)
-    assert one.together([one, other, still, later, common]) == (one, other)
+    assert one.together([one, event(unit=1), event(unit=1, last=3), event("common turn", None)])[1].unit == 1
 
 
 def test_a_false_turn_is_found_rejected_and_spoils_no_number():
@@ -327,16 +287,6 @@ def test_gains_are_drops_of_the_likelihood_from_no_common_part(pair):
     assert found["undersampled"] > found["turn"] + 2 > 12
 
 
-def test_without_a_prediction_nothing_follows_it(pair):
-    system = pair.solution.system
-    V = system.V.copy()
-    V[3] = 0.0
-    unknown = SimpleNamespace(solution=replace(system, V=V).solved(np.array([1.0, 1, 1, 0.25, 0])), missed_rad=np.zeros(10), rows=pair.rows)
-    found = _gains_of(unknown)
-    assert found["undersampled"] == -np.inf
-    assert found["turn"] == pytest.approx(_gains_of(pair)["turn"], abs=1e-3)
-
-
 def test_an_own_excess_is_tested_by_the_likelihood_without_it(pair):
     """Half of a chi square of one degree of freedom (Self and Liang 1987), over both units; one where there is no excess."""
     whole, found = least(pair), own_p_values(pair)
@@ -363,38 +313,26 @@ def test_sizes_are_of_both_angles_together(joint, split):
     assert split.level_mps2 == joint.component("common.level")
 
 
-def test_a_unit_minus_the_mean_is_of_turns_that_all_have(three):
-    """Residuals of tilt by hand; the second unit lacks the first turn."""
-    part = small_array(2, 4, seed=2, turn_rad=1e-3, turns=[[(0, 1), (1, 2), (2, 3)], [(1, 2), (2, 3)]])
-    joint = estimate(part.units, part.same, np.zeros(3))
-    split = split_of(joint)
-    tilt = np.array([joint.solution.residual[joint.where.closure[0][1:]], joint.solution.residual[joint.where.closure[1]]])[..., :2]
-    apart = np.sum((tilt[0] - tilt[1]) ** 2, axis=1) / 4  # half the difference, for either
-    assert split.fast == (0.0, 0.0)  # nothing is predicted
-    assert split.minus_mean_rad == pytest.approx(np.sqrt(apart.mean()))
-    np.testing.assert_allclose(split.minus_mean_of, np.sqrt(apart.mean()))
-    own = [turn.own_rad for turn in split.turns]
-    assert np.isnan(own[0][1])
-    assert own[0][0] == pytest.approx(np.linalg.norm(joint.solution.residual[joint.where.closure[0][0]]))
-    assert own[2][1] == pytest.approx(np.linalg.norm(joint.solution.residual[joint.where.closure[1][1]]))
-
-
-def test_a_turn_over_two_intervals_has_the_common_part_of_both():
+def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that_all_have():
+    """The second unit's first turn is over two intervals of the first one's, and has the common part of both."""
     part = small_array(2, 4, seed=2, turn_rad=1e-3, common_rad=1e-3, turns=[[(0, 1), (1, 2), (2, 3)], [(0, 2), (2, 3)]])
     joint = estimate(part.units, part.same, np.zeros(3))
     told = ArrayEvent(OWN_TURN, 1, 0, 2, 1.0, 1e-9, np.zeros(0, dtype=int))
-    still = replace(told, what="still")
-    turns = {(turn.first, turn.last): turn for turn in split_of(replace(joint, events=(told, still))).turns}
+    split = split_of(replace(joint, events=(told, replace(told, what="still"))))
+    turns = {(turn.first, turn.last): turn for turn in split.turns}
     assert list(turns) == [(0, 1), (0, 2), (1, 2), (2, 3)]
     lacks = [np.isnan(turn.own_rad).tolist() for turn in turns.values()]
     assert lacks == [[False, True], [True, False], [False, True], [False, False]]
     np.testing.assert_allclose(turns[0, 2].common_rad, turns[0, 1].common_rad + turns[1, 2].common_rad)
     np.testing.assert_allclose(turns[0, 2].sigma_rad ** 2, turns[0, 1].sigma_rad ** 2 + turns[1, 2].sigma_rad ** 2)
     np.testing.assert_allclose(turns[2, 3].common_rad, joint.solution.x[joint.layout.common][4:6])
-    variance = np.diag(joint.covariance)[joint.layout.common]
-    np.testing.assert_allclose(turns[2, 3].sigma_rad, np.sqrt(variance[4:6]))
-    assert turns[0, 2].events == (told,)
-    assert turns[0, 1].events == turns[2, 3].events == ()
+    np.testing.assert_allclose(turns[2, 3].sigma_rad, np.sqrt(np.diag(joint.covariance)[joint.layout.common][4:6]))
+    assert [turns[at].events for at in ((0, 2), (0, 1), (2, 3))] == [(told,), (), ()]
+    residual = np.array([joint.solution.residual[joint.where.closure[i][row]] for i, row in ((0, 2), (1, 1))])
+    apart = np.linalg.norm(residual[0, :2] - residual[1, :2]) / 2  # half the difference, for either
+    assert split.fast == (0.0, 0.0)  # nothing is predicted
+    np.testing.assert_allclose([split.minus_mean_rad, *split.minus_mean_of], apart)
+    np.testing.assert_allclose(turns[2, 3].own_rad, np.linalg.norm(residual, axis=1))
 
 
 def a_split(**changed) -> VarianceSplit:
@@ -490,26 +428,3 @@ def test_what_one_unit_misses_by_is_told_and_the_others_and_all_have_limits():
     assert found.common.standing is Standing.UNDECIDED
     there = parts_of(joint, replace(split, gains={"turn": bar + 0.01, "undersampled": 0.0}), floor, (0, 2, 5))
     assert there.common.standing is Standing.FOR
-
-
-@pytest.mark.parametrize(("factor", "standing"), [(0.9, Standing.FOR), (0.3, Standing.AGAINST), (0.2, Standing.UNDECIDED)])
-def test_motion_beyond_the_data_rate_is_tested_against_zero_and_against_its_prediction(factor, standing):
-    """Rows of one size: -2 log likelihood of a factor is that of a normal distribution's variance."""
-    predicted, floor, n = 0.2 * DEG, 0.1 * DEG, {0.9: 80, 0.3: 80, 0.2: 2}[factor]
-    noise = 0.04
-    values = np.resize([1.0, -1.0], n) * np.sqrt(noise + factor**2)
-    V = np.zeros((4, n))
-    V[2] = 1.0
-    system = System(np.zeros((n, 1)), values, np.full(n, noise), V, np.ones(1), np.zeros(1), np.zeros(n, dtype=bool))
-    solution = system.solved(np.array([0.0, 0.0, factor**2, 0.0]))
-    found = _fast(SimpleNamespace(solution=solution, sigmas=solution.sigma()), predicted, floor)
-
-    def p_value(t):
-        v, best = noise + t, noise + factor**2
-        return chi2.sf(n * (np.log(v / best) + best / v - 1), 1) / 2
-
-    against = standing is Standing.AGAINST
-    assert found.standing is standing
-    assert found.statement.p_value == pytest.approx(p_value(1 / 1.5**2 if against else 0.0), rel=1e-3)
-    assert found.size_rad == pytest.approx(predicted * factor)
-    assert ("not the predicted 0.13° to 0.3°" in found.statement.words) == against

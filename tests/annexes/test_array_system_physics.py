@@ -23,11 +23,10 @@ from tinygc.annexes.arrays.system import (
     array_system,
     common_earth,
     force_problem,
-    start_state,
     unit_rows,
     with_earth,
 )
-from tinygc.attitude.earth import EarthRate, estimate_heading, with_heading
+from tinygc.attitude.earth import estimate_heading, with_heading
 from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.models.linear import BIAS, LinearModel
 
@@ -217,17 +216,6 @@ def test_components_are_those_of_the_greatest_restricted_likelihood(few, begin):
     np.testing.assert_allclose(few.estimated(np.array(begin)).t, best(few), rtol=5e-3)
 
 
-def test_a_component_is_as_small_as_its_own_rows(few):
-    """All in thousandths; and the first component's rows in ten-thousandths, beside others that are held; held ones stay."""
-    small = replace(few, values=1e-3 * few.values, base=1e-6 * few.base, prior=1e-3 * few.prior, pull=1e-3 * few.pull)
-    np.testing.assert_allclose(1e6 * small.estimated(np.full(2, 1e-8)).t, few.estimated(np.full(2, 1e-2)).t, rtol=5e-3)
-    first = few.V[0] > 0
-    mixed = replace(few, values=np.where(first, 1e-4, 1.0) * few.values, base=np.where(first, 1e-9, 1.0), design=0 * few.design)
-    found = mixed.estimated(np.array([1e-7, 1.0]), np.array([False, True])).t
-    np.testing.assert_allclose(found, best(mixed, {1: 1.0}), rtol=5e-3)
-    assert found[0] < 5e-8
-
-
 def test_rows_quieter_than_their_noise_have_no_component(few):
     """The likelihood falls from zero on."""
     quiet = replace(few, base=np.where(few.V[0] > 0, 30.0, 0.1))
@@ -235,15 +223,6 @@ def test_rows_quieter_than_their_noise_have_no_component(few):
     assert found.t[0] == 0
     assert found.t[1] > 0.1
     assert quiet.solved(found.t + np.array([1e-3, 0])).value > found.value
-
-
-def test_a_component_without_rows_stays(few):
-    out = replace(few, V=np.vstack([few.V, np.zeros(16)]))
-    found = out.estimated(np.array([1.0, 1.0, 0.25]))
-    assert found.t[2] == 0.25
-    np.testing.assert_allclose(found.t[:2], few.estimated(np.ones(2)).t, rtol=1e-6)
-    assert np.isinf(found.sigma()[2])
-    np.testing.assert_allclose(found.sigma()[:2], few.solved(found.t[:2]).sigma(), rtol=1e-9)
 
 
 @pytest.mark.parametrize("rows", [[0, 1], [9, 10], [4, 4]])
@@ -338,21 +317,6 @@ def test_the_accelerometers_prior_is_that_of_its_source(small, mode, sigma_mg, s
         np.testing.assert_allclose(after.matrix @ ([1.0, 2, 3] - after.bias_mps2), matrix_of(x) @ ([1.0, 2, 3] - x[6:]))
 
 
-def test_the_search_starts_at_the_units_own_fits_and_the_anchors_attitudes(small):
-    rows = prepared(small)
-    other = SimpleNamespace(config=SimpleNamespace(site=SimpleNamespace(expected_gravity_mps2=9.7)))  # the first unit's site counts
-    second = replace(
-        small.units[1], prepared=SimpleNamespace(problem=SimpleNamespace(**{**vars(small.units[1].problem), "session": other}))
-    )
-    start = start_state([small.units[0], second], rows, replace(small.same, anchor=1))
-    off = Rotation.from_quat(start.q_tb, scalar_first=True) * Rotation.from_quat(small.truth.q_tb, scalar_first=True).inv()
-    place = Rotation.from_matrix(small.units[1].place.mounting @ small.truth.mountings[1].T)
-    np.testing.assert_allclose(off.magnitude(), place.magnitude(), rtol=1e-6)
-    assert [model.vector.tolist() for model in start.models] == [unit.model.vector.tolist() for unit in small.units]
-    np.testing.assert_array_equal(start.accelerometers, [IDENTITY] * 2)
-    assert start.gravity_mps2 == G
-
-
 # The Earth.
 
 
@@ -393,21 +357,6 @@ def test_headings_of_all_units_are_weighed_by_their_variances(level):
     north = EARTH_RATE_RPS * np.cos(48 * DEG)
     expected = [north * density @ np.cos(h), -north * density @ np.sin(h), -EARTH_RATE_RPS * np.sin(48 * DEG)]
     np.testing.assert_allclose(found.rate_t, expected, rtol=1e-6)
-
-
-def with_earths(level, earth, latitude=48.0):
-    anchor = level.units[0]
-    site = SimpleNamespace(**{**vars(anchor.problem.session.config.site), "latitude_deg": latitude})
-    session = SimpleNamespace(config=SimpleNamespace(site=site, accelerometer=None))
-    problem = SimpleNamespace(**{**vars(anchor.problem), "earths": {0: earth}, "session": session})
-    return [replace(anchor, prepared=SimpleNamespace(problem=problem)), *level.units[1:]]
-
-
-def test_an_earth_that_is_given_or_cannot_be_told_stays(level):
-    unknown = EarthRate(np.zeros(3), None, np.inf, "unknown")
-    for earth, latitude in ((level.earth, 48.0), (EarthRate(np.zeros(3), None, np.inf, "none"), 48.0), (unknown, None)):
-        assert common_earth(with_earths(level, earth, latitude), level.truth, level.same)[0] is earth
-    assert common_earth(with_earths(level, unknown), level.truth, level.same)[0].source == "estimated"
 
 
 def test_two_units_with_three_stills_of_a_group_tell_its_heading(level):

@@ -7,19 +7,17 @@ import numpy as np
 import pytest
 from conftest import DEG
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from session.annexes.arrays.recording import read_array
-from session.io.errors import DataError
 from session.io.units import EARTH_RATE_RPS
 from tinygc import SimulationOptions
-from tinygc.annexes.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
 from tinygc.annexes.arrays.explanation import ArrayExplanation, _event_lines, array_page, moments_of
 from tinygc.annexes.arrays.fit import fit_array
 from tinygc.annexes.arrays.joint import ArrayEvent
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
-from tinygc.annexes.arrays.slow_zero import _UnitEvidence, _upper_motion, pooled
+from tinygc.annexes.arrays.slow_zero import _UnitEvidence, pooled
 from tinygc.annexes.arrays.traits import (
     ALIKE,
     COMMON,
@@ -30,13 +28,12 @@ from tinygc.annexes.arrays.traits import (
     _earth_trait,
     _trait_of,
 )
-from tinygc.effects import Movement, catalogue
+from tinygc.effects import catalogue
 from tinygc.estimation.systematic import PRIOR_ODDS
-from tinygc.explanation.checked import Checked, CheckedEffect, Outcome, SizedEffect
 from tinygc.explanation.standing import Standing, Statement
-from tinygc.reporting.terminal import Group, as_text
+from tinygc.reporting.terminal import as_text
 
-OFFSET, DRIFT = catalogue()["timing.gyro_accel_offset"], catalogue()["gyro.bias_drift"]
+OFFSET = catalogue()["timing.gyro_accel_offset"]
 
 
 def scalars(values, sigma=1.0, named=(0,)):
@@ -196,37 +193,6 @@ def test_prior_odds_are_paid_once_and_evidence_against_all_members_names_none():
     assert pooled(weak, {}, True).statement.standing is Standing.UNDECIDED
 
 
-def test_a_member_that_one_unit_cannot_have_is_none_of_all():
-    found = pooled({0: weighed(drift=-9.0, step=-50.0), 1: weighed(drift=-9.0)}, {}, True)
-    assert list(found.shares) == ["gyro.bias_drift"]
-    assert pooled({0: weighed(step=-9.0), 1: weighed(drift=-9.0)}, {}, True) is None
-    assert "as a steady drift" in found.statement.words
-
-
-@pytest.mark.parametrize(("times", "alone"), [(0.99, 1), (1.01, 2)])
-def test_the_statement_counts_the_units_that_show_the_motion_by_themselves(times, alone):
-    """By each unit's chi-square, over two members and the five shapes that were tried: 5 % is the limit of one."""
-    units = {0: weighed(shapes=5, drift=-20.0, warm=0.0), 1: weighed(shapes=5, drift=-20.0, warm=0.0)}
-    units[1].gain["gyro.bias_drift"] = float(chi2.isf(0.05 / 10, 3)) * times, 3
-    assert pooled(units, {}, True).statement.words.count(f"{alone} of 2 show it alone") == 1
-
-
-def test_the_limit_of_a_slow_motion_is_that_of_its_estimate():
-    """A drift over the log: (t / duration - 1/2) theta, from the first to the last of 100 samples; y moves most, z is known least."""
-    t = np.arange(100.0)
-    zero = np.zeros((100, 3))
-    more = {"vibration_g2": np.zeros(100), "first_temp_c": 25.0}
-    twin = SimpleNamespace(
-        movements=[Movement(t_s=t, rate=zero, force_g=zero, temp_c=zero[:, 0], dt_s=1.0, fs_rps=1.0, duration_s=100, **more)]
-    )
-    upper = _upper_motion(twin, DRIFT, np.array([0.1, -0.4, 0.2]), np.diag([0.01, 0.04, 0.25]) ** 2)
-    assert upper == pytest.approx(0.99 * (0.2 + norm.isf(0.05) * 0.25))
-    weak = {n: replace(weighed(drift=5.0), upper_rps={"gyro.bias_drift": n * 0.2 * DEG}) for n in (1, 2)}
-    statement = pooled(weak, {}, True).statement
-    assert "undecided; by 0.1 to 0.1 dps" in statement.words
-    assert statement.limit == "0.4 dps"
-
-
 # Steps in readings, events, and the verdict.
 
 
@@ -282,22 +248,3 @@ def test_the_verdict_follows_from_the_standings_and_one_cause_of_all_zeros_is_co
     assert verdict(common, own) == expected
     slow = SimpleNamespace(statement=Statement("zero", Standing.FOR, "t", 0.01, "", ""))
     assert verdict(common, own, slow) == ("common_and_own" if own is Standing.FOR else "common")
-
-
-def test_effects_are_checked_on_the_unit_of_the_same_number_in_another_recording():
-    theta, session = np.array([1e-3, 2e-3, -1e-3]), SimpleNamespace(name="other")
-    named = SizedEffect(catalogue()["gyro.scale_asymmetry"], theta, 1e-10 * np.eye(3), 0.99)
-    there = CheckedEffect(named, Outcome.CONFIRMED, 90.0, 0.4, 1.0, named, (1.0, 0.02), (2 * DEG, 1 * DEG))
-    checked = [CheckedArray("other", {0: Checked(session, True, [there]), 3: Checked(session, None, error="too few turns")})]
-    (table,) = checked_units_to_json(checked)
-    assert [(unit["number"], unit["error"]) for unit in table["units"]] == [(0, None), (3, "too few turns")]
-    assert table["units"][0]["effects"][0]["outcome"] == "confirmed"
-    text = as_text(Group(*checked_units_page(checked)))
-    assert "gyro.scale_asymmetry: confirmed in 1 of 1 recordings" in text
-    assert "Not checked on other: too few turns" in text
-    found, other = (
-        SimpleNamespace(explanations={0: None, 3: None}),
-        SimpleNamespace(name="other", folder="other", numbers=(7,), units=("",)),
-    )
-    with pytest.raises(DataError, match="it has units 7, expected some of 0, 3"):
-        check_units(found, other)

@@ -10,7 +10,7 @@ import pytest
 from formats_page import strangers
 
 import calibrate
-from session.annexes.arrays.recording import array_log_paths, read_array
+from session.annexes.arrays.recording import read_array
 from session.io.errors import FormatError
 from session.io.names import is_array
 from tinygc import CalibrationError, SimulationOptions, check, read_session
@@ -210,13 +210,6 @@ def test_a_folder_that_is_no_unit_is_said_in_one_line(listed, names, says):
         read_array(with_folders(listed, names))
 
 
-def test_folders_of_unequal_logs_are_no_array_to_apply_a_model_to(listed):
-    first = next(iter(array_log_paths(listed)["log0001"].values()))
-    log(first.parent / "log0002.csv")
-    with pytest.raises(FormatError, match="log0002 lacks unit"):
-        array_log_paths(listed)
-
-
 def test_an_array_is_checked_and_listed(named, tmp_path, capsys):
     options = SimulationOptions(segments=4, closure_s=0, odr_hz=62.5, seed=8)
     folder, table = (
@@ -277,12 +270,6 @@ def test_the_command_writes_what_the_reader_reads_and_replaces_nothing_but_a_sim
     (folder / "session.toml").write_text('schema = "tinygc-session/1"\n')
     assert calibrate.main([*words, "--force"]) == 2
     assert "not replaced" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("wrong", [{"units": 0}, {"units": 65}, {"mounting_deg": -1.0}, {"clock_rate": float("nan")}, {"jerk_deg": 11.0}])
-def test_options_that_cannot_be(wrong):
-    with pytest.raises(CalibrationError, match="expected"):
-        ArrayOptions(**wrong)
 
 
 # An explanation.

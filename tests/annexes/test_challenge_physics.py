@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfilt
 import calibrate
 from session.io.units import DEG
 from tinygc import SimulationOptions
-from tinygc.annexes.challenge.examination import ALIKE, ALONE, _host_of, _in_steps, _own_names, conceal, drawn, injected, judged, size_of
+from tinygc.annexes.challenge.examination import ALIKE, ALONE, _host_of, _in_steps, _own_names, conceal, drawn, injected, judged
 from tinygc.annexes.challenge.other_effects import MAKERS, bench
 from tinygc.effects import Movement, catalogue
 from tinygc.simulation.simulator import plan_of, simulate_session
@@ -141,11 +141,6 @@ def test_each_is_right_or_wrong_or_below_its_limit(answer, outcome, wrong):
     assert (found.hidden[0].outcome, found.wrong) == (outcome, wrong)
     assert found.hidden[0].size == pytest.approx(0.5)
     assert (found.before_deg, found.after_deg) == (0.5, 0.1)
-
-
-def test_the_size_of_delays_is_of_what_differs_between_the_axes():
-    assert size_of("timing.axis_skew", {"seconds": [0.01, 0.02, 0.03]}) == pytest.approx(np.sqrt(2) * 0.01)
-    assert size_of("gyro.saturation", {"dps": 300.0}) is size_of("earth.rotation", {"latitude_deg": 60.0}) is None
 
 
 @pytest.mark.parametrize(("offset_s", "own"), [(0.0041, {"timing.gyro_accel_offset"}), (-0.0039, set())])

@@ -29,7 +29,7 @@ from tinygc.annexes.discovery.stated_rate import MOST_LACKING, share_lacking
 from tinygc.annexes.discovery.unobserved import in_words as combination
 from tinygc.annexes.discovery.unobserved import not_observed, observed
 from tinygc.annexes.discovery.words import LONGEST, constant_of, constants_of, equation, in_words, regime, splits, terms_of, what
-from tinygc.effects import ReferenceConditions, StageC, StatedNumbers, load_folder, signals, using, without_vibration
+from tinygc.effects import StageC, load_folder, signals, using, without_vibration
 from tinygc.effects.catalogue import short_movement
 from tinygc.effects.testing import check
 from tinygc.noise.twin import READ
@@ -143,14 +143,6 @@ def test_quantities_that_a_recording_lacks_are_zero(movement):
     assert not any(largest_of([row]).values())
 
 
-def test_play_is_that_of_a_gear():
-    values = np.cumsum(np.random.default_rng(2).standard_normal((500, 2)), axis=0)
-    state = np.zeros(2)
-    for value, found in zip(values, signals.play(values, 1.5), strict=True):
-        state = np.clip(state, value - 1.5, value + 1.5)
-        np.testing.assert_allclose(found, state, rtol=0, atol=1e-12)
-
-
 # All forms, each once.
 
 
@@ -259,18 +251,6 @@ def test_a_law_of_physics_is_a_form(name, movement):
 # Words.
 
 
-def test_words_are_those_of_a_person():
-    form = LawForm((Factor("sense"), Factor("rest", "decay", 12.0)))
-    assert equation(form) == "ω_i += c_i s_i exp(−t_r / 12 s), s the sense of the last turn, t_r since the last turn"
-    assert equation(LawForm((Factor("rate", "signed_root"),))) == "ω_i += c_i sign(u_i)√|u_i|, u = ω / FS"
-    assert equation(LawForm((Factor("rate"), Factor("force")), "leant")) == "ω_i += u_i Σ_j C_ij f_j, u = ω / FS, f in g"
-    assert "90°" in equation(LawForm((Factor("turned", "wave", np.pi / 2),)))
-    assert "20 % " not in in_words(form)
-    assert in_words(LawForm((Factor("vibration", "root"), Factor("rate")))).startswith(
-        "The error of each axis is proportional to the square root"
-    )
-
-
 @pytest.mark.parametrize(
     ("form", "some"),
     [
@@ -358,21 +338,6 @@ def test_a_written_law_adds_the_same_in_a_session_of_another_full_scale_that_beg
     assert ("T₀ = 25 °C" if "warm" in name else "ω / (500 dps)") in effect.equation
 
 
-def test_the_proof_tries_a_law_at_the_full_scale_and_temperature_where_it_was_found(tmp_path):
-    """A threshold at 600 dps does nothing on a hand's usual movement, nor one at 65 °C on a sensor that begins at 25."""
-    form = LawForm((Factor("rate", "dead_zone", 0.3), Factor("temperature", "hinge", 4.0)))
-    effect = loaded(tmp_path, form, [0.9, -0.8, 0.7], full_scale_dps=125.0, first_temp_c=61.0)
-    assert effect.reference_conditions == ReferenceConditions(125.0 * DEG, 61.0)
-    assert check(effect, parts=("columns", "undo", "live")).ok
-
-
-def test_a_law_too_strong_to_be_undone_says_so_in_its_file():
-    form = LawForm((Factor("acceleration", "size"),))
-    assert "Undoing" in (text := written(law_of(form, [9.0, -8.0, 9.0]), Where("here", full_scale_dps=500.0)))
-    assert "30 passes of substitution do not take it off" in " ".join(text.split())
-    assert "Undoing" not in written(law_of(form, [0.5, -0.4, 0.6]), Where("here", full_scale_dps=500.0))
-
-
 # What a recording does not observe of a law.
 
 
@@ -437,15 +402,6 @@ def test_a_file_does_not_apply_what_was_not_observed_and_holds_the_numbers_that_
     assert effect.stated.against(law.theta, law.covariance)[0] == pytest.approx(0, abs=1e-3)
     away = law.theta + 20 * np.sqrt(law.covariance[0, 0]) * np.eye(9)[1]
     assert effect.stated.against(away, law.covariance)[0] == pytest.approx(20**2 / 4, rel=1e-3)
-
-
-def test_the_difference_counts_in_both_covariances_and_by_the_shape():
-    stated = StatedNumbers(np.array([1.0, 2.0]), np.diag([9.0, 16.0]), (57.0, 3.0))
-    there = np.array([6.0, 2.0]), np.diag([16.0, 9.0])
-    assert stated.against(*there) == (pytest.approx(1.0), 2)
-    assert stated.against(*there, 42.0) == (pytest.approx(1.0 + 15**2 / 18), 3)
-    fixed = StatedNumbers(np.zeros(2), np.diag([1.0, 0.0]))
-    assert fixed.against(np.array([2.0, 5.0]), np.diag([1.0, 0.0])) == (pytest.approx(2.0), 1)
 
 
 def test_numbers_and_thresholds_must_be_known_well_enough_for_the_stated_rate():

@@ -20,7 +20,7 @@ from tinygc import SimulationOptions
 from tinygc.annexes.discovery import engine
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import curve, main_of, pairs_of, series_of
-from tinygc.annexes.discovery.pictures import figure_of, of_stills, of_turns
+from tinygc.annexes.discovery.pictures import of_stills, of_turns
 from tinygc.annexes.discovery.report import DiscoveryReport
 from tinygc.annexes.discovery.report_section import PNG, searched, section
 from tinygc.annexes.discovery.result import discovery_page, to_json
@@ -139,27 +139,6 @@ def test_there_is_one_next_step_and_the_search_says_it(e):
         assert DiscoveryReport(e, found(law_of(*ZONE, runners_up=rivals))).to_json()["next"].startswith("record a second session")
 
 
-def test_the_page_of_a_law_and_its_runner_up_has_pictures(e, tmp_path):
-    pytest.importorskip("matplotlib")
-    answer = found(law_of(*LAWS["cross"], runners_up=(runner_up(LawForm((Factor("force"),), "full")),)))
-    figure = figure_of(e, answer, pairs_of(e, answer))
-    assert len(figure.axes) >= 2
-    for axes in figure.axes:
-        assert axes.get_title()
-        assert axes.get_xlabel().endswith(")")
-        assert axes.get_ylabel().endswith(")")
-    assert "runner-up: " in figure.get_suptitle()
-
-
-def test_terms_that_one_axis_has_from_one_component_are_one_series():
-    of = {name: series_of(form) for name, (form, _) in LAWS.items()}
-    assert [(each.axis, each.component, each.entries) for each in of["cross"]] == [(0, 1, (0,)), (1, 2, (1,)), (2, 0, (2,))]
-    assert len(of["matrix"]) == 9
-    assert (of["matrix"][5].axis, of["matrix"][5].component) == (1, 2)
-    wave = series_of(LawForm((Factor("turned", "wave", 6.0),)))
-    assert [(each.axis, each.entries) for each in wave] == [(0, (0, 1)), (1, (2, 3)), (2, (4, 5))]
-
-
 # The command, with a search that answers at once.
 
 
@@ -197,11 +176,6 @@ def test_what_is_written_is_not_executed_and_an_edited_or_used_file_stays(asked,
     assert mine.read_text(encoding="utf-8") == "mine = True\n"
     assert (law["id"], law["file"]) == ("discovered.dead_zone_rate_2", "effects/discovered_dead_zone_rate_2.py")
     assert "is kept" in capsys.readouterr().out
-
-
-def test_a_law_has_no_name_that_a_law_beside_it_has():
-    assert engine._free_id(ZONE[0], ["discovered.dead_zone_rate", "discovered.dead_zone_rate_2"]) == "discovered.dead_zone_rate_3"
-    assert engine._free_id(CUBE, []) == "discovered.cube_rate"
 
 
 @pytest.mark.parametrize("fault", ["effects", "truth"])

@@ -19,7 +19,7 @@ from session.io.units import DEG, G
 from tinygc import CalibrationError
 from tinygc.annexes.lots import fit as lots_fit
 from tinygc.annexes.lots.estimate import FAMILY_P, estimate, family
-from tinygc.annexes.lots.fit import _belonging, _require_usable, farthest, fit_with_lot, prior_of
+from tinygc.annexes.lots.fit import _belonging, _require_usable, fit_with_lot, prior_of
 from tinygc.annexes.lots.lot import (
     NAMES,
     OWN,
@@ -41,7 +41,7 @@ from tinygc.closure.prior import GaussianPrior, vague
 from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
-from tinygc.models.linear import BIAS, PARAMETERS, PRIOR_SIGMA, bias_only, field_vector
+from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA, bias_only, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session, unit_of
 from tinygc.simulation.write import write_simulation
@@ -127,14 +127,6 @@ def test_sessions_lie_by_unit_and_units_by_their_first_session():
     assert lot.place == pytest.approx([0, 1 / 3, 2 / 3, 1])
     assert lot.variances[:, 10] == pytest.approx([0.01] * 5)
     assert np.flatnonzero(lot.known.any(axis=0)).tolist() == [10]
-
-
-def test_a_value_without_error_is_none_and_one_unit_is_no_lot():
-    lot = lot_sessions([result("a", "A", 0.0), result("d", "D", 3.0, known=(3, 10), sigma=np.array([0.1, 0.0]))])
-    assert (lot.known[:, 3].tolist(), lot.known[:, 10].tolist()) == ([False, True], [True, False])
-    for results, units in (([result("a", "A", 0.0), result("b", "A", 1.0)], 1), ([], 0)):
-        with pytest.raises(CalibrationError, match=f"two units or more, got {units}"):
-            lot_sessions(results)
 
 
 # Mean, drift, spread and repeatability.
@@ -382,21 +374,6 @@ def test_a_session_that_sees_nothing_leaves_what_was_probable_before():
     assert (found.probability, found.distance, found.freedom, found.p_value) == (0.97, 0.0, 0, 1.0)
 
 
-def test_the_farthest_number_is_the_one_least_explained_by_lot_and_fit_and_is_told_in_sigmas_of_the_lot():
-    own = lot(SIGMA)
-    off = np.zeros(PARAMETERS)
-    off[[2, 5, 7]] = -6 * SIGMA[0], 8 * SIGMA[0], 20 * SIGMA[0]
-    covariance = np.diag(np.where(np.arange(PARAMETERS) == 5, 3 * SIGMA, 0.0) ** 2)  # 8 / sqrt(1 + 9) = 2.5 of both
-    seen = np.arange(PARAMETERS) != 7
-    name, sigmas = farthest(own, MEAN + off, covariance, seen)
-    assert (name, round(sigmas, 6)) == ("E_xz", -6.0)
-    assert farthest(own, MEAN + off, covariance, ~seen)[0] == "E_zy"
-    assert farthest(own, MEAN + off, covariance, np.zeros(PARAMETERS, dtype=bool)) is None
-    unknown = own.mean.copy()
-    unknown[2] = np.nan
-    assert farthest(replace(own, mean=unknown), MEAN + off, covariance, seen)[0] == "E_yz"
-
-
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -558,18 +535,6 @@ def test_the_lot_is_used_in_part_between_its_thresholds(problem, parts, monkeypa
     both = p * (of_lot.noise + of_lot.share @ with_lot.covariance @ of_lot.share.T) + (1 - p) * (alone.noise + more)
     close(found.use.more, both + p * (1 - p) * np.outer(apart, apart) - of_lot.noise, sigma)
     assert_allclose(found.use.share, p * np.diag(of_lot.share), atol=2e-3)
-
-
-def test_a_bias_that_the_lot_does_not_tell_is_sought_about_the_first_still(problem, monkeypatch):
-    """Or about the first look's, where no still is."""
-    mean = lot().mean.copy()
-    mean[BIAS] = np.nan
-    stills = problem.still_rates
-    found = Judged(problem, monkeypatch, 1.0, of=lot(mean=mean))
-    np.testing.assert_array_equal(found.level.prior.centre[BIAS], -stills.rate[0])
-    none = problem.changed(still_rates=replace(stills, rate=stills.rate[:0], earth=stills.earth[:0], sigma=stills.sigma[:0]))
-    found = Judged(none, monkeypatch, 1.0, of=lot(mean=mean))
-    np.testing.assert_array_equal(found.level.prior.centre[BIAS], problem.first.B)
 
 
 def test_a_use_is_told_in_words_and_in_json(problem, monkeypatch):

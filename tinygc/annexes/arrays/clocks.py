@@ -161,7 +161,7 @@ class RoughClock:
     likeness: float
 
 
-def _rough_clock(first: Rates, unit: Rates) -> RoughClock:
+def rough_clock(first: Rates, unit: Rates) -> RoughClock:
     """Estimate the clock of one log of a unit from the first unit's log of the same time."""
     first, unit = first.between_good(), unit.between_good()
     length_s = max(float(rates.t_s[-1] - rates.t_s[0]) for rates in (first, unit))
@@ -233,7 +233,7 @@ class _Front:
 #
 # The unit's gyroscope reads ``g(t) = A g_1(tau(t)) + b + noise`` with ``tau = t + offset + rate (t - about)`` and g_1 the first unit's.
 # A is any linear map: mounting, scales and misalignments of both units, so none of them can bias the clock. All are estimated together by
-# Gauss-Newton, starting at the coarse clock (``_rough_clock``).
+# Gauss-Newton, starting at the coarse clock (``rough_clock``).
 #
 # The first unit's noise is in the regressors as well. Its mean contribution is subtracted from the normal equations: an interpolated
 # reading is less noisy between two readings than at one, and least squares would shift the clock towards there.
@@ -293,7 +293,7 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
 
     Raises CalibrationError for a clock that was reset between two logs.
     """
-    each = [_rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
+    each = [rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
     rough = max(each, key=lambda one: one.likeness)
     for number, other in enumerate(each):
         apart_s = abs(rough.offset_s + rough.rate * (other.about_s - rough.about_s) - other.offset_s)
@@ -375,7 +375,7 @@ class _ClockRows:
             at = tau[rows]
             after = np.clip(np.searchsorted(one.t_s, at), 1, len(one) - 1)
             phase = (at - one.t_s[after - 1]) / (one.t_s[after] - one.t_s[after - 1])
-            variance, slope = _interpolated_variance(phase)
+            variance, slope = interpolated_variance(phase)
             parts.append(
                 {
                     "log": np.full(len(rows), number),
@@ -472,7 +472,7 @@ _VARIANCE = CubicSpline(*_cardinal())
 _VARIANCE_SLOPE = _VARIANCE.derivative()
 
 
-def _interpolated_variance(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def interpolated_variance(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the variance of an interpolated reading, relative to a reading's own, at phases (N,) 0 to 1 between two; and its slope over
     the phase."""
     return _VARIANCE(phase), _VARIANCE_SLOPE(phase)

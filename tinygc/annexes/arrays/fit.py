@@ -288,7 +288,7 @@ def fit_array(
     ``places_of``, and FitError where fewer than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
-    ages = ages_of(array, clock_fits(array)) if _of_one_reader(array) else ()
+    ages = ages_of(array, clock_fits(array)) if of_one_reader(array) else ()
     sampled = corrected(array, ages) if any(each.found for each in ages) else array
     units, left = prepare_units(sampled, places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)
@@ -348,7 +348,7 @@ def fit_array(
     )
 
 
-def _of_one_reader(array: ArraySession) -> bool:
+def of_one_reader(array: ArraySession) -> bool:
     """Return whether all units have identical stamps: one reader stamped them, and readings may be older than their stamps."""
     first = array.units[0].logs
     return all(

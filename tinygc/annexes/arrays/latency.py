@@ -163,7 +163,7 @@ class PhaseTrack:
         return phase, np.sqrt(sigma**2 + WALK_HZ**2 * nearest**3 / 3)
 
 
-def _sawtooth(cycles: np.ndarray, sigma_cycles: np.ndarray) -> np.ndarray:
+def sawtooth(cycles: np.ndarray, sigma_cycles: np.ndarray) -> np.ndarray:
     """Return the expected fraction of a phase in cycles with a given sigma: between 0 and 1, its edge smoothed by the sigma."""
     x = cycles - np.floor(cycles)
     sigma = np.maximum(sigma_cycles, 1e-9)
@@ -358,7 +358,7 @@ class SampleAges:
         """Return the expected ages (N,) s of readings with these stamps, s of the unit's own clock; 0 where no beat was found."""
         if self.track is None:
             return np.zeros(len(t_s))
-        return np.asarray(self.period_s * _sawtooth(*self.track.at(self.clock.array_time(t_s))))
+        return np.asarray(self.period_s * sawtooth(*self.track.at(self.clock.array_time(t_s))))
 
 
 def ages_of(array: ArraySession, fits: Sequence[ClockFit]) -> tuple[SampleAges, ...]:
@@ -433,7 +433,7 @@ def _sized(readings: AgeReadings, phases: PhaseTrack) -> tuple[float, float, flo
     """Return the height of the sawtooth and its sigma, the offset added to it, and the scatter of single readings about it, s."""
     cycles, blur = phases.at(readings.t_s)
     part = cycles - np.floor(cycles)
-    height, weight = _sawtooth(cycles, blur), 1 / readings.variance
+    height, weight = sawtooth(cycles, blur), 1 / readings.variance
     period, offset = 1e-3, 0.0
     kept = (part > NEAR_JUMP) & (part < 1 - NEAR_JUMP) & (blur < NEAR_JUMP)
     near = kept

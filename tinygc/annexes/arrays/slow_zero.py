@@ -81,11 +81,11 @@ def evidence_of(e: Explanation) -> _UnitEvidence:
         found.gain[name] = float(theta @ np.linalg.solve(covariance, theta)), len(theta)
         found.shapes[name] = len(of_name)
         found.size_rps[name], _ = motion(e.twin, [(effect, theta)])
-        found.upper_rps[name] = _upper_motion(e.twin, effect, theta, covariance)
+        found.upper_rps[name] = upper_motion(e.twin, effect, theta, covariance)
     return found
 
 
-def _upper_motion(twin: Twin, effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> float:
+def upper_motion(twin: Twin, effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> float:
     """Upper 95 % limit, rad/s, of ``motion`` by one effect, on the axis where it is largest, between the estimate's extremes."""
     columns = np.concatenate([effect.columns(movement) for movement in twin.movements])
     added = columns @ theta

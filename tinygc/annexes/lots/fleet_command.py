@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 OFTEN_S, SELDOM_S = 0.2, 30.0
 
 
-class _Meter:
+class Meter:
     """Progress display as a context; call it with each new tally.  The folders are counted in a thread, so that the first does not wait."""
 
     def __init__(self, quiet: bool, folders: Callable[[], Iterable[Any]] | None):
@@ -36,7 +36,7 @@ class _Meter:
         self._found, self._counted, self._ended = 0, False, False
         self._stack = ExitStack()
 
-    def __enter__(self) -> _Meter:
+    def __enter__(self) -> Meter:
         from tinygc.reporting.terminal import progress_bar
 
         self._show = self._stack.enter_context(progress_bar(self._quiet))
@@ -157,7 +157,7 @@ def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Ta
     effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may have another working directory
     options = FleetOptions(chosen, args.seed, not args.no_earth, args.accelerometer, effects)
     count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # a pipe can be read only once
-    with _Meter(args.quiet, count) as meter:
+    with Meter(args.quiet, count) as meter:
         tally = compute(_folders(args), args.out, options, jobs=args.jobs, scheduler=args.scheduler, retry=args.retry, progress=meter)
     if not tally.folders:
         raise no_session([*args.folders, *([args.listed] if args.listed else [])])

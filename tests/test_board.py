@@ -71,7 +71,7 @@ def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
     assert flipped(b"", 0.5, np.random.default_rng(0)) == b""
 
 
-OPTIONS = SimulationOptions(segments=2, closure_s=0.0, odr_hz=104.0, seed=7)
+OPTIONS = SimulationOptions(segments=1, closure_s=0.0, odr_hz=104.0, seed=7)
 
 
 def log(options, name):

@@ -10,13 +10,10 @@ import pytest
 from conftest import ROOT
 
 from session.bench import frames
-from session.bench import frames as commands
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 
 PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
-BAUDS = (115200, 230400, 460800, 921600, 2_000_000, 3_000_000)
-TO_SPARE = 1.15
 HEX = re.compile(r"^```\n((?:[0-9a-f]{2} )+00)\n```", re.M)
 
 
@@ -42,13 +39,3 @@ def uncobs(coded: bytes) -> bytes:
         decoded += coded[1 : coded[0]] + (b"\0" if coded[0] < len(coded) else b"")
         coded = coded[coded[0] :]
     return decoded
-
-
-def test_baud_rates_follow_from_the_bytes():
-    table = re.findall(r"^\| (\d+) \| (\d+|none) \| (\d+|none) \| (\d+|none) \|$", PAGE, re.M)
-    assert [int(row[0]) for row in table] == [104, 208, 417, 833, 1667, 3333, 6667]
-    for row in table:
-        for length, said in zip((25, 61, 82), row[1:], strict=True):
-            needed = TO_SPARE * (10 * length * int(row[0]) + commands.OTHER_BITS)
-            assert said == str(next((baud for baud in BAUDS if baud >= needed), "none"))
-    assert commands.SAMPLE_BITS == 250

@@ -240,6 +240,24 @@ def test_the_period_is_measured_anew_at_16_32_64_and_so_on_up_to_1024_apart():
     assert whole.period_us == stream.period_us
 
 
+def test_the_last_sixteen_info_frames_are_known():
+    """One more number may be of an info frame that was lost."""
+    for count, counts in ((17, True), (18, False)):
+        stream = begun()
+        for k in range(count):
+            stream.info(20 + k)
+        assert told(stream.take(received([LAST + P], [20 + count]))) == ([LAST + P] * counts, [1] * counts, [])
+
+
+def test_lines_lost_are_counted_from_the_clock_and_take_the_line_before_along():
+    """Three new lines that follow each other show a gap of 5.4 periods: 5, and the doubted line."""
+    stream = begun(text=True)
+    t_us = LAST + 5400 + P * np.arange(3)
+    out = told(stream.take(received(t_us)))
+    assert out == (t_us[:2].tolist(), [5, 1], [("lost", 5, LAST)])
+    assert told(stream.finish()) == (t_us[2:].tolist(), [1], [])
+
+
 # The step filter.
 
 
@@ -337,3 +355,12 @@ def test_numbers_in_physical_units_are_filtered_as_numbers():
             assert left == [2] * gone
             np.testing.assert_array_equal(values_out, [v for k, v in enumerate(values) if not (gone and k == 2)])
             assert all(chunk.registers.dtype == np.float64 for chunk in out if isinstance(chunk, SampleChunk))
+
+
+def test_a_batch_begins_behind_the_last_of_the_one_before():
+    step_filter = StepFilter()
+    step_filter.take(accepted([0, 3 * BAR]))
+    assert passed(step_filter.take(accepted([0, 3 * BAR, 3 * BAR], damaged=[0])))[1] == [0]
+    waiting = StepFilter()
+    waiting.take(accepted([0, 0, 5 * BAR], damaged=[0]))
+    assert passed(waiting.take(accepted([8 * BAR, 5 * BAR, 5 * BAR])))[1] == [0]

@@ -65,19 +65,3 @@ def test_whichever_is_installed_is_called_as_it_wants(bench, tool, target, name)
     assert (build / f"{name}.elf").exists()
     assert (build / f"{name}.bin").exists()
     assert tool in ran.stdout
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        ([], "none of dfu-util openocd st-flash is installed"),
-        (["FLASH=hammer"], "FLASH=hammer is unknown: give one of dfu-util openocd st-flash"),
-    ],
-)
-def test_without_a_flasher_one_line_and_nothing_is_built(bench, words, says):
-    ran, calls, build = bench([], "flash-recorder", *words)
-    assert ran.returncode == 2
-    assert says in ran.stderr
-    assert ran.stderr.count("\n") == 1
-    assert calls == {}
-    assert not (build / "recorder.elf").exists()

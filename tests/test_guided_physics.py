@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -103,6 +104,7 @@ class Said:
         return [change.text for change in self.changes if change.kind is kind]
 
 
+@cache
 def chunks(table: Table, size: int = 50, seed: int = 0) -> list[SampleChunk]:
     samples = table.samples(seed=seed)
     rows = np.column_stack([samples.gyro / gyro_rps_per_lsb(500), samples.accel / accel_mps2_per_lsb(4), 256 * (samples.temp_c - 25)])

@@ -143,7 +143,7 @@ def test_a_page_that_fails_ends_no_recording():
 
 
 def test_the_screen_and_the_page_say_how_long_to_wait_for_a_warm_board():
-    samples = Table().rest(60).samples()
+    samples = Table().rest(40).samples()
     for temp_c, says in ((25 + 9 * (1 - np.exp(-samples.t_s / 150)), "wait 2 min, and the bias drifts by"), (None, "warmth –")):
         guide = guide_of()
         _, server, _ = watched(guide, Samples(samples.t_ns, samples.gyro, samples.accel, temp_c), portion=500)

@@ -29,6 +29,7 @@ def board(tmp_path):
         yield start
 
 
+@pytest.mark.broad
 def test_from_the_board_to_the_session(board, run, tmp_path):
     """Nothing is lost, every turn is accepted, and the session is, sample by sample, the one that can be read from its file."""
     spare = 2  # turns, so that one that is missed fails here and not by waiting for ever

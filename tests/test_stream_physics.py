@@ -608,7 +608,7 @@ def work(data: bytes, at_once: int = AT_ONCE) -> tuple[float, float]:
 
 
 def test_the_work_for_a_byte_is_bounded_on_every_stream():
-    for name, data in costly(12_000).items():
+    for name, data in costly(30_000).items():
         examined, calls = work(data)
         assert examined <= (1.2 if name == "text" else EXAMINED), name
         assert calls <= CALLS, name

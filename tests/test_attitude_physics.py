@@ -1,5 +1,7 @@
 """Rotations against scipy's and their definition, the integration of rates against exact movements, and the Earth's rotation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -9,7 +11,16 @@ from scipy.spatial.transform import Rotation
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc import SimulationOptions
 from tinygc.attitude import rotation
-from tinygc.attitude.earth import estimate_heading, no_earth, unseen_covariance, vertical_only, with_heading
+from tinygc.attitude.earth import (
+    EarthRate,
+    contradicts,
+    estimate_heading,
+    no_earth,
+    unseen_covariance,
+    vertical_only,
+    vertical_rate,
+    with_heading,
+)
 from tinygc.attitude.rotation import steps
 from tinygc.simulation.movement import hand_plan, move
 
@@ -233,3 +244,52 @@ def test_an_estimated_heading_leaves_its_own_spread():
     length = np.linalg.norm(with_heading(47.0, 0.0).rate_t[:2])
     np.testing.assert_allclose(across @ found @ across / (across @ across), (length * earth.heading_sigma_rad) ** 2, rtol=0.05)
     np.testing.assert_allclose(found @ along, 0, atol=1e-22)
+
+
+def test_few_noisy_stills_tell_no_heading_and_leave_the_horizontal_part_short():
+    earth = estimate_heading(31.03, *stills(3, count=4, sigma_dps=0.05))
+    assert earth.source == "unknown"
+    assert np.hypot(*earth.rate_t[:2]) < 0.5 * np.hypot(*with_heading(31.03, 0).rate_t[:2])
+
+
+@pytest.mark.parametrize("scatter", [0.1, 4.0])
+def test_the_rate_about_down_is_that_of_least_squares_of_a_bias_and_three_components(scatter):
+    """Noise larger than its sigma widens it by as much; attitudes that do not tell it from the bias give none."""
+    q, _, sigma = stills(5, count=6)
+    rate = np.array([1.0, 2.0, 3.0]) * sigma + scatter * sigma * np.random.default_rng(5).normal(size=sigma.shape)
+    rate += Rotation.from_quat(q, scalar_first=True).inv().apply([1e-5, 0, -4e-5])
+    turn = Rotation.from_quat(q, scalar_first=True).inv().as_matrix()
+    A = np.concatenate([np.tile(np.eye(3), (6, 1, 1)), turn], axis=2).reshape(18, 6)
+    value, (left,), *_ = np.linalg.lstsq(A, rate.ravel(), rcond=None)
+    wider = max(1.0, left / sigma[0, 0] ** 2 / 12)
+    expected = value[5], sigma[0, 0] * np.sqrt(np.linalg.inv(A.T @ A)[5, 5] * wider)
+    assert vertical_rate(q, rate, sigma) == pytest.approx(expected, rel=1e-6)
+    assert vertical_rate(np.tile(q[:1], (6, 1)), rate, sigma) is None
+
+
+@pytest.mark.parametrize(
+    ("sigma_deg", "source", "contradicted"),
+    [(0.66, "estimated", True), (0.67, "estimated", False), (0.66, "unknown", False)],
+)
+def test_an_estimated_heading_contradicts_a_given_one_beyond_three_sigmas(sigma_deg, source, contradicted):
+    estimate = EarthRate(np.zeros(3), 179 * DEG, sigma_deg * DEG, source)
+    assert contradicts(estimate, with_heading(47.0, -179.0)) is contradicted
+    assert not contradicts(replace(estimate, heading_sigma_rad=31 * DEG, heading_rad=0.0), with_heading(47.0, 180.0))
+
+
+def test_a_quaternion_of_a_matrix_is_scipys():
+    for q in [*unit(40), *np.eye(4)]:
+        same_attitude(rotation.from_matrix(Rotation.from_quat(q, scalar_first=True).as_matrix()), q, 1e-13)
+
+
+def test_a_first_order_step_has_the_tangent_of_half_its_angle():
+    rate = np.array([[2.0, -1.0, 2.0]] * 2) * 10 / 3
+    (q,) = steps(rate, np.array([0.1]), "first-order")
+    np.testing.assert_allclose(rotation.log(q), rate[0] / 10 * 2 * np.arctan(0.5), rtol=1e-12)
+
+
+@pytest.mark.parametrize("function", [rotation.exp, rotation.accumulate, rotation.matrix])
+def test_torch_gives_what_numpy_gives(function):
+    for count in (6, 7):
+        values = RNG.normal(size=(5, count, 3)) if function is rotation.exp else unit(5, count)
+        np.testing.assert_allclose(function(torch.as_tensor(values)).numpy(), function(values), atol=1e-15)

@@ -8,6 +8,7 @@ import torch
 from conftest import Turns
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
+from small_turns import numeric_jacobian
 
 from session.io.samples import Samples
 from session.io.units import DEG, EARTH_RATE_RPS
@@ -216,6 +217,15 @@ def test_the_earth_turns_below():
 
 
 RNG = np.random.default_rng(3)
+
+
+def test_columns_of_known_angles_are_the_derivatives():
+    angles = [30.0, -30.0, -135.0, 360.0, np.nan]
+    batch, axis_b = turned_about(SLANTED, np.nan_to_num(angles, nan=70.0), seed=3)
+    batch = stating(batch, axis_b, angles)
+    J = linear.columns(closure.sensitivity(batch, batch.rate), batch.rate)
+    exact = numeric_jacobian(lambda at: 2 * closure.segment_residuals(batch, LinearModel.from_vector(at)(batch.rate)), PERFECT.vector)
+    np.testing.assert_allclose(J, exact, atol=1e-4 * np.abs(J).max())
 
 
 def tumbling(seconds=8.0, hz=100.0):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import Table, session_of, write_session
+from conftest import GRAVITY, Table, session_of, write_session
 from scipy.spatial.transform import Rotation
 
 from session.detect.segments import FEWEST_SEGMENTS
@@ -107,8 +107,13 @@ def test_a_bias_error_shows_in_the_yaw_of_a_level_run(session):
     seconds = run.batch.duration_s[0]
     errors = run.errors(LinearModel(np.eye(3), np.zeros(3))) / DEG
     np.testing.assert_allclose(errors, [0, 0, 0.01 * seconds + 7.75 / 3600 * seconds], atol=0.015)
+    # Its floor: a walk of the angle, and gravity's direction in both stills, by the noise of the session.
+    noise = build_problem(session).noise
+    walk, tilt = noise.gyro**2 / 2 * seconds, np.mean(noise.accel**2) / 2 / 2.0 / GRAVITY**2
+    variance = run.floor_rad**2
+    np.testing.assert_allclose([variance[:2].sum(), variance[2]], [walk[:2].sum() + 4 * tilt, walk[2]], rtol=0.004)
     # What it may be off by is the spread over all headings of what the Earth's horizontal rate turns it by.
-    assert (run.yaw_carried, run.earth.source) == (False, "unknown")
+    assert (run.time_known, run.yaw_carried, run.earth.source) == (True, False, "unknown")
     rate, horizontal, known = run.batch.rate[0], EARTH_RATE_RPS * np.cos(31.03 * DEG), replace(run, yaw_carried=True)
     ways = horizontal * np.stack([np.cos(HEADINGS), np.sin(HEADINGS), 0 * HEADINGS], axis=1)
     moved = np.array([known.with_earth(way, rate).errors_at(rate) for way in ways]) - run.errors_at(rate)

@@ -195,6 +195,13 @@ def test_a_wrong_angle_is_the_residual_exactly(axis, wrong_deg):
     assert np.abs(angles[:, :2]).max() < 1e-9
 
 
+def test_an_end_is_turned_to_where_the_known_angle_has_it():
+    batch, axis_b = turned_about(SLANTED, ANGLES)
+    off = rotation.multiply(batch.end, rotation.exp(0.01 * axis_b))
+    back = stating(batch, axis_b, ANGLES).turns.turned(batch.start, off)
+    np.testing.assert_allclose(np.abs(np.sum(back * batch.end, axis=1)), 1, atol=1e-12)
+
+
 def test_a_whole_circle_more_is_no_residual_and_q_and_minus_q_are_one():
     """Circles are counted by the gyro's readings (session/detect/segments.py), not by its attitude."""
     batch, axis_b = turned_about(SLANTED, ANGLES)

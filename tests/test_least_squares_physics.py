@@ -195,6 +195,12 @@ def test_a_search_that_does_not_end_tells_what_each_turn_is_off_by():
     assert "did not settle in 50 steps" in str(refused)
 
 
+def test_turns_that_bind_a_direction_loosely_are_not_blamed_one_by_one():
+    refused = torn(small_turns(seed=1), 3, 0.02)
+    assert f"the turns hardly bind {refused.loose}; turn about more axes" in str(refused)
+    assert refused.loose.startswith("E_")
+
+
 def test_a_direction_is_named_by_the_parameters_with_half_its_size():
     direction = np.zeros(12)
     direction[[0, 4, 8, 9, 10]] = -0.4, 0.2, 0.21, -0.4, -0.19

@@ -107,6 +107,7 @@ def test_a_bias_error_shows_in_the_yaw_of_a_level_run(session):
     seconds = run.batch.duration_s[0]
     errors = run.errors(LinearModel(np.eye(3), np.zeros(3))) / DEG
     np.testing.assert_allclose(errors, [0, 0, 0.01 * seconds + 7.75 / 3600 * seconds], atol=0.015)
+    assert run.began_s == pytest.approx(3600, abs=0.02)
     # Its floor: a walk of the angle, and gravity's direction in both stills, by the noise of the session.
     noise = build_problem(session).noise
     walk, tilt = noise.gyro**2 / 2 * seconds, np.mean(noise.accel**2) / 2 / 2.0 / GRAVITY**2

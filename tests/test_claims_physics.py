@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, multivariate_normal
+from scipy.special import expit
+from scipy.stats import chi2, multivariate_normal, t
 
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
@@ -44,7 +45,7 @@ from tinygc.explanation.result import MOST_SAID, considered_lines
 from tinygc.explanation.search import NamedEffect
 from tinygc.explanation.standing import ONE_SIDED, Standing, Statement, homogeneity_p, standing_of, upper_limit
 from tinygc.explanation.truth_evidence import truth_claim
-from tinygc.noise.turn_gravity import TurnGravity
+from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.terminal import Group, as_text
 
@@ -102,11 +103,12 @@ def test_parameters_are_in_their_units_with_what_the_effect_is_known_to():
 
 def test_an_axis_is_said_from_three_sigmas_on_or_as_the_surest():
     theta = np.array([0.3, 0.2, 0.1]) * DEG
-    for sigmas, said in (((3.01, 3.01, 2.99), [1, 1, 0]), ((2.5, 2.9, 2.8), [0, 1, 0]), ((9.0, 0.1, 3.1), [1, 0, 1])):
+    for sigmas, said in (((3.01, 3.01, 2.99), [1, 1, 0]), ((2.5, 2.9, 2.8), [0, 1, 0]), ((2.9, 3.1, 9.0), [0, 1, 1])):
         sigma = theta / sigmas
         assert described(STEP, theta, np.diag(sigma**2)) == STEP.describe(theta * said)
         assert truth_claim(STEP, theta, sigma, 0.01).says == STEP.describe(theta * said)
-    assert truth_claim(STEP, theta, None, 0.01).says == STEP.describe(theta)
+    bare = truth_claim(STEP, theta, None, 0.01)
+    assert (bare.says, bare.probability) == (STEP.describe(theta), 1.0)
     for name in ("earth.rotation", "gyro.bandwidth"):  # what follows from all parameters in common is left alone
         theta = np.array([0.3, 0.01, -0.8]) * EFFECTS[name].parameter.plausible
         assert described(EFFECTS[name], theta, np.diag((10 * theta) ** 2)) == EFFECTS[name].describe(theta)
@@ -201,13 +203,18 @@ def test_named_effects_have_their_share_of_what_is_beyond_noise():
 
 
 def test_a_delay_of_all_axes_may_be_the_common_part_of_any_lag():
-    """Two turns leave one degree of freedom, as few as there are."""
+    """Two turns leave one degree of freedom, as few as there are.  Student's likelihood pays for a scale and for the odds of any effect."""
     gravity = TurnGravity(np.zeros(3), 0.012, 0.002, 1.0, 1.0, 0.0045, 24, 0.001)
     (claim,) = offset_claim(gravity)
     assert set(claim.equivalent) == {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew"}
     assert (claim.parameters, claim.p_is_bound) == ({"seconds": 0.012}, False)
     assert claim.says == EFFECTS["timing.gyro_accel_offset"].describe(np.array([0.012]))
     assert offset_claim(replace(gravity, offset_s=0.001)) == []
+    (unsure,) = offset_claim(replace(gravity, offset_s=0.009))
+    freedom = 24 - NUMBERS
+    gain = freedom * np.log1p(4.5**2 / freedom)
+    assert unsure.probability == pytest.approx(expit((gain - 2 * np.log(10 * 30) - 1) / 2))
+    assert unsure.p_value == pytest.approx(2 * t.sf(4.5, freedom))
     (few,) = offset_claim(replace(gravity, turns=2, sigma_s=1e-9, offset_s=0.012))
     assert few.p_value == pytest.approx(2 / np.pi * np.arctan(1e-9 / 0.012), rel=1e-6)
 

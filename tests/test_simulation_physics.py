@@ -107,18 +107,6 @@ def test_filters_begin_at_rest_and_a_perfect_sensor_closes():
     assert product(Rotation.from_rotvec(steps[turn])).magnitude() < 0.03 * DEG
 
 
-def test_closure_run_returns_to_its_start():
-    plan = hand_plan(SHORT, np.random.default_rng(8))
-    start_s, stop_s = plan.closure
-    assert plan.duration_s - plan.log_s == pytest.approx(20)
-    assert start_s - plan.log_s >= 1.2
-    assert plan.duration_s - stop_s >= 1.2
-    angles = move(plan, np.array([plan.log_s, start_s, stop_s, plan.duration_s])).angles
-    np.testing.assert_allclose(angles, angles[:, :1].repeat(4, axis=1), atol=1e-9)
-    turning = move(plan, np.arange(start_s + 0.3, stop_s - 0.3, 0.01))
-    assert np.linalg.norm(turning.rate, axis=1).min() > 0.1 * DEG
-
-
 def test_stamps_show_the_true_rate():
     simulation = simulate_session(replace(SHORT, odr_error=0.02))
     stamps = np.concatenate([simulation.log.t_us, simulation.closure.t_us])

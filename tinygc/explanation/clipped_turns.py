@@ -54,7 +54,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
                 longest = int(np.argmax(stops - starts))
                 start, stop = int(starts[longest]), int(stops[longest])
                 if stop - start >= bar:
-                    found.append((top, at, _has_corners(values, start, stop, step)))
+                    found.append((top, at, has_corners(values, start, stop, step)))
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))
@@ -64,7 +64,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
     return ReachedCeiling(level, np.any([short, *(at for _, at, _ in found)], axis=0))
 
 
-def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
+def has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
     """Whether values (N,) fall from a plateau start:stop on both sides, as far beyond its ends as it is long."""
     beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
     return bool(values[start] - beyond.max() > CORNER_CHI2 * lsb)

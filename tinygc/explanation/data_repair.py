@@ -271,9 +271,9 @@ class ClosureTrial:
         def cost(count: int) -> float:
             total = dict.fromkeys((i for _, i in inside), -np.inf)
             for event, i in inside:
-                cross = crossing(self.twin.problem.logs[event.log].samples, event, count)
-                for mended, variance in (([], 0.0), ([event], cross.missed_rad**2)):
-                    angles, C = self.angles(i, mended, lambda _, cross=cross: cross, count), self.covariance[i]
+                crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, count)}
+                for mended, variance in (([], 0.0), ([event], crossings[event].missed_rad ** 2)):
+                    angles, C = self.angles(i, mended, crossings.__getitem__, count), self.covariance[i]
                     C = C + variance * np.eye(len(C))
                     gain = -(angles @ np.linalg.solve(C, angles) + np.linalg.slogdet(C)[1]) / 2
                     total[i] = float(np.logaddexp(total[i], gain))

@@ -160,41 +160,31 @@ def test_lines_and_warm_ups_span_the_session_and_fast_lines_begin_where_stills_a
 
 
 def test_each_shape_is_what_its_equation_says():
-    moved = movement(22.0, began_s=50.0)
-    twin = session_of_movements(movement(20.0), movement(30.0))
-    x = 2 * moved.t_s / 200 - 1
+    moved, twin = movement(22.0, began_s=50.0), session_of_movements(movement(20.0), movement(30.0))
+    legendre = np.polynomial.legendre.Legendre.basis
     for order, curve in zip((2, 3, 4, 5), shapes(twin, "curve_over_time"), strict=True):
-        expected = np.stack([np.polynomial.legendre.Legendre.basis(n)(x) for n in range(1, order + 1)], axis=1)
-        np.testing.assert_allclose(curve.basis(moved), expected, atol=1e-12)
+        expected = [legendre(n)(2 * moved.t_s / 200 - 1) for n in range(1, order + 1)]
+        np.testing.assert_allclose(curve.basis(moved), np.stack(expected, axis=1), atol=1e-12)
         assert curve.equation == f"ω += smooth curve of time, Legendre order {order}"
-    curve = shapes(twin, "curve_over_temperature")[0]
+    curve, *_ = shapes(twin, "curve_over_temperature")
     np.testing.assert_allclose(curve.basis(moved), np.tile([-0.6, (3 * 0.36 - 1) / 2], (101, 1)))
     np.testing.assert_allclose(curve.basis(movement(40.0)), 1.0)  # beyond what the session had
-    line = shapes(twin, "periodic")[0]
+    line, phase = shapes(twin, "periodic")[0], np.pi * moved.t_s / 100
     assert line.equation == "ω += a cos(2π f t) + b sin(2π f t), f = 0.0050 Hz"
-    assert line.describe(np.array([0.5, -2.0]) * DEG) == (
-        "the zero-rate offset oscillates with a period of 200.0 s (up to 2.000 dps); nothing in the catalogue does this"
-    )
-    np.testing.assert_allclose(
-        line.basis(moved), np.stack([np.cos(np.pi * moved.t_s / 100), np.sin(np.pi * moved.t_s / 100)], axis=1), atol=1e-12
-    )
+    assert "a period of 200.0 s (up to 2.000 dps); nothing in the catalogue" in line.describe(np.array([0.5, -2.0]) * DEG)
+    np.testing.assert_allclose(line.basis(moved), np.stack([np.cos(phase), np.sin(phase)], axis=1), atol=1e-12)
     warm = shapes(session_of_movements(movement(np.nan)), "warm_up")[0]
     np.testing.assert_allclose(warm.basis(moved), np.exp(-moved.t_s / 40)[:, None])
     assert warm.equation == "ω += b exp(−t / τ), τ = 40 s"
     a, b, c = moved.force_g[0]
-    quadratic, cubic = (each.basis(moved) for each in shapes(twin, "attitude"))
-    squares = [a * a, a * b, a * c, b * b, b * c, c * c]
-    np.testing.assert_allclose(np.sort(quadratic[50]), np.sort(squares))
-    cubes = [a**i * b**j * c**k for i in range(4) for j in range(4) for k in range(4) if i + j + k == 3]
-    np.testing.assert_allclose(np.sort(cubic[50]), np.sort(squares + cubes))
-    (products,) = shapes(twin, "rate_products")
-    u = moved.rate / FS
-    columns = products.columns(moved)
-    for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-        for axis in range(3):
-            expected = np.zeros((101, 3))
-            expected[:, axis] = FS * u[:, i] * u[:, j]
-            np.testing.assert_allclose(columns[:, :, 3 * number + axis], expected)
+    quadratic, cubic = (np.sort(each.basis(moved)[50]) for each in shapes(twin, "attitude"))
+    powers = {n: [a**i * b**j * c ** (n - i - j) for i in range(n + 1) for j in range(n + 1 - i)] for n in (2, 3)}
+    np.testing.assert_allclose(quadratic, np.sort(powers[2]))
+    np.testing.assert_allclose(cubic, np.sort(powers[2] + powers[3]))
+    (products,), u = shapes(twin, "rate_products"), moved.rate / FS
+    pairs = FS * np.stack([u[:, 0] * u[:, 1], u[:, 0] * u[:, 2], u[:, 1] * u[:, 2]], axis=1)
+    expected = np.einsum("nk,ij->nikj", pairs, np.eye(3)).reshape(101, 3, 9)
+    np.testing.assert_allclose(products.columns(moved), expected)
     laws = {
         "sign(ω_i) |ω_i / FS|^1.5": (1.5, 1),
         "|ω_i / FS|^2": (2, 0),
@@ -204,9 +194,7 @@ def test_each_shape_is_what_its_equation_says():
     curves = shapes(twin, "curve_over_rate")
     assert [each.equation for each in curves] == [f"ω_i += c_i FS {law}" for law in laws]
     for each, (power, odd) in zip(curves, laws.values(), strict=True):
-        expected = FS * np.sign(u) ** odd * np.abs(u) ** power
-        np.testing.assert_allclose(np.einsum("nii->ni", each.columns(moved)), expected)
-        assert np.count_nonzero(each.columns(moved)) == np.count_nonzero(expected)
+        np.testing.assert_allclose(each.columns(moved), (FS * np.sign(u) ** odd * np.abs(u) ** power)[:, :, None] * np.eye(3))
         assert each.describe(np.ones(3)).startswith("the scale bends" if odd else "the zero bends")
 
 

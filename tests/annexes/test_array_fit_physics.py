@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import DEG, product
+from conftest import DEG
 from formats_page import strangers
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
@@ -28,7 +28,7 @@ from tinygc.annexes.arrays.fit import (
 from tinygc.annexes.arrays.joint import ArrayEvent
 from tinygc.annexes.arrays.model import load_array_model
 from tinygc.annexes.arrays.options import ArrayOptions
-from tinygc.annexes.arrays.simulation import _Jerks, simulate_array, write_array
+from tinygc.annexes.arrays.simulation import simulate_array, write_array
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
 from tinygc.models.linear import NAMES, PRIOR_SIGMA
@@ -278,19 +278,6 @@ def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):
 
 
 # What is simulated.
-
-
-def test_a_jerk_comes_back_and_is_exact():
-    """Its rate is its angle's derivative, and a body that jerks ends where it would have."""
-    jerks = _Jerks(np.array([1.0, 1.3]), np.array([0.02, -0.01]), np.array([0.6, 0.0, 0.8]), 0.01)
-    t_s = np.linspace(0.5, 1.8, 13001)
-    angle, rate, acceleration = jerks.angle(t_s)
-    assert np.abs(np.gradient(angle, t_s) - rate).max() < 1e-4 * np.abs(rate).max()
-    assert np.abs(np.gradient(rate, t_s) - acceleration).max() < 1e-3 * np.abs(acceleration).max()
-    steady = np.tile([0.3, -0.2, 0.5], (len(t_s), 1))
-    whole, plain = (np.diff(t_s)[:, None] * (r[1:] + r[:-1]) / 2 for r in (jerks.rate(t_s, steady), steady))
-    jerked, straight = (product(Rotation.from_rotvec(steps)) for steps in (whole, plain))
-    assert (jerked.inv() * straight).magnitude() < 1e-6
 
 
 QUIET = {"gyro_noise_dps_rthz": 0.0, "accel_noise_ug_rthz": 0.0, "bias_instability_dph": 0.0, "odr_error": 0.0, "vigour": 0.5}

@@ -90,17 +90,6 @@ def test_equal_units_gain_the_root_of_their_number_and_correlated_ones_less(rho,
     assert_allclose(fused, np.eye(3) * variance, atol=1e-14)
 
 
-def test_weights_are_best_for_what_is_greater_over_a_turn():
-    quiet_slow = [replace(unit, bias_instability=np.full(3, 1e-6 * (1 + i))) for i, unit in enumerate(units(3))]
-    noisy_slow = [replace(unit, bias_instability=np.full(3, 1e-3 * (1 + i))) for i, unit in enumerate(units(3))]
-    white, slow = model_of(quiet_slow), model_of(noisy_slow)
-    assert white.best_for == "white"
-    assert "best for white noise" in white.reason
-    assert slow.best_for == "instability"
-    assert slow.weights[0, 0, 0] > 0.6 > white.weights[0, 0, 0]
-    assert model_of([replace(unit, bias_instability=None) for unit in quiet_slow]).best_for == "white"
-
-
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
     found = [replace(unit, sha256=("0" * 64, "1" * 64)) for unit in units(3)]
     model = replace(model_of(found, joint_covariance=np.eye(36) * 1e-8, session="a\nb"), correlation=np.eye(9))
@@ -114,24 +103,16 @@ def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
 
 WRONG = {
     "schema": (lambda table: table.update(schema="tinygc-model/1"), "schema is"),
-    "rates": (lambda table: table.update(rates="dps"), "rates are"),
     "one unit": (lambda table: table.update(units=table["units"][:1]), "units has 1 entries, expected 2"),
-    "twice": (lambda table: table["units"][0].update(number=1), "unit 1 stands twice"),
     "singular": (lambda table: table["units"][1].update(E=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), r"units\[1\].E is singular"),
-    "shape": (lambda table: table["units"][1].update(B=[0, 0]), r"units\[1\].B has shape 2, expected 3 numbers"),
     "not finite": (lambda table: table["units"][1].update(B=[0, 0, float("nan")]), "not finite"),
     "no rotation": (lambda table: table["units"][2].update(mounting=[[1, 0, 0], [0, 1, 0], [0, 0, 1.01]]), "is no rotation"),
-    "mirrored": (lambda table: table["units"][2].update(mounting=np.diag([1, 1, -1]).tolist()), "is no rotation"),
-    "no noise": (lambda table: table["units"][0].update(noise_density_rps_rthz=[0, 1, 1]), "noise_density_rps_rthz.0. is 0"),
     "sum": (lambda table: table["units"][0].update(weights=np.eye(3).tolist()), "miss identity by"),
     "negative": (
         lambda table: [unit.update(weights=(np.eye(3) * w).tolist()) for unit, w in zip(table["units"], (1.5, -1.0, 0.5), strict=True)],
         "not positive",
     ),
-    "correlation": (lambda table: table.update(noise_correlation=np.eye(6).tolist()), "noise_correlation has 6 rows, expected 9"),
-    "diagonal": (lambda table: table.update(noise_correlation=(np.eye(9) / 2).tolist()), "diagonal other than 1"),
     "covariance": (lambda table: table["units"][0].update(covariance=(-np.eye(12)).tolist()), "not positive"),
-    "rate": (lambda table: table.update(rate_hz=0), "rate_hz is 0"),
     "missing": (lambda table: table["units"][0].pop("clock"), "clock is missing"),
     "clock": (lambda table: table["units"][0]["clock"].update(rate=3), "clock.rate is 3"),
     "accelerometer": (lambda table: table["units"][0].update(accelerometer={"matrix": 3}), "accelerometer"),

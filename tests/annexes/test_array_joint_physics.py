@@ -31,7 +31,6 @@ from tinygc.annexes.arrays.profile_limits import rise, upper_component
 from tinygc.annexes.arrays.standings import parts_of
 from tinygc.annexes.arrays.system import MOUNTING, System, array_system
 from tinygc.closure.floor import wander_covariance
-from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
 from tinygc.estimation.bias import closes_better, less_by_chance
 from tinygc.explanation.standing import Standing
 from tinygc.models.linear import BIAS, MATRIX
@@ -68,20 +67,6 @@ def again(joint, state=None):
 def test_the_estimate_is_where_its_own_system_says_no_further_change(joint):
     assert not joint.events
     assert np.abs(again(joint).solved(joint.solution.t).x[: joint.layout.attitudes.stop]).max() < 1e-6
-
-
-def test_gravity_is_as_well_known_as_the_site_where_the_stills_gave_all_accelerometers():
-    made = small_array(2, 3)
-    for stated, joints, sigma in (
-        (1e-3, "ff", 1e-3),
-        (0.0, "ff", KNOWN_MPS2),
-        (1e-3, "fp", GRAVITY_SIGMA_MPS2),
-    ):
-        for unit, mode in zip(made.units, joints, strict=True):
-            unit.problem.joint = SimpleNamespace(mode={"f": "fit", "p": "prior"}[mode])
-            unit.problem.session.config.site.gravity_sigma_mps2 = stated if unit.number == 0 else 0.5  # the first unit's site counts
-        found = estimate(made.units, made.same, np.zeros(2))
-        assert found.solution.system.prior[found.layout.gravity] == sigma
 
 
 @pytest.mark.parametrize("drift_rps", [0.0, 2e-3])
@@ -301,16 +286,6 @@ def test_an_own_excess_is_tested_by_the_likelihood_without_it(pair):
 @pytest.fixture(scope="module")
 def split(joint):
     return split_of(joint)
-
-
-def test_sizes_are_of_both_angles_together(joint, split):
-    both = np.sqrt(2)
-    for i in range(3):
-        np.testing.assert_allclose(split.own[i], both * np.array(joint.component(f"turn.{i}")))
-    np.testing.assert_allclose(split.turn, both * np.array(joint.component("common.turn")))
-    assert split.predicted == pytest.approx(np.sqrt(2 * np.mean(MISSED_RAD**2)))
-    np.testing.assert_allclose(split.fast, split.predicted * np.array(joint.component("common.undersampled")))
-    assert split.level_mps2 == joint.component("common.level")
 
 
 def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that_all_have():

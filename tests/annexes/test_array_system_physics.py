@@ -359,20 +359,6 @@ def test_headings_of_all_units_are_weighed_by_their_variances(level):
     np.testing.assert_allclose(found.rate_t, expected, rtol=1e-6)
 
 
-def test_two_units_with_three_stills_of_a_group_tell_its_heading(level):
-    def with_stills(*counts):
-        stills = tuple(tuple(s if q < n else None for q, s in enumerate(own)) for n, own in zip(counts, level.same.stills, strict=True))
-        return common_earth(level.units, level.truth, replace(level.same, stills=stills))[0]
-
-    before = level.units[0].problem.earths[0]
-    assert with_stills(5, 2, 2) is before  # one alone tells no more than it has told
-    assert with_stills(3, 3, 2) is not before
-    assert with_stills(3, 3, 2).heading_sigma_rad == pytest.approx(with_stills(3, 3, 0).heading_sigma_rad)
-    assert with_stills(3, 3, 3).heading_sigma_rad < with_stills(3, 3, 2).heading_sigma_rad
-    other = replace(level.same, group=np.array([0, 0, 1, 1, 1]))
-    assert common_earth(level.units, level.truth, other)[0] is before  # two stills of group 0
-
-
 def test_the_earth_turns_with_the_body(level):
     rows = prepared(level)
     q = Rotation.from_quat(level.truth.q_tb, scalar_first=True)

@@ -24,7 +24,6 @@ from tinygc.annexes.arrays.traits import (
     DIFFERS,
     UNDECIDED,
     Estimate,
-    _departing,
     _earth_trait,
     _trait_of,
 )
@@ -105,14 +104,6 @@ def test_words_have_the_sizes_of_the_units_that_differ_and_what_is_not_known(val
     found = of(values, **how)
     assert found.apart == apart
     assert words in found.words
-
-
-def test_the_odd_ones_go_one_by_one_and_of_two_none_is_the_odd_one():
-    covariances = np.ones((5, 1, 1))
-    assert _departing(np.array([[0.0], [9.0], [0.1], [-9.0], [-0.1]]), covariances) == [1, 3]
-    assert _departing(np.array([[0.0], [0.5], [0.1], [-0.5], [-0.1]]), covariances) == []
-    assert _departing(np.array([[0.0], [9.0]]), covariances[:2]) == [0, 1]
-    assert _departing(np.array([[0.0], [9.0], [18.0], [27.0]]), covariances[:4]) == [0, 1, 2, 3]
 
 
 # The Earth.

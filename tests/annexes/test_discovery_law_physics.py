@@ -23,8 +23,7 @@ from tinygc.annexes.discovery.equivalence import (
 )
 from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm, unit_of
 from tinygc.annexes.discovery.law_code import device_code
-from tinygc.annexes.discovery.law_fits import component_beside, has_curve, main_of, other_of
-from tinygc.annexes.discovery.quantities import QUANTITIES, largest_of
+from tinygc.annexes.discovery.quantities import largest_of
 from tinygc.annexes.discovery.stated_rate import MOST_LACKING, share_lacking
 from tinygc.annexes.discovery.unobserved import in_words as combination
 from tinygc.annexes.discovery.unobserved import not_observed, observed
@@ -129,18 +128,6 @@ def test_columns_are_those_of_the_pattern_and_their_sum_is_the_effect(movement):
         effect, theta = as_effect(form), np.random.default_rng(2).standard_normal(form.size)
         np.testing.assert_allclose(effect.distort(movement, theta), movement.rate + columns @ theta, atol=1e-11)
         assert effect.parameter.unit == form.coefficient_unit
-
-
-def test_quantities_that_a_recording_lacks_are_zero(movement):
-    nan = np.full(len(movement.t_s), np.nan)
-    cold, quiet = replace(movement, temp_c=nan), replace(movement, vibration_g2=np.full(len(nan), 1e-8))
-    assert largest_of([movement, cold])["temperature"] == largest_of([movement, cold])["temperature_rate"] == 0
-    assert largest_of([quiet])["vibration"] == 0
-    found = largest_of([movement])
-    assert all(found[name] > 0 for name in QUANTITIES)
-    np.testing.assert_allclose(found["rate"], np.abs(movement.rate).max() / movement.fs_rps)
-    row = replace(movement, **{name: getattr(movement, name)[:1] for name in ("t_s", "rate", "force_g", "temp_c", "vibration_g2")})
-    assert not any(largest_of([row]).values())
 
 
 # All forms, each once.
@@ -267,17 +254,10 @@ def test_terms_stand_in_the_order_of_the_numbers(form, some):
     assert {number: terms[number] for number in some} == some
 
 
-def test_a_constant_is_told_in_a_persons_unit_and_what_bends_is_drawn_along():
+def test_a_constant_is_told_in_a_persons_unit():
     form = LawForm((Factor("turned", "play", 0.1), Factor("rate", "dead_zone", 0.02, 1.5)))
     assert [constant_of(form, number)[0] for number in range(3)] == ["play (°)", "width (of full scale)", "lag (s)"]
     assert constant_of(form, 0)[1] == pytest.approx(180 / np.pi)
-    product = LawForm((Factor("rate"), Factor("rate")), "next")  # of two axes' rates: x follows y times z
-    assert other_of(product) == main_of(product) == Factor("rate")
-    assert component_beside(product, product.terms()[0]) == 2
-    bent = LawForm((Factor("force"), Factor("rate", "size")), "next")
-    assert (main_of(bent).quantity, other_of(bent).quantity, component_beside(bent, bent.terms()[0])) == ("rate", "force", 1)
-    curves = {name: has_curve(LawForm((Factor("rate", name, 0.07),))) for name in ("latch", "play", "dead_zone")}
-    assert curves == {"latch": False, "play": False, "dead_zone": True}  # what remembers is another on the way up and down
 
 
 # What is written of a law.

@@ -365,13 +365,3 @@ def test_a_law_is_found_where_nothing_is_undecided(law, told, share, why):
     assessed = SimpleNamespace(**{"form": law[0], "others": [], "axes": None, "against_gravity": False, "threshold": None, **told})
     found = engine._undecided([assessed], (law_of(*law, gain=gain),), share)
     assert found.startswith(why) if why else found == ""
-
-
-def test_forms_of_the_laws_gain_are_weighed_the_plainest_first_and_the_law_without_its_lag():
-    late = LawForm((Factor("rate", "size", None, 0.15),))
-    plain, square, far = LawForm((Factor("speed_slope"),)), LawForm((Factor("rate", "excess", 0.1),)), LawForm((Factor("force"),), "full")
-    gains = np.array([[1000.0, 985.0, 985.0, 900.0], [1000.0, 10.0, 10.0, 10.0]])
-    screening = SimpleNamespace(forms=[late, square, plain, far], gain=gains)
-    evidence = SimpleNamespace(forms={"discovered.n0": late}, effect_of=lambda form: form)
-    searched = SimpleNamespace(evidence=evidence, round_of=lambda law: SimpleNamespace(screening=screening))
-    assert search_state.alike(searched, SimpleNamespace(id="discovered.n0")) == [LawForm((Factor("rate", "size"),)), plain, square]

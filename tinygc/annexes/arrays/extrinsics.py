@@ -21,7 +21,7 @@ from tinygc.annexes.arrays.clocks import ClockFit, Rates, UnitClock, UnitPlace, 
 # maker's tolerance. Both are weighted by their sigmas (Wahba's problem; Markley, J. Astronaut. Sci. 36, 1988).
 
 #: rad; misalignment of a gyroscope's triad against the accelerometer of its chip: data sheets state cross-axis sensitivities of 2 %
-_TRIADS_RAD = 0.02
+TRIADS_RAD = 0.02
 #: rad; sigma of gravity's direction by an uncalibrated accelerometer: zero offsets of some 30 mg
 DIRECTION_RAD = 0.03
 #: rad; smallest sigma of a direction: a 16-bit register of 2 g has steps of 6e-5 g
@@ -48,7 +48,7 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
-def _fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> Mounting:
+def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> Mounting:
     """Estimate a unit's mounting.
 
     first_force, unit_force (K, 3): mean specific force in the same stills, each in its own body frame, any unit of length; rate_matrix (3,
@@ -59,9 +59,9 @@ def _fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: 
     count = len(ours)
     mounting, sigma = from_rates, DIRECTION_RAD
     for _ in range(ROUNDS):
-        # Each direction of gravity has this sigma; the rates' three axes have the sigma _TRIADS_RAD.
+        # Each direction of gravity has this sigma; the rates' three axes have the sigma TRIADS_RAD.
         axes = np.eye(3)
-        weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, _TRIADS_RAD**-2 / 2)])
+        weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
         to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
         mounting = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
         information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
@@ -98,7 +98,7 @@ def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
     places = [UnitPlace(array.numbers[0])]
     for number, fit, mine in zip(array.numbers[1:], fits[1:], forces[1:], strict=True):
         ours, theirs = _common(forces[0], mine, fit.clock)
-        found = _fit_mounting(ours, theirs, fit.matrix)
+        found = fit_mounting(ours, theirs, fit.matrix)
         places.append(UnitPlace(number, fit.clock, found.matrix, found.covariance))
     return tuple(places)
 

@@ -35,7 +35,7 @@ OVER = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Jerks:
+class Jerks:
     """Gaussian jerks of the angle: at_s (J,), size_rad (J,), axis (3,) of unit length, fixed in the body; width_s, sigma of each."""
 
     at_s: np.ndarray
@@ -72,19 +72,19 @@ class _Jerks:
         return along + across * np.cos(angle)[:, None] - np.cross(self.axis, vectors) * np.sin(angle)[:, None]
 
 
-def jerks_in_turns(plan: MovementPlan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> _Jerks:
+def jerks_in_turns(plan: MovementPlan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
     """Draw jerks for each turn."""
     turns = np.repeat(np.array(plan.turns), JERKS_A_TURN, axis=0)
     at_s = turns[:, 0] + (turns[:, 1] - turns[:, 0]) * rng.uniform(MARGIN, 1 - MARGIN, len(turns))
     axis = rng.normal(size=3)
-    return _Jerks(at_s, size_rad * rng.normal(size=len(at_s)), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
+    return Jerks(at_s, size_rad * rng.normal(size=len(at_s)), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
 
 
-def knock_in(plan: MovementPlan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> _Jerks:
+def knock_in(plan: MovementPlan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
     """Draw one knock in one turn."""
     start, stop = plan.turns[turn]
     axis = rng.normal(size=3)
-    return _Jerks(np.array([(start + stop) / 2]), np.array([size_rad]), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
+    return Jerks(np.array([(start + stop) / 2]), np.array([size_rad]), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
 
 
 # Units of an array, each simulated like a session of its own, under one motion of the body.
@@ -116,7 +116,7 @@ class SimulatedArray:
     plan: MovementPlan
     units: tuple[Simulation, ...]
     truths: tuple[UnitTruth, ...]
-    jerks: tuple[_Jerks, ...]
+    jerks: tuple[Jerks, ...]
 
 
 def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Mapping[int, Distort] | None = None) -> SimulatedArray:
@@ -169,7 +169,7 @@ def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitT
 
 
 def _unit(
-    options: SimulationOptions, plan: MovementPlan, truth: UnitTruth, jerks: list[_Jerks], level_mps2: np.ndarray, distort: Distort | None
+    options: SimulationOptions, plan: MovementPlan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, distort: Distort | None
 ) -> Simulation:
     lever = np.array(options.lever_m)
     ends = np.array([(start + stop) / 2 for start, stop in plan.turns])

@@ -133,7 +133,7 @@ def estimate_in(e: Explanation, effect: Effect, instead: Sequence[str], named: b
     return Estimate(theta, covariance, named)
 
 
-def _departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
+def departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
     """Indices of the estimates (U, P) that differ from the others: the one whose leaving lowers the chi-square most, until the rest is of
     one value at ``LEVEL``.  All of them where half or more would have to go, or where there are two: then nobody is the odd one."""
     rest = list(range(len(values)))
@@ -180,7 +180,7 @@ def _trait_of(
     p_equal, pooled, covariance = homogeneity_p(values, covariances)
     p_differ = min(1.0, tests * p_equal)  # the factor makes rejection harder; in favour of equality it would say too much
     if p_differ < LEVEL:
-        odd = _departing(values, covariances)
+        odd = departing(values, covariances)
         apart = tuple(numbers[k] for k in odd)
         of_each = ", ".join(f"{_sizes(effect, values[k], covariances[k])[0]} in unit {numbers[k]}" for k in odd)
         rest = [k for k in range(len(numbers)) if k not in odd]

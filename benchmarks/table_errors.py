@@ -10,7 +10,9 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,16 +20,85 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from simulated_tables import LostSteps, Stamps, Summary, draw, fixed_moves
+from simulated_tables import LostSteps, Summary, draw, fixed_moves
 
 from session.annexes.machines.description import Axis, Description
-from session.annexes.machines.mechanics import AxisErrors, TableErrors
+from session.annexes.machines.mechanics import AxisErrors, AxisTrack, TableErrors
 from session.io.units import DEG
+from tinygc.annexes.machines.observed import held_up_from, said_at, stamps_beside
 from tinygc.annexes.machines.selection import Selected, select
 from tinygc.effects.catalogue import catalogue
 
+#: s between the samples that show which answers were held up
+TRUTH_S = 0.005
 X, Y, Z = np.eye(3)
 TABLES = {"one vertical axis": (Z,), "one level axis": (X,), "two axes": (Z, Y), "three axes": (Z, Y, X)}
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Answers as a computer stamps them that has other work: every ``poll_s`` behind the last one, late by a part of its own each time
+    (exponential: it waits for its turn), by a wander that lasts ``time_s`` (Gauss-Markov), and now and then by a stall.
+
+    late_s: mean; jitter_s, wander_s: one sigma; stalled: share of the answers that are held up, by stall_s.
+    """
+
+    poll_s: float = 0.06
+    late_s: float = 0.01
+    jitter_s: float = 2e-3
+    wander_s: float = 0.0
+    time_s: float = 5.0
+    stalled: float = 0.0
+    stall_s: float = 0.05
+
+    def drawn(self, until_s: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """True and stamped times (N,), s, of the answers up to a time; stamps never decrease."""
+        count = int(until_s / self.poll_s) + 1
+        held_up = self.stall_s * (rng.random(count) < self.stalled)
+        own = self.late_s + self.jitter_s * (rng.exponential(size=count) - 1) + held_up
+        asked = np.cumsum(self.poll_s * rng.uniform(0.95, 1.05, count) + np.append(0.0, held_up[:-1]))
+        wander, kept = rng.normal(size=count), np.exp(-np.diff(asked, prepend=asked[0]) / self.time_s)
+        for number in range(1, count):
+            wander[number] = kept[number] * wander[number - 1] + np.sqrt(1 - kept[number] ** 2) * wander[number]
+        return asked, np.maximum.accumulate(asked + own + self.wander_s * wander)
+
+
+def stamped(
+    stamps: Stamps,
+    summary: Summary,
+    tracks: Sequence[AxisTrack],
+    spans: Sequence[tuple[float, float]],
+    edges: np.ndarray,
+    said: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The word (S, B + 1, K) at the edges (S, B + 1), s, and their places among the answers, as ``observe`` has them."""
+
+    def word(at_s: np.ndarray) -> np.ndarray:
+        return np.stack([track.said_and_sense(at_s)[0] for track in tracks], axis=-1)
+
+    asked_s, stamp_s = stamps.drawn(spans[-1][1] + summary.still_s, rng)
+    answers, cut = word(asked_s - summary.errors.latency_s), []
+    for number, (start, stop) in enumerate(spans):
+        within = np.flatnonzero((stamp_s > start) & (stamp_s < stop))
+        within = within[np.unique(stamp_s[within], return_index=True)[1]]
+        axis = int(np.argmax(np.abs(said[number + 1] - said[number])))
+        t_s = np.arange(start, stop, TRUTH_S)
+        way, sense = word(t_s)[:, axis] - said[number, axis], np.sign(said[number + 1, axis] - said[number, axis])
+        beside_s = stamps_beside(stamp_s[within], sense * (answers[within, axis] - said[number, axis]), t_s, sense * way)
+        cut.append((within, beside_s))
+    limit_s = held_up_from([beside_s for _, beside_s in cut])
+    found, places = [], []
+    for number, (within, beside_s) in enumerate(cut):
+        kept = within[~(np.abs(beside_s) > limit_s)]
+        own = np.unique(edges[number])  # the last one is repeated
+        at, place = said_at(own, stamp_s[kept], answers[kept], (said[number], said[number + 1]))
+        more = edges.shape[1] - len(own)
+        found.append(np.pad(at, ((0, more), (0, 0)), mode="edge"))
+        places.append(np.pad(place, (0, more), mode="edge"))
+    return np.stack(found), np.stack(places)
+
+
 #: stamps of live recordings: good, of a poll of 10 ms, of a clock that wanders, with stalls, and all of it
 STAMPS = {
     "1 ms late, jitter 0.3 ms": Stamps(late_s=1e-3, jitter_s=3e-4),
@@ -141,7 +212,7 @@ def main() -> None:
     for name, directions in TABLES.items() if args.what == "clean" else ():
         run_clean(args.count, args.first, name, [table_of(directions)])
     for kind, stamps in STAMPS.items() if args.what == "stamps" else ():
-        run_clean(args.count, args.first, kind, list(map(table_of, TABLES.values())), stamps=stamps, block_s=0.07)
+        run_clean(args.count, args.first, kind, list(map(table_of, TABLES.values())), word=partial(stamped, stamps), block_s=0.07)
 
 
 if __name__ == "__main__":

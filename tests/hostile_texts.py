@@ -34,7 +34,7 @@ from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
 from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
-from tinygc.reporting.html.markup import code, css_text, escape, facts, table
+from tinygc.reporting.html.markup import code, escape, facts, table
 
 HARMLESS = "unit 7"
 UNREADABLE = 1000
@@ -181,11 +181,6 @@ def elements(html: str) -> list[str]:
     return parser.found + ["control" for c in html if c != "\n" and not c.isprintable()]
 
 
-def style_rules(css: str) -> list[str]:
-    """What a style sheet holds beside its strings, sign by sign; a line end would end a string."""
-    return list(re.sub(r'"(?:\\.|[^"\\\n])*"', "", css))
-
-
 # Writers
 
 LINEAR = LinearModel(np.eye(3) + 0.01 * np.arange(9).reshape(3, 3), np.array([0.01, -0.02, 0.03]))
@@ -281,7 +276,5 @@ PLACES = {
     "comment of a log": Place(lambda text: f"# from {comment(text)}\nt_us,gx\n", lines_but_comments),
     "terminal": Place(printed, terminal),
     "HTML": Place(fragment, elements),
-    "style sheet": Place(lambda text: f'@page{{@top-left{{content:"{css_text(text)}"}}}}', style_rules),
     "XML": Place(certified, xml_elements),
-    "style element": Place(lambda text: f"<style>{css_text(text)}</style>", elements),
 }

@@ -6,7 +6,7 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from session.annexes.machines.angles import header, row
 from session.annexes.machines.description import Axis, Description
 from session.annexes.machines.mechanics import AxisErrors, AxisTrack, TableErrors, true_attitudes
 from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
-from tinygc.annexes.machines.observed import Observed, held_up_from, said_at, stamps_beside
+from tinygc.annexes.machines.observed import Observed
 from tinygc.annexes.machines.sensor_on_table import SensorOnTable
 from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
@@ -61,45 +61,14 @@ def fixed_moves(table: Description, count: int, rate_rps: float, seed: int = 0, 
 LEAD_S = 0.3
 
 
-#: s between the samples that show which answers were held up
-TRUTH_S = 0.005
-
-
-@dataclass(frozen=True)
-class Stamps:
-    """Answers as a computer stamps them that has other work: every ``poll_s`` behind the last one, late by a part of its own each time
-    (exponential: it waits for its turn), by a wander that lasts ``time_s`` (Gauss-Markov), and now and then by a stall.
-
-    late_s: mean; jitter_s, wander_s: one sigma; stalled: share of the answers that are held up, by stall_s.
-    """
-
-    poll_s: float = 0.06
-    late_s: float = 0.01
-    jitter_s: float = 2e-3
-    wander_s: float = 0.0
-    time_s: float = 5.0
-    stalled: float = 0.0
-    stall_s: float = 0.05
-
-    def drawn(self, until_s: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """True and stamped times (N,), s, of the answers up to a time; stamps never decrease."""
-        count = int(until_s / self.poll_s) + 1
-        held_up = self.stall_s * (rng.random(count) < self.stalled)
-        own = self.late_s + self.jitter_s * (rng.exponential(size=count) - 1) + held_up
-        asked = np.cumsum(self.poll_s * rng.uniform(0.95, 1.05, count) + np.append(0.0, held_up[:-1]))
-        wander, kept = rng.normal(size=count), np.exp(-np.diff(asked, prepend=asked[0]) / self.time_s)
-        for number in range(1, count):
-            wander[number] = kept[number] * wander[number - 1] + np.sqrt(1 - kept[number] ** 2) * wander[number]
-        return asked, np.maximum.accumulate(asked + own + self.wander_s * wander)
-
-
 @dataclass(frozen=True, eq=False)
 class Summary:
     """A session to draw.
 
     moves; errors of the table; lost steps; effects of the sensor with theta (P,), SI; dropped: of turns, rad that the gyroscope misses;
-    repeatability: of each rest, in units of the declared accuracy; jitter_s of the word's stamps, one answer at each edge; stamps: instead,
-    answers between the edges; still_s, block_s; noise of the sensor; errors of its calibration, one sigma.
+    repeatability: of each rest, in units of the declared accuracy; jitter_s of the word's stamps, one answer at each edge; word: what
+    says another word at the edges (S, B + 1, K), and its places among the answers;
+    still_s, block_s; noise of the sensor; errors of its calibration, one sigma.
     """
 
     table: Description
@@ -110,7 +79,7 @@ class Summary:
     dropped: Sequence[tuple[int, float]] = ()
     repeatability: float = 0.0
     jitter_s: float = 1e-3
-    stamps: Stamps | None = None
+    word: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     still_s: float = 2.0
     block_s: float = 0.1
     gyro_walk: float = 0.005 * DEG / np.sqrt(2)
@@ -210,8 +179,8 @@ def draw(summary: Summary, seed: int) -> Observed:
     said_edges = np.stack([track.said_and_sense(asked.ravel())[0] for track in tracks], axis=-1).reshape(*edges.shape, axes)
     said = np.stack([track.said_and_sense(rest_s_)[0] for track in tracks], axis=-1)
     answer_at = np.minimum(np.arange(most + 1.0), blocks[:, None])
-    if summary.stamps is not None:
-        said_edges, answer_at = _stamped(summary, tracks, spans, edges, said, rng)
+    if summary.word is not None:
+        said_edges, answer_at = summary.word(summary, tracks, spans, edges, said, rng)
     order = np.arange(len(blocks))
     inside = (np.arange(most) < blocks[:, None])[..., None]
     return Observed(
@@ -238,42 +207,6 @@ def draw(summary: Summary, seed: int) -> Observed:
         np.zeros(len(blocks), dtype=bool),
         answer_at,
     )
-
-
-def _stamped(
-    summary: Summary,
-    tracks: Sequence[AxisTrack],
-    spans: Sequence[tuple[float, float]],
-    edges: np.ndarray,
-    said: np.ndarray,
-    rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The word (S, B + 1, K) at the edges (S, B + 1), s, and their places among the answers, as ``observe`` has them."""
-    assert summary.stamps is not None
-
-    def word(at_s: np.ndarray) -> np.ndarray:
-        return np.stack([track.said_and_sense(at_s)[0] for track in tracks], axis=-1)
-
-    asked_s, stamp_s = summary.stamps.drawn(spans[-1][1] + summary.still_s, rng)
-    answers, cut = word(asked_s - summary.errors.latency_s), []
-    for number, (start, stop) in enumerate(spans):
-        within = np.flatnonzero((stamp_s > start) & (stamp_s < stop))
-        within = within[np.unique(stamp_s[within], return_index=True)[1]]
-        axis = int(np.argmax(np.abs(said[number + 1] - said[number])))
-        t_s = np.arange(start, stop, TRUTH_S)
-        way, sense = word(t_s)[:, axis] - said[number, axis], np.sign(said[number + 1, axis] - said[number, axis])
-        beside_s = stamps_beside(stamp_s[within], sense * (answers[within, axis] - said[number, axis]), t_s, sense * way)
-        cut.append((within, beside_s))
-    limit_s = held_up_from([beside_s for _, beside_s in cut])
-    found, places = [], []
-    for number, (within, beside_s) in enumerate(cut):
-        kept = within[~(np.abs(beside_s) > limit_s)]
-        own = np.unique(edges[number])  # the last one is repeated
-        at, place = said_at(own, stamp_s[kept], answers[kept], (said[number], said[number + 1]))
-        more = edges.shape[1] - len(own)
-        found.append(np.pad(at, ((0, more), (0, 0)), mode="edge"))
-        places.append(np.pad(place, (0, more), mode="edge"))
-    return np.stack(found), np.stack(places)
 
 
 # Rate steps and swings of one axis.

@@ -22,12 +22,6 @@ def test_rounding_leaves_the_mean_square_of_what_rounded_normal_readings_are_off
     assert rounding.rounding_variance(0.01, np.array(0.01 * sigma)) == pytest.approx(1e-4 * np.mean(off**2), rel=1e-5)
 
 
-def test_rounding_without_noise_is_a_rectangle_and_no_step_rounds_nothing():
-    assert rounding.rounding_variance(0.3, np.array(0.0)) == pytest.approx(0.3**2 / 12, rel=1e-14)
-    assert rounding.rounding_variance(0.0, np.array(0.1)) == 0
-    assert rounding.rounding_variance(1.0, np.array(0.7)) < 1e-9
-
-
 def test_the_least_step_of_readings_is_found():
     rng = np.random.default_rng(2)
     assert rounding.lsb_of(np.round(rng.normal(size=(500, 3)), 2)) == pytest.approx(0.01, rel=1e-9)

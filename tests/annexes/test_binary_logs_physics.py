@@ -302,21 +302,6 @@ def ros2_bag_of(path, name, text, messages):
             writer.write(connection, stamp, bytes(store.serialize_cdr(store.types[name](**values), name)))
 
 
-def test_definitions_may_be_idl(tmp_path):
-    from mcap.writer import Writer
-
-    idl = "module my_msgs { module msg { struct Rates { double gyro_x; double gyro_y; double gyro_z; }; }; };\n"
-    text = f"{'=' * 80}\nIDL: my_msgs/msg/Rates\n{idl}"
-    with (tmp_path / "a.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel("/rates", "cdr", writer.register_schema("my_msgs/msg/Rates", "ros2idl", text.encode()))
-        for number, w in enumerate(GYRO):
-            writer.add_message(channel, 1000 * number, b"\0\1\0\0" + w.tobytes(), 1000 * number)
-        writer.finish()
-    np.testing.assert_array_equal(one(tmp_path / "a.mcap").gyro, GYRO)
-
-
 def test_numbers_behind_texts_and_sequences_are_found(tmp_path):
     text = "string name\nuint8[] blob\nfloat64[] list\nfloat64 gyro_x\nfloat64 gyro_y\nfloat64 gyro_z\nstring tail\n"
     messages = [

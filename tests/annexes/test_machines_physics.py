@@ -14,7 +14,7 @@ from table_recordings import table_toml
 from session.annexes.machines.angles import AngleLog, header, on_its_clock, read_angles
 from session.annexes.machines.comparison import WordAgainstSensor
 from session.annexes.machines.description import Axis, Description, read_description
-from session.annexes.machines.driver import AngleFile, DeviceTime, TableDriver
+from session.annexes.machines.driver import AngleFile, TableDriver, _DeviceTime
 from session.annexes.machines.kinematics import attitudes, body_axes, roll_pitch_yaw
 from session.annexes.machines.mechanics import AxisErrors, AxisTrack
 from session.annexes.machines.mover import TableMover
@@ -147,7 +147,7 @@ def table(tmp_path):
 
 def test_device_time_is_that_of_the_least_late_arrival():
     """Arrivals are late by 2 to 30 ms; the line through the earliest is right to 2 ms, at a ratio of the clocks of 1.002."""
-    rng, time = np.random.default_rng(3), DeviceTime()
+    rng, time = np.random.default_rng(3), _DeviceTime()
     assert time.at(5.0) is None
     for host_s in np.arange(100, 120, 0.1):
         time.add(host_s, 1.002 * (host_s - 100 - rng.uniform(0.002, 0.03)))

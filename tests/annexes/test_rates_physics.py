@@ -16,7 +16,7 @@ from tinygc.annexes.rates.curve import Shape, fit_curve
 from tinygc.annexes.rates.fitting import fit, floor, over_rate
 from tinygc.annexes.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
 from tinygc.annexes.rates.points import points_of
-from tinygc.annexes.rates.terms import Range, _asymmetry, _crossing, _inside, averaged, input_limit, left_open, linear_range, terms
+from tinygc.annexes.rates.terms import Range, _asymmetry, _crossing, _input_limit, _inside, _linear_range, averaged, left_open, terms
 from tinygc.annexes.rates.text import lines
 
 UP = np.linspace(-300.0, 300.0, 21)
@@ -129,8 +129,8 @@ def test_the_first_harmonic_of_a_demodulator_is_the_bessel_function():
 def test_a_clip_is_where_the_line_meets_the_limit():
     found = fit(measured(lambda w: np.clip(SCALE * w, -4.1, 4.3), noise=0.0), Hypothesis("line", True, True))
     assert found.limits == (pytest.approx(REST - 4.1), pytest.approx(REST + 4.3))
-    assert input_limit(found, 300.0) == pytest.approx(4.3 / SCALE, rel=1e-9)
-    assert input_limit(found, -300.0) == pytest.approx(-4.1 / SCALE, rel=1e-9)
+    assert _input_limit(found, 300.0) == pytest.approx(4.3 / SCALE, rel=1e-9)
+    assert _input_limit(found, -300.0) == pytest.approx(-4.1 / SCALE, rel=1e-9)
     assert found.is_limited.sum() == np.sum(np.abs(BOTH_WAYS) > 4.3 / SCALE) + np.sum(
         (BOTH_WAYS < -4.1 / SCALE) & (BOTH_WAYS > -4.3 / SCALE)
     )
@@ -332,7 +332,7 @@ def test_rival_laws_widen_a_sigma():
     points = measured(lambda w: np.clip(straight(w), -4.1, 4.3))
     clip, rival = Hypothesis("line", True, True), fit(points, Hypothesis("asymmetry", True, True))
     alone, both = given(points, clip), given(points, clip, ((rival, 0.3),))
-    differ = input_limit(rival, 300.0) - input_limit(alone.fit, 300.0)
+    differ = _input_limit(rival, 300.0) - _input_limit(alone.fit, 300.0)
     sigma = rows_of(alone)["linear_high"].sigma
     assert rows_of(both)["linear_high"].sigma == pytest.approx(np.sqrt(sigma**2 + 0.3 * differ**2), rel=1e-6)
     value, wider = averaged(both, lambda have: have.coefficients[0])
@@ -363,7 +363,7 @@ def test_a_range_that_ends_before_the_smallest_rate_is_not_determined():
 
 def test_the_linear_range_of_a_sine_ends_where_it_departs_by_one_per_cent():
     found = fit(measured(lambda w: 5 * np.sin(w / 250), noise=0.0), Hypothesis("sine"))
-    within = linear_range(found)
+    within = _linear_range(found)
     u = within.high / 250
     assert np.sin(u) / u == pytest.approx(0.99, abs=1e-5)
     assert within.low == pytest.approx(-within.high, rel=1e-6)
@@ -408,7 +408,7 @@ def test_what_one_reading_that_is_off_leaves_open():
     assert open_at(9, False, 10) == (100.0, 80.0, None)
     assert open_at(4, False, 10) is None  # at rest
     one_sense = fine(lambda w: SCALE * w + 0.5 * (w == 240), FINE[FINE >= 0])
-    within = linear_range(fit(one_sense, Hypothesis("line", apart=12)))
+    within = _linear_range(fit(one_sense, Hypothesis("line", apart=12)))
     assert (within.low, within.high, within.ends) == (0.0, 220.0, (False, False))
 
 
@@ -419,7 +419,7 @@ def test_an_end_is_the_median_of_the_draws_where_more_than_half_reach_it(bent, h
     law, curve = fit(points, Hypothesis("cubic")), fit_curve(points, Hypothesis(CURVE))
     shares = np.where(np.arange(5) < bent, 1e-6, 1e-8)
     vars(curve)["draws"] = [law.moved(np.array([0.0, SCALE, -SCALE * share])) for share in shares]
-    within = linear_range(curve)
+    within = _linear_range(curve)
     assert (within.low, within.high) == (pytest.approx(-high, rel=1e-4), pytest.approx(high, rel=1e-4))
     assert within.ends == (bent == 3, bent == 3)
 

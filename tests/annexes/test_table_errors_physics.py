@@ -13,11 +13,11 @@ from session.annexes.machines.description import LATENCY_SIGMA_S, Axis, Descript
 from session.annexes.machines.mechanics import AxisErrors, TableErrors, true_attitudes
 from session.io.errors import DataError
 from session.io.units import DEG, EARTH_RATE_RPS
-from tinygc.annexes.machines.candidates import DROPPED, candidates_of, most_cycles
+from tinygc.annexes.machines.candidates import DROPPED, _most_cycles, candidates_of
 from tinygc.annexes.machines.explanation import TableExplanation
 from tinygc.annexes.machines.observed import held_up_from, stamps_beside
 from tinygc.annexes.machines.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
-from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER, NoiseModel, RowsNoise, of_answers
+from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER, NoiseModel, RowsNoise, _of_answers
 from tinygc.annexes.machines.selection import (
     Named,
     _family_wise,
@@ -168,7 +168,7 @@ def test_the_fastest_ripple_is_what_the_blocks_resolve():
     edges[:, :, 0] = 0.1 * np.minimum(np.arange(6), 4)
     edges[:, :, 1] = 0.001 * np.arange(6)
     for axis, most in ((0, int(0.8 * np.pi / 0.1)), (1, 100), (2, 0)):
-        assert most_cycles(SimpleNamespace(alone=np.full(3, min(axis, 1)), said_edges=edges), axis) == most
+        assert _most_cycles(SimpleNamespace(alone=np.full(3, min(axis, 1)), said_edges=edges), axis) == most
 
 
 # Noise, term by term.
@@ -231,7 +231,7 @@ def test_the_wander_is_looked_for_about_what_is_known_of_it(instability_rps, usu
 def test_an_edge_has_of_its_answers_what_cubic_convolution_gives():
     """Of Keys (1981): exact for parabolas, and an answer's own where the edge is there."""
     at = np.array([1.0, 2.5, 3.0, 4.25])
-    found = of_answers(at)
+    found = _of_answers(at)
     for power in range(3):
         assert found @ np.arange(float(found.shape[1])) ** power == pytest.approx(at**power)
     assert found[0].tolist() == [0, 1, 0, 0, 0, 0, 0]

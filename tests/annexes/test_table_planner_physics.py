@@ -13,7 +13,7 @@ from session.annexes.machines.description import Axis, Description, read_descrip
 from session.annexes.machines.kinematics import attitudes
 from session.io.units import DEG
 from tinygc import CalibrationError
-from tinygc.annexes.machines.planner import LEAST_TURN_RAD, TableMoves, plan_of, seconds_of
+from tinygc.annexes.machines.planner import _LEAST_TURN_RAD, TableMoves, _seconds_of, plan_of
 from tinygc.attitude import rotation
 
 
@@ -80,7 +80,7 @@ def test_no_move_leaves_the_limits():
                     assert axis.allows(move.angle_rad)
                     assert moves.limits[move.axis][0] - 1e-9 <= move.angle_rad <= moves.limits[move.axis][1] + 1e-9
                     assert 0 < move.rate_rps <= min(axis.fastest_rps, most_rps)
-                    assert abs(move.angle_rad - before) >= LEAST_TURN_RAD
+                    assert abs(move.angle_rad - before) >= _LEAST_TURN_RAD
                 assert np.array_equal(angles, turn.angles)
             for move in moves.choose(most_rps):
                 moves.angles[move.axis] = move.angle_rad
@@ -112,8 +112,8 @@ def test_no_turn_of_a_slow_table_is_too_long_for_a_segment():
 
 def test_a_move_takes_its_ramps_and_a_plan_its_turns():
     """Of 90 deg at 30 dps and 100 dps^2 the ramps add 0.3 s; one of 1 deg never reaches the rate.  A turn has its still besides."""
-    assert seconds_of(90 * DEG, 30 * DEG, 100 * DEG) == pytest.approx((3.3, 0.3))
-    assert seconds_of(-1 * DEG, 30 * DEG, 100 * DEG) == pytest.approx((0.2, 0.1))
+    assert _seconds_of(90 * DEG, 30 * DEG, 100 * DEG) == pytest.approx((3.3, 0.3))
+    assert _seconds_of(-1 * DEG, 30 * DEG, 100 * DEG) == pytest.approx((0.2, 0.1))
     table = _description(table_toml("middle", "inner", limits={"middle": (-90, 270)}))
     plan = plan_of(TableMoves(table, np.zeros(2), 1.5), False, 3, False)
     angles, expected_s = np.zeros(2), 0.0

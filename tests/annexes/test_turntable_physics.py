@@ -15,7 +15,7 @@ from session.annexes.turntable.clock import sample_times
 from session.annexes.turntable.folder import GyroLog, write_turn_session
 from session.detect.rounding import rounding_variance
 from session.io.units import DEG
-from tinygc.annexes.turntable.angles import TERMS, TurnAngle, bridge_variance
+from tinygc.annexes.turntable.angles import TERMS, TurnAngle, _bridge_variance
 from tinygc.annexes.turntable.estimate import _component, estimate
 
 #: x both ways, z one way only
@@ -83,11 +83,11 @@ def test_a_lean_of_the_table_does_not_enter_the_scale():
 
 
 def test_a_bias_that_wanders_between_two_rests_is_a_brownian_bridge():
-    assert bridge_variance(2.0, 0.0, 3.0, 3.0) == pytest.approx(2.0 * 3.0**3 / 12, rel=1e-14)
+    assert _bridge_variance(2.0, 0.0, 3.0, 3.0) == pytest.approx(2.0 * 3.0**3 / 12, rel=1e-14)
     lead, duration, apart = 0.7, 2.0, 4.0
     t = lead + (np.arange(1000) + 0.5) / 1000 * duration
     covariance = np.minimum.outer(t, t) - np.outer(t, t) / apart
-    assert bridge_variance(1.0, lead, duration, apart) == pytest.approx(covariance.mean() * duration**2, rel=1e-5)
+    assert _bridge_variance(1.0, lead, duration, apart) == pytest.approx(covariance.mean() * duration**2, rel=1e-5)
 
 
 def test_two_steps_between_samples_are_rectangles_of_one_interval():
@@ -181,7 +181,7 @@ def test_rests_that_differ_are_a_bias_that_wanders():
     (angle,) = found.angles
     z = angle.direction[2] ** 2
     lead = 1.99 - first.middle_s
-    expected = bridge_variance(found.noise.drift[2], lead, angle.duration_s, second.middle_s - first.middle_s)
+    expected = _bridge_variance(found.noise.drift[2], lead, angle.duration_s, second.middle_s - first.middle_s)
     assert angle.variance["drift"] == pytest.approx(z * expected, rel=1e-9)
 
 

@@ -36,7 +36,7 @@ ARRIVALS_S = 20.0
 LEAST_SPAN_S, STEPS = 2.0, 10
 
 
-class DeviceTime:
+class _DeviceTime:
     """The board's device time at any moment of the host, from the arrivals of its samples: the line that no arrival lies before.
 
     Of all such lines it is the one that is nearest to the arrivals in the middle of their span: it touches the least late arrival of the
@@ -136,7 +136,7 @@ class TableDriver:
         self.where: Where | None = None
         self.fault, self.done = "", 0
         self.trouble: CalibrationError | None = None  #: what ended the thread
-        self._log, self._device = "", DeviceTime()
+        self._log, self._device = "", _DeviceTime()
         self._queue: deque[AxisMove] = deque()
         self._sent: AxisMove | None = None
         self._rate: tuple[int, float] | None = None  # an axis that turns at a rate, or was told to stop

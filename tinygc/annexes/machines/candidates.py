@@ -109,7 +109,7 @@ def _of_table(comparison: Comparison) -> Iterator[Candidate]:
             away = np.cross(np.cross(axes[number - 1].direction, axis.direction), axis.direction)
             skew = partial(comparison.of_skew, number), partial(_skewed, number, away / np.linalg.norm(away))
             yield candidate(SKEW, between, *skew, ("skew_deg", DEG, (0,)), axis=axis.name)
-        for cycles in range(FIRST_RIPPLE, most_cycles(comparison.observed, number) + 1):
+        for cycles in range(FIRST_RIPPLE, _most_cycles(comparison.observed, number) + 1):
             ripple = partial(comparison.of_harmonic, number, cycles), partial(_beside, number, harmonic(angle, cycles))
             yield candidate(RIPPLE, at, *ripple, ("ripple_deg", DEG, (0, 1)), axis=axis.name, cycles=cycles)
 
@@ -139,7 +139,7 @@ def _once_and_twice(comparison: Comparison, axis: int) -> np.ndarray:
     return np.concatenate([comparison.of_harmonic(axis, cycles) for cycles in (1, 2)], axis=1)
 
 
-def most_cycles(observed: Observed, axis: int) -> int:
+def _most_cycles(observed: Observed, axis: int) -> int:
     """The fastest ripple, cycles a turn, that the blocks of most turns of an axis resolve; 0 where it never turns alone."""
     own = observed.alone == axis
     if not own.any():

@@ -27,7 +27,7 @@ PAIRS_DEG = (90, 180, 270)
 #: of the way from limit to limit, where none of the usual changes fits
 SHARES = (0.0, 0.5, 1.0)
 #: a turn that the guide counts, with some room for scale and play
-LEAST_TURN_RAD = 35 * DEG
+_LEAST_TURN_RAD = 35 * DEG
 #: rad that an axis without limits may turn either way from where it began: a cable may hang on it
 MOST_WOUND_RAD = 4 * np.pi
 #: s from the end of a move to a still that counts, beyond its length: play and tremor die away, and the answer comes at 20 Hz
@@ -38,7 +38,7 @@ PLACE_DECIMALS = 3
 MOST_PARTS = 2
 
 
-def seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) -> tuple[float, float]:
+def _seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) -> tuple[float, float]:
     """Duration of a move from rest to rest, and of each of its two accelerations, s."""
     ramp_s = min(rate_rps / acceleration_rps2, float(np.sqrt(abs(change_rad) / acceleration_rps2)))
     return abs(change_rad) / (ramp_s * acceleration_rps2) + ramp_s, ramp_s
@@ -90,7 +90,7 @@ class TableMoves:
             found = [self._turn(*each, most_rps) for each in zip(changes, places, about, up, strict=True)]
             self._found[place] = [turn for turn in found if sum(part.seconds + SETTLE_S for part in turn.parts) <= self.longest_s]
         if not self._found[place]:
-            least = f"no turn of {LEAST_TURN_RAD / DEG:.0f} deg or more"
+            least = f"no turn of {_LEAST_TURN_RAD / DEG:.0f} deg or more"
             raise CalibrationError(
                 f"{self.table.name}: {least} lies within the limits of its axes and ends within {self.longest_s:g} s, the longest segment"
             )
@@ -124,7 +124,7 @@ class TableMoves:
         if not self.table.axes[axis].is_endless:
             changes += [least + share * (most - least) - at_rad for share in SHARES]
         within = [change for change in changes if least - ROUNDING_RAD <= at_rad + change <= most + ROUNDING_RAD]
-        return [change for change in dict.fromkeys(within) if abs(change) >= LEAST_TURN_RAD]
+        return [change for change in dict.fromkeys(within) if abs(change) >= _LEAST_TURN_RAD]
 
     def _turn(self, changes: tuple[tuple[int, float], ...], places: np.ndarray, about: np.ndarray, up: np.ndarray, most_rps: float) -> Turn:
         """A turn.  Before it and after each part: places (N, K) rad; about (N, K, 3): the axes; up (N, 3): what points up, of the body."""
@@ -132,7 +132,7 @@ class TableMoves:
         for number, (axis, change) in enumerate(changes):
             of, angle = self.table.axes[axis], float(places[number + 1, axis])
             rate = min(of.fastest_rps, most_rps)
-            seconds, ramp_s = seconds_of(change, rate, of.acceleration_rps2)
+            seconds, ramp_s = _seconds_of(change, rate, of.acceleration_rps2)
             words = f"{of.name} to {angle / DEG:.0f}°"
             parts.append(TurnPart(about[number, axis] * np.sign(change), abs(change), seconds, words, up[number + 1], ramp_s))
             moves.append(AxisMove(axis, angle, rate))

@@ -132,7 +132,7 @@ class NoiseModel:
             pin = np.eye(len(share))[edges] - share[edges, None] * np.eye(len(share))[-1]
             variance = float((comparison.axis[number] ** 2) @ seen.gyro_walk**2)
             at = seen.answer_at[number]
-            taken = of_answers(at[edges])
+            taken = _of_answers(at[edges])
             taken = taken * np.interp(np.arange(taken.shape[1]), at, rate[number])
             apart_s = np.abs(time[edges, None] - time[edges])
             found.append((variance * pin @ walk @ pin.T, rate[number, edges], change[number, edges], taken @ taken.T, apart_s))
@@ -203,7 +203,7 @@ class NoiseModel:
         return found
 
 
-def of_answers(answer_at: np.ndarray) -> np.ndarray:
+def _of_answers(answer_at: np.ndarray) -> np.ndarray:
     """(W, N): what each answer has in the word at the edges (W,), by their places among the answers: cubic convolution (Keys 1981), which
     Akima's interpolation is where the rate changes little."""
     d = np.abs(answer_at[:, None] - np.arange(int(answer_at.max()) + 3))

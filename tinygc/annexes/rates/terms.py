@@ -69,7 +69,7 @@ class Range:
 def terms(choice: Choice) -> list[TermRow]:
     """The rows of one sensor."""
     found, points = choice.fit, choice.points
-    within = linear_range(choice.curve or found)
+    within = _linear_range(choice.curve or found)
     tested = f"{len(np.unique(points.distinct))} rates from {size(points.rate_dps.min(), 4)} to {size(points.rate_dps.max(), 4)} °/s"
     unit = points.unit
     outside = "outside the dead band, " if found.hypothesis.law == "dead_band" else ""
@@ -168,7 +168,7 @@ def _drift(found: Fit) -> TermRow:
 # The linear range, and the best line within it.
 
 
-def linear_range(found: Fit) -> Range:
+def _linear_range(found: Fit) -> Range:
     """From rest outwards until the output reaches a limit, or departs by 1 % from its slope at rest; at most the rates tested, and where
     one reading that is off leaves an end open, the last sound one."""
     rates = found.points.rate_dps
@@ -204,7 +204,7 @@ def _end(found: Fit, end: float) -> tuple[float, bool]:
     """Where the linear range ends towards a rate, and whether it does before it."""
     if not end:
         return 0.0, False
-    limit = input_limit(found, end)
+    limit = _input_limit(found, end)
     grid = np.linspace(0.0, end, GRID)[1:]
     step = 1e-3 * end
     free = found.unlimited(np.array([0.0, step, 2 * step]))
@@ -216,7 +216,7 @@ def _end(found: Fit, end: float) -> tuple[float, bool]:
     return (float(np.copysign(min(reached), end)), True) if reached else (end, False)
 
 
-def input_limit(found: Fit, end: float) -> float | None:
+def _input_limit(found: Fit, end: float) -> float | None:
     """The rate towards ``end`` at which the output first reaches a limit; None where it does not."""
     grid = np.linspace(0.0, end, GRID)
     free = found.unlimited(grid) + found.offset
@@ -272,7 +272,7 @@ def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
 
 
 def _is_limit(found: Fit, end: float) -> bool:
-    limit = input_limit(found, 1.01 * end)
+    limit = _input_limit(found, 1.01 * end)
     return limit is not None and abs(limit - end) < 0.01 * abs(end)
 
 
@@ -403,7 +403,7 @@ def _saturation(found: Fit) -> list[TermRow]:
             value, sigma = float(found.vector[number]), float(np.sqrt(found.covariance[number, number]))
             # At which rate the output comes to a limit
             rates = found.points.rate_dps
-            places = [at for end in (rates.min(), rates.max()) if end and (at := input_limit(found, float(end))) is not None]
+            places = [at for end in (rates.min(), rates.max()) if end and (at := _input_limit(found, float(end))) is not None]
             beyond = left_open(found)
             places = [at for at in places if beyond is None or at * beyond[0] < 0 or abs(at) <= abs(beyond[1])]
             of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - value) < 1e-3 * span(found.points)]

@@ -129,7 +129,7 @@ class RestNoise:
     single: np.ndarray
 
 
-def bridge_variance(drift: float | np.ndarray, lead_s: float, duration_s: float, apart_s: float) -> float | np.ndarray:
+def _bridge_variance(drift: float | np.ndarray, lead_s: float, duration_s: float, apart_s: float) -> float | np.ndarray:
     """rad^2: of the integral over a turn of a random walk that is known at both middles, with ``drift`` rad^2/s^3.
 
     lead_s from the first middle to the turn, apart_s between the middles.
@@ -305,7 +305,7 @@ def _variances(
     turning = np.sqrt(np.maximum(scatter - log.lsb**2 / 12, 0))
     return {
         "rests": duration_s**2 * np.sum([w**2 * _mean_variance(rest, noise.white, log) for rest, w in ends], axis=0),
-        "drift": np.asarray(bridge_variance(noise.drift, lead_s, duration_s, apart_s)),
+        "drift": np.asarray(_bridge_variance(noise.drift, lead_s, duration_s, apart_s)),
         "white": noise.white * duration_s,
         "vibration": np.maximum(scatter - noise.single, 0) * np.sum(wide**2),
         "ends": np.maximum(edges, 0),

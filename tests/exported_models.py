@@ -6,15 +6,12 @@ import ctypes
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import processes
 import pytest
 
-from session.io.config import Accelerometer
-from tinygc.deploy.embedded.program import Registers
-from tinygc.deploy.embedded.source import FLAGS
-from tinygc.deploy.embedded.stages import Inputs
 from tinygc.effects import AppliedEffect, Conditions, NoC, catalogue
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
@@ -64,23 +61,24 @@ def random_inputs(count: int = 10_000, top: float = 500 * DEG, seed: int = 0) ->
     return np.column_stack([rng.uniform(-top, top, (count, 3)), force, rng.uniform(10, 40, count)]).astype(np.float32)
 
 
-def as_inputs(table: np.ndarray) -> Inputs:
-    return Inputs.of(table[:, :3], table[:, 3:6], table[:, 6])
+def as_inputs(table: np.ndarray) -> SimpleNamespace:
+    """What a program takes."""
+    return SimpleNamespace(rate=table[:, :3], force=table[:, 3:6], temp_c=table[:, 6])
 
 
 # C
 
 
-SENSOR = Registers(500, 4, 208.0, Accelerometer(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.1, -0.2, 0.3])))
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
 
 
 def built(folder: Path, files: dict[str, str], *flags: str) -> ctypes.CDLL:
-    """All sources as one shared library, of which no compiler says a word."""
+    """All sources as one shared library, by the flags that their headers name; no compiler says a word."""
+    (words,) = {line.split(maxsplit=2)[2] for text in files.values() for line in text.splitlines() if line.startswith(" * build ")}
     folder.mkdir(exist_ok=True)
     for name, text in files.items():
         (folder / name).write_text(text, encoding="ascii")
-    command = ["gcc", *FLAGS.split(), *flags, "-O1", "-shared", "-fPIC", *sorted(folder.glob("*.c")), "-o", folder / "all.so"]
+    command = ["gcc", *words.split(), *flags, "-O1", "-shared", "-fPIC", *sorted(folder.glob("*.c")), "-o", folder / "all.so"]
     done = processes.run(command, capture_output=True)
     assert (done.returncode, done.stderr) == (0, b"")
     return ctypes.CDLL(str(folder / "all.so"))

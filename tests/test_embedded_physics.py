@@ -14,7 +14,7 @@ from exported_models import (
     LINEAR,
     MODELS,
     NET,
-    SENSOR,
+    RNG,
     Compiled,
     as_inputs,
     built,
@@ -40,7 +40,8 @@ from tinygc.models.physics import PhysicsModel
 
 F = np.float32
 ROWS = np.array([[1.0, -2.0, 3.0], [-0.5, 0.25, -4.0]], F)
-ACCELEROMETER = SENSOR.accelerometer
+ACCELEROMETER = Accelerometer(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.1, -0.2, 0.3]))
+SENSOR = Registers(500, 4, 208.0, ACCELEROMETER)
 each_model = pytest.mark.parametrize("name", MODELS)
 
 
@@ -115,8 +116,8 @@ class Counted(np.ndarray):
 @pytest.mark.parametrize("name", ["linear", "tinygc", "gyro.scale_nonlinearity", "gyro.g_sensitivity", "tinygc_denoised"])
 def test_the_operations_that_the_header_names_are_those_that_are_done(name):
     Counted.done.clear()
-    chosen, inputs, count = program(MODELS[name]), as_inputs(random_inputs(20)), 20
-    chosen.run(dataclasses.replace(inputs, rate=inputs.rate.view(Counted), force=inputs.force.view(Counted)))
+    chosen, count = program(MODELS[name]), 20
+    chosen.run(as_inputs(random_inputs(20).view(Counted)))
     done, cost = Counted.done, chosen.cost
     assert done["multiply"] == count * cost.multiply
     assert done["add"] + done.get("subtract", 0) == count * cost.add

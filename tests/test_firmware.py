@@ -11,16 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
-from conftest import ROOT
+from conftest import DEG, ROOT
 from emulator import build as kit
-from exported_models import MODELS, WHOLE, as_inputs, random_inputs
+from exported_models import MODELS, WHOLE, as_inputs, needs_compiler, random_inputs
+from exports_read_back import context
 from processes import CALIBRATE, PATIENCE_S, PIPE, run, started, until
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from tinygc import read_session
-from tinygc.deploy.embedded.program import Registers, program
-from tinygc.deploy.embedded.source import source_files
+from tinygc.deploy.embedded.program import program
+from tinygc.deploy.exports import exporter
 
 MISSING = kit.tools_missing()
 on_board = pytest.mark.skipif(bool(MISSING), reason=MISSING)
@@ -31,12 +32,12 @@ def needs_board(test):
     return pytest.mark.emulation(on_board(test))
 
 
-SENSOR = Registers()
+F = np.float32
 
 
 def write_model(folder: Path, name: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    for file, text in source_files(program(MODELS[name]), SENSOR, "A test.", {}).items():
+    for file, text in exporter("c").export(MODELS[name], context()).items():
         (folder / file).write_text(text)
     return folder
 
@@ -66,97 +67,6 @@ def test_the_195_parameters_fit_and_are_quick_enough(tmp_path):
     found = kit.run(kit.build("measure.elf", model, tmp_path / "fast", "-O2"), random_inputs(2000), tmp_path)
     assert found.per_nop == pytest.approx(1, abs=0.005)
     assert 2 * 189 < found.instructions < 2500
-
-
-FAULTY = """
-#include "board.h"
-#include "board_spi.h"
-#include "fault.h"
-void SysTick_Handler(void) {}
-void USART1_Handler(void) {}
-void USART2_Handler(void) {}
-void DMA2_Stream0_Handler(void) {}
-static uint32_t semihost(uint32_t operation, uint32_t argument)
-{
-    register uint32_t r0 __asm("r0") = operation, r1 __asm("r1") = argument;
-    __asm volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
-    return r0;
-}
-__attribute__((section(".kept"))) static int starts;
-int main(void)
-{
-    read_if_there(0x30000000);
-    for (int n = 0; n < (int)(sizeof fault_record / 4); n++) {
-        static char text[12];
-        uint32_t word = ((uint32_t *)&fault_record)[n];
-        for (int digit = 7; digit >= 0; digit--, word >>= 4) text[digit] = "0123456789abcdef"[word & 15];
-        text[8] = ' ';
-        semihost(0x04, (uint32_t)text);
-    }
-    switch (starts++) {
-    case 0:
-    case 1:
-        UPSET;
-        break;
-    case 2:
-        return 0; /* an end that a board's program has none of */
-    default:
-        semihost(0x18, 0x20026);
-    }
-    for (;;) ;
-}
-"""
-
-
-@needs_board
-@pytest.mark.parametrize(
-    ("upset", "status"),
-    [
-        ("*(volatile uint32_t *)0x30000004", 0x8200),  # a precise error of the bus, at an address that is known
-        ('__asm volatile(".short 0xdeff")', 0x10000),  # an undefined instruction
-        ("((void (*)(void))0x30000000)()", 0x100),  # instructions from where there are none
-    ],
-)
-def test_a_fault_of_the_core_is_a_reset_and_its_cause_is_kept(upset, status, tmp_path):
-    """Twice, then ``main`` returns.  What was kept outlives each reset, and a read of what may not be there leaves nothing."""
-    source, elf, firmware = tmp_path / "faulty.c", tmp_path / "faulty.elf", ROOT / "firmware"
-    source.write_text(FAULTY.replace("UPSET", upset))
-    core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-std=c11", "-Os", "-ffreestanding", f"-I{firmware}"]
-    parts = [source, firmware / "startup.c", firmware / "fault.c", "-T", firmware / "stm32f405.ld", "-nostartfiles", "--specs=nano.specs"]
-    run(["arm-none-eabi-gcc", *core, *parts, "-o", elf], check=True)
-    semihosting = ["-semihosting-config", "enable=on,target=native", "-serial", "none"]
-    ran = run(["qemu-system-arm", *kit.MACHINE, *semihosting, "-kernel", elf], capture_output=True, text=True)
-    records = np.reshape([int(word, 16) for word in ran.stderr.split()], (4, 7))
-    assert ran.returncode == 0
-    assert records[0].tolist() == [0] * 7
-    np.testing.assert_array_equal(records[1:, 0], 0x0FA17)
-    np.testing.assert_array_equal(records[1:, 1], [1, 2, 2])
-    np.testing.assert_array_equal(records[1:, 4], status)
-    assert len(set(records[1:, 2])) == 1  # where it was
-    if status == 0x8200:
-        np.testing.assert_array_equal(records[1:, 5], 0x30000004)
-
-
-@pytest.fixture(scope="module")
-def elf(tmp_path_factory):
-    if MISSING:
-        pytest.skip(MISSING)
-    folder = tmp_path_factory.mktemp("board")
-    return kit.build("tinygc.elf", write_model(folder / "model", "tinygc_denoised"), folder, SERIAL="4711")
-
-
-@contextlib.contextmanager
-def board_of(elf):
-    """The pseudo-terminals of the host and of whoever plays a sensor, of a board under QEMU."""
-    with contextlib.ExitStack() as running:
-        yield kit.ports_under_qemu(elf, lambda command, **how: running.enter_context(started(command, limit_s=4 * PATIENCE_S, **how)))
-
-
-@pytest.fixture(scope="module")
-def board(elf):
-    """One for all tests: its stand-in has fallen silent once somebody has spoken to it."""
-    with board_of(elf) as ports:
-        yield ports
 
 
 class Link:
@@ -205,24 +115,30 @@ class Link:
         return self._bodies.pop(0)
 
 
-@pytest.mark.emulation
-def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(board, tmp_path):
+@needs_board
+def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(tmp_path):
     """A log is played to the board as if by its sensor, ``calibrate.py record`` guides and records what the board streams: the log is
     whole, and what the board calibrated is what the host makes of it."""
     rows = np.loadtxt(ROOT / "data" / "session1" / "log0001.csv.gz", np.int64, delimiter=",", skiprows=2, max_rows=2700)
     t_us, registers = rows[:, 0], rows[:, 1:].astype(np.int16)
-    link = Link(board[1])
-    assert link.hello() == (0, 0.0, program(WHOLE).identity)
-    folder = tmp_path / "recorded"
-    command = [*CALIBRATE, "record", "--port", board[0], "--out", folder, "--segments", 1, "--no-coach", "--mute"]
-    with contextlib.closing(link), started(command, stderr=PIPE, stdout=PIPE, text=True) as record:
+    elf = kit.build("tinygc.elf", write_model(tmp_path / "model", "tinygc_denoised"), tmp_path, SERIAL="4711")
+    folder, words = tmp_path / "recorded", ("--segments", 1, "--no-coach", "--mute")
+    with contextlib.ExitStack() as running:
+        host_port, sensor_port = kit.ports_under_qemu(
+            elf, lambda command, **how: running.enter_context(started(command, limit_s=4 * PATIENCE_S, **how))
+        )
+        link = running.enter_context(contextlib.closing(Link(sensor_port)))
+        assert link.hello() == (0, 0.0, program(WHOLE).identity)
+        command = [*CALIBRATE, "record", "--port", host_port, "--out", folder, *words]
+        record = running.enter_context(started(command, stderr=PIPE, stdout=PIPE, text=True))
         until(lambda: (folder / "raw.times").exists() and "open" in (folder / "raw.times").read_text(), what="an open port")
         rates = link.calibrate(t_us, registers)
         said, trouble = record.communicate()
     assert record.returncode == 0, trouble
     assert "1 of 1 segments" in said
 
-    host = program(WHOLE).run(SENSOR.inputs(registers))
+    registers = np.pad(registers[:, :3] * F(17.5e-3 * DEG), ((0, 0), (0, 4)))
+    host = program(WHOLE).run(as_inputs(registers))
     assert np.count_nonzero(rates.view(np.uint32) != host.view(np.uint32)) == 0
 
     # The recorded session, read as any session is, and calibrated by the model in double precision.
@@ -241,18 +157,6 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(boa
 # The frames' C on this machine, against the Python that is its other end.
 
 
-@pytest.fixture(scope="module")
-def c_frames(tmp_path_factory):
-    import shutil
-
-    if shutil.which("gcc") is None:
-        pytest.skip("not installed: gcc")
-    library = tmp_path_factory.mktemp("frames") / "frames.so"
-    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", "-shared", "-fPIC"]
-    run(["gcc", *flags, ROOT / "firmware" / "frames.c", "-o", library], check=True)
-    return ctypes.CDLL(str(library))
-
-
 class Frame(ctypes.Structure):
     _fields_ = (("bytes", ctypes.c_uint8 * 80), ("count", ctypes.c_uint))
 
@@ -261,31 +165,26 @@ class Decoder(ctypes.Structure):
     _fields_ = (("bytes", ctypes.c_uint8 * 81), ("count", ctypes.c_uint))
 
 
-def test_frames_written_in_c_are_read_in_python_whatever_they_hold(c_frames):
-    rng = np.random.default_rng(4)
-    stream, expected = b"", rng.integers(-32768, 32768, (300, 7)) * (rng.random((300, 7)) < 0.6)
+@needs_compiler
+def test_frames_written_in_c_are_read_in_python_and_the_other_way_round_and_noise_is_not(tmp_path):
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", "-shared", "-fPIC"]
+    run(["gcc", *flags, ROOT / "firmware" / "frames.c", "-o", tmp_path / "frames.so"], check=True)
+    library, rng, stream = ctypes.CDLL(str(tmp_path / "frames.so")), np.random.default_rng(4), b""
+    expected = (rng.integers(-32768, 32768, (300, 7)) * (rng.random((300, 7)) < 0.6)).astype(np.int16)
     for n, registers in enumerate(expected):
         frame, out = Frame(), ctypes.create_string_buffer(82)
-        c_frames.frame_begin(ctypes.byref(frame), 1, n)
-        c_frames.frame_u32(ctypes.byref(frame), 256 * n)
+        library.frame_begin(ctypes.byref(frame), 1, n)
+        library.frame_u32(ctypes.byref(frame), 256 * n)
         for value in registers:
-            c_frames.frame_u16(ctypes.byref(frame), int(value) & 0xFFFF)
-        count = c_frames.frame_end(ctypes.byref(frame), out)
+            library.frame_u16(ctypes.byref(frame), int(value) & 0xFFFF)
+        count = library.frame_end(ctypes.byref(frame), out)
         stream += out.raw[:count]
-    decoder = StreamDecoder()
-    (chunk,) = decoder.feed(stream)
+    (chunk,) = StreamDecoder().feed(stream)
     np.testing.assert_array_equal(chunk.registers, expected)
     np.testing.assert_array_equal(chunk.t_us, 256 * np.arange(300))
-
-
-def test_frames_written_in_python_are_read_in_c_and_noise_is_not(c_frames):
-    rng = np.random.default_rng(5)
-    registers = (rng.integers(-32768, 32768, (200, 7)) * (rng.random((200, 7)) < 0.6)).astype(np.int16)
-    coded = frames.encode_samples(np.arange(200), np.arange(200), registers)
     decoder, got = Decoder(), []
-    for n in range(200):
-        noise = rng.bytes(int(rng.integers(0, 80)))
-        for byte in (*noise, 0, *coded[n].tobytes()):
-            if count := c_frames.frame_take(ctypes.byref(decoder), byte):
+    for coded in frames.encode_samples(np.arange(300), np.arange(300), expected):
+        for byte in (*rng.bytes(int(rng.integers(0, 80))), 0, *coded.tobytes()):
+            if count := library.frame_take(ctypes.byref(decoder), byte):
                 got.append(bytes(decoder.bytes[:count]))
-    assert got == [np.array(registers[n]).tobytes().join([bytes([1, n, 0, n, 0, 0, 0]), b""]) for n in range(200)]
+    assert got == [bytes([1, n, 0, n, 0, 0, 0]) + registers.tobytes() for n, registers in enumerate(expected)]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import DEG
-from exported_models import SENSOR, Compiled, needs_compiler
+from exported_models import Compiled, needs_compiler
 from exports_read_back import LINEAR, context
 from noise_records import figures
 
@@ -127,7 +127,7 @@ def test_a_moved_bias_is_a_changed_zero():
 @pytest.mark.parametrize("model", [MODEL, PROMPT, ZERO_ONLY])
 def test_c_is_bit_for_bit_numpy_and_close_to_the_model(model, tmp_path):
     made = program(model, RATE_HZ)
-    device = Compiled(tmp_path, source_files(made, SENSOR, "A test.", {}))
+    device = Compiled(tmp_path, source_files(made, None, "A test.", {}))
     assert device.self_test() == (0, 0.0)
     samples = log(4000, seed=3)
     inputs = Inputs.of(samples.gyro, samples.accel, samples.temp_c)

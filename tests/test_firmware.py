@@ -170,7 +170,7 @@ def test_frames_written_in_c_are_read_in_python_and_the_other_way_round_and_nois
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", "-shared", "-fPIC"]
     run(["gcc", *flags, ROOT / "firmware" / "frames.c", "-o", tmp_path / "frames.so"], check=True)
     library, rng, stream = ctypes.CDLL(str(tmp_path / "frames.so")), np.random.default_rng(4), b""
-    expected = (rng.integers(-32768, 32768, (300, 7)) * (rng.random((300, 7)) < 0.6)).astype(np.int16)
+    expected = (rng.integers(-32768, 32768, (200, 7)) * (rng.random((200, 7)) < 0.6)).astype(np.int16)
     for n, registers in enumerate(expected):
         frame, out = Frame(), ctypes.create_string_buffer(82)
         library.frame_begin(ctypes.byref(frame), 1, n)
@@ -181,9 +181,9 @@ def test_frames_written_in_c_are_read_in_python_and_the_other_way_round_and_nois
         stream += out.raw[:count]
     (chunk,) = StreamDecoder().feed(stream)
     np.testing.assert_array_equal(chunk.registers, expected)
-    np.testing.assert_array_equal(chunk.t_us, 256 * np.arange(300))
+    np.testing.assert_array_equal(chunk.t_us, 256 * np.arange(200))
     decoder, got = Decoder(), []
-    for coded in frames.encode_samples(np.arange(300), np.arange(300), expected):
+    for coded in frames.encode_samples(np.arange(200), np.arange(200), expected):
         for byte in (*rng.bytes(int(rng.integers(0, 80))), 0, *coded.tobytes()):
             if count := library.frame_take(ctypes.byref(decoder), byte):
                 got.append(bytes(decoder.bytes[:count]))

@@ -252,7 +252,6 @@ def test_what_the_session_did_not_observe_is_said():
     ("model", "words"),
     [
         (CalibrationNet.from_vector(UNBENT.vector + np.r_[np.zeros(12), 0.01, 0, 0, np.zeros(12)]), "bends"),
-        (physics(LINEAR, "gyro.g2_sensitivity"), "gyro.g2_sensitivity"),
         (CarriedNet(physics(LINEAR), UNBENT), "net behind physics"),
         (DenoisedNet(LINEAR, Denoiser.identity(), 208.0), "denoises"),
     ],

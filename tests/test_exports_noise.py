@@ -1,9 +1,7 @@
 """Measured noise in other programs' files: their own discretisation of it is that of the figures; where the figures are found."""
 
 import json
-import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ from session.io.errors import CalibrationError
 from session.io.units import DEG_PER_HOUR, G
 from tinygc.deploy import FORMATS, NOISE_FORMATS
 from tinygc.deploy.exports import ExportError, exporter
-from tinygc.noise.figures import SensorNoise, Term, read_figures, to_json
+from tinygc.noise.figures import Term, to_json
 
 each_format = pytest.mark.parametrize("name", NOISE_FORMATS)
 
@@ -89,33 +87,6 @@ def test_ros_has_the_variance_of_one_sample_and_carries_it_through_a_models_matr
         assert table["orientation_covariance"][0] == -1
 
 
-def test_the_python_for_gtsam_sets_what_the_json_holds(tmp_path, monkeypatch):
-    made = files("gtsam")
-    for name, text in made.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-
-    class Params:
-        def __init__(self, n_gravity):
-            self.set = {"n_gravity": n_gravity}
-
-        def __getattr__(self, name):
-            if not name.startswith("set"):
-                raise AttributeError(name)
-            return lambda value: self.set.update({name.removeprefix("set"): value})
-
-    monkeypatch.setitem(sys.modules, "gtsam", SimpleNamespace(PreintegrationCombinedParams=Params))
-    run = {"__file__": str(tmp_path / "gtsam_imu.py")}
-    exec(made["gtsam_imu.py"], run)
-    found = run["preintegration_params"]((0, 0, -9.81)).set
-    assert found.pop("n_gravity").tolist() == [0, 0, -9.81]
-    assert not found.pop("BiasAccOmegaInit").any()
-    written = json.loads(made["gtsam_imu.json"])["covariances"]
-    assert {name[0].lower() + name[1:]: matrix.tolist() for name, matrix in found.items()} == written
-    np.testing.assert_allclose(np.diag(found["GyroscopeCovariance"]), GYRO.values("N") ** 2)
-    np.testing.assert_allclose(np.diag(found["BiasAccCovariance"]), ACCEL.values("K") ** 2)
-    np.testing.assert_allclose(found["IntegrationCovariance"], 1e-8 * np.eye(3))
-
-
 # Which K: measured, from the floor, a limit, a guess
 
 
@@ -144,7 +115,6 @@ def vague(name, **known):
         # A short log excludes little: the limit of y is no evidence of a walk, and x has one.
         ([axis(N=1e-4, K=1e-6), axis({"K": 9e-6}, N=1e-4), axis({"K": 2e-6}, N=1e-4)], 1e-6, "9e-06 UPPER LIMIT"),
         ([axis(N=1e-4, B=FLOOR)], FROM_FLOOR, "Measured, and not in this format: B (bias instability)"),
-        ([axis(N=1e-4, B=FLOOR, K=7e-6)], 7e-6, ""),  # what is measured stands
         ([vague("K")], 2e-5, "UPPER LIMIT (95 %)"),
         ([vague("K", B=FLOOR)], FROM_FLOOR, "from the flicker floor at 100 s"),
         ([vague("B", K=7e-6)], 7e-6, ""),
@@ -253,7 +223,6 @@ LIMIT = "UPPER LIMIT (95 %), NOT MEASURED"
 @pytest.mark.parametrize(
     ("axes", "walk", "expected"),
     [
-        ([axis(N=4e-4, K=2e-5)], 1e-5, [(2e-5, "measured")] * 3),
         ([axis(N=4e-4, K=2e-5)], 5e-5, [(5e-5, IN_MOTION)] * 3),
         ([axis(N=4e-4, B=FLOOR)], 1e-7, [(FROM_FLOOR, "from the flicker floor at 100 s")] * 3),
         (
@@ -276,7 +245,7 @@ def test_no_walk_becomes_smaller_by_an_inflation(axes, walk, expected):
     assert imu(known, inflation=replace(walking, walk_density=None))[0]["gyroscope_random_walk"] == without
 
 
-# Autopilots, JSON
+# Autopilots
 
 
 @pytest.mark.parametrize(("name", "key", "least"), [("px4", "EKF2_ACC_NOISE", 0.01), ("ardupilot", "EK3_GBIAS_P_NSE", 1e-5)])
@@ -289,15 +258,6 @@ def test_an_autopilot_has_a_file_of_noise_whose_values_are_within_their_document
     assert name == "px4" or all(len(line.encode()) <= 96 for line in text.splitlines())
     assert any("do not fly with them as they are" in line for line in said)
     assert not any("NSE" in line or "_NOISE" in line for line in calibration.splitlines())
-
-
-def test_json_holds_the_figures_whole(tmp_path):
-    known = figures(inflations=(WALKING,), sensor="ASM330LHH")
-    (text,) = exporter("json").export(LINEAR, context(noise=known)).values()
-    (tmp_path / "noise.json").write_text(json.dumps(json.loads(text)["noise_figures"]))
-    again = read_figures(tmp_path / "noise.json")
-    np.testing.assert_array_equal(again.gyro.values("K"), GYRO.values("K"))
-    assert again.inflations[0].source == "two walks"
 
 
 # Where export finds noise figures, and exports without a model
@@ -366,13 +326,9 @@ def in_unit(kind, name, unit):
         ({"sensor": "BMI088"}, (), "noise of sensor BMI088, but the session's is ASM330LHH; give that of this unit with --noise"),
         ({"serial": "0815"}, (), "noise of serial number 0815, but the session's is test"),
         ({"schema": "tinygc-noise/2"}, (), 'schema is "tinygc-noise/2", expected one of tinygc-noise/1'),
-        ({"gyro": None}, (), "gyro"),
-        ({"rate_hz": "fast"}, (), "rate_hz"),
         (in_unit("gyro", "N", "deg/s/sqrt(Hz)"), (), 'gyro.y.terms.N.unit is "deg/s/sqrt(Hz)", expected one of rad/s/sqrt(Hz); write'),
-        (in_unit("accel", "B", "mg"), (), 'accel.y.terms.B.unit is "mg", expected one of m/s^2'),
         ({}, ("--inflation", "flying"), "noise.json: no inflation for motion flying; there are walking"),
         ({}, ("--noise", "nowhere"), "nowhere: no noise.json there; run `calibrate noise` first, or give the file itself"),
-        ({}, ("--model", "least_squares"), "no model; run "),
         ({}, ("--to", "xio", "--inflation", "walking"), "xio has no noise densities to inflate; --inflation goes with kalibr"),
     ],
 )
@@ -381,17 +337,6 @@ def test_what_does_not_belong_or_is_not_there_is_one_line(changes, words, says, 
     code, _, err = run("export", rests, *(() if "--to" in words else ("--to", "kalibr")), *words)
     assert (code, err.count("\n"), says in err) == (2, 1, True), err
     assert not (rests / "export").exists()
-
-
-def test_a_motion_is_known_by_its_first_letters_and_not_on_an_axis_that_is_not_described(rests, run):
-    assert run("export", rests, "--to", "kalibr", "--inflation", "walk")[0] == 0
-    table = yaml.safe_load((rests / "export" / "imu.yaml").read_text(encoding="utf-8"))
-    assert table["gyroscope_noise_density"] == pytest.approx(1.5e-3)  # 5e-4 of y, times 3
-    x, *others = KNOWN.gyro.axes
-    written(rests / "fit" / "noise.json", replace(KNOWN, gyro=SensorNoise((replace(x, p_value=1e-6, excess=3.0), *others))))
-    code, _, err = run("export", rests, "--to", "kalibr", "--inflation", "walking")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "the terms do not describe the gyroscope at rest, to which the factors for walking are; record again" in err
 
 
 def test_figures_of_no_named_sensor_are_taken_and_another_rate_is_said_unless_it_is_a_guess(rests):

@@ -174,17 +174,6 @@ def test_two_outputs_are_not_one_and_a_link_is_none(run, idle, recording, tmp_pa
     refused(run("check", recording, "--json", tmp_path / "nowhere"), "is a link to")
 
 
-def test_inputs_of_apply_stay(run, idle, tmp_path):
-    """Its model and log lie in no session folder here."""
-    for name in ("model.json", "walk.csv"):
-        (tmp_path / name).write_text("read")
-    os.link(tmp_path / "walk.csv", tmp_path / "hard.csv")
-    for out in ("model.json", "walk.csv", "hard.csv"):
-        for option, other in (("-o", "--json"), ("--json", "-o")):
-            words = ["apply", tmp_path / "model.json", tmp_path / "walk.csv", other, tmp_path / "new", option, tmp_path / out, "--force"]
-            refused(run(*words), "that this command reads")
-
-
 # The last door
 
 

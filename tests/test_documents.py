@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import processes
 import pytest
-import yaml
 
 import calibrate
 import tinygc
@@ -159,11 +158,3 @@ def test_what_the_pages_show_of_fit_is_what_fit_prints(monkeypatch, capsys, tmp_
     assert set(shown.splitlines()) <= set(printed)
     (screen,) = (block for block in blocks(DOCS / "tutorial.md", "") if "PASS" in block)
     assert screen.splitlines() == printed
-
-
-def test_the_citation_names_the_version_and_the_paper():
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert citation["title"] == "TinyGC"
-    assert citation["version"] == tinygc.__version__
-    (paper,) = (reference for reference in citation["references"] if "TinyGC-Net" in reference["title"])
-    assert paper["url"] in (DOCS / "references.md").read_text(encoding="utf-8")

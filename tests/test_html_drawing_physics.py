@@ -7,7 +7,7 @@ import pytest
 from conftest import ROOT
 
 from tinygc.reporting.html import markup
-from tinygc.reporting.html.chart import Axis, Chart, coverage, log_axis
+from tinygc.reporting.html.chart import Axis, Chart, log_axis
 
 
 @pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])
@@ -67,10 +67,3 @@ def test_a_thinned_line_keeps_its_highest_point_and_its_gap():
     heights = [float(pair.split()[1]) for pair in re.split("[ML]", path)[1:]]
     assert min(heights) == pytest.approx(chart.top, abs=0.1)
     assert path.count("M") == 2
-
-
-def test_coverage_counts_what_is_near():
-    assert coverage(np.zeros((0, 3))) == 0
-    assert coverage(np.array([[0, 0, 9.8]])) == pytest.approx((1 - np.cos(np.pi / 6)) / 2, abs=1e-3)
-    axes = np.concatenate([np.eye(3), -np.eye(3)])
-    assert coverage(axes) == pytest.approx(6 * (1 - np.cos(np.pi / 6)) / 2, abs=2e-3)

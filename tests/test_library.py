@@ -223,36 +223,29 @@ def test_apply_gives_the_commands_log(fits, folders, tmp_path):
 # Tables and pictures
 
 
-def test_records_become_tables_of_pandas(fits, monkeypatch):
-    pandas = pytest.importorskip("pandas")
-    table = fits[0].to_frame()
+def test_records_become_tables_of_pandas_and_a_fit_is_drawn(fits, tmp_path, monkeypatch):
+    pandas, _ = pytest.importorskip("pandas"), pytest.importorskip("matplotlib")
+    table, findings, samples = fits[0].to_frame(), tinygc.check(fits[0].source), fits[0].session.logs[0].samples
     assert list(table.columns) == ["name", "value", "sigma", "unit"]
     assert table.loc["E_xy", "value"] == fits[0].parameters["E_xy"].value
-    assert fits[0].closure.to_frame().loc["least_squares", "tilt_rms_deg"] == fits[0].closure["least_squares"]["tilt_rms_deg"]
-    findings, samples = tinygc.check(fits[0].source), fits[0].session.logs[0].samples
     assert list(tinygc.to_frame(findings)["what"]) == [finding.what for finding in findings]
     assert isinstance(tinygc.to_frame(fits[0]), pandas.DataFrame)
-    assert list(samples.to_frame())[:4] == ["t_ns", "gx_rps", "gy_rps", "gz_rps"]
     np.testing.assert_array_equal(samples.to_frame()["ay_mps2"], samples.accel[:, 1])
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(CalibrationError, match="to_frame needs pandas: python -m pip install pandas"):
-        fits[0].to_frame()
-
-
-def test_a_fit_is_drawn(fits, tmp_path, monkeypatch):
-    pytest.importorskip("matplotlib")
-    figure = fits[0].plot(tmp_path / "new" / "fit.png")
+    closure, *panels = fits[0].plot(tmp_path / "new" / "fit.png").axes
     assert (tmp_path / "new" / "fit.png").read_bytes().startswith(b"\x89PNG")
-    closure, *panels = figure.axes
     rms = np.sqrt(np.mean(np.square(closure.lines[1].get_ydata())))
     assert rms == pytest.approx(fits[0].closure["least_squares"]["tilt_rms_deg"], rel=1e-9)
     for axes, word, unit in zip(panels, ("scale_factor_error", "misalignment", "bias"), ("ppm", "mrad", "dps"), strict=True):
         shown = [each.value for name, each in fits[0].sensor_errors.items() if name.startswith(word)]
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), shown)
         assert axes.get_ylabel() == unit
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(CalibrationError, match="pictures need matplotlib"):
-        fits[0].plot()
+    for module, call, says in (
+        ("pandas", fits[0].to_frame, "to_frame needs pandas: python"),
+        ("matplotlib.figure", fits[0].plot, "matplotlib"),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        with pytest.raises(CalibrationError, match=says):
+            call()
 
 
 # Names, examples

@@ -6,7 +6,6 @@ Only the files are made by the project: nothing that computes a model is importe
 from __future__ import annotations
 
 import json
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -54,20 +53,6 @@ def page_denoiser(table: dict[str, Any], rate: np.ndarray) -> np.ndarray:
     return np.stack([page_net(table, axis, x) for axis, x in enumerate(rate.T)], axis=1)
 
 
-def page_element(reading: np.ndarray, lag_s: float, step_s: float) -> np.ndarray:
-    """(N,) degC of an element that follows, or leads, the reading (N,)."""
-    if lag_s == 0:
-        return reading
-    r = 0.0 if lag_s > 0 else 20.0
-    a = lag_s if lag_s > 0 else -lag_s / 19
-    c = np.exp(-step_s / a)
-    q = (1 - c) * a / step_s
-    y = [reading[0]]
-    for before, now in pairwise(reading):
-        y.append(c * y[-1] + (1 - q) * now + (q - c) * before)
-    return np.array(y) + r * (reading - np.array(y))
-
-
 def page_reader(table: dict[str, Any], m: np.ndarray, force: np.ndarray, temperature: np.ndarray, rate_hz: float) -> np.ndarray:
     """(N, 3) rad/s: m (N, 3) rad/s, force (N, 3) m/s^2, temperature (N,) degC."""
     kind = table["kind"]
@@ -79,13 +64,6 @@ def page_reader(table: dict[str, Any], m: np.ndarray, force: np.ndarray, tempera
         return m + bend(m @ w["W1"].T + w["b1"], w["slope"]) @ w["W2"].T + w["b2"]
     if kind == "tinygc_denoised":
         return page_denoiser(table["denoiser"], page_reader(table["calibration"], m, force, temperature, rate_hz))
-    if kind == "thermal":
-        thermal = {key: np.array(value) for key, value in table["thermal"].items()}
-        away = lambda celsius: np.clip(celsius, *thermal["range_c"]) - thermal["reference_c"]  # noqa: E731
-        elements = np.stack([page_element(temperature, lag, 1 / rate_hz) for lag in thermal["lag_s"]], axis=1)
-        zero = sum(row * away(elements) ** n for n, row in enumerate(thermal["zero_rps"]))
-        E = sum(matrix * away(temperature)[:, None, None] ** n for n, matrix in enumerate(thermal["E"]))
-        return np.einsum("nij,nj->ni", E, m - zero)
     assert kind in ("physics", "tinygc_physics")
     E, B = (np.array(table["linear"][key]) for key in ("E", "B"))
     rate = m @ E.T + B
@@ -132,16 +110,6 @@ def worst(table: dict[str, Any]) -> float:
 @pytest.mark.parametrize("name", PAGE)
 def test_the_page_is_enough_to_compute_a_model(name):
     assert worst(exported(PAGE[name])) < 1e-12
-
-
-@pytest.mark.parametrize("lags_s", [(0.0, 0.0, 0.0), (20.0, 0.0, -15.0), (0.3, 5.0, -0.2)])
-def test_the_page_is_enough_for_a_model_over_temperature(lags_s):
-    model = pytest.importorskip("tinygc.annexes.temperature.model", reason="the annex of temperature is not there")
-    rng = np.random.default_rng(8)
-    E = np.stack([np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 1e-4 * rng.normal(size=(3, 3)), 1e-6 * rng.normal(size=(3, 3))])
-    zero = rng.normal(size=(4, 3)) * np.array([1e-2, 1e-3, 1e-5, 1e-7])[:, None]
-    thermal = model.ThermalModel(E, zero, np.array(lags_s), reference_c=24.0, range_c=(25.2, 26.5))  # the test goes from 25 to 27
-    assert worst(exported(thermal)) < 1e-12
 
 
 def test_a_reader_without_a_dilation_or_the_bend_is_found_out():

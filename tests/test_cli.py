@@ -109,16 +109,6 @@ def test_what_a_file_holds_is_never_printed_raw(run, folder):
     assert "\\x1b[31mS" in run("check", folder)[1]
 
 
-@pytest.mark.parametrize("command", ["", "fit"])
-def test_help_imports_nothing_heavy(command):
-    code = f"try: calibrate.main({[*command.split(), '--help']!r})\nexcept SystemExit as e: assert e.code == 0"
-    script = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import calibrate\n{code}\nprint(*sys.modules, file=sys.stderr)"
-    done = processes.run([sys.executable, "-c", script], capture_output=True, text=True)
-    loaded = set(done.stderr.strip().split("\n")[-1].split())
-    assert "calibrate" in loaded
-    assert {"torch", "scipy", "numpy", "rich.console"}.isdisjoint(loaded)
-
-
 # What comes out
 
 
@@ -211,32 +201,24 @@ def test_list_says_what_lies_there(run, four, tmp_path):
         ("fly", "; see --help"),
         ("fit", "; see --help"),
         ("fit x --methods magic", "; see --help"),
-        ("fit x --methods ,", "; see --help"),
         ("fit x --folds 1", "; see --help"),
-        ("fit x --seed -1", "; see --help"),
         ("fit x --limit 0", "; see --help"),
         *((f"board {flag} {bad}", "; see --help") for flag in ("--rate", "--lead", "--uptime") for bad in ("nan", "inf", "-1", "1e300")),
         ("chek x", "'chek' is no command; is 'check' meant?"),
-        ("zzz", "'zzz' is no command, expected demo, sensors, ports"),
         ("fit x --limmit 0.1", "fit has no option --limmit; is '--limit' meant?"),
         ("export x --to kaliber", "argument --to: 'kaliber' is no choice, expected json, kalibr,"),
         ("export x --to kaliber", "is 'kalibr' meant?"),
         ("fit x --methods least-squares", "is 'least_squares' meant?"),
         ("fit x --bias still", "is 'stills' meant?"),
         *((f"fit x --exclude={text}", "no list of segment numbers") for text in ("", "-1", "3,,4", "three", "1_0")),
-        ("simulate", "; see --help"),
         ("completion tcsh", "; see --help"),
         ("simulate --out NEW --effect gyro.thermal_bias", "without its parameters; give ID=JSON such as 'gyro.thermal_bias={"),
         *(
             (f"simulate --out NEW {words}", words.split()[0].lstrip("-").replace("-", "_"))
             for words in (
                 "--odr-hz 200",
-                "--latitude-deg 95",
-                "--gyro-fs-dps 300",
                 "--segments 0",
-                "--segments 2001",
                 "--closure 3",
-                "--gyro-noise-dps-rthz inf",
                 "--temperature-start-c nan",
                 "--vigour inf",
             )

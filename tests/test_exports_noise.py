@@ -183,20 +183,6 @@ def test_an_axis_that_is_not_described_is_left_out_and_said(name):
         exporter(name).export(LINEAR, context(noise=none))
 
 
-def test_the_worst_of_the_others_stands_for_an_axis_that_is_left_out():
-    table, text = imu(figures(SHAKEN, inflations=(WALKING,)))
-    assert (table["gyroscope_noise_density"], table["gyroscope_random_walk"]) == (5e-4, 1.5e-5)
-    assert "gyroscope N NOT DESCRIBED: the worst axis stands for it; 0.0005 +- 2.5e-05 measured; " in text
-    assert "The factors of the figures for motion are not used" in text
-    written = json.loads(files("gtsam", figures(SHAKEN))["gtsam_imu.json"])
-    np.testing.assert_allclose(np.diag(written["covariances"]["gyroscopeCovariance"]), np.square([5e-4, 5e-4, 3e-4]))
-    np.testing.assert_allclose(np.diag(written["covariances"]["biasOmegaCovariance"]), np.square([1.5e-5, 1e-5, 1.5e-5]))
-    assert written["sources"]["biasOmegaCovariance"] == "NOT DESCRIBED: the worst axis stands for it; measured; measured"
-    (text,) = files("ros", figures(SHAKEN)).values()
-    covariance = yaml.safe_load(text)["/**"]["ros__parameters"]["angular_velocity_covariance"]
-    np.testing.assert_allclose(covariance[::4], np.square([5e-4, 5e-4, 3e-4]) * 208)
-
-
 # Motion
 
 
@@ -337,12 +323,3 @@ def test_what_does_not_belong_or_is_not_there_is_one_line(changes, words, says, 
     code, _, err = run("export", rests, *(() if "--to" in words else ("--to", "kalibr")), *words)
     assert (code, err.count("\n"), says in err) == (2, 1, True), err
     assert not (rests / "export").exists()
-
-
-def test_figures_of_no_named_sensor_are_taken_and_another_rate_is_said_unless_it_is_a_guess(rests):
-    said = "the noise was recorded at 104 Hz, the session at 208 Hz: another filter may shape it"
-    for known, is_said in ((True, True), (False, False)):
-        written(rests / "fit" / "noise.json", replace(KNOWN, sensor="", serial="", rate_hz=104.0, rate_known=known))
-        made = tinygc.export(rests, "kalibr")
-        assert (said in made.remarks) == is_said
-        assert yaml.safe_load(made.files["imu.yaml"])["update_rate"] == 208.0

@@ -124,15 +124,6 @@ def test_a_model_that_is_none_is_one_line(text, says, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_models_within_models_without_end_are_refused(tmp_path):
-    table = TABLES["net"]
-    for _ in range(250):
-        table = TABLES["denoised"] | {"calibration": table}
-    (tmp_path / "m.json").write_text(json.dumps(table))
-    with pytest.raises(FormatError):
-        tinygc.load(tmp_path / "m.json")
-
-
 @pytest.mark.parametrize(
     ("corner", "says"),
     [

@@ -18,8 +18,6 @@ PACKAGES = ("session", "tinygc")
 PAGE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
 #: where names of annexes' modules stand as strings
 REGISTRIES = {"session.io.annexes"}
-#: folders of parts that use the tools of the folder that lists them
-PLUGINS = ("tinygc.cli.commands", "tinygc.deploy.exports", "tinygc.effects.entries", "tinygc.reporting.html.sections")
 
 
 def module_of(path: Path) -> str:
@@ -146,11 +144,3 @@ def test_the_bench_side_names_neither_the_estimators_nor_torch():
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert not {name.split(".")[0] for name in names} & {"torch", "tinygc"}, module
-
-
-@pytest.mark.parametrize("folder", PLUGINS)
-def test_a_part_of_a_list_does_not_import_the_list(folder):
-    """The list imports every part, so the part would wait for itself."""
-    parts = [module for module in FILES if module.startswith(f"{folder}.")]
-    assert len(parts) > 5
-    assert [module for module in parts if folder in graph()[module]] == []

@@ -11,17 +11,14 @@ import sys
 import numpy as np
 import processes
 import pytest
-import yaml
 from conftest import DEG, broad
 from formats_page import strangers
-from noise_records import WALKING, figures
 
 import calibrate
 import tinygc
 from session.io.units import G
 from tinygc import CalibrationError
 from tinygc.deploy import FORMATS
-from tinygc.noise.figures import to_json
 
 METHODS = ("raw", "least_squares")
 FIT = ("--methods", ",".join(METHODS))
@@ -280,11 +277,6 @@ def test_examples_of_docstrings_run(name):
     assert doctest.DocTestRunner().run(example).failed == 0
 
 
-def test_every_public_function_has_an_example():
-    for name in set(FUNCTIONS) - {"read_session"}:
-        assert doctest.DocTestParser().get_examples(home(name).__doc__), name
-
-
 # What is refused, in one line
 
 
@@ -300,10 +292,7 @@ def test_every_public_function_has_an_example():
         (lambda: tinygc.fleet(3, "x"), "fleet: folders is 3, expected a path, or a list of paths"),
         *(
             (lambda hidden=hidden: tinygc.simulate(segments=8, effects=hidden), says)
-            for hidden, says in (
-                ({"reference.accelerometer": {"bias_mg": [1, 0, 0]}}, "does not add to the rate"),
-                ({"gyro.bias_drift": {"dps_over_log": [1, 0]}}, "has shape (2,), expected (3,)"),
-            )
+            for hidden, says in (({"gyro.bias_drift": {"dps_over_log": [1, 0]}}, "has shape (2,), expected (3,)"),)
         ),
         *(
             (lambda choices=choices: tinygc.fit("x", **choices), says)
@@ -325,7 +314,6 @@ def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
 @pytest.mark.parametrize(
     ("call", "complaint"),
     [
-        (lambda fit: fit.report(3), "report: path is 3, expected a path"),
         (lambda fit: fit.report(explain=False, limit_deg=-1), "report: limit_deg is -1, expected a number above 0"),
         (lambda fit: fit.export("matlab"), "to is 'matlab', expected one of json, kalibr"),
         (lambda fit: fit.export("json", model="tinygc"), "tinygc was not fitted; the fit has raw, least_squares"),
@@ -333,7 +321,6 @@ def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
         (lambda fit: tinygc.compare([fit, fit]), "hold the same log"),
         (lambda fit: tinygc.rebias(fit.source, fit, "noon"), "source is 'noon', expected start or gravity, or given with bias_dps="),
         (lambda fit: tinygc.rebias(fit.source, fit, "given", bias_dps=(1, 2)), "expected three numbers"),
-        (lambda fit: tinygc.rebias(fit.source, 3.0), "model is of type float, expected a Calibration"),
         (lambda fit: tinygc.plan(fit.source, count=0), "count is 0, expected a whole number"),
         (lambda fit: tinygc.apply(fit, np.zeros((2, 3)), "x.csv"), "apply: out goes with a log file, and data is a ndarray"),
         (lambda fit: tinygc.apply(fit, "x.csv"), "give out=, the log to write"),
@@ -365,8 +352,6 @@ def edited(folder, out, change):
 @pytest.mark.parametrize(
     ("without", "says"),
     [
-        ("session", "session is missing, expected text"),
-        ("against_raw", "against_raw is missing, expected a table"),
         ("segments.used", "segments.used is missing, expected a whole number of at least 0"),
         ("methods.least_squares", "methods.least_squares is missing, expected how well that model closes held-out turns"),
         ("noise.gyro_dps_rthz", "noise.gyro_dps_rthz is missing, expected 3 numbers"),
@@ -404,22 +389,3 @@ def test_a_sensor_without_errors_is_better_off_without_twelve_parameters(tmp_pat
     assert (code, "Held out worse than raw" in err) == (1, True)
     assert table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"] > table["against_raw"]["tilt_rms_deg"]
     assert (table["against_raw"]["worse"], table["against_raw"]["passed"]) == (["least_squares"], False)
-
-
-def test_export_takes_noise_figures_beside_the_model_and_names_what_is_not_there(folders, tmp_path, run):
-    folder = edited(folders[0], tmp_path / "s", lambda table: None)
-    for words, says in (
-        (("--model", "pso"), "no model_pso.json"),
-        (("--model", tmp_path / "none.json"), "none.json"),
-        (("--inflation", "walking"), "its factors stand in noise.json, and there is none"),
-    ):
-        code, _, err = run("export", folder, "--to", "kalibr", *words)
-        assert (code, err.count("\n"), says in err) == (2, 1, True)
-    (folder / "fit" / "noise.json").write_text(json.dumps(to_json(figures(inflations=(WALKING,)))), encoding="utf-8")
-    for words, density in (((), 5e-4), (("--inflation", "walking"), 1.5e-3)):
-        assert run("export", folder, "--quiet", "--to", "openvins", *words)[0] == 0
-        text = (folder / "export" / "kalibr_imu_chain.yaml").read_text(encoding="utf-8")
-        assert yaml.safe_load(text.removeprefix("%YAML:1.0\n"))["imu0"]["gyroscope_noise_density"] == pytest.approx(density)
-        assert "NOT CALIBRATED" not in text
-    shutil.rmtree(folder / "fit")
-    assert "calibrate.py fit" in run("export", folder, "--to", "json")[2]

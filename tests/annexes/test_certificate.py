@@ -132,10 +132,7 @@ def test_as_found_are_the_errors_that_the_old_calibration_leaves(data):
     assert rows["gyroscope scale factor error x"].value == pytest.approx(1000, abs=1e-6)
     assert rows["gyroscope scale factor error y"].value == pytest.approx(0, abs=1e-6)
     assert rows["gyroscope bias y"].value == pytest.approx(2 / DEG, rel=1e-9)
-    usual = values_of(content_of(data).results)
-    for name, each in values_of(content_of(data, ("same.json", new)).as_found).items():
-        assert abs(each.value) < 1e-6
-        assert "scale" not in name or each.sigma == pytest.approx(usual[name].sigma, rel=0.03)
+    assert max(abs(each.value) for each in values_of(content_of(data, ("same.json", new)).as_found).values()) < 1e-6
 
 
 def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
@@ -148,28 +145,6 @@ def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
     (other,) = (each for each in content_of(near_it).conformity if each.measured.key == key)
     assert one.to_json() == other.to_json()
     assert (one.measured.expanded, one.answer) == (pytest.approx(q.expanded), "not decided")
-
-
-class Allowed:
-    """A stand-in for the effects that a recording does not exclude: each quantity moves by 100 ppm, mrad / 10, or 100 urad/s."""
-
-    def of(self, slope):
-        return np.full(len(slope), 1e-4)
-
-
-def test_u_holds_the_effect_that_the_model_lacks(made):
-    """In the results, and in what is held against limits: 1e-4 in SI, beside the fit's own sigma."""
-    before = values_of(content_of(replace(made, adopted=replace(made.adopted, allowed=None))).results)
-    lacking = replace(made, adopted=replace(made.adopted, allowed=Allowed()))
-    found = content_of(replace(lacking, decision=limited(lacking, 5.0)))
-    after = values_of(found.results)
-    moved = {"gyroscope scale factor error x": 100.0, "gyroscope misalignment x to y": 0.1, "gyroscope bias z": 1e-4 / DEG * 1e3}
-    for name, more in moved.items():
-        assert after[name].sigma == pytest.approx(np.hypot(before[name].sigma, more), rel=1e-6)
-        assert after[name].freedom >= before[name].freedom
-        assert after[name].value == before[name].value
-    stated = {each.measured.key: each.measured.sigma for each in found.conformity}
-    assert stated["gyro_bias_z_mdps"] == pytest.approx(after["gyroscope bias z"].sigma, rel=1e-12)
 
 
 def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):

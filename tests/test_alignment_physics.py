@@ -7,11 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DEG
-from scipy.linalg import polar
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
-from truth_sessions import Wrong
-from truth_sessions import made as played
 
 from session.detect.truth_alignment import (
     AlignedLog,
@@ -21,7 +18,6 @@ from session.detect.truth_alignment import (
     _within,
     align,
     alignment_table,
-    all_spans,
     best_way,
     carried,
     frame_of,
@@ -158,17 +154,6 @@ def test_a_span_is_half_a_second_from_every_moment_within_a_window():
     assert spans_of(samples, truth, most=7).first.tolist() == spans.first.tolist()
 
 
-def test_logs_share_six_thousand_spans():
-    rate, q = np.zeros((100, 3)), np.tile([1.0, 0, 0, 0], (6006, 1))
-    log = Log(Path("log0001.csv"), Samples(np.arange(100) * 10**7, rate, rate))
-    truth = Truth(Path("t"), np.arange(6006) * 10**8, q)
-    session = Session(Path("made"), made_config(), (log, log), (), truths=(truth, truth))
-    for logs, moments, spans in ((1, 6005, 6000), (1, 6006, 3001), (2, 3005, 3000), (2, 3006, 1501)):
-        truths = (truth_between(truth, 0, moments),) * logs
-        assert [len(each) for each in all_spans(replace(session, logs=(log,) * logs, truths=truths))] == [spans] * logs
-    assert all_spans(replace(session, logs=(), truths=())) == []
-
-
 @pytest.mark.parametrize("wild", [False, True])
 def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wild):
     """At the end of Gauss-Newton the weighted errors stand at right angles to the numeric derivatives, and what they become without
@@ -266,22 +251,6 @@ def test_what_one_block_alone_fixes_is_not_known():
     assert _solved(np.random.default_rng(0).normal(size=(200, 3)), columns, np.arange(200) // 10, 1.0, 0.1) is None
 
 
-def test_four_logs_of_the_same_have_half_the_variance_of_two(moved):
-    """Their blocks are apart; less than half, since one of few blocks is missed more.  A log without a span changes nothing."""
-    count = 4520  # the last span, 5.025 s after the first, has a block of its own
-    one, samples = seen_of(made((moved[0][:count], moved[1][:count]), every=30))
-    apart = replace(one, spans=replace(one.spans, begin_s=one.spans.begin_s + 99, end_s=one.spans.end_s + 99))
-    logs = [one] * 2, [one] * 4, [apart, one, one], [one, apart, one]
-    found = [refined(each, [samples] * len(each), TruthReading()) for each in logs]
-    two, four, *others = np.array([[each.offset_sigma_s, *each.mounting_sigma] for each in found]) ** 2
-    most = (23 / 24 / 4) / (11 / 12 / 2)
-    assert (0.6 * most < four / two).all()
-    assert (four / two < most).all()
-    for other in others:
-        np.testing.assert_allclose(other / two, 1.0, rtol=1e-9)
-    assert refined([apart], [samples], TruthReading()) is None
-
-
 def test_too_few_spans_or_a_motion_that_fixes_nothing_are_refused(moved):
     for seconds, enough in ((10.15, True), (10.1, False)):  # twenty spans that do not overlap, and nineteen
         count = round(seconds * HZ * FINE)
@@ -313,41 +282,6 @@ def test_every_way_is_tried_and_the_one_that_explains_all_is_best(moved, order, 
     assert [way.reading.sense for way in ways([one], TruthGiven(sense=sense, order=order), 0.0)] == [sense]
     kept = ways([one], TruthGiven(frame="enu", mounting=np.eye(3)), 0.0)
     assert all((way.reading.mounting == np.eye(3)).all() for way in kept)
-
-
-def test_a_way_leaves_a_share_of_the_truths_rotations_and_of_gravity(moved):
-    """A bias of some 20 dps is the median of what spans differ by; a wrong moment, that leaves more than was turned, does not count."""
-    turned = Rotation.from_rotvec([0.2, 0.1, -0.1])
-    session = made(moved, mounting=turned.as_rotvec() / DEG)
-    (log,), (truth,) = session.logs, session.truths
-    biased, q = rate_at(log.samples.t_s) + np.array([0.3, -0.2, 0.4]), truth.q_nb.copy()
-    q[[100, 150, 220, 300]] = q[[110, 160, 230, 310]]
-    q[50] = (Rotation.from_quat(q[50], scalar_first=True) * Rotation.from_rotvec([0, 0.1, 0])).as_quat(scalar_first=True)
-    one = AlignedLog(carried(log.samples, biased), spans_of(log.samples, truth), q, log.samples.accel)
-    (way,) = ways([one], TruthGiven(order="wxyz", sense="body_to_world", mounting=turned.as_matrix()), 0.0)
-    attitudes, own = (Rotation.from_quat(each, scalar_first=True) for each in (q, one.gyro.q))
-    first, last = np.rint(one.spans.begin_s * HZ).astype(int), np.rint(one.spans.end_s * HZ).astype(int)
-    theirs = (attitudes[one.spans.first].inv() * attitudes[one.spans.last]).as_rotvec()
-    ours, seconds = (own[first].inv() * own[last]).as_rotvec(), (one.spans.end_s - one.spans.begin_s)[:, None]
-    near = np.maximum(np.linalg.norm(theirs, axis=1), np.linalg.norm(ours, axis=1)) < np.pi / 2  # beyond, the shorter way may be another
-    theirs, ours, seconds = theirs[near], ours[near], seconds[near]
-    ours = ours + np.median((turned.inv().apply(theirs) - ours) / seconds, axis=0) * seconds
-    left, size = np.sum((theirs - turned.apply(ours)) ** 2, axis=1), np.sum(theirs**2, axis=1)
-    kept = left <= 9 * np.median(left) + size
-    assert np.count_nonzero(~kept) == 4
-    assert np.count_nonzero(~near) > 0
-    assert way.misfit == pytest.approx(left[kept].sum() / size[kept].sum(), rel=1e-4)
-    late = replace(one, spans=replace(one.spans, begin_s=one.spans.begin_s + 7.0, end_s=one.spans.end_s + 7.0))
-    (shifted,) = ways([late], TruthGiven(order="wxyz", sense="body_to_world", mounting=turned.as_matrix()), -7.0)
-    assert (shifted.misfit, *shifted.up) == pytest.approx((way.misfit, *way.up))
-    world = (attitudes[one.spans.first] * turned).apply(one.force[first])
-    np.testing.assert_allclose(way.up, world.sum(axis=0) / np.linalg.norm(one.force[first], axis=1).sum(), atol=1e-6)
-    lying = TruthGiven(order="wxyz", sense="body_to_world", frame="x_down", mounting=turned.as_matrix())
-    plain = [ways([replace(one, force=force)], lying, 0.0)[0] for force in (one.force, 0 * one.force)]
-    np.testing.assert_allclose(plain[0].up, way.up, atol=1e-6)  # in the file's own world, whatever it is taken for
-    assert plain[1].up is None
-    free = ways([one], TruthGiven(order="wxyz", sense="body_to_world"), 0.0)[0]  # the mounting is found, the bias taken off
-    assert (Rotation.from_matrix(free.reading.mounting) * turned.inv()).magnitude() < 0.2 * DEG
 
 
 def test_a_span_of_more_than_a_quarter_turn_is_not_looked_at():
@@ -459,22 +393,6 @@ def test_the_nearest_of_the_peaks_that_are_as_good_is_the_clock(likeness, found)
     assert offset_s == (found if found is None else pytest.approx(found))
 
 
-def test_half_of_the_spans_lie_in_the_log_and_three_at_least():
-    log, pair = spinning({0: 0.95}, moments=302)
-    for whole, found in ((402, 0.0), (400, None)):  # 151 spans, and 149
-        cut = slice(2 * whole - 1)
-        short = replace(log, t_s=log.t_s[cut], rate=log.rate[cut], q=log.q[cut], gaps=log.gaps[cut])
-        assert rough_offset([short], [pair]) == found
-    for moments, found in ((3, 0.0), (2, None)):
-        log, pair = spinning({0: 1.0}, moments)
-        assert rough_offset([log], [pair]) == found
-    # A speed that does not change is like no other.
-    log, (spans, q) = spinning({0: 0.95})
-    still = carried(Samples(np.rint(log.t_s * 1e9).astype(np.int64), 0 * log.rate, 0 * log.rate), 0 * log.rate)
-    assert rough_offset([log], [(spans, np.tile([1.0, 0, 0, 0], (len(q), 1)))]) is None
-    assert rough_offset([still], [(spans, q)]) is None
-
-
 def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_degrees(moved):
     sure = align(made(moved, late_s=0.004)).alignment
     assert (sure.source["offset_s"], sure.reading.offset_s) == ("found", sure.offset_s)
@@ -494,36 +412,6 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
         np.testing.assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
         np.testing.assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
         assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
-
-
-def test_a_mounting_is_adopted_from_five_of_its_sigmas(moved):
-    """A short log beside a truth of 3 degrees of noise."""
-    short = [each[: round(10.15 * HZ * FINE)] for each in moved]
-    for size, least, adopted in ((4.2, 4.8, "assumed"), (4.4, 5.0, "found")):
-        found = align(made(short, mounting=(0, 0, size), noise_deg=3)).alignment
-        assert least < np.linalg.norm(found.turned / found.turned_sigma) < least + 0.2
-        assert found.source["mounting"] == adopted
-
-
-def test_what_is_given_is_kept_and_what_does_not_go_together_is_left(moved):
-    given = TruthGiven(offset_s=0.0, order="wxyz", sense="body_to_world", frame="ned", mounting=np.eye(3))
-    kept = align(made(moved, late_s=0.3, mounting=(0, 0, 30), given=given)).alignment
-    assert set(kept.source.values()) == {"given"}
-    assert (kept.reading.offset_s, kept.reading.frame) == (0.0, "ned")
-    assert abs(kept.offset_s + 0.3) < 5 * kept.offset_sigma_s < 5e-4  # and what the recording says is sought where its speeds go along
-    session = made(moved)
-    for ready in (align(session), replace(session, truths=None)):
-        assert align(ready) is ready
-    (log,), (truth,) = session.logs, session.truths
-    for few in (
-        replace(session, logs=(replace(log, samples=log.samples.between(0, 2)),)),
-        replace(session, truths=(truth_between(truth, 0, 19),)),
-    ):
-        nothing = align(few).alignment
-        assert not np.isfinite([nothing.offset_s, nothing.explained, *nothing.turned]).any()
-        assert nothing.turned.shape == (3,)
-        assert alignment_table(nothing)["offset_s"] is None
-        assert alignment_table(nothing)["up"] is None
 
 
 @pytest.mark.parametrize(("scale", "bias"), [(1.0, (3.0, -2.0, 4.0)), (1e-4, (0.0, 0.0, 0.0))])
@@ -575,24 +463,3 @@ def test_what_is_written_is_read_and_written_again(order, sense, frame):
     down = np.einsum("kij,jl,kl->ki", body_to_world, reading.mounting, matrix_of(q)[:, 2, :])
     assert np.abs(down - down_of(frame)).max() < 1e-12
     assert abs(down_of(frame) @ (np.eye(3)["xyz".index(frame[0])] if frame[1] == "_" else [0, 0, 1])) == pytest.approx(1)
-
-
-def test_all_that_is_wrong_with_a_truth_file_is_found_and_nothing_else():
-    """Turned by a quarter, inverse, with z up and late; of a sound one nothing."""
-    for wrong, expected in (
-        (Wrong(turns=16), set()),
-        (Wrong(turns=16, mounting_deg=(0, 0, 90), sense="world_to_body", frame="enu", late_s=0.02), {"sense", "mounting", "offset_s"}),
-    ):
-        session, E = played(wrong)
-        aligned = align(session)
-        alignment = aligned.alignment
-        assert {name for name in ("offset_s", "sense", "order", "mounting") if alignment.source[name] == "found"} == expected
-        assert (alignment.reading.frame, alignment.reading.sense) == (wrong.frame, wrong.sense)
-        assert abs(alignment.offset_s + wrong.late_s) < 4 * alignment.offset_sigma_s < 0.3e-3
-        # The gyro's own common misalignment is in the mounting: its matrix is a rotation times what is symmetric.
-        own = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix() @ polar(E)[0]
-        left = (Rotation.from_matrix(own).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec()
-        assert np.abs(left / alignment.turned_sigma).max() < 4.5
-        assert alignment.turned_sigma.max() < 0.02 * DEG
-    alone = align(played(Wrong(turns=10, sense="world_to_body", force=False))[0]).alignment  # rates alone tell the sense
-    assert (alone.source["sense"], alone.source["frame"], alone.up) == ("found", "assumed", None)

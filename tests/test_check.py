@@ -143,15 +143,6 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(good, short, change, what
     assert "vibrat" not in finding.do
 
 
-def test_several_mistakes_at_once_are_all_named(good):
-    """g for m/s², deg/s for rad/s, and x and y exchanged."""
-    samples = good.logs[0].samples
-    findings = look(good, accel=samples.accel / G, gyro=samples.gyro[:, [1, 0, 2]] / DEG)
-    assert "values are in g" in of(findings, "gravity").do
-    assert "deg/s" in of(findings, "gyro scale").do
-    assert "x and y are exchanged" in of(findings, "axes").says
-
-
 SETTINGS = [
     ({"odr_hz": 208.1}, {}, "sample rate", "ok", "208.00 Hz by the stamps"),
     ({"odr_hz": 211.3}, {}, "sample rate", "note", ""),

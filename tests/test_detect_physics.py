@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
-from looks import G, look, of, with_sensor
+from looks import look, of, with_sensor
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
@@ -16,7 +16,6 @@ from session.detect import dials
 from session.detect.axes import (
     IDENTITY,
     SIGNED_PERMUTATIONS,
-    AxesAgreement,
     Turns,
     _closures,
     _counted_at,
@@ -27,7 +26,6 @@ from session.detect.axes import (
     _shows_scale,
     agreement,
     axes_in_words,
-    check_axes,
     check_gravity_moves,
     cut_turns,
 )
@@ -36,7 +34,6 @@ from session.detect.check_samples import (
     _scatter_bar,
     _stands,
     _usual_step,
-    check_copies,
     check_dead,
     check_quantised,
     check_stamps,
@@ -142,14 +139,6 @@ def test_a_signed_permutation_and_its_scale_are_found_exactly():
     assert np.trace(SIGNED_PERMUTATIONS[IDENTITY]) == 3
 
 
-def test_the_median_angle_of_turns_is_along_their_way():
-    table = Table().rest(2)
-    for angle in (100, -120, 140, -160, 180):
-        table.turn(angle, (1, 1, 0.2), 3.0).rest(2)
-    samples = table.samples(gyro_mdps=1e-6, accel_ug=1e-6, registers=False, odr_hz=104)
-    assert agreement(samples, find_stills(samples)[0]).turned == pytest.approx(140 * DEG, rel=5e-3)
-
-
 def test_turns_are_cut_into_blocks_that_add_up_to_their_angle():
     """The integral of the rate, less the stills' means: about a fixed axis, the turn's angle."""
     samples = Table().rest(2).turn(150, (1, 2, 0), 3.0).rest(2).samples(gyro_mdps=1e-6, accel_ug=1e-6, registers=False, odr_hz=104)
@@ -174,18 +163,6 @@ def test_gravity_must_move_where_rates_turn_it(follows, error):
     assert bool(found) == error
     if error:
         assert "stays within 0 deg in 8 of 8 turns in which the rates tilt it by" in found[0].says
-
-
-def test_an_impact_counts_from_one_g_between_two_readings(good):
-    samples = good.logs[0].samples
-    stills, _ = find_stills(good.calibrated(good.logs[0]))
-    row = (stills[3].stop + stills[4].start) // 2
-    for size, found in ((0.97, False), (1.03, True)):
-        accel = samples.accel.copy()
-        accel[row] *= (np.linalg.norm(accel[row]) + size * G) / np.linalg.norm(accel[row])
-        accel[row - 1] *= np.linalg.norm(samples.accel[row]) / np.linalg.norm(accel[row - 1])
-        findings = [each for each in look(good, accel=accel) if each.what == "impacts"]
-        assert bool(findings) == found
 
 
 @pytest.mark.parametrize(
@@ -246,42 +223,6 @@ def test_usual_mistakes_have_their_factors(good):
 )
 def test_wrong_axes_in_words(axes, words):
     assert axes_in_words(np.asarray(axes, dtype=float)) == words
-
-
-def look_at(good, monkeypatch, **found):
-    """What is found of axes that agree so."""
-    usual = {"misfit": 0.01, "residual": 0.01, "ends": 8, "scale": 1.0, "scale_std": 0.03}
-    given = {"axes": np.eye(3), "others": (), "turned": 1.0, "turns": 10} | usual | found
-    given |= {"identity_misfit": given["misfit"], "identity_residual": given["residual"]}
-    monkeypatch.setattr("session.detect.axes.agreement", lambda *_: AxesAgreement(**given))
-    log = good.logs[0]
-    return check_axes(log, log.samples, [], good.config)
-
-
-@pytest.mark.parametrize(
-    ("misfit", "residual", "ends", "warns"),
-    [
-        (0.51, 0.05, 7, True),
-        (0.51, 0.05, 8, False),
-        (0.51, 0.101, 8, True),
-        (0.49, 0.05, 0, False),
-        (0.49, 0.101, 8, True),
-        (0.49, 0.099, 8, False),
-        (0.51, np.nan, 7, True),
-    ],
-)
-def test_gravity_is_explained_by_half_or_by_eight_ends_within_a_tenth_of_the_turn(good, monkeypatch, misfit, residual, ends, warns):
-    found = look_at(good, monkeypatch, misfit=misfit, residual=residual, ends=ends)
-    assert [(each.what, each.level) for each in found] == (
-        [("gyro against gravity", "warning")] if warns else [("axes", "ok"), ("gyro scale", "ok")]
-    )
-
-
-@pytest.mark.parametrize(
-    ("scale", "std", "level"), [(1.049, 0.03, "ok"), (1.051, 0.03, "warning"), (1.19, 0.1, "ok"), (1.21, 0.1, "error")]
-)
-def test_a_scale_is_within_five_per_cent_or_two_sigmas_of_a_coarse_one(good, monkeypatch, scale, std, level):
-    assert of(look_at(good, monkeypatch, scale=scale, scale_std=std), "gyro scale").level == level
 
 
 def turned_by(vector, blocks=7):
@@ -346,13 +287,6 @@ def test_rows_without_force_are_no_dead_axis_where_that_is_agreed():
     accel[800:950] = 0.0
     assert "(2 such places)" in check_dead(log)[0].says
     assert check_dead(log, True) == []
-
-
-def test_each_copy_of_a_log_is_an_error_of_the_later_one():
-    first, other = (of_rows(np.random.default_rng(seed).normal(size=(200, 3)), np.zeros((200, 3))) for seed in (1, 2))
-    copy = replace(first, path=Path("log0003.csv"))
-    (found,) = check_copies((first, replace(other, path=Path("log0002.csv")), copy))
-    assert (found.level, found.where, found.says) == ("error", "log0003.csv", "holds the same readings as log0001.csv")
 
 
 @pytest.mark.parametrize("length", [20, 60, 200])
@@ -462,10 +396,6 @@ def off(rows, column, by):
     return found
 
 
-def test_exact_dials_stay(exact):
-    assert left_out(exact, off([], YAW, 0.0)) == ([], [])
-
-
 def test_the_bar_of_a_row_against_gravity(exact):
     """Of 13 rows chance alone takes one out once in 1000 sessions, if each is off by the declared error."""
     bar = DIAL_DEG * np.sqrt(2 * np.log(13 / 1e-3))
@@ -486,18 +416,6 @@ def test_a_turn_alone_is_missed_by_a_movement_of_its_own(exact):
     bar = APART_RAD / DEG + APART_SHARE * turn.turn_deg
     assert left_out(exact, off(slice(7, None), YAW, 0.95 * bar)) == ([], [])
     assert left_out(exact, off(slice(7, None), YAW, 1.07 * bar)) == ([], [6])
-
-
-def test_turns_of_more_than_a_circle_know_their_scale():
-    """At 1000 dps gravity goes round three corners in a quarter of a second."""
-    table, rng = Table().rest(2), np.random.default_rng(2)
-    for _ in range(8):
-        table.turn(rng.uniform(500, 1100) * rng.choice([-1, 1]), rng.normal(size=3), 2.0).rest(2)
-    samples = table.samples(odr_hz=416, registers=False)
-    assert np.abs(samples.gyro).max() > 800 * DEG
-    found = agreement(samples, find_stills(samples)[0])
-    assert agreement(replace(samples, gyro=0.5 * samples.gyro), find_stills(samples)[0]).scale == pytest.approx(2, rel=0.02)
-    assert found.residual < 4 * DEG
 
 
 def flat_turns(share, seed=4, turns=12, push_g=0.16, odr_hz=83.0):
@@ -580,41 +498,6 @@ def test_the_step_of_the_readings_refutes_a_sensitivity(lsb_dps, named):
     assert finding.says.startswith("gravity requires rates x 0.87")
     assert ("sensitivity" in finding.do) == named
     assert finding.level == ("error" if named else "warning")
-
-
-def test_stamps_made_on_arrival_are_told_by_what_they_cost(good):
-    """A stamp moved by up to 2 ms misplaces rotation while the rate changes.  The number is what turns really are off by."""
-    log = good.logs[0]
-    jitter_ns = np.random.default_rng(1).uniform(-2e6, 2e6, size=len(log.samples)).astype(np.int64)
-    finding = of(look(good, t_ns=log.samples.t_ns + jitter_ns), "jitter")
-    said_deg, noise_deg = (float(word) for word in finding.says.replace(",", "").split() if word.startswith("0."))
-    off = np.cumsum((log.samples.gyro[1:] + log.samples.gyro[:-1]) / 2 * np.diff(jitter_ns)[:, None] * 1e-9, axis=0) / DEG
-    stills, _ = find_stills(log.samples)
-    off_per_turn = np.diff(off[[still.middle for still in stills]], axis=0).std(axis=0).max()
-    assert said_deg == pytest.approx(off_per_turn, rel=0.5)
-    assert finding.level == ("warning" if said_deg > noise_deg else "ok")
-    assert of(look(good, t_ns=log.samples.t_ns + jitter_ns // 100), "jitter").level == "ok"
-
-
-def test_a_peak_beyond_the_full_scale_is_no_clipping():
-    table = Table().tumble(14, seed=5).turn(800, (0, 1, 0), 3.0).rest(2)
-    finding = of(look(session_of(table.samples())), "gyro clipping")
-    assert finding.level == "note"
-    assert "full scale 500 is passed" in finding.says
-
-
-def test_a_register_that_comes_round_is_an_error(good):
-    """At ±60 dps: where the movement goes on a whole register further."""
-    samples, end = good.logs[0].samples, 60 * DEG
-    narrow = with_sensor(good, gyro_mdps_per_lsb=60e3 / 32768)
-    assert not [finding for finding in look(narrow, gyro=np.clip(samples.gyro, -end, end)) if finding.what == "gyro wraps"]
-    finding = of(look(narrow, gyro=(samples.gyro + end) % (2 * end) - end), "gyro wraps")
-    assert finding.level == "error"
-    assert "between two readings in" in finding.says
-    assert "the register comes round at ±60 dps" in finding.says
-    spike = samples.gyro.copy()
-    spike[4000] = -end
-    assert not [finding for finding in look(narrow, gyro=np.clip(spike, -end, end)) if finding.what == "gyro wraps"]
 
 
 @pytest.mark.parametrize(

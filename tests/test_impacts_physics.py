@@ -89,13 +89,3 @@ def test_an_effect_in_every_turn_is_no_impact():
     samples, _ = hit(1, 0.0, turns=tuple(range(0, TURNS, 2)))
     gyro = samples.gyro + np.multiply((0.5, -0.4, 0.3), DEG) * (np.arange(len(samples)) > len(samples) / 2)[:, None]
     assert problem_of(replace(samples, gyro=gyro)).widened == ()
-
-
-def test_what_the_impacts_cost_is_no_noise():
-    """The floor is that of the same turns without them; only the weights know."""
-    with_hits, without = problem_of(hit(5, 1.0)[0]), problem_of(hit(5, 1.0, turns=())[0])
-    assert with_hits.floor.tilt_rms == pytest.approx(without.floor.tilt_rms, rel=0.03)
-    extra = np.trace(with_hits.floor.own - with_hits.floor.white, axis1=1, axis2=2)
-    touched = [segment.number in (2, 7, 11, 16, 20) for segment in with_hits.used]
-    assert ((extra > 0) == touched).all()
-    assert without.floor.wider is None

@@ -465,22 +465,6 @@ def test_other_endings_are_read_from_archives_tables_by_any_name_and_a_ports_byt
     assert "gyro_rps[0], gyro_rps[1], gyro_rps[2] in rad/s (the file)" in made.took[1]
 
 
-def test_one_file_becomes_an_array_and_what_is_found_in_every_unit_is_said_once(tmp_path):
-    recording = pytest.importorskip("session.annexes.arrays.recording")
-    values = np.column_stack([GYRO["dps"], ACCEL["g"]])
-    lines = [f"{t},{unit},{','.join(f'{v:.9f}' for v in values[i] + 1e-9 * unit)}\n" for i, t in enumerate(T_US) for unit in range(3)]
-    path = written(tmp_path / "six.csv", f"t_us,id,{OWN}\n{''.join(lines)}".encode())
-    with pytest.raises(FormatError, match="give --where id=0"):
-        import_log([path], tmp_path / "array", Answers())
-    made = import_log([path], tmp_path / "array", Answers(), array_by="id")
-    array = recording.read_array(tmp_path / "array")
-    assert array.numbers == (0, 1, 2)
-    np.testing.assert_allclose(array.units[2].logs[0].samples.gyro, SAMPLES.gyro + 2e-9 * DEG, atol=1.2e-11)
-    found = [(finding.level, finding.what, finding.says) for finding in made.findings]
-    assert len(found) == len(set(found))
-    assert sum("is assumed" in note for note in made.notes) == 2
-
-
 # From Python and from the command line
 
 

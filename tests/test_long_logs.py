@@ -2,7 +2,6 @@
 
 import tracemalloc
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,9 +10,7 @@ from long_logs import long_session
 from session.io import samples as readings
 from session.io.samples import Samples
 from tinygc import Session, read_session
-from tinygc.closure.build import build_problem
 from tinygc.explanation.faulty_readings import find_glitches, without_glitches
-from tinygc.noise import thinned
 
 ROWS = 60_000
 
@@ -66,14 +63,3 @@ def test_a_log_is_read_kept_and_looked_at_in_as_many_bytes_as_it_has_registers(f
     assert len(session.logs[0].samples) == ROWS
     assert kept < KEPT
     assert peak < READING + 2**23 / ROWS  # a piece of a file is a megabyte
-
-
-def test_the_twin_of_thinned_rests_predicts_what_the_whole_does(folder):
-    """Closure and mean rates of the stills to the last digits; begin, end and turns are those of the whole."""
-    problem = build_problem(read_session(folder))
-    seen, _ = thinned.thinned(problem)
-    before, after = problem.logs[0].samples, seen.logs[0].samples
-    assert (after.t_ns[0], after.t_ns[-1], after.period_s) == (before.t_ns[0], before.t_ns[-1], before.period_s)
-    for segment, there in zip(problem.used, seen.used, strict=True):
-        np.testing.assert_array_equal(after.gyro[there.start : there.stop], before.gyro[segment.start : segment.stop])
-    assert all(a.stills[1] is b.stills[0] for a, b in pairwise(seen.used))

@@ -5,9 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
-from session.io.numeric import held_for, new_readings, runs_of, sigma_of, sigma_of_steps, smallest_step
-from session.io.samples import AT_ONCE, PackedReadings, Packer, Samples, inserted, mapped, pick, pieces, replaced, start_times, times
-from session.io.units import NS_PER_S
+from session.io.numeric import held_for, new_readings, sigma_of, sigma_of_steps, smallest_step
+from session.io.samples import AT_ONCE, PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
 
 RNG = np.random.default_rng(8)
 
@@ -107,14 +106,6 @@ def test_a_column_is_converted_in_parts_to_the_same_numbers():
     np.testing.assert_array_equal(found[:, 1], whole[:, 1] * 0.5)
 
 
-@pytest.mark.parametrize(
-    ("mask", "runs"),
-    [("", []), ("000", []), ("111", [(0, 3)]), ("1", [(0, 1)]), ("0110", [(1, 3)]), ("1011001", [(0, 1), (2, 4), (6, 7)])],
-)
-def test_runs(mask, runs):
-    assert list(zip(*(edges.tolist() for edges in runs_of(np.array([c == "1" for c in mask], dtype=bool))), strict=True)) == runs
-
-
 def test_scatter_is_that_of_the_noise_and_wild_values_do_not_move_it():
     rng = np.random.default_rng(0)
     noise = rng.normal(0, [1.0, 2.0, 3.0], (40_000, 3))
@@ -123,12 +114,6 @@ def test_scatter_is_that_of_the_noise_and_wild_values_do_not_move_it():
     assert sigma_of(noise[:, 0], axis=None) == sigma_of(noise)[0]
     ramp = np.linspace(0, 100, 40_000)[:, None]
     assert sigma_of_steps(ramp + rng.normal(0, [1.0, 2.0, 3.0], (40_000, 3))) == pytest.approx([1, 2, 3], rel=0.03)
-
-
-def test_logs_lie_one_after_the_other():
-    logs = [Samples(np.array(t) * NS_PER_S, np.zeros((2, 3)), np.zeros((2, 3))) for t in ([5, 7], [100, 103], [0, 4])]
-    assert start_times(logs).tolist() == [0, 2, 5, 9]
-    assert start_times([]).tolist() == [0]
 
 
 def test_new_readings_are_rows_that_differ_in_any_axis():

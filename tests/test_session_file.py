@@ -4,7 +4,6 @@ import contextlib
 import inspect
 import os
 import shutil
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -39,15 +38,6 @@ def file_of(folder, like=None, odr_hz=None, gyro_fs_dps=None, accel_fs_g=None) -
     return SessionFile(folder, like, odr_hz, gyro_fs_dps, accel_fs_g)
 
 
-def test_what_the_board_says_is_written(tmp_path):
-    config = file_of(tmp_path / "new").configure(INFO)
-    read = read_config(tmp_path / "new" / "session.toml")
-    assert read.sensor == config.sensor
-    assert (read.sensor.odr_hz, read.sensor.gyro_fs_dps, read.sensor.accel_fs_g, read.sensor.serial) == (425.98, 500.0, 4.0, INFO.serial)
-    assert read.unknown == ()
-    assert read.accelerometer.source == "none"  # a section that is there would count as a calibration
-
-
 def test_the_boards_clock_is_written_with_its_sigma_and_joined_with_an_earlier_part(tmp_path):
     """Two parts of one recording, each ± 40 ppm; a clock that the user knows stays, and a recording like this one has its own."""
     file = file_of(tmp_path / "new")
@@ -78,14 +68,6 @@ def test_like_lends_accelerometer_site_and_protocol(tmp_path):
     assert read.site.latitude_deg == 31.03
     assert read.protocol.still_s == 1.5
     assert toml_text(read) == (tmp_path / "session.toml").read_text()
-
-
-def test_a_users_own_file_is_used_and_left_as_it_is(tmp_path):
-    (tmp_path / "session.toml").write_text(OWN)
-    config = file_of(tmp_path).configure(INFO)
-    assert config.accelerometer.bias_mps2[1] == -0.2
-    assert config.sensor.serial == ""
-    assert (tmp_path / "session.toml").read_text() == OWN
 
 
 def test_a_board_that_contradicts_is_not_believed_in_silence(tmp_path):
@@ -129,19 +111,3 @@ def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(m
     file.save_copy(saved)
     assert [(saved / "session.toml").read_text()] == texts
     assert ("Mara" in texts[0]) == (module == "session.io.folder")
-
-
-def test_a_recording_writes_its_notes_once_it_knows_the_board(tmp_path):
-    file = SessionFile(tmp_path, None, None, None, None, None, {"operator": "Mara"})
-    when = datetime(2026, 11, 22, 8, 40, 12, tzinfo=UTC)
-    file.note("before", when)
-    assert not (tmp_path / "session.toml").exists()
-    file.configure(Info(500.0, 4.0, 208.0, "7"))
-    for text in ("first", "second"):
-        file.note(text, when)
-    assert read_config(tmp_path / "session.toml").notes == {
-        "operator": "Mara",
-        "2026-11-22T08:40:12Z": "before",
-        "2026-11-22T08:40:12Z (2)": "first",
-        "2026-11-22T08:40:12Z (3)": "second",
-    }

@@ -19,7 +19,6 @@ from tinygc import CalibrationError, SimulationOptions, models
 from tinygc.deploy.calibration import Calibration
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.session_times import YEAR_S, Moment, moment_of, parsed, times_of
-from tinygc.models.linear import PARAMETERS
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.simulation.write import write_session
 
@@ -77,26 +76,6 @@ def test_at_the_end_it_is_the_model_that_holds_for_any_time(name):
     Calibration(ended, RATE_HZ).live()(SAMPLES.gyro[0], SAMPLES.accel[0], SAMPLES.temp_c[0])
     again = models.from_dict(json.loads(json.dumps(models.to_dict(ended))))
     np.testing.assert_allclose(again.calibrate(SAMPLES), ended.calibrate(SAMPLES), atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["drift", "step beside others"])
-def test_its_covariance_follows_by_the_slope(name):
-    model, rng = BYGONE[name], np.random.default_rng(1)
-
-    def parameters(of) -> np.ndarray:
-        linear = of.linear if isinstance(of, PhysicsModel) else of
-        return np.concatenate([linear.vector, *(claim.theta for claim in of.undone)])
-
-    def moved(change) -> PhysicsModel:
-        vector, at, claims = parameters(model) + change, PARAMETERS, []
-        for claim in model.claims:
-            claims.append(AppliedEffect(claim.effect, vector[at : at + len(claim.theta)]))
-            at += len(claim.theta)
-        return PhysicsModel(type(LINEAR).from_vector(vector), tuple(claims), KNOWN)
-
-    change = 1e-3 * rng.normal(size=model.parameters)
-    by = parameters(moved(change).at_end()) - parameters(model.at_end())
-    np.testing.assert_allclose(model.at_end_slope() @ change, by, atol=1e-12)
 
 
 # The commands

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
-from looks import G, look, of, with_sensor
+from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.first_look import check_session
 from session.detect.rest_noise import Share, coherent_share, lines_of, slope_of, spectra
 from session.detect.signatures import FILTER, NEW_ZERO, TRACKED, check_signatures
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
@@ -133,31 +132,6 @@ def test_a_register_that_comes_round_is_found_without_its_sensor(sound, end, coa
     assert f"comes round at ±{end:.4g} dps" in finding.says
 
 
-AT_ONCE = {
-    "a register's step": lambda rng: np.clip(np.rint(0.4 * rng.normal(size=(6000, 3))), -1, 1) * 0.061,
-    **{
-        f"reverses, ±{rate} dps": lambda rng, rate=rate: rate * (-1) ** (np.arange(6000) // 50)[:, None] + 0.05 * rng.normal(size=(6000, 3))
-        for rate in (100, 124.9, 480)
-    },
-}
-
-
-@pytest.mark.parametrize("rates", AT_ONCE.values(), ids=AT_ONCE)
-@pytest.mark.parametrize("model", ["MPU-6050", "unknown"])
-def test_rates_that_turn_at_once_come_round_at_no_register(sound, rates, model):
-    log = sound.logs[0]
-    gyro = rates(np.random.default_rng(4)) * DEG
-    log = replace(log, samples=replace(log.samples.between(0, 6000), gyro=gyro))
-    sensor = replace(sound.config.sensor, model=model)
-    assert not {each.what for each in check_signatures(log, sensor)} & {"gyro wraps"}
-
-
-def test_a_log_of_a_few_rows_shows_none(sound):
-    log = sound.logs[0]
-    for count in (2, 3, 10, 40, 200, 400):
-        assert not check_signatures(replace(log, samples=log.samples.between(0, count)), sound.config.sensor)
-
-
 @pytest.mark.parametrize(("step", "zero"), [(0.5, ZERO), (1.0, 0 * ZERO)])
 def test_a_coarse_register_is_no_dead_band(sound, step, zero):
     assert not found(sound, gyro=np.rint((rates(sound) + zero) / step) * step * DEG)
@@ -189,16 +163,6 @@ def test_what_drifts_or_vibrates_is_none_of_them(sound):
     assert not found(sound, gyro=from_row(rate, 4000, lambda w: w + 0.1 * np.sin(2 * np.pi * 17 * t_s)) * DEG)
     held = np.arange(len(rate)) // 4 * 4
     assert not found(sound, gyro=rate[held] * DEG)
-
-
-def test_only_the_cause_is_said(sound):
-    gate, *_ = FAULTS["gate"]
-    samples = sound.logs[0].samples
-    log = replace(sound.logs[0], samples=replace(samples, gyro=gate(rates(sound)) * DEG))
-    findings = check_session(replace(sound, logs=(log,)))
-    assert [each.what for each in findings if each.level == "error"] == ["dead band"]
-    assert not {"stills", "turns", "gyro dead", "quantisation"} & {each.what for each in findings}
-    assert of(look(sound), "stills").level == "ok"
 
 
 def test_an_accelerometer_that_answers_two_values(sound):

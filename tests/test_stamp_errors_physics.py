@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import Table, session_of
+from conftest import Table
 from scipy.spatial.transform import Rotation
 
-from session.detect.first_look import check_session
 from session.detect.stamp_errors import StampErrors, angle_rms, moved_by_stamps, rate_pieces, stamp_errors
 from session.io.samples import Samples
 from session.io.units import DEG
@@ -127,19 +126,3 @@ def test_a_rate_that_wanders_or_rounds_does_not_change():
     true_s = np.arange(20_000) / 100.01
     for stamps_s in (true_s * (1 + 1e-5 * true_s), np.rint(true_s * 1e3) / 1e3, true_s + 0.02 * np.random.default_rng(6).random(20_000)):
         assert len(rate_pieces(of(np.sort(stamps_s), moving(true_s)))) == 1
-
-
-def test_gravity_tells_a_clock_that_changed_from_a_sensor_that_did():
-    """The same stamps: of readings that were taken evenly, and of readings of these moments."""
-    samples = Table().tumble(16, seed=5).samples(registers=False)
-    number = np.arange(len(samples))
-    pace = np.where((number > 0.35 * len(number)) & (number < 0.7 * len(number)), 0.98, 1.0)
-    stamps_s = np.concatenate([[0.0], np.cumsum(pace[1:])]) * samples.period_s
-    at = stamps_s[stamps_s < samples.t_s[-1]]
-    read = (np.stack([np.interp(at, samples.t_s, axis) for axis in values.T], axis=1) for values in (samples.gyro, samples.accel))
-    for taken, level in (
-        (replace(samples, t_ns=np.rint(stamps_s * 1e9).astype(np.int64)), "error"),
-        (Samples(np.rint(at * 1e9).astype(np.int64), *read), "note"),
-    ):
-        (finding,) = [each for each in check_session(session_of(taken)) if each.what == "rate changes"]
-        assert finding.level == level

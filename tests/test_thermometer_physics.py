@@ -7,7 +7,7 @@ from conftest import SESSION_TOML
 from session.io.config import Sensor
 from session.io.logfile import read_log
 from session.io.rests import read_rest
-from session.io.thermometer import AROUND, EXCURSION_C, FENCE, MOST_AT_ONCE, Sound, degrees_by, failed, grid_with
+from session.io.thermometer import EXCURSION_C, FENCE, MOST_AT_ONCE, Sound, degrees_by, failed, grid_with
 from tinygc import read_session
 
 SENSOR = Sensor("ASM330LHH", "42", 13.0, 500.0, 4.0)
@@ -49,17 +49,6 @@ def test_an_excursion_of_two_steps_of_a_coarse_thermometer_is_left(beyond, is_ou
     temp_c = np.full(100, 20.0)
     temp_c[30] += EXCURSION_C + beyond
     assert failed(temp_c).sum() == is_out
-
-
-@pytest.mark.parametrize(("value", "held"), [(-45.0, 1), (85.0, 7)])
-@pytest.mark.parametrize(("beside", "is_out"), [(AROUND // 2 - 1, True), (AROUND // 2 + 1, False)])
-def test_a_quarter_of_the_readings_around_may_fail(beside, is_out, value, held):
-    """Of 41, the middle one and others: 10 of them are seen, of 12 the quartile is one."""
-    temp_c = np.full(101, 20.0)
-    temp_c[50 - AROUND : 50 + AROUND : 2][:beside] = value
-    temp_c[50 - AROUND - 1] = temp_c[50 + AROUND + 1] = value  # none of these
-    temp_c[50] = value
-    assert failed(np.repeat(temp_c, held))[50 * held] == is_out
 
 
 def test_a_body_may_jump_and_warm_and_cool():

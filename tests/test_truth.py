@@ -10,8 +10,7 @@ from truth_sessions import BIAS_DPS, Wrong, made, write
 
 from session.detect.check_references import with_aligned_truth
 from session.detect.first_look import check_session
-from session.io.config import TruthGiven, TruthReading
-from session.io.errors import DataError, FormatError, SegmentError
+from session.io.errors import FormatError
 from session.io.logfile import read_truth
 from tinygc import read_session, simulate
 from tinygc.closure.build import build_problem
@@ -54,15 +53,6 @@ def test_windows_bound_their_own_segments_and_missing_samples_leave_one_out():
     problem = build_problem(replace(session, logs=(replace(log, samples=log.samples.pick(kept)),)))
     (why,) = [segment.problem for segment in problem.segments if segment.problem]
     assert "missing" in why
-
-
-def test_a_truth_of_another_time_or_too_short_is_refused():
-    session, _ = made(FEW)
-    (truth,) = session.truths
-    with pytest.raises(DataError, match="on the log's clock"):
-        build_problem(replace(session, truths=(replace(truth, t_ns=truth.t_ns + 10**15),)))
-    with pytest.raises(SegmentError, match="expected at least"):
-        build_problem(replace(session, truths=(replace(truth, t_ns=truth.t_ns[:9], q_nb=truth.q_nb[:9]),)))
 
 
 @pytest.mark.filterwarnings("error")
@@ -122,21 +112,6 @@ def test_check_says_all_that_is_found_and_what_it_says_can_be_kept(tmp_path):
     (folder / "truth0001.csv").unlink()
     with pytest.raises(FormatError, match=r'protocol.reference is "truth"'):
         read_session(folder)
-
-
-def test_what_is_given_is_used_and_held_against_the_recording():
-    """A clock that is off by a second is said, and the frame found all the same; by a minute, nothing tells the frame."""
-    wrong = replace(SHORT, late_s=0.004, given=TruthGiven(offset_s=-0.004, frame="ned"))
-    session, findings = with_aligned_truth(made(wrong)[0])
-    assert [finding.what for finding in findings if finding.level == "warning"] == ["truth's frame"]
-    assert (session.alignment.source["offset_s"], session.alignment.reading.offset_s) == ("given", -0.004)
-    plain, _ = made(SHORT)
-    for off_s, told in ((1.0, True), (60.0, False)):
-        given = TruthGiven(offset_s=-100.0 - off_s)
-        moved = replace(plain.truths[0], t_ns=plain.truths[0].t_ns + 100 * 10**9).reread(TruthReading(), TruthReading.of(given))
-        session, findings = with_aligned_truth(replace(plain, truths=(moved,), config=replace(plain.config, truth=given)))
-        assert (session.alignment.reading.frame == "enu") == told
-        assert {finding.what for finding in findings if finding.level == "warning"} == ({"truth's clock"} if told else set())
 
 
 # An accelerometer with all axes negated: turns are blind to it, the Earth's rotation is not

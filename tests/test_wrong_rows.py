@@ -64,18 +64,3 @@ def test_many_wrong_rows_are_another_convention_and_an_accelerometer_may_be_upsi
     negated = replace(log, samples=log.samples.with_accel(-log.samples.accel))
     (finding,) = (f for f in check_session(replace(dialled, logs=(negated,))) if f.what == "dials against gravity")
     assert (finding.level, "upside down" in finding.says) == ("error", True)
-
-
-@pytest.mark.parametrize("part", [1.0, 0.6])
-def test_a_turn_without_its_movement_is_named_and_left_out(part):
-    """Rows of the turn, all or from its middle, are gone, and the stamps have closed up."""
-    made = PLAN.samples(odr_hz=104)
-    start, stop = PLAN.rests[6][1], PLAN.rests[7][0]
-    edge = (1 - part) / 2 * (stop - start)
-    kept = made.pick((made.t_s < start + edge) | (made.t_s > stop - edge))
-    session = made_of(replace(kept, t_ns=made.t_ns[: len(kept)]))
-    (finding,) = [f for f in check_session(session) if f.what == "movement"]
-    assert (finding.level, "turn 6: gravity leaps by" in finding.says) == ("warning", True)
-    assert [s.number for s in build_problem(session).segments if not s.accepted] == [6]
-    quarter = made_of(replace(made, gyro=made.gyro * 0.25))  # rates of another scale are no missing movement
-    assert not [f for f in check_session(quarter) if f.what == "movement"]

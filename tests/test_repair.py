@@ -38,12 +38,7 @@ def registers(folder, old, new):
 #: how it is spoilt; the log's first line where that alone is changed, None where all rows are, "" where no byte of it is
 SPOILT = {
     "full scale": (lambda folder: registers(folder, "gyro_fs_dps = 500", "gyro_fs_dps = 250"), ""),
-    "data rate": (lambda folder: registers(folder, "104.0", "208.0"), ""),
     "half rates": (lambda folder: written(folder, gyro=0.5 / DEG), None),
-    "degrees as radians": (
-        lambda folder: written(folder, toml=PHYSICAL.replace("= 500", "= 50000"), header=NAMES.replace("_dps", "_rps")),
-        NAMES,
-    ),
     "x and y exchanged": (lambda folder: written(folder, gyro=X_Y / DEG), NAMES.replace("gx_dps,gy", "gy_dps,gx")),
     "g as m/s2": (lambda folder: written(folder, accel=1 / G), NAMES.replace("mps2", "g")),
     "us as ns": (lambda folder: written(folder, time=1000), NAMES.replace("t_ns", "t_us")),

@@ -1,20 +1,11 @@
 """Twins of simulated sessions, for the tests of an explanation's parts."""
 
-import numpy as np
-
 from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.noise.components import known_whitener
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.simulation.write import write_session
-
-LEVER_M = (0.02, -0.015, 0.01)
-
-
-def late(t_s: np.ndarray, rate: np.ndarray, seconds) -> np.ndarray:
-    """Each axis shows the rate of ``seconds`` (3,) ago, by a straight line on the simulation's fine grid."""
-    return np.stack([np.interp(t_s - shift, t_s, rate[:, axis]) for axis, shift in enumerate(seconds)], axis=-1)
 
 
 def make_twin_of(tmp_path_factory):

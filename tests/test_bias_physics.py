@@ -22,10 +22,12 @@ from session.io.logfile import Log
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc import models
+from tinygc.closure.floor import wander_covariance
 from tinygc.closure.least_squares import StillRates
 from tinygc.estimation import bias
 from tinygc.estimation.between_sessions import (
     CHANCE,
+    FEWEST_WITH_DRIFT,
     LEAST_SCATTER,
     LOOKED_AT,
     ONE_SIGMA,
@@ -49,7 +51,7 @@ from tinygc.estimation.bias_of_day import (
     rebias_to_json,
     remarks,
 )
-from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, expected_zero, wander_variance
+from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
 from tinygc.models.linear import BIAS, LinearModel
@@ -466,6 +468,7 @@ def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter()
         beta = (to_coefficients @ values)[0, 1]
         return chi2.pdf(u, 3) * norm.cdf(-beta / np.sqrt(covariance[0, 1, 1]))
 
+    assert LOOKED_AT == 12 + 9
     expected = quad(below, 0, np.sum(z**2 / variance), limit=200)[0] + quad(below, np.sum(z**2 / variance), np.inf)[0]
     assert found.p_value(DRIFT) == pytest.approx(2 * min(expected, 1 - expected), rel=1e-3)
     assert n - found.freedom == 2
@@ -636,6 +639,44 @@ def test_temperature_counts_once_per_kelvin():
 
 def test_a_random_walk_grows_with_the_time_and_a_gauss_markov_saturates():
     noise = figures(sensor(axis(K=1e-6, G=2e-5, tau_s=100.0)))
-    assert wander_variance(1e4, noise, None) == pytest.approx(np.full(3, 1e-12 * 1e4 + 2 * 4e-10 * -np.expm1(-100.0)), rel=1e-12)
+    assert wander_variance(150.0, noise, None) == pytest.approx(np.full(3, 1e-12 * 150 + 2 * 4e-10 * -np.expm1(-1.5)), rel=1e-12)
     assert wander_variance(1e9, noise, None) == pytest.approx(wander_variance(END_S, noise, None), rel=1e-12)
     assert wander_variance(-1.0, noise, None) == pytest.approx(np.zeros(3))
+
+
+def test_the_drift_between_two_means_is_that_of_the_wander_over_their_spans():
+    at, spans, rps = np.array([45.0, 5.0, 20.0]), np.array([10.0, 10.0, 8.0]), 2e-5
+    w = wander_covariance(at, spans, instability_rps=rps)
+    session, use, both = w[1:, 1:].mean(), w[0, 0], w[0, 1:].mean()
+    found = drift_between(at[1:], spans[1:], 45.0, 10.0, rps)
+    assert (found.session, found.use, found.both) == pytest.approx((session, use, both), rel=1e-9)
+    assert (found.change, found.correlation) == pytest.approx((session + use - 2 * both, both / np.sqrt(session * use)), rel=1e-9)
+
+
+def test_two_steps_are_found_one_after_the_other():
+    at, own = np.arange(15.0), np.full(15, 1e-4)
+    values = np.where(at > 4, 1.0, 0.0) - np.where(at > 9, 2.0, 0.0) + np.random.default_rng(8).normal(size=15) * 0.01
+    found = course(values, own, at)
+    assert sorted(step.before for step in found.steps) == [4, 9]
+    sizes = {step.before: found.model.coefficients @ found.step_column(k) for k, step in enumerate(found.steps)}
+    assert sizes == pytest.approx({4: 1.0, 9: -2.0}, abs=0.05)
+    assert found.model.coefficients[0] == pytest.approx(-1.0, abs=0.05)  # the level is the last session's
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_too_few_sessions_show_neither_drift_nor_step(count):
+    found = course(np.arange(count) * 100.0, np.full(count, 1e-6), np.arange(count) * 1.0)
+    assert (found.steps, found.has_drift, found.drifts, found.drift_p) == ((), False, False, 1.0)
+    assert not found.drift_column.any()
+    assert found.model.freedom == count - 1 < FEWEST_WITH_DRIFT - 1
+
+
+def test_a_drift_is_significant_from_the_chance_that_is_stated():
+    n, at = 8, np.arange(8.0)
+    noise, design = np.random.default_rng(3).normal(size=n), drifting(n)
+    noise -= design @ np.linalg.lstsq(design, noise, rcond=None)[0]
+    error = np.sqrt(noise @ noise / (n - 2) * np.linalg.inv(design.T @ design)[1, 1])
+    bar = error * t.isf(CHANCE / LOOKED_AT / 2, n - 2)
+    found = [course(noise + factor * bar * at, np.zeros(n), at) for factor in (0.99, 1.01)]
+    assert [each.drifts for each in found] == [False, True]
+    assert [each.steps for each in found] == [(), ()]

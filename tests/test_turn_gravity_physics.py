@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import stdtr
 from scipy.stats import wilcoxon
+from simulated_twins import make_twin_of
 
 from tinygc.explanation.claims import offset_claim
-from tinygc.noise.turn_gravity import TurnGravity, _TurnEquations
+from tinygc.noise.refit import refit
+from tinygc.noise.turn_gravity import TurnGravity, _TurnEquations, lever_equations, turn_gravity
 
 
 def equations(seed, turns=7, noise=0.1):
@@ -24,6 +26,7 @@ def test_the_sigma_is_the_jackknife_of_whole_turns():
     without = [
         np.linalg.lstsq(np.delete(columns, s, 0).reshape(-1, 4), np.delete(values, s, 0).ravel(), rcond=None)[0][3] for s in range(7)
     ]
+    assert found.solve() == pytest.approx(np.linalg.lstsq(columns.reshape(-1, 4), values.ravel(), rcond=None)[0])
     assert found.sigma_s() == pytest.approx(np.sqrt(6 / 7 * np.sum((without - np.mean(without)) ** 2)))
 
 
@@ -57,3 +60,18 @@ def test_the_gain_of_a_turn_is_of_a_fit_to_all_others():
         gains.append(left[0] - left[1])
     assert found.improvement_p() == wilcoxon(gains, alternative="greater", method="exact").pvalue
     assert 0.01 < found.improvement_p() < 0.9
+
+
+twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
+
+
+def test_gravity_before_and_after_is_the_mean_square_of_a_value(twin_of):
+    """An arm of 1, 2, 3 m and a delay in exact equations: before is the rms of the force, after that of its noise."""
+    twin, whiten = twin_of(segments=8)
+    fit = refit(twin, whiten, [], twin.start())
+    found, lever = turn_gravity(twin, fit), lever_equations(twin, fit)
+    size = round(0.025 * 104)
+    assert lever.count.sum() == 3 * sum((segment.stop - segment.start) // size for segment in twin.segments)
+    assert found.before_mps2**2 * lever.count.sum() == pytest.approx(lever.square.sum(), rel=1e-9)
+    noise = 60e-6 * 9.80665 * np.sqrt(104 / 2 / size)  # of the simulated accelerometer, in means of a block
+    assert found.after_mps2 == pytest.approx(noise, rel=0.25)

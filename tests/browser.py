@@ -5,13 +5,18 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 from pathlib import Path
 
 from processes import DEVNULL, PATIENCE_S, started
 
-from tinygc.reporting.html.paper import browser_path
-
 __all__ = ["Browser", "browser_path"]
+
+
+def browser_path() -> str | None:
+    """The first Chromium on the search path."""
+    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge", "microsoft-edge")
+    return next(filter(None, map(shutil.which, names)), None)
 
 
 class Browser:

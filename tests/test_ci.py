@@ -32,15 +32,6 @@ def test_the_hosted_service_runs_the_same_script():
     assert steps(jobs["elsewhere"]) == [installs("test"), "python -m pytest", 'python -m pytest -m "broad and not slow"']
 
 
-def test_the_script_tries_a_newer_python_too():
-    newer = RUN[RUN.index("newest Python of this machine") :]
-    assert "python calibrate.py fit data/session1" in newer
-    assert "-c constraints.txt" in newer
-    run = re.findall(r"tests/\S+\.py", newer)
-    assert {"test_import.py", "test_html_report.py", "test_cli.py", "test_certificate.py"} <= {Path(name).name for name in run}
-    assert all((ROOT / name).exists() for name in run)
-
-
 def test_the_script_checks_types_the_reference_and_all_tests():
     assert "python docs/api.py" in commands()
     assert "tests" in commands()  # the quick suite

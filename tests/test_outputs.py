@@ -14,14 +14,17 @@ from recorded_files import RECORDED, contents, make_recording
 
 from session.io.errors import StorageError
 from session.io.results import write_text_whole
-from tinygc.cli.arguments import file_written, folder_written, log_written, parser, path_read
+from tinygc.cli import arguments
 from tinygc.cli.commands import command_module, present_commands
 
 recording = pytest.fixture(make_recording, name="recording")
-FILES, KINDS = (file_written, log_written), (path_read, file_written, log_written, folder_written)
+FILES, KINDS = (
+    (arguments.file_written, arguments.log_written),
+    (arguments.path_read, arguments.file_written, arguments.log_written, arguments.folder_written),
+)
 #: what a help page calls a path
 METAVARS = {"FILE", "DIR", "PATH", "TOML", "CSV", "FOLDER"}
-(GROUP,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
+(GROUP,) = (action for action in arguments.parser()._actions if isinstance(action, argparse._SubParsersAction))
 PARSERS: dict[str, argparse.ArgumentParser] = dict(GROUP.choices)
 
 
@@ -38,7 +41,9 @@ def least(name: str, folder: Path, option: str, path: Path) -> list[str]:
         words_alone = action.nargs == "*" and action.type not in KINDS
         if not needed or option in action.option_strings or action.nargs in ("?", 0) or words_alone:
             continue
-        value = folder if action.type is path_read else folder.parent / "new" if action.type in KINDS else next(iter(action.choices))
+        value = (
+            folder if action.type is arguments.path_read else folder.parent / "new" if action.type in KINDS else next(iter(action.choices))
+        )
         words += [*action.option_strings[-1:], str(value)]
     return [*words, option, str(path)]
 
@@ -69,10 +74,10 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
         if not isinstance(action, argparse._SubParsersAction)
     ]
     assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/arguments.py)"
-    assert {name for name, option in outputs(file_written) if option == "--json"} == set(present_commands())
+    assert {name for name, option in outputs(arguments.file_written) if option == "--json"} == set(present_commands())
     assert {*EACH_KIND, ("board", "--config"), ("board", "--link")} < set(outputs(*FILES))
     names = "check record import accelerometer noise rates history budget fit explain export simulate fleet demo"
-    assert {name for name, _ in outputs(folder_written)} == set(names.split()) & set(present_commands())
+    assert {name for name, _ in outputs(arguments.folder_written)} == set(names.split()) & set(present_commands())
 
 
 @pytest.mark.parametrize(("command", "option"), outputs(*FILES))

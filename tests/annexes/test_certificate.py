@@ -10,6 +10,7 @@ from html import unescape
 
 import numpy as np
 import pytest
+from browser import browser_path
 from certified import FIELDS, with_fields
 from dcc_reader import parse, read
 
@@ -367,7 +368,7 @@ def test_the_command_writes_report_certificate_and_dcc(simulated, tmp_path, run)
 
 @pytest.mark.browser
 def test_it_prints_on_two_sheets(made, tmp_path):
-    if not any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"))):
+    if browser_path() is None:
         pytest.skip("needs Chromium")
     _, pdf = certificate_of(made).save(tmp_path / "certificate.html", pdf=True)
     assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf.read_bytes())) == 2

@@ -9,13 +9,13 @@ from known_effects import movement
 from matplotlib.figure import Figure
 
 from session.io.units import DEG
-from tinygc.annexes.challenge.proofs import explanation_of, fitted, inject
+from tinygc.annexes.challenge.proofs import _explanation_of, _inject, fitted
 from tinygc.effects import catalogue
 from tinygc.effects.effect import TURNS
 from tinygc.noise.twin import Variable
 from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.pictures.panels import in_turns
-from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, variable_for
+from tinygc.reporting.pictures.values import _per_turn, at_constant, per_parameter, variable_for
 
 FS, FIRST_C = 500.0, 25.0  #: dps, degC
 
@@ -24,8 +24,8 @@ FS, FIRST_C = 500.0, 25.0  #: dps, degC
 def known(tmp_path_factory):
     """An explanation of a session with a scale that grows with the square of the rate, its only claim, and the true theta (3,)."""
     folder = tmp_path_factory.mktemp("law") / "session"
-    injected = inject(catalogue()["gyro.scale_nonlinearity"], folder, 0.03, seed=4)
-    e = explanation_of(fitted(injected, folder))
+    injected = _inject(catalogue()["gyro.scale_nonlinearity"], folder, 0.03, seed=4)
+    e = _explanation_of(fitted(injected, folder))
     return e, e.claimed[0], injected.theta
 
 
@@ -38,7 +38,7 @@ def test_each_turn_is_on_the_law_that_was_put_in_and_the_report_draws_it(known):
     """The fit's own error moves all turns of an axis alike.  A law that is a tenth larger is too far off, on one axis at least."""
     e, claim, truth = known
     for axis in range(3):
-        of = per_turn(e, claim, "scale", axis, variable_for(e, claim))
+        of = _per_turn(e, claim, "scale", axis, variable_for(e, claim))
         assert len(of.x) >= 6
         assert rms((of.before - truth[axis] * (of.x / FS) ** 2) / of.sigma) < 2.0
         assert 0.6 < rms(of.after / of.sigma) < 1.4  # the bars are the noise

@@ -36,8 +36,6 @@ GONE = {
     "arrays": (
         ["simulate", "--units", "3", "--out", "array"],
         ["fit", "body"],
-        ["explain", "body"],
-        ["apply", "array.json", "body", "-o", "a.csv"],
     ),
     "logs": (),
     "lots": (
@@ -48,7 +46,6 @@ GONE = {
     "temperature": (
         ["fit", "data/session1", "--temperature"],
         ["fit", "rests"],
-        ["simulate", "--rest-cycles", "2", "--out", "rests"],
         ["apply", "thermal.json", "data/session1/log0001.csv.gz", "-o", "t.csv"],
     ),
     "noise": (["noise", "data/session1"],),

@@ -151,7 +151,7 @@ def log(odr_hz: float, at: ReferenceConditions, noise: float = 0.0) -> Samples:
     return Samples(stamps, gyro, accel, moved.temp_c)
 
 
-def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | None = None) -> AppliedEffect:
+def _inject(effect: Effect, folder: Path, size: float, seed: int, value: float | None = None) -> AppliedEffect:
     """Simulate a session with an effect of the rate; returns what is in it."""
     warm_c = 10.0 if "temperature" in effect.inputs else 1.5
     options = SimulationOptions(segments=SEGMENTS, closure_s=0.0, odr_hz=ODR_HZ, seed=seed, warm_up_c=warm_c)
@@ -186,7 +186,7 @@ def fitted(injected: AppliedEffect, folder: Path) -> FittedProof:
     return FittedProof(injected, twin, whiten, first, in_gauge(twin, whiten, fit))
 
 
-def explanation_of(found: FittedProof) -> Explanation:
+def _explanation_of(found: FittedProof) -> Explanation:
     """The explanation of a session by this effect alone, without a search for others."""
     twin, whiten, fit, problem = found.twin, found.whiten, found.fit, found.twin.problem
     named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square, 1.0)]
@@ -226,7 +226,7 @@ class EffectTrial:
             raise NotChecked("not proven: no session is simulated for vibration, a derived number, another full scale or temperature")
         with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
             paths = [(seed, Path(folder) / str(seed)) for seed in SEEDS]
-            return [fitted(inject(self.original, path, self.size, seed, self.value), path) for seed, path in paths]
+            return [fitted(_inject(self.original, path, self.size, seed, self.value), path) for seed, path in paths]
 
 
 # Columns, ``distort`` and ``correct`` agree.
@@ -339,7 +339,7 @@ def picture(trial: EffectTrial) -> str:
     """Check that both panels have data and axis labels."""
     if not has_matplotlib():
         raise NotChecked("no matplotlib on this machine")
-    e, panels = explanation_of(trial.sessions[0]), pair_of_panels()
+    e, panels = _explanation_of(trial.sessions[0]), pair_of_panels()
     draw_claim(e, e.claimed[0], *panels)
     for name, panel in zip(("left", "right"), panels, strict=True):
         if not (panel.has_data() and panel.get_xlabel() and panel.get_ylabel()):

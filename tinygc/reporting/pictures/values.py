@@ -177,7 +177,7 @@ def without(e: Explanation, claim: Claim, entries: Sequence[int]) -> np.ndarray:
     return e.twin.residuals(replace(state, claims=claims)).closure
 
 
-def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Variable) -> TurnEstimates:
+def _per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Variable) -> TurnEstimates:
     """Scale error (fraction) or offset (rad/s) of one axis estimated from each turn, located along the variable.
 
     Requires an effect with one parameter per axis.  A turn is located where a constant movement would have the same law, weighted as the
@@ -283,7 +283,7 @@ def standing(mean: np.ndarray, unit: np.ndarray, curve: Callable[[np.ndarray], n
 
 # The law of an effect with one parameter per axis, as drawn: estimates of each turn and the curve, in display units.
 
-#: a picture's name -> carrier of its law in ``per_turn``, and its label
+#: a picture's name -> carrier of its law in ``_per_turn``, and its label
 CARRIED = {SCALE_LAW: ("scale", "scale error"), ENERGY_LAW: ("offset", "zero-rate offset")}
 #: largest scale error from which on it is shown in per cent instead of ppm
 PER_CENT = 1e-3
@@ -325,7 +325,7 @@ def axis_laws(e: Explanation, claim: Claim) -> AxisLaws | None:
     if claim.effect.parameter.size != 3 or claim.effect.reach or variable.variable == "angular acceleration":
         return None
     carrier, words = CARRIED[pair]
-    turns = [per_turn(e, claim, carrier, axis, variable) for axis in range(3)]
+    turns = [_per_turn(e, claim, carrier, axis, variable) for axis in range(3)]
     curves = [_curve(e, claim, carrier, variable, axis, turns[axis]) for axis in range(3)]
     unit, one = ("dps", DEG)
     if carrier == "scale":

@@ -26,7 +26,7 @@ from exported_models import (
     state_bytes,
 )
 
-from session.io.config import Accelerometer
+from session.io.config import Accelerometer, Sensor
 from session.io.samples import Samples
 from session.io.units import DEG, G
 from tinygc.deploy.embedded.program import COUNT, TOLERANCE, Registers, program, vectors
@@ -228,6 +228,16 @@ def test_registers_and_force_mean_what_they_mean_in_a_log(compiled):
     np.testing.assert_allclose(table[:, 3:6], expected, atol=1e-5)
     np.testing.assert_allclose(force, expected, atol=1e-5)
     np.testing.assert_array_equal(table[:, 6], 25 + registers[:, 6] / 256)
+
+
+def test_registers_of_a_session_are_known_where_their_units_are():
+    sensor = Sensor(SENSOR.model, "s", odr_hz=104, gyro_fs_dps=250, accel_fs_g=8)
+    found = Registers.of(SimpleNamespace(sensor=sensor, accelerometer=ACCELEROMETER))
+    assert (found.gyro_fs_dps, found.accel_fs_g, found.odr_hz, found.accelerometer) == (250, 8, 104, ACCELEROMETER)
+    units = {"gyro_mdps_per_lsb": 17.5, "accel_mg_per_lsb": 0.122, "temp_lsb_per_c": 256.0, "temp_at_zero_c": 25.0}
+    for known in (4, 2, 1, 0):
+        of = dataclasses.replace(sensor, model="unheard of", **dict(list(units.items())[:known]))
+        assert (Registers.of(SimpleNamespace(sensor=of, accelerometer=ACCELEROMETER)) is None) == (known < 4)
 
 
 @pytest.mark.parametrize("accel_fs_g", [2, 8])

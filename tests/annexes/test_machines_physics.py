@@ -18,10 +18,11 @@ from session.annexes.machines.driver import AngleFile, TableDriver, _DeviceTime
 from session.annexes.machines.kinematics import attitudes, body_axes, roll_pitch_yaw
 from session.annexes.machines.mechanics import AxisErrors, AxisTrack
 from session.annexes.machines.mover import TableMover
+from session.annexes.machines.rates import steps_of
 from session.annexes.machines.verbs import Where
 from session.bench.messages import Stage
 from session.bench.mover import Moment
-from session.io.errors import StorageError
+from session.io.errors import CalibrationError, StorageError
 from session.io.units import DEG, NS
 
 
@@ -288,3 +289,12 @@ def test_a_table_that_moves_unseen_is_stopped(table, silent_s, told):
     mover = TableMover(driver, SimpleNamespace(angles=None))
     mover.step(guide(turning=True), Moment("log0001.csv", 0, round((driver.time_s - silent_s) * 1e9)), False)
     assert driver.told == told
+
+
+def test_a_rate_that_an_axis_cannot_hold_for_so_long_is_refused(tmp_path):
+    (tmp_path / "table.toml").write_text(table_toml("inner", limits={"inner": (-170, 170)}))
+    table = read_description(tmp_path / "table.toml")
+    with pytest.raises(CalibrationError, match=r"inner at 80 dps for 4 s turns by 43\d deg, its limits leave 340: a shorter --dwell"):
+        steps_of(table, 0, [80 * DEG], 4.0)
+    with pytest.raises(CalibrationError, match=r"inner at 100 dps: expected above 0 and at most 90, its fastest"):
+        steps_of(table, 0, [100 * DEG], 1.0)

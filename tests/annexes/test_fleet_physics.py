@@ -25,17 +25,12 @@ from tinygc.annexes.lots.fleet_page import page
 from tinygc.annexes.lots.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, key_of
 from tinygc.annexes.lots.fleet_run import Processes, listed_folders, run_fleet, session_folders
 from tinygc.annexes.lots.fleet_session import Job, compute
-from tinygc.annexes.lots.fleet_summary import results_of, summarise, to_check, write_csv
+from tinygc.annexes.lots.fleet_summary import summarise, to_check, unit_results, write_csv
 from tinygc.annexes.lots.fleet_table import EACH, VERSION, open_table, read_table
 from tinygc.explanation.engine import explain_session
 from tinygc.reporting.html.markup import Section
 
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'
-
-
-def unit_results(out):
-    with read_table(out) as table:
-        return list(results_of(table))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +90,7 @@ def test_a_row_says_what_check_fit_and_explain_say(fleet, tmp_path):
 
 def test_what_was_injected_is_recovered_within_the_sigmas(fleet, whole):
     """Chi-square of each unit's twelve numbers against the truth that the simulator drew."""
-    found, total = unit_results(whole), 0.0
+    found, total = list(unit_results(whole)), 0.0
     assert [each.session for each in found] == [f"unit{n}" for n in range(3)]
     for each in found:
         truth = json.loads((fleet / each.session / "truth.json").read_text())

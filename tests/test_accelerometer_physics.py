@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f as fisher_f
 
 from session.detect.accelerometer import (
+    _RUNGS,
     IDENTITY,
     NAMES,
-    RUNGS,
     SPREAD_MPS2,
+    _with_section,
     attitudes_of,
     fit_lengths,
     length_columns,
@@ -22,10 +23,9 @@ from session.detect.accelerometer import (
     units,
     unobserved_of,
     why_not,
-    with_section,
     write_calibrated_copy,
 )
-from session.detect.check_references import check_zero, own_fit
+from session.detect.check_references import _check_zero, own_fit
 from session.io.config import Accelerometer, Sensor
 from session.io.errors import FormatError
 from session.io.units import MG
@@ -136,7 +136,7 @@ def test_attitudes_that_tell_the_numbers_too_weakly_are_refused(slope, told):
         return 1 / np.linalg.svd(np.stack(slopes, axis=1), compute_uv=False)[-1]
 
     half = brentq(lambda half: gain(half) - 10 * slope, 1.0, 3.0, xtol=1e-10)
-    assert (fit_lengths(cap(half), GRAVITY).rung is RUNGS[0]) == told
+    assert (fit_lengths(cap(half), GRAVITY).rung is _RUNGS[0]) == told
 
 
 FACES = GRAVITY * np.concatenate([np.eye(3), -np.eye(3)])
@@ -149,8 +149,8 @@ def test_what_a_rung_leaves_alone_is_in_the_sigmas_of_what_it_fits(width, rung):
     force = np.array([0.3, -0.2, 1.0]) + width * rng.normal(size=(30, 3))
     force *= GRAVITY / np.linalg.norm(force, axis=1)[:, None]
     found = fit_lengths(force, GRAVITY)
-    assert found.rung is RUNGS[rung]
-    spread, columns, directions = SPREAD_MPS2 * units(GRAVITY), length_columns(IDENTITY, force), RUNGS[rung].directions
+    assert found.rung is _RUNGS[rung]
+    spread, columns, directions = SPREAD_MPS2 * units(GRAVITY), length_columns(IDENTITY, force), _RUNGS[rung].directions
     linear, fitted = np.zeros((9, 9)), np.zeros((9, 9))
     for step in np.eye(9) * spread:
         error = directions @ np.linalg.lstsq(columns @ directions, columns @ step, rcond=None)[0] - step
@@ -276,10 +276,10 @@ def test_a_zero_beyond_the_data_sheet_is_a_warning(model, bar):
     force, sensor = measured(24, np.random.default_rng(4)) - BIAS, Sensor(model, "A", 104.0, 500.0, 4.0)
     for mg in (bar - 2, -470.0, bar + 2):
         found = fit_lengths(force + np.array([0.0, mg, 0.0]) * MG, GRAVITY)
-        said = check_zero(found, sensor)
+        said = _check_zero(found, sensor)
         assert [each.level for each in said] == ["warning"] * (abs(mg) > bar)
         assert all(f"bar {bar} (" in each.says for each in said)
-    assert check_zero(replace(found, covariance=found.covariance + np.eye(9) * (200 * MG) ** 2), sensor) == []  # within what is known
+    assert _check_zero(replace(found, covariance=found.covariance + np.eye(9) * (200 * MG) ** 2), sensor) == []  # within what is known
 
 
 def attitudes(count: int, rng) -> np.ndarray:
@@ -336,7 +336,7 @@ said = '[protocol]'
     "text", [MULTILINE, MULTILINE.replace("[accelerometer]  # mine", "[other]"), MULTILINE.rstrip(), "", "a = 1\n[protocol]\n"]
 )
 def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
-    made = with_section(text, Accelerometer(MATRIX, BIAS), "of its stills")
+    made = _with_section(text, Accelerometer(MATRIX, BIAS), "of its stills")
     before, found = tomllib.loads(text), tomllib.loads(made)
     section = found.pop("accelerometer")
     before.pop("accelerometer", None)
@@ -351,7 +351,7 @@ def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
 )
 def test_what_cannot_be_replaced_is_refused(text):
     with pytest.raises(FormatError, match="put this there by hand"):
-        with_section(text, Accelerometer(MATRIX, BIAS), "")
+        _with_section(text, Accelerometer(MATRIX, BIAS), "")
 
 
 def test_a_copy_holds_the_files_of_the_folder_and_nothing_is_written_over(tmp_path):

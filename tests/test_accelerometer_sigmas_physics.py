@@ -22,11 +22,11 @@ from tinygc.estimation.accelerometer import (
     USUAL_SPREAD,
     AccelerometerFit,
     AnySession,
+    _unobserved_values,
     accelerometer_fit,
     triad_errors,
-    unobserved_values,
 )
-from tinygc.estimation.compare import SessionTriad, compare_triads, into_frame_of
+from tinygc.estimation.compare import SessionTriad, _compare_triads, into_frame_of
 from tinygc.models.linear import BIAS, MATRIX
 
 BIAS_MPS2 = np.array([0.1, -0.2, 0.3])
@@ -122,7 +122,7 @@ def test_a_number_that_nobody_observed_is_named_in_the_sensors_axes(number, same
     """Behind a quarter turn about z: the body's x, which nobody observed, is the sensor's y."""
     prior = np.full(PARAMETERS, 20 * MG) * units(GRAVITY)
     joint = SimpleNamespace(x=X, accelerometer=fitted(QUARTER).calibration, prior=prior, unobserved=(NAMES[number],))
-    assert unobserved_values(joint) == (NAMES[same],)
+    assert _unobserved_values(joint) == (NAMES[same],)
 
 
 @pytest.mark.parametrize(("share", "named"), [(0.0999, ("scale x",)), (0.1001, ("scale x", "scale y"))])
@@ -132,7 +132,7 @@ def test_a_tenth_of_a_numbers_spread_from_one_that_nobody_observed_is_named(shar
     turn = np.arctan(np.sqrt(share / np.sqrt(1 - share**2)))
     matrix = Rotation.from_rotvec([0, 0, turn]).as_matrix()
     joint = SimpleNamespace(x=IDENTITY, accelerometer=Accelerometer(matrix, np.zeros(3)), prior=prior, unobserved=("scale x",))
-    assert tuple(name for name in unobserved_values(joint) if name.startswith("scale")) == named
+    assert tuple(name for name in _unobserved_values(joint) if name.startswith("scale")) == named
 
 
 def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
@@ -142,7 +142,7 @@ def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
     moved = Accelerometer(other.calibration.matrix, other.calibration.bias_mps2 + np.array([10.0 * MG, 0, 0]))
     triads = [SessionTriad("fit", one.calibration, one.covariance), SessionTriad("fit", moved, other.covariance)]
     sigma = np.sqrt(one.sigmas[6] ** 2 + other.sigmas[6] ** 2 + 2 * USUAL_SPREAD.spread[6] ** 2)
-    found = compare_triads(triads, [config(), config()]).agreement
+    found = _compare_triads(triads, [config(), config()]).agreement
     assert found.freedom == PARAMETERS
     assert found.chi_square == pytest.approx((10 * MG / sigma) ** 2, rel=0.03)
 

@@ -13,17 +13,17 @@ from scipy.spatial.transform import Rotation
 from session.detect.truth_alignment import (
     AlignedLog,
     Spans,
-    Way,
+    _best_way,
+    _frame_of,
+    _rough_offset,
     _solved,
+    _spans_of,
+    _Way,
     _within,
     align,
     alignment_table,
-    best_way,
     carried,
-    frame_of,
     refined,
-    rough_offset,
-    spans_of,
     ways,
 )
 from session.io.config import (
@@ -94,7 +94,7 @@ def made_config(given=TruthGiven()):  # noqa: B008
 
 def seen_of(session):
     (log,), (truth,) = session.logs, session.truths
-    spans = spans_of(log.samples, truth)
+    spans = _spans_of(log.samples, truth)
     return AlignedLog(carried(log.samples, log.samples.gyro), spans, truth.q_nb, log.samples.accel), log.samples
 
 
@@ -143,15 +143,15 @@ def test_a_span_is_half_a_second_from_every_moment_within_a_window():
     samples = Samples(np.arange(100) * 10**9, np.zeros((100, 3)), np.zeros((100, 3)))
     stamps = np.array([0.0, 0.2, 0.4, 0.4996, 0.7, 1.0, 11.1, 21.0, 21.1, 21.7])  # 10.1 and 9.9 s without a moment
     truth = Truth(Path("t"), np.rint((stamps + 3) * 1e9).astype(np.int64), np.tile([1.0, 0, 0, 0], (10, 1)))
-    spans = spans_of(samples, truth)
+    spans = _spans_of(samples, truth)
     assert [*zip(spans.first, spans.last, strict=True)] == [(0, 3), (1, 4), (2, 5), (3, 5), (6, 7), (7, 9), (8, 9)]
     np.testing.assert_allclose(spans.begin_s, stamps[spans.first] + 3)
     np.testing.assert_allclose(spans.end_s, stamps[spans.last] + 3)
-    windows = spans_of(samples, replace(truth, window=np.array([0] * 4 + [1] * 6)))
+    windows = _spans_of(samples, replace(truth, window=np.array([0] * 4 + [1] * 6)))
     assert [*zip(windows.first, windows.last, strict=True)] == [(0, 3), (6, 7), (7, 9), (8, 9)]
-    assert len(spans_of(samples, truth_between(truth, 0, 1))) == 0
-    assert spans_of(samples, truth, most=3).first.tolist() == [0, 3, 8]
-    assert spans_of(samples, truth, most=7).first.tolist() == spans.first.tolist()
+    assert len(_spans_of(samples, truth_between(truth, 0, 1))) == 0
+    assert _spans_of(samples, truth, most=3).first.tolist() == [0, 3, 8]
+    assert _spans_of(samples, truth, most=7).first.tolist() == spans.first.tolist()
 
 
 @pytest.mark.parametrize("wild", [False, True])
@@ -277,7 +277,7 @@ def test_every_way_is_tried_and_the_one_that_explains_all_is_best(moved, order, 
     # Its matrix of 1 % is the rotation nearest to it; a constant bias is taken off.
     left = Rotation.from_matrix(right.reading.mounting) * Rotation.from_rotvec(np.multiply((10, -20, 5), DEG)).inv()
     assert left.magnitude() < 1.5 * DEG
-    assert frame_of(right) == "enu"
+    assert _frame_of(right) == "enu"
     assert right.mounted == pytest.approx(Rotation.from_matrix(right.reading.mounting).magnitude())
     assert [way.reading.sense for way in ways([one], TruthGiven(sense=sense, order=order), 0.0)] == [sense]
     kept = ways([one], TruthGiven(frame="enu", mounting=np.eye(3)), 0.0)
@@ -297,7 +297,7 @@ def test_a_span_of_more_than_a_quarter_turn_is_not_looked_at():
             Rotation.from_rotvec(np.outer(2 * truth * moments, [1, 0, 0])).as_quat(scalar_first=True),
         )
         samples = Samples(t_ns, rate, np.zeros((3001, 3)))
-        return AlignedLog(carried(samples, rate), spans_of(samples, cells), cells.q_nb, samples.accel)
+        return AlignedLog(carried(samples, rate), _spans_of(samples, cells), cells.q_nb, samples.accel)
 
     given = TruthGiven(order="wxyz", sense="body_to_world", mounting=np.eye(3))
     for scale in (1.0, 0.01):
@@ -312,7 +312,7 @@ def test_a_span_of_more_than_a_quarter_turn_is_not_looked_at():
 
 def test_the_contracts_own_way_stands_unless_another_leaves_less_than_half():
     def way(misfit, up=(0, 0, 1), mounted=0.0, **more):
-        return Way(
+        return _Way(
             TruthReading(mounting=Rotation.from_rotvec([mounted, 0, 0]).as_matrix(), **more), misfit, None if up is None else np.array(up)
         )
 
@@ -322,18 +322,18 @@ def test_the_contracts_own_way_stands_unless_another_leaves_less_than_half():
     assert way(0.1, (2.0, 0, 0)).cost == 0.1
     for share, better in ((0.499, True), (0.501, False)):
         other = way(0.2 * share, sense="world_to_body")
-        assert (best_way([own, other]) is other) == better
+        assert (_best_way([own, other]) is other) == better
     # Of those as good to 0.02, the least mounting, to a tenth of a rad; then the one whose up lies along its z axis.
     for more, least in ((0.0199, True), (0.0201, False)):
         turned, plain = way(0.01, mounted=1.0), way(0.01 + more)
-        assert (best_way([own, turned, plain]) is plain) == least
+        assert (_best_way([own, turned, plain]) is plain) == least
     lying, upright = way(0.01, (0, 1.0, 0)), way(0.012, (0, 0, -1.0), 0.04)
-    assert best_way([own, lying, upright]) is upright
-    assert best_way([own, way(0.01, None), upright]) is upright
+    assert _best_way([own, lying, upright]) is upright
+    assert _best_way([own, way(0.01, None), upright]) is upright
     unknown = way(0.01, None)
-    assert best_way([own, unknown, lying]) is unknown  # an up that is not known counts as one that lies across
-    assert best_way([own, lying, unknown]) is lying
-    assert best_way([own, lying, way(0.012, (0, 0, -1.0), 0.06)]) is lying
+    assert _best_way([own, unknown, lying]) is unknown  # an up that is not known counts as one that lies across
+    assert _best_way([own, lying, unknown]) is lying
+    assert _best_way([own, lying, way(0.012, (0, 0, -1.0), 0.06)]) is lying
 
 
 @pytest.mark.parametrize(("length", "tilt_deg", "known"), [(0.701, 0, True), (0.699, 0, False), (1.0, 25.8, True), (1.0, 25.9, False)])
@@ -343,8 +343,8 @@ def test_a_world_is_known_by_an_up_that_is_steady_and_near_an_axis(length, tilt_
         up = -down_of(frame)
         across = np.roll(up, 1)
         tilted = np.cos(tilt_deg * DEG) * up + np.sin(tilt_deg * DEG) * across
-        assert frame_of(Way(TruthReading(), 0.0, length * tilted)) == (frame if known else None)
-    assert frame_of(Way(TruthReading(), 0.0, None)) is None
+        assert _frame_of(_Way(TruthReading(), 0.0, length * tilted)) == (frame if known else None)
+    assert _frame_of(_Way(TruthReading(), 0.0, None)) is None
 
 
 def spinning(likeness, moments=300, samples=760):
@@ -389,7 +389,7 @@ def spinning(likeness, moments=300, samples=760):
 )
 def test_the_nearest_of_the_peaks_that_are_as_good_is_the_clock(likeness, found):
     log, pair = spinning(likeness)
-    offset_s = rough_offset([log], [pair])
+    offset_s = _rough_offset([log], [pair])
     assert offset_s == (found if found is None else pytest.approx(found))
 
 

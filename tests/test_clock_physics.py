@@ -8,7 +8,7 @@ import pytest
 from session.io.clock import exact_ns
 from session.io.errors import DataError
 from session.io.pace import pace_of
-from session.io.stamps import along_line, evenly, fresh, span_of_counter
+from session.io.stamps import _span_of_counter, along_line, evenly, fresh
 
 
 def steps(*periods, period=10_000):
@@ -138,9 +138,9 @@ def test_a_stamp_is_fresh_if_it_is_later():
     ],
 )
 def test_a_counter_falls_by_a_power_of_two_less_a_usual_step(fall, highest, span):
-    assert span_of_counter(fall, 10, 0, highest, 1) == span
+    assert _span_of_counter(fall, 10, 0, highest, 1) == span
     if span:
-        assert span_of_counter(fall, 10, -span / 2, highest - span / 2, 1) == span
+        assert _span_of_counter(fall, 10, -span / 2, highest - span / 2, 1) == span
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "1e999999", "1e400000", "", "1:2", "a:b:c", "::"])

@@ -9,7 +9,6 @@ import pytest
 from conftest import SESSION_TOML
 
 from session.bench.session_file import toml_text
-from session.detect.first_look import check_keys
 from session.io.config import Accelerometer, LeftOut, read_config
 from session.io.errors import FormatError
 from session.io.folder import add_exclude, add_notes
@@ -144,8 +143,6 @@ def test_a_byte_order_mark_of_an_editor_does_no_harm(tmp_path):
 def test_a_key_that_nothing_reads_is_named_with_the_nearest_known_one(tmp_path, old, new, key, near):
     config = read(tmp_path, SESSION_TOML.replace(old, new, 1))
     assert config.unknown == ((key, near),)
-    (finding,) = check_keys(config)
-    assert (finding.level, key in finding.says, near is None or near in finding.do) == ("warning", True, True)
 
 
 def test_a_file_that_is_missing_no_text_or_a_folder_is_refused(tmp_path):

@@ -14,31 +14,31 @@ from scipy.stats import norm
 
 from session.detect import dials
 from session.detect.axes import (
+    _SIGNED_PERMUTATIONS,
     IDENTITY,
-    SIGNED_PERMUTATIONS,
     Turns,
+    _axes_in_words,
     _closures,
     _counted_at,
+    _cut_turns,
     _mistakes,
     _refine_scale,
     _regress,
     _scale_correction,
     _shows_scale,
     agreement,
-    axes_in_words,
     check_gravity_moves,
-    cut_turns,
 )
 from session.detect.check_samples import (
     _same,
     _scatter_bar,
     _stands,
     _usual_step,
+    _without_force,
     check_dead,
     check_quantised,
     check_stamps,
     find_ceiling,
-    without_force,
 )
 from session.detect.dials import without_wrong_dials
 from session.detect.events import clips, plateau, run_bar
@@ -126,7 +126,7 @@ def test_a_signed_permutation_and_its_scale_are_found_exactly():
     table = Table().tumble(10, seed=3)
     samples = table.samples(gyro_mdps=1e-6, accel_ug=1e-6, registers=False, odr_hz=104)
     stills, _ = find_stills(samples)
-    for axes in SIGNED_PERMUTATIONS[::12]:
+    for axes in _SIGNED_PERMUTATIONS[::12]:
         wrong = replace(samples, gyro=samples.gyro @ axes / 1.25)
         found = agreement(wrong, [replace(still, gyro_mean=still.gyro_mean @ axes / 1.25) for still in stills])
         np.testing.assert_array_equal(found.axes, axes)
@@ -136,14 +136,14 @@ def test_a_signed_permutation_and_its_scale_are_found_exactly():
         assert found.others == ()
         assert found.misfit < 0.02
         assert (found.turns, found.ends) == (9, 9)  # one stays about the vertical
-    assert np.trace(SIGNED_PERMUTATIONS[IDENTITY]) == 3
+    assert np.trace(_SIGNED_PERMUTATIONS[IDENTITY]) == 3
 
 
 def test_turns_are_cut_into_blocks_that_add_up_to_their_angle():
     """The integral of the rate, less the stills' means: about a fixed axis, the turn's angle."""
     samples = Table().rest(2).turn(150, (1, 2, 0), 3.0).rest(2).samples(gyro_mdps=1e-6, accel_ug=1e-6, registers=False, odr_hz=104)
     stills, _ = find_stills(samples)
-    turns = cut_turns(samples, [tuple(stills)])
+    turns = _cut_turns(samples, [tuple(stills)])
     axis = np.array([1, 2, 0]) / np.sqrt(5)
     np.testing.assert_allclose(turns.angle.sum(axis=(0, 1)), 150 * DEG * axis, atol=2e-4)
     turned = Rotation.from_rotvec(150 * DEG * axis).inv()
@@ -222,7 +222,7 @@ def test_usual_mistakes_have_their_factors(good):
     ],
 )
 def test_wrong_axes_in_words(axes, words):
-    assert axes_in_words(np.asarray(axes, dtype=float)) == words
+    assert _axes_in_words(np.asarray(axes, dtype=float)) == words
 
 
 def turned_by(vector, blocks=7):
@@ -254,7 +254,7 @@ def test_a_regression_finds_the_scale_and_what_it_leaves():
     turns = Turns(np.full((1, 400, 3), 0.002 / 1.25) * [1, 0, 0], down[None], down[:1], down[-1:])
     scales, misfits = _regress(turns)
     assert (scales[IDENTITY], misfits[IDENTITY]) == (pytest.approx(1.25, rel=1e-4), pytest.approx(0, abs=1e-4))
-    mirrored = next(i for i, axes in enumerate(SIGNED_PERMUTATIONS) if (axes == np.diag([-1, 1, 1])).all())
+    mirrored = next(i for i, axes in enumerate(_SIGNED_PERMUTATIONS) if (axes == np.diag([-1, 1, 1])).all())
     assert (scales[mirrored], misfits[mirrored]) == (pytest.approx(-1.25, rel=1e-4), pytest.approx(0, abs=1e-4))
 
 
@@ -280,7 +280,7 @@ def test_rows_without_force_are_no_dead_axis_where_that_is_agreed():
     gyro, accel = rng.normal(size=(1000, 3)), rng.normal(size=(1000, 3))
     accel[300:700] = 0.0
     log = of_rows(gyro, accel)
-    assert np.flatnonzero(without_force(log.samples)).tolist() == list(range(300, 700))
+    assert np.flatnonzero(_without_force(log.samples)).tolist() == list(range(300, 700))
     assert [each.what for each in check_dead(log)] == ["accelerometer dead"] * 3
     assert "ax reads 0 g from row 300 to row 699, 2.9 to 6.7 s" in check_dead(log)[0].says
     assert "such places" not in check_dead(log)[0].says

@@ -14,7 +14,7 @@ from written_texts import TEXTS
 import calibrate
 from session.io.dialects import Answers
 from session.io.errors import FormatError
-from session.io.units import G, parse_unit
+from session.io.units import G
 from session.replay.convert import convert
 from tinygc import CalibrationError, read_session
 
@@ -384,28 +384,3 @@ def test_files_that_do_not_belong_together_are_refused(texts, said, tmp_path):
     with pytest.raises(CalibrationError, match=said):
         make(tmp_path, *texts)
     assert not (tmp_path / "session").exists()
-
-
-# Units
-
-
-@pytest.mark.parametrize(
-    ("kind", "text", "si"),
-    [
-        *(("time", text, si) for text, si in (("25us", 25_000), ("0.5 ms", 500_000))),
-        *(("gyro", text, DEG) for text in ("deg/s", "º/s", "ø/s", "Grad/s")),
-        *(("gyro", text, 1.0) for text in ("rad s^-1", "rad·s⁻¹")),
-        *(("gyro", text, si) for text, si in (("0.061 dps", 0.061 * DEG), ("rpm", 6 * DEG), ("lsb", None))),
-        *(("accel", text, 1.0) for text in ("m/s/s", "m/s2", "m·s⁻²", "m/s**2")),
-        ("accel", "g/2048", G / 2048),
-    ],
-)
-def test_units(kind, text, si):
-    assert parse_unit(kind, text).si == (None if si is None else pytest.approx(si))
-
-
-@pytest.mark.parametrize(
-    ("kind", "text"), [("time", "lsb"), ("time", "fortnight"), ("gyro", "g"), ("accel", "0g"), ("gyro", "dps/0"), ("time", "0.0001ns")]
-)
-def test_no_units(kind, text):
-    assert parse_unit(kind, text) is None

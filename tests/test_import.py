@@ -15,7 +15,6 @@ from written_texts import TEXTS, sensor_logger
 import tinygc
 from session.io.errors import DataError, FormatError
 from session.io.forms import form_of
-from session.io.headings import usual_columns
 from session.io.questions import QuestionsError
 from session.io.samples import Samples
 from session.io.units import TIME, G
@@ -207,28 +206,6 @@ def test_packed_registers_json_and_checksums(tmp_path):
     lines[70] = lines[70].replace("+1.0", "+1.1", 1)
     with pytest.raises(FormatError, match="line 71: its checksum is wrong"):
         make(tmp_path, "".join(lines), odr_hz=104.0)
-
-
-@pytest.mark.parametrize(
-    ("head", "gyro"),
-    [
-        ("t in s;Acc_x / m/s²;Acc_y / m/s²;Acc_z / m/s²;Gyr_x / °/s;Gyr_y / °/s;Gyr_z / °/s", (4, 5, 6)),
-        ("Czas;Mag X [G];Mag Y [G];Mag Z [G];Przysp. X [g];Przysp. Y [g];Przysp. Z [g];V X [dps];V Y [dps];V Z [dps]", (7, 8, 9)),
-        ("Zeit [ms];Rollrate [°/s];Nickrate [°/s];Gierrate [°/s];Beschl. X [g];Beschl. Y [g];Beschl. Z [g]", (1, 2, 3)),
-        ("Zeit;Fuß X [g];Fuß Y [g];Fuß Z [g];Hand X [g];Hand Y [g];Hand Z [g];V X [dps];V Y [dps];V Z [dps]", (7, 8, 9)),
-    ],
-)
-def test_columns_are_known_by_their_names_or_units(head, gyro):
-    columns = usual_columns(head.split(";"), "log.csv")
-    assert tuple(columns[f"g{axis}"][0] for axis in "xyz") == gyro
-    assert ("ax" in columns) == ("Hand" not in head)  # of two accelerometers a person says which
-
-
-@pytest.mark.parametrize(
-    ("file", "letter"), [("Gyroscope.csv", "g"), ("imu_acc_2.json", "a"), ("rotation_vector.csv", ""), ("walk.csv", "")]
-)
-def test_a_files_name_says_whose_axes_it_holds(file, letter):
-    assert set(usual_columns(("t", "x", "y", "z"), file)) == ({f"{letter}{axis}" for axis in "xyz"} if letter else set())
 
 
 # The clock: whatever it is called, and in a unit that something confirms

@@ -10,15 +10,15 @@ from conftest import config
 
 from session.detect.segments import (
     FoundTurn,
+    _find_known_turns,
+    _span_space,
     angle_read,
     contradiction,
     cut_segments,
-    find_known_turns,
     moments_of,
     moved_at,
     run_ends,
     session_segments,
-    span_space,
     why_broken,
     why_too_few,
     without_excluded,
@@ -277,7 +277,7 @@ def test_known_turns_are_counted_over_all_logs_or_in_their_own():
     angle = angle_read(samples, first[0])[2] / DEG
     asked = [known(angle, turn=2), known(angle, turn=0, log="b"), known(angle, turn=1, log="b"), known(-angle, turn=0, log="a")]
     asked += [known(angle, turn=4), known(angle, turn=2, log="b"), known(angle, turn=0, log="c")]
-    found = find_known_turns(asked, [*first, *second], [samples, samples], ["a", "b"])
+    found = _find_known_turns(asked, [*first, *second], [samples, samples], ["a", "b"])
     numbers = [turn.segment and turn.segment.number for turn in found]
     assert numbers == [2, 2, 3, 0, None, None, None]
     problems = [turn.problem for turn in found]
@@ -295,10 +295,10 @@ def test_three_axes_span_space_down_to_a_singular_value_of_three_tenths():
 
     lifts = np.linspace(0.2, 0.9, 15)
     smallest = [np.linalg.svd(np.array([turn.axis for turn in turns(lift)]))[1][2] for lift in lifts]
-    assert [span_space(turns(lift)) for lift in lifts] == [bool(value > 0.3) for value in smallest]
+    assert [_span_space(turns(lift)) for lift in lifts] == [bool(value > 0.3) for value in smallest]
     assert min(smallest) < 0.3 < max(smallest)
-    assert not span_space(turns(0.9)[:2])
-    assert not span_space(turns(0.9, "clips"))
+    assert not _span_space(turns(0.9)[:2])
+    assert not _span_space(turns(0.9, "clips"))
 
 
 def test_too_few_segments_say_what_is_missing():

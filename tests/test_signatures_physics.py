@@ -8,8 +8,8 @@ from conftest import DEG, Table, session_of
 from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.rest_noise import Share, coherent_share, lines_of, slope_of, spectra
-from session.detect.signatures import FILTER, NEW_ZERO, TRACKED, check_signatures
+from session.detect.rest_noise import Share, _coherent_share, lines_of, slope_of, spectra
+from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
 ZERO = np.array([0.56, -0.28, 0.42])
@@ -71,7 +71,7 @@ FAULTS = {
     "high-pass": (lambda w: high_passed(w, 2, 0.05) + ZERO, "high-pass", "the rate of z is less by the angle turned over 3.1"),
     "slow high-pass": (lambda w: high_passed(w, 0, 0.002) + ZERO, "high-pass", "a high-pass of 0.0019 Hz"),
     "tracked": (lambda w: tracked(w, 1.5), TRACKED, "at rest x, y, z are drawn to 0 with 1."),
-    "new zero": (lambda w: from_row(w + ZERO, 4000, lambda w: w - ZERO), NEW_ZERO, "the zero steps by -0.5"),
+    "new zero": (lambda w: from_row(w + ZERO, 4000, lambda w: w - ZERO), _NEW_ZERO, "the zero steps by -0.5"),
     "full scale": (lambda w: from_row(w, 3000, lambda w: 0.5 * w), "gyro range", "the rates are 0.5 times what they were"),
     "filter of one axis": (
         lambda w: from_row(w, 4000, lambda w: w * [1, 1, 0] + mean_of(4)(w) * [0, 0, 1]),
@@ -186,7 +186,7 @@ def flat(x):
 
 def shared(x, y):
     x, y = spectra(x), spectra(y)
-    return coherent_share(x, y, flat(x))
+    return _coherent_share(x, y, flat(x))
 
 
 @pytest.mark.parametrize("own", [0.5, 3.0])

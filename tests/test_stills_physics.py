@@ -13,15 +13,15 @@ from session.detect.stills import (
     Noise,
     SessionStills,
     Still,
+    _mean_as_a_slope_weighs,
+    _trend_of,
+    _usual_rate,
     block_moments,
     block_size,
     find_stills,
-    mean_as_a_slope_weighs,
     noise_floor,
     noise_variance,
-    trend_of,
     unused_rests,
-    usual_rate,
 )
 from session.io.config import Accelerometer
 from session.io.samples import Samples
@@ -91,7 +91,7 @@ def test_a_trend_is_the_straight_line_through_the_readings(spans):
     t_ns = np.cumsum(rng.integers(4_000_000, 6_000_000, count))
     values = rng.normal(size=(count, 3)) + np.linspace(0, 25, count)[:, None] * [1, 0, -2]
     rows = np.concatenate([np.arange(*span) for span in spans])
-    found = trend_of(values, t_ns, spans)
+    found = _trend_of(values, t_ns, spans)
     np.testing.assert_allclose(found.slope, np.polyfit(t_ns[rows] * NS, values[rows], 1)[0], rtol=1e-9)
     np.testing.assert_allclose(found.mean, values[rows].mean(axis=0))
     np.testing.assert_allclose(found.std, values[rows].std(axis=0, ddof=1))
@@ -103,11 +103,11 @@ def test_a_rate_counts_as_the_slope_of_its_integral_does(count):
     rate = np.random.default_rng(2).normal(size=(count + 80, 3))
     angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rate[40 : count + 40], axis=0)])
     # The line's weights are t (T - t) at the ends of a sample; at its middle a 4 n^2-th more.
-    np.testing.assert_allclose(mean_as_a_slope_weighs(rate, [(40, count + 40)]), np.polyfit(np.arange(count + 1), angle, 1)[0], atol=2e-4)
+    np.testing.assert_allclose(_mean_as_a_slope_weighs(rate, [(40, count + 40)]), np.polyfit(np.arange(count + 1), angle, 1)[0], atol=2e-4)
     weight = (np.arange(count) + 0.5) / count * (1 - (np.arange(count) + 0.5) / count)
     part = np.r_[0:30, 50:count]
     expected = weight[part] @ rate[40 + part] / weight[part].sum()
-    np.testing.assert_allclose(mean_as_a_slope_weighs(rate, [(40, 70), (90, count + 40)]), expected, atol=1e-12)
+    np.testing.assert_allclose(_mean_as_a_slope_weighs(rate, [(40, 70), (90, count + 40)]), expected, atol=1e-12)
 
 
 STEP = 1e-3  #: how far below and above a threshold
@@ -294,7 +294,7 @@ def test_a_still_may_read_three_dps_more_than_most_of_the_time(dps, count):
     blocks.gyro_mean[:20, 2] += dps * DEG
     assert len(blocks.stills()) == count
     assert len(blocks.stills()[-1].gyro_mean) == 3
-    np.testing.assert_array_equal(usual_rate(np.array([[1.0, 5, 2], [3, 4, 1], [2, 6, 9]]), np.array([1.0, 1.5, 3.0])), [2, 6, 9])
+    np.testing.assert_array_equal(_usual_rate(np.array([[1.0, 5, 2], [3, 4, 1], [2, 6, 9]]), np.array([1.0, 1.5, 3.0])), [2, 6, 9])
 
 
 @pytest.mark.parametrize(("period_s", "count"), [(0.25 / 16, 1), (0.249 / 16, 0)])

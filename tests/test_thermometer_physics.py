@@ -7,7 +7,7 @@ from conftest import SESSION_TOML
 from session.io.config import Sensor
 from session.io.logfile import read_log
 from session.io.rests import read_rest
-from session.io.thermometer import EXCURSION_C, FENCE, MOST_AT_ONCE, Sound, degrees_by, failed, grid_with
+from session.io.thermometer import _EXCURSION_C, _FENCE, _MOST_AT_ONCE, Sound, degrees_by, failed, grid_with
 from tinygc import read_session
 
 SENSOR = Sensor("ASM330LHH", "42", 13.0, 500.0, 4.0)
@@ -40,14 +40,14 @@ def test_what_stays_away_for_longer_is_a_bodys(length, is_out):
 def test_the_fence_is_by_the_quartiles_around(way, beyond, is_out):
     """Readings of 0 and 1 in turn: quartiles 0 and 1."""
     temp_c = np.tile([0.0, 1.0], 50)
-    temp_c[50] = (1 if way > 0 else 0) + way * (FENCE + EXCURSION_C + beyond)
+    temp_c[50] = (1 if way > 0 else 0) + way * (_FENCE + _EXCURSION_C + beyond)
     assert failed(temp_c).sum() == is_out
 
 
 @pytest.mark.parametrize(("beyond", "is_out"), [(0.0, False), (1e-6, True)])
 def test_an_excursion_of_two_steps_of_a_coarse_thermometer_is_left(beyond, is_out):
     temp_c = np.full(100, 20.0)
-    temp_c[30] += EXCURSION_C + beyond
+    temp_c[30] += _EXCURSION_C + beyond
     assert failed(temp_c).sum() == is_out
 
 
@@ -157,7 +157,7 @@ def test_a_column_temp_without_a_unit(tmp_path):
 @pytest.mark.parametrize("step", [0.01, 1.0])
 def test_one_in_twenty_fails(step):
     rng = np.random.default_rng(1)
-    temp_c = np.rint(np.linspace(20, 45, MOST_AT_ONCE + 5000) / step) * step
+    temp_c = np.rint(np.linspace(20, 45, _MOST_AT_ONCE + 5000) / step) * step
     out = rng.random(len(temp_c)) < 0.05
     temp_c[out] = rng.choice([-40.0, 0.0, 85.0, 128.0], size=out.sum())
     np.testing.assert_array_equal(failed(temp_c), out)

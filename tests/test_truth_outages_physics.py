@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made
 
 from session.detect.check_references import with_aligned_truth
-from session.detect.truth_outages import _runs, _usual, ceilings_of, without_outages
+from session.detect.truth_outages import _ceilings_of, _runs, _usual, without_outages
 from session.detect.truth_segments import cut_at_truth
 
 DENSE = Wrong(turns=8, every_s=0.02, sigma_deg=0.01)
@@ -94,18 +94,18 @@ def test_a_ceiling_is_where_the_gyro_stays_and_below_which_it_goes_along():
     """Twenty spans beyond 1.1 times the level, four of five of them within 5 % of it; below, within 5 % of the truth."""
     truth = np.tile(np.linspace(-2.0, 2.0, 401)[:, None], (1, 3))
     limited = np.clip(truth, -1.0, 1.0)
-    assert ceilings_of(truth, limited) == pytest.approx(np.ones(3))
+    assert _ceilings_of(truth, limited) == pytest.approx(np.ones(3))
     for scale, found in ((0.96, True), (0.94, False), (1.04, True), (1.06, False)):
-        assert np.isfinite(ceilings_of(truth, np.clip(truth * scale, -1.0, 1.0))).all() == found
-    assert np.isnan(ceilings_of(truth, truth * 0.8)).all()  # a scale that is far too small stands nowhere
+        assert np.isfinite(_ceilings_of(truth, np.clip(truth * scale, -1.0, 1.0))).all() == found
+    assert np.isnan(_ceilings_of(truth, truth * 0.8)).all()  # a scale that is far too small stands nowhere
     fast = np.flatnonzero(np.abs(truth[:, 0]) > 1.1)
     for beyond, found in ((20, True), (19, False)):
         kept = np.setdiff1d(np.arange(len(truth)), fast[beyond:])
-        assert np.isfinite(ceilings_of(truth[kept], limited[kept])).all() == found
+        assert np.isfinite(_ceilings_of(truth[kept], limited[kept])).all() == found
     for stay, found in ((0.82, True), (0.78, False)):
         falls = limited.copy()
         falls[fast[round(stay * len(fast)) :]] *= 0.5
-        assert np.isfinite(ceilings_of(truth, falls)).all() == found
+        assert np.isfinite(_ceilings_of(truth, falls)).all() == found
 
 
 def test_what_is_no_outage_and_what_freezes():

@@ -10,7 +10,7 @@ import pytest
 from conftest import DEG, config
 from looks import G
 
-from session.detect.check_time import check_undersampling, missed_of_turns
+from session.detect.check_time import _missed_of_turns, check_undersampling
 from session.detect.segments import cut_segments
 from session.detect.stills import Noise, Still
 from session.io.logfile import Log
@@ -104,7 +104,7 @@ def test_the_error_of_readings_is_predicted_from_fewer_of_them():
     """Against the fine integral, both by the first look's sums and by those in the table's axes."""
     fine, rate_hz = motion(1.6, seed=2), 100.0
     true, (samples, stills) = tilt_missed(fine, rate_hz), sampled(fine, rate_hz)
-    missed, told = missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0), undersampling(twin_of(fine, rate_hz))
+    missed, told = _missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0), undersampling(twin_of(fine, rate_hz))
     for found in (missed, told):
         assert 1 / 1.3 < found.rms_rad / true < 1.3
         assert found.exponent == pytest.approx(1.6, abs=0.2)
@@ -122,7 +122,7 @@ def test_motion_below_a_quarter_of_half_the_data_rate_misses_nothing():
     fine = motion(1.4, seed=3, below_hz=20)
     samples, stills = sampled(fine, 200.0)
     open_ended = tilt_missed(motion(1.4, seed=3), 200.0)
-    assert missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0).rms_rad < 1e-3 * open_ended
+    assert _missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0).rms_rad < 1e-3 * open_ended
     assert undersampling(twin_of(fine, 200.0)).rms_rad < 1e-3 * open_ended
     (line,) = looked(samples, stills)
     assert (line.level, "miss nothing of what is faster than 100 Hz" in line.says) == ("ok", True)

@@ -51,7 +51,7 @@ def _axes(*groups: np.ndarray) -> np.ndarray:
 
 _ONE_SCALE = np.eye(PARAMETERS)[:, SCALES].sum(axis=1, keepdims=True)
 #: what is tried, the most first.  Six faces up and down fix six numbers; a bias and one scale are the least that is worth its name
-RUNGS = (
+_RUNGS = (
     Ladder("scale, nonorthogonality and bias", np.eye(PARAMETERS)),
     Ladder("scale and bias", _axes(SCALES, BIASES)),
     Ladder("bias and one scale for all axes", np.concatenate([_ONE_SCALE, _axes(BIASES)], axis=1)),
@@ -199,7 +199,7 @@ class LengthFit:
     @property
     def fixes_all(self) -> bool:
         """Whether the attitudes fix all nine numbers."""
-        return self.rung is RUNGS[0]
+        return self.rung is _RUNGS[0]
 
     @property
     def zero(self) -> tuple[np.ndarray, np.ndarray]:
@@ -226,7 +226,7 @@ def fit_lengths(
     before = before or Accelerometer(source="none")
     attitudes = attitudes_of(force)
     misses = np.linalg.norm(force, axis=1) - gravity_mps2
-    for rung in RUNGS:
+    for rung in _RUNGS:
         if attitudes < rung.count:
             continue
         fitted = _fitted(rung, force, gravity_mps2, white_mps2)
@@ -465,7 +465,7 @@ def section(accelerometer: Accelerometer, remark: str = "", own_stills: bool = F
     return (f"# {remark}\n" if remark else "") + f"{SECTION}\nmatrix = [{rows}]\nbias_mps2 = [{bias}]\n{own}"
 
 
-def with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
+def _with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
     """The text of a session.toml with this calibration of its own stills in it.
 
     Raises FormatError where that cannot be done without touching something else.
@@ -519,6 +519,6 @@ def write_calibrated_copy(folder: Path, out: Path, accelerometer: Accelerometer)
     with folder_whole(out) as work:
         for path in sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")):
             if path.name == "session.toml":
-                write_new(work / path.name, with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer, REMARK))
+                write_new(work / path.name, _with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer, REMARK))
             else:
                 copy_new(path, work / path.name)

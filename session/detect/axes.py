@@ -43,10 +43,10 @@ COARSE, SHARP = 0.10, 0.03  #: how well the scale is known without still ends an
 SCALES = np.geomspace(0.85, 1.18, 67)  #: about the coarse one, in steps of half a percent
 
 #: (48, 3, 3) signed permutations: right-handed ones have determinant +1
-SIGNED_PERMUTATIONS = np.array(
+_SIGNED_PERMUTATIONS = np.array(
     [np.diag(signs)[:, list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 )
-IDENTITY = next(i for i, axes in enumerate(SIGNED_PERMUTATIONS) if np.trace(axes) == 3)
+IDENTITY = next(i for i, axes in enumerate(_SIGNED_PERMUTATIONS) if np.trace(axes) == 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | N
 
     samples with the specific force in right units and pre-calibrated; between: the stills of each turn to look at, all neighbours if None.
     """
-    turns = cut_turns(samples, list(pairwise(references(stills))) if between is None else between)
+    turns = _cut_turns(samples, list(pairwise(references(stills))) if between is None else between)
     if turns is None:
         return None
     scales, misfits = _regress(turns)
@@ -107,38 +107,38 @@ def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | N
     residuals, scale_std = np.full(len(scales), np.nan), COARSE
     if len(tilted) >= LEAST_TURNS:
         # A push moves gravity between two moments of a turn, and not from still to still.
-        residuals = np.where(scales > 0, _closures(tilted, scales[:, None, None] * SIGNED_PERMUTATIONS), np.inf)
+        residuals = np.where(scales > 0, _closures(tilted, scales[:, None, None] * _SIGNED_PERMUTATIONS), np.inf)
         for i in {*np.argsort(residuals)[:SHARPENED].tolist(), IDENTITY}:
             if scales[i] > 0:
-                scales[i], residuals[i] = _refine_scale(tilted, SIGNED_PERMUTATIONS[i], scales[i])
+                scales[i], residuals[i] = _refine_scale(tilted, _SIGNED_PERMUTATIONS[i], scales[i])
         best, scale_std = int(np.argmin(residuals)), SHARP
         path = float(np.median(np.linalg.norm(scales[best] * tilted.angle, axis=-1).sum(axis=1)))
         fits = np.flatnonzero(residuals <= max(FITS_TOO * residuals[best], FITS_WITHIN * path))
     else:
         best = int(np.argmin(misfits))
         fits = np.flatnonzero(misfits <= 1.5 * misfits[best] + 0.01)
-        shown = turns.of(_shows_scale(turns, scales[best] * SIGNED_PERMUTATIONS[best]))
+        shown = turns.of(_shows_scale(turns, scales[best] * _SIGNED_PERMUTATIONS[best]))
         if len(shown) >= LEAST_TURNS and scales[best] > 0:
-            scales[best], _ = _refine_scale(shown, SIGNED_PERMUTATIONS[best], scales[best])
+            scales[best], _ = _refine_scale(shown, _SIGNED_PERMUTATIONS[best], scales[best])
             scale_std = SHARP
     if IDENTITY in fits:
         best, fits = IDENTITY, fits[:0]
     return AxesAgreement(
-        axes=SIGNED_PERMUTATIONS[best],
+        axes=_SIGNED_PERMUTATIONS[best],
         scale=float(scales[best]),
         scale_std=scale_std,
         misfit=float(misfits[best]),
         identity_misfit=float(misfits[IDENTITY]),
         residual=float(residuals[best]),
         identity_residual=float(residuals[IDENTITY]),
-        others=tuple(SIGNED_PERMUTATIONS[i] for i in fits if i != best),
+        others=tuple(_SIGNED_PERMUTATIONS[i] for i in fits if i != best),
         turned=float(np.median(np.linalg.norm(scales[best] * turns.angle, axis=-1).sum(axis=1))),
         turns=len(turns),
         ends=len(tilted),
     )
 
 
-def cut_turns(samples: Samples, between: Sequence[Ends]) -> Turns | None:
+def _cut_turns(samples: Samples, between: Sequence[Ends]) -> Turns | None:
     """Turns between two stills each, averaged over blocks; those with a gap, or that hardly tilt, are left out."""
     for block_s in BLOCKS_S:
         turns = _cut(samples, between, max(1, round(block_s / samples.period_s)))
@@ -214,7 +214,7 @@ def _regress(turns: Turns) -> tuple[np.ndarray, np.ndarray]:
     levi_civita = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(2, 0, 1)
     design = np.einsum("ijk,nj,nl->nikl", levi_civita, middle, angle).reshape(-1, 9)
     normal, right, power_seen = design.T @ design, design.T @ change.ravel(), float((change**2).sum())
-    flat = SIGNED_PERMUTATIONS.reshape(48, 9)
+    flat = _SIGNED_PERMUTATIONS.reshape(48, 9)
     power = np.einsum("pi,ij,pj->p", flat, normal, flat)
     scales = np.divide(flat @ right, power, out=np.zeros(48), where=power > 0)
     return scales, 1 - scales * (flat @ right) / max(power_seen, 1e-300)
@@ -358,14 +358,14 @@ def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
     says = f"explains gravity's movement to {1 - found.misfit:.0%}{ends}, as logged to {1 - found.identity_misfit:.0%}"
     says += f" and {found.identity_residual / DEG:.2f} deg" if np.isfinite(found.identity_residual) else ""
     if found.others:
-        orders = [axes_in_words(axes) for axes in (found.axes, *found.others)]
+        orders = [_axes_in_words(axes) for axes in (found.axes, *found.others)]
         says = f"not as logged: {' - or: '.join(orders[:2])}: {says} ({turns}); {len(orders)} orders fit alike, and none is chosen"
         return Finding("error", where, "axes", says, "turn about the third axis as well; correct the columns where the log is written")
-    says = f"{axes_in_words(found.axes)}: {says} ({turns})"
+    says = f"{_axes_in_words(found.axes)}: {says} ({turns})"
     return Finding("error", where, "axes", says, _axes_advice(found.axes), _axes_corrections(found.axes))
 
 
-def axes_in_words(axes: np.ndarray) -> str:
+def _axes_in_words(axes: np.ndarray) -> str:
     """What is wrong with the gyro's columns, where ``omega = axes @ m`` for a signed permutation: one sentence part."""
     source, signs = np.argmax(np.abs(axes), axis=1), axes.sum(axis=1)
     flipped = ["xyz"[i] for i in range(3) if source[i] == i and signs[i] < 0]
@@ -401,12 +401,12 @@ def _axes_advice(axes: np.ndarray) -> str:
 def _of_accelerometer(axes: np.ndarray) -> tuple[np.ndarray, str]:
     """The accelerometer's axes (3, 3) that look like the gyro's, and what is wrong with its columns."""
     other = max((axes.T, -axes.T), key=np.trace)
-    return other, axes_in_words(other).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
+    return other, _axes_in_words(other).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
 
 
 def _axes_corrections(axes: np.ndarray) -> tuple[Correction, ...]:
     """Of the gyro; or of the accelerometer, where a turned one looks alike."""
-    gyro = Correction(axes_in_words(axes), "gyro", axes=_rows(axes))
+    gyro = Correction(_axes_in_words(axes), "gyro", axes=_rows(axes))
     if np.linalg.det(axes) < 0:
         return (gyro,)
     other, says = _of_accelerometer(axes)

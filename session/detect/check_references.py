@@ -362,14 +362,14 @@ def with_own_accelerometer(session: Session, anew: bool = False, looked_at: Sess
     if own.unobserved:
         level, says = "warning", f"{says}; not observable: {', '.join(own.unobserved)}"
         do = f"rest it on edges and corners, too, or {known}"
-    found = [Finding(level, SESSION_FILE, ACCELEROMETER, says, do), *check_zero(own, config.sensor), *drift_finding(own.drift)]
+    found = [Finding(level, SESSION_FILE, ACCELEROMETER, says, do), *_check_zero(own, config.sensor), *drift_finding(own.drift)]
     if config.site.gravity_mps2 is None:
         say = "not given: the scale that all axes share is fitted to standard gravity, and known to 0.2 % (one sigma)"
         found.append(Finding("note", SESSION_FILE, "site.gravity_mps2", say, "give local gravity, to 0.001 m/s², for a true scale"))
     return replace(session, config=replace(config, accelerometer=own.accelerometer)), found
 
 
-def check_zero(own: LengthFit, sensor: Sensor) -> list[Finding]:
+def _check_zero(own: LengthFit, sensor: Sensor) -> list[Finding]:
     """The accelerometer's zero against the greatest that its data sheet allows, or that of any such sensor; nothing within it (95 %)."""
     name, bar = sensor.typical("accel_zero_mg") or ("MEMS accelerometers", USUAL_ZERO_MG)
     value, sigma = (each / MG for each in own.zero)

@@ -113,7 +113,7 @@ def _gaps(samples: Samples, gaps: np.ndarray, lost: int, single: int, where: str
 def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel: bool = False) -> list[Finding]:
     """Clipping, axes that never move, readings that repeat; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none."""
     samples, findings = log.samples, []
-    absent = without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
+    absent = _without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
     if absent.any():
         says = f"{absent.sum()} of {len(absent)} rows read 0, 0, 0: taken as not recorded"
         findings.append(Finding("note", log.path.name, "accelerometer", says))
@@ -163,7 +163,7 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
 REST_G = 1.2
 
 
-def without_force(samples: Samples) -> np.ndarray:
+def _without_force(samples: Samples) -> np.ndarray:
     """(N,) bool: rows whose accelerometer reads 0, 0, 0."""
     return np.concatenate([(part == 0).all(axis=1) for _, part in pieces(samples.accel)])
 
@@ -327,7 +327,7 @@ COARSE_S, COARSE_READINGS, COARSE_RUNS = 0.15, 10, 3
 def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
     """The longest such run of each axis; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none, by agreement."""
     samples, findings = log.samples, []
-    absent = without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
+    absent = _without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
     for number, column in enumerate(("gx", "gy", "gz", "ax", "ay", "az")):
         found = _dead_runs(samples, number, absent)
         if not found:

@@ -244,7 +244,7 @@ def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, co
     """
     if noise is None:
         return []
-    missed = missed_of_turns(log.samples, turns, noise, config.protocol.segment_s)
+    missed = _missed_of_turns(log.samples, turns, noise, config.protocol.segment_s)
     if missed is None:
         return []
     where, what, half_hz = log.path.name, "fast motion", missed.rate_hz / 2
@@ -263,7 +263,7 @@ def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, co
     return [Finding("warning", where, what, says, do)]
 
 
-def missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segment_s: float) -> Missed | None:
+def _missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segment_s: float) -> Missed | None:
     """What all readings miss of the turns between these pairs of stills; None where they are too few.
 
     The floor is that of a segment, which lasts ``segment_s`` or as long as the turn.

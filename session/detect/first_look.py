@@ -188,14 +188,14 @@ def _rests_alone(folder: Path) -> list[Finding] | None:
         config = read_config(folder / "session.toml")
     except CalibrationError:
         return None  # the reading of the session says it
-    return check_keys(config) + check_rests(tuple(paths), config.sensor)
+    return _check_keys(config) + check_rests(tuple(paths), config.sensor)
 
 
 def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:
     """The first look at every log and closure run of a session that could be read; ``found`` holds its stills for later steps."""
     found = found or SessionStills(session)
     logs = (*session.logs, *session.closures)
-    findings = check_keys(session.config) + check_copies(logs) + check_standin(logs)
+    findings = _check_keys(session.config) + check_copies(logs) + check_standin(logs)
     for log in logs:
         found.of(log)
     whole = with_bridges(session)
@@ -224,7 +224,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     return [as_arguments(finding) for finding in findings] if session.in_memory else findings
 
 
-def check_keys(config: Config) -> list[Finding]:
+def _check_keys(config: Config) -> list[Finding]:
     """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force.  And a sensor without a name."""
     findings = []
     if not config.model_given:

@@ -109,9 +109,9 @@ def rest_spectrum(samples: Samples, stills: Sequence[Still], accelerometer: bool
     passed = np.sinc(hz * block_size(samples.period_s) * samples.period_s) ** 2
     weights = np.mean(np.abs(own) ** 2, axis=0) * passed[:, None]
     slope, sigma = slope_of(own, hz)
-    among = [coherent_share(own[:, :, [i]], np.delete(own, i, axis=2), weights[:, [i]]) for i in range(3)]
+    among = [_coherent_share(own[:, :, [i]], np.delete(own, i, axis=2), weights[:, [i]]) for i in range(3)]
     together = Share(float(np.mean([s.value for s in among])), float(np.mean([s.sigma for s in among])))
-    return RestSpectrum(lines_of(own, hz, weights), slope, sigma, together, coherent_share(own, other, weights))
+    return RestSpectrum(lines_of(own, hz, weights), slope, sigma, together, _coherent_share(own, other, weights))
 
 
 def sections(samples: Samples, stills: Sequence[Still]) -> list[tuple[int, int]] | None:
@@ -134,7 +134,7 @@ def spectra(x: np.ndarray) -> np.ndarray:
     return np.asarray(np.fft.rfft(x * np.hanning(length + 1)[:-1, None], axis=1))
 
 
-def coherent_share(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> Share:
+def _coherent_share(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> Share:
     """Share of the power of x (K, F, n) that is linear in y (K, F, p), with weights (F, n): mean of the multiple coherence.
 
     Of K sections without coherence, each frequency's is Beta(p, K - p) (Koopmans 1974, 8.4), of mean p/K, which is taken off.  Every other

@@ -303,7 +303,7 @@ def why_too_few(stills: Sequence[Still], segments: Sequence[Segment], turns: Seq
     used = sum(segment.accepted for segment in segments)
     if not used:
         return f"all {len(segments)} segments are rejected, the first because {segments[0].problem}"
-    if used >= FEWEST_SEGMENTS or span_space(turns):
+    if used >= FEWEST_SEGMENTS or _span_space(turns):
         return None
     return (
         f"{used} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with the lot's --lot): "
@@ -312,7 +312,7 @@ def why_too_few(stills: Sequence[Still], segments: Sequence[Segment], turns: Seq
     )
 
 
-def span_space(turns: Sequence[FoundTurn]) -> bool:
+def _span_space(turns: Sequence[FoundTurn]) -> bool:
     """Whether the axes of the known turns span space, so that every scale factor is observed."""
     axes = np.array([turn.axis for turn in turns if turn.problem is None]).reshape(-1, 3)
     return len(axes) >= 3 and float(np.linalg.svd(axes, compute_uv=False)[2]) > AXES_APART
@@ -355,7 +355,7 @@ class FoundTurn:
         return float(self.reads @ self.known.axis)
 
 
-def find_known_turns(
+def _find_known_turns(
     known: Sequence[KnownTurn], segments: Sequence[Segment], samples: Sequence[Samples], names: Sequence[str]
 ) -> list[FoundTurn]:
     """Each known turn with its segment; samples and names of the logs that ``Segment.log`` counts."""
@@ -385,7 +385,7 @@ def known_turns(session: Session, parts: Sequence[LogSegments]) -> list[FoundTur
     """Match the session's known turns to its segments; none where none is known."""
     segments = [segment for part in parts for segment in part.segments]
     names = [part.log.path.name for part in parts]
-    return find_known_turns(session.turns, segments, [part.found.samples for part in parts], names) if session.turns else []
+    return _find_known_turns(session.turns, segments, [part.found.samples for part in parts], names) if session.turns else []
 
 
 def angle_read(samples: Samples, segment: Segment) -> np.ndarray:

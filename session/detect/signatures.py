@@ -28,7 +28,7 @@ from session.io.units import DEG, MDPS, G
 MOST = 1 << 18
 SENSORS = ("gyro", "accelerometer")
 FEW, EXCHANGED, WRAPS, DEAD_BAND = "few values", "byte order", "gyro wraps", "dead band"
-RANGE, FILTER, HIGH_PASS, TRACKED, NEW_ZERO = "gyro range", "gyro filter", "high-pass", "tracked zero", "new zero"
+RANGE, FILTER, HIGH_PASS, TRACKED, _NEW_ZERO = "gyro range", "gyro filter", "high-pass", "tracked zero", "new zero"
 #: findings that explain stills, turns and noise that are wrong or missing
 CAUSES = (FEW, EXCHANGED, WRAPS, DEAD_BAND, RANGE, HIGH_PASS)
 
@@ -513,4 +513,4 @@ def _check_new_zero(where: str, rests: _Rests) -> list[Finding]:
     _, at, step, to_zero = max(found, key=lambda each: each[0])
     says = f"the zero steps by {xyz_text(step / DEG)} dps{' to 0' if to_zero else ''} {rests.between(at)}"
     do = "does the board take its zero anew there? switch that off" if to_zero else "a knock, a restart, a new zero?"
-    return [Finding("warning", where, NEW_ZERO, says, f"{do}, or cut the log there; the effect gyro.bias_step fits it")]
+    return [Finding("warning", where, _NEW_ZERO, says, f"{do}, or cut the log there; the effect gyro.bias_step fits it")]

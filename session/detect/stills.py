@@ -78,7 +78,7 @@ class Trend:
     slope: np.ndarray
 
 
-def trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
+def _trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
     """Of readings (N, 3) of a log at stamps (N,) ns."""
     first = t_ns[spans[0][0]]
     if _count(spans) <= AT_ONCE:
@@ -97,7 +97,7 @@ def trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
     return Trend(mean, np.sqrt(square / (count - 1)), along / leverage)
 
 
-def mean_as_a_slope_weighs(values: np.ndarray, spans: Spans) -> np.ndarray:
+def _mean_as_a_slope_weighs(values: np.ndarray, spans: Spans) -> np.ndarray:
     """(3,) of readings (N, 3), each weighted as a fitted slope weighs a rate at its time: by ``(T/2)^2 - (t - T/2)^2``."""
     first, last = spans[0][0], spans[-1][1] - 1
 
@@ -233,7 +233,7 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
     noise = _noise(runs, blocks)
     stills = [_settled(samples, run, blocks.size, noise, round(shortest)) for run in runs]
     # A turn at constant rate is quiet as well; its rate separates it from the stills.
-    usual = usual_rate(*(np.array([getattr(still, name) for still in stills]) for name in ("gyro_mean", "duration_s")))
+    usual = _usual_rate(*(np.array([getattr(still, name) for still in stills]) for name in ("gyro_mean", "duration_s")))
     return [still for still in stills if np.abs(still.gyro_mean - usual).max() <= TURNING_RPS], noise
 
 
@@ -326,7 +326,7 @@ def measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     """The still of a run's blocks of ``size`` samples, as it stands."""
     spans = [(a * size, b * size) for a, b in run]
     first, last = spans[0][0], spans[-1][1] - 1
-    gyro, accel = (trend_of(values, samples.t_ns, spans) for values in (samples.gyro, samples.accel))
+    gyro, accel = (_trend_of(values, samples.t_ns, spans) for values in (samples.gyro, samples.accel))
     # A direction d fixed in the world, seen from a body that turns with omega: dd/dt = -omega x d, so omega = dd/dt x d + (about d).
     squared = accel.mean @ accel.mean
     tilt_rate = np.cross(accel.slope, accel.mean) / squared if squared else np.full(3, np.nan)
@@ -349,7 +349,7 @@ def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noi
     """The still once it has come to rest: what settles at its ends is cut off; one that never rests has a problem."""
     whole = still = measure(samples, run, size)
     # What the gyro reads (3,) at rest: its mean over a still, weighted as gravity's slope is, less the rate at which gravity turns.
-    zero_rate = mean_as_a_slope_weighs(samples.gyro, [(a * size, b * size) for a, b in run]) - whole.tilt_rate
+    zero_rate = _mean_as_a_slope_weighs(samples.gyro, [(a * size, b * size) for a, b in run]) - whole.tilt_rate
     while _creep(still, whole, zero_rate, noise):
         length = sum(stop - start for start, stop in run)
         cut = max(1, length // 10)
@@ -392,7 +392,7 @@ def _without_end(run: list[tuple[int, int]], cut: int, at_start: bool) -> list[t
     return [(max(a, first), min(b, last)) for a, b in run if max(a, first) < min(b, last)]
 
 
-def usual_rate(rates: np.ndarray, durations_s: np.ndarray) -> np.ndarray:
+def _usual_rate(rates: np.ndarray, durations_s: np.ndarray) -> np.ndarray:
     """(3,) rad/s: what most of the time at rest reads, of mean rates (Q, 3) over durations (Q,) s."""
     return np.array([weighted_median(rates[:, i], durations_s) for i in range(3)])
 
@@ -429,7 +429,7 @@ def unused_rests(samples: Samples, stills: list[Still], still_s: float) -> list[
     runs = [run for run in runs if (run[1] - run[0]) * blocks.duration_s >= LEAST_S]
     rates = np.array([blocks.gyro_mean[start:stop].mean(axis=0) for start, stop in runs]).reshape(-1, 3)
     lengths = np.array([stop - start for start, stop in runs], dtype=float)
-    usual = np.median([still.gyro_mean for still in stills], axis=0) if stills else usual_rate(rates, lengths) if runs else np.zeros(3)
+    usual = np.median([still.gyro_mean for still in stills], axis=0) if stills else _usual_rate(rates, lengths) if runs else np.zeros(3)
     taken = np.array([(still.start // blocks.size, -(-still.stop // blocks.size)) for still in stills], dtype=int).reshape(-1, 2)
     shortest_s = MIN_STILL_FRACTION * still_s
     for number, (run, rate) in enumerate(zip(runs, rates, strict=True)):

@@ -124,7 +124,7 @@ class Spans:
         return product(inverse(q[self.first]), q[self.last])
 
 
-def spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
+def _spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
     """Spans of ``SPAN_S`` from every moment, or of every so many; none across windows."""
     t_s = (truth.t_ns - samples.t_ns[0]) * NS
     last = np.searchsorted(truth.t_ns, truth.t_ns + round(SPAN_S * NS_PER_S * 0.999))
@@ -141,7 +141,7 @@ def spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
 def all_spans(session: Session) -> list[Spans]:
     """Of each log with its truth, and of each an equal share of ``MOST_SPANS`` at most, rounded up."""
     truths: Sequence[Truth] = session.truths or ()
-    return [spans_of(log.samples, truth, -(-MOST_SPANS // len(truths))) for log, truth in zip(session.logs, truths, strict=True)]
+    return [_spans_of(log.samples, truth, -(-MOST_SPANS // len(truths))) for log, truth in zip(session.logs, truths, strict=True)]
 
 
 # Which way a truth file's quaternions turn, whose axes they are of, and which way is up in its world.
@@ -161,7 +161,7 @@ STEADY = 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class _Way:
     """One way to read the file: misfit, the share of the truth's squared rotation that the gyro leaves; up (3,), the mean specific force
     in the file's world over its mean length, or None where the log has none; ``reading``'s mounting is the one that fits."""
 
@@ -190,7 +190,7 @@ class AlignedLog:
     force: np.ndarray
 
 
-def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list[Way]:
+def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list[_Way]:
     """Every way to read the files that is not ruled out by what is given, the contract's own first."""
     stated = TruthReading.of(given)
     senses = SENSES if given.sense is None else (given.sense,)
@@ -209,11 +209,11 @@ def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list
             force = one.force[one.gyro.nearest(one.spans.begin_s + reading.offset_s)[0]]
             total += Rotation.from_quat(q, scalar_first=True).apply(force).sum(axis=0)  # a force that is not known is zero
             length += float(np.sum(np.linalg.norm(force, axis=1)))
-        found.append(Way(reading, misfit, total / length if length > 0 else None))
+        found.append(_Way(reading, misfit, total / length if length > 0 else None))
     return found
 
 
-def best_way(found: list[Way]) -> Way:
+def _best_way(found: list[_Way]) -> _Way:
     """The contract's own, unless another is much better; of those that are as good, the one with the least mounting, then the earlier."""
     own, least = found[0], min(found, key=lambda way: way.cost)
     if least.cost > MUCH_LESS * own.cost:
@@ -223,7 +223,7 @@ def best_way(found: list[Way]) -> Way:
     return min(good, key=lambda way: (round(way.mounted, 1), 0.0 if way.up is None else -abs(way.up[2])))
 
 
-def frame_of(way: Way) -> str | None:
+def _frame_of(way: _Way) -> str | None:
     """The world's frame by which way is up, or None where that is not known."""
     if way.up is None or np.linalg.norm(way.up) < STEADY:
         return None
@@ -274,7 +274,7 @@ ALIKE = 0.7
 AS_GOOD, NEAR = 1.5, 5
 
 
-def rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarray]], around_s: float = 0.0) -> float | None:
+def _rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarray]], around_s: float = 0.0) -> float | None:
     """Seconds to add to the truth's stamps, or None where the speeds are not alike at any; truth: of each log, spans and the quaternions
     (K, 4) that they turn by; around_s: the middle of what is searched, an offset that is known beforehand."""
     steps = STEP_S * np.arange(-round(REACH_S / STEP_S), round(REACH_S / STEP_S) + 1)
@@ -527,12 +527,12 @@ def _alignment(session: Session, given: TruthGiven, stated: TruthReading) -> Tru
     if sum(len(one.spans) for one in seen) < FEWEST_SPANS:
         return _unknown(stated, source)
     turns = [(one.spans, one.spans.turned(stated.read(one.written))) for one in seen]
-    rough = rough_offset([one.gyro for one in seen], [_fewer(*pair) for pair in turns], stated.offset_s)
+    rough = _rough_offset([one.gyro for one in seen], [_fewer(*pair) for pair in turns], stated.offset_s)
     if rough is None:
         return _unknown(stated, source)
     # What is given is finer than the search, unless the recording contradicts it.
     start = stated.offset_s if abs(rough - stated.offset_s) < 1.5 * STEP_S and given.offset_s is not None else rough
-    way = best_way(ways(seen, given, start))
+    way = _best_way(ways(seen, given, start))
     if 1 - way.misfit < EXPLAINED:
         return _unknown(stated, source)
     fine = refined(seen, [log.samples for log in session.logs], way.reading)
@@ -561,13 +561,13 @@ def _unknown(stated: TruthReading, source: dict[str, str]) -> TruthAlignment:
     return TruthAlignment(stated, source, float("nan"), float("nan"), nothing, nothing, None, float("nan"))
 
 
-def _adopted(given: TruthGiven, stated: TruthReading, source: dict[str, str], way: Way, fine: Fine | None) -> TruthAlignment:
+def _adopted(given: TruthGiven, stated: TruthReading, source: dict[str, str], way: _Way, fine: Fine | None) -> TruthAlignment:
     """What is adopted of a convention and of the refined estimate; the rest stays as stated."""
     source, reading = dict(source), replace(way.reading, mounting=stated.mounting, offset_s=stated.offset_s)
     for name in ("order", "sense"):
         if getattr(given, name) is None and getattr(reading, name) != getattr(stated, name):
             source[name] = FOUND
-    frame = frame_of(way)
+    frame = _frame_of(way)
     if given.frame is None and frame is not None:
         source["frame"] = FOUND
         reading = replace(reading, frame=frame)

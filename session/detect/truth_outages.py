@@ -68,7 +68,7 @@ BEYOND, STAYS, GOES_ALONG = 1.1, 0.05, 0.05
 ALONG, MOST_STAY = (0.3, 0.8), 0.8
 
 
-def ceilings_of(truth_rate: np.ndarray, gyro_rate: np.ndarray) -> np.ndarray:
+def _ceilings_of(truth_rate: np.ndarray, gyro_rate: np.ndarray) -> np.ndarray:
     """(3,) rad/s, NaN where there is none: the level of each axis that the gyro's rates (K, 3) do not pass where the truth's (K, 3) do."""
     found = np.full(3, np.nan)
     for axis, (truth, gyro) in enumerate(zip(np.abs(truth_rate).T, np.abs(gyro_rate).T, strict=True)):
@@ -99,7 +99,7 @@ def _aligned(session: Session) -> Session:
     if aligned.truths is None or aligned.alignment is None:
         return aligned
     pairs = [_rates(log.samples, truth) for log, truth in zip(aligned.logs, aligned.truths, strict=True)]
-    levels = ceilings_of(*(np.concatenate(rates) for rates in zip(*pairs, strict=True)))
+    levels = _ceilings_of(*(np.concatenate(rates) for rates in zip(*pairs, strict=True)))
     if np.isnan(levels).all():
         return aligned
     share, below = [], []

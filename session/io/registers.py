@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PROFILES: tuple[Profile, ...] = (*st.PROFILES, *invensense.PROFILES, *others.PROFILES)
 #: the sensor where none is named (docs/formats.md)
 DEFAULT = "ASM330LHH"
-GENERIC = "generic"
+_GENERIC = "generic"
 
 
 def _pattern(name: str) -> re.Pattern[str]:
@@ -31,14 +31,14 @@ def _pattern(name: str) -> re.Pattern[str]:
     return re.compile(rf"(?<![A-Za-z0-9]){written}(?:TR)?(?![A-Za-z0-9])", re.IGNORECASE)
 
 
-_PATTERNS = [(_pattern(name), profile) for profile in PROFILES if profile.name != GENERIC for name in (profile.name, *profile.also)]
+_PATTERNS = [(_pattern(name), profile) for profile in PROFILES if profile.name != _GENERIC for name in (profile.name, *profile.also)]
 
 
 @lru_cache(maxsize=256)
 def profile_of(model: str) -> Profile | None:
     """The known sensor that a text names; None where it names none, or two.  ``generic`` counts only by itself."""
-    if model.strip().lower() == GENERIC:
-        return next(profile for profile in PROFILES if profile.name == GENERIC)
+    if model.strip().lower() == _GENERIC:
+        return next(profile for profile in PROFILES if profile.name == _GENERIC)
     found = [(match.span(), profile) for pattern, profile in _PATTERNS for match in pattern.finditer(model)]
     # LSM6DS3TR-C begins like LSM6DS3TR: the longer name counts.
     named = {

@@ -33,7 +33,7 @@ OFF = 2.0
 FEW_CHANGES = 4
 
 
-def span_of_counter(fall: float, usual: float, lowest: float, highest: float, unit: float) -> float | None:
+def _span_of_counter(fall: float, usual: float, lowest: float, highest: float, unit: float) -> float | None:
     """The span of a counter that has come round where its stamps fall by ``fall``; None where no counter falls so.
 
     It is a power of two of its tick, and the stamp behind its end is as far from the one before it as stamps usually are.  Its values,
@@ -86,7 +86,7 @@ class Unroll:
         usual = _usual(steps)
         if self._unit is None or not usual:
             return 0.0
-        return span_of_counter(float(np.median(-steps[falls])), usual, self._lowest, self._highest, self._unit) or 0.0
+        return _span_of_counter(float(np.median(-steps[falls])), usual, self._lowest, self._highest, self._unit) or 0.0
 
 
 def _usual(steps: np.ndarray) -> float:

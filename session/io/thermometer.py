@@ -10,13 +10,13 @@ from session.io.numeric import smallest_step
 from session.io.units import TEMPERATURE, Unit
 
 #: degC: twice the step of the coarsest thermometers; a smaller excursion is left
-EXCURSION_C = 2.0
+_EXCURSION_C = 2.0
 #: readings on either side of one that is judged; most that fail in a row: a body that warms and cools again takes more
 AROUND, IN_A_ROW = 20, 5
 #: interquartile ranges of the readings around, beyond their quartiles: 9 sigmas of white noise
-FENCE = 6.0
+_FENCE = 6.0
 #: at once: of a register that is taken for degrees every reading jumps
-MOST_AT_ONCE = 1 << 15
+_MOST_AT_ONCE = 1 << 15
 
 
 def failed(temp_c: np.ndarray) -> np.ndarray:
@@ -25,7 +25,7 @@ def failed(temp_c: np.ndarray) -> np.ndarray:
     A reading that stands for several rows counts once.  A jump that does not return is a body's, or another's; so is what comes gradually.
     """
     out = np.zeros(len(temp_c), dtype=bool)
-    jumps = np.abs(np.diff(temp_c)) > EXCURSION_C
+    jumps = np.abs(np.diff(temp_c)) > _EXCURSION_C
     if not jumps.any():
         return out
     changes = np.flatnonzero(np.diff(temp_c)) + 1
@@ -34,12 +34,12 @@ def failed(temp_c: np.ndarray) -> np.ndarray:
     short = np.diff(edges) <= IN_A_ROW * held
     starts, stops = edges[:-1][short], edges[1:][short]
     whole = min(2 * AROUND, (len(temp_c) - 1) // held)
-    for at in range(0, len(starts), MOST_AT_ONCE):
-        begin, end = (part[at : at + MOST_AT_ONCE] for part in (starts, stops))
+    for at in range(0, len(starts), _MOST_AT_ONCE):
+        begin, end = (part[at : at + _MOST_AT_ONCE] for part in (starts, stops))
         middle = (begin + end - 1) // 2
         first = np.clip(middle - AROUND * held, 0, len(temp_c) - 1 - whole * held)
         low, high = np.quantile(temp_c[first[:, None] + held * np.arange(whole + 1)], [0.25, 0.75], axis=1)
-        beyond = np.maximum(low - temp_c[middle], temp_c[middle] - high) > FENCE * (high - low) + EXCURSION_C
+        beyond = np.maximum(low - temp_c[middle], temp_c[middle] - high) > _FENCE * (high - low) + _EXCURSION_C
         for start, stop in zip(begin[beyond].tolist(), end[beyond].tolist(), strict=True):
             out[start:stop] = True
     return out

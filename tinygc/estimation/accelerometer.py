@@ -225,7 +225,7 @@ def jacobian(calibration: Accelerometer, x: np.ndarray) -> np.ndarray:
     return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
 
 
-def unobserved_values(joint: JointFit) -> tuple[str, ...]:
+def _unobserved_values(joint: JointFit) -> tuple[str, ...]:
     """Return the names of the triad's parameters with a tenth or more of their production spread from unobserved parameters of x."""
     left = np.isin(NAMES, joint.unobserved)
     spread = (jacobian(joint.accelerometer, joint.x) * joint.prior) ** 2
@@ -249,7 +249,7 @@ def accelerometer_fit(
         joint.mode,
         calibration,
         own,
-        unobserved_values(joint),
+        _unobserved_values(joint),
         joint.p_value,
         (before, joint.after),
         joint.x,

@@ -169,7 +169,7 @@ def frame_angle(first: SessionTriad, other: SessionTriad) -> float:
     return float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
 
 
-def compare_triads(triads: list[SessionTriad], configs: list[Config]) -> TriadComparison:
+def _compare_triads(triads: list[SessionTriad], configs: list[Config]) -> TriadComparison:
     """Compare the triads; their agreement excludes the error of a calibration that was given to all."""
     estimated = [triad for triad in triads if triad.covariance is not None]
     seen = np.array([not any(name in triad.unobserved for triad in triads) for name in ACCELEROMETER_NAMES])
@@ -390,7 +390,7 @@ def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
         moved=_moved(sessions, labels, by, off, looked_at),
         notes=(*_notes(sessions), *_frame_notes(sessions, np.sqrt(np.einsum("sii->si", spread)), labels)),
         with_bias=bias,
-        triads=compare_triads([s.triad for s in sessions], [s.config for s in sessions]),
+        triads=_compare_triads([s.triad for s in sessions], [s.config for s in sessions]),
     )
 
 

@@ -18,6 +18,7 @@ def fitted(folder):
     return fit.result, fit.to_json()
 
 
+@pytest.mark.broad
 def test_real_xsens_is_cut_without_a_setting_and_closes_better_than_its_public_peer(shared):
     """imu_tk: 0.519 degrees in sample, 0.61 on segments it has not seen."""
     result, table = fitted(shared / "xsens")

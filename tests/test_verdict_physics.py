@@ -121,6 +121,8 @@ def test_models_are_compared_on_the_segments_that_both_have():
     numbers["tinygc"] = [10, 11, 12, 13, 14, 15]
     assert used({"least_squares": 1.0, "tinygc": 0.5}, 6, numbers=numbers).method == "least_squares"
     assert used({"raw": 0.1}).why == "nothing was fitted"
+    assert used({"least_squares": 1.0}).why.endswith("the only one fitted")
+    assert "within 1 % of the best" in used({"least_squares": 1.0, "tinygc": 0.995}).why
 
 
 def judged(times=1.0, segments=40, **known):

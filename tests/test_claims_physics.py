@@ -11,13 +11,13 @@ from scipy.stats import chi2, multivariate_normal, t
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.effects.effect import StatedNumbers
+from tinygc.explanation import checked
 from tinygc.explanation.checked import (
     OUTCOMES,
     STRONG,
     Checked,
     CheckedEffect,
     Outcome,
-    SizedEffect,
     _odds_of,
     _of_recording,
     _weighed_by,
@@ -326,11 +326,11 @@ def test_a_thermometer_closes_the_question_where_one_member_has_nearly_all():
 
 THETA = np.array([3e-3, -1e-3, 2e-3])
 COVARIANCE = 1e-8 * np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]])
-NAMED = SizedEffect(ASYMMETRY, THETA, COVARIANCE, 0.99)
+NAMED = checked.SizedEffect(ASYMMETRY, THETA, COVARIANCE, 0.99)
 
 
 def there(share, wider=1.0):
-    return SizedEffect(ASYMMETRY, share * THETA, wider * COVARIANCE, 0.99)
+    return checked.SizedEffect(ASYMMETRY, share * THETA, wider * COVARIANCE, 0.99)
 
 
 def test_odds_and_size_there_are_those_of_the_two_normal_densities():
@@ -378,7 +378,7 @@ def test_odds_of_twenty_to_one_decide(named, seen, odds, outcome, standing):
 
 def test_the_earths_rate_is_turned_about_the_vertical_with_its_uncertainty():
     rate = EARTH_RATE_RPS * np.array([0.6, 0.0, -0.8])
-    turned = headings(SizedEffect(EARTH, rate, EARTH_RATE_RPS**2 * np.diag([0.04, 0.01, 0.09]), 0.99))
+    turned = headings(checked.SizedEffect(EARTH, rate, EARTH_RATE_RPS**2 * np.diag([0.04, 0.01, 0.09]), 0.99))
     assert len(turned) == 72
     assert turned[18].theta == pytest.approx(EARTH_RATE_RPS * np.array([0.0, 0.6, -0.8]), abs=1e-12)
     assert np.diag(turned[18].covariance) == pytest.approx(EARTH_RATE_RPS**2 * np.array([0.01, 0.04, 0.09]))

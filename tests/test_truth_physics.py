@@ -167,9 +167,12 @@ def test_a_size_that_no_gyroscope_has_is_implausible():
     assert [truth_claim(_SMOOTHING, np.array([k]), None, 0.01).implausible for k in (1e-6, -1e-6)] == [False, True]
 
 
+FORCE_BIAS = np.array([0.3, -0.2, 0.25])  # m/s^2
+
+
 @pytest.fixture(scope="module")
 def whole():
-    """A gyro with 0.3 dps/g, a truth that is 6 ms late and wrong at two moments, explained."""
+    """A gyro with 0.3 dps/g, an accelerometer with a bias, a truth that is 6 ms late and wrong at two moments, explained."""
     session, _ = made(Wrong(turns=24, late_s=0.006))
     (log,), (truth,) = session.logs, session.truths
     gyro = log.samples.gyro + 0.3 * DEG * log.samples.accel[:, [1, 2, 0]] / 9.80665
@@ -179,11 +182,11 @@ def whole():
     for moment in moments:
         row = int(np.argmin(np.abs(cut.session.truths[0].t_ns * 1e-9 - moment)))
         q[row] = (Rotation.from_quat(q[row], scalar_first=True) * jump).as_quat(scalar_first=True)
-    log, truth = replace(log, samples=replace(log.samples, gyro=gyro)), replace(truth, q_nb=q)
+    accel = log.samples.accel + FORCE_BIAS
+    log, truth = replace(log, samples=replace(log.samples, gyro=gyro, accel=accel)), replace(truth, q_nb=q)
     return explain_truth(replace(session, logs=(log,), truths=(truth,))), moments
 
 
-@pytest.mark.broad
 def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     e, moments = whole
     named = {each.effect.id: each for each in e.claimed}
@@ -195,6 +198,8 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     own = named["gyro.g_sensitivity"]
     sizes, sigmas = (x.reshape(3, 3)[[0, 1, 2], [1, 2, 0]] / DEG for x in (own.theta, own.sigma))
     assert np.abs((sizes - 0.3) / sigmas).max() < 4
+    assert np.abs((e.force.bias - FORCE_BIAS) / e.force.sigma).max() < 4
+    assert e.force.sigma.max() < 0.03
     assert e.closure_rms[1] < 0.6 * e.closure_rms[0]
     assert e.held_out_rms[1] < 0.6 * e.held_out_rms[0]
     assert e.verdict in ("explained", "partly_explained")

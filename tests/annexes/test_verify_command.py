@@ -82,8 +82,9 @@ def folder(unit, tmp_path_factory):
 
 
 def test_a_calibration_that_holds_says_so(model, folder, run, tmp_path):
-    code, out, _ = run("verify", model, folder, "--json", tmp_path / "found.json")
+    code, out, _ = run("verify", model, folder, "--json", tmp_path / "found.json", "--write", tmp_path / "anew.json")
     assert code == 0
+    assert json.loads((tmp_path / "anew.json").read_text())["stored"]["method"] is None
     assert out.startswith("holds: ")
     found = json.loads((tmp_path / "found.json").read_text())
     assert strangers(found) == []
@@ -101,6 +102,7 @@ def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tm
     assert (found.answer, found.exit_code) == ("holds for E, take B anew", 1)
     assert found.bias_dps == pytest.approx((unit.B + moved) / DEG, abs=0.01)
     assert found.result.diagnosis.best.names == ("zero",)
+    assert any("the model does not say how warm" in note for note in found.result.notes)
     assert "x -1 " in found.result.diagnosis.best.words[0]  # it reads less where B is more
     written = found.save_model(tmp_path / "anew.json")
     assert pytest.approx(found.bias_dps) == tinygc.load(written).model.B / DEG
@@ -165,13 +167,6 @@ def test_what_is_wrong_is_said(model, folder, run, words, says):
     assert (code, says in error) == (2, True)
 
 
-def test_the_model_with_its_new_zero_is_written(model, folder, run, tmp_path):
-    path = tmp_path / "anew.json"
-    assert run("verify", model, folder, "--write", path)[0] == 0
-    assert pytest.approx(tinygc.load(model).model.E) == tinygc.load(path).model.E
-    assert json.loads(path.read_text())["stored"]["method"] is None
-
-
 def test_a_zero_that_differs_from_rest_to_rest_is_seen_where_the_old_rests_were_calm(model, unit):
     found = tinygc.verify(model, session_of(unit, lambda t_s, rate, force, temp_c: rate + 0.1 * DEG * force / G, segments=12))
     noise = {question.name: question for question in found.result.questions}["noise"]
@@ -179,12 +174,11 @@ def test_a_zero_that_differs_from_rest_to_rest_is_seen_where_the_old_rests_were_
     assert 60 * noise.left_rps / DEG == pytest.approx(60 * 0.1 / np.sqrt(3), rel=0.7)
 
 
-def test_the_temperature_is_that_of_the_model_file_or_a_note(model, unit, today, tmp_path):
+def test_the_temperature_is_that_of_the_model_file(model, unit, today, tmp_path):
     table = json.loads(model.read_text()) | {"temperature_c": today.temperature_c - 20}
     (tmp_path / "then.json").write_text(json.dumps(table))
-    moved = session_of(replace(unit, B=unit.B - 2 * DEG))
-    bare, then = (tinygc.verify(path, moved) for path in (model, tmp_path / "then.json"))
-    assert [any("the model does not say how warm" in note for note in each.result.notes) for each in (bare, then)] == [True, False]
+    then = tinygc.verify(tmp_path / "then.json", session_of(replace(unit, B=unit.B - 2 * DEG)))
+    assert not any("how warm" in note for note in then.result.notes)
     assert "temperature" in then.result.diagnosis.alone
     written = json.loads(then.save_model(tmp_path / "anew.json").read_text())
     assert written["temperature_c"] == pytest.approx(today.temperature_c, abs=0.5)
@@ -244,8 +238,6 @@ def test_a_board_whose_clock_is_off_is_compared_by_the_clock_of_the_model(unit, 
         how = {"covariance": np.diag(SIGMA**2).tolist(), "clock": clock}
         return write(tmp_path / f"{clock}.json", np.r_[unit.E.ravel(), unit.B] * scale, today.config, **how)
 
-    bare = tinygc.verify(model, on(today.logs, clock_sigma_ppm=20.0))
     found = tinygc.verify(of("board", 1 / ratio), on(logs, clock_ratio=ratio, clock_sigma_ppm=20.0))
-    assert found.answer == bare.answer == "holds"
-    assert found.result.bounds[0].bound_deg == pytest.approx(bare.result.bounds[0].bound_deg, rel=0.01)
+    assert (found.answer, found.result.bounds[0].is_seen) == ("holds", True)
     assert "the model goes by the computer's clock" in tinygc.verify(of("arrivals", 1.0), on(logs)).headline

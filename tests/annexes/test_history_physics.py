@@ -1,15 +1,15 @@
 """A unit over its sessions, drawn with a known truth: what is recovered, what stays undecided, and until when a requirement is met."""
 
+from __future__ import annotations
+
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from functools import cache
 
 import numpy as np
 import pytest
-from conftest import broad
 from scipy.special import ndtr
 from scipy.stats import t
-from unit_sessions import FIRST, OWN, drawn, of
 
 from session.io.errors import CalibrationError
 from session.io.units import DEG, MG
@@ -25,92 +25,107 @@ from tinygc.annexes.history.forecast import (
     parse_limit,
     slope_of,
 )
-from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, ZERO
-from tinygc.annexes.history.text import headline, lines, rows, significant
+from tinygc.annexes.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession
+from tinygc.annexes.history.text import lines, rows, significant
 from tinygc.estimation.between_sessions import ONE_SIGMA, TRIED, Between, candidates, course, jump
-from tinygc.estimation.session_times import YEAR_S
+from tinygc.estimation.session_times import YEAR_S, Moment
+
+FIRST = datetime(2024, 1, 1, tzinfo=UTC)
+
+
+OWN = np.array([{"ppm": 25.0, "mrad": 0.03, "dps": 0.001, "mg": 0.01}[number.unit] * number.si for number in NUMBERS])
+
+
+def drawn(at, seed=0, scatter=0.0, drift=0.0, steps=None, own=1.0, dated=True):
+    """Sessions at years ``at``; scatter and drift (21,) SI or a number; steps: session after which -> (21,) change."""
+    rng = np.random.default_rng(seed)
+    sessions = []
+    for j, when in enumerate(at):
+        moved = sum((size for before, size in (steps or {}).items() if j > before), np.zeros(len(NUMBERS)))
+        values = drift * when + moved + scatter * rng.normal(size=len(NUMBERS)) + own * OWN * rng.normal(size=len(NUMBERS))
+        covariance = np.diag((own * OWN) ** 2)
+        moment = Moment(FIRST + timedelta(seconds=float(when) * YEAR_S), "notes") if dated else None
+        vector = np.concatenate([np.eye(3).ravel(), -values[ZERO]])
+        sessions.append(
+            UnitSession(f"s{j + 1}", "ASM330LHH", "7", moment, values, covariance, -values[ZERO], covariance[ZERO, ZERO], vector)
+        )
+    return sessions
+
+
+def of(name, size):
+    """(21,) SI: a size, in the number's unit, in all numbers of a name, or in one component."""
+    return np.array([size * number.si * (name in (number.name, number.words)) for number in NUMBERS])
+
 
 YEARS = np.linspace(0, 3, 10)
+
+
 SCATTER = of("bias", 0.03)
+
+
 PLACE = {number.words: q for q, number in enumerate(NUMBERS)}
 
 
 def test_what_made_the_sessions_is_recovered():
-    sessions = drawn(YEARS, 1, SCATTER, of("bias x", 0.1), {4: of("scale factor error y", 900)})
-    history = history_of(sessions[::-1])
+    history = history_of(drawn(YEARS, 1, SCATTER, of("bias x", 0.1), {4: of("scale factor error y", 900)})[::-1])
     assert [session.name for session in history.sessions] == [f"s{j}" for j in range(1, 11)]
     assert history.span_years == pytest.approx(3, abs=1e-6)
-    x = history.numbers[PLACE["bias x"]]
+    x, z = history.numbers[PLACE["bias x"]], history.numbers[PLACE["bias z"]]
     value, sigma = x.drift
     assert abs(value / DEG - 0.1) < 3 * sigma / DEG < 0.06
-    assert x.course.drifts
+    assert (x.course.drifts, z.course.drifts) == (True, False)
     low, high = (end / DEG for end in x.scatter_interval)
     assert low < 0.03 < high
+    assert 0 < z.drift_limit / DEG < 0.1
+    assert 0.03 < z.step_limit / DEG < 0.3
     (step,) = history.steps
     assert (step.number.words, step.before, step.after, step.interval) == ("scale factor error y", "s5", "s6", 4)
-    assert step.size / 1e-6 == pytest.approx(900, abs=60)
+    assert abs(step.size / 1e-6 - 900) < 60
     assert step.sigma / 1e-6 < 40
     said = " ".join(lines(history))
-    assert "a drift is significant in bias x" in said
-    assert "a shock between s5 and s6: scale factor error y by +9" in said
-    assert headline(history) == "ASM330LHH 7: 10 sessions, 2024-01-01 to 2026-12-31 (3.0 years)"
+    sizes = np.sqrt(np.diag(history.sessions[-1].bias_covariance) + 2 * history.any_session.rps**2) / DEG  # two draws, and the last fit
+    for words in (
+        "a drift is significant in bias x",
+        "a shock between s5 and s6: scale factor error y by +9",
+        f"the bias of any other session: ± {' '.join(map(significant, sizes))} dps",
+    ):
+        assert words in said
     by_name = {row[0]: row[1:] for row in rows(history)}
-    assert by_name["bias x, dps"][2].startswith("0.")
-    assert by_name["bias y, dps"][2].startswith("less than")
-    assert by_name["misalignment x to y, mrad"][1].startswith("less than")
     assert by_name["bias x, dps"][0] == f"{x.values[-1] / DEG:.4f} ± 0.0010"
-    firm = {curve.label[0] + panel.title: curve.shows for panel in panels_of(history) for curve in panel.curves}
-    assert {name for name, shows in firm.items() if shows} == {"xbias", "yscale factor error"}
-
-
-def test_the_bias_of_any_session_is_of_two_draws_and_the_last_calibration():
-    """On the screen, in one number: the root of the last fit's variance and twice the spread's."""
-    history = history_of(drawn(YEARS, 3, SCATTER))
-    sizes = np.sqrt(np.diag(history.sessions[-1].bias_covariance) + 2 * history.any_session.rps**2) / DEG
-    assert f"the bias of any other session: ± {' '.join(map(significant, sizes))} dps" in lines(history)[0]
+    assert [by_name[name][k].startswith("less than") for name, k in (("bias y, dps", 2), ("misalignment x to y, mrad", 1))] == [True, True]
+    firm = {curve.label[0] + panel.title for panel in panels_of(history) for curve in panel.curves if curve.shows}
+    assert firm == {"xbias", "yscale factor error"}
 
 
 def test_the_accelerometer_of_any_session_is_of_two_draws_and_the_last_calibration():
     history = history_of(drawn(YEARS, 3, of("accelerometer bias", 0.5)))
-    for place, (each, sigma) in enumerate(zip(history.numbers[GYROSCOPE:], history.accelerometer_any_session, strict=True)):
+    for each, sigma in zip(history.numbers[GYROSCOPE:], history.accelerometer_any_session, strict=True):
         model = each.course.model
         spread = model.counted * t.ppf((1 + ONE_SIGMA) / 2, model.freedom)
-        assert sigma == pytest.approx(np.sqrt(each.sigmas[-1] ** 2 + 2 * spread**2), rel=1e-9), place
-    bias = history.accelerometer_any_session[6:] / MG
-    assert bias == pytest.approx(np.sqrt(2) * 0.5, rel=0.8)
-    assert f"bias ± {' '.join(map(significant, bias))} mg" in lines(history)[1]
+        assert sigma == pytest.approx(np.sqrt(each.sigmas[-1] ** 2 + 2 * spread**2), rel=1e-9)
     assert history_of(drawn(YEARS[:1], 3, SCATTER)).accelerometer_any_session is None
 
 
-def test_what_does_not_show_is_undecided_with_a_limit():
-    history = history_of(drawn(YEARS, 2, SCATTER))
-    assert history.steps == ()
-    said = " ".join(lines(history))
-    assert "a drift is undecided in every number" in said
-    assert "a shock is undecided in every interval" in said
-    z = history.numbers[PLACE["bias z"]]
-    assert 0 < z.drift_limit / DEG < 0.1
-    assert 0.03 < z.step_limit / DEG < 0.3
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_sessions_decide_neither_drift_nor_shock(count):
+@pytest.mark.parametrize(("count", "reason"), [(1, "one session"), (3, "needs 4 sessions")])
+def test_few_sessions_decide_neither_drift_nor_shock_nor_until_when(count, reason):
     jumps = {0: of("bias", 5.0)} if count > 1 else None
     history = history_of(drawn(np.arange(count) / 2, 0, SCATTER, steps=jumps))
     assert history.steps == ()
     assert all(each.drift is None and each.step_limit is None for each in history.numbers)
-    assert (history.any_session is None) == (count == 1)
     assert f"there are {count}" in " ".join(lines(history))
+    (outlook,) = outlooks_of(history, [parse_limit("bias 50 dps")], today=FIRST)
+    assert (outlook.answer, reason in outlook.reason) == (UNDECIDED, True)
 
 
-def test_sessions_without_dates_count_as_they_come():
+def test_sessions_without_dates_count_as_they_come_and_days_say_nothing_of_a_year():
     history = history_of(drawn(YEARS, 1, SCATTER, dated=False))
-    assert not history.dated
-    assert history.at.tolist() == list(range(10))
+    assert (history.dated, history.at.tolist()) == (False, list(range(10)))
     assert "s1 has no date" in history.remarks[0]
     (outlook,) = outlooks_of(history, [parse_limit("bias 1 dps")])
-    assert (outlook.answer, outlook.until) == (UNDECIDED, None)
-    assert "needs dates" in outlook.reason
+    assert (outlook.answer, outlook.until, "needs dates" in outlook.reason) == (UNDECIDED, None, True)
+    days = history_of(drawn(np.arange(6) / 365, 1, SCATTER))
+    assert "a drift a year is not known: the history is 5 days long" in " ".join(lines(days))
+    assert {row[3] for row in rows(days)} == {"–"}
 
 
 def test_a_drift_that_a_step_explains_as_well_says_so():
@@ -153,14 +168,7 @@ def test_the_limit_of_a_step_is_that_of_the_interval_that_shows_it_least():
     assert found.step_limit == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_history_of_days_says_nothing_of_a_year():
-    history = history_of(drawn(np.arange(6) / 365, 1, SCATTER))
-    assert not history.is_year_stated
-    assert "a drift a year is not known: the history is 5 days long" in " ".join(lines(history))
-    assert {row[3] for row in rows(history)} == {"–"}
-
-
-# Until when.
+# Until when
 
 
 @cache
@@ -191,60 +199,27 @@ def test_the_day_is_where_the_known_unit_meets_it_with_95_percent():
 def test_nothing_is_said_further_ahead_than_the_history_is_long():
     history = long_history()
     last = history.sessions[-1].moment.when
-    far = [last + timedelta(days=365.25 * years) for years in (0, 19, 21)]
-    found = [outlooks_of(history, [parse_limit("bias 500 mdps")], today=day)[0] for day in far]
-    assert [each.answer for each in found] == [HOLDS, HOLDS, UNDECIDED]
-    assert all(each.beyond for each in found)
-    assert all(abs((each.until - last).total_seconds() / YEAR_S - 20) < 1e-6 for each in found)
-
-
-def test_a_requirement_that_is_not_met_even_now_says_so():
-    history = long_history()
-    (outlook,) = outlooks_of(history, [parse_limit("bias 20 mdps")], today=history.sessions[-1].moment.when)
-    assert (outlook.answer, outlook.until) == (FAILS, None)
-    assert "at the next switch-on" in outlook.reason
+    for years, answer in ((0, HOLDS), (19, HOLDS), (21, UNDECIDED)):
+        (found,) = outlooks_of(history, [parse_limit("bias 500 mdps")], today=last + timedelta(days=365.25 * years))
+        assert (found.answer, found.beyond) == (answer, True)
+        assert (found.until - last).total_seconds() / YEAR_S == pytest.approx(20)
+    (found,) = outlooks_of(history, [parse_limit("bias 20 mdps")], today=last)  # it is not met even now
+    assert (found.answer, found.until, "at the next switch-on" in found.reason) == (FAILS, None, True)
 
 
 def test_a_day_that_has_passed_fails_only_where_the_chance_is_surely_less():
     """After fifteen years the drift alone is more than the limit; a week after the day, the chance is 95 % but for what nobody knows."""
     history = long_history(0.05)
     (outlook,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=FIRST + timedelta(days=365 * 35))
-    assert outlook.answer == FAILS
-    assert outlook.reason.startswith("it was met with 95 % until")
+    assert (outlook.answer, outlook.reason.startswith("it was met with 95 % until")) == (FAILS, True)
     (soon,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=outlook.until + timedelta(days=8))
-    assert (soon.answer, soon.until) == (UNDECIDED, outlook.until)
-    assert "may be met still" in soon.reason
-
-
-@pytest.mark.parametrize("count", [2, 3, broad(6)])
-def test_few_sessions_that_show_nothing_do_not_fail(count):
-    """Of a limit of five scatters, which the unit all but always meets, a test of 95 % says "does not hold" in at most 5 % of units."""
-    answers = []
-    others = of("bias", 1.0) == 0
-    for seed in range(20):
-        sessions = drawn(np.arange(count) / 2, seed, of("bias", 0.01))
-        history = history_of([replace(each, values=np.where(others, np.nan, each.values)) for each in sessions])
-        (outlook,) = outlooks_of(history, [parse_limit("bias 50 mdps")], today=history.sessions[-1].moment.when)
-        answers.append(outlook.answer)
-    assert answers.count(FAILS) <= 3  # of 20 units one is expected at most, and four or more come with 1.6 %
-    if count < 4:
-        assert HOLDS not in answers
-
-
-def test_a_chance_that_is_known_to_be_small_fails():
-    """Two scatters of 10 mdps with a limit of 1 mdps: whatever s is within reason, it is missed."""
-    history = history_of(drawn(np.arange(8) / 2, 1, of("bias", 0.01)))
-    known, unknown = outlooks_of(history, [parse_limit("bias 1 mdps"), parse_limit("bias 25 mdps")], today=FIRST)
-    assert (known.answer, unknown.answer) == (FAILS, UNDECIDED)
-    assert "leave it open" in unknown.reason
-
-
-def test_few_sessions_do_not_say_until_when():
-    for count, words in ((1, "one session"), (3, "needs 4 sessions")):
-        history = history_of(drawn(np.arange(count) / 2, 0))
-        (outlook,) = outlooks_of(history, [parse_limit("bias 5 dps")], today=FIRST)
-        assert outlook.answer == UNDECIDED
-        assert words in outlook.reason
+    assert (soon.answer, soon.until, "may be met still" in soon.reason) == (UNDECIDED, outlook.until, True)
+    # Of eight sessions with two scatters of 10 mdps: whatever s is within reason, 1 mdps is missed, and 25 mdps is open.
+    few = history_of(drawn(np.arange(8) / 2, 1, of("bias", 0.01)))
+    assert [each.answer for each in outlooks_of(few, [parse_limit("bias 1 mdps"), parse_limit("bias 25 mdps")], today=FIRST)] == [
+        FAILS,
+        UNDECIDED,
+    ]
 
 
 def test_a_minute_at_rest_turns_by_the_bias():
@@ -262,25 +237,20 @@ def test_a_minute_at_rest_turns_by_the_bias():
 
 
 def test_draws_are_those_of_level_scatter_and_last_value():
-    history = history_of(drawn(YEARS, 6, SCATTER))
-    draws = draws_of(history)
-    q = PLACE["bias y"]
-    model, number = history.numbers[q].course.model, history.numbers[q]
-    assert draws.now.shape == (4000, len(NUMBERS))
-    assert np.median(draws.now[:, q]) == pytest.approx(model.coefficients[0] - number.values[-1], abs=0.1 * model.scatter)
-    width = np.diff(np.quantile(draws.now[:, q] + number.values[-1] - model.coefficients[0], [0.025, 0.975]))[0] / 2
-    at = history.at - history.at[-1]
-    leverage = np.linalg.inv(np.column_stack([np.ones(10), at]).T @ np.column_stack([np.ones(10), at]))[0, 0]
-    from scipy.stats import t
-
+    history, q = history_of(drawn(YEARS, 6, SCATTER)), PLACE["bias y"]
+    draws, number = draws_of(history), history.numbers[q]
+    model, moved = number.course.model, draws.now[:, q] + number.values[-1] - number.course.model.coefficients[0]
+    assert np.median(moved) == pytest.approx(0, abs=0.1 * model.scatter)
+    design = np.column_stack([np.ones(10), history.at - history.at[-1]])
+    leverage = np.linalg.inv(design.T @ design)[0, 0]
+    width = np.diff(np.quantile(moved, [0.025, 0.975]))[0] / 2
     assert width == pytest.approx(t.ppf(0.975, 8) * model.scatter * np.sqrt(1 + leverage), rel=0.06)
     np.testing.assert_array_equal(draws.after(2.0), draws.now + 2 * draws.growth)  # no shock was found, and none is predicted
-    shocked = history_of(drawn(YEARS, 6, SCATTER, steps={4: of("bias", 2.0)}))
-    more = draws_of(shocked)
-    share = np.mean((more.after(1.0) != more.now + more.growth)[:, ZERO].any(axis=1))
-    assert share == pytest.approx(1 - np.exp(-1 / 3), abs=0.03)  # one in three years
-    moved = (more.after(1.0) - more.now - more.growth)[:, q]
-    assert np.sqrt(np.mean(moved[moved != 0] ** 2)) / DEG == pytest.approx(2.0, rel=0.15)
+    more = draws_of(history_of(drawn(YEARS, 6, SCATTER, steps={4: of("bias", 2.0)})))
+    moved = more.after(1.0) - more.now - more.growth
+    shocked = np.abs(moved) > 1e-12
+    assert np.mean(shocked[:, ZERO].any(axis=1)) == pytest.approx(1 - np.exp(-1 / 3), abs=0.03)  # one in three years
+    assert np.sqrt(np.mean(moved[shocked[:, q], q] ** 2)) / DEG == pytest.approx(2.0, rel=0.15)
 
 
 def test_shocks_to_come_have_the_rms_of_those_that_were():
@@ -296,41 +266,42 @@ def test_shocks_to_come_have_the_rms_of_those_that_were():
 def test_errors_of_one_fit_are_drawn_with_their_correlation():
     sessions = drawn(YEARS, 8, own=100.0)
     root = np.linalg.cholesky(0.9 * np.ones((21, 21)) + 0.1 * np.eye(21))
-    one = [type(s)(**{**vars(s), "covariance": np.outer(100 * OWN, 100 * OWN) * (root @ root.T)}) for s in sessions]
-    pairs = [(PLACE["bias x"], PLACE["bias y"]), (PLACE["scale factor error x"], PLACE["bias z"])]
-    for q, r in pairs:
-        found = [np.corrcoef(draws_of(history_of(each)).growth[:, [q, r]].T)[0, 1] for each in (sessions, one)]
-        assert abs(found[0]) < 0.15
-        assert found[1] > 0.3
+    one = [replace(each, covariance=np.outer(100 * OWN, 100 * OWN) * (root @ root.T)) for each in sessions]
+    pair = [PLACE["scale factor error x"], PLACE["bias z"]]
+    found = [np.corrcoef(draws_of(history_of(each)).growth[:, pair].T)[0, 1] for each in (sessions, one)]
+    assert abs(found[0]) < 0.15
+    assert found[1] > 0.3
 
 
 def test_what_all_sessions_share_is_in_every_difference():
-    sessions = drawn(YEARS, 8)
+    *others, last = drawn(YEARS, 8)
     shared = np.zeros((GYROSCOPE, GYROSCOPE))
     shared[ZERO, ZERO] = (0.5 * DEG) ** 2 * np.eye(3)
-    last = type(sessions[-1])(**{**vars(sessions[-1]), "shared": shared})
-    draws = draws_of(history_of([*sessions[:-1], last]))
+    draws = draws_of(history_of([*others, replace(last, shared=shared)]))
     assert np.std(draws.now[:, ZERO]) / DEG == pytest.approx(0.5, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    "text", ["bias", "bias 5", "bias 5 kg", "5 mdps", "hue 5 mdps", "bias -5 mdps", "bias 0 mdps", "bias nan mdps", "x" * 500]
-)
+@pytest.mark.parametrize("text", ["bias", "bias 5 kg", "5 mdps", "hue 5 mdps", "bias -5 mdps", "bias nan mdps", "x" * 500])
 def test_a_limit_that_is_none_is_refused(text):
     with pytest.raises(CalibrationError, match=r"--require .*such as 'bias 50 mdps'"):
         parse_limit(text)
 
 
-@pytest.mark.parametrize("text", ["1deg", "deg/60s", "0deg/60s", "1deg/0s", "1deg/60h", "1e9deg/60s", "9" * 300])
+@pytest.mark.parametrize("text", ["1deg", "deg/60s", "0deg/60s", "1deg/60h", "1e9deg/60s", "9" * 300])
 def test_an_accuracy_that_is_none_is_refused(text):
     with pytest.raises(CalibrationError, match=r"--accuracy .*such as 1deg/60s"):
         parse_accuracy(text)
 
 
-def test_limits_are_read_in_any_unit_of_theirs():
-    assert parse_limit("Bias  50 mdps").limit == pytest.approx(0.05 * DEG)
-    assert parse_limit("accelerometer bias 200 ug").limit == pytest.approx(parse_limit("accelerometer bias 0.2 mg").limit)
-    assert parse_limit("bias 180 °/h").limit == pytest.approx(0.05 * DEG)
-    assert parse_limit("misalignment 0.1deg").limit == pytest.approx(0.1 * DEG)
-    assert [NUMBERS[q].words for q in parse_limit("accelerometer bias 5 mg").numbers] == [f"accelerometer bias {axis}" for axis in "xyz"]
-    assert len(parse_limit("scale factor error 1 %").numbers) == 3
+@pytest.mark.parametrize(
+    ("text", "limit"),
+    [
+        ("Bias  50 mdps", 0.05 * DEG),
+        ("bias 180 °/h", 0.05 * DEG),
+        ("misalignment 0.1deg", 0.1 * DEG),
+        ("accelerometer bias 200 ug", 0.2 * MG),
+    ],
+)
+def test_limits_are_read_in_any_unit_of_theirs(text, limit):
+    assert parse_limit(text).limit == pytest.approx(limit)
+    assert len(parse_limit(text).numbers) == (6 if "misalignment" in text else 3)

@@ -1,4 +1,6 @@
-"""``noise`` from the command line and in Python: one screen, the files, the JSON; with an estimator that returns what is known."""
+"""``noise`` from the command line and in Python: one screen, the files, the JSON, and an Allan curve in a file."""
+
+from __future__ import annotations
 
 import dataclasses
 import json
@@ -6,141 +8,131 @@ import re
 
 import numpy as np
 import pytest
+from commandline import refused
 from conftest import Table, write_session
 from formats_page import strangers
-from noise_made import UG, WALK, H, N, axis, estimate, figures, hidden, shown
 
 import tinygc
 from session.io.errors import CalibrationError
-from session.io.units import DEG
-from tinygc.annexes.noise import library, text
+from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MG, G
+from tinygc.annexes.noise.curve_file import read_curve
+from tinygc.annexes.noise.estimate import NoiseEstimate
 from tinygc.annexes.noise.library import Noise
-from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, kalibr_line, open_lines, open_terms
-from tinygc.noise.figures import Inflation, SensorNoise, read_figures
+from tinygc.noise.figures import TERMS, AllanBand, AxisNoise, NoiseFigures, SensorNoise, Term, read_figures
 from tinygc.reporting.terminal import as_text
 
-#: s, after which a term of each axis is known
-AFTER = {0: 3.1 * 3600, 1: 900.0, 2: float("inf")}
+#: a term that no log shows
+ABSENT = Term(0.0, None, 0.01)
 
 
-@pytest.fixture(autouse=True)
-def estimator(monkeypatch):
-    """Estimates nothing; keeps how many rests it was given."""
-    given = []
-
-    class Counted:
-        def __init__(self, rate_hz):
-            self.rate_hz, self.count = rate_hz, 0
-
-        def add(self, samples):
-            self.count += len(samples)
-
-    def estimate_noise(sums, progress=None):
-        given.append([each.count for each in sums])
-        return estimate(said=("Knocks at 2 and 1084 s are left out.",))
-
-    monkeypatch.setattr("tinygc.annexes.noise.inputs.RestSums", Counted)
-    monkeypatch.setattr(library, "estimate_noise", estimate_noise)
-    monkeypatch.setattr(text, "known_after_s", lambda figures, kind, axis, name, relative: AFTER[axis])
-    return given
+def axis(**chosen: Term) -> AxisNoise:
+    """An axis with these terms, and no others."""
+    return AxisNoise({name: chosen.get(name, ABSENT) for name in TERMS}, p_value=0.4)
 
 
-@pytest.fixture
-def rests(tmp_path):
-    return write_session(tmp_path / "rests", Table().rest(20).samples(), "rest0001.csv")
+def shown(value: float, relative: float, probability: float = 1.0, tau_s: float | None = None) -> Term:
+    """A term of this size and relative sigma."""
+    return Term(value, value * relative, probability, tau_s=tau_s, tau_sigma_s=None if tau_s is None else 0.2 * tau_s)
 
 
-# The command
+def hidden(at_most: float | None, probability: float = 0.02) -> Term:
+    """A term that is not shown, with its upper limit."""
+    return Term(0.0, None, probability, at_most)
 
 
-def test_of_a_session_the_files_go_beside_its_fit(rests, run):
+N, H, WALK, UG = DEG_PER_SQRT_HOUR, DEG_PER_HOUR, DEG_PER_HOUR / 60, 1e-3 * MG
+
+
+def figures(**changes) -> NoiseFigures:
+    """A unit much like an ADIS16405, at rest for 10 000 s at 100 Hz."""
+    gyro = SensorNoise(
+        (
+            axis(N=shown(2.41 * N, 0.002), B=shown(28.7 * H, 0.04), K=hidden(31 * WALK, 0.3)),
+            axis(N=shown(2.54 * N, 0.002), B=shown(35.2 * H, 0.05), K=shown(119 * WALK, 0.07)),
+            axis(N=shown(2.29 * N, 0.002), B=shown(26.5 * H, 0.06), K=shown(178 * WALK, 0.05, 0.9)),
+        )
+    )
+    accel = SensorNoise(tuple(axis(N=shown(n / 60, 0.003), B=shown(120 * UG, 0.1), K=hidden(500 * UG / 60)) for n in (0.17, 0.18, 0.2)))
+    made = NoiseFigures(gyro, accel, 100.0, 10_000.0, 1_000_000, ("imu1.npz",), "ADIS16405")
+    return dataclasses.replace(made, **changes)
+
+
+def estimate(of: NoiseFigures | None = None, said: tuple[str, ...] = (), seed: int = 1) -> NoiseEstimate:
+    """An estimate with Allan deviations that scatter about the terms as those of a recording do."""
+    of = figures() if of is None else of
+    rng, tau_s, bands = np.random.default_rng(seed), np.geomspace(1 / of.rate_hz, of.duration_s / 3, 40), {}
+    for kind, sensor in of.sensors().items():
+        true = np.sqrt(np.column_stack([own.allan_variance(tau_s) for own in sensor.axes]))
+        sigma = np.sqrt(tau_s / of.duration_s / 2)[:, None]
+        seen = true * np.exp(sigma * rng.normal(size=true.shape))
+        bands[kind] = AllanBand(tau_s, seen, seen * np.exp(-sigma), seen * np.exp(sigma))
+    return NoiseEstimate(dataclasses.replace(of, allan=bands), said, 12.0)
+
+
+@pytest.fixture(scope="module")
+def rests(tmp_path_factory):
+    """A session's folder with one rest log, of white noise that no register hides."""
+    samples = Table().rest(40).samples(gyro_mdps=20.0, accel_ug=240.0, seed=8)
+    return write_session(tmp_path_factory.mktemp("noise") / "rests", samples, "rest0001.csv")
+
+
+def test_of_a_session_the_files_go_beside_its_fit_and_hold_the_noise_that_went_in(rests, run):
     code, out, _ = run("noise", rests)
     assert code == 0
-    assert out.startswith("Noise at rest, ASM330LHH 42: 1 log, 2.8 h")
+    assert out.startswith("Noise at rest, ASM330LHH 42: 1 log")
     table = json.loads((rests / "fit" / "noise.json").read_text())
     assert strangers(table) == []
     assert (table["sensor"], table["serial"], table["logs"]) == ("ASM330LHH", "42", ["rest0001.csv"])
     assert (rests / "fit" / "noise.png").read_bytes().startswith(b"\x89PNG")
-    read = read_figures(rests / "fit" / "noise.json")  # as exports and explain do
-    assert read.gyro.values("N") == pytest.approx(figures().gyro.values("N"))
-    assert read.gyro.axes[0].terms["K"].at_most == pytest.approx(figures().gyro.axes[0].terms["K"].at_most)
-
-
-def test_json_and_out(rests, tmp_path, run):
-    code, out, _ = run("noise", rests, "--out", tmp_path / "there", "--no-pictures", "--json", "-")
-    assert code == 0
-    assert strangers(json.loads(out)) == []
-    assert [path.name for path in (tmp_path / "there").iterdir()] == ["noise.json"]
-    assert json.loads((tmp_path / "there" / "noise.json").read_text()) == json.loads(out)
-    assert not (rests / "fit").exists()
-    assert run("noise", rests, "--json", rests / "fit" / "noise.json")[0] == 0
-    assert run("noise", rests, "--json", rests / "rest0001.csv")[0] == 2
-
-
-def test_a_bare_log_leaves_no_file(rests, run, tmp_path, monkeypatch):
-    (rests / "session.toml").unlink()
-    monkeypatch.chdir(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
-    code, out, err = run("noise", rests / "rest0001.csv", "--sensor", "ASM330LHH", "--gyro-fs", "500", "--accel-fs", "4")
-    assert code == 0, err
-    assert "--out DIR keeps" in out
-    assert sorted(tmp_path.rglob("*")) == before
+    white = {"gyro": 20e-3 * DEG / np.sqrt(2), "accel": 240e-6 * G / np.sqrt(2)}
+    for kind, sensor in read_figures(rests / "fit" / "noise.json").sensors().items():  # as exports and explain do
+        for axis in sensor.axes:
+            assert abs(axis.value("N") - white[kind]) < 4 * axis.terms["N"].sigma < 0.2 * white[kind]
+    # one-sided and two-sided, as the page says
+    assert table["kalibr"]["gyroscope_noise_density"] == pytest.approx(white["gyro"], rel=0.1)
+    assert [row["value"] for row in table["data_sheet"] if row["term"] == "N"] == pytest.approx([20.0, 240.0], rel=0.1)
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ([], "give logs or session folders at rest, or --curve FILE"),
-        (["a.csv", "--curve", "b.csv"], "and not both"),
-        (["a.csv", "--duration", "3"], "are of --curve FILE"),
-        (["a.csv"], "a.csv: cannot be read"),
-        (["a.csv", "--json", "nowhere/x.json"], "nowhere/x.json"),  # before the log is looked at
-        (["curve.csv"], "curve.csv: its first column is an averaging time, as of an Allan curve, and no log; run `"),
-        (["curve.csv"], "noise --curve curve.csv`"),
-        (["curve.csv", "a.csv"], "noise --curve curve.csv`"),
-        (["--curve", "b.csv"], "b.csv"),
-        (["a.csv", "--like", "nothing"], "--like is 'nothing'"),
+        ("", "give logs or session folders at rest, or --curve FILE"),
+        ("a.csv --curve b.csv", "and not both"),
+        ("a.csv --duration 3", "are of --curve FILE"),
+        ("a.csv", "a.csv: cannot be read"),
+        ("a.csv --json nowhere/x.json", "nowhere/x.json"),  # before the log is looked at
+        ("curve.csv", "curve.csv: its first column is an averaging time, as of an Allan curve, and no log; run `"),
+        ("curve.csv a.csv", "noise --curve curve.csv`"),
+        ("--curve b.csv", "b.csv"),
+        ("a.csv --like nothing", "--like is 'nothing'"),
     ],
 )
 def test_what_is_refused_in_one_line(words, says, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "curve.csv").write_text("# tau_s, deviation of the gyroscope x y z (deg/s)\n0.1 1 1 1\n")
-    code, out, err = run("noise", *words, "--quiet")
-    assert (code, out) == (2, "")
-    assert says in err
-    assert err.count("\n") == 1
+    refused(run("noise", *words.split(), "--quiet"), says)
 
 
-# In Python
+@pytest.mark.parametrize(
+    ("given", "more", "says"),
+    [
+        ((3,), {}, "logs is of type int"),
+        (([],), {}, "no log is given; give at least one log, session folder or tuple of arrays"),
+        (("a.csv",), {"curve": "c.csv"}, "give logs or curve"),
+    ],
+)
+def test_what_is_no_argument_is_refused(given, more, says):
+    with pytest.raises(CalibrationError, match=says):
+        tinygc.estimate_noise(*given, **more)
 
 
-def test_paths_sessions_and_arrays(rests, estimator, tmp_path):
-    still = Table().rest(20).samples(registers=False)
-    arrays = (still.t_ns * 1e-9, still.gyro, still.accel)
-    assert tinygc.estimate_noise(rests).remarks[0] == "Knocks at 2 and 1084 s are left out."
-    tinygc.estimate_noise([str(rests), arrays])
-    tinygc.estimate_noise(tinygc.read_session(write_session(tmp_path / "turned", Table().tumble(3).samples())))
-    assert estimator[:2] == [[4160], [4160, 4160]]
-    assert len(estimator[2]) == 4
-    with pytest.raises(CalibrationError, match="logs is of type int"):
-        tinygc.estimate_noise(3)
-    with pytest.raises(CalibrationError, match="no log is given; give at least one log, session folder or tuple of arrays"):
-        tinygc.estimate_noise([])
-    with pytest.raises(CalibrationError, match="give logs or curve"):
-        tinygc.estimate_noise(rests, curve="c.csv")
-    np.savetxt(tmp_path / "u.csv", np.column_stack(arrays), delimiter=",", header="t_s,gx,gy,gz,ax,ay,az", comments="")
-    with pytest.raises(CalibrationError, match="gyro_unit="):
-        tinygc.estimate_noise(tmp_path / "u.csv")
-    assert tinygc.estimate_noise(tmp_path / "u.csv", gyro_unit="rad/s", accel_unit="m/s2").figures.sensor == ""
-
-
-def test_a_result_shows_itself(tmp_path):
+def test_a_result_shows_itself_and_writes_where_it_is_told(tmp_path):
     found = Noise(estimate())
     assert repr(found) == "<Noise of ADIS16405: 10000 s of rest>"
     assert "<pre" in found._repr_html_()
-    assert found.plot(tmp_path / "made" / "n.png") is not None
-    assert (tmp_path / "made" / "n.png").stat().st_size > 20_000
     assert found.save(tmp_path / "made", pictures=False) == tmp_path / "made"
+    hostile = Noise(estimate(figures(sensor="A\x1b[2J\nB", serial="\u202e"))).summary()
+    assert hostile.splitlines()[0].startswith("Noise at rest, A\\x1b[2J\\nB \\u202e: 1 log")
 
 
 # The screen
@@ -164,96 +156,72 @@ def test_values_stand_in_the_units_of_the_field():
 
 
 def test_kalibr_has_the_worst_axis_and_no_number_for_what_does_not_show():
-    found = kalibr_figures(figures())
-    assert found["gyroscope_noise_density"] == pytest.approx(2.54 * N)
-    assert found["gyroscope_random_walk"] == pytest.approx(178 * H / 60)
+    found = Noise(estimate()).to_json()["kalibr"]
+    assert (found["gyroscope_noise_density"], found["gyroscope_random_walk"]) == pytest.approx((2.54 * N, 178 * H / 60))
     assert found["accelerometer_random_walk"] is None
     assert "accelerometer 0.00333, < 8.2e-05" in Noise(estimate()).summary()
-    assert kalibr_figures(figures(accel=None))["accelerometer_noise_density"] is None
+    assert Noise(estimate(figures(accel=None))).to_json()["kalibr"]["accelerometer_noise_density"] is None
 
 
 def test_a_size_that_is_not_determined_is_no_number():
     unsure = dataclasses.replace(shown(178 * WALK, 0.6, 0.7), at_most=350 * WALK)
-    assert unsure.chosen
-    gyro = SensorNoise(tuple(axis(N=shown(N, 0.001), K=unsure) for _ in "xyz"))
-    out = Noise(dataclasses.replace(estimate(), figures=figures(gyro=gyro))).summary()
-    assert re.search(r"K  °/h/√h +(< 350 \(70 %\) *){3}", out)
-    assert kalibr_figures(figures(gyro=gyro))["gyroscope_random_walk"] is None
-    assert "gyroscope 0.000291, < 2.8e-05" in out
-    assert gyro.at_most("K") == pytest.approx(350 * WALK)
+    all_three = SensorNoise(tuple(axis(N=shown(N, 0.001), K=unsure) for _ in "xyz"))
     one = SensorNoise((axis(N=shown(N, 0.001), K=unsure), *(axis(N=shown(N, 0.001), K=shown(178 * WALK, 0.05)) for _ in "yz")))
-    assert "gyroscope 0.000291, 1.44e-05 (x < 2.8e-05)" in kalibr_line(figures(gyro=one))
-    assert " (x" not in kalibr_line(figures())
-    assert not gyro.measured("K")
-    assert one.measured("K")
-    (row,) = (row for row in open_terms(figures(gyro=gyro)) if (row.sensor, row.axis, row.term) == ("gyro", "x", "K"))
-    assert row.known_after_s == AFTER[0]
+    for gyro, cells, kalibr, number in (
+        (all_three, r"K  °/h/√h +(< 350 \(70 %\) *){3}", "gyroscope 0.000291, < 2.8e-05", None),
+        (one, r"K  °/h/√h +< 350 \(70 %\) +178", "gyroscope 0.000291, 1.44e-05 (x < 2.8e-05)", 178 * WALK),
+    ):
+        found = Noise(estimate(figures(gyro=gyro)))
+        assert re.search(cells, found.summary())
+        assert kalibr in found.summary()
+        assert found.to_json()["kalibr"]["gyroscope_random_walk"] == (number if number is None else pytest.approx(number))
 
 
 def test_open_terms_say_when_they_will_be_known():
-    found = {(each.sensor, each.axis, each.term): each.known_after_s for each in open_terms(figures())}
-    assert found == {
-        ("gyro", "x", "K"): AFTER[0],
-        ("accel", "x", "K"): AFTER[0],
-        ("accel", "y", "K"): 10_000.0,  # what was recorded has not shown it
-        ("accel", "z", "K"): AFTER[2],
-    }
-    assert open_lines(figures()) == [  # of limits: a smaller term needs a longer rest
-        "Gyroscope known to 20 %: N, B; not before one rest of: K 3.1 h (x)",
-        "Accelerometer known to 20 %: N, B; after one rest of: K never (z); not before one rest of: K 3.1 h (x), 2.8 h (y)",
-    ]
     vague = SensorNoise(tuple(axis(N=shown(N, 0.001), B=shown(H, 0.21), K=shown(H / 60, 0.19)) for _ in "xyz"))
-    assert {each.term for each in open_terms(figures(gyro=vague, accel=None))} == {"B"}
-    assert open_lines(figures(gyro=vague, accel=None)) == [
-        "Gyroscope known to 20 %: N, K; after one rest of: B 3.1 h (x), 2.8 h (y), never (z)"
-    ]
+    found = Noise(estimate(figures(gyro=vague, accel=None)))
+    terms = found.to_json()["open_terms"]
+    assert {(each["axis"], each["term"]) for each in terms} == {(name, "B") for name in "xyz"}
+    assert all(each["known_after_s"] >= 10_000 for each in terms)
+    assert re.search(r"Gyroscope known to 20 %: N, K; after one rest of: B \S+ h \(x y z\)", found.summary())
+    hidden_terms = Noise(estimate()).to_json()["open_terms"]  # of limits: a smaller term needs a longer rest
+    assert {(each["sensor"], each["axis"]) for each in hidden_terms} == {("gyro", "x"), ("accel", "x"), ("accel", "y"), ("accel", "z")}
+    assert "Gyroscope known to 20 %: N, B; not before one rest of: K" in Noise(estimate()).summary()
 
 
-def sheet(gyro_mdps: float, b_dph: float, accel_ug: float, sensor="ASM330LHH"):
-    """Verdicts of a unit with these one-sided densities, held against 5 mdps, 3 °/h and 60 µg."""
+def sheet(gyro_mdps, gyro_terms, accel_ug=60.0, sensor="ASM330LHH"):
+    """Rows of a unit with these one-sided densities and B of three axes, held against 5 mdps, 3 °/h and 60 µg."""
     half = np.sqrt(0.5)
-    gyro = SensorNoise(tuple(axis(N=shown(gyro_mdps * 1e-3 * DEG * half, 0.001), B=shown(b_dph * H, 0.1)) for _ in "xyz"))
+    gyro = SensorNoise(tuple(axis(N=shown(gyro_mdps * 1e-3 * DEG * half, 0.001), B=each) for each in gyro_terms))
     accel = SensorNoise(tuple(axis(N=shown(accel_ug * UG * half, 0.001)) for _ in "xyz"))
-    return against_data_sheet(figures(gyro=gyro, accel=accel, sensor=sensor))
-
-
-def test_the_data_sheet_is_one_sided():
-    assert [each.verdict for each in sheet(5.0, 3.0, 60.0)] == ["within"] * 3
-    above, below, within = sheet(5.9, 1.5, 65.0)
-    assert above.words == "gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %"
-    assert below.words == "gyroscope B 1.5 °/h, data sheet 3: below by 50 %"
-    assert within.verdict == "within"
-    assert [each.verdict for each in sheet(99.0, 1.0, 1.0, "LSM6DSO")] == ["not judged"] * 2
-    assert sheet(5.0, 3.0, 60.0, "unheard of") == []
-
-
-def test_a_term_that_does_not_show_is_held_against_the_sheet_by_its_limit():
-    for most, verdict in ((2.0, "below"), (4.0, "open"), (None, "open")):
-        gyro = SensorNoise(tuple(axis(N=shown(N, 0.01), B=hidden(None if most is None else most * H)) for _ in "xyz"))
-        rows = against_data_sheet(figures(gyro=gyro, accel=None, sensor="ASM330LHH"))
-        (row,) = (row for row in rows if row.term == "B")
-        assert row.verdict == verdict
-        assert (f"B {'–' if most is None else f'< {most:g}'} °/h, data sheet 3: {verdict}") in row.words
+    return Noise(estimate(figures(gyro=gyro, accel=accel, sensor=sensor)))
 
 
 @pytest.mark.parametrize(
-    ("dph", "most", "verdict"), [(2.0, 2.9, "below"), (2.0, 3.1, "open"), (3.1, 3.5, "open"), (3.1, 2.9, "within"), (4.0, 9.0, "above")]
+    ("of", "verdicts", "words"),
+    [
+        ((5.0, [shown(3.0 * H, 0.1)] * 3, 60.0), ["within"] * 3, ""),
+        ((5.9, [shown(1.5 * H, 0.1)] * 3, 65.0), ["above", "below", "within"], "Gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %"),
+        ((99.0, [shown(H, 0.1)] * 3, 1.0, "LSM6DSO"), ["not judged"] * 2, ""),
+        ((5.0, [shown(H, 0.1)] * 3, 60.0, "unheard of"), [], ""),
+        # A term that does not show is held against the sheet by its limit.
+        ((5.0, [hidden(2.0 * H)] * 3), ["within", "below", "within"], "B < 2 °/h, data sheet 3: below"),
+        ((5.0, [hidden(4.0 * H)] * 3), ["within", "open", "within"], "B < 4 °/h, data sheet 3: open"),
+        ((5.0, [hidden(None)] * 3), ["within", "open", "within"], "B – °/h, data sheet 3: open"),
+        # An axis with a limit alone counts beside those with numbers.
+        (
+            (5.0, [shown(2.0 * H, 0.01), hidden(3.1 * H), shown(H, 0.01)]),
+            ["within", "open", "within"],
+            "B 2 (< 3.1) °/h, data sheet 3: open",
+        ),
+        ((5.0, [shown(3.1 * H, 0.01), hidden(2.9 * H), shown(H, 0.01)]), ["within", "within", "within"], ""),
+        ((5.0, [shown(4.0 * H, 0.01), hidden(9.0 * H), shown(H, 0.01)]), ["within", "above", "within"], ""),
+    ],
 )
-def test_an_axis_with_a_limit_alone_counts_beside_those_with_numbers(dph, most, verdict):
-    axes = [axis(N=shown(N, 0.01), B=each) for each in (shown(dph * H, 0.01 * H), hidden(most * H), shown(H, 0.01 * H))]
-    rows = against_data_sheet(figures(gyro=SensorNoise(tuple(axes)), accel=None, sensor="ASM330LHH"))
-    (row,) = (row for row in rows if row.term == "B")
-    assert row.verdict == verdict
-    if verdict == "open":
-        assert f"B {dph:g} (< {most:g}) °/h, data sheet 3: open" in row.words
-
-
-def test_terms_that_do_not_describe_the_data_are_said():
-    bad = dataclasses.replace(figures().gyro.axes[1], p_value=1e-4, excess=1.7)
-    gyro = SensorNoise((figures().gyro.axes[0], bad, figures().gyro.axes[2]))
-    lines = Noise(estimate(figures(gyro=gyro))).summary().splitlines()
-    assert lines[1] == "NOT DESCRIBED by these terms: gyroscope y (p = 0.0001, 1.7 times their variance)"
-    assert not any("NOT DESCRIBED" in line for line in lines[2:])
+def test_the_data_sheet_is_one_sided(of, verdicts, words):
+    found = sheet(*of)
+    assert [row["verdict"] for row in found.to_json()["data_sheet"]] == verdicts
+    assert words in found.summary()
 
 
 def misfit(of, *axes):
@@ -265,62 +233,104 @@ def misfit(of, *axes):
 
 def test_an_axis_that_is_not_described_gives_no_number():
     of = figures(sensor="ASM330LHH")
-    part = dataclasses.replace(of, gyro=misfit(of.gyro, 1), accel=misfit(of.accel, 2))
-    found = kalibr_figures(part)
-    assert found["gyroscope_noise_density"] == pytest.approx(2.41 * N)  # of x; y, the worst, is left out
-    assert found["accelerometer_noise_density"] == pytest.approx(0.18 / 60)
-    assert {(each.sensor, each.axis) for each in open_terms(part)} == {("gyro", "x"), ("accel", "x"), ("accel", "y")}
-    (b,) = (row for row in against_data_sheet(part) if row.term == "B")
-    assert b.value == pytest.approx(28.7)
-    lines = Noise(estimate(part)).summary().splitlines()
+    part = Noise(estimate(dataclasses.replace(of, gyro=misfit(of.gyro, 1), accel=misfit(of.accel, 2))))
+    table, lines = part.to_json(), part.summary().splitlines()
+    assert table["kalibr"]["gyroscope_noise_density"] == pytest.approx(2.41 * N)  # of x; y, the worst, is left out
+    assert {(each["sensor"], each["axis"]) for each in table["open_terms"]} == {("gyro", "x"), ("accel", "x"), ("accel", "y")}
+    assert lines[1].startswith("NOT DESCRIBED by these terms: gyroscope y (p = 1e-09, 7 times their variance)")
     assert "Kalibr density, walk (SI): gyroscope 0.000701, 1.44e-05 (without y); accelerometer 0.003, < 8.2e-05 (without z)" in lines
-    assert "Gyroscope (without y) known to 20 %: N, B; not before one rest of: K 3.1 h (x)" in lines
     assert any(line.startswith("Gyroscope B 28.7 °/h, data sheet 3: above, 9.6 times (without y)") for line in lines)
-
-
-def test_of_a_unit_of_which_no_axis_is_described_nothing_is_stated():
-    of = figures(sensor="ASM330LHH")
-    none = dataclasses.replace(of, gyro=misfit(of.gyro, 0, 1, 2), accel=misfit(of.accel, 0, 1, 2))
-    assert set(kalibr_figures(none).values()) == {None}
-    assert open_terms(none) == against_data_sheet(none) == []
-    out = Noise(estimate(none)).summary()
+    none = Noise(estimate(dataclasses.replace(of, gyro=misfit(of.gyro, 0, 1, 2), accel=misfit(of.accel, 0, 1, 2))))
+    table, out = none.to_json(), none.summary()
+    assert (set(table["kalibr"].values()), table["open_terms"], table["data_sheet"]) == ({None}, [], [])
     assert "Kalibr density, walk (SI): gyroscope –, – (without x y z); accelerometer –, – (without x y z)" in out
     assert not any(words in out for words in ("known to 20 %", "data sheet", "Inflate"))
 
 
-@pytest.mark.parametrize("described", [True, False])
-def test_a_session_that_fails_or_a_gyroscope_without_description_is_a_remark_on_its_inflation(described, rests, monkeypatch):
-    monkeypatch.setattr(library, "inflations_of_folder", lambda folder, figures: (Inflation("a turn", np.ones(3), np.ones(3)),))
-    of = figures() if described else dataclasses.replace(figures(), gyro=misfit(figures().gyro, 0, 2))
-    monkeypatch.setattr(library, "estimate_noise", lambda sums, progress=None: estimate(of))
-    (rests / "fit").mkdir()
-    fit = {"schema": "tinygc-fit/2", "verdict": {"answer": "fail", "headline": "FAIL: held-out turns close to 0.9°"}}
-    (rests / "fit" / "fit.json").write_text(json.dumps(fit))
-    found = tinygc.estimate_noise(rests)
-    assert len(found.figures.inflations) == described
-    failed = "rests: fit says FAIL: held-out turns close to 0.9°; the inflation holds what it lacks."
-    assert (failed in found.remarks) == described
-    assert ("No inflation: it is to N at rest, and the terms do not describe gyroscope x z." in found.remarks) != described
-    (rests / "fit" / "fit.json").write_text(json.dumps(fit | {"verdict": {"answer": "pass", "headline": "PASS: 0.01°"}}))
-    assert not any("fit says" in each for each in tinygc.estimate_noise(rests).remarks)
-
-
 def test_the_picture_has_data_model_terms_and_ratio():
     pytest.importorskip("matplotlib")
-    figure = Noise(estimate()).plot()
-    gyro, accel, ratio, _ = figure.axes
-    assert gyro.get_ylabel() == "Allan deviation (°/h)"
-    assert accel.get_ylabel() == "Allan deviation (µg)"
+    gyro, accel, ratio, _ = Noise(estimate()).plot().axes
+    assert (gyro.get_ylabel(), accel.get_ylabel()) == ("Allan deviation (°/h)", "Allan deviation (µg)")
     # white noise of x at the first averaging time, 0.01 s: 2.41 °/√h / sqrt(0.01 s)
     x = next(line for line in gyro.lines if line.get_label() == "x")
     assert x.get_ydata()[0] == pytest.approx(2.41 * 60 * 10, rel=0.01)
     assert {text.get_text() for text in gyro.texts} == {"N", "B", "K"}
     assert all(np.abs(np.log(line.get_ydata()[:20])).max() < 0.05 for line in ratio.lines[:3])
-    alone = Noise(estimate(figures(accel=None))).plot()
-    assert len([axes for axes in alone.axes if axes.axison]) == 2
 
 
-def test_hostile_names_stay_on_their_line():
-    out = Noise(estimate(figures(sensor="A\x1b[2J\nB", serial="\u202e"))).summary()
-    assert out.splitlines()[0].startswith("Noise at rest, A\\x1b[2J\\nB \\u202e: 1 log")
-    assert "\x1b" not in out
+# An Allan curve in a file
+
+
+TAU = np.geomspace(0.1, 1000, 20)
+
+
+def written(path, columns: int, header: str = "", delimiter: str = " "):
+    rows = np.column_stack([TAU, *[(1 + column) / np.sqrt(TAU) for column in range(columns)]])
+    np.savetxt(path, rows, header=header, delimiter=delimiter)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("columns", "header", "units", "si", "delimiter"),
+    [
+        (6, "tau_s, deviation of accelerometer x y z (m/s2), gyroscope x y z (deg/s)", None, {"accel": 1.0, "gyro": DEG}, " "),
+        (6, "tau [s] gx [deg/h] gy [deg/h] gz [deg/h] ax [ug] ay [ug] az [ug]", None, {"gyro": H, "accel": UG}, ", "),
+        (3, "tau x y z (rad/s)", None, {"gyro": 1.0}, ";"),
+        (1, "", "deg/h", {"gyro": H}, " "),
+        (2, "", "mg,dps", {"accel": 1e3 * UG, "gyro": DEG}, "\t"),
+        (3, "tau x y z (rad/s)", "deg/s", {"gyro": DEG}, " "),  # who says it knows better than the header
+    ],
+)
+def test_columns_and_units(columns, header, units, si, delimiter, tmp_path):
+    curve = read_curve(written(tmp_path / "c.csv", columns, header, delimiter), units)
+    assert (list(curve.deviation), curve.tau_s) == (list(si), pytest.approx(TAU))
+    each = columns // len(si)
+    for place, (kind, unit) in enumerate(si.items()):
+        expected = unit * (1 + place * each + np.arange(each)) / np.sqrt(TAU)[:, None]
+        assert curve.deviation[kind] == pytest.approx(expected)
+
+
+ROWS = "\n".join(f"{tau} 1 1 1" for tau in range(1, 9))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("1 2\n2 2\n", "2 averaging times, expected 6"),
+        (ROWS, "give --curve-units, such as --curve-units deg/s"),
+        ("# (deg/s)\n" + ROWS.replace("\n", " 1\n") + " 1", "5 columns, expected tau and"),
+        ("# (deg/s)\n1 1\n2 1\n2 1\n", "line 4: expected averaging times that increase"),
+        ("# (deg/s)\n1 1\n2 -1\n", "line 3: expected averaging times that increase and deviations above 0"),
+        ("# (deg/s)\n1 1\n2 nan\n", "line 3: expected"),
+        ("# (deg/s)\n1 1\n2 1e300\n", "line 3: expected"),
+        ("# (deg/s)\n1 1\n2 1 1\n", "line 3: 3 columns, and 2 before"),
+        ("# (deg/s)\n1 1\nend\n", "line 3: 'end' is no row of numbers"),
+        ("", "0 averaging times"),
+        ("# (deg/s), (g)\n" + ROWS, "does not say one unit"),
+        (bytes(range(256)) * 20, "c.csv"),
+        (b"\xff\xfe1\x00", "c.csv"),
+        (b"# (deg/s)\n" + b"1 " * 100_000, "c.csv"),
+    ],
+)
+def test_what_is_no_curve_is_refused(text, says, tmp_path):
+    (tmp_path / "c.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(CalibrationError, match=r"^\S*c\.csv[^\n]*$") as refused:
+        read_curve(tmp_path / "c.csv")
+    assert says in str(refused.value)
+
+
+def test_what_a_curve_does_not_say_is_assumed_and_said(tmp_path):
+    """White noise of 1 °/√h, of one axis."""
+    path = written(tmp_path / "c.csv", 1, "(deg/h)")
+    found = tinygc.estimate_noise(curve=path)
+    assert found.figures.gyro.axes[2].value("N") == pytest.approx(H, rel=0.02)  # deviation 1 °/h at 1 s
+    assert (found.figures.accel, found.figures.duration_s, found.to_json()["rate_known"]) == (None, 10_000.0, False)
+    for words in ("--duration", "stands for all three", "The data rate is not known: 1 over the shortest averaging time, 10 Hz"):
+        assert any(words in remark for remark in found.remarks)
+    told = tinygc.estimate_noise(curve=path, duration_s=73_800, odr_hz=400, sensor="BMI055", serial="7").figures
+    assert (told.duration_s, told.rate_hz, told.rate_known, told.sensor, told.serial) == (73_800, 400, True, "BMI055", "7")
+    for header, more, says in (("(deg/h)", {"duration_s": 100}, "a recording of 100 s cannot"), ("(mg)", {}, "holds no gyroscope")):
+        with pytest.raises(CalibrationError, match=says):
+            tinygc.estimate_noise(curve=written(tmp_path / "d.csv", 3, header), **more)
+    with pytest.raises(CalibrationError, match="'furlong' is no unit of a deviation"):
+        tinygc.estimate_noise(curve=path, curve_units="furlong")

@@ -76,13 +76,6 @@ def test_a_session_gives_its_rest_logs_whole_and_the_stills_of_its_log(tmp_path)
     assert any("5 stills" in remark for remark in found.remarks)
 
 
-def test_a_log_in_a_session_folder_is_read_by_its_settings(tmp_path):
-    write_session(tmp_path, rest(), "rest0001.csv")
-    found = read(tmp_path / "rest0001.csv")
-    assert_same(found.sums[0].samples, rest())
-    assert found.sensor == "ASM330LHH"
-
-
 @pytest.mark.parametrize("size", [2_000, 1 << 20])
 def test_a_text_log_comes_in_pieces_and_each_reading_once(tmp_path, monkeypatch, size):
     monkeypatch.setattr(inputs.Reader.pieces, "__defaults__", (size,))
@@ -119,12 +112,6 @@ def test_arrays_in_a_file_with_a_rate_need_no_option(tmp_path):
     (sums,) = read(tmp_path / "unit.npz").sums
     assert_same(sums.samples, still)
     assert sums.rate_hz == 100.0
-
-
-def test_several_logs_are_one_estimate_of_one_unit(tmp_path):
-    paths = [written(tmp_path / f"day{day}.csv", rest(seed=day, registers=False)) for day in range(3)]
-    assert [len(sums.samples) for sums in read(*paths).sums] == [4160] * 3
-    assert read(tmp_path).logs == ["day0.csv", "day1.csv", "day2.csv"]  # the folder of the three
 
 
 def test_a_telephones_two_files_are_one_log(tmp_path):
@@ -188,44 +175,28 @@ def refused(*given, **told) -> str:
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "more", "says"),
     [
-        (("ASM330LHH", "MPU-9250"), "the sensor is MPU-9250, and of rest0001.csv it is ASM330LHH"),
-        (('"42"', '"43"'), "the serial number is 43, and of rest0001.csv it is 42"),
+        (("ASM330LHH", "MPU-9250"), {}, "the sensor is MPU-9250, and of rest0001.csv it is ASM330LHH"),
+        (('"42"', '"43"'), {}, "the serial number is 43, and of rest0001.csv it is 42"),
+        (("x", "x"), {"odr_hz": 104.0}, "it has 104 Hz, and rest0001.csv has 208 Hz"),
     ],
 )
-def test_two_units_are_refused(change, says, tmp_path):
+def test_two_units_and_two_data_rates_are_refused(change, more, says, tmp_path):
     write_session(tmp_path / "a", rest(), "rest0001.csv")
-    write_session(tmp_path / "b", rest(seed=1), "rest0002.csv", SESSION_TOML.replace(*change))
+    write_session(tmp_path / "b", rest(seed=1, **more), "rest0002.csv", SESSION_TOML.replace(*change))
     assert says in refused(tmp_path / "a", tmp_path / "b")
-
-
-def test_what_is_told_of_a_unit_is_held_against_its_logs(tmp_path):
-    write_session(tmp_path, rest(), "rest0001.csv")
-    assert "the sensor is ASM330LHH, and you say MPU-9250" in refused(tmp_path / "rest0001.csv", sensor="MPU-9250")
     with pytest.raises(CalibrationError, match="the serial number is 42, and you say 7; give the logs of one unit"):
-        read_inputs([tmp_path], Answers(), serial="7")
+        read_inputs([tmp_path / "a"], Answers(), serial="7")
 
 
-def test_logs_of_one_name_are_told_by_their_folders(tmp_path):
-    for day in ("monday", "tuesday"):
-        write_session(tmp_path / day, rest(seed=len(day)), "rest0001.csv")
+def test_two_clocks_are_one_rate_and_logs_of_one_name_are_told_by_their_folders(tmp_path):
+    for day, hz in (("monday", 208.0), ("tuesday", 210.0)):
+        write_session(tmp_path / day, rest(seed=len(day), odr_hz=hz), "rest0001.csv")
     assert read(tmp_path / "monday", tmp_path / "tuesday").logs == ["monday/rest0001.csv", "tuesday/rest0001.csv"]
-
-
-def test_two_data_rates_are_refused_and_two_clocks_are_not(tmp_path):
-    write_session(tmp_path / "a", rest(), "rest0001.csv")
-    write_session(tmp_path / "b", rest(seed=1, odr_hz=104.0), "rest0002.csv")
-    write_session(tmp_path / "c", rest(seed=1, odr_hz=210.0), "rest0003.csv")
-    assert "it has 104 Hz, and rest0001.csv has 208 Hz" in refused(tmp_path / "a", tmp_path / "b")
-    assert len(read(tmp_path / "a", tmp_path / "c").sums) == 2
-
-
-def test_a_recording_that_comes_twice_is_refused(tmp_path):
-    path = written(tmp_path / "a.csv", rest(registers=False))
-    shutil.copy(path, tmp_path / "b.csv")
-    assert "are the same recording" in refused(path, tmp_path / "b.csv")
-    assert "are the same recording" in refused(path, path)
+    shutil.copytree(tmp_path / "monday", tmp_path / "copy")
+    for other in ("monday", "copy"):
+        assert "are the same recording" in refused(tmp_path / "monday", tmp_path / other)
 
 
 def test_units_and_files_that_cannot_be(tmp_path):
@@ -244,15 +215,3 @@ def test_units_and_files_that_cannot_be(tmp_path):
     assert "leave --sensor out" in refused(tmp_path / "other", sensor="MPU-9250")
     write_session(tmp_path / "alone", still, toml=SESSION_TOML + '[protocol]\nreference = "turns"\n')
     assert "a gyroscope alone" in refused(tmp_path / "alone")
-
-
-def test_adis_as_its_owner_has_it_needs_no_option(shared):
-    path = shared / "wild" / "adis16405_imu1.npz"
-    if not path.is_file():
-        pytest.skip(f"no public recordings: {path} is not there")
-    (sums,) = read(path).sums
-    assert len(sums.samples) == 1_000_000
-    assert sums.rate_hz == 100.0
-    # at rest it reads gravity and a zero of tenths of a degree per second
-    assert np.linalg.norm(sums.samples.accel.mean(axis=0)) == pytest.approx(G, rel=0.03)
-    assert np.abs(sums.samples.gyro.mean(axis=0)).max() < 2 * DEG

@@ -1,18 +1,16 @@
 """Rest logs as files: block means, what was mended, knocks, the first look, the refusals."""
 
 import gzip
-import json
 
 import numpy as np
 import pytest
 from conftest import SESSION_TOML
-from rest_logs import rest_log, rest_samples
+from rest_logs import rest_samples
 
 from session.detect.check_stills import check_rest
-from session.detect.events import knocked
 from session.io.config import Sensor
 from session.io.errors import DataError, FormatError
-from session.io.rests import BlockMeans, read_rest, rest_from_samples
+from session.io.rests import read_rest, rest_from_samples
 from tinygc import read_session
 
 SENSOR = Sensor("ASM330LHH", "42", 13.0, 500.0, 4.0)
@@ -35,8 +33,8 @@ def table(seconds=60, rate_hz=13.0, seed=0):
 
 @pytest.mark.parametrize("name", ["rest0001.csv", "rest0001.csv.gz"])
 def test_block_means_are_those_of_the_rows(tmp_path, name):
-    rows = table()
-    log = read_rest(rest_file(tmp_path, rows, name), SENSOR)
+    rows, seen = table(), []
+    log = read_rest(rest_file(tmp_path, np.insert(rows, 100, rows[99], axis=0), name), SENSOR, lambda samples: seen.append(len(samples)))
     block = (rows[:, 0] // 1e6).astype(int)
     for number in (0, 17, 59):
         mine = rows[block == number]
@@ -45,26 +43,9 @@ def test_block_means_are_those_of_the_rows(tmp_path, name):
         np.testing.assert_allclose(log.accel[k], mine[:, 4:7].mean(axis=0), atol=1e-8)
         np.testing.assert_allclose(log.accel_sd[k], mine[:, 4:7].std(axis=0, ddof=1), rtol=1e-5)
         assert log.temp_c[k] == pytest.approx(mine[:, 7].mean(), abs=1e-6)
-    assert log.samples == len(rows)
-    assert log.period_s == pytest.approx(1 / 13, rel=1e-4)
-
-
-def test_pieces_give_the_same_means_as_the_whole():
-    samples = rest_samples(cycles=0.2)
-    whole, pieces = rest_from_samples(samples), BlockMeans(1.0)
-    for start in range(0, len(samples), 37):
-        pieces.add(samples.between(start, min(start + 37, len(samples))))
-    parts = pieces.log(whole.path, samples.period_s)
-    for name in ("number", "count", "temp_c", "gyro", "accel", "gyro_sd", "accel_sd"):
-        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-7, atol=1e-9)
-
-
-def test_who_watches_sees_every_sample_once(tmp_path):
-    rows, seen = table(), []
-    rows = np.insert(rows, 100, rows[99], axis=0)
-    log = read_rest(rest_file(tmp_path, rows), SENSOR, lambda samples: seen.append(len(samples)))
-    assert sum(seen) == len(rows) - 1 == log.samples
+    assert log.samples == len(rows) == sum(seen)  # a repeated row is left out
     assert "1 rows repeat the stamp" in log.notes[0]
+    assert log.period_s == pytest.approx(1 / 13, rel=1e-4)
 
 
 def test_a_gap_shows_in_the_numbers(tmp_path):
@@ -96,44 +77,24 @@ def test_a_folder_says_its_rest_logs_and_a_folder_of_them_alone_says_what_to_do(
         read_session(tmp_path)
 
 
-def test_packed_and_unpacked_at_once_is_refused(tmp_path, run):
-    (tmp_path / "session.toml").write_text(SESSION_TOML)
-    rest_file(tmp_path, table())
-    rest_file(tmp_path, table(), "rest0001.csv.gz")
-    code, _, err = run("fit", tmp_path)
-    assert code == 2
-    assert "holds rest0001.csv and rest0001.csv.gz" in err
-
-
-def test_noise_that_grows_with_temperature_is_no_knock():
-    assert knocked(rest_log(2, noise_per_c=0.012)).sum() == 0
-
-
-def test_the_first_look(tmp_path, run):
-    (tmp_path / "session.toml").write_text(SESSION_TOML)
-    rest_file(tmp_path, table())
-    code, _, _ = run("check", tmp_path, "--json", tmp_path / "x.json")
-    assert code == 0
-    findings = json.loads((tmp_path / "x.json").read_text())["findings"]
-    assert {f["what"]: f["level"] for f in findings} == {"gravity": "ok", "stillness": "ok", "attitude": "ok", "temperature": "ok"} or {
-        f["what"] for f in findings
-    } == {"gravity", "stillness", "temperature"}
-
-
-def test_wrong_units_stop_the_fit(tmp_path, run):
+@pytest.mark.parametrize(
+    ("column", "change", "says"),
+    [
+        (slice(4, 7), lambda v: v / 9.8, "gravity: 0.102 g at rest"),
+        (7, lambda v: v + 273, "where no chip survives"),
+        (0, None, "rest0001.csv.gz"),
+    ],
+)
+def test_wrong_units_and_a_log_twice_stop_the_fit(tmp_path, run, column, change, says):
     rows = table()
-    rows[:, 4:7] /= 9.8  # g under a header of m/s^2
     (tmp_path / "session.toml").write_text(SESSION_TOML)
+    if change is None:
+        rest_file(tmp_path, rows, "rest0001.csv.gz")  # packed, and beside it unpacked
+    else:
+        rows[:, column] = change(rows[:, column])
     rest_file(tmp_path, rows)
     code, _, err = run("fit", tmp_path)
-    assert code == 2
-    assert "gravity: 0.102 g at rest" in err
-    rows = table()
-    rows[:, 7] += 273
-    rest_file(tmp_path, rows)
-    code, _, err = run("fit", tmp_path)
-    assert code == 2
-    assert "where no chip survives" in err
+    assert (code, says in err) == (2, True)
 
 
 def test_a_sensor_that_is_put_down_otherwise_is_said():
@@ -143,13 +104,3 @@ def test_a_sensor_that_is_put_down_otherwise_is_said():
     log = rest_from_samples(samples.with_accel(tilted))
     assert any(f.what == "attitude" and "tilts by" in f.says for f in check_rest(log))
     assert not any(f.what == "attitude" for f in check_rest(rest_from_samples(samples)))
-
-
-def test_a_restless_log_is_no_rest_log():
-    samples = rest_samples(cycles=1.0)
-    rng = np.random.default_rng(0)
-    gyro = samples.gyro.copy()
-    shaken = rng.uniform(size=len(gyro)) < 0.3 * (np.arange(len(gyro)) % 200 < 90)
-    gyro[shaken] += rng.normal(size=(shaken.sum(), 3)) * 0.2
-    log = rest_from_samples(type(samples)(samples.t_ns, gyro, samples.accel, samples.temp_c))
-    assert [f.level for f in check_rest(log) if f.what == "stillness"] == ["error"]

@@ -6,7 +6,6 @@ import shutil
 import numpy as np
 import pytest
 from commandline import refused
-from fleets import FIT, ran
 from formats_page import strangers
 from unit_sessions import moved_copies
 
@@ -88,21 +87,6 @@ def test_several_sessions_without_a_serial_number_are_no_unit_and_each_serial_is
         path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.strip().startswith(("serial", '"serial'))))
     refused(run("history", days, "--quiet"), "day3: names no serial number; give sensor.serial")
     assert run("history", days / "day3", "--quiet")[0] == 0  # one session is of one unit
-
-
-@pytest.mark.broad
-def test_a_fleets_table_is_a_history_too(fitted, tmp_path):
-    place, out = tmp_path / "sessions", tmp_path / "out"
-    for day, seed in (("d20250101", 1), ("d20260101", 2)):
-        tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=seed, unit_seed=1).session.save(place / day)
-    ran(place, out, FIT)
-    (unit,) = tinygc.history(out).units
-    assert [session.moment.day for session in unit.sessions] == ["2025-01-01", "2026-01-01"]
-    for day in place.iterdir():
-        tinygc.fit(day, methods=("least_squares",)).save()
-    (same,) = tinygc.history(place).units
-    for one, other in zip(unit.numbers, same.numbers, strict=True):
-        np.testing.assert_allclose(one.values, other.values, atol=1e-2 * other.sigmas.max())
 
 
 def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_path):

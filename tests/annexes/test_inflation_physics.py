@@ -14,7 +14,6 @@ from tinygc.annexes.noise.inflation import (
     LONGEST_S,
     MISALIGNMENT,
     SCALE,
-    STILLS,
     UNDERSAMPLING,
     UNNAMED,
     at_rest,
@@ -198,14 +197,6 @@ def test_the_drift_of_the_session_replaces_the_flicker_at_rest(result, figures):
     assert turns.walk_density == pytest.approx(100 * rest.walk_density)
 
 
-def test_noisier_stills_are_a_part(result):
-    quiet = figures_of(axis_of(N=1e-5))
-    _, turns, slow, _ = inflations(with_noise(result), quiet)
-    expected = result.problem.noise.angle_random_walk / 1e-5
-    assert turns.parts[STILLS] == pytest.approx(expected)
-    assert slow.white == pytest.approx(expected)
-
-
 def test_undersampling_is_its_factor_times_what_is_predicted(result, figures):
     noise = result.noise.noise
     missed = replace(noise.missed, predicted_rad=np.full(len(result.problem.batch), 2e-4))
@@ -266,15 +257,3 @@ def test_each_kind_of_motion_is_one_line_with_its_largest_part_first():
     (line,) = inflation_lines([replace(found, motion="slow turning (10 °/s, corrected every 3 s)")], slow)
     assert "scale 1.50" in line
     assert "unnamed at most 2.00" in line
-
-
-@pytest.mark.parametrize(("walk", "words"), [(0.0, "not known, below 5e-06"), (4e-6, "not known, below 5e-06"), (6e-6, "6e-06")])
-def test_a_walk_that_no_rest_shows_is_its_limit_unless_the_session_has_a_larger_one(walk, words):
-    hidden = axis_of(N=N)
-    hidden = replace(hidden, terms={**hidden.terms, "K": Term(0.0, None, 0.1, 5e-6)})
-    rest = replace(at_rest(figures_of(axis_of(N=N))), walk_density=np.full(3, walk))
-    assert inflation_lines([rest], SensorNoise((hidden,) * 3)) == [f"At rest N holds (1.00); walk {words} rad/s/√s"]
-    vague = replace(hidden, terms={**hidden.terms, "B": Term(1e-9, 6e-10, 0.7, 2e-9)})  # a limit alone is shown by no axis
-    assert inflation_lines([rest], SensorNoise((hidden, hidden, vague))) == [f"At rest N holds (1.00); walk {words} rad/s/√s"]
-    shown = SensorNoise((hidden, hidden, axis_of(N=N, B=1e-9)))
-    assert inflation_lines([rest], shown) == [f"At rest N holds (1.00); walk {walk:.2g} rad/s/√s"]

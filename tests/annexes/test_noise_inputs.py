@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import DEG, SESSION_TOML, Table, write_session
 
-import tinygc
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError
 from session.io.samples import Samples, joined
@@ -87,15 +86,6 @@ def test_a_text_log_comes_in_pieces_and_each_reading_once(tmp_path, monkeypatch,
     assert sums.rate_hz == pytest.approx(208, rel=1e-3)
 
 
-def test_samples_without_stamps_are_counted_across_pieces(tmp_path, monkeypatch):
-    monkeypatch.setattr(inputs.Reader.pieces, "__defaults__", (2_000,))
-    still = rest(registers=False, odr_hz=200.0)
-    path = written(tmp_path / "counted.csv", still, "gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g")
-    (sums,) = read(path, odr_hz=200.0).sums
-    assert len(sums.parts) > 1
-    assert_same(sums.samples, still)
-
-
 def test_stamps_coarser_than_the_samples_lose_none(tmp_path):
     """Whole milliseconds at 3200 Hz: three samples in four share a stamp, which a rest log of ours would leave out."""
     still = rest(4.0, registers=False, odr_hz=3200.0)
@@ -154,14 +144,6 @@ def test_what_turns_throughout_is_refused_in_one_line(plan, tmp_path):
     with pytest.raises(CalibrationError, match=r"turns\.csv: nothing lies still") as refused:
         read(path)
     assert "\n" not in str(refused.value)
-
-
-def test_sessions_and_arrays_are_taken_as_they_are(tmp_path):
-    still = rest(registers=False)
-    given = (still.t_ns * 1e-9, still.gyro, still.accel)
-    assert_same(read(given).sums[0].samples, still)
-    (sums,) = read(tinygc.Session.from_arrays(*given)).sums
-    assert len(sums.samples) > 0.95 * len(still)
 
 
 # What is refused

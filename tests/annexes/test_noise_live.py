@@ -149,15 +149,3 @@ def test_what_fails_is_said_once_and_ends_nothing(error, says, again):
     noise.answer()
     assert finished(noise) is None  # nothing new
     assert len(runs) == 1 + again
-
-
-def test_sums_that_fail_end_nothing():
-    class Broken(Sums):
-        def add(self, samples):
-            raise ZeroDivisionError("of nothing")
-
-    noise = LiveNoise(0.2, lambda sums: KNOWN, after, Broken)
-    noise.add(samples(61.0))
-    assert "failed (ZeroDivisionError: of nothing)" in noise.answer().lines[0]
-    noise.add(samples(61.0, 61.0))
-    assert noise.answer() is None

@@ -19,7 +19,7 @@ from tinygc.annexes.noise import choice, likelihood, scales, summary
 from tinygc.annexes.noise.choice import Chosen, Search
 from tinygc.annexes.noise.curve import fit_curve
 from tinygc.annexes.noise.dependence import sandwich
-from tinygc.annexes.noise.estimate import _axis, _bands, _relative, allan_points, described, estimate_noise, known_after_s
+from tinygc.annexes.noise.estimate import _axis, _relative, allan_points, described, estimate_noise, known_after_s
 from tinygc.annexes.noise.likelihood import (
     DECADES,
     Fitted,
@@ -329,15 +329,6 @@ def test_a_limit_is_where_the_likelihood_has_dropped_by_its_sigmas(name, drop):
     assert profile(0.93 * limit) - lowest < drop < profile(1.07 * limit) - lowest
 
 
-def test_a_correlation_time_at_the_finest_scale_is_the_filters():
-    search = search_of(6, candidates=("G",), N=1.0)
-    shortest, longest = search.bounds()
-    assert shortest == pytest.approx(choice.SHORTEST_MEANS * DT)
-    assert longest >= 4 * shortest
-    values = six(2**13, 6, N=1.0) + 3 * six(2**13, 7, N=1.0, G=8.0, T=0.01)
-    assert Search(groups(sums_of(values)), DT, (), ("G",)).of(frozenset("G")) is None
-
-
 def test_a_line_that_means_do_not_show_is_left_out():
     search = search_of(7, 2**11, lines_hz=(2.0, 100.0), N=1.0)
     assert search.lines_hz == (2.0,)
@@ -429,13 +420,6 @@ def test_a_ramp_is_exact_where_the_last_mean_lacks_a_part():
     assert np.sqrt(np.trace(top.S)) == pytest.approx(np.linalg.norm(t), rel=1e-6)
 
 
-def test_what_is_shorter_than_a_block_counts_at_the_levels_that_it_fills():
-    assert sums_of(six(40, 5, N=1.0)).size == 32
-    short = sums_of(six(31, 5, N=1.0))
-    assert [group.size for group in groups(short)] == [1]
-    assert groups(short)[0].count == 31 // short.ratios[0]
-
-
 def test_logs_whose_blocks_differ_are_both_used():
     """Clocks of 127 and 129 Hz: their blocks are of 32 and 64 samples."""
     slow, fast = (sums_of(six(2**13, seed, 1 / hz, N=1.0), 1 / hz) for seed, hz in ((3, 127), (4, 129)))
@@ -472,16 +456,6 @@ def test_a_knock_a_stuck_register_and_a_noisy_spell_are_left_out():
     assert sum(rest.seconds.values()) == pytest.approx(len(number) * rest.block_s)
     clean = groups(sums, channel=4)[0]
     assert np.trace(clean.S) / clean.count / len(clean.S) * DT == pytest.approx(1, abs=0.03)
-
-
-def test_halves_that_differ_are_said():
-    quiet, loud = six(30_000, 8, N=1.0), six(30_000, 9, N=1.0, K=2.0)
-    loud += quiet[-1] - loud[0]
-    rest = rest_of(sums_of(np.concatenate([quiet, loud])))
-    (line,) = scales.unsteady([rest], [rest.blocks.mean[:, 0]], DT)
-    assert "the noise of its second half is" in line
-    same = rest_of(sums_of(six(60_000, 10, N=1.0, K=1.0)))
-    assert scales.unsteady([same], [same.blocks.mean[:, 0]], DT) == []
 
 
 def test_temperature_is_taken_out_of_fine_scales_and_costs_the_coarsest_its_columns():
@@ -553,14 +527,6 @@ def test_how_long_to_record_is_what_that_length_gives(mixed):
     wide = replace(figures, gyro=replace(figures.gyro, axes=(vague, vague, vague)))
     assert known_after_s(wide, "gyro", 1, "K", 0.1) == pytest.approx(4 * needed_s, rel=0.1)
     assert _relative({"N": (1.0, None)}, "N", 1000.0, DT, 0.0) == pytest.approx(1 / np.sqrt(2 * 1000 / DT), rel=0.02)
-
-
-def test_stills_of_a_session_and_a_log_are_one_estimate():
-    stills, log = [sums_of(six(150, 100 + k, N=1.0)) for k in range(40)], sums_of(six(2**14, 7, N=1.0, K=0.5))
-    alone, both = (_axis(groups(*each), DT, ()) for each in ((log,), (*stills, log)))
-    assert both.terms["N"].sigma < alone.terms["N"].sigma
-    assert abs(both.value("N") - 1) < 4 * both.terms["N"].sigma
-    assert both.value("K") == pytest.approx(alone.value("K"), rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -644,18 +610,6 @@ def test_b_is_not_taken_from_a_log_whose_temperature_moves_the_zero_by_more():
     assert known_after_s(found.figures, "gyro", 0, "B") == np.inf
 
 
-def test_bands_of_a_right_model_have_power_one_and_of_a_wrong_one_do_not():
-    basis = contrasts(64)
-    walk = np.cumsum(np.random.default_rng(0).standard_normal((2000, 64)), axis=1) @ basis
-    S = walk.T @ walk / len(walk)
-    lag = np.minimum(np.arange(64)[:, None], np.arange(64)[None]) + 1.0
-    right = _bands(basis, S, basis.T @ lag @ basis)
-    assert [len(band) for band in right] == [32, 16, 8, 7]
-    assert np.concatenate(right) == pytest.approx(1, abs=0.15)
-    wrong = _bands(basis, S, np.eye(63))
-    assert wrong[-1].mean() > 50 * wrong[0].mean()
-
-
 def test_a_misfit_widens_sigmas_and_a_change_of_n_is_in_its_sigma():
     search = Search(groups(sums_of(six(2**13, 15, N=1.0, G=3.0, T=2.0))), DT)
     chosen = search.of(frozenset("G"))
@@ -670,32 +624,6 @@ def test_a_misfit_widens_sigmas_and_a_change_of_n_is_in_its_sigma():
     changed = described(search, chosen, 0.5, 1.0, 0.0, 0.3)
     assert changed.terms["N"].sigma == pytest.approx(np.hypot(plain.terms["N"].sigma, 0.3 * plain.value("N")), rel=1e-9)
     assert changed.terms["G"].sigma == plain.terms["G"].sigma
-
-
-def of_sizes(present, log_sigma):
-    """An axis whose sets have a K of size 2 with a sigma of its logarithm, and have it with a probability."""
-    search = Search(groups(sums_of(six(2**12, 17, N=1.0, K=2.0))), DT)
-    both, none = search.of(frozenset("K")), search.of(frozenset())
-    width = sandwich(search, both)[1, 1] / both.fitted.covariance[1, 1]
-    information = np.diag([1e4, width / (2 * log_sigma) ** 2]) - np.eye(2) / likelihood.PRIOR_VARIANCE
-    chosen = replace(both, fitted=replace(both.fitted, x=np.array([1.0, 4.0]), information=information), log_evidence=0.0)
-    search.tried = {frozenset("K"): chosen}
-    if present < 1:
-        search.tried[frozenset()] = replace(none, log_evidence=-float(np.log(choice.ODDS * present / (1 - present))))
-    return described(search, chosen, 0.5, 1.0, 0.0, 0.0).terms["K"]
-
-
-def test_a_size_within_two_sigmas_of_none_is_a_limit_alone():
-    sure = of_sizes(1.0, 0.1)
-    assert sure.is_determined
-    assert sure.value == pytest.approx(2, rel=0.02)
-    assert sure.at_most is None
-    unsure = of_sizes(0.7, 0.1)  # sd / mean = 0.67
-    assert unsure.chosen
-    assert not unsure.is_determined
-    assert unsure.value == pytest.approx(1.4, rel=0.02)
-    assert unsure.at_most == pytest.approx(2 * 1.155, rel=0.05)
-    assert not of_sizes(1.0, 0.6).is_determined
 
 
 # A curve that somebody else made, and real rests

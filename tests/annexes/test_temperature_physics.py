@@ -36,15 +36,13 @@ from tinygc.annexes.temperature.axis_fit import (
     line_in,
     make_knots,
     misfit,
-    most_order,
     none_by_chance,
     predicted,
     simplest,
     solve,
     whiten,
 )
-from tinygc.annexes.temperature.model import LEAD, ElementTemperature, ThermalModel, element_temperature
-from tinygc.annexes.temperature.output import of_rests, remarks
+from tinygc.annexes.temperature.model import ElementTemperature, ThermalModel, element_temperature
 from tinygc.annexes.temperature.rest_fit import (
     RestFit,
     ShortTimes,
@@ -52,7 +50,6 @@ from tinygc.annexes.temperature.rest_fit import (
     long_times,
     noise_over_temperature,
     residual_blocks,
-    whole_curve,
     zero_of_blocks,
 )
 from tinygc.annexes.temperature.sessions_fit import (
@@ -61,12 +58,11 @@ from tinygc.annexes.temperature.sessions_fit import (
     in_frame_of_first,
     join,
     joined,
-    of_rests_alone,
     point_of,
     zero_form,
 )
 from tinygc.annexes.temperature.sweeps import Sweep, between_steps, sweeps_of, turning_points
-from tinygc.closure.floor import TIMES_S, AllanCurve, AllanSums, averaging_factors, curve_of
+from tinygc.closure.floor import TIMES_S, AllanSums, averaging_factors, curve_of
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 
@@ -95,17 +91,6 @@ def test_a_lag_is_exact_on_a_ramp_whatever_the_step(tau):
         t_s = np.arange(0, 600, step_s)
         element = element_temperature(20 + 0.05 * t_s, tau, step_s)
         assert element[-1] == pytest.approx(20 + 0.05 * t_s[-1] - 0.05 * tau, abs=1e-6)
-
-
-def test_a_lead_undoes_a_lag_up_to_its_own_time():
-    """What is left of a lag of tau behind a lead of tau is one of tau / (LEAD - 1)."""
-    t_s = np.arange(0, 4000.0)
-    heat = 30 - 20 * np.cos(2 * np.pi * t_s / 2000)
-    back = element_temperature(element_temperature(heat, 40.0, 1.0), -40.0, 1.0)
-    late = element_temperature(heat, 40.0, 1.0)
-    # H(s) = (1 + r a s) / ((1 + a s)(1 + tau s)), tau = a (r - 1): 1 up to tau a s^2.
-    left = 20 * 40.0 * 40.0 / (LEAD - 1) * (2 * np.pi / 2000) ** 2
-    assert np.abs(back - heat)[500:].max() < 1.1 * left < 0.02 * np.abs(late - heat)[500:].max() + 0.04
 
 
 @pytest.mark.parametrize("tau", [0.0, 33.0, -33.0])
@@ -147,13 +132,6 @@ def test_a_reversal_of_a_quarter_of_the_range_ends_a_sweep(share, ways):
     assert [each.stop for each in found] == [*(each.start for each in found[1:]), len(temp)]
 
 
-def test_what_has_no_sweep():
-    assert sweeps_of(np.linspace(0, 1.99, 30)) == sweeps_of(np.array([3.0])) == sweeps_of(np.array([3.0, np.nan, 30])) == []
-    spike = np.where(np.isin(np.arange(40), [20, 21, 22, 23]), 60.0, np.linspace(0, 30, 40))
-    for temp in (np.linspace(0, 2.0, 30), np.array([0.0, 30]), spike):
-        assert [each.direction for each in sweeps_of(temp)] == [1]
-
-
 def test_knots_are_means_over_their_blocks(monkeypatch):
     """Two logs, the first of two sweeps, of six and four blocks, the other of ten without: eight knots in all."""
     monkeypatch.setattr(axis_fit, "MOST_KNOTS", 8)
@@ -179,14 +157,6 @@ def test_knots_are_means_over_their_blocks(monkeypatch):
     assert knots.element_c(25.0) == pytest.approx(lagged)
     offsets = [[1, 0]] * 4 + [[0, 1]] * 4
     assert columns(knots, 25.0, 1) == pytest.approx(np.column_stack([offsets, knots.mean((lagged - 8) / 8)]))
-
-
-def test_a_log_that_begins_late_or_never_warms():
-    knots = make_knots([small_rest([20.0, 25, 20], number=[7, 8, 10])], [])
-    assert knots.element_c(30.0) == pytest.approx(element_temperature(np.array([20.0, 25, 22.5, 20]), 30.0, 10.0)[[0, 1, 3]])
-    bare = make_knots([small_rest([np.nan] * 4)], [])
-    assert (bare.reference_c, bare.half_c, bare.temp_c.tolist()) == (25, 1, [0] * 4)
-    assert [make_knots([small_rest([20.0, high])], []).half_c for high in (20.5, 22.5)] == [1, 1.25]
 
 
 def test_covariances_of_means_over_a_knots_time():
@@ -377,13 +347,6 @@ def test_the_simplest_within_one_standard_error_of_the_best():
     assert simplest(plain, np.array([[1.0, 0.5, 0.5 - 1e-9]])) == 2
 
 
-def test_the_highest_order_is_a_quarter_of_the_knots():
-    for count, order in ((3, 0), (4, 1), (20, 5), (23, 5)):
-        assert most_order(make_knots([small_rest(np.linspace(10, 30, count))], [])) == order
-    assert most_order(make_knots([small_rest(np.linspace(10, 10.99, 20))], [])) == 0
-    assert most_order(make_knots([small_rest(np.linspace(10, 11.0, 20))], [])) == 5
-
-
 @pytest.mark.parametrize("tau", [0.0, 25.0])
 def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_the_knots(rest, tau):
     """The lag is where the weighted misfit is least; the coefficients have equal weights at that lag."""
@@ -521,23 +484,6 @@ def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
     assert [each.order for each in two.examined.candidates] == [0]
 
 
-@pytest.mark.parametrize("times", [0.9, 1.1])
-def test_a_coefficient_is_kept_where_it_is_significant(times):
-    """The square of a quadratic whose held-out error is best: below one in a thousand, by its own sigma."""
-    size = 1e-5
-    for _ in range(3):
-        _, fit = fitted(made(coefficients=(0.5, 8e-3, size), seed=3), orders=(0, 1, 2), with_lag=False)
-        knots, _ = fitted(made(seed=3), orders=(0,))
-        noise = fit.noise
-        y = knots.mean(made(coefficients=(0.5, 8e-3, size), seed=3)[0].gyro[:, 0])
-        coefficients, covariance = solve(knots, y, noise, 0.0, Candidate(2, False))
-        z = coefficients[2] / np.sqrt(covariance[2, 2])
-        size += (stats.norm.isf(0.0005) * times - z) * np.sqrt(covariance[2, 2]) / knots.half_c**2
-    _, fit = fitted(made(coefficients=(0.5, 8e-3, size), seed=3), orders=(1, 2), with_lag=False)
-    chosen = fit.order
-    assert chosen == (2 if times > 1 else 1)
-
-
 # Between the steps of a thermometer
 
 
@@ -583,14 +529,6 @@ def test_where_it_turns_it_goes_half_of_a_parabolas_way(rests, by):
     middle = 30 + rests // 2
     assert found.temp_c[middle] == pytest.approx(2.5 + by, abs=0.01)
     assert found.sigma_c[middle] == pytest.approx(UNIFORM * min(rests / 40, 1))
-
-
-def test_to_and_fro_between_two_steps_is_one_passage_where_both_are_as_frequent():
-    reading = np.concatenate([np.zeros(10), np.tile([0.0, 1], 5), np.ones(20), np.full(20, 2.0)])
-    t = np.arange(len(reading)) + 0.5
-    found = between_steps(t, reading, (1.0, 0.0))
-    assert found.interval.max() == 2
-    assert np.flatnonzero(np.diff(found.interval)).tolist() == [10, 39]
 
 
 def test_what_is_left_as_it_is():
@@ -639,14 +577,6 @@ def test_the_errors_weigh_with_the_slope_there():
     np.testing.assert_allclose(with_them.C, of_noise + off @ off.T, atol=1e-12)
 
 
-@pytest.mark.parametrize(("step", "back"), [(0.5, True), (1.0, False)])
-def test_a_strong_slope_is_found_by_a_coarse_thermometer(step, back):
-    log, _ = stepped(0.05, step, back=back)
-    fit = fit_axis(make_knots([log], sweeps_of(log.temp_c)), log.gyro[:, 0])
-    assert (fit.order, fit.line) == (1, None)
-    assert abs(fit.terms[1] - 0.05) < 3 * fit.sigma[1] < 3 * 0.05 * 0.03
-
-
 @pytest.mark.parametrize(("noise", "shows"), [(0.003, 2), (0.3, 0)])
 def test_the_line_of_a_constant_by_full_matrices(noise, shows):
     """Slope by equal weights, sigma in the noise of the constant; whether the parabola shows in the noise that it leaves itself."""
@@ -662,27 +592,6 @@ def test_the_line_of_a_constant_by_full_matrices(noise, shows):
     square = (G @ y) @ np.linalg.solve(G @ of_parabola.C @ G.T, G @ y)
     assert (stats.chi2.sf(square, 2) < BY_CHANCE) == bool(shows)
     assert found.order == shows
-
-
-def test_a_line_or_a_walk_is_said_and_no_constant():
-    """A line that shows, and that a walk could have made."""
-    log, _ = stepped()
-    rests = fit_rests([(log, None)], (0,), with_accel=False)
-    for order, walks in ((1, True), (0, False)):
-        x = replace(rests.gyro[0], line=axis_fit.Line(0.02, 1e-3, order))
-        told = replace(rests, gyro=(x, *rests.gyro[1:]))
-        said, table = remarks(of_rests_alone("x", told, {})), of_rests(told)["gyro"][0]
-        assert any(line.startswith("x: straight line or walk, 1.1") and "not told apart" in line for line in said) == walks
-        assert (table["line_or_walk"], table["line_dps"], table["line_std_dps"]) == (walks, *np.degrees([0.02, 1e-3]))
-
-
-def test_the_errors_of_the_steps_are_not_taken_for_noise():
-    knots = make_knots([stepped()[0]], [])
-    off = 0.05 * knots.off_c
-    y = columns(knots, 0.0, 1) @ [0.5, 0.3] + off @ np.random.default_rng(1).standard_normal(off.shape[1])
-    A, V = columns(knots, 0.0, 1), knots.covariances()
-    told, untold = (estimate_noise(y, A, V, 1e-4, steps) for steps in (off @ off.T, 0.0))
-    assert told.sizes[1:].max() < 0.2 * untold.sizes[1:].max()
 
 
 # Rest logs beside the zero
@@ -744,15 +653,6 @@ def test_long_times_are_pooled_over_pieces_without_gaps():
     three, four = (small_rest(np.zeros(k)) for k in (3, 4))
     assert long_times([three], residual[:3]) is None
     assert long_times([four], residual[:4]) is not None
-
-
-def test_the_whole_curve_is_the_short_times_and_then_the_long():
-    short = AllanCurve(np.array([1.0, 2.0]), np.ones((2, 3)), np.ones(2), 5.0)
-    long = AllanCurve(np.array([2.0, 4.0]), np.full((2, 3), 2.0), np.ones(2), 9.0)
-    assert whole_curve([short], long).tau_s.tolist() == [1, 2, 4]
-    assert whole_curve([short, long], None) is short
-    assert whole_curve([], long) is long
-    assert whole_curve([], None) is None
 
 
 def test_noise_over_temperature_is_a_regression_of_the_scatter():
@@ -993,24 +893,6 @@ def shape():
     return RestFit((), knots, (), tuple(axes), (), None, None, ())
 
 
-def test_terms_of_rest_logs_lie_order_by_order(shape):
-    alone = of_rests_alone("name", shape, {"a": "b"})
-    assert (alone.names[9:12], alone.names[-1]) == (("zero0_x", "zero0_y", "zero0_z"), "lag_z")
-    assert len(alone.names) == len(alone.values) == 9 + 9 + 3
-    assert alone.values[:9].tolist() == np.eye(3).ravel().tolist()
-    expected = np.zeros_like(alone.covariance)
-    for axis, fit in enumerate(shape.gyro):
-        rows = [9 + 3 * n + axis for n in range(fit.order + 1)] + [18 + axis]
-        assert alone.values[rows].tolist() == [*fit.terms, fit.tau_s]
-        expected[np.ix_(rows, rows)] = fit.covariance
-    np.testing.assert_array_equal(alone.covariance, expected)
-    assert alone.values[9 + 6 + 1] == 0
-    assert alone.remaining_rps.tolist() == [2e-3] * 3
-    assert (alone.model.range_c, alone.model.reference_c) == ((-5, 70), 32)
-    bare = replace(shape, knots=make_knots([small_rest([np.nan] * 3)], []))
-    assert of_rests_alone("name", bare, {}).model.range_c == (25, 25)
-
-
 @pytest.mark.parametrize("celsius", [(0.0,), (-20.0, 20.0, 50.0)])
 def test_the_level_is_the_sessions_and_the_shape_the_rest_logs(shape, celsius):
     """With full matrices: the sessions' zeros less the shape, whose error is shared by all of them; then the covariance of level, shape
@@ -1040,18 +922,6 @@ def test_the_level_is_the_sessions_and_the_shape_the_rest_logs(shape, celsius):
         np.testing.assert_allclose(fit.covariance[np.ix_(rows, rows)], expected, rtol=1e-6, atol=1e-22)
     assert fit.model.range_c == (min(celsius[0] - 1, -5), max(celsius[-1] + 2, 70))
     assert fit.remaining_rps.tolist() == [2e-3] * 3
-
-
-def test_one_session_keeps_its_own_covariance_of_E_and_each_axis_zero():
-    (point,) = some_points((20.0,))
-    own = point.covariance.copy()
-    own[BIAS, BIAS] = np.diag(np.diag(own)[BIAS])
-    fit = join([point], None)
-    np.testing.assert_allclose(fit.covariance[:12, :12], own, rtol=1e-9)
-    two = join([point, point], None)
-    np.testing.assert_allclose(two.covariance[:12, :12], own / 2, rtol=1e-6, atol=1e-18)
-    assert np.isnan(fit.p_value)
-    assert fit.p_constant == 1
 
 
 def test_a_covariance_that_cannot_be_becomes_the_nearest_that_can():

@@ -66,13 +66,6 @@ def test_its_formula(model):
     np.testing.assert_allclose(moved, np.tile(change, (300, 1)), atol=1e-12)
 
 
-def test_it_goes_through_its_file(tmp_path):
-    path = Calibration(MODEL).save(tmp_path / "model.json")
-    back = models.load(path)
-    assert json.loads(path.read_text())["kind"] == "thermal"
-    np.testing.assert_array_equal(back.calibrate(log()), MODEL.calibrate(log()))
-
-
 GOOD = {"E": [np.eye(3).tolist()], "zero_rps": [[0, 0, 0]], "lag_s": [0, 0, 0], "reference_c": 20, "range_c": [0, 50]}
 
 

@@ -15,9 +15,9 @@ from session.io.units import DEG, MG, G
 from tinygc import models
 from tinygc.annexes.verification import causes, questions, verdict
 from tinygc.annexes.verification.causes import Cause, Evidence, beyond_linear, diagnose
-from tinygc.annexes.verification.cost import BOUND, Bound, Cost, bounds, cost_of, effects_deg, estimated_change, left_open
+from tinygc.annexes.verification.cost import BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
 from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
-from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, facts, read_old, variance_and_freedom, with_bias_moved
+from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, read_old, variance_and_freedom, with_bias_moved
 from tinygc.annexes.verification.questions import (
     DRAWS,
     GRAVITY,
@@ -47,7 +47,7 @@ from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table
 from tinygc.models.physics import PhysicsModel
-from tinygc.noise.components import TURN, Component
+from tinygc.noise.components import TURN
 from tinygc.planning.proposals import TARGETS
 
 SIZES = {CLOSURE: 24, STILL: 18, LENGTH: 12}
@@ -247,17 +247,6 @@ def test_rows_of_rests_leave_e_unasked():
     assert rows.kinds[LENGTH].stop == len(rows.r)
 
 
-def test_a_spread_of_few_sessions_has_students_tails_on_each_axis():
-    change = np.zeros(COUNT)
-    change[ZERO] = [1.5, -1.0, 1.2]
-    rows = made_rows(12, change, noise=0.1)
-    spreads = [part(rows, [axis], np.array([0.5 * DEG]), freedom=4.0) for axis in np.r_[ZERO]]  # far above the noise
-    found = asked(rows, spreads)[B]
-    drawn = np.sum(np.random.default_rng(3).standard_t(4.0, (400_000, 3)) ** 2, axis=1)
-    assert found.p_value == pytest.approx(np.mean(drawn >= found.statistic), rel=0.08)
-    assert found.p_value > 5 * stats.chi2.sf(found.statistic, 3)
-
-
 def with_component(rows, name, kind, s, sigma):
     """Noise of rows with one component beyond white, of all rows of a kind."""
     V = np.zeros((len(rows.r), len(rows.r)))
@@ -323,17 +312,6 @@ def test_degrees_of_freedom_of_a_size_with_a_sigma():
     assert variance_and_freedom(2.0, 0.0) == (4.0, np.inf)
 
 
-def test_the_noise_is_estimated_beside_any_change_of_the_parameters():
-    V = np.zeros((54, 54))
-    V[24:42, 24:42] = np.eye(18)
-    components = [Component("noise.still_rate", V, 0.5, "", 1.0, "")]
-    change = np.zeros(COUNT)
-    change[ZERO], change[ACCELEROMETER] = [0.5, -0.4, 0.3], 0.1
-    same, moved = (todays_noise(made_rows(15, each, components=components)) for each in (None, change))
-    assert moved.found.s == pytest.approx(same.found.s, rel=1e-2, abs=1e-2)
-    assert same.covariance == pytest.approx(made_rows(15).white + same.found.s[0] ** 2 * V)
-
-
 # Causes and costs
 
 
@@ -357,16 +335,6 @@ def test_evidence_is_that_of_normal_distributions_over_all_scales():
 
     expected = np.log(np.mean([np.exp(log_p(S + s**2 * X @ X.T) - log_p(S)) for s in causes.STEPS])) + np.log(PRIOR_ODDS)
     assert evidence.of([cause]).log_evidence - evidence.of([]).log_evidence == pytest.approx(expected, rel=1e-9)
-
-
-def test_the_estimate_beside_what_is_expected_is_that_of_least_squares():
-    change = np.zeros(COUNT)
-    change[MATRIX_OF_21[0]] = 0.2
-    rows = made_rows(7, change, noise=1e-3)
-    found = Evidence(rows, []).of([single(rows)])
-    assert found.theta == pytest.approx([0.2 * PLAUSIBLE[MATRIX_OF_21[0]]], rel=1e-2)
-    assert found.change[MATRIX_OF_21[0]] == pytest.approx(found.theta[0], rel=1e-12)
-    assert np.sqrt(found.covariance[MATRIX_OF_21[0], MATRIX_OF_21[0]]) == pytest.approx(np.sqrt(found.theta_covariance[0, 0]), rel=1e-9)
 
 
 def test_the_right_cause_is_found_and_its_double_is_not_told_apart():
@@ -479,15 +447,6 @@ def test_what_a_rotation_is_beyond_its_linear_columns():
     expected = LinearModel((R - np.eye(3) - cross) @ old.E, (R - np.eye(3) - cross) @ old.B).vector
     assert beyond_linear(old, vector)[GYROSCOPE] == pytest.approx(expected, abs=1e-15)
     assert not beyond_linear(old, vector)[:9].any()
-
-
-def test_a_change_is_estimated_with_plausible_changes_as_prior():
-    change = np.zeros(COUNT)
-    change[[9, 14, 20]] = 0.3, -0.2, 0.5
-    rows = made_rows(3, change, noise=0.01)
-    noise = todays_noise(rows)
-    found = estimated_change(rows, noise, left_open(rows, noise))
-    assert found / PLAUSIBLE == pytest.approx(change, abs=0.02)
 
 
 # Verdicts
@@ -605,14 +564,6 @@ def test_the_error_of_a_given_accelerometer_is_in_lengths_and_not_in_e(tmp_path)
     assert np.sqrt(np.diag(total([given]))[ACCELEROMETER]) == pytest.approx(np.r_[np.full(6, 0.1 * MG / G), np.full(3, 0.1 * MG)])
     assert not given.columns[: rows.kinds[LENGTH].start].any()
     assert given.columns[rows.kinds[LENGTH]].any()
-
-
-def test_both_sessions_are_draws_of_the_spread(tmp_path):
-    variance = np.full(COUNT, np.nan)
-    variance[ZERO] = [1e-6, 4e-6, 9e-6]
-    parts = [p for p in expected_parts(written(tmp_path), rows_with(), Spread(variance, 3.0, "own")) if p.name == "switch-on"]
-    assert np.diag(total(parts))[ZERO] == pytest.approx(2 * variance[ZERO])
-    assert [part.freedom for part in parts] == [3.0] * 3  # each axis' variance is estimated by itself
 
 
 @pytest.mark.parametrize(("known", "moves"), [([], range(9)), (range(9), []), ([0, 1, 2, 3, 4, 5, 7, 8], [6])])
@@ -744,11 +695,3 @@ def test_another_kind_of_model_is_a_correction_of_its_own_rates(tmp_path):
         expected[:, k] = np.linalg.lstsq(columns.reshape(15, 12), (moved(measured) - omega).ravel(), rcond=None)[0]
     assert old.covariance[GYROSCOPE, GYROSCOPE] == pytest.approx(expected @ expected.T, rel=1e-6, abs=1e-14)
     assert pytest.approx(B_OLD + 1) == with_bias_moved(model, np.ones(3)).linear.B
-
-
-def test_settings_that_differ_are_facts(tmp_path):
-    old = written(tmp_path, sensor={"model": "X", "serial": "1", "gyro_fs_dps": 250.0, "odr_hz": 104.0})
-    sensor = replace(config().sensor, model="X", serial="2", gyro_fs_dps=500.0, odr_hz=104.0)
-    said, other = facts(old, SimpleNamespace(config=replace(config(), sensor=sensor)))
-    assert other
-    assert [line.split(":")[0] for line in said] == ["full scale of the gyroscope", "serial of the sensor"]

@@ -16,13 +16,13 @@ import pytest
 from conftest import DEG
 from scipy.special import ndtr
 from scipy.stats import chi2
-from watched import ACCEL_WHITE, COVARIANCE, RATE_HZ, WHITE, G, csv, known, model_file, samples
+from watched import ACCEL_WHITE, COVARIANCE, RATE_HZ, WHITE, G, csv, model_file, samples
 
 from session.io.errors import CalibrationError, DataError, FormatError
 from tinygc.annexes.watch import source
 from tinygc.annexes.watch.alarm_command import AlarmCommand
 from tinygc.annexes.watch.bars import bar_of, run_length, squares_bar_of, squares_run_length
-from tinygc.annexes.watch.change import Change, WindowRecord, _response, change_of
+from tinygc.annexes.watch.change import WindowRecord, _response, change_of
 from tinygc.annexes.watch.detector import PROCESSES, Detector, Window, ZeroFilter
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse, _drift, expect
 from tinygc.annexes.watch.lines import JsonLines
@@ -95,16 +95,6 @@ def test_run_lengths_have_their_limits(shift):
     assert squares_run_length(2.0, 2, 1e-9) == pytest.approx(1 / chi2.sf(2 * np.log(2.0) / 0.375, 2), rel=1e-6)
     low, high, far = (squares_bar_of(2.0, 2, length) for length in (1e8, 1e10, 1e100))
     assert (high - low, far - low) == pytest.approx((np.log(1e2), np.log(1e92)), abs=0.01)
-
-
-def test_simulated_squares_run_as_long():
-    rng, sums, length = np.random.default_rng(2), np.zeros(4000), np.zeros(4000)
-    alive, bar = np.ones(4000, bool), squares_bar_of(2.0, 2, 100.0)
-    while alive.any():
-        length += alive
-        sums = np.maximum(0, sums + 0.375 * rng.chisquare(2, size=4000) - 2 * np.log(2.0))
-        alive &= sums < bar
-    assert length.mean() == pytest.approx(100, rel=4 / np.sqrt(4000))
 
 
 # What is a rest
@@ -299,33 +289,6 @@ def test_a_window_has_the_noise_of_the_last_64_and_its_own_from_twice_that_on(be
     assert found.sigma[:, 0] ** 2 - own == pytest.approx([wide, wide], rel=1e-6)
 
 
-def rested(c, gravity_of, rests: int, seed: int, length: int = 6) -> list[int]:
-    """Numbers of the rests, in random attitudes, in which gravity alarmed; gravity_of: direction (3,) -> normalised length."""
-    rng, filters, found = np.random.default_rng(seed), ZeroFilter(c), []
-    for number in range(rests):
-        along = rng.normal(size=3)
-        along /= np.linalg.norm(along)
-        filters.new_rest()
-        for _ in range(length):
-            filters.predict()
-            gravity = gravity_of(number, along) + rng.normal(size=1)
-            judged = filters.judge(reading(rng.normal(size=(3, 1)), gravity, direction=along))
-            assert np.isfinite(filters.gravity_P).all()
-            if judged.alarm[3, 0]:
-                found.append(number)
-    return found
-
-
-@pytest.mark.parametrize(("size_mg", "form"), [(10.0, "zero"), (200.0, "zero"), (200.0, "scale")])
-def test_an_accelerometer_that_has_changed_alarms_a_few_times(size_mg, form):
-    """A zero or a scale of another size from the tenth rest on: the watch goes on from what it has seen, in every attitude."""
-    c = chosen()
-    size = size_mg * 1e-3 / c.gravity_sigma
-    found = rested(c, lambda number, along: (number >= 10) * size * (along[0] if form == "zero" else 1.0), 100, 13)
-    assert 10 <= found[0] < 16
-    assert len(found) <= 4
-
-
 # The settings and what lies beside a model
 
 
@@ -346,16 +309,6 @@ def test_the_wander_is_nowhere_below_the_figures(B_dph, K):
 def test_what_no_detector_can_do_is_refused(other, every_s, says):
     with pytest.raises(CalibrationError, match=says):
         settings(flat(**other), every_s)
-
-
-def test_the_figures_that_nobody_measured_are_the_usual_ones():
-    """Zero of the accelerometer 2 mg, zero's change 0.01 dps/K, the Earth across the vertical, of each of two components."""
-    found = expect(known(), RATE_HZ)
-    np.testing.assert_allclose(found.accel_offset, 2e-3 * G, rtol=0.01)
-    np.testing.assert_allclose(found.per_k / DEG, 0.01, rtol=0.01)
-    np.testing.assert_allclose(found.attitude, np.hypot(7.292115e-5 / np.sqrt(3), 0.002 * DEG), rtol=1e-6)
-    assert "change of the zero with temperature" in found.assumed
-    assert "temperature of the calibration" in found.assumed
 
 
 def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
@@ -450,14 +403,6 @@ def test_a_size_is_the_mean_over_its_moments_and_over_forms_that_are_not_told_ap
     assert (found.size, found.sigma) == pytest.approx(integrated(z, forms, best), rel=1e-3)
 
 
-@pytest.mark.parametrize(("part", "last", "kind"), [(0.5, 2, "step or ramp"), (0.7, 3, "step")])
-def test_a_large_step_amid_a_window_is_no_drift_and_has_its_size(part, last, kind):
-    """An alarm of two windows, the first of which the step moves by a part: a drift from before it would move them so, too."""
-    found = change_of(records(300 * np.r_[np.zeros(COUNT - last), part, np.ones(last - 1)]), 3, last, chosen())
-    assert (found.kind, found.size) == (kind, pytest.approx(300, abs=2))
-    assert 0.5 < found.sigma < 1.5
-
-
 @pytest.mark.parametrize("ramp", [False, True])
 def test_the_response_is_what_the_filter_makes_of_a_change(ramp):
     """Of one unit, or one a second, from the 20th window on, with wander and temperature; the 25th window is not followed."""
@@ -485,18 +430,6 @@ def test_a_change_is_looked_for_30_windows_before_the_tests_own_beginning():
     found = change_of(records(np.full(COUNT, 5.0)), 3, COUNT - 1, chosen())
     assert (found.began_s, found.earlier) == (0.0, True)
     assert change_of(records(np.zeros(COUNT)), 3, 10, chosen()).size == 0.0
-
-
-@pytest.mark.parametrize(
-    ("kind", "earlier", "said"),
-    [
-        ("step", False, "a step of 5 dps at 12 s"),
-        ("ramp", True, "a drift since 12 s or earlier, by 5 dps so far"),
-        ("step or ramp", False, "a change of 5 dps since 12 s, a step or a drift"),
-    ],
-)
-def test_a_change_in_words(kind, earlier, said):
-    assert Change(kind, 12.3, earlier, 5.0, 1.0).words("5 dps") == said
 
 
 # Turns

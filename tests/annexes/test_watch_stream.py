@@ -108,14 +108,6 @@ def test_a_restart_is_another_switch_on():
     assert len(of_kind(events, "rest")) == 2
 
 
-def test_a_stream_that_never_rests_is_undecided_and_says_so():
-    readings = samples(900, 1)
-    rate = readings.gyro + 0.3 * np.sin(np.arange(len(readings.gyro)))[:, None]
-    _, events = watched(dataclasses.replace(readings, gyro=rate), piece=5000)
-    assert events[-1].table["held"] is None
-    assert [event.table["what"] for event in of_kind(events, "remark")] == ["no rest"]
-
-
 # The command
 
 
@@ -149,13 +141,6 @@ def test_a_log_that_holds_exits_with_0_and_one_without_rest_with_5(tmp_path, mod
     (tmp_path / "log.csv").write_text(csv(dataclasses.replace(readings, gyro=readings.gyro + np.sin(np.arange(2000))[:, None])))
     assert run(model, tmp_path / "log.csv") == 5
     assert "UNDECIDED" in capsys.readouterr().out
-
-
-def test_until_alarm_ends_there(tmp_path, model):
-    (tmp_path / "log.csv").write_text(csv(joined(STEP, samples(200, 9))))
-    assert run(model, tmp_path / "log.csv", "--quiet", "--until-alarm", "--json", tmp_path / "out.jsonl") == 1
-    last = json.loads((tmp_path / "out.jsonl").read_text().splitlines()[-1])
-    assert (last["event"], last["alarms"]) == ("end", 1)
 
 
 @posix_only
@@ -227,14 +212,6 @@ def test_every_event_is_of_its_format():
 
 
 # Turns
-
-
-def test_the_model_is_applied():
-    """A sensor with a scale error of 3 % closes by the model that corrects it."""
-    E = np.diag([1 / 1.03, 1 / 0.97, 1.0])
-    _, events = watched(turning(6, 2, scale=(1.03, 0.97, 1.0)), known=known(model=LinearModel(E, np.zeros(3))))
-    assert len(of_kind(events, "turn")) == 6
-    assert not of_kind(events, "alarm")
 
 
 def test_a_hand_that_begins_and_ends_softly_closes():

@@ -41,12 +41,12 @@ from tinygc.models.linear import BIAS, MATRIX
 ERRORS = {"turn_rad": np.array([1e-3, 2e-3, 1e-3]), "force_mps2": 0.01, "common_rad": 2e-3, "level_mps2": 0.01}
 
 
-MISSED_RAD = np.linspace(0.5e-3, 2e-3, 11)
+MISSED_RAD = np.linspace(0.5e-3, 2e-3, 7)
 
 
 @pytest.fixture(scope="module")
 def three():
-    made = small_array(3, 12, seed=4, **ERRORS)
+    made = small_array(3, 8, seed=4, **ERRORS)
     for unit in made.units:
         for k, turn in enumerate(unit.problem.used):
             turn.duration_s += 0.2 * k
@@ -281,11 +281,6 @@ def test_an_own_excess_is_tested_by_the_likelihood_without_it(pair):
     assert found[1] < found[0] < 1
     without = SimpleNamespace(**{**vars(pair), "solution": pair.solution.system.solved(np.array([0.0, 4.0, 1, 1, 0]))})
     assert own_p_values(without)[0] == 1.0
-
-
-@pytest.fixture(scope="module")
-def split(joint):
-    return split_of(joint)
 
 
 def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that_all_have():

@@ -43,7 +43,7 @@ def test_the_same_seed_conceals_the_same_and_the_configuration_does_not_tell_it(
 @pytest.mark.parametrize("name", sorted({name for name in MAKERS if name.startswith("gyro.")} - {"gyro.saturation"}))
 def test_two_codes_of_one_effect_agree(name):
     """The examiner's own code against the catalogue's, on the same movement: the parameters mean the same in both."""
-    options = SimulationOptions(segments=8, closure_s=0.0, warm_up_c=8.0)
+    options = SimulationOptions(segments=4, closure_s=0.0, warm_up_c=8.0)
     plan = plan_of(options)
     hidden = MAKERS[name](bench(np.random.default_rng(3), 1.0, options, plan))
     seen = []

@@ -16,7 +16,18 @@ from tinygc.annexes.rates.curve import Shape, fit_curve
 from tinygc.annexes.rates.fitting import fit, floor, over_rate
 from tinygc.annexes.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
 from tinygc.annexes.rates.points import points_of
-from tinygc.annexes.rates.terms import Range, _asymmetry, _crossing, _input_limit, _inside, _linear_range, averaged, left_open, terms
+from tinygc.annexes.rates.terms import (
+    Range,
+    _asymmetry,
+    _crossing,
+    _input_limit,
+    _inside,
+    _linear_range,
+    _probe,
+    averaged,
+    left_open,
+    terms,
+)
 from tinygc.annexes.rates.text import lines
 
 UP = np.linspace(-300.0, 300.0, 21)
@@ -91,6 +102,7 @@ def test_columns_of_extras_and_their_units():
     assert pytest.approx(np.array(expected, dtype=float)) == of.columns(rate, (), points).T
     assert not of.columns(rate, ())[:, [2, 3, 7]].any()  # of rates that are no points neither sense nor order is known
     assert (of.added, Hypothesis("line", apart=0).added) == (7, 1)
+    assert fit(points.part(np.arange(5) < 5), Hypothesis("line", apart=0)).units == ("mV", "mV/(°/s)", "mV")
     assert of.name == "line, clipped above, asymmetry, hysteresis, drift, turning, bend, sense, one reading off"
     every = Hypothesis("line", extras=tuple(EXTRAS))
     powers = np.array([1, *(extra.power for extra in EXTRAS.values())])
@@ -450,6 +462,9 @@ def test_repeats_have_a_row_of_their_own():
     pairs = (output[:25] - output[25:][::-1]) / np.sqrt(2)
     assert found.value == pytest.approx(np.sqrt(np.mean(pairs**2)), rel=1e-6)
     assert found.sigma == pytest.approx(found.value / np.sqrt(50))
+    rows = rows_of(given(fine(lambda w: SCALE * w + 0.4, sigma=np.full(50, 2e-3)), LINE))
+    assert (found.unit, rows["repeats"].unit) == ("V", "stated sigmas")
+    assert rows["offset_rate"].value == pytest.approx(0.4 / SCALE, rel=1e-2)
 
 
 @pytest.mark.parametrize("width", [5.0])
@@ -502,3 +517,21 @@ def test_the_evidence_of_a_shape_is_the_restricted_likelihood(monkeypatch):
 def test_a_curve_may_be_clipped_on_either_side():
     curve = fit_curve(fine(lambda w: np.minimum(SCALE * w * (1 - np.abs(w) / 9000), 3.0)), Hypothesis(CURVE, upper=True))
     assert curve.limits == (-np.inf, pytest.approx(3.0, abs=2e-3))
+
+
+def test_the_asymmetry_of_a_bend_is_of_the_rates_of_both_senses():
+    """A bend of one sense, whose range goes to −240 and 80 °/s: of the readings within ±80 °/s alone, by hand."""
+    points = fine(lambda w: SCALE * w * (1 - (w > 0) * w / 9000))
+    choice, within = given(points, Hypothesis("polynomial")), Range(-240.0, 80.0, (False, True))
+    w = FINE_TWICE[np.abs(FINE_TWICE) <= 80]
+    A = np.column_stack([np.ones(len(w)), w, w**2, w**3, np.abs(w)])
+    by_hand = np.linalg.lstsq(A, points.output[np.abs(FINE_TWICE) <= 80], rcond=None)[0]
+    # over 0 to E the line beside w^2 has the slope E
+    assert _probe(choice, _inside(choice, within), "asymmetry", within)[0] == pytest.approx(by_hand[4] + 80 * by_hand[2], rel=2e-3)
+
+
+def test_two_rates_of_both_ways_measure_hysteresis():
+    for back, is_measured in (([0.0], False), ([20.0, 0.0], True)):
+        rate = np.array([-60.0, -40, -20, 0, 20, 40, *back])
+        found = rows_of(given(measured(straight, rate), LINE))["hysteresis"]
+        assert (found.at_most is not None) == is_measured

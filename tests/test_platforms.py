@@ -59,20 +59,31 @@ def calibrate(*arguments) -> processes.CompletedProcess:
 
 
 @pytest.mark.broad
-def test_every_module_but_the_boards_terminal_can_be_imported():
-    code = """
-import importlib, pathlib
+def test_every_module_but_the_boards_terminal_is_imported_and_a_session_runs(tmp_path):
+    code = f"""
+import calibrate, importlib, pathlib
 failed = []
 for path in sorted(pathlib.Path(".").glob("session/**/*.py")) + sorted(pathlib.Path(".").glob("tinygc/**/*.py")):
     name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
     try:
         importlib.import_module(name)
-    except ImportError as error:
+    except ImportError:
         failed.append(name)
 print(*failed)
+folder = {str(tmp_path / "s")!r}
+log, model = folder + "/log0001.csv.gz", folder + "/fit/model_least_squares.json"
+for words in (
+    ["simulate", "--out", folder, "--segments", "10", "--closure", "0", "--odr-hz", "104", "--quiet"],
+    ["fit", folder, "--methods", "raw,least_squares", "--folds", "2", "--quiet"],
+    ["apply", model, log, "-o", folder + "/out.csv"],
+    ["export", folder, "--to", "json", "--out", folder + "/export"],
+):
+    assert calibrate.main(words) == 0, words
 """
     done = hidden(code)
-    assert done.stdout.split() == ["tinygc.simulation.terminal"], done.stderr
+    assert done.stdout.split("\n")[0] == "tinygc.simulation.terminal", done.stderr
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "s" / "out.csv").stat().st_size > 0
 
 
 def test_a_line_that_was_cut_off_is_ended(tmp_path):

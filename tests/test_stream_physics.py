@@ -11,7 +11,7 @@ import pytest
 from conftest import DEG, config
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import BOTH, INFO, PERIOD_US, costly, decode, frame_list, line_list, rng, same, samples, sent, strangers, troubles
+from streams import BOTH, INFO, costly, decode, frame_list, line_list, rng, same, samples, sent, strangers, troubles
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
@@ -244,22 +244,6 @@ def test_five_percent_lost_frames_are_counted_exactly():
 
 
 @BOTH
-def test_torn_messages_cost_only_themselves(encode):
-    t_us, registers = sent(5000)
-    messages = encode(t_us, registers)
-    torn = np.zeros(5000, bool)
-    torn[rng(7).choice(np.arange(10, 4900, 10), 200, replace=False)] = True
-    data = b"".join(m[: rng(k).integers(1, len(m) - 1)] if t else m for k, (m, t) in enumerate(zip(messages, torn, strict=True)))
-    decoder, events = decode(data)
-    assert strangers(events, t_us, registers) == 0
-    if encode is frame_list:
-        assert same(events, t_us[~torn], registers[~torn])
-    else:  # the next line has no beginning of its own; the line before a gap is doubted
-        assert decoder.samples >= 5000 - 3 * 200
-    assert decoder.garbage > 0
-
-
-@BOTH
 def test_garbage_before_the_first_message(encode):
     t_us, registers = sent(500)
     for seed in range(4):
@@ -283,20 +267,6 @@ def test_a_reset_in_the_middle(encode):
     assert np.array_equal(got_us, second[0][-len(got_us) :])
     assert len(got_us) >= 999
     assert decoder.resets == 1
-
-
-@pytest.mark.parametrize(
-    "field", [{"sequence": 300}, {"t_us": 2_000_000_000}, {"t_us": 1_000_000 + 500 * PERIOD_US + 900}, {"sequence": 501, "t_us": 77}]
-)
-def test_a_damaged_frame_with_a_good_check_and_a_wrong_number_or_stamp_is_left_out(field):
-    t_us, registers = sent(1000)
-    messages = frame_list(t_us, registers)
-    sequence, stamp = field.get("sequence", 500), field.get("t_us", int(t_us[500]))
-    messages[500] = frames.encode_samples(np.array([sequence]), np.array([stamp]), registers[500:501])[0].tobytes()
-    _, events = decode(b"".join(messages))
-    others = np.arange(1000) != 500
-    assert same(events, t_us[others], registers[others])
-    assert troubles(events) == {"implausible": 1, "lost": 1}
 
 
 def test_of_many_damaged_frames_none_enters():

@@ -163,7 +163,7 @@ def test_a_fault_costs_what_it_must_and_is_counted(elf):
     kind = "reset"
     driven = running(elf, 1667.0, faults=[Fault(kind, 1.2, 0.02)])
     before = dict(driven.counts)
-    driven.run(2.0)
+    driven.run(1.5)
     found = driven.verdict()
     risen = {name for name, count in driven.counts.items() if count > before[name]}
     assert {"reset"} < risen <= {"reset", "zeros", "starts", "lost"}
@@ -256,7 +256,6 @@ def test_the_table_of_the_boards_page_is_that_of_the_formula():
         ({"SPI_DIVIDER": "64", "ODR_HZ": "6667"}, "the SPI does not carry this data rate: make SPI_DIVIDER=16"),
         ({"SPI_DIVIDER": "24"}, "SPI_DIVIDER is one of 16, 32, 64, 128, 256"),
         ({"ODR_HZ": "500"}, "ODR_HZ is one of 12.5 (or 12), 26, 52, 104, 208, 417, 833, 1667, 3333, 6667"),
-        ({"GYRO_FS_DPS": "300"}, "GYRO_FS_DPS is one of 125, 250, 500, 1000, 2000, 4000"),
     ],
 )
 def test_what_no_sensor_or_bus_has_is_not_built(options, said, tmp_path):

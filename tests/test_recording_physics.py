@@ -34,7 +34,6 @@ from session.bench.rawfile import (
     is_locked,
     name_kept,
     read_events,
-    read_marks,
     said_cut,
 )
 from session.bench.recorder import BLOCK, Recorder
@@ -209,7 +208,7 @@ def test_a_pulled_cable_and_the_next_connection(tmp_path):
     there = [path.read_bytes() for path in sorted((tmp_path / "s").glob("log*.csv"))]
     assert [text.count(b"\n") for text in there] == [401, 401]
     assert replayed(tmp_path / "s" / "raw.bin", tmp_path / "again") == there
-    assert [mark.event.split()[0] for mark in read_marks(tmp_path / "s" / "raw.bin") if mark.event] == ["open", "close", "open"]
+    assert [mark.event.split()[0] for mark in read_events(tmp_path / "s" / "raw.bin")] == ["open", "close", "open"]
 
 
 def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
@@ -342,7 +341,7 @@ def test_what_is_removed_under_a_recording_is_noticed_and_saved(what, wire, tmp_
     saved = recorder.raw.saved
     assert saved == folder.with_name(f"s{_RESCUED}")
     assert (saved / "raw.bin").read_bytes() == data[:60_000]
-    assert [mark.event.split()[0] for mark in read_marks(saved / "raw.bin") if mark.event] == ["open"]
+    assert [mark.event.split()[0] for mark in read_events(saved / "raw.bin")] == ["open"]
 
 
 def test_two_recordings_in_one_folder(wire, other_wire, tmp_path):
@@ -395,7 +394,7 @@ def test_killed_at_a_random_moment(tmp_path, wire):
     child = multiprocessing.get_context("fork").Process(target=_record_for_ever, args=(tmp_path / "s", name), daemon=True)
     child.start()
     raw = tmp_path / "s" / "raw.bin"
-    until(lambda: raw.exists() and list(read_marks(raw)))
+    until(lambda: raw.exists() and read_events(raw))
     assert is_locked(raw)
     send(master, data[:100_003])
     until(lambda: raw.stat().st_size >= 100_003 and raw.with_name("log0001.csv").exists())

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from types import SimpleNamespace
 
-import pytest
 from commandline import spoil
 
 from session import VERSION
@@ -65,17 +63,6 @@ def test_the_name_alone_shows_the_help_and_is_no_success(run):
     assert (code, err) == (2, "")
     assert out.startswith("usage: python calibrate.py")
     assert "To begin: python calibrate.py fit data/session1" in " ".join(out.split())
-
-
-@pytest.mark.broad
-def test_quiet_keeps_a_verdict_but_where_a_file_is_the_result(run, folder):
-    for words, says in (
-        (("report", "--no-explain", "--methods", "least_squares"), "(PASS|NOT DECIDED|FAIL): .*"),
-        (("fit", "--methods", "least_squares"), ""),
-    ):
-        code, out, err = run(*words[:1], folder, *words[1:], "--quiet")
-        assert (code, err) == (0, "")
-        assert re.fullmatch(says, out.rstrip("\n"))
 
 
 def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):

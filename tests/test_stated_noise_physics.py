@@ -536,3 +536,12 @@ def test_degrees_of_freedom_are_cut_to_a_whole_number():
     assert coverage_factor(5.9) == pytest.approx(t.ppf(0.975, 5))
     assert coverage_factor(0.3) == pytest.approx(t.ppf(0.975, 1))
     assert coverage_factor(9.0, 0.99) == pytest.approx(t.ppf(0.995, 9))
+
+
+def test_the_tilt_that_noise_makes_is_the_rms_of_both_angles():
+    """Without the uncertainty of single turns and that of the accelerometer's calibration, which E takes up."""
+    problem = small_session(kind="yaw")
+    noise = loud(problem)
+    variance = np.diag(noise.white + noise.noise.covariance)[:21].reshape(7, 3)[:, :2].sum(axis=1)
+    variance -= np.trace(problem.floor.wider[:, :2, :2], axis1=1, axis2=2)
+    assert noise.tilt_rms == pytest.approx(np.sqrt(variance.mean()))

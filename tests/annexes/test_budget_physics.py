@@ -12,11 +12,11 @@ from session.io.errors import CalibrationError
 from session.io.units import DEG
 from tinygc.annexes.budget import monte_carlo as draws
 from tinygc.annexes.budget.library import budget_of_fit
-from tinygc.annexes.budget.monte_carlo import Redrawn, coverage_of
-from tinygc.annexes.budget.quantities import accelerometer_budgets, parameter_budgets, sensor_error_budgets, source_sizes, use_budgets
+from tinygc.annexes.budget.monte_carlo import _coverage_of, _Redrawn
+from tinygc.annexes.budget.quantities import _source_sizes, accelerometer_budgets, parameter_budgets, sensor_error_budgets, use_budgets
 from tinygc.annexes.budget.rows import Budget, Row
 from tinygc.annexes.budget.text import cells_of
-from tinygc.annexes.budget.use import DRIFT_OF_USE, NOISE_OF_USE, Use, sources_in_use
+from tinygc.annexes.budget.use import _DRIFT_OF_USE, _NOISE_OF_USE, Use, sources_in_use
 from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
@@ -69,7 +69,7 @@ def test_the_expanded_uncertainty_is_by_welch_and_satterthwaite():
 
 
 def test_the_variance_of_each_parameter_is_the_fits_to_the_bit(fitted):
-    sizes = source_sizes(fitted)
+    sizes = _source_sizes(fitted)
     assert sizes[GYRO_NOISE][0] == pytest.approx(0.005, rel=0.15)  # dps / sqrt(Hz), as simulated
     assert sizes[BIAS_DRIFT][1] == "°/h"
     for i, found in enumerate(parameter_budgets(fitted)):
@@ -112,9 +112,9 @@ def test_the_attitude_at_rest_by_hand(fitted):
     of_parameters = sum(row.variance for row in axes["attitude y"].rows[: len(fitted.sources)])
     assert of_parameters == pytest.approx(slope[1] @ fitted.covariance @ slope[1], rel=1e-9)
     sources = {source.name: source.covariance for source in own}
-    np.testing.assert_allclose(sources[NOISE_OF_USE], 60 * E @ np.diag(density**2) @ E.T, rtol=1e-9)
+    np.testing.assert_allclose(sources[_NOISE_OF_USE], 60 * E @ np.diag(density**2) @ E.T, rtol=1e-9)
     mean = wander_covariance(np.array([30.0]), 60.0, instability_rps=fitted.noise.noise.size("noise.bias_wander"))[0, 0]
-    np.testing.assert_allclose(np.diag(sources[DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
+    np.testing.assert_allclose(np.diag(sources[_DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
     x, y, z, whole = found
     assert whole.variance == pytest.approx(x.variance + y.variance + z.variance, rel=1e-12)
     # 0.1 dps each of session and use: 60 s at rest miss 60 s x 0.1 dps x sqrt(2) about each axis, the largest source.
@@ -153,7 +153,7 @@ def test_within_one_switch_on_the_drift_is_that_of_the_use_less_that_of_the_sess
     """At rest: 60 s times the standard deviation of the mean of the use less that of the session, C00 + C11 - 2 C01, counted once."""
     _, found, own = use_budgets(fitted, Use("rest", elapsed_s=elapsed_s))
     (row,) = (row for row in found[0].rows if "drift" in row.source)
-    assert (row.source, [source.name for source in own]) == ("drift of the bias since the session", [NOISE_OF_USE])
+    assert (row.source, [source.name for source in own]) == ("drift of the bias since the session", [_NOISE_OF_USE])
     problem, rps = fitted.problem, fitted.noise.noise.size("noise.bias_wander")
     moments = np.r_[problem.began_s[-1] + elapsed_s + 30.0, problem.middle_s]
     C = wander_covariance(moments, np.r_[60.0, problem.batch.duration_s], instability_rps=rps)
@@ -181,7 +181,7 @@ def moved_by(redrawn, errors, size):
 
 def test_a_refit_moves_by_the_response_to_the_errors(fitted):
     """Errors of the channels, in every kind of row, through the actual fit: L y, to first order."""
-    redrawn, noise = Redrawn(fitted, 1), fitted.noise
+    redrawn, noise = _Redrawn(fitted, 1), fitted.noise
     L = stated_response(fitted.problem, fitted.linear.model, fitted.options.still_rates)
     sigma, stop, lengths = np.sqrt(np.diag(fitted.covariance)), noise.closure.stop, -len(noise.twin.stills)
     size = np.sqrt(np.diag(noise.white))
@@ -194,7 +194,7 @@ def test_a_refit_moves_by_the_response_to_the_errors(fitted):
 
 def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
     """The accelerometer's given calibration and gravity, as the sources have them."""
-    redrawn = Redrawn(fitted, 1)
+    redrawn = _Redrawn(fitted, 1)
     by_name = {source.name: source.covariance for source in fitted.sources}
     scale, last = np.sqrt(np.outer(*[np.diag(fitted.covariance)] * 2)), len(redrawn.nothing.known) - 1
     steps = np.array([moved_by(redrawn, replace(redrawn.nothing, known=each), 1.0) for each in np.eye(last + 1)])
@@ -204,7 +204,7 @@ def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
 
 def test_readings_and_clock_move_the_parameters_as_stated(fitted):
     """A reading e too large takes E e from B; durations longer by a share take it from E and B."""
-    redrawn, model, sigma = Redrawn(fitted, 1), fitted.linear.model, np.sqrt(np.diag(fitted.covariance))
+    redrawn, model, sigma = _Redrawn(fitted, 1), fitted.linear.model, np.sqrt(np.diag(fitted.covariance))
     e = np.array([1.0, -2.0, 0.5]) * 1e-4 * DEG
     found = redrawn.refit(replace(redrawn.nothing, reading=e)) - model.vector
     np.testing.assert_allclose(found[BIAS], -model.E @ e, atol=1e-3 * sigma[9])
@@ -216,7 +216,7 @@ def test_readings_and_clock_move_the_parameters_as_stated(fitted):
 def test_each_source_is_drawn_with_its_covariance(fitted):
     """The covariance of the drawn errors, through the response, is the source's; the misfit is the inflation times the rest."""
     result = replace(fitted, widened=3.0, sources=(*fitted.sources, Source(MISFIT, "A", 9.0, 2.0 * total(fitted.sources))))
-    redrawn, count = Redrawn(result, 2), 600
+    redrawn, count = _Redrawn(result, 2), 600
     L = stated_response(result.problem, result.linear.model, False)
     by_name = {source.name: source for source in result.sources}
     for name in (GYRO_NOISE, BIAS_DRIFT, EARTH, MISFIT):
@@ -231,7 +231,7 @@ def test_each_source_is_drawn_with_its_covariance(fitted):
 def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
     config = fitted.session.config
     problem = fitted.problem.changed(session=replace(fitted.session, config=replace(config, sensor=replace(config.sensor, odr_sigma=0.01))))
-    redrawn, covariance = Redrawn(replace(fitted, problem=problem), 2), np.zeros((12, 12))
+    redrawn, covariance = _Redrawn(replace(fitted, problem=problem), 2), np.zeros((12, 12))
     clock = [redrawn.draw(Source(CLOCK, "B", np.inf, np.eye(12))).clock for _ in range(2000)]
     assert np.std(clock) == pytest.approx(0.01, rel=0.08)
     for diagonal in ([1.0, 4.0, 9.0], [0.0, 4.0, 0.0]):  # one axis alone may be coarse
@@ -244,7 +244,7 @@ def test_a_wrong_size_is_found_by_the_draws(fitted):
     """A budget whose gyroscope noise is half of what the data have differs from the draws."""
     halved = tuple(replace(s, covariance=s.covariance / 4) if s.name == GYRO_NOISE else s for s in fitted.sources)
     wrong, (source,) = replace(fitted, sources=halved, covariance=total(halved)), (s for s in halved if s.name == GYRO_NOISE)
-    redrawn = Redrawn(wrong, 3)
+    redrawn = _Redrawn(wrong, 3)
     moved = np.array([redrawn.refit(redrawn.draw(source)) for _ in range(30)]) - redrawn.model.vector
     checks = list(draws._source_checks(source, moved, wrong.covariance))
     assert min(each.sigmas for each in checks) > 3
@@ -281,15 +281,15 @@ def test_the_factor_covers_what_it_says():
     """One variance with 5 degrees of freedom: exactly 95 % (Student); known ones likewise; of two, nearly (Welch–Satterthwaite)."""
     rng = np.random.default_rng(1)
     for rows, within in ((((1.0, 5.0),), 0.004), (((1.0, np.inf), (2.0, np.inf)), 0.004), (((1.0, 5.0), (1.0, 9.0)), 0.01)):
-        assert coverage_of(budget(*rows), rng, 60_000) == pytest.approx(0.95, abs=within)
+        assert _coverage_of(budget(*rows), rng, 60_000) == pytest.approx(0.95, abs=within)
 
 
 def test_what_cannot_be_drawn_or_used_is_refused(fitted):
     with pytest.raises(CalibrationError, match="cannot be drawn"):
-        Redrawn(replace(fitted, noise=None), 0)
+        _Redrawn(replace(fitted, noise=None), 0)
     other = replace(fitted.linear, model=fitted.linear.model.with_bias_moved(np.full(3, 0.1 * DEG)))
     with pytest.raises(CalibrationError, match="made again"):
-        Redrawn(replace(fitted, linear=other), 0)
+        _Redrawn(replace(fitted, linear=other), 0)
     with pytest.raises(CalibrationError, match="--elapsed"):
         budget_of_fit(fitted, Use("rest", elapsed_s=10.0), draws=1)
     for seconds in (1e9, 0.0, float("nan")):

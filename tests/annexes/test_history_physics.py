@@ -19,7 +19,7 @@ from tinygc.annexes.history.forecast import (
     FAILS,
     HOLDS,
     UNDECIDED,
-    draws_of,
+    _draws_of,
     outlooks_of,
     parse_accuracy,
     parse_limit,
@@ -217,7 +217,7 @@ def test_a_minute_at_rest_turns_by_the_bias():
     np.testing.assert_allclose(slope[:, ZERO], -60 * np.eye(3), atol=1e-6)
     np.testing.assert_allclose(slope[:, :9], 0, atol=1e-6)
     (as_angle,) = outlooks_of(history, [parse_accuracy("5.4deg/60s")], today=history.sessions[-1].moment.when)
-    turned = 60 * np.linalg.norm(draws_of(history).now[:, ZERO], axis=1)
+    turned = 60 * np.linalg.norm(_draws_of(history).now[:, ZERO], axis=1)
     assert as_angle.shares[0] == pytest.approx(np.mean(turned <= 5.4 * DEG))
     assert 0.5 < as_angle.shares[0] < 0.95
     assert as_angle.requirement.limit == pytest.approx(5.4 * DEG)
@@ -226,7 +226,7 @@ def test_a_minute_at_rest_turns_by_the_bias():
 
 def test_draws_are_those_of_level_scatter_and_last_value():
     history, q = history_of(drawn(YEARS, 6, SCATTER)), PLACE["bias y"]
-    draws, number = draws_of(history), history.numbers[q]
+    draws, number = _draws_of(history), history.numbers[q]
     model, moved = number.course.model, draws.now[:, q] + number.values[-1] - number.course.model.coefficients[0]
     assert np.median(moved) == pytest.approx(0, abs=0.1 * model.scatter)
     design = np.column_stack([np.ones(10), history.at - history.at[-1]])
@@ -234,7 +234,7 @@ def test_draws_are_those_of_level_scatter_and_last_value():
     width = np.diff(np.quantile(moved, [0.025, 0.975]))[0] / 2
     assert width == pytest.approx(t.ppf(0.975, 8) * model.scatter * np.sqrt(1 + leverage), rel=0.06)
     np.testing.assert_array_equal(draws.after(2.0), draws.now + 2 * draws.growth)  # no shock was found, and none is predicted
-    more = draws_of(history_of(drawn(YEARS, 6, SCATTER, steps={4: of("bias", 2.0)})))
+    more = _draws_of(history_of(drawn(YEARS, 6, SCATTER, steps={4: of("bias", 2.0)})))
     moved = more.after(1.0) - more.now - more.growth
     shocked = np.abs(moved) > 1e-12
     assert np.mean(shocked[:, ZERO].any(axis=1)) == pytest.approx(1 - np.exp(-1 / 3), abs=0.03)  # one in three years
@@ -245,7 +245,7 @@ def test_shocks_to_come_have_the_rms_of_those_that_were():
     """Two shocks in three years, each of one number: an arrival moves a number with half of its shock's square."""
     history = history_of(drawn(np.linspace(0, 3, 15), 6, SCATTER, steps={5: of("bias x", 2.0), 9: of("bias y", 4.0)}))
     assert sorted((step.number.words, step.interval) for step in history.steps) == [("bias x", 5), ("bias y", 9)]
-    draws = draws_of(history)
+    draws = _draws_of(history)
     moved = draws.sizes[:, :, [PLACE["bias x"], PLACE["bias y"], PLACE["bias z"]]].reshape(-1, 3) / DEG
     np.testing.assert_allclose(np.sqrt(np.mean(moved**2, axis=0)), [np.sqrt(2), np.sqrt(8), 0.0], rtol=0.08)
     assert np.mean(draws.arrivals[:, 0]) == pytest.approx(3 / 2, rel=0.06)
@@ -256,7 +256,7 @@ def test_errors_of_one_fit_are_drawn_with_their_correlation():
     root = np.linalg.cholesky(0.9 * np.ones((21, 21)) + 0.1 * np.eye(21))
     one = [replace(each, covariance=np.outer(100 * OWN, 100 * OWN) * (root @ root.T)) for each in sessions]
     pair = [PLACE["scale factor error x"], PLACE["bias z"]]
-    found = [np.corrcoef(draws_of(history_of(each)).growth[:, pair].T)[0, 1] for each in (sessions, one)]
+    found = [np.corrcoef(_draws_of(history_of(each)).growth[:, pair].T)[0, 1] for each in (sessions, one)]
     assert abs(found[0]) < 0.15
     assert found[1] > 0.3
 

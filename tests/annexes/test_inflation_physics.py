@@ -11,13 +11,13 @@ from session.io.folder import read_session
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import closure
 from tinygc.annexes.noise.inflation import (
+    _MISALIGNMENT,
+    _UNDERSAMPLING,
+    _UNNAMED,
     LONGEST_S,
-    MISALIGNMENT,
     SCALE,
-    UNDERSAMPLING,
-    UNNAMED,
+    _back_and_forth,
     at_rest,
-    back_and_forth,
     inflation_lines,
     inflations,
     inflations_of_folder,
@@ -94,7 +94,7 @@ def test_the_angle_of_motion_is_the_integral_of_its_autocorrelation():
     for window_s in (0.05, 9.0):  # lags t from -T to T, each T - |t| long
         t = (np.arange(2000) + 0.5) * window_s / 2000
         expected = 2 * rate**2 * np.mean((window_s - t) * np.exp(-t / c)) * window_s
-        assert back_and_forth(rate, c, window_s) * window_s == pytest.approx(expected, rel=1e-5)
+        assert _back_and_forth(rate, c, window_s) * window_s == pytest.approx(expected, rel=1e-5)
 
 
 def test_at_rest_nothing_is_inflated_but_the_walk():
@@ -125,7 +125,7 @@ def figures():
     return figures_of(axis_of(N=OPTIONS.gyro_noise_dps_rthz * DEG / np.sqrt(2), B=3 * DEG_PER_HOUR))
 
 
-@pytest.mark.parametrize("part", [SCALE, MISALIGNMENT])
+@pytest.mark.parametrize("part", [SCALE, _MISALIGNMENT])
 def test_a_part_of_the_matrix_is_the_square_of_the_turns_errors_that_it_makes(result, figures, part):
     sigma = 2e-3
     i, j = (1, 1) if part == SCALE else (1, 2)
@@ -153,7 +153,7 @@ def test_a_scale_factor_on_other_motion_by_hand(result, figures):
     window_s, white = np.mean(result.problem.batch.duration_s), figures.gyro.values("N")[0]
     third = (10 * DEG) ** 2 * window_s / 3
     assert slow.parts[SCALE][0] == pytest.approx(np.sqrt(1 + 1e-6 * third / white**2))
-    assert slow.parts[MISALIGNMENT][0] == pytest.approx(np.sqrt(1 + 4e-6 * third / white**2))
+    assert slow.parts[_MISALIGNMENT][0] == pytest.approx(np.sqrt(1 + 4e-6 * third / white**2))
     assert slow.parts[SCALE][1:].tolist() == [1.0, 1.0]
     # The rate over the turns, and half a second.
     model, batch = result.linear.model, result.problem.batch
@@ -184,8 +184,8 @@ def test_the_unnamed_is_what_each_turn_errs_by_over_its_duration(result, figures
     _, turns, slow, _ = inflations(with_noise(result, turn=(size, sigma)), figures)
     white, window_s = figures.gyro.values("N"), np.mean(result.problem.batch.duration_s)
     expected = np.sqrt(1 + size**2 / window_s / white**2)
-    assert turns.parts[UNNAMED] == pytest.approx(expected)
-    assert slow.parts[UNNAMED] == pytest.approx(expected)
+    assert turns.parts[_UNNAMED] == pytest.approx(expected)
+    assert slow.parts[_UNNAMED] == pytest.approx(expected)
     # A square of a normal variable: its variance is 4 m^2 s^2 + 2 s^4.
     of_square = np.sqrt(4 * size**2 * sigma**2 + 2 * sigma**4) / window_s / white**2
     assert turns.white_sigma == pytest.approx(of_square / (2 * turns.white))
@@ -207,9 +207,9 @@ def test_undersampling_is_its_factor_times_what_is_predicted(result, figures):
     _, turns, slow, both = inflations(bare, figures)
     window_s = np.mean(result.problem.batch.duration_s)
     expected = np.sqrt(1 + (1.5 * 2e-4) ** 2 / window_s / figures.gyro.values("N") ** 2)
-    assert turns.parts[UNDERSAMPLING] == pytest.approx(expected)
-    assert both.parts[UNDERSAMPLING] == pytest.approx(expected)
-    assert UNDERSAMPLING not in slow.parts  # slow motion is not faster than the samples
+    assert turns.parts[_UNDERSAMPLING] == pytest.approx(expected)
+    assert both.parts[_UNDERSAMPLING] == pytest.approx(expected)
+    assert _UNDERSAMPLING not in slow.parts  # slow motion is not faster than the samples
     assert np.all(turns.white_sigma == 0)
 
 

@@ -19,7 +19,7 @@ from tinygc.annexes.noise import choice, likelihood, scales, summary
 from tinygc.annexes.noise.choice import Chosen, Search
 from tinygc.annexes.noise.curve import fit_curve
 from tinygc.annexes.noise.dependence import sandwich
-from tinygc.annexes.noise.estimate import _axis, _relative, allan_points, described, estimate_noise, known_after_s
+from tinygc.annexes.noise.estimate import _allan_points, _axis, _relative, described, estimate_noise, known_after_s
 from tinygc.annexes.noise.likelihood import (
     DECADES,
     Fitted,
@@ -199,7 +199,7 @@ def test_the_allan_deviation_is_that_of_allantools():
     allantools = pytest.importorskip("allantools", reason="AllanTools is not installed: pip install -e '.[test]'")
     values = six(2**16, 3, N=1.0, B=0.5, K=0.1)
     terms = {name: Term(size, 0.1, 1.0) for name, size in {"N": 1.0, "B": 0.5, "K": 0.1}.items()}
-    points = allan_points(groups(sums_of(values)), DT, AxisNoise(dict.fromkeys(TERMS, ABSENT) | terms))
+    points = _allan_points(groups(sums_of(values)), DT, AxisNoise(dict.fromkeys(TERMS, ABSENT) | terms))
     tau_s, deviation, _, _ = allantools.oadev(values[:, 0], rate=1 / DT, data_type="freq", taus=[p[0] for p in points])
     theirs = dict(zip(np.round(tau_s, 6), deviation, strict=True))
     both = [point for point in points if np.round(point[0], 6) in theirs]
@@ -214,7 +214,7 @@ def test_one_pair_in_each_window_has_a_chi_square_of_as_many_freedoms():
     """White noise in 9 windows of 4 means: at two means each window holds one difference."""
     group = replace(window(4), S=9 * np.diag([1.0, 2.0, 0.5]), count=9.0)
     axis = AxisNoise(dict.fromkeys(TERMS, ABSENT) | {"N": Term(1.0, 0.1, 1.0)})
-    (_, one, _, _), (_, two, low, high) = allan_points([group], DT, axis)
+    (_, one, _, _), (_, two, low, high) = _allan_points([group], DT, axis)
     values = contrasts(4) @ np.diag([1.0, 2.0, 0.5]) @ contrasts(4).T  # covariance of the means
     difference = np.array([-0.5, -0.5, 0.5, 0.5])
     assert two**2 == pytest.approx(difference @ values @ difference / 2)

@@ -16,52 +16,52 @@ from session.io.rests import RestLog
 from session.io.samples import Samples
 from tinygc.annexes.temperature import axis_fit
 from tinygc.annexes.temperature.axis_fit import (
-    AS_NOISE,
+    _AS_NOISE,
     BY_CHANCE,
     AxisFit,
     Candidate,
-    Coloured,
+    _best_lag,
+    _Coloured,
+    _hysteresis_of,
+    _lag_grid,
+    _lag_shows,
+    _line_in,
+    _none_by_chance,
     about,
-    best_lag,
     by_chance,
     columns,
     estimate_noise,
     examine,
     fit_axis,
     folds_of,
-    hysteresis_of,
     in_degrees,
-    lag_grid,
-    lag_shows,
-    line_in,
     make_knots,
     misfit,
-    none_by_chance,
     predicted,
     simplest,
     solve,
     whiten,
 )
-from tinygc.annexes.temperature.model import ElementTemperature, ThermalModel, element_temperature
+from tinygc.annexes.temperature.model import ThermalModel, _ElementTemperature, element_temperature
 from tinygc.annexes.temperature.rest_fit import (
     RestFit,
-    ShortTimes,
+    _long_times,
+    _noise_over_temperature,
+    _residual_blocks,
+    _ShortTimes,
     fit_rests,
-    long_times,
-    noise_over_temperature,
-    residual_blocks,
     zero_of_blocks,
 )
 from tinygc.annexes.temperature.sessions_fit import (
-    SessionPoint,
-    brought_to,
-    in_frame_of_first,
+    _brought_to,
+    _in_frame_of_first,
+    _SessionPoint,
+    _zero_form,
     join,
     joined,
     point_of,
-    zero_form,
 )
-from tinygc.annexes.temperature.sweeps import Sweep, between_steps, sweeps_of, turning_points
+from tinygc.annexes.temperature.sweeps import Sweep, _turning_points, between_steps, sweeps_of
 from tinygc.closure.floor import TIMES_S, AllanSums, averaging_factors, curve_of
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
@@ -96,7 +96,7 @@ def test_a_lag_is_exact_on_a_ramp_whatever_the_step(tau):
 @pytest.mark.parametrize("tau", [0.0, 33.0, -33.0])
 def test_pieces_of_a_log_go_on_where_the_last_ended(tau):
     reading = np.cumsum(np.random.default_rng(0).normal(size=1000)) * 0.1 + 25
-    follow = ElementTemperature(tau, 0.5)
+    follow = _ElementTemperature(tau, 0.5)
     parts = np.concatenate([follow(part) for part in np.split(reading, [1, 2, 17, 400])])
     np.testing.assert_allclose(parts, element_temperature(reading, tau, 0.5), atol=1e-10)
 
@@ -117,7 +117,7 @@ def test_pieces_of_a_log_go_on_where_the_last_ended(tau):
     ],
 )
 def test_turning_points_are_the_first_extreme_each_reversal_and_the_last(values, points):
-    assert turning_points(np.array(values, dtype=float), 2.0) == points
+    assert _turning_points(np.array(values, dtype=float), 2.0) == points
 
 
 @pytest.mark.parametrize(("share", "ways"), [(0.24, [1]), (0.26, [1, -1, 1])])
@@ -246,7 +246,7 @@ def test_the_lag_is_where_the_misfit_is_least(rest, tau):
     y = columns(knots, tau, 2) @ [3.0, 20.0, 4.0] + 0.3 * root @ np.random.default_rng(1).normal(size=40)
     rows = np.arange(40) % 7 != 0
     left, part = left_at(knots, y, root, 2, rows), np.linalg.cholesky((root @ root.T)[rows][:, rows])
-    found = best_lag(knots, y, part, rows, np.array([-60.0, -40, -20, -10, 10, 20, 40, 60]), 2)
+    found = _best_lag(knots, y, part, rows, np.array([-60.0, -40, -20, -10, 10, 20, 40, 60]), 2)
     exact = optimize.minimize_scalar(left, bounds=sorted([0.5 * tau, 2 * tau]), method="bounded").x
     assert found == pytest.approx(exact, abs=0.05)
 
@@ -261,19 +261,19 @@ def test_a_lag_shows_below_one_in_a_thousand_of_two_degrees_of_freedom(rest):
             left = left_at(knots, of_size(size), root, 1)
             return left(0.0) - left(20.0) - stats.chi2.isf(p, 2)
 
-        assert lag_shows(knots, of_size(optimize.brentq(gain, 0.0, 1000.0, xtol=1e-12)), root, 20.0, 1) == shows
+        assert _lag_shows(knots, of_size(optimize.brentq(gain, 0.0, 1000.0, xtol=1e-12)), root, 20.0, 1) == shows
 
 
 def test_lags_are_tried_up_to_a_quarter_of_the_shortest_sweep():
     temp = np.concatenate([triangle(60, 30), triangle(40, 20)[1:]])
     knots = make_knots([small_rest(temp)], sweeps_of(temp))
-    shortest, lags = min(knots.span_s[knots.sweep == k].sum() for k in range(4)), lag_grid(knots)
+    shortest, lags = min(knots.span_s[knots.sweep == k].sum() for k in range(4)), _lag_grid(knots)
     assert lags[20:] == pytest.approx(np.geomspace(10, shortest / 4, 20))
     assert lags == pytest.approx(-lags[::-1])
     # None in one direction, and none where a quarter is no more than four blocks.
     for count, half, some in ((40, 40, False), (32, 16, False), (36, 18, True)):
         of = make_knots([small_rest(triangle(count, half))], [Sweep(0, 0, half, 1), *([Sweep(0, half, count, -1)] if half < count else [])])
-        assert bool(len(lag_grid(of))) == some
+        assert bool(len(_lag_grid(of))) == some
 
 
 def test_hysteresis_is_the_difference_of_means_at_one_temperature():
@@ -284,7 +284,7 @@ def test_hysteresis_is_the_difference_of_means_at_one_temperature():
     knots.direction[[6, 40]] = 0  # of a log without sweeps
     rng = np.random.default_rng(0)
     residual, root = rng.normal(size=len(temp)), rng.normal(size=(len(temp),) * 2)
-    found, weights = hysteresis_of(knots, residual, root @ root.T), np.zeros((8, len(temp)))
+    found, weights = _hysteresis_of(knots, residual, root @ root.T), np.zeros((8, len(temp)))
     for k, lower in enumerate(16 + 62 / 8 * np.arange(8)):
         for way in (1, -1):
             here = (temp >= lower) & (temp < lower + 62 / 8) & (knots.direction == way)
@@ -295,9 +295,9 @@ def test_hysteresis_is_the_difference_of_means_at_one_temperature():
     k = np.argmax(np.abs(found.difference))
     assert found.largest == (found.difference[k], found.sigma[k], found.at_c[k])
     assert found.rms == pytest.approx(np.sqrt(np.mean(found.difference**2)))
-    assert hysteresis_of(replace(knots, direction=np.abs(knots.direction)), residual, root @ root.T) is None
+    assert _hysteresis_of(replace(knots, direction=np.abs(knots.direction)), residual, root @ root.T) is None
     apart = make_knots([small_rest([0.0, 10, 20, 40, 30, 25])], [Sweep(0, 0, 3, 1), Sweep(0, 3, 6, -1)])
-    assert hysteresis_of(apart, np.zeros(6), np.eye(6)) is None
+    assert _hysteresis_of(apart, np.zeros(6), np.eye(6)) is None
 
 
 # Orders and sigmas
@@ -306,13 +306,13 @@ def test_hysteresis_is_the_difference_of_means_at_one_temperature():
 def test_each_fold_is_predicted_from_the_others_with_equal_weights(rest):
     knots, _, root = rest
     y = columns(knots, 25.0, 2) @ [1.0, 9.0, 3.0] + root @ np.random.default_rng(4).normal(size=40)
-    noise, lags = Coloured(np.array([1.0, 0.1, 0.01]), root @ root.T), np.array([-40.0, -20, -10, 10, 20, 40])
+    noise, lags = _Coloured(np.array([1.0, 0.1, 0.01]), root @ root.T), np.array([-40.0, -20, -10, 10, 20, 40])
     found = examine(knots, y, noise, (0, 1, 2), lags)
     assert found.candidates == (*(Candidate(p, False) for p in (0, 1, 2)), Candidate(1, True), Candidate(2, True))
     assert [each.complexity for each in found.candidates] == [0, 1, 2, 2, 3]
     for k, sweep in enumerate(np.unique(knots.sweep)):
         train, test = knots.sweep != sweep, knots.sweep == sweep
-        tau = best_lag(knots, y, np.linalg.cholesky(noise.C[train][:, train]), train, lags, 2)
+        tau = _best_lag(knots, y, np.linalg.cholesky(noise.C[train][:, train]), train, lags, 2)
         for c, each in enumerate(found.candidates):
             A = columns(knots, tau if each.lagged else 0.0, each.order)
             error = y[test] - A[test] @ np.linalg.lstsq(A[train], y[train], rcond=None)[0]
@@ -351,7 +351,7 @@ def test_the_simplest_within_one_standard_error_of_the_best():
 def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_the_knots(rest, tau):
     """The lag is where the weighted misfit is least; the coefficients have equal weights at that lag."""
     knots, _, root = rest
-    truth, chosen, noise = np.array([3.0, 20.0, 4.0]), Candidate(2, tau > 0), Coloured(np.ones(3), root @ root.T)
+    truth, chosen, noise = np.array([3.0, 20.0, 4.0]), Candidate(2, tau > 0), _Coloured(np.ones(3), root @ root.T)
     y = columns(knots, tau, 2) @ truth
 
     def estimate(values):
@@ -389,8 +389,8 @@ def test_no_dependence_by_chance_is_a_ratio_of_likelihoods_each_with_its_own_noi
         C = estimate_noise(y, A, V, 1.0).C
         ratio = np.linalg.slogdet(quiet)[1] + square(constant, quiet) - np.linalg.slogdet(C)[1] - square(A, C)
         of_ratio, of_noise = (stats.chi2.sf(gain, freedom) for gain in (ratio, square(constant, quiet) - square(A, quiet)))
-        larger.append(of_ratio > AS_NOISE * of_noise)
-        assert none_by_chance(knots, y, V, 1.0, chosen, tau) == pytest.approx(max(of_ratio, AS_NOISE * of_noise), rel=1e-6)
+        larger.append(of_ratio > _AS_NOISE * of_noise)
+        assert _none_by_chance(knots, y, V, 1.0, chosen, tau) == pytest.approx(max(of_ratio, _AS_NOISE * of_noise), rel=1e-6)
     assert any(larger) == by_ratio
 
 
@@ -448,7 +448,7 @@ def test_a_fit_is_put_together_from_these(lag_s):
     assert fit.left == pytest.approx(np.sqrt(np.mean((y - A @ coefficients) ** 2)))
     assert fit.turn_on == pytest.approx(np.std(coefficients[:2], ddof=1))
     for found, B in ((fit.hysteresis_after, A), (fit.hysteresis_before, plain)):
-        expected = hysteresis_of(knots, y - B @ np.linalg.lstsq(B, y, rcond=None)[0], fit.noise.C)
+        expected = _hysteresis_of(knots, y - B @ np.linalg.lstsq(B, y, rcond=None)[0], fit.noise.C)
         assert (*found.difference, *found.sigma) == pytest.approx((*expected.difference, *expected.sigma), rel=1e-6)
     assert fit.examined.candidates[fit.examined.chosen] == chosen
     assert fit.held_out == fit.held_out_of(2, chosen.lagged) == pytest.approx(np.sqrt(fit.examined.held_out[:, fit.examined.chosen].mean()))
@@ -584,7 +584,7 @@ def test_the_line_of_a_constant_by_full_matrices(noise, shows):
     knots = make_knots([log], sweeps_of(log.temp_c))
     y, V = knots.mean(log.gyro[:, 0]) * 4, knots.covariances()
     of_constant, of_parabola = about(knots, y, V, noise, 0), about(knots, y, V, noise, 2)
-    found = line_in(knots, y, V, noise, of_constant, 2, 0.25)
+    found = _line_in(knots, y, V, noise, of_constant, 2, 0.25)
     G = np.linalg.pinv(columns(knots, 0.0, 1))[1] / knots.half_c
     assert found.slope == pytest.approx(G @ knots.mean(log.gyro[:, 0]))
     assert found.sigma == pytest.approx(np.sqrt(G @ of_constant.C @ G) / 4)
@@ -619,7 +619,7 @@ def less_parabola(rates):
 
 def test_short_times_are_pooled_over_chunks_less_their_parabolas():
     """Chunks of 2048 samples, cut at a gap; those that hold a block that was left out count for nothing."""
-    whole, short = samples(gap=300.13), ShortTimes()
+    whole, short = samples(gap=300.13), _ShortTimes()
     cut = int(np.flatnonzero(np.diff(whole.t_s) > 0.5)[0]) + 1
     short(whole)
     chunks = [less_parabola(whole.gyro[a:b]) for a, b in ((0, 2048), (2048, cut), (cut, 4300))]
@@ -631,7 +631,7 @@ def test_short_times_are_pooled_over_chunks_less_their_parabolas():
         for name in ("tau_s", "deviation", "freedom", "longest_s"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6)
     assert short.curve(log, np.ones(538, dtype=bool)) is None
-    fine = ShortTimes()
+    fine = _ShortTimes()
     whole = samples(count=7000, rate_hz=800.0)
     fine(whole)  # a chunk holds four of the longest averaging time
     factors = averaging_factors(3200, 2)
@@ -646,13 +646,13 @@ def test_long_times_are_pooled_over_pieces_without_gaps():
     residual = np.random.default_rng(0).normal(size=(48, 3))
     factors = averaging_factors(20, 2)
     pieces = [AllanSums.of(part, factors) for part in (residual[:20], residual[23:39], residual[39:])]
-    found, expected = long_times([one, two], residual), curve_of(pieces, 10.0, 200.0)
+    found, expected = _long_times([one, two], residual), curve_of(pieces, 10.0, 200.0)
     assert found.tau_s == pytest.approx(expected.tau_s)
     assert found.deviation == pytest.approx(expected.deviation)
     assert found.longest_s == 200
     three, four = (small_rest(np.zeros(k)) for k in (3, 4))
-    assert long_times([three], residual[:3]) is None
-    assert long_times([four], residual[:4]) is not None
+    assert _long_times([three], residual[:3]) is None
+    assert _long_times([four], residual[:4]) is not None
 
 
 def test_noise_over_temperature_is_a_regression_of_the_scatter():
@@ -661,7 +661,7 @@ def test_noise_over_temperature_is_a_regression_of_the_scatter():
     sd = np.sqrt((1 + 0.02 * (temp - 26))[:, None] * rng.chisquare(30, (200, 3)) / 30)
     sd[:, 1] *= 1 + 0.3 * np.sin(np.arange(200) / 9)
     sd[:, 2] = 1 + 0.3 * np.sin(np.arange(200) / 9)  # neighbours are more alike than counts
-    found = noise_over_temperature([small_rest(temp[:120], sd=sd[:120]), small_rest(temp[120:], sd=sd[120:])])
+    found = _noise_over_temperature([small_rest(temp[:120], sd=sd[:120]), small_rest(temp[120:], sd=sd[120:])])
     for axis in range(3):
         level = sd[:, axis] ** 2 / np.mean(sd[:, axis] ** 2) / 2
         slope, level_at = np.polyfit(temp, level, 1)
@@ -673,9 +673,9 @@ def test_noise_over_temperature_is_a_regression_of_the_scatter():
     assert found.at_c == pytest.approx([temp[where == k].mean() for k in range(8)])
     assert found.rms == pytest.approx(np.array([np.sqrt(np.mean(sd[where == k] ** 2, axis=0)) for k in range(8)]))
     for more, bins in ((9, 4), (10, 5)):  # a bin of fewer than ten blocks is left out
-        assert len(noise_over_temperature([small_rest(np.append(temp, np.full(more, 80.0)))]).at_c) == bins
+        assert len(_noise_over_temperature([small_rest(np.append(temp, np.full(more, 80.0)))]).at_c) == bins
     for bare in (small_rest(np.linspace(10, 10.9, 50)), small_rest(temp, sd=sd * [1, 0, 1]), small_rest(np.full(50, np.nan))):
-        assert noise_over_temperature([bare]) is None
+        assert _noise_over_temperature([bare]) is None
 
 
 def test_what_is_left_of_blocks_has_no_zero_in_any_log():
@@ -686,7 +686,7 @@ def test_what_is_left_of_blocks_has_no_zero_in_any_log():
     element, fit = knots.element_c(15.0) - knots.reference_c, replace(flat, terms=np.array([1.0, 2.0, 0.5]), tau_s=15.0)
     assert zero_of_blocks(knots, fit) == pytest.approx(1 + 2 * element + 0.5 * element**2)
     left = (np.concatenate([log.gyro[:, 1] for log in logs]) - zero_of_blocks(knots, fit)).reshape(2, 24)
-    assert residual_blocks(knots, "gyro", 1, fit) == pytest.approx((left - left.mean(axis=1)[:, None]).ravel())
+    assert _residual_blocks(knots, "gyro", 1, fit) == pytest.approx((left - left.mean(axis=1)[:, None]).ravel())
 
 
 def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
@@ -704,8 +704,8 @@ def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
         for kind in ("gyro", "accel"):
             alone = fit_axis(found.knots, getattr(kept, kind)[:, axis], (0, 1))
             assert getattr(found, kind)[axis].terms.tolist() == alone.terms.tolist()
-    residual = np.column_stack([residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
-    np.testing.assert_array_equal(found.allan.deviation, long_times([kept], residual).deviation)
+    residual = np.column_stack([_residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
+    np.testing.assert_array_equal(found.allan.deviation, _long_times([kept], residual).deviation)
     assert found.range_c == (kept.temp_c.min(), kept.temp_c.max())
     bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)], with_accel=False)
     assert ([fit.order for fit in bare.gyro], bare.noise, bare.accel) == ([0, 0, 0], None, ())
@@ -738,13 +738,13 @@ ROOT = np.diag([5e-5] * 9 + [1e-3 * DEG] * 3) @ (np.eye(12) + 0.2 * np.tril(RNG.
 
 def test_the_zero_form_of_a_covariance_is_its_derivative():
     model, step = LinearModel(E0, np.array([0.01, -0.02, 0.03])), 1e-6
-    _, covariance = zero_form(model, np.eye(12))
+    _, covariance = _zero_form(model, np.eye(12))
     slope = np.zeros((12, 12))
     for k in range(12):
-        ends = [zero_form(LinearModel.from_vector(model.vector + sign * step * np.eye(12)[k]), np.eye(12))[0] for sign in (1, -1)]
+        ends = [_zero_form(LinearModel.from_vector(model.vector + sign * step * np.eye(12)[k]), np.eye(12))[0] for sign in (1, -1)]
         slope[:, k] = (ends[0] - ends[1]) / (2 * step)
     np.testing.assert_allclose(covariance, slope @ slope.T, atol=1e-7)
-    values, _ = zero_form(model, np.eye(12))
+    values, _ = _zero_form(model, np.eye(12))
     m = np.array([0.3, -0.1, 0.2])
     np.testing.assert_allclose(values[:9].reshape(3, 3) @ (m - values[9:]), model(m), atol=1e-15)
 
@@ -757,7 +757,7 @@ def test_a_session_is_brought_to_its_mean_temperature():
     session = session_of(replace(samples, temp_c=temp))
     elements = np.column_stack([element_temperature(temp, tau, samples.period_s) for tau in (30.0, 0.0, -10.0)])
     expected = samples.gyro - (model.zero(elements) - model.zero(np.full((1, 3), 21.0)))
-    assert brought_to(session.logs[0], model, 21.0).samples.gyro == pytest.approx(expected, abs=1e-15)
+    assert _brought_to(session.logs[0], model, 21.0).samples.gyro == pytest.approx(expected, abs=1e-15)
     bare = replace(session.logs[0], samples=replace(samples, temp_c=None))
     with pytest.raises(FitError, match=r"log0001.csv has no temperature"):
         point_of(replace(session, logs=(bare,)), None)
@@ -771,7 +771,7 @@ def some_points(celsius, seed=0, spread=1.0):
     for k, c in enumerate(celsius):
         root = ROOT * np.exp(0.3 * rng.normal(size=(12, 1)))
         there = np.concatenate([TRUTH.at(c).E.ravel(), TRUTH.zero(np.full((1, 3), c))[0]])
-        made.append(SessionPoint(f"s{k}", c, c - 1, c + 2, there + spread * root @ rng.normal(size=12), root @ root.T, 20))
+        made.append(_SessionPoint(f"s{k}", c, c - 1, c + 2, there + spread * root @ rng.normal(size=12), root @ root.T, 20))
     return made
 
 
@@ -970,10 +970,10 @@ def test_a_point_turned_is_the_point_of_the_turned_model():
     rng = np.random.default_rng(0)
     model, root = LinearModel(np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.01 * rng.normal(size=3)), 1e-4 * rng.normal(size=(12, 12))
     both = np.block([[np.kron(TURN, np.eye(3)), np.zeros((9, 3))], [np.zeros((3, 9)), TURN]])
-    bare = SessionPoint("bare", 20.0, 19.0, 21.0, *zero_form(model, root @ root.T), 20, Accelerometer(UPPER, source="stills"))
+    bare = _SessionPoint("bare", 20.0, 19.0, 21.0, *_zero_form(model, root @ root.T), 20, Accelerometer(UPPER, source="stills"))
     turned = replace(bare, accelerometer=Accelerometer(TURN @ UPPER))
-    expected = zero_form(LinearModel(TURN @ model.E, TURN @ model.B), both @ root @ root.T @ both.T)
-    found = in_frame_of_first([turned, bare])[1]
+    expected = _zero_form(LinearModel(TURN @ model.E, TURN @ model.B), both @ root @ root.T @ both.T)
+    found = _in_frame_of_first([turned, bare])[1]
     np.testing.assert_allclose(found.values, expected[0], atol=1e-12)
     np.testing.assert_allclose(found.covariance, expected[1], atol=1e-18)
-    np.testing.assert_array_equal(in_frame_of_first([bare, bare])[1].values, bare.values)
+    np.testing.assert_array_equal(_in_frame_of_first([bare, bare])[1].values, bare.values)

@@ -17,7 +17,7 @@ from tinygc.annexes.verification import causes, questions, verdict
 from tinygc.annexes.verification.causes import Cause, Evidence, beyond_linear, diagnose
 from tinygc.annexes.verification.cost import BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
 from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
-from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, read_old, variance_and_freedom, with_bias_moved
+from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, _variance_and_freedom, read_old, with_bias_moved
 from tinygc.annexes.verification.questions import (
     DRAWS,
     GRAVITY,
@@ -25,13 +25,13 @@ from tinygc.annexes.verification.questions import (
     PLAUSIBLE,
     B,
     E,
-    NoisePart,
     Question,
     TodaysNoise,
+    _by_freedom,
+    _level_of,
+    _NoisePart,
     ask,
-    by_freedom,
     by_size,
-    level_of,
     tail,
     todays_noise,
 )
@@ -118,18 +118,18 @@ def asked(rows, parts=(), old=OLD, **more):
 
 def test_the_levels_of_all_questions_make_the_stated_rate():
     for count in (1, 2, 4):
-        assert (1 - level_of(0.05, count)) ** count == pytest.approx(0.95, rel=1e-12)
+        assert (1 - _level_of(0.05, count)) ** count == pytest.approx(0.95, rel=1e-12)
 
 
 def test_tails_are_those_of_chi_square_and_of_fisher():
     assert tail(12.0, np.eye(5), []) == pytest.approx(stats.chi2.sf(12.0, 5), rel=1e-9)
-    factors = by_freedom(4.0, 0)
+    factors = _by_freedom(4.0, 0)
     assert tail(12.0, np.zeros((3, 3)), [(np.eye(3), factors)]) == pytest.approx(stats.f.sf(4.0, 3, 4), rel=0.06)
     assert np.mean(1 / factors) == pytest.approx(1.0, rel=0.02)
 
 
 def test_a_statistic_beyond_all_draws_has_the_smallest_probability_that_they_show():
-    drawn = [(np.eye(2), by_freedom(5.0, 0))]
+    drawn = [(np.eye(2), _by_freedom(5.0, 0))]
     least = tail(1e9, np.zeros((2, 2)), drawn)
     assert (least, tail(0.0, np.zeros((2, 2)), drawn)) == pytest.approx((1 / (DRAWS + 1), 1.0), rel=1e-9)
     assert [Question(E, 1e9, 2, p, 0.0127).beyond_draws for p in (least, 1e-6)] == [True, False]
@@ -243,7 +243,7 @@ def test_rows_of_rests_leave_e_unasked():
     found = asked(rows)
     assert not found[E].asked
     assert found[B].asked
-    assert found[B].level == pytest.approx(questions.level_of(0.05, sum(each.asked for each in found.values())))
+    assert found[B].level == pytest.approx(questions._level_of(0.05, sum(each.asked for each in found.values())))
     assert rows.kinds[LENGTH].stop == len(rows.r)
 
 
@@ -252,7 +252,7 @@ def with_component(rows, name, kind, s, sigma):
     V = np.zeros((len(rows.r), len(rows.r)))
     own = rows.kinds[kind]
     V[own, own] = np.eye(own.stop - own.start)
-    return TodaysNoise(rows.white + s**2 * V, (NoisePart(name, V, s, sigma),), todays_noise(rows).found, 1e6)
+    return TodaysNoise(rows.white + s**2 * V, (_NoisePart(name, V, s, sigma),), todays_noise(rows).found, 1e6)
 
 
 @pytest.mark.parametrize(("sigma", "heavier"), [(1e-6, False), (1.0, True)])
@@ -307,9 +307,9 @@ def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate():
 
 
 def test_degrees_of_freedom_of_a_size_with_a_sigma():
-    assert variance_and_freedom(3.0, 0.3) == pytest.approx((9.09, 2 * 9.09**2 / 3.2562))
-    assert variance_and_freedom(0.0, 2.0) == pytest.approx((4.0, 1.0))
-    assert variance_and_freedom(2.0, 0.0) == (4.0, np.inf)
+    assert _variance_and_freedom(3.0, 0.3) == pytest.approx((9.09, 2 * 9.09**2 / 3.2562))
+    assert _variance_and_freedom(0.0, 2.0) == pytest.approx((4.0, 1.0))
+    assert _variance_and_freedom(2.0, 0.0) == (4.0, np.inf)
 
 
 # Causes and costs

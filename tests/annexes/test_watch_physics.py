@@ -21,7 +21,7 @@ from watched import ACCEL_WHITE, COVARIANCE, RATE_HZ, WHITE, G, csv, model_file,
 from session.io.errors import CalibrationError, DataError, FormatError
 from tinygc.annexes.watch import source
 from tinygc.annexes.watch.alarm_command import AlarmCommand
-from tinygc.annexes.watch.bars import bar_of, run_length, squares_bar_of, squares_run_length
+from tinygc.annexes.watch.bars import _run_length, _squares_run_length, bar_of, squares_bar_of
 from tinygc.annexes.watch.change import WindowRecord, _response, change_of
 from tinygc.annexes.watch.detector import PROCESSES, Detector, Window, ZeroFilter
 from tinygc.annexes.watch.expectation import Expectation, ModelInUse, _drift, expect
@@ -88,11 +88,11 @@ def test_siegmunds_closed_form_agrees_for_small_shifts(shift):
 @pytest.mark.parametrize("shift", SHIFTS)
 def test_run_lengths_have_their_limits(shift):
     """Without a bar the first z beyond half the shift alarms; with one the length is exp(bar) at least (Lorden), and grows as that."""
-    assert run_length(shift, 1e-9) == pytest.approx(1 / ndtr(-shift / 2), rel=1e-6)
+    assert _run_length(shift, 1e-9) == pytest.approx(1 / ndtr(-shift / 2), rel=1e-6)
     for length in (1e2, 1e8):
         assert 0 < bar_of(shift, length) <= np.log(length)
-        assert run_length(shift, bar_of(shift, length)) == pytest.approx(length, rel=1e-4)
-    assert squares_run_length(2.0, 2, 1e-9) == pytest.approx(1 / chi2.sf(2 * np.log(2.0) / 0.375, 2), rel=1e-6)
+        assert _run_length(shift, bar_of(shift, length)) == pytest.approx(length, rel=1e-4)
+    assert _squares_run_length(2.0, 2, 1e-9) == pytest.approx(1 / chi2.sf(2 * np.log(2.0) / 0.375, 2), rel=1e-6)
     low, high, far = (squares_bar_of(2.0, 2, length) for length in (1e8, 1e10, 1e100))
     assert (high - low, far - low) == pytest.approx((np.log(1e2), np.log(1e92)), abs=0.01)
 

@@ -7,7 +7,7 @@
 The sizes of the sources are those of the budget, so the draws check the propagation: its linearity, and the bookkeeping by source.  Where
 accelerometer and gyroscope are estimated together, an error goes through the last linear system of that estimate, whose weights are held;
 the references are turned by it exactly, and the gyroscope is fitted to these.  That the sizes are estimates themselves is the business of
-k, and has its own check: ``coverage_of`` draws each variance from chi-square with its degrees of freedom.
+k, and has its own check: ``_coverage_of`` draws each variance from chi-square with its degrees of freedom.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ATTITUDE = ("attitude x", "attitude y", "attitude z")
 BLOCK = 200
 #: of the fit that the draws start from and the one that the session has, in sigmas
 SAME_SIGMAS = 0.01
-#: draws of one source alone, at least; of sizes, for ``coverage_of``
+#: draws of one source alone, at least; of sizes, for ``_coverage_of``
 FEWEST, COVERAGE_DRAWS = 50, 20_000
 #: share of a parameter's variance below which a source is not checked on it: errors of second order may be as large
 LEAST_SHARE = 0.01
@@ -67,7 +67,7 @@ class Errors:
         return Errors(self.channels * factor, self.known * factor, self.reading * factor, self.clock * factor)
 
 
-class Redrawn:
+class _Redrawn:
     """A fitted session whose errors are drawn again.
 
     Raises CalibrationError for a fit whose sources are no errors of its data: without estimated noise, of a lot, of several days.
@@ -271,9 +271,9 @@ def monte_carlo(
     """Draw the errors of a fit again, at most so often, and hold its budgets against them.
 
     in_use: sources (3, 3) of the attitude that are not the fit's; budgets: parameters, sensor errors, attitude about single axes.
-    Raises CalibrationError as ``Redrawn``, and where no fit of the drawn data converges.
+    Raises CalibrationError as ``_Redrawn``, and where no fit of the drawn data converges.
     """
-    redrawn, sources = Redrawn(result, seed), result.sources
+    redrawn, sources = _Redrawn(result, seed), result.sources
     alone = max(FEWEST, draws // 5)
     checks: list[SourceCheck] = []
     failed = 0
@@ -298,12 +298,12 @@ def monte_carlo(
             break
     if not checks or not judged:
         raise CalibrationError("--monte-carlo: no fit of the drawn data converged; leave it out")
-    coverage = {budget.name: coverage_of(budget, redrawn.rng) for budget in budgets}
+    coverage = {budget.name: _coverage_of(budget, redrawn.rng) for budget in budgets}
     bound = float(ndtri(1 - BY_CHANCE / 2 / max(len(checks), 1)))
     return MonteCarlo(seed, len(deviations), alone, failed, tuple(judged), tuple(checks), bound, coverage)
 
 
-def _converged(redrawn: Redrawn, sources: Sequence[Source], count: int) -> Iterator[np.ndarray]:
+def _converged(redrawn: _Redrawn, sources: Sequence[Source], count: int) -> Iterator[np.ndarray]:
     for _ in range(count):
         errors = sum((redrawn.draw(source) for source in sources), redrawn.nothing)
         with suppress(FitError):
@@ -362,7 +362,7 @@ def _quantity_check(budget: Budget, deviations: np.ndarray) -> QuantityCheck:
     return QuantityCheck(budget.name, budget.unit, si, u, factor * u, drawn_u, low, high, digits, tolerance, apart)
 
 
-def coverage_of(budget: Budget, rng: np.random.Generator, count: int = COVERAGE_DRAWS) -> float:
+def _coverage_of(budget: Budget, rng: np.random.Generator, count: int = COVERAGE_DRAWS) -> float:
     """Share of errors within U if each variance is an estimate with its degrees of freedom: U = k u from the estimates, as a laboratory
     has it (Welch–Satterthwaite)."""
     variances, freedoms = (np.array([getattr(row, name) for row in budget.rows]) for name in ("variance", "freedom"))

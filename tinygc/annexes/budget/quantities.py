@@ -37,7 +37,7 @@ LEAST_OF_CLOCK = 0.01
 
 def parameter_budgets(result: FitResult) -> list[Budget]:
     """Of the twelve parameters of omega = E m + B; their variances are the diagonal of the fit's covariance, bit for bit."""
-    vector, sizes = model_of(result).vector, source_sizes(result)
+    vector, sizes = model_of(result).vector, _source_sizes(result)
     found = []
     for i, name in enumerate(NAMES):
         unit, si = ("dps", DEG) if name in NAMES[BIAS] else ("1", 1.0)
@@ -48,7 +48,7 @@ def parameter_budgets(result: FitResult) -> list[Budget]:
 
 def sensor_error_budgets(result: FitResult) -> list[Budget]:
     """Of the sensor errors in the terms and signs of ``fit``; those that the session does not observe are left out."""
-    vector, sizes = model_of(result).vector, source_sizes(result)
+    vector, sizes = model_of(result).vector, _source_sizes(result)
     units = {word: si for word, _, _, si in WORDS}
     found = []
     for quantity, slope in zip(sensor_errors(result), field_jacobian(vector), strict=True):
@@ -61,7 +61,7 @@ def sensor_error_budgets(result: FitResult) -> list[Budget]:
 
 def accelerometer_budgets(result: FitResult) -> list[Budget]:
     """Of the accelerometer's errors in the terms and signs of ``fit``, as far as the session estimates and observes them."""
-    found, sizes, budgets = result.accelerometer, source_sizes(result), []
+    found, sizes, budgets = result.accelerometer, _source_sizes(result), []
     for word, unit, values, _, names in found.errors() if found.sources else ():
         for value, name in zip(values, names, strict=True):
             if name in found.unobserved:
@@ -79,7 +79,7 @@ def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget], list
     Raises CalibrationError for its log."""
     motion = motion_in(use, result)
     sources, more, assumed = sources_in_use(result, use, motion)
-    sizes, slope = source_sizes(result) | more, motion.slope(model_of(result))
+    sizes, slope = _source_sizes(result) | more, motion.slope(model_of(result))
     found = []
     for name, weight in axes_and_total():
         beside = list(_beside_use(result, use, slope, weight, assumed))
@@ -164,7 +164,7 @@ def earth_left_out(result: FitResult) -> np.ndarray | None:
 # The size of each source, in a unit that a person knows.
 
 
-def source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
+def _source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
     """Name of a source -> its size and unit; sources without a single size are missing."""
     problem, config, noise = result.problem, result.session.config, result.problem.noise
     found = {

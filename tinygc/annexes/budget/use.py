@@ -33,7 +33,7 @@ from tinygc.models.linear import BIAS, LinearModel
 from tinygc.noise.components import WANDER
 
 #: names of the sources of the use itself
-NOISE_OF_USE, DRIFT_OF_USE = f"{GYRO_NOISE}, in use", f"{BIAS_DRIFT}, in use"
+_NOISE_OF_USE, _DRIFT_OF_USE = f"{GYRO_NOISE}, in use", f"{BIAS_DRIFT}, in use"
 #: causes of ``expected_zero`` as sources
 ZERO_OF_USE = {
     "switch-on": "bias of another switch-on",
@@ -87,14 +87,14 @@ def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[So
     slope = motion.slope(model)
     found = [source.through(slope) for source in result.sources]
     density, problem = result.problem.noise.angle_random_walk, result.problem
-    found.append(Source(NOISE_OF_USE, *kind_of(GYRO_NOISE, problem), motion.noise_covariance(model, density, 0.0)))
+    found.append(Source(_NOISE_OF_USE, *kind_of(GYRO_NOISE, problem), motion.noise_covariance(model, density, 0.0)))
     rps, drift = _drift(result)
-    sizes = {NOISE_OF_USE: (float(np.sqrt(np.mean(problem.noise.gyro**2))) / DEG, "dps/√Hz")}
-    sizes |= dict.fromkeys((DRIFT_OF_USE, DRIFT_SINCE), (rps / DEG_PER_HOUR, "°/h"))
+    sizes = {_NOISE_OF_USE: (float(np.sqrt(np.mean(problem.noise.gyro**2))) / DEG, "dps/√Hz")}
+    sizes |= dict.fromkeys((_DRIFT_OF_USE, DRIFT_SINCE), (rps / DEG_PER_HOUR, "°/h"))
     in_use = motion.noise_covariance(model, np.zeros(3), rps)
     at = next((i for i, source in enumerate(found) if source.name == BIAS_DRIFT), None)
     if use.elapsed_s is None or at is None:
-        found.append(replace_covariance(drift, DRIFT_OF_USE, in_use))
+        found.append(replace_covariance(drift, _DRIFT_OF_USE, in_use))
     else:
         middle_s = problem.began_s[-1] + use.elapsed_s + motion.duration_s / 2
         between = drift_between(problem.middle_s, problem.batch.duration_s, middle_s, motion.duration_s, rps)

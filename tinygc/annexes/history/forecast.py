@@ -131,7 +131,7 @@ class Draws:
             yield level + years * growth + scatter * normal + shocks
 
 
-def draws_of(history: UnitHistory) -> Draws:
+def _draws_of(history: UnitHistory) -> Draws:
     """Draw differences from the last calibration."""
     rng, count = np.random.default_rng(0), DRAWS
     n, Q = len(history.sessions), len(NUMBERS)
@@ -176,7 +176,7 @@ def outlooks_of(history: UnitHistory, requirements: Sequence[Requirement], today
     """Until when the last calibration meets each requirement; today: now by default."""
     if not requirements:
         return ()
-    draws = None if len(history.sessions) < 2 else draws_of(history)
+    draws = None if len(history.sessions) < 2 else _draws_of(history)
     return tuple(_outlook(history, each, draws, today or datetime.now(UTC)) for each in requirements)
 
 

@@ -90,7 +90,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         if part.rms > found.value("B") > 0:
             found = replace(found, terms={**found.terms, "B": _limited(found.terms["B"])})
         axes.append(found)
-        bands.append(allan_points(groups, period_s, found))
+        bands.append(_allan_points(groups, period_s, found))
         remarks += unsteady(rests, part.residuals, period_s)
         if part.order:
             less = ", and of B there is a limit alone: the error of temperature's law is in it" if found.value("B") else ""
@@ -299,7 +299,7 @@ def _lines_hz(sections: np.ndarray, period_s: float) -> tuple[float, ...]:
 # The Allan deviation, of the same windows.
 
 
-def allan_points(groups: Sequence[Group], period_s: float, axis: AxisNoise) -> list[tuple[float, float, float, float]]:
+def _allan_points(groups: Sequence[Group], period_s: float, axis: AxisNoise) -> list[tuple[float, float, float, float]]:
     """Return averaging time, deviation and its 68 % bounds at powers of two of each scale.
 
     Differences of neighbouring means overlap within a window and do not cross its ends.  The variance of their mean square is that of a

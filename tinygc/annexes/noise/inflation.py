@@ -92,7 +92,7 @@ def one_way(rate_rps: float, window_s: float) -> float:
     return rate_rps**2 * window_s
 
 
-def back_and_forth(rate_rps: float, correlation_s: float, window_s: float) -> float:
+def _back_and_forth(rate_rps: float, correlation_s: float, window_s: float) -> float:
     """The same for a rate of this rms whose autocorrelation is exp(-|t| / correlation_s)."""
     x = window_s / correlation_s
     return 2 * rate_rps**2 * correlation_s * (1 + np.expm1(-x) / x)
@@ -105,7 +105,7 @@ SLOW_RPS = 10 * DEG
 #: back and forth: correlation time of the rate, s
 RETURN_S = 0.5
 REST, SLOWLY = "at rest", "slow turning"
-SCALE, MISALIGNMENT, STILLS, UNDERSAMPLING, UNNAMED = "scale", "misalignment", "stills", "undersampling", "unnamed"
+SCALE, _MISALIGNMENT, STILLS, _UNDERSAMPLING, _UNNAMED = "scale", "misalignment", "stills", "undersampling", "unnamed"
 #: elements (9,) of a linear model's matrix, row by row, that are scale factors
 DIAGONAL = np.eye(3, dtype=bool).ravel()
 
@@ -145,7 +145,7 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
     # On turns as in the session: the error of each turn's end for a unit error of each element of E, (S, 3, 9) rad.
     design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[..., :9]
     square = result.covariance[:9, :9]
-    turns = {name: _of_ends(design, square, which) / window_s for name, which in ((SCALE, DIAGONAL), (MISALIGNMENT, ~DIAGONAL))}
+    turns = {name: _of_ends(design, square, which) / window_s for name, which in ((SCALE, DIAGONAL), (_MISALIGNMENT, ~DIAGONAL))}
     allowed = [] if result.allowed is None else [each[:9, :9] for each in result.allowed.by_effect.values()]
     limit = np.max([_of_ends(design, each, DIAGONAL | ~DIAGONAL) / window_s for each in allowed], axis=0, initial=0.0) + np.zeros(3)
     # The steps' lengths add up: an angle that is turned back counts twice.
@@ -157,14 +157,14 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
 
     # On other motion: row j of E errs by dE_j . omega, for a rate in any direction a third of its square times the row's variances.
     rows = np.diag(square).reshape(3, 3) / 3
-    named = {SCALE: np.diag(rows), MISALIGNMENT: rows.sum(axis=1) - np.diag(rows)}
+    named = {SCALE: np.diag(rows), _MISALIGNMENT: rows.sum(axis=1) - np.diag(rows)}
     limit = np.max([np.diag(each).reshape(3, 3).sum(axis=1) / 3 for each in allowed], axis=0, initial=0.0) + np.zeros(3)
     turning = float(np.sqrt(np.mean(np.sum(rate[:, :-1] ** 2, axis=-1)[batch.dt > 0])))
     slowly = f"{SLOWLY} ({SLOW_RPS / DEG:.0f} °/s, corrected every {window_s:.2g} s)"
     both = f"back and forth ({turning / DEG:.0f} °/s rms, {RETURN_S:g} s)"
     for motion, grows, kept in (
-        (slowly, one_way(SLOW_RPS, window_s), (STILLS, UNNAMED)),
-        (both, back_and_forth(turning, RETURN_S, window_s), (STILLS, UNNAMED, UNDERSAMPLING)),
+        (slowly, one_way(SLOW_RPS, window_s), (STILLS, _UNNAMED)),
+        (both, _back_and_forth(turning, RETURN_S, window_s), (STILLS, _UNNAMED, _UNDERSAMPLING)),
     ):
         parts = {name: share * grows for name, share in named.items()} | {name: own[name] for name in kept if name in own}
         found.append(_inflation(figures, motion, parts, spread, limit * grows, walk, source))
@@ -185,7 +185,7 @@ def _of_noise(noise: SessionNoise, window_s: float) -> tuple[dict[str, np.ndarra
         if component.name not in (TURN, UNDERSAMPLED):
             continue
         unit = 1.0 if component.name == TURN else float(np.mean(noise.missed.predicted_rad**2))
-        parts[UNNAMED if component.name == TURN else UNDERSAMPLING] = np.full(3, unit * size**2 / window_s)
+        parts[_UNNAMED if component.name == TURN else _UNDERSAMPLING] = np.full(3, unit * size**2 / window_s)
         if np.isfinite(sigma):
             # That of the square of a normal variable.
             variance += (unit / window_s) ** 2 * (4 * size**2 * sigma**2 + 2 * sigma**4)
@@ -255,7 +255,7 @@ def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise) -> list[str]:
             much += f" (at most {_rms(each.at_most):.2f})"
         causes = sorted(((_rms(part), name) for name, part in each.parts.items()), reverse=True)
         # An error of each turn need not grow with a slower turn's time.
-        bound = {UNNAMED: "at most "} if each.motion.startswith(SLOWLY) else {}
+        bound = {_UNNAMED: "at most "} if each.motion.startswith(SLOWLY) else {}
         why = ", ".join(f"{name} {bound.get(name, '')}{part:.2f}" for part, name in causes if part > 1.005)
         line = f"Inflate by {much} on {each.motion}" if each.motion != REST else f"At rest N holds ({much})"
         line += f": {why}" if why else ""

@@ -154,7 +154,7 @@ WIDE = 1e4
 
 
 @dataclass(frozen=True, eq=False)
-class Coloured:
+class _Coloured:
     """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K): their total covariance."""
 
     sizes: np.ndarray
@@ -166,7 +166,7 @@ class Coloured:
         return cholesky(part, lower=True, check_finite=False)
 
 
-def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0) -> Coloured:
+def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0) -> _Coloured:
     """Estimate the noise of knots y (K,) about the columns A (K, p); V: covariances of unit size (``Knots.covariances``); white: size of
     white noise from the differences of blocks; steps (K, K): what the thermometer's add (``Knots.of_steps``)."""
     scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
@@ -177,10 +177,10 @@ def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: flo
     found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
     sizes = found.s.copy()
     sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
-    return Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps))
+    return _Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps))
 
 
-def about(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau_s: float = 0.0) -> Coloured:
+def about(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau_s: float = 0.0) -> _Coloured:
     """The noise of knots y (K,) about a polynomial of this order."""
     return estimate_noise(y, columns(knots, tau_s, order), V, white, knots.of_steps(y, tau_s, order))
 
@@ -216,7 +216,7 @@ class Hysteresis:
         return float(np.sqrt(np.mean(self.difference**2)))
 
 
-def hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteresis | None:
+def _hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteresis | None:
     """Compute the hysteresis of residuals (K,) with noise C (K, K); None where the temperature changed in one direction only."""
     up, down = knots.direction > 0, knots.direction < 0
     if not (up.any() and down.any()):
@@ -282,7 +282,7 @@ def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
     return np.arange(len(knots)) * STRETCHES // len(knots) % STRETCH_FOLDS, "stretches"
 
 
-def lag_grid(knots: Knots) -> np.ndarray:
+def _lag_grid(knots: Knots) -> np.ndarray:
     """Return the lags, s, to try, without zero; empty where the temperature changes in one direction only, which shows no lag."""
     if not {-1, 1} <= set(knots.direction.tolist()):
         return np.zeros(0)
@@ -305,7 +305,7 @@ def misfit(y: np.ndarray, A: np.ndarray) -> float:
     return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
 
-def best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | slice, lags: np.ndarray, order: int) -> float:
+def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | slice, lags: np.ndarray, order: int) -> float:
     """Return the lag of least misfit, from a grid, then refined between neighbours; y (K,), L: the noise's factor of ``rows``."""
     white = whiten(L, y[rows])
 
@@ -317,7 +317,7 @@ def best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | slic
     return float(minimize_scalar(left, bounds=between, method="bounded", options={"xatol": 1e-3 * abs(float(lags[k]))}).x)
 
 
-def examine(knots: Knots, y: np.ndarray, noise: Coloured, orders: tuple[int, ...], lags: np.ndarray) -> Examined:
+def examine(knots: Knots, y: np.ndarray, noise: _Coloured, orders: tuple[int, ...], lags: np.ndarray) -> Examined:
     """Predict each fold of knots y (K,) by each candidate fitted to the others."""
     folds, by = folds_of(knots)
     candidates = tuple(Candidate(p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
@@ -326,7 +326,7 @@ def examine(knots: Knots, y: np.ndarray, noise: Coloured, orders: tuple[int, ...
     for fold in np.unique(folds):
         train, test = folds != fold, folds == fold
         L = noise.factor(train)
-        tau = best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
+        tau = _best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
         table.append([predicted(knots, y, train, test, c.order, tau if c.lagged else 0.0) for c in candidates])
     held_out = np.array(table)
     return Examined(candidates, held_out, simplest(candidates, held_out), by)
@@ -360,7 +360,7 @@ def simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
 #: p-value below which a dependence on temperature, or a lag, is claimed
 BY_CHANCE = 0.001
 #: of the p-value of a dependence in the noise of the constant (benchmarks/temperature.py, walks)
-AS_NOISE = 0.2
+_AS_NOISE = 0.2
 #: orders that are tried
 ORDERS = (0, 1, 2, 3, 4, 5)
 
@@ -393,7 +393,7 @@ class AxisFit:
     held_out: float
     left: float
     p_value: float
-    noise: Coloured
+    noise: _Coloured
     hysteresis_before: Hysteresis | None
     hysteresis_after: Hysteresis | None
     turn_on: float
@@ -423,23 +423,23 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     unit = float(np.std(y)) or 1.0  # scaled to numbers near 1, as the noise estimate requires
     y = y / unit
     orders = tuple(p for p in orders if p <= most_order(knots) and determined(columns(knots, 0.0, p)).rank == len(knots.logs) + p)
-    lags = lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
+    lags = _lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
     white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
     every, most, tau = slice(None), max(orders), 0.0
     noise = about(knots, y, V, white, most)
     if len(lags):
-        tau = best_lag(knots, y, noise.factor(), every, lags, most)
+        tau = _best_lag(knots, y, noise.factor(), every, lags, most)
         noise = about(knots, y, V, white, most, tau)
     examined = examine(knots, y, noise, orders, lags)
     chosen = examined.candidates[examined.chosen]
     L = noise.factor()
     if chosen.lagged:
-        tau = best_lag(knots, y, L, every, lags, chosen.order)
-        if not lag_shows(knots, y, L, tau, chosen.order):
+        tau = _best_lag(knots, y, L, every, lags, chosen.order)
+        if not _lag_shows(knots, y, L, tau, chosen.order):
             chosen = Candidate(chosen.order, False)
     tau = tau if chosen.lagged else 0.0
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
-    p_value, needed, tried = none_by_chance(knots, y, V, white, chosen, tau), chosen.order, max(chosen.order, 1)
+    p_value, needed, tried = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order, max(chosen.order, 1)
     if p_value >= BY_CHANCE:
         needed = 0
     # A higher order may have the best held-out error by chance: its coefficients must be significant, too.
@@ -451,7 +451,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     line = None
     if not needed:
         noise = about(knots, y, V, white, 0)
-        line = line_in(knots, y, V, white, noise, tried, unit) if tried in orders else None
+        line = _line_in(knots, y, V, white, noise, tried, unit) if tried in orders else None
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
     plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
@@ -467,15 +467,15 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
         held_out=float(np.sqrt(examined.held_out[:, index].mean())) * unit,
         left=float(np.sqrt(np.mean(residual**2))) * unit,
         p_value=p_value,
-        noise=Coloured(noise.sizes * unit, noise.C * unit**2),
-        hysteresis_before=hysteresis_of(knots, plain * unit, noise.C * unit**2),
-        hysteresis_after=hysteresis_of(knots, residual * unit, noise.C * unit**2),
+        noise=_Coloured(noise.sizes * unit, noise.C * unit**2),
+        hysteresis_before=_hysteresis_of(knots, plain * unit, noise.C * unit**2),
+        hysteresis_after=_hysteresis_of(knots, residual * unit, noise.C * unit**2),
         turn_on=float(np.std(zeros, ddof=1)) * unit if len(zeros) > 1 else float("nan"),
         line=line,
     )
 
 
-def line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: Coloured, order: int, unit: float) -> Line:
+def _line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: _Coloured, order: int, unit: float) -> Line:
     """The line of an axis whose zero is taken as constant; noise: of the constant; order: that was tried; unit: SI per unit of y."""
     per_c = unit / knots.half_c
     coefficients, covariance = solve(knots, y, noise, 0.0, Candidate(1, False))
@@ -489,14 +489,14 @@ def most_order(knots: Knots) -> int:
     return 0 if np.ptp(knots.temp_c) < 1.0 else max(len(knots) // 4, 0)
 
 
-def lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
+def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
     """Whether a lag reduces the misfit significantly; two degrees of freedom, because its sign and size were searched."""
     white = whiten(L, y)
     without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
     return bool(chi2.sf(without - lagged, 2) < BY_CHANCE)
 
 
-def solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def solve(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """Return zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
 
     Every estimate is linear in the knots, so its covariance follows from theirs.  Coefficients have equal weights, the lag the weights
@@ -515,13 +515,13 @@ def solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Cand
     return coefficients, G @ noise.C @ G.T
 
 
-def none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
+def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
     """p-value of the fit if temperature has no effect: a likelihood-ratio test, with the noise estimated under each hypothesis.
 
     With the noise of the polynomial fit alone a slow drift would pass for an effect of temperature: the fit takes it for the trend, where
     the null hypothesis takes it for noise (benchmarks/temperature.py, nulls).  Of a single sweep few independent values of a small walk
     are there, so that the ratio exceeds its limit forty times as often as it should.  The polynomial must therefore show in the noise of
-    the constant, too, which has taken some of it for a walk: ``AS_NOISE`` makes up for that (benchmarks/temperature.py, walks).
+    the constant, too, which has taken some of it for a walk: ``_AS_NOISE`` makes up for that (benchmarks/temperature.py, walks).
     """
     if not chosen.order:
         return 1.0
@@ -531,7 +531,7 @@ def none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: floa
         values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
     constant, polynomial = (misfit(whiten(factors[0], y), whiten(factors[0], A)) for A in models)
     by_ratio, by_noise = (chi2.sf(gain, chosen.order + 2 * chosen.lagged) for gain in (values[0] - values[1], constant - polynomial))
-    return float(max(by_ratio, AS_NOISE * by_noise))
+    return float(max(by_ratio, _AS_NOISE * by_noise))
 
 
 def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:

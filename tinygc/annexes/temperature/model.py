@@ -40,7 +40,7 @@ def weights(a_s: float, step_s: float) -> tuple[float, float, float]:
     return c, 1 - mean, mean - c
 
 
-class ElementTemperature:
+class _ElementTemperature:
     """Filter of one axis, with state, so that a log may be processed in pieces.  It starts in steady state at the first reading."""
 
     def __init__(self, tau_s: float, step_s: float):
@@ -64,7 +64,7 @@ class ElementTemperature:
 
 def element_temperature(reading_c: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:
     """(N,) degC of the element, from evenly spaced readings (N,) degC."""
-    return ElementTemperature(tau_s, step_s)(reading_c)
+    return _ElementTemperature(tau_s, step_s)(reading_c)
 
 
 # A calibration over temperature: E(T) and the zero b(T) as polynomials, the element's temperature by a lag of each axis.
@@ -116,9 +116,9 @@ class ThermalModel(BaseModel):
         E, zero = self.E(np.array([temp_c]))[0], self.zero(np.full((1, 3), temp_c))[0]
         return LinearModel(E, -E @ zero)
 
-    def elements(self, step_s: float) -> list[ElementTemperature]:
+    def elements(self, step_s: float) -> list[_ElementTemperature]:
         """Return a filter for each axis' element."""
-        return [ElementTemperature(float(tau), step_s) for tau in self.lag_s]
+        return [_ElementTemperature(float(tau), step_s) for tau in self.lag_s]
 
     def stream(self, rate_hz: float | None) -> ThermalStream:
         """Return a stream for one log, piece by piece.  Raises CalibrationError for a model with a lag where the data rate is unknown."""

@@ -30,7 +30,7 @@ PER_OCTAVE = 2
 BINS = 8
 
 
-class ShortTimes:
+class _ShortTimes:
     """Sums for the Allan deviation up to a block's length, chunk by chunk, while a log is read (``read_rest``'s watch)."""
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class ShortTimes:
         return curve_of(kept, self._period_s, log.duration_s) if kept else None
 
 
-def long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
+def _long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
     """Allan deviation of block means after the temperature fit, residual (B, 3) rad/s of all logs' kept blocks; None where all pieces are
     short."""
     pieces, at = [], 0
@@ -102,7 +102,7 @@ class NoiseOverTemperature:
     sigma: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
 
 
-def noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
+def _noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
     """Regress the scatter within the blocks on temperature; None without a range of temperatures."""
     if not all(log.has_temperature for log in logs):
         return None
@@ -155,18 +155,18 @@ class RestFit:
         return float(temp.min()), float(temp.max())
 
 
-def read_rests(paths: list[Path], sensor: Sensor, progress: Progress = lambda what, done, of: None) -> list[tuple[RestLog, ShortTimes]]:
+def read_rests(paths: list[Path], sensor: Sensor, progress: Progress = lambda what, done, of: None) -> list[tuple[RestLog, _ShortTimes]]:
     """Return each log, and the sums for its short averaging times."""
     found = []
     for number, path in enumerate(paths):
         progress(path.name, number, len(paths))
-        short = ShortTimes()
+        short = _ShortTimes()
         found.append((read_rest(path, sensor, short), short))
     return found
 
 
 def fit_rests(
-    read: Sequence[tuple[RestLog, ShortTimes | None]],
+    read: Sequence[tuple[RestLog, _ShortTimes | None]],
     orders: tuple[int, ...] = ORDERS,
     with_accel: bool = True,
     progress: Progress = lambda what, done, of: None,
@@ -191,10 +191,10 @@ def fit_rests(
         for axis in range(3):
             progress(f"{kind} {'xyz'[axis]}", axis, 3)
             axes[kind].append(fit_axis(knots, blocks[:, axis], orders))
-    residual = np.column_stack([residual_blocks(knots, "gyro", axis, fit) for axis, fit in enumerate(axes["gyro"])])
+    residual = np.column_stack([_residual_blocks(knots, "gyro", axis, fit) for axis, fit in enumerate(axes["gyro"])])
     short = [curve for (log, sums), mask in zip(read, out, strict=True) if sums is not None and (curve := sums.curve(log, mask))]
-    allan = whole_curve(short, long_times(kept, residual))
-    noise = noise_over_temperature(kept)
+    allan = whole_curve(short, _long_times(kept, residual))
+    noise = _noise_over_temperature(kept)
     return RestFit(tuple(logs), knots, tuple(sweeps), tuple(axes["gyro"]), tuple(axes["accel"]), allan, noise, tuple(findings))
 
 
@@ -205,7 +205,7 @@ def zero_of_blocks(knots: Knots, fit: AxisFit) -> np.ndarray:
     return np.polynomial.polynomial.polyval(knots.element_c(fit.tau_s) - knots.reference_c, fit.terms)
 
 
-def residual_blocks(knots: Knots, kind: str, axis: int, fit: AxisFit) -> np.ndarray:
+def _residual_blocks(knots: Knots, kind: str, axis: int, fit: AxisFit) -> np.ndarray:
     """Block means (B,) less the fit; each log's own zero is removed too."""
     values = np.concatenate([getattr(log, kind)[:, axis] for log in knots.logs]) - zero_of_blocks(knots, fit)
     edges = np.cumsum([len(log) for log in knots.logs])[:-1]

@@ -60,7 +60,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class SessionPoint:
+class _SessionPoint:
     """name; temp_c: mean over its logs, from low_c to high_c; values (12,): E row by row, then the zero b = -E^-1 B, rad/s; covariance
     (12, 12) of them; segments used; accelerometer: the calibration on which the fit is based, in whose body frame E is."""
 
@@ -74,7 +74,7 @@ class SessionPoint:
     accelerometer: Accelerometer = field(default_factory=lambda: Accelerometer(source="none"))
 
 
-def point_of(session: Session, shape: ThermalModel | None, progress: Progress = lambda what, done, of: None) -> SessionPoint:
+def point_of(session: Session, shape: ThermalModel | None, progress: Progress = lambda what, done, of: None) -> _SessionPoint:
     """Fit one session by least squares; shape: zero over temperature from rest logs, which refers readings to the mean temperature.
 
     Raises FitError where a log has no temperature, and the errors of a fit.
@@ -89,18 +89,18 @@ def point_of(session: Session, shape: ThermalModel | None, progress: Progress = 
     temp = np.concatenate(temps)
     mean_c = float(temp.mean())
     if shape is not None:
-        session = replace(session, logs=tuple(brought_to(log, shape, mean_c) for log in session.logs), closures=())
+        session = replace(session, logs=tuple(_brought_to(log, shape, mean_c) for log in session.logs), closures=())
     options = FitOptions(methods=("least_squares",))
     found = fit_session(session, options, lambda what, done, of: progress(f"{session.name}: {what}", done, of))
     model = found.linear.model
     assert isinstance(model, LinearModel)  # the type that least squares fits
-    values, covariance = zero_form(model, found.covariance)
+    values, covariance = _zero_form(model, found.covariance)
     low, high = np.quantile(temp, [0.005, 0.995])
     own = found.accelerometer.calibration
-    return SessionPoint(session.name, mean_c, float(low), float(high), values, covariance, len(found.problem.used), own)
+    return _SessionPoint(session.name, mean_c, float(low), float(high), values, covariance, len(found.problem.used), own)
 
 
-def in_frame_of_first(points: Sequence[SessionPoint]) -> tuple[SessionPoint, ...]:
+def _in_frame_of_first(points: Sequence[_SessionPoint]) -> tuple[_SessionPoint, ...]:
     """Rotate all points into the first one's body frame, as ``compare`` does; a zero is the sensor's own reading, and has no frame."""
     found = []
     for point in points:
@@ -111,7 +111,7 @@ def in_frame_of_first(points: Sequence[SessionPoint]) -> tuple[SessionPoint, ...
     return tuple(found)
 
 
-def brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:
+def _brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:
     """Return the log as if it had been recorded at one temperature, with respect to the zero."""
     samples = log.samples
     assert samples.temp_c is not None
@@ -121,7 +121,7 @@ def brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:
     return replace(log, samples=replace(samples, gyro=samples.gyro - change))
 
 
-def zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (12,) E row by row and b, where omega = E (m - b), and their covariance, from those of E and B."""
     inverse = np.linalg.inv(model.E)
     zero = -inverse @ model.B
@@ -155,7 +155,7 @@ class SessionsFit:
     constant E; turn_on_rps: scatter of the zero between sessions beyond noise, NaN where it cannot be estimated.
     """
 
-    points: tuple[SessionPoint, ...]
+    points: tuple[_SessionPoint, ...]
     model: ThermalModel
     covariance: np.ndarray
     chi_square: float
@@ -166,11 +166,11 @@ class SessionsFit:
     turn_on_rps: float
 
 
-def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int = 5) -> SessionsFit:
+def join(points: Sequence[_SessionPoint], rests: RestFit | None, most_order: int = 5) -> SessionsFit:
     """Fit one model to all.  Raises FitError without sessions."""
     if not points:
         raise FitError("no session with turns: E needs one, and E over temperature two or more")
-    points = in_frame_of_first(points)
+    points = _in_frame_of_first(points)
     temps = np.array([point.temp_c for point in points])
     reference = rests.knots.reference_c if rests is not None else float(np.round((temps.min() + temps.max()) / 2))
     levels = 1 + int(np.count_nonzero(np.diff(np.sort(temps)) > APART_C))
@@ -199,7 +199,7 @@ def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int 
     return SessionsFit(points, model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
 
 
-def _solve_E(points: Sequence[SessionPoint], away: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, float]:
+def _solve_E(points: Sequence[_SessionPoint], away: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Terms (order + 1, 9), their covariance, chi-square."""
     size = 9 * (order + 1)
     information, pull, fixed = np.zeros((size, size)), np.zeros(size), 0.0
@@ -218,7 +218,7 @@ def _solve_E(points: Sequence[SessionPoint], away: np.ndarray, order: int) -> tu
     return terms.reshape(-1, 9), covariance, left
 
 
-def _order_of_E(points: Sequence[SessionPoint], away: np.ndarray, most: int) -> tuple[int, float]:
+def _order_of_E(points: Sequence[_SessionPoint], away: np.ndarray, most: int) -> tuple[int, float]:
     """Return the lowest sufficient order, and the p-value of a constant E."""
     if most < 1:
         return 0, 1.0
@@ -229,7 +229,7 @@ def _order_of_E(points: Sequence[SessionPoint], away: np.ndarray, most: int) -> 
 
 
 def _zero(
-    points: Sequence[SessionPoint], away: np.ndarray, rests: RestFit | None, most: int
+    points: Sequence[_SessionPoint], away: np.ndarray, rests: RestFit | None, most: int
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
     """terms (Q + 1, 3), covariance of them and of the lags, turn-on scatter, lags (3,)."""
     values = np.array([point.values[BIAS] for point in points])

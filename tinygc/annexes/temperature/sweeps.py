@@ -41,13 +41,13 @@ def sweeps_of(temp_c: np.ndarray, log: int = 0) -> list[Sweep]:
     extent = float(np.ptp(smooth))
     if extent < LEAST_C:
         return []
-    turns = turning_points(smooth, TURN_SHARE * extent)
+    turns = _turning_points(smooth, TURN_SHARE * extent)
     edges = [0, *turns[1:-1], len(temp_c)]
     directions = np.sign(np.diff(smooth[turns])).astype(int)
     return [Sweep(log, start, stop, int(d)) for start, stop, d in zip(edges[:-1], edges[1:], directions, strict=True)]
 
 
-def turning_points(values: np.ndarray, least: float) -> list[int]:
+def _turning_points(values: np.ndarray, least: float) -> list[int]:
     """Return the indices of the first extreme, of each reversal by at least ``least``, and of the last."""
     low = high = direction = 0
     points: list[int] = []
@@ -129,7 +129,7 @@ def between_steps(t: np.ndarray, temp_c: np.ndarray, grid: Grid) -> Between:
 def _passages(t: np.ndarray, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times (P,), rising, at which readings (B,) in steps pass the middle between two, and the middles.  On the way between two turns the
     readings rise but for noise: where one goes to and fro, the passage is where both are as frequent."""
-    turns = turning_points(reading, REVERSAL)
+    turns = _turning_points(reading, REVERSAL)
     edges = [0, *turns[1:-1], len(reading) - 1]
     at, level = [], []
     for start, stop in pairwise(edges):

@@ -168,7 +168,7 @@ def _of_calibrated(linear: LinearModel) -> np.ndarray:
     return slope
 
 
-def variance_and_freedom(size: float, sigma: float) -> tuple[float, float]:
+def _variance_and_freedom(size: float, sigma: float) -> tuple[float, float]:
     """Mean square of a normal size with this mean and sigma; degrees of freedom of a variance of the same relative spread, 2 mean^2 / var.
 
     mean = size^2 + sigma^2, var = 4 size^2 sigma^2 + 2 sigma^4.  A size that was not seen, of 0, has one.
@@ -187,7 +187,7 @@ def _of_fit(path: Path) -> tuple[tuple[float, int] | None, dict[str, tuple[float
     with contextlib.suppress(KeyError, TypeError, ValueError):
         for component in table["noise"]["components"]:
             if (name := component["name"]) in AT_REST:
-                variance, freedom = variance_and_freedom(float(component["size"]), float(component["sigma"] or 0.0))
+                variance, freedom = _variance_and_freedom(float(component["size"]), float(component["sigma"] or 0.0))
                 found[name] = AT_REST[name] ** 2 * variance, freedom
     return goodness, found
 

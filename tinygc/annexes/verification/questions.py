@@ -53,7 +53,7 @@ E, B, GRAVITY, NOISE = "E", "B", "gravity's length", "noise"
 
 
 @dataclass(frozen=True, eq=False)
-class NoisePart:
+class _NoisePart:
     """A component of the noise: V (n, n) for size 1; its size s, and the size's sigma."""
 
     name: str
@@ -67,7 +67,7 @@ class TodaysNoise:
     """Noise of today's recording: covariance (n, n); parts beyond white; found: their sizes; freedom of the white noise."""
 
     covariance: np.ndarray
-    parts: tuple[NoisePart, ...]
+    parts: tuple[_NoisePart, ...]
     found: ComponentEstimate
     freedom: float
 
@@ -88,7 +88,7 @@ def todays_noise(rows: Rows) -> TodaysNoise:
     for component, s, sigma in zip(rows.components, found.s, found.sigma, strict=True):
         own = dense(component.V)
         spread = float(sigma) if np.isfinite(sigma) else max(float(s), component.usual)
-        parts.append(NoisePart(component.name, own, float(s), spread))
+        parts.append(_NoisePart(component.name, own, float(s), spread))
         covariance = covariance + s**2 * own
     return TodaysNoise(covariance, tuple(parts), found, rows.noise_freedom)
 
@@ -150,7 +150,7 @@ class Question:
         return self.p_value >= self.level
 
 
-def level_of(false_alarm: float, count: int) -> float:
+def _level_of(false_alarm: float, count: int) -> float:
     """Level of each of ``count`` questions with this probability of any false alarm (Sidak)."""
     return float(-np.expm1(np.log1p(-false_alarm) / max(count, 1)))
 
@@ -158,7 +158,7 @@ def level_of(false_alarm: float, count: int) -> float:
 def tail(statistic: float, known: np.ndarray, estimated: Sequence[tuple[np.ndarray, np.ndarray]], seed: int = 0) -> float:
     """Probability that t' t is at least ``statistic`` for t (k,) of covariance known + sum f_i P_i, over the draws of the factors f_i.
 
-    estimated: P_i (k, k) with ``DRAWS`` factors each (``by_freedom``, ``by_size``); without any, chi-square's tail of unit covariance.
+    estimated: P_i (k, k) with ``DRAWS`` factors each (``_by_freedom``, ``by_size``); without any, chi-square's tail of unit covariance.
     """
     k = len(known)
     if not estimated:
@@ -171,7 +171,7 @@ def tail(statistic: float, known: np.ndarray, estimated: Sequence[tuple[np.ndarr
     return float((1 + np.sum(np.sum(drawn * np.maximum(size, 0.0), axis=1) >= statistic)) / (DRAWS + 1))
 
 
-def by_freedom(freedom: float, seed: int) -> np.ndarray:
+def _by_freedom(freedom: float, seed: int) -> np.ndarray:
     """(DRAWS,) of the true variance over its estimate from a sample with these degrees of freedom: nu / chi^2_nu."""
     return freedom / np.random.default_rng([1, seed]).chisquare(freedom, DRAWS)
 
@@ -196,7 +196,7 @@ def ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, old: OldCalibrati
     if old.accelerometer is not None:
         found.append(_ask(rows, expected, parts, noise, GRAVITY, accelerometer, np.r_[matrix, zero], everything))
     found.append(_left_over(rows, noise, old))
-    level = level_of(false_alarm, sum(question.asked for question in found))
+    level = _level_of(false_alarm, sum(question.asked for question in found))
     return [replace(question, level=level) for question in found]
 
 
@@ -230,7 +230,7 @@ def _ask(
         if np.isfinite(part.freedom):
             own = project @ solve_lower(factor, part.columns[keep])
             known = known - own @ own.T
-            estimated.append((own @ own.T, by_freedom(part.freedom, number)))
+            estimated.append((own @ own.T, _by_freedom(part.freedom, number)))
     for number, noise_part in enumerate(noise.parts):
         V = noise_part.V[np.ix_(keep, keep)]
         carried = project @ solve_lower(factor, solve_lower(factor, V).T) @ project.T

@@ -8,7 +8,7 @@ import pytest
 from session.io.clock import exact_ns
 from session.io.errors import DataError
 from session.io.pace import pace_of
-from session.io.stamps import _span_of_counter, along_line, evenly, fresh
+from session.io.stamps import COUNTER, Unroll, _span_of_counter, along_line, bad_stamps, evenly, fresh, placed_between, written_once
 
 
 def steps(*periods, period=10_000):
@@ -208,3 +208,29 @@ def test_samples_are_counted_along_stamps_that_scatter(rate_hz, jitter_s):
     (slope, _), covariance = np.polyfit(count, (stamps - stamps[0]) * 1e-9, 1, cov=True)
     assert (even.hz, even.sigma_ppm) == (pytest.approx(1 / slope), pytest.approx(np.sqrt(covariance[0, 0]) / slope * 1e6, rel=0.4))
     assert np.ptp(even.t_ns * 1e-9 - true_s) < 2e-4
+
+
+@pytest.mark.parametrize(("begins", "size"), [(0, 7), (120_000, 40), (120_000, 3)])
+def test_a_counter_that_comes_round_is_carried_on_piece_after_piece(begins, size):
+    """Of 17 bits, which nobody states, and of 32 bits of microseconds."""
+    true = begins + 10_000 * np.arange(40)
+    for span, unroll in ((2**17, Unroll(None, 1)), (COUNTER * 1000, Unroll(COUNTER * 1000, 1000))):
+        stamps = true if span == 2**17 else true * 1000 + span - 200_000_000
+        found = np.concatenate([unroll((stamps % span)[start : start + size]) for start in range(0, 40, size)])
+        np.testing.assert_array_equal(np.diff(found), np.diff(stamps))
+        assert unroll.wraps == stamps[-1] // span - stamps[0] // span
+
+
+def test_single_bad_stamps_rows_that_repeat_and_rows_that_share_a_stamp():
+    t_ns = 10 * np.arange(200)
+    for value in (0, 10**6):
+        bad = t_ns.copy()
+        bad[[70, 90]] = value
+        assert bad_stamps(bad).tolist() == [70, 90]
+    swapped, many = t_ns.copy(), t_ns.copy()
+    swapped[[70, 71]], many[10:190:9] = swapped[[71, 70]], 10**6
+    assert len(bad_stamps(swapped)) == len(bad_stamps(many)) == 0
+    columns = [np.array([[1, 1], [1, 1], [2, 2], [2, 3], [4, 4]]), np.array([5, 5, 6, 6, 7])]
+    assert written_once(np.array([0, 0, 1, 1, 2]), columns).tolist() == [True, False, True, True, True]
+    late = np.array([0, 10, 20, 20, 40, 50, 60, 60, 60, 90, 100])
+    np.testing.assert_array_equal(placed_between(late), 10 * np.arange(11))

@@ -80,7 +80,7 @@ def near(there, expected) -> None:
 def test_kalibr_by_its_own_formula_in_its_own_frame(name, force):
     """a_meas = M a_i + b with M lower triangular; true rates and forces of the body, seen in i, give what was measured."""
     block = yaml.safe_load(exporter("kalibr").export(MODELS[name], context(None, ACCELEROMETERS[force]))["imu-intrinsics.yaml"])["imu0"]
-    assert block["model"] == "scale-misalignment"
+    assert (block["model"], block["time_offset"], block["update_rate"], block["T_i_b"][3]) == ("scale-misalignment", 0, 208, [0, 0, 0, 1])
     R, accel, gyro = rotation(np.array(block["T_i_b"])[:3, :3]), block["accelerometers"], block["gyroscopes"]
     near(FORCE @ R.T @ lower(accel["M"]).T + accel["b"], ACCELEROMETERS[force].measured(FORCE))
     M, C, A = lower(gyro["M"]), rotation(gyro["C_gyro_i"]), np.array(gyro["A"])

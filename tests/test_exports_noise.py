@@ -137,7 +137,7 @@ def test_which_walk_is_given_and_where_it_is_from(axes, walk, says):
 def test_what_the_figures_lack_is_guessed_loudly_from_the_stills_left_out_or_refused():
     silent, without = figures(sensor(axis(N=1e-4))), figures(accel=None)
     table, text = imu(silent, said := [])  # of an ASM330LHH a bias instability is typical
-    assert table["gyroscope_random_walk"] > 0
+    assert table["gyroscope_random_walk"] == pytest.approx(FROM_FLOOR / 8 * 3, rel=0.01)
     assert "GUESSED, NOT MEASURED" in text
     assert said == ["kalibr: the gyroscope's random walk is guessed: the log at rest does not show it"]
     with pytest.raises(ExportError, match="needs a bias instability, since no log shows the gyroscope's random walk"):
@@ -240,6 +240,11 @@ def test_an_autopilot_has_a_file_of_noise_whose_values_are_within_their_document
     made = exporter(name).export(LINEAR, context(said := [], noise=noise))
     calibration, text = made.values()
     assert values(text)[key] == pytest.approx(least)
+    loud = figures(sensor(axis(N=9.0, K=9.0)), sensor(axis(N=9e3, K=9e3)))
+    (text_of_loud,) = files(name, loud).values()
+    greatest = {"EK3_GYRO_P_NSE": 0.1, "EK3_ACC_P_NSE": 1.0, "EK3_GBIAS_P_NSE": 1e-3, "EK3_ABIAS_P_NSE": 0.02}
+    greatest |= {"EKF2_GYR_NOISE": 0.1, "EKF2_ACC_NOISE": 1.0, "EKF2_GYR_B_NOISE": 0.01, "EKF2_ACC_B_NOISE": 0.01}
+    assert values(text_of_loud) == {key: pytest.approx(greatest[key]) for key in values(text_of_loud)}
     assert f"{least:g} IS WRITTEN" in plain(text)
     assert name == "px4" or all(len(line.encode()) <= 96 for line in text.splitlines())
     assert any("do not fly with them as they are" in line for line in said)

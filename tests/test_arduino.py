@@ -110,6 +110,17 @@ def test_every_sample_of_another_sensor_arrives(others, family, says, registers)
     assert sum(isinstance(event, Comment) for event in events) == 3  # each four seconds
 
 
+@needs_gcc
+@pytest.mark.parametrize("who", [0x98, 0x70, 0x72, 0x75])
+def test_kin_of_the_sensor_is_taken_with_a_remark(others, who):
+    rows = rows_of(60)
+    _, events, _, found = decoded(sent(others("mpu"), rows, who=who)[0])
+    np.testing.assert_array_equal(found, rows[: len(found)])
+    assert len(found) >= 58
+    remarks = {event.text for event in events if isinstance(event, Comment) and "WHO_AM_I" in event.text}
+    assert remarks == {f"at 0x68 WHO_AM_I 0x{who:02X}: taken for 0x68"}
+
+
 # The sketch around the driver.
 
 

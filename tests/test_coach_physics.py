@@ -16,11 +16,12 @@ from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer
 from tinygc.attitude import rotation
+from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.models import linear
 from tinygc.planning import turns
-from tinygc.planning.coach import Coach
+from tinygc.planning.coach import UNKNOWN, Coach
 from tinygc.planning.proposals import TARGETS
-from tinygc.planning.turns import columns, ends, turns_from
+from tinygc.planning.turns import EIGHTHS, columns, ends, turns_from
 
 
 def test_what_a_turn_tells_is_what_mechanics_says():
@@ -199,3 +200,26 @@ def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_i
     assert moved == [(tuple(part.axis), part.angle_rad) for part in turn.parts]
     content = Coach(1000 * one_by_one.sigma.max() * TARGETS)(Progress(tuple(taken)))
     assert (content.reached, content.words, content.missing) == (True, "", ())
+
+
+@pytest.mark.parametrize(("directions", "asked"), [(4, "all"), (14, "its worst")])
+def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directions, asked):
+    """By eighths of a turn: where its parameters are unknown by the determinant of all, then by the sigma of its worst."""
+    stills = tuple(Still(0, 1, 0.0, 2.0, *[np.zeros(3)] * 2, row, *[np.zeros(3)] * 2, 25.0) for row in read_by(RAW, forces(directions, 3)))
+    coach = Coach(1e6 * TARGETS)
+    advice = coach(Progress(tuple(taken), stills, True, RAW))
+    sigma = coach.sigma
+    assert [each for _, each in advice.sigmas] == sigma.tolist()
+    assert (sigma.max() > UNKNOWN) == (asked == "all")
+    assert np.argmax(sigma) >= linear.PARAMETERS
+    assert not advice.reached
+    assert {text.split(" (")[0] for text in advice.missing} == {JOINT_NAMES[i] for i in np.flatnonzero(sigma > 1) - linear.PARAMETERS}
+    force = RAW.correct(stills[-1].accel_mean)
+    turns = turns_from(force, EIGHTHS)
+    rows, covariance = coach._rows(force, turns), coach.covariance
+    left = [covariance - covariance @ row.T @ np.linalg.solve(np.eye(3) + row @ covariance @ row.T, row @ covariance) for row in rows]
+    if asked == "all":
+        rating = [-np.linalg.slogdet(np.eye(3) + row @ covariance @ row.T)[1] for row in rows]
+    else:
+        rating = [(np.sqrt(np.diag(each)) / coach.targets)[linear.PARAMETERS :].max() for each in left]
+    assert advice.words == turns[int(np.argmin(rating))].words

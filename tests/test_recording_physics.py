@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import termios
 import threading
 import time
 from dataclasses import replace
@@ -22,7 +23,7 @@ from streams import INFO, decode, frame_list, line_list, samples, sent
 
 from session.bench import frames, rawfile
 from session.bench.events import Comment, Info, SampleChunk, Trouble
-from session.bench.logwriter import LogWriter
+from session.bench.logwriter import SHORT_STARTS, LogWriter
 from session.bench.port import Closed, Opened, Port, known_ports, lock_of, only_candidate
 from session.bench.rawfile import (
     _RESCUED,
@@ -73,6 +74,18 @@ def test_a_reset_begins_a_new_log_and_comments_are_kept(tmp_path):
     assert lines[5] == f"# {INFO.text}" == "# gyro_fs_dps=500 accel_fs_g=4 odr_hz=1666.5000 serial=77"
     assert lines[6] == "# left out as implausible: 2 (t_us 5)"
     assert logs.paths[3].read_text().count(INFO.text) == 1
+
+
+def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path):
+    """Behind twenty such starts one gets a log only where it lasts a second; what got none is counted."""
+    logs = LogWriter(tmp_path)
+    for start in range(SHORT_STARTS + 5):
+        logs.write([SampleChunk(*sent(100, 1000 * start)), Trouble("reset")])
+    logs.write([SampleChunk(*sent(1000, 7)), SampleChunk(*sent(2000, 700_000))])  # 0.6 s, then more than a second
+    logs.write([Trouble("reset"), SampleChunk(*sent(50, 7))])  # a good one has been: this counts again
+    logs.close()
+    assert [path.read_text().count("\n") - 1 for path in logs.paths] == [100] * SHORT_STARTS + [3000, 50]
+    assert (logs.not_logged, logs.not_logged_starts) == (500, 5)
 
 
 other_wire = pytest.fixture(make_wire, name="other_wire")
@@ -233,6 +246,24 @@ def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
         os.close(file)
 
 
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "x"), serial.SerialException("not ready"), termios.error(errno.EIO, "x")])
+def test_whatever_pyserial_raises_is_a_pulled_cable(error, wire, monkeypatch):
+    monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
+    raised = iter([error])
+
+    def in_waiting(self):
+        for problem in raised:
+            raise problem
+        return 0
+
+    monkeypatch.setattr(serial.Serial, "in_waiting", property(in_waiting))
+    port = Port(wire[1])
+    opened, closed, again = (port.items.get(timeout=PATIENCE_S) for _ in range(3))
+    port.close()
+    assert [type(item) for item in (opened, closed, again)] == [Opened, Closed, Opened]
+    assert closed.why in ("Input/output error", "not ready", "x")
+
+
 def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
     with pytest.raises(DeviceError, match=r"No such file or directory.*calibrate.py ports") as said:
         Port(str(tmp_path / "nothing"))
@@ -290,6 +321,20 @@ def test_ports_say_what_they_know(monkeypatch):
     listed[:] = [BUILT_IN]
     with pytest.raises(DeviceError, match="no serial port with a board"):
         only_candidate()
+
+
+def test_a_board_that_comes_back_under_another_name_is_known_by_its_serial_number(tmp_path, monkeypatch):
+    monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
+    with Terminal(tmp_path / "ttyACM0") as first, Terminal(tmp_path / "ttyACM1") as second:
+        listed = [_Listed(str(first.name), 0x0483, 0x374B, "066D")]
+        monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
+        port = Port(str(first.name))
+        assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+        listed[:] = [_Listed("/dev/ttyACM2", 0x0483, 0x374B, "066E"), _Listed(str(second.name), 0x0483, 0x374B, "066D")]
+        first.unplug()
+        assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
+        assert port.items.get(timeout=PATIENCE_S).name == str(second.name)
+        port.close()
 
 
 def test_a_link_that_a_killed_board_left_is_not_followed(wire, tmp_path, monkeypatch):

@@ -48,6 +48,7 @@ from driver_under_test import (
     keep_fine,
     library,
     number,
+    period_of,
     poll,
     push,
     put,
@@ -60,6 +61,7 @@ from driver_under_test import (
     streamed_by_time,
     tag,
     warmth,
+    words_of,
 )
 
 
@@ -317,10 +319,21 @@ def test_a_fifo_that_runs_over_amid_a_burst_drops_the_burst(lost):
         np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
 
 
+@pytest.mark.parametrize(("bad", "starts"), [(3, 0), (4, 1)])
+def test_four_stamps_in_a_row_that_do_not_go_on_start_the_sensor_again(bad, starts):
+    started()
+    streamed(0, 64)
+    discard()
+    words = slots(64, 32)  # a burst, whose last slot is not over yet
+    words[3 * (31 - bad) + 2 : 3 * 31 : 3, 4] ^= 0x40
+    push(words)
+    poll(1)
+    streamed(96, 32)
+    assert faults().get("starts", 0) == starts
+    assert faults()["stamp"] == bad + starts  # the start has its reason
+
+
 # Limits of time, and what a sensor has not.
-
-
-CHANGED, IMPOSSIBLE = FAULTS.index("changed"), NONE + 1
 
 
 #: microseconds: a poll on a bus of 1.6 MHz, a byte each 5; a start that blocks; no call of its own waits
@@ -365,6 +378,36 @@ def test_no_poll_takes_more_than_5_ms_and_none_waits(behaviour):
             place += 10
         assert number("longest_us").value <= LONGEST_POLL_US
         assert number("waits").value == 0
+
+
+def test_a_freq_fine_that_was_misread_is_no_start():
+    """It is read on either side of the registers, and would be in every stamp."""
+    assert attached().start() == NONE
+    first_us, second_us = (t_us for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == 0x80 | FREQ_FINE)
+    lib = attached()
+    put(turned=FREQ_FINE, turned_bits=0x10, turned_until_us=(first_us + second_us) // 2)
+    assert lib.start() == FAULTS.index("changed")
+    assert lib.start() == NONE
+
+
+@pytest.mark.parametrize(("held_ms", "behind"), [(20, 350), (100, 840), (700, 0)])
+def test_a_core_that_is_held_amid_a_look_at_the_level_restarts_no_sound_sensor(held_ms, behind):
+    """What the look says is of an unknown time: it ends no window of the rate, and no words is no silence.  The FIFO holds 87 ms."""
+    started()
+    streamed_by_time(0, 1600 + behind)
+    put(held_us=1000 * held_ms)
+    poll(1)
+    lost = max(0, int(held_ms * 1.667) - 140)
+    if lost:
+        discard()
+        put(overrun=1)
+    place = 1600 + behind + lost
+    made = (int(held_ms * 1.667) - lost) // 10 * 10
+    push(slots(place, made))
+    poll(6)
+    streamed_by_time(place + made, 2000)
+    assert not {"rate", "starts", "silent", "stamp"} & faults().keys()
+    assert (faults().get("lost", 0) > 0) == (lost > 0)
 
 
 def test_a_reset_that_does_not_end_is_said():
@@ -483,6 +526,24 @@ def test_no_fewer_slots_are_left_out_than_sts_driver_leaves_out_and_hardly_more(
     assert unsettled(10, fine=-128) / unsettled(10) == pytest.approx(0.81, abs=0.01)
 
 
+@pytest.mark.parametrize(("odr", "longer"), [(3, 1.05), (5, 1.5), (8, 1.2), (10, 2.0)])
+def test_a_sensor_whose_first_slots_are_irregular_is_late_and_not_dead(odr, longer):
+    """The first 40 ms and three slots come at longer steps: its first sample waits for steps that follow, and nothing is restarted."""
+    settling, count = started(odr, settles=False).unsettled(odr, 0xFF, 2, 0), 600
+    early, each = 3 + int(0.04 * RATES_HZ[odr - 1]), max(1, int(0.006 * RATES_HZ[odr - 1]))
+    ticks = np.floor(100.5 + np.cumsum(np.where(np.arange(count) < early, longer, 1.0) * period_of(odr))).astype(np.int64)
+    found = []
+    for place in range(0, count, each):
+        push(np.concatenate([warmth(place), words_of(np.arange(place, min(place + each, count)), ticks[place : place + each])]))
+        found.append(poll(max(1, round(1e3 * each / RATES_HZ[odr - 1]))))
+    found = np.concatenate(found)
+    first = int(found["registers"][0, 0]) + 15000
+    assert not faults()
+    assert settling <= first <= max(settling, early) + 17
+    np.testing.assert_array_equal(found["registers"][:, :6], registers_of(np.arange(first, first + len(found))))
+    assert len(found) > count - first - 40
+
+
 # The self-test, and the serial number.
 
 
@@ -490,10 +551,6 @@ NOTHING_MEASURED = 0x8000
 
 
 CTRL5_C = 0x14
-
-
-#: microseconds: how long it takes, a poll of it on a bus of 1.6 MHz
-TAKES_US, LONGEST_STEP_US = 1_350_000, 500
 
 
 GOOD, BAD = 30, 2  # times 256 LSB
@@ -526,6 +583,25 @@ def test_the_limits_of_the_self_test(pushed, failed):
         assert not lib.running()
     assert lib.start() == NONE
     assert not faults()
+
+
+@pytest.mark.parametrize(("pushed", "verdict"), [(GOOD, 0), (BAD, 0x3F)])
+def test_a_line_that_sticks_never_fails_a_good_part_nor_passes_a_bad_one(pushed, verdict):
+    """At any moment of the procedure, mostly where something goes over the line: then nothing was measured."""
+    started(settles=False)
+    put(pushed=pushed, logged=0)
+    begun_us = number("now_us").value
+    assert self_tested().failed == verdict
+    busy_us, rng = np.array(accessed_us()) - begun_us, np.random.default_rng(1)
+    for behaviour, lasts_us in itertools.product((ZEROS, ONES, HANGS), (20, 300, 40_000)):
+        outcomes = set()
+        for from_us in rng.choice(busy_us, 150) + rng.integers(-min(lasts_us, 300), 70, 150):
+            started(settles=False)
+            line_us = number("now_us").value + max(0, int(from_us))
+            put(pushed=pushed, line=behaviour, line_from_us=line_us, line_until_us=line_us + lasts_us)
+            outcomes.add(self_tested().failed)
+        assert NOTHING_MEASURED in outcomes
+        assert outcomes <= {NOTHING_MEASURED, verdict}
 
 
 @pytest.mark.parametrize("register", [CTRL2_G, CTRL5_C])

@@ -42,7 +42,7 @@ AT_BOUND = 1.1
 #: share of a line's power that means of the finest scale pass, below which they do not show it
 PASSED = 0.01
 #: rise of -2 log L at an upper limit: 1.645 sigma would be 95 % of a term that is looked for alone; one that is not chosen has been drawn
-#: low, and with 2 sigma the limits hold in 95 of 100 (tests/annexes/test_noise_physics.py).  Of B and K the mean over even sets knows it:
+#: low, and with 2 sigma the limits hold in 95 of 100.  Of B and K the mean over even sets knows it:
 #: the larger of both limits counts (benchmarks/noise_terms.py --sizes)
 AT_LIMIT, AT_EVEN_LIMIT = 2.0**2, 1.645**2
 

@@ -10,7 +10,7 @@ import pytest
 from conftest import GRAVITY, config, wxyz
 from noise_records import axis, figures, sensor
 from scipy.integrate import quad
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm, t
 from small_sessions import EARTH_T, small_session
@@ -477,6 +477,32 @@ def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter()
 def test_the_scatter_that_counts_is_no_less_than_a_share_of_the_sample():
     values, own = np.array([1.0, -1.0, 1.0, -1.0]), np.full(4, 100.0)
     assert Between(values, own, np.ones((4, 1))).counted == pytest.approx(np.sqrt(LEAST_SCATTER * 4 / 3))
+
+
+def test_the_scatter_has_the_largest_restricted_likelihood():
+    own, design = np.array([0.3, 1.0, 0.05, 0.2, 0.8, 0.1]), drifting(6)
+    values = np.array([0.0, 1.4, 2.6, 1.1, 5.0, 3.0])
+
+    def cost(square):
+        inverse = np.diag(1 / (own + square))
+        A = design.T @ inverse @ design
+        left = inverse - inverse @ design @ np.linalg.solve(A, design.T @ inverse)
+        return np.linalg.slogdet(A)[1] + np.log(own + square).sum() + values @ left @ values
+
+    best = minimize_scalar(cost, bounds=(0, 20), method="bounded", options={"xatol": 1e-9}).x
+    assert Between(values, own, design).scatter ** 2 == pytest.approx(best, rel=1e-5)
+
+
+def test_the_interval_of_the_scatter_is_that_of_chi_square():
+    """Without own errors by the squares' sum; with large ones from zero up to where the pivot is at its 5 %, not below what is usual."""
+    values, one = np.array([1.0, -2.0, 0.5, 1.5, -1.0]), np.ones((5, 1))
+    total = np.sum((values - values.mean()) ** 2)
+    found = Between(values, np.zeros(5), one)
+    assert found.scatter_interval == pytest.approx(np.sqrt(total / chi2.ppf([0.975, 0.025], 4)), rel=1e-6)
+    assert found.counted == found.scatter == pytest.approx(values.std(ddof=1))
+    for own in (total / 6, 1e3):
+        low, high = Between(values, np.full(5, own), one).scatter_interval
+        assert (low, high) == (0.0, pytest.approx(np.sqrt(max(total, 4 * own) / chi2.ppf(0.05, 4) - own), rel=1e-6))
 
 
 def test_a_step_is_judged_over_all_intervals_and_numbers():

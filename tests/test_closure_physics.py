@@ -16,11 +16,11 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import vertical_only
 from tinygc.attitude.rotation import sample_weights, steps
+from tinygc.closure.floor import wander_covariance
 from tinygc.closure.motion import Motion, at_rest, motion_of
 from tinygc.closure.residual import Batch, KnownTurns, attitudes, end_and_sensitivity, end_attitude
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
-from tinygc.models.nets import CalibrationNet
 
 
 def unit(count, seed=0):
@@ -98,57 +98,14 @@ def test_derivative_exists_at_zero_and_near(yaw_known, size):
         assert loss_gradient.abs().max() < 1e-15  # the reference is a unit quaternion to rounding only
 
 
-@pytest.mark.parametrize("yaw_known", [False, True])
-def test_network_columns_are_autograds(turns, yaw_known):
-    rng = np.random.default_rng(6)
-    batch = turns.batch(PERFECT, yaw_known)
-    net = CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.02 * rng.normal(size=27))
-    # References that the net's own prediction meets: the columns are derivatives at a small residual.
-    batch = replace(batch, end=closure.end_attitude(batch, net(batch.rate)))
-    columns = net.columns(closure.sensitivity(batch, net(batch.rate))[:, :, : batch.angles], batch.rate)
-    rate = torch.as_tensor(batch.rate)
-
-    def residual(vector):
-        return 2 * closure.segment_residuals(batch, CalibrationNet.from_vector(vector)(rate))
-
-    exact = torch.autograd.functional.jacobian(residual, torch.as_tensor(net.vector)).numpy()
-    scale = np.abs(exact).max(axis=(0, 1))
-    assert np.all(np.abs(columns - exact).max(axis=(0, 1)) < 3e-3 * scale + 1e-12)
-
-
-def test_padding_changes_nothing(turns):
-    batch = turns.batch(PERFECT)
-    model = LinearModel(np.diag([1.01, 1, 0.99]), np.array([1, 0, -1]) * DEG)
-    pad = 37
-    padded = replace(
-        batch,
-        rate=np.concatenate([batch.rate, np.full((len(batch), pad, 3), 5.0)], axis=1),
-        dt=np.concatenate([batch.dt, np.zeros((len(batch), pad))], axis=1),
-        earth=np.concatenate([batch.earth, np.zeros((len(batch), pad, 3))], axis=1),
-    )
-    r, padded_r = (closure.segment_residuals(b, model(b.rate)) for b in (batch, padded))
-    np.testing.assert_allclose(padded_r, r, atol=1e-14)
-    columns, padded_columns = (linear.columns(closure.sensitivity(b, model(b.rate)), b.rate) for b in (batch, padded))
-    np.testing.assert_allclose(padded_columns, columns, atol=1e-12)
-    np.testing.assert_allclose(padded.duration_s, batch.duration_s, rtol=1e-15)
-    assert padded.trimmed().rate.shape == batch.rate.shape
-
-
-def test_the_earths_rate_is_taken_off(turns):
-    """A body at rest on the Earth reads its rotation, and closes only with it."""
-    earth = np.array([5e-5, 3e-5, -4e-5])
-    rate = np.tile(earth, (1, 200, 1))
-    still = closure.Batch(rate, np.full((1, 199), 0.1), rate, turns.q[:1], turns.q[:1], True)
-    assert np.abs(closure.segment_residuals(still, rate)).max() < 1e-15
-
-
 @pytest.mark.parametrize("rate_dps", [100.0, 20_000.0])
 def test_attitudes_and_sensitivity_are_those_of_the_quaternions(rate_dps):
     """Of ordinary turns, and of steps of degrees that the series does not reach."""
     rng = np.random.default_rng(3)
     rate, dt, start = rng.normal(size=(45, 60, 3)) * rate_dps * DEG, np.full((45, 59), 1 / 208), unit(45)
-    dt[5, 40:] = 0.0
+    dt[5, 40:] = dt[:, 58:] = 0.0
     batch = Batch(rate, dt, np.full_like(rate, 1e-4), start, start, False)
+    assert batch.trimmed().rate.shape == (45, 59, 3)
     along = rotation.multiply(start[:, None], rotation.accumulate(steps(rate - batch.earth, dt)))
     whole = attitudes(batch, rate)
     np.testing.assert_array_equal(whole[:, 0], start)
@@ -267,6 +224,7 @@ def test_a_sensor_at_rest_measures_what_its_calibration_takes_off():
     """Its zero, by which an error of E counts as well: the rate is off by dE m + dB."""
     model = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.6, -0.4, 0.2]) * DEG)
     motion = at_rest(model, 60)
+    assert len(motion.dt) == 600
     assert model(motion.measured) == pytest.approx(np.zeros_like(motion.measured), abs=1e-15)
     zero = -np.linalg.solve(model.E, model.B)
     assert motion.slope(model) == pytest.approx(60 * np.hstack([np.kron(np.eye(3), zero), np.eye(3)]), rel=1e-9, abs=1e-12)
@@ -280,6 +238,16 @@ def test_the_slope_is_that_of_the_exact_error_for_each_parameter():
         step[i] = 1e-6
         up, down = (motion.error(model, LinearModel.from_vector(model.vector + sign * step)) for sign in (1, -1))
         assert slope[:, i] == pytest.approx((up - down) / 2e-6, abs=2e-3 * np.abs(slope).max())  # sampled rates against one step each
+
+
+def test_noise_turns_the_end_of_a_motion_by_the_walk_and_the_drift_of_its_axes():
+    """At rest: density^2 T, and T^2 times the variance of the drift's mean; both along the axes that E makes of the sensor's."""
+    E = np.eye(3) + 0.1 * RNG.normal(size=(3, 3))
+    model, density, T = LinearModel(E, np.zeros(3)), np.array([1.0, 2.0, 3.0]) * 1e-4, 60.0
+    drift = wander_covariance(np.array([T / 2]), np.array([T]), instability_rps=2e-5)[0, 0]
+    for rps, share in ((0.0, 0.0), (2e-5, drift)):
+        found = at_rest(model, T).noise_covariance(model, density, rps)
+        np.testing.assert_allclose(found, E @ (T * np.diag(density**2) + T**2 * share * np.eye(3)) @ E.T, rtol=3e-3, atol=1e-12)
 
 
 def samples(count, hz=50.0):

@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 import pytest
-from conftest import Turns
 from scipy import linalg, stats
 from scipy.linalg import block_diag
 from small_turns import PERFECT, TRUE, angles_by_scipy, numeric_jacobian, small_turns, turned_ends, with_known_angles
@@ -102,18 +101,6 @@ def test_the_answer_is_the_minimum_and_the_covariance_the_curvature(name):
     if "rest_rps" in given:
         np.testing.assert_allclose(found.model.B, -found.model.E @ REST, rtol=1e-12)
         np.testing.assert_allclose(np.diag(found.covariance)[BIAS], (HELD * PRIOR_SIGMA[BIAS]) ** 2, rtol=1e-3)
-
-
-def test_where_the_search_begins_changes_how_long_it_takes_and_nothing_else():
-    batch, sigma, given = CASES["bias at rest"]
-    cold = fit_least_squares(batch, sigma, START, **given)
-    sigmas = np.sqrt(np.diag(cold.covariance))[MATRIX]
-    near = replace(cold.model, E=cold.model.E + 1e-3, B=np.ones(3))  # B = -E rest is held, so what it was before is nothing
-    from_model, from_rows = (fit_least_squares(batch, sigma, START, begin=begin, **given) for begin in (near, cold.rows))
-    for found in (from_model, from_rows):
-        np.testing.assert_allclose(found.model.vector[MATRIX], cold.model.vector[MATRIX], rtol=0, atol=1e-4 * sigmas.min())
-        np.testing.assert_allclose(found.covariance, cold.covariance, rtol=0, atol=1e-3 * sigmas.min() ** 2)
-    assert 1 == from_rows.steps < from_model.steps <= cold.steps
 
 
 @pytest.mark.parametrize("count", [1, 49, 200])
@@ -220,33 +207,6 @@ def test_what_does_not_fit_is_named_the_worst_first_and_three_at_most(off_deg, t
     words = str(_NotSettled(np.multiply(off_deg, DEG), np.isin(np.arange(len(off_deg)), too_far), ""))
     assert says in words
     assert "turn 3" not in words.partition("gravity")[2]
-
-
-@pytest.fixture(scope="module")
-def turns():
-    return Turns(16, seed=1)
-
-
-def fitted_to(batch, sigma=1e-4, start=PERFECT):
-    return fit_least_squares(batch, np.full(len(batch), sigma), start)
-
-
-def test_turns_about_the_vertical_only_leave_the_rest_at_the_start():
-    """A level table that only yaws: gravity never moves, so most of E is not seen, and does not wander; dials show the scale about z."""
-    turns = Turns(12, seed=2, axes=(0, 0, 1))
-    batch = turns.batch(TRUE, gyro_noise=1e-3 * np.random.default_rng(0).standard_normal(turns.rate.shape))
-    start = bias_only(batch.rate[0, 0])
-    found = fitted_to(batch, 1e-4, start)
-    # No tilt in the world says how large a yaw was: the third row (what a rate about z reads) is not seen at all.
-    third_row = {"E_zx", "E_zy", "E_zz", "B_z"}
-    assert third_row <= set(found.unobserved)
-    only_third = [NAMES.index(name) for name in third_row]
-    np.testing.assert_allclose(found.model.vector[only_third], start.vector[only_third], atol=1e-3)
-    # What a rate about z leaks into x and y tilts the table: that is seen.
-    assert {"E_xz", "E_yz"}.isdisjoint(found.unobserved)
-    with_dials = fitted_to(turns.batch(TRUE, True)).unobserved
-    assert "E_zz" not in with_dials
-    assert "E_xx" in with_dials
 
 
 DRAWN = np.random.default_rng(0)

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from conftest import config
 from noise_records import axis_of, figures_of
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, f, norm
 
 from session.detect.stills import Still
 from session.io.errors import FormatError
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
-from tinygc.closure.floor import GRID_RPS, BiasInstability
+from tinygc.closure.floor import GRID_RPS, BiasInstability, allan_freedom
+from tinygc.closure.stills import StillSet
 from tinygc.noise.figures import SensorNoise, to_json
 from tinygc.noise.measured import (
     _allan_variance_of,
@@ -68,6 +69,8 @@ def test_a_limit_is_twice_its_median_and_no_figure_is_no_prior():
     assert found.rps == pytest.approx(3 * DPH, rel=1e-9)
     assert found.sigma_rps == pytest.approx(3 * DPH * np.log(2) / 1.645, rel=1e-9)  # the limit is the 95 % quantile
     assert found.source == "half its limit at rest (noise.json)"
+    most = _session_instability(sensor(limited, limited, axis_of(limits={"B": 12 * DPH, "K": 1e-12})), 600.0).most_rps
+    assert most == pytest.approx(DPH * np.sqrt((36 + 36 + 144) / 3), rel=1e-9)
     assert _session_instability(sensor(axis_of()), 600.0) is None
 
 
@@ -84,6 +87,13 @@ def test_the_ratio_of_two_drifts_has_both_uncertainties(ratio):
     assert found.ratio == pytest.approx(ratio, rel=0.01)
     assert found.p_value == pytest.approx(chi2.sf((np.log(ratio) / sigma) ** 2, 1), rel=0.02)
     assert [found.low, found.high] == pytest.approx(ratio * np.exp([-1.96 * sigma, 1.96 * sigma]), rel=0.02)
+
+
+@pytest.mark.parametrize("end", [1, -1])
+def test_a_drift_beyond_the_grid_is_at_its_end(end):
+    known = BiasInstability(5 * DPH, "measured at rest (noise.json)", 1.0 * DPH, 7 * DPH)
+    away = -np.abs(np.arange(len(GRID_RPS)) - np.arange(len(GRID_RPS))[end]) * 0.1
+    assert _drift_comparison(known, away).ratio == pytest.approx(GRID_RPS[end] / known.rps, rel=1e-9)
 
 
 def test_a_limit_is_contradicted_by_more_alone():
@@ -105,7 +115,7 @@ def at_rest_session(N: float, seed: int, lsb: float = 0.0, count: int = 6, rows:
     none = np.zeros(3)
     stills = [Still(k * rows + 25, (k + 1) * rows - 25, 0.0, 1.0, none, none, none, none, none, 25.0) for k in range(count)]
     t_ns = (np.arange(len(gyro)) * round(period_s * 1e9)).astype(np.int64)
-    return SimpleNamespace(logs=[SimpleNamespace(samples=Samples(t_ns, gyro, gyro, None), stills=stills)])
+    return SimpleNamespace(logs=[StillSet(Samples(t_ns, gyro, gyro, None), stills, None, None, None)])
 
 
 def test_white_noise_is_seen_at_the_time_of_the_stills_whatever_the_figures_hold_besides():
@@ -116,6 +126,23 @@ def test_white_noise_is_seen_at_the_time_of_the_stills_whatever_the_figures_hold
     assert total == pytest.approx(parts.sum(), rel=1e-12)
     sigma = 2 * parts * [0.01, 0.1, 0.2]
     assert freedom == pytest.approx(2 * total**2 / np.sum(sigma**2), rel=1e-9)
+
+
+def test_white_noise_of_the_stills_over_that_at_rest_follows_f():
+    """Overlapping Allan variance of 20 readings, without 0.2 s at the ends of each still; three axes, both sides; 0 is no noise."""
+    problem, axis = at_rest_session(3e-5, 1), axis_of(N=(3.2e-5, 1e-6))
+    log = problem.logs[0]
+    angles = [np.vstack([np.zeros(3), np.cumsum(log.samples.gyro[s.start + 20 : s.stop - 20], axis=0)]) for s in log.stills]
+    second = np.concatenate([each[40:] - 2 * each[20:-20] + each[:-40] for each in angles])
+    own, freedom = np.mean(second**2, axis=0) / 800, sum(allan_freedom(len(each), 20) for each in angles)
+    expected, its = _allan_variance_of(axis, 0.2)
+    law = f(freedom, its)
+    for found, ratio in zip(_white_comparisons(problem, sensor(axis), 100.0), own / expected, strict=True):
+        assert found.p_value == pytest.approx(min(1, 6 * min(law.sf(ratio), law.cdf(ratio))), rel=1e-6)
+        assert [found.ratio, found.low, found.high] == pytest.approx(np.sqrt(ratio / [1, *law.ppf([0.975, 0.025])]), rel=1e-6)
+    assert _white_comparisons(at_rest_session(0.0, 1, 1.0), sensor(axis), 100.0) == ()
+    bumped = replace(log, stills=[replace(still, bumps=1) for still in log.stills])
+    assert _white_comparisons(SimpleNamespace(logs=[bumped]), sensor(axis), 100.0) == ()
 
 
 def test_steps_of_a_register_are_no_contradiction_where_they_explain_it():

@@ -1,5 +1,6 @@
 """The delay between gyro and accelerometer from turns between two stills: its sigma, its bar and its odds."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from simulated_twins import make_twin_of
 
 from tinygc.explanation.claims import offset_claim
 from tinygc.noise.refit import refit
-from tinygc.noise.turn_gravity import TurnGravity, _TurnEquations, lever_equations, turn_gravity
+from tinygc.noise.turn_gravity import TurnGravity, _TurnEquations, _turns, lever_equations, turn_gravity, velocity_equations
 
 
 def equations(seed, turns=7, noise=0.1):
@@ -65,13 +66,43 @@ def test_the_gain_of_a_turn_is_of_a_fit_to_all_others():
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 
 
-def test_gravity_before_and_after_is_the_mean_square_of_a_value(twin_of):
-    """An arm of 1, 2, 3 m and a delay in exact equations: before is the rms of the force, after that of its noise."""
+@pytest.fixture(scope="module")
+def replayed(twin_of):
     twin, whiten = twin_of(segments=8)
-    fit = refit(twin, whiten, [], twin.start())
-    found, lever = turn_gravity(twin, fit), lever_equations(twin, fit)
+    return twin, refit(twin, whiten, [], twin.start())
+
+
+def test_gravity_before_and_after_is_the_mean_square_of_a_value(replayed):
+    """An arm of 1, 2, 3 m and a delay in exact equations: before is the rms of the force, after that of its noise."""
+    found, lever = turn_gravity(*replayed), lever_equations(*replayed)
     size = round(0.025 * 104)
-    assert lever.count.sum() == 3 * sum((segment.stop - segment.start) // size for segment in twin.segments)
+    assert lever.count.sum() == 3 * sum((segment.stop - segment.start) // size for segment in replayed[0].segments)
     assert found.before_mps2**2 * lever.count.sum() == pytest.approx(lever.square.sum(), rel=1e-9)
     noise = 60e-6 * 9.80665 * np.sqrt(104 / 2 / size)  # of the simulated accelerometer, in means of a block
     assert found.after_mps2 == pytest.approx(noise, rel=0.25)
+    assert found.filters_s == pytest.approx(replayed[0].seen.logs[0].samples.period_s / 2)
+
+
+def test_a_hand_that_accelerates_with_the_turn_makes_no_delay(replayed):
+    """It pushes level as the turn tilts gravity, and stops again: no turn's change of velocity, from two samples before 2 % of its fastest
+    rate to two behind, is another.  The specific force itself takes it for a delay."""
+    twin, fit = replayed
+    logs, before = [np.array(log.samples.accel) for log in twin.seen.logs], 0.0
+    for turn, segment in zip(_turns(twin, fit), twin.segments, strict=True):
+        rows = np.flatnonzero(np.linalg.norm(turn.rate, axis=1) > 0.02 * np.linalg.norm(turn.rate, axis=1).max())
+        window = slice(rows[0] - 2, rows[-1] + 3)
+        before += np.sum(np.trapezoid(np.einsum("tij,tj->ti", turn.attitude[:, :2], turn.force)[window], dx=turn.dt_s, axis=0) ** 2)
+        push = np.einsum("tij,tj->ti", turn.attitude, np.gradient(turn.attitude[:, 2], axis=0)) * [1, 1, 0]
+        push[: rows[0]] = push[rows[-1] + 1 :] = 0
+        push -= np.outer(np.sum(push**2, axis=1) / np.sum(push**2), push.sum(axis=0))
+        logs[segment.log][segment.start : segment.stop] -= 30 * np.einsum("tji,tj->ti", turn.attitude, push)
+    moved = copy.copy(twin)
+    moved.__dict__.pop("movements", None)
+    seen = [replace(log, samples=log.samples.with_accel(accel)) for log, accel in zip(twin.seen.logs, logs, strict=True)]
+    moved.seen = replace(twin.seen, logs=seen)
+    usual, pushed = (velocity_equations(each, fit) for each in (twin, moved))
+    assert usual.square.sum() == pytest.approx(before, rel=1e-9)
+    np.testing.assert_allclose(pushed.square, usual.square, rtol=1e-6)
+    apart = [of(moved, fit).solve()[3] - of(twin, fit).solve()[3] for of in (lever_equations, velocity_equations)]
+    assert abs(apart[0]) > 4e-3
+    assert abs(apart[1]) < 0.1 * abs(apart[0])

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import GRAVITY, Table, session_of
+from conftest import GRAVITY
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as fisher_f
@@ -25,7 +25,7 @@ from session.detect.accelerometer import (
     why_not,
     write_calibrated_copy,
 )
-from session.detect.check_references import _check_zero, own_fit
+from session.detect.check_references import _check_zero
 from session.io.config import Accelerometer, Sensor
 from session.io.errors import FormatError
 from session.io.units import MG
@@ -67,13 +67,6 @@ def evenly(count):
     return up @ Rotation.from_rotvec([0.4, 0.7, -0.3]).as_matrix().T
 
 
-def left_mg(accelerometer, rng):
-    """rms of what the calibration leaves of the errors, over all attitudes."""
-    up = rng.normal(size=(500, 3))
-    force = GRAVITY * up / np.linalg.norm(up, axis=1, keepdims=True)
-    return np.sqrt(np.mean((accelerometer.correct(as_measured(force)) - force) ** 2)) / MG
-
-
 @pytest.mark.parametrize("bad", [0, 2])
 def test_the_numbers_are_those_of_cauchys_weights(bad):
     """Beside scipy's, at the stated bar: twice the misses' spread, as far as nine numbers leave it.  A bad still hardly moves them."""
@@ -90,7 +83,6 @@ def test_the_numbers_are_those_of_cauchys_weights(bad):
         lambda u: missing(u * UNITS, force), found.x / UNITS, loss="cauchy", f_scale=np.median(bar), xtol=1e-12, ftol=1e-14
     )
     np.testing.assert_allclose(best.x * UNITS, found.x, atol=2e-6)
-    assert left_mg(found.accelerometer, rng) < 0.4
     assert np.all(found.weight[:bad] < 1e-3)
 
 
@@ -144,23 +136,18 @@ FACES = GRAVITY * np.concatenate([np.eye(3), -np.eye(3)])
 
 @pytest.mark.parametrize(("width", "rung"), [(0.35, 1), (0.2, 2)])
 def test_what_a_rung_leaves_alone_is_in_the_sigmas_of_what_it_fits(width, rung):
-    """By the same fit of sensors that differ by one number each: their errors, a spread each, are the covariance."""
+    """Least squares of sensors that differ by one number each: their errors, a spread each, are the covariance."""
     rng = np.random.default_rng(8)
     force = np.array([0.3, -0.2, 1.0]) + width * rng.normal(size=(30, 3))
     force *= GRAVITY / np.linalg.norm(force, axis=1)[:, None]
     found = fit_lengths(force, GRAVITY)
     assert found.rung is _RUNGS[rung]
     spread, columns, directions = SPREAD_MPS2 * units(GRAVITY), length_columns(IDENTITY, force), _RUNGS[rung].directions
-    linear, fitted = np.zeros((9, 9)), np.zeros((9, 9))
+    linear = np.zeros((9, 9))
     for step in np.eye(9) * spread:
         error = directions @ np.linalg.lstsq(columns @ directions, columns @ step, rcond=None)[0] - step
         linear += np.outer(error, error)
-        truth = IDENTITY + 1e-3 * step
-        read = np.linalg.solve(matrix_of(truth), force.T).T + truth[6:]
-        error = (fit_lengths(read, GRAVITY).x - truth) / 1e-3
-        fitted += np.outer(error, error)
     assert found.covariance == pytest.approx(linear, abs=1e-6 * np.abs(linear).max())
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(np.sqrt(np.diag(fitted)), rel=0.3)  # stills that miss count less
 
 
 @pytest.mark.parametrize(
@@ -199,6 +186,7 @@ def test_as_many_numbers_as_there_are_attitudes():
     force = as_measured(GRAVITY * evenly(9))
     counts = [found.rung and found.rung.count for found in (fit_lengths(force[:many], GRAVITY) for many in (9, 8, 6, 3))]
     assert counts == [9, 6, 6, None]
+    assert [fit_lengths(force[:many], GRAVITY).fixes_all for many in (9, 8)] == [True, False]
     assert fit_lengths(force, GRAVITY).unobserved == ()
     assert why_not(fit_lengths(force[:1], GRAVITY)) == "the stills lie in 1 attitude, too few for an accelerometer's 9 numbers"
     assert why_not(fit_lengths(force[:8], GRAVITY)) == "the stills lie in 8 attitudes, too few for an accelerometer's 9 numbers"
@@ -240,35 +228,14 @@ def test_the_zero_of_a_triad_behind_a_frame_has_its_sigma_in_the_sensors_axes():
 
 
 @pytest.mark.parametrize(
-    ("faces", "shape", "count", "unobserved"),
-    [
-        (6, np.diag(MATRIX), 6, ("nonorthogonality xy", "nonorthogonality xz", "nonorthogonality yz")),  # which no face sees
-        (5, np.full(3, 0.99), 4, NAMES),
-    ],
+    "force",
+    [np.zeros((12, 3)), np.zeros((0, 3)), np.repeat(FACES[:1], 9, axis=0), GRAVITY * evenly(24) * np.r_[1e200, np.ones(23)][:, None]],
 )
-def test_faces_fix_as_many_numbers_and_say_which_they_leave(faces, shape, count, unobserved):
-    found = fit_lengths(FACES[:faces] / shape + BIAS, GRAVITY)
-    assert (found.rung.count, set(found.unobserved) <= set(unobserved), len(found.unobserved) >= 3) == (count, True, True)
-    np.testing.assert_allclose(found.accelerometer.matrix, np.diag(shape), atol=1e-9)
-    np.testing.assert_allclose(found.accelerometer.bias_mps2, BIAS, atol=1e-8)
-
-
-@pytest.mark.parametrize("force", [np.zeros((12, 3)), np.zeros((0, 3)), np.repeat(FACES[:1], 9, axis=0)])
 def test_one_pose_fixes_nothing_and_nothing_is_changed(force):
-    found = fit_lengths(force, GRAVITY)
+    with np.errstate(all="ignore"):
+        found = fit_lengths(force, GRAVITY)
     assert (found.rung, found.unobserved) == (None, NAMES)
     np.testing.assert_array_equal(found.accelerometer.correct(force), force)
-
-
-def test_stills_of_six_sides_know_their_sigmas_from_their_noise():
-    """No length to spare: what a MEMS sensor wanders by and the white noise of a mean of 3 s, a half-sided density of it squared."""
-    table = Table().rest(3)
-    for axis in ((1, 0, 0), (1, 0, 0), (1, 0, 0)):
-        table.turn(90, axis).rest(3)
-    table.turn(90, (1, 0, 0)).turn(90, (0, 1, 0)).rest(3).turn(-180, (0, 1, 0)).rest(3)
-    found = own_fit(session_of(table.samples(accel_ug=400.0, registers=False)))
-    assert found.rung.count == 6
-    assert found.sigma_mps2 == pytest.approx(np.hypot(0.05 * MG, 0.4 * MG / np.sqrt(2 * 3)), rel=0.1)
 
 
 @pytest.mark.parametrize(("model", "bar"), [("ASM330LHH", 65), ("unknown", 80)])

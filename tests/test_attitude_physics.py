@@ -94,22 +94,6 @@ def test_from_gravity_holds_to_formats():
     np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation.matrix(q), force), up, atol=1e-13)
 
 
-def test_derivatives_exist_everywhere_even_at_zero():
-    vectors = np.concatenate([np.zeros((1, 3)), [[1e-9, 0, 0], [0.06, 0.02, 0.0], [0.0633, 0, 0]], RNG.normal(size=(4, 3))])
-    tensor = torch.as_tensor(vectors).requires_grad_()
-    assert torch.autograd.gradcheck(rotation.exp, tensor, eps=1e-6, atol=1e-8, rtol=1e-6)
-    # At exactly zero: dq = (0, dv / 2).
-    at_zero = torch.autograd.functional.jacobian(rotation.exp, torch.zeros(3, dtype=torch.float64))
-    np.testing.assert_array_equal(at_zero.numpy(), np.concatenate([np.zeros((1, 3)), np.eye(3) / 2]))
-
-
-def test_matrices_with_their_weights():
-    q, weight = unit(3, 6), np.arange(1.0, 19.0).reshape(3, 6)
-    found = np.empty((3, 3, 3, 6))
-    rotation.matrices_into(found, rotation.of(q), weight)
-    np.testing.assert_allclose(found, (rotation.matrix(q) * weight[..., None, None]).transpose(0, 2, 3, 1), rtol=0, atol=1e-13)
-
-
 def test_small_rotations_alone_go_by_the_series():
     """Up to 0.2 rad to double precision; a longer one is refused, whatever the others are."""
     axis = np.random.default_rng(2).normal(size=(50, 3))

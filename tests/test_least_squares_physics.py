@@ -367,19 +367,6 @@ def test_an_estimated_heading_adds_what_a_refit_with_another_heading_answers(dat
     assert np.abs(answer / np.sqrt(np.diag(noise_alone))).max() > 1  # it is seen
 
 
-def test_an_unknown_heading_adds_what_refits_with_other_horizontal_rates_answer(data):
-    """15.04 deg/h cos(latitude) long, less the mean that is taken off, in any direction: half of its square on either axis."""
-    mean_rps = 3e-5, 2e-5
-    rate_t = np.array([*mean_rps, -15.041 * DEG_PER_HOUR * np.sin(31.03 * DEG)])
-    known, unknown = (
-        parameter_covariance(data.batch, data.floor, TRUE, EarthRate(rate_t, None, np.inf, source), data.stills, prior=data.prior)
-        for source in ("given", "unknown")
-    )
-    square = (15.041 * DEG_PER_HOUR * np.cos(31.03 * DEG)) ** 2 - mean_rps[0] ** 2 - mean_rps[1] ** 2
-    answer = data.answer("horizontal", (2,)) * np.sqrt(square / 2)
-    same(unknown - known, answer @ answer.T)
-
-
 def test_a_wandering_bias_adds_what_refits_with_other_biases_answer(data, noise_alone):
     """In turns and stills together: one that lasts from a turn to a still is common to both."""
     answers = data.answer("bias", (TURNS, 3))

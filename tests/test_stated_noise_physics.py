@@ -11,7 +11,6 @@ from scipy.stats import chi2, t
 from small_sessions import attitudes_by_scipy, small_session
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 
-import tinygc
 from session.detect.stills import BLOCK_S, NOISE_BLOCKS
 from session.io.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.closure.build import with_still_bias
@@ -515,15 +514,6 @@ def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):
     np.testing.assert_array_equal(sources[LOT].covariance, covariance)
     np.testing.assert_array_equal(sources[CLOCK].covariance, 4e-6 * np.outer(problem.first.vector, problem.first.vector))
     assert {sources[name].freedom for name in (ROUNDING, LOT, CLOCK)} == {np.inf}
-
-
-def test_a_fits_covariance_is_the_sum_of_its_sources_to_the_bit():
-    session = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=62.5, seed=3).session
-    result = tinygc.fit(session, methods=("least_squares",)).result
-    np.testing.assert_array_equal(total(result.sources), result.covariance)
-    np.testing.assert_array_equal(result.joint_covariance[9:, 9:], result.covariance)
-    for source in result.sources:
-        assert np.linalg.eigvalsh(source.covariance / np.abs(source.covariance).max()).min() > -1e-9, source.name
 
 
 def test_welch_satterthwaite_of_the_gum():

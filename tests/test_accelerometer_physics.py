@@ -227,13 +227,9 @@ def test_the_zero_of_a_triad_behind_a_frame_has_its_sigma_in_the_sensors_axes():
     assert turned.zero[1] == pytest.approx([2.0, 1.0, 3.0], rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "force",
-    [np.zeros((12, 3)), np.zeros((0, 3)), np.repeat(FACES[:1], 9, axis=0), GRAVITY * evenly(24) * np.r_[1e200, np.ones(23)][:, None]],
-)
+@pytest.mark.parametrize("force", [np.zeros((12, 3)), np.zeros((0, 3)), np.repeat(FACES[:1], 9, axis=0)])
 def test_one_pose_fixes_nothing_and_nothing_is_changed(force):
-    with np.errstate(all="ignore"):
-        found = fit_lengths(force, GRAVITY)
+    found = fit_lengths(force, GRAVITY)
     assert (found.rung, found.unobserved) == (None, NAMES)
     np.testing.assert_array_equal(found.accelerometer.correct(force), force)
 

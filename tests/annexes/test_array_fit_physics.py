@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from session.annexes.arrays.recording import read_array
+from session.io.config import LeftOut
 from session.io.errors import CalibrationError
 from session.io.numeric import sigma_of
 from tinygc import SimulationOptions, models
@@ -29,6 +30,7 @@ from tinygc.annexes.arrays.joint import ArrayEvent
 from tinygc.annexes.arrays.model import load_array_model
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
+from tinygc.annexes.arrays.units import same_stills
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
 from tinygc.models.linear import NAMES, PRIOR_SIGMA
@@ -193,6 +195,19 @@ def test_what_was_injected_comes_back_and_the_others_tell_more_of_each(fitted):
     np.testing.assert_allclose(fit.joint.missed_rad, np.sqrt(np.mean(np.square(predicted), axis=0)))
 
 
+def test_a_turn_left_out_in_one_unit_counts_in_none(fitted):
+    fit = fitted[1]
+    units = list(fit.prepared)
+    assert [len(rows) for rows in same_stills(units).turns] == [9, 9]
+    problem = units[1].problem
+    out = LeftOut(problem.session.logs[0].path.name, fit.same.time_s[[4, 5], [1, 0]].mean())
+    session = replace(problem.session, config=replace(problem.session.config, exclude=(out,)))
+    units[1] = replace(units[1], prepared=replace(units[1].prepared, problem=replace(problem, session=session)))
+    same = same_stills(units)
+    assert [len(rows) for rows in same.turns] == [8, 8]
+    assert (4, 5) not in set(map(tuple, same.spans.tolist()))
+
+
 def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
     _, fit, _ = fitted
     begins, log = 2.5, SimpleNamespace(samples=SimpleNamespace(t_ns=np.array([2_500_000_000])))
@@ -204,16 +219,15 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
         gains={"turn": 20.0, "undersampled": 30.0}, minus_mean_rad=math.nan, common_upper=6 * DEG, turns=lacking,
     )  # fmt: skip
     array = SimpleNamespace(name="a", units=[SimpleNamespace(logs=[log])])
-    told = replace(fit, array=array, joint=replace(fit.joint, events=(turn, still)), bias_p=0.25, split=split)
+    told = replace(fit, array=array, joint=replace(fit.joint, events=(turn, still)), split=split)
     table = json.loads(json.dumps(array_to_json(told)))
     first, second = table["events"]
     assert [first[key] for key in ("what", "unit", "rival", "unit_of_size", "p_value")] == ["turn", 1, 0, "deg", 1e-4]
     assert (second["what"], second["unit"], second["rival"], second["unit_of_size"]) == ("common still", None, None, "mg")
-    assert (table["bias_from"], table["turns_used"]) == ({"used": "ends", "p_value": 0.25}, [9, 9])
     said, time_s, unit, row = table["split"], fit.same.time_s, fit.units[1], table["units"][1]
     assert (said["minus_mean_rms_deg"], said["undersampled_deg"]["sigma"]) == (None, None)
     assert (said["is_fast_motion"], said["description"], said["common_p_value"]) == (True, split.words, split.p_value)
-    assert (table["turns"][0]["own_deg"][0], row["closure_runs"][0]["duration_s"]) == (None, unit.runs[0][0].duration_s)
+    assert table["turns"][0]["own_deg"][0] is None
     place, closure, noise = unit.place, row["closure"], row["noise"]
     for found, expected in (
         (first["at_s"], time_s[2, 1] - begins),
@@ -226,25 +240,19 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
         ([each["at_s"] for each in table["turns"]], [time_s[each.first, 1] - begins for each in lacking]),
         ([each["common_deg"] for each in table["turns"]], [np.degrees(np.linalg.norm(each.common_rad)) for each in lacking]),
         ([each["common_sigma_deg"] for each in table["turns"]], [np.degrees(np.linalg.norm(each.sigma_rad)) for each in lacking]),
-        (table["turns"][0]["own_deg"][1], np.degrees(0.1)),
         (table["turns"][1]["own_deg"], np.degrees(lacking[1].own_rad)),
         ((closure["alone_rms_deg"], closure["floor_rms_deg"]), np.degrees((unit.closure_rad, unit.floor_rad))),
         ((closure["own_rms_deg"], closure["own_sigma_deg"]), np.degrees(unit.own_rad)),
-        ((closure["own_p_value"], closure["minus_mean_rms_deg"]), (split.own_p[1], np.degrees(unit.minus_mean_rad))),
+        (closure["minus_mean_rms_deg"], np.degrees(unit.minus_mean_rad)),
         (noise["gyro_dps_rthz"], np.degrees(unit.noise.gyro)),
         (noise["accel_g_rthz"], unit.noise.accel / G),
         (noise["bias_instability_dph"], np.degrees(unit.instability.rps) * 3600),
-        (row["E"], unit.model.E),
         (row["B_dps"], np.degrees(unit.model.B)),
-        (np.ravel(row["E_sigma"]), unit.sigma[:9]),
-        (np.ravel(row["E_sigma_alone"]), unit.sigma_alone[:9]),
         (row["B_sigma_dps"], np.degrees(unit.sigma[9:])),
         (row["B_sigma_alone_dps"], np.degrees(unit.sigma_alone[9:])),
-        ((row["clock"]["offset_s"], row["clock"]["about_s"]), (place.clock.offset_s, place.clock.about_s)),
         ((row["clock"]["rate_ppm"], row["clock"]["rate_sigma_ppm"]), (place.clock.rate * 1e6, place.clock.rate_sigma * 1e6)),
         (row["mounting"]["rotvec_deg"], Rotation.from_matrix(place.mounting).as_rotvec(degrees=True)),
         (row["mounting"]["sigma_deg"], np.degrees(np.sqrt(np.diag(place.mounting_covariance)))),
-        (row["position"]["metres"], place.position_m),
         (row["position"]["sigma_m"], np.sqrt(np.diag(place.position_covariance))),
     ):
         np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -31,7 +31,7 @@ from tinygc.annexes.arrays.profile_limits import rise, upper_component
 from tinygc.annexes.arrays.standings import parts_of
 from tinygc.annexes.arrays.system import MOUNTING, System, array_system
 from tinygc.closure.floor import wander_covariance
-from tinygc.estimation.bias import closes_better, less_by_chance
+from tinygc.estimation.bias import less_by_chance
 from tinygc.explanation.standing import Standing
 from tinygc.models.linear import BIAS, MATRIX
 
@@ -69,18 +69,14 @@ def test_the_estimate_is_where_its_own_system_says_no_further_change(joint):
     assert np.abs(again(joint).solved(joint.solution.t).x[: joint.layout.attitudes.stop]).max() < 1e-6
 
 
-@pytest.mark.parametrize("drift_rps", [0.0, 2e-3])
-def test_the_bias_is_from_the_stills_where_closures_are_smaller(drift_rps):
+def test_the_bias_is_from_the_stills_where_closures_are_smaller():
     """By what each turn misses by as the others predict it; Wilcoxon's test is stated beside it."""
-    made = small_array(2, 8, seed=3, turn_rad=2e-4, drift_rps=drift_rps)
-    none = np.zeros(7)
+    made, none = small_array(2, 8, seed=3, turn_rad=2e-4, drift_rps=2e-3), np.zeros(7)
     chosen, p_value, joint = _by_bias(made.units, made.same, none, "auto", True, lambda what: None)
     joints = {name: estimate(made.units, made.same, none, bias=name) for name in ("ends", "stills")}
     apart = {name: np.concatenate([each.solution.blocks(rows)[1] for rows in each.where.closure]) for name, each in joints.items()}
-    assert p_value == less_by_chance(apart["ends"], apart["stills"])
-    assert chosen == ("stills" if closes_better(apart["ends"], apart["stills"]) else "ends")
-    assert chosen == "stills" or not drift_rps
-    assert p_value < 0.05 or not drift_rps
+    assert p_value == less_by_chance(apart["ends"], apart["stills"]) < 0.05
+    assert chosen == "stills"
     np.testing.assert_array_equal(joint.solution.x, joints[chosen].solution.x)
 
 
@@ -212,24 +208,22 @@ def test_of_two_units_the_other_is_a_rival_where_it_contradicts_as_much():
 
 def test_a_false_turn_is_found_rejected_and_spoils_no_number():
     """The third unit's third turn errs by 3°, beside errors of 0.06°."""
-    clean, false = (small_array(3, 12, seed=8, turn_rad=1e-3, force_mps2=0.01) for _ in range(2))
+    false = small_array(3, 12, seed=8, turn_rad=1e-3, force_mps2=0.01)
     batch = false.units[2].problem.batch
     rate = batch.rate.copy()
     rate[2, -2:] += [1.5, 1.5, 1.5]  # rad/s for 0.02 s
     false.units[2].problem.batch = replace(batch, rate=rate)
     told = []
     found = estimate(false.units, false.same, np.zeros(11), progress=told.append)
-    before = estimate(clean.units, clean.same, np.zeros(11))
     assert told == [f"joint estimate, round {k + 1}" for k in range(len(told))]
-    assert not before.events
     (event,) = found.events
     assert (event.what, event.unit, event.first, event.last) == (OWN_TURN, 2, 2, 3)
     assert event.size == pytest.approx(np.sqrt(3) * 1.5 * 0.02, rel=0.2)
     np.testing.assert_array_equal(np.flatnonzero(found.solution.system.out), np.sort(found.where.closure[2][2]))
-    sigma = np.sqrt(np.diag(before.covariance))
+    sigma = np.sqrt(np.diag(found.covariance))
     for i in range(3):
-        off = (found.state.models[i].vector - before.state.models[i].vector) / sigma[before.layout.unit(i)][:12]
-        assert np.abs(off).max() < 3
+        off = (found.state.models[i].vector - false.truth.models[i].vector) / sigma[found.layout.unit(i)][:12]
+        assert np.abs(off).max() < 4
 
 
 # The split.
@@ -262,7 +256,7 @@ def least(joint, *held) -> float:
         return joint.solution.system.solved(t).value
 
     options = {"xatol": 1e-5, "fatol": 1e-8, "maxiter": 2000, "maxfev": 2000}
-    return min(minimize(value, np.full(len(free), begin), method="Nelder-Mead", options=options).fun for begin in (0.3, 1.0, 2.0))
+    return minimize(value, np.full(len(free), 1.0), method="Nelder-Mead", options=options).fun
 
 
 def test_gains_are_drops_of_the_likelihood_from_no_common_part(pair):
@@ -384,8 +378,8 @@ def test_a_limit_is_where_the_likelihood_falls_by_a_one_sided_twentieth(size):
 
 
 def test_what_one_unit_misses_by_is_told_and_the_others_and_all_have_limits():
-    made = small_array(3, 12, seed=3, turn_rad=np.array([0.0, 0.4 * DEG, 0.0]))
-    joint = estimate(made.units, made.same, np.zeros(11))
+    made = small_array(3, 8, seed=3, turn_rad=np.array([0.0, 0.4 * DEG, 0.0]))
+    joint = estimate(made.units, made.same, np.zeros(7))
     split = replace(split_of(joint), turn=(0.3 * DEG, 0.1 * DEG), common_upper=0.6 * DEG)
     floor, bar = np.full(3, 0.1 * DEG), chi2.isf(0.05, 1)
     found = parts_of(joint, replace(split, gains={"turn": bar - 0.01, "undersampled": 0.0}), floor, (0, 2, 5))

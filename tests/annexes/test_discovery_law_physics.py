@@ -14,8 +14,6 @@ from tinygc.annexes.discovery.effect_file import Where, written
 from tinygc.annexes.discovery.enumeration import bits, enumerated
 from tinygc.annexes.discovery.equivalence import (
     FULL_SCALE,
-    _FactorValues,
-    _span_projections,
     as_effect,
     columns_of,
     distinct_forms,
@@ -114,6 +112,8 @@ def _expected(form, movement):
 
 
 def test_columns_are_those_of_the_pattern_and_their_sum_is_the_effect(movement):
+    arrays = ("t_s", "rate", "force_g", "temp_c", "vibration_g2")
+    movement = replace(movement, **{name: getattr(movement, name)[:600] for name in arrays})
     level, wave, late = Factor("level"), Factor("time", "wave", 7.0), Factor("rate", "size", None, 0.5)
     forms = [LawForm((Factor("rate", "cube"), Factor("force")), pattern) for pattern in PATTERNS]
     forms += [LawForm((level,), "full"), LawForm((late, wave)), LawForm((late, Factor("temperature")), "cross"), LawForm((wave,))]
@@ -148,6 +148,7 @@ def test_forms_have_bits_of_a_code_and_names_and_words_of_their_own(movement):
     assert bits(LawForm((Factor("force"),))) < bits(plain) < bits(late) < bits(product)
     assert bits(late) == bits(late.with_constants((7.0,)))
     shapes = {form.shape: form for form in forms}
+    assert {PHYSICS[law][1].shape for law in ("remnant of the last turn", "hysteresis")} < set(shapes)
     names = {what(form) for form in shapes}
     assert len(names) == len(shapes)
     assert all(re.fullmatch(r"[a-z][a-z0-9_]*", name) and len(name) <= LONGEST for name in names)
@@ -173,66 +174,42 @@ def test_identities_are_one_form(movement):
     assert distinct_forms(near, [movement]) == near
 
 
-#: of the added rate, beside what a calibration holds; rows of the movement between two at which a law is compared with all forms, with one
-ENOUGH, FAR, NEAR = 0.99, 20, 6
+def _turning(m):
+    return signals.moving_rate(m)
 
 
-def _correlation(forms, values, law, every):
-    """(F,) of what each form at its best adds with the law (N, 3), beside what a calibration holds; in one row of so many."""
-    rows = np.arange(0, len(law), every)
-    held = np.linalg.qr(values.calibration[rows])[0]
-    taken, whole = np.zeros(len(forms)), 0.0
-    for axis in range(3):
-        left = law[rows, axis] - held @ (held.T @ law[rows, axis])
-        taken += np.sum(_span_projections(forms, values, rows, axis, left) ** 2, axis=1)
-        whole += left @ left
-    return np.sqrt(taken / whole)
+def _force(m):
+    return without_vibration(m.force_g, m.dt_s)
 
 
-def _sharpened(form, values, law, scanned=25):
-    """(correlation, form) at the best constants, one after the other."""
-    best = _correlation([form], values, law, NEAR)[0], form
-    reach = 1.06 if {factor.function for factor in form.factors} & {"wave", "clock", "saw"} else 2.0  # to the next place of the grid
-    for spread in (reach, reach ** (3 / scanned)):
-        for number in range(len(form.constants)):
-            trials = []
-            for factor in np.geomspace(1 / spread, spread, scanned):
-                constants = np.array(best[1].constants)
-                constants[number] *= factor
-                trials.append(best[1].with_constants(constants))
-            found = _correlation(trials, values, law, NEAR)
-            best = max(best, (found.max(), trials[int(np.argmax(found))]), key=lambda each: each[0])
-    return best
-
-
-def _next(values, by=-1):
-    return np.roll(values, by, axis=1)
-
-
-#: name -> (the law on paper of a movement m, its numbers c, quantities that it is of)
+C = np.array([1.2, -0.7, 0.9])
+RATE, TURNED = Factor("rate"), Factor("turned", "wave", 2 * np.pi / 3)
+#: the law on paper of a movement m, and its form
 PHYSICS = {
-    "kinematic rectification": (lambda m, c: c * _next(m.rate) * _next(m.rate, 1), "rate"),
-    "scale factor that follows the force": (lambda m, c: m.rate * (m.force_g @ np.outer(c, [1, -2, 3])), "rate force"),
-    "remnant of the last turn": (lambda m, c: c * signals.last_sense(m) * np.exp(-signals.seconds_at_rest(m) / 2.2)[:, None], "sense rest"),
-    "heat of turning": (lambda m, c: signals.lagged(np.linalg.norm(m.rate, axis=1) ** 2, 24.0, m.t_s)[:, None] * c, "rate_size"),
-    "thermal hysteresis": (lambda m, c: signals.play(m.temp_c - m.first_temp_c, 2.7)[:, None] * c, "temperature"),
-    "periodic load": (lambda m, c: np.sin(2 * np.pi * m.t_s / 7.3 + 0.4)[:, None] * c, "time"),
-    "ripple of a driven table": (lambda m, c: c * np.cos(3 * signals.angle_turned(m) - 0.6), "turned"),
+    "rectification": (lambda m: C * np.roll(_turning(m), -1, axis=1) * np.roll(_turning(m), 1, axis=1), LawForm((RATE, RATE), "next")),
+    "scale factor": (lambda m: _turning(m) * (_force(m) @ np.outer(C, [1, -2, 3])), LawForm((RATE, Factor("force")), "leant")),
+    "remnant of the last turn": (
+        lambda m: C * signals.last_sense(m) * np.exp(-signals.seconds_at_rest(m) / 2.2)[:, None],
+        LawForm((Factor("rest", "decay", 2.2), Factor("sense"))),
+    ),
+    "heat of turning": (
+        lambda m: signals.lagged(np.sum(_turning(m) ** 2, axis=1), 24.0, m.t_s)[:, None] * C,
+        LawForm((Factor("rate_size", "square", None, 24.0),)),
+    ),
+    "hysteresis": (lambda m: signals.play(m.temp_c - m.first_temp_c, 2.7)[:, None] * C, LawForm((Factor("temperature", "play", 2.7),))),
+    "periodic load": (lambda m: np.sin(2 * np.pi * m.t_s / 7.3 + 0.4)[:, None] * C, LawForm((Factor("time", "wave", 7.3),))),
+    "ripple of a driven table": (lambda m: C * np.cos(3 * signals.angle_turned(m) - 0.6), LawForm((TURNED,))),
 }
 
 
 @pytest.mark.parametrize("name", PHYSICS)
 def test_a_law_of_physics_is_a_form(name, movement):
-    law, quantities = PHYSICS[name]
-    values, moving = _FactorValues(movement), replace(movement, rate=signals.moving_rate(movement))
-    moving = replace(moving, force_g=without_vibration(movement.force_g, movement.dt_s))
-    added = law(moving, np.array([1.2, -0.7, 0.9]))
-    own = [
-        form for form in forms_of(movement, *quantities.split()) if {factor.quantity for factor in form.factors} == set(quantities.split())
-    ]
-    found = _correlation(own, values, added, FAR)
-    first = {own[number].shape: own[number] for number in np.argsort(-found)[:4][::-1]}
-    assert any(_sharpened(form, values, added)[0] > ENOUGH for form in reversed(first.values()))
+    """What it adds is its form's columns times some coefficients, to rounding."""
+    law, form = PHYSICS[name]
+    columns = columns_of(form, movement)
+    columns, added = columns.reshape(-1, columns.shape[2]), law(movement).ravel()
+    theta = np.linalg.lstsq(columns, added)[0]
+    np.testing.assert_allclose(columns @ theta, added, atol=1e-12 * np.abs(added).max())
 
 
 # Words.

@@ -145,6 +145,7 @@ def test_noise_that_is_larger_than_stated_raises_no_alarm(seen):
     assert loud.promise.max() > usual.promise.max() + 5
     assert loud.tested.max() == pytest.approx(usual.tested.max(), abs=1.0)
     assert usual.chance_p(loud.tested.max()) > 0.01
+    assert "no more than chance" in refused(answered(chance_p=usual.chance_p(usual.tested.max())), LAW)  # so no law is said
 
 
 def test_the_tail_goes_on_where_draws_end():

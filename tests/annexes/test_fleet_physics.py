@@ -24,7 +24,7 @@ from tinygc import CalibrationError, check, fit
 from tinygc.annexes.lots.fleet_page import page
 from tinygc.annexes.lots.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, key_of
 from tinygc.annexes.lots.fleet_run import Processes, listed_folders, run_fleet, session_folders
-from tinygc.annexes.lots.fleet_session import Job, compute
+from tinygc.annexes.lots.fleet_session import Job, _failing_at, compute
 from tinygc.annexes.lots.fleet_summary import summarise, to_check, unit_results, write_csv
 from tinygc.annexes.lots.fleet_table import EACH, VERSION, open_table, read_table
 from tinygc.explanation.engine import explain_session
@@ -208,6 +208,15 @@ def test_failures_are_rows_with_their_line(copied, tmp_path):
     assert found[2][2:] == (None, None)
     assert ran(copied, out)[1] == []  # nor are failures computed twice
     assert sorted(ran(copied, out, retry=True)[1]) == ["unit0", "unit1"]
+
+
+def test_an_unforeseen_error_fails_one_row_and_not_the_fleet():
+    row = {}
+    with _failing_at("fit", row, Path("/data/one")):
+        raise ZeroDivisionError("in /data/one/log0001.csv")
+    assert row == {"status": "failed", "step": "fit", "error": "internal error: ZeroDivisionError: in log0001.csv"}
+    with pytest.raises(MemoryError), _failing_at("fit", row, Path("/data/one")):  # whose process is not to be trusted
+        raise MemoryError
 
 
 def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_path):
@@ -482,12 +491,11 @@ def test_a_run_that_is_interrupted_goes_on(fleet, tmp_path):
     assert content(out) == content(tmp_path / "again")
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense"])
-def test_a_scheduler_that_is_not_there_is_said(address, fleet, tmp_path, run, monkeypatch):
+def test_a_scheduler_that_is_not_there_is_said(fleet, tmp_path, run, monkeypatch):
     """Without a client, whose end would be waited for."""
     distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
     monkeypatch.setattr("tinygc.annexes.lots.fleet_run.PATIENCE_S", 0.1)
     monkeypatch.setattr(distributed, "Client", None)
-    code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", address)
+    code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "no Dask scheduler answers" in err.splitlines()[-1]

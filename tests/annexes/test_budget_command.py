@@ -13,7 +13,7 @@ from tinygc.annexes.budget import command
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    simulated = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=3)
+    simulated = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=62.5, seed=3)
     return simulated.save(tmp_path_factory.mktemp("budget") / "s")
 
 

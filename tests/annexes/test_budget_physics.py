@@ -32,7 +32,7 @@ RNG = np.random.default_rng(5)
 
 @pytest.fixture(scope="module")
 def fitted():
-    session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=3).session
+    session = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=62.5, seed=3).session
     return tinygc.fit(session, methods=("least_squares",)).result
 
 

@@ -202,8 +202,8 @@ def gyroscope_numbers(
     """Values (12,), own covariance and shared covariance (12, 12) of a calibration (12,); own, whole (12, 12): its covariances."""
     jacobian = field_jacobian(vector)[KEPT]
     values, covariance = field_vector(vector)[KEPT], jacobian @ own @ jacobian.T
-    shown = [field_quantities(vector, whole, unobserved)[i].observed for i in KEPT]
-    hidden = ~np.array(shown)
+    quantities = field_quantities(vector, whole, unobserved)
+    hidden = ~np.array([quantities[i].observed for i in KEPT])
     values[hidden], covariance[hidden], covariance[:, hidden] = np.nan, np.nan, np.nan
     return values, covariance, jacobian @ (whole - own) @ jacobian.T
 

@@ -26,6 +26,9 @@ GRACE_S = 20.0  #: for what was asked to end, before it is killed
 HAS_GROUPS = hasattr(os, "killpg")  # POSIX
 DEVNULL, PIPE, STDOUT = subprocess.DEVNULL, subprocess.PIPE, subprocess.STDOUT
 CompletedProcess, Popen = subprocess.CompletedProcess, subprocess.Popen
+#: of the cheapest fit; the columns of a session's log
+QUICK = ("--methods", "least_squares", "--quiet")
+HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"
 
 
 def environment(**more: str) -> dict[str, str]:
@@ -99,6 +102,25 @@ def heard(stream: IO[str], said: Callable[[str], bool]) -> list[str]:
         if said(line):
             return seen
     raise AssertionError(f"never said; the last lines: {''.join(seen[-20:])}")
+
+
+def spoil(folder: Path, change: Callable[[list[str]], list[str]], name: str = "log0001.csv") -> None:
+    """Change the list of a log's lines (0: comment, 1: header)."""
+    path = folder / name
+    lines = path.read_text().split("\n")
+    path.write_text("\n".join(change(lines)))
+
+
+def refused(result: tuple[int, str, str], *words: str) -> None:
+    """Exit code 2 and one line, without a traceback, that says every word."""
+    code, out, err = result
+    lines = err.strip().split("\n")
+    assert code == 2, (code, err)
+    assert len(lines) == 1, err
+    assert lines[0].startswith("calibrate: "), err
+    assert "Traceback" not in out + err
+    for word in words:
+        assert word in lines[0], (word, lines[0])
 
 
 def end(process: Popen) -> None:

@@ -12,9 +12,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from commandline import refused
 from conftest import broad
-from processes import PATIENCE_S, PIPE, started
+from processes import PATIENCE_S, PIPE, refused, started
 
 from session.io import files
 from session.io.dialects import Answers

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import processes
 import pytest
-from commandline import HEADER, QUICK, refused, spoil
 from conftest import ROOT, SESSION_TOML, Table, write_session
 from formats_page import strangers
+from processes import HEADER, QUICK, refused, spoil
 
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS

@@ -5,9 +5,9 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from commandline import refused
 from conftest import SESSION_TOML
 from formats_page import CODE, rows
+from processes import refused
 
 from session.io.config import Site
 from tinygc.cli import defaults, recording

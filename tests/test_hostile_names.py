@@ -8,7 +8,7 @@ import shutil
 import tomllib
 
 import pytest
-from commandline import refused
+from processes import refused
 
 from session.io.config import read_config
 from session.io.logfile import read_log

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import processes
 import pytest
-from commandline import refused
-from processes import PIPE
+from processes import PIPE, refused
 from recorded_files import RECORDED, contents, make_recording
 
 from session.io.errors import StorageError

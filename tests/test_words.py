@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
-from commandline import spoil
+from processes import spoil
 
 from session import VERSION
 from session.bench.console import PlainConsole

@@ -10,8 +10,7 @@ import zlib
 import numpy as np
 import pytest
 import written_logs as written
-from commandline import refused
-from processes import ROOT
+from processes import ROOT, refused
 from processes import run as run_process
 from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, COUNTS, FORMATS, GYRO, RECORDING, T_NS
 

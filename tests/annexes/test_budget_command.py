@@ -4,8 +4,8 @@ import functools
 import json
 
 import pytest
-from commandline import refused
 from formats_page import strangers
+from processes import refused
 
 import tinygc
 from tinygc.annexes.budget import command

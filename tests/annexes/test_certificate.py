@@ -1,5 +1,7 @@
 """The certificate and its DCC: what is on them, what leaves a draft, the report's numbers with one U, valid by PTB's schema."""
 
+from __future__ import annotations
+
 import gzip
 import json
 import re
@@ -7,15 +9,19 @@ import shutil
 from dataclasses import replace
 from datetime import date
 from html import unescape
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from browser import browser_path
-from certified import FIELDS, with_fields
-from dcc_reader import parse, read
 
 import tinygc
+from session.io.config import config_of
 from session.io.errors import CalibrationError, FormatError
+from session.io.toml import parse_toml
 from session.io.units import DEG, MG
 from tinygc.annexes.certificate.content import REQUIRED, ResultRow, content_of
 from tinygc.annexes.certificate.dcc_file import UNITS, dcc_text
@@ -26,6 +32,178 @@ from tinygc.estimation.requirements import Measured
 from tinygc.estimation.sources import coverage_factor, effective_freedom
 from tinygc.estimation.verdict import decide
 from tinygc.models.linear import LinearModel, field_jacobian
+from tinygc.reporting.html.evidence import ReportData
+
+#: of one number, and of a list
+EXPANDED = ("valueExpandedMU", "valueExpandedMUXMLList")
+FACTORS, PROBABILITIES = ("coverageFactor", "coverageFactorXMLList"), ("coverageProbability", "coverageProbabilityXMLList")
+
+
+def read(path):
+    return parse(path.read_text(encoding="utf-8"))
+
+
+def parse(text):
+    """version, number, laboratory, customer, model, identifications, begin, end, quantity by its id."""
+    root = ElementTree.fromstring(text)
+    administrative = below(root, "administrativeData")
+    core, item = below(administrative, "coreData"), below(administrative, "items", "item")
+    results = [each for each in root.iter() if local(each) == "results"]
+    quantities = [quantity(each) for part in results for each in outer(part) if real_of(each) is not None]
+    return SimpleNamespace(
+        version=root.get("schemaVersion"),
+        number=words(core, "uniqueIdentifier"),
+        laboratory=name_of(below(administrative, "calibrationLaboratory", "contact")),
+        customer=name_of(below(administrative, "customer")),
+        model=words(item, "model"),
+        identifications=tuple(every(below(item, "identifications"), "value")),
+        begin=words(core, "beginPerformanceDate"),
+        end=words(core, "endPerformanceDate"),
+        quantity={each.id: each for each in quantities}.__getitem__,
+    )
+
+
+def local(element):
+    return element.tag.rpartition("}")[2]
+
+
+def below(element, *names):
+    for name in names:
+        element = next((each for each in ([] if element is None else element) if local(each) == name), None)
+    return element
+
+
+def words(element, *names):
+    found = below(element, *names)
+    return "" if found is None else found.text.strip()
+
+
+def every(element, *names):
+    return [] if element is None else [each.text.strip() for each in element.iter() if local(each) in names]
+
+
+def name_of(element):
+    return words(element, "name", "content")
+
+
+def outer(element):
+    """Quantities of results, without those that stand inside another one's remarks."""
+    for each in element:
+        if local(each) == "quantity":
+            yield each
+        elif local(each) not in ("measurementMetaData", "influenceConditions", "usedMethods"):
+            yield from outer(each)
+
+
+def real_of(element):
+    """Its number or list of numbers."""
+    return next((each for each in element if local(each) in ("real", "realListXMLList")), None)
+
+
+def quantity(element):
+    """values in units, expanded, factor and probability: NaN where it is not stated; conformity; covariance, None where there is none."""
+    real = real_of(element)
+    values = numbers(real, "value", "valueXMLList")
+    single = [each for each in real if local(each) != "measurementUncertaintyMultivariateXMLList"]  # it has a coverage of its own
+    columns = [numbers(each, "valueXMLList") for each in real.iter() if local(each) == "covarianceXMLList"]
+    expanded, factor, probability = (
+        np.broadcast_to(next((found for each in single if len(found := numbers(each, *names))), np.nan), values.shape)
+        for names in (EXPANDED, FACTORS, PROBABILITIES)
+    )
+    return SimpleNamespace(
+        id=element.get("id"),
+        **dict(values=values, expanded=expanded, factor=factor, probability=probability),
+        conformity=tuple(" ".join(every(below(element, "measurementMetaData"), "conformity", "conformityXMLList")).split()),
+        covariance=np.array(columns).T if columns else None,
+    )
+
+
+def numbers(element, *names):
+    return np.array([float(word) for word in " ".join(every(element, *names)[:1]).split()])
+
+
+#: sessions' folders without truth.json, which leaves a draft; the logs have paths of their own
+RECORDED = TemporaryDirectory(prefix="tinygc-")
+FIELDS = """
+[board]
+source = "sensor"
+firmware = "Firmwareword"
+registers = "5C5844E2"
+
+[notes]
+operator = "Noteoperator"
+date = 2026-11-20
+
+[certificate]
+laboratory = "Laboratoryword"
+address = "Labaddressword"
+country = "DE"
+customer = "Customerword"
+customer_address = "Customeraddressword"
+number = "Numberword-7"
+amends = "Amendsword"
+item = "Itemword"
+manufacturer = "Manufacturerword"
+condition = "Conditionword"
+place = "Placeword"
+performed_at = "customerBranch"
+operator = "Operatorword"
+authorised_by = "Authorword"
+role = "Roleword"
+received = 2026-11-16
+calibrated = 2026-11-20
+issued = 2026-11-23
+valid_until = 2027-11-19
+next_calibration = 2027-11-20
+method = "Methodword"
+deviations = "Deviationword"
+conditions = "Environmentword"
+external = "Externalword"
+remarks = "Remarkword"
+
+[certificate.traceability]
+gravity = "Gravityword"
+clock = "Clockword"
+angle = "Angleword"
+
+[[certificate.equipment]]
+name = "Equipmentword"
+identification = "Identificationword"
+certificate = "Equipmentcertificateword"
+due = 2027-05-31
+
+[requirements]
+rule = "guard band"
+reference = "Specificationword"
+[requirements.closure_deg]
+upper = 5
+[requirements.gyro_bias_mdps]
+lower = -5000
+upper = 5000
+[requirements.accel_bias_mg]
+upper = 100
+"""
+
+
+def with_fields(data: ReportData, fields: str = FIELDS, serial: str = "Serialword") -> ReportData:
+    """The data of a report whose session.toml has these sections as well; nothing is fitted again."""
+    session = data.fit.session
+    folder = Path(RECORDED.name) / session.folder.name
+    path = folder / "session.toml"
+    if not path.exists():
+        folder.mkdir()
+        text = (session.folder / "session.toml").read_text(encoding="utf-8")
+        path.write_text(text.replace("SIMULATED", "recorded"), encoding="utf-8")
+    plain = path.read_text(encoding="utf-8")
+    table = parse_toml(f"{plain}\n{fields}", str(path))
+    table["sensor"] |= {"serial": serial, "clock_sigma_ppm": 20.0}
+    config = replace(config_of(Path("session.toml"), table), accelerometer=session.config.accelerometer)
+    problem = data.fit.problem.changed(session=replace(session, config=config, folder=folder))
+    fit = replace(data.fit, problem=problem)
+    files = [run.file for run in fit.runs]
+    decision = decide(data.adopted, files, None, fit.against_raw, fit.accelerometer, [], fit.requirements)
+    return replace(data, fit=fit, decision=decision)
+
 
 METHODS = ("raw", "least_squares")
 

@@ -4,7 +4,7 @@ import os
 import sys
 
 import pytest
-from simulated_lots import written_fleet
+from fleets import written_fleet
 from watched import csv, joined, model_file, samples
 
 import calibrate

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from simulated_lots import written_fleet
+from fleets import written_fleet
 
 import calibrate
 import tinygc

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commandline import refused
-from processes import until
+from processes import refused, until
 from virtual_tables import HOMED, MAKES, OWN, Bench, SimulatedClock, VirtualLink, axis, description
 
 from session.annexes.machines.clocks import HostClock

@@ -8,9 +8,9 @@ import re
 
 import numpy as np
 import pytest
-from commandline import refused
 from conftest import Table, write_session
 from formats_page import strangers
+from processes import refused
 
 import tinygc
 from session.io.errors import CalibrationError

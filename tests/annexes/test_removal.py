@@ -9,7 +9,7 @@ from pathlib import Path
 
 import processes
 import pytest
-from simulated_lots import written_fleet
+from fleets import written_fleet
 from watched import model_file
 
 ROOT = Path(__file__).resolve().parents[2]

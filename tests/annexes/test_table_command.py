@@ -8,9 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from commandline import refused
 from formats_page import strangers
-from processes import CALIBRATE, DEVNULL, PIPE, heard, started
+from processes import CALIBRATE, DEVNULL, PIPE, heard, refused, started
 from table_recordings import table_toml
 
 from session.annexes.machines.description import read_description

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commandline import refused
 from formats_page import strangers
+from processes import refused
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 

@@ -141,6 +141,8 @@ def _are_names(lines: list[str], delimiter: str | None, names: tuple[str, ...]) 
 
 #: columns of a table with two lines of names: fewer may be words
 LEAST_OF_TWO = 5
+#: names of which every dialect's header has one
+STAMPED = frozenset(part for dialect in DIALECTS for each in dialect.time for part in each.split("+"))
 
 
 def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterator[Match]:
@@ -150,6 +152,8 @@ def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterato
         if own and not _are_names(lines[number + 1 : number + 2], delimiter, names):
             yield (18, -number), number, delimiter, None, {}, names
         cells = [name_and_unit(text) for text in names]
+        if STAMPED.isdisjoint(cell.replace(" -", " ") for cell, _ in cells):
+            continue  # as nearly every row of a log is, at once
         for dialect in DIALECTS if like is None else (like,):
             if not isinstance(dialect, Dialect) or (dialect.begins and dialect.begins != lines[0].strip().lstrip("\ufeff")):
                 continue
@@ -201,6 +205,8 @@ def _usual_matches(lines: list[str], name: str) -> Iterator[Match]:
 
 
 def _is_own(names: tuple[str, ...]) -> bool:
+    if "gx" not in ",".join(names):
+        return False  # as nearly every row of a log is, at once
     if sum(name in STAMP_NS for name in names) == 1:
         return any(name.startswith("gx") for name in names)
     # Whether a header is one of ours but for the time.

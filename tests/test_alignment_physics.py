@@ -198,7 +198,7 @@ def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wil
         return errors(found.offset_s + theta[0], mounting, matrix, theta[10:])
 
     theta = np.zeros(13)
-    for _ in range(3):
+    for _ in range(2 + wild):
         left = of(theta)
         slope = np.stack([(of(theta + step) - left) / 1e-5 for step in 1e-5 * np.eye(13)], axis=-1)
         length = np.linalg.norm(left, axis=1)
@@ -394,15 +394,13 @@ def test_the_nearest_of_the_peaks_that_are_as_good_is_the_clock(likeness, found)
 
 
 def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_degrees(moved):
-    sure = align(made(moved, late_s=0.004)).alignment
-    assert (sure.source["offset_s"], sure.reading.offset_s) == ("found", sure.offset_s)
-    assert 0.99 < sure.explained < 1
     none = align(made(moved)).alignment
     for sigmas, adopted in ((5.95, "assumed"), (6.05, "found")):
         late_s = none.offset_s - sigmas * none.offset_sigma_s  # another truth of the same noise, later by so much
         found = align(made(moved, late_s=late_s)).alignment
         assert found.source["offset_s"] == adopted, found.offset_s / found.offset_sigma_s
-        assert (found.reading.offset_s != 0) == (adopted == "found")
+        assert found.reading.offset_s == (found.offset_s if adopted == "found" else 0)
+        assert 0.99 < found.explained < 1
     for size, adopted in ((1.99, "assumed"), (2.01, "found")):
         want = Rotation.from_rotvec([0, 0, size * DEG])
         extra = (want * Rotation.from_rotvec(none.turned).inv()).as_rotvec() / DEG

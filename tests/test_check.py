@@ -21,7 +21,7 @@ LSB = 0.0175 * DEG
 @pytest.fixture(scope="module")
 def good():
     """A session of eight turns with nothing wrong."""
-    return session_of(Table().tumble(8, seed=5).samples())
+    return session_of(Table().tumble(8, rest_s=1.5, turn_s=2.5, seed=5).samples())
 
 
 @pytest.fixture(scope="module")
@@ -232,7 +232,7 @@ def test_logs_without_a_still_that_creep_or_lie_in_one_attitude():
 
 
 def test_a_gyro_of_another_board_agrees_with_nothing_and_the_fit_says_it_too(good):
-    other = replace(good.logs[0], samples=replace(good.logs[0].samples, gyro=Table().tumble(8, seed=6).samples().gyro))
+    other = replace(good.logs[0], samples=replace(good.logs[0].samples, gyro=Table().tumble(8, 1.5, 2.5, seed=6).samples().gyro))
     findings = look(good, log=other)
     assert ("gyro against gravity", "warning") in serious(findings)
     assert not [finding for finding in findings if finding.what in ("axes", "gyro scale")]

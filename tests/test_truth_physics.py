@@ -2,23 +2,74 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from conftest import DEG
 from formats_page import strangers
+from scipy import optimize, stats
 from scipy.spatial.transform import Rotation, Slerp
 from truth_sessions import Wrong, made, write
 
 import calibrate
+from session.detect.segments import Segment
+from session.io.config import FOUND, GIVEN
+from session.io.logfile import Truth
+from session.io.numeric import sigma_of
+from session.io.samples import Samples
+from session.io.units import G
+from tinygc.attitude import rotation
+from tinygc.closure.floor import Floor
 from tinygc.closure.prepared import prepare
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, catalogue
+from tinygc.effects.movement import vibration
+from tinygc.explanation import truth_engine
+from tinygc.explanation.checked import Outcome, named_in, predicted
 from tinygc.explanation.claims import common_delays
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.result import truth_to_json
-from tinygc.explanation.truth_engine import _chance_of, explain_truth
-from tinygc.explanation.truth_evidence import neighbours_correlation, noises, truth_claim
-from tinygc.explanation.truth_names import _SMOOTHING, OFFSET, TruthTwin
+from tinygc.explanation.search import NamedEffect
+from tinygc.explanation.truth_engine import (
+    _chance_of,
+    _frame_claim,
+    _left,
+    _outage_claims,
+    _stands_and_turned,
+    explain_truth,
+    with_recorded_clock,
+    without_wrong_moments,
+)
+from tinygc.explanation.truth_evidence import (
+    TruthExplanation,
+    _again,
+    _joined,
+    error_angles,
+    force_against_truth,
+    growth,
+    neighbours,
+    neighbours_correlation,
+    noises,
+    offset_columns,
+    truth_claim,
+    zero_at_rest,
+)
+from tinygc.explanation.truth_names import (
+    _SMOOTHING,
+    FRAME,
+    LIKE_AN_OUTAGE,
+    MOUNTED,
+    OFFSET,
+    TruthTwin,
+    _claims,
+    _said,
+    _shrunk,
+    excess_of,
+    wander,
+)
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import TRUTH, WANDER
 from tinygc.noise.refit import refit
@@ -136,28 +187,395 @@ def test_what_all_axes_share_looks_like_the_clock_and_goes_there(twin, name):
 # What is told apart from it.
 
 
-@pytest.mark.parametrize("segments", [12, 40])
-def test_the_chance_of_a_wrong_moment_bounds_what_normal_errors_do(segments):
-    """Neighbours that share a moment's noise, as a truth's do, and segments whose scale is taken from their median."""
-    moments = np.random.default_rng(segments).standard_normal((2000, segments + 1, 3))
-    size = np.linalg.norm(np.diff(moments, axis=1), axis=2)
-    most = np.minimum(size[:, :-1], size[:, 1:]).max(axis=1) / np.median(size, axis=1)
-    p = np.array([_chance_of(float(each), segments - 1, segments) for each in most])
-    for level in (0.05, 0.01):
-        assert np.mean(p < level) <= level + 3 * np.sqrt(level / 2000)
-    assert _chance_of(10.0, segments - 1, segments) < _chance_of(5.0, segments - 1, segments) < p.max() == 1.0
+def of(log, start, stop, began_s=0.0):
+    return Segment(10 * log + start, log, None, None, start, stop, began_s, 0.5, 0.5, 90.0)
+
+
+def log_of(gyro, period_s=0.01, accel=None, rests=()):
+    t_ns = np.rint(np.arange(len(gyro)) * period_s * 1e9).astype(np.int64)
+    return SimpleNamespace(samples=Samples(t_ns, gyro, 0 * gyro if accel is None else accel), rests=rests)
+
+
+def chain(count):
+    return SimpleNamespace(used=[of(0, 10 * i, 10 * i + 11) for i in range(count)])
+
+
+def test_the_chance_of_a_wrong_moment_is_fishers_f_with_the_freedom_of_a_median():
+    """A median m of N lengths with density f scatters by 1 / (4 N f^2): as the root of chi-square with 2 N (f m)^2 does."""
+    length = stats.chi(3)
+    share = 2 * (length.pdf(length.median()) * length.median()) ** 2
+    for times, pairs, segments in ((5.0, 9, 12), (10.0, 30, 40)):
+        expected = pairs * stats.f.sf((times * length.median()) ** 2 / 3, 3, share * segments)
+        assert _chance_of(times, pairs, segments) == pytest.approx(expected, rel=0.03)
+    assert _chance_of(1.0, 9, 12) == 1.0
+
+
+def test_neighbours_share_a_moment():
+    used = [of(0, 0, 11), of(0, 10, 21), of(0, 21, 30), of(1, 29, 40), of(1, 39, 50)]
+    assert neighbours(SimpleNamespace(used=used)).tolist() == [0, 3]
+    assert neighbours(SimpleNamespace(used=used[:1])).dtype == int
+    assert _joined([(0, 11), (10, 21), (21, 30), (40, 50), (45, 60)]) == [(0, 21), (21, 30), (40, 60)]
+
+
+def test_neighbours_correlate_with_what_is_large_cut_to_three_medians():
+    angles = np.random.default_rng(0).normal(size=(7, 3))
+    angles[2], angles[3] = 0.0, [40.0, -30.0, 20.0]
+    cut = angles.copy()
+    cut[3] *= 3 * np.median(np.linalg.norm(angles, axis=1)) / np.linalg.norm(angles[3])
+    expected = np.sum(cut[1:] * cut[:-1]) / np.sqrt(np.sum(cut[1:] ** 2) * np.sum(cut[:-1] ** 2))
+    assert neighbours_correlation(chain(7), angles) == pytest.approx(expected)
+    assert np.isfinite([neighbours_correlation(chain(count), angles[:count]) for count in (6, 5)]).tolist() == [True, False]
 
 
 def test_growth_tells_the_truths_noise_from_the_gyros(twin):
-    """Variance 2 truth^2 + walk^2 T + drift^2 T^2; of neighbours whose errors are a moment's noise, the correlation is -1/2."""
+    """Variance 2 truth^2 + walk^2 T + drift^2 T^2, each weighed by itself, none negative."""
     T = np.array([1.0, 2.0, 5.0, 10.0])
-    variance = 2 * 3e-4**2 + 1e-4**2 * T + 2e-5**2 * T**2
-    assert noises(T, np.sqrt(np.outer(variance, [1, 1, 1]))) == pytest.approx((3e-4, 1e-4))
+    for spoilt in (1.0, [1.2, 0.9, 1.3, 0.7]):
+        variance = (2 * 3e-4**2 + 1e-4**2 * T + 2e-5**2 * T**2) * spoilt
+        design = np.stack([2 * T**0, T, T**2], axis=1) / variance[:, None]
+        found = np.sqrt(optimize.lsq_linear(design * 1e-8, np.ones(4), (0, np.inf), tol=1e-14).x * 1e-8)
+        closures = np.sqrt(np.outer(variance, [0.5, 1.0, 1.5]))
+        assert noises(T, closures) == pytest.approx(found[:2], abs=1e-7)
+        assert (found[0] == pytest.approx(3e-4)) == (spoilt == 1.0)
     assert np.isnan(noises(T[:2], np.ones((2, 3)))).all()
-    noise = np.random.default_rng(0).standard_normal((len(twin.segments) + 1, 3))
-    assert neighbours_correlation(twin.problem, np.diff(noise, axis=0)) == pytest.approx(-0.5, abs=0.15)
-    slow = np.ones((len(twin.segments), 3)) + 0.1 * noise[1:]
-    assert neighbours_correlation(twin.problem, slow) == pytest.approx(1.0, abs=0.05)
+    assert np.isfinite(noises(T[:3], np.ones((3, 3)))).all()
+    lengths, closures = growth(twin.problem, twin.problem.first)
+    assert lengths.tolist() == [0.5, 1.0, 2.0, 4.0]
+    angles = error_angles(twin.problem.batch, twin.problem.first)
+    np.testing.assert_allclose(closures[2], sigma_of(angles - np.median(angles, axis=0)))
+    assert np.mean(closures) == pytest.approx(np.sqrt(2) * 0.02 * DEG, rel=0.15)
+    gone = twin.problem.used[10]
+    fewer = replace(twin.problem, segments=[replace(s, problem=None if s is not gone else "left out") for s in twin.problem.used])
+    left, every = ({(s.start, s.stop) for s, _ in _again(problem, 1.0)} for problem in (fewer, twin.problem))
+    assert left == {(start, stop) for start, stop in every if stop - 1 <= gone.start or start >= gone.stop - 1}
+    assert len(left) < len(every)
+
+
+def test_the_clocks_column_turns_both_ends_by_their_rates():
+    """A rate less the Earth's, at the first sample and at the last that a segment has."""
+    rng = np.random.default_rng(1)
+    rate, earth = rng.normal(size=(2, 4, 3)), 0.1 * rng.normal(size=(2, 4, 3))
+    start, end = Rotation.random(2, rng), Rotation.random(2, rng)
+    dt = np.array([[0.1, 0.1, 0.1], [0.1, 0.1, 0.0]])
+    batch = Batch(rate, dt, earth, start.as_quat(scalar_first=True), end.as_quat(scalar_first=True), True)
+    true = 1.1 * rate - earth
+    expected = end.apply([true[0, 3], true[1, 2]]) - start.apply(true[:, 0])
+    np.testing.assert_allclose(offset_columns(batch, lambda measured: 1.1 * measured), expected)
+
+
+def test_the_change_of_a_rate_is_a_second_difference_of_its_angle_over_20_ms():
+    """Of trapezoids of 10 ms; not nearer to an end of the log than that."""
+    rng = np.random.default_rng(2)
+    gyro = rng.normal(size=(2, 40, 3))
+    used = [of(0, 5, 21), of(1, 1, 12), of(0, 20, 40)]
+    found = TruthTwin._changes.func(SimpleNamespace(segments=used, problem=SimpleNamespace(logs=[log_of(g) for g in gyro], used=used)))
+    for ends, at in zip(found, ((5, 2, 20), (20, 11, 37)), strict=True):
+        for number, (log, i) in enumerate(zip((0, 1, 0), at, strict=True)):
+            g = gyro[log]
+            np.testing.assert_allclose(ends[number], (g[i + 2] / 2 + g[i + 1] - g[i - 1] - g[i - 2] / 2) * 0.01 / 0.02**2, atol=1e-9)
+
+
+@pytest.mark.parametrize(("seconds", "steps"), [(0.05, 3), (-0.05, 3), (0.04, 2), (0.0, 1), (2.5, 100)])
+def test_the_truth_is_carried_back_along_the_rates_at_midpoints_of_two_samples(seconds, steps):
+    """The latest first.  Beyond the log its last rate holds."""
+    rng = np.random.default_rng(3)
+    logs = [log_of(3 * rng.normal(size=(40, 3)), period) for period in (0.01, 0.03)]
+    used = [of(0, 5, 21), of(1, 1, 12), of(0, 20, 39)]
+    earth, start, end = 0.1 * rng.normal(size=(3, 4, 3)), Rotation.random(3, rng), Rotation.random(3, rng)
+    dt = np.array([[0.1, 0.1, 0.1], [0.1, 0.1, 0.0], [0.1, 0.0, 0.0]])
+    batch = Batch(0 * earth, dt, earth, start.as_quat(scalar_first=True), end.as_quat(scalar_first=True), True)
+    own = SimpleNamespace(problem=SimpleNamespace(logs=logs), segments=used, batch=batch)
+    own._gyro = lambda *where: TruthTwin._gyro(own, *where)
+    found = TruthTwin.later(own, batch, SimpleNamespace(model=lambda measured: 1.1 * measured), seconds)
+    for before, after, at, last in ((start, found.start, (5, 1, 20), (0, 0, 0)), (end, found.end, (20, 11, 38), (3, 2, 1))):
+        for number, (log, period) in enumerate(((0, 0.01), (1, 0.03), (0, 0.01))):
+            q, step = before[number], seconds / steps
+            for half in (np.arange(steps)[::-1] + 0.5) * step:
+                where = np.clip(at[number] + half / period, 0, 38.999)
+                rate = [np.interp(where, np.arange(40), axis) for axis in logs[log].samples.gyro.T]
+                q = q * Rotation.from_rotvec(-step * (1.1 * np.array(rate) - earth[number, last[number]]))
+            np.testing.assert_allclose(rotation.matrix(after[number]), q.as_matrix(), atol=1e-6)
+
+
+def test_a_smoothed_truth_and_its_clock_are_taken_off_both_ends(twin):
+    E, plain = twin.start().model.E, twin.batch_at(at(twin))
+    found = twin.batch_at(at(twin, claim(_SMOOTHING, 1e-3)))
+    for before, after, change in zip((plain.start, plain.end), (found.start, found.end), twin._changes, strict=True):
+        np.testing.assert_allclose(after, rotation.multiply(before, rotation.exp(-5e-4 * change @ E.T)), atol=1e-12)
+    problem = twin.original
+    for source, free in ((GIVEN, False), (FOUND, True)):
+        alignment = replace(problem.session.alignment, source={"offset_s": source})
+        assert TruthTwin(replace(problem, session=replace(problem.session, alignment=alignment))).clock_free == free
+
+
+# Wrong moments, outages, frames and the clock.
+
+
+def errors(angles):
+    """A problem whose segments, neighbours all, miss by these angles (S, 3); a floor with what neighbours share."""
+    count, rng = len(angles), np.random.default_rng(4)
+    zero = np.zeros((count, 2, 3))
+    same = np.tile([1.0, 0, 0, 0], (count, 1))
+    root = rng.normal(size=(count, 3, 3))
+    floor = Floor(root @ root.transpose(0, 2, 1) + np.eye(3), 0.1 * root[1:], wider=0.5 * np.tile(np.eye(3), (count, 1, 1)))
+    segments = [of(0, 10 * i, 10 * i + 11, 3.0 * i) for i in range(count)]
+    batch = Batch(zero, np.full((count, 1), 0.01), zero, same, rotation.exp(-angles), True)
+    return Problem(None, segments, batch, floor, {}, [], lambda rate: rate, None, None)
+
+
+@pytest.mark.parametrize(("times", "cosine", "found"), [(5.01, -0.71, True), (4.99, -0.71, False), (5.01, -0.69, False)])
+def test_a_moment_is_wrong_where_both_sides_miss_by_five_medians_in_opposite_directions(times, cosine, found):
+    rng = np.random.default_rng(5)
+    angles = rng.normal(size=(16, 3))
+    angles *= 0.01 / np.linalg.norm(angles, axis=1)[:, None]
+    angles[4], angles[5] = 0.09 * np.array([1.0, 0, 0]), 0.01 * times * np.array([cosine, np.sqrt(1 - cosine**2), 0])
+    angles[9], angles[10] = [0, 0.06, 0], [0, -0.07, 0]
+    problem, fitted = errors(angles), []
+
+    def fit(batch, sigma, model):
+        fitted.append((len(batch), sigma))
+        return SimpleNamespace(model=model)
+
+    with patch.object(truth_engine, "fit_least_squares", fit):
+        kept, jumps, p = without_wrong_moments(problem)
+        sound = errors(angles[:4])
+        assert without_wrong_moments(sound) == (sound, [], 1.0)
+    gone = [4, 5, 9, 10] if found else [9, 10]
+    index = np.delete(np.arange(16), gone)
+    assert [segment.number for segment in kept.used] == [10 * i for i in index]
+    assert [count for count, _ in fitted[:3]] == [16, len(index), len(index)]
+    np.testing.assert_array_equal(fitted[2][1], problem.floor.sigma[index])
+    assert jumps == [(0, 3.0 * i + 0.5) for i in gone[::2]]
+    assert p == pytest.approx(_chance_of(6.0, 15, 16))
+    rows = (3 * index[:, None] + np.arange(3)).ravel()
+    np.testing.assert_array_equal(kept.floor.dense(), problem.floor.dense()[np.ix_(rows, rows)])
+    np.testing.assert_array_equal(kept.floor.wider, problem.floor.wider[index])
+    np.testing.assert_array_equal(kept.batch.end, problem.batch.end[index])
+
+
+def test_outages_are_claimed_where_they_were_with_what_is_sure_of_them_apart():
+    def outage(*of):
+        return SimpleNamespace(**dict(zip(("from_s", "to_s", "sure", "times_usual", "spans", "size_rps"), of, strict=True)))
+
+    first = SimpleNamespace(outages=[outage(1.0, 2.0, True, 6.0, 40, 3.21 * DEG), outage(5.0, 7.5, False, 9.0, 50, 4.0 * DEG)])
+    second = SimpleNamespace(outages=[outage(1.5, 2.5, True, 7.0, 30, 5.0 * DEG)])
+    problem = SimpleNamespace(began_s=np.array([0.0, 100.0, 150.0]), session=SimpleNamespace(truths=(first, second)))
+    sure, unsure = _outage_claims(problem)
+    assert sure.theta.tolist() == [1.0, 2.0, 101.5, 102.5]
+    assert (sure.p_value, sure.parameters["size_dps"], sure.equivalent) == (_chance_of(7.0, 30, 30), [3.21, 5.0], ())
+    assert (unsure.theta.tolist(), unsure.p_value, unsure.equivalent) == ([5.0, 7.5], _chance_of(9.0, 50, 50), LIKE_AN_OUTAGE)
+    assert "5 dps rms" in sure.says
+    assert "the truth has lost the body" in sure.says
+    assert "the truth or the gyro is wrong there" in unsure.says
+
+
+def aligned(turned, sigma, mounting_deg=(0, 0, 0), source="assumed"):
+    """The truth's alignment: turned and its sigma in degrees."""
+    mounting = Rotation.from_rotvec(np.multiply(mounting_deg, DEG)).as_matrix()
+    return SimpleNamespace(
+        turned=np.multiply(turned, DEG),
+        turned_sigma=np.full(3, sigma * DEG),
+        reading=SimpleNamespace(mounting=mounting),
+        source={"mounting": source},
+    )
+
+
+@pytest.mark.parametrize(
+    ("turned", "sigma", "left", "p"),
+    [
+        ([0, 0.51, 0], 0.1, 0.69, stats.chi2.sf(5.1**2, 3)),
+        ([0, 0.49, 0], 0.09, 0.69, None),
+        ([0.6, 0.8, 0], 0.199, 0.69, stats.chi2.sf(0.199**-2, 3)),
+        ([0.6, 0.8, 0], 0.201, 0.69, None),
+        ([0, 0.51, 0], 0.1, 0.71, None),
+        ([0, 0.51, 0], 0.1, None, None),
+        ([0, np.nan, 0], 0.1, 0.69, None),
+    ],
+)
+def test_a_frame_is_claimed_if_it_is_large_and_sure_and_the_accelerometer_agrees(turned, sigma, left, p):
+    """Beside a mounting that the file states; one that was found is claimed whatever the accelerometer says."""
+    force = None if left is None else SimpleNamespace(bias=np.array([0.6, 0.8, 0]), turned=left * np.array([0, 0.6, 0.8]))
+    found = _frame_claim(aligned(turned, sigma), force)
+    assert [(claim.effect, claim.p_value) for claim in found] == ([] if p is None else [(FRAME, pytest.approx(p))])
+    found = _frame_claim(aligned([0.3, 0, 0], 0.1, (0.3, 0, 0), FOUND), None)
+    assert [(claim.effect, claim.p_value) for claim in found] == [(MOUNTED, pytest.approx(stats.chi2.sf(9.0, 3)))]
+    assert _frame_claim(None, force) == _frame_claim(aligned([0, 9.0, 0], 0.1, (0, 9.0, 0)), force) == []
+    stands, asked = _stands_and_turned(aligned([0, 9.0, 0], 0.1, (0, 7.0, 0), FOUND))
+    np.testing.assert_allclose(stands, Rotation.from_rotvec([0, -7 * DEG, 0]).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(asked, Rotation.from_rotvec([0, 2 * DEG, 0]).as_matrix(), atol=1e-12)
+    for alignment, turned in ((None, 0), (aligned([0, 9.0, 0], 0.1), 9)):
+        stands, asked = _stands_and_turned(alignment)
+        np.testing.assert_array_equal(stands, np.eye(3))
+        np.testing.assert_allclose(asked, Rotation.from_rotvec([0, turned * DEG, 0]).as_matrix(), atol=1e-12)
+
+
+def fit_of(*claims, variance=1e-6):
+    """A fit with these claims, each number with a variance, larger by one for each claim."""
+    state = SimpleNamespace(claims=claims)
+    return SimpleNamespace(state=state, theta_covariance=lambda number: (number + 1) * variance * np.eye(len(claims[number].theta)))
+
+
+def explanation(**known):
+    zero = np.zeros((1, 3))
+    plain = {"problem": None, "naming": None, "fit": None, "claimed": [], "refused": [], "p_value": 1.0}
+    return TruthExplanation(**plain | {"angles": (zero, zero), "held_out": (zero, zero), "excess": (9.0, 1.0)} | known)
+
+
+LEAN = catalogue()["gyro.g_sensitivity"]
+
+
+def named(effect, share=0.5, p_value=1e-3):
+    size = np.full(effect.parameter.size, 1e-3)
+    return truth_claim(effect, size, size, p_value, share=share)
+
+
+@pytest.mark.parametrize(("sigmas", "said"), [(3.01, True), (2.99, False)])
+def test_a_clock_fitted_beside_a_delay_is_said_from_three_sigmas_on(sigmas, said):
+    session = SimpleNamespace(alignment=None)
+    fit = fit_of(claim(LEAN, *np.zeros(9)), claim(OFFSET, -sigmas * 0.001), variance=0.5e-6)
+    assert _left(SimpleNamespace(fit=fit)) == pytest.approx((-sigmas * 0.001, 0.001))
+    other = named(LEAN)
+    before = explanation(problem=SimpleNamespace(session=session), fit=fit, claimed=[other], p_value=0.5)
+    after = with_recorded_clock(before)
+    assert [each.effect for each in after.claimed] == [LEAN, OFFSET][: 1 + said]
+    p = float(stats.chi2.sf(sigmas**2, 1))
+    assert after.p_value == pytest.approx(p if said else 0.5)
+    if said:
+        clock = after.claimed[1]
+        assert (clock.theta[0], clock.sigma[0], clock.p_value) == pytest.approx((-sigmas * 0.001, 0.001, p))
+        assert (clock.share, clock.equivalent, after.claimed[0].share) == (0.0, common_delays(), 0.5)
+    beside = replace(before, claimed=[named(OFFSET), other])
+    assert with_recorded_clock(beside) is beside
+    assert with_recorded_clock(replace(before, fit=fit_of())).claimed == [other]
+
+
+# The accelerometer, and the rests.
+
+
+def windows(t_s, turn, force, g):
+    """Bias and sigma by rows of least squares: windows of 20 s, every 10 s, without gaps of more than 2 s and without lost readings."""
+    weight = np.sin(np.pi * np.arange(40) / 39) ** 2 / 19.5
+    rows, values = [], []
+    for start in range(0, len(t_s) - 40, 20):
+        part = slice(start, start + 40)
+        if t_s[part][-1] - t_s[start] < 22 and force[part].any(axis=1).all():
+            rows.append(np.hstack([np.tensordot(weight, turn[part], 1), [[0, g], [-g, 0], [0, 0]]]))
+            values.append(weight @ np.einsum("tij,tj->ti", turn[part], force[part]) + [0, 0, g])
+    A, y = np.concatenate(rows), np.concatenate(values)
+    prior = 0.05 * np.diag([1e-3] * 3 + [1 / (0.5 * DEG)] * 2)
+    x = np.linalg.lstsq(np.vstack([A, prior]), np.r_[y, np.zeros(5)])[0]
+    sigma = np.sqrt(np.diag(np.linalg.inv(A.T @ A + prior.T @ prior)) * np.sum((y - A @ x) ** 2) / (len(y) - 5))
+    return x[:3], sigma[:3], len(rows)
+
+
+def test_the_accelerometers_bias_is_what_the_truths_vertical_leaves():
+    """Beside a tilt of the truth's world, with the sensor's axes as recorded, and turned as the gyro shows."""
+    rng, g = np.random.default_rng(6), 9.81
+    t_s = np.delete(np.arange(300) * 0.5, [*range(50, 53), *range(120, 128)])
+    true = Rotation.from_rotvec(np.cumsum(rng.normal(size=(300, 3)) * 0.2, axis=0)[np.rint(2 * t_s).astype(int)])
+    force = np.zeros((300, 3))
+    rows = np.rint(2 * t_s).astype(int)
+    force[rows] = (true.inv() * Rotation.from_rotvec([0.01, -0.02, 0])).apply([0, 0, -g]) + FORCE_BIAS
+    force[rows] += 0.05 * rng.normal(size=(len(rows), 3))
+    force[230] = 0
+    log = log_of(np.zeros((300, 3)), 0.5, force)
+    truth = Truth(None, log.samples.t_ns[rows], true.as_quat(scalar_first=True))
+    site = SimpleNamespace(expected_gravity_mps2=g)
+    session = SimpleNamespace(config=SimpleNamespace(site=site), truths=(truth,))
+    axes = [Rotation.from_rotvec(each).as_matrix() for each in ([0, 0, 0.1], [0.05, 0, 0.1])]
+    found = force_against_truth(SimpleNamespace(session=session, logs=[log]), *axes)
+    own, turned = (windows(t_s, true.as_matrix(), force[rows] @ each.T, g) for each in axes)
+    np.testing.assert_allclose(found.bias, own[0], atol=1e-9)
+    np.testing.assert_allclose(found.sigma, own[1], rtol=1e-9)
+    np.testing.assert_allclose(found.turned, turned[0], atol=1e-9)
+    for count in (81, 80):  # three windows are enough
+        session.truths = (replace(truth, t_ns=truth.t_ns[:count], q_nb=truth.q_nb[:count]),)
+        assert (force_against_truth(SimpleNamespace(session=session, logs=[log]), *axes) is None) == (count == 80)
+
+
+def test_the_zero_at_rest_is_weighed_by_the_samples_of_each():
+    rng = np.random.default_rng(7)
+    accel, means = rng.normal(size=(2, 400, 3)) * [[[1.0]], [[3.0]]], rng.normal(size=(3, 3))
+    spans = ((0, 50, 80), (0, 200, 300), (1, 100, 140))
+    rests = [SimpleNamespace(start=a, stop=b, gyro_mean=mean) for (_, a, b), mean in zip(spans, means, strict=True)]
+    logs = [log_of(np.zeros((400, 3)), 0.01, accel[0], rests[:2]), log_of(np.zeros((400, 3)), 0.01, accel[1], rests[2:])]
+    sensor = SimpleNamespace(sensor=SimpleNamespace(gyro_fs_dps=500))
+    problem = SimpleNamespace(logs=logs, began_s=np.array([0.0, 4.0, 8.0]), session=SimpleNamespace(config=sensor))
+    found = zero_at_rest(problem, lambda rate: 2 * rate)
+    assert found.seconds == pytest.approx(1.7)
+    np.testing.assert_allclose(found.difference, 2 * (30 * means[0] + 100 * means[1] + 40 * means[2]) / 170)
+    np.testing.assert_allclose(found.sigma, 2 * np.std(means, axis=0, ddof=1) / np.sqrt(3))
+    shaken = [vibration(log.samples.accel / G, 0.01) for log in logs]
+    quiet = (shaken[0][50:80].sum() + shaken[0][200:300].sum() + shaken[1][100:140].sum()) / 170
+    moving = np.delete(shaken[0], [*range(50, 80), *range(200, 300)]), np.delete(shaken[1], range(100, 140))
+    assert found.vibration_g2 == pytest.approx((quiet, np.mean([np.median(each) for each in moving])))
+    logs[0].rests = ()
+    assert np.isnan(zero_at_rest(problem, lambda rate: rate).sigma).all()
+    logs[1].rests = ()
+    assert zero_at_rest(problem, lambda rate: rate) is None
+
+
+# What is claimed.
+
+
+def test_a_slow_bias_is_straight_between_knots_and_shrinks_to_its_own_size():
+    slow = wander(np.array([0.0, 10.0, 20.0]))
+    theta = np.array([1.0, -2.0, 0.0, 3.0, 1.0, 0.0]) * 0.1 * DEG
+    rate = slow.columns(SimpleNamespace(t_s=np.array([0.0, 5.0, 12.0, 30.0]))) @ theta
+    np.testing.assert_allclose(rate / (0.1 * DEG), [[0, 0, 0], [0.5, -1, 0], [1.4, -1.4, 0], [3, 1, 0]], atol=1e-12)
+    assert "wanders by 0.300 dps (most on x)" in slow.describe(theta)
+    assert (slow.parameter.shape, slow.parameter.plausible, slow.shape) == ((2, 3), DEG, {"knots_s": [0.0, 10.0, 20.0]})
+    assert slow.basis is not None
+    assert wander(np.arange(4.0)).basis is None
+    assert _shrunk(AppliedEffect(slow, theta)).parameter.plausible == pytest.approx(0.1 * DEG * np.sqrt(15 / 6))
+    assert _shrunk(claim(OFFSET, 0.1)) is OFFSET
+    said = _said(fit_of(claim(OFFSET, 0.1), AppliedEffect(slow, theta), variance=1e-5), slow, 0.9)
+    gain = 0.15 * DEG**2 / 2e-5
+    assert (said.gain, said.p_value, said.probability) == pytest.approx((gain, stats.chi2.sf(gain, 6), 0.9))
+
+
+def test_claims_have_their_share_and_stand_by_what_they_gain():
+    one, two = NamedEffect(OFFSET, 0.01, 20.0, 0.9, ("x",)), NamedEffect(LEAN, 0.02, 150.0, 0.8, ("y",), {"z": 0.1})
+    naming = SimpleNamespace(named=[one], beyond=[two], first=SimpleNamespace(chi_square=100.0))
+    lean, clock = _claims(naming, fit_of(claim(OFFSET, 0.1), claim(LEAN, *np.ones(9))))
+    assert (lean.effect, lean.share, lean.p_value, lean.probability) == (LEAN, 1.0, 0.02, 0.8)
+    assert (lean.equivalent, lean.rivals) == (("y",), {"z": 0.1})
+    assert lean.sigma == pytest.approx(np.sqrt(2) * 1e-3)
+    assert (clock.share, clock.equivalent, clock.sigma[0]) == (0.2, common_delays(), pytest.approx(1e-3))
+    entry = clock.to_json()
+    assert list(entry)[:4] == ["id", "equation", "parameters", "std"]
+    assert list(entry)[-5:] == ["share", "probability", "rivals", "equivalent", "description"]
+    assert (entry["parameters"], entry["share"]) == ({"seconds": 0.1}, 0.2)
+
+
+def test_what_is_left_is_chi_square_per_freedom_of_the_stated_noise():
+    rng = np.random.default_rng(8)
+    root, angles = rng.normal(size=(30, 30)) + 6 * np.eye(30), rng.normal(size=(10, 3))
+    for parameters, segments, freedom in ((0, 10, 18), (4, 10, 14), (0, 4, 1)):
+        C, r = (root @ root.T)[: 3 * segments, : 3 * segments], angles[:segments].ravel()
+        problem = SimpleNamespace(floor=SimpleNamespace(dense=lambda C=C: C))
+        assert excess_of(problem, angles[:segments], parameters) == pytest.approx(r @ np.linalg.solve(C, r) / freedom)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "known"),
+    [
+        ("unexplained", {"p_value": 0.05}),
+        ("no_mismatch", {"p_value": 0.051}),
+        ("explained", {"claimed": [named(LEAN)], "excess": (9.0, 1.5), "neighbours": (0.9, 0.3)}),
+        ("explained", {"claimed": [named(LEAN)]}),
+        ("partly_explained", {"claimed": [named(LEAN)], "excess": (0.0, 1.51)}),
+        ("partly_explained", {"claimed": [named(LEAN)], "neighbours": (0.0, 0.31)}),
+        ("partly_explained", {"claimed": [named(wander(np.arange(3.0)))]}),
+    ],
+)
+def test_what_is_left_makes_an_explanation_partial(verdict, known):
+    e = explanation(**known)
+    assert e.verdict == verdict
+    assert np.isnan([*e.offset, *e.turned, *e.turned_sigma, e.truth_rad, *e.neighbours[:0]]).all()
+    angles = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 1.0]])
+    e = explanation(angles=(angles, 2 * angles), held_out=(3 * angles, 4 * angles))
+    assert (*e.closure_rms, *e.held_out_rms) == pytest.approx(np.sqrt(13) * np.arange(1, 5))
 
 
 def test_a_size_that_no_gyroscope_has_is_implausible():
@@ -184,7 +602,10 @@ def whole():
         q[row] = (Rotation.from_quat(q[row], scalar_first=True) * jump).as_quat(scalar_first=True)
     accel = log.samples.accel + FORCE_BIAS
     log, truth = replace(log, samples=replace(log.samples, gyro=gyro, accel=accel)), replace(truth, q_nb=q)
-    return explain_truth(replace(session, logs=(log,), truths=(truth,))), moments
+    said = []
+    e = explain_truth(replace(session, logs=(log,), truths=(truth,)), progress=lambda *step: said.append(step))
+    assert list(dict.fromkeys(step[1:] for step in said)) == [(0, 5), (1, 5), (2, 5), (3, 5), (4, 5)]
+    return e, moments
 
 
 def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
@@ -204,6 +625,9 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     assert e.held_out_rms[1] < 0.6 * e.held_out_rms[0]
     assert e.verdict in ("explained", "partly_explained")
     assert (refusals(e), e.refused) == ([], [])
+    assert e.neighbours == pytest.approx([neighbours_correlation(e.problem, angles) for angles in e.angles])
+    assert (e.truth_rad, e.walk_rad) == noises(e.lengths_s, e.closure_rad)
+    assert e.gyro_rad == pytest.approx(np.mean(e.problem.noise.angle_random_walk))
     table = truth_to_json(e)
     assert strangers(json.loads(json.dumps(table, allow_nan=False))) == []
     jump = next(effect for effect in table["effects"] if effect["id"] == "reference.truth_jump")
@@ -211,6 +635,47 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     assert (jump["std"], jump["share"]) == ({"at_s": None}, None)
     # By the largest: some hundred times the usual miss, in the tail of Fisher's F with 1.58 x 24 degrees of freedom.
     assert 1e-60 < jump["p_value"] < 1e-8
+
+
+def test_a_clock_found_before_the_fit_is_claimed_whole(whole):
+    """With what the fit leaves of it; before, the recording is that with the clock set back."""
+    e, _ = whole
+    found_s, twin = e.alignment.reading.offset_s, TruthTwin(e.problem)
+    start, whiten = twin.start(), e.naming.whiten
+    back = refit(TruthTwin(replace(e.problem, batch=twin.later(e.problem.batch, start, -found_s))), whiten, [], start)
+    first_share = 1 - e.naming.first.chi_square / back.chi_square
+    clock = next(each for each in e.claimed if each.effect is OFFSET)
+    assert (clock.theta[0], clock.sigma[0], clock.share) == pytest.approx((found_s, e.alignment.offset_sigma_s, first_share))
+    assert 0 < first_share < 1
+    assert clock.p_value == pytest.approx(stats.chi2.sf((clock.theta[0] / clock.sigma[0]) ** 2, 1))
+    apart = replace(e, fit=fit_of(claim(OFFSET, 0.001), variance=0.002**2), angles=e.angles[::-1], excess=(0.0, 2.0))
+    for own, p_value in ((0.5, stats.chi2.sf(((found_s + 0.001) / 0.002) ** 2, 1)), (1e-9, 1e-9)):
+        again = with_recorded_clock(replace(apart, claimed=[named(LEAN, 0.4), named(OFFSET, 0.2, own)]))
+        assert [each.effect for each in again.claimed] == [LEAN, OFFSET]
+        lean, clock = again.claimed
+        assert (lean.share, clock.share) == pytest.approx((0.4 * (1 - first_share), first_share + 0.2 * (1 - first_share)))
+        assert (clock.theta[0], clock.sigma[0], clock.p_value) == pytest.approx((found_s + 0.001, 0.002, p_value))
+    np.testing.assert_allclose(again.angles[0], e.angles[0])
+    assert again.angles[1] is apart.angles[1]
+    assert again.held_out[1] is apart.held_out[1]
+    assert again.excess == (pytest.approx(excess_of(e.problem, e.angles[0], 0)), 2.0)
+    assert [each.effect for each in with_recorded_clock(replace(apart, claimed=[])).claimed] == []
+
+
+def test_a_recording_confirms_its_own_numbers(whole):
+    e, _ = whole
+    numbers = {each.effect.id: each for each in named_in(e)}
+    clock, own, jump = (numbers[name] for name in ("timing.truth_offset", "gyro.g_sensitivity", "reference.truth_jump"))
+    assert (clock.theta[0], clock.covariance[0, 0]) == pytest.approx((e.alignment.offset_s, e.alignment.offset_sigma_s**2))
+    assert clock.lookalikes == set(common_delays())
+    assert np.isnan(jump.theta).all()
+    (number,) = [number for number, each in enumerate(e.fit.state.claims) if each.effect is own.effect]
+    np.testing.assert_array_equal(own.covariance, e.fit.theta_covariance(number))
+    found = predicted(own, e, Evidence(TruthTwin(e.problem)), 0)
+    assert (found.outcome, found.same_p, found.size[0]) == (Outcome.CONFIRMED, pytest.approx(1.0), pytest.approx(1.0, abs=0.01))
+    before, after = found.closure_rad
+    assert after == pytest.approx(e.held_out_rms[1], rel=0.3)
+    assert before > 5 * after
 
 
 def test_a_still_effect_beside_a_truth_is_refused_in_one_line(tmp_path, capsys):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from conftest import DEG
 from formats_page import strangers
+from linear_twin import effect, linear_twin
 from scipy import optimize, stats
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made, write
 
 import calibrate
@@ -30,6 +31,7 @@ from tinygc.effects.movement import vibration
 from tinygc.explanation import truth_engine
 from tinygc.explanation.checked import Outcome, named_in, predicted
 from tinygc.explanation.claims import common_delays
+from tinygc.explanation.decision import Naming
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.result import truth_to_json
 from tinygc.explanation.search import NamedEffect
@@ -64,9 +66,11 @@ from tinygc.explanation.truth_names import (
     MOUNTED,
     OFFSET,
     TruthTwin,
+    _best,
     _claims,
     _said,
     _shrunk,
+    _with_slow_bias,
     excess_of,
     wander,
 )
@@ -102,13 +106,14 @@ def claim(effect, *theta):
 # The twin.
 
 
-def test_no_still_is_a_row_and_the_clock_has_a_column(twin):
-    def residuals(seconds):
-        return twin.residuals(at(twin, claim(OFFSET, seconds))).closure
+@pytest.mark.parametrize(("effect", "size"), [(OFFSET, 0.002), (_SMOOTHING, 1e-3)])
+def test_no_still_is_a_row_and_the_clock_and_smoothing_have_a_column(twin, effect, size):
+    def residuals(share):
+        return twin.residuals(at(twin, claim(effect, share * size))).closure
 
     assert twin.residuals(at(twin)).stacked().shape == (3 * len(twin.segments),)
-    apart = (residuals(0.0021) - residuals(0.0019)) / 2e-4
-    assert np.abs(column(twin, OFFSET, claim(OFFSET, 0.002)) - apart).max() < 0.03 * np.abs(apart).max()
+    apart = (residuals(1.05) - residuals(0.95)) / (0.1 * size)
+    assert np.abs(column(twin, effect, claim(effect, size)) - apart).max() < 0.03 * np.abs(apart).max()
 
 
 def test_the_truths_noise_is_what_it_is_and_not_what_is_stated():
@@ -119,41 +124,6 @@ def test_the_truths_noise_is_what_it_is_and_not_what_is_stated():
     noise = Evidence(TruthTwin(problem)).nothing.noise
     assert noise.size(TRUTH) / DEG == pytest.approx(0.02, rel=0.25)
     assert noise.size(WANDER) / DEG < 0.02
-
-
-def smoothed(width_s: float) -> TruthTwin:
-    """A truth without noise, each attitude a mean over ``width_s``, by Slerp and Rotation.mean; beside the gyro's true matrix and bias."""
-    session, _ = made(Wrong(turns=10, every_s=0.02, sigma_deg=1e-4, misaligned=0.0))
-    (truth,) = session.truths
-    t_s = truth.t_ns * 1e-9
-    at = Slerp(t_s, Rotation.from_quat(truth.q_nb, scalar_first=True))
-    inside = (t_s > t_s[0] + 0.1) & (t_s < t_s[-1] - 0.1)
-    seen = at((t_s[inside][:, None] + width_s * (np.arange(40) / 40 - 0.4875)).ravel())
-    q = np.array([seen[40 * i : 40 * i + 40].mean().as_quat(scalar_first=True) for i in range(inside.sum())])
-    session = replace(session, truths=(replace(truth, t_ns=truth.t_ns[inside], q_nb=q),))
-    # 1.7 s: at the same phase of every turn of 2 s, smoothing and delay were one.
-    session = replace(session, config=replace(session.config, protocol=replace(session.config.protocol, segment_s=1.7)))
-    return TruthTwin(prepare(session).problem)
-
-
-def test_a_smoothed_truth_errs_by_half_its_windows_variance_times_the_change_of_the_rate():
-    """T^2 / 12; over 120 ms of a bell of 2 s the next term is 1 % of it.  A clock beside it has its own place."""
-    twin = smoothed(0.12)
-    plain = replace(twin.start(), model=smoothed(0.0).problem.first)
-
-    def residuals(variance):
-        return twin.residuals(replace(plain, claims=(claim(_SMOOTHING, variance),))).closure.ravel()
-
-    state = replace(plain, claims=(claim(_SMOOTHING, 1e-3),))
-    rates = twin.rates(state)
-    own = twin.effect_columns(_SMOOTHING, state, twin.sensitivity(state, rates), rates).closure[..., 0].ravel()
-    np.testing.assert_allclose(own, (residuals(1.1e-3) - residuals(0.9e-3)) / 2e-4, atol=0.02 * np.abs(own).max())
-    variance = -float(own @ residuals(0.0)) / float(own @ own)
-    assert variance == pytest.approx(0.12**2 / 12, rel=0.06)
-    assert np.linalg.norm(residuals(variance)) < 0.3 * np.linalg.norm(residuals(0.0))
-    both = claim(OFFSET, 0.002), claim(_SMOOTHING, 1e-3)
-    clock, smooth = (column(twin, effect, *both).ravel() for effect in (OFFSET, _SMOOTHING))
-    assert abs(clock @ smooth) < 0.5 * np.linalg.norm(clock) * np.linalg.norm(smooth)
 
 
 @pytest.mark.parametrize("name", ["gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew"])
@@ -297,7 +267,8 @@ def test_the_truth_is_carried_back_along_the_rates_at_midpoints_of_two_samples(s
             np.testing.assert_allclose(rotation.matrix(after[number]), q.as_matrix(), atol=1e-6)
 
 
-def test_a_smoothed_truth_and_its_clock_are_taken_off_both_ends(twin):
+def test_a_smoothed_truth_errs_by_half_its_windows_variance_times_the_change_of_the_rate(twin):
+    """A mean of a t^2 / 2 over a window is higher by a / 2 times its variance: that is taken off both ends."""
     E, plain = twin.start().model.E, twin.batch_at(at(twin))
     found = twin.batch_at(at(twin, claim(_SMOOTHING, 1e-3)))
     for before, after, change in zip((plain.start, plain.end), (found.start, found.end), twin._changes, strict=True):
@@ -555,6 +526,67 @@ def test_what_is_left_is_chi_square_per_freedom_of_the_stated_noise():
         C, r = (root @ root.T)[: 3 * segments, : 3 * segments], angles[:segments].ravel()
         problem = SimpleNamespace(floor=SimpleNamespace(dense=lambda C=C: C))
         assert excess_of(problem, angles[:segments], parameters) == pytest.approx(r @ np.linalg.solve(C, r) / freedom)
+
+
+A, C, SLOW = effect("a", 2), effect("c"), effect("slow")
+object.__setattr__(SLOW, "id", "unknown.slow_bias")
+
+
+def weighed(*spoilt):
+    """The evidence of twelve turns without stills."""
+    twin = linear_twin(seed=5, turns=12, resting=False)
+    for each, theta in spoilt:
+        twin.spoil(each, theta)
+    twin.problem.instability = SimpleNamespace(rps=0.0)
+    return twin.evidence()
+
+
+def test_a_slow_bias_stands_for_names_that_do_hardly_better_and_are_more():
+    evidence, tried = weighed((A, [6.0, -4.0]), (C, [9.0])), [A, C, SLOW]
+    both = evidence.of((A, C), evidence.nothing)
+    for beside, expected in (
+        ([((SLOW, A), 9.9)], {SLOW, A}),
+        ([((SLOW, A), 10.1)], {A, C}),
+        ([((SLOW, A, C), 1.0)], {A, C}),
+        ([((SLOW, A), 1.0), ((SLOW,), 9.9)], {SLOW}),
+        ([((SLOW, A), 5.0), ((SLOW, C), 4.0)], {SLOW, C}),
+    ):
+        evidence._known |= {number: replace(both, effects=some, score=both.score + off) for number, (some, off) in enumerate(beside)}
+        assert set(_best(evidence, tried, SLOW, lambda what: None).effects) == expected
+        evidence._known = {key: known for key, known in evidence._known.items() if not isinstance(key, int)}
+    slow = weighed((A, [6.0, -4.0]), (SLOW, [9.0]))
+    assert set(_best(slow, tried, SLOW, lambda what: None).effects) == {A, SLOW}
+
+
+def test_a_wander_more_probable_than_none_is_a_slow_bias_and_what_it_makes_idle_goes():
+    """By its odds, one in thirty before: where no wander costs names that much."""
+    evidence = weighed((A, [6.0, -4.0]), (SLOW, [9.0]))
+    names = evidence.of((A, C), evidence.nothing)
+    named = [NamedEffect(each, 1e-4, 9.0, 0.9) for each in (A, C)]
+    naming = Naming(evidence.nothing.fit, 0.5, names.fit, named, names.whiten, names.noise, p_value=0.5)
+
+    def with_slow(odds, tried=(A, C, SLOW), naming=naming):
+        def of(some, begin):
+            found = evidence.of(some, evidence.nothing)
+            return replace(found, score=found.score + 2 * (np.log(30) + odds)) if some == (A, C) else found
+
+        evidence.without = lambda name: SimpleNamespace(nothing=None, of=of) if name == WANDER else None
+        return _with_slow_bias(evidence, list(tried), SLOW, naming)
+
+    assert with_slow(-0.01) is naming
+    assert with_slow(1.0, (A, C)) is naming
+    found = with_slow(1.0)
+    best = evidence.of((A, SLOW), evidence.nothing)
+    assert (found.fit, found.whiten.covariance, found.noise) == (best.fit, pytest.approx(best.whiten.covariance), best.noise)
+    assert ([each.effect for each in found.named], [each.effect for each in found.beyond]) == ([A], [SLOW])
+    gain = best.fit.state.claims[1].theta[0] ** 2 / best.fit.theta_covariance(1)[0, 0]
+    p_value = pytest.approx(stats.chi2.sf(gain, 1))
+    assert (found.beyond[0].gain, found.beyond[0].p_value, found.p_value) == (pytest.approx(gain), p_value, p_value)
+    assert found.beyond[0].probability == pytest.approx(1 / (1 + np.exp(-1.0)))
+    assert not found.first.state.claims
+    assert with_slow(1.0, naming=found) is found
+    evidence.twin.problem.instability.rps = 1e-9
+    assert with_slow(1.0) is naming
 
 
 @pytest.mark.parametrize(

@@ -5,15 +5,13 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import DEG, GRAVITY, Table, session_of
+from conftest import DEG
 from linear_twin import effect, linear_twin, stepped
 from scipy import stats
 
-from session.io.samples import Samples
-from tinygc.closure.build import build_problem
-from tinygc.effects import catalogue
 from tinygc.explanation import decision
 from tinygc.explanation.decision import (
+    NEAR_FLOOR,
     FitClosure,
     Naming,
     Proof,
@@ -24,21 +22,22 @@ from tinygc.explanation.decision import (
     _with_linear,
     borne_out,
     decided,
+    expected_rms,
     fold_rows,
     folds_of,
     held_out,
     improvement_p,
+    leaves_more,
     left_out,
+    part_of_a_curve,
     tilt_rms,
     told_apart,
 )
-from tinygc.explanation.evidence import Evidence, Guess
-from tinygc.explanation.families import motion
-from tinygc.explanation.search import NAMELESS, slow_candidates
+from tinygc.explanation.evidence import Guess
+from tinygc.explanation.search import NAMELESS
 from tinygc.models.linear import LinearModel
-from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
+from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, Component
 from tinygc.noise.refit import prior_sigmas
-from tinygc.noise.twin import Twin
 
 A, B, C = effect("a", 2), effect("b", 3), effect("c")
 
@@ -306,22 +305,45 @@ def test_effects_that_held_out_segments_do_not_confirm_are_taken_out_weakest_fir
         assert left((A, both), lambda fit, ratio=ratio: ratio) == together
 
 
-def test_slow_motions_that_cancel_are_one_which_states_their_sum():
-    """The zero rises by 0.35 dps: of a drift beside a warm-up only the sum is determined."""
-    table, rng = Table().tumble(20, seed=4), np.random.default_rng(4)
-    t_s = np.arange(0, table.duration_s, 1 / 52)
-    rate, attitude = table.truth(t_s)
-    rise = np.outer(0.35 * DEG * (np.exp(1.5 * t_s / t_s[-1]) - 1) / (np.exp(1.5) - 1), [1.0, 0, 0])
-    gyro = rate + rise + 0.02 * DEG * rng.normal(size=rate.shape)
-    force = attitude.inv().apply([0, 0, -GRAVITY]) + 2e-3 * rng.normal(size=rate.shape)
-    samples = Samples(np.rint(t_s * 1e9).astype(np.int64), gyro, force, None)
-    evidence = Evidence(Twin(build_problem(session_of(samples, raw=False, odr_hz=52.0), use_earth=False)))
-    warm_up = [each for each in slow_candidates(evidence.twin) if "warm_up" in each.id][-1]
-    drift = catalogue()["gyro.bias_drift"]
-    best = told_apart(evidence, evidence.of((drift, warm_up), evidence.nothing))
-    (claim,) = best.fit.state.claims
-    assert motion(evidence.twin, [(claim.effect, claim.theta)]) == (pytest.approx(0.35 * DEG, rel=0.25), 0)
-    assert best.score == min(evidence.of((each,), evidence.nothing).score for each in (drift, warm_up))
+@pytest.mark.parametrize("share", [0.91, 0.89])
+def test_slow_motions_of_which_one_is_a_term_of_the_others_curve_are_one(share):
+    """Where nine tenths of it are, by the angle between both beside all else; the one with the more evidence states their sum."""
+    drift, curve = (effect(name, conditions=("time", "s")) for name in ("drift", "curve"))
+    object.__setattr__(drift, "id", "gyro.bias_drift")
+    object.__setattr__(curve, "id", "unknown.curve_over_time")
+    twin = twin_with((drift, [9.0]), (curve, [6.0]))
+    evidence = twin.evidence()
+    best = evidence.of((drift, curve), evidence.nothing)
+    own, rest = best.fit.J[:, 15:16], np.delete(best.fit.J, 15, axis=1)
+    term, apart = effect("term"), np.random.default_rng(1).normal(size=own.shape)
+    own, apart = (each - rest @ np.linalg.lstsq(rest, each, rcond=None)[0] for each in (own, apart))
+    apart -= own * (own.T @ apart) / (own.T @ own)
+    leans = np.sqrt(share) * own / np.linalg.norm(own) + np.sqrt(1 - share) * apart / np.linalg.norm(apart)
+    evidence._columns[term] = best.whiten.back(leans)
+    with patch.object(decision, "curves_like", lambda twin, shape: [term] if shape is curve else []):
+        assert part_of_a_curve(evidence, best, 0) == (share > 0.9)
+        assert not part_of_a_curve(evidence, best, 1)
+        alone = [evidence.of((each,), best) for each in (drift, curve)]
+        assert told_apart(evidence, best) is (min(alone, key=lambda h: h.score) if share > 0.9 else best)
+        assert part_of_a_curve(evidence, evidence.of((drift,), best), 0) is False
+
+
+def test_what_has_a_cause_is_expected_of_a_closure_and_more_has_no_name():
+    """The floor, and what is estimated of all but each turn's and each still's own error; beyond 1.4 times that something is left."""
+    noise, gone = SimpleNamespace(covariance=np.diag([1.0, 2, 3, 4, 5, 6, 99])), []
+    noise.without = lambda name: gone.append(name) or noise
+    naming = SimpleNamespace(noise=noise, whiten=SimpleNamespace(parts={"closure": slice(0, 6)}), beyond=[], unusual=False)
+    twin = SimpleNamespace(batch=SimpleNamespace(angles=2))
+    proof = SimpleNamespace(floor_rms=3.0, worse=False)
+    assert expected_rms(twin, naming, proof) == pytest.approx(4.0)
+    assert gone == [TURN, STILL_RATE]
+    for share, left in ((0.99, False), (1.01, True)):
+        proof.after = np.full((5, 2), 4.0 * NEAR_FLOOR * share / np.sqrt(2))
+        assert leaves_more(twin, naming, proof) == left
+    proof.after *= 0
+    for name, value in (("beyond", [1]), ("unusual", True)):
+        assert leaves_more(twin, SimpleNamespace(**{**vars(naming), name: value}), proof)
+    assert leaves_more(twin, naming, SimpleNamespace(**{**vars(proof), "worse": True}))
 
 
 # Undersampling.

@@ -211,6 +211,8 @@ def test_the_drifts_p_value_is_fishers_f_of_three_numbers(drift):
     assert found.drift.p_value == pytest.approx(fisher_f.sf(F, 3, count - 12), rel=1e-4)
     assert found.sigma_mps2 == pytest.approx(np.sqrt(2 * with_it.cost / (count - 12)), rel=1e-5)
     assert found.drift.mps2 == pytest.approx(with_it.x[9:], abs=1e-6)
+    sigma = np.sqrt(np.diag(np.linalg.inv(with_it.jac.T @ with_it.jac)))[9:] * found.sigma_mps2
+    assert found.drift.sigma_mps2 == pytest.approx(sigma, rel=1e-3)
     assert found.drift.significant == (drift > 0)
     force, middle_s = measured(15, np.random.default_rng(2)), np.arange(15.0)
     few = [fit_lengths(force[:stills], GRAVITY, middle_s=middle_s[:stills], duration_s=15.0).drift for stills in (14, 15)]
@@ -231,6 +233,7 @@ def test_the_zero_of_a_triad_behind_a_frame_has_its_sigma_in_the_sensors_axes():
 def test_one_pose_fixes_nothing_and_nothing_is_changed(force):
     found = fit_lengths(force, GRAVITY)
     assert (found.rung, found.unobserved) == (None, NAMES)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), SPREAD_MPS2 * UNITS)
     np.testing.assert_array_equal(found.accelerometer.correct(force), force)
 
 

@@ -37,7 +37,7 @@ from tinygc.estimation.between_sessions import (
     course,
     jump,
 )
-from tinygc.estimation.bias import BiasChoice, choose, less_by_chance, levelled
+from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_chance, levelled
 from tinygc.estimation.bias_of_day import (
     Origin,
     Rebiased,
@@ -62,6 +62,12 @@ def test_better_by_chance_is_the_exact_signed_rank_of_tilts_that_are_smaller_alt
     assert less_by_chance(usual, usual * [0.5, 0.5, 99]) == 1 / 8  # all three of eight signs
     assert less_by_chance(usual, usual[:, :2] * [[0.5], [0.5], [1.1]]) == 2 / 8  # the smallest difference the other way
     assert less_by_chance(usual, usual[:, :2] * [[1.1], [0.1], [0.1]]) == 1.0  # the root mean square is not smaller
+
+
+@pytest.mark.parametrize(("turns", "factor", "better"), [(13, 0.9899, True), (13, 0.9901, False), (12, 0.9999, True), (4, 0.5, False)])
+def test_turns_close_better_by_one_percent_or_where_they_are_few_by_more_than_chance(turns, factor, better):
+    usual = np.linspace(1, 2, turns)[:, None] * [3.0, 4.0]
+    assert closes_better(usual, factor * usual) is better
 
 
 @pytest.mark.parametrize(
@@ -104,7 +110,9 @@ def test_the_source_is_the_one_asked_for_or_shown_to_be_better(monkeypatch, aske
 
 WAYS = [
     ("auto", "stills", False, False, "of each turn from the stills around it (which closes held-out turns better);"),
+    ("auto", "ends", False, True, "from the ends of the turns (so few turns do not tell that the stills are better, p = 0.031);"),
     ("auto", "stills", True, False, "of each turn from the stills around it: the ends of so few turns do not show it."),
+    ("auto", "stills", False, True, "with a lot's prior and few turns, using their ends is not significantly better."),
     ("stills", "stills", True, True, "(as asked); held out with the ends 5.0000°, with the stills 1.0000°."),
 ]
 

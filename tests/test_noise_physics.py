@@ -20,6 +20,7 @@ from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.noise.components import (
     _UNKNOWN_SPREAD,
     _UNKNOWN_WANDER_RPS,
+    GUESS_STEPS,
     REFERENCE,
     STILL_RATE,
     TRUTH,
@@ -29,6 +30,7 @@ from tinygc.noise.components import (
     Component,
     SessionNoise,
     first_noise,
+    noise_beside,
     undersampling,
 )
 from tinygc.noise.reml import Prior, estimate
@@ -464,6 +466,21 @@ def test_a_drift_is_held_against_the_largest_that_such_a_sensor_has(prior, limit
     both = replace(alone, components=(*alone.components, turns), s=np.array([0.0, 0.9 * limit, 9 * limit]), sigma=np.zeros(3))
     gain = value(limit, limit) - best.fun
     assert both.unusual_p(white, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gain, 1) / 2 + chi2.sf(gain, 2) / 4, rel=0.01)
+
+
+def test_beside_an_effect_the_noise_is_of_what_both_leave_with_the_effects_own_size_for_its_prior():
+    """Each column has a prior of one, the effect's after it is scaled by what it was found to be."""
+    rng, noise, sigma = np.random.default_rng(4), noise_of([1.0, 1.0, 1.0]), 0.45
+    r, J, effect = 3 * rng.normal(size=6), rng.normal(size=(6, 1)), rng.normal(size=(6, 1))
+
+    def fitted(both):
+        return np.linalg.lstsq(np.concatenate([both / sigma, np.eye(2)]), np.append(-r / sigma, [0, 0]), rcond=None)[0]
+
+    both = np.hstack([J, effect * np.abs(fitted(np.hstack([J, effect]))[1])])
+    expected = noise.estimated_beside(sigma**2 * np.eye(6), r + both @ fitted(both), both, noise.s, steps=GUESS_STEPS)
+    found = noise_beside(noise, lambda rows: rows / sigma, sigma**2 * np.eye(6), r, J, effect, noise.s)
+    assert found.s == pytest.approx(expected.s, rel=1e-6)
+    assert found.value == pytest.approx(expected.value, rel=1e-9)
 
 
 def test_a_long_session_is_cut_into_blocks_of_turns_with_the_stills_before_them():

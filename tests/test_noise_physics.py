@@ -461,11 +461,11 @@ def test_a_drift_is_held_against_the_largest_that_such_a_sensor_has(prior, limit
     drift = Component(WANDER, V, limit, "deg", DEG, "", prior)
     alone = SessionNoise((absent(1e-9 * np.ones(6)), drift), [np.arange(6)], NOTHING, np.array([0.0, best.x]), np.zeros(2), best.fun)
     gain = value(limit) - best.fun
-    assert alone.unusual_p(white, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gain, 1) / 2, rel=0.01)
+    assert alone.unusual_p(white, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gain, 1) / 2, rel=0.01, abs=0)
     turns = replace(drift, name=TURN, V=Sparse.of(V), prior=None)
     both = replace(alone, components=(*alone.components, turns), s=np.array([0.0, 0.9 * limit, 9 * limit]), sigma=np.zeros(3))
     gain = value(limit, limit) - best.fun
-    assert both.unusual_p(white, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gain, 1) / 2 + chi2.sf(gain, 2) / 4, rel=0.01)
+    assert both.unusual_p(white, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gain, 1) / 2 + chi2.sf(gain, 2) / 4, rel=0.01, abs=0)
 
 
 def test_beside_an_effect_the_noise_is_of_what_both_leave_with_the_effects_own_size_for_its_prior():

@@ -97,6 +97,8 @@ def used(tilts: dict[str, float], segments=40, raw_deg=5.0, numbers=None, undone
         # the sigma of a root mean square of 80 angles is 0.0791 of it
         ({"tinygc_denoised": 0.922, "least_squares": 1.0}, 40, "least_squares", "tinygc_denoised", None),
         ({"tinygc_denoised": 0.920, "least_squares": 1.0}, 40, "tinygc_denoised", "tinygc_denoised", 2.0**-40),
+        ({"tinygc": 0.5, "least_squares": 1.0}, 5, "tinygc", "tinygc", 1 / 32),
+        ({"tinygc": 0.5, "least_squares": 1.0}, 4, "least_squares", "tinygc", 1 / 16),
         ({"tinygc": 0.5, "physics": 1.0, "least_squares": 1.0}, 5, "least_squares", "tinygc", 1 / 32),
         ({"tinygc": 0.5, "physics": 1.0, "least_squares": 1.0}, 6, "tinygc", "tinygc", 1 / 64),
         ({"tinygc": 0.695, "physics": 0.7, "least_squares": 1.0}, 40, "physics", "tinygc", 2.0**-40),

@@ -561,7 +561,9 @@ def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
     np.testing.assert_allclose(more, np.diag([0.0] * 9 + [2 * DEG**2, 8 * DEG**2, 18 * DEG**2]), rtol=1e-9, atol=1e-15)
     assert own[9, 9] == 9  # it is left as it was
     np.testing.assert_allclose(found.sigma(own[BIAS, BIAS]), np.sqrt(np.diag(found.any_session(own))[BIAS]), rtol=1e-12)
-    assert found.to_json(np.zeros((3, 3)))["sigma_dps"] == pytest.approx(np.sqrt(2) * rps)
+    table = found.to_json(np.zeros((3, 3)))
+    assert table["sigma_dps"] == pytest.approx(np.sqrt(2) * rps)
+    assert (table["spread_dps"], table["degrees_of_freedom"]) == (pytest.approx(rps), [None] * 3)
 
 
 @pytest.fixture

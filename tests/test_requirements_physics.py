@@ -94,6 +94,7 @@ def test_simple_acceptance_passes_up_to_the_limit_and_says_the_risk():
     assert (above.answer, above.risk) == ("fail", pytest.approx(stats.norm.cdf(-1)))
     assert "risk that this FAIL is wrong: 16 %" in above.words
     assert conformity(2.9, Rule(GUARDED)).value_words == "2.90 mdps ± 0.20 mdps (k = 1.96)"
+    assert conformity(2.9, Rule(), sigma=0.0).value_words == "2.90 mdps"
     assert conformity(2.9, Rule(GUARDED)).risk_words == "a PASS would be wrong with p = 0.16, a FAIL with p = 0.84"
     table = conformity(2.9, Rule(GUARDED), freedom=9.0).to_json()
     expected = {"value": 2.9, "standard_uncertainty": 0.1, "degrees_of_freedom": 9, "lower": -2.0, "upper": 3.0}
@@ -213,7 +214,13 @@ def test_a_closure_run_below_its_limit_does_not_fail_because_noise_is_above_it()
     m = run_measured("a", np.full(3, 1e-3) * DEG, np.full(3, 0.03) * DEG)
     assert Conformity(m, (-INF, 0.003), Rule(GUARDED, risk=0.05)).answer == "not decided"
     assert Conformity(m, (-INF, 0.003), Rule(GUARDED)).band == pytest.approx(0.003)
-    assert Conformity(m, (-INF, 1.0), Rule(GUARDED, guard=2.5)).answer == "pass"  # beyond four sigmas the band is linear
+
+    def band(sigmas):
+        return Conformity(m, (-INF, 1.0), Rule(GUARDED, guard=sigmas / m.factor))
+
+    at = run_measured("a", np.full(3, band(4.0).acceptance[1]) * DEG, np.full(3, 0.03) * DEG)
+    assert 1 - Conformity(at, (-INF, 1.0), Rule()).probability == pytest.approx(stats.norm.sf(4), rel=0.01)
+    assert band(4.9).band == pytest.approx(band(4.0).band + 0.9 * m.sigma)  # beyond four sigmas the band is linear
 
 
 def vector_and_sources():

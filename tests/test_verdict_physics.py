@@ -25,7 +25,7 @@ from tinygc.estimation.choice import (
 from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests
 from tinygc.estimation.promise import Promise, promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.systematic import Systematic, systematic_of
+from tinygc.estimation.systematic import Systematic, _beside, _likeliest, systematic_of
 from tinygc.estimation.verdict import GIVEN, JudgedFit, decide, require_plausible, run_p_values, too_wide
 from tinygc.models.linear import LinearModel
 
@@ -326,6 +326,31 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     of = {each.id: each.parameter.plausible * twin.columns_of(each)[0, 0] / 2 for each in (a, variants[1])}
     expected = {"test.a": 30.0 - np.log(10.0) + of["test.a"], "test.step": 30.0 - np.log(30.0) + of["test.step"]}
     assert {name: found.log_odds[name] for name in expected} == pytest.approx(expected)
+
+
+def test_the_likeliest_effects_gain_most_less_what_their_scale_shapes_and_numbers_cost():
+    """A ridge regression of what the calibration leaves; of an effect's shapes the best; three at most."""
+    rng, step = np.random.default_rng(9), stepped("step", np.array([1.0, 2.0]))
+    effects = [effect("a", 2, plausible=0.2), effect("b", 1, plausible=0.3), effect("c", 1, plausible=2.0)]
+    effects += [effect("d", 1, plausible=0.05), step.at(1.0), step.at(2.0)]
+    edges = np.cumsum([0, *(each.parameter.size for each in effects)])
+    white = rng.normal(size=(30, edges[-1] + 1))
+    white[:, -1] = 3 * white[:, -1] + white[:, :-1] @ rng.normal(size=edges[-1])
+    J = rng.normal(size=(30, 4))
+    promise = {}
+    for number, (each, begin, end) in enumerate(zip(effects, edges[:-1], edges[1:], strict=True)):
+        size = end - begin
+
+        def least(columns, prior):
+            rows = np.concatenate([np.column_stack([J, columns]), np.diag(1 / np.append(np.ones(4), prior))])
+            return np.linalg.lstsq(rows, np.append(white[:, -1], np.zeros(len(rows) - 30)), rcond=None)[1][0]
+
+        gain = least(white[:, :0], []) - least(white[:, begin:end], np.full(size, each.parameter.plausible))
+        cost = 2 * np.log(10.0) + 2 * np.log(1 + (number > 3)) + size
+        found = gain - size * np.log(max(gain / size, 1.0)) - cost
+        promise[each.id] = max(promise.get(each.id, (-np.inf, 0)), (found, number))
+    expected = [number for _, number in sorted(promise.values(), reverse=True)][:3]
+    assert _likeliest(effects, edges, *_beside(J, white)) == expected
 
 
 MDPS = 1e-3 * DEG

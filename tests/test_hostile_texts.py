@@ -73,6 +73,24 @@ def test_the_readers_see_an_injection():
     assert injected(Place(lambda text: f"# {text}\n", ardupilot), LONG[70]) == 1
 
 
+def test_exported_c_compiles_whatever_the_serial_number_says(tmp_path):
+    """Every warning an error (C11 knows trigraphs); what a text would define is another thing at the end of each file."""
+    if shutil.which("gcc") is None:
+        pytest.skip("not installed: gcc")
+    vector = "typedef union { struct { float x, y, z; } axis; } FusionVector;"
+    types = f"{vector} typedef union {{ struct {{ float xx, xy, xz, yx, yy, yz, zx, zy, zz; }} element; }} FusionMatrix;\n"
+    for number, text in enumerate(("".join(HOSTILE), "a\\", "a??/", "a */ int evil; /*")):
+        written = exporter("c").export(LINEAR, context(f"x\n{text}"))
+        (header,) = (content for name, content in exporter("xio").export(LINEAR, context(f"x\n{text}")).items() if name.endswith(".h"))
+        (tmp_path / f"{number}").mkdir()
+        for name, content in {**written, "xio.c": types + header}.items():
+            end = "" if name.endswith(".h") else "char *evil(int, long);\n"
+            (tmp_path / f"{number}" / name).write_text(content + end, encoding="utf-8")
+    flags = ["-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-variable", "-Wno-unused-const-variable", "-fsyntax-only"]
+    made = run(["gcc", *flags, *tmp_path.glob("*/*.c")], stderr=PIPE, text=True)
+    assert made.returncode == 0, made.stderr[:2000]
+
+
 @pytest.mark.parametrize("name", [name for name in FORMATS if name != "c"])
 def test_what_is_readable_stays_readable(name):
     assert any("Ø-12 µ" in text for text in exporter(name).export(LINEAR, context("Ø-12 µ")).values())

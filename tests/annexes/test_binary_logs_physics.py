@@ -302,6 +302,20 @@ def ros2_bag_of(path, name, text, messages):
             writer.write(connection, stamp, bytes(store.serialize_cdr(store.types[name](**values), name)))
 
 
+def test_messages_of_px4_in_a_ros_2_bag_are_read_by_their_definition(tmp_path):
+    """Single precision, arrays, a flag before them that shifts what must be aligned, a stamp in us."""
+    text = "uint64 timestamp\nuint8 flag\nfloat32[3] gyro_rad\nuint32 gyro_integral_dt\nfloat32[3] accelerometer_m_s2\n"
+    names = ("timestamp", "flag", "gyro_rad", "gyro_integral_dt", "accelerometer_m_s2")
+    rows = ((t // 1000, 1, w.astype(np.float32), 5000, f.astype(np.float32)) for t, w, f in zip(T_NS.tolist(), GYRO, ACCEL, strict=True))
+    messages = [(1000 * row[0] + 3_000_000, dict(zip(names, row, strict=True))) for row in rows]
+    ros2_bag_of(tmp_path / "bag", "px4_msgs/msg/SensorCombined", text, messages)
+    stream = one(tmp_path / "bag")
+    np.testing.assert_array_equal(stream.t_ns, T_NS)
+    np.testing.assert_array_equal(stream.gyro, GYRO)
+    np.testing.assert_array_equal(stream.accel, ACCEL)
+    assert (stream.gyro_unit, stream.accel_unit) == ("rad/s", "m/s2")
+
+
 def test_numbers_behind_texts_and_sequences_are_found(tmp_path):
     text = "string name\nuint8[] blob\nfloat64[] list\nfloat64 gyro_x\nfloat64 gyro_y\nfloat64 gyro_z\nstring tail\n"
     messages = [

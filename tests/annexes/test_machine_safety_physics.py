@@ -576,6 +576,35 @@ def test_a_table_that_restarted_on_opening_is_not_turned(make):
     assert bench.guarded.settle().angles[0] == pytest.approx(30 * DEG, abs=0.02 * DEG)
 
 
+@pytest.mark.parametrize("make", ["scpi", "line"])  # the others ask the mechanics otherwise
+def test_a_move_that_begins_late_is_stopped(make):
+    """It says that it rests, and would turn 0.8 s after the request, watched by nobody."""
+    bench = turning(make)
+    mechanics = bench.virtual.mechanics
+    turn_to = mechanics.tracks[0].turn_to
+    mechanics.tracks[0].turn_to = lambda begin_s, *of: turn_to(begin_s + 0.8, *of)
+    mechanics.is_moving = lambda axis=None: abs(mechanics.tracks[0].state(mechanics.now_s())[1]) > 1e-9
+    bench.guarded.turn_to(0, 100 * DEG, 20 * DEG)
+    with pytest.raises(TableFault, match=r"rests at 0\.00 deg, asked for was 100\.00; it was stopped, and rests"):
+        bench.guarded.settle()
+    bench.clock.sleep(5)
+    assert abs(bench.motor()[0]) < DEG
+
+
+STATES = [("Run", "moves"), ("Hold:1", "moves"), ("Idle", "rests"), ("Hold:0", "feed hold"), ("Door:1", "safety door is open")]
+
+
+@pytest.mark.parametrize(("state", "expected"), [*STATES, ("Sleep", "asleep"), ("Foo", "heard '<Foo")])
+def test_states_of_grbl(state, expected):
+    bench = Bench(description("grbl"))
+    bench.virtual._firmware._state = lambda: state
+    if expected in ("moves", "rests"):
+        assert bench.driver.where().moving is (expected == "moves")
+    else:
+        with pytest.raises(TableFault, match=expected):
+            bench.driver.where()
+
+
 def test_a_table_beyond_its_limits_is_stopped_whoever_moved_it():
     rate = -20
     bench = turning()
@@ -666,6 +695,61 @@ def test_a_stop_is_the_first_that_is_written(make):
     opened.driver.stop()
     assert Bench(description(make), "silence@0", stops=True).link.sent.startswith(opened.link.sent[begun:])
     assert len(opened.link.sent) > begun
+
+
+def test_a_stop_of_another_thread_right_behind_a_move_is_not_lost():
+    bench = Bench(description("grbl", homing=False))
+    bench.confirm()
+    read, stopping = bench.link.read, []
+
+    def stopped(longest_s):
+        if b"$J" in bench.link.sent and not stopping:
+            stopping.append(threading.Thread(target=bench.driver.stop))
+            stopping[0].start()
+        return read(longest_s)
+
+    bench.link.read = stopped
+    bench.guarded.turn_to(0, 200 * DEG, 30 * DEG)
+    stopping[0].join()
+    assert bench.comes_to_rest()
+    assert bench.motor()[0] < 10 * DEG
+
+
+def test_the_end_of_the_program_stops_it(monkeypatch):
+    """Without ``__exit__``: what is registered for the end of the program."""
+    registered = []
+    monkeypatch.setattr("atexit.register", registered.append)
+    bench = turning()
+    bench.guarded.__enter__()
+    bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
+    bench.clock.sleep(1)
+    (at_exit,) = registered
+    at_exit()
+    assert bench.comes_to_rest()
+    assert bench.motor()[0] < 12 * DEG
+    bench.guarded.__exit__(None, None, None)
+
+
+class FastClock(HostClock):
+    """30 s in each second."""
+
+    def now_s(self):
+        return 30 * super().now_s()
+
+    def sleep(self, seconds):
+        super().sleep(seconds / 30)
+
+
+def test_a_program_that_does_not_look_any_more_is_stopped_for():
+    clock = FastClock()
+    virtual = VirtualTable(TABLE, None, clock)
+    virtual.feed()  # it was switched on before its port is opened
+    table = Guarded(open_table(TABLE, None, VirtualLink(virtual, clock), clock), clock)
+    table.confirm([Move.to(0, 200 * DEG, 0.1 * DEG)], None, lambda line: None)
+    with table:
+        table.turn_to(0, 200 * DEG, 0.1 * DEG)
+        until(lambda: virtual.tracks[0].busy_until_s < 1500)  # without a stop it would turn for 2000 s
+        table.stop()
 
 
 def test_signals_wait_until_it_has_stopped():

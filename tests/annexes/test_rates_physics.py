@@ -2,17 +2,15 @@
 
 import dataclasses
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from conftest import broad
 from scipy.integrate import quad
 from scipy.stats import f as f_distribution
 from scipy.stats import multivariate_normal
 
 from tinygc.annexes.rates import curve as curves
-from tinygc.annexes.rates.choice import LINE, Choice, chance, choose, score
+from tinygc.annexes.rates.choice import EXTRA_GAIN, LINE, Choice, chance, choose, score
 from tinygc.annexes.rates.curve import Shape, fit_curve
 from tinygc.annexes.rates.fitting import fit, floor, over_rate
 from tinygc.annexes.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
@@ -269,14 +267,9 @@ ONE_OF = {
 }
 
 
-@cache
-def chosen(name):
-    return choose(measured(ONE_OF[name][0], UP if name == "clip" else BOTH_WAYS))
-
-
-@pytest.mark.parametrize("name", [broad("clip"), "two slopes"])
-def test_the_law_is_found(name):
-    assert chosen(name).fit.hypothesis.name == ONE_OF[name][1]
+def test_two_slopes_are_found():
+    of, name = ONE_OF["two slopes"]
+    assert choose(measured(of)).fit.hypothesis.name == name
 
 
 def test_hysteresis_is_found_where_the_rates_go_both_ways():
@@ -403,6 +396,42 @@ SCALE, FINE_NOISE = 0.02, 1.5e-3
 def fine(of, rate=FINE_TWICE, noise=FINE_NOISE, seed=1, sigma=None):
     output = of(rate) + noise * np.random.default_rng(seed).normal(size=len(rate))
     return points_of("sensor", "V", rate, output, ["one"] * len(rate), sigma)
+
+
+def kink(K=0.015, low=-1.71, high=1.92, at=120.0, off=0.031):
+    """A line in three curves, clipped; the one reading between the last sound rate, 100 °/s, and the clip is off."""
+    rng = np.random.default_rng(5)
+    rate = np.concatenate([np.linspace(-m, m, 11) for m in (75, 150, 250)])
+    output = np.clip(K * rate, low, high) + 1e-4 * rng.normal(size=33) + off * (rate == at)
+    return points_of("s", "V", rate, output, np.repeat(["75", "150", "250"], 11).tolist())
+
+
+def test_one_reading_makes_no_kink_and_no_nonlinearity():
+    """The evidence is for one reading that is off, also at the price of an extra."""
+    points = kink()
+    choice = given(points, Hypothesis("line", True, True, apart=int(np.flatnonzero(points.rate_dps == 120)[0])))
+    unit = np.sqrt(fit(points, LINE).chi_square / len(points))
+    assert score(choice.fit, unit) + EXTRA_GAIN < score(fit(points, Hypothesis("pieces", True, True)), unit)
+    assert "the reading at 120 °/s is off, or there is a kink from 100 °/s on, which no reading determines" in " ".join(lines(choice))
+    found = rows_of(choice)
+    assert found["nonlinearity"].value is None
+    assert found["nonlinearity"].at_most < 300
+    assert "within −114 to 100 °/s" in found["nonlinearity"].condition
+    assert found["linear_low"].value == pytest.approx(-114.0, abs=0.05)
+    assert (found["linear_high"].value, found["linear_high"].sigma, found["linear_high"].at_most) == (None, None, None)
+    assert found["linear_high"].condition == "not determined, 100 to 150 °/s: the reading at 120 °/s is off"
+
+
+def test_a_kink_that_one_reading_shows_has_no_place():
+    choice = given(kink(), Hypothesis("pieces", True, True))
+    by_name = {each.name: each for each in choice.fit.numbers}
+    for name in ("w1", "h"):
+        assert by_name[name].value is by_name[name].sigma is None
+    assert by_name["w1"].between == (pytest.approx(100, abs=3), pytest.approx(120, abs=3))
+    assert by_name["K"].sigma == pytest.approx(4.5e-7, rel=0.4)
+    rows = rows_of(choice)
+    assert rows["linear_high"].value is rows["nonlinearity"].value is None
+    assert "not determined" in rows["linear_high"].condition
 
 
 def test_what_one_reading_that_is_off_leaves_open():

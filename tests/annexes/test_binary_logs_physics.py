@@ -236,8 +236,9 @@ def test_ulog_fifo_samples_have_their_own_stamps_and_scale(tmp_path, steady):
 
 
 def test_ulog_rows_with_impossible_stamps_are_left_out(tmp_path):
-    rows = [("sensor_combined", 0, (t, 0, 0, 1, 5000, 0, 0, 0, -9.8, 5000)) for t in (1000, 2**63, 3000)]
+    rows = [("sensor_combined", 0, (t, 0, 0, 1, 5000, 1, 0, 0, -9.8, 5000)) for t in (1000, 2**63, 3000)]
     stream = one(ulog_file(tmp_path, rows))
+    assert any("the accelerometer's samples are +1 us from the gyroscope's" in note for note in stream.notes)
     np.testing.assert_array_equal(stream.t_ns, [1_000_000, 3_000_000])
     assert any("1 rows with stamps that are no time" in note for note in stream.notes)
 
@@ -384,6 +385,18 @@ def test_dataflash_says_what_it_passed_over(tmp_path):
     assert f"the log is damaged at byte {middle}: 7 bytes that hold no message are passed over" in stream.notes
 
 
+def test_dataflash_units_are_those_of_its_own_records_or_documented(tmp_path):
+    """A multiplier of the angular rates alone; without FMTU, what ArduPilot documents."""
+    path = tmp_path / "a.BIN"
+    written.write_ardupilot(path, *RECORDING)
+    path.write_bytes(path.read_bytes().replace(b"F" + b"-" * 14, b"F-FFF" + b"-" * 10))
+    assert (one(path, "IMU[0]").gyro_unit, one(path, "IMU[0]").accel_unit) == ("1e-06rad/s", "m/s2")
+    written.write_ardupilot(path, *RECORDING, units=False)
+    stream = one(path, "IMU[0]")
+    assert (stream.gyro_unit, stream.accel_unit) == ("rad/s", "m/s2")
+    assert "the unit of GyrX is taken as ArduPilot documents it" in stream.notes
+
+
 def test_dataflash_agrees_with_pymavlink(tmp_path):
     """Another program's answer."""
     reader = pytest.importorskip("pymavlink.DFReader")
@@ -450,6 +463,10 @@ def test_blackbox_header_without_its_interval_has_the_default(tmp_path):
         ("Gyroscope X (deg/s)", "gyro", 0, "deg/s", ""),
         ("gyro0_y", "gyro", 1, "", "0"),
         ("w", "gyro", None, "", ""),
+        ("wz", "gyro", 2, "", ""),
+        ("gyrox", "gyro", 0, "", ""),
+        ("imu_angular_velocity.x", "gyro", 0, "", "imu"),
+        ("imu gyro data", "gyro", None, "", "imu"),
         ("accelerometer_m_s2[2]", "accel", 2, "m/s2", ""),
         ("lin_acc", "accel", None, "", ""),
         ("AccZ", "accel", 2, "", ""),
@@ -510,7 +527,7 @@ def test_what_is_not_clear_is_listed(arrays, said, tmp_path):
 
 def test_columns_name_whole_arrays(tmp_path):
     path = npz(tmp_path, one=T_NS * 1e-9, two=GYRO, three=ACCEL, four=TEMP)
-    text = "t_s=one,gyro_dps=two,accel_mps2=-three,temp_c=four"
+    text = "t_s=one,gyro_dps=two,accel_mps2=-3,temp_c=four"  # by its name or its place
     (topic,) = numpy_file.topics(path, text)
     assert (topic.name, topic.holds, topic.columns) == ("columns", ("gyro", "accel", "temp"), ("one", "two", "three", "four"))
     (stream,) = numpy_file.read(path, [], text)
@@ -597,3 +614,25 @@ def test_matlab_agrees_with_scipy(tmp_path):
     assert ours["nested.inner.word"] == "rad/s"
     np.testing.assert_array_equal(ours["nested.y"].ravel(), file["nested"]["y"])
     np.testing.assert_array_equal(ours["cells[0]"].ravel(), np.arange(4.0))
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_matlab_of_both_byte_orders(order, tmp_path):
+    """Elements by hand: numbers column by column, a text of two bytes a letter, a small element."""
+
+    def element(kind, body):
+        return struct.pack(order + "II", kind, len(body)) + body + bytes(-len(body) % 8)
+
+    def matrix(name, kind, shape, body):
+        sizes = struct.pack(f"{order}{len(shape)}i", *shape)
+        small = struct.pack(order + "I", 1 | len(name) << 16) + name.ljust(4, b"\0")
+        return element(14, element(6, struct.pack(order + "II", kind, 0)) + element(5, sizes) + small + body)
+
+    values = np.arange(6.0).reshape(2, 3)
+    numbers = matrix(b"a", 6, (2, 3), element(9, values.T.astype(order + "f8").tobytes()))
+    word = matrix(b"unit", 4, (1, 3), element(17, "°/s".encode("utf-16-le" if order == "<" else "utf-16-be")))
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(order + "H", 0x0100) + (b"IM" if order == "<" else b"MI")
+    (tmp_path / "a.mat").write_bytes(head + numbers + word)
+    found = dict(matlab._variables(tmp_path / "a.mat", notes := []))
+    assert (list(found), found["unit"], notes) == (["a", "unit"], "°/s", [])
+    np.testing.assert_array_equal(found["a"], values)

@@ -20,7 +20,7 @@ from tinygc.annexes.temperature.rest_simulation import write_rest
 @pytest.fixture(scope="module")
 def rests(tmp_path_factory):
     """A folder of one rest log, fitted by nobody yet; read only."""
-    options = RestOptions(cycles=2.0, cycle_s=900.0, cold_c=5.0, warm_c=55.0, lag_s=25.0, slope_dps_per_c=0.034)
+    options = RestOptions(cycles=2.0, cycle_s=450.0, cold_c=5.0, warm_c=55.0, lag_s=25.0, slope_dps_per_c=0.034)
     return write_rest(options, SimulationOptions(odr_hz=62.5, seed=3), tmp_path_factory.mktemp("rest") / "rests")
 
 
@@ -44,7 +44,7 @@ def test_the_numbers_are_the_truths_and_applied_nothing_is_left(fitted, tmp_path
     code, _, err = run("apply", folder / "fit" / "model_thermal.json", folder / "rest0001.csv.gz", "-o", out, "--unit", "dps")
     assert code == 0, err
     rates = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2, 3))
-    assert np.abs(rates[: len(rates) // 4000 * 4000].reshape(-1, 4000, 3).mean(axis=1)).max() < 0.01
+    assert np.abs(rates[: len(rates) // 2000 * 2000].reshape(-1, 2000, 3).mean(axis=1)).max() < 0.01
 
 
 def test_export_takes_the_only_model_that_there_is(fitted, tmp_path, run):
@@ -98,7 +98,7 @@ def days(tmp_path_factory):
     """Two sessions of one unit: one with a full matrix that turns its frame, the other without a calibration; read only."""
     top = tmp_path_factory.mktemp("frames")
     for name, seed in (("turned", 1), ("bare", 2)):
-        options = ["--segments", "12", "--closure", "0", "--odr-hz", "104", "--quiet", "--unit-seed", "9"]
+        options = ["--segments", "8", "--closure", "0", "--odr-hz", "62.5", "--quiet", "--unit-seed", "9"]
         assert calibrate.main(["simulate", "--out", str(top / name), "--seed", str(seed), *options]) == 0
     text = (top / "turned" / "session.toml").read_text()
     matrix = (TURN @ np.array(tomllib.loads(text)["accelerometer"]["matrix"])).tolist()

@@ -102,13 +102,14 @@ def test_parameters_are_in_their_units_with_what_the_effect_is_known_to():
 
 
 def test_an_axis_is_said_from_three_sigmas_on_or_as_the_surest():
-    theta = np.array([0.3, 0.2, 0.1]) * DEG
-    for sigmas, said in (((3.01, 3.01, 2.99), [1, 1, 0]), ((2.5, 2.9, 2.8), [0, 1, 0]), ((2.9, 3.1, 9.0), [0, 1, 1])):
+    theta = np.array([0.1, 0.2, 0.3]) * DEG
+    for sigmas, said in (((3.01, 3.01, 2.99), [1, 1, 0]), ((2.5, 2.9, 2.8), [0, 1, 0]), ((9.0, 3.1, 2.9), [1, 1, 0])):
         sigma = theta / sigmas
-        assert described(STEP, theta, np.diag(sigma**2)) == STEP.describe(theta * said)
-        assert truth_claim(STEP, theta, sigma, 0.01).says == STEP.describe(theta * said)
-    bare = truth_claim(STEP, theta, None, 0.01)
-    assert (bare.says, bare.probability) == (STEP.describe(theta), 1.0)
+        assert "0.200 dps on y" in DRIFT.describe(theta * said)
+        assert described(DRIFT, theta, np.diag(sigma**2)) == DRIFT.describe(theta * said)
+        assert truth_claim(DRIFT, theta, sigma, 0.01).says == DRIFT.describe(theta * said)
+    bare = truth_claim(DRIFT, theta, None, 0.01)
+    assert (bare.says, bare.probability) == (DRIFT.describe(theta), 1.0)
     for name in ("earth.rotation", "gyro.bandwidth"):  # what follows from all parameters in common is left alone
         theta = np.array([0.3, 0.01, -0.8]) * EFFECTS[name].parameter.plausible
         assert described(EFFECTS[name], theta, np.diag((10 * theta) ** 2)) == EFFECTS[name].describe(theta)

@@ -349,11 +349,9 @@ def test_what_does_not_go_together_is_refused_in_one_line(tmp_path, capsys):
     out = ["-o", tmp_path / "out.csv", "--quiet"]
     for words, says in (
         (["apply", path, array / "log0001.unit0.csv", *out], "no folder"),
-        (["apply", path, array, *out, "--session", array], "--session is for one sensor"),
         (["apply", path, array, *out], "2 logs; give --which one of log0001, log0002"),
         (["apply", path, array, *out, "--which", "log0002"], "logs of units 0, 2, the model has units 0, 1, 2"),
         (["export", path, "--to", "json"], "array.json: an array, and an export holds one sensor; give one unit a folder of its own"),
-        (["export", array, "--to", "json"], "array: an array, and an export holds one sensor; give one unit a folder of its own"),
     ):
         assert calibrate.main([*map(str, words)]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()

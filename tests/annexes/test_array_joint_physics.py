@@ -341,7 +341,6 @@ SAME, WEAK = {"turn": 30.0, "undersampled": 30.0}, {"turn": chi2.isf(0.0501, 1),
             {"gains": WEAK, "common_upper": 0.7 * DEG},
             "undecided whether turns have more than noise in common: 0.5° rms a turn, below 0.7° with 95 % (p = 0.05)",
         ),
-        ({"gains": WEAK}, "0.5° rms a turn (p = 0.05)"),  # no limit was found
     ],
 )
 def test_the_words_say_size_cause_and_what_of_the_prediction_was_found(changed, words):

@@ -45,11 +45,9 @@ def movement():
     [
         (LawForm((Factor("force"), Factor("temperature"))), "dps/(g·°C)"),
         (LawForm((Factor("temperature_rate"),)), "dps·s/°C"),
-        (LawForm((Factor("force", "square"),), "full"), "dps/g²"),
         (LawForm((Factor("rest", "root"), Factor("sense"))), "dps/√s"),
         (LawForm((Factor("rest", "decay", 3.0), Factor("sense"))), "dps"),
         (LawForm((Factor("jerk"), Factor("vibration"))), "dps·s²/g²"),
-        (LawForm((Factor("vibration", "root"), Factor("rate"))), "dps/g"),
         (LawForm((Factor("turned", "root_cube"),)), "dps/rad^1.5"),
     ],
 )
@@ -252,7 +250,6 @@ def loaded(folder: Path, form, dps, **where):
     [
         LawForm((Factor("rate", "excess", 0.3), Factor("temperature", "dead_zone", 2.0))),
         LawForm((Factor("rate", "within", 0.2), Factor("rate", "dead_zone", 0.1)), "leant"),
-        LawForm((Factor("rate", "size"), Factor("temperature")), "full"),
     ],
 )
 def test_a_law_of_sums_and_products_has_c_that_does_what_the_law_says(form, tmp_path):

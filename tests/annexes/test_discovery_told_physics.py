@@ -53,7 +53,7 @@ def e(folder):
 
 
 @pytest.mark.broad
-def test_a_law_that_is_hidden_is_found_shown_and_written(tmp_path, monkeypatch):
+def test_a_law_that_is_hidden_is_found_and_shown(tmp_path, monkeypatch):
     monkeypatch.setattr(engine, "enumerated", lambda largest: FORMS)
     first = hidden("cross", tmp_path / "first", segments=16, warm_up_c=0.0)
     e = explain_session(first)
@@ -69,8 +69,6 @@ def test_a_law_that_is_hidden_is_found_shown_and_written(tmp_path, monkeypatch):
             assert np.sqrt(np.mean((points.left / points.sigma) ** 2)) < 1.8
             at_them = curve(main_of(pair.law.form), points.x, pair.own.theta[list(series.entries)]) / DEG
             assert len(points.x) == len(at_them) >= 5
-    saved = DiscoveryReport(e, answer).save(tmp_path / "explain")
-    assert "EFFECT = Effect(" in (tmp_path / "explain" / "effects" / "discovered_force_rate_next.py").read_text(encoding="utf-8"), saved
 
 
 # Said.
@@ -262,10 +260,7 @@ def test_no_equation_is_said_too_and_nothing_where_nothing_was_searched_or_the_l
     ("key", "value", "says"),
     [
         ("parameters", {"dps": [1, 2]}, "dps has shape 2, expected 3 numbers"),
-        ("parameters", {"dps": [[1, 2], [3, 4]]}, "dps has shape 2 x 2, expected 3 x n numbers"),
-        ("parameters", 3, "is 3, expected a table"),
         ("std", {"other": [1, 2, 3]}, "std is not of its parameters"),
-        ("std", {"dps": [[1, 2]] * 3}, "std is not of its parameters"),
         ("held_out", [{}], "before_deg is missing"),
         ("equation", None, "equation is null, expected text"),
         ("runners_up", [3], "is 3, expected a table"),

@@ -12,14 +12,13 @@ from formats_page import strangers
 from numpy.testing import assert_allclose
 from scipy import optimize, stats
 
-import calibrate
 import tinygc
 from session.io.results import write_whole
 from session.io.units import DEG, G
 from tinygc import CalibrationError
 from tinygc.annexes.lots import fit as lots_fit
 from tinygc.annexes.lots.estimate import FAMILY_P, estimate, family
-from tinygc.annexes.lots.fit import _belonging, _require_usable, fit_with_lot, prior_of
+from tinygc.annexes.lots.fit import _belonging, _require_usable, fit_with_lot, prior_of, require_possible
 from tinygc.annexes.lots.lot import (
     NAMES,
     OWN,
@@ -238,7 +237,7 @@ def moved(results, serial, by):
 
 def test_odd_units_are_said_the_least_probable_first_with_the_numbers_to_blame():
     bias = 12.0 * (np.arange(COUNT) == 10)
-    results = moved(simulated_lot(100, 1, [1, 3]), "serial 00011", bias)
+    results = moved(simulated_lot(60, 1, [1, 3]), "serial 00011", bias)
     results = moved(results, "serial 00020", 16 * np.isin(np.arange(COUNT), [0, 2, 4, 6, 8, 10, 20]))
     lot = lot_sessions(results)
     first, second = outliers(lot, estimate(lot))
@@ -494,7 +493,6 @@ def test_the_noise_of_a_recording_takes_the_place_of_the_floor(recorded, problem
         (0.05, False, "no", False),
         (0.0501, False, "partly", True),
         (0.9998, False, "yes", True),
-        (0.9999, False, "yes", False),
         (0.05, True, "no", False),
         (0.9499, True, "partly", True),
         (0.95, True, "yes", False),
@@ -563,20 +561,7 @@ def test_four_turns_fit_with_a_lot_and_a_unit_that_does_not_belong_is_left_alone
     assert max(table["lot"]["share"]) > 0.5
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        ("--lot AT/broken.json", "broken JSON"),
-        ("--lot AT/none.json", "none.json"),
-        ("--lot AT/lot.json --physics auto", "--physics fits without a lot's prior"),
-        ("--lot AT/lot.json --bias-per-log", "--bias-per-log fits without a lot's prior"),
-        ("", "4 usable segments, expected at least 7"),
-    ],
-)
-def test_options_without_a_prior_are_refused_in_one_line(tmp_path, words, says, capsys):
-    folder = session_of_unit(tmp_path / "session", DRAWN, 4)
-    write_whole(tmp_path / "lot.json", _lot_table(lot()))
-    (tmp_path / "broken.json").write_text('{"schema": "tinygc-lot/3"')
-    assert calibrate.main(["fit", str(folder), *words.replace("AT", str(tmp_path)).split(), "--methods", "least_squares", "--quiet"]) == 2
-    (error,) = capsys.readouterr().err.strip().splitlines()
-    assert says in error
+@pytest.mark.parametrize(("options", "says"), [({"physics": "auto"}, "--physics fits"), ({"bias_per_log": True}, "--bias-per-log fits")])
+def test_options_without_a_prior_are_refused(options, says):
+    with pytest.raises(CalibrationError, match=f"{says} without a lot's prior"):
+        require_possible(FitOptions(**options))

@@ -8,7 +8,20 @@ import pytest
 from session.io.clock import exact_ns
 from session.io.errors import DataError
 from session.io.pace import pace_of
-from session.io.stamps import COUNTER, Unroll, _span_of_counter, along_line, bad_stamps, evenly, fresh, placed_between, written_once
+from session.io.stamps import (
+    COUNTER,
+    DAY_NS,
+    PARTS,
+    Unroll,
+    _span_of_counter,
+    along_line,
+    bad_stamps,
+    evenly,
+    fresh,
+    lasting_gaps,
+    placed_between,
+    written_once,
+)
 
 
 def steps(*periods, period=10_000):
@@ -208,6 +221,11 @@ def test_samples_are_counted_along_stamps_that_scatter(rate_hz, jitter_s):
     (slope, _), covariance = np.polyfit(count, (stamps - stamps[0]) * 1e-9, 1, cov=True)
     assert (even.hz, even.sigma_ppm) == (pytest.approx(1 / slope), pytest.approx(np.sqrt(covariance[0, 0]) / slope * 1e6, rel=0.4))
     assert np.ptp(even.t_ns * 1e-9 - true_s) < 2e-4
+    off_s = (stamps - even.t_ns) * 1e-9
+    assert (off_s.mean(), even.scatter_s) == (pytest.approx(0, abs=1e-9), pytest.approx(off_s.std(), rel=1e-5))
+    apart = count - count.mean()
+    parts = [part.sum() for part in np.array_split(apart * off_s, PARTS)]
+    assert even.sigma_ppm == pytest.approx(np.linalg.norm(parts) / (apart @ apart) * even.hz * 1e6, rel=1e-4)
 
 
 @pytest.mark.parametrize(("begins", "size"), [(0, 7), (120_000, 40), (120_000, 3)])
@@ -221,12 +239,43 @@ def test_a_counter_that_comes_round_is_carried_on_piece_after_piece(begins, size
         assert unroll.wraps == stamps[-1] // span - stamps[0] // span
 
 
+@pytest.mark.parametrize(
+    ("begins", "span", "falls"), [(0, DAY_NS, 1.0), (-DAY_NS // 2, DAY_NS, 1.0), (0, DAY_NS, 0.86), (10**18, DAY_NS, 1.0)]
+)
+def test_a_clock_comes_round_within_its_span_or_not_at_all(begins, span, falls):
+    """Of a day, with the samples of up to an eighth of it missing; nanoseconds of an epoch are no clock of a day."""
+    before = begins + span - 10**10 * np.arange(4, 0, -1)
+    after = before[-1] - round(span * falls) + 10**10 * np.arange(1, 5)
+    unroll = Unroll(DAY_NS, None)
+    step = np.diff(unroll(np.concatenate([before, after])))[3]
+    fall = after[0] - before[-1]
+    counts = begins < 10**18 and (fall + span <= span / 8)
+    assert (step, unroll.wraps) == (fall + span * counts, int(counts))
+
+
+@pytest.mark.parametrize("rows", [40, 200])
+def test_a_gap_lasts_and_is_as_long_as_what_it_lacks(rows):
+    """More than one and a half periods, in a few rows by the steps and in many by the least late around."""
+    middle = rows // 2
+    for step, found in ((2.4, []), (2.6, [(middle - 1, pytest.approx(0.016))])):
+        t_ns = 10**7 * np.arange(rows)
+        t_ns[middle:] += round((step - 1) * 10**7)
+        assert [*zip(*lasting_gaps(t_ns, 0.01), strict=True)] == found
+    caught_up = 10**7 * np.arange(rows)
+    caught_up[middle : middle + 3] = caught_up[middle + 3] - np.array([3, 2, 1])
+    assert len(lasting_gaps(caught_up, 0.01)[0]) == (rows == 40)
+
+
 def test_single_bad_stamps_rows_that_repeat_and_rows_that_share_a_stamp():
     t_ns = 10 * np.arange(200)
     for value in (0, 10**6):
         bad = t_ns.copy()
         bad[[70, 90]] = value
         assert bad_stamps(bad).tolist() == [70, 90]
+    for apart, single in ((15, False), (16, True), (50, True), (51, False)):  # one and a half to five usual steps
+        bad = t_ns + (np.arange(200) > 70) * (apart - 20)
+        bad[70] = 0
+        assert len(bad_stamps(bad)) == single
     swapped, many = t_ns.copy(), t_ns.copy()
     swapped[[70, 71]], many[10:190:9] = swapped[[71, 70]], 10**6
     assert len(bad_stamps(swapped)) == len(bad_stamps(many)) == 0

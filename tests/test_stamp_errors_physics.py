@@ -4,10 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import Table
+from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from session.detect.stamp_errors import StampErrors, angle_rms, moved_by_stamps, rate_pieces, stamp_errors
+from session.detect.stamp_errors import (
+    StampErrors,
+    about_lines,
+    angle_rms,
+    even_pieces,
+    moved_by_stamps,
+    rate_pieces,
+    stamp_errors,
+)
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc import closure
@@ -102,12 +110,82 @@ def test_lost_samples_are_no_scatter():
     assert errors.scatter_s * errors.share**0.5 < 1e-5
 
 
+def test_off_lines_of_a_bent_clock():
+    """Stamps a k^2 are off a line through r rows on either side by a r (r + 1) / 3, whatever their rate."""
+    count, reach = np.arange(60), np.minimum(7, np.minimum(np.arange(60), np.arange(60)[::-1]))
+    off = about_lines(5_000 + 2_000_000 * count + 300 * count**2, count, 7)
+    np.testing.assert_allclose(off, -300e-9 * reach * (reach + 1) / 3, atol=1e-15)
+
+
+def test_scatter_and_what_the_readings_followed_by_numpy_and_scipy():
+    """A slope over nine rows, fourth differences, sums of sixteen rows and three axes; rows behind the last whole sixteen do not count."""
+    rng, count = np.random.default_rng(8), np.arange(127)
+    stamps = 10_000_000 * count + 2000 * rng.integers(-500, 500, 127)
+    gyro = np.cumsum(rng.normal(size=(127, 3)), axis=0) * np.clip(np.minimum(count, count[::-1]) / 20, 0, 1)[:, None]
+    samples = Samples(stamps, gyro, np.zeros_like(gyro))
+    errors, period_s = stamp_errors(samples, 0.2), samples.period_s
+    off = about_lines(stamps, count, 20)
+    np.testing.assert_allclose(errors.covariance, np.correlate(off, off, "full")[126:147] / 127, rtol=1e-9, atol=1e-15)
+    assert (errors.grid_s, errors.scatter_s) == (pytest.approx(2e-6), pytest.approx(np.sqrt(np.mean(off**2))))
+    slope = savgol_filter(gyro, 9, 1, deriv=1, delta=period_s, axis=0, mode="constant")
+    went, read = (np.diff(each, 4, axis=0) / 6 for each in (slope * off[:, None], gyro))
+    power, product = ((each[:112] * went[:112]).reshape(7, -1).sum(axis=1) for each in (went, read))
+    followed = product.sum() / power.sum()
+    assert (errors.followed, errors.sigma) == (
+        pytest.approx(followed, rel=1e-6),
+        pytest.approx(np.linalg.norm(product - followed * power) / power.sum(), rel=1e-6),
+    )
+
+
+@pytest.mark.parametrize(("period_ns", "tick_ns"), [(10**7, 1), (1_200_000, 10**6)])
+def test_even_pieces_end_at_gaps_and_at_changes_and_count_single_losses(period_ns, tick_ns):
+    """Of a coarse clock a single loss is a gap; a second on either side of a change is left out."""
+    kept = np.ones(6000, dtype=bool)
+    kept[500], kept[3000:3100], coarse = False, False, tick_ns > 1
+    t_ns = (period_ns * np.arange(6000))[kept] // tick_ns * tick_ns
+    samples = Samples(t_ns, np.zeros((len(t_ns), 3)), np.zeros((len(t_ns), 3)))
+    assert samples.pace.coarse == coarse
+
+    def ends(*rates):
+        return [(piece.start, piece.stop, count[0], count[-1] - len(count) + 1) for piece, count in even_pieces(samples, rates)]
+
+    whole, margin = len(t_ns), round(1 / samples.period_s)
+    first = [(0, 500, 0, 0), (500, 2999, 0, 0)] if coarse else [(0, 2999, 0, 1)]
+    assert ends((0, whole)) == [*first, (2999, whole, 0, 0)]
+    assert ends((0, 2500), (2500, whole)) == [
+        *[(start, min(stop, 2500 - margin), *counts) for start, stop, *counts in first],
+        *([(2500 + margin, 2999, 0, 0)] if 2500 + margin < 2999 else []),
+        (max(2999, 2500 + margin), whole, 0, 0),
+    ]
+    assert ends((0, margin + 19)) == []
+
+
+def test_the_rate_of_a_log_is_that_of_parallel_lines():
+    """By numpy: one slope, a start for each of two pieces; the sigma is that of errors that go together."""
+    rng, count = np.random.default_rng(9), np.r_[:400, 450:700]
+    t_s = 0.01 * count + rng.normal(0, 2e-4, len(count))
+    samples = of(t_s - t_s[0], np.zeros((len(count), 3)))
+    (piece,) = rate_pieces(samples)
+    design = np.column_stack([count, count < 400, count >= 400]).astype(float)
+    (slope, *_), (left,), *_ = np.linalg.lstsq(design, t_s, rcond=None)
+    square = sum(np.var(part) * len(part) for part in (count[:400], count[400:]))
+    assert (piece.start, piece.stop, piece.hz) == (0, 650, pytest.approx(1 / slope, rel=1e-8))
+    assert piece.sigma_hz == pytest.approx(np.sqrt(left / square) / slope**2, rel=1e-5)
+    (short,) = rate_pieces(of(np.arange(10) * 0.01, np.zeros((10, 3))))
+    assert (short.hz, short.sigma_hz) == (pytest.approx(100), np.inf)
+
+
+def test_a_change_of_a_log_of_a_few_rows_a_minute_is_found_to_the_row():
+    slow, slower = rate_pieces(of(np.cumsum([0.0] + [4.0] * 149 + [5.0] * 150), np.zeros((300, 3))))
+    assert (slow.hz, slower.hz, slow.stop, slower.start) == (pytest.approx(0.25), pytest.approx(0.2), 149, 149)
+
+
 def test_the_angle_of_a_log_is_that_of_its_turns():
-    """White jitter on a table's session: rms over its segments, by the sums of squares of the changes of the rate."""
-    samples = Table().tumble(16, seed=5).samples()
-    change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
-    expected = 1e-3 * np.sqrt((change**2).sum(axis=0).max() / samples.duration_s * 5.0)
-    assert angle_rms(samples, replace(white(1e-3, 9), period_s=samples.period_s), 5.0) == pytest.approx(expected, rel=0.01)
+    """White jitter: by the sums of squares of the changes of the rate, of the worst axis."""
+    gyro = np.random.default_rng(5).normal(size=(25, 3)) * [1, 2, 1]
+    change = (gyro[2:] - gyro[:-2]) / 2
+    expected = 1e-3 * np.sqrt((change**2).sum(axis=0).max() / 0.25 * 5.0)
+    assert angle_rms(of(np.arange(25) * 0.01, gyro), white(1e-3), 5.0) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("rate_hz", "slower", "jitter_s"), [(100.0, 0.08, 0.0), (52.0, 0.002, 0.0), (93.4, 0.03, 2e-3)])

@@ -1,10 +1,13 @@
-"""Units as people write them, and headings that say by themselves what their columns are."""
+"""Units as people write them, headings that say by themselves what their columns are, and the column that is the clock."""
 
+import numpy as np
 import pytest
 from conftest import DEG
 
-from session.io.headings import usual_columns
-from session.io.units import G, parse_unit
+from session.io.clock import exact_ns, find_clock, holds_intervals
+from session.io.errors import FormatError
+from session.io.headings import name_and_unit, spread, usual_columns
+from session.io.units import BEYOND, LONGEST, LONGEST_NS, G, beyond_any_sensor, endings, parse_unit
 
 
 @pytest.mark.parametrize(
@@ -16,6 +19,9 @@ from session.io.units import G, parse_unit
         *(("gyro", text, si) for text, si in (("0.061 dps", 0.061 * DEG), ("rpm", 6 * DEG), ("lsb", None))),
         *(("accel", text, 1.0) for text in ("m/s/s", "m/s2", "m·s⁻²", "m/s**2")),
         ("accel", "g/2048", G / 2048),
+        ("accel", "2.5e-1 g", G / 4),
+        *(("time", text, si) for text, si in (("0.001ns", 0.001), ("1.5ns", 1.5), (f"{LONGEST_NS - 8}ns", LONGEST_NS - 8))),
+        ("gyro", " " * (LONGEST - 3) + "dps", DEG),
     ],
 )
 def test_units(kind, text, si):
@@ -23,7 +29,18 @@ def test_units(kind, text, si):
 
 
 @pytest.mark.parametrize(
-    ("kind", "text"), [("time", "lsb"), ("time", "fortnight"), ("gyro", "g"), ("accel", "0g"), ("gyro", "dps/0"), ("time", "0.0001ns")]
+    ("kind", "text"),
+    [
+        ("time", "lsb"),
+        ("time", "fortnight"),
+        ("gyro", "g"),
+        ("accel", "0g"),
+        ("gyro", "dps/0"),
+        ("time", "0.0001ns"),
+        ("time", f"{LONGEST_NS}ns"),
+        ("gyro", "1e999dps"),
+        ("gyro", " " * (LONGEST - 2) + "dps"),
+    ],
 )
 def test_no_units(kind, text):
     assert parse_unit(kind, text) is None
@@ -49,3 +66,114 @@ def test_columns_are_known_by_their_names_or_units(head, gyro):
 )
 def test_a_files_name_says_whose_axes_it_holds(file, letter):
     assert set(usual_columns(("t", "x", "y", "z"), file)) == ({f"{letter}{axis}" for axis in "xyz"} if letter else set())
+
+
+def test_what_no_sensor_measures_and_the_units_of_a_standard_log():
+    for kind, si in (("gyro", DEG), ("accel", G)):
+        edge = BEYOND[kind] / si
+        assert beyond_any_sensor(np.array([1.0001, -1.0001, 0.9999, 0]) * edge, si, kind).tolist() == [True, True, False, False]
+    assert (BEYOND["gyro"] / DEG, BEYOND["accel"] / G) == (pytest.approx(1e5), pytest.approx(1e4))
+    assert {ending: unit.si for ending, unit in endings("gyro").items()} == {"": None, "_dps": DEG, "_rps": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "unit"),
+    [
+        ("Gyro X (deg/s)", "gyro x", "deg/s"),
+        ("a / (m/s²)", "a", "m/s²"),
+        ("a in m/s²", "a", "m/s²"),
+        ("X (1) [dps]", "x (1)", "dps"),
+        ("Gyro (2)", "gyro (2)", ""),
+        ("temp, c", "temp", "c"),
+        ("made in Japan", "made in japan", ""),
+    ],
+)
+def test_the_unit_that_stands_behind_a_name(text, name, unit):
+    assert name_and_unit(text) == (name, unit)
+
+
+def test_one_name_for_three_columns_is_spread():
+    assert spread(("t", "Gyro (z,-x,y) [rad/s]", "1", "2", "b")) == ("t", "Gyro z [rad/s]", "Gyro -x [rad/s]", "Gyro y [rad/s]", "b")
+    assert spread(("a", "1", "2")) == ("a x", "a y", "a z")
+    assert spread(("a", "1", "3")) == ("a", "1", "3")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit_ns", "ns"),
+    [
+        ("12", 1000, 12_000),
+        (' "1.25" ', 10**9, 1_250_000_000),
+        ("0.0000000015", 10**9, 2),
+        ("7", 15.625, 109),
+        ("01:02:03.5", 1, 3_723_500_000_000),
+        ("2026-03-29T01:30:00+02:00", 1, 84_600 * 10**9),
+        ("23:30:00-0130", 1, 3600 * 10**9),
+        ("5:00:00 Z", 1, 18_000 * 10**9),
+        ("9" * 30, 10**9, int("9" * 30) * 10**9),
+    ],
+)
+def test_a_time_to_the_nanosecond(text, unit_ns, ns):
+    """The zone's time of day in UTC; halves go to the even one."""
+    assert exact_ns(text, unit_ns) == ns
+
+
+# The clock among the columns
+
+TIMES_S = np.arange(300) / 105.4
+
+
+def ticks(unit_s, begins=0):
+    return np.rint(TIMES_S / unit_s).astype(int) + begins
+
+
+def clock_of(names, *columns, odr_hz=None, stated=None, before=()):
+    rows = [[str(cell) for cell in row] for row in zip(*columns, strict=True)]
+    found = find_clock(rows, names.split(","), (), odr_hz, stated, "x", before)
+    return found and (found.column, found.unit, found.known)
+
+
+CLOCKS = [
+    (("millis", ticks(1e-3)), {}, (0, "ms", "by its name")),
+    (("timestamp", ticks(1e-6, 1_700_000_000_000_000)), {"odr_hz": 100.0}, (0, "us", "as 100 Hz are declared")),
+    (("ts", ticks(1e-9)), {"odr_hz": 100.0}, (0, "ns", "as 100 Hz are declared")),
+    (("time", ticks(1e-3)), {}, (0, "ms", "by the sensors' rates")),
+    (("time", np.rint(np.arange(300) / 9.4 * 1e3).astype(int) + 1_700_000_000_000), {}, (0, "ms", "by its date")),
+    (("time", np.rint(np.arange(300) / 9.4 * 1e3).astype(int)), {"before": ["rate: 9.5 Hz"]}, (0, "ms", "as 9.5 Hz stand before its rows")),
+    (("foo", ticks(1e-4)), {"stated": "100us"}, (0, "100us", "as you say")),
+    (("seq,ms", np.arange(300), ticks(1e-3)), {}, (1, "ms", "by its name")),
+    (("sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), {}, (0, "s", "by its name")),
+    (("datetime", [f"23:59:{57 + t:09.6f}" if t < 3 else f"00:00:{t - 3:09.6f}" for t in TIMES_S]), {}, (0, "s", "by its name")),
+    (("dt_ns", [9_487_666 + 9000 * (i % 3) for i in range(300)]), {}, (0, "ns", "by its name")),
+    (("micros", ticks(1e-6, 2**32 - 1_000_000) % 2**32), {}, (0, "us", "by its name")),
+    (("seq", np.arange(300)), {}, None),
+    (("mx", ticks(2.0, 8096)), {}, None),
+    (("t", np.arange(300)), {"odr_hz": 100.0}, None),
+]
+
+
+@pytest.mark.parametrize(("columns", "told", "found"), CLOCKS)
+def test_the_clock_its_unit_and_how_that_is_known(columns, told, found):
+    assert clock_of(*columns, **told) == found
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        (("foo", ticks(1e-4)), "'foo', which rises steadily by 94.8.* a row.*--time-unit.*--odr HZ"),
+        (("t", np.delete(np.arange(303), [50, 51, 200])), "'t', which rises by 1 a row, numbers the rows or is the clock.*--odr HZ"),
+        (("time", 200 * np.arange(300)), "'time', which rises by 200 a row: 5 Hz in ms or 5000 Hz in us"),
+        (("timestamp", [f"{t:.6g}" for t in 1.7e9 + TIMES_S]), r"too few digits: 1.7e\+09 stands for 300 rows"),
+        (("t_s", (1.7e9 + TIMES_S).astype(np.float32).astype(float)), r"'t_s' have too few digits.*\(steps of 128 s\)"),
+    ],
+)
+def test_a_column_that_may_be_the_clock_is_asked_about(columns, says):
+    with pytest.raises(FormatError, match=says):
+        clock_of(*columns)
+
+
+def test_intervals_are_told_by_their_name_and_as_they_do_not_rise():
+    rows = [[str(cell)] for cell in (5, 6, 5, 7)]
+    assert holds_intervals(rows, 0, ["dt"])
+    assert not holds_intervals(rows, 0, ["t"])
+    assert not holds_intervals([["5"], ["6"], ["7"]], 0, ["dt"])
+    assert not holds_intervals([["-5"], ["-6"]], 0, ["dt"])

@@ -59,15 +59,10 @@ MISTAKES = [
     (lambda s: {"accel": s.accel / G}, "gravity", "error", "values are in g, but the header says ax_mps2"),
     (lambda s: {"accel": s.accel * G}, "gravity", "error", "values are in m/s², but the header says ax_g"),
     (lambda s: {"accel": s.accel * 2}, "gravity", "error", "accel_fs_g = 2 "),
-    (lambda s: {"accel": s.accel / 4}, "gravity", "error", "accel_fs_g = 16 "),
     # 10 mg turn the vertical by up to 0.57 deg: seventy times the gyro's noise over a segment.
     (lambda s: {"accel": s.accel + np.array([0.01 * G, 0, 0])}, "gravity spread", "warning", ""),
     (lambda s: {"gyro": s.gyro / DEG}, "gyro scale", "error", "the rates are in deg/s, but are read as rad/s"),
-    (lambda s: {"gyro": s.gyro * DEG}, "gyro scale", "error", "the rates are in rad/s, but are read as dps"),
-    (lambda s: {"gyro": s.gyro * 1000}, "gyro scale", "error", "the rates are in mdps"),
-    (lambda s: {"gyro": s.gyro * 4}, "gyro scale", "error", "125 dps would match"),
     (lambda s: {"gyro": s.gyro / 8}, "gyro scale", "error", "4000 dps would match"),
-    (lambda s: {"gyro": s.gyro * ST}, "gyro scale", "error", "this sensor's is full scale / 32768 = 15.259"),
     (lambda s: {"gyro": s.gyro / ST}, "gyro scale", "error", "converted with full scale / 32768 = 15.259 mdps per LSB; the datasheet says"),
     (lambda s: {"gyro": s.gyro / 1.5}, "gyro scale", "error", "no usual mistake"),
     (lambda s: {"gyro": s.gyro * 1.03}, "gyro scale", "ok", ""),
@@ -80,7 +75,6 @@ MISTAKES = [
     ),
     # Of the accelerometer one wrong sign is the same, to gravity's movement, as two of the gyro.
     (lambda s: {"accel": s.accel * [1, 1, -1]}, "axes", "error", "or it is the accelerometer: the accelerometer's z has the wrong sign"),
-    (lambda s: {"accel": s.accel[:, [1, 0, 2]]}, "axes", "error", "the accelerometer's x and y are exchanged"),
     (lambda s: {"accel": -s.accel}, "axes", "ok", ""),  # gravity turned over does not show
     (lambda s: {"gyro": np.clip(s.gyro, -26 * DEG, 26 * DEG)}, "gyro ceiling", "error", "±26 dps"),
     (lambda s: {"gyro": np.clip(s.gyro, [-9, -4000 * LSB, -9], [9, 4000 * LSB, 9])}, "gyro clipping", "warning", "y stands at -70 dps"),
@@ -105,7 +99,6 @@ MISTAKES = [
     (lambda s: {"gyro": held(s.gyro, 6), "accel": held(s.accel, 6)}, "repeats", "warning", "83% of the rows repeat all six readings"),
     (lambda s: {"accel": held(s.accel, 1.5)}, "repeats", "note", "stands for 1.5 rows: new ones come at 139 Hz, rows at 208"),
     (lambda s: {"gyro": held(s.gyro, 3)}, "repeats", "warning", "each reading of the gyro stands for 3 rows: new ones come at 69 Hz"),
-    (lambda s: {"accel": held(s.accel, 2)}, "accelerometer clipping", "ok", ""),
     (lambda s: {"temp_c": None}, "temperature", "note", "not recorded"),
     (lambda s: {"temp_c": np.full(len(s), 25.0)}, "temperature", "note", "stands at 25.00"),
     (lambda s: {"temp_c": np.linspace(22, 33, len(s))}, "temperature", "note", "the bias is likely to follow"),
@@ -145,11 +138,9 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(good, short, change, what
 
 SETTINGS = [
     ({"odr_hz": 208.1}, {}, "sample rate", "ok", "208.00 Hz by the stamps"),
-    ({"odr_hz": 211.3}, {}, "sample rate", "note", ""),
     ({"odr_hz": 104.0}, {}, "sample rate", "error", "the sensor has 208 Hz"),
     ({"model": "another", "odr_hz": 120.0}, {}, "sample rate", "warning", "how far this sensor's clock may be off is not known"),
     ({"gyro_fs_dps": 250}, {"gyro_fs_dps": "500"}, "full scale", "error", "gyro_fs_dps=500"),
-    ({}, {"accel_fs_g": "8"}, "full scale", "error", "accel_fs_g=8"),
     ({}, {"serial": "other"}, "serial", "warning", ""),
     ({"gyro_noise_mdps_rthz": 1.0}, {}, "gyro noise", "warning", "session.toml says 1"),
     ({"gyro_noise_mdps_rthz": 100.0}, {}, "gyro noise", "note", "session.toml says 100"),

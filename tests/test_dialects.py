@@ -84,14 +84,14 @@ def two_widths():
     return "\n".join(line for pair in zip(narrow, wide, strict=True) for line in pair) + "\n"
 
 
-def in_turn(column="rig", values="AB", apart_us=300):
+def in_turn():
     """Rows of two sensors in turn, of which the second reads 1 % more."""
     lines = [
-        f"{t + unit * apart_us},{values[unit]},{','.join(f'{v:.12f}' for v in (*(GYRO['dps'][i] * (1 + 0.01 * unit)), *ACCEL['g'][i]))}"
+        f"{t + unit * 300},{'AB'[unit]},{','.join(f'{v:.12f}' for v in (*(GYRO['dps'][i] * (1 + 0.01 * unit)), *ACCEL['g'][i]))}"
         for i, t in enumerate(T_US)
         for unit in range(2)
     ]
-    return f"t_us,{column},{OWN}\n" + "\n".join(lines) + "\n"
+    return f"t_us,rig,{OWN}\n" + "\n".join(lines) + "\n"
 
 
 def with_column(name, cells, text=None):
@@ -111,23 +111,19 @@ READ = {
     "a byte order mark": ("\ufeff" + inertial(), {}),
     "lines that end in a zero byte": (inertial().replace("\n", "\0\r\n"), {}),
     "trailing commas": (inertial().replace("\n", ",\n"), {}),
-    "no last newline, blank lines": ("\n\n" + inertial().replace("\n", "\n  \n").rstrip("\n"), {}),
     "empty rows of a spreadsheet": (inertial().replace("\n", "\n,,,,,,\n"), {}),
     "utf-16": (inertial().encode("utf-16"), {}),
     "utf-16, the other order": (b"\xfe\xff" + inertial().replace("\n", "\r\n").encode("utf-16-be"), {}),
     "windows": (inertial().replace("deg/s", "°/s").encode("cp1252"), {}),
     "spaces": (inertial().replace(",", " , "), {}),
-    "tabs": (inertial().replace(",", "\t"), {}),
     "preamble": ("rst:0x1 (POWERON)\nserial,0123\n\n" + inertial(), {}),
     "header again": (inertial() + inertial().split("\n")[0] + "\n", {}),
-    "torn": (inertial() + "384615,12.5", {}),
     "quoted": ('"' + inertial().split("\n")[0].replace(",", '","') + '"\n' + inertial().split("\n", 1)[1], {}),
     "quoted commas in a column that nobody needs": (with_column("remark", ['"o, k"'] * len(T_US)), {}),
     "named columns": (odd(), {"columns": ODD}),
     "decimal commas": (odd(comma=True), {"columns": ODD}),
     "columns by number": ("boot ok\n" + rows(T_US, *triads("dps", "g")), {"columns": COUNTED}),
     "a unit and a scale that are told": (betaflight("", "m/s/s"), {"gyro_unit": "dps"}),
-    "rows of one kind": (ardupilot(), {"rows": "IMU", "sensor": "ICM-20948"}),
     "the one kind that holds a gyroscope": (ardupilot(), {"sensor": "ICM-20948"}),
     "one sensor of two": (ardupilot(2), {"rows": "IMU", "where": "I=0", "sensor": "ICM-20948"}),
     "one sensor of two, by any column": (in_turn(), {"where": "rig=A"}),
@@ -265,11 +261,11 @@ def line(number, text, whole=None):
     return "\n".join([*lines[:number], text, *lines[number + 1 :]])
 
 
-def again(header, words=()):
+def again(*words):
     """A board that starts again in the middle of its log."""
     body = rows(np.r_[T_US[:HALF] + 9_000_000, T_US[HALF:] - T_US[HALF] + 412], *triads("dps", "g")).splitlines(keepends=True)
     head = f"t_us,{OWN}\n"
-    return head + "".join(body[:HALF]) + "".join(f"{word}\n" for word in words) + header * head + "".join(body[HALF:])
+    return head + "".join(body[:HALF]) + "".join(f"{word}\n" for word in words) + head + "".join(body[HALF:])
 
 
 def swapped(first, second):
@@ -298,46 +294,35 @@ ANGLES = f"t_us,dtheta_x_deg,dtheta_y_deg,dtheta_z_deg,ax_g,ay_g,az_g\n{rows(T_U
 NAMELESS = "give --columns t_UNIT=a,gx_UNIT=b,gy_UNIT=c,gz_UNIT=d,ax_mps2=e,ay_mps2=f,az_mps2=g"
 HEADLESS = r"no header, 7 columns of numbers; name them by number, --columns t_UNIT=1,gx_UNIT=2,.*az_g=7"
 REFUSED = [
-    ("", {}, "empty"),
     (inertial().split("\n")[0] + "\n", {}, "no samples"),
     ("\0\1\2\3" * 100, {}, "not a text log"),
-    (inertial().encode("utf-16-le"), {}, "not a text log"),
     ("hello\nworld\n", {}, "no header.*--columns"),
     ("a,b,c\n1,2,3\n", {}, "no header.*'a,b,c'"),
     (b"no gzip", {"name": "log.csv.gz"}, "gzip"),
     (line(40, "1,2,3"), {}, "line 41.*3 columns"),
     (line(40, "384615,x,0,0,0,0,0"), {}, "line 41.*Gyroscope X.*'x'"),
-    (line(40, "384615,,0,0,0,0,0"), {}, "line 41"),
     (line(40, "384615,nan,0,0,0,0,0"), {}, "line 41.*Gyroscope X.*expected a finite number"),
     (line(40, "384615,0,1e308,0,0,0,0"), {}, r"LOG.CSV line 41.*Gyroscope Y.*1e\+308.*unit"),
-    (line(40, "384615,0,0,0,0,0,-1e5"), {}, "LOG.CSV line 41.*Accelerometer Z.*10000 g"),
-    (line(40, "nan,0,0,0,0,0,0"), {}, "line 41.*Timestamp"),
     (line(40, "9" * 40 + ",0,0,0,0,0,0"), {}, "line 41.*Timestamp.*no time of this era"),
-    (line(40, "1_000,0,0,0,0,0,0"), {}, "line 41"),
     (line(41, "6,0,0,0,0,0,0", line(40, "5,0,0,0,0,0,0")), {}, "line 41.*begins again at 5e-06 s: a restart"),
     # Found by fuzzing: NumPy reads on to the next one, in a column that nobody needs without a word.
     (OPEN, {}, "line 41: a quotation mark that is not closed"),
     (line(40, odd().split("\n")[40].replace(".", ",", 1), odd()), {"columns": ODD}, "line 41"),
     (doubled(inertial(), "Accelerometer Z (g)"), {}, "stands 2 times; keep one"),
-    (doubled(table(T_US), "gz_dps"), {}, "the column gz_dps stands 2 times; keep one, or rename the other"),
     (doubled(odd(","), "wx"), {"columns": ODD}, "'wx' stands 2 times in the header; give --columns its number, from 1"),
     # Sensors and kinds of rows
     (ardupilot(2), {"rows": "IMU"}, "the column 'I' holds 0, 1: rows of several sensors; give --where I=0"),
     (ardupilot().replace("GyrX", "RateX"), {}, "rows of several kinds .*IMU.*ATT.*; give --rows IMU"),
     (ardupilot(), {"rows": "GPS"}, "no row begins with 'GPS'"),
-    (ardupilot(2), {"rows": "IMU", "where": "J=0"}, "no column 'J'"),
     (ardupilot(2), {"rows": "IMU", "where": "I"}, "expected NAME=VALUE"),
     (two_widths(), {"columns": COUNTED}, "rows of 7 and rows of 9 columns.*give --rows 7"),
     (in_turn(), {}, "the column 'rig' holds A, B in turn.*give --where rig=A"),
-    (in_turn(apart_us=0), {}, "the column 'rig' holds A, B in turn"),
     (with_column("imu", [int(i > 900) for i in range(len(T_US))]), {}, "rows of several sensors"),  # far behind the first rows
     (IN_JSON, {**TOLD, "time_unit": "ms"}, "the column 'dev' holds A, B.*give --where dev=A"),
     # Stamps
     (stepped(EPOCH_NS, 3.0), {}, "goes backward by"),  # a 32-bit counter of ns would come round every 4.3 s
-    (stepped(10**9, 4.0), {}, "goes backward by"),
     (swapped(70, 71), {}, r"line 73: t_us goes backward by .*; split the log there"),
-    (again(False), {}, rf"line {HALF + 2}: .*t_us begins again at 0.000412 s.*two pieces: split the log there"),
-    (again(True, ["ets Jul 29 2019 12:21:46", "", "rst:0x1 (POWERON_RESET)"]), {}, rf"line {HALF + 2}: .*t_us begins again at 0.000412 s"),
+    (again("ets Jul 29 2019 12:21:46", "", "rst:0x1 (POWERON)"), {}, rf"line {HALF + 2}: .* again at 0.000412 s.*two pieces: split"),
     ("wx,wy,wz,ax,ay,az\n" + rows(*triads("dps", "g")), {"columns": UNITED, "time_unit": "us"}, "--odr"),
     # What no file tells
     (betaflight("", ""), {}, "--gyro-unit.*--accel-unit"),

@@ -38,7 +38,6 @@ def registers(folder, old, new):
 #: how it is spoilt; the log's first line where that alone is changed, None where all rows are, "" where no byte of it is
 SPOILT = {
     "full scale": (lambda folder: registers(folder, "gyro_fs_dps = 500", "gyro_fs_dps = 250"), ""),
-    "half rates": (lambda folder: written(folder, gyro=0.5 / DEG), None),
     "x and y exchanged": (lambda folder: written(folder, gyro=X_Y / DEG), NAMES.replace("gx_dps,gy", "gy_dps,gx")),
     "g as m/s2": (lambda folder: written(folder, accel=1 / G), NAMES.replace("mps2", "g")),
     "us as ns": (lambda folder: written(folder, time=1000), NAMES.replace("t_ns", "t_us")),

@@ -13,11 +13,8 @@ from session.bench.messages import Kind, Stage
 from session.bench.page.state import PageView
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
-from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
-from tinygc import SimulationOptions
 from tinygc.planning.coach import Coach
-from tinygc.simulation.simulator import simulate_session
 
 
 def guide_of(segments=40, odr_hz=208.0, **options) -> Guide:
@@ -35,12 +32,6 @@ def play(guide: Guide, samples: Samples, portion: int = 50) -> list:
 
 def said(changes, kind: Kind) -> list[str]:
     return [change.text for change in changes if change.kind is kind]
-
-
-def simulated(segments=10, **options) -> Samples:
-    log = simulate_session(SimulationOptions(segments=segments, closure_s=0.0, **options)).log
-    gyro, accel = log.gyro * gyro_rps_per_lsb(500), log.accel * accel_mps2_per_lsb(4)
-    return Samples(log.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(log.temp.astype(float)))
 
 
 def offline(samples: Samples, odr_hz=208.0):

@@ -154,7 +154,7 @@ def boards(tmp_path_factory):
 
     def driver(words):
         if words not in objects:
-            sources = (*DRIVER, TESTS / "small_imu.c")
+            sources = (FIRMWARE / "src" / "lsm6dsx.c", TESTS / "small_imu.c")
             objects[words] = [folder / f"{source.stem}_{words}.o" for source in sources]
             for source, into in zip(sources, objects[words], strict=True):
                 compiled("gcc", "-std=c99", f"-DFIFO_WORDS={words}", "-c", source, "-o", into)

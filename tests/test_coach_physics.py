@@ -7,8 +7,8 @@ from itertools import permutations, product
 
 import numpy as np
 import pytest
-from coached_hand import guide_of, play, simulated
-from conftest import GRAVITY
+from coached_hand import guide_of, play
+from conftest import GRAVITY, Table
 from scipy.spatial.transform import Rotation
 
 from session.bench.messages import Progress
@@ -146,7 +146,7 @@ def same(a: Rotation, b: Rotation, within_rad=1e-9) -> bool:
 def test_the_words_and_the_movement_are_one_turn():
     """Beside a board that stands so, and by quarter turns about an axis of it that is upright or level, none of which hurries a hand."""
     assert len({tuple(np.round(lies.as_matrix().ravel()).astype(int)) for lies in STANDING}) == 24
-    for lies in STANDING[::11]:
+    for lies in STANDING[::13]:
         turns = turns_from(lies.inv().apply([0, 0, G]))
         assert len({turn.words for turn in turns}) == len(turns) > 100
         for turn in turns:
@@ -180,8 +180,9 @@ def test_beside_a_board_that_lies_askew_it_is_set_straight_or_brought_to_the_end
 
 @pytest.fixture(scope="module")
 def taken():
-    """A simulated session's segments as the guide hands them over."""
-    return [change.accepted for change in play(guide_of(odr_hz=104.0), simulated(6, seed=3, odr_hz=104.0)) if change.accepted]
+    """A session's segments as the guide hands them over."""
+    samples = Table().tumble(6, turn_s=1.5, seed=3).samples(104.0)
+    return [change.accepted for change in play(guide_of(odr_hz=104.0), samples) if change.accepted]
 
 
 def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_is_reached(taken):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from coached_hand import Kept, Silent, guide_of, play, simulated
+from coached_hand import Kept, Silent, guide_of, play
 from conftest import DEG, Table
 from processes import PATIENCE_S, until
 from rich.console import Console
@@ -78,7 +78,8 @@ def test_in_mid_turn_the_gyro_carries_it_at_any_portion(turn):
 
 def test_the_state_says_what_the_guide_says():
     guide = guide_of(3, 104.0)
-    samples = simulated(3, odr_hz=104.0)
+    true = Table().tumble(3, 2.5, 2.0).samples(104.0)
+    samples = Samples(true.t_ns, 1.01 * true.gyro, true.accel, true.temp_c)
     advice = Advice(
         "turn about x",
         "it helps",
@@ -94,7 +95,7 @@ def test_the_state_says_what_the_guide_says():
     assert len(last["up"]) == len(guide.taken.stills)
     np.testing.assert_allclose(np.linalg.norm(last["up"], axis=1), 1, atol=2e-3)
     assert last["closure_deg"] == pytest.approx(closure_deg(guide.taken.turns[-1]), abs=1e-3)
-    assert 0.01 < last["closure_deg"] < 10  # an uncalibrated gyro of the simulator
+    assert 0.01 < last["closure_deg"] < 10  # of a scale of 1 %
     assert {state["stage"] for state in states} >= {"check stream", "hold still", "turn", "done"}
     held = [state["part"] for state in states if state["stage"] == "hold still"]
     assert max(held) > 0.8
@@ -143,7 +144,7 @@ def test_a_page_that_fails_ends_no_recording():
 
 
 def test_the_screen_and_the_page_say_how_long_to_wait_for_a_warm_board():
-    samples = Table().rest(40).samples()
+    samples = Table().rest(32).samples()
     for temp_c, says in ((25 + 9 * (1 - np.exp(-samples.t_s / 150)), "wait 2 min, and the bias drifts by"), (None, "warmth –")):
         guide = guide_of()
         _, server, _ = watched(guide, Samples(samples.t_ns, samples.gyro, samples.accel, temp_c), portion=500)

@@ -2,10 +2,7 @@
  * standard output. */
 #include "board.h"
 
-#include <cmath>
 #include <cstdlib>
-#include <iostream>
-#include <string>
 
 HardwareSerial Serial;
 double now_us;
@@ -15,15 +12,22 @@ constexpr double BITS_A_BYTE = 10;
 constexpr size_t BUFFER = 64; /* bytes, as on an ATmega328P */
 
 double baud = 9600, sent_us;
+
+size_t print_as(const char *form, unsigned long number)
+{
+    char text[32];
+    std::snprintf(text, sizeof text, form, number);
+    return Serial.print(text);
+}
 }
 
 [[noreturn]] void end()
 {
-    std::cout.flush();
+    std::fflush(stdout);
     std::_Exit(0);
 }
 
-unsigned long micros() { return (unsigned long)std::fmod(now_us += 4, 4294967296.0); }
+unsigned long micros() { return (uint32_t)(unsigned long long)(now_us += 4); }
 unsigned long millis() { return (unsigned long)(now_us / 1000); }
 void delay(unsigned long ms) { now_us += 1000.0 * (double)ms; }
 void delayMicroseconds(unsigned us) { now_us += us; }
@@ -37,7 +41,7 @@ size_t HardwareSerial::write(uint8_t byte)
     sent_us += byte_us;
     if (sent_us - now_us > BUFFER * byte_us)
         now_us = sent_us - BUFFER * byte_us;
-    std::cout.put((char)byte);
+    std::putchar(byte);
     return 1;
 }
 size_t HardwareSerial::print(const char *text)
@@ -48,8 +52,8 @@ size_t HardwareSerial::print(const char *text)
     return count;
 }
 size_t HardwareSerial::print(char letter) { return write((uint8_t)letter); }
-size_t HardwareSerial::print(unsigned long number) { return print(std::to_string(number).c_str()); }
-size_t HardwareSerial::print(int number) { return print(std::to_string(number).c_str()); }
+size_t HardwareSerial::print(unsigned long number) { return print_as("%lu", number); }
+size_t HardwareSerial::print(int number) { return print_as("%ld", (unsigned long)(long)number); }
 size_t HardwareSerial::print(unsigned number) { return print((unsigned long)number); }
 size_t HardwareSerial::print(double number, int digits)
 {

@@ -11,9 +11,20 @@ import pytest
 from coached_hand import guide_of, offline, play, said, with_hand
 from conftest import DEG, GRAVITY, Table, config
 
-from session.bench.board_clock import ClockComparison, ClockRatio
+from session.bench.board_clock import LEAST, ClockComparison, ClockRatio
+from session.bench.closure_guide import BEGIN, ClosureGuide, Step
 from session.bench.guide import Guide
-from session.bench.live import _BAR_RPS, _SEGMENT_S, _TYPICAL_RPS_PER_C, _WarmUp, settling, stream_problem
+from session.bench.live import (
+    _BAR_RPS,
+    _SEGMENT_S,
+    _TYPICAL_RPS_PER_C,
+    MotionBlock,
+    StreamHealth,
+    TurnInProgress,
+    _WarmUp,
+    settling,
+    stream_problem,
+)
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
 from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
@@ -517,3 +528,97 @@ def test_a_clock_that_stands_or_is_hardly_seen_tells_nothing():
     assert not ClockRatio(1.0005, 4e-4, 12.0).tells
     assert ClockRatio(1.00001, 2e-5, 33.0).tells
     assert ClockRatio(1.005, 1e-3, 12.0).tells
+
+
+def test_a_clock_is_the_line_through_the_least_late_of_each_stretch():
+    """By a closed form: arrivals that are late by a known triangle in all but one of each stretch of half a second."""
+    clock, ratio = ClockComparison(), 1.002
+    for k in range(4000):
+        host_s, late_s = 0.01 * k, 0.004 * (k % 50 != 7)
+        clock.add(round((host_s + late_s) * 1e9), round(ratio * 1e6 * host_s))
+    found = clock.measured
+    assert found.ratio == pytest.approx(ratio, abs=2e-8)
+    assert found.over_s == pytest.approx(39.5, abs=0.01)  # from the first to the last stretch's
+    assert found.sigma == pytest.approx(1e-3 / np.sqrt(3) / found.over_s, rel=0.01)  # a frame of USB, whatever scatters less
+
+
+def test_an_adapter_that_holds_samples_back_leaves_open_what_their_ages_leave_open():
+    """Three arrivals of 7 samples to one of 8: ages of quarters of a period, which a period in thirty arrivals of a block may shift."""
+    clock, sample = ClockComparison(), 0
+    for arrival in range(400):
+        count = 7 + (arrival % 4 == 0)
+        sample += count
+        clock.add(round(sample * 1e7), sample * 10_000, count)
+    ages = np.sort((7.25 + np.array([-1.0, 0.0, 1.0])[:, None] / 400) * np.arange(40) % 1.0)
+    left_open_s = np.diff(ages, append=1 + ages[:, :1]).max() * 0.01
+    found = clock.measured
+    assert found.ratio == pytest.approx(1.0, abs=1e-9)
+    assert found.sigma == pytest.approx(left_open_s / np.sqrt(3) / found.over_s, rel=0.01)
+
+
+def test_several_comparisons_are_their_weighted_mean():
+    two = ClockRatio.of([ClockRatio(1.001, 1e-4, 20.0), ClockRatio(1.002, 2e-4, 30.0)])
+    weights = np.array([1e8, 0.25e8])
+    mean = weights @ [1.001, 1.002] / weights.sum()
+    assert two.ratio == pytest.approx(mean, rel=1e-12)
+    assert two.over_s == 50.0
+    assert two.sigma == pytest.approx(np.sqrt(weights @ np.square(np.array([1.001, 1.002]) - mean) / weights.sum()), rel=1e-9)
+    alike = ClockRatio.of([ClockRatio(1.001, 1e-4, 20.0)] * 3)
+    assert alike.sigma == pytest.approx(1e-4 / np.sqrt(3), rel=1e-12)  # no less than theirs together
+    assert ClockRatio.of([]) is None
+    assert ClockRatio.written(1.001, ClockRatio(1.001, 3e-5, 9.0).sigma_ppm).sigma == pytest.approx(3e-5, rel=1e-9)
+    assert ClockRatio.written(1.0, 0.0).sigma == LEAST
+
+
+def moved(seconds: float, rate_dps: float = 0.0, quiet: bool = False) -> MotionBlock:
+    return MotionBlock(seconds, np.array([0.0, 0.0, rate_dps * DEG]), abs(rate_dps) * DEG, quiet, "")
+
+
+def test_a_still_before_a_closure_run_is_counted_and_may_end_early():
+    """Its length is that of its blocks; ended behind the part that a still needs it stands, before that the run begins anew."""
+    for rested, step in ((4, Step.MARK), (5, Step.MARK), (6, Step.RUN), (8, Step.RUN)):
+        guide, turn = ClosureGuide(config().sensor, config().protocol, 1.0, 12.0), TurnInProgress()
+        assert (guide.hold_s, guide.enough) == (1.0, False)
+        guide.decided(BEGIN)
+        for _ in range(rested):
+            block = moved(0.125, quiet=True)
+            turn.feed(block, np.zeros(3))
+            guide.feed(Table().rest(0.1).samples(), block.duration_s, turn)
+        left = guide.instruction(turn).remaining_s
+        assert left == (12.0 if rested == 8 else 1.0 - 0.125 * rested)
+        block = moved(1.5, 50.0)
+        turn.feed(block, np.zeros(3))
+        guide.feed(Table().rest(0.1).samples(), block.duration_s, turn)
+        assert guide.step is step
+        assert bool(guide.says) == (step is Step.MARK or rested == 8)
+        if step is Step.MARK:
+            assert f"too short a still, {0.125 * rested:.1f} of 1.0 s" in guide.says[0][1]
+    assert ClosureGuide(config().sensor, config().protocol, 1.0, 100.0).hold_s == pytest.approx(5.0)
+
+
+def test_the_slope_of_the_temperature_and_the_data_rate_are_those_of_the_stamps():
+    health, t_ns = StreamHealth(), np.arange(0, 20_000, 10) * 1_000_000
+    pace = Samples(t_ns, np.zeros((2000, 3)), np.zeros((2000, 3))).pace
+    keep = np.ones(2000, dtype=bool)
+    keep[500:507] = keep[1201] = False
+    for first in range(0, 2000, 100):
+        rows = np.arange(first, first + 100)[keep[first : first + 100]]
+        health.feed(Samples(t_ns[rows], *[np.zeros((len(rows), 3))] * 2, 20 + 1.5e-9 / 60 * t_ns[rows]), pace)
+    assert (health.missing, health.gaps, health.samples) == (8, 1, 1992)  # one that is missing is no gap
+    assert health.odr_hz == pytest.approx(100.0, rel=1e-9)
+    assert health.temp_slope == pytest.approx(1.5, rel=0.02)
+
+
+def test_the_path_of_a_turn_is_the_sum_of_its_blocks():
+    """A bump that comes back is of the still; one that does not begins the turn with its own angle."""
+    turn, still = TurnInProgress(), moved(0.1, quiet=True)
+    for block in (still, still, moved(0.1, 1.5), moved(0.1, -1.5), still):
+        assert turn.feed(block, np.zeros(3)) == 0.0
+    assert turn.still_s == pytest.approx(0.5)
+    assert (turn.path_rad, turn.moving) == (0.0, False)
+    ended = [turn.feed(moved(0.1, rate), np.array([0.0, 0.0, 1.0 * DEG])) for rate in (3.0, 41.0, 51.0)]
+    assert sum(ended) == pytest.approx(0.5)
+    assert turn.path_rad == pytest.approx((0.2 + 4.0 + 5.0) * DEG)
+    assert turn.peak_rps == pytest.approx(51.0 * DEG)
+    assert turn.moving_s == pytest.approx(0.3)
+    assert turn.restless_s == 0.0

@@ -18,7 +18,7 @@ from small_turns import PERFECT, TRUE, angles_by_scipy
 
 from session.io.errors import CalibrationError, FitError, FormatError
 from session.io.folder import Session, hash_of_log
-from session.io.logfile import Log
+from session.io.logfile import Log, Truth
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc import models
@@ -45,6 +45,7 @@ from tinygc.estimation.bias_of_day import (
     _BiasOfDay,
     _day_sigma,
     _false_stills,
+    _first_attitude,
     _from_start,
     _origin_of,
     from_gravity,
@@ -374,6 +375,14 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next():
         change, sigma = change + one.change, one.sigma
     found = from_gravity(problem, TRUE, 0.01)
     np.testing.assert_allclose([found.change, found.sigma], [change, sigma], rtol=1e-9)
+
+
+def test_with_a_truth_a_run_begins_at_its_first_moment():
+    problem = small_session(truths=True)
+    log, rows = problem.logs[0], [3, 9, 15]
+    truth = Truth(Path("truth0001.csv"), log.samples.t_ns[rows], np.eye(4)[:3])
+    found = _first_attitude(replace(problem, session=replace(problem.session, truths=(truth, None))), 0)
+    assert (found[0], found[1].tolist(), found[2].tolist()) == (3, [1, 0, 0, 0], EARTH_T.tolist())
 
 
 def test_a_stored_bias_is_as_certain_as_its_file_s_days_are_alike():

@@ -206,6 +206,9 @@ def test_a_guard_band_of_a_closure_run_is_that_of_its_distribution():
     at = run_measured("a", error * within.acceptance[1] / m.value, floor)
     assert Conformity(at, (-INF, 0.08), Rule()).probability == pytest.approx(0.975, abs=1e-5)
     assert within.band == pytest.approx(0.08 - within.acceptance[1])
+    above = Conformity(m, (0.04, INF), Rule(GUARDED))
+    at = run_measured("a", error * above.acceptance[0] / m.value, floor)
+    assert Conformity(at, (0.04, INF), Rule()).probability == pytest.approx(0.975, abs=1e-5)
     assert Conformity(m, (0.04, 0.08), Rule(GUARDED)).answer == "pass"
     assert Conformity(m, (0.09, INF), Rule(GUARDED)).answer == "fail"
 
@@ -348,7 +351,11 @@ def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself()
     run = {"run_errors": [np.full(3, 1e-3)], "run_p": [1e-6], "run_losses": [""]}
     assert [text[:5] for text in decide(judged(**run), ["c.csv"], None).unsound] == ["c.csv"]
     raw = AgainstRaw("raw", 1e-4 / DEG, {}, 40)
-    assert "worse than" in decide(judged(), [], 1.0, raw).unsound[0]
+    worse = decide(judged(), [], 1.0, raw)
+    assert (worse.answer, "worse than" in worse.unsound[0]) == ("fail", True)
+    known = judged(**run, run_floors=[np.full(3, 1e-4)])
+    (limited,) = decide(known, ["c.csv"], None, requirements=required(GUARDED, closure_run_deg=(-INF, 1.0))).conformities
+    assert limited.measured.sigma == run_measured("c.csv", np.full(3, 1e-3), np.full(3, 1e-4)).sigma
 
 
 def written(tmp_path, text):

@@ -26,7 +26,7 @@ from tinygc.estimation.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, Mo
 from tinygc.estimation.promise import Promise, promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.systematic import Systematic, _beside, _likeliest, systematic_of
-from tinygc.estimation.verdict import GIVEN, JudgedFit, decide, require_plausible, run_p_values, too_wide
+from tinygc.estimation.verdict import GIVEN, JudgedFit, decide, require_plausible, run_p_values, too_good, too_wide
 from tinygc.models.linear import LinearModel
 
 
@@ -215,6 +215,7 @@ def test_a_calibration_that_an_effect_may_have_moved_too_far_is_in_doubt():
         assert too_wide(most * (1 - 1e-9), limit_deg, raw) == too_wide(DEG, limit_deg and 1.0, AgainstRaw("raw", 1.0, {})) == []
         (doubt,) = too_wide(most * (1 + 1e-9), limit_deg, raw)
         assert doubt.endswith(than)
+    assert [len(too_good(1 - left)) for left in (0.99e-4, 1.01e-4)] == [1, 0]
 
 
 @pytest.mark.parametrize(

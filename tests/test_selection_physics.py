@@ -3,6 +3,7 @@
 from dataclasses import make_dataclass
 from itertools import combinations
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from scipy import integrate, optimize, special, stats
 from small_sessions import small_session
 
 from tinygc.effects import Convention
+from tinygc.explanation import decision
+from tinygc.explanation.decision import beyond_the_catalogue
 from tinygc.explanation.evidence import Guess, Selection, least_gain, linear_estimate, price, selection_of, sharpened, spacing
 from tinygc.explanation.search import (
     detection_limits,
@@ -449,6 +452,35 @@ def test_an_effect_gives_place_to_one_that_fits_in_its_place(guessed, expected):
     assert names_of(exchanged(table, list(one.values()), table.named("a"))) == "a"
     chain = Scores({"ab": -100.0, "bc": -110.0, "cd": -120.0, "c": -130.0})  # exchanges go on while they gain, and take out what is idle
     assert names_of(exchanged(chain, list(EFFECTS.values()), chain.named("ab"))) == "c"
+
+
+@pytest.mark.parametrize(
+    ("best", "scores", "known", "expected"),
+    [
+        ("a", {"a": -50.0, "ae": -60.0}, {}, "ae"),
+        ("a", {"a": -50.0, "ae": -60.0, "abe": -80.0}, {}, "abe"),  # beside a shape another name may enter
+        ("a", {"a": -100.0, "ae": -50.0, "e": -120.0}, {"off": 79.9}, "e"),  # in its place, where the guess is within 60
+        ("a", {"a": -100.0, "ae": -50.0, "e": -120.0}, {"off": 80.1}, "a"),
+        ("", {"f": -40.0}, {"first_p": 0.049}, "f"),  # lines, if something is left that nothing explains
+        ("", {"f": -40.0}, {"first_p": 0.051}, ""),
+        ("", {"f": -40.0}, {"first_p": 0.051, "unusual": True}, "f"),
+        ("a", {"a": -50.0, "af": -90.0}, {"first_p": 0.0}, "a"),
+        ("a", {"a": -50.0, "af": -90.0}, {"unusual": True}, "af"),
+    ],
+)
+def test_shapes_without_a_name_are_tried_beside_the_names_and_in_their_place(best, scores, known, expected):
+    shapes = {name: effect(name) for name in "ef"}
+    for name, shape in shapes.items():
+        object.__setattr__(shape, "id", f"unknown.{name}")
+    table = Scores({"": 0.0, **scores}, {"e": known.get("off", 0.0)}, {**EFFECTS, **shapes})
+    table.nothing = table.named("")
+    with (
+        patch.object(decision, "slow_candidates", lambda twin: [shapes["e"]]),
+        patch.object(decision, "unknown_candidates", lambda twin: list(shapes.values())),
+        patch.object(_Hypothesis, "noise", SimpleNamespace(unusual=known.get("unusual", False)), create=True),
+    ):
+        tried = [EFFECTS[name] for name in "abc"]
+        assert names_of(beyond_the_catalogue(table, tried, table.named(best), known.get("first_p", 1.0))) == expected
 
 
 @pytest.mark.parametrize("true", [(), ("a", "c", "d")])

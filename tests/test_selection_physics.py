@@ -14,7 +14,7 @@ from small_sessions import small_session
 from tinygc.effects import Convention
 from tinygc.explanation import decision
 from tinygc.explanation.decision import beyond_the_catalogue
-from tinygc.explanation.evidence import Guess, Selection, least_gain, linear_estimate, price, selection_of, sharpened, spacing
+from tinygc.explanation.evidence import Guess, Selection, least_gain, linear_estimate, orthonormal, price, selection_of, sharpened, spacing
 from tinygc.explanation.search import (
     detection_limits,
     exchanged,
@@ -138,6 +138,7 @@ def test_a_direction_of_which_too_little_remains_is_unobservable():
     for share, along, tested in ((0.9e-3, (), False), (1.1e-3, (), True), (0.9e-3, ("one",), True)):
         selection = Selection(nuisance, {"one": leaning(share, both)}, 0, allowances=allowances, along=frozenset(along))
         assert (selection.lowest_log_p(residuals(1))[0] < 0) == tested
+    assert orthonormal(np.diag([1e-10, 1.0])).shape == (2, 2)  # whatever the columns' units
     groups = {"nothing": np.zeros((N, 3)), "half": np.hstack([nuisance[:, :1], 1e-7 * free]), "twice": np.hstack([free, free])}
     assert {group.name: group.basis.shape[1] for group in Selection(1e5 * nuisance, groups, seed=0).groups} == {"half": 2, "twice": 2}
 

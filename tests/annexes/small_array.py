@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 from conftest import DEG, wxyz
@@ -31,25 +31,14 @@ LAST_S = 0.02
 WALK, FORCE_WALK = np.array([1e-4, 2e-4, 3e-4]), np.array([1e-3, 2e-3, 2e-3])
 
 
-@dataclass(frozen=True)
-class SmallArray:
-    """units; same stills; what is true; earth of the only group."""
+class SmallArray(NamedTuple):
+    """units; same stills; what is true; earth of the only group; start: somewhat off the truth, as other fits would leave it."""
 
     units: list[ArrayUnit]
     same: SameStills
     truth: ArrayState
     earth: EarthRate
-
-    @property
-    def start(self) -> ArrayState:
-        """A point somewhat off the truth, as other fits would leave it."""
-        return ArrayState(
-            tuple(unit.model for unit in self.units),
-            np.tile(IDENTITY, (len(self.units), 1)),
-            np.array([unit.place.mounting for unit in self.units]),
-            self.truth.q_tb,
-            G,
-        )
+    start: ArrayState
 
 
 def small_array(
@@ -105,14 +94,9 @@ def small_array(
             pieces = [(waves[k], q_tb[k] * turned[k]) for k in range(a, b)]
             pieces.append((np.tile(q_tb[b].inv().apply(error) / LAST_S, (2, 1)), q_tb[[b, b]]))
             begin = float(times[a, 1] - 100.0)
-            at_s = begin + np.arange(0, SAMPLES * (b - a)) * STEP_S
-            at_s = [*at_s.reshape(b - a, SAMPLES), at_s[[-1, -1]]]
-            rates.append(
-                [
-                    ((rate + at.inv().apply(earth.rate_t)) @ M - B) @ np.linalg.inv(E).T + drifted(t_s)
-                    for (rate, at), t_s in zip(pieces, at_s, strict=True)
-                ]
-            )
+            at_s = begin + np.minimum(np.arange(SAMPLES * (b - a) + 2), SAMPLES * (b - a) - 1) * STEP_S
+            true = np.concatenate([rate + at.inv().apply(earth.rate_t) for rate, at in pieces])
+            rates.append((true @ M - B) @ np.linalg.inv(E).T + drifted(at_s))
             segments.append(
                 SimpleNamespace(
                     log=0, accepted=True, start_s=begin, duration_s=(b - a) * TURN_S, first=own[a], last=own[b], stills=(own[a], own[b])
@@ -141,7 +125,9 @@ def small_array(
     zero = np.zeros(stills, dtype=int)
     same = SameStills(0, times, zero, zero, tuple(map(tuple, mine)), rows, firsts, lasts)
     truth = ArrayState(tuple(models), accelerometers, np.array(mountings), wxyz(q_tb), G)
-    return SmallArray(found, same, truth, earth)
+    placed = np.array([unit.place.mounting for unit in found])
+    start = ArrayState(tuple(unit.model for unit in found), np.tile(IDENTITY, (units, 1)), placed, wxyz(q_tb), G)
+    return SmallArray(found, same, truth, earth, start)
 
 
 def _along(rate: np.ndarray) -> Rotation:
@@ -158,15 +144,13 @@ def _uncorrected(x: np.ndarray, force: np.ndarray) -> np.ndarray:
     return np.linalg.solve(columns, force) + x[6:]
 
 
-def _batch(rates: list[list[np.ndarray]], start: np.ndarray) -> Batch:
+def _batch(rates: list[np.ndarray], start: np.ndarray) -> Batch:
     """Turns padded to one length, of pieces with no time between them; the ends are the array's, which the system puts in."""
-    most = max(sum(map(len, pieces)) for pieces in rates)
-    rate, dt = np.zeros((len(rates), most, 3)), np.zeros((len(rates), most - 1))
-    for s, pieces in enumerate(rates):
-        whole = np.concatenate(pieces)
-        rate[s] = np.concatenate([whole, np.tile(whole[-1], (most - len(whole), 1))])
-        steps = np.concatenate(
-            [step for piece in pieces for step in ([0.0], np.full(len(piece) - 1, LAST_S if len(piece) == 2 else STEP_S))]
-        )
-        dt[s, : len(whole) - 1] = steps[1:]
+    most = max(map(len, rates))
+    rate = np.stack([np.pad(each, ((0, most - len(each)), (0, 0)), mode="edge") for each in rates])
+    dt = np.zeros((len(rates), most - 1))
+    for own, each in zip(dt, rates, strict=True):
+        own[: len(each) - 3] = STEP_S
+        own[SAMPLES - 1 : len(each) - 2 : SAMPLES] = 0.0
+        own[len(each) - 2] = LAST_S
     return Batch(rate, dt, np.zeros_like(rate), start, start, True)

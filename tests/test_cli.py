@@ -199,35 +199,23 @@ def test_list_says_what_lies_there(run, four, tmp_path):
     ("words", "says"),
     [
         ("fly", "; see --help"),
-        ("fit", "; see --help"),
-        ("fit x --methods magic", "; see --help"),
         ("fit x --folds 1", "; see --help"),
         ("fit x --limit 0", "; see --help"),
-        *((f"board {flag} {bad}", "; see --help") for flag in ("--rate", "--lead", "--uptime") for bad in ("nan", "inf", "-1", "1e300")),
+        *((f"board --rate {bad}", "; see --help") for bad in ("nan", "inf", "-1", "1e300")),
         ("chek x", "'chek' is no command; is 'check' meant?"),
         ("fit x --limmit 0.1", "fit has no option --limmit; is '--limit' meant?"),
         ("export x --to kaliber", "argument --to: 'kaliber' is no choice, expected json, kalibr,"),
         ("export x --to kaliber", "is 'kalibr' meant?"),
         ("fit x --methods least-squares", "is 'least_squares' meant?"),
-        ("fit x --bias still", "is 'stills' meant?"),
         *((f"fit x --exclude={text}", "no list of segment numbers") for text in ("", "-1", "3,,4", "three", "1_0")),
         ("completion tcsh", "; see --help"),
         ("simulate --out NEW --effect gyro.thermal_bias", "without its parameters; give ID=JSON such as 'gyro.thermal_bias={"),
-        *(
-            (f"simulate --out NEW {words}", words.split()[0].lstrip("-").replace("-", "_"))
-            for words in (
-                "--odr-hz 200",
-                "--segments 0",
-                "--closure 3",
-                "--temperature-start-c nan",
-                "--vigour inf",
-            )
-        ),
+        ("simulate --out NEW --odr-hz 200", "--odr-hz is 200"),
+        ("simulate --out NEW --vigour inf", "vigour"),
     ],
 )
 def test_bad_usage_is_one_line_with_the_nearest_word(run, tmp_path, words, says):
-    code, out, err = run(*words.replace("NEW", str(tmp_path / "s")).split())
-    refused((code, out, err.replace("-", "_") if "simulate --out NEW --" in words and "effect" not in words else err), says)
+    refused(run(*words.replace("NEW", str(tmp_path / "s")).split()), says)
     assert not (tmp_path / "s").exists()
 
 

@@ -21,7 +21,7 @@ from tinygc.models.linear import LinearModel
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-FOLDERS = (ROOT, DOCS, DOCS / "formats", DOCS / "measured", ROOT / "benchmarks", ROOT / "data")
+FOLDERS = (ROOT, DOCS, DOCS / "formats", DOCS / "measured", ROOT / "benchmarks", ROOT / "data", ROOT / "tests")
 PAGES = sorted(path for folder in FOLDERS for path in folder.glob("*.md"))
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 INDEX = DOCS / "index.md"
@@ -94,6 +94,12 @@ def test_one_list_leads_to_every_page():
         rows = re.findall(r"^\| \[.*", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.M)
         assert set(linked_pages("\n".join(rows), DOCS)) == set((DOCS / name).glob("*.md"))
     assert INDEX in linked_pages((ROOT / "README.md").read_text(encoding="utf-8"), ROOT)
+
+
+def test_every_helper_of_the_tests_has_its_row():
+    rows = "\n".join(re.findall(r"^\| (`[^|]+)", (ROOT / "tests" / "README.md").read_text(encoding="utf-8"), re.M))
+    paths = [path for place in ("*.py", "annexes/*.py") for path in (ROOT / "tests").glob(place) if not path.name.startswith("test_")]
+    assert {name.split("/")[-1] for name in re.findall(r"`([\w/]+\.py)`", rows)} == {path.name for path in paths}
 
 
 def test_every_command_effect_and_export_is_on_its_page():

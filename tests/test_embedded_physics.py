@@ -26,16 +26,14 @@ from exported_models import (
     state_bytes,
 )
 
-from session.io.config import Accelerometer, Sensor
+from session.io.config import Accelerometer
 from session.io.samples import Samples
 from session.io.units import DEG, G
 from tinygc.deploy.embedded.program import COUNT, TOLERANCE, Registers, program, vectors
 from tinygc.deploy.embedded.source import source_files
-from tinygc.deploy.embedded.stages import CalibrationNetStage, Denoise, Inputs, Linear, affine
 from tinygc.deploy.exports import ExportError
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.models.linear import LinearModel
-from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import PhysicsModel
 
 F = np.float32
@@ -129,52 +127,6 @@ def test_the_operations_that_the_header_names_are_those_that_are_done(name):
 # Stages by hand
 
 
-def test_an_affine_map_adds_bias_first_and_columns_in_order():
-    """In single precision the order shows: ((b + w0 x0) + w1 x1) + w2 x2; missing inputs of a device are zero."""
-    w = np.array([[1.0, 1.0, -1.0, 2.0**25], [2.0**25, 1.0, 0.0, 0.0], [0.5, 0.25, 0.125, 0.0625]], F)
-    expected = [[0.0, 2.0**25, 0.5 + 0.25 + 2.0**22 + 0.0625]]  # 2^25 + 1 is 2^25
-    np.testing.assert_array_equal(affine(w, np.array([[1.0, 1.0, 2.0**25]], F)), np.array(expected, F))
-    none = Inputs.of(ROWS)
-    assert (none.force.tolist(), none.temp_c.tolist()) == ([[0.0] * 3] * 2, [0.0] * 2)
-
-
-def test_a_linear_stage_and_a_net_are_their_equations():
-    E, B = np.eye(3) + np.array([[0, 0.5, 0], [0, 0, 0.25], [-0.5, 0, 0.5]]), np.array([0.5, 0.0, -1.0])
-    stage = Linear(LinearModel(E, B), "LINEAR", "f")
-    np.testing.assert_array_equal(stage.run(Inputs.of(ROWS), ROWS), (ROWS @ E.T + B).astype(F))
-    np.testing.assert_array_equal(stage.constants["LINEAR"], np.column_stack([E - np.eye(3), B]))
-    slope, W1, W2 = np.array([0.5, 0.25, 2.0]), np.array([[1.0, 0, 0.5], [0, -1, 0], [0.25, 0, 1]]), E - np.eye(3)
-    b1, b2 = np.array([0.5, -0.25, 1.0]), B
-    h = ROWS @ W1.T + b1
-    expected = ROWS + np.where(h < 0, slope * h, h) @ W2.T + b2
-    net = CalibrationNet(W1=W1, b1=b1, slope=slope, W2=W2, b2=b2)
-    np.testing.assert_array_equal(CalibrationNetStage(net).run(Inputs.of(ROWS), ROWS), expected)
-
-
-def test_a_denoiser_is_three_causal_convolutions_of_each_axis():
-    """Written out sample by sample: 7 taps of dilations 1, 2, 5; before the first sample the rate has stood; a window is 48 samples."""
-    smooth = MODELS["tinygc_denoised"].denoiser
-    rate = np.random.default_rng(3).integers(-8, 9, (60, 3)) / 8
-    layers, dilations = (smooth.conv1, smooth.conv2, smooth.conv3), (1, 2, 5)
-
-    def net(series, axis):
-        x = series[None]
-        for w, dilation in zip(layers, dilations, strict=True):
-            at = np.maximum(np.arange(x.shape[1]) - dilation * np.arange(6, -1, -1)[:, None], 0)
-            x = np.einsum("oit,itn->on", w[axis], x[:, at])
-        return x[0]
-
-    stage = Denoise(smooth)
-    found = stage.run(Inputs.of(rate), rate.astype(F))
-    np.testing.assert_allclose(found, np.stack([net(rate[:, a], a) for a in range(3)], axis=1), rtol=2e-6, atol=1e-5)
-    slots = [6 * dilation + 1 for dilation in dilations]
-    rings = [tuple(map(int, size)) for size in re.findall(r"float ring\d\[(\d+)\]\[(\d+)\]\[(\d+)\];", stage.state)]
-    assert rings == [(3, count, w.shape[2]) for count, w in zip(slots, layers, strict=True)]
-    products = sum(w.size for w in layers)
-    assert (stage.cost.multiply, stage.cost.add, stage.cost.compare) == (products, products, 0)
-    assert stage.state_bytes == 4 * sum(map(np.prod, rings)) + 4
-
-
 def test_a_constant_rate_passes_at_once_and_a_false_reading_is_gone_after_the_window():
     """Not a number, infinity: gone 48 samples later, since nothing is fed back."""
     chosen, table = program(MODELS["tinygc_denoised"]), random_inputs(200)
@@ -228,16 +180,6 @@ def test_registers_and_force_mean_what_they_mean_in_a_log(compiled):
     np.testing.assert_allclose(table[:, 3:6], expected, atol=1e-5)
     np.testing.assert_allclose(force, expected, atol=1e-5)
     np.testing.assert_array_equal(table[:, 6], 25 + registers[:, 6] / 256)
-
-
-def test_registers_of_a_session_are_known_where_their_units_are():
-    sensor = Sensor(SENSOR.model, "s", odr_hz=104, gyro_fs_dps=250, accel_fs_g=8)
-    found = Registers.of(SimpleNamespace(sensor=sensor, accelerometer=ACCELEROMETER))
-    assert (found.gyro_fs_dps, found.accel_fs_g, found.odr_hz, found.accelerometer) == (250, 8, 104, ACCELEROMETER)
-    units = {"gyro_mdps_per_lsb": 17.5, "accel_mg_per_lsb": 0.122, "temp_lsb_per_c": 256.0, "temp_at_zero_c": 25.0}
-    for known in (4, 2, 1, 0):
-        of = dataclasses.replace(sensor, model="unheard of", **dict(list(units.items())[:known]))
-        assert (Registers.of(SimpleNamespace(sensor=of, accelerometer=ACCELEROMETER)) is None) == (known < 4)
 
 
 @pytest.mark.parametrize("accel_fs_g", [2, 8])

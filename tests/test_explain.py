@@ -39,7 +39,7 @@ def of_one_unit(tmp_path_factory):
         return rate + force / G @ (PER_G * DEG).T
 
     for name, distort, seed in (("first", sensitive, 5), ("second", sensitive, 8), ("sound", None, 9)):
-        made = write_session(SimulationOptions(segments=14, closure_s=0.0, seed=seed, odr_hz=62.5), place / name, distort=distort)
+        made = write_session(SimulationOptions(segments=11, closure_s=0.0, seed=seed, odr_hz=62.5), place / name, distort=distort)
         path = made / "session.toml"
         path.write_text(re.sub('serial = ".*"', 'serial = "SIM-1"', path.read_text()))
     return place

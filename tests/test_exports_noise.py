@@ -192,6 +192,7 @@ def test_inflation_is_a_factor_of_each_axis_or_the_walk_that_a_motion_needs():
     assert table["gyroscope_noise_density"] == pytest.approx(max(4e-4 * 2, 5e-4 * 3, 3e-4 * 4))
     assert table["gyroscope_random_walk"] == pytest.approx(max(2e-5 * 5, 1e-5 * 6, 1.5e-5 * 7))
     assert (table["accelerometer_noise_density"], "IN THE VALUES" in text) == (5e-3, True)
+    assert f"gyroscope K 0.0001 +- {SIGMA * 1e-4:.2g} measured" in plain(text)  # the sigma of x, five times as well
     walking = replace(WALKING, motion="a walk (2 km)", walk_density=np.array([3e-5, 4e-5, 0.0]))
     known = figures(sensor(axis({"K": 1e-5}, N=4e-4)), inflations=(walking,))
     assert "--inflation 'a walk (2 km)' puts them in" in plain(imu(known)[1])  # as a shell takes it

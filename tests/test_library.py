@@ -40,22 +40,23 @@ def same(mine: dict, theirs: dict, **but) -> None:
 @pytest.fixture(scope="module")
 def simulated():
     """Two sessions of one unit."""
-    return [tinygc.simulate(segments=12, closure_s=20.0, odr_hz=104.0, seed=seed, unit_seed=1) for seed in (1, 2)]
+    return [tinygc.simulate(segments=10, closure_s=12.0, odr_hz=62.5, seed=seed, unit_seed=1) for seed in (1, 2)]
 
 
 @pytest.fixture(scope="module")
 def folders(simulated, tmp_path_factory):
-    """Their folders, fitted by the command."""
+    """Their folders, the first of which is fitted by the command, the second by the function."""
     place = tmp_path_factory.mktemp("sessions")
     made = [each.save(place / f"session{n}") for n, each in enumerate(simulated, 1)]
-    for folder in made:
-        command(place / "fit.json", "fit", folder, *FIT)
+    command(place / "fit.json", "fit", made[0], *FIT)
     return made
 
 
 @pytest.fixture(scope="module")
 def fits(folders):
-    return [tinygc.fit(tinygc.read_session(folder), methods=METHODS) for folder in folders]
+    made = [tinygc.fit(tinygc.read_session(folder), methods=METHODS) for folder in folders]
+    made[1].save()
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -140,17 +141,12 @@ def test_a_model_refuses_gaps_and_rates_that_are_surely_degrees(fits):
 # Each function and its command
 
 
-def test_the_report_of_arrays_is_that_of_their_folder(of_arrays, folders, fits, tmp_path, monkeypatch):
+def test_the_report_of_a_fit_is_the_commands(folders, fits, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     theirs = command(tmp_path / "r.json", "report", folders[0], *FIT, "--no-explain", "--out", tmp_path / "r.html", "--limit", 5)
     of_fit = tinygc.report(fits[0], tmp_path / "fit.html", explain=False, limit_deg=5)
     same(of_fit.to_json(), theirs)
     assert (tmp_path / "fit.html").read_text(encoding="utf-8") == of_fit.html
-    made = of_arrays.report(tmp_path / "new" / "report.html", explain=False, limit_deg=5)
-    assert (made.to_json()["answer"], made.summary()[:4]) == (theirs["answer"], "PASS")
-    for one, other in zip(made.to_json()["parameters"], theirs["parameters"], strict=True):
-        for key, value in one.items():
-            assert value == (pytest.approx(other[key], rel=1e-6, abs=1e-9) if isinstance(value, float) else other[key]), key
     assert tinygc.report(fits[0], explain=False, limit_deg=1e-6).verdict.word == "FAIL"
 
 
@@ -288,12 +284,7 @@ def test_examples_of_docstrings_run(name):
         (lambda: tinygc.fit([1, 2]), "session is of type list, expected a tinygc.Session or the path of its folder"),
         (lambda: tinygc.fit(), "fit: missing a required argument: 'session'"),
         (lambda: tinygc.sensors("asm330lh"), "is no sensor that is known; is ASM330LHH meant?"),
-        (lambda: tinygc.array(3), "units is of type int, expected an array's folder"),
-        (lambda: tinygc.fleet(3, "x"), "fleet: folders is 3, expected a path, or a list of paths"),
-        *(
-            (lambda hidden=hidden: tinygc.simulate(segments=8, effects=hidden), says)
-            for hidden, says in (({"gyro.bias_drift": {"dps_over_log": [1, 0]}}, "has shape (2,), expected (3,)"),)
-        ),
+        (lambda: tinygc.simulate(effects={"gyro.bias_drift": {"dps_over_log": [1, 0]}}), "has shape (2,), expected (3,)"),
         *(
             (lambda choices=choices: tinygc.fit("x", **choices), says)
             for choices, says in (
@@ -320,11 +311,9 @@ def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
         (lambda fit: tinygc.compare([fit]), "compare needs two sessions or more"),
         (lambda fit: tinygc.compare([fit, fit]), "hold the same log"),
         (lambda fit: tinygc.rebias(fit.source, fit, "noon"), "source is 'noon', expected start or gravity, or given with bias_dps="),
-        (lambda fit: tinygc.rebias(fit.source, fit, "given", bias_dps=(1, 2)), "expected three numbers"),
         (lambda fit: tinygc.plan(fit.source, count=0), "count is 0, expected a whole number"),
         (lambda fit: tinygc.apply(fit, np.zeros((2, 3)), "x.csv"), "apply: out goes with a log file, and data is a ndarray"),
         (lambda fit: tinygc.apply(fit, "x.csv"), "give out=, the log to write"),
-        (lambda fit: tinygc.apply(fit, fit.session.logs[0], unit="dps"), "acc, temp and unit go with rates"),
         (lambda fit: fit.model(np.zeros((2, 3)), unit="degrees"), "unit is 'degrees', expected one of mdps, dps"),
         (lambda fit: fit.model("abc"), "raw is not made of numbers"),
         (lambda fit: tinygc.Calibration(fit.model.model, -5), "rate_hz is -5"),
@@ -354,7 +343,6 @@ def edited(folder, out, change):
     [
         ("segments.used", "segments.used is missing, expected a whole number of at least 0"),
         ("methods.least_squares", "methods.least_squares is missing, expected how well that model closes held-out turns"),
-        ("noise.gyro_dps_rthz", "noise.gyro_dps_rthz is missing, expected 3 numbers"),
         ("against_raw.tilt_rms_deg", "against_raw.tilt_rms_deg is missing, expected a number from 0 to 10000 or null"),
     ],
 )

@@ -69,18 +69,6 @@ def test_headings_go_down_one_level_at_a_time_and_every_link_leads_somewhere(bro
     assert all(links)
 
 
-def test_it_prints_on_white_and_in_full(browser, page):
-    browser.open(page, 1280, dark=True)
-    features = [{"name": "prefers-color-scheme", "value": "dark"}]
-    browser.ask("Emulation.setEmulatedMedia", {"media": "print", "features": features})
-    assert browser.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--page')") == "#ffffff"
-    assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
-    assert browser.evaluate("getComputedStyle(document.querySelector('.front')).display") == "block"
-    assert browser.evaluate("getComputedStyle(document.querySelector('svg .solid, svg .area, svg .dot')).printColorAdjust") == "exact"
-    browser.ask("Emulation.setEmulatedMedia", {"media": "", "features": []})
-    assert browser.evaluate("getComputedStyle(document.querySelector('.front')).display") == "none"
-
-
 def test_a_pdf_is_made_by_one_command_and_no_page_but_the_last_is_mostly_empty(simulated, tmp_path):
     page = report_of(simulated(), tmp_path / "r.html", *WHOLE, "--pdf")
     assert page.with_suffix(".pdf").read_bytes().startswith(b"%PDF")

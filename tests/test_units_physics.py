@@ -47,18 +47,24 @@ def test_no_units(kind, text):
 
 
 @pytest.mark.parametrize(
-    ("head", "gyro"),
+    ("head", "gyro", "gyro_unit", "accel"),
     [
-        ("t in s;Acc_x / m/s²;Acc_y / m/s²;Acc_z / m/s²;Gyr_x / °/s;Gyr_y / °/s;Gyr_z / °/s", (4, 5, 6)),
-        ("Czas;Mag X [G];Mag Y [G];Mag Z [G];Przysp. X [g];Przysp. Y [g];Przysp. Z [g];V X [dps];V Y [dps];V Z [dps]", (7, 8, 9)),
-        ("Zeit [ms];Rollrate [°/s];Nickrate [°/s];Gierrate [°/s];Beschl. X [g];Beschl. Y [g];Beschl. Z [g]", (1, 2, 3)),
-        ("Zeit;Fuß X [g];Fuß Y [g];Fuß Z [g];Hand X [g];Hand Y [g];Hand Z [g];V X [dps];V Y [dps];V Z [dps]", (7, 8, 9)),
+        ("t in s;Acc_x / m/s²;Acc_y / m/s²;Acc_z / m/s²;Gyr_x / °/s;Gyr_y / °/s;Gyr_z / °/s", (4, 5, 6), "°/s", (1, 2, 3)),
+        (
+            "T;Mag X [G];Mag Y [G];Mag Z [G];Przysp. X [g];Przysp. Y [g];Przysp. Z [g];V X [dps];V Y [dps];V Z [dps]",
+            (7, 8, 9),
+            "dps",
+            (4, 5, 6),
+        ),
+        ("Zeit [ms];Rollrate [°/s];Nickrate [°/s];Gierrate [°/s];Beschl. X [g];Beschl. Y [g];Beschl. Z [g]", (1, 2, 3), "°/s", (4, 5, 6)),
+        # of two accelerometers a person says which
+        ("Zeit;Fuß X [g];Fuß Y [g];Fuß Z [g];Hand X [g];Hand Y [g];Hand Z [g];V X [dps];V Y [dps];V Z [dps]", (7, 8, 9), "dps", ()),
     ],
 )
-def test_columns_are_known_by_their_names_or_units(head, gyro):
+def test_columns_are_known_by_their_names_or_units(head, gyro, gyro_unit, accel):
     columns = usual_columns(head.split(";"), "log.csv")
-    assert tuple(columns[f"g{axis}"][0] for axis in "xyz") == gyro
-    assert ("ax" in columns) == ("Hand" not in head)  # of two accelerometers a person says which
+    assert [columns[f"g{axis}"] for axis in "xyz"] == [(column, gyro_unit, 1) for column in gyro]
+    assert [columns[f"a{axis}"][0] for axis in "xyz" if f"a{axis}" in columns] == [*accel]
 
 
 @pytest.mark.parametrize(
@@ -129,7 +135,7 @@ def ticks(unit_s, begins=0):
 def clock_of(names, *columns, odr_hz=None, stated=None, before=()):
     rows = [[str(cell) for cell in row] for row in zip(*columns, strict=True)]
     found = find_clock(rows, names.split(","), (), odr_hz, stated, "x", before)
-    return found and (found.column, found.unit, found.known)
+    return found and (found.column, found.unit, found.known, *(found.finer or ()))
 
 
 CLOCKS = [
@@ -141,11 +147,15 @@ CLOCKS = [
     (("time", np.rint(np.arange(300) / 9.4 * 1e3).astype(int)), {"before": ["rate: 9.5 Hz"]}, (0, "ms", "as 9.5 Hz stand before its rows")),
     (("foo", ticks(1e-4)), {"stated": "100us"}, (0, "100us", "as you say")),
     (("seq,ms", np.arange(300), ticks(1e-3)), {}, (1, "ms", "by its name")),
-    (("sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), {}, (0, "s", "by its name")),
+    (("sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), {}, (0, "s", "by its name", 1, 1)),
+    (("sec,ms", [5] * 300, ticks(1e-3) % 1000), {}, None),  # which fall back, and are no fraction
     (("datetime", [f"23:59:{57 + t:09.6f}" if t < 3 else f"00:00:{t - 3:09.6f}" for t in TIMES_S]), {}, (0, "s", "by its name")),
     (("dt_ns", [9_487_666 + 9000 * (i % 3) for i in range(300)]), {}, (0, "ns", "by its name")),
     (("micros", ticks(1e-6, 2**32 - 1_000_000) % 2**32), {}, (0, "us", "by its name")),
+    (("foo,dt_ns", ticks(1e-4), [9_487_666 + 9000 * (i % 3) for i in range(300)]), {}, (1, "ns", "by its name")),
+    (("micros", ticks(1e-6) * (np.arange(300) != 70)), {}, (0, "us", "by its name")),  # a single bad stamp
     (("seq", np.arange(300)), {}, None),
+    (("t", np.cumsum([0, *[*[1] * 9, 2] * 2])), {"odr_hz": 100.0}, None),  # of which one in ten is lost
     (("mx", ticks(2.0, 8096)), {}, None),
     (("t", np.arange(300)), {"odr_hz": 100.0}, None),
 ]
@@ -174,6 +184,7 @@ def test_a_column_that_may_be_the_clock_is_asked_about(columns, says):
 def test_intervals_are_told_by_their_name_and_as_they_do_not_rise():
     rows = [[str(cell)] for cell in (5, 6, 5, 7)]
     assert holds_intervals(rows, 0, ["dt"])
+    assert holds_intervals(rows, 0, ["dT"])
     assert not holds_intervals(rows, 0, ["t"])
     assert not holds_intervals([["5"], ["6"], ["7"]], 0, ["dt"])
     assert not holds_intervals([["-5"], ["-6"]], 0, ["dt"])

@@ -46,6 +46,7 @@ class Calls:
 
     def __enter__(self) -> Calls:
         gc.disable()  # what other tests have left would be closed here, and counted
+        gc.freeze()
         self._before = {name: getattr(os, name) for name in CALLS} | {"": (builtins.open, io.open)}
         for name in CALLS:
             setattr(os, name, self._counted(name, self._before[name]))
@@ -60,6 +61,7 @@ class Calls:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 gc.collect()  # buffers that were never written die with the process
+        gc.unfreeze()
         sys.unraisablehook = self._told
         builtins.open, io.open = self._before.pop("")
         for name, call in self._before.items():

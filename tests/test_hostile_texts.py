@@ -96,6 +96,7 @@ def test_what_is_readable_stays_readable(name):
     assert any("Ø-12 µ" in text for text in exporter(name).export(LINEAR, context("Ø-12 µ")).values())
 
 
+@settings(max_examples=25)
 @given(st.text(st.characters()))
 def test_json_and_toml_give_back_what_they_were_given(text):
     plain = unicode_text(text)

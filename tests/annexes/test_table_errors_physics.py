@@ -28,6 +28,7 @@ from tinygc.annexes.machines.selection import (
     _smallest_under_noise,
     select,
 )
+from tinygc.closure.floor import wander_covariance
 from tinygc.noise.reml import Prior
 from tinygc.reporting.terminal import as_text
 
@@ -224,8 +225,13 @@ def test_rows_are_whitened_by_the_factor_of_their_covariance():
 @pytest.mark.parametrize(("instability_rps", "usual"), [(2e-5, 2e-5), (0.0, 1e-9)])
 def test_the_wander_is_looked_for_about_what_is_known_of_it(instability_rps, usual):
     model = NoiseModel(Comparison(replace(session(table(Z), moves=4), instability_rps=instability_rps)))
-    _, first, prior = model.components[WANDER]
+    V, first, prior = model.components[WANDER]
     assert (first, prior) == (usual, Prior(usual, 0.7))
+    seen = model._comparison.observed
+    rates = 3 * (len(seen.said) + len(seen.first)) + 3 * np.arange(len(seen.rest_s))
+    expected = wander_covariance(seen.rest_s, seen.rest_span_s, instability_rps=1.0)  # of an instability of 1 rad/s, each axis by itself
+    for one, other in np.ndindex(3, 3):
+        assert V[np.ix_(rates + one, rates + other)] == pytest.approx(expected * (one == other), rel=1e-9)
 
 
 def test_an_edge_has_of_its_answers_what_cubic_convolution_gives():
@@ -380,7 +386,7 @@ def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
 @pytest.mark.parametrize(("far", "size", "odd"), [(1, 5.9, False), (3, 6.1, True), (4, 6.1, False)])
 def test_a_turn_is_odd_inside_from_six_times_the_usual_square_where_few_are(far, size, odd):
     """Of 12 turns of one axis, a quarter at most; beside them one of another axis, and one of several without rows."""
-    squares = np.where(np.arange(12) < far, size, 1.0)
+    squares = 0.5 * np.where(np.arange(12) < far, size, 1.0)
     inner = np.ones((14, 4), dtype=bool)
     inner[13] = False
     inner[0, 2:] = False

@@ -118,7 +118,7 @@ def test_a_scanned_shape_is_chosen_anew_by_the_rows_that_are_seen():
     have = twin.evidence().nothing
     J, r = have.fit.J * prior_sigmas(twin, []), have.fit.r
     shapes = [have.whiten(twin.columns_of(each)) for each in (effect("d", 2), effect("e", 2), effect("f", 2))]
-    stacked_r, expected, chosen = have.whiten.back(r), np.full(twin.n, np.nan), []
+    stacked_r, chosen, (expected, alone) = have.whiten.back(r), [], np.full((2, twin.n), np.nan)
     for held in folds_of(12):
         seen, trials = fold_rows(twin, have.whiten, held), []
         for shape in shapes:
@@ -128,9 +128,10 @@ def test_a_scanned_shape_is_chosen_anew_by_the_rows_that_are_seen():
             theta = np.linalg.solve(columns[seen].T @ solved + np.eye(17), right)
             trials.append((-right @ theta, (stacked_r - columns @ theta)[~seen]))
         chosen.append(int(np.argmin([cost for cost, _ in trials])))
-        expected[~seen] = trials[chosen[-1]][1]
+        expected[~seen], alone[~seen] = trials[chosen[-1]][1], trials[0][1]
     assert len(set(chosen)) > 1
     np.testing.assert_allclose(_left_out_and_searched(twin, have.whiten, r, J, shapes), expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(_left_out_and_searched(twin, have.whiten, r, J, shapes[:1]), alone, rtol=1e-6, atol=1e-9)
     same = _left_out_and_searched(twin, have.whiten, r, J, [])
     np.testing.assert_allclose(same, left_out(twin, have.whiten, r, J), rtol=1e-9, atol=1e-12)
 
@@ -279,6 +280,7 @@ def test_names_that_others_do_not_confirm_leave_the_rest_refitted_and_a_shape_is
 )
 def test_what_no_effect_explains_is_refused(named, undersampled, p, unusual, refused):
     assert Naming(None, 1.0, None, named, None, None, [], {}, p, undersampled, unusual).refused == refused
+    assert not Naming(None, 1.0, None, [], None, None).refused
 
 
 def test_effects_that_held_out_segments_do_not_confirm_are_taken_out_weakest_first():

@@ -77,8 +77,10 @@ def test_the_programs_own_steps_are_those_of_the_figures(name):
         assert (angle_sigma**2, bias_sigma**2) == pytest.approx((N**2 * dt, K**2 * dt), rel=1e-6)
 
 
-def test_ros_has_the_variance_of_one_sample_and_carries_it_through_a_models_matrix():
-    for made, matrix in ((files("ros"), np.eye(3)), (exporter("ros").export(LINEAR, context(noise=figures())), LINEAR.E)):
+def test_ros_has_the_variance_of_one_sample_in_motion_too_and_carries_it_through_a_models_matrix():
+    moving = files("ros", figures(inflations=(WALKING,)), inflation=WALKING)
+    fitted = exporter("ros").export(LINEAR, context(noise=figures()))
+    for made, matrix in ((files("ros"), np.eye(3)), (fitted, LINEAR.E), (moving, np.diag([2.0, 3, 4]))):
         (text,) = made.values()
         table = yaml.safe_load(text)["/**"]["ros__parameters"]
         expected = matrix @ np.diag(GYRO.values("N") ** 2 * 208) @ matrix.T

@@ -74,21 +74,21 @@ def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
 OPTIONS = SimulationOptions(segments=1, closure_s=0.0, odr_hz=104.0, seed=7)
 
 
-def log(options, name):
-    recording = simulate_session(options).log
+def log(session, name):
+    recording = session.log
     return Log(Path(name), Samples(recording.t_us * 1000, recording.gyro.astype(float), recording.accel.astype(float)), raw=True)
 
 
 def test_takes_are_of_one_sensor_and_no_copies_of_each_other():
     assert taken(OPTIONS, 1) == OPTIONS  # what a seed has always streamed
-    takes = [taken(OPTIONS, take) for take in (1, 2, 3)]
-    first, *others = (simulate_session(options).unit for options in takes)
-    for unit in others:
-        assert all(np.array_equal(getattr(unit, name), getattr(first, name)) for name in ("E", "B", "accel_matrix", "accel_bias", "odr_hz"))
-    logs = tuple(log(options, f"log000{number}.csv") for number, options in enumerate(takes, 1))
+    takes = [taken(OPTIONS, take) for take in (1, 2)]
+    sessions = [simulate_session(options) for options in takes]
+    for name in ("E", "B", "accel_matrix", "accel_bias", "odr_hz"):
+        assert np.array_equal(*(getattr(session.unit, name) for session in sessions))
+    logs = tuple(log(session, f"log000{number}.csv") for number, session in enumerate(sessions, 1))
     assert not check_copies(logs)
     assert check_copies((logs[0], replace(logs[0], path=Path("again.csv"))))  # as a board without takes would have it
-    assert {simulated(options).info for options in takes} == {simulated(OPTIONS).info}  # serial number and rate: no other board
+    assert simulated(takes[1]).info == simulated(OPTIONS).info  # serial number and rate: no other board
     assert taken(OPTIONS, 2) == taken(OPTIONS, 2) != taken(OPTIONS, 3)
     assert taken(replace(OPTIONS, seed=8), 2).seed != taken(OPTIONS, 2).seed
 

@@ -16,6 +16,7 @@ from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer
 from tinygc.attitude import rotation
+from tinygc.effects.movement import Movement
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.models import linear
 from tinygc.planning import turns
@@ -224,3 +225,32 @@ def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directi
     else:
         rating = [(np.sqrt(np.diag(each)) / coach.targets)[linear.PARAMETERS :].max() for each in left]
     assert advice.words == turns[int(np.argmin(rating))].words
+
+
+def test_the_turns_that_part_laws_are_the_movements_that_their_words_name():
+    """From a still to a still, their closure's columns those of the same movement of the coach, which integrates it otherwise."""
+    n = 50
+    like = Movement(3 + np.arange(n), 1.0, *[np.zeros((n, 3))] * 2, np.arange(25.0, 25 + n), np.arange(n) * 1e-4, 600.0, 4.0, 24.0)
+    found = turns.trials(like)
+    assert {round(float(trial.movement.t_s[-1] - 3), 1) for trial in found} == {3.5, 5.0, 10.0}
+    for trial in found[::40]:
+        moved, (before, after) = trial.movement, trial.stills
+        assert np.abs(moved.rate).max() <= 0.8 * like.fs_rps
+        assert not moved.rate[before].any()
+        assert np.abs(moved.rate[after]).max() < 0.02
+        assert (before.stop, after.stop - after.start, after.stop) == (25, 25, len(moved.t_s))
+        assert (moved.t_s[0], moved.dt_s, moved.temp_c[0], moved.vibration_g2[-1]) == (3.0, 0.04, 49.5, pytest.approx(24.5e-4))
+        seconds = moved.t_s[-1] - moved.t_s[0] - 2
+        up, part = next(
+            (up, part)
+            for up in turns.SIDES
+            for degrees in turns.QUARTERS
+            for part in turns.parts_from(up, degrees, round(seconds, 1))
+            if f"turn {part.words} (" in trial.words and np.allclose(moved.force_g[0], up)
+        )
+        np.testing.assert_allclose(moved.rate.sum(axis=0) * 0.04, part.axis * part.angle_rad, atol=1e-3)
+        np.testing.assert_allclose(moved.force_g[-1], part.up, atol=2e-3)
+        (turn,) = (turn for turn in turns_from(G * up) if len(turn.parts) == 1 and turn.parts[0].words == part.words)
+        own = linear.columns(np.pad(trial.sensitivity, ((0, 0), (0, 1), (0, 0)))[None], moved.rate[None])[0, :2]
+        at = [i for i, name in enumerate(linear.NAMES) if name.startswith("E_")]
+        np.testing.assert_allclose(own[:, at], columns(G * up, [turn])[0][:, at], atol=0.02)

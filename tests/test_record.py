@@ -165,7 +165,7 @@ def test_the_bytes_of_a_port_make_a_session_folder(run, tmp_path):
 
 def test_fit_refuses_a_folder_with_a_sensors_log_and_one_that_a_board_made_up(tmp_path, run):
     for name, source in (("log0001.csv", "stand-in"), ("log0002.csv", "sensor")):
-        write_samples(tmp_path, Table().tumble(4, seed=len(source)).samples(seed=len(source)), name)
+        write_samples(tmp_path, Table().tumble(2, turn_s=1.5, seed=len(source)).samples(seed=len(source)), name)
         text = (tmp_path / name).read_text()
         (tmp_path / name).write_text(f"# board source={source} firmware=1.0.0\n{text}")
     code, _, said = run("fit", tmp_path, "--methods", "raw", "--quiet")

@@ -62,10 +62,6 @@ def test_the_walk_of_one_term(terms, walk):
     assert walk_density(axis_of(**terms), N) == pytest.approx(walk, rel=1e-9)
 
 
-def test_a_larger_bias_drift_replaces_the_flicker():
-    assert walk_density(axis_of(B=1e-5), N, 3e-5) == walk_density(axis_of(B=3e-5), N, 1e-5) == walk_density(axis_of(B=3e-5), N)
-
-
 @pytest.mark.parametrize("terms", [{"K": 1e-6, "B": 2e-5}, {"G": 3e-4, "tau_s": 20.0}, {"G": 1e-5, "B": 1e-6, "R": 1e-8, "tau_s": 0.3}])
 def test_the_walk_covers_all_slow_terms_that_are_seen_and_no_more(terms):
     axis = axis_of(**terms)

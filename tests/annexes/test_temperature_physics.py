@@ -42,7 +42,7 @@ from tinygc.annexes.temperature.axis_fit import (
     solve,
     whiten,
 )
-from tinygc.annexes.temperature.model import ThermalModel, _ElementTemperature, element_temperature
+from tinygc.annexes.temperature.model import ThermalModel, element_temperature
 from tinygc.annexes.temperature.rest_fit import (
     RestFit,
     _long_times,
@@ -91,14 +91,6 @@ def test_a_lag_is_exact_on_a_ramp_whatever_the_step(tau):
         t_s = np.arange(0, 600, step_s)
         element = element_temperature(20 + 0.05 * t_s, tau, step_s)
         assert element[-1] == pytest.approx(20 + 0.05 * t_s[-1] - 0.05 * tau, abs=1e-6)
-
-
-@pytest.mark.parametrize("tau", [0.0, 33.0, -33.0])
-def test_pieces_of_a_log_go_on_where_the_last_ended(tau):
-    reading = np.cumsum(np.random.default_rng(0).normal(size=1000)) * 0.1 + 25
-    follow = _ElementTemperature(tau, 0.5)
-    parts = np.concatenate([follow(part) for part in np.split(reading, [1, 2, 17, 400])])
-    np.testing.assert_allclose(parts, element_temperature(reading, tau, 0.5), atol=1e-10)
 
 
 # Sweeps and knots
@@ -496,15 +488,6 @@ UNIFORM, BENT = 0.5 / np.sqrt(3), 0.046
 
 def stepped_to(temp_c, step=1.0):
     return np.round(np.asarray(temp_c) / step) * step
-
-
-@pytest.mark.parametrize(("step", "way", "on"), [(0.25, 1, 0.13), (1.0, -1, 0.0)])
-def test_a_steady_sweep_is_a_straight_line(step, way, on):
-    """Passages fall between two blocks, each half a block off at most."""
-    temp_c = 30 + way * 0.0371 * T
-    found = between_steps(T, on + stepped_to(temp_c - on, step), (step, on + 8 * step))
-    assert np.abs(found.temp_c - temp_c).max() < 0.06
-    assert found.sigma_c[(found.interval > 0) & (found.interval < found.interval.max())].max() < 0.05 * step
 
 
 def test_passages_by_hand():

@@ -14,6 +14,7 @@ from tinygc.annexes.arrays.fit import (
     _by_bias,
 )
 from tinygc.annexes.arrays.joint import (
+    GRAVITY_SIGMA_MPS2,
     OWN_TURN,
     ArrayEvent,
     VarianceSplit,
@@ -78,6 +79,12 @@ def test_the_bias_is_from_the_stills_where_closures_are_smaller():
     assert p_value == less_by_chance(apart["ends"], apart["stills"]) < 0.05
     assert chosen == "stills"
     np.testing.assert_array_equal(joint.solution.x, joints[chosen].solution.x)
+
+
+def test_gravity_is_as_given_where_an_accelerometer_is():
+    given = small_array(2, 4, joint="prior")
+    found = estimate(given.units, given.same, np.zeros(3))
+    assert found.solution.system.prior[found.layout.gravity] == GRAVITY_SIGMA_MPS2
 
 
 # Covariance of the units' numbers.
@@ -336,6 +343,7 @@ SAME, WEAK = {"turn": 30.0, "undersampled": 30.0}, {"turn": chi2.isf(0.0501, 1),
             "which no unit's sensor has made: motion beyond the data rate, predicted 0.8° (found 0.50 ± 0.25 of it)",
         ),
         ({"fast": (0.26 * DEG, 0.2 * DEG)}, "(found 0.33 ± 0.25 of it; a filter below half the data rate leaves so little)"),
+        ({"gains": SAME, "predicted": 0.0}, "the motion, the table or the reference"),
         ({"gains": SAME}, "the motion, the table or the reference; motion beyond the data rate is predicted to make 0.8°"),
         (
             {"gains": WEAK, "common_upper": 0.7 * DEG},

@@ -349,6 +349,8 @@ def test_headings_of_all_units_are_weighed_by_their_variances(level):
     assert 0.005 < left < 0.5
     assert found.heading_rad == pytest.approx(mean, abs=0.05 * left)  # of angles so near each other
     assert found.heading_sigma_rad == pytest.approx(left)
+    two = common_earth(level.units[:2], level.truth, level.same)[0]
+    assert two.heading_sigma_rad == pytest.approx(weight[:2].sum() ** -0.5)
     assert found.source == "estimated"
     assert abs(found.heading_rad - 30 * DEG) < 5 * left
     z = np.linspace(-8, 8, 2001)

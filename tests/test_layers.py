@@ -125,3 +125,51 @@ def test_only_the_registry_names_modules_of_annexes():
 def test_the_bench_side_names_neither_the_estimators_nor_torch():
     for module, text in FILES.items():
         assert module.split(".")[0] != "session" or not re.search(r"^ *(from|import) (torch|tinygc)\b", text, re.M), module
+
+
+#: known to every test: what users import, and the ground that all rooms stand on
+COMMON = {"session", "tinygc", "tinygc.effects", "tinygc.models.linear"} | {
+    f"session.io.{name}" for name in ("units", "errors", "config", "samples", "folder")
+}
+FACE = 8
+#: rooms of which the tests still know more: these numbers only fall
+WIDER = {
+    "session.io": 61,
+    "tinygc.estimation": 51,
+    "tinygc.noise": 43,
+    "tinygc.closure": 40,
+    "session.detect": 39,
+    "session.bench": 32,
+    "session.annexes.machines": 26,
+    "tinygc.reporting": 22,
+    "tinygc.simulation": 20,
+    "tinygc.annexes.lots": 15,
+    "tinygc.explanation": 15,
+    "tinygc.cli": 14,
+    "tinygc.deploy": 13,
+    "tinygc.effects": 10,
+    "tinygc.models": 10,
+    "tinygc.annexes.machines": 10,
+}
+
+
+def names_from(text: str) -> dict[str, set[tuple[str, str]]]:
+    """Names that a test imports, by the room that they are of; a name is (module, name)."""
+    found: dict[str, set[tuple[str, str]]] = {}
+    for source, names in IMPORT.findall(text):
+        if source.split(".")[0] in PACKAGES and source not in COMMON:
+            each = {(source, name) for name in re.findall(r"(\w+)(?: as \w+)?", re.sub(r"#.*", "", names))}
+            found[room_of(source)] = found.get(room_of(source), set()) | each
+    return found
+
+
+def test_tests_know_a_room_by_its_face_and_its_exact_tests_one_room_inside():
+    """tests/README.md; the room of a file of exact tests is the one of which it knows most."""
+    known: dict[str, set[tuple[str, str]]] = {}
+    for path in (ROOT / "tests").rglob("*.py"):
+        names = names_from(path.read_text(encoding="utf-8"))
+        if path.stem.endswith("_physics") and names:
+            del names[max(names, key=lambda room: len(names[room]))]
+        for room, each in names.items():
+            known[room] = known.get(room, set()) | each
+    assert {room: len(each) for room, each in known.items() if len(each) > WIDER.get(room, FACE)} == {}

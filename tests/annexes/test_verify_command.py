@@ -44,7 +44,8 @@ def rest_log(path, session, shift=0.0, seconds=30):
     """A rest of the first still's readings, as CSV."""
     samples, rng = session.logs[0].samples, np.random.default_rng(1)
     rows = rng.integers(0, 90, int(seconds * 62.5))
-    gyro, accel = samples.gyro[rows] / DEG + shift + 1e-3 * rng.normal(size=(len(rows), 3)), samples.accel[rows] / G
+    gyro, accel = samples.gyro[rows] / DEG + shift, samples.accel[rows] / G
+    gyro += 1e-3 * rng.normal(size=gyro.shape) * (np.ptp(gyro, axis=0) > 0)  # no reading twice, but of an axis that is stuck
     lines = ["t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"]
     lines += [f"{k / 62.5:.6f}," + ",".join(f"{v:.7f}" for v in (*g, *a)) for k, (g, a) in enumerate(zip(gyro, accel, strict=True))]
     path.write_text("\n".join(lines) + "\n")

@@ -466,7 +466,7 @@ def test_without_own_errors_a_drift_is_that_of_students_t():
     error = np.sqrt(rest / (n - 2) * np.linalg.inv(design.T @ design)[1, 1])
     np.testing.assert_allclose(found.interval(DRIFT), beta[1] + error * t.ppf([0.025, 0.975], n - 2), rtol=1e-6)
     assert found.sigma(DRIFT) == pytest.approx(error * t.ppf((1 + ONE_SIGMA) / 2, n - 2), rel=1e-6)
-    assert found.p_value(DRIFT) == pytest.approx(2 * t.sf(abs(beta[1] / error), n - 2), rel=1e-6)
+    assert found.p_value(DRIFT) == pytest.approx(2 * t.sf(abs(beta[1] / error), n - 2), rel=1e-6, abs=0)
 
 
 def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter():

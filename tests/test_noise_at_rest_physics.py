@@ -138,7 +138,7 @@ def test_white_noise_of_the_stills_over_that_at_rest_follows_f():
     expected, its = _allan_variance_of(axis, 0.2)
     law = f(freedom, its)
     for found, ratio in zip(_white_comparisons(problem, sensor(axis), 100.0), own / expected, strict=True):
-        assert found.p_value == pytest.approx(min(1, 6 * min(law.sf(ratio), law.cdf(ratio))), rel=1e-6)
+        assert found.p_value == pytest.approx(min(1, 6 * min(law.sf(ratio), law.cdf(ratio))), rel=1e-6, abs=0)
         assert [found.ratio, found.low, found.high] == pytest.approx(np.sqrt(ratio / [1, *law.ppf([0.975, 0.025])]), rel=1e-6)
     assert _white_comparisons(at_rest_session(0.0, 1, 1.0), sensor(axis), 100.0) == ()
     bumped = replace(log, stills=[replace(still, bumps=1) for still in log.stills])

@@ -122,7 +122,7 @@ def test_the_levels_of_all_questions_make_the_stated_rate():
 
 
 def test_tails_are_those_of_chi_square_and_of_fisher():
-    assert tail(12.0, np.eye(5), []) == pytest.approx(stats.chi2.sf(12.0, 5), rel=1e-9)
+    assert tail(12.0, np.eye(5), []) == pytest.approx(stats.chi2.sf(12.0, 5), rel=1e-9, abs=0)
     factors = _by_freedom(4.0, 0)
     assert tail(12.0, np.zeros((3, 3)), [(np.eye(3), factors)]) == pytest.approx(stats.f.sf(4.0, 3, 4), rel=0.06)
     assert np.mean(1 / factors) == pytest.approx(1.0, rel=0.02)
@@ -168,7 +168,7 @@ def test_e_is_asked_with_zero_and_accelerometer_free():
     expected, k = gls(rows, MATRIX_OF_21, np.r_[ZERO, ACCELEROMETER], np.arange(len(rows.r)), rows.white)
     found = asked(rows)[E]
     assert (found.statistic, found.rank) == (pytest.approx(expected, rel=1e-6), k)
-    assert found.p_value == pytest.approx(stats.chi2.sf(expected, k), rel=1e-6)
+    assert found.p_value == pytest.approx(stats.chi2.sf(expected, k), rel=1e-6, abs=0)
 
 
 def test_the_zero_is_asked_of_the_rates_at_rest_with_its_expected_spread():
@@ -205,7 +205,7 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
         old = SimpleNamespace(accelerometer=object(), goodness=goodness, noise={})
         both = 1 / (1 / own + (1 / goodness[1] if excess > 1 else 0.0))
         p = asked(replace(rows, noise_freedom=own), old=old)["noise"].p_value
-        assert p == pytest.approx(stats.f.sf(chi_square / freedom / excess, freedom, both), rel=1e-4)
+        assert p == pytest.approx(stats.f.sf(chi_square / freedom / excess, freedom, both), rel=1e-4, abs=0)
     nothing = asked(replace(rows, blank=np.ones(len(rows.r), bool)))["noise"]
     assert (nothing.statistic, nothing.rank, nothing.p_value, nothing.left_rps) == (0.0, 0, 1.0, 0.0)
     # Noise of each turn, which the old fit had as well, is no excuse; any other is.
@@ -272,7 +272,7 @@ def test_a_size_counts_as_known_where_it_adds_a_thousandth_at_most(share, drawn)
     trace = np.trace(np.linalg.solve(X.T @ inverse @ X, X.T @ inverse @ inverse @ X))
     noise = with_component(rows, "noise.still_rate", STILL, 0.0, np.sqrt(share / trace))
     found = {question.name: question for question in ask(rows, [], noise, OLD)}[B]
-    assert (found.p_value != pytest.approx(stats.chi2.sf(found.statistic, 3), rel=1e-9)) == drawn
+    assert (found.p_value != pytest.approx(stats.chi2.sf(found.statistic, 3), rel=1e-9, abs=0)) == drawn
 
 
 @pytest.mark.parametrize(("sigmas", "rank"), [(0.99, 0), (1.01, 1)])
@@ -294,7 +294,7 @@ def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate():
         found = {question.name: question for question in ask(rows, [], noise, old)}["noise"]
         share = 18 * 1.5**2 / (0.25 + 1.5**2) / 42
         other = 1 / (1 / noise.freedom + share**2 / known)
-        assert found.p_value == pytest.approx(stats.f.sf(found.statistic / found.rank, found.rank, other), rel=1e-6)
+        assert found.p_value == pytest.approx(stats.f.sf(found.statistic / found.rank, found.rank, other), rel=1e-6, abs=0)
 
 
 def test_degrees_of_freedom_of_a_size_with_a_sigma():

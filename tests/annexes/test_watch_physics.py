@@ -92,7 +92,7 @@ def test_run_lengths_have_their_limits(shift):
     for length in (1e2, 1e8):
         assert 0 < bar_of(shift, length) <= np.log(length)
         assert _run_length(shift, bar_of(shift, length)) == pytest.approx(length, rel=1e-4)
-    assert _squares_run_length(2.0, 2, 1e-9) == pytest.approx(1 / chi2.sf(2 * np.log(2.0) / 0.375, 2), rel=1e-6)
+    assert _squares_run_length(2.0, 2, 1e-9) == pytest.approx(1 / chi2.sf(2 * np.log(2.0) / 0.375, 2), rel=1e-6, abs=0)
     low, high, far = (squares_bar_of(2.0, 2, length) for length in (1e8, 1e10, 1e100))
     assert (high - low, far - low) == pytest.approx((np.log(1e2), np.log(1e92)), abs=0.01)
 

@@ -7,7 +7,7 @@ import pytest
 from conftest import ROOT
 
 from tinygc.reporting.html import markup
-from tinygc.reporting.html.chart import Axis, Chart, log_axis
+from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 
 
 @pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])
@@ -67,3 +67,11 @@ def test_a_thinned_line_keeps_its_highest_point_and_its_gap():
     heights = [float(pair.split()[1]) for pair in re.split("[ML]", path)[1:]]
     assert min(heights) == pytest.approx(chart.top, abs=0.1)
     assert path.count("M") == 2
+
+
+@pytest.mark.parametrize(
+    ("values", "zero", "ends"), [([1.0, 3.0], False, (0.88, 3.12)), ([1.0, 3.0], True, (0.0, 3.18)), ([2.0, np.nan], False, (1.8, 2.2))]
+)
+def test_a_linear_axis_has_room_on_both_sides_but_where_it_ends_at_zero(values, zero, ends):
+    axis = linear_axis(values, zero=zero)
+    assert (axis.lo, axis.hi) == pytest.approx(ends)

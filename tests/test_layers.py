@@ -142,7 +142,7 @@ WIDER = {
     "session.bench": 32,
     "session.annexes.machines": 26,
     "tinygc.reporting": 22,
-    "tinygc.simulation": 20,
+    "tinygc.simulation": 13,
     "tinygc.annexes.lots": 15,
     "tinygc.explanation": 15,
     "tinygc.cli": 14,

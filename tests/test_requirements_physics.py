@@ -5,11 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from session.io.errors import FormatError
 from session.io.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
 from session.io.units import DEG
 from tinygc.estimation.choice import AgainstRaw
+from tinygc.estimation.compare import frame_angle
 from tinygc.estimation.requirements import (
     Conformity,
     Measured,
@@ -406,3 +408,12 @@ def test_what_is_no_requirement_is_refused_in_one_line(tmp_path, text, says):
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-3, 1.0, 3.0])
+def test_body_frames_are_apart_by_the_angle_of_the_turn_between_them(angle):
+    begin = Rotation.from_rotvec([0.4, -0.2, 0.9])
+    triads = [
+        SimpleNamespace(calibration=SimpleNamespace(frame=q.as_matrix())) for q in (begin, Rotation.from_rotvec([0, 0, angle]) * begin)
+    ]
+    assert frame_angle(*triads) == pytest.approx(angle, abs=1e-7)

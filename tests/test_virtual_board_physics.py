@@ -22,11 +22,19 @@ from tinygc.simulation.virtual_board import (
     LineFaults,
     flipped,
     next_take,
+    recorded,
     remember,
     simulated,
     spoil,
     taken,
 )
+from tinygc.simulation.write import write_simulation
+
+
+def test_a_folder_is_streamed_to_the_register(tmp_path):
+    made = simulate_session(SimulationOptions(segments=2, closure_s=0.0, odr_hz=104.0))
+    rows = recorded(write_simulation(made, tmp_path / "session")).rows
+    np.testing.assert_array_equal(rows, np.column_stack([made.log.gyro, made.log.accel, made.log.temp]))
 
 
 def test_a_reader_that_does_not_read_is_not_waited_for(tmp_path):

@@ -15,21 +15,21 @@ from tinygc.explanation.decision import (
     FitClosure,
     Naming,
     Proof,
+    _expected_rms,
     _left_out_and_searched,
     _no_worse,
+    _part_of_a_curve,
     _per_segment,
     _undersampled_claim,
     _with_linear,
     borne_out,
     decided,
-    expected_rms,
     fold_rows,
     folds_of,
     held_out,
     improvement_p,
     leaves_more,
     left_out,
-    part_of_a_curve,
     tilt_rms,
     told_apart,
 )
@@ -323,11 +323,11 @@ def test_slow_motions_of_which_one_is_a_term_of_the_others_curve_are_one(share):
     leans = np.sqrt(share) * own / np.linalg.norm(own) + np.sqrt(1 - share) * apart / np.linalg.norm(apart)
     evidence._columns[term] = best.whiten.back(leans)
     with patch.object(decision, "curves_like", lambda twin, shape: [term, curve] if shape is curve else []):
-        assert part_of_a_curve(evidence, best, 0) == (share > 0.9)
-        assert not part_of_a_curve(evidence, best, 1)
+        assert _part_of_a_curve(evidence, best, 0) == (share > 0.9)
+        assert not _part_of_a_curve(evidence, best, 1)
         alone = [evidence.of((each,), best) for each in (drift, curve)]
         assert told_apart(evidence, best) is (min(alone, key=lambda h: h.score) if share > 0.9 else best)
-        assert part_of_a_curve(evidence, evidence.of((drift,), best), 0) is False
+        assert _part_of_a_curve(evidence, evidence.of((drift,), best), 0) is False
 
 
 def test_what_has_a_cause_is_expected_of_a_closure_and_more_has_no_name():
@@ -337,7 +337,7 @@ def test_what_has_a_cause_is_expected_of_a_closure_and_more_has_no_name():
     naming = SimpleNamespace(noise=noise, whiten=SimpleNamespace(parts={"closure": slice(0, 6)}), beyond=[], unusual=False)
     twin = SimpleNamespace(batch=SimpleNamespace(angles=2))
     proof = SimpleNamespace(floor_rms=3.0, worse=False)
-    assert expected_rms(twin, naming, proof) == pytest.approx(4.0)
+    assert _expected_rms(twin, naming, proof) == pytest.approx(4.0)
     assert gone == [TURN, STILL_RATE]
     for share, left in ((0.99, False), (1.01, True)):
         proof.after = np.full((5, 2), 4.0 * NEAR_FLOOR * share / np.sqrt(2))

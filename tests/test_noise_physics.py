@@ -18,9 +18,9 @@ from session.detect.check_time import capped, thinning_exponent
 from session.io.units import MG, G
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.noise.components import (
+    _GUESS_STEPS,
     _UNKNOWN_SPREAD,
     _UNKNOWN_WANDER_RPS,
-    GUESS_STEPS,
     REFERENCE,
     STILL_RATE,
     TRUTH,
@@ -477,7 +477,7 @@ def test_beside_an_effect_the_noise_is_of_what_both_leave_with_the_effects_own_s
         return np.linalg.lstsq(np.concatenate([both / sigma, np.eye(2)]), np.append(-r / sigma, [0, 0]), rcond=None)[0]
 
     both = np.hstack([J, effect * np.abs(fitted(np.hstack([J, effect]))[1])])
-    expected = noise.estimated_beside(sigma**2 * np.eye(6), r + both @ fitted(both), both, noise.s, steps=GUESS_STEPS)
+    expected = noise.estimated_beside(sigma**2 * np.eye(6), r + both @ fitted(both), both, noise.s, steps=_GUESS_STEPS)
     found = noise_beside(noise, lambda rows: rows / sigma, sigma**2 * np.eye(6), r, J, effect, noise.s)
     assert found.s == pytest.approx(expected.s, rel=1e-6)
     assert found.value == pytest.approx(expected.value, rel=1e-9)

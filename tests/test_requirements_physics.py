@@ -11,7 +11,7 @@ from session.io.errors import FormatError
 from session.io.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
 from session.io.units import DEG
 from tinygc.estimation.choice import AgainstRaw
-from tinygc.estimation.compare import frame_angle
+from tinygc.estimation.compare import _frame_angle
 from tinygc.estimation.requirements import (
     Conformity,
     Measured,
@@ -416,4 +416,4 @@ def test_body_frames_are_apart_by_the_angle_of_the_turn_between_them(angle):
     triads = [
         SimpleNamespace(calibration=SimpleNamespace(frame=q.as_matrix())) for q in (begin, Rotation.from_rotvec([0, 0, angle]) * begin)
     ]
-    assert frame_angle(*triads) == pytest.approx(angle, abs=1e-7)
+    assert _frame_angle(*triads) == pytest.approx(angle, abs=1e-7)

@@ -13,7 +13,7 @@ from small_sessions import small_session
 
 from tinygc.effects import Convention
 from tinygc.explanation import decision
-from tinygc.explanation.decision import beyond_the_catalogue
+from tinygc.explanation.decision import _beyond_the_catalogue
 from tinygc.explanation.evidence import Guess, Selection, least_gain, linear_estimate, orthonormal, price, selection_of, sharpened, spacing
 from tinygc.explanation.search import (
     detection_limits,
@@ -481,7 +481,7 @@ def test_shapes_without_a_name_are_tried_beside_the_names_and_in_their_place(bes
         patch.object(_Hypothesis, "noise", SimpleNamespace(unusual=known.get("unusual", False)), create=True),
     ):
         tried = [EFFECTS[name] for name in "abc"]
-        assert names_of(beyond_the_catalogue(table, tried, table.named(best), known.get("first_p", 1.0))) == expected
+        assert names_of(_beyond_the_catalogue(table, tried, table.named(best), known.get("first_p", 1.0))) == expected
 
 
 @pytest.mark.parametrize("true", [(), ("a", "c", "d")])

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from session.detect.stamp_errors import (
     StampErrors,
-    about_lines,
+    _about_lines,
+    _even_pieces,
     angle_rms,
-    even_pieces,
     moved_by_stamps,
     rate_pieces,
     stamp_errors,
@@ -113,7 +113,7 @@ def test_lost_samples_are_no_scatter():
 def test_off_lines_of_a_bent_clock():
     """Stamps a k^2 are off a line through r rows on either side by a r (r + 1) / 3, whatever their rate."""
     count, reach = np.arange(60), np.minimum(7, np.minimum(np.arange(60), np.arange(60)[::-1]))
-    off = about_lines(5_000 + 2_000_000 * count + 300 * count**2, count, 7)
+    off = _about_lines(5_000 + 2_000_000 * count + 300 * count**2, count, 7)
     np.testing.assert_allclose(off, -300e-9 * reach * (reach + 1) / 3, atol=1e-15)
 
 
@@ -124,7 +124,7 @@ def test_scatter_and_what_the_readings_followed_by_numpy_and_scipy():
     gyro = np.cumsum(rng.normal(size=(127, 3)), axis=0) * np.clip(np.minimum(count, count[::-1]) / 20, 0, 1)[:, None]
     samples = Samples(stamps, gyro, np.zeros_like(gyro))
     errors, period_s = stamp_errors(samples, 0.2), samples.period_s
-    off = about_lines(stamps, count, 20)
+    off = _about_lines(stamps, count, 20)
     np.testing.assert_allclose(errors.covariance, np.correlate(off, off, "full")[126:147] / 127, rtol=1e-9, atol=1e-15)
     assert (errors.grid_s, errors.scatter_s) == (pytest.approx(2e-6), pytest.approx(np.sqrt(np.mean(off**2))))
     slope = savgol_filter(gyro, 9, 1, deriv=1, delta=period_s, axis=0, mode="constant")
@@ -147,7 +147,7 @@ def test_even_pieces_end_at_gaps_and_at_changes_and_count_single_losses(period_n
     assert samples.pace.coarse == coarse
 
     def ends(*rates):
-        return [(piece.start, piece.stop, count[0], count[-1] - len(count) + 1) for piece, count in even_pieces(samples, rates)]
+        return [(piece.start, piece.stop, count[0], count[-1] - len(count) + 1) for piece, count in _even_pieces(samples, rates)]
 
     whole, margin = len(t_ns), round(1 / samples.period_s)
     first = [(0, 500, 0, 0), (500, 2999, 0, 0)] if coarse else [(0, 2999, 0, 1)]

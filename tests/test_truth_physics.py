@@ -41,8 +41,8 @@ from tinygc.explanation.truth_engine import (
     _left,
     _outage_claims,
     _stands_and_turned,
+    _with_recorded_clock,
     explain_truth,
-    with_recorded_clock,
     without_wrong_moments,
 )
 from tinygc.explanation.truth_evidence import (
@@ -407,7 +407,7 @@ def test_a_clock_fitted_beside_a_delay_is_said_from_three_sigmas_on(sigmas, said
     assert _left(SimpleNamespace(fit=fit)) == pytest.approx((-sigmas * 0.001, 0.001))
     other = named(LEAN)
     before = explanation(problem=SimpleNamespace(session=session), fit=fit, claimed=[other], p_value=0.5)
-    after = with_recorded_clock(before)
+    after = _with_recorded_clock(before)
     assert [each.effect for each in after.claimed] == [LEAN, OFFSET][: 1 + said]
     p = float(stats.chi2.sf(sigmas**2, 1))
     assert after.p_value == pytest.approx(p if said else 0.5)
@@ -416,8 +416,8 @@ def test_a_clock_fitted_beside_a_delay_is_said_from_three_sigmas_on(sigmas, said
         assert (clock.theta[0], clock.sigma[0], clock.p_value) == pytest.approx((-sigmas * 0.001, 0.001, p))
         assert (clock.share, clock.equivalent, after.claimed[0].share) == (0.0, common_delays(), 0.5)
     beside = replace(before, claimed=[named(OFFSET), other])
-    assert with_recorded_clock(beside) is beside
-    assert with_recorded_clock(replace(before, fit=fit_of())).claimed == [other]
+    assert _with_recorded_clock(beside) is beside
+    assert _with_recorded_clock(replace(before, fit=fit_of())).claimed == [other]
 
 
 # The accelerometer, and the rests.
@@ -682,7 +682,7 @@ def test_a_clock_found_before_the_fit_is_claimed_whole(whole):
     assert clock.p_value == pytest.approx(stats.chi2.sf((clock.theta[0] / clock.sigma[0]) ** 2, 1))
     apart = replace(e, fit=fit_of(claim(OFFSET, 0.001), variance=0.002**2), angles=e.angles[::-1], excess=(0.0, 2.0))
     for own, p_value in ((0.5, stats.chi2.sf(((found_s + 0.001) / 0.002) ** 2, 1)), (1e-9, 1e-9)):
-        again = with_recorded_clock(replace(apart, claimed=[named(LEAN, 0.4), named(OFFSET, 0.2, own)]))
+        again = _with_recorded_clock(replace(apart, claimed=[named(LEAN, 0.4), named(OFFSET, 0.2, own)]))
         assert [each.effect for each in again.claimed] == [LEAN, OFFSET]
         lean, clock = again.claimed
         assert (lean.share, clock.share) == pytest.approx((0.4 * (1 - first_share), first_share + 0.2 * (1 - first_share)))
@@ -691,7 +691,7 @@ def test_a_clock_found_before_the_fit_is_claimed_whole(whole):
     assert again.angles[1] is apart.angles[1]
     assert again.held_out[1] is apart.held_out[1]
     assert again.excess == (pytest.approx(excess_of(e.problem, e.angles[0], 0)), 2.0)
-    assert [each.effect for each in with_recorded_clock(replace(apart, claimed=[])).claimed] == []
+    assert [each.effect for each in _with_recorded_clock(replace(apart, claimed=[])).claimed] == []
 
 
 def test_a_recording_confirms_its_own_numbers(whole):

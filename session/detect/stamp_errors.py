@@ -89,8 +89,8 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
     pace = samples.pace
     half = max(2 * SLOPE, round(over_s / pace.period_s))
     sums, rows, blocks = np.zeros(half + 1), 0, []
-    for piece, count in even_pieces(samples, [(piece.start, piece.stop) for piece in rate_pieces(samples)]):
-        off = about_lines(samples.t_ns[piece], count, half)
+    for piece, count in _even_pieces(samples, [(piece.start, piece.stop) for piece in rate_pieces(samples)]):
+        off = _about_lines(samples.t_ns[piece], count, half)
         lags = np.fft.irfft(np.abs(np.fft.rfft(off, ROUND * -(-(len(off) + half) // ROUND))) ** 2)[: min(len(off), half + 1)]
         sums[: len(lags)] += lags
         rows += len(off)
@@ -109,7 +109,7 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
     return StampErrors(pace.period_s, grid * NS, sums / rows, followed, sigma)
 
 
-def even_pieces(samples: Samples, rates: Sequence[tuple[int, int]]) -> Iterator[tuple[slice, np.ndarray]]:
+def _even_pieces(samples: Samples, rates: Sequence[tuple[int, int]]) -> Iterator[tuple[slice, np.ndarray]]:
     """The rows between gaps and within rates (first and last row, behind it), no more than ``TOGETHER`` at a time, and their numbers (N,),
     by which samples lost singly are counted."""
     pace = samples.pace
@@ -133,7 +133,7 @@ def even_pieces(samples: Samples, rates: Sequence[tuple[int, int]]) -> Iterator[
                 yield piece, np.arange(piece.stop - start) + np.cumsum(lost[piece], dtype=int)
 
 
-def about_lines(t_ns: np.ndarray, count: np.ndarray, half: int) -> np.ndarray:
+def _about_lines(t_ns: np.ndarray, count: np.ndarray, half: int) -> np.ndarray:
     """(N,) s by which stamps (N,) ns of samples with these numbers (N,) are off a line through ``half`` of them on either side, fewer near
     the ends: a rate that wanders slowly leaves nothing."""
     t_s = (t_ns - t_ns[0]) * NS
@@ -231,7 +231,7 @@ def _medians(values: np.ndarray, most: int) -> np.ndarray:
 def _line(samples: Samples, start: int, stop: int) -> RatePiece:
     """The rate of the lines through the stamps between gaps, all of one slope."""
     found = []
-    for piece, number in even_pieces(samples, [(start, stop)]):
+    for piece, number in _even_pieces(samples, [(start, stop)]):
         t_s = (samples.t_ns[piece] - samples.t_ns[piece.start]) * NS
         count, t_s = number - number.mean(), t_s - t_s.mean()
         square = float(count @ count)

@@ -10,7 +10,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import multivariate_normal
 
 from tinygc.annexes.rates import curve as curves
-from tinygc.annexes.rates.choice import EXTRA_GAIN, LINE, Choice, chance, choose, score
+from tinygc.annexes.rates.choice import _EXTRA_GAIN, LINE, Choice, chance, choose, score
 from tinygc.annexes.rates.curve import Shape, fit_curve
 from tinygc.annexes.rates.fitting import fit, floor, over_rate
 from tinygc.annexes.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
@@ -411,7 +411,7 @@ def test_one_reading_makes_no_kink_and_no_nonlinearity():
     points = kink()
     choice = given(points, Hypothesis("line", True, True, apart=int(np.flatnonzero(points.rate_dps == 120)[0])))
     unit = np.sqrt(fit(points, LINE).chi_square / len(points))
-    assert score(choice.fit, unit) + EXTRA_GAIN < score(fit(points, Hypothesis("pieces", True, True)), unit)
+    assert score(choice.fit, unit) + _EXTRA_GAIN < score(fit(points, Hypothesis("pieces", True, True)), unit)
     assert "the reading at 120 °/s is off, or there is a kink from 100 °/s on, which no reading determines" in " ".join(lines(choice))
     found = rows_of(choice)
     assert found["nonlinearity"].value is None

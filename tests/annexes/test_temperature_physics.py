@@ -23,6 +23,7 @@ from tinygc.annexes.temperature.axis_fit import (
     _best_lag,
     _Coloured,
     _hysteresis_of,
+    _in_degrees,
     _lag_grid,
     _lag_shows,
     _line_in,
@@ -34,7 +35,6 @@ from tinygc.annexes.temperature.axis_fit import (
     examine,
     fit_axis,
     folds_of,
-    in_degrees,
     make_knots,
     misfit,
     predicted,
@@ -403,10 +403,10 @@ def test_terms_are_per_degree_and_the_zero_the_mean_of_the_logs():
     rng = np.random.default_rng(9)
     coefficients, root = rng.normal(size=4), rng.normal(size=(5, 5))
     by_hand = np.array([[0.5, 0.5, 0, 0, 0], [0, 0, 1 / 15, 0, 0], [0, 0, 0, 1 / 225, 0], [0, 0, 0, 0, 1]])
-    terms, covariance = in_degrees(knots, coefficients, root @ root.T, Candidate(2, True))
+    terms, covariance = _in_degrees(knots, coefficients, root @ root.T, Candidate(2, True))
     assert terms == pytest.approx(by_hand[:3, :4] @ coefficients)
     assert covariance == pytest.approx(by_hand @ root @ root.T @ by_hand.T)
-    _, without = in_degrees(knots, coefficients, (root @ root.T)[:4, :4], Candidate(2, False))
+    _, without = _in_degrees(knots, coefficients, (root @ root.T)[:4, :4], Candidate(2, False))
     assert without[:3, :3] == pytest.approx(covariance[:3, :3])
     assert not without[3].any()
 
@@ -434,7 +434,7 @@ def test_a_fit_is_put_together_from_these(lag_s):
     y = knots.mean(np.concatenate([log.gyro[:, 0] for log in logs]))
     chosen, A, plain = Candidate(2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
     coefficients, covariance = solve(knots, y, fit.noise, fit.tau_s, chosen)
-    terms, covariance = in_degrees(knots, coefficients, covariance, chosen)
+    terms, covariance = _in_degrees(knots, coefficients, covariance, chosen)
     assert fit.terms == pytest.approx(terms)
     assert fit.covariance == pytest.approx(covariance, rel=1e-6)
     assert fit.left == pytest.approx(np.sqrt(np.mean((y - A @ coefficients) ** 2)))

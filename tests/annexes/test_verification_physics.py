@@ -15,7 +15,7 @@ from session.io.units import DEG, MG, G
 from tinygc import models
 from tinygc.annexes.verification import causes, questions, verdict
 from tinygc.annexes.verification.causes import Cause, Evidence, beyond_linear, diagnose
-from tinygc.annexes.verification.cost import BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
+from tinygc.annexes.verification.cost import _BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
 from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, _variance_and_freedom, read_old, with_bias_moved
 from tinygc.annexes.verification.questions import (
@@ -360,10 +360,10 @@ def test_without_data_a_turn_may_miss_what_a_plausible_change_makes():
     assert pytest.approx(np.diag(PLAUSIBLE**2)) == W
     of_e, of_b, of_g = bounds(rows, OLD.linear, W, 1.0, True)
     # A turn of 2 pi about x: the end is off by 2 pi x 1 % along it, and by less across it.
-    assert of_e.bound_deg == pytest.approx(BOUND * 2 * np.pi * 0.01 / DEG, rel=1e-3)
-    assert of_b.bound_deg == pytest.approx(BOUND * 60 * 1.0, rel=1e-6)
+    assert of_e.bound_deg == pytest.approx(_BOUND * 2 * np.pi * 0.01 / DEG, rel=1e-3)
+    assert of_b.bound_deg == pytest.approx(_BOUND * 60 * 1.0, rel=1e-6)
     assert not of_e.is_seen
-    assert of_g.bound_deg == pytest.approx(BOUND * np.hypot(0.01, 0.01) / DEG, rel=0.05)
+    assert of_g.bound_deg == pytest.approx(_BOUND * np.hypot(0.01, 0.01) / DEG, rel=0.05)
 
 
 def of_name(rows, name, **more):
@@ -422,7 +422,7 @@ def test_an_effect_is_the_length_of_the_error_and_its_sigma_that_of_its_worst_di
     change[-3:] = [3e-4, 4e-4, 0]
     covariance[-3:, -3:] = 1e-8 * np.array([[1, 0.9, 0], [0.9, 1, 0], [0, 0, 1]])
     found = effects_deg(made_rows(), NONE, change, covariance, True)
-    assert found[B] == pytest.approx(60 * (5e-4 + BOUND * 1e-4 * np.sqrt(1.9)) / DEG, rel=1e-3)
+    assert found[B] == pytest.approx(60 * (5e-4 + _BOUND * 1e-4 * np.sqrt(1.9)) / DEG, rel=1e-3)
 
 
 def test_what_a_rotation_is_beyond_its_linear_columns():

@@ -163,7 +163,7 @@ def into_frame_of(first: SessionTriad, other: SessionTriad) -> np.ndarray:
     return turned
 
 
-def frame_angle(first: SessionTriad, other: SessionTriad) -> float:
+def _frame_angle(first: SessionTriad, other: SessionTriad) -> float:
     """Return the angle in rad between two body frames."""
     turn = first.calibration.frame @ other.calibration.frame.T
     return float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
@@ -441,7 +441,7 @@ def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
 def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray, labels: tuple[tuple[str, str, str], ...]) -> list[str]:
     """Return notes on sessions in another body frame, where it differs by more than a misalignment's sigma."""
     smallest = sigmas[:, [word == "misalignment" for word, _, _ in labels]].min() * 1e-3
-    angles = [frame_angle(sessions[0].triad, session.triad) for session in sessions]
+    angles = [_frame_angle(sessions[0].triad, session.triad) for session in sessions]
     return [
         f"{session.name} is fitted in another body frame, {1e3 * angle:.2g} mrad away: E and B are turned into that of {sessions[0].name}"
         for session, angle in zip(sessions, angles, strict=True)

@@ -316,7 +316,7 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
 SAME_CURVE = 0.9
 
 
-def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
+def _part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
     """Whether further terms of an unnamed curve in the same hypothesis reproduce this effect in the channels."""
     own, J = best.effects[number], best.fit.J
     for other in best.effects:
@@ -339,7 +339,7 @@ def told_apart(evidence: Evidence, best: Hypothesis) -> Hypothesis:
     leaves more evidence.  Beside each other such members may cancel, and only their sum is determined: one of them, fitted alone, states
     it."""
     for number, own in enumerate(best.effects):
-        if own.id in SLOW_ZERO and part_of_a_curve(evidence, best, number):
+        if own.id in SLOW_ZERO and _part_of_a_curve(evidence, best, number):
             others = [e for e in best.effects if e.id in SLOW_ZERO and e.id.startswith(NAMELESS)]
             fewer = [tuple(effect for effect in best.effects if effect is not gone) for gone in (own, *others)]
             return told_apart(evidence, min((evidence.of(effects, best) for effects in fewer), key=lambda h: h.score))
@@ -537,10 +537,10 @@ class Naming:
 def leaves_more(twin: Twin, naming: Naming, proof: Proof) -> bool:
     """Whether beside what is named something has no name: a shape, noise unlike a sensor's, or a closure that the names make worse, or that
     is far above the noise that has a cause."""
-    return bool(naming.beyond) or naming.unusual or proof.worse or tilt_rms(proof.after) > NEAR_FLOOR * expected_rms(twin, naming, proof)
+    return bool(naming.beyond) or naming.unusual or proof.worse or tilt_rms(proof.after) > NEAR_FLOOR * _expected_rms(twin, naming, proof)
 
 
-def expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
+def _expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
     """Tilt rms, rad, that noise with a cause leaves of a segment: of what is estimated, all but each turn's and each still's own error."""
     noise, closure = naming.noise.without(TURN).without(STILL_RATE), naming.whiten.parts["closure"]
     variance = np.diag(noise.covariance)[closure].reshape(-1, twin.batch.angles)
@@ -569,14 +569,14 @@ def decide(
     progress("lookalikes")
     best = exchanged(evidence, tried, best)
     progress("beyond the catalogue")
-    best = beyond_the_catalogue(evidence, tried, best, first_p)
+    best = _beyond_the_catalogue(evidence, tried, best, first_p)
     for effect in stated:
         if effect.id not in best.ids:
             evidence.guess(best, add=effect)
     return decided(evidence, best, first_p, len({effect.id for effect in tried}), prove)
 
 
-def beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
+def _beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
     """Search unnamed shapes, in addition to the named effects and in their place.  Lines, of which there are hundreds, are tried only if
     something remains that no other candidate explains."""
     shapes = slow_candidates(evidence.twin)
@@ -602,7 +602,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, pr
         for number, n in enumerate(named)
         if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID
         and borne_out(evidence, best, number)
-        and not part_of_a_curve(evidence, best, number)
+        and not _part_of_a_curve(evidence, best, number)
     ]
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
     if kept and prove is not None:

@@ -104,7 +104,7 @@ def _chance_of(times_usual: float, pairs: int, segments: int) -> float:
 SAID_SIGMAS = 3.0
 
 
-def with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
+def _with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
     """Put the whole clock offset among the claims.  If an offset was found before the fit, "before" is the recording with the clock set
     back."""
     alignment = names.session.alignment
@@ -193,7 +193,7 @@ def explain_truth(
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
     alignment = sound.session.alignment
     twin = TruthTwin(sound)
-    names = with_recorded_clock(name_beside_truth(twin, Evidence(twin), seed, lambda what: progress(what, 2, 5)))
+    names = _with_recorded_clock(name_beside_truth(twin, Evidence(twin), seed, lambda what: progress(what, 2, 5)))
     progress("growth and clocks", 3, 5)
     lengths, closures = growth(sound, fit.model)
     truth_rad, walk_rad = noises(lengths, closures)

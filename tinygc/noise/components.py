@@ -435,7 +435,7 @@ class SessionNoise:
 
 
 #: steps of an estimate beside one more effect, which starts from the noise without it
-GUESS_STEPS = 7
+_GUESS_STEPS = 7
 
 
 def noise_beside(
@@ -461,7 +461,7 @@ def noise_beside(
 
     if columns.shape[1]:
         both[:, own] *= np.sqrt(np.mean(optimum()[own] ** 2))
-    return noise.estimated_beside(white, r + both @ optimum(), both, start, steps=GUESS_STEPS)
+    return noise.estimated_beside(white, r + both @ optimum(), both, start, steps=_GUESS_STEPS)
 
 
 def first_noise(twin: Twin, whiten: Whitener, missed: Undersampling | None = None) -> SessionNoise:

@@ -35,7 +35,7 @@ TABLES, SEED = 10_000, 1
 #: a law this much less probable than the best is no rival
 RIVAL = 0.05
 #: -2 log evidence that a further extra must gain, besides its price
-EXTRA_GAIN = 2 * np.log(len(COMPETING) / FALSE_ALARM)
+_EXTRA_GAIN = 2 * np.log(len(COMPETING) / FALSE_ALARM)
 #: passes between the offset of a curve and which of its points lie at a limit
 OFFSET_PASSES = 20
 LINE = Hypothesis("line")
@@ -128,7 +128,7 @@ def choose(points: Points) -> Choice:
     ]
     more.append(replace(min(fits, key=lambda each: score(each, unit)).hypothesis, law=CURVE))
     fits += [found for each in more if (found := fit(points, each)) is not None and _shows_limits(found)]
-    scored = sorted(((found, score(found, unit) + EXTRA_GAIN * (found.hypothesis.apart >= 0)) for found in fits), key=lambda each: each[1])
+    scored = sorted(((found, score(found, unit) + _EXTRA_GAIN * (found.hypothesis.apart >= 0)) for found in fits), key=lambda each: each[1])
     p_value = chance(points)
     others = [each for each in scored if each[0].hypothesis != LINE]
     if p_value > FALSE_ALARM or not others:
@@ -161,7 +161,7 @@ def _with_extras(points: Points, scored: list[tuple[Fit, float]], unit: float) -
         if of.apart < 0:
             more.append(replace(of, apart=_farthest(best)))
         fits = [each for hypothesis in more if (each := fit(points, hypothesis)) is not None and _shows_limits(each)]
-        tried = sorted(((each, score(each, unit) + EXTRA_GAIN) for each in fits), key=lambda each: each[1])
+        tried = sorted(((each, score(each, unit) + _EXTRA_GAIN) for each in fits), key=lambda each: each[1])
         if not tried or tried[0][1] >= have:
             break
         found = [*tried, *found]

@@ -455,7 +455,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
     plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
-    terms, of_terms = in_degrees(knots, coefficients, covariance, chosen)
+    terms, of_terms = _in_degrees(knots, coefficients, covariance, chosen)
     zeros = coefficients[: len(knots.logs)]
     scale = np.append(np.full(len(terms), unit), 1.0)
     index = examined.candidates.index(chosen)
@@ -543,7 +543,7 @@ def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above
     return float(chi2.sf(coefficients[part] @ pull, order - above))
 
 
-def in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """terms (P + 1,) per degC^n, the first the mean of the logs' zeros, and the covariance (P + 2, P + 2) of them and the lag."""
     logs, order = len(knots.logs), chosen.order
     map_ = np.zeros((order + 2, len(covariance)))

@@ -32,7 +32,7 @@ from tinygc.planning.proposals import Known, Proposal, best_turns
 from tinygc.planning.turns import SIDES
 
 #: sigmas of a bound of 95 %
-BOUND = 1.959963984540054
+_BOUND = 1.959963984540054
 #: turns that are proposed at most
 MOST_TURNS = 10
 #: sigma of the closure of one turn by hand where no turn shows it, degrees (docs/measured/accuracy.md); of gravity's length in a still,
@@ -157,12 +157,12 @@ def effects_deg(rows: Rows, old: LinearModel, change: np.ndarray, covariance: np
 def _bound_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) -> float:
     """Bound of the largest of angles with these slopes (M, k, 21), each of k components, degrees; along its most uncertain direction."""
     sigma = np.sqrt(np.linalg.eigvalsh(slopes @ covariance @ slopes.transpose(0, 2, 1)).max(axis=1))
-    return float((np.linalg.norm(slopes @ change, axis=1) + BOUND * sigma).max() / DEG)
+    return float((np.linalg.norm(slopes @ change, axis=1) + _BOUND * sigma).max() / DEG)
 
 
 def turns_that_tell(rows: Rows, noise: TodaysNoise, W: np.ndarray, limit_deg: float) -> list[Proposal]:
     """Turns that bring what is open below the limit, the best first; none where nothing is open."""
-    limit = limit_deg * DEG / BOUND
+    limit = limit_deg * DEG / _BOUND
     wanted = np.full(COUNT, limit / (2 * np.pi * np.sqrt(3)))
     wanted[ACCELEROMETER] = np.r_[np.full(6, limit / np.sqrt(2)), np.full(3, limit * STANDARD_GRAVITY_MPS2 / np.sqrt(2))]
     wanted[ZERO] = limit / MINUTE_S

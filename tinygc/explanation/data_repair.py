@@ -91,7 +91,8 @@ def _chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -
 # closure cannot decide is more likely to be true: the share of true events is estimated with them (EM of a mixture).
 
 LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
-#: numbers of lost samples on either side of the one that long steps gave which are tried with their bridges
+#: numbers of lost samples on either side of the one that long steps gave which are tried with their bridges: the step's error of a sample
+#: or two, and one more
 NEAR = 3
 #: log-likelihood ratio of a row that no sensor can output, which needs no closure
 CERTAIN = 20.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import GRAVITY
+from conftest import GRAVITY, Table, session_of
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as fisher_f
@@ -25,7 +25,7 @@ from session.detect.accelerometer import (
     why_not,
     write_calibrated_copy,
 )
-from session.detect.check_references import _check_zero
+from session.detect.check_references import _check_zero, own_fit
 from session.io.config import Accelerometer, Sensor
 from session.io.errors import FormatError
 from session.io.units import MG
@@ -332,3 +332,14 @@ def test_a_copy_holds_the_files_of_the_folder_and_nothing_is_written_over(tmp_pa
     for place, said in ((out, "is there already"), (folder / "new", "lies within the session folder")):
         with pytest.raises(FormatError, match=said):
             write_calibrated_copy(folder, place, Accelerometer())
+
+
+def test_white_noise_scatters_a_still_by_its_density_over_twice_the_stills_length():
+    """One-sided density n: variance n² / 2T of a mean over T.  Six faces fix six numbers, and no still is to spare to say more."""
+    lengths_s = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 9.0])
+    turns = [(90, (1, 0, 0))] * 3 + [(90, (0, 0, 1)), (180, (0, 0, 1))]
+    table = Table().rest(lengths_s[0])
+    for (degrees, axis), seconds in zip(turns, lengths_s[1:], strict=True):
+        table.turn(degrees, axis).rest(seconds)
+    found = own_fit(session_of(table.samples(accel_ug=1000.0)))
+    assert found.sigma_mps2 == pytest.approx(np.sqrt(np.mean(MG**2 / (2 * lengths_s))), rel=0.1)

@@ -51,25 +51,24 @@ def test_three_readings_that_follow_each_other_begin_a_stream(text):
     stream = Continuity()
     assert stream.take(received([T0, T0 + P], None if text else [7, 8])) == []
     out = told(stream.take(received([T0 + 2 * P], None if text else [9])))
-    assert out == ([T0, T0 + P][:2] + [T0 + 2 * P] * (not text), [1, 1] + [1] * (not text), [])
+    assert out == ([T0, T0 + P, T0 + 2 * P][: 3 - text], [1] * (3 - text), [])
     assert stream.period_us == P
     assert told(stream.finish()) == ([T0 + 2 * P] * text, [1] * text, [])
     assert stream.period_us is None
 
 
 @pytest.mark.parametrize(
-    ("steps", "text", "begins"),
+    ("steps", "beyond", "text"),
     [
-        ((1000, 1350), False, True), ((1000, 1351), False, False), ((1350, 1000), False, True), ((1351, 1000), False, False),
-        ((1000, 1700), True, True), ((1000, 1701), True, False), ((1700, 1000), True, True), ((1701, 1000), True, False),
-        ((50, 50), False, True), ((49, 49), False, False), ((2_000_000,) * 2, False, True), ((2_000_001,) * 2, False, False),
-        ((0, 0), True, False),
+        ((1000, 1350), (1000, 1351), False), ((1350, 1000), (1351, 1000), False),
+        ((1000, 1700), (1000, 1701), True), ((1700, 1000), (1701, 1000), True),
+        ((50, 50), (49, 49), False), ((2_000_000,) * 2, (2_000_001,) * 2, False),
     ],
 )  # fmt: skip
-def test_a_beginning_is_steady_and_of_a_possible_rate(steps, text, begins):
-    t_us = T0 + np.concatenate([[0], np.cumsum(steps)])
-    out = told(Continuity().take(received(t_us, None if text else [7, 8, 9])))
-    assert len(out[0]) == (2 + (not text) if begins else 0)
+def test_a_beginning_is_steady_and_of_a_possible_rate(steps, beyond, text):
+    for each, count in ((steps, 3 - text), (beyond, 0)):
+        t_us = T0 + np.cumsum([0, *each])
+        assert len(told(Continuity().take(received(t_us, None if text else [7, 8, 9])))[0]) == count
 
 
 @pytest.mark.parametrize(("skip", "begins"), [(4096, True), (4097, False), (0, False), (65535, False)])
@@ -96,7 +95,7 @@ def test_the_period_is_the_mean_over_numbers():
 
 
 @pytest.mark.parametrize("smooth", [True, False])
-@pytest.mark.parametrize(("numbers", "most"), [(1, 355), (2, 360), (200, 1350), (4096, 20_830)])
+@pytest.mark.parametrize(("numbers", "most"), [(1, 355), (4096, 20_830)])
 def test_a_step_may_err_by_a_third_of_a_period_and_half_a_per_cent(numbers, most, smooth):
     """(0.35 + 0.005 numbers) periods either way, among readings at once or one by one."""
     for off, counts in ((most, True), (most + 1, False), (-most, True), (-most - 1, False)):
@@ -108,7 +107,7 @@ def test_a_step_may_err_by_a_third_of_a_period_and_half_a_per_cent(numbers, most
         if counts:
             assert (t_us, periods) == ([at], [numbers])
             assert troubles == ([("lost", numbers - 1, last)] if numbers > 1 else [])
-        elif off < 0 and numbers > 2:
+        elif off < 0 and numbers > 1:
             assert t_us == [at]  # by one period less: one of the numbers was an info frame's
             assert periods == [numbers - 1]
         else:
@@ -181,10 +180,10 @@ def test_a_lost_info_frame_costs_no_sample(count):
         assert told(begun(count).take(received([last + P], [count - 1 + numbers])))[:2] == ([last + P] * counts, [1] * counts)
 
 
-@pytest.mark.parametrize(("gap_us", "numbers", "goes_on"), [
-    (0, 5, False), (1, 5, True), (2_000_000, 5, True), (2_000_001, 5, False),
-    (1_000_000, 0, False), (1_000_000, 1, True), (1_000_000, 4096, True), (1_000_000, 4097, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("gap_us", "numbers", "goes_on"),
+    [(0, 5, False), (1, 4096, True), (2_000_000, 1, True), (2_000_001, 5, False), (1_000_000, 0, False), (1_000_000, 4097, False)],
+)
 def test_another_rate_is_no_restart_within_two_seconds_and_4096_numbers(gap_us, numbers, goes_on):
     t_us = LAST + gap_us + 2400 * np.arange(4)
     out = told(begun().take(received(t_us, 19 + numbers + np.arange(4))))
@@ -203,12 +202,11 @@ def test_a_restart_needs_three_readings_and_each_further_one_twice_as_many_until
         last = t_us[-1]
 
 
-@pytest.mark.parametrize(("off", "counts"), [(700, True), (701, False), (-700, True), (-701, False)])
-def test_a_line_may_err_by_seven_tenths_of_a_period(off, counts):
-    for count in (20, 5):
-        last = T0 + (count - 1) * P
-        out = told(begun(count, text=True).take(received([last + P + off])))
-        assert out == ([last] * counts, [1] * counts, [])
+@pytest.mark.parametrize("count", [20, 5])
+def test_a_line_may_err_by_seven_tenths_of_a_period(count):
+    last = T0 + (count - 1) * P
+    for off, counts in ((700, True), (701, False), (-700, True), (-701, False)):
+        assert told(begun(count, text=True).take(received([last + P + off]))) == ([last] * counts, [1] * counts, [])
 
 
 @pytest.mark.parametrize(("gap", "needed"), [(600_000_000, 3), (600_000_001, 8), (0, 8), (1, 3), (-(2**31), 8), (-(2**31) - 1, 8)])
@@ -295,7 +293,7 @@ BAR, DOUBT = int(BARS[2]), 1000
     ("spike", "behind", "gone"),
     [
         (BAR + 1, 0, True), (BAR, 0, False), (-BAR - 1, 0, True), (-BAR, 0, False),
-        (BAR + 101, 100, True), (BAR + 100, 100, False), (-BAR - 101, -100, True),  # back by more than the bar
+        (BAR + 100, 100, False),  # back by more than the bar
         (386, 128, True), (385, 128, False),  # neighbours that differ by less than half of the smaller step, whole numbers
         (BAR + 1, -127, True), (BAR + 1, -128, False),
         (BAR + 1, 2 * BAR + 2, False),  # on and on in one direction
@@ -319,7 +317,7 @@ def test_a_bar_is_for_one_period_and_grows_with_the_periods(periods, bars):
 
 
 @pytest.mark.parametrize(("place", "gone"), [(300 + DOUBT - 1, True), (300 + DOUBT, False)])
-@pytest.mark.parametrize("cuts", [[], [500], [500, 700], [300 + DOUBT]])
+@pytest.mark.parametrize("cuts", [[], [500, 700], [300 + DOUBT]])
 def test_a_thousand_samples_are_doubted_from_the_damaged_one_on(place, gone, cuts):
     values = np.zeros(300 + DOUBT + 3, dtype=int)
     values[place] = 5 * BAR

@@ -57,7 +57,7 @@ def still(q, duration_s):
 
 def made(kind):
     """Two turns that share a still, and one of another log; ``known``: the net angles of the first and the last are stated."""
-    batch = small_turns(3, TRUE, kind == "yaw", samples=7)
+    batch = small_turns(3, TRUE, kind == "yaw", samples=4)
     batch = with_known_angles(batch) if kind == "known" else batch
     ends = list(pairwise(still(q, duration_s) for q, duration_s in zip([*batch.start, batch.end[-1]], STILL_S, strict=True)))
     ends[2] = (replace(ends[2][0], duration_s=0.25), ends[2][1])
@@ -149,19 +149,15 @@ def test_what_is_uncertain_of_single_segments_widens_them_and_is_no_noise():
 
 @pytest.mark.parametrize("kind", ["tilt", "yaw", "known"])
 def test_a_floor_is_the_sum_of_its_causes(kind):
-    """The gyroscope's noise is its own of each segment; the accelerometer's tilts both ends; dials and stops have their sigmas."""
+    """The gyroscope's noise is its own of each segment; a part keeps its name where segments are widened or scaled."""
     batch, ends = made(kind)
     floor = closure_floor(batch, closure.attitudes(batch, TRUE(batch.rate)), ends, NOISES, DIAL_RAD)
     parts = floor.parts
     assert [*parts] == [GYRO_NOISE, ACCEL_NOISE, *{"tilt": [], "yaw": [DIALS], "known": [STOPS]}[kind]]
     np.testing.assert_allclose(sum(part.dense() for part in parts.values()), floor.dense(), rtol=1e-12, atol=0)
     assert np.abs(parts[GYRO_NOISE].shared).max() < 1e-20
-    tilt = np.array([[np.mean(noise.accel**2) / 2 / still.duration_s for still in pair] for pair, noise in zip(ends, NOISES, strict=True)])
-    np.testing.assert_allclose(parts[ACCEL_NOISE].own[:, 0, 0], tilt.sum(axis=1) / GRAVITY**2)
-    np.testing.assert_allclose(parts[ACCEL_NOISE].shared[:, 1, 1], [-tilt[0, 1] / GRAVITY**2, 0.0])  # the third turn has its own still
     if kind != "yaw":
         return
-    np.testing.assert_allclose(parts[DIALS].own[:, 2, 2], 2 * DIAL_RAD**2)
     more = np.array([0.0, 1e-6, 0.0])[:, None, None] * np.eye(3)
     wider = floor.widened(more).scaled(np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(wider.parts[SINGLE_SEGMENTS].own, 4 * more)
@@ -182,11 +178,11 @@ def test_covariance_of_two_moments_is_the_sum_of_its_octaves():
 
 @pytest.mark.parametrize(
     ("apart_s", "spans_s"),
-    [(30, (2, 8)), (5, (2, 8)), (3, (2, 8)), (1, (2, 8)), (0, (2, 2)), (1, (0, 8))],
+    [(5, (2, 8)), (4, (2, 8)), (1, (2, 8)), (0, (2, 2)), (1, (0, 8))],
 )
 def test_means_over_two_spans_have_the_covariance_of_those_means(apart_s, spans_s):
-    """The covariance of moments by rectangles, 1000 to a span: exact but for their size."""
-    moments = [at + span_s * ((np.arange(1000) + 0.5) / 1000 - 0.5) for at, span_s in zip((0.0, apart_s), spans_s, strict=True)]
+    """The covariance of moments by rectangles, 500 to a span: exact but for their size."""
+    moments = [at + span_s * ((np.arange(500) + 0.5) / 500 - 0.5) for at, span_s in zip((0.0, apart_s), spans_s, strict=True)]
     apart = np.abs(np.subtract.outer(*moments))
     expected = np.log(2) / np.pi * sum(np.exp(-apart / time).mean() for time in OCTAVES_S)
     found = wander_covariance(np.array([0.0, apart_s]), np.array(spans_s), instability_rps=1.0)
@@ -204,10 +200,13 @@ def test_means_over_two_spans_have_the_covariance_of_those_means(apart_s, spans_
         (3.001, 1.5, 5.49, f"3.0 ± 1.5 °/h, {ESTIMATED}"),
     ],
 )
-def test_an_instability_says_what_it_knows(dph, sigma_dph, most_dph, words):
+def test_an_estimated_instability_says_what_it_knows(dph, sigma_dph, most_dph, words):
     known = BiasInstability(dph * DEG_PER_HOUR, ESTIMATED, sigma_dph * DEG_PER_HOUR, most_dph * DEG_PER_HOUR)
     assert known.words == words
     assert list(known.to_json().values()) == [pytest.approx(dph), pytest.approx(sigma_dph), ESTIMATED]
+
+
+def test_another_instability_says_where_it_is_from():
     given, unknown = BiasInstability(7.5 * DEG_PER_HOUR, "given"), BiasInstability(0.0, UNKNOWN)
     assert (given.words, unknown.words) == ("7.5 °/h, given", UNKNOWN)
     assert list(given.to_json().values()) == [pytest.approx(7.5), None, "given"]
@@ -266,9 +265,8 @@ def test_an_injected_instability_is_recovered():
     root = np.linalg.cholesky(np.diag(white[:, 0]) + (20 * DEG_PER_HOUR) ** 2 * flicker)
     records = root @ hadamard(16) + 1000 * DEG_PER_HOUR
     total = sum(_restricted_likelihood(each, np.ones((16, 1)), white[:, 0], flicker) for each in records.T)
-    best = np.polynomial.Polynomial.fit(
-        np.log(GRID_RPS[np.argmax(total) + np.arange(-1, 2)]), total[np.argmax(total) + np.arange(-1, 2)], 2
-    )
+    about = np.argmax(total) + np.arange(-1, 2)
+    best = np.polynomial.Polynomial.fit(np.log(GRID_RPS[about]), total[about], 2)
     assert np.exp(best.deriv().roots()[0]) / DEG_PER_HOUR == pytest.approx(20, rel=0.01)
     assert _posterior_of_instability(total).rps / DEG_PER_HOUR == pytest.approx(20, rel=0.02)
 
@@ -422,12 +420,8 @@ def test_the_estimate_is_the_posterior_over_all_axes_without_other_causes(source
 
 def test_given_comes_before_typical():
     sensor = config().sensor
-    typical, given = (bias_instability_of(replace(sensor, gyro_bias_instability_dph=dph), [], {}) for dph in (None, 7.5))
-    assert (typical.rps, typical.source, typical.sigma_rps, typical.of_unit) == (
-        pytest.approx(3 * DEG_PER_HOUR),
-        "typical of ASM330LHH",
-        None,
-        False,
-    )
-    assert (given.rps, given.source, given.of_unit) == (pytest.approx(7.5 * DEG_PER_HOUR), GIVEN, False)
+    for dph, is_dph, source in ((None, 3.0, "typical of ASM330LHH"), (7.5, 7.5, GIVEN)):
+        found = bias_instability_of(replace(sensor, gyro_bias_instability_dph=dph), [], {})
+        assert (found.source, found.sigma_rps, found.of_unit) == (source, None, False)
+        assert found.rps == pytest.approx(is_dph * DEG_PER_HOUR)
     assert bias_instability_of(replace(sensor, model="another"), [], {}).source == UNKNOWN

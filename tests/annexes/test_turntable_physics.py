@@ -28,10 +28,6 @@ ERRORS = {"plus": (0.01, 0.0, -0.004), "minus": (0.013, 0.0, 0.0), "bias": (0.01
 EXACT = Turned(PLAN, **ERRORS, stop_deg=1e-9)
 
 
-def true_scale(turned, scale):
-    return (turned.plus if scale.sense > 0 else turned.minus)[scale.axis]
-
-
 def fitted(t_ns, gyro, known):
     return tinygc.fit_turns(turn_session([GyroLog("log", t_ns, gyro)], known))
 
@@ -51,8 +47,7 @@ def step(rate_dps=60.0, turning=120, noise=0.0, seed=0):
 def test_turns_without_noise_give_the_scales_and_the_bias_exactly():
     found = tinygc.fit_turns(EXACT.session())
     assert [(scale.axis, scale.sense) for scale in found.scales] == [(0, 1), (0, -1), (2, 1)]
-    for scale in found.scales:
-        assert scale.value == pytest.approx(true_scale(EXACT, scale), abs=1e-8)
+    assert [scale.value for scale in found.scales] == pytest.approx([0.01, 0.013, -0.004], abs=1e-8)
     np.testing.assert_allclose(found.bias.mean, EXACT.bias, rtol=0, atol=1e-15)
     for angle in found.angles:
         gain = 1 + (EXACT.plus if angle.sense > 0 else EXACT.minus)[angle.axis]
@@ -70,13 +65,12 @@ def test_the_model_undoes_what_was_injected():
 
 
 def test_a_lean_of_the_table_does_not_enter_the_scale():
-    for lean in (0.0, 3.0, 10.0):
-        turned = dataclasses.replace(EXACT, plus=(0.01,) * 3, minus=(0.01,) * 3, lean=(0.0, lean * DEG, 0.0))
-        found = tinygc.fit_turns(turned.session())
-        for scale in found.scales:
-            assert scale.value == pytest.approx(0.01, abs=1e-8)  # by components it would be short by lean^2 / 2: 1.5 % at 10 deg
-            assert scale.axis_bound == pytest.approx(np.sqrt(2) * (lean * DEG) ** 2, rel=1e-6, abs=1e-12)
-        assert all(angle.lean_rad == pytest.approx(lean * DEG, abs=1e-6) for angle in found.angles)
+    lean = 10 * DEG
+    found = tinygc.fit_turns(dataclasses.replace(EXACT, plus=(0.01,) * 3, minus=(0.01,) * 3, lean=(0.0, lean, 0.0)).session())
+    for scale in found.scales:
+        assert scale.value == pytest.approx(0.01, abs=1e-8)  # by components it would be short by lean^2 / 2: 1.5 %
+        assert scale.axis_bound == pytest.approx(np.sqrt(2) * lean**2, rel=1e-6)
+    assert all(angle.lean_rad == pytest.approx(lean, abs=1e-6) for angle in found.angles)
 
 
 # Terms of the variance.
@@ -100,25 +94,23 @@ def test_two_steps_between_samples_are_rectangles_of_one_interval():
 
 def test_white_noise_and_rests_are_those_of_the_readings():
     white, means = [], []
-    for seed in range(12):
+    for seed in range(4):
         found = fitted(*step(noise=0.003, seed=seed))
         (angle,) = found.angles
         assert angle.variance["white"] == pytest.approx(found.noise.white[0] * angle.duration_s, rel=1e-6)
         white += list(found.noise.white / (0.003**2 * 0.01))
-        late = 0.5  # nearly
-        samples = [rest[2] for rest in angle.rests]
-        weights = [rest[1] for rest in angle.rests]
-        assert angle.variance["rests"] == pytest.approx(sum(w**2 * v for w, v in zip(weights, samples, strict=True)), rel=1e-9)
+        _, weights, samples = np.transpose(angle.rests)
+        assert angle.variance["rests"] == pytest.approx(weights**2 @ samples, rel=1e-9)
         assert np.sum(weights) == pytest.approx(-angle.duration_s, rel=1e-12)
-        assert abs(weights[0] / np.sum(weights) - late) < 0.1
+        assert weights[0] / np.sum(weights) == pytest.approx(0.5, abs=0.1)
         means.append(samples[0] / (0.003**2 / 200))
-    assert np.mean(white) == pytest.approx(1, abs=0.17)  # 3 of its sigmas
+    assert np.mean(white) == pytest.approx(1, abs=0.17)
     assert np.mean(means) == pytest.approx(1, abs=0.3)
 
 
 def test_what_shakes_too_fast_to_be_followed_is_counted_sample_by_sample():
     shares = []
-    for seed in range(12):
+    for seed in range(4):
         t_ns, gyro, known = step(noise=0.001, seed=seed)
         rng = np.random.default_rng(100 + seed)
         gyro[205:315, 0] += 0.2 * rng.normal(size=110)
@@ -142,14 +134,11 @@ def test_counted_samples_make_all_scales_as_uncertain_as_their_rate(tmp_path):
 def test_a_rest_that_two_turns_share_counts_once():
     """Turned forth and back at once, an error of the bias of the rest between adds to one angle what it takes from the other."""
     found = tinygc.fit_turns(Turned(((0, 90, 90.0), (0, -90, 90.0)), noise=0.02, rest_s=0.4, stop_deg=1e-4).session())
-    first, second = found.angles
-    (a,), (b,) = ([rest for rest in angle.rests if rest[0] == 1] for angle in (first, second))
+    (a,), (b,) = ([rest for rest in angle.rests if rest[0] == 1] for angle in found.angles)
     shared = a[1] * b[1] * a[2]
     assert shared < 0
-    variances = [angle.gyro_variance + angle.turn.sigma_rad**2 for angle in (first, second)]
-    total = [v + angle.variance["vibration"] for v, angle in zip(variances, (first, second), strict=True)]
-    expected = np.array([[total[0], shared], [shared, total[1]]]) / (first.stated_rad * second.stated_rad)
-    np.testing.assert_allclose(found.covariance, expected, rtol=1e-3)
+    one, two = (angle.gyro_variance + angle.turn.sigma_rad**2 + angle.variance["vibration"] for angle in found.angles)
+    np.testing.assert_allclose(found.covariance, np.array([[one, shared], [shared, two]]) / (90 * DEG) ** 2, rtol=1e-3)
 
 
 def test_half_of_what_rounding_hides_is_alike_in_all_turns_and_half_is_not():
@@ -161,10 +150,9 @@ def test_half_of_what_rounding_hides_is_alike_in_all_turns_and_half_is_not():
     (angle,) = found.angles
     whole = 1e-4 / 12
     assert angle.shared_rps2 == pytest.approx(whole / 2, rel=1e-9)
-    assert angle.variance["rounding"] == pytest.approx(
-        angle.duration_s**2 * whole * 1.5, rel=1e-9
-    )  # a turn that does not shake hides as much
-    total = angle.gyro_variance + angle.variance["vibration"] + angle.turn.sigma_rad**2 + angle.duration_s**2 * whole / 2
+    of_turn = angle.duration_s**2 * whole  # a turn that does not shake hides as much
+    assert angle.variance["rounding"] == pytest.approx(1.5 * of_turn, rel=1e-9)
+    total = angle.gyro_variance + angle.variance["vibration"] + angle.turn.sigma_rad**2 + of_turn / 2
     assert found.scales[0].sigma == pytest.approx(np.sqrt(total) / angle.stated_rad, rel=1e-3)
     np.testing.assert_allclose(found.bias.sigma, np.sqrt(whole), rtol=1e-9)
 
@@ -222,7 +210,7 @@ def test_bursts_are_spaced_evenly_and_a_delay_that_is_caught_up_is_no_gap():
     assert times.period_s == pytest.approx(0.002, rel=1e-3)
     assert len(times.gap_rows) == 0
     np.testing.assert_allclose(times.t_s, 0.002 * np.arange(2000), rtol=0, atol=1.5e-3)
-    assert np.abs(np.diff(times.t_s) - 0.002).max() < 1e-5
+    np.testing.assert_allclose(np.diff(times.t_s), 0.002, rtol=0, atol=1e-5)
 
 
 def test_samples_lost_between_bursts_are_a_gap_of_that_length():
@@ -268,20 +256,8 @@ def turn(measured_deg, stated_deg=360.0, axis=2, sense=1, log="log1", **more):
     """A measured turn with 0.2 deg of the gyroscope and 0.1 deg of the stop."""
     known = Turned(((axis, sense * stated_deg, 90.0),)).known()[0]
     variance = dict.fromkeys(TERMS, 0.0) | {"white": (0.2 * DEG) ** 2}
-    return TurnAngle(
-        known,
-        log,
-        axis,
-        sense,
-        stated_deg * DEG,
-        measured_deg * DEG,
-        np.eye(3)[axis] * sense,
-        4.0,
-        90 * DEG,
-        0.01,
-        variance | more.pop("variance", {}),
-        **more,
-    )
+    along, angles = np.eye(3)[axis] * sense, (stated_deg * DEG, measured_deg * DEG)
+    return TurnAngle(known, log, axis, sense, *angles, along, 4.0, 90 * DEG, 0.01, variance | more.pop("variance", {}), **more)
 
 
 KNOWN = np.hypot(0.2, 0.1) * DEG
@@ -319,12 +295,10 @@ def test_the_lost_turns_are_the_most_probable_set_of_all(measured, lost):
     values = [evidence(turns, good) for good in sets]
     np.testing.assert_array_equal(found.used, sets[int(np.argmax(values))])
     assert np.count_nonzero(~found.used) == lost
+    at = {tuple(good): value for good, value in zip(sets, values, strict=True)}
     for i in range(len(turns)):
-        other = found.used.copy()
-        other[i] = not other[i]
-        good, bad = (found.used, other) if found.used[i] else (other, found.used)
-        odds = evidence(turns, good) - evidence(turns, bad)
-        assert found.lost[i] == pytest.approx(1 / (1 + np.exp(odds)), rel=0.05)
+        good, bad = (at[*found.used[:i], is_good, *found.used[i + 1 :]] for is_good in (True, False))
+        assert found.lost[i] == pytest.approx(1 / (1 + np.exp(good - bad)), rel=0.05)
 
 
 def test_chi_square_is_that_of_a_weighted_fit_of_a_scale():
@@ -358,8 +332,7 @@ def test_a_group_of_which_every_turn_is_lost_is_not_claimed():
 
 
 def test_turns_with_a_problem_change_nothing():
-    good = [turn(360.2), turn(360.5), turn(360.1)]
-    bad = dataclasses.replace(turn(100.0), problem="no rest")
+    good, bad = [turn(360.2), turn(360.5), turn(360.1)], turn(100.0, problem="no rest")
     one, other = estimate(good), estimate([good[0], bad, *good[1:]])
     np.testing.assert_array_equal(one.scale, other.scale)
     assert list(other.used) == [True, False, True, True]

@@ -308,7 +308,6 @@ def test_a_guess_by_linear_columns_is_the_score_where_all_is_linear_and_nothing_
     evidence.forget(frozenset({B.id}))
     assert {"".join(sorted(name[-1] for name in h.ids)) for h in evidence.weighed} == {"", "a", "ac"}
     np.testing.assert_array_equal(evidence.columns(A), twin.columns_of(A))
-    assert [repr(Guess((A, B), 1.25)), repr(Guess((), 1.25))] == ["<test.a, test.b: 1.2>", "<nothing: 1.2>"]
 
 
 def test_an_effect_pays_for_every_shape_that_was_tried_under_its_name():
@@ -342,10 +341,8 @@ class Scores:
 
     def __init__(self, scores: dict[str, float], off: dict[str, float] | None = None, effects=EFFECTS):
         self.scores, self.off, self.effects, self.weighed, self.removed = scores, off or {}, effects, [], []
-        rng = np.random.default_rng(0)
-        self.basis = np.linalg.qr(rng.normal(size=(30, 21)))[0]
-        whiten = SimpleNamespace(each=iter)
-        self.whiten = self.first_whiten = whiten
+        self.basis = np.linalg.qr(np.random.default_rng(0).normal(size=(30, 21)))[0]
+        self.whiten = self.first_whiten = SimpleNamespace(each=iter)
         self.twin = None
 
     def named(self, names: str):
@@ -363,8 +360,7 @@ class Scores:
         columns = np.stack([self.columns(each)[:, 0] for each in effects], axis=1) if effects else np.zeros((30, 0))
         J = np.hstack([self.basis[:, 6:], columns])
         fit = Fit(100 * self.basis[:, :6].sum(axis=1), J, SimpleNamespace(claims=claims))
-        self.found = _Hypothesis(found.effects, found.score, fit, self.whiten)
-        return self.found
+        return _Hypothesis(found.effects, found.score, fit, self.whiten)
 
     def guess(self, have, *, without=None, add=None):
         effects = tuple(e for e in have.effects if e is not without) + ((add,) if add else ())
@@ -392,9 +388,8 @@ def names_of(hypothesis) -> str:
 
 def found(scores, tried="abc", off=None, effects=EFFECTS, **options):
     table = Scores({"": 0.0, **scores}, off, effects)
-    said: list[str] = []
-    best = search(table, [effects[name] for name in tried], table.named(""), progress=said.append, **options)
-    return names_of(best), table.weighed[1:], said
+    best = search(table, [effects[name] for name in tried], table.named(""), **options)
+    return names_of(best), table.weighed[1:]
 
 
 def test_effects_are_added_while_each_adds_evidence():
@@ -403,7 +398,6 @@ def test_effects_are_added_while_each_adds_evidence():
     assert found(chain, NAMES, most=2)[0] == "ab"
     assert found({"a": -10.0, "ab": -10.0})[0] == "a"
     assert found({"a": 0.0})[0] == ""
-    assert found({"a": -10.0, "ab": -9.0})[2] == ["naming, round 1", "naming, round 2"]
     third = {"a": -40.0, "b": -39.0, "c": -38.0, "ab": -30.0, "ac": -30.0, "bc": 0.0, "cd": -90.0}
     assert found(third, "abcd")[0] == "a"  # a third beginning is not followed
     assert found(chain, "")[0] == ""
@@ -484,19 +478,16 @@ def test_shapes_without_a_name_are_tried_beside_the_names_and_in_their_place(bes
         assert names_of(_beyond_the_catalogue(table, tried, table.named(best), known.get("first_p", 1.0))) == expected
 
 
-@pytest.mark.parametrize("true", [(), ("a", "c", "d")])
-def test_the_search_finds_the_best_of_all_subsets_and_their_probabilities(true):
+def test_the_search_finds_the_best_of_all_subsets_and_their_probabilities():
     """The headline of naming, in a recording small enough to try everything: each name has the share of the subsets that have it."""
-    tried = {name: effect(name, 1 + (name == "b")) for name in "abcd"}
-    twin = linear_twin(seed=11)
-    for name in true:
-        twin.spoil(tried[name], np.full(tried[name].parameter.size, 6.0))
+    tried, true = {name: effect(name, 1 + (name == "b")) for name in "abcd"}, "acd"
+    twin = spoilt_twin(*((tried[name], [6.0]) for name in true), seed=11)
     evidence, everything = twin.evidence(), twin.evidence()
     best = search(evidence, list(tried.values()), evidence.nothing)
     subsets = [some for size in range(5) for some in combinations(tried, size)]
     everything.will_try(list(tried.values()))
     exact = [everything.of(tuple(tried[name] for name in some), everything.nothing) for some in subsets]
-    assert {name[-1] for name in best.ids} == {name[-1] for name in min(exact, key=lambda h: h.score).ids} == set(true)
+    assert names_of(best) == names_of(min(exact, key=lambda h: h.score)) == true
     weights = np.exp(-np.array([h.score - best.score for h in exact]) / 2)
     chance = probabilities(evidence.weighed)
     for name in tried:
@@ -526,10 +517,10 @@ def guess(score: float, *names: str) -> Guess:
 
 
 def test_probabilities_are_those_of_the_hypotheses_that_have_the_name():
-    odds = [guess(-2 * np.log(share), *names) for share, names in ((0.4, ("a",)), (0.3, ("b",)), (0.2, ("a", "b")), (0.1, ()))]
+    shares = (0.4, "a"), (0.3, "b"), (0.2, "ab"), (0.1, "")
     for shift in (-1e5, 0.0, 1e5):
-        moved = [Guess(g.effects, g.score + shift) for g in odds]
-        assert probabilities(moved) == pytest.approx({"a": 0.6, "b": 0.5, "": 0.1})  # both at once are counted twice
+        odds = [guess(shift - 2 * np.log(share), *names) for share, names in shares]
+        assert probabilities(odds) == pytest.approx({"a": 0.6, "b": 0.5, "": 0.1})  # both at once are counted twice
     assert probabilities([guess(0.0, "a"), guess(5000.0)]) == pytest.approx({"a": 1.0, "": 0.0})
 
 

@@ -1,7 +1,7 @@
 """A truth's clock and mounting with their sigmas, on half a minute of smooth motion: beside numeric derivatives and scipy's rotations."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -58,18 +58,18 @@ def rate_at(t_s):
     return np.stack([1.2 * waves[0] + 0.5 * waves[3], 1.0 * waves[1] - 0.6 * waves[4], 0.9 * waves[2] + 0.4 * waves[5]], axis=1)
 
 
-def motion(seconds=30.0):
-    """t_s and attitudes q_nb at fine steps, from the rate in their middle."""
-    t_s = np.arange(round(seconds * HZ * FINE)) / (HZ * FINE)
-    q = [Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()]
-    for step in Rotation.from_rotvec(rate_at(t_s[:-1] + 0.5 / (HZ * FINE)) / (HZ * FINE)).as_matrix():
-        q.append(q[-1] @ step)
-    return t_s, Rotation.from_matrix(q)
+def rotation(q):
+    return Rotation.from_quat(q, scalar_first=True)
 
 
 @pytest.fixture(scope="module")
 def moved():
-    return motion()
+    """t_s and attitudes q_nb at fine steps of half a minute, from the rate in their middle."""
+    t_s = np.arange(30 * HZ * FINE) / (HZ * FINE)
+    q = [Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()]
+    for step in Rotation.from_rotvec(rate_at(t_s[:-1] + 0.5 / (HZ * FINE)) / (HZ * FINE)).as_matrix():
+        q.append(q[-1] @ step)
+    return t_s, Rotation.from_matrix(q)
 
 
 def made(moved, late_s=0.0, mounting=(0, 0, 0), noise_deg=0.02, seed=0, reading=TruthReading(), given=TruthGiven(), every=40, E=E):  # noqa: B008
@@ -98,45 +98,43 @@ def seen_of(session):
     return AlignedLog(carried(log.samples, log.samples.gyro), spans, truth.q_nb, log.samples.accel), log.samples
 
 
-def test_a_log_is_carried_exactly_and_read_between_its_samples(moved):
-    t_s, q = moved
-    own = slice(None, None, FINE)
-    t_ns = np.rint(t_s[own] * 1e9).astype(np.int64)
-    log = carried(Samples(t_ns, rate_at(t_s[own]), np.zeros((len(t_ns), 3))), rate_at(t_s[own]))
-    between = np.array([0.0, 1.2325, 7.7775, 15.0, 29.98])
-    true = Rotation.concatenate([q[round(t * HZ * FINE)] for t in between])
-    found = q[0] * Rotation.from_quat(log.at(between), scalar_first=True)
-    assert (found * true.inv()).magnitude().max() < 3e-4  # of a rate that is straight between two samples
-    np.testing.assert_allclose(log.rate_at(between), rate_at(between), atol=2e-4)
-    assert log.whole(between[:-1], between[1:]).all()
-    assert not log.whole(np.array([-0.011, 5.0, 3.0]), np.array([2.0, 30.1, 3.001])).any()
-    coarse = rate_at(np.arange(4) * 0.2)  # steps of mean rates, and the coning of a straight one
-    few = carried(Samples(np.arange(4) * 200_000_000, coarse, coarse), coarse)
-    by_hand = [0.1 * (a + b) + 0.04 / 12 * np.cross(a, b) for a, b in pairwise(coarse)]
-    expected = Rotation.from_rotvec(by_hand[0]) * Rotation.from_rotvec(by_hand[1]) * Rotation.from_rotvec(by_hand[2])
-    assert (Rotation.from_quat(few.q[3], scalar_first=True) * expected.inv()).magnitude() < 1e-12
-    # Of a rate about one axis that is straight between samples, and holds beyond the first and the last, the angle is an integral.
-    knots_s, knots = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.3, 1.0, 0.5, -1.2])
-    rate = np.outer(knots, [0.0, 0.6, 0.8])
-    log = carried(Samples(np.rint(knots_s * 1e9).astype(np.int64), rate, rate), rate)
+def log_of(t_s, rate):
+    return carried(Samples(np.rint(t_s * 1e9).astype(np.int64), rate, rate), rate)
+
+
+def test_a_log_is_carried_by_mean_rates_with_the_coning_of_a_straight_one():
+    rate = rate_at(np.arange(4) * 0.2)
+    log = log_of(np.arange(4) * 0.2, rate)
+    first, second, third = (Rotation.from_rotvec(0.1 * (a + b) + 0.04 / 12 * np.cross(a, b)) for a, b in pairwise(rate))
+    later = Rotation.from_rotvec(0.05 * rate[2] + 0.05**2 / 2 * (rate[3] - rate[2]) / 0.2)
+    for t_s, expected in ((0.6, first * second * third), (0.45, first * second * later)):
+        assert (rotation(log.at(np.array([t_s]))) * expected.inv()).magnitude() < 1e-12
+
+
+def test_a_rate_is_straight_between_samples_and_holds_beyond_the_first_and_the_last():
+    """About one axis, where the angle is an integral."""
+    knots_s, knots, axis = np.arange(4.0), np.array([0.3, 1.0, 0.5, -1.2]), [0.0, 0.6, 0.8]
+    log = log_of(knots_s, np.outer(knots, axis))
     fine = np.linspace(-0.6, 3.6, 42001)
     angle = np.concatenate([[0.0], np.cumsum(np.interp((fine[1:] + fine[:-1]) / 2, knots_s, knots)) * 1e-4])
     at = np.array([-0.5, 0.0, 0.2, 0.4, 0.6, 1.3, 2.0, 2.7, 3.0, 3.5])
-    expected = np.outer(np.interp(at, fine, angle) - np.interp(0.0, fine, angle), [0.0, 0.6, 0.8])
-    np.testing.assert_allclose(Rotation.from_quat(log.at(at), scalar_first=True).as_rotvec(), expected, atol=1e-7)
-    np.testing.assert_allclose(log.rate_at(at), np.outer(np.interp(at, knots_s, knots), [0.0, 0.6, 0.8]), atol=1e-12)
+    expected = np.outer(np.interp(at, fine, angle) - np.interp(0.0, fine, angle), axis)
+    np.testing.assert_allclose(rotation(log.at(at)).as_rotvec(), expected, atol=1e-7)
+    np.testing.assert_allclose(log.rate_at(at), np.outer(np.interp(at, knots_s, knots), axis), atol=1e-12)
     begin, end = np.array([-0.99, -1.01, 0.4, 0.4, 2.6, 2.1]), np.array([3.99, 2.0, 0.6, 0.45, 4.01, 2.9])
     assert log.whole(begin, end).tolist() == [True, False, True, False, False, True]  # by a period beyond; between two samples at least
-    # A gap of more than one and a half periods: no rate in it, and no span across it.
-    for periods, gap in ((1.4, False), (1.6, True)):
-        late = t_ns + np.where(np.arange(len(t_ns)) > 500, round((periods - 1) * 1e7), 0)
-        log = carried(Samples(late, rate_at(t_s[own]), np.zeros((len(t_ns), 3))), rate_at(t_s[own]))
-        assert log.whole(np.array([4.0]), np.array([6.0])).all() == (not gap)
-        middle = 5.0 + periods * 0.004
-        slope = (rate_at(np.array([5.01])) - rate_at(np.array([5.0]))) / (0.01 * periods)
-        np.testing.assert_allclose(
-            log.rate_at(np.array([middle])), rate_at(np.array([5.0])) + (0 if gap else slope * periods * 0.004), atol=1e-9
-        )
+
+
+@pytest.mark.parametrize(("periods", "share"), [(1.4, 0.4), (1.6, 0.0)])
+def test_in_a_gap_of_more_than_one_and_a_half_periods_there_is_no_rate_and_no_span_across(periods, share):
+    rate, row = np.random.default_rng(0).normal(size=(200, 3)), np.arange(200)
+    log = log_of(0.01 * (row + (periods - 1) * (row > 100)), rate)
+    assert log.whole(np.array([0.5]), np.array([1.5]))[0] == (share > 0)
+    np.testing.assert_allclose(log.rate_at(np.array([1 + 0.004 * periods]))[0], rate[100] + share * (rate[101] - rate[100]), atol=1e-9)
+
+
+def truth_between(truth, first, stop):
+    return replace(truth, t_ns=truth.t_ns[first:stop], q_nb=truth.q_nb[first:stop])
 
 
 def test_a_span_is_half_a_second_from_every_moment_within_a_window():
@@ -162,40 +160,26 @@ def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wil
     (truth,) = session.truths
     if wild:
         q = truth.q_nb.copy()
-        q[20::40] = (Rotation.from_quat(q[20::40], scalar_first=True) * Rotation.from_rotvec([0.02, 0, 0])).as_quat(scalar_first=True)
+        q[20::40] = (rotation(q[20::40]) * Rotation.from_rotvec([0.02, 0, 0])).as_quat(scalar_first=True)
         session = replace(session, truths=(replace(truth, q_nb=q),))
     one, samples = seen_of(session)
     start = TruthReading(mounting=Rotation.from_rotvec(np.multiply((3.3, -2.2, 0.8), DEG)).as_matrix(), offset_s=-0.01)
     found = refined([one], [samples], start)
-    t_s = (samples.t_ns - samples.t_ns[0]) * 1e-9
-    attitudes = Rotation.from_quat(one.written, scalar_first=True)
-    turned = (attitudes[one.spans.first].inv() * attitudes[one.spans.last]).as_matrix()
-
-    def errors(offset_s, mounting, matrix, bias):
-        """By scipy: the gyro's turns, against the truth's in the gyro's axes."""
-        rate = samples.gyro @ matrix.T + bias
-        steps = (rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None] + np.cross(rate[:-1], rate[1:]) * (np.diff(t_s) ** 2 / 12)[:, None]
-        q = [np.eye(3)]
-        for step in Rotation.from_rotvec(steps).as_matrix():
-            q.append(q[-1] @ step)
-        q = Rotation.from_matrix(q)
-
-        def at(t):
-            row = np.floor(t * HZ + 1e-9).astype(int)
-            late = (t - t_s[row])[:, None]
-            slope = (rate[row + 1] - rate[row]) * HZ
-            return q[row] * Rotation.from_rotvec((rate[row] + slope * late / 2) * late)
-
-        own = at(one.spans.begin_s + offset_s).inv() * at(one.spans.end_s + offset_s)
-        return (own * Rotation.from_matrix(mounting.T @ turned @ mounting).inv()).as_rotvec()
-
+    attitudes, spans = rotation(one.written), one.spans
+    turned = attitudes[spans.first].inv() * attitudes[spans.last]
     # The gyro's matrix and bias at that offset and mounting: by least squares of what is left, robustly, as nuisance.
-    symmetric = [np.outer(np.eye(3)[i], np.eye(3)[j]) + np.outer(np.eye(3)[j], np.eye(3)[i]) for i in range(3) for j in range(i, 3)]
+    symmetric = [np.outer(a, b) + np.outer(b, a) for a, b in combinations_with_replacement(np.eye(3), 2)]
 
     def of(theta):
-        mounting = found.mounting @ Rotation.from_rotvec(theta[1:4]).as_matrix()
-        matrix = np.eye(3) + sum(x * each for x, each in zip(theta[4:10], symmetric, strict=True))
-        return errors(found.offset_s + theta[0], mounting, matrix, theta[10:])
+        """The gyro's turns, against the truth's in the gyro's axes."""
+        mounting = Rotation.from_matrix(found.mounting) * Rotation.from_rotvec(theta[1:4])
+        matrix = np.eye(3) + np.tensordot(theta[4:10], symmetric, axes=1)
+        log = carried(samples, samples.gyro @ matrix.T + theta[10:])
+        begin, end = (rotation(log.at(t_s + found.offset_s + theta[0])) for t_s in (spans.begin_s, spans.end_s))
+        return (begin.inv() * end * (mounting.inv() * turned * mounting).inv()).as_rotvec()
+
+    def steps(slope, left, weight):
+        return np.linalg.solve(np.einsum("kip,k,kiq->pq", slope, weight, slope), np.einsum("kip,k,ki->p", slope, weight, left))
 
     theta = np.zeros(13)
     for _ in range(2 + wild):
@@ -203,19 +187,15 @@ def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wil
         slope = np.stack([(of(theta + step) - left) / 1e-5 for step in 1e-5 * np.eye(13)], axis=-1)
         length = np.linalg.norm(left, axis=1)
         weight = np.minimum(1, 2 * np.median(length) / length)
-        normal = np.einsum("kip,k,kiq->pq", slope, weight, slope)
-        theta = theta - np.linalg.solve(normal, np.einsum("kip,k,ki->p", slope, weight, left))
-    begin = one.spans.begin_s + found.offset_s
+        theta = theta - steps(slope, left, weight)
+    begin = spans.begin_s + found.offset_s
     length = (begin[-1] - begin[0]) / 20
-    block, without = ((begin - begin[0]) // length).astype(int), []
-    for number in range(block.max() + 1):
-        kept = weight * (block != number)
-        step = np.einsum("kip,k,kiq->pq", slope, kept, slope)
-        without.append(np.linalg.solve(step, np.einsum("kip,k,ki->p", slope, kept, left)))
-    errors_ = left * np.sqrt(weight)[:, None]
-    lags = sum(np.correlate(each, each, "full") for each in errors_.T)[len(left) :] / np.sum(errors_**2)
+    block = ((begin - begin[0]) // length).astype(int)
+    without = [steps(slope, left, weight * (block != number)) for number in range(block.max() + 1)]
+    apart = without - steps(slope, left, weight)
+    errors = left * np.sqrt(weight)[:, None]
+    lags = sum(np.correlate(each, each, "full") for each in errors.T)[len(left) :] / np.sum(errors**2)
     T = (0.5 + lags[: np.flatnonzero(lags <= 0)[0]].sum()) * np.median(np.diff(begin)) / length
-    apart = np.array(without) - np.linalg.solve(normal, np.einsum("kip,k,ki->p", slope, weight, left))
     covariance = apart.T @ apart * (len(apart) - 1) / len(apart) / (1 - T * (1 - np.exp(-1 / T)))
     sigma = np.sqrt(np.diag(covariance))
     assert np.abs(theta[:4] / sigma[:4]).max() < 0.1
@@ -347,7 +327,7 @@ def test_a_world_is_known_by_an_up_that_is_steady_and_near_an_axis(length, tilt_
     assert _frame_of(_Way(TruthReading(), 0.0, None)) is None
 
 
-def spinning(likeness, moments=300, samples=760):
+def spinning(likeness, moments=120, samples=580):
     """A gyro that turns about one axis at random rates, and the spans of a truth that turns about another, of one and of two steps of
     10 ms by turns: its speeds have these coefficients of correlation with the gyro's, by steps of offset."""
     rng = np.random.default_rng(3)
@@ -373,10 +353,8 @@ def spinning(likeness, moments=300, samples=760):
     [
         ({20: 0.7001}, 0.2),
         ({20: 0.6999}, None),
-        ({200: 0.75}, 2.0),
         ({-200: 0.75}, -2.0),
         ({201: 0.75}, None),
-        ({-201: 0.75}, None),
         # The nearer of two as good: of what is left of likeness, by half more at most.
         ({30: 0.75, -12: 0.626}, -0.12),
         ({30: 0.75, -12: 0.624}, 0.3),
@@ -412,13 +390,13 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
         assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
 
 
-@pytest.mark.parametrize(("scale", "bias"), [(1.0, (3.0, -2.0, 4.0)), (1e-4, (0.0, 0.0, 0.0))])
-def test_a_sample_without_a_force_does_not_tell_which_way_is_up(moved, scale, bias):
+def test_a_sample_without_a_force_does_not_tell_which_way_is_up(moved):
     """Not by the accelerometer's bias either; and a force is a force, however small."""
     session = made(moved)
     (log,) = session.logs
-    accel = np.where(np.arange(len(log.samples))[:, None] % 3 > 0, scale * log.samples.accel + bias, 0.0)
-    config = replace(session.config, accelerometer=Accelerometer(bias_mps2=np.array(bias)))
+    bias = 1e-4 * np.array([3.0, -2.0, 4.0])
+    accel = np.where(np.arange(len(log.samples))[:, None] % 3 > 0, 1e-4 * log.samples.accel + bias, 0.0)
+    config = replace(session.config, accelerometer=Accelerometer(bias_mps2=bias))
     found = align(replace(session, config=config, logs=(replace(log, samples=replace(log.samples, accel=accel)),))).alignment
     np.testing.assert_allclose(found.up, [0, 0, -1], atol=2e-3)
     assert found.source["frame"] == "found"
@@ -440,12 +418,8 @@ def test_ten_spans_are_looked_at_and_a_given_clock_is_where_it_is_said(moved):
     assert abs(found.offset_s + 0.3) < 5 * found.offset_sigma_s
 
 
-def truth_between(truth, first, stop):
-    return replace(truth, t_ns=truth.t_ns[first:stop], q_nb=truth.q_nb[first:stop])
-
-
 def matrix_of(q):
-    return Rotation.from_quat(q, scalar_first=True).as_matrix()
+    return rotation(q).as_matrix()
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -80,7 +80,7 @@ def test_an_info_frame_byte_by_byte_and_back():
 
 @pytest.mark.parametrize(
     ("gyro_fs", "accel_fs", "odr_hz", "known"),
-    [(1, 1, 1.0, True), (0, 1, 1.0, False), (1, 0, 1.0, False), (1, 1, 0.11, True), (1, 1, 0.09, False), (1, 1, 1e5, True),
+    [(0, 1, 1.0, False), (1, 0, 1.0, False), (1, 1, 0.11, True), (1, 1, 0.09, False), (1, 1, 1e5, True),
      (1, 1, 100_001.0, False), (1, 1, float("nan"), False)],
 )  # fmt: skip
 def test_an_info_of_values_that_no_sensor_has_is_none(gyro_fs, accel_fs, odr_hz, known):
@@ -100,18 +100,6 @@ def test_commands_byte_by_byte(command, number, form, values):
 
 def test_a_wire_carries_25_bytes_a_sample_and_200_of_ten_bits_a_second_besides():
     assert frames.least_baud(1000.0) == 1000 * 25 * 10 + 200 * 10
-
-
-def test_no_frame_with_one_two_or_three_flipped_bits_passes():
-    """A CRC-16 with this polynomial has distance 4 at this length; COBS may spread an error, so all places are tried."""
-    frame = np.frombuffer(frame_list(*sent(1))[0], np.uint8)[:-1]
-    bits = [(byte, 1 << bit) for byte in range(len(frame)) for bit in range(8)]
-    pairs = [(a, b) for i, a in enumerate(bits) for b in bits[:i]]
-    table = np.tile(frame, (len(pairs), 1))
-    for row, pair in enumerate(pairs):
-        for byte, mask in pair:
-            table[row, byte] ^= mask
-    assert not frames.decode_blocks(table[(table != 0).all(axis=1)])[1].any()
 
 
 # What a board says beside its samples.
@@ -168,10 +156,14 @@ def test_the_order_of_the_counts_is_that_of_the_firmware():
 
 
 def test_every_field_of_the_four_frames():
+    counts = dict.fromkeys(FAULTS, 0) | {"parity": 3, "lost": 5}
     events = StreamDecoder().feed(HELLO + board_frame() + faults_frame(parity=3, lost=5) + done_frame(7, 0x11, 4) + self_test_frame())
-    assert events[1] == BoardStatus(1, True, True, "1.2.3", 0x6B, -4, REGISTERS, 921600, 417.0)
-    assert dict(zip(FAULTS, events[2].counts, strict=True)) == {name: {"parity": 3, "lost": 5}.get(name, 0) for name in FAULTS}
-    assert events[3:] == [CommandResult(7, 0x11, 4), SelfTestResult(2, (300.0, 310.0, 320.0), (90.0, 95.0, 100.0))]
+    assert events[1:] == [
+        BoardStatus(1, True, True, "1.2.3", 0x6B, -4, REGISTERS, 921600, 417.0),
+        FaultCounts(tuple(counts.values())),
+        CommandResult(7, 0x11, 4),
+        SelfTestResult(2, (300.0, 310.0, 320.0), (90.0, 95.0, 100.0)),
+    ]
 
 
 @pytest.mark.parametrize("size", [7, 100_000])
@@ -179,10 +171,7 @@ def test_they_come_between_the_samples_take_no_number_and_are_said_once_each(siz
     rows = frame_list(*sent(300))
     second = board_frame() + faults_frame(overrun=1)
     data = b"".join([*rows[:100], second, *rows[100:200], second, *rows[200:], faults_frame(overrun=2)])
-    decoder, events = StreamDecoder(), []
-    for at in range(0, len(data), size):
-        events += decoder.feed(data[at : at + size])
-    events += decoder.finish()
+    decoder, events = decode(data, range(0, len(data), size))
     assert decoder.samples == 300
     assert decoder.lost == decoder.garbage == decoder.crc_errors == 0
     assert [type(event) for event in events if not isinstance(event, (SampleChunk, Trouble))] == [BoardStatus, FaultCounts, FaultCounts]
@@ -333,11 +322,10 @@ def test_two_halves_of_lines_that_look_whole_do_not_enter():
 @pytest.mark.parametrize("header", [False, True])
 def test_a_strings_terminator_before_the_lines_end_is_no_damage(end, header):
     """However the bytes are divided.  The first line alone shows no such habit, and may be half a line before a frame."""
-    t_us, registers = sent(300)
+    t_us, registers = sent(120)
     lines = ([f"t_us,gx,gy,gz,ax,ay,az,temp{end}".encode()] if header else []) + line_list(t_us, registers, end)
-    first = 0 if header else 1
-    data = b"".join(lines)
-    for cuts in (None, range(1, len(data), 97), [len(b"".join(lines[:100])) - 1], [len(b"".join(lines[:100])) - len(end)]):
+    first, data, middle = 0 if header else 1, b"".join(lines), len(b"".join(lines[:50]))
+    for cuts in (None, range(1, len(data), 97), [middle - 1], [middle - len(end)]):
         decoder, events = decode(data, cuts)
         assert same(events, t_us[first:], registers[first:])
         assert decoder.garbage == len(lines[0])
@@ -436,21 +424,17 @@ def test_another_header_begins_another_log(tmp_path):
     assert sum(len(path.read_text().split("\n")) - 2 for path in writer.paths) == 400
 
 
-@pytest.mark.parametrize("first", [b"", b"frames"], ids=["before anything", "between frames"])
+@pytest.mark.parametrize("first", [0, 30], ids=["before anything", "between frames"])
 @pytest.mark.parametrize("header", [HEADER, "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"], ids=["as wide", "narrower"])
 def test_frames_behind_a_header_of_text_are_registers(header, first):
     """Found by fuzzing: they were taken for numbers in the header's units, or failed where it has no temperature."""
     t_us, registers = sent(80)
-    frames = frame_list(t_us, registers)
-    before, behind = (b"".join(frames[:30]), b"".join(frames[30:])) if first else (b"", b"".join(frames))
-    _, events = decode(b"\0" + before + 600 * b"x" + b"\n" + header.encode() + b"\n\0" + behind)
-    chunks = [event for event in events if isinstance(event, SampleChunk)]
-    assert not any(chunk.form.physical for chunk in chunks)
-    got_us, got = samples(events)
-    assert len(got_us) >= 70  # the one whose delimiter the text took is lost
-    place = np.searchsorted(t_us, got_us)
-    np.testing.assert_array_equal(t_us[place], got_us)
-    np.testing.assert_array_equal(registers[place], got)
+    rows = frame_list(t_us, registers)
+    text = 600 * b"x" + b"\n" + header.encode() + b"\n"
+    _, events = decode(b"\0" + b"".join([*rows[:first], text, b"\0", *rows[first:]]))
+    assert not any(event.form.physical for event in events if isinstance(event, SampleChunk))
+    assert strangers(events, t_us, registers) == 0
+    assert len(samples(events)[0]) >= 70  # the one whose delimiter the text took is lost
 
 
 @pytest.mark.parametrize(
@@ -549,32 +533,21 @@ KEPT = 600  #: bytes that may be kept from one portion to the next, and are look
 CALLS_EACH = 1500  #: of functions, for each portion
 
 
-class Calls:
-    """A context that counts calls of functions."""
-
-    count = 0
-
-    def __enter__(self) -> Calls:
-        self._before = sys.getprofile()
-        sys.setprofile(self._seen)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        sys.setprofile(self._before)
-
-    def _seen(self, frame: object, event: str, argument: object) -> None:
-        self.count += event in ("call", "c_call")
-
-
-def work(data: bytes, at_once: int = AT_ONCE) -> tuple[float, float]:
+def work(data: bytes) -> tuple[float, float]:
     """Bytes looked at and functions called, for each byte, less what each portion may cost."""
-    decoder = StreamDecoder()
-    with Calls() as calls:
-        for start in range(0, len(data), at_once):
-            decoder.feed(data[start : start + at_once])
-        decoder.finish()
-    portions = 1 + len(data) // at_once
-    return (decoder.examined - KEPT * portions) / len(data), (calls.count - CALLS_EACH * portions) / len(data)
+    decoder, before, calls = StreamDecoder(), sys.getprofile(), 0
+
+    def seen(frame: object, event: str, argument: object) -> None:
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
+    sys.setprofile(seen)
+    for start in range(0, len(data), AT_ONCE):
+        decoder.feed(data[start : start + AT_ONCE])
+    decoder.finish()
+    sys.setprofile(before)
+    portions = 1 + len(data) // AT_ONCE
+    return (decoder.examined - KEPT * portions) / len(data), (calls - CALLS_EACH * portions) / len(data)
 
 
 def test_the_work_for_a_byte_is_bounded_on_every_stream():

@@ -13,7 +13,7 @@ from session.detect import accelerometer
 from session.io.errors import FormatError
 from session.io.units import DEG, MG, G
 from tinygc import models
-from tinygc.annexes.verification import causes, questions, verdict
+from tinygc.annexes.verification import causes, verdict
 from tinygc.annexes.verification.causes import Cause, Evidence, beyond_linear, diagnose
 from tinygc.annexes.verification.cost import _BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
 from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
@@ -109,8 +109,22 @@ OLD = SimpleNamespace(accelerometer=object(), goodness=None, noise={}, linear=Li
 MATRIX_OF_21 = np.r_[GYROSCOPE][MATRIX]
 
 
-def asked(rows, parts=(), old=OLD, **more):
-    return {question.name: question for question in ask(rows, parts, todays_noise(rows), old, **more)}
+def asked(rows, parts=(), old=OLD, noise=None):
+    return {question.name: question for question in ask(rows, parts, noise or todays_noise(rows), old)}
+
+
+def unknown_e(rows):
+    """The rows at rest, and the covariance of all rows by a plausible E."""
+    loose = rows.parameters[:, MATRIX_OF_21] * PLAUSIBLE[MATRIX_OF_21]
+    return np.arange(len(rows.r))[rows.kinds[STILL]], loose @ loose.T
+
+
+def changed_by(*ones):
+    """A change (21,) of these entries, in plausible sizes."""
+    change = np.zeros(COUNT)
+    for column, size in ones:
+        change[column] = size
+    return change
 
 
 # Questions
@@ -171,19 +185,6 @@ def test_e_is_asked_with_zero_and_accelerometer_free():
     assert found.p_value == pytest.approx(stats.chi2.sf(expected, k), rel=1e-6, abs=0)
 
 
-def test_the_zero_is_asked_of_the_rates_at_rest_with_its_expected_spread():
-    rows = made_rows(3)
-    spread = part(rows, np.r_[ZERO], np.full(3, 0.5 * DEG))
-    still = np.arange(len(rows.r))[rows.kinds[STILL]]
-    loose = rows.parameters[:, MATRIX_OF_21] * PLAUSIBLE[MATRIX_OF_21]
-    S = rows.white + spread.columns @ spread.columns.T + loose @ loose.T
-    expected, k = gls(rows, np.r_[ZERO], np.zeros(0, dtype=int), still, S)
-    found = asked(rows, [spread])[B]
-    assert (found.statistic, found.rank) == (pytest.approx(expected, rel=1e-6), k)
-    rows.r[rows.kinds[CLOSURE]] += 100.0  # closures are of no matter
-    assert asked(rows, [spread])[B].statistic == pytest.approx(expected, rel=1e-6)
-
-
 def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
     rows = made_rows(5, noise=2.0)
     keep = np.arange(len(rows.r))[rows.kinds[CLOSURE]]
@@ -191,9 +192,6 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
     left = rows.r[keep] - A @ np.linalg.lstsq(A, rows.r[keep], rcond=None)[0]
     chi_square, freedom = float(np.sum(left**2)) / 0.25, len(keep) - COUNT
     rows = replace(rows, spans_s=np.full(len(rows.r), 4.0))
-    found = asked(rows)["noise"]
-    assert (found.statistic, found.rank) == (pytest.approx(chi_square, rel=1e-6), freedom)
-    assert found.left_rps == pytest.approx(np.sqrt(np.sum(left**2) / freedom) / 4)
     for goodness, own, excess in (
         (None, 1e6, 1.0),
         ((400.0, 100), 50.0, 4.0),
@@ -202,26 +200,26 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
         ((50.0, 100), 1e6, 1.0),  # less than noise is no yardstick
         ((0.0, 0), 1e6, 1.0),
     ):
-        old = SimpleNamespace(accelerometer=object(), goodness=goodness, noise={})
+        found = asked(replace(rows, noise_freedom=own), old=SimpleNamespace(accelerometer=None, goodness=goodness, noise={}))["noise"]
+        assert (found.statistic, found.rank) == (pytest.approx(chi_square, rel=1e-6), freedom)
         both = 1 / (1 / own + (1 / goodness[1] if excess > 1 else 0.0))
-        p = asked(replace(rows, noise_freedom=own), old=old)["noise"].p_value
-        assert p == pytest.approx(stats.f.sf(chi_square / freedom / excess, freedom, both), rel=1e-4, abs=0)
+        assert found.p_value == pytest.approx(stats.f.sf(chi_square / freedom / excess, freedom, both), rel=1e-4, abs=0)
+        assert found.left_rps == pytest.approx(np.sqrt(np.sum(left**2) / freedom) / 4)
     nothing = asked(replace(rows, blank=np.ones(len(rows.r), bool)))["noise"]
     assert (nothing.statistic, nothing.rank, nothing.p_value, nothing.left_rps) == (0.0, 0, 1.0, 0.0)
     # Noise of each turn, which the old fit had as well, is no excuse; any other is.
-    quiet = asked(rows)["noise"].statistic
     for name, share in ((TURN, 1.0), ("other", 0.25 / (0.25 + 1.5**2))):
-        (noise,) = (q for q in ask(rows, [], with_component(rows, name, CLOSURE, 1.5, 0.1), OLD) if q.name == "noise")
-        assert noise.statistic == pytest.approx(quiet * share, rel=1e-6)
+        noise = asked(rows, noise=with_component(rows, name, CLOSURE, 1.5, 0.1))["noise"]
+        assert noise.statistic == pytest.approx(chi_square * share, rel=1e-6)
 
 
 def test_without_turns_the_rates_at_rest_are_asked_with_a_plausible_e_and_what_is_known():
     """Beside any change of the zero and the accelerometer, which here is alone in the lengths."""
     rows = made_rows(5, with_turns=False)
-    rows.parameters[:, ACCELEROMETER][: rows.kinds[LENGTH].start] = 0.0
+    keep = slice(0, rows.kinds[LENGTH].start)
+    rows.parameters[keep, ACCELEROMETER] = 0.0
     rows = replace(rows, known=np.random.default_rng(2).normal(size=(54, 2)))
-    keep, loose = slice(0, rows.kinds[LENGTH].start), rows.parameters[:, MATRIX_OF_21] * PLAUSIBLE[MATRIX_OF_21]
-    inverse = np.linalg.inv((rows.white + rows.known @ rows.known.T + loose @ loose.T)[keep, keep])
+    inverse = np.linalg.inv((rows.white + rows.known @ rows.known.T + unknown_e(rows)[1])[keep, keep])
     A, r = (rows.parameters[:, ZERO] * PLAUSIBLE[ZERO])[keep], rows.r[keep]
     left = r - A @ np.linalg.solve(A.T @ inverse @ A, A.T @ inverse @ r)
     found = asked(rows)["noise"]
@@ -232,10 +230,8 @@ def test_rows_of_rests_leave_e_unasked():
     rows = made_rows(11)
     rows.parameters[rows.kinds[CLOSURE]] = 0.0
     found = asked(rows)
-    assert not found[E].asked
-    assert found[B].asked
-    assert found[B].level == pytest.approx(questions._level_of(0.05, sum(each.asked for each in found.values())))
-    assert rows.kinds[LENGTH].stop == len(rows.r)
+    assert (found[E].asked, found[B].asked) == (False, True)
+    assert found[B].level == pytest.approx(_level_of(0.05, sum(each.asked for each in found.values())))
 
 
 def with_component(rows, name, kind, s, sigma):
@@ -247,16 +243,15 @@ def with_component(rows, name, kind, s, sigma):
 
 
 @pytest.mark.parametrize(("sigma", "heavier"), [(1e-6, False), (1.0, True)])
-def test_noise_beyond_white_counts_with_the_uncertainty_of_its_size(sigma, heavier):
-    change = np.zeros(COUNT)
-    change[ZERO] = [0.012, -0.008, 0.006]
-    rows = made_rows(13, change)
-    noise = with_component(rows, "noise.still_rate", STILL, 1.0, sigma)
-    still = np.arange(len(rows.r))[rows.kinds[STILL]]
-    loose = rows.parameters[:, MATRIX_OF_21] * PLAUSIBLE[MATRIX_OF_21]
-    expected, k = gls(rows, np.r_[ZERO], np.zeros(0, dtype=int), still, noise.covariance + loose @ loose.T)
-    found = {question.name: question for question in ask(rows, [], noise, OLD)}[B]
-    assert found.statistic == pytest.approx(expected, rel=1e-6)
+def test_the_zero_is_asked_of_the_rates_at_rest_with_its_spread_and_the_uncertainty_of_the_noise(sigma, heavier):
+    rows = made_rows(13, changed_by((ZERO, [0.015, -0.01, 0.0075])))
+    spread, noise = part(rows, np.r_[ZERO], np.full(3, 1e-4)), with_component(rows, "noise.still_rate", STILL, 1.0, sigma)
+    still, loose = unknown_e(rows)
+    S = noise.covariance + spread.columns @ spread.columns.T + loose
+    expected, k = gls(rows, np.r_[ZERO], np.zeros(0, dtype=int), still, S)
+    rows.r[rows.kinds[CLOSURE]] += 100.0  # closures are of no matter
+    found = asked(rows, [spread], noise=noise)[B]
+    assert (found.statistic, found.rank) == (pytest.approx(expected, rel=1e-6), k)
     known = stats.chi2.sf(expected, k)
     assert found.p_value > 1.5 * known if heavier else found.p_value == pytest.approx(known, rel=0.05)
 
@@ -265,13 +260,10 @@ def test_noise_beyond_white_counts_with_the_uncertainty_of_its_size(sigma, heavi
 def test_a_size_counts_as_known_where_it_adds_a_thousandth_at_most(share, drawn):
     """To the variance of T's three numbers together: trace of their covariance by the component."""
     rows = made_rows(13)
-    still = np.arange(len(rows.r))[rows.kinds[STILL]]
-    loose = rows.parameters[np.ix_(still, MATRIX_OF_21)] * PLAUSIBLE[MATRIX_OF_21]
-    inverse = np.linalg.inv(rows.white[np.ix_(still, still)] + loose @ loose.T)
-    X = rows.parameters[np.ix_(still, np.r_[ZERO])]
+    still, loose = unknown_e(rows)
+    inverse, X = np.linalg.inv((rows.white + loose)[np.ix_(still, still)]), rows.parameters[still, ZERO]
     trace = np.trace(np.linalg.solve(X.T @ inverse @ X, X.T @ inverse @ inverse @ X))
-    noise = with_component(rows, "noise.still_rate", STILL, 0.0, np.sqrt(share / trace))
-    found = {question.name: question for question in ask(rows, [], noise, OLD)}[B]
+    found = asked(rows, noise=with_component(rows, "noise.still_rate", STILL, 0.0, np.sqrt(share / trace)))[B]
     assert (found.p_value != pytest.approx(stats.chi2.sf(found.statistic, 3), rel=1e-9, abs=0)) == drawn
 
 
@@ -285,16 +277,16 @@ def test_a_change_is_asked_about_where_a_plausible_one_shows_by_a_sigma(sigmas, 
     assert found.p_value == pytest.approx(stats.chi2.sf(statistic, rank) if rank else 1.0)
 
 
-def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate():
+@pytest.mark.parametrize("known", [8.0, np.inf])
+def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate(known):
     """24 closures of variance 0.25; 18 rates at rest with 1.5^2 more, as the old fit found it, with 8 degrees of freedom."""
     rows = made_rows(16, noise=2.0)
-    noise = with_component(rows, "noise.still_rate", STILL, 1.0, 0.1)
-    for known in (8.0, np.inf):
-        old = SimpleNamespace(**{**vars(OLD), "noise": {"noise.still_rate": (1.5**2, known)}})
-        found = {question.name: question for question in ask(rows, [], noise, old)}["noise"]
-        share = 18 * 1.5**2 / (0.25 + 1.5**2) / 42
-        other = 1 / (1 / noise.freedom + share**2 / known)
-        assert found.p_value == pytest.approx(stats.f.sf(found.statistic / found.rank, found.rank, other), rel=1e-6, abs=0)
+    old, noise = SimpleNamespace(**vars(OLD)), with_component(rows, "noise.still_rate", STILL, 1.0, 0.1)
+    old.noise = {"noise.still_rate": (1.5**2, known)}
+    found = asked(rows, old=old, noise=noise)["noise"]
+    share = 18 * 1.5**2 / (0.25 + 1.5**2) / 42
+    other = 1 / (1 / noise.freedom + share**2 / known)
+    assert found.p_value == pytest.approx(stats.f.sf(found.statistic / found.rank, found.rank, other), rel=1e-6, abs=0)
 
 
 def test_degrees_of_freedom_of_a_size_with_a_sigma():
@@ -313,38 +305,26 @@ def single(rows, name="one", column=MATRIX_OF_21[0], size=1.0) -> Cause:
 
 
 def test_evidence_is_that_of_normal_distributions_over_all_scales():
-    change = np.zeros(COUNT)
-    change[MATRIX_OF_21[0]] = 0.2
-    rows = made_rows(6, change)
+    rows = made_rows(6, changed_by((MATRIX_OF_21[0], 0.2)))
     spread = part(rows, np.r_[ZERO], np.full(3, 0.1 * DEG))
     cause, evidence = single(rows), Evidence(rows, [spread])
-    S = rows.white + spread.columns @ spread.columns.T
-    X = cause.columns
-
-    def log_p(covariance):
-        return stats.multivariate_normal(cov=covariance).logpdf(rows.r)
-
-    expected = np.log(np.mean([np.exp(log_p(S + s**2 * X @ X.T) - log_p(S)) for s in causes.STEPS])) + np.log(PRIOR_ODDS)
+    S, X = rows.white + spread.columns @ spread.columns.T, cause.columns
+    p = [stats.multivariate_normal(cov=S + s**2 * X @ X.T).logpdf(rows.r) for s in (0, *causes.STEPS)]
+    expected = np.log(np.mean(np.exp(np.array(p[1:]) - p[0]))) + np.log(PRIOR_ODDS)
     assert evidence.of([cause]).log_evidence - evidence.of([]).log_evidence == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_right_cause_is_found_and_its_double_is_not_told_apart():
-    change = np.zeros(COUNT)
-    change[MATRIX_OF_21[0]] = 0.2
-    rows = made_rows(8, change)
+    rows = made_rows(8, changed_by((MATRIX_OF_21[0], 0.2)))
     right, double, wrong = single(rows), single(rows, "double"), single(rows, "wrong", MATRIX_OF_21[5])
     found = diagnose(Evidence(rows, []), [right, wrong])
-    assert found.best.names == ("one",)
-    assert found.rivals == {"one": ()}
-    assert found.probability > 0.9
+    assert (found.best.names, found.rivals, found.probability > 0.9) == (("one",), {"one": ()}, True)
     both = diagnose(Evidence(rows, []), [right, double, wrong])
     assert set(both.best.names) | set(both.rivals[both.best.names[0]]) == {"one", "double"}
 
 
 def test_a_cause_that_was_sought_at_many_times_pays_for_them_alone_and_beside_others():
-    change = np.zeros(COUNT)
-    change[MATRIX_OF_21[0]], change[ACCELEROMETER.start] = 0.2, 0.3
-    rows = made_rows(8, change)
+    rows = made_rows(8, changed_by((MATRIX_OF_21[0], 0.2), (ACCELEROMETER.start, 0.3)))
     right, two = single(rows), single(rows, "two", ACCELEROMETER.start)
     useless = [single(rows, "one", column) for column in MATRIX_OF_21[[3, 5, 7]]]
     once, often = (diagnose(Evidence(rows, []), causes) for causes in ([right, two], [*useless, right, two]))
@@ -391,37 +371,30 @@ def test_a_drift_counts_with_its_mean_over_the_minute():
 
 
 def test_the_sigma_of_the_cost_is_that_of_the_slopes():
-    rows, covariance = of_session(twin=None), np.zeros((COUNT, COUNT))
+    covariance = np.zeros((COUNT, COUNT))
     covariance[ZERO, ZERO] = np.diag([1e-8, 4e-8, 9e-8])
     covariance[MATRIX_OF_21, MATRIX_OF_21] = 0.04
-    rows = replace(rows, rest_rps=np.array([5e-4, 0, 0]))
+    rows = of_session(twin=None, rest_rps=np.array([5e-4, 0, 0]))
     found = cost_of(rows, OLD.linear, np.zeros(COUNT), covariance, np.zeros(3), covariance[ZERO, ZERO])
     of_e = 60 * 5e-4 * 0.2  # of the x column of E
-    expected = np.sqrt((60 * np.array([1e-4, 2e-4, 3e-4])) ** 2 + of_e**2)
-    assert found.sigma == pytest.approx(expected, rel=0.02)
-    assert found.bias_anew_sigma == pytest.approx(expected, rel=0.02)  # E's part stays with B anew
+    expected = pytest.approx(np.sqrt((60 * np.array([1e-4, 2e-4, 3e-4])) ** 2 + of_e**2), rel=0.02)
+    assert (found.sigma == expected, found.bias_anew_sigma == expected) == (True, True)  # E's part stays with B anew
 
 
-NONE = LinearModel(np.eye(3), np.zeros(3))
-
-
-def change_of(matrix):
-    return np.r_[np.zeros(9), LinearModel(matrix, np.zeros(3)).vector]
-
-
-def test_a_misalignment_shows_half_way_round_a_turn_though_a_full_one_closes():
-    skew = np.array([[0, 0, 0], [0, 0, -1], [0, 1, 0.0]])
-    found = effects_deg(made_rows(), NONE, change_of(0.02 * skew), np.zeros((COUNT, COUNT)), True)
-    assert found[E] == pytest.approx(2 * 0.02 / DEG, rel=1e-3)  # about y and z: twice the angle
-    scaled = effects_deg(made_rows(), NONE, change_of(0.01 * np.diag([1.0, 0, 0])), np.zeros((COUNT, COUNT)), True)
-    assert scaled[E] == pytest.approx(3.6, rel=1e-3)
+@pytest.mark.parametrize(
+    ("change", "degrees"),
+    [([[0, 0, 0], [0, 0, -0.02], [0, 0.02, 0]], 2 * 0.02 / DEG), (np.diag([0.01, 0, 0]), 3.6)],  # about y and z: twice the angle
+)
+def test_a_misalignment_shows_half_way_round_a_turn_though_a_full_one_closes(change, degrees):
+    vector = np.r_[np.zeros(9), LinearModel(np.array(change), np.zeros(3)).vector]
+    assert effects_deg(made_rows(), OLD.linear, vector, np.zeros((COUNT, COUNT)), True)[E] == pytest.approx(degrees, rel=1e-3)
 
 
 def test_an_effect_is_the_length_of_the_error_and_its_sigma_that_of_its_worst_direction():
     change, covariance = np.zeros(COUNT), np.zeros((COUNT, COUNT))
     change[-3:] = [3e-4, 4e-4, 0]
     covariance[-3:, -3:] = 1e-8 * np.array([[1, 0.9, 0], [0.9, 1, 0], [0, 0, 1]])
-    found = effects_deg(made_rows(), NONE, change, covariance, True)
+    found = effects_deg(made_rows(), OLD.linear, change, covariance, True)
     assert found[B] == pytest.approx(60 * (5e-4 + _BOUND * 1e-4 * np.sqrt(1.9)) / DEG, rel=1e-3)
 
 
@@ -448,55 +421,52 @@ def decided(matters=(), small=(), open_=(), as_it_is=0.2, anew=0.1, names=(), tu
     return verdict._decide(changed, bounds, cost, "NEW", diagnosis if changed else None, Options(), turned)
 
 
-def test_the_headline_has_each_change_with_its_own_cost():
-    """A moved accelerometer costs a tilt, whatever the gyroscope costs in a minute; nothing is called insignificant that was refuted."""
-    assert decided(open_=(E,)).headline.startswith("nothing significant")
-    found = decided(small=(GRAVITY,), open_=(E,))
-    assert found.answer == UNDECIDED
-    assert found.headline.startswith("changed beyond chance, and by less than 1° (95 %): the accelerometer (up to 0.87°")
-    found = decided(small=(GRAVITY,), as_it_is=0.025)
-    assert found.answer == HOLDS
-    assert "the accelerometer (up to 0.87° in a use of gravity's length); it costs 0.025° in the next minute" in found.headline
+OPEN_E = {"as_it_is": 5.0, "open_": (E,)}
+TAKE_B = "take B anew: B = NEW; it moved as between switch-ons, and costs 5.0° in the next minute; whether E holds stays open"
+SMALL = "changed beyond chance, and by less than 1° (95 %): the accelerometer (up to 0.87° in a use of gravity's length)"
+LEFT = "more than noise is left: up to 3.0° in a use of B (95 %); no cause of the list explains it; run explain"
 
 
-def test_a_rest_holds_for_what_a_rest_shows():
-    found = decided(open_=(E, GRAVITY), turned=False)
-    assert (found.answer, found.headline.split(":")[0]) == (HOLDS, "the zero holds")
-    assert decided(open_=(E, B), turned=False).answer == UNDECIDED
-    assert decided(open_=(E, GRAVITY), turned=False, as_it_is=24.0).answer == UNDECIDED
-    assert decided(open_=(GRAVITY,)).answer == UNDECIDED
-
-
-def test_b_is_taken_anew_where_that_helps_and_e_left_open_where_it_was_not_asked():
-    assert decided(as_it_is=5.0).answer == verdict.BIAS
-    left = decided(as_it_is=5.0, open_=(E,))
-    assert (left.answer, left.bias_serves) == (UNDECIDED, True)
-    assert left.headline.startswith("take B anew: B = NEW")
-    assert "costs 5.0° in the next minute; whether E holds stays open" in left.headline
-    moved = decided(matters=(B,), as_it_is=5.0, open_=(E,))
-    assert (moved.answer, moved.bias_serves) == (FAILS, True)
-    assert "--write" in moved.advice
-    in_vain = decided(as_it_is=5.0, anew=2.0)
-    assert (in_vain.answer, in_vain.bias_serves) == (FAILS, False)
-    assert "with B anew the minute still misses 2.0°" in in_vain.headline
-    assert decided(as_it_is=5.0, anew=2.0, open_=(E,), anew_sigma=0.99).answer == FAILS
-    by_noise = decided(as_it_is=5.0, anew=2.0, open_=(E,), anew_sigma=1.01)  # nothing that this recording tells
-    assert (by_noise.answer, by_noise.bias_serves) == (UNDECIDED, True)
-    assert by_noise.headline.endswith("whether E holds stays open")
-
-
-@pytest.mark.parametrize("name", [E, GRAVITY, NOISE])
-def test_b_anew_is_no_answer_where_another_change_matters(name):
-    found = decided(matters=(B, name), as_it_is=5.0)
-    assert (found.answer, found.bias_serves) == (FAILS, False)
-    assert decided(matters=(B,), as_it_is=5.0, names=("step",)).bias_serves is False
-
-
-def test_what_noise_does_not_explain_is_said_beside_what_departs():
-    left = f"more than noise is left: up to 3.0° in a use of {B} (95 %); "
-    assert decided(matters=(NOISE,)).headline.startswith(left)
-    both = decided(matters=(NOISE, E)).headline
-    assert both.startswith(f"departs from the calibration: E (up to 3.0° in a use of {E}); {left}")
+@pytest.mark.parametrize(
+    ("found", "answer", "bias_serves", "headline"),
+    [
+        # A moved accelerometer costs a tilt, whatever the gyroscope costs in a minute; nothing is called insignificant that was refuted.
+        ({"open_": (E,)}, UNDECIDED, True, "nothing significant, but E may miss more than 1°"),
+        ({"small": (GRAVITY,), "open_": (E,)}, UNDECIDED, True, SMALL + ", but E may miss more than 1°"),
+        ({"small": (GRAVITY,)}, HOLDS, True, SMALL + "; it costs 0.20° in the next minute"),
+        # A rest holds for what a rest shows.
+        (
+            {"open_": (E, GRAVITY), "turned": False},
+            HOLDS,
+            True,
+            "the zero holds: within what noise, the old fit and a switch-on explain; it costs 0.20° in the next minute",
+        ),
+        ({"open_": (E, B), "turned": False}, UNDECIDED, True, None),
+        ({**OPEN_E, "turned": False}, UNDECIDED, True, None),
+        ({"open_": (GRAVITY,)}, UNDECIDED, True, None),
+        # B is taken anew where that helps, and E left open where it was not asked.
+        ({"as_it_is": 5.0}, verdict.BIAS, True, "B = NEW; it moved as between switch-ons, and costs 5.0° in the next minute"),
+        (OPEN_E, UNDECIDED, True, TAKE_B),
+        ({**OPEN_E, "matters": (B,)}, FAILS, True, None),
+        (
+            {"as_it_is": 5.0, "anew": 2.0},
+            FAILS,
+            False,
+            "it moved as between switch-ons, and costs 5.0° in the next minute; with B anew the minute still misses 2.0°",
+        ),
+        ({**OPEN_E, "anew": 2.0, "anew_sigma": 0.99}, FAILS, False, None),
+        ({**OPEN_E, "anew": 2.0, "anew_sigma": 1.01}, UNDECIDED, True, TAKE_B),
+        # That is no answer where another change matters, or the zero moved by another cause.
+        ({"as_it_is": 5.0, "matters": (B, GRAVITY)}, FAILS, False, None),
+        ({"as_it_is": 5.0, "matters": (B,), "names": ("step",)}, FAILS, False, None),
+        ({"matters": (NOISE,)}, FAILS, False, LEFT),
+        ({"matters": (NOISE, E)}, FAILS, False, "departs from the calibration: E (up to 3.0° in a use of E); " + LEFT),
+    ],
+)
+def test_the_verdict_follows_from_what_changed_what_is_open_and_what_it_costs(found, answer, bias_serves, headline):
+    decision = decided(**found)
+    assert (decision.answer, decision.bias_serves, headline or decision.headline) == (answer, bias_serves, decision.headline)
+    assert ("--write" in decision.advice) == ("B = NEW" in decision.headline)
 
 
 # What a calibration that holds may differ by
@@ -518,8 +488,13 @@ def rows_with(repeatability=None, temp_c=25.0):
     return replace(made_rows(), session=SimpleNamespace(config=replace(made, sensor=sensor)), temp_c=temp_c)
 
 
-def total(parts):
-    return sum(part.into @ part.into.T for part in parts)
+def total(parts, *names):
+    """Covariance (21, 21) by the parts of these names together."""
+    return sum(part.into @ part.into.T for part in parts if part.name in names)
+
+
+#: what a tenth of a milligram is to each parameter of an accelerometer
+TENTH_MG = 0.1 * np.r_[np.full(6, MG / G), np.full(3, MG)]
 
 
 def test_a_joint_covariance_is_taken_whole(tmp_path):
@@ -529,26 +504,22 @@ def test_a_joint_covariance_is_taken_whole(tmp_path):
     assert not old.own_lengths
     found = expected_parts(old, replace(rows_with(), known=np.zeros((54, 2))), NONE_KNOWN)
     assert all(part.assumed == (part.name not in ("calibration", "references")) for part in found)
-    assert total(part for part in found if part.name == "calibration") == pytest.approx(root @ root.T, rel=1e-6, abs=1e-16)
+    assert total(found, "calibration") == pytest.approx(root @ root.T, rel=1e-6, abs=1e-16)
     # Of a covariance without a direction, whose eigenvalues rounding makes negative, there is none.
     one = np.outer(root[0], root[0])
-    found = expected_parts(replace(old, covariance=one), rows_with(), NONE_KNOWN)
-    assert total(part for part in found if part.name == "calibration")[GYROSCOPE, GYROSCOPE] == pytest.approx(
-        one[GYROSCOPE, GYROSCOPE], abs=1e-20
-    )
+    found = total(expected_parts(replace(old, covariance=one), rows_with(), NONE_KNOWN), "calibration")
+    assert found[GYROSCOPE, GYROSCOPE] == pytest.approx(one[GYROSCOPE, GYROSCOPE], abs=1e-20)
     assert np.diag(written(tmp_path).covariance)[GYROSCOPE] == pytest.approx(TARGETS**2)  # that of a usual session, where a file has none
 
 
 def test_the_error_of_a_given_accelerometer_is_in_lengths_and_not_in_e(tmp_path):
     own, shared = np.diag(np.full(12, 4e-8)), np.diag(np.r_[np.full(9, 3e-8), np.zeros(3)])
-    old = written(tmp_path, covariance=own.tolist(), accelerometer_covariance=shared.tolist())
-    rows = rows_with()
-    parts = {part.name: part for part in expected_parts(old, rows, NONE_KNOWN)}
-    assert total([parts["calibration"]])[GYROSCOPE, GYROSCOPE] == pytest.approx(own - shared, abs=1e-16)
-    given = parts["accelerometer's calibration"]
-    assert np.sqrt(np.diag(total([given]))[ACCELEROMETER]) == pytest.approx(np.r_[np.full(6, 0.1 * MG / G), np.full(3, 0.1 * MG)])
-    assert not given.columns[: rows.kinds[LENGTH].start].any()
-    assert given.columns[rows.kinds[LENGTH]].any()
+    old, rows = written(tmp_path, covariance=own.tolist(), accelerometer_covariance=shared.tolist()), rows_with()
+    parts = expected_parts(old, rows, NONE_KNOWN)
+    assert total(parts, "calibration")[GYROSCOPE, GYROSCOPE] == pytest.approx(own - shared, abs=1e-16)
+    assert np.sqrt(np.diag(total(parts, "accelerometer's calibration"))[ACCELEROMETER]) == pytest.approx(TENTH_MG)
+    (columns,) = (part.columns for part in parts if part.name == "accelerometer's calibration")
+    assert (columns[: rows.kinds[LENGTH].start].any(), columns[rows.kinds[LENGTH]].any()) == (False, True)
 
 
 @pytest.mark.parametrize(("known", "moves"), [([], range(9)), (range(9), []), ([0, 1, 2, 3, 4, 5, 7, 8], [6])])
@@ -558,40 +529,52 @@ def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_sprea
     old, spread = written(tmp_path), Spread(variance, 3.0, "own")
     usual, own = "accelerometer's switch-on", np.where(np.isin(np.arange(9), known), 1e-3, USUAL_ACCELEROMETER.spread)
     parts = expected_parts(old, rows_with(), spread)
-    assert np.sqrt(np.diag(total(p for p in parts if p.name in (usual, "switch-on")))[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * own)
+    assert np.sqrt(np.diag(total(parts, usual, "switch-on"))[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * own)
     assert [part.assumed for part in parts if part.name == usual] == [True] * bool(list(moves))
     assert not {usual, "switch-on"} & {part.name for part in expected_parts(old, rows_with(), spread, switched_on_since=False)}
 
 
-def test_where_the_spread_is_from(tmp_path):
-    """The usual; session.toml before the model file; the accelerometer's of the model file beside either."""
-    both = {"accelerometer_spread": (np.arange(1, 10) * 1e-3).tolist()}
-    stated = both | {"bias_sigma_rps": [1e-3, 2e-3, 3e-3]}
-    in_file = "stated in the model file"
-    for more, own, expected, source in (
-        ({}, None, USUAL_SPREAD.rps**2, USUAL_SPREAD.source),
-        (both, None, USUAL_SPREAD.rps**2, USUAL_SPREAD.source),
-        (stated, None, np.array([1e-6, 4e-6, 9e-6]), in_file),
-        (stated, 0.02, np.full(3, (0.02 * DEG) ** 2), "given in session.toml"),
+@pytest.mark.parametrize("of_lot", [False, True])
+@pytest.mark.parametrize("in_file", [{}, {"accelerometer_spread": [9.0] * 9}, {"bias_sigma_rps": [1e-3, 2e-3, 3e-3]}])
+@pytest.mark.parametrize("own", [None, 0.02])
+def test_where_the_spread_is_from(tmp_path, monkeypatch, own, in_file, of_lot):
+    """session.toml before the lot, that before the model file, and last the usual; a lot has the gyroscope first, and here lacks one."""
+    lot = SimpleNamespace(repeatability=np.r_[1.0:10.0, np.nan, 11.0:22.0], sessions=30, units=10)
+    annex = SimpleNamespace(lot_for=lambda path, sensor: SimpleNamespace(lot=lot))
+    monkeypatch.setattr("tinygc.annexes.verification.expected.need", lambda service, option: annex)
+    sigma, sources = np.full(COUNT, np.nan), [""] * COUNT
+    for which, value, source in (
+        (ZERO, USUAL_SPREAD.rps, USUAL_SPREAD.source),
+        (ZERO, in_file.get("bias_sigma_rps"), "stated in the model file"),
+        (ACCELEROMETER, in_file.get("accelerometer_spread"), "stated in the model file"),
+        (
+            np.delete(np.arange(COUNT), ZERO.start),
+            np.r_[13.0:22.0, 1.0:10.0, 11.0:13.0] if of_lot else None,
+            "30 sessions of 10 units of a lot",
+        ),
+        (ZERO, own and own * DEG, "given in session.toml"),
     ):
-        old, rows = written(tmp_path, **more), rows_with(repeatability=own)
-        found = spread_of_unit(old, rows)
-        assert found.variance[ZERO] == pytest.approx(expected)
-        assert found.variance[ACCELEROMETER] == pytest.approx((np.arange(1, 10) * 1e-3 if more else np.full(9, np.nan)) ** 2, nan_ok=True)
-        told = sorted((part.source, part.assumed) for part in expected_parts(old, rows, found) if part.name == "switch-on")
-        assert told == sorted([(source, source == USUAL_SPREAD.source)] * 3 + [(in_file, False)] * (9 * bool(more)))
+        if value is not None and value is not False:
+            sigma[which] = value
+            sources = [source if k in np.arange(COUNT)[which] else each for k, each in enumerate(sources)]
+    old, rows = written(tmp_path, **in_file), rows_with(repeatability=own)
+    found = spread_of_unit(old, rows, lot=tmp_path / "lot.json" if of_lot else None)
+    assert found.variance == pytest.approx(sigma**2, nan_ok=True)
+    assert list(found.sources) == sources
+    assert found.freedom.tolist() == [20.0 if "lot" in source else np.inf for source in sources]
+    told = [(part.source, part.assumed) for part in expected_parts(old, rows, found) if part.name == "switch-on"]
+    assert told == [(source, source == USUAL_SPREAD.source) for source in sources if source]
 
 
-@pytest.mark.parametrize(("temp_c", "then_c", "of_zero", "of_force_mg"), [(35.0, 25.0, 10 * USUAL_PER_K, 1.0), (25.0, None, None, 0.1)])
-def test_temperature_counts_for_zero_and_accelerometer(tmp_path, temp_c, then_c, of_zero, of_force_mg):
+@pytest.mark.parametrize(("temp_c", "then_c", "of_zero", "tenths_mg"), [(35.0, 25.0, 10 * USUAL_PER_K, 10), (25.0, None, None, 1)])
+def test_temperature_counts_for_zero_and_accelerometer(tmp_path, temp_c, then_c, of_zero, tenths_mg):
     """Where it is not known, and within one degree, a tenth of a milligram."""
     more = {} if then_c is None else {"temp_then_c": then_c}
-    parts = {p.name: p for p in expected_parts(written(tmp_path), rows_with(temp_c=temp_c), NONE_KNOWN, **more)}
-    assert ("temperature" in parts) == (of_zero is not None)
+    parts = expected_parts(written(tmp_path), rows_with(temp_c=temp_c), NONE_KNOWN, **more)
+    assert ("temperature" in {part.name for part in parts}) == (of_zero is not None)
     if of_zero:
-        assert np.sqrt(np.diag(total([parts["temperature"]]))[ZERO]) == pytest.approx(np.full(3, of_zero))
-    force = np.sqrt(np.diag(total([parts["accelerometer's temperature"]]))[ACCELEROMETER])
-    assert force == pytest.approx(of_force_mg * np.r_[np.full(6, MG / G), np.full(3, MG)])
+        assert np.sqrt(np.diag(total(parts, "temperature"))[ZERO]) == pytest.approx(np.full(3, of_zero))
+    assert np.sqrt(np.diag(total(parts, "accelerometer's temperature"))[ACCELEROMETER]) == pytest.approx(tenths_mg * TENTH_MG)
 
 
 def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):
@@ -602,26 +585,8 @@ def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):
         moments = np.array([0.0, rows.duration_s + elapsed_s])
         both = wander_covariance(moments, rows.duration_s, instability_rps=2e-5)[0, 1] if elapsed_s < 1e7 else 0.0
         parts = expected_parts(old, rows, NONE_KNOWN, switched_on_since=False, elapsed_s=elapsed_s)
-        found = np.diag(total(part for part in parts if part.name in ("calibration", "wander")))[ZERO]
+        found = np.diag(total(parts, "calibration", "wander"))[ZERO]
         assert found == pytest.approx(np.full(3, 1e-8 - 2 * both), rel=1e-9)
-
-
-def test_a_lots_repeatability_is_in_the_order_of_the_parameters(tmp_path, monkeypatch):
-    """B of session.toml goes before the lot's, and the model file's after it; E and the accelerometer have the lot's in each case."""
-    lot = SimpleNamespace(repeatability=np.sqrt(np.arange(1.0, 22.0)), sessions=30, units=10)
-    annex = SimpleNamespace(lot_for=lambda path, sensor: SimpleNamespace(lot=lot))
-    monkeypatch.setattr("tinygc.annexes.verification.expected.need", lambda service, option: annex)
-    lot.repeatability[9] = np.nan
-    stated = written(tmp_path, bias_sigma_rps=[2e-3] * 3, accelerometer_spread=[9.0] * 9)
-    for own, zero, source in (
-        (None, [4e-6, 11.0, 12.0], "stated in the model file"),
-        (0.02, [(0.02 * DEG) ** 2] * 3, "given in session.toml"),
-    ):
-        found = spread_of_unit(stated, rows_with(repeatability=own), lot=tmp_path / "lot.json")
-        assert found.variance[GYROSCOPE] == pytest.approx(np.r_[np.arange(1, 10), zero])  # a lot has the gyroscope first
-        assert found.variance[ACCELEROMETER] == pytest.approx(np.arange(13, 22))
-        assert [found.sources[k] for k in (0, 9, ZERO.start)] == ["30 sessions of 10 units of a lot"] * 2 + [source]
-        assert [found.freedom[k] for k in (0, 9, ZERO.start)] == [20.0, 20.0, np.inf]
 
 
 def of_unit(tmp_path, monkeypatch, vectors, matrices=None, serial=None):

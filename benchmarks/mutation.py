@@ -12,7 +12,8 @@ the smallest hashes.  Left out are mutants of annotations, of ``raise`` and of f
 
 Each mutant is a forked process with NumPy, SciPy and PyTorch already loaded; the changed source is compiled where Python imports it, and
 no file is touched, so checkouts and other runs are undisturbed.  Tests that start a process of their own see the unchanged source.
-Tests that cover the changed statement run first, the fastest of them before the others; where none does, it survives at once.
+Tests that cover the changed statement run first, the fastest before the others, then the other tests of their files (a fixture is made
+once); where none does, it survives at once.
 
 ``benchmarks/mutation/SUBJECT.toml`` names a subject's files and quick tests, as pytest takes them (``--deselect=`` of slow ones);
 ``functions``: only these of the files; ``texts = true``: also inside formatted texts, where C code is the product.  Its table
@@ -296,13 +297,14 @@ class Watch:
 
 
 class InOrder:
-    """A plug-in of pytest: tests that cover the line first, then by their seconds."""
+    """A plug-in of pytest: tests that cover the line first, then the others of their files, each by their seconds."""
 
     def __init__(self, covering: set[str], seconds: dict[str, float]):
         self.covering, self.seconds = covering, seconds
 
     def pytest_collection_modifyitems(self, items):
-        every = "*" in self.covering
+        every, files = "*" in self.covering, {test.partition("::")[0] for test in self.covering}
+        items[:] = [item for item in items if every or item.nodeid.partition("::")[0] in files]
         items.sort(key=lambda item: (not every and item.nodeid not in self.covering, self.seconds.get(item.nodeid, 0)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -81,7 +82,7 @@ class AccelerometerFit:
         """The spread of gravity's length over the stills, before and after."""
         return None if self.misses_mps2 is None else (float(np.std(self.misses_mps2[0])), float(np.std(self.misses_mps2[1])))
 
-    @property
+    @cached_property
     def values(self) -> np.ndarray:
         """Scale correction - 1, nonorthogonality and bias (m/s^2) in the triad's own frame, (9,) in the order of ``NAMES``.
 
@@ -89,7 +90,7 @@ class AccelerometerFit:
         """
         return _values(self.calibration)
 
-    @property
+    @cached_property
     def jacobian(self) -> np.ndarray:
         """Derivative (9, 9) of ``values`` by the correction x.
 
@@ -97,12 +98,12 @@ class AccelerometerFit:
         """
         return jacobian(self.calibration, self.x)
 
-    @property
+    @cached_property
     def sigmas(self) -> np.ndarray | None:
         """Standard deviations (9,) of ``values``."""
         return None if self.covariance is None else np.sqrt(np.diag(self.jacobian @ self.covariance @ self.jacobian.T))
 
-    @property
+    @cached_property
     def any_session(self) -> np.ndarray | None:
         """Standard deviations (9,) of ``values`` as those of any other session: both are one draw of the spread."""
         return None if self.sigmas is None else np.sqrt(self.sigmas**2 + 2 * self.between.spread**2)
@@ -140,7 +141,7 @@ class AccelerometerFit:
             for word, unit, which in (("scale factor error", "ppm", SCALES), ("nonorthogonality", "mrad", SHEARS), ("bias", "mg", BIASES))
         ]
 
-    @property
+    @cached_property
     def slope(self) -> np.ndarray:
         """Derivative (9, 9) of the sensor errors by the correction x."""
         sides = [[triad_errors(self.values + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]

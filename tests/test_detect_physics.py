@@ -22,7 +22,7 @@ from session.detect.axes import (
     _counted_at,
     _cut_turns,
     _mistakes,
-    _refine_scale,
+    _refined,
     _regress,
     _scale_correction,
     _shows_scale,
@@ -237,7 +237,7 @@ def test_a_closure_is_the_angle_by_which_the_median_turn_misses_gravity():
     turns = turned_by([[0.5, 0, 0], [0, 1.0, 0], [0, 0, 2.0]])
     factors = np.array([np.eye(3), 1.1 * np.eye(3), np.diag([1, -1, 1.0])])
     assert _closures(turns, factors) == pytest.approx([0, 0.05, 0], abs=1e-9)  # of 0.05, 0.1 and 0; of 0, 2 and 0
-    assert _refine_scale(turned_by([[0.5, 0, 0]] * 3), np.eye(3), 1 / 1.1)[0] == pytest.approx(1.0, abs=0.003)
+    assert _refined(turned_by([[0.5, 0, 0]] * 3), np.eye(3)[None], np.array([1 / 1.1]))[0] == pytest.approx(1.0, abs=0.003)
 
 
 def test_a_turn_tells_the_scale_where_a_tenth_more_moves_its_end_by_two_degrees():

@@ -108,9 +108,8 @@ def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | N
     if len(tilted) >= LEAST_TURNS:
         # A push moves gravity between two moments of a turn, and not from still to still.
         residuals = np.where(scales > 0, _closures(tilted, scales[:, None, None] * _SIGNED_PERMUTATIONS), np.inf)
-        for i in {*np.argsort(residuals)[:SHARPENED].tolist(), IDENTITY}:
-            if scales[i] > 0:
-                scales[i], residuals[i] = _refine_scale(tilted, _SIGNED_PERMUTATIONS[i], scales[i])
+        sharp = np.array([i for i in {*np.argsort(residuals)[:SHARPENED].tolist(), IDENTITY} if scales[i] > 0], dtype=int)
+        scales[sharp], residuals[sharp] = _refined(tilted, _SIGNED_PERMUTATIONS[sharp], scales[sharp])
         best, scale_std = int(np.argmin(residuals)), SHARP
         path = float(np.median(np.linalg.norm(scales[best] * tilted.angle, axis=-1).sum(axis=1)))
         fits = np.flatnonzero(residuals <= max(FITS_TOO * residuals[best], FITS_WITHIN * path))
@@ -119,7 +118,7 @@ def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | N
         fits = np.flatnonzero(misfits <= 1.5 * misfits[best] + 0.01)
         shown = turns.of(_shows_scale(turns, scales[best] * _SIGNED_PERMUTATIONS[best]))
         if len(shown) >= LEAST_TURNS and scales[best] > 0:
-            scales[best], _ = _refine_scale(shown, _SIGNED_PERMUTATIONS[best], scales[best])
+            scales[[best]], _ = _refined(shown, _SIGNED_PERMUTATIONS[[best]], scales[[best]])
             scale_std = SHARP
     if IDENTITY in fits:
         best, fits = IDENTITY, fits[:0]
@@ -220,11 +219,12 @@ def _regress(turns: Turns) -> tuple[np.ndarray, np.ndarray]:
     return scales, 1 - scales * (flat @ right) / max(power_seen, 1e-300)
 
 
-def _refine_scale(turns: Turns, axes: np.ndarray, scale: float) -> tuple[float, float]:
-    """The scale about ``scale`` that closes best, and its residual."""
-    residuals = _closures(turns, (scale * SCALES)[:, None, None] * axes)
-    best = int(np.argmin(residuals))
-    return float(scale * SCALES[best]), float(residuals[best])
+def _refined(turns: Turns, axes: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each of orders (P, 3, 3), the scale (P,) about its own one that closes best, and its residual (P,): all in one walk."""
+    tried = scales[:, None] * SCALES
+    residuals = _closures(turns, (tried[..., None, None] * axes[:, None]).reshape(-1, 3, 3)).reshape(tried.shape)
+    best = np.arange(len(tried)), np.argmin(residuals, axis=1)
+    return tried[best], residuals[best]
 
 
 def _shows_scale(turns: Turns, factor: np.ndarray) -> np.ndarray:

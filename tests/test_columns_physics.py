@@ -35,17 +35,15 @@ def errors(columns: np.ndarray, exact: np.ndarray) -> np.ndarray:
 
 
 def test_columns_of_the_linear_model_of_gravity_and_of_the_earth(twin_of):
-    twin, _ = twin_of()
+    twin, _ = twin_of(warm_up_c=6.0)
     state = twin.start()
     columns = twin.linear_columns(twin.sensitivity(state, twin.rates(state))).stacked()
     assert errors(columns[:, :9], slopes(twin, state, 0, 9, 1e-6)).max() < 2e-3
     assert errors(columns[:, 9:], slopes(twin, state, 9, 3, 1e-3 * DEG)).max() < 2e-3
     np.testing.assert_allclose(twin.gravity_columns().stacked(), slopes(twin, state, 14, 1, 1e-3), atol=1e-9)
     assert errors(twin.earth_columns().stacked() @ state.axes.T, slopes(twin, state, 12, 2, 0.1 * EARTH_RATE_RPS)).max() < 2e-3
-    claims = tuple(
-        AppliedEffect(catalogue()[name], np.arange(size) * 1.0) for name, size in (("gyro.g_sensitivity", 9), ("gyro.thermal_bias", 3))
-    )
-    state = replace(state, claims=claims)
+    two = [AppliedEffect(catalogue()[name], np.arange(size)) for name, size in (("gyro.g_sensitivity", 9), ("gyro.thermal_bias", 3))]
+    state = replace(state, claims=tuple(two))
     np.testing.assert_array_equal(state.with_vector(state.vector).vector, state.vector)
     with pytest.raises(ValueError, match=r"gyro\.thermal_bias: theta has shape \(2,\)"):
         AppliedEffect(catalogue()["gyro.thermal_bias"], np.zeros(2))
@@ -182,18 +180,11 @@ def test_each_shape_is_what_its_equation_says():
     np.testing.assert_allclose(quadratic, np.sort(powers[2]))
     np.testing.assert_allclose(cubic, np.sort(powers[2] + powers[3]))
     (products,), u = shapes(twin, "rate_products"), moved.rate / FS
-    pairs = FS * np.stack([u[:, 0] * u[:, 1], u[:, 0] * u[:, 2], u[:, 1] * u[:, 2]], axis=1)
+    pairs = FS * u[:, [0, 0, 1]] * u[:, [1, 2, 2]]
     expected = np.einsum("nk,ij->nikj", pairs, np.eye(3)).reshape(101, 3, 9)
     np.testing.assert_allclose(products.columns(moved), expected)
-    laws = {
-        "sign(ω_i) |ω_i / FS|^1.5": (1.5, 1),
-        "|ω_i / FS|^2": (2, 0),
-        "sign(ω_i) |ω_i / FS|^2": (2, 1),
-        "sign(ω_i) |ω_i / FS|^5": (5, 1),
-    }
-    curves = shapes(twin, "curve_over_rate")
-    assert [each.equation for each in curves] == [f"ω_i += c_i FS {law}" for law in laws]
-    for each, (power, odd) in zip(curves, laws.values(), strict=True):
+    for each, power, odd in zip(shapes(twin, "curve_over_rate"), (1.5, 2, 2, 5), (1, 0, 1, 1), strict=True):
+        assert each.equation == f"ω_i += c_i FS {'sign(ω_i) ' * odd}|ω_i / FS|^{power}"
         np.testing.assert_allclose(each.columns(moved), (FS * np.sign(u) ** odd * np.abs(u) ** power)[:, :, None] * np.eye(3))
         assert each.describe(np.ones(3)).startswith("the scale bends" if odd else "the zero bends")
 

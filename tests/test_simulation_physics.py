@@ -20,15 +20,8 @@ from tinygc.simulation.simulator import LowPass, _true_signals, oversampling, si
 from tinygc.simulation.write import write_session
 
 SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)
-PERFECT = replace(
-    SHORT,
-    gyro_noise_dps_rthz=0,
-    accel_noise_ug_rthz=0,
-    bias_instability_dph=0,
-    gyro_scale_error=0,
-    gyro_misalignment=0,
-    gyro_bias_dps=0,
-)
+ERRORS = "gyro_noise_dps_rthz", "accel_noise_ug_rthz", "bias_instability_dph", "gyro_scale_error", "gyro_misalignment", "gyro_bias_dps"
+PERFECT = replace(SHORT, **dict.fromkeys(ERRORS, 0))
 
 
 def attitude(angles):
@@ -77,9 +70,8 @@ def test_gyro_at_rest_feels_the_earth():
     for start_s, stop_s in rests:
         seen.append(rate[(t_s > start_s + 0.05) & (t_s < stop_s)].mean(axis=0))  # 0.05 s: the low-pass comes to rest
         expected.append(table_to_body(move(plan, np.array([stop_s])).angles, earth_t)[0])
-    seen, expected = np.array(seen), np.array(expected)
-    still_sigma = 5e-4 * DEG / np.sqrt(2 * 2.0)
-    assert np.std(seen - expected) < 1.3 * still_sigma
+    expected = np.array(expected)
+    assert np.std(seen - expected) < 1.3 * 5e-4 * DEG / np.sqrt(2 * 2.0)  # a still's sigma
     assert np.sum(seen * expected) / np.sum(expected**2) == pytest.approx(1, abs=0.05)
 
 
@@ -142,7 +134,7 @@ def test_distort_adds_to_the_true_rate_and_sees_what_the_elements_feel():
 
 
 def test_purposes_have_their_own_stream_and_a_folder_reads_like_a_recorded_one(tmp_path):
-    options = SimulationOptions(segments=8, closure_s=20, seed=10, odr_hz=62.5, with_heading=True)
+    options = SimulationOptions(segments=8, closure_s=10, seed=10, odr_hz=62.5, with_heading=True)
     first, second = (write_session(options, tmp_path / name) for name in "ab")
     names = sorted(path.name for path in first.iterdir())
     assert names == ["closure0001.csv.gz", "log0001.csv.gz", "session.toml", "truth.json"]

@@ -35,7 +35,7 @@ def errors(columns: np.ndarray, exact: np.ndarray) -> np.ndarray:
 
 
 def test_columns_of_the_linear_model_of_gravity_and_of_the_earth(twin_of):
-    twin, _ = twin_of(warm_up_c=6.0)
+    twin, _ = twin_of(warm_up_c=6.0, segments=8)
     state = twin.start()
     columns = twin.linear_columns(twin.sensitivity(state, twin.rates(state))).stacked()
     assert errors(columns[:, :9], slopes(twin, state, 0, 9, 1e-6)).max() < 2e-3
@@ -51,7 +51,7 @@ def test_columns_of_the_linear_model_of_gravity_and_of_the_earth(twin_of):
 
 def test_columns_of_each_effect(twin_of):
     """At zero, where naming looks at them; of a claimed lag where it stands: from the corrected rate they miss what all axes share."""
-    twin, _ = twin_of(warm_up_c=6.0)
+    twin, _ = twin_of(warm_up_c=6.0, segments=8)
     bare = twin.start()
     rates = twin.rates(bare)
     sensitivity, lag = twin.sensitivity(bare, rates), np.array([0.01, 0.02, 0.015])
@@ -74,7 +74,7 @@ def test_columns_of_each_effect(twin_of):
 
 def test_a_basis_is_its_columns_and_undoes_what_it_adds(twin_of):
     """The short way, which sums each curve once for all axes, and the long one.  What a shape does not declare is not shown to it."""
-    twin, _ = twin_of(warm_up_c=6.0)
+    twin, _ = twin_of(warm_up_c=6.0, segments=8)
     state = twin.start()
     rates = twin.rates(state)
     sensitivity = twin.sensitivity(state, rates)

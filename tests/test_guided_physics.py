@@ -55,15 +55,15 @@ def patience(monkeypatch):
 class Port:
     """Stands for a recorder: each poll gives what the next step of a script says."""
 
-    def __init__(self, steps, resumed=()):
-        self._steps, self._resumed = iter(steps), list(resumed)
+    def __init__(self, steps, resumed=(), typed=()):
+        self._steps, self._resumed, self.typed = iter(steps), list(resumed), list(typed)
         self.connected, self.why = True, ""
         self.port = SimpleNamespace(name="/dev/ttyACM0")
         self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
         self.clock = SimpleNamespace(measured=None)
         self.raw, self.apart = SimpleNamespace(path=Path("raw.bin")), []
         self.logs = SimpleNamespace(paths=[SimpleNamespace(name="log0001.csv")])
-        self.decided, self.now_s, self.typed = [], 0.0, []
+        self.decided, self.now_s, self.ended = [], 0.0, False
 
     def set_apart(self, landmarks):
         self.apart.append(landmarks)
@@ -113,11 +113,16 @@ def chunks(table: Table, size: int = 50, seed: int = 0) -> list[SampleChunk]:
     return [SampleChunk(t_us[i : i + size], rows[i : i + size]) for i in range(0, len(rows), size)]
 
 
-def led(port, segments=3, coach=None, configure=lambda info, waited_s: config() if info else None, **options):
-    said = Said()
-    guided = GuidedRecording(Guide(config().protocol, segments), port, configure, coach, said)
-    guided.lead(**options)
-    return guided.guide, said
+def led(port, segments=3, guide=None, coach=None, configure=lambda info, waited_s: config() if info else None, notes=None):
+    said, guide = Said(), guide or Guide(config().protocol, segments)
+    with contextlib.suppress(KeyboardInterrupt):
+        GuidedRecording(guide, port, configure, coach, said, notes, port.keys).lead(lambda: port.ended)
+    return guide, said
+
+
+#: what a port gives of the whole session, and of its first two seconds
+WHOLE = [INFO, *chunks(SESSION)]
+BEGUN = WHOLE[:10]
 
 
 def pulled(port):
@@ -130,7 +135,7 @@ def plugged(port):
 
 
 def test_a_session_from_its_events():
-    guide, said = led(Port([INFO, *chunks(SESSION)]))
+    guide, said = led(Port(WHOLE))
     assert guide.accepted == 3
     assert guide.health.info_odr_hz == 208.0
     assert said.texts(Kind.DONE) == ["done: 3 segments"]
@@ -141,7 +146,7 @@ def test_a_session_from_its_events():
 def test_pulled_and_reset_anywhere(at, accepted):
     """From before the check is over to the second turn: what was accepted stays, and the rest is asked for again."""
     for steps in ([pulled, plugged], [Trouble("reset"), INFO]):
-        port = Port([INFO, *chunks(SESSION)[:at], *steps, *chunks(SESSION, seed=1)])
+        port = Port([*WHOLE[: at + 1], *steps, *chunks(SESSION, seed=1)])
         guide, said = led(port, segments=3 + accepted)
         assert guide.accepted == 3 + accepted
         (warning,) = [change for change in said.changes if "a new log begins" in change.text]
@@ -171,13 +176,8 @@ def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
 def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
     with pytest.raises(CalibrationError, match="10 s of samples whose ranges are not known: give --gyro-fs"):
         led(Port(chunks(Table().rest(12))))
-    late = [*chunks(SESSION)[:4], INFO, *chunks(SESSION)[4:]]
-    assert led(Port(late))[0].accepted == 3
-    assert led(Port(chunks(SESSION)), configure=lambda info, waited_s: config() if waited_s >= 3 else None)[0].accepted == 3
-
-
-def swapped_in(events):
-    return lambda port: plugged(port) and events
+    assert led(Port([*WHOLE[1:5], INFO, *WHOLE[5:]]))[0].accepted == 3
+    assert led(Port(WHOLE[1:]), configure=lambda info, waited_s: config() if waited_s >= 3 else None)[0].accepted == 3
 
 
 def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
@@ -187,7 +187,7 @@ def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
         if info:
             raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board says 500; correct the wrong one")
 
-    port = Port([], resumed=[INFO, *chunks(SESSION)[:40], INFO, *chunks(SESSION)])
+    port = Port([], resumed=[*WHOLE[:41], *WHOLE])
     with pytest.raises(OtherSensor, match=r"correct the wrong one$"):
         led(port, configure=contradicted)
     assert port.apart == []
@@ -197,25 +197,23 @@ def test_another_sensor_has_no_place_in_the_recording():
     """Neither when it is resumed nor behind a pulled cable; a word that was damaged on the wire is not repeated."""
     other = Info(500.0, 4.0, 208.0, "2")
     swapped = [Trouble("reconnect"), other]
-    for port, sound in (
-        (Port([swapped_in(swapped), *chunks(SESSION)[:9], other], resumed=[INFO, *chunks(SESSION)[:9]]), 2),
-        (Port([INFO, *chunks(SESSION)[:9], pulled, swapped_in(swapped), other]), 2),
-        (Port([INFO, *chunks(SESSION)[:9], INFO, other, other]), 2),  # behind the same wire: since the last word that was right
-        (Port([], resumed=[INFO, *chunks(SESSION)[:9], *swapped, *chunks(SESSION)[:9], other]), 2),
+    for port in (
+        Port([lambda port: plugged(port) and swapped, *BEGUN[1:], other], resumed=BEGUN),
+        Port([*BEGUN, pulled, lambda port: plugged(port) and swapped, other]),
+        Port([*BEGUN, INFO, other, other]),  # behind the same wire: since the last word that was right
+        Port([], resumed=[*BEGUN, *swapped, *BEGUN[1:], other]),
     ):
         with pytest.raises(OtherSensor, match=r"serial=2, this recording is of 1; .*--out; its bytes stay apart \(raw.bin"):
             led(port)
-        assert port.apart == [sound]
-    damaged = [INFO, *chunks(SESSION)[:9], other, *chunks(SESSION)[9:]]
-    guide, _ = led(Port(damaged))
-    assert guide.accepted == 3
+        assert port.apart == [2]
     nameless = Info(500.0, 4.0, 208.0, "0")
-    assert led(Port([INFO, nameless, nameless, *chunks(SESSION)]))[0].accepted == 3
+    for steps in ([*BEGUN, other, *WHOLE[10:]], [INFO, nameless, nameless, *WHOLE[1:]]):
+        assert led(Port(steps))[0].accepted == 3
 
 
 @pytest.mark.parametrize(("ratio", "says"), [(1.0009, ""), (0.985, "15000 ± 58 ppm slow"), (4.0, "")])
 def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
-    port = Port([INFO, *chunks(SESSION)])
+    port = Port(WHOLE)
     port.clock = SimpleNamespace(measured=ClockRatio(ratio, 5e-5, 30.0))
     guide, said = led(port, segments=1)
     assert [says in text for text in said.texts(Kind.WARNING)] == [True] * bool(says)
@@ -226,7 +224,7 @@ def test_a_coach_that_fails_does_not_end_the_recording():
     def coach(taken):
         raise ValueError("no idea")
 
-    guide, said = led(Port([INFO, *chunks(SESSION)]), coach=coach)
+    guide, said = led(Port(WHOLE), coach=coach)
     assert guide.accepted == 3
     assert said.texts(Kind.WARNING) == ["the coach has failed (ValueError: no idea); any turn will do"]
 
@@ -254,28 +252,27 @@ class Notes:
             raise FormatError("session.toml: no place")
         self.notes.append(text)
 
-    def exclude(self, log, at_s):
-        self.rows.append((log, at_s))
+    def exclude(self, *row):
+        self.rows.append(row)
 
-    def excludes(self, log, at_s):
-        return (log, at_s) in self.rows
+    def excludes(self, *row):
+        return row in self.rows
 
 
-def keyed(turns, typed=(), resumed=(), segments=4, notes=None, steps=()):
+def end(port):
+    port.ended = True
+
+
+def keyed(turns, *typed, resumed=(), segments=4, notes=None, steps=()):
     """A session of so many turns at which these keys are pressed: the port, the guide, what was said, notes."""
-    port, said, guide, notes = Port([], resumed), Said(), Guide(config().protocol, segments), notes or Notes()
-    port.typed = list(typed)
-    port._steps = iter([*([INFO, *steps, *chunks(session(turns))] if turns else []), lambda port: setattr(port, "ended", True)])
-    port.ended = False
-    guided = GuidedRecording(guide, port, lambda info, waited_s: config(), None, said, notes, port.keys)
-    with contextlib.suppress(KeyboardInterrupt):
-        guided.lead(lambda: port.ended)
-    return port, guide, said, notes
+    live, notes = [INFO, *steps, *chunks(session(turns))] if turns else [], notes or Notes()
+    port = Port([*live, end], resumed, typed)
+    return port, *led(port, segments, notes=notes), notes
 
 
 def test_the_last_turn_is_dropped_where_it_moved():
     """Pressed in the rest behind the second turn, or in it; twice, it does not drop the turn before."""
-    port, guide, said, notes = keyed(3, [(9.7, "dd")], segments=3)
+    port, guide, said, notes = keyed(3, (9.7, "dd"), segments=3)
     assert (guide.accepted, guide.dropped) == (2, 1)
     ((log, at_s),) = notes.rows
     assert log == "log0001.csv"
@@ -283,7 +280,7 @@ def test_the_last_turn_is_dropped_where_it_moved():
     assert [decision.text for decision in port.decided] == [f"drop {round(at_s * 1e6)}"]
     assert any(text.startswith("the last turn is dropped (130° in 1.") for text in said.texts(Kind.STAGE))
     assert "the last turn does not count" in said.texts(Kind.WARNING)
-    _, guide, said, notes = keyed(2, [(7.1, "d")])
+    _, guide, said, notes = keyed(2, (7.1, "d"))
     assert (guide.accepted, guide.dropped) == (1, 1)
     assert 6 < notes.rows[0][1] < 7.5
     assert "turn 2 dropped, as requested" in said.texts(Kind.STAGE)
@@ -291,7 +288,7 @@ def test_the_last_turn_is_dropped_where_it_moved():
 
 def test_paused_nothing_is_judged():
     """The second of four turns is made in a pause: nobody counts it, and the first still after the pause is a new log's."""
-    port, guide, said, _ = keyed(4, [(5.9, "p"), (7.7, "p")])
+    port, guide, said, _ = keyed(4, (5.9, "p"), (7.7, "p"))
     assert [decision.text for decision in port.decided] == ["pause", "begin log"]
     assert [text.split(":")[1].split(" in ")[0] for text in said.texts(Kind.ACCEPTED)] == [" 120°", " 140°", " 150°"]
     assert guide.log == 1
@@ -299,7 +296,7 @@ def test_paused_nothing_is_judged():
 
 
 def test_a_note_has_its_text_and_says_that_it_is_kept():
-    port, guide, said, notes = keyed(1, [(2.0, "nthe cable "), (2.5, "rubs\r"), (2.7, "nno place\r")], segments=1)
+    port, guide, said, notes = keyed(1, (2.0, "nthe cable "), (2.5, "rubs\r"), (2.7, "nno place\r"), segments=1)
     assert notes.notes == ["the cable rubs"]
     assert port.decided[0] == RecordingDecision("note", "the cable rubs")
     assert "noted: the cable rubs" in said.texts(Kind.STAGE)
@@ -308,7 +305,7 @@ def test_a_note_has_its_text_and_says_that_it_is_kept():
 
 
 def test_resumed_it_is_where_it_was_and_a_drop_that_was_taken_back_is_taken_back():
-    port, _, _, notes = keyed(2, [(9.7, "d")])
+    port, _, _, notes = keyed(2, (9.7, "d"))
     drop = RecordingDecision(port.decided[0].word, port.decided[0].rest, "log0001.csv")
     for kept, accepted in ((notes, 1), (Notes(), 2)):
         _, guide, said, _ = keyed(0, resumed=[INFO, *chunks(session(2)), drop], notes=kept)
@@ -349,7 +346,7 @@ def test_a_rest_of_some_seconds_takes_every_sample_into_its_log():
     """The log begins before the first sample; the guide ends with the block in which the time is reached."""
     port, figures = Port([INFO, *chunks(REST)]), Figures()
     guide = RestGuide(config().protocol, 4.0, figures)
-    said = rested(port, guide)
+    _, said = led(port, guide=guide)
     assert port.decided == [BEGIN]
     assert 4.0 <= guide.rested_s < 4.11
     assert figures.samples / 208 == pytest.approx(guide.rested_s, abs=0.01)
@@ -364,13 +361,13 @@ def test_a_rest_of_some_seconds_takes_every_sample_into_its_log():
 def test_enough_is_said_once_and_ends_it_where_that_was_asked():
     answers = {300: RestAnswer(("B after 3.1 h",)), 500: RestAnswer(("all known",), True), 700: RestAnswer(("still known",), True)}
     guide = RestGuide(config().protocol, 5.0, Figures(answers))
-    said = rested(Port([INFO, *chunks(REST)]), guide)
+    _, said = led(Port([INFO, *chunks(REST)]), guide=guide)
     assert [text for text in said.texts(Kind.STAGE) if "B" in text or "known" in text] == ["B after 3.1 h", "all known", "still known"]
     assert said.texts(Kind.READY) == ["enough: 2 s of rest shows the noise as precisely as was asked"]
     assert said.texts(Kind.DONE) == ["done: 5 s of rest"]
     assert any(instruction.do.startswith("enough") for instruction in said.instructions)
     stopping = RestGuide(config().protocol, None, Figures(answers), stop_at_target=True)
-    said = rested(Port([INFO, *chunks(REST)]), stopping)
+    _, said = led(Port([INFO, *chunks(REST)]), guide=stopping)
     assert said.texts(Kind.DONE) == ["done: 2 s of rest, and the noise is known"]
 
 
@@ -379,15 +376,9 @@ def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
     turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
     port = Port([Trouble("reconnect"), INFO, *chunks(REST, seed=1)], resumed=[INFO, *chunks(turns)])
     guide = RestGuide(config().protocol, 4.0)
-    rested(port, guide)
+    led(port, guide=guide)
     assert port.decided == [RecordingDecision("pause"), BEGIN]
     assert 4.0 <= guide.rested_s < 4.11
-
-
-def rested(port, guide):
-    said = Said()
-    GuidedRecording(guide, port, lambda info, waited_s: config() if info else None, None, said, keys=port.keys).lead()
-    return said
 
 
 # What the board says of itself.
@@ -482,14 +473,6 @@ def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
         same.require(said(433.0 * 1.027))
     same.new_connection()
     same.require(said(433.0))
-
-
-def test_a_serial_number_is_another_boards():
-    same = _SensorIdentity()
-    same.require(said(421.06, "77"))
-    same.require(said(421.06, "0"))
-    with pytest.raises(OtherSensor, match="serial=78"):
-        same.require(said(421.06, "78"))
 
 
 def test_what_a_fault_cost_is_said_once_the_sensor_is_back_and_what_a_setting_cost_is_not():

@@ -456,8 +456,8 @@ def test_what_each_reset_came_of_is_said_once(states, says):
     assert "since power-up" in WATCHDOG  # nothing is claimed of this recording
 
 
-def said(odr_hz: float, serial: str = "0") -> Info:
-    return replace(BOARD_INFO, odr_hz=odr_hz, serial=serial)
+def said(odr_hz: float) -> Info:
+    return replace(BOARD_INFO, odr_hz=odr_hz, serial="0")
 
 
 def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():

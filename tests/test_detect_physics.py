@@ -93,7 +93,6 @@ def test_a_ceiling_is_the_mean_of_both_sides_and_has_all_their_rows():
     assert found.at[at].mean() > 0.97
     assert not found.at[~at].any()
     assert find_ceiling(gyro) is None
-    assert find_ceiling(np.maximum(limited, -140 * DEG) * [1, 1, 1]) is not None
     assert find_ceiling(np.minimum(gyro, 151 * DEG)) is None  # of one side alone
 
 
@@ -172,8 +171,6 @@ def test_gravity_must_move_where_rates_turn_it(follows, error):
         (3.0, True, None, None, None),
         (4.0, False, "gyro", 4.0, (("gyro_fs_dps", 2000.0),)),
         (DEG, False, "gyro", DEG, ()),
-        (1 / DEG, False, "gyro", 1 / DEG, ()),
-        (0.001, False, "gyro", 0.001, ()),
     ],
 )
 def test_what_undoes_a_wrong_sensitivity(good, factor, raw, kind, by, settings):
@@ -430,19 +427,12 @@ def flat_turns(share, seed=4, turns=12, push_g=0.16, odr_hz=83.0):
     return made, samples.with_accel(samples.accel + moves[:, None] * push * push_g * 9.80665 / push.std())
 
 
-@pytest.mark.parametrize(
-    ("signs", "words"),
-    [
-        ([-1, 1, -1], "the gyro's x and z have the wrong sign:"),
-        ([-1, -1, 1], "the gyro's x and y have the wrong sign:"),
-    ],
-)
-def test_axes_are_decided_by_how_turns_end_and_not_by_a_hands_pushes(signs, words):
+def test_axes_are_decided_by_how_turns_end_and_not_by_a_hands_pushes():
     """Within the turns several orders leave as much of gravity's movement; from still to still the right one closes ten times better."""
-    made, samples = flat_turns(0.12)
+    signs, (made, samples) = [-1, 1, -1], flat_turns(0.12)
     finding = of(look(made, gyro=samples.gyro * signs, accel=samples.accel), "axes")
     assert finding.level == "error"
-    assert finding.says.startswith(words)
+    assert finding.says.startswith("the gyro's x and z have the wrong sign:")
     (gyro, *_) = finding.corrections
     assert np.diag(gyro.axes).tolist() == signs
     assert of(look(made, gyro=samples.gyro, accel=samples.accel), "axes").level == "ok"

@@ -71,18 +71,16 @@ def test_a_block_is_a_tenth_of_a_second_or_eight_samples():
     assert [block_size(period_s) for period_s in (0.0125, 0.0118, 0.0117, 0.1, 0.001)] == [8, 8, 9, 8, 100]
     blocks = block_moments(Blocks(3).samples(more=7))
     assert (len(blocks), blocks.duration_s) == (3, pytest.approx(0.1))
-    np.testing.assert_allclose(blocks.gyro_mean[:, 0], WANDER * np.array([1, -1, 1]))
-    np.testing.assert_allclose(blocks.gyro_var, 8 / 7 * GYRO**2)
-    np.testing.assert_allclose(blocks.accel_var, 8 / 7 * ACCEL**2)
     np.testing.assert_allclose(block_moments(Blocks(3).samples(), 12).gyro_mean[:, 0], WANDER / 3)
 
 
 def test_moments_are_those_of_all_blocks_together_however_they_are_cut():
     rng, count = np.random.default_rng(0), _CHUNK_BLOCKS + 2
     samples = Samples(np.arange(8 * count + 3) * 10_000_000, *rng.normal(size=(2, 8 * count + 3, 3)))
-    found, parts = block_moments(samples, 8), samples.gyro[: 8 * count].reshape(count, 8, 3)
-    np.testing.assert_allclose(found.gyro_mean, parts.mean(axis=1))
-    np.testing.assert_allclose(found.gyro_var, parts.var(axis=1, ddof=1))
+    found, (gyro, accel) = block_moments(samples, 8), (x[: 8 * count].reshape(count, 8, 3) for x in (samples.gyro, samples.accel))
+    np.testing.assert_allclose(found.gyro_mean, gyro.mean(axis=1))
+    np.testing.assert_allclose(found.gyro_var, gyro.var(axis=1, ddof=1))
+    np.testing.assert_allclose(found.accel_var, accel.var(axis=1, ddof=1))
 
 
 @pytest.mark.parametrize("spans", [[(5, 205)], [(5, 60), (70, 200)], [(5, 60), (70, AT_ONCE + 200)]])
@@ -361,10 +359,9 @@ def test_under_another_calibration_means_and_scatters_follow_it():
     assert found.under(far).samples() == []
 
 
-@pytest.mark.parametrize(("odr_hz", "mdps"), [(100.0, 10.0), (1600.0, 7.0)])
-def test_every_rest_of_a_played_table_is_found_and_its_edges_are_right(odr_hz, mdps):
+def test_every_rest_of_a_played_table_is_found_and_its_edges_are_right():
     table = Table().tumble(3, rest_s=1.6, seed=1).steady(40.0, (0, 0, 1), 5.0).rest(2)  # a steady turn about the vertical is no still
-    stills, _ = find_stills(table.samples(odr_hz, mdps, seed=1))
+    stills, _ = find_stills(table.samples(100.0, 10.0, seed=1))
     assert [still.problem for still in stills] == [None] * len(table.rests)
     np.testing.assert_allclose([[still.start_s, still.start_s + still.duration_s] for still in stills], table.rests, atol=0.2)
 

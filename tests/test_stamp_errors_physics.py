@@ -17,7 +17,7 @@ from session.detect.stamp_errors import (
     stamp_errors,
 )
 from session.io.samples import Samples
-from session.io.units import DEG
+from session.io.units import DEG, NS
 from tinygc import closure
 from tinygc.closure.floor import stamp_variance
 from tinygc.closure.residual import Batch
@@ -41,8 +41,8 @@ def end_of(batch, late_s):
     return (Rotation.from_quat(moved, scalar_first=True) * right.inv()).as_rotvec()
 
 
-def white(sigma_s, lags=1):
-    return StampErrors(0.01, 0.0, np.r_[sigma_s**2, np.zeros(lags - 1)], 0.0, 0.0)
+def white(sigma_s):
+    return StampErrors(0.01, 0.0, np.array([sigma_s**2]), 0.0, 0.0)
 
 
 def test_a_late_stamp_moves_the_end_by_the_change_of_the_rate_around_it():
@@ -52,7 +52,7 @@ def test_a_late_stamp_moves_the_end_by_the_change_of_the_rate_around_it():
     for sample in (0, 37, 100, 163, 200):
         late[:] = 0.0
         late[sample] = 1e-5
-        variance = stamp_variance(batch, at, [StampErrors(0.01, 0.0, np.array([1e-10]), 0.0, 0.0)])[0]
+        variance = stamp_variance(batch, at, [white(1e-5)])[0]
         steps = Rotation.from_quat(at[0, :-1], scalar_first=True).apply((batch.rate[0, 1:] + batch.rate[0, :-1]) / 2)
         np.testing.assert_allclose(end_of(batch, late), 1e-5 * moved_by_stamps(steps)[sample], atol=2e-9)
         np.testing.assert_allclose(variance, 1e-10 * moved_by_stamps(steps).T @ moved_by_stamps(steps), rtol=1e-3, atol=1e-14)
@@ -122,7 +122,7 @@ def test_scatter_and_what_the_readings_followed_by_numpy_and_scipy():
     rng, count = np.random.default_rng(8), np.arange(127)
     stamps = 10_000_000 * count + 2000 * rng.integers(-500, 500, 127)
     gyro = np.cumsum(rng.normal(size=(127, 3)), axis=0) * np.clip(np.minimum(count, count[::-1]) / 20, 0, 1)[:, None]
-    samples = Samples(stamps, gyro, np.zeros_like(gyro))
+    samples = of(stamps * NS, gyro)
     errors, period_s = stamp_errors(samples, 0.2), samples.period_s
     off = _about_lines(stamps, count, 20)
     np.testing.assert_allclose(errors.covariance, np.correlate(off, off, "full")[126:147] / 127, rtol=1e-9, atol=1e-15)
@@ -143,7 +143,7 @@ def test_even_pieces_end_at_gaps_and_at_changes_and_count_single_losses(period_n
     kept = np.ones(6000, dtype=bool)
     kept[500], kept[3000:3100], coarse = False, False, tick_ns > 1
     t_ns = (period_ns * np.arange(6000))[kept] // tick_ns * tick_ns
-    samples = Samples(t_ns, np.zeros((len(t_ns), 3)), np.zeros((len(t_ns), 3)))
+    samples = of(t_ns * NS, np.zeros((len(t_ns), 3)))
     assert samples.pace.coarse == coarse
 
     def ends(*rates):

@@ -18,7 +18,7 @@ from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.io.folder import Session
 from session.io.logfile import Log
 from session.io.samples import Samples
-from session.io.units import NS
+from session.io.units import DEG, NS, G
 from tinygc import CalibrationError
 from tinygc.annexes.arrays.checks import _noise_of_fits
 from tinygc.annexes.arrays.clocks import rates_of
@@ -27,8 +27,6 @@ from tinygc.annexes.arrays.latency import ages_of, corrected
 from tinygc.annexes.arrays.rest_noise import SharedNoise, correlated
 from tinygc.explanation.standing import Standing
 
-DEG = np.pi / 180
-GRAVITY = 9.80665
 FINE_S = 1e-3
 
 
@@ -56,7 +54,7 @@ class Body:
         attitudes = [np.eye(3)]
         for step in steps.as_matrix():
             attitudes.append(attitudes[-1] @ step)
-        self.force = CubicSpline(t, np.array(attitudes)[:, 2] * -GRAVITY)  # level and still: (0, 0, -g)
+        self.force = CubicSpline(t, np.array(attitudes)[:, 2] * -G)  # level and still: (0, 0, -g)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +115,14 @@ def body() -> Body:
     return Body(turns=9, seed=1)
 
 
+THREE = [any_unit(1), any_unit(2, offset_s=0.5, rate=0.003), any_unit(3)]
+
+
+@pytest.fixture(scope="module")
+def three(body) -> ArraySession:
+    return array_of(body, THREE)
+
+
 def injected(unit: Unit, first: Unit, about_s: float) -> tuple[float, float]:
     """Offset and rate of a unit's clock against the first's, exactly: both are known against the body's."""
     rate = (1 + unit.rate) / (1 + first.rate) - 1
@@ -171,21 +177,20 @@ def elsewhere(rate):
         (1, without_y, r"unit 1 reads one and the same rate about y throughout"),
     ],
 )
-def test_a_unit_that_cannot_be_of_the_body_is_named(body, number, change, says):
+def test_a_unit_that_cannot_be_of_the_body_is_named(three, number, change, says):
     with pytest.raises(CalibrationError, match=says):
-        clock_fits(altered(array_of(body, [any_unit(1), any_unit(2), any_unit(3)]), number, change))
+        clock_fits(altered(three, number, change))
 
 
 @pytest.mark.parametrize(("number", "share"), [(0, 0.5), (1, 0.4)])
-def test_a_unit_that_dies_has_the_clock_that_it_had(body, number, share):
+def test_a_unit_that_dies_has_the_clock_that_it_had(three, number, share):
     def dies(rate):
         last = int(share * len(rate))
         rate[last:] = rate[last]
         return rate
 
-    units = [any_unit(1), any_unit(2, offset_s=0.5, rate=0.003), any_unit(3)]
-    clock = clock_fits(altered(array_of(body, units), number, dies))[1].clock
-    offset_s, rate = injected(units[1], units[0], clock.about_s)
+    clock = clock_fits(altered(three, number, dies))[1].clock
+    offset_s, rate = injected(THREE[1], THREE[0], clock.about_s)
     assert abs(clock.offset_s - offset_s) < 5 * clock.offset_sigma_s
     assert abs(clock.rate - rate) < 5 * clock.rate_sigma
 
@@ -205,7 +210,7 @@ def test_a_body_that_turns_about_one_axis_tells_clocks_but_no_mounting():
     one = Body(turns=9, seed=1)
     times = one.rate.x
     one.rate = CubicSpline(times, np.linalg.norm(one.rate(times), axis=1)[:, None] * [0.0, 0.0, 1.0])
-    one.force = CubicSpline(times[[0, -1]], np.tile([0.0, 0.0, -9.80665], (2, 1)))
+    one.force = CubicSpline(times[[0, -1]], np.tile([0.0, 0.0, -G], (2, 1)))
     units = [any_unit(1), any_unit(2, offset_s=0.3)]
     fit = clock_fits(array_of(one, units))[1]
     assert not fit.map_is_known

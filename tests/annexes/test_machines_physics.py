@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import MagicMock, Mock
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from table_recordings import table_toml
 
-from session.annexes.machines.angles import AngleLog, header, on_its_clock, read_angles
+from session.annexes.machines.angles import AngleLog, header, on_its_clock, read_angles, row
 from session.annexes.machines.comparison import WordAgainstSensor
 from session.annexes.machines.description import Axis, Description, read_description
 from session.annexes.machines.driver import AngleFile, TableDriver, _DeviceTime
@@ -109,8 +110,6 @@ def test_a_rate_is_reversed_through_rest():
 
 
 def test_what_a_table_says_is_read_back(tmp_path):
-    from session.annexes.machines.angles import header, read_angles, row
-
     text = [header(TABLE), row("log0001.csv", 1000, 0.5, True, np.array([0.1, -0.2, 3.0])), row("log0002.csv", 5, None, False, np.zeros(3))]
     (tmp_path / "table.csv").write_text("\n".join(text) + "\n")
     found = read_angles(tmp_path / "table.csv", TABLE)
@@ -122,8 +121,6 @@ def test_what_a_table_says_is_read_back(tmp_path):
 
 
 def test_a_description_is_read(tmp_path):
-    from session.annexes.machines.description import read_description
-
     (tmp_path / "table.toml").write_text(
         'schema = "tinygc-table/1"\nmake = "grbl"\nport = "/dev/ttyUSB0"\n[[axis]]\nname = "outer"\ndirection = [0, 0, 2]\n'
         'least_deg = -90\nmost_deg = 270\nfastest_dps = 60\nacceleration_dps2 = 100\nsigma_deg = 0.05\nbacklash_deg = 0.1\nword = "X"\n'
@@ -248,47 +245,13 @@ def test_a_machines_clock_takes_the_jitter_out_of_its_stamps():
 # Movers, without a table and without samples.
 
 
-class Driver:
-    """Stands for ``TableDriver``: it keeps what it was told."""
-
-    trouble, fault, busy = None, "", False
-
-    def __init__(self, table, angles_deg):
-        self.table, self.where = SimpleNamespace(description=table), Where(np.multiply(angles_deg, DEG), False)
-        self.told, self.time_s = [], 100.0
-
-    def now_s(self):
-        return self.time_s
-
-    def heard(self, moment):
-        pass
-
-    def tick_if_alone(self):
-        pass
-
-    def make(self, moves):
-        self.told += moves
-
-    def turn_at(self, axis, rate_rps):
-        self.told.append((axis, rate_rps))
-
-    def stop(self):
-        self.told.append("stop")
-
-
-def guide(**given):
-    taken = SimpleNamespace(stills=[], turns=[], gyro_fs_rps=500 * DEG)
-    usual = {"stage": Stage.TURN, "turning": False, "closure": None, "coached": False, "asked_for": SimpleNamespace(advice=None)}
-    return SimpleNamespace(taken=taken, now_s=0.0, waits=lambda stage, why: None, **usual | given)
-
-
 @pytest.mark.parametrize(("silent_s", "told"), [(1.9, []), (2.1, ["stop"])])
 def test_a_table_that_moves_unseen_is_stopped(table, silent_s, told):
-    driver = Driver(table, (0, 0))
-    driver.busy = True
-    mover = TableMover(driver, SimpleNamespace(angles=None))
-    mover.step(guide(turning=True), Moment("log0001.csv", 0, round((driver.time_s - silent_s) * 1e9)), False)
-    assert driver.told == told
+    driver, was_told = Mock(trouble=None, fault="", busy=True, table=SimpleNamespace(description=table)), []
+    driver.now_s, driver.stop = lambda: 100.0, lambda: was_told.append("stop")
+    guide = MagicMock(stage=Stage.TURN, turning=True, closure=None, coached=False)
+    TableMover(driver, Mock(angles=None)).step(guide, Moment("log0001.csv", 0, round((100.0 - silent_s) * 1e9)), False)
+    assert was_told == told
 
 
 def test_a_rate_that_an_axis_cannot_hold_for_so_long_is_refused(tmp_path):

@@ -4,6 +4,8 @@ import gzip
 
 import numpy as np
 from conftest import DEG, Table
+from written_texts import TEXTS
+from written_texts import lines as rows
 
 from session.io.config import Sensor
 from session.io.dialects import Answers
@@ -54,19 +56,13 @@ def assert_the_four_readings(log, temp=True):
 
 # A rest and two turns, which no check has to judge, in the columns of any program
 
-SAMPLES = Table().rest(5).turn(140, (1, 2, 0.5), 3.0).turn(-80, (0, 1, 1), 2.5).samples(odr_hz=104)
+SAMPLES = Table().rest(2).turn(140, (1, 2, 0.5), 2.0).turn(-80, (0, 1, 1), 1.7).samples(odr_hz=104)
 T_US = SAMPLES.t_ns // 1000
 GYRO = {"dps": SAMPLES.gyro / DEG, "mdps": SAMPLES.gyro / DEG * 1e3, "rps": SAMPLES.gyro}
 ACCEL = {"g": SAMPLES.accel / G, "mg": SAMPLES.accel / G * 1e3, "mps2": SAMPLES.accel}
 TEMP = SAMPLES.temp_c
 EPOCH_NS = 1_403_636_579_763_555_584
 OWN = "gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"
-
-
-def rows(*columns, delimiter=",", end="\n"):
-    """Text of rows; a column is a list of texts, or numbers written with 12 decimals."""
-    texts = [c if isinstance(c[0], str) else [str(v) if isinstance(v, (int, np.integer)) else f"{v:.12f}" for v in c] for c in columns]
-    return end.join(delimiter.join(row) for row in zip(*texts, strict=True)) + end
 
 
 def triads(gyro, accel):
@@ -78,18 +74,19 @@ def table(stamps, name="t_us", *more, head=OWN):
     return f"{name},{head}\n" + rows(stamps, *triads("dps", "g"), *more)
 
 
+HEAD = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n"
+USUAL = HEAD + rows(T_US / 1e3, *triads("dps", "g")[3:], *triads("dps", "g")[:3])
+#: what a log of usual names does not say
+TOLD = {"gyro_unit": "dps", "accel_unit": "g"}
+
+
+def of_program(name):
+    """The text of the first file that a program writes."""
+    return TEXTS[name].write(SAMPLES)[0][1].decode()
+
+
 def inertial():
-    """As x-IMU3 writes it."""
-    names = [f"{what} {axis} ({unit})" for what, unit in (("Gyroscope", "deg/s"), ("Accelerometer", "g")) for axis in "XYZ"]
-    return f"Timestamp (us),{','.join(names)}\n" + rows(T_US, *triads("dps", "g"))
-
-
-def betaflight(gyro="deg/s", accel="g"):
-    names = [f"gyroADC[{i}]" + f" ({gyro})" * bool(gyro) for i in range(3)]
-    names += [f"accSmooth[{i}]" + f" ({accel})" * bool(accel) for i in range(3)]
-    none = ["0"] * len(T_US)
-    columns = [range(len(T_US)), T_US, none, *triads("dps", "mps2" if accel == "m/s/s" else "g")]
-    return "loopIteration, time (us), axisP[0], " + ", ".join(names) + "\n" + rows(*columns, delimiter=", ")
+    return of_program("x-IMU3")
 
 
 def make(tmp_path, *texts, name="LOG.CSV", out="session", **answers):

@@ -1,7 +1,9 @@
 """What a notebook calls: arrays give what folders give, each function the numbers and files of its command, wrong arguments one line."""
 
+import contextlib
 import doctest
 import importlib
+import io
 import json
 import pydoc
 import re
@@ -40,20 +42,26 @@ def same(mine: dict, theirs: dict, **but) -> None:
 @pytest.fixture(scope="module")
 def simulated():
     """Two sessions of one unit."""
-    return [tinygc.simulate(segments=10, closure_s=12.0, odr_hz=62.5, seed=seed, unit_seed=1) for seed in (1, 2)]
+    return [tinygc.simulate(segments=7, closure_s=12.0, odr_hz=62.5, seed=seed, unit_seed=1) for seed in (1, 2)]
 
 
 @pytest.fixture(scope="module")
 def folders(simulated, tmp_path_factory):
     """Their folders, the first of which is fitted by the command, the second by the function."""
     place = tmp_path_factory.mktemp("sessions")
-    made = [each.save(place / f"session{n}") for n, each in enumerate(simulated, 1)]
-    command(place / "fit.json", "fit", made[0], *FIT)
-    return made
+    return [each.save(place / f"session{n}") for n, each in enumerate(simulated, 1)]
 
 
 @pytest.fixture(scope="module")
-def fits(folders):
+def screen(folders):
+    """What the command says of the first."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert calibrate.main(["fit", str(folders[0]), *FIT]) == 0
+    return out.getvalue()
+
+
+@pytest.fixture(scope="module")
+def fits(folders, screen):
     made = [tinygc.fit(tinygc.read_session(folder), methods=METHODS) for folder in folders]
     made[1].save()
     return made
@@ -85,17 +93,14 @@ def test_a_session_of_arrays_is_the_session_of_its_files(simulated, of_arrays, f
         of_arrays.save()
 
 
-def test_the_sensor_errors_are_the_inverse_of_the_calibration_and_those_of_the_screen(folders, fits, capsys):
+def test_the_sensor_errors_are_the_inverse_of_the_calibration_and_those_of_the_screen(fits, screen):
     model, errors = fits[0].model.model, fits[0].sensor_errors
     reads = np.linalg.inv(model.E)
     for i, axis in enumerate("xyz"):
         assert errors[f"scale_factor_error_{axis}"].value == pytest.approx(1e6 * (np.linalg.norm(reads[i]) - 1), abs=1e-6)
         assert errors[f"bias_{axis}"].value == pytest.approx(-(reads @ model.B)[i] / DEG, rel=1e-12)
     assert [errors[name].unit for name in ("scale_factor_error_x", "misalignment_z_to_y", "bias_z")] == ["ppm", "mrad", "dps"]
-    assert calibrate.main(["fit", str(folders[0]), *FIT]) == 0
-    rows = {
-        line.split(",")[0]: re.findall(r"(-?[\d.]+) ± ([\d.]+)", line) for line in capsys.readouterr().out.splitlines() if " ± " in line
-    }
+    rows = {line.split(",")[0]: re.findall(r"(-?[\d.]+) ± ([\d.]+)", line) for line in screen.splitlines() if " ± " in line}
     for title, start in (
         ("scale factor error", "scale_f"),
         ("bias", "bias"),
@@ -147,18 +152,15 @@ def test_the_report_of_a_fit_is_the_commands(folders, fits, tmp_path, monkeypatc
     of_fit = tinygc.report(fits[0], tmp_path / "fit.html", explain=False, limit_deg=5)
     same(of_fit.to_json(), theirs)
     assert (tmp_path / "fit.html").read_text(encoding="utf-8") == of_fit.html
-    assert tinygc.report(fits[0], explain=False, limit_deg=1e-6).verdict.word == "FAIL"
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_every_export_of_a_fit_is_the_commands(kind, fits, of_arrays, folders, tmp_path):
+def test_every_export_of_a_fit_is_the_commands(kind, fits, folders, tmp_path):
     exported = fits[0].export(kind, tmp_path / "mine")
     table = command(tmp_path / "e.json", "export", folders[0], "--to", kind, "--out", tmp_path / "theirs")
     for place in ("mine", "theirs"):
         assert {path.name: path.read_text() for path in (tmp_path / place).iterdir()} == exported.files
     assert exported.remarks == table["remarks"]
-    arrays = tinygc.export(of_arrays, kind)  # its numbers are another's to the last digits, and its logs have other names
-    assert [file.rpartition(".")[2] for file in arrays.files] == [file.rpartition(".")[2] for file in exported.files]
 
 
 def test_compare_plan_and_accelerometer_give_the_commands_numbers(fits, of_arrays, folders, tmp_path):
@@ -170,28 +172,27 @@ def test_compare_plan_and_accelerometer_give_the_commands_numbers(fits, of_array
     assert tinygc.compare([of_arrays, fits[1]]).p_value == pytest.approx(found.p_value, rel=1e-4)
     theirs = command(tmp_path / "p.json", "plan", folders[0], "--count", 3)
     same(tinygc.plan(folders[0], count=3).to_json(), theirs)
-    assert [move.words for move in tinygc.plan(of_arrays.source, count=3).proposals] == [move["words"] for move in theirs["proposals"]]
     theirs = command(tmp_path / "a.json", "accelerometer", folders[0], "--out", tmp_path / "theirs")
     alone = tinygc.accelerometer(folders[0])
     same(alone.to_json(), theirs)
     assert (alone.save(tmp_path / "mine") / "session.toml").read_bytes() == (tmp_path / "theirs" / "session.toml").read_bytes()
 
 
-@pytest.mark.parametrize("source", ["start", broad("given")])
-def test_rebias_gives_the_commands_numbers(source, folders, fits, tmp_path):
+def test_rebias_gives_the_commands_numbers(folders, fits, tmp_path):
     model = folders[0] / "fit" / "model_least_squares.json"
-    words = ("--model", model, "--bias", source, *(("--bias-dps", "0.5,-0.3,0.6") if source == "given" else ()))
-    theirs = command(tmp_path / "b.json", "fit", folders[1], *words, "--out", tmp_path / "theirs")
-    made = tinygc.rebias(fits[1].source, fits[0], source, **({"bias_dps": (0.5, -0.3, 0.6)} if source == "given" else {}))
+    theirs = command(tmp_path / "b.json", "fit", folders[1], "--model", model, "--bias", "start", "--out", tmp_path / "theirs")
+    made = tinygc.rebias(fits[1].source, fits[0], "start")
     mine = json.loads(json.dumps(made.to_json()))
     mine["bias"]["model"] = str(model)
     same(mine, theirs)
     saved = (made.save(tmp_path / "mine") / "model_rebiased.json").read_bytes()
     assert saved == (tmp_path / "theirs" / "model_rebiased.json").read_bytes()
     change = [each.value for each in made.change.values()]
-    np.testing.assert_allclose(np.array(change) / DEG, mine["bias"]["change_dps"][source], rtol=1e-12)
+    np.testing.assert_allclose(np.array(change) / DEG, mine["bias"]["change_dps"]["start"], rtol=1e-12)
     rate = np.array([[0.1, -0.2, 0.3]])
     np.testing.assert_allclose((made.model(rate) - fits[0].model(rate))[0], change, rtol=1e-9)
+    given = tinygc.rebias(fits[1].source, fits[0], "given", bias_dps=(0.5, -0.3, 0.6))
+    assert given.model(np.array([[0.5, -0.3, 0.6]]), unit="dps") == pytest.approx(np.zeros((1, 3)), abs=1e-12)
 
 
 def test_apply_gives_the_commands_log(fits, folders, tmp_path):
